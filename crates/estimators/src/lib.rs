@@ -1,0 +1,6 @@
+//! Estimators of joint torque: pure, allocation-free after construction.
+#![deny(unsafe_code)]
+
+pub mod compliance;
+pub mod kinematic_error;
+pub mod wave_generator;

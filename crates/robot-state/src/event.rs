@@ -1,0 +1,118 @@
+//! Numbered events: everything that can go wrong while the loop runs.
+
+/// What the loop does when an event occurs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reaction {
+    /// Counted; the cycle goes on with a bridged or clamped value.
+    Count,
+    /// The client's reference is not used: the robot holds its position until the client asks for
+    /// a mode again.
+    Hold,
+    /// Latched: the robot holds its position until the operator resets the fault.
+    Fault,
+}
+
+macro_rules! events {
+    ($( $name:ident = $number:literal, $snake:literal, $reaction:ident, $key:literal, $cause:literal; )*) => {
+        /// A numbered event. Hundreds: 1 bus, 2 estimation, 3 client, 4 control, 5 timing.
+        #[repr(u32)]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        pub enum Event {
+            $( #[doc = concat!($cause, " Config key: `", $key, "`.")] $name = $number, )*
+        }
+
+        impl Event {
+            /// Every event, in the order of their indices in a record's counts.
+            pub const ALL: &'static [Event] = &[$( Event::$name, )*];
+
+            /// The event's place in a record's counts.
+            #[must_use]
+            pub const fn index(self) -> usize {
+                let mut i = 0;
+                while i < Self::ALL.len() {
+                    if Self::ALL[i] as u32 == self as u32 {
+                        return i;
+                    }
+                    i += 1;
+                }
+                0
+            }
+
+            /// The event's number, as shown to operators.
+            #[must_use]
+            pub const fn number(self) -> u32 {
+                self as u32
+            }
+
+            /// The event with that number.
+            #[must_use]
+            pub fn from_number(number: u32) -> Option<Self> {
+                Self::ALL.iter().copied().find(|e| e.number() == number)
+            }
+
+            /// The event's name in snake case.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $( Event::$name => $snake, )* }
+            }
+
+            /// What happened, in a sentence.
+            #[must_use]
+            pub const fn cause(self) -> &'static str {
+                match self { $( Event::$name => $cause, )* }
+            }
+
+            /// The config key that sets the event's limit, or `-`.
+            #[must_use]
+            pub const fn config_key(self) -> &'static str {
+                match self { $( Event::$name => $key, )* }
+            }
+
+            /// What the loop does about it.
+            #[must_use]
+            pub const fn reaction(self) -> Reaction {
+                match self { $( Event::$name => Reaction::$reaction, )* }
+            }
+        }
+    };
+}
+
+events! {
+    FrameUnknownId = 101, "frame_unknown_id", Count, "-", "A frame arrived whose id no message of the DBC has.";
+    FrameWrongLength = 102, "frame_wrong_length", Count, "-", "A frame arrived whose length differs from its message in the DBC.";
+    JointMissed = 103, "joint_missed", Count, "loop.gather_deadline_us", "A joint had not answered at the gather deadline; its last state bridges the gap.";
+    JointStale = 104, "joint_stale", Fault, "loop.stale_after_ms", "A joint has been silent for longer than allowed.";
+    SensorMissed = 105, "sensor_missed", Count, "loop.gather_deadline_us", "An F/T sensor or the IMU had not answered at the gather deadline.";
+    BusErrorFrame = 106, "bus_error_frame", Count, "-", "The CAN controller reported an error frame.";
+    SendFailed = 107, "send_failed", Count, "-", "A frame could not be handed to the bus.";
+    ReceiveOverflow = 108, "receive_overflow", Count, "-", "More frames arrived in a cycle than the receive buffer holds.";
+    SignalNotFinite = 109, "signal_not_finite", Count, "-", "A decoded signal was NaN or infinite; its last value was kept.";
+    TorqueSaturated = 201, "torque_saturated", Count, "joint.torque_limit_Nm", "An estimated torque reached the joint's limit and was saturated.";
+    EncoderJump = 202, "encoder_jump", Count, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than its joint can; the sample was not used.";
+    EstimateNotFinite = 203, "estimate_not_finite", Count, "-", "An estimator produced NaN or infinity; its output was marked invalid.";
+    ReferenceNotFinite = 301, "reference_not_finite", Hold, "-", "A client sent NaN or infinity.";
+    ReferenceStale = 302, "reference_stale", Hold, "loop.reference_timeout_ms", "A client stopped sending references.";
+    ReferenceRejected = 303, "reference_rejected", Hold, "-", "A client asked for an unknown mode or sent the wrong number of joints.";
+    PositionLimit = 401, "position_limit", Count, "joint.position_min_deg / joint.position_max_deg", "A commanded position was limited.";
+    TorqueLimit = 402, "torque_limit", Count, "joint.torque_limit_Nm", "A commanded torque was limited.";
+    CommandNotFinite = 403, "command_not_finite", Fault, "-", "A computed command was NaN or infinite; the last one was kept.";
+    LateCycle = 501, "late_cycle", Count, "loop.rate_hz", "A cycle ended after the next one should have begun.";
+    SkippedCycle = 502, "skipped_cycle", Count, "loop.rate_hz", "A cycle's start was passed over because the one before it ended too late.";
+}
+
+/// How many events there are: the length of a record's counts.
+pub const EVENT_COUNT: usize = Event::ALL.len();
+
+#[cfg(test)]
+mod tests {
+    use super::Event;
+
+    #[test]
+    fn numbers_are_unique_and_indices_run_in_order() {
+        for (i, event) in Event::ALL.iter().enumerate() {
+            assert_eq!(event.index(), i);
+            assert_eq!(Event::from_number(event.number()), Some(*event));
+        }
+        assert_eq!(Event::from_number(0), None);
+    }
+}

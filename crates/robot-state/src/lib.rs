@@ -1,0 +1,16 @@
+//! The records that travel along the pipeline and through shared memory.
+//!
+//! Every record is `#[repr(C)]`, has a fixed size, holds SI units, and describes its own layout
+//! ([`Layout`]), so that mirrors in other languages are generated and never typed twice.
+//! First words of a field's documentation: printed symbol, meaning, unit.
+#![deny(unsafe_code)]
+
+mod event;
+mod layout;
+mod name;
+mod records;
+
+pub use event::{EVENT_COUNT, Event, Reaction};
+pub use layout::{Field, Layout, Shape, layout_hash};
+pub use name::Name;
+pub use records::*;

@@ -1,0 +1,67 @@
+//! A name of fixed length, for records.
+
+use crate::layout::{Layout, Shape};
+use crate::records::Zero;
+
+/// Bytes a [`Name`] can hold.
+const NAME_LEN: usize = 48;
+
+/// UTF-8 text of at most 48 bytes, padded with zero bytes.
+#[repr(transparent)]
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Name([u8; NAME_LEN]);
+
+impl Name {
+    /// The text as a name; a longer one is cut at a character's border.
+    #[must_use]
+    pub fn new(text: &str) -> Self {
+        let mut end = text.len().min(NAME_LEN);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        let mut bytes = [0; NAME_LEN];
+        bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
+        Self(bytes)
+    }
+
+    /// The text; empty if the bytes are not UTF-8 (a name written by another process).
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        let end = self.0.iter().position(|&b| b == 0).unwrap_or(NAME_LEN);
+        core::str::from_utf8(&self.0[..end]).unwrap_or_default()
+    }
+}
+
+impl Layout for Name {
+    const SHAPE: Shape = <[u8; NAME_LEN]>::SHAPE;
+}
+
+impl Zero for Name {
+    const ZERO: Self = Self([0; NAME_LEN]);
+}
+
+impl core::fmt::Debug for Name {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:?}", self.as_str())
+    }
+}
+
+impl core::fmt::Display for Name {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Name;
+
+    #[test]
+    fn keeps_short_names_and_cuts_long_ones_between_characters() {
+        assert_eq!(Name::new("hip_yaw").as_str(), "hip_yaw");
+        let long = "é".repeat(40);
+        assert_eq!(Name::new(&long).as_str(), "é".repeat(24));
+        let odd = format!("a{long}");
+        assert_eq!(Name::new(&odd).as_str(), format!("a{}", "é".repeat(23)));
+    }
+}
