@@ -1,1 +1,15 @@
-//! Placeholder.
+//! Control of joint torque: motor models, torque loop, inverse dynamics and limits (D 3, D 4).
+//!
+//! Everything here is a pure function of its arguments or a small state machine that the cycle
+//! owns; nothing allocates after construction.
+#![deny(unsafe_code)]
+
+mod gains;
+mod limits;
+mod motor;
+mod torque_loop;
+
+pub use gains::{EquivalentGains, JointGains};
+pub use limits::{JointLimits, Limited};
+pub use motor::{MotorModel, smooth_sign};
+pub use torque_loop::TorqueLoop;

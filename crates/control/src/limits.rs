@@ -1,0 +1,118 @@
+//! The limits that are applied last, whatever came before.
+
+use robot_state::control_flags;
+
+/// Limits of one joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointLimits {
+    /// Least commanded position, rad.
+    pub position_min: f64,
+    /// Greatest commanded position, rad.
+    pub position_max: f64,
+    /// Greatest |tau|, N·m.
+    pub torque: f64,
+    /// Greatest |delta_q|, rad: how far a command may lead the measured position.
+    pub delta_q: f64,
+    /// Greatest |current|, A (current-commanded drives).
+    pub current: f64,
+}
+
+/// A limited value and the flag of the limit, if one is active.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limited {
+    /// The value within its limits.
+    pub value: f64,
+    /// Bits of `control_flags`.
+    pub flags: u32,
+}
+
+impl JointLimits {
+    /// A torque within the limit. NaN passes: the finite check comes after every limit.
+    #[must_use]
+    pub fn torque(&self, tau: f64) -> Limited {
+        limited(
+            tau,
+            -self.torque,
+            self.torque,
+            control_flags::TORQUE_LIMITED,
+        )
+    }
+
+    /// An offset to the measured position within the limit.
+    #[must_use]
+    pub fn delta_q(&self, delta_q: f64) -> Limited {
+        limited(
+            delta_q,
+            -self.delta_q,
+            self.delta_q,
+            control_flags::DELTA_Q_LIMITED,
+        )
+    }
+
+    /// A position within the limits.
+    #[must_use]
+    pub fn position(&self, q: f64) -> Limited {
+        limited(
+            q,
+            self.position_min,
+            self.position_max,
+            control_flags::POSITION_LIMITED,
+        )
+    }
+
+    /// A current within the limit; it is reported as a torque limit.
+    #[must_use]
+    pub fn current(&self, current: f64) -> Limited {
+        limited(
+            current,
+            -self.current,
+            self.current,
+            control_flags::TORQUE_LIMITED,
+        )
+    }
+}
+
+fn limited(x: f64, min: f64, max: f64, flag: u32) -> Limited {
+    if x < min {
+        Limited {
+            value: min,
+            flags: flag,
+        }
+    } else if x > max {
+        Limited {
+            value: max,
+            flags: flag,
+        }
+    } else {
+        Limited { value: x, flags: 0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LIMITS: JointLimits = JointLimits {
+        position_min: -1.0,
+        position_max: 2.0,
+        torque: 30.0,
+        delta_q: 0.05,
+        current: 8.0,
+    };
+
+    proptest! {
+        #[test]
+        fn nothing_leaves_the_limits_and_flags_tell(x in prop::num::f64::NORMAL | prop::num::f64::INFINITE) {
+            for (result, min, max) in [
+                (LIMITS.torque(x), -30.0, 30.0),
+                (LIMITS.delta_q(x), -0.05, 0.05),
+                (LIMITS.position(x), -1.0, 2.0),
+                (LIMITS.current(x), -8.0, 8.0),
+            ] {
+                prop_assert!(result.value >= min && result.value <= max);
+                prop_assert_eq!(result.flags != 0, result.value != x);
+            }
+        }
+    }
+}
