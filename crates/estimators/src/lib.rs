@@ -2,5 +2,6 @@
 #![deny(unsafe_code)]
 
 pub mod compliance;
+pub mod joint;
 pub mod kinematic_error;
 pub mod wave_generator;
