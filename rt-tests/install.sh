@@ -1,0 +1,90 @@
+#!/bin/bash
+# What the tests need on a Debian machine that has Rust and Python 3.11: Debian packages
+# and a kernel for the virtual machines, and a Python environment in .venv.
+# Does nothing, quickly, where all is there.
+set -eu
+root=$(cd "$(dirname "$0")/.." && pwd)
+cd "$root"
+
+usage() {
+    cat <<END
+usage: rt-tests/install.sh [--python] [--vm]
+
+Installs what ./test needs; without options, everything.
+  --python   the Python environment .venv (rt-tests/python/requirements.txt)
+  --vm       Debian packages for the virtual machines, and the PREEMPT_RT kernel
+             that the timing test boots (unpacked into target/vm, not installed)
+END
+}
+
+step() { echo "install: $*"; }
+
+as_root() {
+    if [ "$(id -u)" = 0 ]; then
+        "$@"
+    elif command -v sudo >/dev/null; then
+        sudo "$@"
+    else
+        echo "install: '$*' needs root, and there is no sudo: run this as root" >&2
+        exit 1
+    fi
+}
+
+# packages NAME...: installs those that are missing.
+packages() {
+    local missing=() name
+    for name in "$@"; do
+        [ "$(dpkg-query -W -f='${db:Status-Status}' "$name" 2>/dev/null)" = installed ] || missing+=("$name")
+    done
+    [ ${#missing[@]} -gt 0 ] || return 0
+    step "Debian packages: ${missing[*]}"
+    apt_lists
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=120 -qq \
+        install -y --no-install-recommends "${missing[@]}" >/dev/null
+}
+
+# Fresh package lists, once a run.
+lists_fresh=no
+apt_lists() {
+    [ $lists_fresh = no ] || return 0
+    as_root apt-get -o DPkg::Lock::Timeout=120 -qq update
+    lists_fresh=yes
+}
+
+install_vm() {
+    packages user-mode-linux qemu-system-x86 busybox-static cpio kmod iproute2 procps
+    local folder=$root/target/vm
+    # Made anew when the first process, which is in it, has changed.
+    ! [ "$folder/rt-kernel/initramfs" -nt rt-tests/vm/qemu_init.sh ] || return 0
+    step "PREEMPT_RT kernel (70 MB) into target/vm/rt-kernel"
+    apt_lists
+    rm -rf "$folder/rt-kernel" "$folder/new"
+    mkdir -p "$folder/new"
+    local package
+    package=$(apt-cache depends linux-image-rt-amd64 | awk '$1 == "Depends:" {print $2; exit}')
+    [ -n "$package" ] || { echo "install: no Debian package linux-image-rt-amd64" >&2; exit 1; }
+    (cd "$folder/new" && apt-get -qq -o APT::Sandbox::User=root download "$package" && dpkg -x ./*.deb tree)
+    "$root/rt-tests/vm/make_initramfs.sh" "$folder/new/tree" "$folder/new/kernel"
+    mv "$folder/new/kernel" "$folder/rt-kernel"
+    rm -r "$folder/new"
+}
+
+install_python() {
+    local wanted=rt-tests/python/requirements.txt
+    ! cmp -s "$wanted" .venv/requirements.txt || return 0
+    step "Python environment .venv"
+    python3 -c 'import ensurepip' 2>/dev/null || packages python3-venv
+    python3 -m venv --clear .venv
+    .venv/bin/pip install --disable-pip-version-check --quiet --progress-bar on -r "$wanted"
+    cp "$wanted" .venv/requirements.txt # last: says that all of it is there
+}
+
+[ $# -gt 0 ] || set -- --vm --python
+for option in "$@"; do
+    case $option in
+        --vm) install_vm ;;
+        --python) install_python ;;
+        -h | --help) usage; exit 0 ;;
+        *) echo "install: unknown option '$option'; allowed: --python --vm --help" >&2; exit 2 ;;
+    esac
+done
