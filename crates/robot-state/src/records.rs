@@ -105,6 +105,8 @@ record! {
         pub torsion: f64,
         /// i: motor current, A.
         pub current: f64,
+        /// dq: link-side velocity from a short filter, rad/s; what control uses.
+        pub dq: f64,
         /// q: filtered link-side angle, rad, late by `filter_delay_s`.
         pub q_hat: f64,
         /// dq: filtered link-side velocity, rad/s, late by `filter_delay_s`.
