@@ -346,7 +346,7 @@ def humanoid():
                Solid("box", (0.12, 0.28, 0.30), (-0.16, 0, 0.12), 5.0))),
         Joint("imu_link", "chest_pitch_link", (-0.03, 0, 0.10)),
         Joint("head_yaw", "chest_pitch_link", (0, 0, 0.30), Z, (-45, 45), "shd14_100",
-              (Solid("cylinder", (0.03, 0.06), (0, 0, -0.02), 0.5),)),
+              (Solid("cylinder", (0.03, 0.08), (0, 0, -0.015), 0.5),)),
         Joint("head_pitch", "head_yaw_link", (0, 0, 0), Y, (-30, 45), "shd14_100",
               (Solid("box", (0.18, 0.15, 0.16), (0.02, 0, 0.105), 1.7),)),
     )
