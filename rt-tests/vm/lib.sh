@@ -100,7 +100,7 @@ finish() {
     fi
     local code
     if ! code=$(cat "$results/.vm/exit_code" 2>/dev/null); then
-        tail -n 20 "$results/.vm/console.log" >&2
+        tail -n 20 "$results/.vm/console.log" >&2 2>/dev/null
         echo "$(basename "$0"): the guest ended without an exit code of the command" >&2
         exit 125
     fi
