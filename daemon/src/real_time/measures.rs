@@ -1,0 +1,197 @@
+//! The measures themselves, one function each.
+
+use super::{Denial, Measure};
+use nix::errno::Errno;
+use nix::sched::{CpuSet, sched_setaffinity};
+use nix::sys::mman::{MlockAllFlags, mlockall};
+use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
+use nix::unistd::Pid;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+};
+
+/// Bytes of stack the loop may need; its frames are small, so this is ample.
+const STACK: usize = 256 * 1024;
+const PAGE: usize = 4096;
+/// Number of the capability in the kernel's `capability.h`.
+const CAP_IPC_LOCK: u32 = 14;
+
+fn measure(name: String, essential: bool, outcome: Result<(), (String, String)>) -> Measure {
+    Measure {
+        name,
+        essential,
+        outcome: outcome.map_err(|(why, mend)| Denial { why, mend }),
+    }
+}
+
+pub(super) fn pin_to_cpu(cpu: usize) -> Measure {
+    let pin = || {
+        let mut set = CpuSet::new();
+        set.set(cpu)?;
+        // 0 is the calling thread.
+        sched_setaffinity(Pid::from_raw(0), &set)
+    };
+    let outcome = pin().map_err(|errno| {
+        let online = std::fs::read_to_string("/sys/devices/system/cpu/online");
+        let online = online.map_or_else(
+            |_| "listed by lscpu".to_owned(),
+            |text| format!("online: {}", text.trim()),
+        );
+        (
+            format!("sched_setaffinity: {errno}"),
+            format!(
+                "set loop.cpu to a CPU that exists ({online}) and that the unit's AllowedCPUs= or \
+                 CPUAffinity= lets the process use"
+            ),
+        )
+    });
+    measure(format!("CPU {cpu} only"), true, outcome)
+}
+
+pub(super) fn lock_memory() -> Measure {
+    let mend = "systemd unit: LimitMEMLOCK=infinity; or /etc/security/limits.d/torqued.conf: \
+                `USER - memlock unlimited`, then log in again; or \
+                `setcap cap_sys_nice,cap_ipc_lock+ep` on the program";
+    // With MCL_FUTURE under a finite limit the call can succeed and a later mmap fail: worse
+    // than memory that is not locked.
+    let outcome = match getrlimit(Resource::RLIMIT_MEMLOCK) {
+        Ok((soft, _)) if soft != RLIM_INFINITY && !has_capability(CAP_IPC_LOCK) => Err((
+            format!("RLIMIT_MEMLOCK is {soft} bytes and CAP_IPC_LOCK is missing"),
+            mend.to_owned(),
+        )),
+        _ => mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE)
+            .map_err(|errno| (format!("mlockall: {errno}"), mend.to_owned())),
+    };
+    measure("memory locked".to_owned(), true, outcome)
+}
+
+/// If the process has the capability in effect; false where /proc does not tell.
+fn has_capability(number: u32) -> bool {
+    std::fs::read_to_string("/proc/self/status").is_ok_and(|status| {
+        effective_capabilities(&status).is_some_and(|set| set >> number & 1 == 1)
+    })
+}
+
+fn effective_capabilities(status: &str) -> Option<u64> {
+    let hex = status
+        .lines()
+        .find_map(|line| line.strip_prefix("CapEff:"))?;
+    u64::from_str_radix(hex.trim(), 16).ok()
+}
+
+/// Writes to every page of the stack the loop may need, so that none faults later.
+#[inline(never)]
+pub(super) fn prefault_stack() {
+    let mut stack = [0_u8; STACK];
+    for page in stack.chunks_mut(PAGE) {
+        page[0] = 1;
+    }
+    std::hint::black_box(&mut stack);
+}
+
+/// Keeps the file open: the kernel then avoids idle states that take long to leave.
+pub(super) fn hold_cpus_awake() -> (Measure, Option<File>) {
+    const PATH: &str = "/dev/cpu_dma_latency";
+    let open = || -> std::io::Result<File> {
+        let mut file = OpenOptions::new().write(true).open(PATH)?;
+        // The latency the loop bears, µs.
+        file.write_all(&0_i32.to_ne_bytes())?;
+        Ok(file)
+    };
+    let (outcome, file) = match open() {
+        Ok(file) => (Ok(()), Some(file)),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => (
+            Err((
+                format!("{PATH} does not exist"),
+                "nothing to do on a virtual machine; otherwise a kernel with CONFIG_CPU_IDLE"
+                    .to_owned(),
+            )),
+            None,
+        ),
+        Err(error) => (
+            Err((
+                format!("{PATH}: {error}"),
+                format!(
+                    "udev rule: KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\" \
+                     with the user in that group; systemd unit: DeviceAllow={PATH} rw"
+                ),
+            )),
+            None,
+        ),
+    };
+    (measure("CPUs kept awake".to_owned(), false, outcome), file)
+}
+
+pub(super) fn schedule_fifo(priority: u8) -> Measure {
+    let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    let outcome = ThreadPriorityValue::try_from(priority)
+        .map_err(|_| thread_priority::Error::PriorityNotInRange(1..=99))
+        .and_then(|value| {
+            thread_priority::set_thread_priority_and_policy(
+                thread_priority::thread_native_id(),
+                ThreadPriority::Crossplatform(value),
+                fifo,
+            )
+        })
+        .map_err(|error| fifo_denial(priority, &error));
+    measure(format!("scheduler SCHED_FIFO {priority}"), true, outcome)
+}
+
+fn fifo_denial(priority: u8, error: &thread_priority::Error) -> (String, String) {
+    match error {
+        thread_priority::Error::OS(number) => (
+            format!("pthread_setschedparam: {}", Errno::from_raw(*number)),
+            format!(
+                "systemd unit: LimitRTPRIO={priority}; or /etc/security/limits.d/torqued.conf: \
+                 `USER - rtprio {priority}`, then log in again; or \
+                 `setcap cap_sys_nice,cap_ipc_lock+ep` on the program"
+            ),
+        ),
+        other => (
+            other.to_string(),
+            "loop.priority: allowed: 1 to 99".to_owned(),
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn capabilities_are_read_from_the_status_text() {
+        let status = "Name:\ttorqued\nCapPrm:\t0000000000000000\nCapEff:\t0000000000004000\n";
+        let set = effective_capabilities(status).unwrap();
+        assert_eq!(set >> CAP_IPC_LOCK & 1, 1);
+        assert_eq!(set & !(1 << CAP_IPC_LOCK), 0);
+        assert_eq!(effective_capabilities("Name:\ttorqued\n"), None);
+    }
+
+    #[test]
+    fn a_priority_out_of_range_is_answered_with_the_range() {
+        for priority in [0, 100, 255] {
+            let denied = schedule_fifo(priority).outcome.unwrap_err();
+            assert!(denied.mend.contains("1 to 99"), "{denied:?}");
+        }
+    }
+
+    #[test]
+    fn a_refused_scheduler_names_each_way_to_permit_it() {
+        let error = thread_priority::Error::OS(Errno::EPERM as i32);
+        let (why, mend) = fifo_denial(80, &error);
+        assert!(why.contains("EPERM"), "{why}");
+        for key in ["LimitRTPRIO=80", "rtprio 80", "cap_sys_nice"] {
+            assert!(mend.contains(key), "{mend}");
+        }
+    }
+
+    #[test]
+    fn a_cpu_that_does_not_exist_is_answered_with_those_that_do() {
+        let denied = pin_to_cpu(1_000).outcome.unwrap_err();
+        assert!(denied.mend.contains("loop.cpu"), "{denied:?}");
+        // More than the set can hold.
+        assert!(pin_to_cpu(usize::MAX).outcome.is_err());
+    }
+}
