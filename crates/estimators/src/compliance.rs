@@ -1,4 +1,16 @@
-//! Placeholder: parameters of the harmonic drive's compliance model (Z 10-15).
+//! Compliance model of the harmonic drive (Z 7-22) and the joint torque that follows from it.
+//!
+//! ```text
+//! theta/N - q --> torsion - err(q, theta) - torsion_wg(tau_wg)/N = torsion_fs --> tau --> low-pass
+//!                                                   ^                               |
+//! i, omega --> friction cases ----------------------+<------ tau/N of the last step-+
+//! ```
+
+use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use crate::low_pass::LowPass;
+use crate::wave_generator::{WaveGenerator, WaveGeneratorTorque};
+use robot_state::{TorqueEstimate, measured_flags, torque_flags, torque_source};
+use std::f64::consts::FRAC_PI_2;
 
 /// Constants of the compliance model (Z Table II).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,4 +23,180 @@ pub struct ComplianceParameters {
     pub k_wg0: f64,
     /// C_wg: growth of the wave generator's stiffness, 1/(N·m).
     pub c_wg: f64,
+}
+
+/// A torque and whether the torsion asked for more than may be reported.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Saturated {
+    /// The torque, N·m, within plus or minus the limit.
+    pub tau: f64,
+    /// Whether the limit was reached.
+    pub saturated: bool,
+}
+
+impl ComplianceParameters {
+    /// K_fl: local stiffness of the flexspline at torque `tau`, N·m/rad.
+    #[must_use]
+    pub fn stiffness(&self, tau: f64) -> f64 {
+        //= Z10: K_fl = K_fs0 (1 + (C_fs tau)^2)
+        self.k_fs0 * (1.0 + (self.c_fs * tau).powi(2))
+    }
+
+    /// torsion_fs: the flexspline's torsion at torque `tau`, rad, link side.
+    #[must_use]
+    pub fn flexspline_torsion(&self, tau: f64) -> f64 {
+        //= Z12: torsion_fs = atan(C_fs tau) / (C_fs K_fs0)
+        if self.c_fs > 0.0 {
+            (self.c_fs * tau).atan() / (self.c_fs * self.k_fs0)
+        } else {
+            // The limit of Z12 for C_fs -> 0: a linear spring.
+            tau / self.k_fs0
+        }
+    }
+
+    /// torsion_wg: the wave generator's torsion at torque `tau_wg`, rad, both motor side.
+    #[must_use]
+    pub fn wave_generator_torsion(&self, tau_wg: f64) -> f64 {
+        //= Z15: torsion_wg = sign(tau_wg) (1 - exp(-C_wg |tau_wg|)) / (C_wg K_wg0)
+        if self.c_wg > 0.0 {
+            let yielded = 1.0 - (-self.c_wg * tau_wg.abs()).exp();
+            (yielded / (self.c_wg * self.k_wg0)).copysign(tau_wg)
+        } else {
+            tau_wg / self.k_wg0
+        }
+    }
+
+    /// tau: the torque that twists the flexspline by `torsion_fs`, at most `limit`, N·m.
+    #[must_use]
+    pub fn torque(&self, torsion_fs: f64, limit: f64) -> Saturated {
+        // Compared as torsions: the tangent changes its sign beyond pi/2 and would wrap.
+        if torsion_fs.abs() >= self.flexspline_torsion(limit) {
+            return Saturated {
+                tau: limit.copysign(torsion_fs),
+                saturated: true,
+            };
+        }
+        let tau = if self.c_fs > 0.0 {
+            //= Z20: tau = tan(C_fs K_fs0 torsion_fs) / C_fs
+            let angle = self.c_fs * self.k_fs0 * torsion_fs;
+            debug_assert!(
+                angle.abs() < FRAC_PI_2,
+                "beyond the tangent's pole: {angle}"
+            );
+            angle.tan() / self.c_fs
+        } else {
+            self.k_fs0 * torsion_fs
+        };
+        Saturated {
+            tau: tau.clamp(-limit, limit),
+            saturated: false,
+        }
+    }
+}
+
+/// Joint torque from both encoders and the motor current (Z III, Fig. 7).
+#[derive(Debug, Clone)]
+pub struct ComplianceEstimator {
+    parameters: JointEstimatorParameters,
+    wave_generator: WaveGenerator,
+    low_pass: LowPass,
+    /// tau of the last step before the low-pass, N·m; zero after a reset.
+    tau: f64,
+    last: TorqueEstimate,
+    /// Variance of the torsion from the encoders' resolution and the model's known misfit, rad².
+    torsion_variance: f64,
+}
+
+impl ComplianceEstimator {
+    /// An estimator that has seen no sample.
+    #[must_use]
+    pub fn new(parameters: JointEstimatorParameters) -> Self {
+        // A count hides a uniform error whose variance is its square over 12. No credit is taken
+        // for the low-pass: at rest the error of quantisation is constant and passes.
+        let count = |resolution: f64| resolution * resolution / 12.0;
+        let torsion_variance = count(parameters.motor_resolution / parameters.gear_ratio)
+            + count(parameters.link_resolution)
+            + parameters.torsion_sigma.powi(2);
+        Self {
+            wave_generator: WaveGenerator::new(parameters.wave_generator),
+            low_pass: LowPass::new(parameters.low_pass_pole),
+            tau: 0.0,
+            last: TorqueEstimate::default(),
+            torsion_variance,
+            parameters,
+        }
+    }
+
+    /// sigma: standard deviation of the torque, N·m.
+    ///
+    /// The variances of the torsion and of the wave generator's part of it, through the local
+    /// stiffness: `sigma = K_fl(tau) sqrt(var(torsion) + var(torsion_wg)/N^2)`. The wave
+    /// generator's torque is off by the current's noise, or lies anywhere in an interval where
+    /// the direction of friction is not known (a uniform distribution).
+    fn sigma(&self, tau: f64, wave_generator: WaveGeneratorTorque) -> f64 {
+        let p = &self.parameters;
+        let current_noise = p.wave_generator.torque_constant * p.current_sigma;
+        let tau_wg_sigma = current_noise.hypot(wave_generator.unknown / 3f64.sqrt());
+        // A difference and not a derivative: the interval is wider than the curve is straight.
+        let torsion_wg = |tau_wg: f64| p.compliance.wave_generator_torsion(tau_wg);
+        let WaveGeneratorTorque { tau_wg, .. } = wave_generator;
+        let torsion_wg_sigma =
+            0.5 * (torsion_wg(tau_wg + tau_wg_sigma) - torsion_wg(tau_wg - tau_wg_sigma));
+        let variance = self.torsion_variance + (torsion_wg_sigma / p.gear_ratio).powi(2);
+        (p.compliance.stiffness(tau) * variance.sqrt()).min(p.torque_limit)
+    }
+}
+
+impl JointTorqueEstimator for ComplianceEstimator {
+    fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
+        let p = &self.parameters;
+        let JointSample {
+            q,
+            theta,
+            omega,
+            current,
+            flags,
+            ..
+        } = *sample;
+        let torsion = theta / p.gear_ratio - q;
+        if !(torsion.is_finite() && omega.is_finite() && current.is_finite())
+            || flags & measured_flags::NEVER != 0
+        {
+            // Nothing to compute with: the last value stands, marked as not to be used.
+            self.last.flags &= !torque_flags::VALID;
+            self.last.source = torque_source::ENCODER;
+            return self.last;
+        }
+        let wave_generator = self
+            .wave_generator
+            .update(current, omega, self.tau / p.gear_ratio);
+        let torsion_wg = p.compliance.wave_generator_torsion(wave_generator.tau_wg);
+        //= Z19: torsion_fs = torsion - torsion_wg/N - err
+        let torsion_fs = torsion - torsion_wg / p.gear_ratio - p.kinematic_error.error(q, theta);
+        let Saturated { tau, saturated } = p.compliance.torque(torsion_fs, p.torque_limit);
+        self.tau = tau;
+        let tau_hat = self.low_pass.update(tau);
+        let mut out = torque_flags::VALID;
+        if saturated {
+            out |= torque_flags::SATURATED;
+        }
+        if flags != 0 {
+            out |= torque_flags::DEGRADED;
+        }
+        self.last = TorqueEstimate {
+            tau: tau_hat,
+            sigma: self.sigma(tau, wave_generator),
+            delay_s: self.low_pass.delay_samples() * p.sample_period,
+            source: torque_source::ENCODER,
+            flags: out,
+        };
+        self.last
+    }
+
+    fn reset(&mut self) {
+        self.wave_generator.reset();
+        self.low_pass.reset();
+        self.tau = 0.0;
+        self.last = TorqueEstimate::default();
+    }
 }

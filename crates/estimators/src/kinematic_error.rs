@@ -1,4 +1,4 @@
-//! Placeholder: kinematic error of the harmonic drive (Z 18).
+//! Kinematic error of the harmonic drive (Z 16-18, S 9): the torsion that shows without torque.
 
 /// Fourier coefficients of the kinematic error (Z 18, Table I), in rad.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -13,4 +13,42 @@ pub struct KinematicErrorParameters {
     pub w_motor: f64,
     /// (a_wn, b_wn) of cos and sin of `n w_w theta`, n from 1, rad.
     pub motor: Vec<(f64, f64)>,
+}
+
+impl KinematicErrorParameters {
+    /// err: kinematic error at link-side angle `q` and motor-side angle `theta`, rad.
+    #[must_use]
+    pub fn error(&self, q: f64, theta: f64) -> f64 {
+        //= Z18: err = a0 + a_l1 cos(w_l q) + b_l1 sin(w_l q)
+        //=      + a_w1 cos(w_w theta) + b_w1 sin(w_w theta) + a_w2 cos(2 w_w theta) + ...
+        self.a0
+            + harmonics(self.w_link * q, &self.link)
+            + harmonics(self.w_motor * theta, &self.motor)
+    }
+
+    /// The largest value that `|error|` can reach, rad.
+    #[must_use]
+    pub fn bound(&self) -> f64 {
+        let amplitudes = self
+            .link
+            .iter()
+            .chain(&self.motor)
+            .map(|(a, b)| a.hypot(*b));
+        self.a0.abs() + amplitudes.sum::<f64>()
+    }
+}
+
+/// `sum_n a_n cos(n phase) + b_n sin(n phase)`, n from 1.
+fn harmonics(phase: f64, coefficients: &[(f64, f64)]) -> f64 {
+    if coefficients.is_empty() {
+        return 0.0;
+    }
+    let (sin, cos) = phase.sin_cos();
+    // The angle-addition theorem spares a sine and a cosine per harmonic.
+    let (mut s, mut c, mut sum) = (sin, cos, 0.0);
+    for (a, b) in coefficients {
+        sum += a * c + b * s;
+        (s, c) = (s * cos + c * sin, c * cos - s * sin);
+    }
+    sum
 }

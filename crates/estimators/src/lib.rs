@@ -2,6 +2,9 @@
 #![deny(unsafe_code)]
 
 pub mod compliance;
+pub mod encoder;
 pub mod joint;
 pub mod kinematic_error;
+pub mod low_pass;
+pub mod savitzky_golay;
 pub mod wave_generator;

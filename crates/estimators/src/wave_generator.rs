@@ -1,4 +1,4 @@
-//! Placeholder: wave-generator torque from motor current (Z 21-22).
+//! Wave-generator torque from motor current (Z 21-22 and the cases after).
 
 /// Which sign the motor's friction has when the motor brakes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -6,7 +6,7 @@ pub enum FrictionRule {
     /// `tau_wg = tau_m - tau_fm sign(omega)`: physically right.
     #[default]
     Physical,
-    /// As printed in Z after 22.
+    /// As printed in Z after 22: friction always reduces `|tau_m|`, also when the motor brakes.
     Published,
 }
 
@@ -23,4 +23,77 @@ pub struct WaveGeneratorParameters {
     pub epsilon: f64,
     /// Sign convention for friction when braking.
     pub rule: FrictionRule,
+}
+
+/// The wave generator's torque and how well it is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WaveGeneratorTorque {
+    /// tau_wg: torque on the wave generator, motor side, N·m.
+    pub tau_wg: f64,
+    /// Half of the interval in which the torque lies for lack of knowledge of the friction's
+    /// sign, motor side, N·m: zero while the motor turns and drives.
+    pub unknown: f64,
+}
+
+/// Follows the wave generator's torque over time.
+#[derive(Debug, Clone)]
+pub struct WaveGenerator {
+    parameters: WaveGeneratorParameters,
+    /// tau_wg of the last sample, N·m.
+    held: f64,
+}
+
+impl WaveGenerator {
+    /// A wave generator at rest without torque.
+    #[must_use]
+    pub fn new(parameters: WaveGeneratorParameters) -> Self {
+        Self {
+            parameters,
+            held: 0.0,
+        }
+    }
+
+    /// Forgets the held torque.
+    pub fn reset(&mut self) {
+        self.held = 0.0;
+    }
+
+    /// One step from current and motor-side velocity.
+    ///
+    /// `tau_over_n` is the last estimate of the joint torque over the gear ratio: the loop is
+    /// algebraic, so the torque of this very step cannot be had.
+    ///
+    /// Viscous friction counts as part of tau_fm, which so grows with speed.
+    pub fn update(&mut self, current: f64, omega: f64, tau_over_n: f64) -> WaveGeneratorTorque {
+        let WaveGeneratorParameters {
+            torque_constant,
+            friction,
+            viscous_friction,
+            epsilon,
+            rule,
+        } = self.parameters;
+        //= Z: tau_m = K_t i
+        let tau_m = torque_constant * current;
+        let tau_fm = friction + viscous_friction * omega.abs();
+        //= Z22 and the cases after
+        let (tau_wg, unknown) = if omega.abs() <= epsilon {
+            // Below eps it is held: nothing tells which way friction points.
+            (self.held, tau_fm)
+        } else if tau_m.abs() < tau_fm {
+            (tau_over_n, tau_fm)
+        } else {
+            let direction = match rule {
+                FrictionRule::Physical => omega.signum(),
+                FrictionRule::Published => tau_m.signum(),
+            };
+            (tau_m - tau_fm * direction, 0.0)
+        };
+        if tau_wg.is_finite() {
+            self.held = tau_wg;
+        }
+        WaveGeneratorTorque {
+            tau_wg: self.held,
+            unknown,
+        }
+    }
 }

@@ -1,0 +1,257 @@
+//! From two wrapping encoder readings to unwrapped angles and their torsion at one instant.
+
+use robot_state::measured_flags;
+
+/// How a joint's two encoders are to be read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EncoderParameters {
+    /// N: gear ratio, 1.
+    pub gear_ratio: f64,
+    /// T: time between samples, s.
+    pub sample_period: f64,
+    /// Largest |dq| of the joint, rad/s, link side: what moved faster is a jump.
+    pub max_velocity: f64,
+    /// Range after which the motor-side reading starts again, rad, motor side; infinite if never.
+    pub motor_wrap: f64,
+    /// Range after which the link-side reading starts again, rad, link side; infinite if never.
+    pub link_wrap: f64,
+    /// How much later than the link-side encoder the motor-side one is sampled, s; may be
+    /// negative, at most 16 periods.
+    pub skew: f64,
+}
+
+/// A joint's angles, unwrapped.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct JointAngles {
+    /// theta: motor-side angle, rad, unwrapped; the newest that could be used.
+    pub theta: f64,
+    /// q: link-side angle, rad, unwrapped; the newest that could be used.
+    pub q: f64,
+    /// theta at the instant `aligned_q` belongs to, rad.
+    pub aligned_theta: f64,
+    /// q, late by as much as the skew demands if the link-side encoder is the later one, rad.
+    pub aligned_q: f64,
+    /// theta/N - q with the skew removed, rad.
+    pub torsion: f64,
+    /// Bits of `measured_flags`: `MISSED`, `JUMP`, `NEVER`.
+    pub flags: u32,
+}
+
+/// One encoder's readings made continuous.
+#[derive(Debug, Clone, Copy)]
+struct Unwrapped {
+    /// Range after which the reading starts again, rad.
+    wrap: f64,
+    /// Furthest way in one period, rad.
+    max_step: f64,
+    /// The last reading that was used, rad; none before the first.
+    angle: Option<f64>,
+    /// Periods since then.
+    periods: u32,
+}
+
+/// What became of a reading.
+enum Taken {
+    Used,
+    Missed,
+    Jumped,
+}
+
+impl Unwrapped {
+    fn new(wrap: f64, max_step: f64) -> Self {
+        Self {
+            wrap,
+            max_step,
+            angle: None,
+            periods: 0,
+        }
+    }
+
+    /// The turn of `reading` that is nearest to `near`.
+    fn nearest_turn(&self, reading: f64, near: f64) -> f64 {
+        if self.wrap.is_finite() && self.wrap > 0.0 {
+            reading + self.wrap * ((near - reading) / self.wrap).round()
+        } else {
+            reading
+        }
+    }
+
+    /// Takes a reading, not finite if there is none, which is expected near `near`.
+    fn take(&mut self, reading: f64, near: f64) -> Taken {
+        self.periods = self.periods.saturating_add(1);
+        if !reading.is_finite() {
+            return Taken::Missed;
+        }
+        let angle = self.nearest_turn(reading, near);
+        // After a gap the joint may be as far as it can have run meanwhile: a reading that stays
+        // away is believed once it is that long away.
+        let reach = self.max_step * f64::from(self.periods);
+        if self.angle.is_some() && (angle - near).abs() > reach {
+            return Taken::Jumped;
+        }
+        self.angle = Some(angle);
+        self.periods = 0;
+        Taken::Used
+    }
+}
+
+/// Samples that are kept to reach back over the skew.
+const HISTORY: usize = 18;
+/// Largest skew, samples.
+const LONGEST_SKEW: f64 = (HISTORY - 2) as f64;
+
+/// The last samples of one angle, for reading it at an earlier instant.
+#[derive(Debug, Clone, Copy)]
+struct History {
+    angles: [f64; HISTORY],
+    newest: usize,
+}
+
+impl History {
+    fn filled(angle: f64) -> Self {
+        Self {
+            angles: [angle; HISTORY],
+            newest: 0,
+        }
+    }
+
+    fn push(&mut self, angle: f64) {
+        self.newest = (self.newest + 1) % HISTORY;
+        self.angles[self.newest] = angle;
+    }
+
+    /// The angle that many samples ago, on straight lines between the samples.
+    fn ago(&self, samples: f64) -> f64 {
+        let whole = samples.floor();
+        let at = |back: usize| self.angles[(self.newest + HISTORY - back) % HISTORY];
+        let back = (whole as usize).min(HISTORY - 2);
+        at(back) + (samples - whole) * (at(back + 1) - at(back))
+    }
+}
+
+/// Both encoders of a joint, followed over many turns.
+#[derive(Debug, Clone)]
+pub struct JointEncoders {
+    parameters: EncoderParameters,
+    motor: Unwrapped,
+    link: Unwrapped,
+    /// theta - N q when both readings were last used, rad: the torsion, motor side.
+    offset: f64,
+    /// theta and q over the last samples; none before both encoders have answered.
+    history: Option<(History, History)>,
+    last: JointAngles,
+}
+
+impl JointEncoders {
+    /// Encoders that have not been read yet.
+    #[must_use]
+    pub fn new(parameters: EncoderParameters) -> Self {
+        let EncoderParameters {
+            gear_ratio,
+            sample_period,
+            max_velocity,
+            ..
+        } = parameters;
+        let max_step = max_velocity * sample_period;
+        let longest = LONGEST_SKEW * sample_period;
+        debug_assert!(
+            parameters.skew.abs() <= longest,
+            "skew {} s",
+            parameters.skew
+        );
+        let skew = parameters.skew.clamp(-longest, longest);
+        Self {
+            parameters: EncoderParameters { skew, ..parameters },
+            motor: Unwrapped::new(parameters.motor_wrap, max_step * gear_ratio),
+            link: Unwrapped::new(parameters.link_wrap, max_step),
+            offset: 0.0,
+            history: None,
+            last: JointAngles {
+                flags: measured_flags::NEVER,
+                ..JointAngles::default()
+            },
+        }
+    }
+
+    /// Forgets everything, also which turn the motor is on.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.parameters);
+    }
+
+    /// Takes one reading of each encoder; NaN where there is none.
+    pub fn update(&mut self, motor_reading: f64, link_reading: f64) -> JointAngles {
+        let n = self.parameters.gear_ratio;
+        // The link-side encoder first: it knows which turn the motor is on. Its own first
+        // reading is taken as the turn nearest to zero.
+        let link = self.link.take(link_reading, self.link.angle.unwrap_or(0.0));
+        let motor = match (self.link.angle, self.motor.angle) {
+            // Nothing tells the turn yet.
+            (None, _) => Taken::Missed,
+            // At first the turn with |theta/N - q| smallest.
+            (Some(q), None) => {
+                let taken = self.motor.take(motor_reading, n * q);
+                self.offset = self.motor.angle.map_or(0.0, |theta| theta - n * q);
+                taken
+            }
+            // Afterwards the one that the link's way leads to, so that the motor may run through
+            // several turns between two readings; unless the link's last reading is the older.
+            (Some(q), Some(theta)) => {
+                let link_leads = self.link.periods <= self.motor.periods;
+                let near = if link_leads {
+                    n * q + self.offset
+                } else {
+                    theta
+                };
+                self.motor.take(motor_reading, near)
+            }
+        };
+        let (Some(theta), Some(q)) = (self.motor.angle, self.link.angle) else {
+            self.last.flags = measured_flags::NEVER | measured_flags::MISSED;
+            return self.last;
+        };
+        let flags = match (link, motor) {
+            (Taken::Used, Taken::Used) => {
+                self.offset = theta - n * q;
+                0
+            }
+            (Taken::Jumped, Taken::Missed) | (Taken::Missed, Taken::Jumped) => {
+                measured_flags::JUMP | measured_flags::MISSED
+            }
+            (Taken::Jumped, _) | (_, Taken::Jumped) => measured_flags::JUMP,
+            _ => measured_flags::MISSED,
+        };
+        self.last = self.align(theta, q, flags);
+        self.last
+    }
+
+    /// Reads both angles at one instant: that of the encoder which is sampled first.
+    fn align(&mut self, theta: f64, q: f64, flags: u32) -> JointAngles {
+        let (thetas, qs) = self
+            .history
+            .get_or_insert((History::filled(theta), History::filled(q)));
+        thetas.push(theta);
+        qs.push(q);
+        if flags != 0 && self.last.flags & measured_flags::NEVER == 0 {
+            // One angle is fresh and the other is not: their difference would be motion, not
+            // torsion, so the pair is held.
+            return JointAngles {
+                theta,
+                q,
+                flags,
+                ..self.last
+            };
+        }
+        let skew = self.parameters.skew / self.parameters.sample_period;
+        let aligned_theta = if skew > 0.0 { thetas.ago(skew) } else { theta };
+        let aligned_q = if skew < 0.0 { qs.ago(-skew) } else { q };
+        let torsion = aligned_theta / self.parameters.gear_ratio - aligned_q;
+        JointAngles {
+            theta,
+            q,
+            aligned_theta,
+            aligned_q,
+            torsion,
+            flags,
+        }
+    }
+}
