@@ -1,1 +1,43 @@
-//! Placeholder.
+//! Rigid-body dynamics of a robot read from URDF: exact, deterministic, without allocation after
+//! construction.
+//!
+//! An immutable [`Model`], a preallocated [`Data`], and free functions `algorithm(&model, &mut
+//! data, ...)`, one file each. Conventions are Pinocchio's: `q = [p (3), quaternion xyzw (4),
+//! joints]`, `v = [linear, angular in base axes, joints]`, six-vectors linear first, bodies' twists
+//! in their own frames; see [`Model`] for what differs.
+//!
+//! Vectors that are too short are read as if zeros followed (and are an error in debug builds):
+//! nothing in the loop panics.
+#![deny(unsafe_code)]
+
+mod aba;
+mod cholesky;
+mod configuration;
+mod crba;
+mod data;
+mod frames;
+mod jacobian;
+mod kinematics;
+mod model;
+mod rnea;
+mod spatial;
+mod urdf;
+
+pub use aba::aba;
+pub use cholesky::{cholesky_decompose, cholesky_solve};
+pub use configuration::{Random, integrate, neutral};
+pub use crba::crba;
+pub use data::Data;
+pub use frames::{
+    ReferenceFrame, frame_acceleration, frame_classical_acceleration, frame_placement,
+    frame_velocity,
+};
+pub use jacobian::frame_jacobian;
+pub use kinematics::{
+    BaseMotion, ImuMotion, base_motion_from_imu, forward_kinematics,
+    forward_kinematics_acceleration, forward_kinematics_velocity, propagate,
+};
+pub use model::{Base, Body, Cut, Frame, GRAVITY, Joint, JointKind, JointLimits, Model};
+pub use rnea::{gravity, nle, rnea};
+pub use spatial::{Force, Inertia, Motion, Se3};
+pub use urdf::UrdfError;

@@ -1,0 +1,100 @@
+//! Memory of the algorithms, allocated once per model.
+
+use crate::model::Model;
+use crate::spatial::{Force, Inertia, Motion, Se3};
+use nalgebra::{DMatrix, Matrix6};
+
+/// Results and intermediate values of every algorithm, for one model.
+#[derive(Clone, Debug)]
+pub struct Data {
+    /// Placement of each body in its parent.
+    pub(crate) in_parent: Vec<Se3>,
+    /// Placement of each body in the world.
+    pub(crate) in_world: Vec<Se3>,
+    /// Twist of each body, in its frame.
+    pub(crate) velocity: Vec<Motion>,
+    /// Spatial acceleration of each body, in its frame.
+    pub(crate) acceleration: Vec<Motion>,
+    /// Wrench of each body's joint, in its frame.
+    pub(crate) force: Vec<Force>,
+    /// Inertia of each body's sub-tree, in its frame.
+    pub(crate) composite: Vec<Inertia>,
+    /// Articulated inertia of each body, in its frame (linear first).
+    pub(crate) articulated: Vec<Matrix6<f64>>,
+    /// Articulated bias wrench, `U`, `1/D` and `u` of each body's joint.
+    pub(crate) aba: Vec<AbaJoint>,
+    pub(crate) base_tau: Force,
+    pub(crate) tau: Vec<f64>,
+    pub(crate) ddq: Vec<f64>,
+    pub(crate) mass_matrix: DMatrix<f64>,
+    pub(crate) factor: DMatrix<f64>,
+    pub(crate) zeros: Vec<f64>,
+}
+
+/// What the articulated-body algorithm keeps per joint.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AbaJoint {
+    pub(crate) bias: Motion,
+    pub(crate) u_vector: Force,
+    pub(crate) inverse_d: f64,
+    pub(crate) u: f64,
+}
+
+impl Data {
+    /// Memory for `model`.
+    pub fn new(model: &Model) -> Self {
+        let n = model.bodies.len();
+        let nv = model.nv();
+        Self {
+            in_parent: vec![Se3::identity(); n],
+            in_world: vec![Se3::identity(); n],
+            velocity: vec![Motion::zero(); n],
+            acceleration: vec![Motion::zero(); n],
+            force: vec![Force::zero(); n],
+            composite: vec![Inertia::zero(); n],
+            articulated: vec![Matrix6::zeros(); n],
+            aba: vec![
+                AbaJoint {
+                    bias: Motion::zero(),
+                    u_vector: Force::zero(),
+                    inverse_d: 0.0,
+                    u: 0.0,
+                };
+                n
+            ],
+            base_tau: Force::zero(),
+            tau: vec![0.0; nv],
+            ddq: vec![0.0; nv],
+            mass_matrix: DMatrix::zeros(nv, nv),
+            factor: DMatrix::zeros(nv, nv),
+            zeros: vec![0.0; model.nq()],
+        }
+    }
+    /// Placement of each body in the world, after forward kinematics.
+    pub fn placements(&self) -> &[Se3] {
+        &self.in_world
+    }
+    /// Placement of each body in its parent body, after forward kinematics.
+    pub fn placements_in_parent(&self) -> &[Se3] {
+        &self.in_parent
+    }
+    /// Twist of each body, in its frame.
+    pub fn velocities(&self) -> &[Motion] {
+        &self.velocity
+    }
+    /// Spatial acceleration of each body, in its frame.
+    ///
+    /// After `forward_kinematics_acceleration` that of the body; after `propagate` proper if the
+    /// base's was; meaningless after `rnea`, which adds gravity.
+    pub fn accelerations(&self) -> &[Motion] {
+        &self.acceleration
+    }
+    /// After `rnea`: wrench that each body's joint applies to it, in its frame.
+    pub fn joint_wrenches(&self) -> &[Force] {
+        &self.force
+    }
+    /// `M`, after `crba` (nv × nv, both triangles).
+    pub fn mass_matrix(&self) -> &DMatrix<f64> {
+        &self.mass_matrix
+    }
+}

@@ -1,0 +1,364 @@
+//! The immutable description of a robot: bodies, joints and frames.
+
+use crate::spatial::{Force, Inertia, Motion, Se3};
+use nalgebra::{Matrix3, Unit, Vector3};
+
+/// How the root link is attached to the world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Base {
+    /// The root link does not move.
+    Fixed,
+    /// The root link moves freely: 7 more configuration and 6 more velocity components.
+    Floating,
+}
+
+/// How a joint moves its body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// Turns about the axis, within limits.
+    Revolute,
+    /// Turns about the axis without limits. Its configuration is one angle, rad.
+    Continuous,
+    /// Slides along the axis.
+    Prismatic,
+}
+
+impl JointKind {
+    /// True for joints that turn.
+    pub fn turns(self) -> bool {
+        !matches!(self, JointKind::Prismatic)
+    }
+}
+
+/// Limits of a joint, as in its URDF; infinite where the file gives none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointLimits {
+    /// Smallest `q`, rad or m.
+    pub lower: f64,
+    /// Largest `q`, rad or m.
+    pub upper: f64,
+    /// Largest `|dq|`, rad/s or m/s.
+    pub velocity: f64,
+    /// Largest `|tau|`, N·m or N.
+    pub effort: f64,
+}
+
+/// An independent joint: one component of `q` and of `v`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joint {
+    /// Name of the URDF's joint.
+    pub name: String,
+    /// The body that it moves.
+    pub body: usize,
+    /// How it moves.
+    pub kind: JointKind,
+    /// Limits.
+    pub limits: JointLimits,
+    /// Inertia that the motor adds about the joint axis, link side, kg·m² (or kg).
+    pub armature: f64,
+    /// Viscous friction of the URDF's `<dynamics>`, N·m·s/rad; no algorithm here uses it.
+    pub damping: f64,
+    /// Coulomb friction of the URDF's `<dynamics>`, N·m; no algorithm here uses it.
+    pub friction: f64,
+}
+
+/// A moving body: all the links that fixed joints hold together.
+///
+/// Its frame is that of the link its joint carries; body 0 is the root (the world, for a fixed base).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    /// Name of the URDF's joint that moves it; the root link's name for body 0.
+    pub name: String,
+    /// The body that carries it; 0 for body 0.
+    pub parent: usize,
+    /// Placement of the joint's frame in the parent body's frame, at `q = 0`.
+    pub placement: Se3,
+    /// How the joint moves.
+    pub kind: JointKind,
+    /// Joint axis, in the body's frame, of length 1.
+    pub axis: Vector3<f64>,
+    /// Index of the independent joint that drives it.
+    pub joint: usize,
+    /// `q_body = ratio q_joint + offset`: 1 and 0, but for a mimic joint.
+    pub ratio: f64,
+    /// See `ratio`; rad or m.
+    pub offset: f64,
+    /// Inertia of all links of the body, in its frame.
+    pub inertia: Inertia,
+}
+
+impl Body {
+    /// `S`: twist of the body, in its frame, for unit speed of its own joint axis.
+    #[inline]
+    pub fn subspace(&self) -> Motion {
+        if self.kind.turns() {
+            Motion::new(Vector3::zeros(), self.axis)
+        } else {
+            Motion::new(self.axis, Vector3::zeros())
+        }
+    }
+    /// Placement of the body in its parent at the joint's configuration (mimic ratio applied).
+    #[inline]
+    pub fn placement_at(&self, q: f64) -> Se3 {
+        let p = &self.placement;
+        if self.kind.turns() {
+            Se3::new(p.rotation * axis_angle(&self.axis, q), p.translation)
+        } else {
+            Se3::new(p.rotation, p.translation + p.rotation * (self.axis * q))
+        }
+    }
+    /// Component of a wrench along the joint axis, N·m or N.
+    #[inline]
+    pub fn along_axis(&self, f: Force) -> f64 {
+        if self.kind.turns() {
+            self.axis.dot(&f.angular)
+        } else {
+            self.axis.dot(&f.linear)
+        }
+    }
+}
+
+/// Rotation about a unit axis (Rodrigues).
+#[inline]
+fn axis_angle(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
+    let (s, c) = angle.sin_cos();
+    let a = axis * (1.0 - c);
+    let (sx, sy, sz) = (axis.x * s, axis.y * s, axis.z * s);
+    let (xy, xz, yz) = (a.x * axis.y, a.x * axis.z, a.y * axis.z);
+    Matrix3::new(
+        a.x * axis.x + c,
+        xy - sz,
+        xz + sy,
+        xy + sz,
+        a.y * axis.y + c,
+        yz - sx,
+        xz - sy,
+        yz + sx,
+        a.z * axis.z + c,
+    )
+}
+
+/// A link of the URDF, or a frame added to one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Name of the link.
+    pub name: String,
+    /// The body that it belongs to.
+    pub body: usize,
+    /// Placement in the body's frame.
+    pub placement: Se3,
+    /// Inertia of this link alone, in its own frame.
+    pub inertia: Inertia,
+    /// The link that carries it.
+    pub parent: Option<usize>,
+    /// True if a fixed joint (or none) holds it to `parent`.
+    pub rigid: bool,
+}
+
+/// What a cut just before a link takes off the robot: the link, all that is fixed to it, and all beyond.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cut {
+    /// The body that is cut in two, or cut off at its joint.
+    pub body: usize,
+    /// The part of that body that lies beyond the cut, in the frame of the link.
+    pub inertia: Inertia,
+    /// Bodies carried by that part; their own sub-trees follow from `Model::parent`.
+    pub children: Vec<usize>,
+}
+
+/// A robot's bodies, joints and frames.
+///
+/// Configuration `q` is `[position (3), quaternion xyzw (4), joints]` and velocity `v` is
+/// `[linear (3), angular (3) in base axes, joints]` for a floating base, joints alone for a fixed
+/// one. Joints come depth first, children sorted by the name of their joint, as in Pinocchio; but a
+/// continuous joint has one angle here, not a cosine and a sine. A mimic joint has no component.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    pub(crate) name: String,
+    pub(crate) base: Base,
+    pub(crate) bodies: Vec<Body>,
+    pub(crate) joints: Vec<Joint>,
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) gravity: Vector3<f64>,
+    /// The nearest component of `v` that supports each component (all before it, with mimic joints).
+    pub(crate) dof_parent: Vec<Option<usize>>,
+    pub(crate) warnings: Vec<String>,
+}
+
+/// Standard gravity as Pinocchio takes it, m/s².
+pub const GRAVITY: f64 = 9.81;
+
+impl Model {
+    /// Name of the robot.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    /// How the root is attached.
+    pub fn base(&self) -> Base {
+        self.base
+    }
+    /// Components of `v` and `q` before the joints': (6, 7) or (0, 0).
+    #[inline]
+    pub fn base_size(&self) -> (usize, usize) {
+        match self.base {
+            Base::Fixed => (0, 0),
+            Base::Floating => (6, 7),
+        }
+    }
+    /// Length of the configuration `q`.
+    #[inline]
+    pub fn nq(&self) -> usize {
+        self.joints.len() + self.base_size().1
+    }
+    /// Length of the velocity `v`.
+    #[inline]
+    pub fn nv(&self) -> usize {
+        self.joints.len() + self.base_size().0
+    }
+    /// Number of independent joints.
+    #[inline]
+    pub fn joint_count(&self) -> usize {
+        self.joints.len()
+    }
+    /// Independent joints, in the order of `v`.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+    /// Their names.
+    pub fn joint_names(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.joints.iter().map(|j| j.name.as_str())
+    }
+    /// Index of an independent joint.
+    pub fn joint_index(&self, name: &str) -> Option<usize> {
+        self.joints.iter().position(|j| j.name == name)
+    }
+    /// Limits of a joint.
+    pub fn joint_limits(&self, joint: usize) -> Option<JointLimits> {
+        self.joints.get(joint).map(|j| j.limits)
+    }
+    /// Sets the inertia that a joint's motor adds about its axis (rotor inertia × gear ratio²), kg·m².
+    pub fn set_armature(&mut self, joint: usize, armature: f64) {
+        debug_assert!(armature.is_finite() && armature >= 0.0);
+        if let Some(j) = self.joints.get_mut(joint) {
+            j.armature = armature;
+        }
+    }
+    /// Moving bodies; 0 is the root, and each comes after its parent.
+    pub fn bodies(&self) -> &[Body] {
+        &self.bodies
+    }
+    /// The body that carries `body`; none for the root.
+    pub fn parent(&self, body: usize) -> Option<usize> {
+        match body {
+            0 => None,
+            _ => self.bodies.get(body).map(|b| b.parent),
+        }
+    }
+    /// Links of the URDF and added frames.
+    pub fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+    /// Index of a link or an added frame.
+    pub fn frame_index(&self, name: &str) -> Option<usize> {
+        self.frames.iter().position(|f| f.name == name)
+    }
+    /// True if `body` is `ancestor` or moves with it.
+    pub fn supports(&self, ancestor: usize, mut body: usize) -> bool {
+        while body > ancestor {
+            match self.parent(body) {
+                Some(p) => body = p,
+                None => return false,
+            }
+        }
+        body == ancestor
+    }
+    /// `g`, acceleration of gravity in the world, m/s² (3).
+    pub fn gravity(&self) -> Vector3<f64> {
+        self.gravity
+    }
+    /// Sets the acceleration of gravity in the world, m/s².
+    pub fn set_gravity(&mut self, gravity: Vector3<f64>) {
+        self.gravity = gravity;
+    }
+    /// Sum of all masses, kg; the root's counts also when it is fixed.
+    pub fn total_mass(&self) -> f64 {
+        self.bodies.iter().map(|b| b.inertia.mass).sum()
+    }
+    /// What the reader found odd but usable, each with file and line.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+    /// Adds a frame fixed to a link; returns its index. For use at set-up.
+    pub fn add_frame(&mut self, name: &str, link: usize, placement: Se3) -> Option<usize> {
+        let parent = self.frames.get(link)?;
+        if self.frame_index(name).is_some() {
+            return None;
+        }
+        let frame = Frame {
+            name: name.to_owned(),
+            body: parent.body,
+            placement: parent.placement.compose(&placement),
+            inertia: Inertia::zero(),
+            parent: Some(link),
+            rigid: true,
+        };
+        self.frames.push(frame);
+        Some(self.frames.len() - 1)
+    }
+    /// What a cut just before `frame` (a force/torque sensor's link, say) takes off. For use at set-up.
+    pub fn cut(&self, frame: usize) -> Option<Cut> {
+        let at = self.frames.get(frame)?;
+        let mut inertia = Inertia::zero();
+        let mut children = Vec::new();
+        for (i, f) in self.frames.iter().enumerate() {
+            if !self.hangs_on(i, frame) {
+                continue;
+            }
+            if f.body == at.body {
+                let in_cut = at.placement.inverse().compose(&f.placement);
+                inertia += f.inertia.transformed(&in_cut);
+            } else if !f.rigid && f.parent.is_some_and(|p| self.frames[p].body == at.body) {
+                children.push(f.body);
+            }
+        }
+        Some(Cut {
+            body: at.body,
+            inertia,
+            children,
+        })
+    }
+    /// True if link `frame` is `ancestor` or carried by it.
+    fn hangs_on(&self, mut frame: usize, ancestor: usize) -> bool {
+        while frame != ancestor {
+            match self.frames[frame].parent {
+                Some(p) => frame = p,
+                None => return false,
+            }
+        }
+        true
+    }
+    /// True if some joint follows another.
+    pub fn has_mimic(&self) -> bool {
+        self.bodies.len() != self.joints.len() + 1
+    }
+    /// Fills in what follows from bodies and joints.
+    pub(crate) fn finish(&mut self) {
+        let base = self.base_size().0;
+        let before = |i: usize| i.checked_sub(1);
+        self.dof_parent = (0..self.nv()).map(before).collect();
+        if self.has_mimic() {
+            return;
+        }
+        for (i, joint) in self.joints.iter().enumerate() {
+            let parent = self.bodies[joint.body].parent;
+            self.dof_parent[base + i] = match parent {
+                0 => base.checked_sub(1),
+                p => Some(base + self.bodies[p].joint),
+            };
+        }
+    }
+    /// Unit axis from any vector that is long enough to have a direction.
+    pub(crate) fn unit_axis(v: Vector3<f64>) -> Option<Vector3<f64>> {
+        Unit::try_new(v, 1e-9).map(Unit::into_inner)
+    }
+}

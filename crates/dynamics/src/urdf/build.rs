@@ -1,0 +1,210 @@
+//! From the checked tree to the model: fixed links lumped, joints in Pinocchio's order.
+
+use super::text::Source;
+use super::tree::Tree;
+use super::{Complaint, inertia};
+use crate::model::{Base, Body, Frame, GRAVITY, Joint, JointKind, JointLimits, Model};
+use crate::spatial::{Inertia, Se3};
+use nalgebra::Vector3;
+use urdf_rs::JointType;
+
+pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, Complaint> {
+    let mut build = Build {
+        source,
+        tree,
+        joint_of: vec![None; source.robot.joints.len()],
+        link_of: Vec::new(),
+        model: Model {
+            name: source.robot.name.clone(),
+            base,
+            bodies: Vec::new(),
+            joints: Vec::new(),
+            frames: Vec::new(),
+            gravity: Vector3::new(0.0, 0.0, -GRAVITY),
+            dof_parent: Vec::new(),
+            warnings: Vec::new(),
+        },
+    };
+    build.walk()?;
+    build.follow_drivers();
+    build.check_bodies()?;
+    build.model.finish();
+    Ok(build.model)
+}
+
+struct Build<'a> {
+    source: &'a Source,
+    tree: &'a Tree,
+    /// Index in `model.joints` of each independent joint of the URDF.
+    joint_of: Vec<Option<usize>>,
+    /// The URDF's link of each frame.
+    link_of: Vec<usize>,
+    model: Model,
+}
+
+impl Build<'_> {
+    /// Depth first, children sorted by name.
+    fn walk(&mut self) -> Result<(), Complaint> {
+        let root = self.tree.root;
+        self.model.bodies.push(Body {
+            name: self.source.robot.links[root].name.clone(),
+            parent: 0,
+            placement: Se3::identity(),
+            kind: JointKind::Revolute,
+            axis: Vector3::z(),
+            joint: usize::MAX,
+            ratio: 1.0,
+            offset: 0.0,
+            inertia: Inertia::zero(),
+        });
+        self.link(root, 0, Se3::identity(), None, false)?;
+        let mut stack: Vec<(usize, usize)> = Vec::new();
+        let push = |stack: &mut Vec<(usize, usize)>, tree: &Tree, link: usize, frame: usize| {
+            let joints = tree.children[link].iter().rev();
+            stack.extend(joints.map(|j| (*j, frame)));
+        };
+        push(&mut stack, self.tree, root, 0);
+        while let Some((joint, frame)) = stack.pop() {
+            self.joint(joint, frame)?;
+            let last = self.model.frames.len() - 1;
+            push(&mut stack, self.tree, self.tree.child[joint], last);
+        }
+        Ok(())
+    }
+
+    fn link(
+        &mut self,
+        link: usize,
+        body: usize,
+        placement: Se3,
+        parent: Option<usize>,
+        rigid: bool,
+    ) -> Result<(), Complaint> {
+        let lines = &self.source.links[link];
+        let own = &self.source.robot.links[link];
+        let inertia = inertia::of_link(own, lines, &mut self.model.warnings)?;
+        self.model.bodies[body].inertia += inertia.transformed(&placement);
+        self.link_of.push(link);
+        self.model.frames.push(Frame {
+            name: own.name.clone(),
+            body,
+            placement,
+            inertia,
+            parent,
+            rigid,
+        });
+        Ok(())
+    }
+
+    fn joint(&mut self, index: usize, frame: usize) -> Result<(), Complaint> {
+        let joint = &self.source.robot.joints[index];
+        let lines = &self.source.joints[index];
+        let on = &self.model.frames[frame];
+        let origin = Se3::from_xyz_rpy(*joint.origin.xyz, *joint.origin.rpy);
+        let (parent, placement) = (on.body, on.placement.compose(&origin));
+        let kind = match joint.joint_type {
+            JointType::Fixed => {
+                let child = self.tree.child[index];
+                return self.link(child, parent, placement, Some(frame), true);
+            }
+            JointType::Revolute => JointKind::Revolute,
+            JointType::Continuous => JointKind::Continuous,
+            JointType::Prismatic => JointKind::Prismatic,
+            ref other => return Err((lines.own(), format!("joint type {other:?} is not known"))),
+        };
+        let Some(axis) = Model::unit_axis(Vector3::from(*joint.axis.xyz)) else {
+            let reason = format!(
+                "joint \"{}\": axis {:?} has no direction; allowed: any vector but zero",
+                joint.name, *joint.axis.xyz
+            );
+            return Err((lines.of("axis"), reason));
+        };
+        let driver = self.tree.driver[index];
+        let body = self.model.bodies.len();
+        if driver.joint == index {
+            self.joint_of[index] = Some(self.model.joints.len());
+            let limits = self.limits(index, kind)?;
+            let dynamics = joint.dynamics.clone().unwrap_or_default();
+            self.model.joints.push(Joint {
+                name: joint.name.clone(),
+                body,
+                kind,
+                limits,
+                armature: 0.0,
+                damping: dynamics.damping,
+                friction: dynamics.friction,
+            });
+        }
+        self.model.bodies.push(Body {
+            name: joint.name.clone(),
+            parent,
+            placement,
+            kind,
+            axis,
+            joint: driver.joint,
+            ratio: driver.ratio,
+            offset: driver.offset,
+            inertia: Inertia::zero(),
+        });
+        let child = self.tree.child[index];
+        self.link(child, body, Se3::identity(), Some(frame), false)
+    }
+
+    fn limits(&mut self, index: usize, kind: JointKind) -> Result<JointLimits, Complaint> {
+        let joint = &self.source.robot.joints[index];
+        let lines = &self.source.joints[index];
+        let (name, line) = (&joint.name, lines.of("limit"));
+        let mut limits = JointLimits {
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            velocity: f64::INFINITY,
+            effort: f64::INFINITY,
+        };
+        if !lines.has("limit") {
+            if kind != JointKind::Continuous {
+                let what = format!("{line}: joint \"{name}\" has no <limit>: none is assumed");
+                self.model.warnings.push(what);
+            }
+            return Ok(limits);
+        }
+        let given = &joint.limit;
+        if given.effort < 0.0 || given.velocity < 0.0 {
+            let reason = format!(
+                "joint \"{name}\": effort {} velocity {}; allowed: numbers >= 0",
+                given.effort, given.velocity
+            );
+            return Err((line, reason));
+        }
+        (limits.effort, limits.velocity) = (given.effort, given.velocity);
+        if kind == JointKind::Continuous {
+            return Ok(limits);
+        }
+        if given.lower > given.upper {
+            let reason = format!(
+                "joint \"{name}\": lower {} above upper {}; allowed: lower <= upper",
+                given.lower, given.upper
+            );
+            return Err((line, reason));
+        }
+        (limits.lower, limits.upper) = (given.lower, given.upper);
+        Ok(limits)
+    }
+
+    /// Bodies name the URDF's driving joint; make it the model's.
+    fn follow_drivers(&mut self) {
+        for body in self.model.bodies.iter_mut().skip(1) {
+            body.joint = self.joint_of[body.joint].unwrap_or(usize::MAX);
+        }
+    }
+
+    fn check_bodies(&self) -> Result<(), Complaint> {
+        for (frame, link) in self.model.frames.iter().zip(&self.link_of) {
+            if !frame.rigid {
+                let line = self.source.links[*link].of("inertia");
+                let inertia = &self.model.bodies[frame.body].inertia;
+                inertia::check_body(&frame.name, inertia, line)?;
+            }
+        }
+        Ok(())
+    }
+}

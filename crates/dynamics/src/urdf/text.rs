@@ -1,0 +1,285 @@
+//! The XML: numbers are checked where their line is known, then `urdf-rs` reads a clean copy.
+
+use super::Complaint;
+use roxmltree::{Document, Node};
+use std::fmt::Write;
+
+/// What `urdf-rs` read, and the line on which each element stands.
+pub(super) struct Source {
+    pub(super) robot: urdf_rs::Robot,
+    /// Line of `<robot>`.
+    pub(super) line: u32,
+    pub(super) links: Vec<Lines>,
+    pub(super) joints: Vec<Lines>,
+}
+
+/// Lines of a link or joint and of its child elements, by tag.
+pub(super) struct Lines {
+    own: u32,
+    parts: Vec<(&'static str, u32)>,
+}
+
+impl Lines {
+    /// Line of the element itself.
+    pub(super) fn own(&self) -> u32 {
+        self.own
+    }
+    /// Line of a child element, or of the element where it has none such.
+    pub(super) fn of(&self, tag: &str) -> u32 {
+        let part = self.parts.iter().find(|p| p.0 == tag);
+        part.map_or(self.own, |p| p.1)
+    }
+    /// True if the child element is there.
+    pub(super) fn has(&self, tag: &str) -> bool {
+        self.parts.iter().any(|p| p.0 == tag)
+    }
+}
+
+/// What an attribute must hold.
+enum Kind {
+    Text,
+    /// That many finite numbers.
+    Numbers(usize),
+    /// One number, infinite allowed.
+    Bound,
+    /// A type of joint.
+    JointType,
+}
+use Kind::{Bound, JointType, Numbers, Text};
+
+const JOINT_TYPES: [&str; 4] = ["revolute", "continuous", "prismatic", "fixed"];
+
+/// An element that matters: tag, attributes (name, kind, value where omitted), child elements.
+struct Rule {
+    tag: &'static str,
+    attributes: &'static [(&'static str, Kind, Option<&'static str>)],
+    required: &'static [&'static str],
+    children: &'static [Rule],
+}
+
+const ORIGIN: Rule = Rule {
+    tag: "origin",
+    attributes: &[
+        ("xyz", Numbers(3), Some("0 0 0")),
+        ("rpy", Numbers(3), Some("")),
+        ("quat_xyzw", Numbers(4), Some("")),
+    ],
+    required: &[],
+    children: &[],
+};
+
+const fn leaf(
+    tag: &'static str,
+    attributes: &'static [(&'static str, Kind, Option<&'static str>)],
+) -> Rule {
+    Rule {
+        tag,
+        attributes,
+        required: &[],
+        children: &[],
+    }
+}
+
+const LINK: Rule = Rule {
+    tag: "link",
+    attributes: &[("name", Text, None)],
+    required: &[],
+    children: &[Rule {
+        tag: "inertial",
+        attributes: &[],
+        required: &["mass", "inertia"],
+        children: &[
+            ORIGIN,
+            leaf("mass", &[("value", Numbers(1), None)]),
+            leaf(
+                "inertia",
+                &[
+                    ("ixx", Numbers(1), None),
+                    ("ixy", Numbers(1), Some("0")),
+                    ("ixz", Numbers(1), Some("0")),
+                    ("iyy", Numbers(1), None),
+                    ("iyz", Numbers(1), Some("0")),
+                    ("izz", Numbers(1), None),
+                ],
+            ),
+        ],
+    }],
+};
+
+const JOINT: Rule = Rule {
+    tag: "joint",
+    attributes: &[("name", Text, None), ("type", JointType, None)],
+    required: &["parent", "child"],
+    children: &[
+        ORIGIN,
+        leaf("parent", &[("link", Text, None)]),
+        leaf("child", &[("link", Text, None)]),
+        leaf("axis", &[("xyz", Numbers(3), None)]),
+        leaf(
+            "limit",
+            &[
+                ("lower", Bound, Some("-inf")),
+                ("upper", Bound, Some("inf")),
+                ("effort", Bound, Some("inf")),
+                ("velocity", Bound, Some("inf")),
+            ],
+        ),
+        leaf(
+            "dynamics",
+            &[
+                ("damping", Numbers(1), Some("0")),
+                ("friction", Numbers(1), Some("0")),
+            ],
+        ),
+        leaf(
+            "mimic",
+            &[
+                ("joint", Text, None),
+                ("multiplier", Numbers(1), Some("1")),
+                ("offset", Numbers(1), Some("0")),
+            ],
+        ),
+    ],
+};
+
+/// Reads the text of a URDF.
+pub(super) fn read(text: &str) -> Result<Source, Complaint> {
+    let document = Document::parse(text).map_err(|e| (e.pos().row, format!("not XML: {e}")))?;
+    let root = document.root_element();
+    let line = |n: Node| document.text_pos_at(n.range().start).row;
+    if root.tag_name().name() != "robot" {
+        let tag = root.tag_name().name();
+        return Err((
+            line(root),
+            format!("the root element is <{tag}>; allowed: <robot>"),
+        ));
+    }
+    let mut copy = String::from("<robot");
+    for name in ["name", "version"] {
+        if let Some(value) = root.attribute(name) {
+            attribute(&mut copy, name, value);
+        }
+    }
+    copy.push('>');
+    let (mut links, mut joints) = (Vec::new(), Vec::new());
+    for node in root.children().filter(Node::is_element) {
+        let (rule, lines) = match node.tag_name().name() {
+            "link" => (&LINK, &mut links),
+            "joint" => (&JOINT, &mut joints),
+            _ => continue,
+        };
+        let mut parts = Vec::new();
+        element(rule, node, &line, &mut copy, &mut parts)?;
+        lines.push(Lines {
+            own: line(node),
+            parts,
+        });
+    }
+    copy.push_str("</robot>");
+    let robot = urdf_rs::read_from_string(&copy).map_err(|e| (line(root), e.to_string()))?;
+    if robot.links.len() != links.len() || robot.joints.len() != joints.len() {
+        return Err((line(root), "links or joints were lost in reading".into()));
+    }
+    Ok(Source {
+        robot,
+        line: line(root),
+        links,
+        joints,
+    })
+}
+
+/// Checks one element and writes its clean copy.
+fn element(
+    rule: &Rule,
+    node: Node,
+    line: &dyn Fn(Node) -> u32,
+    copy: &mut String,
+    parts: &mut Vec<(&'static str, u32)>,
+) -> Result<(), Complaint> {
+    let _ = write!(copy, "<{}", rule.tag);
+    for (name, kind, default) in rule.attributes {
+        let value = match (node.attribute(*name), default) {
+            (Some(given), _) => {
+                check(kind, given).map_err(|allowed| {
+                    let tag = rule.tag;
+                    (
+                        line(node),
+                        format!("<{tag} {name}=\"{given}\">: allowed: {allowed}"),
+                    )
+                })?;
+                given
+            }
+            (None, Some("")) => continue,
+            (None, Some(default)) => default,
+            (None, None) => {
+                let tag = rule.tag;
+                return Err((line(node), format!("<{tag}> lacks the attribute {name}")));
+            }
+        };
+        attribute(copy, name, value);
+    }
+    copy.push('>');
+    for child in rule.children {
+        let mut found = node
+            .children()
+            .filter(|c| c.is_element() && c.tag_name().name() == child.tag);
+        match found.next() {
+            Some(first) => {
+                parts.push((child.tag, line(first)));
+                element(child, first, line, copy, parts)?;
+            }
+            None if rule.required.contains(&child.tag) => {
+                let reason = format!("<{}> lacks <{}>", rule.tag, child.tag);
+                return Err((line(node), reason));
+            }
+            None => {}
+        }
+        if let Some(second) = found.next() {
+            let reason = format!("<{}> holds a second <{}>", rule.tag, child.tag);
+            return Err((line(second), reason));
+        }
+    }
+    let _ = write!(copy, "</{}>", rule.tag);
+    Ok(())
+}
+
+/// What is allowed, if `value` is not.
+fn check(kind: &Kind, value: &str) -> Result<(), String> {
+    match kind {
+        Text if value.trim().is_empty() => Err("a name".into()),
+        Text => Ok(()),
+        JointType if JOINT_TYPES.contains(&value) => Ok(()),
+        JointType => Err(JOINT_TYPES.join(", ")),
+        Bound => match value.trim().parse::<f64>() {
+            Ok(x) if !x.is_nan() => Ok(()),
+            _ => Err("a number".into()),
+        },
+        Numbers(n) => {
+            let finite = |t: &str| t.parse::<f64>().is_ok_and(f64::is_finite);
+            let mut tokens = value.split_whitespace();
+            if tokens.clone().count() == *n && tokens.all(finite) {
+                return Ok(());
+            }
+            Err(match n {
+                1 => "a finite number".into(),
+                n => format!("{n} finite numbers"),
+            })
+        }
+    }
+}
+
+fn attribute(copy: &mut String, name: &str, value: &str) {
+    let _ = write!(copy, " {name}=\"");
+    for c in value.chars() {
+        match c {
+            '&' => copy.push_str("&amp;"),
+            '<' => copy.push_str("&lt;"),
+            '>' => copy.push_str("&gt;"),
+            '"' => copy.push_str("&quot;"),
+            // A line break in an attribute would be read back as a space.
+            c if c.is_control() => copy.push(' '),
+            c => copy.push(c),
+        }
+    }
+    copy.push('"');
+}

@@ -1,0 +1,184 @@
+//! Topology: names, who carries whom, one root, no loop; mimic joints resolved.
+
+use super::Complaint;
+use super::text::Source;
+use std::collections::HashMap;
+use urdf_rs::JointType;
+
+/// Indices into the URDF's links and joints.
+pub(super) struct Tree {
+    /// The only link without a parent.
+    pub(super) root: usize,
+    /// Joints that leave each link, sorted by name.
+    pub(super) children: Vec<Vec<usize>>,
+    /// Child link of each joint.
+    pub(super) child: Vec<usize>,
+    /// For each joint the one that drives it, and `q = ratio q_driver + offset`.
+    pub(super) driver: Vec<Driver>,
+}
+
+/// See `Tree::driver`.
+#[derive(Clone, Copy)]
+pub(super) struct Driver {
+    pub(super) joint: usize,
+    pub(super) ratio: f64,
+    pub(super) offset: f64,
+}
+
+impl Tree {
+    pub(super) fn new(source: &Source) -> Result<Tree, Complaint> {
+        let robot = &source.robot;
+        let links = by_name("link", robot.links.iter().map(|l| l.name.as_str()), |i| {
+            source.links[i].own()
+        })?;
+        let joints = by_name("joint", robot.joints.iter().map(|j| j.name.as_str()), |i| {
+            source.joints[i].own()
+        })?;
+        let mut children = vec![Vec::new(); robot.links.len()];
+        let mut carrier: Vec<Option<usize>> = vec![None; robot.links.len()];
+        let mut child = Vec::new();
+        for (i, joint) in robot.joints.iter().enumerate() {
+            let lines = &source.joints[i];
+            let find = |tag: &str, link: &str| {
+                links.get(link).copied().ok_or_else(|| {
+                    let reason = format!(
+                        "joint \"{}\": <{tag} link=\"{link}\">: no such link",
+                        joint.name
+                    );
+                    (lines.of(tag), reason)
+                })
+            };
+            let p = find("parent", &joint.parent.link)?;
+            let c = find("child", &joint.child.link)?;
+            if let Some(other) = carrier[c] {
+                let other: &urdf_rs::Joint = &robot.joints[other];
+                let reason = format!(
+                    "link \"{}\" is carried by joint \"{}\" and by joint \"{}\"; allowed: one (loops are not)",
+                    joint.child.link, other.name, joint.name
+                );
+                return Err((lines.of("child"), reason));
+            }
+            carrier[c] = Some(i);
+            children[p].push(i);
+            child.push(c);
+        }
+        for list in &mut children {
+            list.sort_by(|a, b| robot.joints[*a].name.cmp(&robot.joints[*b].name));
+        }
+        let root = root(source, &carrier)?;
+        let driver = drivers(source, &joints)?;
+        let tree = Tree {
+            root,
+            children,
+            child,
+            driver,
+        };
+        tree.refuse_loops(source)?;
+        Ok(tree)
+    }
+
+    /// With one carrier per link, what the root does not reach is a loop.
+    fn refuse_loops(&self, source: &Source) -> Result<(), Complaint> {
+        let mut reached = vec![false; self.children.len()];
+        let mut stack = vec![self.root];
+        while let Some(link) = stack.pop() {
+            reached[link] = true;
+            stack.extend(self.children[link].iter().map(|j| self.child[*j]));
+        }
+        match reached.iter().position(|r| !r) {
+            None => Ok(()),
+            Some(link) => {
+                let name = &source.robot.links[link].name;
+                let reason = format!(
+                    "link \"{name}\" is in a loop of joints or carried by one; allowed: a tree"
+                );
+                Err((source.links[link].own(), reason))
+            }
+        }
+    }
+}
+
+fn by_name<'a>(
+    what: &str,
+    names: impl Iterator<Item = &'a str>,
+    line: impl Fn(usize) -> u32,
+) -> Result<HashMap<&'a str, usize>, Complaint> {
+    let mut map = HashMap::new();
+    for (i, name) in names.enumerate() {
+        if let Some(first) = map.insert(name, i) {
+            let reason = format!(
+                "{what} \"{name}\" is already on line {}; allowed: each name once",
+                line(first)
+            );
+            return Err((line(i), reason));
+        }
+    }
+    Ok(map)
+}
+
+fn root(source: &Source, carrier: &[Option<usize>]) -> Result<usize, Complaint> {
+    let mut roots = (0..carrier.len()).filter(|i| carrier[*i].is_none());
+    let Some(root) = roots.next() else {
+        let reason = match source.links.first() {
+            None => "the robot has no <link>; allowed: at least one".into(),
+            Some(_) => {
+                "every link has a parent joint; allowed: exactly one has none (the root)".into()
+            }
+        };
+        let line = source.links.first().map_or(source.line, |l| l.own());
+        return Err((line, reason));
+    };
+    if let Some(second) = roots.next() {
+        let reason = format!(
+            "links \"{}\" and \"{}\" both have no parent joint; allowed: exactly one (the root)",
+            source.robot.links[root].name, source.robot.links[second].name
+        );
+        return Err((source.links[second].own(), reason));
+    }
+    Ok(root)
+}
+
+/// Follows mimic joints to the independent joint at their end.
+fn drivers(source: &Source, joints: &HashMap<&str, usize>) -> Result<Vec<Driver>, Complaint> {
+    let all = &source.robot.joints;
+    let mut drivers = Vec::with_capacity(all.len());
+    for start in 0..all.len() {
+        let line = source.joints[start].of("mimic");
+        let mut d = Driver {
+            joint: start,
+            ratio: 1.0,
+            offset: 0.0,
+        };
+        let mut steps = 0;
+        while let Some(mimic) = mimic(&all[d.joint]) {
+            let name = &all[start].name;
+            let next = joints.get(mimic.joint.as_str()).copied();
+            let Some(next) = next.filter(|n| all[*n].joint_type != JointType::Fixed) else {
+                let reason = format!(
+                    "joint \"{name}\" mimics \"{}\", which is no moving joint",
+                    mimic.joint
+                );
+                return Err((line, reason));
+            };
+            d.offset += d.ratio * mimic.offset.unwrap_or(0.0);
+            d.ratio *= mimic.multiplier.unwrap_or(1.0);
+            d.joint = next;
+            steps += 1;
+            if steps > all.len() {
+                return Err((line, format!("joint \"{name}\" mimics itself in the end")));
+            }
+        }
+        if !(d.ratio.is_finite() && d.offset.is_finite()) {
+            return Err((line, "mimic ratios multiply to infinity".into()));
+        }
+        drivers.push(d);
+    }
+    Ok(drivers)
+}
+
+fn mimic(joint: &urdf_rs::Joint) -> Option<&urdf_rs::Mimic> {
+    match joint.joint_type {
+        JointType::Fixed => None,
+        _ => joint.mimic.as_ref(),
+    }
+}
