@@ -1,1 +1,23 @@
-//! Placeholder.
+//! CAN frames to signals and back.
+//!
+//! A DBC file says where each signal lies in which frame. [`Dbc`] reads and validates it,
+//! [`Table`] compiles the signals that are used to shifts, masks and one linear map each, and
+//! [`Gather`] tells when every message that is waited for has arrived. The tables work both ways:
+//! what one side decodes the other side encodes, so a simulated robot uses the same two tables as
+//! the daemon.
+#![deny(unsafe_code)]
+
+mod dbc;
+mod frame;
+mod gather;
+mod line_index;
+mod packing;
+mod problem;
+mod table;
+
+pub use dbc::{Dbc, Message, Signal};
+pub use frame::{EXTENDED_ID, Frame, Frames, MAX_DATA, MAX_FRAMES};
+pub use gather::Gather;
+pub use packing::Coding;
+pub use problem::{DbcError, Problem};
+pub use table::{BusDbc, DecodeError, Entry, SignalMap, Table, TableError, TableProblem};

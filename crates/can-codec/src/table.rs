@@ -1,0 +1,501 @@
+//! The signals that are used, compiled once: frames to numbers and back.
+
+use crate::dbc::{Dbc, Message, show_id};
+use crate::frame::{EXTENDED_ID, Frame, Frames};
+use crate::packing::Packing;
+use core::fmt;
+use core::ops::Range;
+
+/// Standard (11-bit) identifiers there are.
+const STANDARD_IDS: usize = 1 << 11;
+
+/// A DBC file on a bus.
+#[derive(Clone, Copy, Debug)]
+pub struct BusDbc<'a> {
+    /// Index of the bus.
+    pub bus: u8,
+    /// The bus carries CAN FD frames.
+    pub fd: bool,
+    /// The messages on it. Several files may describe one bus.
+    pub dbc: &'a Dbc,
+}
+
+/// A signal that is used: `slots[slot] = (raw * dbc scale + dbc offset) * scale + offset`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SignalMap {
+    /// Place among the values.
+    pub slot: usize,
+    /// The message's name.
+    pub message: String,
+    /// The signal's name.
+    pub signal: String,
+    /// Slot's units per unit of the DBC file.
+    pub scale: f64,
+    /// Slot's value where the DBC file's is zero.
+    pub offset: f64,
+}
+
+/// Why a frame was not decoded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DecodeError {
+    /// No message of the bus has that identifier.
+    UnknownId,
+    /// The message has another length.
+    WrongLength,
+}
+
+/// One thing that keeps the signals from being compiled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TableProblem {
+    /// Index of the mapped signal it is about; none if it is about the DBC files alone.
+    pub map: Option<usize>,
+    /// The DBC file it is about, if it is about one.
+    pub file: String,
+    /// Line in that file; 0 without one.
+    pub line: usize,
+    /// What is wrong.
+    pub reason: String,
+    /// What is allowed instead.
+    pub allowed: String,
+}
+
+/// Everything that keeps the signals from being compiled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TableError {
+    /// The problems, at least one.
+    pub problems: Vec<TableProblem>,
+}
+
+impl fmt::Display for TableError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, p) in self.problems.iter().enumerate() {
+            let separator = if i == 0 { "" } else { "\n" };
+            write!(
+                f,
+                "{separator}{}:{}: {}; allowed: {}",
+                p.file, p.line, p.reason, p.allowed
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl core::error::Error for TableError {}
+
+/// A message of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Index of the bus.
+    pub bus: u8,
+    /// Identifier; bit 31 marks an extended one.
+    pub id: u32,
+    /// Length of its data, bytes.
+    pub len: u8,
+    /// It travels as a CAN FD frame.
+    pub fd: bool,
+    /// Name.
+    pub name: String,
+    signals: Range<usize>,
+}
+
+/// A mapped signal: one load, one shift, one mask, one multiplication, one addition.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Compiled {
+    slot: usize,
+    packing: Packing,
+    scale: f64,
+    offset: f64,
+    /// Counts that `encode` may write: the signal's range, whatever its sign of scale.
+    raw_min: f64,
+    raw_max: f64,
+}
+
+/// Identifiers of one bus.
+#[derive(Clone, Debug)]
+struct BusIndex {
+    /// Index of the message plus one; 0: unknown.
+    standard: Box<[u16; STANDARD_IDS]>,
+    /// Identifier without bit 31 and index of the message, sorted.
+    extended: Vec<(u32, u16)>,
+}
+
+/// Messages and mapped signals of all buses.
+///
+/// Messages that carry a mapped signal come first and have the indices below
+/// [`message_count`](Self::message_count); the others are known, and ignored.
+#[derive(Clone, Debug)]
+pub struct Table {
+    entries: Vec<Entry>,
+    mapped: usize,
+    signals: Vec<Compiled>,
+    buses: Vec<BusIndex>,
+    slots: usize,
+}
+
+impl Table {
+    /// Compiles the signals in `maps`, each with the index of its bus.
+    ///
+    /// # Errors
+    /// Two messages of a bus with one identifier, a CAN FD message on a classic bus, a signal that
+    /// no DBC file of its bus has, one that is multiplexed, a slot or a signal that is mapped twice.
+    pub fn compile(dbcs: &[BusDbc<'_>], maps: &[(u8, SignalMap)]) -> Result<Self, TableError> {
+        let mut compiler = Compiler {
+            messages: Vec::new(),
+            problems: Vec::new(),
+        };
+        compiler.collect(dbcs);
+        let signals = compiler.resolve(maps);
+        compiler.finish(signals)
+    }
+
+    /// How many messages carry a mapped signal.
+    #[must_use]
+    pub fn message_count(&self) -> usize {
+        self.mapped
+    }
+
+    /// The message with that index.
+    #[must_use]
+    pub fn message(&self, index: usize) -> Option<&Entry> {
+        self.entries.get(index)
+    }
+
+    /// The slots that the message with that index fills.
+    pub fn slots(&self, index: usize) -> impl Iterator<Item = usize> + '_ {
+        self.signals_of(index).iter().map(|signal| signal.slot)
+    }
+
+    /// One more than the greatest mapped slot.
+    #[must_use]
+    pub fn slot_count(&self) -> usize {
+        self.slots
+    }
+
+    /// The index of the frame's message if it carries a mapped signal.
+    #[must_use]
+    pub fn classify(&self, frame: &Frame) -> Option<usize> {
+        self.find(frame).filter(|&index| index < self.mapped)
+    }
+
+    /// The frame is as long as the message with that index.
+    #[must_use]
+    pub fn has_its_length(&self, index: usize, frame: &Frame) -> bool {
+        self.entries
+            .get(index)
+            .is_some_and(|entry| entry.len == frame.len)
+    }
+
+    /// Puts the frame's mapped signals into their slots and tells which message it is.
+    ///
+    /// `Ok(None)`: a message of the bus that carries no mapped signal. Slots beyond the end of
+    /// `slots` are left out.
+    ///
+    /// # Errors
+    /// An identifier that no message of the bus has (error frames have none), another length.
+    pub fn decode(&self, frame: &Frame, slots: &mut [f64]) -> Result<Option<usize>, DecodeError> {
+        let index = self.find(frame).ok_or(DecodeError::UnknownId)?;
+        if !self.has_its_length(index, frame) {
+            return Err(DecodeError::WrongLength);
+        }
+        for signal in self.signals_of(index) {
+            if let Some(slot) = slots.get_mut(signal.slot) {
+                *slot = signal.packing.read(&frame.data) * signal.scale + signal.offset;
+            }
+        }
+        Ok((index < self.mapped).then_some(index))
+    }
+
+    /// Makes the frame of the message with that index from the slots: nearest count, within the
+    /// signal's range; signals that are not mapped are zero.
+    ///
+    /// False, with `frame` untouched, if a value is missing or not finite: no position follows
+    /// from NaN.
+    #[must_use]
+    pub fn encode(&self, index: usize, slots: &[f64], frame: &mut Frame) -> bool {
+        let Some(entry) = self.entries.get(index) else {
+            return false;
+        };
+        let mut made = Frame::zeroed(entry.bus, entry.id, entry.len, entry.fd);
+        for signal in self.signals_of(index) {
+            let Some(value) = slots.get(signal.slot).filter(|value| value.is_finite()) else {
+                return false;
+            };
+            let raw = (value - signal.offset) / signal.scale;
+            // max and min, not clamp: they cannot panic.
+            let raw = raw.max(signal.raw_min).min(signal.raw_max);
+            signal.packing.write(&mut made.data, raw);
+        }
+        *frame = made;
+        true
+    }
+
+    /// Appends the frame of every message that carries a mapped signal; tells how many were
+    /// appended. Those with values that are not finite, and those that find no room, are not.
+    pub fn encode_all(&self, slots: &[f64], frames: &mut Frames) -> usize {
+        let mut frame = Frame::zeroed(0, 0, 0, false);
+        (0..self.mapped)
+            .filter(|&index| self.encode(index, slots, &mut frame) && frames.push(frame))
+            .count()
+    }
+
+    fn signals_of(&self, index: usize) -> &[Compiled] {
+        self.entries
+            .get(index)
+            .and_then(|entry| self.signals.get(entry.signals.clone()))
+            .unwrap_or_default()
+    }
+
+    fn find(&self, frame: &Frame) -> Option<usize> {
+        if frame.error {
+            return None;
+        }
+        let bus = self.buses.get(usize::from(frame.bus))?;
+        if frame.id & EXTENDED_ID == 0 {
+            let plus_one = *bus.standard.get(frame.id as usize)?;
+            usize::from(plus_one).checked_sub(1)
+        } else {
+            let id = frame.id & !EXTENDED_ID;
+            let at = bus.extended.binary_search_by_key(&id, |&(id, _)| id).ok()?;
+            bus.extended.get(at).map(|&(_, index)| usize::from(index))
+        }
+    }
+}
+
+/// The messages of all buses, and what is wrong with them.
+struct Compiler<'a> {
+    messages: Vec<(BusDbc<'a>, &'a Message)>,
+    problems: Vec<TableProblem>,
+}
+
+impl<'a> Compiler<'a> {
+    fn collect(&mut self, dbcs: &[BusDbc<'a>]) {
+        for &on_bus in dbcs {
+            for message in &on_bus.dbc.messages {
+                if message.fd && !on_bus.fd {
+                    self.problem_of_message(
+                        on_bus,
+                        message,
+                        format!("message {} is a CAN FD frame on a classic bus", message.name),
+                        "messages of at most 8 bytes without a CAN FD format, or fd = true for the bus",
+                    );
+                }
+                let other = self.messages.iter().find(|(other_bus, other)| {
+                    other_bus.bus == on_bus.bus && other.id == message.id
+                });
+                if let Some((other_bus, other)) = other {
+                    let reason = format!(
+                        "message {} has CAN id {} like message {} of {}:{} on the same bus",
+                        message.name,
+                        show_id(message.id),
+                        other.name,
+                        other_bus.dbc.file,
+                        other.line
+                    );
+                    self.problem_of_message(
+                        on_bus,
+                        message,
+                        reason,
+                        "one message for each id of a bus",
+                    );
+                }
+                self.messages.push((on_bus, message));
+            }
+        }
+        if self.messages.len() >= usize::from(u16::MAX) {
+            let reason = format!("the DBC files hold {} messages", self.messages.len());
+            self.problems.push(TableProblem {
+                map: None,
+                file: String::new(),
+                line: 0,
+                reason,
+                allowed: "at most 65534".to_owned(),
+            });
+        }
+    }
+
+    fn problem_of_message(
+        &mut self,
+        on_bus: BusDbc<'_>,
+        message: &Message,
+        reason: String,
+        allowed: &str,
+    ) {
+        self.problems.push(TableProblem {
+            map: None,
+            file: on_bus.dbc.file.clone(),
+            line: message.line,
+            reason,
+            allowed: allowed.to_owned(),
+        });
+    }
+
+    /// Each map's message, as an index into `messages`, with its compiled signal.
+    fn resolve(&mut self, maps: &[(u8, SignalMap)]) -> Vec<(usize, Compiled)> {
+        let mut resolved = Vec::with_capacity(maps.len());
+        for (i, (bus, map)) in maps.iter().enumerate() {
+            let problem = match self.resolve_one(*bus, map) {
+                Err(problem) => Some(problem),
+                Ok(signal) => {
+                    resolved.push(signal);
+                    mapped_before(&maps[..i], *bus, map)
+                }
+            };
+            if let Some((reason, allowed)) = problem {
+                self.problems.push(TableProblem {
+                    map: Some(i),
+                    file: String::new(),
+                    line: 0,
+                    reason,
+                    allowed,
+                });
+            }
+        }
+        resolved
+    }
+
+    fn resolve_one(&self, bus: u8, map: &SignalMap) -> Result<(usize, Compiled), (String, String)> {
+        let on_this_bus = || self.messages.iter().filter(|(on_bus, _)| on_bus.bus == bus);
+        let path = format!("{}.{}", map.message, map.signal);
+        let found = self
+            .messages
+            .iter()
+            .position(|(on_bus, message)| on_bus.bus == bus && message.name == map.message);
+        let Some(index) = found else {
+            return Err((
+                format!("no DBC file of the bus has a message {}", map.message),
+                list(on_this_bus().map(|(_, message)| message.name.as_str())),
+            ));
+        };
+        let message = self.messages[index].1;
+        let Some(signal) = message.signal(&map.signal) else {
+            return Err((
+                format!("message {} has no signal {}", map.message, map.signal),
+                list(message.signals.iter().map(|signal| signal.name.as_str())),
+            ));
+        };
+        if signal.multiplexed {
+            return Err((
+                format!("signal {path} is multiplexed"),
+                "signals that are in every frame of their message".to_owned(),
+            ));
+        }
+        let scale = signal.scale * map.scale;
+        let offset = signal.offset * map.scale + map.offset;
+        if !(scale.is_normal() && offset.is_finite()) {
+            return Err((
+                format!("signal {path} would be scaled by {scale} and shifted by {offset}"),
+                "finite numbers, a scale other than 0".to_owned(),
+            ));
+        }
+        let ends = [signal.min, signal.max].map(|value| (value - signal.offset) / signal.scale);
+        let compiled = Compiled {
+            slot: map.slot,
+            packing: signal.packing,
+            scale,
+            offset,
+            raw_min: ends[0].min(ends[1]),
+            raw_max: ends[0].max(ends[1]),
+        };
+        Ok((index, compiled))
+    }
+
+    fn finish(self, mut resolved: Vec<(usize, Compiled)>) -> Result<Table, TableError> {
+        if !self.problems.is_empty() {
+            return Err(TableError {
+                problems: self.problems,
+            });
+        }
+        resolved.sort_by_key(|&(message, signal)| (message, signal.slot));
+        let carries = |message: usize| resolved.iter().any(|&(owner, _)| owner == message);
+        let (mut order, known): (Vec<_>, Vec<_>) =
+            (0..self.messages.len()).partition(|&message| carries(message));
+        let mapped = order.len();
+        order.extend(known);
+
+        let mut table = Table {
+            entries: Vec::with_capacity(order.len()),
+            mapped,
+            signals: Vec::with_capacity(resolved.len()),
+            buses: Vec::new(),
+            slots: resolved
+                .iter()
+                .map(|(_, signal)| signal.slot + 1)
+                .max()
+                .unwrap_or(0),
+        };
+        for message in order {
+            let (on_bus, described) = self.messages[message];
+            let start = table.signals.len();
+            let own = resolved.iter().filter(|&&(owner, _)| owner == message);
+            table.signals.extend(own.map(|&(_, signal)| signal));
+            table.index(on_bus.bus, described.id);
+            table.entries.push(Entry {
+                bus: on_bus.bus,
+                id: described.id,
+                len: described.len,
+                fd: described.fd,
+                name: described.name.clone(),
+                signals: start..table.signals.len(),
+            });
+        }
+        Ok(table)
+    }
+}
+
+impl Table {
+    /// Makes the next entry findable.
+    fn index(&mut self, bus: u8, id: u32) {
+        let bus = usize::from(bus);
+        if self.buses.len() <= bus {
+            self.buses.resize_with(bus + 1, || BusIndex {
+                standard: Box::new([0; STANDARD_IDS]),
+                extended: Vec::new(),
+            });
+        }
+        let index = self.entries.len() as u16;
+        let BusIndex { standard, extended } = &mut self.buses[bus];
+        if id & EXTENDED_ID == 0 {
+            standard[id as usize] = index + 1;
+        } else {
+            let id = id & !EXTENDED_ID;
+            let at = extended.partition_point(|&(other, _)| other < id);
+            extended.insert(at, (id, index));
+        }
+    }
+}
+
+fn mapped_before(before: &[(u8, SignalMap)], bus: u8, map: &SignalMap) -> Option<(String, String)> {
+    let twice = before.iter().any(|(other_bus, other)| {
+        *other_bus == bus && other.message == map.message && other.signal == map.signal
+    });
+    if twice {
+        return Some((
+            format!("signal {}.{} is used twice", map.message, map.signal),
+            "one use of each signal".to_owned(),
+        ));
+    }
+    before
+        .iter()
+        .find(|(_, other)| other.slot == map.slot)
+        .map(|(_, other)| {
+            (
+                format!(
+                    "signals {}.{} and {}.{} fill one slot",
+                    other.message, other.signal, map.message, map.signal
+                ),
+                "one signal for each slot".to_owned(),
+            )
+        })
+}
+
+/// Names to choose from, shortened where there are many.
+fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    const SHOWN: usize = 40;
+    let names: Vec<&str> = names.collect();
+    let shown = names[..names.len().min(SHOWN)].join(", ");
+    match names.len() {
+        0 => "none: it has no entries".to_owned(),
+        n if n > SHOWN => format!("{shown} and {} more", n - SHOWN),
+        _ => shown,
+    }
+}
