@@ -11,6 +11,8 @@
 #![deny(unsafe_code)]
 
 mod aba;
+pub mod cases;
+mod centroidal;
 mod cholesky;
 mod configuration;
 mod crba;
@@ -24,6 +26,7 @@ mod spatial;
 mod urdf;
 
 pub use aba::aba;
+pub use centroidal::center_of_mass;
 pub use cholesky::{cholesky_decompose, cholesky_solve};
 pub use configuration::{Random, integrate, neutral};
 pub use crba::crba;
@@ -40,4 +43,4 @@ pub use kinematics::{
 pub use model::{Base, Body, Cut, Frame, GRAVITY, Joint, JointKind, JointLimits, Model};
 pub use rnea::{gravity, nle, rnea};
 pub use spatial::{Force, Inertia, Motion, Se3};
-pub use urdf::UrdfError;
+pub use urdf::{UrdfError, UrdfOptions};

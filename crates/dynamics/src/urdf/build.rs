@@ -22,12 +22,13 @@ pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, C
             frames: Vec::new(),
             gravity: Vector3::new(0.0, 0.0, -GRAVITY),
             dof_parent: Vec::new(),
-            warnings: Vec::new(),
+            warnings: tree.warnings.clone(),
         },
     };
     build.walk()?;
     build.follow_drivers();
     build.check_bodies()?;
+    build.warn_of_massless();
     build.model.finish();
     Ok(build.model)
 }
@@ -194,6 +195,27 @@ impl Build<'_> {
     fn follow_drivers(&mut self) {
         for body in self.model.bodies.iter_mut().skip(1) {
             body.joint = self.joint_of[body.joint].unwrap_or(usize::MAX);
+        }
+    }
+
+    /// A joint that moves nothing has no acceleration: forward dynamics is undefined.
+    fn warn_of_massless(&mut self) {
+        let bodies = &self.model.bodies;
+        let mut moves: Vec<bool> = bodies
+            .iter()
+            .map(|b| b.inertia != Inertia::zero())
+            .collect();
+        for i in (1..bodies.len()).rev() {
+            moves[bodies[i].parent] |= moves[i];
+        }
+        for joint in self.model.joints.iter().filter(|j| !moves[j.body]) {
+            let all = &self.source.robot.joints;
+            let index = all.iter().position(|j| j.name == joint.name).unwrap_or(0);
+            self.model.warnings.push(format!(
+                "{}: joint \"{}\" moves no mass: inverse dynamics works, forward dynamics has no finite answer",
+                self.source.joints[index].own(),
+                joint.name
+            ));
         }
     }
 

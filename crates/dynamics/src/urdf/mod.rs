@@ -30,20 +30,42 @@ impl std::fmt::Display for UrdfError {
 
 impl std::error::Error for UrdfError {}
 
+/// How to read a URDF.
+#[derive(Clone, Debug)]
+pub struct UrdfOptions {
+    /// How the root link is attached to the world.
+    pub base: Base,
+    /// Names of mimic joints that shall be independent joints all the same.
+    pub independent: Vec<String>,
+}
+
 /// A complaint before it knows its file.
 pub(crate) type Complaint = (u32, String);
 
 impl Model {
     /// Reads a URDF. `file_name` is only used in messages.
     pub fn from_urdf(text: &str, file_name: &str, base: Base) -> Result<Model, UrdfError> {
+        let options = UrdfOptions {
+            base,
+            independent: Vec::new(),
+        };
+        Self::from_urdf_with(text, file_name, &options)
+    }
+
+    /// Reads a URDF with options. `file_name` is only used in messages.
+    pub fn from_urdf_with(
+        text: &str,
+        file_name: &str,
+        options: &UrdfOptions,
+    ) -> Result<Model, UrdfError> {
         let refuse = |(line, reason): Complaint| UrdfError {
             file: file_name.to_owned(),
             line,
             reason,
         };
         let source = text::read(text).map_err(refuse)?;
-        let tree = tree::Tree::new(&source).map_err(refuse)?;
-        let mut model = build::model(&source, &tree, base).map_err(refuse)?;
+        let tree = tree::Tree::new(&source, &options.independent).map_err(refuse)?;
+        let mut model = build::model(&source, &tree, options.base).map_err(refuse)?;
         for warning in &mut model.warnings {
             warning.insert_str(0, &format!("{file_name}:"));
         }

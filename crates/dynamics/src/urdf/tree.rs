@@ -15,6 +15,8 @@ pub(super) struct Tree {
     pub(super) child: Vec<usize>,
     /// For each joint the one that drives it, and `q = ratio q_driver + offset`.
     pub(super) driver: Vec<Driver>,
+    /// What is odd but usable, each with its line.
+    pub(super) warnings: Vec<String>,
 }
 
 /// See `Tree::driver`.
@@ -26,7 +28,7 @@ pub(super) struct Driver {
 }
 
 impl Tree {
-    pub(super) fn new(source: &Source) -> Result<Tree, Complaint> {
+    pub(super) fn new(source: &Source, independent: &[String]) -> Result<Tree, Complaint> {
         let robot = &source.robot;
         let links = by_name("link", robot.links.iter().map(|l| l.name.as_str()), |i| {
             source.links[i].own()
@@ -66,12 +68,14 @@ impl Tree {
             list.sort_by(|a, b| robot.joints[*a].name.cmp(&robot.joints[*b].name));
         }
         let root = root(source, &carrier)?;
-        let driver = drivers(source, &joints)?;
+        let mut warnings = Vec::new();
+        let driver = drivers(source, &joints, independent, &mut warnings)?;
         let tree = Tree {
             root,
             children,
             child,
             driver,
+            warnings,
         };
         tree.refuse_loops(source)?;
         Ok(tree)
@@ -139,7 +143,12 @@ fn root(source: &Source, carrier: &[Option<usize>]) -> Result<usize, Complaint> 
 }
 
 /// Follows mimic joints to the independent joint at their end.
-fn drivers(source: &Source, joints: &HashMap<&str, usize>) -> Result<Vec<Driver>, Complaint> {
+fn drivers(
+    source: &Source,
+    joints: &HashMap<&str, usize>,
+    independent: &[String],
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Driver>, Complaint> {
     let all = &source.robot.joints;
     let mut drivers = Vec::with_capacity(all.len());
     for start in 0..all.len() {
@@ -150,15 +159,17 @@ fn drivers(source: &Source, joints: &HashMap<&str, usize>) -> Result<Vec<Driver>
             offset: 0.0,
         };
         let mut steps = 0;
-        while let Some(mimic) = mimic(&all[d.joint]) {
+        while let Some(mimic) = mimic(&all[d.joint], independent) {
             let name = &all[start].name;
             let next = joints.get(mimic.joint.as_str()).copied();
             let Some(next) = next.filter(|n| all[*n].joint_type != JointType::Fixed) else {
-                let reason = format!(
-                    "joint \"{name}\" mimics \"{}\", which is no moving joint",
-                    mimic.joint
-                );
-                return Err((line, reason));
+                if steps == 0 {
+                    warnings.push(format!(
+                        "{line}: joint \"{name}\" mimics \"{}\", which is no moving joint: taken as independent",
+                        mimic.joint
+                    ));
+                }
+                break;
             };
             d.offset += d.ratio * mimic.offset.unwrap_or(0.0);
             d.ratio *= mimic.multiplier.unwrap_or(1.0);
@@ -176,9 +187,10 @@ fn drivers(source: &Source, joints: &HashMap<&str, usize>) -> Result<Vec<Driver>
     Ok(drivers)
 }
 
-fn mimic(joint: &urdf_rs::Joint) -> Option<&urdf_rs::Mimic> {
+fn mimic<'a>(joint: &'a urdf_rs::Joint, independent: &[String]) -> Option<&'a urdf_rs::Mimic> {
     match joint.joint_type {
         JointType::Fixed => None,
+        _ if independent.contains(&joint.name) => None,
         _ => joint.mimic.as_ref(),
     }
 }

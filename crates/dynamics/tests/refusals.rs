@@ -1,0 +1,205 @@
+//! What is wrong with a URDF is said with its line, and what is allowed.
+
+use dynamics::{Base, Model};
+
+/// A sound robot, one element a line; tests replace one of them.
+const LINES: [&str; 12] = [
+    r#"<robot name="r">"#,
+    r#"<link name="a"><inertial>"#,
+    r#"<origin xyz="0 0 0.1" rpy="0 0 0"/>"#,
+    r#"<mass value="1"/>"#,
+    r#"<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>"#,
+    r#"<visual><geometry/><texture/></visual></link>"#,
+    r#"<link name="b"/>"#,
+    r#"<joint name="j" type="revolute"><origin xyz="0 0 1"/>"#,
+    r#"<parent link="a"/><child link="b"/>"#,
+    r#"<axis xyz="0 0 1"/>"#,
+    r#"<limit lower="-1" upper="1" effort="1" velocity="1"/>"#,
+    r#"</joint></robot>"#,
+];
+
+fn read(lines: &[&str]) -> Result<Model, String> {
+    Model::from_urdf(&lines.join("\n"), "r.urdf", Base::Fixed).map_err(|e| e.to_string())
+}
+
+#[test]
+fn the_sound_robot_is_read() {
+    let model = read(&LINES).unwrap();
+    assert_eq!((model.nv(), model.frames().len()), (1, 2));
+}
+
+/// Line to replace, its replacement, what the message must begin with (file and line) and contain.
+const BAD: &[(usize, &str, &str, &str)] = &[
+    (1, "<robt>", "r.urdf:12:", "not XML"),
+    (
+        4,
+        r#"<mass value="-1"/>"#,
+        "r.urdf:4:",
+        "allowed: a finite number >= 0",
+    ),
+    (
+        4,
+        r#"<mass value="NaN"/>"#,
+        "r.urdf:4:",
+        "allowed: a finite number",
+    ),
+    (
+        4,
+        r#"<mass value="1e999"/>"#,
+        "r.urdf:4:",
+        "allowed: a finite number",
+    ),
+    (4, r#"<mass/>"#, "r.urdf:4:", "lacks the attribute value"),
+    (4, "", "r.urdf:2:", "lacks <mass>"),
+    (
+        4,
+        r#"<mass value="1"/><mass value="2"/>"#,
+        "r.urdf:4:",
+        "second <mass>",
+    ),
+    (
+        3,
+        r#"<origin xyz="0 0 0.1 x"/>"#,
+        "r.urdf:3:",
+        "3 finite numbers",
+    ),
+    (3, r#"<origin xyz="0 0"/>"#, "r.urdf:3:", "3 finite numbers"),
+    (
+        5,
+        r#"<inertia ixx="-1" iyy="1" izz="1"/></inertial>"#,
+        "r.urdf:5:",
+        "allowed: none negative",
+    ),
+    (
+        5,
+        r#"<inertia ixx="1" iyy="1" izz="1" ixy="3"/></inertial>"#,
+        "r.urdf:5:",
+        "allowed: none negative",
+    ),
+    (
+        5,
+        r#"<inertia ixx="inf" iyy="1" izz="1"/></inertial>"#,
+        "r.urdf:5:",
+        "a finite number",
+    ),
+    (7, r#"<link name="a"/>"#, "r.urdf:7:", "already on line 2"),
+    (7, r#"<link name=""/>"#, "r.urdf:7:", "allowed: a name"),
+    (
+        7,
+        r#"<link name="b"/><link name="c"/>"#,
+        "r.urdf:7:",
+        "both have no parent joint",
+    ),
+    (
+        8,
+        r#"<joint name="j" type="ball">"#,
+        "r.urdf:8:",
+        "allowed: revolute, continuous, prismatic, fixed",
+    ),
+    (
+        8,
+        r#"<joint name="j" type="floating">"#,
+        "r.urdf:8:",
+        "allowed: revolute",
+    ),
+    (
+        9,
+        r#"<parent link="x"/><child link="b"/>"#,
+        "r.urdf:9:",
+        "no such link",
+    ),
+    (
+        9,
+        r#"<parent link="a"/><child link="x"/>"#,
+        "r.urdf:9:",
+        "no such link",
+    ),
+    (9, r#"<parent link="a"/>"#, "r.urdf:8:", "lacks <child>"),
+    (
+        9,
+        r#"<parent link="b"/><child link="b"/>"#,
+        "r.urdf:7:",
+        "in a loop",
+    ),
+    (
+        10,
+        r#"<axis xyz="0 0 0"/>"#,
+        "r.urdf:10:",
+        "allowed: any vector but zero",
+    ),
+    (
+        10,
+        r#"<axis xyz="0 NaN 1"/>"#,
+        "r.urdf:10:",
+        "3 finite numbers",
+    ),
+    (
+        11,
+        r#"<limit lower="1" upper="-1"/>"#,
+        "r.urdf:11:",
+        "lower <= upper",
+    ),
+    (
+        11,
+        r#"<limit lower="NaN" upper="1"/>"#,
+        "r.urdf:11:",
+        "allowed: a number",
+    ),
+    (11, r#"<limit effort="-1"/>"#, "r.urdf:11:", "numbers >= 0"),
+    (11, r#"<mimic joint="j"/>"#, "r.urdf:11:", "mimics itself"),
+    (
+        12,
+        r#"</joint><joint name="k" type="fixed"><parent link="a"/><child link="b"/></joint></robot>"#,
+        "r.urdf:12:",
+        "allowed: one (loops are not)",
+    ),
+    (
+        12,
+        r#"</joint><joint name="j" type="fixed"><parent link="b"/><child link="a"/></joint></robot>"#,
+        "r.urdf:12:",
+        "already on line 8",
+    ),
+    (
+        12,
+        r#"</joint><joint name="k" type="fixed"><parent link="b"/><child link="a"/></joint></robot>"#,
+        "r.urdf:2:",
+        "every link has a parent joint",
+    ),
+    (12, r#"</joint>"#, "r.urdf:1:", "not XML"),
+];
+
+#[test]
+fn bad_input_is_refused_with_line_and_reason() {
+    for (line, replacement, place, reason) in BAD {
+        let mut lines = LINES;
+        lines[line - 1] = replacement;
+        let message = read(&lines).expect_err(replacement);
+        assert!(message.starts_with(place), "{replacement}: {message}");
+        assert!(message.contains(reason), "{replacement}: {message}");
+    }
+    assert_eq!(
+        read(&["<robot/>"]).unwrap_err(),
+        "r.urdf:1: the robot has no <link>; allowed: at least one"
+    );
+}
+
+#[test]
+fn odd_but_usable_input_is_a_warning() {
+    let odd = [
+        (
+            5,
+            r#"<inertia ixx="1" iyy="1" izz="2.5"/></inertial>"#,
+            "principal moments",
+        ),
+        (11, "", "no <limit>"),
+        (11, r#"<mimic joint="nobody"/>"#, "taken as independent"),
+        (7, r#"<link name="b"/>"#, "moves no mass"),
+    ];
+    for (line, replacement, reason) in odd {
+        let mut lines = LINES;
+        lines[line - 1] = replacement;
+        let model = read(&lines).expect(replacement);
+        let warnings = model.warnings().join("\n");
+        assert!(warnings.contains(reason), "{replacement}: {warnings}");
+    }
+}
