@@ -1,7 +1,7 @@
 //! The loop's thread: schedule, report, and the measures as this system grants them.
 
 use proptest::prelude::*;
-use torqued::real_time::{Deadline, Denial, Measure, Report, Schedule, Settings, enter};
+use torqued::real_time::{Deadline, Denial, Measure, Pace, Report, Schedule, Settings, enter};
 
 fn denied(name: &str, essential: bool) -> Measure {
     Measure {

@@ -13,7 +13,12 @@ pub fn monotonic_ns() -> u64 {
     clock_ns(ClockId::CLOCK_MONOTONIC)
 }
 
-pub(crate) fn clock_ns(clock: ClockId) -> u64 {
+/// Now on `CLOCK_REALTIME`, ns.
+pub(crate) fn realtime_ns() -> u64 {
+    clock_ns(ClockId::CLOCK_REALTIME)
+}
+
+fn clock_ns(clock: ClockId) -> u64 {
     // The clocks used here exist on every Linux: the call has no other way to fail.
     clock_gettime(clock).map_or(0, |t| {
         t.tv_sec().unsigned_abs() * NS_PER_S + t.tv_nsec().unsigned_abs()
@@ -88,7 +93,13 @@ impl Schedule {
     }
 }
 
-/// Waits for each cycle's start.
+/// Waits for each cycle's start: in real time, or on a virtual clock that leaps there.
+pub trait Pace {
+    /// Returns at the next cycle's start; at once if that has passed.
+    fn wait(&mut self) -> WakeReport;
+}
+
+/// Waits for each cycle's start in real time.
 #[derive(Debug, Clone)]
 pub struct Deadline {
     schedule: Schedule,
@@ -102,9 +113,10 @@ impl Deadline {
             schedule: Schedule::new(monotonic_ns() + period_ns, period_ns),
         }
     }
+}
 
-    /// Sleeps until the next cycle's start; returns at once if that has passed.
-    pub fn wait(&mut self) -> WakeReport {
+impl Pace for Deadline {
+    fn wait(&mut self) -> WakeReport {
         let (scheduled_ns, late, skipped) = self.schedule.take(monotonic_ns());
         if !late {
             sleep_until(scheduled_ns);

@@ -7,7 +7,8 @@
 mod deadline;
 mod measures;
 
-pub use deadline::{Deadline, Schedule, WakeReport, monotonic_ns, sleep_until};
+pub(crate) use deadline::realtime_ns;
+pub use deadline::{Deadline, Pace, Schedule, WakeReport, monotonic_ns, sleep_until};
 
 use std::fmt;
 use std::fs::File;

@@ -1,0 +1,134 @@
+//! A peer in the same thread, called when frames are sent: nothing depends on the machine's
+//! speed, so the same start gives the same bytes.
+
+use super::super::{Bus, BusCounters, deliver};
+use crate::real_time::{Pace, Schedule, WakeReport};
+use can_codec::{Frames, Gather, MAX_FRAMES, Table};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What answers frames: a simulated robot.
+pub trait Peer {
+    /// Takes the frames and appends its answers to `out`.
+    fn exchange(&mut self, frames: &Frames, now_ns: u64, out: &mut Frames);
+}
+
+/// A clock that stands still but when it is moved; clones are the same clock.
+#[derive(Debug, Clone, Default)]
+pub struct VirtualClock(Arc<AtomicU64>);
+
+impl VirtualClock {
+    /// A clock that shows 0.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What it shows, ns.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// Moves it forwards to `to_ns`, never back.
+    pub fn advance_to(&self, to_ns: u64) {
+        self.0.fetch_max(to_ns, Ordering::Relaxed);
+    }
+}
+
+/// Cycle starts on a [`VirtualClock`], which leaps from one to the next.
+#[derive(Debug, Clone)]
+pub struct VirtualDeadline {
+    clock: VirtualClock,
+    schedule: Schedule,
+}
+
+impl VirtualDeadline {
+    /// Cycles every `period_ns`, the first one period from the clock's now.
+    #[must_use]
+    pub fn new(clock: &VirtualClock, period_ns: u64) -> Self {
+        Self {
+            clock: clock.clone(),
+            schedule: Schedule::new(clock.now_ns() + period_ns, period_ns),
+        }
+    }
+}
+
+impl Pace for VirtualDeadline {
+    fn wait(&mut self) -> WakeReport {
+        let (scheduled_ns, late, skipped) = self.schedule.take(self.clock.now_ns());
+        self.clock.advance_to(scheduled_ns);
+        WakeReport {
+            scheduled_ns,
+            woke_ns: self.clock.now_ns(),
+            late,
+            skipped,
+        }
+    }
+}
+
+/// A bus to a [`Peer`] in the same thread, on a virtual clock.
+pub struct LockStep<P> {
+    peer: P,
+    clock: VirtualClock,
+    /// What the peer has said and nobody has yet received.
+    answers: Frames,
+    counters: BusCounters,
+}
+
+impl<P: Peer> LockStep<P> {
+    /// A bus to the peer.
+    #[must_use]
+    pub fn new(peer: P, clock: &VirtualClock) -> Self {
+        Self {
+            peer,
+            clock: clock.clone(),
+            answers: Frames::new(MAX_FRAMES),
+            counters: BusCounters::default(),
+        }
+    }
+
+    /// The peer, to look at.
+    #[must_use]
+    pub fn peer(&self) -> &P {
+        &self.peer
+    }
+
+    /// The peer, to meddle with.
+    pub fn peer_mut(&mut self) -> &mut P {
+        &mut self.peer
+    }
+}
+
+impl<P: Peer> Bus for LockStep<P> {
+    fn send(&mut self, frames: &Frames) -> usize {
+        self.peer
+            .exchange(frames, self.clock.now_ns(), &mut self.answers);
+        self.counters.sent += frames.len() as u64;
+        frames.len()
+    }
+
+    /// With an answer missing the clock leaps to `until_ns`: in this thread nobody else can
+    /// answer any more.
+    fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, until_ns: u64) {
+        let stamp_ns = self.clock.now_ns();
+        for answer in &self.answers {
+            let mut frame = *answer;
+            frame.stamp_ns = stamp_ns;
+            deliver(frame, rx, gather, table, &mut self.counters);
+        }
+        self.counters.dropped += self.answers.overflow();
+        self.answers.clear();
+        if !gather.complete() {
+            self.clock.advance_to(until_ns);
+        }
+    }
+
+    fn counters(&self) -> BusCounters {
+        self.counters
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.clock.now_ns()
+    }
+}

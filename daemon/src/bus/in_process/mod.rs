@@ -1,0 +1,7 @@
+//! The same frames without a kernel: between two threads, or with a peer that is called.
+
+mod lock_step;
+mod threads;
+
+pub use lock_step::{LockStep, Peer, VirtualClock, VirtualDeadline};
+pub use threads::{InProcess, pair};
