@@ -5,11 +5,13 @@
 #![deny(unsafe_code)]
 
 mod gains;
+mod inverse_dynamics;
 mod limits;
 mod motor;
 mod torque_loop;
 
 pub use gains::{EquivalentGains, JointGains};
+pub use inverse_dynamics::InverseDynamics;
 pub use limits::{JointLimits, Limited};
 pub use motor::{MotorModel, smooth_sign};
 pub use torque_loop::TorqueLoop;

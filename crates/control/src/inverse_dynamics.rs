@@ -1,0 +1,92 @@
+//! The torques of a wanted motion under given contact wrenches (D12 without its feedback terms).
+
+use dynamics::{Base, Data, Force, Model, Motion, rnea};
+use nalgebra::Vector3;
+use robot_state::Wrench;
+
+/// Inverse dynamics of a robot whose base motion is measured by an IMU, or which is fixed.
+#[derive(Debug, Clone)]
+pub struct InverseDynamics {
+    model: Model,
+    data: Data,
+    /// Frames at which the contact wrenches act.
+    contact_frames: Vec<usize>,
+    q: Vec<f64>,
+    v: Vec<f64>,
+    a: Vec<f64>,
+    forces: Vec<Force>,
+}
+
+impl InverseDynamics {
+    /// Inverse dynamics with contact wrenches at these frames of the model.
+    #[must_use]
+    pub fn new(model: &Model, contact_frames: &[usize]) -> Self {
+        let mut model = model.clone();
+        let mut q = vec![0.0; model.nq()];
+        if model.base() == Base::Floating {
+            // The IMU's proper acceleration contains gravity, so neither the base's pose nor
+            // gravity is needed (D 2.3): any pose will do.
+            model.set_gravity(Vector3::zeros());
+            q[6] = 1.0;
+        }
+        Self {
+            data: Data::new(&model),
+            contact_frames: contact_frames.to_vec(),
+            q,
+            v: vec![0.0; model.nv()],
+            a: vec![0.0; model.nv()],
+            forces: vec![Force::zero(); model.bodies().len()],
+            model,
+        }
+    }
+
+    /// The motion: `q_hat`, `dq_hat`, `ddq_d` of the joints (model order), twist and proper
+    /// acceleration of a floating base in its own axes (not used for a fixed one).
+    pub fn set_motion(
+        &mut self,
+        base: (Motion, Motion),
+        q_hat: &[f64],
+        dq_hat: &[f64],
+        ddq_d: &[f64],
+    ) {
+        let (bv, bq) = self.model.base_size();
+        if self.model.base() == Base::Floating {
+            copy(&mut self.v, 0, &base.0.to_array());
+            copy(&mut self.a, 0, &base.1.to_array());
+        }
+        copy(&mut self.q, bq, q_hat);
+        copy(&mut self.v, bv, dq_hat);
+        copy(&mut self.a, bv, ddq_d);
+    }
+
+    /// `M ddq_d + h_hat - J^T f` of the joints, N·m, model order, with the environment applying
+    /// the wrenches `contact` at the contact frames.
+    pub fn torque(&mut self, contact: &[Wrench]) -> &[f64] {
+        self.forces.fill(Force::zero());
+        for (&frame, wrench) in self.contact_frames.iter().zip(contact) {
+            if let Some(frame) = self.model.frames().get(frame)
+                && let Some(force) = self.forces.get_mut(frame.body)
+            {
+                let here = Force::new(wrench.force.into(), wrench.torque.into());
+                *force += frame.placement.act_force(here);
+            }
+        }
+        //= D12
+        let tau = rnea(
+            &self.model,
+            &mut self.data,
+            &self.q,
+            &self.v,
+            &self.a,
+            Some(&self.forces),
+        );
+        tau.get(self.model.base_size().0..).unwrap_or_default()
+    }
+}
+
+/// Copies as much of `from` as fits behind `start`.
+fn copy(to: &mut [f64], start: usize, from: &[f64]) {
+    for (to, from) in to.iter_mut().skip(start).zip(from) {
+        *to = *from;
+    }
+}
