@@ -1,1 +1,33 @@
-//! Placeholder.
+//! Joint torques of a robot that `torqued` runs, and references for it, by shared memory.
+//!
+//! A program that only reads:
+//! ```no_run
+//! # fn main() -> Result<(), torqued_client::Error> {
+//! let mut client = torqued_client::Client::connect("leg")?;
+//! let names = client.description().joint_names;
+//! let record = client.next_record(std::time::Duration::from_secs(1))?;
+//! println!("{}: {:.2} N·m", names[0], record.cycle.joints[0].tau_whole_body.tau);
+//! # Ok(())
+//! # }
+//! ```
+//! A program that commands adds a [`Commander`]; there is one at a time per robot.
+//!
+//! The daemon's end ([`DaemonPorts`]) lives here too, so that both ends are defined side by side.
+//! Everything waits at most for a stated time, and every error says what to do. Only processes of
+//! the daemon's own user can connect.
+
+mod channel;
+mod client;
+mod commander;
+mod daemon_ports;
+mod error;
+mod location;
+mod python_layout;
+
+pub use client::{Client, Record};
+pub use commander::Commander;
+pub use daemon_ports::DaemonPorts;
+pub use error::Error;
+pub use location::Location;
+pub use python_layout::python_layout;
+pub use robot_state;

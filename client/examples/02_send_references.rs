@@ -1,0 +1,64 @@
+//! Moves the first joint 2 degrees to and fro by inverse dynamics for five seconds; then the robot
+//! holds its position.
+//!
+//!     cargo run -p torqued-client --example 02_send_references -- leg
+
+use std::error::Error;
+use std::f64::consts::TAU;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use torqued_client::robot_state::mode;
+use torqued_client::{Client, Commander, Location};
+
+const AMPLITUDE: f64 = 2.0 * TAU / 360.0;
+const FREQUENCY_HZ: f64 = 0.5;
+const SECONDS: f64 = 5.0;
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("{e}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn Error>> {
+    let robot = match std::env::args().nth(1) {
+        Some(robot) => robot,
+        None => Location::find()?.only_robot()?,
+    };
+    let mut client = Client::connect(&robot)?;
+    let mut commander = Commander::connect(&client)?;
+
+    // Start from where the robot stands: a reference that jumps is a torque that jumps.
+    let start = *client.next_record(Duration::from_secs(1))?;
+    for record in client.records(Duration::from_secs(1)) {
+        // The daemon's cycles are the clock: one reference for each of its records.
+        let record = record?;
+        let t = record.cycle.stamp_ns.saturating_sub(start.cycle.stamp_ns) as f64 * 1e-9;
+        if record.cycle.fault != 0 {
+            return Err(
+                format!("fault {}: the robot holds its position", record.cycle.fault).into(),
+            );
+        }
+        if t > SECONDS {
+            break;
+        }
+        commander.send(|reference| {
+            reference.mode = mode::INVERSE_DYNAMICS;
+            for (wanted, joint) in reference.joints.iter_mut().zip(&start.cycle.joints) {
+                wanted.q_d = joint.measured.q;
+            }
+            // 1 - cos: begins at rest, and smoothly.
+            let (w, half) = (TAU * FREQUENCY_HZ, AMPLITUDE / 2.0);
+            let first = &mut reference.joints[0];
+            first.q_d += half * (1.0 - (w * t).cos());
+            first.dq_d = half * w * (w * t).sin();
+            first.ddq_d = half * w * w * (w * t).cos();
+        })?;
+    }
+    Ok(())
+}

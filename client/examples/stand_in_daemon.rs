@@ -1,0 +1,81 @@
+//! Publishes made-up records, so that client programs can be tried without a robot: joint `j`'s
+//! torques are `j + sin t`, its measured position follows the last `q_d`.
+//!
+//!     cargo run -p torqued-client --example stand_in_daemon -- ROBOT [SECONDS]
+
+use std::error::Error;
+use std::io::Write;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use torqued_client::robot_state::{
+    Description, Event, Name, SharedRecord, mode, torque_flags, torque_source,
+};
+use torqued_client::{DaemonPorts, Location};
+
+const JOINTS: usize = 6;
+const PERIOD: Duration = Duration::from_millis(1);
+const REFERENCE_TIMEOUT: Duration = Duration::from_millis(50);
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1);
+    let robot = args.next().unwrap_or_else(|| "stand_in".to_owned());
+    let seconds: f64 = args.next().map_or(Ok(f64::INFINITY), |text| text.parse())?;
+
+    let mut description = Description {
+        robot: Name::new(&robot),
+        rate_hz: 1.0 / PERIOD.as_secs_f64(),
+        joint_count: JOINTS as u32,
+        ..Description::default()
+    };
+    for j in 0..JOINTS {
+        description.joint_names[j] = Name::new(&format!("joint_{j}"));
+        description.torque_limits[j] = 100.0;
+    }
+    let ports = DaemonPorts::create(&Location::find()?, &description)?;
+    println!("publishing {robot}");
+    std::io::stdout().flush()?;
+
+    let mut record = SharedRecord::default();
+    record.cycle.joint_count = description.joint_count;
+    let mut last_reference = None;
+    let start = Instant::now();
+    for cycle in 1u32.. {
+        let t = f64::from(cycle) * PERIOD.as_secs_f64();
+        if t > seconds {
+            break;
+        }
+        if let Some(reference) = ports.newest_reference()? {
+            record.cycle.mode = reference.mode;
+            for (joint, wanted) in record.cycle.joints.iter_mut().zip(&reference.joints) {
+                joint.measured.q = wanted.q_d;
+                joint.control.tau_d = wanted.tau_d;
+            }
+            last_reference = Some(Instant::now());
+        } else if last_reference.is_some_and(|at: Instant| at.elapsed() > REFERENCE_TIMEOUT) {
+            if record.cycle.mode != mode::HOLD {
+                record.cycle.events[Event::ReferenceStale.index()] += 1;
+            }
+            record.cycle.mode = mode::HOLD;
+        }
+        record.cycle.sequence = u64::from(cycle);
+        record.cycle.stamp_ns = u64::from(cycle) * PERIOD.as_nanos() as u64;
+        record.timing.cycles = record.cycle.sequence;
+        for (j, joint) in record.cycle.joints.iter_mut().take(JOINTS).enumerate() {
+            let tau = j as f64 + t.sin();
+            for (estimate, source) in [
+                (&mut joint.tau_encoder, torque_source::ENCODER),
+                (&mut joint.tau_whole_body, torque_source::WHOLE_BODY),
+            ] {
+                (estimate.tau, estimate.source) = (tau, source);
+                (estimate.sigma, estimate.flags) = (0.5, torque_flags::VALID);
+            }
+        }
+        ports.publish(&record)?;
+        if cycle % 100 == 0 {
+            ports.keep_house();
+        }
+        sleep((start + PERIOD * cycle).saturating_duration_since(Instant::now()));
+    }
+    Ok(())
+}

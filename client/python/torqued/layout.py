@@ -1,0 +1,370 @@
+"""The records in shared memory: SI units, config order. Generated, do not edit:
+
+    cargo run -p torqued-client --example generate_python_layout > client/python/torqued/layout.py
+"""
+
+import ctypes
+from enum import IntEnum, IntFlag
+from typing import NamedTuple
+
+MAX_JOINTS = 64
+MAX_FT_SENSORS = 8
+EVENT_COUNT = 20
+
+
+class Mode(IntEnum):
+    """What the robot is asked to do."""
+
+    HOLD = 0
+    TORQUE = 1
+    INVERSE_DYNAMICS = 2
+
+
+class TorqueSource(IntEnum):
+    """Where a torque estimate comes from."""
+
+    NONE = 0
+    ENCODER = 1
+    WHOLE_BODY = 2
+
+
+class MeasuredFlags(IntFlag):
+    """Flag bits of measured values."""
+
+    MISSED = 1
+    STALE = 2
+    JUMP = 4
+    NEVER = 8
+    SETTLING = 16
+
+
+class TorqueFlags(IntFlag):
+    """Flag bits of a torque estimate."""
+
+    VALID = 1
+    SATURATED = 2
+    DEGRADED = 4
+
+
+class ControlFlags(IntFlag):
+    """Flag bits of a joint's command."""
+
+    POSITION_LIMITED = 1
+    TORQUE_LIMITED = 2
+    DELTA_Q_LIMITED = 4
+
+
+class Event(NamedTuple):
+    """A numbered event."""
+
+    number: int
+    name: str
+    cause: str
+    config_key: str
+    reaction: str
+
+
+#: In the order of `CycleRecord.events`.
+EVENTS = (
+    Event(101, "frame_unknown_id", "A frame arrived whose id no message of the DBC has.", "-", "count"),
+    Event(102, "frame_wrong_length", "A frame arrived whose length differs from its message in the DBC.", "-", "count"),
+    Event(103, "joint_missed", "A joint had not answered at the gather deadline; its last state bridges the gap.", "loop.gather_deadline_us", "count"),
+    Event(104, "joint_stale", "A joint has been silent for longer than allowed.", "loop.stale_after_ms", "fault"),
+    Event(105, "sensor_missed", "An F/T sensor or the IMU had not answered at the gather deadline.", "loop.gather_deadline_us", "count"),
+    Event(106, "bus_error_frame", "The CAN controller reported an error frame.", "-", "count"),
+    Event(107, "send_failed", "A frame could not be handed to the bus.", "-", "count"),
+    Event(108, "receive_overflow", "More frames arrived in a cycle than the receive buffer holds.", "-", "count"),
+    Event(109, "signal_not_finite", "A decoded signal was NaN or infinite; its last value was kept.", "-", "count"),
+    Event(201, "torque_saturated", "An estimated torque reached the joint's limit and was saturated.", "joint.torque_limit_Nm", "count"),
+    Event(202, "encoder_jump", "An encoder moved further in one cycle than its joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "count"),
+    Event(203, "estimate_not_finite", "An estimator produced NaN or infinity; its output was marked invalid.", "-", "count"),
+    Event(301, "reference_not_finite", "A client sent NaN or infinity.", "-", "hold"),
+    Event(302, "reference_stale", "A client stopped sending references.", "loop.reference_timeout_ms", "hold"),
+    Event(303, "reference_rejected", "A client asked for an unknown mode or sent the wrong number of joints.", "-", "hold"),
+    Event(401, "position_limit", "A commanded position was limited.", "joint.position_min_deg / joint.position_max_deg", "count"),
+    Event(402, "torque_limit", "A commanded torque was limited.", "joint.torque_limit_Nm", "count"),
+    Event(403, "command_not_finite", "A computed command was NaN or infinite; the last one was kept.", "-", "fault"),
+    Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "count"),
+    Event(502, "skipped_cycle", "A cycle's start was passed over because the one before it ended too late.", "loop.rate_hz", "count"),
+)
+
+
+class JointMeasured(ctypes.Structure):
+    """88 bytes."""
+
+    _fields_ = [
+        # q: link-side angle, rad, newest sample.
+        ("q", ctypes.c_double),
+        # theta: motor-side angle, rad, unwrapped over many turns, newest sample.
+        ("theta", ctypes.c_double),
+        # torsion: theta/N - q, rad.
+        ("torsion", ctypes.c_double),
+        # i: motor current, A.
+        ("current", ctypes.c_double),
+        # dq: link-side velocity from a short filter, rad/s; what control uses.
+        ("dq", ctypes.c_double),
+        # q: filtered link-side angle, rad, late by `filter_delay_s`.
+        ("q_hat", ctypes.c_double),
+        # dq: filtered link-side velocity, rad/s, late by `filter_delay_s`.
+        ("dq_hat", ctypes.c_double),
+        # ddq: filtered link-side acceleration, rad/s², late by `filter_delay_s`.
+        ("ddq_hat", ctypes.c_double),
+        # omega: motor-side velocity, rad/s.
+        ("omega", ctypes.c_double),
+        # Age of the newest sample, s.
+        ("age_s", ctypes.c_double),
+        # The drive's status word as received.
+        ("status", ctypes.c_uint32),
+        # Bits of `measured_flags`.
+        ("flags", ctypes.c_uint32),
+    ]
+
+
+class TorqueEstimate(ctypes.Structure):
+    """32 bytes."""
+
+    _fields_ = [
+        # tau: torque that the transmission applies to the child link along +q, N·m.
+        ("tau", ctypes.c_double),
+        # sigma: standard deviation of tau, N·m.
+        ("sigma", ctypes.c_double),
+        # How late the estimate is against the newest sample, s.
+        ("delay_s", ctypes.c_double),
+        # One of `torque_source`.
+        ("source", ctypes.c_uint32),
+        # Bits of `torque_flags`.
+        ("flags", ctypes.c_uint32),
+    ]
+
+
+class JointControl(ctypes.Structure):
+    """96 bytes."""
+
+    _fields_ = [
+        # tau_d: wanted torque, N·m (D12).
+        ("tau_d", ctypes.c_double),
+        # tau*: wanted torque with feedback on the estimated torque, N·m (D11).
+        ("tau_star", ctypes.c_double),
+        # delta_q: commanded offset to the measured position, rad (D10).
+        ("delta_q", ctypes.c_double),
+        # q_c: commanded position after all limits, rad.
+        ("q_c", ctypes.c_double),
+        # i_c: commanded current after all limits, A (current-commanded drives).
+        ("current_c", ctypes.c_double),
+        # Contribution to delta_q of the torque feed-forward, rad (D 5.5).
+        ("feedforward_torque", ctypes.c_double),
+        # Contribution to delta_q of the friction feed-forward, rad.
+        ("feedforward_friction", ctypes.c_double),
+        # Contribution to delta_q of the position error, rad.
+        ("feedback_position", ctypes.c_double),
+        # Contribution to delta_q of the velocity error, rad.
+        ("feedback_velocity", ctypes.c_double),
+        # Contribution to delta_q of the acceleration error, rad.
+        ("feedback_acceleration", ctypes.c_double),
+        # Contribution to delta_q of the contact force error, rad.
+        ("feedback_force", ctypes.c_double),
+        # Bits of `control_flags`.
+        ("flags", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
+class JointRecord(ctypes.Structure):
+    """248 bytes."""
+
+    _fields_ = [
+        # What the sensors saw.
+        ("measured", JointMeasured),
+        # Torque from encoders and current (Z).
+        ("tau_encoder", TorqueEstimate),
+        # Torque from F/T sensors and IMU (D 2).
+        ("tau_whole_body", TorqueEstimate),
+        # What is commanded.
+        ("control", JointControl),
+    ]
+
+
+class Wrench(ctypes.Structure):
+    """48 bytes."""
+
+    _fields_ = [
+        # f: force, N, x y z.
+        ("force", ctypes.c_double * 3),
+        # n: torque about the frame's origin, N·m, x y z.
+        ("torque", ctypes.c_double * 3),
+    ]
+
+
+class FtRecord(ctypes.Structure):
+    """160 bytes."""
+
+    _fields_ = [
+        # Wrench that the part beyond the sensor applies to the part before it, in the sensor's frame, newest sample.
+        ("measured", Wrench),
+        # The same, filtered.
+        ("filtered", Wrench),
+        # f_hat: wrench that the environment applies to the end-effector, at the sensor's frame, inertia and weight of the end-effector removed (D 2.2).
+        ("contact", Wrench),
+        # Age of the newest sample, s.
+        ("age_s", ctypes.c_double),
+        # Bits of `measured_flags`.
+        ("flags", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
+class ImuRecord(ctypes.Structure):
+    """136 bytes."""
+
+    _fields_ = [
+        # Angular velocity in the sensor's frame, rad/s, newest sample.
+        ("gyro", ctypes.c_double * 3),
+        # Acceleration minus gravity in the sensor's frame, m/s², newest sample.
+        ("accelerometer", ctypes.c_double * 3),
+        # Filtered angular velocity, rad/s.
+        ("gyro_hat", ctypes.c_double * 3),
+        # Filtered acceleration minus gravity, m/s².
+        ("accelerometer_hat", ctypes.c_double * 3),
+        # Angular acceleration from the filtered gyro, rad/s²; zero if neglected.
+        ("angular_acceleration_hat", ctypes.c_double * 3),
+        # Age of the newest sample, s.
+        ("age_s", ctypes.c_double),
+        # Bits of `measured_flags`.
+        ("flags", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
+class CycleRecord(ctypes.Structure):
+    """17584 bytes."""
+
+    _fields_ = [
+        # Cycle number since start.
+        ("sequence", ctypes.c_uint64),
+        # Instant of the cycle, ns on the caller's clock.
+        ("stamp_ns", ctypes.c_uint64),
+        # One of `mode`: what the robot is doing now.
+        ("mode", ctypes.c_uint32),
+        # Number of the latched fault's event, or 0.
+        ("fault", ctypes.c_uint32),
+        # Joints in use.
+        ("joint_count", ctypes.c_uint32),
+        # F/T sensors in use.
+        ("ft_count", ctypes.c_uint32),
+        # Delay of the filtered quantities, s.
+        ("filter_delay_s", ctypes.c_double),
+        # The joints, in config order.
+        ("joints", JointRecord * 64),
+        # The F/T sensors, in config order.
+        ("ft", FtRecord * 8),
+        # The IMU; zero if there is none.
+        ("imu", ImuRecord),
+        # f_u: wrench not explained by the F/T sensors, at the unknown-wrench link (D 2.4).
+        ("unknown_wrench", Wrench),
+        # Expected standard deviation of `unknown_wrench`.
+        ("unknown_wrench_sigma", Wrench),
+        # How often each event occurred since start, in the order of `Event::ALL`.
+        ("events", ctypes.c_uint64 * 20),
+    ]
+
+
+class LoopRecord(ctypes.Structure):
+    """72 bytes."""
+
+    _fields_ = [
+        # Cycles run.
+        ("cycles", ctypes.c_uint64),
+        # Cycles that ended after the next one should have begun.
+        ("late_cycles", ctypes.c_uint64),
+        # Cycles whose start was passed over.
+        ("skipped_cycles", ctypes.c_uint64),
+        # How late the thread woke, ns.
+        ("wake_late_ns", ctypes.c_uint64),
+        # From SYNC until every joint had answered or the deadline had passed, ns.
+        ("gather_ns", ctypes.c_uint64),
+        # Computing time of the cycle, ns.
+        ("compute_ns", ctypes.c_uint64),
+        # Time to hand the commands to the bus, ns.
+        ("send_ns", ctypes.c_uint64),
+        # Frames received since start.
+        ("frames_received", ctypes.c_uint64),
+        # Frames sent since start.
+        ("frames_sent", ctypes.c_uint64),
+    ]
+
+
+class SharedRecord(ctypes.Structure):
+    """17656 bytes."""
+
+    _fields_ = [
+        # The cycle.
+        ("cycle", CycleRecord),
+        # The loop around it.
+        ("timing", LoopRecord),
+    ]
+
+
+class Description(ctypes.Structure):
+    """4032 bytes."""
+
+    _fields_ = [
+        # The robot's name.
+        ("robot", ctypes.c_uint8 * 48),
+        # Cycles a second, Hz.
+        ("rate_hz", ctypes.c_double),
+        # Joints in use.
+        ("joint_count", ctypes.c_uint32),
+        # F/T sensors in use.
+        ("ft_count", ctypes.c_uint32),
+        # The joints' names, in the order of `CycleRecord::joints`.
+        ("joint_names", ctypes.c_uint8 * 48 * 64),
+        # The F/T sensors' names, in the order of `CycleRecord::ft`.
+        ("ft_names", ctypes.c_uint8 * 48 * 8),
+        # The joints' torque limits, N·m.
+        ("torque_limits", ctypes.c_double * 64),
+    ]
+
+
+class JointReference(ctypes.Structure):
+    """32 bytes."""
+
+    _fields_ = [
+        # q_d: wanted link-side angle, rad.
+        ("q_d", ctypes.c_double),
+        # dq_d: wanted velocity, rad/s.
+        ("dq_d", ctypes.c_double),
+        # ddq_d: wanted acceleration, rad/s².
+        ("ddq_d", ctypes.c_double),
+        # tau_d: wanted torque, N·m (mode torque; not used by inverse dynamics).
+        ("tau_d", ctypes.c_double),
+    ]
+
+
+class Reference(ctypes.Structure):
+    """2456 bytes."""
+
+    _fields_ = [
+        # Counts up with each message of the client.
+        ("sequence", ctypes.c_uint64),
+        # One of `mode`.
+        ("mode", ctypes.c_uint32),
+        # Joints in use; must equal the robot's.
+        ("joint_count", ctypes.c_uint32),
+        # The joints, in the order of `CycleRecord::joints`.
+        ("joints", JointReference * 64),
+        # f_d: wrench that the environment shall apply to each end-effector, at its F/T sensor's frame, in the order of `CycleRecord::ft`.
+        ("contact", Wrench * 8),
+        # 1 where `contact` is meant; 0: the estimated contact wrench is used as it is.
+        ("contact_given", ctypes.c_uint32),
+        # 1 asks for the reset of a latched fault.
+        ("reset_fault", ctypes.c_uint32),
+    ]
+
+
+# The types' names in shared memory: the layout's hash makes another version a stranger.
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#5bb287196f847b81")
+Description.type_name = staticmethod(lambda: "torqued::Description#b073ea6d3f025046")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#97e2711f8c0f0ab1")

@@ -1,0 +1,72 @@
+//! Telling the robot what to do.
+
+use robot_state::{Reference, mode};
+
+use crate::channel::{self, ReferenceMessage, Sender};
+use crate::client::Client;
+use crate::error::Error;
+
+/// The right to command a robot: one client has it at a time, and gives it back by being dropped
+/// (the robot then holds its position) or by dying (the daemon notices after
+/// `loop.reference_timeout_ms`, and the robot holds its position).
+#[derive(Debug)]
+pub struct Commander {
+    robot: String,
+    references: Sender<ReferenceMessage>,
+    newest: Reference,
+}
+
+impl Commander {
+    /// Takes the command of the client's robot.
+    ///
+    /// # Errors
+    /// [`Error::AlreadyCommanded`], [`Error::OtherLayout`], [`Error::NoDaemon`],
+    /// [`Error::Transport`].
+    pub fn connect(client: &Client) -> Result<Self, Error> {
+        let robot = client.robot().to_owned();
+        let service =
+            channel::open::<ReferenceMessage>(&client.node, &robot, std::time::Duration::ZERO)?;
+        let references =
+            channel::sender(&client.node, &service)?.ok_or_else(|| Error::AlreadyCommanded {
+                robot: robot.clone(),
+            })?;
+        let newest = Reference {
+            joint_count: client.description().joint_count,
+            ..Reference::default()
+        };
+        Ok(Self {
+            robot,
+            references,
+            newest,
+        })
+    }
+
+    /// Changes the reference and sends it. To be called at least every
+    /// `loop.reference_timeout_ms`: a reference is a lease. `sequence` is counted here. The daemon
+    /// takes the newest reference in each cycle: keep `reset_fault` set until the records show no
+    /// fault.
+    ///
+    /// # Errors
+    /// [`Error::Gone`] if the daemon has ended. [`Error::Transport`].
+    pub fn send(&mut self, change: impl FnOnce(&mut Reference)) -> Result<(), Error> {
+        change(&mut self.newest);
+        self.newest.sequence += 1;
+        let listeners = self
+            .references
+            .send_copy(ReferenceMessage(self.newest))
+            .map_err(|e| Error::transport("reference", "publish on", &e))?;
+        if listeners == 0 {
+            return Err(Error::Gone {
+                robot: self.robot.clone(),
+            });
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Commander {
+    fn drop(&mut self) {
+        // If this does not arrive, the daemon notices the silence.
+        let _ = self.send(|reference| reference.mode = mode::HOLD);
+    }
+}

@@ -1,0 +1,86 @@
+//! The daemon's end of the services.
+
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::{Node, PortFactory};
+use robot_state::{Description, Reference, SharedRecord};
+
+use crate::channel::{
+    self, DescriptionMessage, Receiver, RecordMessage, ReferenceMessage, Sender, Transport,
+};
+use crate::error::Error;
+use crate::location::Location;
+
+/// The daemon's end: publishes records, receives references. Not for a real-time thread: it
+/// allocates and maps files as clients come and go.
+#[derive(Debug)]
+pub struct DaemonPorts {
+    state: Sender<RecordMessage>,
+    description: Sender<DescriptionMessage>,
+    reference: Receiver<ReferenceMessage>,
+    node: Node<Transport>,
+}
+
+impl DaemonPorts {
+    /// Makes the robot's services, or takes those over that a killed daemon left behind, and
+    /// publishes the description. Clients that were connected to the killed daemon go on.
+    ///
+    /// # Errors
+    /// [`Error::AlreadyRunning`], [`Error::OtherLayout`] if clients of another version are still
+    /// connected, [`Error::RunDirectory`], [`Error::Transport`].
+    pub fn create(location: &Location, description: &Description) -> Result<Self, Error> {
+        let node = channel::create_node(location)?;
+        let robot = description.robot.as_str();
+        let taken = || Error::AlreadyRunning {
+            robot: robot.to_owned(),
+        };
+        let state = channel::create::<RecordMessage>(&node, robot)?;
+        let state = channel::sender(&node, &state)?.ok_or_else(taken)?;
+        let service = channel::create::<DescriptionMessage>(&node, robot)?;
+        let sender = channel::sender(&node, &service)?.ok_or_else(taken)?;
+        sender
+            .send_copy(DescriptionMessage(*description))
+            .map_err(|e| Error::transport(service.name(), "publish on", &e))?;
+        let reference = channel::create::<ReferenceMessage>(&node, robot)?;
+        let reference = channel::receiver(&node, &reference)?;
+        Ok(Self {
+            state,
+            description: sender,
+            reference,
+            node,
+        })
+    }
+
+    /// Sends a record to all clients; says how many there are.
+    ///
+    /// # Errors
+    /// [`Error::Transport`] if a client could not be reached; the others have got the record.
+    pub fn publish(&self, record: &SharedRecord) -> Result<usize, Error> {
+        self.state
+            .send_copy(RecordMessage(*record))
+            .map_err(|e| Error::transport("state", "publish on", &e))
+    }
+
+    /// The newest reference that has arrived since the last call.
+    ///
+    /// # Errors
+    /// [`Error::Transport`] if the commanding client could not be reached.
+    pub fn newest_reference(&self) -> Result<Option<Reference>, Error> {
+        let mut newest = None;
+        loop {
+            match self.reference.receive() {
+                Ok(Some(message)) => newest = Some(message.0),
+                Ok(None) => return Ok(newest),
+                Err(e) => return Err(Error::transport("reference", "receive from", &e)),
+            }
+        }
+    }
+
+    /// Hands the description to clients that have just come, and frees what dead ones held. To be
+    /// called a few times a second.
+    pub fn keep_house(&self) {
+        self.node.try_cleanup_dead_nodes();
+        // A client that cannot be reached now is tried again next time.
+        let _ = self.description.update_connections();
+        let _ = self.state.update_connections();
+    }
+}

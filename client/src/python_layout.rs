@@ -1,0 +1,169 @@
+//! The Python mirror of the records, generated from their layout.
+
+use std::fmt::Write;
+
+use robot_state::{
+    Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS, Reference, Shape,
+    SharedRecord, control_flags, measured_flags, mode, torque_flags, torque_source,
+};
+
+use crate::channel::type_name;
+
+const HEAD: &str = "\
+\"\"\"The records in shared memory: SI units, config order. Generated, do not edit:
+
+    cargo run -p torqued-client --example generate_python_layout > client/python/torqued/layout.py
+\"\"\"
+
+import ctypes
+from enum import IntEnum, IntFlag
+from typing import NamedTuple
+";
+
+/// The text of `python/torqued/layout.py`.
+#[must_use]
+pub fn python_layout() -> String {
+    let mut out = String::from(HEAD);
+    let _ = write!(
+        out,
+        "\nMAX_JOINTS = {MAX_JOINTS}\nMAX_FT_SENSORS = {MAX_FT_SENSORS}\nEVENT_COUNT = {EVENT_COUNT}\n"
+    );
+    enumeration(
+        &mut out,
+        "IntEnum",
+        "Mode",
+        "What the robot is asked to do.",
+        &[
+            ("HOLD", mode::HOLD),
+            ("TORQUE", mode::TORQUE),
+            ("INVERSE_DYNAMICS", mode::INVERSE_DYNAMICS),
+        ],
+    );
+    enumeration(
+        &mut out,
+        "IntEnum",
+        "TorqueSource",
+        "Where a torque estimate comes from.",
+        &[
+            ("NONE", torque_source::NONE),
+            ("ENCODER", torque_source::ENCODER),
+            ("WHOLE_BODY", torque_source::WHOLE_BODY),
+        ],
+    );
+    enumeration(
+        &mut out,
+        "IntFlag",
+        "MeasuredFlags",
+        "Flag bits of measured values.",
+        &[
+            ("MISSED", measured_flags::MISSED),
+            ("STALE", measured_flags::STALE),
+            ("JUMP", measured_flags::JUMP),
+            ("NEVER", measured_flags::NEVER),
+            ("SETTLING", measured_flags::SETTLING),
+        ],
+    );
+    enumeration(
+        &mut out,
+        "IntFlag",
+        "TorqueFlags",
+        "Flag bits of a torque estimate.",
+        &[
+            ("VALID", torque_flags::VALID),
+            ("SATURATED", torque_flags::SATURATED),
+            ("DEGRADED", torque_flags::DEGRADED),
+        ],
+    );
+    enumeration(
+        &mut out,
+        "IntFlag",
+        "ControlFlags",
+        "Flag bits of a joint's command.",
+        &[
+            ("POSITION_LIMITED", control_flags::POSITION_LIMITED),
+            ("TORQUE_LIMITED", control_flags::TORQUE_LIMITED),
+            ("DELTA_Q_LIMITED", control_flags::DELTA_Q_LIMITED),
+        ],
+    );
+    events(&mut out);
+    let mut done = Vec::new();
+    record(&mut out, &mut done, &SharedRecord::SHAPE);
+    record(&mut out, &mut done, &Description::SHAPE);
+    record(&mut out, &mut done, &Reference::SHAPE);
+    let _ = write!(
+        out,
+        "\n\n# The types' names in shared memory: the layout's hash makes another version a stranger.\n\
+         SharedRecord.type_name = staticmethod(lambda: \"{}\")\n\
+         Description.type_name = staticmethod(lambda: \"{}\")\n\
+         Reference.type_name = staticmethod(lambda: \"{}\")\n",
+        type_name::<SharedRecord>("SharedRecord"),
+        type_name::<Description>("Description"),
+        type_name::<Reference>("Reference"),
+    );
+    out
+}
+
+fn enumeration(out: &mut String, base: &str, name: &str, doc: &str, values: &[(&str, u32)]) {
+    let _ = write!(out, "\n\nclass {name}({base}):\n    \"\"\"{doc}\"\"\"\n\n");
+    for (value_name, value) in values {
+        let _ = writeln!(out, "    {value_name} = {value}");
+    }
+}
+
+fn events(out: &mut String) {
+    out.push_str(
+        "\n\nclass Event(NamedTuple):\n    \"\"\"A numbered event.\"\"\"\n\n    number: int\n    \
+         name: str\n    cause: str\n    config_key: str\n    reaction: str\n\n\n\
+         #: In the order of `CycleRecord.events`.\nEVENTS = (\n",
+    );
+    for event in Event::ALL {
+        let _ = writeln!(
+            out,
+            "    Event({}, {:?}, {:?}, {:?}, {:?}),",
+            event.number(),
+            event.name(),
+            event.cause(),
+            event.config_key(),
+            format!("{:?}", event.reaction()).to_lowercase(),
+        );
+    }
+    out.push_str(")\n");
+}
+
+/// Writes a record after those that it contains.
+fn record(out: &mut String, done: &mut Vec<&'static str>, shape: &Shape) {
+    match shape {
+        Shape::Array(element, _) => record(out, done, element),
+        Shape::Record(name, fields, size) if !done.contains(name) => {
+            done.push(name);
+            for field in *fields {
+                record(out, done, &field.shape);
+            }
+            let _ = write!(out, "\n\nclass {name}(ctypes.Structure):\n");
+            let _ = writeln!(out, "    \"\"\"{size} bytes.\"\"\"\n\n    _fields_ = [");
+            for field in *fields {
+                let doc = field.doc.split_whitespace().collect::<Vec<_>>().join(" ");
+                let _ = writeln!(out, "        # {doc}");
+                let _ = writeln!(
+                    out,
+                    "        (\"{}\", {}),",
+                    field.name,
+                    ctype(&field.shape)
+                );
+            }
+            out.push_str("    ]\n");
+        }
+        _ => {}
+    }
+}
+
+fn ctype(shape: &Shape) -> String {
+    match shape {
+        Shape::U8 => "ctypes.c_uint8".to_owned(),
+        Shape::U32 => "ctypes.c_uint32".to_owned(),
+        Shape::U64 => "ctypes.c_uint64".to_owned(),
+        Shape::F64 => "ctypes.c_double".to_owned(),
+        Shape::Array(element, count) => format!("{} * {count}", ctype(element)),
+        Shape::Record(name, ..) => (*name).to_owned(),
+    }
+}

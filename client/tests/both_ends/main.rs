@@ -1,0 +1,6 @@
+//! Daemon's end and client's end together.
+
+mod common;
+mod exchange;
+mod layout_mismatch;
+mod processes;
