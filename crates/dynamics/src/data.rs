@@ -1,12 +1,17 @@
 //! Memory of the algorithms, allocated once per model.
 
+use crate::lanes::Instructions;
 use crate::model::Model;
+use crate::rnea::RneaRow;
 use crate::spatial::{Force, Inertia, Motion, Se3};
 use nalgebra::{DMatrix, Matrix6};
 
 /// Results and intermediate values of every algorithm, for one model.
 #[derive(Clone, Debug)]
 pub struct Data {
+    pub(crate) instructions: Instructions,
+    /// Rows of the plan in `rnea`; the root's first.
+    pub(crate) rnea: Vec<RneaRow>,
     /// Placement of each body in its parent.
     pub(crate) in_parent: Vec<Se3>,
     /// Placement of each body in the world.
@@ -24,6 +29,7 @@ pub struct Data {
     /// Articulated bias wrench, `U`, `1/D` and `u` of each body's joint.
     pub(crate) aba: Vec<AbaJoint>,
     pub(crate) base_tau: Force,
+    /// One more than nv: idle lanes write to the last.
     pub(crate) tau: Vec<f64>,
     pub(crate) ddq: Vec<f64>,
     pub(crate) mass_matrix: DMatrix<f64>,
@@ -46,6 +52,8 @@ impl Data {
         let n = model.bodies.len();
         let nv = model.nv();
         Self {
+            instructions: Instructions::detect(),
+            rnea: vec![RneaRow::ZERO; model.plan.steps.len() + 1],
             in_parent: vec![Se3::identity(); n],
             in_world: vec![Se3::identity(); n],
             velocity: vec![Motion::zero(); n],
@@ -63,7 +71,7 @@ impl Data {
                 n
             ],
             base_tau: Force::zero(),
-            tau: vec![0.0; nv],
+            tau: vec![0.0; nv + 1],
             ddq: vec![0.0; nv],
             mass_matrix: DMatrix::zeros(nv, nv),
             factor: DMatrix::zeros(nv, nv),
@@ -85,13 +93,14 @@ impl Data {
     /// Spatial acceleration of each body, in its frame.
     ///
     /// After `forward_kinematics_acceleration` that of the body; after `propagate` proper if the
-    /// base's was; meaningless after `rnea`, which adds gravity.
+    /// base's was.
     pub fn accelerations(&self) -> &[Motion] {
         &self.acceleration
     }
-    /// After `rnea`: wrench that each body's joint applies to it, in its frame.
-    pub fn joint_wrenches(&self) -> &[Force] {
-        &self.force
+    /// Chooses the instructions for `rnea`, `crba` and `aba`; those that the processor lacks are
+    /// replaced by portable ones. For tests and benchmarks: `new` takes the best there are.
+    pub fn set_instructions(&mut self, instructions: Instructions) {
+        self.instructions = instructions;
     }
     /// `M`, after `crba` (nv × nv, both triangles).
     pub fn mass_matrix(&self) -> &DMatrix<f64> {

@@ -2,7 +2,7 @@
 
 use crate::data::Data;
 use crate::model::{Base, Model};
-use crate::spatial::{Motion, Se3};
+use crate::spatial::{Force, Motion, Se3};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Motion of the root, given from outside instead of by `q`, `v` and `a`.
@@ -136,6 +136,26 @@ pub fn propagate(
         data.in_world[i] = data.in_world[body.parent].compose(&m);
         data.velocity[i] = v;
     }
+}
+
+/// Wrench that each body's joint applies to it, in its frame, after `propagate` (of a body of the
+/// root: the wrench that holds the root). `f_ext` as in `rnea`.
+pub fn joint_wrenches<'d>(
+    model: &Model,
+    data: &'d mut Data,
+    f_ext: Option<&[Force]>,
+) -> &'d [Force] {
+    for (i, body) in model.bodies.iter().enumerate() {
+        data.force[i] = body.inertia.wrench(data.velocity[i], data.acceleration[i]);
+        if let Some(f) = f_ext.and_then(|f| f.get(i)) {
+            data.force[i] -= *f;
+        }
+    }
+    for (i, body) in model.bodies.iter().enumerate().skip(1).rev() {
+        let on_parent = data.in_parent[i].act_force(data.force[i]);
+        data.force[body.parent] += on_parent;
+    }
+    &data.force
 }
 
 /// What an inertial measurement unit tells about its own frame, in its axes.

@@ -20,7 +20,9 @@ mod data;
 mod frames;
 mod jacobian;
 mod kinematics;
+mod lanes;
 mod model;
+mod plan;
 mod rnea;
 mod spatial;
 mod urdf;
@@ -38,8 +40,9 @@ pub use frames::{
 pub use jacobian::frame_jacobian;
 pub use kinematics::{
     BaseMotion, ImuMotion, base_motion_from_imu, forward_kinematics,
-    forward_kinematics_acceleration, forward_kinematics_velocity, propagate,
+    forward_kinematics_acceleration, forward_kinematics_velocity, joint_wrenches, propagate,
 };
+pub use lanes::Instructions;
 pub use model::{Base, Body, Cut, Frame, GRAVITY, Joint, JointKind, JointLimits, Model};
 pub use rnea::{gravity, nle, rnea};
 pub use spatial::{Force, Inertia, Motion, Se3};

@@ -1,5 +1,6 @@
 //! The immutable description of a robot: bodies, joints and frames.
 
+use crate::plan::Plan;
 use crate::spatial::{Force, Inertia, Motion, Se3};
 use nalgebra::{Matrix3, Unit, Vector3};
 
@@ -183,6 +184,7 @@ pub struct Model {
     /// The nearest component of `v` that supports each component (all before it, with mimic joints).
     pub(crate) dof_parent: Vec<Option<usize>>,
     pub(crate) warnings: Vec<String>,
+    pub(crate) plan: Plan,
 }
 
 /// Standard gravity as Pinocchio takes it, m/s².
@@ -344,6 +346,7 @@ impl Model {
     /// Fills in what follows from bodies and joints.
     pub(crate) fn finish(&mut self) {
         let base = self.base_size().0;
+        self.plan = Plan::new(self);
         let before = |i: usize| i.checked_sub(1);
         self.dof_parent = (0..self.nv()).map(before).collect();
         if self.has_mimic() {

@@ -1,0 +1,109 @@
+//! AVX2 and FMA.
+#![allow(unsafe_code)]
+
+use super::{Kernel, Lanes, Pack, WIDTH};
+use std::arch::x86_64::*;
+use std::ops::{Add, Mul, Neg, Sub};
+
+/// A vector register. Only `run` makes code that uses it, and only where the processor has AVX2
+/// and FMA: `Instructions::Avx2` comes from `detect`, or from `run`'s own check.
+#[derive(Clone, Copy)]
+pub(super) struct Avx2(__m256d);
+
+/// Runs a kernel in AVX2, or portably where the processor lacks it.
+#[inline]
+pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
+    if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
+        // SAFETY: both features were just detected.
+        unsafe { with_features(kernel) }
+    } else {
+        kernel.run::<super::portable::Portable>()
+    }
+}
+
+#[target_feature(enable = "avx2,fma")]
+fn with_features<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<Avx2>()
+}
+
+impl Lanes for Avx2 {
+    #[inline(always)]
+    fn load(p: &Pack) -> Self {
+        // SAFETY: AVX is there (see `Avx2`); `Pack` is 32 readable bytes aligned to 32.
+        Avx2(unsafe { _mm256_load_pd(p.0.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, p: &mut Pack) {
+        // SAFETY: AVX is there; `Pack` is 32 writable bytes aligned to 32.
+        unsafe { _mm256_store_pd(p.0.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn set(x: [f64; WIDTH]) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_set_pd(x[3], x[2], x[1], x[0]) })
+    }
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_set1_pd(x) })
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        // SAFETY: FMA is there.
+        Avx2(unsafe { _mm256_fmadd_pd(self.0, a.0, b.0) })
+    }
+    #[inline(always)]
+    fn neg_mul_add(self, a: Self, b: Self) -> Self {
+        // SAFETY: FMA is there.
+        Avx2(unsafe { _mm256_fnmadd_pd(self.0, a.0, b.0) })
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn all_within(self, bound: f64) -> bool {
+        // SAFETY: AVX is there.
+        unsafe {
+            let below = _mm256_cmp_pd::<_CMP_LT_OQ>(self.abs().0, _mm256_set1_pd(bound));
+            _mm256_movemask_pd(below) == 0b1111
+        }
+    }
+}
+
+impl Add for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_add_pd(self.0, o.0) })
+    }
+}
+
+impl Sub for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_sub_pd(self.0, o.0) })
+    }
+}
+
+impl Mul for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_mul_pd(self.0, o.0) })
+    }
+}
+
+impl Neg for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
+    }
+}

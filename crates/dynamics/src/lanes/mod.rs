@@ -1,0 +1,140 @@
+//! Four numbers side by side: one code for AVX2 and for any processor.
+//!
+//! The algorithms are written once over [`Lanes`]. `run` picks the fastest implementation that
+//! the processor has; all of them compute the same expressions and differ only in rounding
+//! (a fused multiply-add rounds once).
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+mod portable;
+mod sin_cos;
+mod vector;
+
+pub(crate) use sin_cos::sin_cos;
+pub(crate) use vector::V3;
+
+use std::ops::{Add, Mul, Neg, Sub};
+
+/// Lanes side by side.
+pub(crate) const WIDTH: usize = 4;
+
+/// Four numbers in memory, aligned for a vector load.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[repr(C, align(32))]
+pub(crate) struct Pack(pub(crate) [f64; WIDTH]);
+
+impl Pack {
+    pub(crate) const ZERO: Pack = Pack([0.0; WIDTH]);
+}
+
+/// Four numbers in registers.
+pub(crate) trait Lanes:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
+{
+    /// From memory.
+    fn load(p: &Pack) -> Self;
+    /// To memory.
+    fn store(self, p: &mut Pack);
+    /// From four numbers.
+    fn set(x: [f64; WIDTH]) -> Self;
+    /// The same number four times.
+    fn splat(x: f64) -> Self;
+    /// `self * a + b`.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+    /// `b - self * a`.
+    fn neg_mul_add(self, a: Self, b: Self) -> Self;
+    /// Nearest integer, for magnitudes below 2^51.
+    #[inline(always)]
+    fn round(self) -> Self {
+        let magic = Self::splat(6_755_399_441_055_744.0);
+        (self + magic) - magic
+    }
+    /// Magnitude.
+    fn abs(self) -> Self;
+    /// True if every magnitude is below `bound`; false for not-a-number.
+    fn all_within(self, bound: f64) -> bool;
+    /// Four numbers.
+    #[inline(always)]
+    fn to_array(self) -> [f64; WIDTH] {
+        let mut p = Pack::ZERO;
+        self.store(&mut p);
+        p.0
+    }
+}
+
+/// Code over any implementation of [`Lanes`].
+pub(crate) trait Kernel {
+    /// What it returns.
+    type Output;
+    /// Does it.
+    fn run<L: Lanes>(self) -> Self::Output;
+}
+
+/// Which implementation runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Instructions {
+    /// Any processor.
+    Portable,
+    /// x86-64 with AVX2 and FMA.
+    Avx2,
+}
+
+impl Instructions {
+    /// The best that this processor has.
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
+        {
+            return Instructions::Avx2;
+        }
+        Instructions::Portable
+    }
+}
+
+/// Runs a kernel with the given instructions.
+#[inline]
+pub(crate) fn run<K: Kernel>(instructions: Instructions, kernel: K) -> K::Output {
+    match instructions {
+        Instructions::Portable => kernel.run::<portable::Portable>(),
+        #[cfg(target_arch = "x86_64")]
+        Instructions::Avx2 => avx2::run(kernel),
+        #[cfg(not(target_arch = "x86_64"))]
+        Instructions::Avx2 => kernel.run::<portable::Portable>(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct SinCos(Pack);
+    impl Kernel for SinCos {
+        type Output = [[f64; WIDTH]; 2];
+        fn run<L: Lanes>(self) -> Self::Output {
+            let (s, c) = sin_cos(L::load(&self.0));
+            [s.to_array(), c.to_array()]
+        }
+    }
+
+    /// Against the standard library, over many turns, near the quadrants' edges and out of range.
+    #[test]
+    fn sine_and_cosine() {
+        let mut angles: Vec<f64> = (-40_000..40_000).map(|i| i as f64 * 1.234_567e-3).collect();
+        angles.extend((-2000..2000).map(|i| i as f64 * std::f64::consts::FRAC_PI_4));
+        angles.extend([0.0, -0.0, 1e-300, 9.9e4, -9.9e4, 1.1e5, 1e17]);
+        for instructions in [Instructions::Portable, Instructions::detect()] {
+            for a in &angles {
+                let [s, c] = run(instructions, SinCos(Pack([*a, -*a, 0.5, *a])));
+                assert!((s[0] - a.sin()).abs() <= 2.3e-16, "sin {a}");
+                assert!((c[3] - a.cos()).abs() <= 2.3e-16, "cos {a}");
+                assert_eq!(s[1], -s[0]);
+                assert!((s[2] - 0.5f64.sin()).abs() <= 2.3e-16);
+            }
+            let [s, c] = run(
+                instructions,
+                SinCos(Pack([f64::NAN, f64::INFINITY, 0.0, 1.0])),
+            );
+            assert!(s[0].is_nan() && c[1].is_nan() && c[2] == 1.0);
+        }
+    }
+}

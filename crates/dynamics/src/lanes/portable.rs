@@ -1,0 +1,81 @@
+//! Any processor: four numbers in an array, which the compiler turns into what it finds.
+
+use super::{Lanes, Pack, WIDTH};
+use std::ops::{Add, Mul, Neg, Sub};
+
+#[derive(Clone, Copy)]
+pub(super) struct Portable([f64; WIDTH]);
+
+impl Portable {
+    #[inline(always)]
+    fn zip(self, o: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        Portable(std::array::from_fn(|i| f(self.0[i], o.0[i])))
+    }
+}
+
+impl Lanes for Portable {
+    #[inline(always)]
+    fn load(p: &Pack) -> Self {
+        Portable(p.0)
+    }
+    #[inline(always)]
+    fn store(self, p: &mut Pack) {
+        p.0 = self.0;
+    }
+    #[inline(always)]
+    fn set(x: [f64; WIDTH]) -> Self {
+        Portable(x)
+    }
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        Portable([x; WIDTH])
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        self * a + b
+    }
+    #[inline(always)]
+    fn neg_mul_add(self, a: Self, b: Self) -> Self {
+        b - self * a
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Portable(self.0.map(f64::abs))
+    }
+    #[inline(always)]
+    fn all_within(self, bound: f64) -> bool {
+        self.0.iter().all(|x| x.abs() < bound)
+    }
+}
+
+impl Add for Portable {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        self.zip(o, |x, y| x + y)
+    }
+}
+
+impl Sub for Portable {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        self.zip(o, |x, y| x - y)
+    }
+}
+
+impl Mul for Portable {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        self.zip(o, |x, y| x * y)
+    }
+}
+
+impl Neg for Portable {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Portable(self.0.map(|x| -x))
+    }
+}

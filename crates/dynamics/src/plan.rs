@@ -1,0 +1,272 @@
+//! The model compiled for four lanes: which bodies are computed side by side, and their constants.
+//!
+//! Each body gets a plan frame: its own origin, `z` along its joint axis, turned about `z` so that
+//! the frame of its first child differs by one turn about the common normal (Denavit and
+//! Hartenberg). Bodies are scheduled in steps of four, parents before children, the longest limbs
+//! first. A limb stays in its lane, so that most steps take each lane's parent from the same lane
+//! of an earlier step ([`Step::straight`]); the others gather.
+
+use crate::lanes::{Pack, WIDTH};
+use crate::model::{Body, Model};
+use crate::spatial::Se3;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+/// Four bodies side by side; a lane may be idle.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Step {
+    /// True if every lane's parent is in the same lane of `parent_step`, differs from it by a turn
+    /// about x only, and every joint turns.
+    pub(crate) straight: bool,
+    /// True if every lane's parent is in the same lane of `parent_step`.
+    pub(crate) same_lane: bool,
+    /// Row of the parents, where `same_lane`; row 0 is the root, in all lanes.
+    pub(crate) parent_row: usize,
+    /// Row and lane of each lane's parent.
+    pub(crate) parents: [(usize, usize); WIDTH],
+    /// Index of each lane's joint, or `joint_count` where idle.
+    pub(crate) joints: [usize; WIDTH],
+    /// Cosine and sine of the turn about x, where `straight`.
+    pub(crate) turn_x: [Pack; 2],
+    /// Rotation from the plan frame, at angle zero, to the parent's, by rows; where not `straight`.
+    pub(crate) rotation: [Pack; 9],
+    /// Origin in the parent's plan frame.
+    pub(crate) origin: [Pack; 3],
+    /// `angle = turning q + angle_offset`.
+    pub(crate) turning: Pack,
+    /// See `turning`.
+    pub(crate) angle_offset: Pack,
+    /// `shift = sliding q + shift_offset`.
+    pub(crate) sliding: Pack,
+    /// See `sliding`.
+    pub(crate) shift_offset: Pack,
+    /// Mass, first moment, and second moments about the origin (xx xy xz yy yz zz), in the plan
+    /// frame.
+    pub(crate) inertia: [Pack; 10],
+}
+
+/// See the module.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Plan {
+    pub(crate) steps: Vec<Step>,
+    /// Row (step + 1; the root's is 0) and lane of each body.
+    pub(crate) place: Vec<(usize, usize)>,
+    /// Rotation from each body's plan frame to its own.
+    pub(crate) to_body: Vec<Matrix3<f64>>,
+}
+
+impl Plan {
+    pub(crate) fn new(model: &Model) -> Plan {
+        let first_child = first_children(&model.bodies);
+        let rows = schedule(&model.bodies, &first_child);
+        let mut plan = Plan {
+            steps: Vec::new(),
+            place: vec![(0, 0); model.bodies.len()],
+            to_body: plan_frames(&model.bodies, &first_child),
+        };
+        for (step, lanes) in rows.iter().enumerate() {
+            for (lane, body) in lanes.iter().enumerate() {
+                if let Some(body) = body {
+                    plan.place[*body] = (step + 1, lane);
+                }
+            }
+        }
+        for lanes in &rows {
+            let step = plan.step(model, lanes, &first_child);
+            plan.steps.push(step);
+        }
+        plan
+    }
+
+    fn step(&self, model: &Model, lanes: &Lanes, first_child: &[Option<usize>]) -> Step {
+        let bodies = &model.bodies;
+        let real = || {
+            lanes
+                .iter()
+                .enumerate()
+                .filter_map(|(l, b)| b.map(|b| (l, b)))
+        };
+        let (_, first) = real().next().expect("a step has a body");
+        let row_of = |b: usize| self.place[bodies[b].parent];
+        let parent_row = row_of(first).0;
+        // The root stands in every lane.
+        let same_lane = real().all(|(lane, b)| {
+            let (row, l) = row_of(b);
+            row == parent_row && (l == lane || row == 0)
+        });
+        let straight = same_lane
+            && parent_row > 0
+            && real().all(|(_, b)| {
+                bodies[b].kind.turns()
+                    && first_child[bodies[b].parent] == Some(b)
+                    && turn_x(&self.rotation(bodies, b)).1 < 1e-12
+            });
+        let mut step = Step {
+            straight,
+            same_lane,
+            parent_row,
+            parents: [row_of(first); WIDTH],
+            joints: [model.joints.len(); WIDTH],
+            turn_x: [Pack([1.0; WIDTH]), Pack::ZERO],
+            rotation: [Pack::ZERO; 9],
+            origin: [Pack::ZERO; 3],
+            turning: Pack::ZERO,
+            angle_offset: Pack::ZERO,
+            sliding: Pack::ZERO,
+            shift_offset: Pack::ZERO,
+            inertia: [Pack::ZERO; 10],
+        };
+        for (lane, b) in real() {
+            self.fill(model, &mut step, lane, b);
+        }
+        step
+    }
+
+    /// From a body's plan frame, at angle zero, to its parent's.
+    fn rotation(&self, bodies: &[Body], b: usize) -> Matrix3<f64> {
+        let body = &bodies[b];
+        self.to_body[body.parent].tr_mul(&(body.placement.rotation * self.to_body[b]))
+    }
+
+    /// Constants of one lane.
+    fn fill(&self, model: &Model, step: &mut Step, lane: usize, b: usize) {
+        let body = &model.bodies[b];
+        let mut rotation = self.rotation(&model.bodies, b);
+        let origin = self.to_body[body.parent].tr_mul(&body.placement.translation);
+        let mut angle_offset = 0.0;
+        if step.straight {
+            let (turn, _) = turn_x(&rotation);
+            let about_z = turn.tr_mul(&rotation);
+            angle_offset = about_z[(1, 0)].atan2(about_z[(0, 0)]);
+            step.turn_x[0].0[lane] = turn[(1, 1)];
+            step.turn_x[1].0[lane] = turn[(2, 1)];
+            rotation = turn;
+        }
+        step.parents[lane] = self.place[body.parent];
+        step.joints[lane] = body.joint;
+        for (k, pack) in step.rotation.iter_mut().enumerate() {
+            pack.0[lane] = rotation[(k / 3, k % 3)];
+        }
+        for (k, pack) in step.origin.iter_mut().enumerate() {
+            pack.0[lane] = origin[k];
+        }
+        if body.kind.turns() {
+            step.turning.0[lane] = body.ratio;
+            step.angle_offset.0[lane] = body.offset + angle_offset;
+        } else {
+            step.sliding.0[lane] = body.ratio;
+            step.shift_offset.0[lane] = body.offset;
+        }
+        let back = Se3::new(self.to_body[b].transpose(), Vector3::zeros());
+        let inertia = body.inertia.transformed(&back);
+        let (i, h) = (&inertia.rotational, &inertia.first_moment);
+        let half_trace = 0.5 * i.trace();
+        let numbers = [
+            inertia.mass,
+            h.x,
+            h.y,
+            h.z,
+            half_trace - i[(0, 0)],
+            -i[(0, 1)],
+            -i[(0, 2)],
+            half_trace - i[(1, 1)],
+            -i[(1, 2)],
+            half_trace - i[(2, 2)],
+        ];
+        for (pack, x) in step.inertia.iter_mut().zip(numbers) {
+            pack.0[lane] = x;
+        }
+    }
+}
+
+/// The turn about x in `Rx(alpha) Rz(delta)`, and how far the rotation is from that form.
+fn turn_x(rotation: &Matrix3<f64>) -> (Matrix3<f64>, f64) {
+    let turn = *Rotation3::from_axis_angle(
+        &Vector3::x_axis(),
+        (-rotation[(1, 2)]).atan2(rotation[(2, 2)]),
+    )
+    .matrix();
+    (turn, rotation[(0, 2)].abs())
+}
+
+/// The child of each body that starts the longest limb.
+fn first_children(bodies: &[Body]) -> Vec<Option<usize>> {
+    let height = heights(bodies);
+    let mut first: Vec<Option<usize>> = vec![None; bodies.len()];
+    for (i, body) in bodies.iter().enumerate().skip(1) {
+        let best = &mut first[body.parent];
+        if best.is_none_or(|b| height[i] > height[b]) {
+            *best = Some(i);
+        }
+    }
+    first
+}
+
+/// Bodies on the longest path from each body to a leaf, itself included.
+fn heights(bodies: &[Body]) -> Vec<usize> {
+    let mut height = vec![1; bodies.len()];
+    for i in (1..bodies.len()).rev() {
+        let parent = bodies[i].parent;
+        height[parent] = height[parent].max(height[i] + 1);
+    }
+    height
+}
+
+type Lanes = [Option<usize>; WIDTH];
+
+/// Bodies side by side: highest first, limbs kept in their lane.
+fn schedule(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Lanes> {
+    let height = heights(bodies);
+    let mut ready: Vec<usize> = Vec::new();
+    let release = |ready: &mut Vec<usize>, parent: usize| {
+        ready.extend((1..bodies.len()).filter(|b| bodies[*b].parent == parent));
+    };
+    release(&mut ready, 0);
+    let mut rows: Vec<Lanes> = Vec::new();
+    let mut previous: Lanes = [None; WIDTH];
+    while !ready.is_empty() {
+        ready.sort_by_key(|b| (std::cmp::Reverse(height[*b]), *b));
+        let chosen: Vec<usize> = ready.drain(..ready.len().min(WIDTH)).collect();
+        let mut row: Lanes = [None; WIDTH];
+        let mut rest = Vec::new();
+        for body in chosen {
+            let parent = bodies[body].parent;
+            let lane = previous.iter().position(|p| *p == Some(parent));
+            match lane {
+                Some(lane) if first_child[parent] == Some(body) => row[lane] = Some(body),
+                _ => rest.push(body),
+            }
+        }
+        for body in rest {
+            if let Some(free) = row.iter_mut().find(|r| r.is_none()) {
+                *free = Some(body);
+            }
+        }
+        for body in row.iter().flatten() {
+            release(&mut ready, *body);
+        }
+        previous = row;
+        rows.push(row);
+    }
+    rows
+}
+
+/// Rotations from plan frames to body frames.
+fn plan_frames(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Matrix3<f64>> {
+    let frame = |(i, body): (usize, &Body)| {
+        if i == 0 {
+            return Matrix3::identity();
+        }
+        let z = body.axis;
+        let child_axis = first_child[i].map(|c| bodies[c].placement.rotation * bodies[c].axis);
+        let normal = child_axis.map(|a| z.cross(&a)).filter(|n| n.norm() > 1e-13);
+        // Any perpendicular will do where the axes are parallel, or at the end of a limb.
+        let x = normal.unwrap_or_else(|| {
+            let least = z.iamin();
+            z.cross(&Vector3::ith(least, 1.0))
+        });
+        // The product of nearly parallel axes is mostly rounding: make it perpendicular again.
+        let x = (x.normalize() - z * z.dot(&x.normalize())).normalize();
+        Matrix3::from_columns(&[x, z.cross(&x), z])
+    };
+    bodies.iter().enumerate().map(frame).collect()
+}
