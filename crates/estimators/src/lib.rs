@@ -8,3 +8,4 @@ pub mod kinematic_error;
 pub mod low_pass;
 pub mod savitzky_golay;
 pub mod wave_generator;
+pub mod whole_body;

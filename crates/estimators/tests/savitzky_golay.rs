@@ -167,7 +167,7 @@ fn noise_gain_is_the_gain_for_white_noise() {
             out_square += filter.first_derivatives()[0].powi(2);
         }
     }
-    let gain = (out_square / in_square as f64).sqrt();
+    let gain = (out_square / in_square).sqrt();
     assert!((gain / bank.noise_gain(1) - 1.0).abs() < 0.05);
 }
 

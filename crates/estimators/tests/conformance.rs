@@ -1,0 +1,307 @@
+//! The suite that every `JointTorqueEstimator` passes.
+
+mod common;
+
+use common::robots::{Robot, Scene};
+use dynamics::Base;
+use estimators::compliance::{ComplianceEstimator, ComplianceParameters};
+use estimators::encoder::{EncoderParameters, JointEncoders};
+use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters};
+use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
+use estimators::whole_body::WholeBody;
+use robot_state::torque_flags::{DEGRADED, SATURATED, VALID};
+use robot_state::{TorqueEstimate, measured_flags};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+/// Counts this thread's allocations.
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+// SAFETY: hands every request on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|n| n.set(n.get() + 1));
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the pointer came from `alloc` above, which is the system's.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+const LIMIT: f64 = 30.0;
+
+/// Z's test joint (Table II), with a kinematic error that is odd in q and theta, so that the sign
+/// symmetry holds for it too.
+fn test_joint(rule: FrictionRule, low_pass_pole: f64) -> JointEstimatorParameters {
+    JointEstimatorParameters {
+        gear_ratio: 100.0,
+        torque_limit: LIMIT,
+        sample_period: 1e-3,
+        low_pass_pole,
+        link_resolution: std::f64::consts::TAU / 524_288.0,
+        motor_resolution: std::f64::consts::TAU / 4096.0,
+        torsion_sigma: 1e-5,
+        current_sigma: 0.02,
+        compliance: ComplianceParameters {
+            k_fs0: 8333.0,
+            c_fs: 0.089,
+            k_wg0: 1.33,
+            c_wg: 83.5,
+        },
+        wave_generator: WaveGeneratorParameters {
+            torque_constant: 0.06,
+            friction: 0.02,
+            viscous_friction: 1e-5,
+            epsilon: 0.5,
+            rule,
+        },
+        kinematic_error: KinematicErrorParameters {
+            a0: 0.0,
+            w_link: 1.0,
+            link: vec![(0.0, -7.5e-5)],
+            w_motor: 1.0,
+            motor: vec![(0.0, -3.3e-5), (0.0, 1.6e-5)],
+        },
+    }
+}
+
+/// A loaded back-and-forth motion, smooth, with the torsion such a load makes.
+fn motion(i: usize) -> JointSample {
+    let t = 1e-3 * i as f64;
+    let (s, c) = (3.0 * t).sin_cos();
+    let tau = 12.0 * (2.0 * t).sin();
+    JointSample {
+        q: s,
+        theta: 100.0 * (s + tau / 9000.0),
+        dq: 3.0 * c,
+        omega: 300.0 * c,
+        current: tau / 6.0 + 0.33 * c.signum(),
+        flags: 0,
+    }
+}
+
+fn negated(s: JointSample) -> JointSample {
+    JointSample {
+        q: -s.q,
+        theta: -s.theta,
+        dq: -s.dq,
+        omega: -s.omega,
+        current: -s.current,
+        flags: s.flags,
+    }
+}
+
+fn assert_sound(e: &TorqueEstimate) {
+    assert!(e.tau.abs() <= LIMIT, "{e:?}");
+    assert!(
+        e.sigma.is_finite() && e.sigma >= 0.0 && e.delay_s.is_finite(),
+        "{e:?}"
+    );
+}
+
+fn any_input_gives_finite_output(new: &dyn Fn() -> Box<dyn JointTorqueEstimator>) {
+    let odd = [
+        0.0,
+        -0.0,
+        1e-300,
+        1.0,
+        -1e3,
+        1e300,
+        f64::MAX,
+        f64::INFINITY,
+        f64::NAN,
+    ];
+    let mut estimator = new();
+    let mut state = 7usize;
+    for i in 0..20_000 {
+        let mut next = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            odd[(state >> 33) % odd.len()]
+        };
+        let wild = JointSample {
+            q: next(),
+            theta: next(),
+            dq: next(),
+            omega: next(),
+            current: next(),
+            flags: 0,
+        };
+        assert_sound(&estimator.update(&wild));
+        if i % 7 == 0 {
+            assert_sound(&estimator.update(&motion(i)));
+        }
+    }
+}
+
+fn too_much_torsion_saturates_and_never_wraps(new: &dyn Fn() -> Box<dyn JointTorqueEstimator>) {
+    for direction in [1.0, -1.0] {
+        let mut last = 0.0;
+        for step in 0..300 {
+            // A torsion that grows far beyond the tangent's pole, each held until settled.
+            let theta = direction * 100.0 * (1.02f64.powi(step) - 1.0) * 1e-3;
+            let mut estimator = new();
+            let mut settled = TorqueEstimate::default();
+            for _ in 0..500 {
+                settled = estimator.update(&JointSample {
+                    theta,
+                    ..JointSample::default()
+                });
+                assert_sound(&settled);
+            }
+            let tau = direction * settled.tau;
+            assert!(tau >= last - 1e-9, "wraps: {last} then {tau}");
+            last = tau;
+            if step == 299 {
+                assert!(settled.flags & SATURATED != 0 && (tau - LIMIT).abs() < 1e-6);
+            }
+        }
+    }
+}
+
+fn recovers_after_a_gap(new: &dyn Fn() -> Box<dyn JointTorqueEstimator>) {
+    let (mut whole, mut holed) = (new(), new());
+    for i in 0..4000 {
+        let sample = motion(i);
+        let reference = whole.update(&sample);
+        if (1000..1100).contains(&i) {
+            let nothing = JointSample {
+                q: f64::NAN,
+                theta: f64::NAN,
+                ..sample
+            };
+            let bridged = holed.update(&nothing);
+            assert_sound(&bridged);
+            assert_eq!(bridged.flags & VALID, 0);
+        } else {
+            let flags = if i == 2000 { measured_flags::MISSED } else { 0 };
+            let estimate = holed.update(&JointSample { flags, ..sample });
+            assert_eq!(estimate.flags & DEGRADED != 0, i == 2000);
+            assert_eq!(estimate.flags & VALID, VALID);
+            if i > 1500 {
+                assert!((estimate.tau - reference.tau).abs() < 1e-3);
+            }
+        }
+    }
+    holed.reset();
+    let mut fresh = new();
+    for i in 0..100 {
+        assert_eq!(
+            holed.update(&motion(i)),
+            fresh.update(&motion(i)),
+            "reset forgets all"
+        );
+    }
+    let never = JointSample {
+        flags: measured_flags::NEVER,
+        ..motion(0)
+    };
+    assert_eq!(new().update(&never).flags & VALID, 0);
+}
+
+fn same_samples_give_the_same_output_without_allocation(
+    new: &dyn Fn() -> Box<dyn JointTorqueEstimator>,
+) {
+    let (mut a, mut b) = (new(), new());
+    let before = ALLOCATIONS.with(Cell::get);
+    for i in 0..2000 {
+        assert!(a.update(&motion(i)) == b.update(&motion(i)));
+    }
+    a.reset();
+    assert_eq!(ALLOCATIONS.with(Cell::get), before);
+}
+
+fn signs_are_symmetric(new: &dyn Fn() -> Box<dyn JointTorqueEstimator>) {
+    let (mut a, mut b) = (new(), new());
+    for i in 0..3000 {
+        let (e, f) = (a.update(&motion(i)), b.update(&negated(motion(i))));
+        assert!((e.tau + f.tau).abs() < 1e-9 && (e.sigma - f.sigma).abs() < 1e-9);
+    }
+}
+
+/// Inputs that differ by little give torques that differ by little.
+///
+/// The cases of Z after 22 switch, and a switch may come a step earlier: `jump` bounds what one
+/// of them can be worth.
+fn is_continuous(new: &dyn Fn() -> Box<dyn JointTorqueEstimator>, jump: f64) {
+    let (mut a, mut b) = (new(), new());
+    let mut apart = 0;
+    for i in 0..3000 {
+        let s = motion(i);
+        let near = JointSample {
+            theta: s.theta + 1e-7,
+            q: s.q + 1e-9,
+            ..s
+        };
+        let difference = (a.update(&s).tau - b.update(&near).tau).abs();
+        assert!(difference < jump);
+        apart += usize::from(difference > 1e-3);
+    }
+    assert!(apart < 100, "differs at {apart} of 3000 samples");
+}
+
+fn conforms(new: &dyn Fn() -> Box<dyn JointTorqueEstimator>, jump: f64) {
+    any_input_gives_finite_output(new);
+    too_much_torsion_saturates_and_never_wraps(new);
+    recovers_after_a_gap(new);
+    same_samples_give_the_same_output_without_allocation(new);
+    signs_are_symmetric(new);
+    is_continuous(new, jump);
+}
+
+#[test]
+fn compliance_physical() {
+    let p = test_joint(FrictionRule::Physical, 0.95);
+    conforms(&|| Box::new(ComplianceEstimator::new(p.clone())), 1.5);
+}
+
+#[test]
+fn compliance_published() {
+    let p = test_joint(FrictionRule::Published, 0.95);
+    conforms(&|| Box::new(ComplianceEstimator::new(p.clone())), 1.5);
+}
+
+#[test]
+fn compliance_without_low_pass() {
+    let p = test_joint(FrictionRule::Physical, 0.0);
+    conforms(&|| Box::new(ComplianceEstimator::new(p.clone())), 4.0);
+}
+
+#[test]
+fn nothing_around_the_estimators_allocates_either() {
+    let robot = Robot::random(3, Base::Floating);
+    let scene = Scene::random(&robot, 4);
+    let mut whole_body = WholeBody::new(&robot.model, &robot.parameters()).unwrap();
+    let parameters = SavitzkyGolayParameters::centred(80, 2, 2, 1e-3);
+    let mut bank = SavitzkyGolayBank::new(30, parameters).unwrap();
+    let mut encoders = JointEncoders::new(EncoderParameters {
+        gear_ratio: 100.0,
+        sample_period: 1e-3,
+        max_velocity: 6.0,
+        motor_wrap: std::f64::consts::TAU,
+        link_wrap: f64::INFINITY,
+        skew: 1e-3,
+    });
+    let before = ALLOCATIONS.with(Cell::get);
+    for i in 0..200 {
+        assert!(whole_body.update(&scene.input()).valid);
+        let missed = if i % 9 == 0 { f64::NAN } else { 0.1 };
+        encoders.update(missed, missed);
+        bank.update(&[missed; 30]);
+    }
+    bank.reset();
+    encoders.reset();
+    assert_eq!(ALLOCATIONS.with(Cell::get), before);
+}
