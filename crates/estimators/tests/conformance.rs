@@ -1,5 +1,6 @@
 //! The suite that every `JointTorqueEstimator` passes.
 
+#[allow(dead_code)] // each test uses a part of it
 mod common;
 
 use common::robots::{Robot, Scene};

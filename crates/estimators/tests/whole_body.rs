@@ -1,5 +1,6 @@
 //! Whole-body torques against the full inverse dynamics of random robots.
 
+#[allow(dead_code)] // each test uses a part of it
 mod common;
 
 use common::robots::{Robot, Scene};
