@@ -18,6 +18,14 @@ pub enum Coding {
     Float64,
 }
 
+impl Coding {
+    /// The signal counts: it is no float.
+    #[must_use]
+    pub fn is_integer(self) -> bool {
+        matches!(self, Self::Unsigned | Self::Signed)
+    }
+}
+
 /// A signal's place, compiled: one load, one shift, one mask.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Packing {

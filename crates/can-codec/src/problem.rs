@@ -11,7 +11,7 @@ pub struct Problem {
     pub line: usize,
     /// What is wrong.
     pub reason: String,
-    /// What is allowed instead.
+    /// What is allowed instead; empty where `reason` says it.
     pub allowed: String,
 }
 
@@ -21,7 +21,11 @@ impl fmt::Display for Problem {
         if self.line > 0 {
             write!(f, ":{}", self.line)?;
         }
-        write!(f, ": {}; allowed: {}", self.reason, self.allowed)
+        write!(f, ": {}", self.reason)?;
+        if !self.allowed.is_empty() {
+            write!(f, "; allowed: {}", self.allowed)?;
+        }
+        Ok(())
     }
 }
 

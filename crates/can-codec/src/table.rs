@@ -33,6 +33,9 @@ pub struct SignalMap {
     pub scale: f64,
     /// Slot's value where the DBC file's is zero.
     pub offset: f64,
+    /// The signal starts again at its range's end, as an encoder's count does: what is encoded is
+    /// taken modulo the range instead of being limited to it.
+    pub wraps: bool,
 }
 
 /// Why a frame was not decoded.
@@ -108,6 +111,28 @@ struct Compiled {
     /// Counts that `encode` may write: the signal's range, whatever its sign of scale.
     raw_min: f64,
     raw_max: f64,
+    wraps: bool,
+}
+
+impl Compiled {
+    /// The count, not yet rounded, that stands for a value: within the signal's range.
+    fn raw(&self, value: f64) -> f64 {
+        let raw = (value - self.offset) / self.scale;
+        let raw = if self.wraps {
+            let counts = self.raw_max - self.raw_min + 1.0;
+            let turned = self.raw_min + (raw.round_ties_even() - self.raw_min).rem_euclid(counts);
+            // The remainder of a tiny negative number rounds to the whole range.
+            if turned > self.raw_max {
+                self.raw_min
+            } else {
+                turned
+            }
+        } else {
+            raw
+        };
+        // max and min, not clamp: they cannot panic.
+        raw.max(self.raw_min).min(self.raw_max)
+    }
 }
 
 /// Identifiers of one bus.
@@ -220,10 +245,7 @@ impl Table {
             let Some(value) = slots.get(signal.slot).filter(|value| value.is_finite()) else {
                 return false;
             };
-            let raw = (value - signal.offset) / signal.scale;
-            // max and min, not clamp: they cannot panic.
-            let raw = raw.max(signal.raw_min).min(signal.raw_max);
-            signal.packing.write(&mut made.data, raw);
+            signal.packing.write(&mut made.data, signal.raw(*value));
         }
         *frame = made;
         true
@@ -387,7 +409,17 @@ impl<'a> Compiler<'a> {
                 "finite numbers, a scale other than 0".to_owned(),
             ));
         }
+        if map.wraps && !signal.coding.is_integer() {
+            return Err((
+                format!("signal {path} is a float and cannot wrap"),
+                "integer signals".to_owned(),
+            ));
+        }
         let ends = [signal.min, signal.max].map(|value| (value - signal.offset) / signal.scale);
+        let ends = match signal.coding.is_integer() {
+            true => ends.map(f64::round_ties_even),
+            false => ends,
+        };
         let compiled = Compiled {
             slot: map.slot,
             packing: signal.packing,
@@ -395,6 +427,7 @@ impl<'a> Compiler<'a> {
             offset,
             raw_min: ends[0].min(ends[1]),
             raw_max: ends[0].max(ends[1]),
+            wraps: map.wraps,
         };
         Ok((index, compiled))
     }

@@ -1,1 +1,180 @@
-//! Placeholder.
+//! A robot's configuration: TOML, URDF and DBC files to validated parameters in SI units.
+//!
+//! Degrees, counts and file names end here. Every problem is reported with its file, its line,
+//! its key and what is allowed, as many at once as can be told apart. Nothing is read but through
+//! the reader that the caller hands over.
+#![deny(unsafe_code)]
+
+mod drives;
+mod general;
+mod joints;
+mod parameters;
+mod paths;
+mod reader;
+mod sensors;
+pub mod slots;
+mod units;
+mod wiring;
+
+pub use can_codec::Problem;
+pub use parameters::*;
+
+use can_codec::{Frame, Table};
+use core::fmt;
+use dynamics::{Base, Model};
+use estimators::whole_body::{self, WholeBody, WholeBodyParameters};
+use reader::{Notes, Section};
+use toml::de::DeTable;
+use wiring::Wiring;
+
+/// A robot, ready to run.
+#[derive(Debug, Clone)]
+pub struct Robot {
+    /// What the configuration says, in SI units.
+    pub parameters: Parameters,
+    /// The rigid bodies.
+    pub model: Model,
+    /// What is received: fills the receive [`slots`].
+    pub receive: Table,
+    /// What is sent: takes the send [`slots`].
+    pub send: Table,
+    /// The frame that starts a cycle, one for each bus.
+    pub sync: Vec<Frame>,
+}
+
+/// Everything that is wrong with a configuration, in the order of files and lines.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigError {
+    /// The problems, at least one.
+    pub problems: Vec<Problem>,
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, problem) in self.problems.iter().enumerate() {
+            let separator = if i == 0 { "" } else { "\n" };
+            write!(f, "{separator}{problem}")?;
+        }
+        Ok(())
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
+/// Hands over a file's text.
+pub type Read<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
+
+/// Loads the configuration at `path` and the files that it names, each through `read`.
+///
+/// # Errors
+/// Whatever keeps the robot from being described completely: see [`ConfigError`].
+pub fn load(path: &str, read: Read<'_>) -> Result<Robot, ConfigError> {
+    let text = read(path).map_err(|error| ConfigError {
+        problems: vec![unreadable(path, &error)],
+    })?;
+    let notes = Notes::new(path, &text);
+    let (table, errors) = DeTable::parse_recoverable(&text);
+    for error in &errors {
+        let place = error.span().map_or(0, |span| span.start);
+        notes.at(place, error.message().replace('\n', ", "), "TOML");
+    }
+    let robot = if errors.is_empty() {
+        robot(&notes, Section::root(&notes, table.get_ref()), path, read)
+    } else {
+        None
+    };
+    let any = notes.any();
+    robot.filter(|_| !any).ok_or_else(|| ConfigError {
+        problems: notes.into_problems(),
+    })
+}
+
+fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -> Option<Robot> {
+    let named = general::robot(&root, path);
+    let timing = general::timing(&root);
+    let buses = general::buses(&root, path);
+    let [encoder_filter, sensor_filter, control_filter] =
+        general::filters(&root, timing.sample_period);
+    let estimation = general::estimation(&root);
+    let drives = drives::read(&root);
+
+    let model = named.as_ref().and_then(|named| {
+        general::read_file(notes, &root, "robot", &named.urdf_path, read)
+            .and_then(|urdf| model(notes, &urdf, &named.urdf_path, named.base))
+    });
+    let mut wiring = Wiring::read(notes, &root, &buses, read);
+    let joints = joints::read(&root, &drives, model.as_ref(), &timing, &mut wiring);
+    let ft_sensors = sensors::ft_sensors(&root, &mut wiring);
+    let imu = sensors::imu(&root, &mut wiring);
+    root.finish();
+
+    let tables = wiring.compile();
+    let (named, model) = (named?, model?);
+    let whole_body = WholeBodyParameters {
+        joints: joints.iter().map(|joint| joint.name.clone()).collect(),
+        sigma_ddq: vec![0.0; joints.len()],
+        ft_sensors: ft_sensors.iter().map(|ft| ft.sensor.clone()).collect(),
+        imu: imu.as_ref().map(|imu| whole_body::ImuParameters {
+            frame: imu.frame.clone(),
+            sigma_accelerometer: imu.sigma_accelerometer,
+        }),
+        unknown_wrench_link: estimation.unknown_wrench_link.clone(),
+    };
+    if !notes.any()
+        && let Err(error) = WholeBody::new(&model, &whole_body)
+    {
+        notes.note(Problem {
+            file: path.to_owned(),
+            line: 0,
+            reason: error.to_string(),
+            allowed: String::new(),
+        });
+    }
+    let (receive, send, sync) = tables?;
+    let parameters = Parameters {
+        name: named.name,
+        urdf_path: named.urdf_path,
+        base: named.base,
+        timing,
+        buses: buses.into_iter().map(|bus| bus.parameters).collect(),
+        encoder_filter,
+        sensor_filter,
+        control_filter,
+        angular_acceleration: estimation.angular_acceleration,
+        unknown_wrench_link: estimation.unknown_wrench_link,
+        torque_feedback: estimation.torque_feedback,
+        k_f: estimation.k_f,
+        joints,
+        ft_sensors,
+        imu,
+    };
+    Some(Robot {
+        parameters,
+        model,
+        receive,
+        send,
+        sync,
+    })
+}
+
+fn model(notes: &Notes<'_>, urdf: &str, path: &str, base: Base) -> Option<Model> {
+    Model::from_urdf(urdf, &paths::shown(path), base)
+        .map_err(|error| {
+            notes.note(Problem {
+                file: error.file,
+                line: error.line as usize,
+                reason: error.reason,
+                allowed: String::new(),
+            });
+        })
+        .ok()
+}
+
+fn unreadable(path: &str, error: &std::io::Error) -> Problem {
+    Problem {
+        file: paths::shown(path),
+        line: 0,
+        reason: format!("cannot be read: {error}"),
+        allowed: "a readable text file in UTF-8".to_owned(),
+    }
+}

@@ -1,0 +1,136 @@
+//! `[drive.NAME]`: kinds of drive.
+
+use crate::reader::{Allowed, Section};
+use control::MotorModel;
+use estimators::compliance::ComplianceParameters;
+use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
+use std::collections::BTreeMap;
+
+/// A kind of drive.
+pub(crate) struct Drive {
+    pub(crate) gear_ratio: f64,
+    pub(crate) rotor_inertia: f64,
+    pub(crate) max_velocity: f64,
+    pub(crate) motor_counts_per_turn: Option<f64>,
+    pub(crate) link_counts_per_turn: Option<f64>,
+    pub(crate) current_limit: f64,
+    pub(crate) low_pass_pole: f64,
+    pub(crate) torsion_sigma: f64,
+    pub(crate) current_sigma: f64,
+    pub(crate) compliance: ComplianceParameters,
+    pub(crate) wave_generator: WaveGeneratorParameters,
+    pub(crate) motor: MotorModel,
+}
+
+#[derive(Clone, Copy)]
+enum Command {
+    Position,
+    Current,
+}
+
+/// The drives by name; one that is incomplete counts as known, its problems are noted.
+pub(crate) fn read<'n>(root: &Section<'n, '_>) -> BTreeMap<&'n str, Option<Drive>> {
+    let Some(section) = root.section("drive") else {
+        return BTreeMap::new();
+    };
+    let drives = section.named_sections();
+    drives
+        .into_iter()
+        .map(|(name, section)| (name, drive(section)))
+        .collect()
+}
+
+fn drive(section: Section<'_, '_>) -> Option<Drive> {
+    let gear_ratio = section.number("gear_ratio", Allowed::Within(1.0, 10_000.0));
+    let torque_constant = section.number("torque_constant_Nm_per_A", Allowed::Positive);
+    let rotor_inertia = section.number("rotor_inertia_kg_m2", Allowed::Positive);
+    let max_velocity = section.number("max_velocity_rad_per_s", Allowed::Positive);
+    let counts = Allowed::Within(2.0, 4_294_967_296.0);
+    let motor_counts_per_turn = section.optional_number("motor_counts_per_turn", counts);
+    let link_counts_per_turn = section.optional_number("link_counts_per_turn", counts);
+    let current_sigma = section.number_or("current_sigma_A", 0.0, Allowed::NonNegative);
+    let command = section.choice(
+        "command",
+        &[
+            ("position", Command::Position),
+            ("current", Command::Current),
+        ],
+    );
+    let current_limit = match command {
+        Command::Position => f64::INFINITY,
+        Command::Current => section.number("current_limit_A", Allowed::Positive),
+    };
+    let compliance = section.section("compliance").map(compliance);
+    let friction = section
+        .section("friction")
+        .map(|section| friction(section, torque_constant));
+    let motor = section
+        .section("motor")
+        .map(|section| motor(section, command));
+    section.finish();
+    let (compliance, low_pass_pole, torsion_sigma) = compliance?;
+    Some(Drive {
+        gear_ratio,
+        rotor_inertia,
+        max_velocity,
+        motor_counts_per_turn,
+        link_counts_per_turn,
+        current_limit,
+        low_pass_pole,
+        torsion_sigma,
+        current_sigma,
+        compliance,
+        wave_generator: friction?,
+        motor: motor?,
+    })
+}
+
+/// The model, the low-pass's pole, and the torsion that the model leaves unexplained.
+fn compliance(section: Section<'_, '_>) -> (ComplianceParameters, f64, f64) {
+    let parameters = ComplianceParameters {
+        k_fs0: section.number("K_fs0_Nm_per_rad", Allowed::Positive),
+        c_fs: section.number("C_fs_per_Nm", Allowed::NonNegative),
+        k_wg0: section.number("K_wg0_Nm_per_rad", Allowed::Positive),
+        c_wg: section.number("C_wg_per_Nm", Allowed::NonNegative),
+    };
+    let pole = section.number_or("low_pass_pole", 0.95, Allowed::Below(0.0, 1.0));
+    let sigma = section.number_or("torsion_sigma_deg", 0.0, Allowed::NonNegative);
+    section.finish();
+    (parameters, pole, sigma.to_radians())
+}
+
+fn friction(section: Section<'_, '_>, torque_constant: f64) -> WaveGeneratorParameters {
+    let rules = [
+        ("physical", FrictionRule::Physical),
+        ("published", FrictionRule::Published),
+    ];
+    let parameters = WaveGeneratorParameters {
+        torque_constant,
+        friction: section.number("coulomb_Nm", Allowed::NonNegative),
+        viscous_friction: section.number("viscous_Nms_per_rad", Allowed::NonNegative),
+        epsilon: section.number("epsilon_rad_per_s", Allowed::Positive),
+        rule: section.choice_or("rule", FrictionRule::Physical, &rules),
+    };
+    section.finish();
+    parameters
+}
+
+fn motor(section: Section<'_, '_>, command: Command) -> MotorModel {
+    let sign_smoothing = section.number("sign_smoothing_rad_per_s", Allowed::Positive);
+    let motor = match command {
+        Command::Position => MotorModel::Position {
+            k_tau: section.number("K_tau_rad_per_Nm", Allowed::Positive),
+            k_v: section.number("K_v_s", Allowed::NonNegative),
+            k_c: section.number("K_c_rad", Allowed::NonNegative),
+            sign_smoothing,
+        },
+        Command::Current => MotorModel::Current {
+            k1: section.number("K_1_Nm_per_A", Allowed::Positive),
+            k2: section.number("K_2_Nms_per_rad", Allowed::NonNegative),
+            k3: section.number("K_3_Nm", Allowed::NonNegative),
+            sign_smoothing,
+        },
+    };
+    section.finish();
+    motor
+}

@@ -1,0 +1,272 @@
+//! `[robot] [loop] [[bus]] [filters] [whole_body] [control]`.
+
+use crate::parameters::{AngularAcceleration, BusParameters, RealTime, Timing, TorqueFeedback};
+use crate::reader::{Allowed, Notes, Section};
+use crate::{Read, paths, unreadable};
+use dynamics::Base;
+use estimators::savitzky_golay::SavitzkyGolayParameters;
+
+/// Letters of a [`robot_state::Name`].
+const NAME: &str = "a name of 1 to 48 letters, digits, _ or -";
+
+/// `[robot]`.
+pub(crate) struct Named {
+    pub(crate) name: String,
+    pub(crate) urdf_path: String,
+    pub(crate) base: Base,
+}
+
+/// `[whole_body]` and `[control]`.
+pub(crate) struct Estimation {
+    pub(crate) unknown_wrench_link: Option<String>,
+    pub(crate) angular_acceleration: AngularAcceleration,
+    pub(crate) torque_feedback: TorqueFeedback,
+    pub(crate) k_f: f64,
+}
+
+/// `[[bus]]`.
+pub(crate) struct Bus {
+    pub(crate) parameters: BusParameters,
+    pub(crate) sync: String,
+    pub(crate) sync_place: usize,
+    pub(crate) dbc_places: Vec<usize>,
+}
+
+pub(crate) fn robot(root: &Section<'_, '_>, config: &str) -> Option<Named> {
+    let section = root.section("robot")?;
+    let name = name(&section, "name");
+    let urdf = section.text("urdf", "the path of a URDF file, relative to this file");
+    let base = section.choice(
+        "base",
+        &[("fixed", Base::Fixed), ("floating", Base::Floating)],
+    );
+    section.finish();
+    Some(Named {
+        name,
+        urdf_path: paths::resolved(config, urdf?.value),
+        base,
+    })
+}
+
+/// A name that fits into a record; empty if it was noted as wrong.
+pub(crate) fn name(section: &Section<'_, '_>, key: &'static str) -> String {
+    let Some(name) = section.text(key, NAME).map(|text| text.value) else {
+        return String::new();
+    };
+    let fine = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    if name.len() > 48 || !name.chars().all(fine) {
+        section.problem(key, format!("{name:?} is not allowed"), NAME);
+    }
+    name.to_owned()
+}
+
+pub(crate) fn timing(root: &Section<'_, '_>) -> Timing {
+    let mut timing = Timing {
+        sample_period: f64::NAN,
+        gather_deadline: f64::NAN,
+        stale_after: f64::NAN,
+        reference_timeout: f64::NAN,
+        real_time: RealTime::Try,
+        priority: 80,
+        cpu: None,
+    };
+    let Some(section) = root.section("loop") else {
+        return timing;
+    };
+    timing.sample_period = 1.0 / section.number("rate_hz", Allowed::Within(1.0, 10_000.0));
+    // While the rate is unknown the others are judged against the slowest one.
+    let period = if timing.sample_period.is_nan() {
+        1.0
+    } else {
+        timing.sample_period
+    };
+    let us = section.number("gather_deadline_us", Allowed::Positive);
+    if us * 1e-6 >= period {
+        let allowed = format!("above 0 and below the period of {} us", period * 1e6);
+        section.problem(
+            "gather_deadline_us",
+            format!("{us} is not allowed"),
+            allowed,
+        );
+    }
+    timing.gather_deadline = us * 1e-6;
+    let at_least_a_period = |key, default_ms| {
+        let least = if timing.sample_period.is_nan() {
+            0.1
+        } else {
+            period * 1e3
+        };
+        section.number_or(key, default_ms, Allowed::Within(least, 10_000.0)) * 1e-3
+    };
+    timing.stale_after = at_least_a_period("stale_after_ms", 20.0);
+    timing.reference_timeout = at_least_a_period("reference_timeout_ms", 50.0);
+    let choices = [("try", RealTime::Try), ("require", RealTime::Require)];
+    timing.real_time = section.choice_or("real_time", RealTime::Try, &choices);
+    timing.priority = section.optional_integer("priority", 1..100).unwrap_or(80) as u8;
+    timing.cpu = section
+        .optional_integer("cpu", 0..1024)
+        .map(|cpu| cpu as usize);
+    section.finish();
+    timing
+}
+
+pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
+    const MOST: usize = 32;
+    let sections = root.list("bus");
+    if sections.is_empty() || sections.len() > MOST {
+        let what = format!("{} buses are not allowed", sections.len());
+        root.problem("bus", what, format!("1 to {MOST} tables [[bus]]"));
+    }
+    let mut buses = Vec::<Bus>::new();
+    for mut section in sections {
+        let name = name(&section, "name");
+        section.which = format!(" ({name})");
+        if buses.iter().any(|bus| bus.parameters.name == name) {
+            section.problem("name", "a second bus has this name", "a name for each bus");
+        }
+        let interface = interface(&section);
+        if buses
+            .iter()
+            .any(|bus| bus.parameters.interface == interface)
+        {
+            let what = format!("a second bus is on {interface}");
+            let allowed = "one bus for each interface; it may list several DBC files";
+            section.problem("interface", what, allowed);
+        }
+        let dbcs = section.texts(
+            "dbc",
+            "the path of a DBC file, relative to this file, or a list",
+        );
+        let sync = section.text("sync", "the name of the message that starts a cycle");
+        let fd = section.flag_or("fd", false);
+        buses.push(Bus {
+            parameters: BusParameters {
+                name,
+                interface,
+                dbc_paths: dbcs
+                    .iter()
+                    .map(|dbc| paths::resolved(config, dbc.value))
+                    .collect(),
+                fd,
+            },
+            sync: sync
+                .as_ref()
+                .map_or_else(String::new, |sync| sync.value.to_owned()),
+            sync_place: sync.map_or_else(|| section.place(), |sync| sync.place),
+            dbc_places: dbcs.iter().map(|dbc| dbc.place).collect(),
+        });
+        section.finish();
+    }
+    buses
+}
+
+/// A name that Linux accepts for a network interface.
+fn interface(section: &Section<'_, '_>) -> String {
+    const ALLOWED: &str = "1 to 15 bytes without space, / or :, as can0 or vcan0";
+    let Some(text) = section.text("interface", ALLOWED) else {
+        return String::new();
+    };
+    let name = text.value;
+    let bad = |c: char| c.is_whitespace() || c.is_control() || c == '/' || c == ':';
+    if name.len() > 15 || name == "." || name == ".." || name.chars().any(bad) {
+        section.problem(
+            "interface",
+            format!("{name:?} is no name of an interface"),
+            ALLOWED,
+        );
+    }
+    name.to_owned()
+}
+
+/// The filters of encoders and of sensors: both read at the same instant, the middle of the
+/// longer window, because signals that enter one equation must be late by the same time.
+///
+/// The third filter is for control's velocity alone: it enters no such equation and is short.
+pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> [SavitzkyGolayParameters; 3] {
+    const MOST: u64 = 1000;
+    let section = root.optional_section("filters");
+    let read = |key, window: usize, order| {
+        let table = section
+            .as_ref()
+            .and_then(|section| section.optional_section(key));
+        let (window, order) = table.map_or((window as u64, order), |table| {
+            let window = table.integer("window", order + 1..MOST + 1);
+            let order = table.integer("order", order..window.clamp(order + 1, 6));
+            table.finish();
+            (window, order)
+        });
+        (window as usize, order as usize)
+    };
+    // Accelerations are second derivatives of angles, and first ones of the gyro.
+    let (encoder, sensor) = (read("encoder", 80, 2), read("sensor", 80, 1));
+    let (window, order) = read("control", 16, 2);
+    let control = SavitzkyGolayParameters::centred(window, order, 1, sample_period);
+    let delay_samples = 0.5 * (encoder.0.max(sensor.0) - 1) as f64;
+    let shortest = encoder.0.min(sensor.0);
+    if let Some(section) = section {
+        if delay_samples > (shortest - 1) as f64 {
+            let what = format!(
+                "windows of {} and {} samples have no instant in common",
+                encoder.0, sensor.0
+            );
+            let allowed =
+                "the longer window at most twice the shorter less one; equal windows are best";
+            section.problem("", what, allowed);
+        }
+        section.finish();
+    }
+    let filter = |(window, order), derivatives| SavitzkyGolayParameters {
+        window,
+        order,
+        derivatives,
+        delay_samples,
+        sample_period,
+    };
+    [filter(encoder, 2), filter(sensor, 1), control]
+}
+
+pub(crate) fn estimation(root: &Section<'_, '_>) -> Estimation {
+    use AngularAcceleration::{Differentiate, Neglect};
+    use TorqueFeedback::{Encoder, WholeBody};
+    let mut estimation = Estimation {
+        unknown_wrench_link: None,
+        angular_acceleration: Differentiate,
+        torque_feedback: Encoder,
+        k_f: 0.0,
+    };
+    if let Some(section) = root.optional_section("whole_body") {
+        estimation.unknown_wrench_link = section
+            .optional_text("unknown_wrench_link", "the name of a link of the URDF")
+            .map(|text| text.value.to_owned());
+        let choices = [("differentiate", Differentiate), ("neglect", Neglect)];
+        estimation.angular_acceleration =
+            section.choice_or("angular_acceleration", Differentiate, &choices);
+        section.finish();
+    }
+    if let Some(section) = root.section("control") {
+        let choices = [("encoder", Encoder), ("whole_body", WholeBody)];
+        estimation.torque_feedback = section.choice("torque_feedback", &choices);
+        estimation.k_f = section.number_or("K_f", 0.0, Allowed::NonNegative);
+        section.finish();
+    }
+    estimation
+}
+
+/// The text of a file that the section names.
+pub(crate) fn read_file(
+    notes: &Notes<'_>,
+    root: &Section<'_, '_>,
+    key: &'static str,
+    path: &str,
+    read: Read<'_>,
+) -> Option<String> {
+    read(path)
+        .map_err(|error| {
+            let section = root.optional_section(key);
+            let named_in = section.map_or_else(String::new, |section| section.path("urdf"));
+            let mut problem = unreadable(path, &error);
+            problem.reason.push_str(&format!(" ({named_in})"));
+            notes.note(problem);
+        })
+        .ok()
+}

@@ -1,0 +1,166 @@
+//! What a configuration says, validated, in SI units.
+
+use control::{JointGains, JointLimits, MotorModel};
+use dynamics::Base;
+use estimators::encoder::EncoderParameters;
+use estimators::joint::JointEstimatorParameters;
+use estimators::savitzky_golay::SavitzkyGolayParameters;
+use estimators::whole_body::FtSensorParameters;
+use robot_state::Wrench;
+
+/// Everything that a configuration says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameters {
+    /// The robot's name, at most 48 bytes.
+    pub name: String,
+    /// Path of the URDF, resolved against the configuration's folder.
+    pub urdf_path: String,
+    /// How the root link is attached to the world.
+    pub base: Base,
+    /// The loop's timing.
+    pub timing: Timing,
+    /// The buses; a frame's `bus` is an index into them.
+    pub buses: Vec<BusParameters>,
+    /// Filter of encoders: value and two derivatives.
+    pub encoder_filter: SavitzkyGolayParameters,
+    /// Filter of F/T sensors and IMU, late by as much as the encoders': value and one derivative.
+    pub sensor_filter: SavitzkyGolayParameters,
+    /// Filter of the velocities that control uses: short, as delay costs stability.
+    pub control_filter: SavitzkyGolayParameters,
+    /// Where the angular acceleration of the IMU comes from.
+    pub angular_acceleration: AngularAcceleration,
+    /// The link that an unknown wrench may act on (D 2.4); the root if none is named.
+    pub unknown_wrench_link: Option<String>,
+    /// Which torque estimate is fed back.
+    pub torque_feedback: TorqueFeedback,
+    /// K_f: gain on the contact force error (D12), 1.
+    pub k_f: f64,
+    /// The joints, in config order.
+    pub joints: Vec<JointParameters>,
+    /// The F/T sensors, in config order.
+    pub ft_sensors: Vec<FtParameters>,
+    /// The IMU, if there is one.
+    pub imu: Option<ImuParameters>,
+}
+
+/// The loop's timing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timing {
+    /// T: time between cycles, s.
+    pub sample_period: f64,
+    /// How long after SYNC answers are waited for, s.
+    pub gather_deadline: f64,
+    /// A joint that is silent for longer is a fault, s.
+    pub stale_after: f64,
+    /// A client that is silent for longer has lost control, s.
+    pub reference_timeout: f64,
+    /// Whether to start without real-time scheduling.
+    pub real_time: RealTime,
+    /// SCHED_FIFO priority of the loop, 1 to 99.
+    pub priority: u8,
+    /// The core that the loop is bound to; any if none is named.
+    pub cpu: Option<usize>,
+}
+
+/// Whether to start without real-time scheduling.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RealTime {
+    /// Start anyway, and say what is missing.
+    Try,
+    /// Refuse to start.
+    Require,
+}
+
+/// A CAN bus.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BusParameters {
+    /// Name, as joints and sensors call it.
+    pub name: String,
+    /// Name of the network interface.
+    pub interface: String,
+    /// Paths of the DBC files, resolved against the configuration's folder.
+    pub dbc_paths: Vec<String>,
+    /// The bus carries CAN FD frames.
+    pub fd: bool,
+}
+
+/// Where the angular acceleration of the IMU comes from (D 2.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AngularAcceleration {
+    /// The filtered gyro's derivative.
+    Differentiate,
+    /// It is taken as zero.
+    Neglect,
+}
+
+/// Which torque estimate is fed back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TorqueFeedback {
+    /// From F/T sensors and IMU (D 2).
+    WholeBody,
+    /// From encoders and current (Z).
+    Encoder,
+}
+
+/// One joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointParameters {
+    /// The URDF's name.
+    pub name: String,
+    /// Index of the joint in the model.
+    pub model_index: usize,
+    /// Index of its bus.
+    pub bus: usize,
+    /// Name of its kind of drive.
+    pub drive: String,
+    /// Whether a velocity comes over the bus.
+    pub has_velocity: bool,
+    /// Whether a status word comes over the bus.
+    pub has_status: bool,
+    /// J: inertia of the rotor, motor side, kg·m².
+    pub rotor_inertia: f64,
+    /// How its encoders are read.
+    pub encoders: EncoderParameters,
+    /// From encoders and current to torque.
+    pub estimator: JointEstimatorParameters,
+    /// What its command means: position or current.
+    pub motor: MotorModel,
+    /// Feedback gains.
+    pub gains: JointGains,
+    /// Limits of what is commanded.
+    pub limits: JointLimits,
+}
+
+impl JointParameters {
+    /// The drive takes positions, not currents.
+    #[must_use]
+    pub fn takes_position(&self) -> bool {
+        matches!(self.motor, MotorModel::Position { .. })
+    }
+}
+
+/// One F/T sensor. Its sign and tare are already in the receive table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FtParameters {
+    /// What the estimator needs; the standard deviations are those of single samples.
+    pub sensor: FtSensorParameters,
+    /// Index of its bus.
+    pub bus: usize,
+    /// 1: it measures the wrench that the part beyond applies to the part before; -1: the reverse.
+    pub sign: f64,
+    /// What it reads without load, N and N·m, its own sign.
+    pub tare: Wrench,
+}
+
+/// The IMU.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImuParameters {
+    /// The link in whose frame it measures.
+    pub frame: String,
+    /// Index of its bus.
+    pub bus: usize,
+    /// Standard deviation of a sample of each gyro axis, rad/s.
+    pub sigma_gyro: f64,
+    /// Standard deviation of a sample of each accelerometer axis, m/s².
+    pub sigma_accelerometer: f64,
+}

@@ -1,0 +1,119 @@
+//! `[[ft_sensor]]` and `[imu]`.
+
+use crate::general::name;
+use crate::parameters::{FtParameters, ImuParameters};
+use crate::reader::{Allowed, Section};
+use crate::slots;
+use crate::units::Quantity;
+use crate::wiring::{Use, Way, Wiring};
+use estimators::whole_body::FtSensorParameters;
+use robot_state::{MAX_FT_SENSORS, Wrench};
+
+const LINK: &str = "the name of a link of the URDF";
+
+pub(crate) fn ft_sensors(root: &Section<'_, '_>, wiring: &mut Wiring<'_, '_>) -> Vec<FtParameters> {
+    let mut sections = root.list("ft_sensor");
+    if sections.len() > MAX_FT_SENSORS {
+        let what = format!("{} F/T sensors are not allowed", sections.len());
+        root.problem("ft_sensor", what, format!("at most {MAX_FT_SENSORS}"));
+        sections.truncate(MAX_FT_SENSORS);
+    }
+    let mut sensors = Vec::<FtParameters>::new();
+    for (index, mut section) in sections.into_iter().enumerate() {
+        let name = name(&section, "name");
+        section.which = format!(" ({name})");
+        if sensors.iter().any(|other| other.sensor.name == name) {
+            section.problem(
+                "name",
+                "a second F/T sensor has this name",
+                "each sensor once",
+            );
+        }
+        sensors.extend(ft_sensor(&section, index, name, wiring));
+        section.finish();
+    }
+    sensors
+}
+
+fn ft_sensor(
+    section: &Section<'_, '_>,
+    index: usize,
+    name: String,
+    wiring: &mut Wiring<'_, '_>,
+) -> Option<FtParameters> {
+    let frame = section.text("frame", LINK);
+    let contact_link = section.optional_text("contact_link", LINK);
+    let sign = section.sign_or("sign", 1.0);
+    let tare = section.number_array_or::<6>("offset", [0.0; 6], Allowed::Finite);
+    let sigma_force = section.number("sigma_N", Allowed::NonNegative);
+    let sigma_torque = section.number("sigma_Nm", Allowed::NonNegative);
+    let bus = wiring.bus(section);
+    for (key, first, quantity) in [
+        ("force", 0, Quantity::Force),
+        ("torque", 3, Quantity::Torque),
+    ] {
+        section.has(key);
+        if let Some(bus) = bus {
+            wiring.connect_axes(section, key, |axis| Use {
+                way: Way::Receive,
+                bus,
+                slot: slots::ft(index, first + axis),
+                quantity,
+                sign,
+                offset: -sign * tare[first + axis],
+            });
+        }
+    }
+    let [fx, fy, fz, tx, ty, tz] = tare;
+    Some(FtParameters {
+        sensor: FtSensorParameters {
+            name,
+            frame: frame?.value.to_owned(),
+            contact_link: contact_link.map(|link| link.value.to_owned()),
+            sigma_force,
+            sigma_torque,
+        },
+        bus: bus?,
+        sign,
+        tare: Wrench {
+            force: [fx, fy, fz],
+            torque: [tx, ty, tz],
+        },
+    })
+}
+
+pub(crate) fn imu(root: &Section<'_, '_>, wiring: &mut Wiring<'_, '_>) -> Option<ImuParameters> {
+    let section = root.optional_section("imu")?;
+    let frame = section.text("frame", LINK);
+    let sigma_gyro = section.number_or("sigma_rad_per_s", 0.005, Allowed::NonNegative);
+    let sigma_accelerometer = section.number_or("sigma_m_per_s2", 0.05, Allowed::NonNegative);
+    let bus = wiring.bus(&section);
+    let axes = [
+        ("gyro", slots::gyro(0), Quantity::Velocity),
+        (
+            "accelerometer",
+            slots::accelerometer(0),
+            Quantity::Acceleration,
+        ),
+    ];
+    for (key, first, quantity) in axes {
+        section.has(key);
+        if let Some(bus) = bus {
+            wiring.connect_axes(&section, key, |axis| Use {
+                way: Way::Receive,
+                bus,
+                slot: first + axis,
+                quantity,
+                sign: 1.0,
+                offset: 0.0,
+            });
+        }
+    }
+    section.finish();
+    Some(ImuParameters {
+        frame: frame?.value.to_owned(),
+        bus: bus?,
+        sigma_gyro,
+        sigma_accelerometer,
+    })
+}

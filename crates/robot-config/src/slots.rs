@@ -1,0 +1,77 @@
+//! Places of the quantities among the values that the tables fill and take.
+//!
+//! Receive: IMU, then the F/T sensors that a record can hold, then the joints. Send: one value for
+//! each joint.
+
+use crate::parameters::Parameters;
+use robot_state::MAX_FT_SENSORS;
+
+const AXES: usize = 6;
+const JOINTS: usize = AXES * (1 + MAX_FT_SENSORS);
+const PER_JOINT: usize = 5;
+
+/// Axis x y z of the IMU's angular velocity, rad/s.
+#[must_use]
+pub const fn gyro(axis: usize) -> usize {
+    axis
+}
+
+/// Axis x y z of the IMU's acceleration minus gravity, m/s².
+#[must_use]
+pub const fn accelerometer(axis: usize) -> usize {
+    3 + axis
+}
+
+/// Axis of an F/T sensor: force x y z in N, torque x y z in N·m, tare removed, sign applied.
+#[must_use]
+pub const fn ft(sensor: usize, axis: usize) -> usize {
+    AXES * (1 + sensor) + axis
+}
+
+/// theta: motor-side angle modulo its wrap, rad.
+#[must_use]
+pub const fn motor_angle(joint: usize) -> usize {
+    JOINTS + PER_JOINT * joint
+}
+
+/// q: link-side angle modulo its wrap, rad.
+#[must_use]
+pub const fn link_angle(joint: usize) -> usize {
+    motor_angle(joint) + 1
+}
+
+/// i: motor current, A.
+#[must_use]
+pub const fn current(joint: usize) -> usize {
+    motor_angle(joint) + 2
+}
+
+/// omega: motor-side velocity, rad/s; stays as it is where the drive sends none.
+#[must_use]
+pub const fn velocity(joint: usize) -> usize {
+    motor_angle(joint) + 3
+}
+
+/// The drive's status word; stays as it is where the drive sends none.
+#[must_use]
+pub const fn status(joint: usize) -> usize {
+    motor_angle(joint) + 4
+}
+
+/// How many values the receive table fills at most.
+#[must_use]
+pub fn receive_len(parameters: &Parameters) -> usize {
+    motor_angle(parameters.joints.len())
+}
+
+/// The commanded position, rad, or current, A.
+#[must_use]
+pub const fn command(joint: usize) -> usize {
+    joint
+}
+
+/// How many values the send table takes.
+#[must_use]
+pub fn send_len(parameters: &Parameters) -> usize {
+    parameters.joints.len()
+}

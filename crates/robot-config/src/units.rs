@@ -1,0 +1,57 @@
+//! Units of signals, as DBC files write them.
+
+use core::f64::consts::TAU;
+
+/// What a signal measures or commands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Quantity {
+    /// An angle; counts need to know how many make a turn, and with which key that is said.
+    Angle {
+        counts_per_turn: Option<f64>,
+        key: &'static str,
+    },
+    Velocity,
+    Current,
+    Force,
+    Torque,
+    Acceleration,
+    /// A number without a unit.
+    Status,
+}
+
+/// Standard gravity, m/s²: what `g` means as a unit.
+const STANDARD_GRAVITY: f64 = 9.80665;
+
+impl Quantity {
+    /// SI units per unit, or what is allowed.
+    pub(crate) fn si_per(self, unit: &str) -> Result<f64, String> {
+        let degree = TAU / 360.0;
+        let table: &[(&str, f64)] = match self {
+            Self::Angle {
+                counts_per_turn,
+                key,
+            } => {
+                if matches!(unit, "count" | "counts") {
+                    return counts_per_turn
+                        .map(|counts| TAU / counts)
+                        .ok_or_else(|| format!("rad, deg, or count with {key} of the drive"));
+                }
+                &[("rad", 1.0), ("deg", degree)]
+            }
+            Self::Velocity => &[("rad/s", 1.0), ("deg/s", degree), ("rpm", TAU / 60.0)],
+            Self::Current => &[("A", 1.0), ("mA", 1e-3)],
+            Self::Force => &[("N", 1.0)],
+            Self::Torque => &[("Nm", 1.0), ("N.m", 1.0), ("N*m", 1.0)],
+            Self::Acceleration => &[("m/s2", 1.0), ("m/s^2", 1.0), ("g", STANDARD_GRAVITY)],
+            Self::Status => return Ok(1.0),
+        };
+        let found = table.iter().find(|(name, _)| *name == unit);
+        found.map(|(_, factor)| *factor).ok_or_else(|| {
+            let mut names: Vec<&str> = table.iter().map(|(name, _)| *name).collect();
+            if let Self::Angle { .. } = self {
+                names.push("count");
+            }
+            names.join(", ")
+        })
+    }
+}

@@ -1,0 +1,269 @@
+//! Signals of the buses, and what they are used for.
+
+use crate::general::Bus;
+use crate::reader::{At, Notes, Section};
+use crate::units::Quantity;
+use crate::{Read, paths, unreadable};
+use can_codec::{BusDbc, Dbc, Frame, MAX_FRAMES, Problem, Signal, SignalMap, Table};
+use std::collections::BTreeMap;
+
+/// Which way a signal goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Way {
+    Receive,
+    Send,
+}
+
+/// A use of a signal: `slot = sign * signal in SI + offset`.
+pub(crate) struct Use {
+    pub(crate) way: Way,
+    pub(crate) bus: usize,
+    pub(crate) slot: usize,
+    pub(crate) quantity: Quantity,
+    pub(crate) sign: f64,
+    pub(crate) offset: f64,
+}
+
+/// What a signal can express, in SI units of its slot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Reach {
+    /// One count; 0 for floats.
+    pub(crate) resolution: f64,
+    /// Range after which the signal starts again; infinite for floats.
+    pub(crate) wrap: f64,
+}
+
+/// The DBC files of every bus, and the signals that are used.
+pub(crate) struct Wiring<'n, 't> {
+    notes: &'n Notes<'t>,
+    buses: &'n [Bus],
+    /// Per bus; nothing where a file was noted as wrong.
+    dbcs: Vec<Option<Vec<Dbc>>>,
+    receive: Vec<(u8, SignalMap)>,
+    send: Vec<(u8, SignalMap)>,
+    /// Which key uses a signal of a bus.
+    used: BTreeMap<(usize, String), String>,
+}
+
+impl<'n, 't> Wiring<'n, 't> {
+    pub(crate) fn read(
+        notes: &'n Notes<'t>,
+        root: &Section<'_, '_>,
+        buses: &'n [Bus],
+        read: Read<'_>,
+    ) -> Self {
+        let read_bus = |bus: &Bus| {
+            let dbcs = bus.parameters.dbc_paths.iter().zip(&bus.dbc_places);
+            dbcs.map(|(path, &place)| {
+                let text = read(path).map_err(|error| {
+                    let key = root.path("bus.dbc");
+                    let what = unreadable(path, &error);
+                    notes.at(
+                        place,
+                        format!("{key}: {} {}", what.file, what.reason),
+                        what.allowed,
+                    );
+                });
+                Dbc::parse(&text.ok()?, &paths::shown(path))
+                    .map_err(|error| error.problems.into_iter().for_each(|p| notes.note(p)))
+                    .ok()
+            })
+            .collect()
+        };
+        Self {
+            notes,
+            buses,
+            dbcs: buses.iter().map(read_bus).collect(),
+            receive: Vec::new(),
+            send: Vec::new(),
+            used: BTreeMap::new(),
+        }
+    }
+
+    /// The bus that the section names.
+    pub(crate) fn bus(&self, section: &Section<'_, '_>) -> Option<usize> {
+        let names = self.buses.iter().map(|bus| bus.parameters.name.as_str());
+        let allowed = names.collect::<Vec<_>>().join(", ");
+        let name = section.text("bus", &allowed)?.value;
+        let bus = self
+            .buses
+            .iter()
+            .position(|bus| bus.parameters.name == name);
+        if bus.is_none() {
+            section.problem("bus", format!("there is no [[bus]] {name:?}"), allowed);
+        }
+        bus
+    }
+
+    /// Uses a signal, given as `MESSAGE.signal`; nothing if a problem was noted, here or before.
+    pub(crate) fn connect(&mut self, key: &str, path: &At<&str>, how: &Use) -> Option<Reach> {
+        let reject = |what: String, allowed: String| {
+            self.notes.at(path.place, format!("{key}: {what}"), allowed);
+        };
+        let Some((message, name)) = path.value.split_once('.') else {
+            reject(
+                format!("{:?} is not allowed", path.value),
+                "MESSAGE.signal".to_owned(),
+            );
+            return None;
+        };
+        let dbcs = self.dbcs.get(how.bus)?.as_ref()?;
+        let signal = match find(dbcs, message, name) {
+            Ok(signal) => signal,
+            Err((what, allowed)) => {
+                reject(what, allowed);
+                return None;
+            }
+        };
+        let factor = match how.quantity.si_per(&signal.unit) {
+            Ok(factor) => factor,
+            Err(allowed) => {
+                reject(
+                    format!("signal {} has unit {:?}", path.value, signal.unit),
+                    allowed,
+                );
+                return None;
+            }
+        };
+        let used_by = self
+            .used
+            .insert((how.bus, path.value.to_owned()), key.to_owned());
+        if let Some(other) = used_by {
+            let what = format!("signal {} is used by {other} already", path.value);
+            reject(what, "one use of each signal".to_owned());
+            return None;
+        }
+        let resolution = (signal.scale * factor).abs();
+        let counts = signal.coding.is_integer();
+        let wraps = counts && matches!(how.quantity, Quantity::Angle { .. });
+        let map = SignalMap {
+            slot: how.slot,
+            message: message.to_owned(),
+            signal: name.to_owned(),
+            scale: how.sign * factor,
+            offset: how.offset,
+            // What is commanded is limited, never wrapped.
+            wraps: wraps && how.way == Way::Receive,
+        };
+        let reach = Reach {
+            resolution: if counts { resolution } else { 0.0 },
+            wrap: if wraps {
+                (signal.max - signal.min) * factor + resolution
+            } else {
+                f64::INFINITY
+            },
+        };
+        let maps = match how.way {
+            Way::Receive => &mut self.receive,
+            Way::Send => &mut self.send,
+        };
+        maps.push((how.bus as u8, map));
+        Some(reach)
+    }
+
+    /// Uses three signals, for the axes x y z, in consecutive slots.
+    pub(crate) fn connect_axes(
+        &mut self,
+        section: &Section<'_, '_>,
+        key: &'static str,
+        how: impl Fn(usize) -> Use,
+    ) {
+        const ALLOWED: &str = "three signals MESSAGE.signal, for x, y and z";
+        let path = section.path(key);
+        let axes = section.text_array::<3>(key, ALLOWED).into_iter().flatten();
+        for (axis, signal) in axes.enumerate() {
+            let path = format!("{path}[{axis}]");
+            let _noted = self.connect(&path, &signal, &how(axis));
+        }
+    }
+
+    /// The tables of both ways and each bus's SYNC frame.
+    pub(crate) fn compile(self) -> Option<(Table, Table, Vec<Frame>)> {
+        let mut dbcs = Vec::new();
+        let mut sync = Vec::new();
+        for (i, (bus, of_bus)) in self.buses.iter().zip(&self.dbcs).enumerate() {
+            let of_bus = of_bus.as_ref()?;
+            dbcs.extend(of_bus.iter().map(|dbc| BusDbc {
+                bus: i as u8,
+                fd: bus.parameters.fd,
+                dbc,
+            }));
+            let found = of_bus.iter().find_map(|dbc| dbc.message(&bus.sync));
+            match found {
+                Some(message) => sync.push(message.zeroed(i as u8)),
+                None if bus.sync.is_empty() => {}
+                None => {
+                    let what = format!(
+                        "bus.sync ({}): no DBC file of the bus has a message {}",
+                        bus.parameters.name, bus.sync
+                    );
+                    self.notes.at(bus.sync_place, what, message_names(of_bus));
+                }
+            }
+        }
+        let compile = |maps: &[(u8, SignalMap)]| {
+            Table::compile(&dbcs, maps)
+                .map_err(|error| {
+                    for problem in error.problems {
+                        let key = problem.map.and_then(|map| maps.get(map)).map(|(bus, map)| {
+                            let path = format!("{}.{}", map.message, map.signal);
+                            self.used.get(&(usize::from(*bus), path)).cloned()
+                        });
+                        let key = key
+                            .flatten()
+                            .map_or_else(String::new, |key| format!("{key}: "));
+                        self.notes.note(Problem {
+                            file: problem.file,
+                            line: problem.line,
+                            reason: format!("{key}{}", problem.reason),
+                            allowed: problem.allowed,
+                        });
+                    }
+                })
+                .ok()
+        };
+        let (receive, send) = (compile(&self.receive), compile(&self.send));
+        let (receive, send) = (receive?, send?);
+        for (table, way) in [(&receive, "received"), (&send, "sent")] {
+            // SYNC frames take room too.
+            let count = table.message_count() + sync.len();
+            if count > MAX_FRAMES {
+                let what = format!("bus: {count} frames are {way} in a cycle");
+                self.notes.at(0, what, format!("at most {MAX_FRAMES}"));
+            }
+        }
+        Some((receive, send, sync))
+    }
+}
+
+fn find<'d>(dbcs: &'d [Dbc], message: &str, name: &str) -> Result<&'d Signal, (String, String)> {
+    let Some(found) = dbcs.iter().find_map(|dbc| dbc.message(message)) else {
+        let files = dbcs.iter().map(|dbc| dbc.file.as_str()).collect::<Vec<_>>();
+        let what = format!("{} has no message {message}", files.join(", "));
+        return Err((what, message_names(dbcs)));
+    };
+    found.signal(name).ok_or_else(|| {
+        let file = dbcs.iter().find(|dbc| dbc.message(message).is_some());
+        let file = file.map_or("", |dbc| dbc.file.as_str());
+        let names = found.signals.iter().map(|signal| signal.name.as_str());
+        (
+            format!(
+                "message {message} of {file}:{} has no signal {name}",
+                found.line
+            ),
+            names.collect::<Vec<_>>().join(", "),
+        )
+    })
+}
+
+/// Names to choose from, cut where there are many.
+fn message_names(dbcs: &[Dbc]) -> String {
+    const SHOWN: usize = 40;
+    let messages = dbcs.iter().flat_map(|dbc| &dbc.messages);
+    let names: Vec<&str> = messages.map(|message| message.name.as_str()).collect();
+    let more = match names.len().saturating_sub(SHOWN) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    names[..names.len().min(SHOWN)].join(", ") + &more
+}

@@ -1,0 +1,80 @@
+//! Files held in memory: the repository's robots, and changes to them.
+
+use robot_config::{ConfigError, Robot};
+use std::collections::BTreeMap;
+use std::io;
+
+macro_rules! repository {
+    ($($path:literal),* $(,)?) => {
+        &[$(($path, include_str!(concat!("../../../../", $path)))),*]
+    };
+}
+
+const FILES: &[(&str, &str)] = repository![
+    "config/test-joint/robot.toml",
+    "config/leg/robot.toml",
+    "config/humanoid/robot.toml",
+    "robot-models/test-joint/robot.urdf",
+    "robot-models/leg/robot.urdf",
+    "robot-models/humanoid/robot.urdf",
+    "robot-models/test-joint/drives.dbc",
+    "robot-models/leg/drives.dbc",
+    "robot-models/humanoid/drives.dbc",
+];
+
+/// The repository's files, by the path that the configurations lead to.
+pub struct Files(BTreeMap<String, String>);
+
+impl Files {
+    /// As they are.
+    pub fn new() -> Self {
+        let owned = FILES
+            .iter()
+            .map(|(path, text)| ((*path).to_owned(), (*text).to_owned()));
+        Self(owned.collect())
+    }
+
+    /// With one text replaced wherever it stands; it must stand somewhere.
+    pub fn with(mut self, path: &str, from: &str, to: &str) -> Self {
+        let text = self.0.get_mut(path).expect("a file of the repository");
+        assert!(text.contains(from), "{path} lacks {from:?}");
+        *text = text.replace(from, to);
+        self
+    }
+
+    /// With another file.
+    pub fn and(mut self, path: &str, text: &str) -> Self {
+        self.0.insert(path.to_owned(), text.to_owned());
+        self
+    }
+
+    /// The line, from 1, of the first occurrence of a text in a file.
+    pub fn line(&self, path: &str, text: &str) -> usize {
+        let place = self.0[path].find(text).expect("the text");
+        1 + self.0[path][..place].matches('\n').count()
+    }
+
+    pub fn load(&self, path: &str) -> Result<Robot, ConfigError> {
+        robot_config::load(path, &|path| {
+            let mut parts: Vec<&str> = Vec::new();
+            for part in path.split('/') {
+                match part {
+                    ".." => {
+                        parts.pop();
+                    }
+                    part => parts.push(part),
+                }
+            }
+            let missing = || io::Error::from(io::ErrorKind::NotFound);
+            self.0.get(&parts.join("/")).cloned().ok_or_else(missing)
+        })
+    }
+
+    /// The errors' text.
+    pub fn errors(&self, path: &str) -> String {
+        match self.load(path) {
+            Ok(_) => panic!("{path} was accepted"),
+            Err(error) => error.to_string(),
+        }
+    }
+}

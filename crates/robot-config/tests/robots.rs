@@ -1,0 +1,109 @@
+//! The repository's robots load, and their tables carry what the configuration says.
+
+mod common;
+
+use can_codec::Frames;
+use common::Files;
+use robot_config::{Robot, slots};
+
+fn robots() -> Vec<Robot> {
+    ["test-joint", "leg", "humanoid"]
+        .map(|name| {
+            let path = format!("config/{name}/robot.toml");
+            Files::new()
+                .load(&path)
+                .unwrap_or_else(|error| panic!("{error}"))
+        })
+        .into()
+}
+
+#[test]
+fn every_joint_and_sensor_is_wired() {
+    for robot in robots() {
+        let parameters = &robot.parameters;
+        let mut filled = vec![false; slots::receive_len(parameters)];
+        for message in 0..robot.receive.message_count() {
+            for slot in robot.receive.slots(message) {
+                filled[slot] = true;
+            }
+        }
+        for (j, joint) in parameters.joints.iter().enumerate() {
+            assert!(filled[slots::motor_angle(j)] && filled[slots::link_angle(j)]);
+            assert!(filled[slots::current(j)]);
+            assert_eq!(filled[slots::velocity(j)], joint.has_velocity);
+            assert_eq!(filled[slots::status(j)], joint.has_status);
+            let name = robot.model.joint_names().nth(joint.model_index);
+            assert_eq!(name, Some(joint.name.as_str()));
+        }
+        for sensor in 0..parameters.ft_sensors.len() {
+            assert!((0..6).all(|axis| filled[slots::ft(sensor, axis)]));
+        }
+        let imu =
+            (0..3).all(|axis| filled[slots::gyro(axis)] && filled[slots::accelerometer(axis)]);
+        assert_eq!(imu, parameters.imu.is_some());
+        assert_eq!(robot.send.slot_count(), slots::send_len(parameters));
+        assert_eq!(robot.sync.len(), parameters.buses.len());
+    }
+}
+
+#[test]
+fn values_survive_the_bus_to_half_a_count() {
+    for robot in robots() {
+        let joints = &robot.parameters.joints;
+        let mut sent = vec![0.0; slots::receive_len(&robot.parameters)];
+        for (j, joint) in joints.iter().enumerate() {
+            sent[slots::link_angle(j)] =
+                0.3 * joint.limits.position_min + 0.7 * joint.limits.position_max;
+            sent[slots::motor_angle(j)] = -3.0 - j as f64;
+            sent[slots::current(j)] = 1.25 - 0.1 * j as f64;
+        }
+        let mut frames = Frames::default();
+        assert_eq!(
+            robot.receive.encode_all(&sent, &mut frames),
+            robot.receive.message_count()
+        );
+        let mut received = vec![f64::NAN; sent.len()];
+        for frame in &frames {
+            assert!(robot.receive.decode(frame, &mut received).is_ok());
+        }
+        for (j, joint) in joints.iter().enumerate() {
+            let half = 0.5 * joint.estimator.link_resolution + 1e-12;
+            // Link angles lie within half a wrap of zero: the joint's range was checked.
+            let link = slots::link_angle(j);
+            let error = received[link] - sent[link];
+            let wrap = joint.encoders.link_wrap;
+            assert!(
+                (error - wrap * (error / wrap).round()).abs() <= half,
+                "{}",
+                joint.name
+            );
+            let motor = slots::motor_angle(j);
+            let error = received[motor] - sent[motor];
+            let wrap = joint.encoders.motor_wrap;
+            let half = 0.5 * joint.estimator.motor_resolution + 1e-9;
+            assert!(
+                (error - wrap * (error / wrap).round()).abs() <= half,
+                "{}",
+                joint.name
+            );
+            assert!(
+                (received[slots::current(j)] - sent[slots::current(j)]).abs() <= 0.5e-3 + 1e-12
+            );
+        }
+    }
+}
+
+#[test]
+fn leg_is_what_its_configuration_says() {
+    let leg = &robots()[1];
+    let knee = &leg.parameters.joints[3];
+    assert_eq!(knee.name, "knee");
+    assert_eq!(knee.bus, 1);
+    assert!((knee.encoders.motor_wrap - 16.0 * core::f64::consts::TAU).abs() < 1e-9);
+    assert!((knee.encoders.link_wrap - core::f64::consts::TAU).abs() < 1e-12);
+    assert!((knee.limits.delta_q - 3f64.to_radians()).abs() < 1e-12);
+    assert_eq!(leg.parameters.timing.sample_period, 1e-3);
+    assert_eq!(leg.parameters.encoder_filter.delay_samples, 39.5);
+    assert_eq!(leg.sync[1].bus, 1);
+    assert_eq!(leg.sync[1].id, 0x80);
+}
