@@ -18,6 +18,7 @@ busybox mount -t proc proc /root/proc
 busybox mount -t sysfs sys /root/sys
 busybox mount -t devtmpfs dev /root/dev
 busybox mkdir -p /root/dev/shm /root/dev/pts "/root$RESULTS"
+busybox ln -s /proc/self/fd /root/dev/fd
 busybox mount -t tmpfs -o mode=1777 tmpfs /root/dev/shm
 busybox mount -t devpts devpts /root/dev/pts
 busybox mount -t tmpfs tmpfs /root/run

@@ -23,6 +23,7 @@ mount -t proc proc proc
 mount -t sysfs sys sys
 mount -t devtmpfs dev dev
 mkdir -p dev/shm dev/pts
+ln -s /proc/self/fd dev/fd
 mount -t tmpfs -o mode=1777 tmpfs dev/shm
 mount -t devpts devpts dev/pts
 mount -t tmpfs tmpfs run

@@ -1,0 +1,136 @@
+"""torqued, torqued-sim and clients as processes of their own: start, wait, read the report."""
+
+import json
+import os
+import queue
+import re
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BINARIES = Path(os.environ.get("TORQUED_BINARIES", ROOT / "target" / "debug"))
+PYTHON = ROOT / ".venv" / "bin" / "python"
+LEG = ROOT / "config" / "leg" / "robot.toml"
+
+
+class Process:
+    """A running command. Its lines are kept, and can be waited for as they come."""
+
+    def __init__(self, *command):
+        self.command = [str(part) for part in command]
+        self.lines = []
+        self._new = queue.Queue()
+        self._popen = subprocess.Popen(
+            self.command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        self._stdout = []
+        self._readers = [
+            threading.Thread(target=self._read, args=args, daemon=True)
+            for args in ((self._popen.stdout, self._stdout), (self._popen.stderr, None))
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    def _read(self, stream, copy):
+        for line in stream:
+            self.lines.append(line)
+            if copy is not None:
+                copy.append(line)
+            self._new.put(line)
+        self._new.put(None)
+
+    def _fail(self, what):
+        return AssertionError(f"{what}\n$ {' '.join(self.command)}\n{self.output()}")
+
+    def output(self):
+        """Everything it has printed, both streams."""
+        return "".join(self.lines)
+
+    def wait_for(self, pattern, limit_s=30.0):
+        """The match of the first line, not yet waited for, that has the pattern."""
+        until = time.monotonic() + limit_s
+        ended = 0
+        while ended < 2:
+            try:
+                line = self._new.get(timeout=max(0.0, until - time.monotonic()))
+            except queue.Empty:
+                raise self._fail(f"no '{pattern}' within {limit_s} s") from None
+            if line is None:
+                ended += 1
+            elif match := re.search(pattern, line):
+                return match
+        raise self._fail(f"ended without '{pattern}'")
+
+    def send(self, number):
+        """Sends a signal."""
+        self._popen.send_signal(number)
+
+    def wait(self, limit_s=60.0):
+        """The exit code."""
+        try:
+            code = self._popen.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise self._fail(f"still running after {limit_s} s") from None
+        for reader in self._readers:
+            reader.join()
+        return code
+
+    def report(self, limit_s=60.0):
+        """Waits for a good end; the JSON document it printed."""
+        code = self.wait(limit_s)
+        if code != 0:
+            raise self._fail(f"exit code {code}")
+        return json.loads("".join(self._stdout))
+
+    def terminate(self, limit_s=30.0):
+        """Asks it to end as systemd does; its report."""
+        self.send(signal.SIGTERM)
+        return self.report(limit_s)
+
+    def kill(self):
+        """Ends it, whatever its state."""
+        self._popen.kill()
+        self._popen.wait()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.kill()
+
+
+def simulator(config=LEG, *options):
+    """torqued-sim, waiting for SYNC frames."""
+    process = Process(BINARIES / "torqued-sim", config, "--json", *options)
+    process.wait_for("ready")
+    return process
+
+
+def daemon(config=LEG, *options):
+    """torqued run, from its first cycle on."""
+    process = Process(BINARIES / "torqued", "run", config, "--json", *options)
+    process.wait_for("running")
+    return process
+
+
+def derived_config(folder, *changes, config=LEG):
+    """A copy of a config with lines changed: pairs (old, new), each of which must occur."""
+    text = config.read_text()
+    for old, new in changes:
+        assert old in text, f"{config} has no {old!r}"
+        text = text.replace(old, new)
+    # What is relative to the config's folder has to stay there.
+    text = re.sub(r'"(\.\./[^"]*)"', lambda m: f'"{(config.parent / m[1]).resolve()}"', text)
+    path = folder / "robot.toml"
+    path.write_text(text)
+    return path
+
+
+def kernel_frames(*interfaces):
+    """Frames that have passed the interfaces, as the kernel counts them."""
+    counters = (Path("/sys/class/net") / i / "statistics" / "rx_packets" for i in interfaces)
+    return sum(int(path.read_text()) for path in counters)
