@@ -7,7 +7,7 @@
 
 use crate::data::Data;
 use crate::kinematics::{at, base_placement, six};
-use crate::lanes::{Kernel, Lanes, Pack, V3, WIDTH, run, sin_cos};
+use crate::lanes::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, sin_cos};
 use crate::model::{Base, Model};
 use crate::plan::{Plan, Step};
 use crate::spatial::Force;
@@ -187,22 +187,16 @@ impl Kernel for Rnea<'_> {
     }
 }
 
-/// Components of four joints; zero for idle lanes.
-#[inline(always)]
-fn gather<L: Lanes>(x: &[f64], joints: &[usize; WIDTH]) -> L {
-    L::set(joints.map(|j| x.get(j).copied().unwrap_or(0.0)))
-}
-
 /// `U`, from angular velocity and acceleration, by rows.
 #[inline(always)]
-fn u_matrix<L: Lanes>(w: V3<L>, al: V3<L>) -> [V3<L>; 3] {
+fn u_matrix<L: Lanes>(w: V3<L>, al: V3<L>) -> M3<L> {
     let (xx, yy, zz) = (w.x * w.x, w.y * w.y, w.z * w.z);
     let (xy, xz, yz) = (w.x * w.y, w.x * w.z, w.y * w.z);
-    [
+    M3(
         V3::new(-(yy + zz), xy - al.z, xz + al.y),
         V3::new(xy + al.z, -(xx + zz), yz - al.x),
         V3::new(xz - al.y, yz + al.x, -(xx + yy)),
-    ]
+    )
 }
 
 /// Stores a row's motion and its own wrench.
@@ -212,28 +206,18 @@ fn finish_row<L: Lanes>(step: &Step, row: &mut RneaRow, w: V3<L>, al: V3<L>, a: 
     w.store(&mut row.omega);
     al.store(&mut row.alpha);
     a.store(&mut row.a);
-    for (r, u) in u.iter().enumerate() {
-        u.x.store(&mut row.u[3 * r]);
-        u.y.store(&mut row.u[3 * r + 1]);
-        u.z.store(&mut row.u[3 * r + 2]);
-    }
-    let [m, hx, hy, hz, xx, xy, xz, yy, yz, zz] = step.inertia.each_ref().map(|p| L::load(p));
-    let h = V3::new(hx, hy, hz);
-    let f = V3::new(
-        m.mul_add(a.x, u[0].dot(h)),
-        m.mul_add(a.y, u[1].dot(h)),
-        m.mul_add(a.z, u[2].dot(h)),
-    );
-    f.store(&mut row.f);
-    let (sx, sy, sz) = (
-        V3::new(xx, xy, xz),
-        V3::new(xy, yy, yz),
-        V3::new(xz, yz, zz),
-    );
+    u.store(&mut row.u);
+    let [m, hx, hy, hz, xx, xy, xz, yy, yz, zz] = &step.inertia;
+    let h = V3::new(L::load(hx), L::load(hy), L::load(hz));
+    u.mul_add(h, a.scale(L::load(m))).store(&mut row.f);
+    let (xy, xz, yz) = (L::load(xy), L::load(xz), L::load(yz));
+    let sx = V3::new(L::load(xx), xy, xz);
+    let sy = V3::new(xy, L::load(yy), yz);
+    let sz = V3::new(xz, yz, L::load(zz));
     let n = V3::new(
-        u[2].dot(sy) - u[1].dot(sz),
-        u[0].dot(sz) - u[2].dot(sx),
-        u[1].dot(sx) - u[0].dot(sy),
+        u.2.dot(sy) - u.1.dot(sz),
+        u.0.dot(sz) - u.2.dot(sx),
+        u.1.dot(sx) - u.0.dot(sy),
     );
     h.cross_add(a, n).store(&mut row.n);
 }
@@ -248,29 +232,47 @@ fn outward_straight<L: Lanes>(
 ) {
     let turning = L::load(&step.turning);
     let (rate, rate_change) = (rate * turning, rate_change * turning);
-    let (cx, sx) = (L::load(&step.turn_x[0]), L::load(&step.turn_x[1]));
-    let (c, s) = (L::load(&row.cos), L::load(&row.sin));
-    let r = V3::load(&step.origin);
-    let u = |k: usize| {
-        V3::new(
-            L::load(&parent.u[3 * k]),
-            L::load(&parent.u[3 * k + 1]),
-            L::load(&parent.u[3 * k + 2]),
-        )
-    };
-    let pa: V3<L> = V3::load(&parent.a);
-    let b = V3::new(pa.x + u(0).dot(r), pa.y + u(1).dot(r), pa.z + u(2).dot(r));
-    let back = |x: V3<L>| x.turn_back_x(cx, sx).turn_back_z(c, s);
-    let mut w = back(V3::load(&parent.omega));
-    let mut al = back(V3::load(&parent.alpha));
-    let a = back(b);
-    al = V3::new(
+    let turn = Turn::<L>::load(step, row);
+    let u = M3::load(&parent.u);
+    let mut w = turn.back(V3::load(&parent.omega));
+    let al = turn.back(V3::load(&parent.alpha));
+    let a = turn.back(u.mul_add(V3::load(&step.origin), V3::load(&parent.a)));
+    let al = V3::new(
         w.y.mul_add(rate, al.x),
         w.x.neg_mul_add(rate, al.y),
         al.z + rate_change,
     );
     w.z = w.z + rate;
     finish_row(step, row, w, al, a);
+}
+
+/// A turn about z, then one about x.
+struct Turn<L> {
+    cos_x: L,
+    sin_x: L,
+    cos: L,
+    sin: L,
+}
+
+impl<L: Lanes> Turn<L> {
+    #[inline(always)]
+    fn load(step: &Step, row: &RneaRow) -> Self {
+        Turn {
+            cos_x: L::load(&step.turn_x[0]),
+            sin_x: L::load(&step.turn_x[1]),
+            cos: L::load(&row.cos),
+            sin: L::load(&row.sin),
+        }
+    }
+    #[inline(always)]
+    fn back(&self, x: V3<L>) -> V3<L> {
+        x.turn_back_x(self.cos_x, self.sin_x)
+            .turn_back_z(self.cos, self.sin)
+    }
+    #[inline(always)]
+    fn forth(&self, x: V3<L>) -> V3<L> {
+        x.turn_z(self.cos, self.sin).turn_x(self.cos_x, self.sin_x)
+    }
 }
 
 /// Any parents, any kind of joint.
@@ -283,44 +285,27 @@ fn outward<L: Lanes>(
     rate: L,
     rate_change: L,
 ) {
-    let (w, al, pa) = if step.same_lane {
-        let parent = &before[step.parent_row];
-        (
-            V3::load(&parent.omega),
-            V3::load(&parent.alpha),
-            V3::load(&parent.a),
-        )
-    } else {
-        let get = |part: fn(&RneaRow) -> &[Pack; 3]| {
-            let lanes = step
-                .parents
-                .map(|(r, l)| part(&before[r]).each_ref().map(|p| p.0[l]));
-            let [x, y, z] = [0, 1, 2].map(|k| L::set(lanes.map(|v| v[k])));
-            V3::new(x, y, z)
-        };
-        (get(|r| &r.omega), get(|r| &r.alpha), get(|r| &r.a))
-    };
+    let (w, al, pa) = parents_motion(step, before);
     let u = u_matrix(w, al);
     let (turning, sliding) = (L::load(&step.turning), L::load(&step.sliding));
-    let columns = columns::<L>(step);
+    let rotation = M3::load(&step.rotation);
     let shift = q.mul_add(sliding, L::load(&step.shift_offset));
-    let r = V3::load(&step.origin).add_scaled(shift, columns[2]);
+    let r = V3::load(&step.origin).add_scaled(shift, rotation.third_column());
     r.store(&mut row.arm);
-    let b = V3::new(pa.x + u[0].dot(r), pa.y + u[1].dot(r), pa.z + u[2].dot(r));
+    let b = u.mul_add(r, pa);
     let (c, s) = (L::load(&row.cos), L::load(&row.sin));
-    let back = |x: V3<L>| {
-        V3::new(x.dot(columns[0]), x.dot(columns[1]), x.dot(columns[2])).turn_back_z(c, s)
-    };
-    let (mut w, mut al, mut a) = (back(w), back(al), back(b));
+    let mut w = rotation.tr_mul(w).turn_back_z(c, s);
+    let al = rotation.tr_mul(al).turn_back_z(c, s);
+    let a = rotation.tr_mul(b).turn_back_z(c, s);
     let (turn_rate, slide_rate) = (rate * turning, rate * sliding);
-    al = V3::new(
+    let al = V3::new(
         w.y.mul_add(turn_rate, al.x),
         w.x.neg_mul_add(turn_rate, al.y),
         rate_change.mul_add(turning, al.z),
     );
     w.z = w.z + turn_rate;
     let twice = slide_rate + slide_rate;
-    a = V3::new(
+    let a = V3::new(
         w.y.mul_add(twice, a.x),
         w.x.neg_mul_add(twice, a.y),
         rate_change.mul_add(sliding, a.z),
@@ -328,23 +313,66 @@ fn outward<L: Lanes>(
     finish_row(step, row, w, al, a);
 }
 
-/// Columns of the constant rotation.
+/// Angular velocity, angular acceleration and acceleration of each lane's parent.
 #[inline(always)]
-fn columns<L: Lanes>(step: &Step) -> [V3<L>; 3] {
-    let m = step.rotation.each_ref().map(|p| L::load(p));
-    [0, 1, 2].map(|k| V3::new(m[k], m[3 + k], m[6 + k]))
+fn parents_motion<L: Lanes>(step: &Step, before: &[RneaRow]) -> (V3<L>, V3<L>, V3<L>) {
+    if step.same_lane {
+        let parent = &before[step.parent_row];
+        return (
+            V3::load(&parent.omega),
+            V3::load(&parent.alpha),
+            V3::load(&parent.a),
+        );
+    }
+    let [(ra, la), (rb, lb), (rc, lc), (rd, ld)] = step.parents;
+    let (a, b, c, d) = (&before[ra], &before[rb], &before[rc], &before[rd]);
+    let lanes = (la % WIDTH, lb % WIDTH, lc % WIDTH, ld % WIDTH);
+    (
+        pick(&a.omega, &b.omega, &c.omega, &d.omega, lanes),
+        pick(&a.alpha, &b.alpha, &c.alpha, &d.alpha, lanes),
+        pick(&a.a, &b.a, &c.a, &d.a, lanes),
+    )
+}
+
+/// One vector from each of four places.
+#[inline(always)]
+fn pick<L: Lanes>(
+    a: &[Pack; 3],
+    b: &[Pack; 3],
+    c: &[Pack; 3],
+    d: &[Pack; 3],
+    lane: (usize, usize, usize, usize),
+) -> V3<L> {
+    V3::new(
+        L::set([
+            a[0].0[lane.0],
+            b[0].0[lane.1],
+            c[0].0[lane.2],
+            d[0].0[lane.3],
+        ]),
+        L::set([
+            a[1].0[lane.0],
+            b[1].0[lane.1],
+            c[1].0[lane.2],
+            d[1].0[lane.3],
+        ]),
+        L::set([
+            a[2].0[lane.0],
+            b[2].0[lane.1],
+            c[2].0[lane.2],
+            d[2].0[lane.3],
+        ]),
+    )
 }
 
 /// Torque of the joints of a row, whose wrenches move to their parents.
 #[inline(always)]
 fn inward_straight<L: Lanes>(step: &Step, parent: &mut RneaRow, row: &RneaRow) -> L {
-    let (cx, sx) = (L::load(&step.turn_x[0]), L::load(&step.turn_x[1]));
-    let (c, s) = (L::load(&row.cos), L::load(&row.sin));
+    let turn = Turn::<L>::load(step, row);
     let n: V3<L> = V3::load(&row.n);
     let torque = n.z * L::load(&step.turning);
-    let turn = |x: V3<L>| x.turn_z(c, s).turn_x(cx, sx);
-    let f = turn(V3::load(&row.f));
-    let n = turn(n).add(V3::load(&parent.n));
+    let f = turn.forth(V3::load(&row.f));
+    let n = turn.forth(n).add(V3::load(&parent.n));
     V3::load(&step.origin).cross_add(f, n).store(&mut parent.n);
     f.add(V3::load(&parent.f)).store(&mut parent.f);
     torque
@@ -353,18 +381,12 @@ fn inward_straight<L: Lanes>(step: &Step, parent: &mut RneaRow, row: &RneaRow) -
 #[inline(always)]
 fn inward<L: Lanes>(step: &Step, before: &mut [RneaRow], row: &RneaRow) -> L {
     let (c, s) = (L::load(&row.cos), L::load(&row.sin));
-    let columns = columns::<L>(step);
+    let rotation = M3::load(&step.rotation);
     let (f, n): (V3<L>, V3<L>) = (V3::load(&row.f), V3::load(&row.n));
     let torque =
         f.z.mul_add(L::load(&step.sliding), n.z * L::load(&step.turning));
-    let turn = |x: V3<L>| {
-        let x = x.turn_z(c, s);
-        columns[0]
-            .scale(x.x)
-            .add_scaled(x.y, columns[1])
-            .add_scaled(x.z, columns[2])
-    };
-    let (f, n) = (turn(f), turn(n));
+    let f = rotation.mul(f.turn_z(c, s));
+    let n = rotation.mul(n.turn_z(c, s));
     let n = V3::load(&row.arm).cross_add(f, n);
     if step.same_lane {
         let parent = &mut before[step.parent_row];
@@ -372,13 +394,14 @@ fn inward<L: Lanes>(step: &Step, before: &mut [RneaRow], row: &RneaRow) -> L {
         n.add(V3::load(&parent.n)).store(&mut parent.n);
         return torque;
     }
-    let f = [f.x.to_array(), f.y.to_array(), f.z.to_array()];
-    let n = [n.x.to_array(), n.y.to_array(), n.z.to_array()];
+    let (mut on_f, mut on_n) = ([Pack::ZERO; 3], [Pack::ZERO; 3]);
+    f.store(&mut on_f);
+    n.store(&mut on_n);
     for (lane, (parent_row, l)) in step.parents.iter().enumerate() {
         let parent = &mut before[*parent_row];
         for k in 0..3 {
-            parent.f[k].0[*l] += f[k][lane];
-            parent.n[k].0[*l] += n[k][lane];
+            parent.f[k].0[*l] += on_f[k].0[lane];
+            parent.n[k].0[*l] += on_n[k].0[lane];
         }
     }
     torque

@@ -11,7 +11,7 @@ mod sin_cos;
 mod vector;
 
 pub(crate) use sin_cos::sin_cos;
-pub(crate) use vector::V3;
+pub(crate) use vector::{M3, V3};
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -59,6 +59,21 @@ pub(crate) trait Lanes:
         let mut p = Pack::ZERO;
         self.store(&mut p);
         p.0
+    }
+}
+
+/// Components of four joints; zero for idle lanes.
+#[inline(always)]
+pub(crate) fn gather<L: Lanes>(x: &[f64], joints: &[usize; WIDTH]) -> L {
+    let [a, b, c, d] = *joints;
+    L::set([or_zero(x, a), or_zero(x, b), or_zero(x, c), or_zero(x, d)])
+}
+
+#[inline(always)]
+fn or_zero(x: &[f64], i: usize) -> f64 {
+    match x.get(i) {
+        Some(x) => *x,
+        None => 0.0,
     }
 }
 

@@ -44,14 +44,9 @@ pub(crate) fn sin_cos<L: Lanes>(x: L) -> (L, L) {
     let r = turns.neg_mul_add(L::splat(PIO2_2), r);
     let r = turns.neg_mul_add(L::splat(PIO2_3), r);
     let z = r * r;
-    let horner = |c: &[f64; 6]| {
-        c[1..]
-            .iter()
-            .fold(L::splat(c[0]), |p, k| p.mul_add(z, L::splat(*k)))
-    };
-    let sin = (r * z).mul_add(horner(&SIN), r);
+    let sin = (r * z).mul_add(horner(&SIN, z), r);
     let half = L::splat(0.5);
-    let cos = (z * z).mul_add(horner(&COS), z.neg_mul_add(half, L::splat(1.0)));
+    let cos = (z * z).mul_add(horner(&COS, z), z.neg_mul_add(half, L::splat(1.0)));
     quadrant(turns, sin, cos)
 }
 
@@ -67,4 +62,14 @@ fn quadrant<L: Lanes>(turns: L, sin: L, cos: L) -> (L, L) {
         even.mul_add(sin, odd * cos),
         odd.neg_mul_add(sin, even * cos),
     )
+}
+
+/// Polynomial of six coefficients, highest power first.
+#[inline(always)]
+fn horner<L: Lanes>(c: &[f64; 6], z: L) -> L {
+    let mut p = L::splat(c[0]);
+    for k in &c[1..] {
+        p = p.mul_add(z, L::splat(*k));
+    }
+    p
 }
