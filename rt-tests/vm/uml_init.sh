@@ -11,7 +11,7 @@ mount -t tmpfs tmpfs /run
 
 modules=/usr/lib/uml/modules/$(uname -r)/kernel
 for module in fs/overlayfs/overlay net/can/can net/can/can-raw net/can/can-bcm net/can/can-gw \
-    drivers/net/can/dev/can-dev drivers/net/can/vcan drivers/net/can/vxcan; do
+    drivers/net/can/dev/can-dev drivers/net/can/vcan drivers/net/can/vxcan net/sched/sch_tbf; do
     insmod "$modules/$module.ko"
 done
 
