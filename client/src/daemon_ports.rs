@@ -55,6 +55,8 @@ impl DaemonPorts {
     /// # Errors
     /// [`Error::Transport`] if a client could not be reached; the others have got the record.
     pub fn publish(&self, record: &SharedRecord) -> Result<usize, Error> {
+        // Who has just come gets the description; if that fails, it is tried again next time.
+        let _ = self.description.update_connections();
         self.state
             .send_copy(RecordMessage(*record))
             .map_err(|e| Error::transport("state", "publish on", &e))
@@ -75,11 +77,10 @@ impl DaemonPorts {
         }
     }
 
-    /// Hands the description to clients that have just come, and frees what dead ones held. To be
-    /// called a few times a second.
+    /// Frees what dead clients held, and connects new ones even if nothing is being published. To
+    /// be called a few times a second; takes milliseconds when a client has died.
     pub fn keep_house(&self) {
         self.node.try_cleanup_dead_nodes();
-        // A client that cannot be reached now is tried again next time.
         let _ = self.description.update_connections();
         let _ = self.state.update_connections();
     }

@@ -73,6 +73,11 @@ pub enum Error {
         /// How many it may hold.
         allowed: usize,
     },
+    /// The daemon's publisher thread could not be started.
+    Thread {
+        /// The system's own words.
+        reason: String,
+    },
     /// Shared memory failed in a way that has no better explanation.
     Transport {
         /// The service.
@@ -171,6 +176,7 @@ impl fmt::Display for Error {
                 "{allowed} records are held at once, which is all that is allowed: drop or copy \
                  earlier ones before asking for the next"
             ),
+            Self::Thread { reason } => write!(f, "cannot start the publisher thread: {reason}"),
             Self::Transport {
                 service,
                 doing,

@@ -1,0 +1,226 @@
+//! Records to clients and references from them, without the loop's thread ever meeting iceoryx2:
+//! that one allocates when it sends, and maps files when a client comes, goes or dies.
+//!
+//! ```text
+//!  loop thread                        publisher thread                clients
+//!  RecordSender ──► ring of records ──────────────────► DaemonPorts ──► every record
+//!  ReferenceReceiver ◄── triple buffer ◄── arrival time ────┘      ◄── references, one client's
+//! ```
+//!
+//! Both ways are wait-free for the loop: it never waits for the publisher thread, not even when
+//! that is interrupted half-way (a multi-producer queue's `push` would then spin). The publisher
+//! looks into the ring every half millisecond instead of being woken, since waking it would cost
+//! the loop a system call; so a record or a reference is that much late at most, on an idle
+//! machine.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use robot_state::{Description, Reference, SharedRecord};
+use rtrb::{Consumer, Producer, RingBuffer};
+use thread_priority::ThreadPriority;
+use thread_priority::unix::{
+    NormalThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy,
+    thread_native_id,
+};
+use torqued_client::{DaemonPorts, Error, Location};
+
+use crate::real_time::monotonic_ns;
+
+/// Records that the publisher thread may be behind: a quarter of a second at 1 kHz, 4.5 MB.
+const RING: usize = 256;
+/// Between two looks of the publisher thread.
+const POLL: Duration = Duration::from_micros(500);
+/// Between two rounds of cleaning up after dead clients.
+const KEEP_HOUSE: Duration = Duration::from_millis(250);
+
+/// The loop's end for records.
+#[derive(Debug)]
+pub struct RecordSender {
+    records: Producer<SharedRecord>,
+    shared: Arc<Shared>,
+    overflow: u64,
+    publisher: Option<JoinHandle<()>>,
+}
+
+/// The loop's end for references.
+#[derive(Debug)]
+pub struct ReferenceReceiver {
+    references: triple_buffer::Output<Arrived>,
+}
+
+/// A reference with its time of arrival, ns on `CLOCK_MONOTONIC`; 0: none has arrived yet.
+#[derive(Debug, Clone, Default)]
+struct Arrived {
+    reference: Reference,
+    at_ns: u64,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    stop: AtomicBool,
+    failures: AtomicU64,
+}
+
+/// Publishes `description` and starts the publisher thread, in the usual run directory. The thread
+/// inherits the caller's CPUs: to be called before the loop's thread is pinned to its own.
+///
+/// # Errors
+/// Whatever keeps the robot's services from being made: see [`DaemonPorts::create`].
+pub fn start(description: &Description) -> Result<(RecordSender, ReferenceReceiver), Error> {
+    start_at(&Location::find()?, description)
+}
+
+/// [`start`] in another run directory.
+///
+/// # Errors
+/// As [`start`].
+pub fn start_at(
+    location: &Location,
+    description: &Description,
+) -> Result<(RecordSender, ReferenceReceiver), Error> {
+    let ports = DaemonPorts::create(location, description)?;
+    let (mut producer, mut consumer) = RingBuffer::new(RING);
+    // Every page is written once now, so that the loop's first round through the ring faults none.
+    while producer.push(SharedRecord::default()).is_ok() {}
+    while consumer.pop().is_ok() {}
+    let (arrived, references) = triple_buffer::triple_buffer(&Arrived::default());
+    let shared = Arc::new(Shared::default());
+    let publisher = Publisher {
+        ports,
+        records: consumer,
+        arrived,
+        shared: Arc::clone(&shared),
+    };
+    let (started, wait_started) = mpsc::channel();
+    let publisher = thread::Builder::new()
+        .name("publisher".to_owned())
+        .spawn(move || {
+            run_as_ordinary_thread();
+            let _ = started.send(());
+            publisher.run();
+        })
+        .map_err(|e| Error::Thread {
+            reason: e.to_string(),
+        })?;
+    // The thread is on its own before the caller turns real-time.
+    let _ = wait_started.recv();
+    let sender = RecordSender {
+        records: producer,
+        shared,
+        overflow: 0,
+        publisher: Some(publisher),
+    };
+    Ok((sender, ReferenceReceiver { references }))
+}
+
+impl RecordSender {
+    /// Hands a record over; `false` if the ring is full because the publisher thread does not get
+    /// any time, and the record is lost to clients. Neither waits nor allocates nor calls the
+    /// system.
+    pub fn send(&mut self, record: &SharedRecord) -> bool {
+        match self.records.write_chunk_uninit(1) {
+            Ok(slot) => slot.fill_from_iter(std::iter::once(*record)) == 1,
+            Err(_) => {
+                self.overflow += 1;
+                false
+            }
+        }
+    }
+
+    /// Records that the ring had no room for.
+    #[must_use]
+    pub fn overflow(&self) -> u64 {
+        self.overflow
+    }
+
+    /// How often shared memory failed in the publisher thread: a client that could not be reached.
+    #[must_use]
+    pub fn failures(&self) -> u64 {
+        self.shared.failures.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for RecordSender {
+    /// Publishes what is still in the ring, then takes the robot's services down.
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Release);
+        if let Some(publisher) = self.publisher.take() {
+            let _ = publisher.join();
+        }
+    }
+}
+
+impl ReferenceReceiver {
+    /// The newest reference and when it arrived, ns on `CLOCK_MONOTONIC`; as the client sent it,
+    /// unchecked. `None` until the first has arrived. Neither waits nor allocates nor calls the
+    /// system.
+    pub fn latest(&mut self) -> Option<(&Reference, u64)> {
+        let arrived = self.references.read();
+        (arrived.at_ns != 0).then_some((&arrived.reference, arrived.at_ns))
+    }
+}
+
+struct Publisher {
+    ports: DaemonPorts,
+    records: Consumer<SharedRecord>,
+    arrived: triple_buffer::Input<Arrived>,
+    shared: Arc<Shared>,
+}
+
+impl Publisher {
+    fn run(mut self) {
+        let mut kept_house = Instant::now();
+        loop {
+            // Asked before the ring is emptied, so that the last records are published too.
+            let stop = self.shared.stop.load(Ordering::Acquire);
+            self.publish_records();
+            if stop {
+                return;
+            }
+            self.take_reference();
+            if kept_house.elapsed() > KEEP_HOUSE {
+                self.ports.keep_house();
+                kept_house = Instant::now();
+            }
+            thread::sleep(POLL);
+        }
+    }
+
+    fn publish_records(&mut self) {
+        while let Ok(slot) = self.records.read_chunk(1) {
+            let (records, _) = slot.as_slices();
+            for record in records {
+                count_failure(&self.shared, &self.ports.publish(record));
+            }
+            slot.commit_all();
+        }
+    }
+
+    fn take_reference(&mut self) {
+        let received = self.ports.newest_reference();
+        count_failure(&self.shared, &received);
+        if let Ok(Some(reference)) = received {
+            self.arrived.write(Arrived {
+                reference,
+                at_ns: monotonic_ns(),
+            });
+        }
+    }
+}
+
+fn count_failure<T>(shared: &Shared, result: &Result<T, Error>) {
+    if result.is_err() {
+        shared.failures.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Whatever the thread that started this one is, this one is not real-time.
+fn run_as_ordinary_thread() {
+    let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+    // Giving priority up is always allowed.
+    let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, ordinary);
+}
