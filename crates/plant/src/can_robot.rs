@@ -1,0 +1,177 @@
+//! The simulated robot behind its CAN buses.
+
+use crate::joint::{Command, DriveSheet};
+use crate::parameters::SimParameters;
+use crate::robot::{JointPlan, Plan, SimRobot};
+use crate::transmission::KinematicError;
+use crate::truth::Truth;
+use can_codec::{Frame, Frames, Table};
+use robot_config::{JointParameters, Robot, slots};
+use std::f64::consts::TAU;
+
+/// Answers SYNC as drives, F/T sensors and IMU would, and obeys commands.
+///
+/// Time passes by one period each cycle: at the first SYNC of a bus that has already been
+/// answered since the last period. So all buses answer from the same instant whatever the order
+/// of their SYNCs, and a SYNC lost on one bus does not stop the others.
+#[derive(Debug, Clone)]
+pub struct CanRobot {
+    robot: SimRobot,
+    receive: Table,
+    send: Table,
+    sync: Vec<Frame>,
+    /// Buses that have been answered in this period.
+    answered: Vec<bool>,
+    values: Vec<f64>,
+    commands: Vec<f64>,
+    unknown: u64,
+}
+
+impl CanRobot {
+    /// A robot in balance at the pose of `sim.toml`, its drives holding it.
+    ///
+    /// # Errors
+    /// What does not fit together, with the key that says so.
+    pub fn new(robot: &Robot, urdf_text: &str, sim: &SimParameters) -> Result<Self, String> {
+        let parameters = &robot.parameters;
+        let plan = Plan {
+            floating: parameters.base == dynamics::Base::Floating,
+            joints: parameters.joints.iter().map(joint_plan).collect(),
+            ft_sensors: (parameters.ft_sensors.iter())
+                .map(|ft| ft.sensor.frame.clone())
+                .collect(),
+            imu: parameters.imu.as_ref().map(|imu| imu.frame.clone()),
+            period: parameters.timing.sample_period,
+        };
+        let mut simulated = SimRobot::new(&plan, urdf_text, &parameters.urdf_path, sim)?;
+        simulated.advance();
+        let mut can = Self {
+            robot: simulated,
+            receive: robot.receive.clone(),
+            send: robot.send.clone(),
+            sync: robot.sync.clone(),
+            answered: vec![true; parameters.buses.len()],
+            values: vec![0.0; slots::receive_len(parameters)],
+            commands: vec![0.0; slots::send_len(parameters)],
+            unknown: 0,
+        };
+        can.fill_values();
+        Ok(can)
+    }
+
+    /// Takes the daemon's frames in their order; appends the answers to `out`.
+    pub fn exchange(&mut self, from_daemon: &Frames, now_ns: u64, out: &mut Frames) {
+        for frame in from_daemon.iter() {
+            let is_sync = |s: &&Frame| s.bus == frame.bus && s.id == frame.id && !frame.error;
+            if self.sync.iter().any(|s| is_sync(&s)) {
+                self.answer(frame.bus, now_ns, out);
+            } else {
+                self.obey(frame);
+            }
+        }
+    }
+
+    fn answer(&mut self, bus: u8, now_ns: u64, out: &mut Frames) {
+        if self.answered.get(usize::from(bus)).copied().unwrap_or(true) {
+            self.robot.advance();
+            self.fill_values();
+            self.answered.fill(false);
+        }
+        if let Some(answered) = self.answered.get_mut(usize::from(bus)) {
+            *answered = true;
+        }
+        let mut frame = Frame::zeroed(bus, 0, 0, false);
+        for index in 0..self.receive.message_count() {
+            let ours = (self.receive.message(index)).is_some_and(|entry| entry.bus == bus);
+            if ours && self.receive.encode(index, &self.values, &mut frame) {
+                frame.stamp_ns = now_ns;
+                out.push(frame);
+            }
+        }
+    }
+
+    fn obey(&mut self, frame: &Frame) {
+        match self.send.decode(frame, &mut self.commands) {
+            Ok(Some(index)) => {
+                for joint in self.send.slots(index) {
+                    if let Some(command) = self.commands.get(joint) {
+                        self.robot.command(joint, *command);
+                    }
+                }
+            }
+            Ok(None) => {}
+            Err(_) => self.unknown += 1,
+        }
+    }
+
+    fn fill_values(&mut self) {
+        let readings = self.robot.readings();
+        let mut set = |slot: usize, value: f64| {
+            if let Some(place) = self.values.get_mut(slot) {
+                *place = value;
+            }
+        };
+        for (j, joint) in readings.joints.iter().enumerate() {
+            set(slots::motor_angle(j), joint.theta);
+            set(slots::link_angle(j), joint.q);
+            set(slots::current(j), joint.current);
+            set(slots::velocity(j), joint.omega);
+        }
+        for (s, ft) in readings.ft.iter().enumerate() {
+            for (axis, value) in ft.force.iter().chain(&ft.torque).enumerate() {
+                set(slots::ft(s, axis), *value);
+            }
+        }
+        for axis in 0..3 {
+            set(slots::gyro(axis), readings.gyro[axis]);
+            set(slots::accelerometer(axis), readings.accelerometer[axis]);
+        }
+    }
+
+    /// What is really so, at the last sampling of the sensors. Joints in config order.
+    #[must_use]
+    pub fn truth(&self) -> &Truth {
+        self.robot.truth()
+    }
+
+    /// The robot behind the buses.
+    #[must_use]
+    pub fn robot(&self) -> &SimRobot {
+        &self.robot
+    }
+
+    /// Frames that no drive knew, or of the wrong length.
+    #[must_use]
+    pub fn unknown_frames(&self) -> u64 {
+        self.unknown
+    }
+}
+
+fn joint_plan(joint: &JointParameters) -> JointPlan {
+    let estimator = &joint.estimator;
+    let known = &estimator.kinematic_error;
+    let pairs = |list: &[(f64, f64)]| list.iter().map(|(a, b)| [*a, *b]).collect();
+    JointPlan {
+        name: joint.name.clone(),
+        drive: joint.drive.clone(),
+        sheet: DriveSheet {
+            gear_ratio: estimator.gear_ratio,
+            torque_constant: estimator.wave_generator.torque_constant,
+            rotor_inertia: joint.rotor_inertia,
+            motor_counts_per_turn: TAU / estimator.motor_resolution,
+            link_counts_per_turn: TAU / estimator.link_resolution,
+            command: if joint.takes_position() {
+                Command::Position
+            } else {
+                Command::Current
+            },
+            kinematic_error: KinematicError {
+                constant: known.a0,
+                link: pairs(&known.link),
+                link_frequency: known.w_link,
+                motor: pairs(&known.motor),
+                motor_frequency: known.w_motor,
+            },
+        },
+    }
+}

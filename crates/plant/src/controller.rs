@@ -1,0 +1,87 @@
+//! The drive's own control loop: PD on the motor's angle with a dead zone (D5, D 3.2.1).
+
+use crate::joint::{Command, DriveSheet};
+use crate::parameters::ControllerParameters;
+use std::f64::consts::TAU;
+
+/// A drive's control loop.
+#[derive(Debug, Clone)]
+pub struct Controller {
+    parameters: ControllerParameters,
+    command: Command,
+    gear_ratio: f64,
+    /// Rad link side or A.
+    pub set_point: f64,
+    angle: f64,
+    velocity: f64,
+    current: f64,
+}
+
+impl Controller {
+    /// A loop at rest.
+    #[must_use]
+    pub fn new(sheet: &DriveSheet, parameters: &ControllerParameters) -> Self {
+        Self {
+            parameters: parameters.clone(),
+            command: sheet.command,
+            gear_ratio: sheet.gear_ratio,
+            set_point: 0.0,
+            angle: 0.0,
+            velocity: 0.0,
+            current: 0.0,
+        }
+    }
+
+    /// At rest at motor angle `theta` with a set point that asks for `current`.
+    pub fn settle(&mut self, theta: f64, current: f64) {
+        self.angle = self.interpolated(theta);
+        self.velocity = 0.0;
+        self.current = current;
+        self.set_point = match self.command {
+            Command::Current => current,
+            Command::Position => {
+                let error = match self.parameters.k_4 {
+                    0.0 => 0.0,
+                    k_4 => current / k_4,
+                };
+                self.angle / self.gear_ratio + error + self.parameters.dead_zone * error.signum()
+            }
+        };
+    }
+
+    /// Commanded current, A.
+    #[must_use]
+    pub fn current(&self) -> f64 {
+        self.current
+    }
+
+    /// Filtered motor velocity, rad/s.
+    #[must_use]
+    pub fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// One turn of the loop, `dt` after the last.
+    pub fn tick(&mut self, theta: f64, dt: f64) {
+        let p = &self.parameters;
+        let angle = self.interpolated(theta);
+        let raw = (angle - self.angle) / dt;
+        self.velocity += (raw - self.velocity) * dt / (dt + p.velocity_filter);
+        self.angle = angle;
+        let wanted = match self.command {
+            Command::Current => self.set_point,
+            Command::Position => {
+                let error = self.set_point - angle / self.gear_ratio;
+                let beyond = error - error.clamp(-p.dead_zone, p.dead_zone);
+                //= D5
+                p.k_4 * beyond - p.k_5 * self.velocity / self.gear_ratio
+            }
+        };
+        self.current = wanted.clamp(-p.current_limit, p.current_limit);
+    }
+
+    fn interpolated(&self, theta: f64) -> f64 {
+        let count = TAU / self.parameters.interpolated_counts_per_turn;
+        (theta / count).round() * count
+    }
+}

@@ -1,0 +1,323 @@
+//! One joint's drive: motor, friction, gear, encoders and the drive's own control loop.
+//!
+//! ```text
+//! J_m domega/dt = K_t i - friction(theta, omega, load) - T/N        rotor, motor side
+//! T             = gear(theta/N - q - kinematic error) + damping     between gear and bearing
+//! tau           = T - bearing(dq)                                   what the child link feels
+//! ```
+//! `tau` is the truth: gear and bearing are all there is between parent and child about the axis.
+//! An estimator that looks at torsion sees `T`; one that looks from outside sees `tau`.
+
+use crate::controller::Controller;
+use crate::friction::{Bristle, BristleConstants, stribeck};
+use crate::parameters::DriveParameters;
+use crate::random::Random;
+use crate::transmission::{KinematicError, Transmission};
+use std::f64::consts::TAU;
+
+/// What a drive's set point means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// Position, rad link side.
+    Position,
+    /// Motor current, A.
+    Current,
+}
+
+/// What everybody knows of a drive: its data sheet.
+#[derive(Debug, Clone)]
+pub struct DriveSheet {
+    /// N: gear ratio.
+    pub gear_ratio: f64,
+    /// K_t: torque constant, motor side, N·m/A.
+    pub torque_constant: f64,
+    /// J_m: rotor inertia, kg·m².
+    pub rotor_inertia: f64,
+    /// Counts a turn of the motor encoder.
+    pub motor_counts_per_turn: f64,
+    /// Counts a turn of the link encoder.
+    pub link_counts_per_turn: f64,
+    /// What set points mean.
+    pub command: Command,
+    /// The kinematic error that calibration found; the true one has more to it.
+    pub kinematic_error: KinematicError,
+}
+
+/// What a drive's sensors say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveReading {
+    /// theta: motor angle over many turns, rad.
+    pub theta: f64,
+    /// q: link angle, rad.
+    pub q: f64,
+    /// i: current, A.
+    pub current: f64,
+    /// omega: motor velocity as the drive filters it, rad/s.
+    pub omega: f64,
+}
+
+/// A joint's drive and gear.
+#[derive(Debug, Clone)]
+pub struct Joint {
+    sheet: DriveSheet,
+    parameters: DriveParameters,
+    random: Random,
+    /// This joint's own errors, drawn once.
+    torque_constant: f64,
+    current_offset: f64,
+    current_gain: f64,
+    ripple_phase: [f64; 2],
+    motor_bristle: BristleConstants,
+    bearing_bristle: BristleConstants,
+
+    theta: f64,
+    omega: f64,
+    current: f64,
+    torsion: f64,
+    transmission: Transmission,
+    friction: Bristle,
+    bearing: Bristle,
+    controller: Controller,
+    /// Past motor angles, newest at `newest`, one a step.
+    past: Vec<f64>,
+    newest: usize,
+
+    step: Step,
+    gear_torque: f64,
+    tau: f64,
+}
+
+/// What `prepare` found and `commit` needs.
+#[derive(Debug, Clone, Copy, Default)]
+struct Step {
+    gear_torque: f64,
+    gear_slope: f64,
+    friction_level: f64,
+    /// Rotor's torque if nothing accelerates, and its effective inertia over the step.
+    drive: f64,
+    rotor: f64,
+    bearing_torque: f64,
+    bearing_slope: f64,
+}
+
+/// Motor angles kept, for encoders that are sampled at different instants.
+const PAST: usize = 128;
+
+impl Joint {
+    /// A joint with errors of its own drawn from `random`.
+    #[must_use]
+    pub fn new(sheet: &DriveSheet, parameters: &DriveParameters, mut random: Random) -> Self {
+        let p = parameters;
+        let stiffness = p.friction.coulomb * p.friction.static_ratio / p.friction.presliding;
+        let bearing_stiffness = p.bearing.coulomb / 1e-4;
+        Self {
+            torque_constant: sheet.torque_constant
+                * (1.0 + p.sensors.torque_constant * random.symmetric()),
+            current_offset: p.sensors.current_offset * random.symmetric(),
+            current_gain: 1.0 + p.sensors.current_gain * random.symmetric(),
+            ripple_phase: [TAU * random.unit(), TAU * random.unit()],
+            motor_bristle: BristleConstants {
+                stiffness,
+                damping: (stiffness * sheet.rotor_inertia).sqrt(),
+                viscous: p.friction.viscous,
+            },
+            bearing_bristle: BristleConstants {
+                stiffness: bearing_stiffness,
+                damping: 1e-3 * bearing_stiffness,
+                viscous: p.bearing.viscous,
+            },
+            theta: 0.0,
+            omega: 0.0,
+            current: 0.0,
+            torsion: 0.0,
+            transmission: Transmission::new(&p.transmission),
+            friction: Bristle::default(),
+            bearing: Bristle::default(),
+            controller: Controller::new(sheet, &p.controller),
+            past: vec![0.0; PAST],
+            newest: 0,
+            step: Step::default(),
+            gear_torque: 0.0,
+            tau: 0.0,
+            sheet: sheet.clone(),
+            parameters: p.clone(),
+            random,
+        }
+    }
+
+    /// Puts the joint at rest at `q`, carrying `tau`: torsion, current and set point in balance.
+    pub fn settle(&mut self, q: f64, tau: f64) {
+        let n = self.sheet.gear_ratio;
+        self.torsion = self.transmission.torsion_of(tau);
+        self.theta = n * (q + self.torsion);
+        for _ in 0..20 {
+            self.theta = n * (q + self.torsion + self.kinematic_error(q, self.theta));
+        }
+        self.omega = 0.0;
+        self.current = tau / (n * self.torque_constant);
+        (self.gear_torque, self.tau) = (tau, tau);
+        self.past.fill(self.theta);
+        let measured = self.current * self.current_gain + self.current_offset;
+        self.controller.settle(self.theta, measured);
+    }
+
+    /// The drive's set point: rad link side or A.
+    pub fn command(&mut self, set_point: f64) {
+        self.controller.set_point = set_point;
+    }
+
+    /// One turn of the drive's own control loop, `dt` after the last.
+    pub fn control(&mut self, dt: f64) {
+        self.controller.tick(self.theta, dt);
+    }
+
+    fn kinematic_error(&self, q: f64, theta: f64) -> f64 {
+        self.sheet.kinematic_error.at(q, theta) + self.parameters.kinematic_error.at(q, theta)
+    }
+
+    /// Starts a step of `dt` with the link at `q`, `dq`. The torque on the link over the step is
+    /// `tau - armature ddq`; returns both.
+    pub fn prepare(&mut self, q: f64, dq: f64, dt: f64) -> (f64, f64) {
+        let n = self.sheet.gear_ratio;
+        self.run_current_loop(dt);
+        // Implicit step: forces where the velocities would lead, and their slopes.
+        let (q_next, theta_next) = (q + dt * dq, self.theta + dt * self.omega);
+        let torsion = theta_next / n - q_next - self.kinematic_error(q_next, theta_next);
+        let (elastic, stiffness) = self.transmission.torque(torsion, torsion - self.torsion);
+        let damping = self.transmission.damping();
+        let gear_torque = elastic + damping * (self.omega / n - dq);
+        let gear_slope = dt * (dt * stiffness + damping);
+
+        let level = self.friction_level(q);
+        let (friction, friction_slope) =
+            (self.friction).torque(&self.motor_bristle, level, self.omega, dt);
+        let drive = self.torque_constant * self.current - friction - gear_torque / n;
+        let rotor = self.sheet.rotor_inertia + dt * friction_slope + gear_slope / (n * n);
+
+        let (bearing_torque, bearing_slope) =
+            (self.bearing).torque(&self.bearing_bristle, self.bearing_level(), dq, dt);
+        let bearing_slope = dt * bearing_slope;
+        self.step = Step {
+            gear_torque,
+            gear_slope,
+            friction_level: level,
+            drive,
+            rotor,
+            bearing_torque,
+            bearing_slope,
+        };
+        // The rotor's acceleration (drive + slope/N ddq) / rotor is put in for the link's sake.
+        let through = gear_slope / n / rotor;
+        (
+            gear_torque + through * drive - bearing_torque,
+            gear_slope - through * gear_slope / n + bearing_slope,
+        )
+    }
+
+    /// Ends the step begun by `prepare`, the link having accelerated by `ddq`.
+    pub fn commit(&mut self, q: f64, dq: f64, ddq: f64, dt: f64) {
+        let (n, s) = (self.sheet.gear_ratio, self.step);
+        let alpha = (s.drive + s.gear_slope / n * ddq) / s.rotor;
+        self.gear_torque = s.gear_torque + s.gear_slope * (alpha / n - ddq);
+        self.tau = self.gear_torque - s.bearing_torque - s.bearing_slope * ddq;
+        self.omega += dt * alpha;
+        self.theta += dt * self.omega;
+        let dq_next = dq + dt * ddq;
+        let q_next = q + dt * dq_next;
+        let torsion = self.theta / n - q_next - self.kinematic_error(q_next, self.theta);
+        self.transmission.advance(torsion - self.torsion);
+        self.torsion = torsion;
+        (self.friction).advance(&self.motor_bristle, s.friction_level, self.omega, dt);
+        let bearing_level = self.bearing_level();
+        (self.bearing).advance(&self.bearing_bristle, bearing_level, dq_next, dt);
+        self.newest = (self.newest + 1) % PAST;
+        self.past[self.newest] = self.theta;
+    }
+
+    fn run_current_loop(&mut self, dt: f64) {
+        // The drive regulates what its sensor shows.
+        let wanted = (self.controller.current() - self.current_offset) / self.current_gain;
+        let lag = self.parameters.controller.current_loop;
+        self.current += (wanted - self.current) * dt / (dt + lag);
+    }
+
+    fn friction_level(&self, q: f64) -> f64 {
+        let f = &self.parameters.friction;
+        let ripple = 1.0
+            + 0.5
+                * f.ripple
+                * ((2.0 * self.theta + self.ripple_phase[0]).sin()
+                    + (3.0 * q + self.ripple_phase[1]).sin());
+        let sliding =
+            f.coulomb * ripple + f.meshing * self.gear_torque.abs() / self.sheet.gear_ratio;
+        stribeck(sliding, f.static_ratio * sliding, self.omega, f.stribeck)
+    }
+
+    fn bearing_level(&self) -> f64 {
+        self.parameters.bearing.coulomb.max(1e-12)
+    }
+
+    /// What the sensors say of the state with the link at `q`, encoders quantised.
+    pub fn sense(&mut self, q: f64, dt: f64) -> DriveReading {
+        let (s, random) = (&self.parameters.sensors, &mut self.random);
+        let steps = (s.motor_lead / dt).min((PAST - 2) as f64);
+        let (whole, part) = (steps.floor(), steps.fract());
+        let back = |k: usize| self.past[(self.newest + PAST - k) % PAST];
+        let earlier = back(whole as usize) * (1.0 - part) + back(whole as usize + 1) * part;
+        let round = |angle: f64, counts: f64, noise: f64| {
+            (angle * counts / TAU + noise).round() * TAU / counts
+        };
+        DriveReading {
+            theta: round(
+                earlier,
+                self.sheet.motor_counts_per_turn,
+                s.motor_noise_counts * random.normal(),
+            ),
+            q: round(
+                q,
+                self.sheet.link_counts_per_turn,
+                s.link_noise_counts * random.normal(),
+            ),
+            current: self.current * self.current_gain
+                + self.current_offset
+                + s.current_noise * random.normal(),
+            omega: self.controller.velocity(),
+        }
+    }
+
+    /// tau: what the transmission applies to the child link along +q over the last step, N·m.
+    #[must_use]
+    pub fn tau(&self) -> f64 {
+        self.tau
+    }
+
+    /// T: torque between gear and output bearing, N·m.
+    #[must_use]
+    pub fn gear_torque(&self) -> f64 {
+        self.gear_torque
+    }
+
+    /// theta, omega: the true motor angle and velocity, rad and rad/s.
+    #[must_use]
+    pub fn motor(&self) -> (f64, f64) {
+        (self.theta, self.omega)
+    }
+
+    /// i: the true motor current, A.
+    #[must_use]
+    pub fn current(&self) -> f64 {
+        self.current
+    }
+
+    /// The set point that the drive follows: rad link side or A.
+    #[must_use]
+    pub fn set_point(&self) -> f64 {
+        self.controller.set_point
+    }
+
+    /// Rate of the drive's control loop, Hz.
+    #[must_use]
+    pub fn control_rate(&self) -> f64 {
+        self.parameters.controller.rate
+    }
+}

@@ -1,0 +1,550 @@
+//! `sim.toml`: what the simulated robot is like beyond what its user knows.
+
+use crate::transmission::KinematicError;
+use serde::{Deserialize, Deserializer};
+use std::collections::BTreeMap;
+
+/// Everything in a `sim.toml`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimParameters {
+    /// Seed of all randomness.
+    #[serde(default)]
+    pub seed: u64,
+    /// Step of the simulation, s.
+    #[serde(rename = "substep_us", deserialize_with = "micro")]
+    pub substep: f64,
+    /// Masses, centres of mass and inertias differ from the URDF by up to this fraction.
+    #[serde(
+        default,
+        rename = "inertia_error_per_cent",
+        deserialize_with = "per_cent"
+    )]
+    pub inertia_error: f64,
+    /// How the robot stands at the start.
+    #[serde(default)]
+    pub start: StartParameters,
+    /// The floor; absent: none.
+    pub ground: Option<GroundParameters>,
+    /// Links that can touch the floor.
+    #[serde(default, rename = "foot")]
+    pub feet: Vec<FootParameters>,
+    /// A stand or harness that holds a link.
+    pub harness: Option<HarnessParameters>,
+    /// Pushes from outside.
+    #[serde(default, rename = "push")]
+    pub pushes: Vec<PushParameters>,
+    /// F/T sensors.
+    #[serde(default)]
+    pub ft_sensor: FtParameters,
+    /// IMU.
+    #[serde(default)]
+    pub imu: ImuParameters,
+    /// Kinds of drives, named as in `robot.toml`.
+    #[serde(default, rename = "drive")]
+    pub drives: BTreeMap<String, DriveParameters>,
+}
+
+/// `[start]`: the pose at the start.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StartParameters {
+    /// Base position, m; its height is found if `on_ground`.
+    #[serde(default, rename = "base_position_m", deserialize_with = "finite3")]
+    pub base_position: [f64; 3],
+    /// Base roll, pitch, yaw, rad.
+    #[serde(default, rename = "base_rpy_deg", deserialize_with = "degrees3")]
+    pub base_rpy: [f64; 3],
+    /// Lower or lift the base until the feet carry the robot.
+    #[serde(default)]
+    pub on_ground: bool,
+    /// Joint angles by name, rad; others are zero.
+    #[serde(default, rename = "joints_deg", deserialize_with = "degrees_map")]
+    pub joints: BTreeMap<String, f64>,
+}
+
+/// `[ground]`: a level floor of springs and dampers, felt at the soles' corners.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroundParameters {
+    /// Height, m.
+    #[serde(default, rename = "height_m", deserialize_with = "finite")]
+    pub height: f64,
+    /// Normal stiffness at one corner, N/m.
+    #[serde(rename = "stiffness_N_per_m", deserialize_with = "positive")]
+    pub stiffness: f64,
+    /// Normal damping at one corner, N·s/m.
+    #[serde(rename = "damping_Ns_per_m", deserialize_with = "non_negative")]
+    pub damping: f64,
+    /// Tangential stiffness at one corner while it sticks, N/m.
+    #[serde(rename = "tangential_stiffness_N_per_m", deserialize_with = "positive")]
+    pub tangential_stiffness: f64,
+    /// Tangential damping at one corner while it sticks, N·s/m.
+    #[serde(
+        rename = "tangential_damping_Ns_per_m",
+        deserialize_with = "non_negative"
+    )]
+    pub tangential_damping: f64,
+    /// Coefficient of friction.
+    #[serde(deserialize_with = "non_negative")]
+    pub friction: f64,
+}
+
+/// `[[foot]]`: a sole.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FootParameters {
+    /// The link's name.
+    pub link: String,
+    /// The sole's corners in the link's frame, m.
+    #[serde(rename = "corners_m")]
+    pub corners: Vec<[f64; 3]>,
+}
+
+/// `[harness]`: a spring-damper in all six directions between a link and where it is at the start.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HarnessParameters {
+    /// The link's name.
+    pub link: String,
+    /// Stiffness against displacement, N/m.
+    #[serde(rename = "stiffness_N_per_m", deserialize_with = "positive")]
+    pub stiffness: f64,
+    /// Damping of displacement, N·s/m.
+    #[serde(rename = "damping_Ns_per_m", deserialize_with = "non_negative")]
+    pub damping: f64,
+    /// Stiffness against rotation, N·m/rad.
+    #[serde(rename = "stiffness_Nm_per_rad", deserialize_with = "non_negative")]
+    pub angular_stiffness: f64,
+    /// Damping of rotation, N·m·s/rad.
+    #[serde(rename = "damping_Nms_per_rad", deserialize_with = "non_negative")]
+    pub angular_damping: f64,
+    /// Displacement that meets no resistance, m: a harness that only catches a fall.
+    #[serde(default, rename = "slack_m", deserialize_with = "non_negative")]
+    pub slack: f64,
+    /// Rotation that meets no resistance, rad.
+    #[serde(default, rename = "slack_deg", deserialize_with = "degrees")]
+    pub angular_slack: f64,
+}
+
+/// `[[push]]`: a wrench on a link for a while, at the link's origin in the world's axes.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PushParameters {
+    /// The link's name.
+    pub link: String,
+    /// Begin, s since the start.
+    #[serde(rename = "start_s", deserialize_with = "non_negative")]
+    pub start: f64,
+    /// Duration, s; it swells and fades as half a sine.
+    #[serde(rename = "duration_s", deserialize_with = "positive")]
+    pub duration: f64,
+    /// Force at its height, N.
+    #[serde(default, rename = "force_N", deserialize_with = "finite3")]
+    pub force: [f64; 3],
+    /// Torque at its height, N·m.
+    #[serde(default, rename = "torque_Nm", deserialize_with = "finite3")]
+    pub torque: [f64; 3],
+}
+
+/// `[ft_sensor]`: errors of the F/T sensors.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FtParameters {
+    /// Noise of the forces, standard deviation, N.
+    #[serde(default, rename = "noise_N", deserialize_with = "non_negative")]
+    pub noise_force: f64,
+    /// Noise of the torques, N·m.
+    #[serde(default, rename = "noise_Nm", deserialize_with = "non_negative")]
+    pub noise_torque: f64,
+    /// Bias of each force axis, drawn up to this, N.
+    #[serde(default, rename = "bias_N", deserialize_with = "non_negative")]
+    pub bias_force: f64,
+    /// Bias of each torque axis, drawn up to this, N·m.
+    #[serde(default, rename = "bias_Nm", deserialize_with = "non_negative")]
+    pub bias_torque: f64,
+    /// Growth of the biases, as fraction of the bias a minute.
+    #[serde(
+        default,
+        rename = "drift_per_minute",
+        deserialize_with = "non_negative"
+    )]
+    pub drift: f64,
+    /// How much of each force axis is felt by the others, and of each torque axis likewise; drawn.
+    #[serde(default, rename = "cross_talk_per_cent", deserialize_with = "per_cent")]
+    pub cross_talk: f64,
+}
+
+/// `[imu]`: errors of the IMU.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImuParameters {
+    /// Noise of the gyro, standard deviation, rad/s.
+    #[serde(
+        default,
+        rename = "gyro_noise_rad_per_s",
+        deserialize_with = "non_negative"
+    )]
+    pub gyro_noise: f64,
+    /// Bias of each gyro axis, drawn up to this, rad/s.
+    #[serde(
+        default,
+        rename = "gyro_bias_rad_per_s",
+        deserialize_with = "non_negative"
+    )]
+    pub gyro_bias: f64,
+    /// Noise of the accelerometer, m/s².
+    #[serde(
+        default,
+        rename = "accelerometer_noise_m_per_s2",
+        deserialize_with = "non_negative"
+    )]
+    pub accelerometer_noise: f64,
+    /// Bias of each accelerometer axis, drawn up to this, m/s².
+    #[serde(
+        default,
+        rename = "accelerometer_bias_m_per_s2",
+        deserialize_with = "non_negative"
+    )]
+    pub accelerometer_bias: f64,
+}
+
+/// `[drive.NAME]`: a kind of drive as it truly is.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriveParameters {
+    /// The gear.
+    pub transmission: TransmissionParameters,
+    /// Kinematic error beyond the one that `robot.toml` knows.
+    #[serde(default, deserialize_with = "kinematic_error")]
+    pub kinematic_error: KinematicError,
+    /// Friction at the motor.
+    pub friction: MotorFrictionParameters,
+    /// Friction of the output bearing.
+    #[serde(default)]
+    pub bearing: BearingParameters,
+    /// Encoders and current sensor.
+    #[serde(default)]
+    pub sensors: DriveSensorParameters,
+    /// The drive's own control loop.
+    pub controller: ControllerParameters,
+}
+
+/// `[drive.NAME.transmission]`: torque against torsion, link side.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransmissionParameters {
+    /// K: stiffness beyond the wind-up zone, N·m/rad.
+    #[serde(rename = "stiffness_Nm_per_rad", deserialize_with = "positive")]
+    pub stiffness: f64,
+    /// b: cubic stiffening, 1/rad².
+    #[serde(
+        default,
+        rename = "stiffening_per_rad2",
+        deserialize_with = "non_negative"
+    )]
+    pub stiffening: f64,
+    /// r: stiffness at zero torsion over K.
+    #[serde(default = "one", deserialize_with = "fraction")]
+    pub windup_stiffness_ratio: f64,
+    /// w: half width of the wind-up zone, rad.
+    #[serde(
+        default = "tenth_of_a_millirad",
+        rename = "windup_rad",
+        deserialize_with = "positive"
+    )]
+    pub windup: f64,
+    /// Damping, N·m·s/rad.
+    #[serde(
+        default,
+        rename = "damping_Nms_per_rad",
+        deserialize_with = "non_negative"
+    )]
+    pub damping: f64,
+    /// Half width of the hysteresis loop, N·m.
+    #[serde(default, rename = "hysteresis_Nm", deserialize_with = "non_negative")]
+    pub hysteresis: f64,
+    /// Torsion over which hysteresis reverses, rad.
+    #[serde(
+        default = "tenth_of_a_millirad",
+        rename = "hysteresis_rad",
+        deserialize_with = "positive"
+    )]
+    pub hysteresis_span: f64,
+}
+
+/// `[drive.NAME.friction]`: friction felt by the rotor, motor side.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotorFrictionParameters {
+    /// Sliding friction without load, N·m.
+    #[serde(rename = "coulomb_Nm", deserialize_with = "positive")]
+    pub coulomb: f64,
+    /// Breakaway friction over sliding friction.
+    #[serde(default = "one", deserialize_with = "at_least_one")]
+    pub static_ratio: f64,
+    /// Velocity over which static friction fades, rad/s.
+    #[serde(
+        default = "one",
+        rename = "stribeck_rad_per_s",
+        deserialize_with = "positive"
+    )]
+    pub stribeck: f64,
+    /// Viscous friction, N·m·s/rad.
+    #[serde(
+        default,
+        rename = "viscous_Nms_per_rad",
+        deserialize_with = "non_negative"
+    )]
+    pub viscous: f64,
+    /// Angle that the bristles bend before they slide, rad.
+    #[serde(
+        default = "hundredth",
+        rename = "presliding_rad",
+        deserialize_with = "positive"
+    )]
+    pub presliding: f64,
+    /// Meshing of the gear: friction per torque carried, both motor side.
+    #[serde(default, deserialize_with = "fraction")]
+    pub meshing: f64,
+    /// How much friction varies with the motor's position (2 periods a turn) and with the link's
+    /// (3 periods a turn), as fraction.
+    #[serde(default, rename = "ripple_per_cent", deserialize_with = "per_cent")]
+    pub ripple: f64,
+}
+
+/// `[drive.NAME.bearing]`: friction between gear output and link.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BearingParameters {
+    /// Sliding friction, N·m.
+    #[serde(default, rename = "coulomb_Nm", deserialize_with = "non_negative")]
+    pub coulomb: f64,
+    /// Viscous friction, N·m·s/rad.
+    #[serde(
+        default,
+        rename = "viscous_Nms_per_rad",
+        deserialize_with = "non_negative"
+    )]
+    pub viscous: f64,
+}
+
+/// `[drive.NAME.sensors]`: what the drive's sensors get wrong beyond quantisation.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriveSensorParameters {
+    /// Noise of the motor encoder, standard deviation, counts.
+    #[serde(default, deserialize_with = "non_negative")]
+    pub motor_noise_counts: f64,
+    /// Noise of the link encoder, counts.
+    #[serde(default, deserialize_with = "non_negative")]
+    pub link_noise_counts: f64,
+    /// How much earlier the motor encoder is sampled than the link's, s.
+    #[serde(default, rename = "motor_lead_us", deserialize_with = "micro0")]
+    pub motor_lead: f64,
+    /// Noise of the current, A.
+    #[serde(default, rename = "current_noise_A", deserialize_with = "non_negative")]
+    pub current_noise: f64,
+    /// Offset of the current, drawn up to this, A.
+    #[serde(
+        default,
+        rename = "current_offset_A",
+        deserialize_with = "non_negative"
+    )]
+    pub current_offset: f64,
+    /// Gain error of the current, drawn up to this fraction.
+    #[serde(
+        default,
+        rename = "current_gain_error_per_cent",
+        deserialize_with = "per_cent"
+    )]
+    pub current_gain: f64,
+    /// Torque constant's difference from `robot.toml`, drawn up to this fraction.
+    #[serde(
+        default,
+        rename = "torque_constant_error_per_cent",
+        deserialize_with = "per_cent"
+    )]
+    pub torque_constant: f64,
+}
+
+/// `[drive.NAME.controller]`: the drive's position loop (D5) and current loop.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControllerParameters {
+    /// Rate of the position loop, Hz.
+    #[serde(rename = "rate_hz", deserialize_with = "positive")]
+    pub rate: f64,
+    /// K4: current per position error, A/rad link side.
+    #[serde(default, rename = "K_4_A_per_rad", deserialize_with = "non_negative")]
+    pub k_4: f64,
+    /// K5: current per velocity, A·s/rad link side.
+    #[serde(default, rename = "K_5_As_per_rad", deserialize_with = "non_negative")]
+    pub k_5: f64,
+    /// Errors smaller than this count as zero (D 3.2.1), rad link side.
+    #[serde(default, rename = "dead_zone_rad", deserialize_with = "non_negative")]
+    pub dead_zone: f64,
+    /// Resolution of the drive's own interpolated motor angle, counts a turn.
+    #[serde(default = "sixteen_bits", deserialize_with = "positive")]
+    pub interpolated_counts_per_turn: f64,
+    /// Time constant of the velocity's low-pass, s.
+    #[serde(default, rename = "velocity_filter_us", deserialize_with = "micro0")]
+    pub velocity_filter: f64,
+    /// Current limit, A.
+    #[serde(rename = "current_limit_A", deserialize_with = "positive")]
+    pub current_limit: f64,
+    /// Time constant of the current loop, s.
+    #[serde(default, rename = "current_loop_us", deserialize_with = "micro0")]
+    pub current_loop: f64,
+}
+
+impl SimParameters {
+    /// Reads a `sim.toml`.
+    ///
+    /// # Errors
+    /// What is wrong and what is allowed, with file, line and key.
+    pub fn parse(text: &str, file: &str) -> Result<Self, String> {
+        let parameters: Self = toml::from_str(text).map_err(|e| locate(text, file, &e))?;
+        if parameters.substep > 1e-3 {
+            return Err(format!("{file}: substep_us: at most 1000 is allowed"));
+        }
+        if parameters.start.on_ground && (parameters.ground.is_none() || parameters.feet.is_empty())
+        {
+            return Err(format!(
+                "{file}: start.on_ground: needs [ground] and at least one [[foot]]"
+            ));
+        }
+        Ok(parameters)
+    }
+}
+
+/// `file:line: key: message`.
+fn locate(text: &str, file: &str, error: &toml::de::Error) -> String {
+    let message = error.message();
+    let Some(span) = error.span() else {
+        return format!("{file}: {message}");
+    };
+    let before = text.get(..span.start).unwrap_or("");
+    let line = before.matches('\n').count() + 1;
+    let key = text.lines().nth(line - 1).and_then(|l| l.split_once('='));
+    match key {
+        Some((key, _)) => format!("{file}:{line}: {}: {message}", key.trim()),
+        None => format!("{file}:{line}: {message}"),
+    }
+}
+
+type Read<T, E> = Result<T, E>;
+
+fn checked<'de, D: Deserializer<'de>>(
+    deserializer: D,
+    allowed: &str,
+    good: impl Fn(f64) -> bool,
+) -> Read<f64, D::Error> {
+    let value = f64::deserialize(deserializer)?;
+    if value.is_finite() && good(value) {
+        Ok(value)
+    } else {
+        Err(serde::de::Error::custom(format!(
+            "{value} is not allowed; allowed: {allowed}"
+        )))
+    }
+}
+
+fn finite<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    checked(d, "a finite number", |_| true)
+}
+
+fn positive<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    checked(d, "a finite number > 0", |x| x > 0.0)
+}
+
+fn non_negative<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    checked(d, "a finite number >= 0", |x| x >= 0.0)
+}
+
+fn at_least_one<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    checked(d, "a finite number >= 1", |x| x >= 1.0)
+}
+
+fn fraction<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    checked(d, "a number from 0 to 1", |x| (0.0..=1.0).contains(&x))
+}
+
+fn per_cent<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    Ok(0.01 * checked(d, "a number from 0 to 50", |x| (0.0..=50.0).contains(&x))?)
+}
+
+fn micro<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    Ok(1e-6 * positive(d)?)
+}
+
+fn micro0<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    Ok(1e-6 * checked(d, "a number from 0 to 10000", |x| (0.0..=1e4).contains(&x))?)
+}
+
+fn degrees<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    Ok(non_negative(d)?.to_radians())
+}
+
+/// A number that must be finite.
+#[derive(Deserialize)]
+struct Finite(#[serde(deserialize_with = "finite")] f64);
+
+fn finite3<'de, D: Deserializer<'de>>(d: D) -> Read<[f64; 3], D::Error> {
+    Ok(<[Finite; 3]>::deserialize(d)?.map(|x| x.0))
+}
+
+fn degrees3<'de, D: Deserializer<'de>>(d: D) -> Read<[f64; 3], D::Error> {
+    Ok(finite3(d)?.map(f64::to_radians))
+}
+
+fn degrees_map<'de, D: Deserializer<'de>>(d: D) -> Read<BTreeMap<String, f64>, D::Error> {
+    let map = BTreeMap::<String, Finite>::deserialize(d)?;
+    Ok((map.into_iter())
+        .map(|(name, x)| (name, x.0.to_radians()))
+        .collect())
+}
+
+fn degree_pairs<'de, D: Deserializer<'de>>(d: D) -> Read<Vec<[f64; 2]>, D::Error> {
+    let pairs = Vec::<[Finite; 2]>::deserialize(d)?;
+    Ok((pairs.into_iter())
+        .map(|p| p.map(|x| x.0.to_radians()))
+        .collect())
+}
+
+/// `[drive.NAME.kinematic_error]`: cos and sin of harmonic 1, 2, … of q and of theta.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KinematicErrorSection {
+    #[serde(default, rename = "link_deg", deserialize_with = "degree_pairs")]
+    link: Vec<[f64; 2]>,
+    #[serde(default, rename = "motor_deg", deserialize_with = "degree_pairs")]
+    motor: Vec<[f64; 2]>,
+}
+
+fn kinematic_error<'de, D: Deserializer<'de>>(d: D) -> Read<KinematicError, D::Error> {
+    let section = KinematicErrorSection::deserialize(d)?;
+    Ok(KinematicError {
+        constant: 0.0,
+        link: section.link,
+        link_frequency: 1.0,
+        motor: section.motor,
+        motor_frequency: 1.0,
+    })
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn hundredth() -> f64 {
+    0.01
+}
+
+fn tenth_of_a_millirad() -> f64 {
+    1e-4
+}
+
+fn sixteen_bits() -> f64 {
+    65536.0
+}

@@ -1,0 +1,193 @@
+//! A harmonic drive's torque against its torsion, in a form of its own.
+//!
+//! Elastic part: a soft wind-up zone around zero, then a line, then a cubic rise:
+//! `T(x) = K x (1 + b x²) - (1 - r) K w tanh(x / w)`, slope `r K` at zero. Hysteresis: four
+//! Coulomb-limited springs in parallel (Maxwell slip), independent of rate, closed loops.
+
+use crate::parameters::TransmissionParameters;
+
+const ELEMENTS: usize = 4;
+/// Stretch at which each element slips, in `hysteresis_rad`.
+const SLIP: [f64; ELEMENTS] = [0.25, 0.5, 1.0, 2.0];
+
+/// The gear between wave generator and link.
+#[derive(Debug, Clone)]
+pub struct Transmission {
+    parameters: TransmissionParameters,
+    /// Stretch of each element, rad.
+    stretch: [f64; ELEMENTS],
+}
+
+impl Transmission {
+    /// A gear at rest without history.
+    #[must_use]
+    pub fn new(parameters: &TransmissionParameters) -> Self {
+        Self {
+            parameters: parameters.clone(),
+            stretch: [0.0; ELEMENTS],
+        }
+    }
+
+    /// Elastic torque and stiffness at torsion `x`.
+    fn elastic(&self, x: f64) -> (f64, f64) {
+        let p = &self.parameters;
+        let soft = (1.0 - p.windup_stiffness_ratio) * p.stiffness;
+        let t = (x / p.windup).tanh();
+        let square = p.stiffening * x * x;
+        (
+            p.stiffness * x * (1.0 + square) - soft * p.windup * t,
+            p.stiffness * (1.0 + 3.0 * square) - soft * (1.0 - t * t),
+        )
+    }
+
+    /// Torque and stiffness at torsion `x`, reached by a move of `dx` from the last `advance`.
+    #[must_use]
+    pub fn torque(&self, x: f64, dx: f64) -> (f64, f64) {
+        let (mut torque, mut stiffness) = self.elastic(x);
+        let share = self.parameters.hysteresis / ELEMENTS as f64;
+        for (stretch, slip) in self.stretch.iter().zip(SLIP) {
+            let limit = slip * self.parameters.hysteresis_span;
+            let wanted = stretch + dx;
+            torque += share * (wanted / limit).clamp(-1.0, 1.0);
+            if wanted.abs() < limit {
+                stiffness += share / limit;
+            }
+        }
+        (torque, stiffness)
+    }
+
+    /// Moves on by `dx`.
+    pub fn advance(&mut self, dx: f64) {
+        for (stretch, slip) in self.stretch.iter_mut().zip(SLIP) {
+            let limit = slip * self.parameters.hysteresis_span;
+            *stretch = (*stretch + dx).clamp(-limit, limit);
+        }
+    }
+
+    /// The torsion that carries `torque` when hysteresis carries nothing, rad.
+    #[must_use]
+    pub fn torsion_of(&self, torque: f64) -> f64 {
+        let mut x = torque / self.parameters.stiffness;
+        for _ in 0..50 {
+            let (t, k) = self.elastic(x);
+            x += (torque - t) / k.max(self.parameters.stiffness * 0.5);
+        }
+        x
+    }
+
+    /// d: damping, N·m·s/rad.
+    #[must_use]
+    pub fn damping(&self) -> f64 {
+        self.parameters.damping
+    }
+}
+
+/// A kinematic error: harmonics of the link angle and of the motor angle.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct KinematicError {
+    /// Constant part, rad.
+    pub constant: f64,
+    /// cos and sin of harmonic 1, 2, … of `link_frequency q`, rad.
+    pub link: Vec<[f64; 2]>,
+    /// Periods a turn of the link's first harmonic.
+    pub link_frequency: f64,
+    /// cos and sin of harmonic 1, 2, … of `motor_frequency theta`, rad.
+    pub motor: Vec<[f64; 2]>,
+    /// Periods a turn of the motor's first harmonic.
+    pub motor_frequency: f64,
+}
+
+impl KinematicError {
+    /// The error at `q` and `theta`, rad.
+    #[must_use]
+    pub fn at(&self, q: f64, theta: f64) -> f64 {
+        self.constant
+            + harmonics(&self.link, self.link_frequency * q)
+            + harmonics(&self.motor, self.motor_frequency * theta)
+    }
+}
+
+/// Sum of `a_n cos(n x) + b_n sin(n x)`, n from 1.
+fn harmonics(coefficients: &[[f64; 2]], x: f64) -> f64 {
+    if coefficients.is_empty() {
+        return 0.0;
+    }
+    let (s1, c1) = x.sin_cos();
+    let (mut s, mut c, mut sum) = (s1, c1, 0.0);
+    for [a, b] in coefficients {
+        sum += a * c + b * s;
+        (s, c) = (s * c1 + c * s1, c * c1 - s * s1);
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gear() -> Transmission {
+        Transmission::new(&TransmissionParameters {
+            stiffness: 8333.0,
+            stiffening: 2.9e5,
+            windup_stiffness_ratio: 0.5,
+            windup: 1e-4,
+            damping: 0.1,
+            hysteresis: 0.3,
+            hysteresis_span: 1e-4,
+        })
+    }
+
+    #[test]
+    fn stiffness_is_the_slope_and_torsion_the_inverse() {
+        let gear = gear();
+        for i in -20..=20 {
+            let x = f64::from(i) * 7.3e-5;
+            let h = 1e-8;
+            let slope = (gear.elastic(x + h).0 - gear.elastic(x - h).0) / (2.0 * h);
+            assert!((slope - gear.elastic(x).1).abs() < 1e-3 * slope);
+            assert!((gear.torsion_of(gear.elastic(x).0) - x).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_closed_loop_of_torsion_loses_energy_and_comes_back() {
+        let mut gear = gear();
+        let step = 1e-6;
+        let run = |gear: &mut Transmission, from: i32, to: i32| {
+            let (mut work, sign) = (0.0, (to - from).signum());
+            let mut x = f64::from(from) * step;
+            while (x - f64::from(to) * step).abs() > 0.5 * step {
+                let dx = f64::from(sign) * step;
+                let (torque, _) = gear.torque(x + 0.5 * dx, 0.5 * dx);
+                work += torque * dx;
+                gear.advance(dx);
+                x += dx;
+            }
+            work
+        };
+        run(&mut gear, 0, 1000);
+        let at_top = gear.stretch;
+        let loss = run(&mut gear, 1000, -1000) + run(&mut gear, -1000, 1000);
+        for (a, b) in gear.stretch.iter().zip(at_top) {
+            assert!((a - b).abs() < 1e-12, "the loop does not close");
+        }
+        // Each element slips over (stroke - 2 limit) both ways at its share of the torque.
+        let expected: f64 = (SLIP.iter())
+            .map(|s| 2.0 * 0.3 / 4.0 * (2e-3 - 2.0 * s * 1e-4))
+            .sum();
+        assert!(
+            (loss - expected).abs() < 0.01 * expected,
+            "{loss} {expected}"
+        );
+    }
+
+    #[test]
+    fn harmonics_sum_by_recurrence() {
+        let c = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]];
+        let x: f64 = 0.7;
+        let direct: f64 = (c.iter().zip(1..))
+            .map(|([a, b], n)| a * (x * f64::from(n)).cos() + b * (x * f64::from(n)).sin())
+            .sum();
+        assert!((harmonics(&c, x) - direct).abs() < 1e-12);
+    }
+}
