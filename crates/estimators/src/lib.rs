@@ -2,10 +2,20 @@
 #![deny(unsafe_code)]
 
 pub mod compliance;
+pub mod current_based;
+pub mod deformation;
 pub mod encoder;
+pub mod features;
+pub mod fusion;
+pub mod hysteresis;
 pub mod joint;
+pub mod kalman;
 pub mod kinematic_error;
+pub mod local_gp;
 pub mod low_pass;
+pub mod network;
+mod output;
 pub mod savitzky_golay;
+pub mod set;
 pub mod wave_generator;
 pub mod whole_body;

@@ -62,6 +62,10 @@ pub mod torque_source {
     pub const ENCODER: u32 = 1;
     /// Newton-Euler from F/T sensors and IMU.
     pub const WHOLE_BODY: u32 = 2;
+    /// Motor current less friction (D3).
+    pub const CURRENT: u32 = 3;
+    /// Several sources weighted by their variances.
+    pub const FUSED: u32 = 4;
 }
 
 /// What the robot is asked to do.

@@ -1,0 +1,346 @@
+//! Compliance model behind a Kalman filter, linear or unscented (U; models.md 5).
+//!
+//! ```text
+//! state        x = [theta, omega, tau]                       CM-KF, CM-UKF
+//!              x = [theta, omega, tau, dtau, d]              with the added states
+//! process      theta' = theta + T omega
+//!              omega' = omega + T/J (tau_m + d - B omega - tau_fm(omega) - tau/N)
+//!              tau'   = tau (+ T dtau),   dtau' = dtau,   d' = d
+//! measurement  z1 = theta,   z2 = torsion - err(q, theta) = torsion_fs(tau) + torsion_wg(tau/N)/N
+//! ```
+//! U's own filter equations are lost; this is the reconstruction. The kinematic error is taken at
+//! the measured angles: it moves by less than the encoder's noise between those and the state's.
+//! Added beyond U: slipping springs (`hysteresis`), the torque's rate against lag, and a slow
+//! motor torque `d` for the current's offset and the friction that the model lacks.
+
+use crate::hysteresis::{Hysteresis, SlipElement};
+use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use crate::output::Output;
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use robot_state::{TorqueEstimate, torque_flags, torque_source};
+
+/// States of U's filter.
+pub const STATES: usize = 3;
+/// With the torque's rate and the slow motor torque.
+pub const ADDED_STATES: usize = 5;
+
+/// Noise of process and measurement, and the motor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KalmanParameters {
+    /// Gear, compliance, kinematic error and motor friction.
+    pub joint: JointEstimatorParameters,
+    /// Springs that slip beside the flexspline; none as U has it.
+    pub hysteresis: Vec<SlipElement>,
+    /// J_m: inertia of rotor and wave generator, motor side, kg·m².
+    pub rotor_inertia: f64,
+    /// |omega| at which the sign of friction is smoothed, rad/s.
+    pub sign_smoothing: f64,
+    /// Q: variance that each state gains in a period, in the states' order and units squared.
+    pub process: [f64; ADDED_STATES],
+    /// R: variances of theta (rad²) and of the torsion (rad²).
+    pub measurement: [f64; 2],
+}
+
+/// Which transform carries the distribution through the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transform {
+    /// A constant stiffness K_fs0 and Jacobians.
+    Linear,
+    /// The unscented transform through the nonlinear model.
+    Unscented,
+}
+
+/// A Kalman filter over `N` states: [`STATES`] or [`ADDED_STATES`].
+#[derive(Debug, Clone)]
+pub struct KalmanEstimator<const N: usize> {
+    parameters: KalmanParameters,
+    transform: Transform,
+    hysteresis: Hysteresis,
+    state: Option<State<N>>,
+    /// Normalised square of the last innovation, and its mean over the last second or so.
+    innovation: (f64, f64),
+    output: Output,
+}
+
+#[derive(Debug, Clone)]
+struct State<const N: usize> {
+    x: SVector<f64, N>,
+    p: SMatrix<f64, N, N>,
+}
+
+/// Mean normalised innovation, in units of its expectation, above which the model is not believed.
+const INNOVATION_LIMIT: f64 = 10.0;
+
+impl<const N: usize> KalmanEstimator<N> {
+    /// A filter that has seen no sample.
+    #[must_use]
+    pub fn new(parameters: KalmanParameters, transform: Transform) -> Self {
+        debug_assert!(N == STATES || N == ADDED_STATES, "{N} states");
+        Self {
+            hysteresis: Hysteresis::new(&parameters.hysteresis),
+            output: Output::new(torque_source::ENCODER, parameters.joint.torque_limit, 0.0),
+            state: None,
+            innovation: (2.0, 2.0),
+            transform,
+            parameters,
+        }
+    }
+
+    /// Square of the last innovation over its expected variance: about 2 if the model holds.
+    #[must_use]
+    pub fn normalized_innovation(&self) -> f64 {
+        self.innovation.0
+    }
+
+    /// Whether the innovations are as small as the model says.
+    #[must_use]
+    pub fn consistent(&self) -> bool {
+        self.innovation.1 < 2.0 * INNOVATION_LIMIT
+    }
+
+    /// The state, if there is one.
+    #[must_use]
+    pub fn state(&self) -> Option<&SVector<f64, N>> {
+        self.state.as_ref().map(|s| &s.x)
+    }
+
+    fn start(&self, sample: &JointSample, torsion: f64) -> State<N> {
+        let p = &self.parameters.joint;
+        let mut x = SVector::zeros();
+        (x[0], x[1]) = (sample.theta, sample.omega);
+        x[2] = p.compliance.torque(torsion, p.torque_limit).tau;
+        // Wide: rad², (rad/s)², and the square of a tenth of the limit for all torques.
+        let tenth = (0.1 * p.torque_limit).powi(2);
+        let spread = [1e-2, 1e2, tenth, 1e2 * tenth, tenth / p.gear_ratio.powi(2)];
+        let p = SMatrix::from_fn(|i, j| if i == j { spread[i] } else { 0.0 });
+        State { x, p }
+    }
+
+    /// The motion over one period.
+    fn process(&self, x: &SVector<f64, N>, tau_m: f64) -> SVector<f64, N> {
+        let KalmanParameters {
+            joint,
+            rotor_inertia,
+            sign_smoothing,
+            ..
+        } = &self.parameters;
+        let motor = &joint.wave_generator;
+        let t = joint.sample_period;
+        let (rate, slow) = if N == ADDED_STATES {
+            (x[3], x[4])
+        } else {
+            (0.0, 0.0)
+        };
+        let friction = motor.viscous_friction * x[1]
+            + motor.friction * (x[1] / sign_smoothing.max(f64::MIN_POSITIVE)).tanh();
+        let mut next = *x;
+        next[0] += t * x[1];
+        next[1] += t / rotor_inertia * (tau_m + slow - friction - x[2] / joint.gear_ratio);
+        next[2] += t * rate;
+        next
+    }
+
+    /// What the encoders would read.
+    fn measurement(&self, x: &SVector<f64, N>) -> Vector2<f64> {
+        let p = &self.parameters.joint;
+        let compliance = &p.compliance;
+        let torsion = match self.transform {
+            Transform::Linear => x[2] / compliance.k_fs0,
+            Transform::Unscented => {
+                compliance.flexspline_torsion(x[2])
+                    + compliance.wave_generator_torsion(x[2] / p.gear_ratio) / p.gear_ratio
+            }
+        };
+        Vector2::new(x[0], torsion)
+    }
+
+    /// Jacobian of the process.
+    fn process_jacobian(&self, x: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        let KalmanParameters {
+            joint,
+            rotor_inertia,
+            sign_smoothing,
+            ..
+        } = &self.parameters;
+        let t = joint.sample_period;
+        let smoothing = sign_smoothing.max(f64::MIN_POSITIVE);
+        let slope = 1.0 - (x[1] / smoothing).tanh().powi(2);
+        let friction = joint.wave_generator.viscous_friction
+            + joint.wave_generator.friction * slope / smoothing;
+        let mut f = SMatrix::identity();
+        f[(0, 1)] = t;
+        f[(1, 1)] -= t / rotor_inertia * friction;
+        f[(1, 2)] = -t / rotor_inertia / joint.gear_ratio;
+        if N == ADDED_STATES {
+            f[(2, 3)] = t;
+            f[(1, 4)] = t / rotor_inertia;
+        }
+        f
+    }
+
+    fn predict(&self, s: &State<N>, tau_m: f64) -> Option<State<N>> {
+        let q = SMatrix::from_fn(|i, j| {
+            if i == j {
+                self.parameters.process[i]
+            } else {
+                0.0
+            }
+        });
+        match self.transform {
+            Transform::Linear => {
+                let f = self.process_jacobian(&s.x);
+                let p = f * s.p * f.transpose() + q;
+                Some(State {
+                    x: self.process(&s.x, tau_m),
+                    p,
+                })
+            }
+            Transform::Unscented => {
+                let around = Points::new(s)?;
+                let (x, p) = around.through(|x| self.process(x, tau_m));
+                Some(State { x, p: p + q })
+            }
+        }
+    }
+
+    fn correct(&mut self, s: &State<N>, z: &Vector2<f64>) -> Option<State<N>> {
+        let r = Matrix2::from_diagonal(&Vector2::from(self.parameters.measurement));
+        let (expected, covariance, cross) = match self.transform {
+            Transform::Linear => {
+                let mut h = SMatrix::<f64, 2, N>::zeros();
+                h[(0, 0)] = 1.0;
+                h[(1, 2)] = 1.0 / self.parameters.joint.compliance.k_fs0;
+                (
+                    self.measurement(&s.x),
+                    h * s.p * h.transpose(),
+                    s.p * h.transpose(),
+                )
+            }
+            Transform::Unscented => Points::new(s)?.onto(|x| self.measurement(x)),
+        };
+        let innovation = z - expected;
+        let covariance = covariance + r;
+        let inverse = covariance.try_inverse()?;
+        let gain: SMatrix<f64, N, 2> = cross * inverse;
+        let squared = (innovation.transpose() * inverse * innovation)[(0, 0)];
+        let second = (1.0 / self.parameters.joint.sample_period).max(1.0);
+        self.innovation.0 = squared;
+        self.innovation.1 += (squared.min(1e6) - self.innovation.1) / second;
+        let p = s.p - gain * covariance * gain.transpose();
+        // Rounding makes it lopsided, and a lopsided covariance soon is none.
+        Some(State {
+            x: s.x + gain * innovation,
+            p: (p + p.transpose()) * 0.5,
+        })
+    }
+}
+
+/// Sigma points around a state.
+struct Points<const N: usize> {
+    centre: SVector<f64, N>,
+    /// Columns to add and to take away.
+    steps: SMatrix<f64, N, N>,
+    weight: f64,
+}
+
+impl<const N: usize> Points<N> {
+    fn new(s: &State<N>) -> Option<Self> {
+        // kappa = 0: no weight on the centre and none below zero, whatever the number of states,
+        // so that covariances stay positive; with three states the points are at sqrt(3) sigma.
+        let steps = s.p.cholesky()?.l() * (N as f64).sqrt();
+        Some(Self {
+            centre: s.x,
+            steps,
+            weight: 0.5 / N as f64,
+        })
+    }
+
+    /// Every point with its weight.
+    fn each(&self, mut f: impl FnMut(f64, SVector<f64, N>)) {
+        for column in self.steps.column_iter() {
+            f(self.weight, self.centre + column);
+            f(self.weight, self.centre - column);
+        }
+    }
+
+    fn through(
+        &self,
+        model: impl Fn(&SVector<f64, N>) -> SVector<f64, N>,
+    ) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
+        // Relative to the centre's image: theta is large and its spread small.
+        let origin = model(&self.centre);
+        let mut mean = SVector::zeros();
+        self.each(|w, x| mean += (model(&x) - origin) * w);
+        let mut covariance = SMatrix::zeros();
+        self.each(|w, x| {
+            let d = model(&x) - origin - mean;
+            covariance += d * d.transpose() * w;
+        });
+        (origin + mean, covariance)
+    }
+
+    fn onto(
+        &self,
+        model: impl Fn(&SVector<f64, N>) -> Vector2<f64>,
+    ) -> (Vector2<f64>, Matrix2<f64>, SMatrix<f64, N, 2>) {
+        let origin = model(&self.centre);
+        let mut mean = Vector2::zeros();
+        self.each(|w, x| mean += (model(&x) - origin) * w);
+        let (mut covariance, mut cross) = (Matrix2::zeros(), SMatrix::zeros());
+        self.each(|w, x| {
+            let d = model(&x) - origin - mean;
+            covariance += d * d.transpose() * w;
+            cross += (x - self.centre) * d.transpose() * w;
+        });
+        (origin + mean, covariance, cross)
+    }
+}
+
+impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
+    fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
+        // An angle of 1e9 turns has no digits left for torsion.
+        let bounded = sample.theta.abs() < 1e10 && sample.omega.abs() < 1e10;
+        if !(Output::usable(sample) && bounded && sample.current.abs() < 1e10) {
+            self.state = None;
+            return self.output.held();
+        }
+        let p = &self.parameters.joint;
+        let torsion = sample.theta / p.gear_ratio
+            - sample.q
+            - p.kinematic_error.error(sample.q, sample.theta);
+        let limit = p.compliance.flexspline_torsion(p.torque_limit);
+        let bounded = torsion.clamp(-2.0 * limit, 2.0 * limit);
+        // The springs' part is known from the torsion's past and is taken off before.
+        let slipping = self.hysteresis.update(bounded);
+        let whole = p.compliance.torque(bounded, p.torque_limit).tau + slipping;
+        let z = Vector2::new(sample.theta, p.compliance.flexspline_torsion(whole));
+        // More than twice the limit no gear carries: a current beyond is a fault, not a torque.
+        let bound = 2.0 * p.torque_limit / p.gear_ratio + p.wave_generator.friction;
+        let tau_m = (p.wave_generator.torque_constant * sample.current).clamp(-bound, bound);
+        let predicted = match &self.state {
+            Some(s) => self.predict(s, tau_m),
+            None => Some(self.start(sample, z[1])),
+        };
+        let corrected = predicted.and_then(|s| self.correct(&s, &z));
+        self.state = corrected.filter(|s| s.x.iter().chain(s.p.iter()).all(|x| x.is_finite()));
+        let Some(s) = &self.state else {
+            return self.output.held();
+        };
+        let saturated = torsion.abs() >= limit;
+        let (tau, variance) = (s.x[2], s.p[(2, 2)].max(0.0));
+        // A filter whose innovations are too large does not know its own error.
+        let doubt = (self.innovation.1 / 2.0).max(1.0).sqrt();
+        let mut estimate = self.output.give(sample, tau, variance.sqrt() * doubt);
+        if saturated {
+            estimate.flags |= torque_flags::SATURATED;
+        }
+        estimate
+    }
+
+    fn reset(&mut self) {
+        self.hysteresis.reset();
+        self.state = None;
+        self.innovation = (2.0, 2.0);
+        self.output.reset();
+    }
+}
