@@ -79,17 +79,16 @@ class Process:
             reader.join()
         return code
 
-    def report(self, limit_s=60.0):
-        """Waits for a good end; the JSON document it printed."""
-        code = self.wait(limit_s)
-        if code != 0:
-            raise self._fail(f"exit code {code}")
-        return json.loads("".join(self._stdout))
+    def report(self, limit_s=60.0, code=0):
+        """Waits for its end with that exit code; the JSON document in its last line."""
+        if self.wait(limit_s) != code:
+            raise self._fail(f"exit code {self._popen.returncode}, not {code}")
+        return json.loads(self._stdout[-1])
 
-    def terminate(self, limit_s=30.0):
+    def terminate(self, limit_s=30.0, code=0):
         """Asks it to end as systemd does; its report."""
         self.send(signal.SIGTERM)
-        return self.report(limit_s)
+        return self.report(limit_s, code)
 
     def kill(self):
         """Ends it, whatever its state."""

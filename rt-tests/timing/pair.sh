@@ -21,21 +21,20 @@ wait_for() {
     fail "did not see '$2'"
 }
 
-start() { # REPORTS SECONDS
-    mkdir -p "$1"
-    exec {sim_log}< <(exec "$binaries/torqued-sim" "$config" --json 2>&1 >"$1/sim.json")
+start() { # SECONDS
+    exec {sim_log}< <(exec "$binaries/torqued-sim" "$config" --json 2>&1)
     sim=$!
     wait_for $sim_log ready
-    exec {torqued_log}< <(exec "$binaries/torqued" run "$config" --seconds "$2" --json 2>&1 >"$1/torqued.json")
+    exec {torqued_log}< <(exec "$binaries/torqued" run "$config" --seconds "$1" --json 2>&1)
     torqued=$!
     wait_for $torqued_log running
 }
 
-finish() {
-    cat <&$torqued_log
+finish() { # REPORTS: the folder for their last lines
+    tail -n 1 <&$torqued_log | tee "$1/torqued.json"
     wait $torqued || fail "torqued ended with exit code $?"
     kill -TERM $sim
-    cat <&$sim_log
+    tail -n 1 <&$sim_log | tee "$1/sim.json"
     wait $sim || fail "torqued-sim ended with exit code $?"
 }
 
@@ -61,8 +60,8 @@ count() {
     done
 }
 
-start "$RESULTS" 5
-finish
+start 5
+finish "$RESULTS"
 
 mkdir -p "$RESULTS/counts"
 grep -q " $tracing " /proc/mounts || mount -t tracefs tracefs $tracing
@@ -70,11 +69,11 @@ libc=$(ldd "$binaries/torqued" | awk '$1 == "libc.so.6" {print $3}')
 nm -D --defined-only "$libc" | awk -v heap=" ${heap[*]} " -v libc="$libc" '
     {sub(/@.*/, "", $3)}
     index(heap, " " $3 " ") {print "p:torqued/" $3 " " libc ":0x" $1}' >>$tracing/uprobe_events
-start "$RESULTS/counts" 4
+start 4
 loop=$(loop_thread)
 echo "$loop" >"$RESULTS/counts/loop_thread"
 count on
 sleep 2
 count off
-finish
+finish "$RESULTS/counts"
 printf -- '-:torqued/%s\n' "${heap[@]}" >>$tracing/uprobe_events

@@ -1,0 +1,55 @@
+"""What a bus or a config says that it should not: answered at the start with a message, in the
+running loop by counting; the robot never jumps."""
+
+import signal
+import socket
+import struct
+import time
+
+from processes import BINARIES, LEG, Process, daemon, derived_config, simulator
+
+
+def send(interface, identifier, data, count):
+    """Puts frames on a bus, as a stranger would."""
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as bus:
+        bus.bind((interface,))
+        for _ in range(count):
+            bus.send(struct.pack("=IB3x8s", identifier, len(data), data))
+
+
+def test_interface_that_does_not_exist_is_refused(tmp_path):
+    config = derived_config(tmp_path, ('interface = "vcan1"', 'interface = "vcan7"'))
+    torqued = Process(BINARIES / "torqued", "run", config)
+    assert torqued.wait() == 2, torqued.output()
+    line = 1 + config.read_text()[: config.read_text().index('"vcan7"')].count("\n")
+    assert f"{config}:{line}: " in torqued.output()
+    assert "vcan7" in torqued.output()
+    assert "vcan0" in torqued.output(), "names the interfaces that are there"
+
+
+def test_strange_frames_are_counted_and_change_nothing():
+    with simulator() as sim, daemon(LEG, "--seconds", 4) as torqued:
+        send("vcan0", 0x7AA, b"who?", count=7)
+        send("vcan1", 0x80000101 | 0x7A000, b"", count=2)
+        send("vcan0", 0x101, b"short", count=5)
+        report = torqued.report()
+        robot = sim.terminate()
+    assert report["events"]["frame_unknown_id"] == 9
+    assert report["events"]["frame_wrong_length"] == 5
+    assert report["fault"] == 0
+    # The robot's drives only know their commands.
+    assert robot["frames_unknown"] == 14
+
+
+def test_paused_robot_is_a_latched_fault(tmp_path):
+    with simulator() as sim, daemon(LEG) as torqued:
+        sim.send(signal.SIGSTOP)
+        time.sleep(0.3)  # longer than loop.stale_after_ms
+        sim.send(signal.SIGCONT)
+        time.sleep(0.3)
+        report = torqued.terminate(code=1)
+        sim.terminate()
+    assert report["events"]["joint_stale"] == 6
+    assert report["events"]["joint_missed"] > 100
+    assert report["fault"] == 104
+    assert "loop.stale_after_ms" in torqued.output()
