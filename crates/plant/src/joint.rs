@@ -13,6 +13,7 @@ use crate::friction::{Bristle, BristleConstants, stribeck};
 use crate::parameters::DriveParameters;
 use crate::random::Random;
 use crate::transmission::{KinematicError, Transmission};
+use crate::truth::JointTruth;
 use std::f64::consts::TAU;
 
 /// What a drive's set point means.
@@ -285,28 +286,19 @@ impl Joint {
         }
     }
 
-    /// tau: what the transmission applies to the child link along +q over the last step, N·m.
+    /// What was so over the last step, which the link began at `q`, `dq`.
     #[must_use]
-    pub fn tau(&self) -> f64 {
-        self.tau
-    }
-
-    /// T: torque between gear and output bearing, N·m.
-    #[must_use]
-    pub fn gear_torque(&self) -> f64 {
-        self.gear_torque
-    }
-
-    /// theta, omega: the true motor angle and velocity, rad and rad/s.
-    #[must_use]
-    pub fn motor(&self) -> (f64, f64) {
-        (self.theta, self.omega)
-    }
-
-    /// i: the true motor current, A.
-    #[must_use]
-    pub fn current(&self) -> f64 {
-        self.current
+    pub fn truth(&self, q: f64, dq: f64, ddq: f64) -> JointTruth {
+        JointTruth {
+            tau: self.tau,
+            gear_torque: self.gear_torque,
+            q,
+            dq,
+            ddq,
+            theta: self.theta,
+            omega: self.omega,
+            current: self.current,
+        }
     }
 
     /// The set point that the drive follows: rad link side or A.
@@ -315,9 +307,11 @@ impl Joint {
         self.controller.set_point
     }
 
-    /// Rate of the drive's control loop, Hz.
+    /// Steps of `dt` between two turns of the drive's control loop.
     #[must_use]
-    pub fn control_rate(&self) -> f64 {
-        self.parameters.controller.rate
+    pub fn control_every(&self, dt: f64) -> u64 {
+        (1.0 / (self.parameters.controller.rate * dt))
+            .round()
+            .max(1.0) as u64
     }
 }

@@ -66,7 +66,7 @@ pub struct SimRobot {
     dt: f64,
     substeps: usize,
     /// Steps between two turns of each drive's control loop.
-    control_every: Vec<usize>,
+    control_every: Vec<u64>,
     steps_done: u64,
     tau: Vec<f64>,
     armature: Vec<f64>,
@@ -127,9 +127,7 @@ impl SimRobot {
         };
         let substeps = (plan.period / sim.substep).round().max(1.0) as usize;
         let dt = plan.period / substeps as f64;
-        let control_every = (joints.iter())
-            .map(|j| (1.0 / (j.control_rate() * dt)).round().max(1.0) as usize)
-            .collect();
+        let control_every = joints.iter().map(|j| j.control_every(dt)).collect();
         let n = joints.len();
         let external = surroundings.feet.len()
             + usize::from(surroundings.harness.is_some())
@@ -218,7 +216,7 @@ impl SimRobot {
         self.dynamics.kinematics(&self.tree, &self.state);
         self.surroundings.prepare(&mut self.dynamics, time, dt);
         for (i, joint) in self.joints.iter_mut().enumerate() {
-            if self.steps_done.is_multiple_of(self.control_every[i] as u64) {
+            if self.steps_done.is_multiple_of(self.control_every[i]) {
                 joint.control(self.control_every[i] as f64 * dt);
             }
             (self.tau[i], self.armature[i]) = joint.prepare(self.state.q[i], self.state.dq[i], dt);
@@ -255,14 +253,7 @@ impl SimRobot {
         let truth = &mut self.truth;
         truth.time = time;
         for (t, &dof) in truth.joints.iter_mut().zip(&self.order) {
-            let joint = &self.joints[dof];
-            t.tau = joint.tau();
-            t.gear_torque = joint.gear_torque();
-            t.q = self.state.q[dof];
-            t.dq = self.state.dq[dof];
-            t.ddq = self.ddq[dof];
-            (t.theta, t.omega) = joint.motor();
-            t.current = joint.current();
+            *t = self.joints[dof].truth(self.state.q[dof], self.state.dq[dof], self.ddq[dof]);
         }
         truth.set_base(&self.state, base);
         truth.centre_of_mass = self.dynamics.centre_of_mass(&self.tree).into();
