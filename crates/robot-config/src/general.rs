@@ -121,14 +121,12 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
     for mut section in sections {
         let name = name(&section, "name");
         section.which = format!(" ({name})");
-        if buses.iter().any(|bus| bus.parameters.name == name) {
+        let taken = |other: &str, own: &str| !own.is_empty() && other == own;
+        if buses.iter().any(|bus| taken(&bus.parameters.name, &name)) {
             section.problem("name", "a second bus has this name", "a name for each bus");
         }
         let interface = interface(&section);
-        if buses
-            .iter()
-            .any(|bus| bus.parameters.interface == interface)
-        {
+        if buses.iter().any(|bus| taken(&bus.parameters.interface, &interface)) {
             let what = format!("a second bus is on {interface}");
             let allowed = "one bus for each interface; it may list several DBC files";
             section.problem("interface", what, allowed);
@@ -143,6 +141,7 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
             parameters: BusParameters {
                 name,
                 interface,
+                interface_place: section.place_of("interface"),
                 dbc_paths: dbcs
                     .iter()
                     .map(|dbc| paths::resolved(config, dbc.value))

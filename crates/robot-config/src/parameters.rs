@@ -78,6 +78,8 @@ pub struct BusParameters {
     pub name: String,
     /// Name of the network interface.
     pub interface: String,
+    /// Where the configuration names it, as `file:line: key`.
+    pub interface_place: String,
     /// Paths of the DBC files, resolved against the configuration's folder.
     pub dbc_paths: Vec<String>,
     /// The bus carries CAN FD frames.

@@ -26,13 +26,17 @@ impl<'t> Notes<'t> {
 
     /// Notes a problem at a place of the file.
     pub(crate) fn at(&self, place: usize, reason: impl Into<String>, allowed: impl Into<String>) {
-        let before = self.text.as_bytes().iter().take(place);
         self.note(Problem {
             file: self.file.to_owned(),
-            line: 1 + before.filter(|&&byte| byte == b'\n').count(),
+            line: self.line(place),
             reason: reason.into(),
             allowed: allowed.into(),
         });
+    }
+
+    fn line(&self, place: usize) -> usize {
+        let before = self.text.as_bytes().iter().take(place);
+        1 + before.filter(|&&byte| byte == b'\n').count()
     }
 
     /// Notes a problem of another file.
@@ -147,6 +151,14 @@ impl<'n, 't> Section<'n, 't> {
         let colon = if key.is_empty() { "" } else { ":" };
         let reason = format!("{}{colon} {what}", self.path(key));
         self.notes.at(place, reason, allowed.to_string());
+    }
+
+    /// `file:line: key`, for a problem that shows only later.
+    pub(crate) fn place_of(&self, key: &str) -> String {
+        let value = self.table.get(key);
+        let place = value.map_or(self.place, |value| value.span().start);
+        let line = self.notes.line(place);
+        format!("{}:{line}: {}", self.notes.file, self.path(key))
     }
 
     fn find(&self, key: &'static str) -> Option<&'n Spanned<DeValue<'t>>> {
