@@ -236,8 +236,8 @@ impl Check<'_> {
         let mut signals = Vec::<Signal>::new();
         // Which signals cover each bit of the frame so far.
         let mut owners = vec![Vec::<&can_dbc::Signal>::new(); 8 * len];
-        for signal in &message.signals {
-            let line = lines.map_or(0, |lines| lines.signal_line(&signal.name));
+        for (i, signal) in message.signals.iter().enumerate() {
+            let line = lines.map_or(0, |lines| lines.signal_line(i, &signal.name));
             let path = format!("{}.{}", message.name, signal.name);
             if signals.iter().any(|other| other.name == signal.name) {
                 self.note(

@@ -11,12 +11,12 @@ pub(crate) struct MessageLines {
 }
 
 impl MessageLines {
-    /// The line of a signal, or of its message.
-    pub(crate) fn signal_line(&self, name: &str) -> usize {
-        self.signals
-            .iter()
-            .find_map(|(signal, line)| (signal == name).then_some(*line))
-            .unwrap_or(self.line)
+    /// The line of the signal with that index, or of its message.
+    pub(crate) fn signal_line(&self, index: usize, name: &str) -> usize {
+        match self.signals.get(index) {
+            Some((signal, line)) if signal == name => *line,
+            _ => self.line,
+        }
     }
 }
 
@@ -70,8 +70,8 @@ mod tests {
         let found = message_lines(text);
         assert_eq!(found.len(), 1);
         assert_eq!((found[0].id, found[0].line), (2, 5));
-        assert_eq!(found[0].signal_line("x"), 6);
-        assert_eq!(found[0].signal_line("y"), 7);
-        assert_eq!(found[0].signal_line("z"), 5);
+        assert_eq!(found[0].signal_line(0, "x"), 6);
+        assert_eq!(found[0].signal_line(1, "y"), 7);
+        assert_eq!(found[0].signal_line(2, "z"), 5);
     }
 }

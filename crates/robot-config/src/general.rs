@@ -126,7 +126,10 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
             section.problem("name", "a second bus has this name", "a name for each bus");
         }
         let interface = interface(&section);
-        if buses.iter().any(|bus| taken(&bus.parameters.interface, &interface)) {
+        if buses
+            .iter()
+            .any(|bus| taken(&bus.parameters.interface, &interface))
+        {
             let what = format!("a second bus is on {interface}");
             let allowed = "one bus for each interface; it may list several DBC files";
             section.problem("interface", what, allowed);

@@ -36,7 +36,7 @@ pub(crate) fn read(
     for (index, mut section) in sections.into_iter().enumerate() {
         let name = name(&section, "name");
         section.which = format!(" ({name})");
-        if named.contains(&name) {
+        if !name.is_empty() && named.contains(&name) {
             section.problem("name", "a second joint has this name", "each joint once");
         }
         let reader = Reader {

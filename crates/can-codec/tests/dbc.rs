@@ -1,0 +1,206 @@
+//! What the DBC reader refuses, and how it says so.
+
+mod common;
+
+use can_codec::{BusDbc, Coding, Dbc, SignalMap, Table};
+use common::{FIRST_LINE, bits_one_by_one, dbc, dbc_text, table};
+
+/// The messages that a faulty file leads to.
+fn refusal(messages: &str) -> String {
+    match Dbc::parse(&dbc_text(messages), "bad.dbc") {
+        Ok(_) => panic!("accepted:\n{messages}"),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[track_caller]
+fn refused(messages: &str, line: usize, parts: &[&str]) {
+    let text = refusal(messages);
+    let place = format!("bad.dbc:{}: ", FIRST_LINE + line);
+    assert!(text.starts_with(&place), "{text}");
+    assert!(text.contains("; allowed: "), "{text}");
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in {text}");
+    }
+}
+
+#[test]
+fn overlaps_are_refused_in_both_byte_orders() {
+    refused(
+        "BO_ 1 M: 8 A\n SG_ a : 0|8@1+ (1,0) [0|0] \"\" B\n SG_ b : 7|8@1+ (1,0) [0|0] \"\" B",
+        2,
+        &["signal M.b overlaps signal a"],
+    );
+    // Big endian from bit 7 covers byte 0; from bit 3, the lower half of it and the upper of 1.
+    refused(
+        "BO_ 1 M: 8 A\n SG_ a : 7|8@0+ (1,0) [0|0] \"\" B\n SG_ b : 3|8@0+ (1,0) [0|0] \"\" B",
+        2,
+        &["signal M.b overlaps signal a"],
+    );
+    dbc("BO_ 1 M: 8 A\n SG_ a : 7|8@0+ (1,0) [0|0] \"\" B\n SG_ b : 8|8@1+ (1,0) [0|0] \"\" B");
+}
+
+#[test]
+fn signals_beyond_the_end_are_refused() {
+    let little = "BO_ 1 M: 2 A\n SG_ a : 9|8@1+ (1,0) [0|0] \"\" B";
+    refused(little, 1, &["passes the end", "the message's 2 bytes"]);
+    let big = "BO_ 1 M: 2 A\n SG_ a : 14|8@0+ (1,0) [0|0] \"\" B";
+    refused(big, 1, &["passes the end"]);
+    let start = "BO_ 1 M: 0 A\n SG_ a : 0|1@1+ (1,0) [0|0] \"\" B";
+    refused(start, 1, &["passes the end"]);
+    let far = "BO_ 1 M: 8 A\n SG_ a : 18446744073709551615|8@1+ (1,0) [0|0] \"\" B";
+    refused(far, 1, &["passes the end"]);
+}
+
+#[test]
+fn impossible_sizes_scales_and_ranges_are_refused() {
+    let signal = |text: &str| format!("BO_ 1 M: 64 A\n SG_ a : {text} \"\" B");
+    refused(&signal("0|0@1+ (1,0) [0|0]"), 1, &["has 0 bits", "1 to 64"]);
+    refused(
+        &signal("0|65@1+ (1,0) [0|0]"),
+        1,
+        &["has 65 bits", "1 to 64"],
+    );
+    refused(
+        &signal("0|8@1+ (0,0) [0|0]"),
+        1,
+        &["has scale 0", "other than 0"],
+    );
+    refused(&signal("0|8@1+ (1,0) [9|5]"), 1, &["has range [9|5]"]);
+    refused(
+        &signal("0|8@1+ (1,0) [300|400]"),
+        1,
+        &["no count", "meets [0|255]"],
+    );
+}
+
+#[test]
+fn impossible_messages_are_refused() {
+    refused("BO_ 1 M: 9 A", 0, &["9 bytes long", "12, 16, 20"]);
+    refused("BO_ 1 M: 65 A", 0, &["65 bytes long"]);
+    refused("BO_ 2048 M: 8 A", 0, &["has id 2048", "0 to 2047"]);
+    refused("BO_ 65537 M: 8 A", 0, &["has id 65537"]);
+    refused("BO_ 3221225473 M: 8 A", 0, &["29 bits"]);
+    refused(
+        "BO_ 1 M: 8 A\n\nBO_ 1 N: 8 A",
+        2,
+        &["id 1 (0x1) like message M of line 9"],
+    );
+    refused(
+        "BO_ 1 M: 8 A\n\nBO_ 2 M: 8 A",
+        2,
+        &["second message is called M"],
+    );
+    let twice = " SG_ a : 0|8@1+ (1,0) [0|0] \"\" B\n SG_ a : 8|8@1+ (1,0) [0|0] \"\" B";
+    refused(&format!("BO_ 1 M: 8 A\n{twice}"), 2, &["M.a occurs twice"]);
+}
+
+#[test]
+fn text_that_is_no_dbc_file_is_refused_with_its_line() {
+    refused(
+        "BO_ 1 M: 8 A\n SG_ a : 0|8 (1,0) [0|0] \"\" B",
+        1,
+        &["not a DBC file"],
+    );
+    assert!(Dbc::parse("<html>", "x.dbc").is_err());
+}
+
+#[test]
+fn every_problem_of_a_file_is_told() {
+    let text = refusal(
+        "BO_ 1 M: 8 A\n SG_ a : 0|0@1+ (1,0) [0|0] \"\" B\n SG_ b : 0|8@1+ (0,0) [0|0] \"\" B\n\nBO_ 1 N: 9 A",
+    );
+    assert_eq!(text.lines().count(), 4, "{text}");
+}
+
+#[test]
+fn floats_take_the_size_that_their_type_says() {
+    let float = |size: u32, kind: u32| {
+        format!(
+            "BO_ 1 M: 8 A\n SG_ a : 0|{size}@1- (1,0) [0|0] \"\" B\n\nSIG_VALTYPE_ 1 a : {kind};"
+        )
+    };
+    assert_eq!(
+        dbc(&float(32, 1)).messages[0].signals[0].coding,
+        Coding::Float32
+    );
+    assert_eq!(
+        dbc(&float(64, 2)).messages[0].signals[0].coding,
+        Coding::Float64
+    );
+    refused(
+        &float(16, 1),
+        1,
+        &["float signal M.a has 16 bits", "32 bits"],
+    );
+}
+
+#[test]
+fn multiplexed_signals_may_overlap_but_not_be_used() {
+    let file = dbc(
+        "BO_ 1 M: 8 A\n SG_ which M : 0|8@1+ (1,0) [0|0] \"\" B\n SG_ a m0 : 8|8@1+ (1,0) [0|0] \"\" B\n SG_ b m1 : 8|8@1+ (1,0) [0|0] \"\" B",
+    );
+    let map = SignalMap {
+        slot: 0,
+        message: "M".to_owned(),
+        signal: "b".to_owned(),
+        scale: 1.0,
+        offset: 0.0,
+        wraps: false,
+    };
+    let on_bus = BusDbc {
+        bus: 0,
+        fd: false,
+        dbc: &file,
+    };
+    let error = Table::compile(&[on_bus], &[(0, map)]).unwrap_err();
+    assert_eq!(error.problems[0].map, Some(0));
+    assert!(error.problems[0].reason.contains("M.b is multiplexed"));
+    refused(
+        "BO_ 1 M: 8 A\n SG_ which M : 0|8@1+ (1,0) [0|0] \"\" B\n SG_ a m1 : 8|8@1+ (1,0) [0|0] \"\" B\n SG_ b m1 : 8|8@1+ (1,0) [0|0] \"\" B",
+        3,
+        &["M.b overlaps signal a"],
+    );
+}
+
+#[test]
+fn fd_messages_need_an_fd_bus() {
+    let file = dbc("BO_ 1 M: 12 A");
+    let on_bus = BusDbc {
+        bus: 0,
+        fd: false,
+        dbc: &file,
+    };
+    let error = Table::compile(&[on_bus], &[]).unwrap_err();
+    assert_eq!(error.problems[0].line, FIRST_LINE);
+    assert!(
+        error.problems[0]
+            .reason
+            .contains("CAN FD frame on a classic bus")
+    );
+    let named = dbc(
+        "BO_ 1 M: 8 A\n\nBA_DEF_ BO_ \"VFrameFormat\" ENUM \"StandardCAN\",\"ExtendedCAN\";\nBA_DEF_DEF_ \"VFrameFormat\" \"StandardCAN\";\nBA_ \"VFrameFormat\" BO_ 1 14;",
+    );
+    assert!(named.messages[0].fd);
+}
+
+#[test]
+fn reads_what_dbc_files_usually_hold() {
+    let file = dbc(
+        "BO_ 2566834709 E: 8 A\n SG_ a : 0|8@1+ (1,0) [0|0] \"\" B\n\nBO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n SG_ lost : 0|8@1- (1,0) [0|0] \"\" Vector__XXX\n\nCM_ BO_ 1 \"over\nBO_ 7 X: 8 A\nlines\";",
+    );
+    assert_eq!(file.messages.len(), 1);
+    assert_eq!(file.messages[0].id, 2_566_834_709);
+    assert_eq!(file.messages[0].line, FIRST_LINE);
+    assert_eq!(table(&file).message_count(), 1);
+}
+
+#[test]
+fn the_slow_reading_reads_as_the_format_is_described() {
+    // The reference of the other tests, on bytes that can be read by eye.
+    let data = [0xC0, 0x06, 0xE0];
+    assert_eq!(bits_one_by_one(&data, 7, 1, true), 1);
+    assert_eq!(bits_one_by_one(&data, 6, 6, true), 32);
+    assert_eq!(bits_one_by_one(&data, 0, 12, true), 55);
+    assert_eq!(bits_one_by_one(&data, 4, 8, false), 0x6C);
+}
