@@ -48,6 +48,8 @@ pub fn python_layout() -> String {
             ("NONE", torque_source::NONE),
             ("ENCODER", torque_source::ENCODER),
             ("WHOLE_BODY", torque_source::WHOLE_BODY),
+            ("CURRENT", torque_source::CURRENT),
+            ("FUSED", torque_source::FUSED),
         ],
     );
     enumeration(

@@ -26,6 +26,8 @@ class TorqueSource(IntEnum):
     NONE = 0
     ENCODER = 1
     WHOLE_BODY = 2
+    CURRENT = 3
+    FUSED = 4
 
 
 class MeasuredFlags(IntFlag):

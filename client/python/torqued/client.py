@@ -1,0 +1,192 @@
+"""Reading what the daemon publishes, and telling the robot what to do."""
+
+import ctypes
+import time
+from pathlib import Path
+from typing import Callable, Iterator, Optional
+
+import iceoryx2 as iox2
+
+from . import location
+from .layout import Description, Mode, Reference, SharedRecord
+
+#: Between two looks into shared memory, s.
+POLL_S = 0.5e-3
+#: How long a refused step is tried again while dead processes are being cleaned up, s.
+RETRY_S = 0.5
+
+# What goes wrong is raised; the transport shall not print it as well.
+iox2.set_log_level_from_env_or(iox2.LogLevel.Fatal)
+
+
+class NoDaemonError(RuntimeError):
+    """No daemon runs for that robot, or it has ended."""
+
+
+class OtherLayoutError(RuntimeError):
+    """Daemon and client were built with different records."""
+
+
+class AlreadyCommandedError(RuntimeError):
+    """Another client commands the robot."""
+
+
+class Client:
+    """A connection to a robot's daemon. It survives the daemon: when a new one takes over, its
+    records follow."""
+
+    def __init__(self, robot: str, timeout_s: float = 2.0, run_dir: Optional[Path] = None):
+        """Connects to the daemon that runs `robot`, waiting for it at most `timeout_s`."""
+        self.robot = robot
+        #: Records lost so far because this program was too slow (128 are kept for it).
+        self.lost = 0
+        self._run_dir = Path(run_dir or location.run_dir())
+        self._newest_sequence: Optional[int] = None
+        self._node = (
+            iox2.NodeBuilder.new()
+            .config(location.config(self._run_dir))
+            .signal_handling_mode(iox2.SignalHandlingMode.Disabled)
+            .create(iox2.ServiceType.Ipc)
+        )
+        until = time.monotonic() + timeout_s
+        service = self._open("description", Description, until)
+        self._descriptions = service.subscriber_builder().create()
+        while (description := _newest(self._descriptions, Description)) is None:
+            if time.monotonic() > until:
+                raise self._no_daemon("description")
+            time.sleep(POLL_S)
+        #: Names and constants of the robot.
+        self.description = description
+        self._records = self._open("state", SharedRecord, until).subscriber_builder().create()
+
+    @property
+    def joint_names(self) -> list[str]:
+        """The joints' names, in config order."""
+        names = self.description.joint_names[: self.description.joint_count]
+        return [text(name) for name in names]
+
+    @property
+    def ft_names(self) -> list[str]:
+        """The F/T sensors' names, in config order."""
+        return [text(name) for name in self.description.ft_names[: self.description.ft_count]]
+
+    def next_record(self, timeout_s: float = 1.0) -> SharedRecord:
+        """The next record in order, a copy; raises `NoDaemonError` if none comes in time."""
+        until = time.monotonic() + timeout_s
+        while (record := self._receive()) is None:
+            if time.monotonic() > until:
+                raise NoDaemonError(
+                    f'robot "{self.robot}": no record for {timeout_s} s; torqued has stopped or '
+                    "was killed: look at its log and start it again"
+                )
+            time.sleep(POLL_S)
+        return record
+
+    def latest(self) -> Optional[SharedRecord]:
+        """The newest record, if one has come since the last call; those before it are skipped."""
+        newest = None
+        while (record := self._receive()) is not None:
+            newest = record
+        return newest
+
+    def records(self, timeout_s: float = 1.0) -> Iterator[SharedRecord]:
+        """The records in order, without end; each waits at most `timeout_s`."""
+        while True:
+            yield self.next_record(timeout_s)
+
+    def _receive(self) -> Optional[SharedRecord]:
+        sample = self._records.receive()
+        if sample is None:
+            return None
+        record = SharedRecord.from_buffer_copy(sample.payload().contents)
+        sequence, newest = record.cycle.sequence, self._newest_sequence
+        self._newest_sequence = sequence
+        if newest is not None and sequence > newest:
+            self.lost += sequence - newest - 1
+        elif newest is not None:
+            # Counting began anew: another daemon took over, perhaps with another config.
+            self.description = _newest(self._descriptions, Description) or self.description
+        return record
+
+    def _open(self, channel: str, payload: type[ctypes.Structure], until: float):
+        name = f"torqued/{self.robot}/{channel}"
+        builder = self._node.service_builder(iox2.ServiceName.new(name))
+        until = max(until, time.monotonic() + RETRY_S)
+        while True:
+            try:
+                return builder.publish_subscribe(payload).open()
+            except iox2.PublishSubscribeOpenError as e:
+                if "IncompatibleTypes" in str(e):
+                    raise OtherLayoutError(
+                        f"service {name} does not carry {payload.type_name()}, for which this "
+                        "program was made: use a daemon and a client of the same version"
+                    ) from e
+                if time.monotonic() > until:
+                    raise self._no_daemon(channel) from e
+            time.sleep(0.01)
+
+    def _no_daemon(self, channel: str) -> NoDaemonError:
+        return NoDaemonError(
+            f'no torqued runs robot "{self.robot}": nobody offers service '
+            f"torqued/{self.robot}/{channel} in {self._run_dir}; start `torqued run CONFIG` as "
+            "this user (or set TORQUED_RUN_DIR to the daemon's directory)"
+        )
+
+
+class Commander:
+    """The right to command a robot: one client has it at a time. Used in a `with` block, which
+    leaves the robot holding its position; so does the death of this program, once
+    `loop.reference_timeout_ms` have passed."""
+
+    def __init__(self, client: Client):
+        """Takes the command of the client's robot."""
+        service = client._open("reference", Reference, time.monotonic())
+        until = time.monotonic() + RETRY_S
+        while True:
+            try:
+                self._references = service.publisher_builder().create()
+                break
+            except iox2.PublisherCreateError as e:
+                if time.monotonic() > until:
+                    raise AlreadyCommandedError(
+                        f'robot "{client.robot}" is commanded by another client; one at a time '
+                        "may command: stop that one first"
+                    ) from e
+                # Its holder may have died a moment ago.
+                client._node.try_cleanup_dead_nodes()
+            time.sleep(0.01)
+        #: What is wanted of the robot; `send` sends it as it stands.
+        self.reference = Reference(joint_count=client.description.joint_count)
+
+    def send(self, change: Optional[Callable[[Reference], None]] = None) -> None:
+        """Sends the reference, after `change` if given. To be called at least every
+        `loop.reference_timeout_ms`: a reference is a lease."""
+        if change is not None:
+            change(self.reference)
+        self.reference.sequence += 1
+        sample = self._references.loan_uninit().write_payload(self.reference)
+        if sample.send() == 0:
+            raise NoDaemonError("nobody receives references; torqued has stopped or was killed")
+
+    def __enter__(self) -> "Commander":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.reference.mode = Mode.HOLD
+        try:
+            self.send()
+        except NoDaemonError:
+            pass
+        self._references.delete()
+
+
+def text(name: ctypes.Array) -> str:
+    """A name in a record as a string."""
+    return bytes(name).split(b"\0", 1)[0].decode(errors="replace")
+
+
+def _newest(subscriber, payload: type[ctypes.Structure]):
+    newest = None
+    while (sample := subscriber.receive()) is not None:
+        newest = payload.from_buffer_copy(sample.payload().contents)
+    return newest

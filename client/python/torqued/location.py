@@ -1,0 +1,62 @@
+"""Where daemon and clients meet; the same rules as the Rust client's `Location`."""
+
+import os
+from pathlib import Path
+
+import iceoryx2 as iox2
+
+SYSTEM_DIR = "/run/torqued"
+
+
+class RunDirectoryError(RuntimeError):
+    """The run directory cannot be used."""
+
+
+def run_dir() -> Path:
+    """`$TORQUED_RUN_DIR`; else `/run/torqued` for root and for the user that owns it; else
+    `$XDG_RUNTIME_DIR/torqued`; else `/tmp/torqued-<uid>`."""
+    if path := os.environ.get("TORQUED_RUN_DIR"):
+        return Path(path)
+    uid = os.geteuid()
+    try:
+        owned = os.stat(SYSTEM_DIR).st_uid == uid
+    except OSError:
+        owned = False
+    if uid == 0 or owned:
+        return Path(SYSTEM_DIR)
+    if path := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(path) / "torqued"
+    return Path(f"/tmp/torqued-{uid}")
+
+
+def config(path: Path) -> iox2.config.Config:
+    """The transport's configuration for that run directory, which is made if it is missing."""
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path = path.resolve(strict=True)
+        owner = path.stat().st_uid
+    except OSError as e:
+        raise RunDirectoryError(_advice(path, str(e))) from e
+    if owner != os.geteuid():
+        raise RunDirectoryError(
+            _advice(path, f"belongs to user {owner}, this program runs as {os.geteuid()}")
+        )
+    settings = iox2.config.default()
+    settings.global_cfg.root_path = iox2.Path.new(str(path))
+    settings.global_cfg.prefix = iox2.FileName.new(_prefix(path))
+    return settings
+
+
+def _prefix(path: Path) -> str:
+    """Begins the names of this directory's objects in /dev/shm (32-bit FNV-1a)."""
+    value = 0x811C9DC5
+    for byte in os.fsencode(path):
+        value = (value ^ byte) * 0x01000193 & 0xFFFFFFFF
+    return f"torqued_{value:08x}_"
+
+
+def _advice(path: Path, reason: str) -> str:
+    return (
+        f"run directory {path}: {reason}; set TORQUED_RUN_DIR to a directory of this user, the "
+        "same for daemon and clients"
+    )

@@ -1,0 +1,196 @@
+"""The Python client against the Rust end of shared memory, in processes of their own.
+
+The client crate's example `stand_in_daemon` publishes joint torques `j + sin t` at 1 kHz and
+follows references.
+"""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PYTHON = ROOT / "client" / "python"
+sys.path.insert(0, str(PYTHON))
+
+import torqued  # noqa: E402
+
+PATIENCE_S = 10.0
+JOINTS = 6
+
+
+@pytest.fixture(scope="module")
+def program():
+    build = ["cargo", "build", "-q", "-p", "torqued-client", "--example", "stand_in_daemon", "--message-format", "json"]
+    artifacts = subprocess.run(build, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
+    executables = (json.loads(line).get("executable") for line in artifacts.splitlines())
+    return next(path for path in executables if path)
+
+
+@pytest.fixture
+def run_dir(tmp_path, monkeypatch):
+    monkeypatch.setenv("TORQUED_RUN_DIR", str(tmp_path))
+    yield tmp_path
+    prefix = torqued.location._prefix(tmp_path.resolve())
+    for leftover in Path("/dev/shm").glob(f"{prefix}*"):
+        leftover.unlink()
+
+
+@pytest.fixture
+def daemons(program, run_dir):
+    """Starts daemons; ends those that still run."""
+    started = []
+
+    def start():
+        daemon = subprocess.Popen([program, "leg"], stdout=subprocess.PIPE, text=True)
+        started.append(daemon)
+        assert daemon.stdout.readline() == "publishing leg\n"
+        return daemon
+
+    yield start
+    for daemon in started:
+        kill(daemon)
+
+
+def kill(process):
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+
+
+def wait_for(client, wanted):
+    for record in client.records(PATIENCE_S):
+        if wanted(record):
+            return record
+
+
+def start_python(code):
+    environment = os.environ | {"PYTHONPATH": str(PYTHON)}
+    return subprocess.Popen([sys.executable, "-c", code], env=environment)
+
+
+def test_every_record_arrives_as_it_was_sent(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    assert client.joint_names == [f"joint_{j}" for j in range(JOINTS)]
+    assert client.description.rate_hz == 1000.0
+    first = client.next_record(PATIENCE_S).cycle.sequence
+    for sequence in range(first + 1, first + 500):
+        record = client.next_record(PATIENCE_S)
+        assert record.cycle.sequence == sequence
+        # The record's far end too: a field in the wrong place would be seen.
+        assert record.timing.cycles == sequence
+        for j, joint in enumerate(record.cycle.joints[:JOINTS]):
+            assert joint.tau_whole_body.tau == pytest.approx(j + math.sin(sequence * 1e-3), abs=1e-12)
+            assert torqued.TorqueSource(joint.tau_whole_body.source) == torqued.TorqueSource.WHOLE_BODY
+            assert joint.tau_whole_body.flags & torqued.TorqueFlags.VALID
+    assert client.lost == 0
+
+
+def test_numpy_reads_all_joints_at_once(daemons):
+    daemons()
+    record = torqued.Client("leg", PATIENCE_S).next_record(PATIENCE_S)
+    tau = np.ctypeslib.as_array(record.cycle.joints)["tau_encoder"]["tau"][:JOINTS]
+    assert np.allclose(np.diff(tau), 1.0)
+
+
+def test_a_slow_client_is_told_what_it_lost(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    client.next_record(PATIENCE_S)
+    other = torqued.Client("leg", PATIENCE_S)
+    wait_for(other, lambda record: record.cycle.sequence > client._newest_sequence + 400)
+    before = client._newest_sequence
+    received = 1
+    while client.next_record(PATIENCE_S).cycle.sequence < before + 400:
+        received += 1
+    assert client.lost > 0
+    assert client._newest_sequence - before == client.lost + received
+
+
+def test_references_move_the_robot_until_the_block_ends(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    with torqued.Commander(client) as commander:
+        assert commander.reference.joint_count == JOINTS
+
+        def change(reference):
+            reference.mode = torqued.Mode.INVERSE_DYNAMICS
+            reference.joints[3].q_d = 0.75
+            reference.joints[5].tau_d = -4.5
+
+        commander.send(change)
+        record = wait_for(client, lambda r: r.cycle.mode == torqued.Mode.INVERSE_DYNAMICS)
+        assert record.cycle.joints[3].measured.q == 0.75
+        assert record.cycle.joints[5].control.tau_d == -4.5
+        with pytest.raises(torqued.AlreadyCommandedError, match="another client"):
+            torqued.Commander(torqued.Client("leg", PATIENCE_S))
+    wait_for(client, lambda r: r.cycle.mode == torqued.Mode.HOLD)
+    torqued.Commander(client).send()
+
+
+def test_a_killed_commander_makes_room(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    holder = start_python(
+        "import torqued; client = torqued.Client('leg', 10); commander = torqued.Commander(client)\n"
+        "commander.reference.mode = torqued.Mode.TORQUE\n"
+        "for record in client.records(10): commander.send()"
+    )
+    wait_for(client, lambda r: r.cycle.mode == torqued.Mode.TORQUE)
+    kill(holder)
+    wait_for(client, lambda r: r.cycle.mode == torqued.Mode.HOLD)
+    torqued.Commander(client).send()
+
+
+def test_a_client_goes_on_with_the_next_daemon(daemons):
+    daemon = daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    wait_for(client, lambda r: r.cycle.sequence > 300)
+    kill(daemon)
+    with pytest.raises(torqued.NoDaemonError, match="look at its log"):
+        wait_for_silence(client)
+    daemons()
+    wait_for(client, lambda r: r.cycle.sequence < 300)
+    assert client.description.joint_count == JOINTS
+
+
+def wait_for_silence(client):
+    while True:
+        client.next_record(0.3)
+
+
+def test_without_a_daemon_the_error_says_what_and_where(run_dir):
+    with pytest.raises(torqued.NoDaemonError) as raised:
+        torqued.Client("leg", timeout_s=0.1)
+    for part in ("torqued/leg/description", str(run_dir), "start `torqued run"):
+        assert part in str(raised.value)
+
+
+def test_another_layout_is_refused(daemons, monkeypatch):
+    daemons()
+    other = staticmethod(lambda: "torqued::SharedRecord#00000000deadbeef")
+    monkeypatch.setattr(torqued.SharedRecord, "type_name", other)
+    with pytest.raises(torqued.OtherLayoutError, match="same version"):
+        torqued.Client("leg", PATIENCE_S)
+
+
+def test_a_directory_of_another_user_is_refused(monkeypatch):
+    monkeypatch.setenv("TORQUED_RUN_DIR", "/proc/torqued")
+    with pytest.raises(torqued.RunDirectoryError, match="TORQUED_RUN_DIR"):
+        torqued.Client("leg", timeout_s=0.1)
+
+
+def test_the_example_prints_torques(daemons):
+    daemons()
+    example = [sys.executable, PYTHON / "examples" / "01_print_torques.py", "leg", "1"]
+    environment = os.environ | {"PYTHONPATH": str(PYTHON)}
+    printed = subprocess.run(example, env=environment, capture_output=True, text=True, check=True).stdout
+    assert printed.count("cycle ") >= 2
+    assert printed.count("joint_5") == printed.count("cycle ")
+    assert "joint_6" not in printed
