@@ -153,7 +153,7 @@ def frame_us(message):
     if not message.is_fd:
         return 47 + bits + (34 + bits - 1) // 4
     check = 17 if message.length <= 16 else 21
-    data_phase = 5 + bits + (5 + bits) // 4 + 4 + check + check // 4 + 1
+    data_phase = 5 + bits + (5 + bits) // 4 + 4 + check + check // 4 + 2
     return 17 + 16 // 4 + 13 + data_phase / 5
 
 
