@@ -1,8 +1,6 @@
 //! The humanoid on its feet and in its harness, under its drives' own control.
 
-mod common;
-
-use common::{can_robot, parameters};
+use crate::common::{can_robot, parameters};
 use plant::parameters::{HarnessParameters, PushParameters};
 use plant::{SimParameters, SimRobot, Truth};
 

@@ -6,8 +6,8 @@ use plant::random::Random;
 use plant::tree::{Dynamics, GRAVITY, State, Tree, integrate, split, stack, wrench_of};
 use plant::urdf::Urdf;
 
-const HUMANOID: &str = include_str!("../../../robot-models/humanoid/robot.urdf");
-const LEG: &str = include_str!("../../../robot-models/leg/robot.urdf");
+const HUMANOID: &str = include_str!("../../../../robot-models/humanoid/robot.urdf");
+const LEG: &str = include_str!("../../../../robot-models/leg/robot.urdf");
 
 fn tree(urdf: &str, floating: bool, cuts: &[&str]) -> Tree {
     Tree::new(&Urdf::parse(urdf, "robot.urdf").unwrap(), floating, cuts).unwrap()

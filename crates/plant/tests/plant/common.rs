@@ -1,5 +1,4 @@
 //! The robots of `config/`.
-#![allow(clippy::disallowed_methods, reason = "tests read the files themselves")]
 
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;

@@ -1,0 +1,194 @@
+//! The robot behind its buses: frames in, frames out.
+
+use crate::common::{can_robot, parameters, robot};
+use can_codec::{Frame, Frames};
+use plant::CanRobot;
+use robot_config::{Robot, slots};
+
+struct Rig {
+    robot: Robot,
+    can: CanRobot,
+}
+
+impl Rig {
+    fn new(name: &str) -> Self {
+        Self {
+            robot: robot(name),
+            can: can_robot(name, &parameters(name)).unwrap(),
+        }
+    }
+
+    /// SYNCs of the buses in the given order; the answers.
+    fn cycle(&mut self, buses: &[usize]) -> Frames {
+        let mut frames = Frames::new(64);
+        for bus in buses {
+            frames.push(self.robot.sync[*bus]);
+        }
+        self.send(&frames)
+    }
+
+    fn send(&mut self, frames: &Frames) -> Frames {
+        let mut out = Frames::new(can_codec::MAX_FRAMES);
+        self.can.exchange(frames, 42, &mut out);
+        out
+    }
+
+    fn command(&mut self, set_points: &[f64]) -> Frames {
+        let mut frames = Frames::new(64);
+        self.robot.send.encode_all(set_points, &mut frames);
+        self.send(&frames)
+    }
+
+    fn time(&self) -> f64 {
+        self.can.truth().time
+    }
+}
+
+#[test]
+fn every_message_of_a_bus_answers_its_sync() {
+    let mut rig = Rig::new("humanoid");
+    let n = rig.robot.receive.message_count();
+    let out = rig.cycle(&[0, 1, 2, 3]);
+    let mut seen = vec![0; n];
+    let mut values = vec![f64::NAN; slots::receive_len(&rig.robot.parameters)];
+    for frame in out.iter() {
+        assert_eq!(frame.stamp_ns, 42);
+        let index = rig
+            .robot
+            .receive
+            .decode(frame, &mut values)
+            .unwrap()
+            .unwrap();
+        assert_eq!(rig.robot.receive.message(index).unwrap().bus, frame.bus);
+        seen[index] += 1;
+    }
+    assert!(seen.iter().all(|count| *count == 1), "{seen:?}");
+    let truth = rig.can.truth();
+    let wrapped = |angle: f64, wrap: f64| angle - wrap * (angle / wrap).round();
+    for (j, joint) in rig.robot.parameters.joints.iter().enumerate() {
+        let e = &joint.encoders;
+        let q = wrapped(
+            values[slots::link_angle(j)] - truth.joints[j].q,
+            e.link_wrap,
+        );
+        assert!(
+            q.abs() < 5.0 * joint.estimator.link_resolution,
+            "{}: {q}",
+            joint.name
+        );
+        let theta = wrapped(
+            values[slots::motor_angle(j)] - truth.joints[j].theta,
+            e.motor_wrap,
+        );
+        assert!(
+            theta.abs() < 5.0 * joint.estimator.motor_resolution,
+            "{}: {theta}",
+            joint.name
+        );
+        let current = values[slots::current(j)] - truth.joints[j].current;
+        let limit = joint.limits.torque / (e.gear_ratio * 0.03);
+        assert!(current.abs() < 0.05 * limit, "{}: {current} A", joint.name);
+    }
+    for (s, ft) in truth.ft.iter().enumerate() {
+        for (axis, f) in ft.force.iter().enumerate() {
+            assert!(
+                (values[slots::ft(s, axis)] - f).abs() < 2.5,
+                "ft {s} axis {axis}"
+            );
+        }
+    }
+    let felt: f64 = (0..3)
+        .map(|a| values[slots::accelerometer(a)].powi(2))
+        .sum();
+    assert!((felt.sqrt() - 9.81).abs() < 0.3, "{felt}");
+}
+
+#[test]
+fn time_passes_once_a_cycle_whatever_the_order_of_the_syncs() {
+    let mut rig = Rig::new("leg");
+    let start = rig.time();
+    for buses in [[0, 1], [1, 0], [1, 0], [0, 1]] {
+        assert!(!rig.cycle(&buses).is_empty());
+    }
+    assert!(
+        (rig.time() - start - 0.004).abs() < 1e-9,
+        "{}",
+        rig.time() - start
+    );
+    // The other bus's SYNC is lost: time goes on.
+    for _ in 0..3 {
+        rig.cycle(&[0]);
+    }
+    assert!((rig.time() - start - 0.007).abs() < 1e-9);
+    // No SYNC: no answer, no time.
+    assert!(rig.command(&[0.0; 6]).is_empty());
+    assert!((rig.time() - start - 0.007).abs() < 1e-9);
+}
+
+#[test]
+fn drives_hold_until_commanded_and_then_obey() {
+    let mut rig = Rig::new("leg");
+    let start: Vec<f64> = rig.can.truth().joints.iter().map(|j| j.q).collect();
+    for _ in 0..500 {
+        rig.cycle(&[0, 1]);
+    }
+    let held: Vec<f64> = rig.can.truth().joints.iter().map(|j| j.q).collect();
+    for (a, b) in start.iter().zip(&held) {
+        assert!((a - b).abs() < 5e-4, "moved by {}", a - b);
+    }
+    let mut set_points: Vec<f64> = (0..6).map(|j| rig.can.robot().set_point(j)).collect();
+    for k in 0..1000 {
+        set_points[0] += if k < 500 { 2e-4 } else { 0.0 };
+        rig.command(&set_points);
+        rig.cycle(&[0, 1]);
+    }
+    let moved = rig.can.truth().joints[0].q - held[0];
+    assert!((moved - 0.1).abs() < 2e-3, "moved by {moved} rad");
+    for _ in 0..300 {
+        rig.cycle(&[0, 1]);
+    }
+    let later = rig.can.truth().joints[0].q - held[0];
+    assert!(
+        (later - moved).abs() < 1e-3,
+        "does not hold its last set point"
+    );
+}
+
+#[test]
+fn the_same_frames_give_the_same_bytes() {
+    let record = |seed: u64| {
+        let mut sim = parameters("leg");
+        sim.seed = seed;
+        let mut rig = Rig {
+            robot: robot("leg"),
+            can: can_robot("leg", &sim).unwrap(),
+        };
+        let mut all: Vec<Frame> = Vec::new();
+        for k in 0..100 {
+            rig.command(&[1e-3 * f64::from(k), 0.0, -0.4, 0.8, -0.4, 0.0]);
+            all.extend(rig.cycle(&[0, 1]).iter());
+        }
+        all
+    };
+    let first = record(1);
+    assert_eq!(first, record(1));
+    assert_ne!(first, record(2));
+}
+
+#[test]
+fn frames_that_no_drive_knows_are_counted_and_nothing_moves() {
+    let mut rig = Rig::new("leg");
+    let before: Vec<f64> = (0..6).map(|j| rig.can.robot().set_point(j)).collect();
+    let mut frames = Frames::new(8);
+    frames.push(Frame::zeroed(0, 0x7FF, 8, false));
+    let mut short = Frames::new(8);
+    rig.robot.send.encode_all(&[1.0; 6], &mut short);
+    let mut cut = short.as_slice()[0];
+    cut.len = 3;
+    frames.push(cut);
+    frames.push(Frame::zeroed(9, rig.robot.sync[0].id, 0, false));
+    assert!(rig.send(&frames).is_empty());
+    assert_eq!(rig.can.unknown_frames(), 3);
+    let after: Vec<f64> = (0..6).map(|j| rig.can.robot().set_point(j)).collect();
+    assert_eq!(before, after);
+}
