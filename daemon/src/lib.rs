@@ -1,4 +1,10 @@
 //! The daemon: the loop and everything about it that touches the world.
 
 pub mod bus;
+pub mod control_loop;
+pub mod demo;
+pub mod failure;
 pub mod real_time;
+pub mod run;
+pub mod shared_memory;
+pub mod summary;

@@ -1,1 +1,154 @@
-//! Placeholder.
+//! The 1 kHz computation: frames in, frames and a record out, one file per stage.
+//!
+//! The same function runs in the daemon, in tests and in replay: `now` is an argument, nothing
+//! allocates after construction, and the same frames give the same bytes.
+#![deny(unsafe_code)]
+
+mod command;
+mod decide;
+mod emit;
+mod estimate;
+mod events;
+mod limit;
+mod measure;
+
+use can_codec::Frames;
+use core::fmt;
+use estimators::savitzky_golay::SavitzkyGolayError;
+use estimators::whole_body::WholeBodyError;
+use robot_config::Robot;
+use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS};
+
+use command::Command;
+use emit::Emit;
+use estimate::Estimate;
+use events::Counts;
+use measure::Measure;
+
+use decide::Supervisor;
+pub use decide::Wanted;
+
+/// An instant, ns on the caller's clock. Only differences matter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub struct Stamp(pub u64);
+
+/// The computation of one robot, with everything that it remembers from cycle to cycle.
+#[derive(Debug)]
+pub struct Cycle {
+    measure: Measure,
+    estimate: Estimate,
+    supervisor: Supervisor,
+    command: Command,
+    emit: Emit,
+    counts: Counts,
+    record: CycleRecord,
+}
+
+impl Cycle {
+    /// Prepares everything; the only place that allocates.
+    ///
+    /// # Errors
+    /// A robot too large for the records, a filter or a set of sensors that cannot be used.
+    pub fn new(robot: &Robot) -> Result<Self, CycleError> {
+        let parameters = &robot.parameters;
+        let (joints, sensors) = (parameters.joints.len(), parameters.ft_sensors.len());
+        if joints > MAX_JOINTS || sensors > MAX_FT_SENSORS {
+            return Err(CycleError::TooLarge { joints, sensors });
+        }
+        let mut record = CycleRecord::default();
+        record.joint_count = joints as u32;
+        record.ft_count = sensors as u32;
+        Ok(Self {
+            measure: Measure::new(robot)?,
+            estimate: Estimate::new(robot)?,
+            supervisor: Supervisor::new(joints, parameters.timing.reference_timeout),
+            command: Command::new(robot),
+            emit: Emit::new(robot),
+            counts: Counts::new(),
+            record,
+        })
+    }
+
+    /// One cycle: what the frames say, what the torques are, what is wanted, what is commanded.
+    pub fn step(
+        &mut self,
+        now: Stamp,
+        rx: &Frames,
+        wanted: &Wanted<'_>,
+        tx: &mut Frames,
+    ) -> &CycleRecord {
+        let (record, counts) = (&mut self.record, &mut self.counts);
+        record.sequence += 1;
+        record.stamp_ns = now.0;
+
+        let readiness = self.measure.update(now, rx, record, counts);
+        self.estimate.update(&self.measure, record, counts);
+        let reference = self.supervisor.decide(wanted, readiness, counts);
+        let mode = self.supervisor.mode();
+        self.command.update(mode, reference, &self.estimate, record);
+        if let Err(event) = self.command.limit(record, counts) {
+            self.supervisor.report(event, counts);
+        }
+        self.emit.update(&self.command, readiness.seen, tx, counts);
+
+        record.mode = self.supervisor.mode();
+        record.fault = self.supervisor.fault_number();
+        record.events = counts.as_array();
+        record
+    }
+
+    /// Counts an event that the loop around the cycle has seen: bus errors, late cycles.
+    pub fn note(&mut self, event: Event, times: u64) {
+        self.counts.add_many(event, times);
+    }
+
+    /// The last record.
+    #[must_use]
+    pub fn record(&self) -> &CycleRecord {
+        &self.record
+    }
+}
+
+/// Why a cycle cannot be prepared.
+#[derive(Debug)]
+pub enum CycleError {
+    /// More joints or F/T sensors than a record holds.
+    TooLarge {
+        /// Joints of the robot.
+        joints: usize,
+        /// F/T sensors of the robot.
+        sensors: usize,
+    },
+    /// A filter that cannot be built.
+    Filter(SavitzkyGolayError),
+    /// Sensors from which the torques do not follow.
+    WholeBody(WholeBodyError),
+}
+
+impl fmt::Display for CycleError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooLarge { joints, sensors } => write!(
+                f,
+                "{joints} joints and {sensors} F/T sensors; \
+                 allowed: at most {MAX_JOINTS} and {MAX_FT_SENSORS}"
+            ),
+            Self::Filter(error) => write!(f, "filters: {error}"),
+            Self::WholeBody(error) => write!(f, "whole_body: {error}"),
+        }
+    }
+}
+
+impl core::error::Error for CycleError {}
+
+impl From<SavitzkyGolayError> for CycleError {
+    fn from(error: SavitzkyGolayError) -> Self {
+        Self::Filter(error)
+    }
+}
+
+impl From<WholeBodyError> for CycleError {
+    fn from(error: WholeBodyError) -> Self {
+        Self::WholeBody(error)
+    }
+}

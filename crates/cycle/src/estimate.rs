@@ -1,0 +1,188 @@
+//! Estimate: every joint's torque, twice, and the contact wrenches.
+
+use dynamics::{ImuMotion, Motion};
+use estimators::compliance::ComplianceEstimator;
+use estimators::joint::JointTorqueEstimator;
+use estimators::savitzky_golay::SavitzkyGolayBank;
+use estimators::whole_body::{
+    FtSensorParameters, ImuParameters, WholeBody, WholeBodyInput, WholeBodyParameters,
+};
+use robot_config::{AngularAcceleration, Parameters, Robot};
+use robot_state::{
+    CycleRecord, Event, TorqueEstimate, Wrench, measured_flags, torque_flags, torque_source,
+};
+
+use crate::CycleError;
+use crate::events::Counts;
+use crate::measure::Measure;
+
+/// The estimators of all joints.
+#[derive(Debug)]
+pub(crate) struct Estimate {
+    joints: Vec<ComplianceEstimator>,
+    whole_body: WholeBody,
+    angular_acceleration: AngularAcceleration,
+    torque_limits: Vec<f64>,
+    q: Vec<f64>,
+    dq: Vec<f64>,
+    ddq: Vec<f64>,
+    ft: Vec<Wrench>,
+}
+
+impl Estimate {
+    pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
+        let parameters = &robot.parameters;
+        let n = parameters.joints.len();
+        Ok(Self {
+            joints: parameters
+                .joints
+                .iter()
+                .map(|joint| ComplianceEstimator::new(joint.estimator.clone()))
+                .collect(),
+            whole_body: WholeBody::new(&robot.model, &whole_body_parameters(parameters)?)?,
+            angular_acceleration: parameters.angular_acceleration,
+            torque_limits: parameters.joints.iter().map(|j| j.limits.torque).collect(),
+            q: vec![0.0; n],
+            dq: vec![0.0; n],
+            ddq: vec![0.0; n],
+            ft: vec![Wrench::default(); parameters.ft_sensors.len()],
+        })
+    }
+
+    /// Twist and proper acceleration of the root, late by the filters' delay.
+    pub(crate) fn base_motion(&self) -> (Motion, Motion) {
+        self.whole_body.base_motion()
+    }
+
+    pub(crate) fn update(
+        &mut self,
+        measure: &Measure,
+        record: &mut CycleRecord,
+        counts: &mut Counts,
+    ) {
+        for (j, estimator) in self.joints.iter_mut().enumerate() {
+            let sample = &measure.samples()[j];
+            let joint = &mut record.joints[j];
+            joint.tau_encoder = if sample.flags & measured_flags::NEVER != 0 {
+                TorqueEstimate::default()
+            } else {
+                checked(estimator.update(sample), joint.tau_encoder, counts)
+            };
+        }
+        self.update_whole_body(measure, record, counts);
+    }
+
+    fn update_whole_body(
+        &mut self,
+        measure: &Measure,
+        record: &mut CycleRecord,
+        counts: &mut Counts,
+    ) {
+        let n = self.joints.len();
+        let mut flags = record.imu.flags;
+        for (j, joint) in record.joints.iter().take(n).enumerate() {
+            self.q[j] = joint.measured.q_hat;
+            self.dq[j] = joint.measured.dq_hat;
+            self.ddq[j] = joint.measured.ddq_hat;
+            flags |= joint.measured.flags;
+        }
+        for (wrench, sensor) in self.ft.iter_mut().zip(&record.ft) {
+            *wrench = sensor.filtered;
+            flags |= sensor.flags;
+        }
+        if self.angular_acceleration == AngularAcceleration::Differentiate {
+            record.imu.angular_acceleration_hat = measure.angular_acceleration();
+        }
+        let estimate = self.whole_body.update(&WholeBodyInput {
+            q: &self.q,
+            dq: &self.dq,
+            ddq: &self.ddq,
+            ft: &self.ft,
+            imu: ImuMotion {
+                angular_velocity: record.imu.gyro_hat.into(),
+                angular_acceleration: record.imu.angular_acceleration_hat.into(),
+                proper_acceleration: record.imu.accelerometer_hat.into(),
+            },
+        });
+        // One silent sensor spoils the sum for all joints: whose share it is cannot be told.
+        let unusable = measured_flags::NEVER | measured_flags::SETTLING | measured_flags::STALE;
+        let degraded = flags & (measured_flags::MISSED | measured_flags::JUMP) != 0;
+        let mut common = 0;
+        if estimate.valid && flags & unusable == 0 {
+            common |= torque_flags::VALID;
+        }
+        if degraded {
+            common |= torque_flags::DEGRADED;
+        }
+        for j in 0..n {
+            let limit = self.torque_limits[j];
+            let tau = estimate.tau[j];
+            let saturated = tau.abs() > limit;
+            let whole_body = TorqueEstimate {
+                tau: tau.max(-limit).min(limit),
+                sigma: estimate.sigma[j],
+                delay_s: record.filter_delay_s,
+                source: torque_source::WHOLE_BODY,
+                flags: common
+                    | if saturated {
+                        torque_flags::SATURATED
+                    } else {
+                        0
+                    },
+            };
+            let joint = &mut record.joints[j];
+            joint.tau_whole_body = checked(whole_body, joint.tau_whole_body, counts);
+        }
+        for (sensor, contact) in record.ft.iter_mut().zip(&estimate.contact) {
+            sensor.contact = *contact;
+        }
+        record.unknown_wrench = estimate.unknown_wrench;
+        record.unknown_wrench_sigma = estimate.unknown_wrench_sigma;
+    }
+}
+
+/// The estimate, or the last one marked as not valid if it is not finite. Counts what is odd.
+fn checked(estimate: TorqueEstimate, last: TorqueEstimate, counts: &mut Counts) -> TorqueEstimate {
+    if !(estimate.tau.is_finite() && estimate.sigma.is_finite()) {
+        counts.add(Event::EstimateNotFinite);
+        return TorqueEstimate {
+            flags: last.flags & !torque_flags::VALID,
+            ..last
+        };
+    }
+    let usable = torque_flags::SATURATED | torque_flags::VALID;
+    if estimate.flags & usable == usable {
+        counts.add(Event::TorqueSaturated);
+    }
+    estimate
+}
+
+/// Standard deviations of what reaches the whole-body estimator: those of the sensors after the
+/// filters.
+fn whole_body_parameters(parameters: &Parameters) -> Result<WholeBodyParameters, CycleError> {
+    let sensor_gain = SavitzkyGolayBank::new(1, parameters.sensor_filter)?.noise_gain(0);
+    let ddq_gain = SavitzkyGolayBank::new(1, parameters.encoder_filter)?.noise_gain(2);
+    Ok(WholeBodyParameters {
+        joints: parameters.joints.iter().map(|j| j.name.clone()).collect(),
+        sigma_ddq: parameters
+            .joints
+            .iter()
+            // A count hides a uniform error whose variance is its square over 12.
+            .map(|j| ddq_gain * j.estimator.link_resolution / 12f64.sqrt())
+            .collect(),
+        ft_sensors: parameters
+            .ft_sensors
+            .iter()
+            .map(|ft| FtSensorParameters {
+                sigma_force: sensor_gain * ft.sensor.sigma_force,
+                sigma_torque: sensor_gain * ft.sensor.sigma_torque,
+                ..ft.sensor.clone()
+            })
+            .collect(),
+        imu: parameters.imu.as_ref().map(|imu| ImuParameters {
+            frame: imu.frame.clone(),
+            sigma_accelerometer: sensor_gain * imu.sigma_accelerometer,
+        }),
+        unknown_wrench_link: parameters.unknown_wrench_link.clone(),
+    })
+}

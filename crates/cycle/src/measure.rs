@@ -1,0 +1,350 @@
+//! Measure: from frames to joint angles, currents, wrenches and motion, in SI units.
+
+use can_codec::{DecodeError, Frames, Table};
+use estimators::encoder::JointEncoders;
+use estimators::joint::JointSample;
+use estimators::savitzky_golay::SavitzkyGolayBank;
+use robot_config::{Robot, slots};
+use robot_state::{CycleRecord, Event, Wrench, measured_flags};
+
+use crate::events::Counts;
+use crate::{CycleError, Stamp};
+
+const SECONDS_PER_NS: f64 = 1e-9;
+/// Channels of one F/T sensor, and of the IMU.
+const AXES: usize = 6;
+
+/// What the joints and sensors say about themselves in this cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Readiness {
+    /// Every joint has answered at least once.
+    pub(crate) seen: bool,
+    /// Moreover, every filter is full.
+    pub(crate) ready: bool,
+    /// Some joint has been silent for longer than allowed.
+    pub(crate) stale: bool,
+}
+
+/// The messages that one joint or sensor needs.
+#[derive(Debug)]
+struct Source {
+    messages: Vec<usize>,
+    /// Slots whose values must be finite.
+    slots: Vec<usize>,
+}
+
+/// The joints and sensors of a robot, followed from cycle to cycle.
+#[derive(Debug)]
+pub(crate) struct Measure {
+    table: Table,
+    slots: Vec<f64>,
+    /// Instant of each message's last frame; none before the first.
+    stamps: Vec<Option<u64>>,
+    /// The message has come since the last cycle.
+    fresh: Vec<bool>,
+    joints: Vec<Source>,
+    sensors: Vec<Source>,
+    imu: Option<Source>,
+    stale_after_s: f64,
+    sample_period: f64,
+    sends_velocity: Vec<bool>,
+    encoders: Vec<JointEncoders>,
+    /// q of every joint, late: value and two derivatives.
+    encoder_filter: SavitzkyGolayBank,
+    /// q of every joint, then theta of every joint: first derivative.
+    control_filter: SavitzkyGolayBank,
+    /// Every F/T sensor's axes, then the IMU's: value and first derivative.
+    sensor_filter: SavitzkyGolayBank,
+    angles: Vec<f64>,
+    both_angles: Vec<f64>,
+    axes: Vec<f64>,
+    samples: Vec<JointSample>,
+}
+
+impl Measure {
+    pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
+        let parameters = &robot.parameters;
+        let table = robot.receive.clone();
+        let n = parameters.joints.len();
+        let axes = AXES * (parameters.ft_sensors.len() + 1);
+        let source = |needed: Vec<usize>| Source {
+            messages: (0..table.message_count())
+                .filter(|&m| table.slots(m).any(|slot| needed.contains(&slot)))
+                .collect(),
+            slots: needed,
+        };
+        let joints = parameters.joints.iter().enumerate().map(|(j, joint)| {
+            let mut needed = vec![
+                slots::motor_angle(j),
+                slots::link_angle(j),
+                slots::current(j),
+            ];
+            if joint.has_velocity {
+                needed.push(slots::velocity(j));
+            }
+            if joint.has_status {
+                needed.push(slots::status(j));
+            }
+            source(needed)
+        });
+        let sensors = 0..parameters.ft_sensors.len();
+        Ok(Self {
+            slots: vec![0.0; slots::receive_len(parameters)],
+            stamps: vec![None; table.message_count()],
+            fresh: vec![false; table.message_count()],
+            joints: joints.collect(),
+            sensors: sensors
+                .map(|s| source((0..AXES).map(|axis| slots::ft(s, axis)).collect()))
+                .collect(),
+            imu: parameters.imu.as_ref().map(|_| {
+                let gyro = (0..3).map(slots::gyro);
+                source(gyro.chain((0..3).map(slots::accelerometer)).collect())
+            }),
+            stale_after_s: parameters.timing.stale_after,
+            sample_period: parameters.timing.sample_period,
+            sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
+            encoders: parameters
+                .joints
+                .iter()
+                .map(|joint| JointEncoders::new(joint.encoders))
+                .collect(),
+            encoder_filter: SavitzkyGolayBank::new(n, parameters.encoder_filter)?,
+            control_filter: SavitzkyGolayBank::new(2 * n, parameters.control_filter)?,
+            sensor_filter: SavitzkyGolayBank::new(axes, parameters.sensor_filter)?,
+            angles: vec![f64::NAN; n],
+            both_angles: vec![f64::NAN; 2 * n],
+            axes: vec![f64::NAN; axes],
+            samples: vec![JointSample::default(); n],
+            table,
+        })
+    }
+
+    /// Every joint's sample of this cycle, as the joint estimators want it.
+    pub(crate) fn samples(&self) -> &[JointSample] {
+        &self.samples
+    }
+
+    /// Rate of the filtered gyro, rad/s².
+    pub(crate) fn angular_acceleration(&self) -> [f64; 3] {
+        let imu = AXES * self.sensors.len();
+        let rates = self.sensor_filter.first_derivatives();
+        std::array::from_fn(|axis| rates.get(imu + axis).copied().unwrap_or(0.0))
+    }
+
+    pub(crate) fn update(
+        &mut self,
+        now: Stamp,
+        rx: &Frames,
+        record: &mut CycleRecord,
+        counts: &mut Counts,
+    ) -> Readiness {
+        self.decode(rx, counts);
+        self.read_joints(now, record, counts);
+        self.read_sensors(now, record, counts);
+        self.filter_joints(record);
+        self.filter_sensors(record);
+        let joints = record.joints.iter().take(self.joints.len());
+        let mut flags = joints.fold(0, |all, joint| all | joint.measured.flags);
+        let stale = flags & measured_flags::STALE != 0;
+        let seen = flags & measured_flags::NEVER == 0;
+        let sensors = record.ft.iter().take(self.sensors.len());
+        flags |= sensors.fold(0, |all, sensor| all | sensor.flags) | record.imu.flags;
+        let unready = measured_flags::NEVER | measured_flags::SETTLING;
+        Readiness {
+            seen,
+            ready: flags & unready == 0,
+            stale,
+        }
+    }
+
+    fn decode(&mut self, rx: &Frames, counts: &mut Counts) {
+        self.fresh.fill(false);
+        counts.add_many(Event::ReceiveOverflow, rx.overflow());
+        for frame in rx {
+            if frame.error {
+                counts.add(Event::BusErrorFrame);
+                continue;
+            }
+            match self.table.decode(frame, &mut self.slots) {
+                Ok(Some(message)) => {
+                    if let Some(fresh) = self.fresh.get_mut(message) {
+                        *fresh = true;
+                    }
+                    if let Some(stamp) = self.stamps.get_mut(message) {
+                        *stamp = Some(frame.stamp_ns);
+                    }
+                }
+                Ok(None) => {}
+                Err(DecodeError::UnknownId) => counts.add(Event::FrameUnknownId),
+                Err(DecodeError::WrongLength) => counts.add(Event::FrameWrongLength),
+            }
+        }
+    }
+
+    /// Whether the source has a whole and finite sample in this cycle; its age and flags.
+    fn look(&self, source: &Source, now: Stamp, counts: &mut Counts) -> (bool, f64, u32) {
+        let stamps = source
+            .messages
+            .iter()
+            .map(|&m| self.stamps.get(m).copied().flatten());
+        // The oldest message counts: the sample is whole only with all of them.
+        let oldest = stamps.fold(Some(u64::MAX), |oldest, stamp| Some(oldest?.min(stamp?)));
+        let Some(oldest) = oldest else {
+            return (
+                false,
+                f64::INFINITY,
+                measured_flags::NEVER | measured_flags::MISSED,
+            );
+        };
+        let age = now.0.saturating_sub(oldest) as f64 * SECONDS_PER_NS;
+        let all_fresh = source
+            .messages
+            .iter()
+            .all(|&m| self.fresh.get(m).copied().unwrap_or(false));
+        let finite = source
+            .slots
+            .iter()
+            .all(|&slot| self.slots.get(slot).is_some_and(|x| x.is_finite()));
+        if all_fresh && !finite {
+            counts.add(Event::SignalNotFinite);
+        }
+        let mut flags = 0;
+        if !(all_fresh && finite) {
+            flags |= measured_flags::MISSED;
+        }
+        if age > self.stale_after_s {
+            flags |= measured_flags::STALE;
+        }
+        (all_fresh && finite, age, flags)
+    }
+
+    fn read_joints(&mut self, now: Stamp, record: &mut CycleRecord, counts: &mut Counts) {
+        let n = self.joints.len();
+        for j in 0..n {
+            let (fresh, age, mut flags) = self.look(&self.joints[j], now, counts);
+            let slot = |slot: usize| if fresh { self.slots[slot] } else { f64::NAN };
+            let angles =
+                self.encoders[j].update(slot(slots::motor_angle(j)), slot(slots::link_angle(j)));
+            flags |= angles.flags;
+            if flags & measured_flags::MISSED != 0 {
+                counts.add(Event::JointMissed);
+            }
+            if flags & measured_flags::JUMP != 0 {
+                counts.add(Event::EncoderJump);
+            }
+            let measured = &mut record.joints[j].measured;
+            if angles.flags == 0 {
+                measured.q = angles.q;
+                measured.theta = angles.theta;
+                measured.torsion = angles.torsion;
+            } else if flags & (measured_flags::NEVER | measured_flags::STALE) == 0 {
+                // Bridged: the joint goes on as it went. A lost reply must not step the torque.
+                measured.q += measured.dq * self.sample_period;
+                measured.theta += measured.omega * self.sample_period;
+            }
+            if fresh {
+                measured.current = self.slots[slots::current(j)];
+                measured.status = self.slots[slots::status(j)] as u32;
+                if self.sends_velocity[j] {
+                    measured.omega = self.slots[slots::velocity(j)];
+                }
+            }
+            measured.age_s = age;
+            measured.flags = flags;
+            let unused = angles.flags != 0;
+            self.angles[j] = if unused { f64::NAN } else { angles.q };
+            self.both_angles[j] = self.angles[j];
+            self.both_angles[n + j] = if unused { f64::NAN } else { angles.theta };
+            self.samples[j].q = angles.aligned_q;
+            self.samples[j].theta = angles.aligned_theta;
+        }
+    }
+
+    fn filter_joints(&mut self, record: &mut CycleRecord) {
+        let n = self.joints.len();
+        self.encoder_filter.update(&self.angles);
+        self.control_filter.update(&self.both_angles);
+        record.filter_delay_s = self.encoder_filter.delay_s();
+        let late = &self.encoder_filter;
+        let quick = self.control_filter.first_derivatives();
+        for j in 0..n {
+            let measured = &mut record.joints[j].measured;
+            measured.q_hat = late.values()[j];
+            measured.dq_hat = late.first_derivatives()[j];
+            measured.ddq_hat = late.second_derivatives()[j];
+            measured.dq = quick[j];
+            if !self.sends_velocity[j] {
+                measured.omega = quick[n + j];
+            }
+            if late.settling(j) {
+                measured.flags |= measured_flags::SETTLING;
+            }
+            let sample = &mut self.samples[j];
+            sample.dq = measured.dq;
+            sample.omega = measured.omega;
+            sample.current = measured.current;
+            sample.flags = measured.flags;
+        }
+    }
+
+    fn read_sensors(&mut self, now: Stamp, record: &mut CycleRecord, counts: &mut Counts) {
+        self.axes.fill(f64::NAN);
+        for s in 0..self.sensors.len() {
+            let (fresh, age, flags) = self.look(&self.sensors[s], now, counts);
+            let sensor = &mut record.ft[s];
+            sensor.age_s = age;
+            sensor.flags = flags;
+            if fresh {
+                let axes: [f64; AXES] = std::array::from_fn(|axis| self.slots[slots::ft(s, axis)]);
+                sensor.measured = wrench(&axes);
+                self.axes[AXES * s..][..AXES].copy_from_slice(&axes);
+            } else {
+                counts.add(Event::SensorMissed);
+            }
+        }
+        let Some(source) = &self.imu else {
+            return;
+        };
+        let (fresh, age, flags) = self.look(source, now, counts);
+        record.imu.age_s = age;
+        record.imu.flags = flags;
+        if fresh {
+            record.imu.gyro = std::array::from_fn(|axis| self.slots[slots::gyro(axis)]);
+            record.imu.accelerometer =
+                std::array::from_fn(|axis| self.slots[slots::accelerometer(axis)]);
+            let imu = AXES * self.sensors.len();
+            self.axes[imu..][..3].copy_from_slice(&record.imu.gyro);
+            self.axes[imu + 3..][..3].copy_from_slice(&record.imu.accelerometer);
+        } else {
+            counts.add(Event::SensorMissed);
+        }
+    }
+
+    fn filter_sensors(&mut self, record: &mut CycleRecord) {
+        self.sensor_filter.update(&self.axes);
+        let values = self.sensor_filter.values();
+        let axes = |first: usize| -> [f64; AXES] { std::array::from_fn(|i| values[first + i]) };
+        for s in 0..self.sensors.len() {
+            record.ft[s].filtered = wrench(&axes(AXES * s));
+            if self.sensor_filter.settling(AXES * s) {
+                record.ft[s].flags |= measured_flags::SETTLING;
+            }
+        }
+        if self.imu.is_some() {
+            let first = AXES * self.sensors.len();
+            let imu = axes(first);
+            record.imu.gyro_hat = [imu[0], imu[1], imu[2]];
+            record.imu.accelerometer_hat = [imu[3], imu[4], imu[5]];
+            if self.sensor_filter.settling(first) {
+                record.imu.flags |= measured_flags::SETTLING;
+            }
+        }
+    }
+}
+
+fn wrench(axes: &[f64; AXES]) -> Wrench {
+    Wrench {
+        force: [axes[0], axes[1], axes[2]],
+        torque: [axes[3], axes[4], axes[5]],
+    }
+}

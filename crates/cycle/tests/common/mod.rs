@@ -1,0 +1,125 @@
+//! A cycle and a simulated robot in lock-step, frame by frame.
+#![allow(dead_code)]
+
+use can_codec::{Frame, Frames, MAX_FRAMES};
+use cycle::{Cycle, Stamp, Wanted};
+use plant::{CanRobot, SimParameters};
+use robot_config::Robot;
+use robot_state::{CycleRecord, JointReference, Reference, mode};
+
+/// Reads a file of the project; configurations name theirs relative to themselves.
+fn read(path: &str) -> std::io::Result<String> {
+    std::fs::read_to_string(format!("{}/../../{path}", env!("CARGO_MANIFEST_DIR")))
+}
+
+/// The cycle, the robot, and the frames between them.
+pub struct Bench {
+    pub robot: Robot,
+    pub cycle: Cycle,
+    pub plant: CanRobot,
+    pub now: u64,
+    pub rx: Frames,
+    pub tx: Frames,
+    sync: Frames,
+}
+
+impl Bench {
+    /// A robot of the project in front of its cycle.
+    pub fn new(name: &str) -> Self {
+        let path = format!("config/{name}/robot.toml");
+        let robot = robot_config::load(&path, &read).unwrap();
+        let sim_path = format!("config/{name}/sim.toml");
+        let sim = SimParameters::parse(&read(&sim_path).unwrap(), &sim_path).unwrap();
+        let urdf = read(&robot.parameters.urdf_path).unwrap();
+        let plant = CanRobot::new(&robot, &urdf, &sim).unwrap();
+        let mut sync = Frames::default();
+        for frame in &robot.sync {
+            sync.push(*frame);
+        }
+        Self {
+            cycle: Cycle::new(&robot).unwrap(),
+            robot,
+            plant,
+            now: 1_000_000_000,
+            rx: Frames::new(MAX_FRAMES),
+            tx: Frames::new(MAX_FRAMES),
+            sync,
+        }
+    }
+
+    /// SYNC and the robot's answers, in `rx`.
+    pub fn gather(&mut self) {
+        self.now += 1_000_000;
+        self.rx.clear();
+        self.plant.exchange(&self.sync, self.now, &mut self.rx);
+    }
+
+    /// Computes from what is in `rx`, and hands the commands to the robot.
+    pub fn compute(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
+        self.tx.clear();
+        self.cycle
+            .step(Stamp(self.now), &self.rx, wanted, &mut self.tx);
+        let mut answers = Frames::default();
+        self.plant.exchange(&self.tx, self.now, &mut answers);
+        assert!(answers.is_empty(), "commands are not answered");
+        self.cycle.record()
+    }
+
+    /// One whole cycle.
+    pub fn step(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
+        self.gather();
+        self.compute(wanted)
+    }
+
+    /// Cycles without a client.
+    pub fn run(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.step(&Wanted::default());
+        }
+    }
+
+    /// Drops the answers for which `drop` is true.
+    pub fn drop_answers(&mut self, drop: impl Fn(&Frame) -> bool) {
+        let kept: Vec<Frame> = self.rx.iter().filter(|f| !drop(f)).copied().collect();
+        self.rx.clear();
+        for frame in kept {
+            self.rx.push(frame);
+        }
+    }
+
+    /// A reference that asks for the present pose in `mode`.
+    pub fn reference(&self, mode: u32, sequence: u64) -> Reference {
+        let record = self.cycle.record();
+        let mut reference = Reference {
+            sequence,
+            mode,
+            joint_count: record.joint_count,
+            contact_given: 1,
+            ..Reference::default()
+        };
+        for (wanted, joint) in reference.joints.iter_mut().zip(&record.joints) {
+            *wanted = JointReference {
+                q_d: joint.measured.q,
+                ..JointReference::default()
+            };
+        }
+        reference
+    }
+
+    /// Runs until the filters are full and the robot follows the client.
+    pub fn follow(&mut self) -> Reference {
+        self.run(200);
+        let reference = self.reference(mode::INVERSE_DYNAMICS, 1);
+        let wanted = wanted(&reference);
+        assert_eq!(self.step(&wanted).mode, mode::INVERSE_DYNAMICS);
+        reference
+    }
+}
+
+/// A fresh reference.
+pub fn wanted(reference: &Reference) -> Wanted<'_> {
+    Wanted {
+        reference: Some(reference),
+        age_s: 0.001,
+    }
+}

@@ -1,0 +1,110 @@
+//! What the loop must not do: allocate, and depend on anything but its arguments.
+
+mod common;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use common::{Bench, wanted};
+use cycle::Wanted;
+use robot_state::{Event, mode};
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: every call is handed to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|n| n.set(n.get() + 1));
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
+        ALLOCATIONS.with(|n| n.set(n.get() + 1));
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.dealloc(ptr, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn allocations() -> u64 {
+    ALLOCATIONS.with(Cell::get)
+}
+
+#[test]
+fn no_cycle_allocates_whatever_happens_in_it() {
+    for name in ["leg", "humanoid"] {
+        let mut bench = Bench::new(name);
+        let mut total = 0;
+        for cycle in 0..400 {
+            bench.gather();
+            // Silence, garbage, a client, a flawed client: every branch is walked.
+            if cycle % 50 == 7 {
+                bench.drop_answers(|f| f.id % 2 == 0);
+            }
+            if cycle % 50 == 8 {
+                let mut frame = bench.rx.as_slice()[0];
+                frame.len = 1;
+                bench.rx.push(frame);
+                frame.id = 0x7fe;
+                bench.rx.push(frame);
+            }
+            let mut reference = bench.reference(mode::INVERSE_DYNAMICS, cycle);
+            reference.mode =
+                [mode::HOLD, mode::TORQUE, mode::INVERSE_DYNAMICS][cycle as usize / 20 % 3];
+            if cycle % 90 == 89 {
+                reference.joints[1].dq_d = f64::NAN;
+            }
+            let wanted = if cycle % 70 < 60 {
+                wanted(&reference)
+            } else {
+                Wanted::default()
+            };
+            bench.tx.clear();
+            let before = allocations();
+            bench
+                .cycle
+                .step(cycle::Stamp(bench.now), &bench.rx, &wanted, &mut bench.tx);
+            total += allocations() - before;
+        }
+        assert_eq!(total, 0, "{name}");
+        // The test has walked where it says it has.
+        let events = bench.cycle.record().events;
+        for event in [
+            Event::JointMissed,
+            Event::FrameWrongLength,
+            Event::FrameUnknownId,
+            Event::ReferenceNotFinite,
+        ] {
+            assert!(events[event.index()] > 0, "{name}: {}", event.name());
+        }
+    }
+}
+
+#[test]
+fn the_counter_counts() {
+    let before = allocations();
+    drop(std::hint::black_box(vec![1u8; 100]));
+    assert_eq!(allocations() - before, 2);
+}
+
+#[test]
+fn the_same_frames_give_the_same_bytes() {
+    let run = || {
+        let mut bench = Bench::new("leg");
+        let reference = bench.follow();
+        let mut frames = Vec::new();
+        for _ in 0..300 {
+            bench.step(&wanted(&reference));
+            frames.extend(bench.tx.iter().map(|f| (f.id, f.data)));
+        }
+        (*bench.cycle.record(), frames)
+    };
+    let (first, second) = (run(), run());
+    assert!(first == second);
+}

@@ -1,0 +1,120 @@
+//! One cycle around `Cycle::step`: SYNC, gather, compute, send.
+
+use can_codec::{Frames, Gather, MAX_FRAMES, Table};
+use cycle::{Cycle, CycleError, Stamp, Wanted};
+use robot_config::Robot;
+use robot_state::{Event, SharedRecord};
+
+use crate::bus::{Bus, BusCounters};
+use crate::real_time::{WakeReport, monotonic_ns};
+
+/// A robot's loop: the computation and the bus it lives on.
+pub struct ControlLoop<B> {
+    bus: B,
+    cycle: Cycle,
+    receive_table: Table,
+    gather: Gather,
+    gather_deadline_ns: u64,
+    sync: Frames,
+    rx: Frames,
+    tx: Frames,
+    record: SharedRecord,
+    last_counters: BusCounters,
+}
+
+impl<B: Bus> ControlLoop<B> {
+    /// The loop of `robot` on `bus`; allocates everything that it will need.
+    ///
+    /// # Errors
+    /// As [`Cycle::new`].
+    pub fn new(robot: &Robot, bus: B) -> Result<Self, CycleError> {
+        let mut sync = Frames::new(robot.sync.len());
+        for frame in &robot.sync {
+            sync.push(*frame);
+        }
+        Ok(Self {
+            cycle: Cycle::new(robot)?,
+            gather: Gather::new(robot.receive.message_count()),
+            receive_table: robot.receive.clone(),
+            gather_deadline_ns: (robot.parameters.timing.gather_deadline * 1e9) as u64,
+            sync,
+            rx: Frames::new(MAX_FRAMES),
+            tx: Frames::new(MAX_FRAMES),
+            record: SharedRecord::default(),
+            last_counters: bus.counters(),
+            bus,
+        })
+    }
+
+    /// Runs the cycle that begins with `wake`.
+    pub fn run_cycle(&mut self, wake: &WakeReport, wanted: &Wanted<'_>) -> &SharedRecord {
+        let started = monotonic_ns();
+        self.rx.clear();
+        self.tx.clear();
+        // What came too late for the cycle before must not pass for an answer to this SYNC.
+        self.receive_until(0);
+        self.gather.begin();
+        let synced = self.bus.send(&self.sync);
+        let until = self.bus.now_ns() + self.gather_deadline_ns;
+        self.receive_until(until);
+
+        let gathered = monotonic_ns();
+        let now = Stamp(self.bus.now_ns());
+        self.note_events(wake, self.sync.len().saturating_sub(synced));
+        let record = self.cycle.step(now, &self.rx, wanted, &mut self.tx);
+        self.record.cycle = *record;
+        let computed = monotonic_ns();
+
+        let accepted = self.bus.send(&self.tx);
+        // Counted by the cycle, so it appears in the next record.
+        let refused = self.tx.len().saturating_sub(accepted) as u64;
+        self.cycle.note(Event::SendFailed, refused);
+        self.time(wake, [started, gathered, computed, monotonic_ns()]);
+        &self.record
+    }
+
+    /// The bus, to look at.
+    pub fn bus(&self) -> &B {
+        &self.bus
+    }
+
+    /// The bus, to meddle with.
+    pub fn bus_mut(&mut self) -> &mut B {
+        &mut self.bus
+    }
+
+    fn receive_until(&mut self, until_ns: u64) {
+        self.bus.receive(
+            &mut self.rx,
+            &mut self.gather,
+            &self.receive_table,
+            until_ns,
+        );
+    }
+
+    fn note_events(&mut self, wake: &WakeReport, unsent: usize) {
+        let counters = self.bus.counters();
+        let dropped = counters.dropped - self.last_counters.dropped;
+        self.last_counters = counters;
+        // The cycle itself counts what found no room in `rx`; the rest was lost before.
+        let lost_before = dropped.saturating_sub(self.rx.overflow());
+        self.cycle.note(Event::ReceiveOverflow, lost_before);
+        self.cycle.note(Event::SendFailed, unsent as u64);
+        self.cycle.note(Event::LateCycle, u64::from(wake.late));
+        self.cycle.note(Event::SkippedCycle, wake.skipped);
+    }
+
+    fn time(&mut self, wake: &WakeReport, [started, gathered, computed, sent]: [u64; 4]) {
+        let counters = self.bus.counters();
+        let timing = &mut self.record.timing;
+        timing.cycles += 1;
+        timing.late_cycles += u64::from(wake.late);
+        timing.skipped_cycles += wake.skipped;
+        timing.wake_late_ns = wake.wake_late_ns();
+        timing.gather_ns = gathered - started;
+        timing.compute_ns = computed - gathered;
+        timing.send_ns = sent - computed;
+        timing.frames_received = counters.received;
+        timing.frames_sent = counters.sent;
+    }
+}

@@ -1,0 +1,79 @@
+//! What a client would send: the demo's references, cycle by cycle.
+
+use robot_config::Robot;
+use robot_state::{Reference, SharedRecord, measured_flags, mode};
+
+use super::motion::Motion;
+use super::stance::Stance;
+
+/// Asks for the demo's motion by inverse dynamics once the robot is ready.
+pub(crate) struct DemoClient {
+    motion: Motion,
+    stance: Option<Stance>,
+    model_index: Vec<usize>,
+    sample_period: f64,
+    /// Cycles since the motion began; none before.
+    cycle: Option<u64>,
+    q_model: Vec<f64>,
+    reference: Reference,
+}
+
+impl DemoClient {
+    pub(crate) fn new(robot: &Robot, motion: Motion) -> Self {
+        let parameters = &robot.parameters;
+        let feet: Vec<(usize, usize)> = parameters
+            .ft_sensors
+            .iter()
+            .enumerate()
+            .filter(|(_, ft)| motion.stance.contains(&ft.sensor.name))
+            .filter_map(|(s, ft)| Some((s, robot.model.frame_index(&ft.sensor.frame)?)))
+            .collect();
+        Self {
+            stance: (!feet.is_empty()).then(|| Stance::new(&robot.model, feet)),
+            motion,
+            model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
+            sample_period: parameters.timing.sample_period,
+            cycle: None,
+            q_model: vec![0.0; robot.model.joint_count()],
+            reference: Reference {
+                mode: mode::HOLD,
+                joint_count: parameters.joints.len() as u32,
+                contact_given: 1,
+                ..Reference::default()
+            },
+        }
+    }
+
+    /// What is wanted in the coming cycle.
+    pub(crate) fn reference(&self) -> &Reference {
+        &self.reference
+    }
+
+    /// Looks at the last cycle and prepares the next reference.
+    pub(crate) fn observe(&mut self, record: &SharedRecord) {
+        let n = self.model_index.len();
+        let joints = &record.cycle.joints[..n];
+        let unready = measured_flags::NEVER | measured_flags::SETTLING;
+        let ready = joints.iter().all(|j| j.measured.flags & unready == 0);
+        let Some(cycle) = self.cycle else {
+            if ready {
+                // From where the robot stands.
+                let start: Vec<f64> = joints.iter().map(|j| j.measured.q).collect();
+                self.motion.start_from(&start);
+                self.cycle = Some(0);
+            }
+            return;
+        };
+        let t = cycle as f64 * self.sample_period;
+        self.cycle = Some(cycle + 1);
+        self.reference.sequence += 1;
+        self.reference.mode = mode::INVERSE_DYNAMICS;
+        for (j, &place) in self.model_index.iter().enumerate() {
+            self.reference.joints[j] = self.motion.at(j, t);
+            self.q_model[place] = self.reference.joints[j].q_d;
+        }
+        if let Some(stance) = &mut self.stance {
+            stance.wrenches(&self.q_model, &mut self.reference.contact);
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! `torqued demo`: the whole chain against a simulated robot in this process.
+//!
+//! The plant and the daemon exchange the same CAN frames as on a bus, in lock-step on a virtual
+//! clock: the torques do not depend on the machine's speed. Cycles begin in real time, so that
+//! late ones mean something.
+
+mod accuracy;
+mod client;
+mod motion;
+mod plot;
+mod report;
+mod robots;
+mod stance;
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::Args;
+use cycle::Wanted;
+use indicatif::{ProgressBar, ProgressStyle};
+use plant::{CanRobot, SimParameters};
+use robot_config::Robot;
+
+use crate::bus::LockStep;
+use crate::bus::in_process::{VirtualClock, VirtualDeadline};
+use crate::control_loop::ControlLoop;
+use crate::failure::Failure;
+use crate::real_time::{Deadline, Pace};
+use client::DemoClient;
+use motion::Motion;
+use report::Report;
+
+/// What `torqued demo` can be told.
+#[derive(Debug, Clone, Args)]
+pub struct DemoOptions {
+    /// The robot.
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(robots::NAMES), default_value = "humanoid")]
+    pub robot: String,
+    /// How long, s.
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    pub seconds: f64,
+    /// Draw true and estimated torques into this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Do not wait for real time between cycles.
+    #[arg(long)]
+    pub fast: bool,
+    /// Seed of the simulated robot's noise and imperfections; that of sim.toml without it.
+    #[arg(long)]
+    pub seed: Option<u64>,
+}
+
+/// Runs the demo.
+///
+/// # Errors
+/// Options that cannot be met, a plot that cannot be written.
+pub fn run(options: &DemoOptions) -> Result<ExitCode, Failure> {
+    if !(options.seconds.is_finite() && options.seconds > 0.0 && options.seconds <= 86_400.0) {
+        return Err(Failure::bad_input(format!(
+            "--seconds {}: allowed: above 0, at most a day",
+            options.seconds
+        )));
+    }
+    let report = simulate(options)?;
+    if let Some(path) = &options.plot {
+        report.draw(path).map_err(Failure::bad_input)?;
+    }
+    if options.json {
+        let json = serde_json::to_string(&report).map_err(Failure::environment)?;
+        println!("{json}");
+    } else {
+        print!("{report}");
+    }
+    Ok(ExitCode::from(u8::from(report.summary.fault != 0)))
+}
+
+fn simulate(options: &DemoOptions) -> Result<Report, Failure> {
+    let (robot, plant, motion) = load(&options.robot, options.seed)?;
+    let period = robot.parameters.timing.sample_period;
+    let cycles = (options.seconds / period).ceil() as u64;
+    let clock = VirtualClock::new();
+    let mut simulated = VirtualDeadline::new(&clock, (period * 1e9) as u64);
+    let mut client = DemoClient::new(&robot, motion);
+    let mut report = Report::new(&robot, cycles);
+    let bus = LockStep::new(SimulatedRobot(plant), &clock);
+    let mut control_loop = ControlLoop::new(&robot, bus).map_err(Failure::bad_input)?;
+    let progress = progress_bar(cycles, options.json);
+    let mut real = Deadline::new((period * 1e9) as u64);
+    for cycle in 0..cycles {
+        let mut wake = simulated.wait();
+        if !options.fast {
+            let met = real.wait();
+            wake.late = met.late;
+            wake.woke_ns = wake.scheduled_ns + met.wake_late_ns();
+            wake.skipped = 0;
+            // The simulated robot waits for late cycles: none is passed over.
+            if met.skipped > 0 {
+                real = Deadline::new((period * 1e9) as u64);
+            }
+        }
+        let wanted = Wanted {
+            reference: Some(client.reference()),
+            age_s: 0.0,
+        };
+        let record = control_loop.run_cycle(&wake, &wanted);
+        client.observe(record);
+        report.take(record);
+        report.compare(control_loop.bus().peer().0.truth());
+        progress.set_position(cycle);
+    }
+    progress.finish_and_clear();
+    report.finish(&control_loop.bus().peer().0);
+    Ok(report)
+}
+
+/// The plant as a peer of the bus.
+struct SimulatedRobot(CanRobot);
+
+impl crate::bus::Peer for SimulatedRobot {
+    fn exchange(&mut self, frames: &can_codec::Frames, now_ns: u64, out: &mut can_codec::Frames) {
+        self.0.exchange(frames, now_ns, out);
+    }
+}
+
+fn load(name: &str, seed: Option<u64>) -> Result<(Robot, CanRobot, Motion), Failure> {
+    let text = |file: &str| {
+        let path = format!("config/{name}/{file}");
+        let text = robots::read(&path).map_err(|e| Failure::bad_input(format!("{path}: {e}")))?;
+        Ok((path, text))
+    };
+    let config = format!("config/{name}/robot.toml");
+    let robot = robot_config::load(&config, &robots::read).map_err(Failure::bad_input)?;
+    let (path, sim) = text("sim.toml")?;
+    let mut sim = SimParameters::parse(&sim, &path).map_err(Failure::bad_input)?;
+    if let Some(seed) = seed {
+        sim.seed = seed;
+    }
+    let urdf = robots::read(&robot.parameters.urdf_path).map_err(Failure::bad_input)?;
+    let plant = CanRobot::new(&robot, &urdf, &sim).map_err(Failure::bad_input)?;
+    let (path, motion) = text("motion.toml")?;
+    let names: Vec<String> = robot
+        .parameters
+        .joints
+        .iter()
+        .map(|j| j.name.clone())
+        .collect();
+    let motion = Motion::parse(&motion, &path, &names).map_err(Failure::bad_input)?;
+    Ok((robot, plant, motion))
+}
+
+/// A bar on a terminal; nothing where output is read by a program.
+fn progress_bar(cycles: u64, json: bool) -> ProgressBar {
+    if json || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{bar:40} {percent} % of {len} cycles, {eta} left");
+    let bar = ProgressBar::new(cycles);
+    bar.enable_steady_tick(Duration::from_millis(200));
+    match style {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}

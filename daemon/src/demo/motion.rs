@@ -1,0 +1,132 @@
+//! The demo's motion: slow sinusoids around the pose in which the robot starts.
+
+use std::f64::consts::TAU;
+
+use robot_state::JointReference;
+use serde::Deserialize;
+
+/// A motion file as written.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MotionFile {
+    settle_s: f64,
+    #[serde(default)]
+    stance: Vec<String>,
+    #[serde(default)]
+    joint: Vec<JointMotion>,
+}
+
+/// Motion of one joint: `q_d = start + amplitude (1 - cos(2 pi t / period)) / 2`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JointMotion {
+    name: String,
+    amplitude_deg: f64,
+    period_s: f64,
+}
+
+/// Slow motion of some joints from a start pose.
+#[derive(Debug, Clone)]
+pub(super) struct Motion {
+    /// Time at rest before the motion begins, s.
+    pub(super) settle_s: f64,
+    /// F/T sensors whose end-effectors carry the robot's weight.
+    pub(super) stance: Vec<String>,
+    /// (start, amplitude, period) of each joint, in config order; rad, rad, s.
+    joints: Vec<(f64, f64, f64)>,
+}
+
+impl Motion {
+    /// Reads a motion file for joints of these names.
+    ///
+    /// # Errors
+    /// A sentence that names the file, the key and what is allowed.
+    pub(super) fn parse(text: &str, file_name: &str, joint_names: &[String]) -> Result<Self, String> {
+        let file: MotionFile = toml::from_str(text).map_err(|e| format!("{file_name}: {e}"))?;
+        let mut joints = vec![(0.0, 0.0, 1.0); joint_names.len()];
+        for motion in &file.joint {
+            let index = joint_names.iter().position(|n| *n == motion.name);
+            let index = index.ok_or_else(|| {
+                let known = joint_names.join(", ");
+                format!(
+                    "{file_name}: joint.name: there is no joint {:?}; allowed: {known}",
+                    motion.name
+                )
+            })?;
+            if !(motion.period_s > 0.0 && motion.amplitude_deg.is_finite()) {
+                return Err(format!(
+                    "{file_name}: joint {}: period_s must be above 0 and amplitude_deg finite",
+                    motion.name
+                ));
+            }
+            joints[index] = (0.0, motion.amplitude_deg.to_radians(), motion.period_s);
+        }
+        Ok(Self {
+            settle_s: file.settle_s,
+            stance: file.stance,
+            joints,
+        })
+    }
+
+    /// Makes `q` (rad, config order) the pose from which the motion starts.
+    pub(super) fn start_from(&mut self, q: &[f64]) {
+        for (joint, &q) in self.joints.iter_mut().zip(q) {
+            joint.0 = q;
+        }
+    }
+
+    /// What is wanted of a joint at `t`, s since the start.
+    #[must_use]
+    pub(super) fn at(&self, joint: usize, t: f64) -> JointReference {
+        let (start, amplitude, period) = self.joints[joint];
+        let omega = TAU / period;
+        let phase = omega * (t - self.settle_s).max(0.0);
+        let half = 0.5 * amplitude;
+        let moves = f64::from(t >= self.settle_s);
+        JointReference {
+            q_d: start + half * (1.0 - phase.cos()),
+            dq_d: half * omega * phase.sin(),
+            ddq_d: moves * half * omega * omega * phase.cos(),
+            tau_d: 0.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Motion;
+
+    const TEXT: &str =
+        "settle_s = 1.0\n[[joint]]\nname = \"b\"\namplitude_deg = 20.0\nperiod_s = 4.0\n";
+
+    fn names() -> Vec<String> {
+        vec!["a".into(), "b".into()]
+    }
+
+    #[test]
+    fn velocity_and_acceleration_are_derivatives_of_position() {
+        let mut motion = Motion::parse(TEXT, "motion.toml", &names()).unwrap();
+        motion.start_from(&[0.3, -0.5]);
+        let h = 1e-4;
+        for i in 0..60 {
+            let t = 1.05 + 0.13 * f64::from(i);
+            let [before, now, after] = [t - h, t, t + h].map(|t| motion.at(1, t));
+            assert!(((after.q_d - before.q_d) / (2.0 * h) - now.dq_d).abs() < 1e-7);
+            assert!(((after.dq_d - before.dq_d) / (2.0 * h) - now.ddq_d).abs() < 1e-7);
+            assert_eq!(motion.at(0, t).q_d, 0.3);
+        }
+        assert_eq!(motion.at(1, 0.5).q_d, -0.5);
+        assert!((motion.at(1, 3.0).q_d - (-0.5 + 20f64.to_radians())).abs() < 1e-12);
+    }
+
+    #[test]
+    fn unknown_joints_and_keys_are_refused() {
+        let error = Motion::parse(&TEXT.replace("\"b\"", "\"c\""), "m.toml", &names()).unwrap_err();
+        assert!(
+            error.contains("m.toml") && error.contains("a, b"),
+            "{error}"
+        );
+        let error = Motion::parse("settle = 1.0", "m.toml", &names()).unwrap_err();
+        assert!(error.contains("settle_s"), "{error}");
+    }
+}

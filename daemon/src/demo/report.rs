@@ -1,0 +1,201 @@
+//! The demo's result: true, encoder-based and F/T-based torque of every joint.
+
+use std::fmt;
+use std::path::Path;
+
+use plant::{CanRobot, Truth};
+use robot_config::Robot;
+use robot_state::{SharedRecord, TorqueEstimate, torque_flags};
+use serde::Serialize;
+
+use super::accuracy::{DelayedComparison, ErrorStatistics};
+use super::plot::{self, Trace};
+use crate::summary::{PageFaults, Summary, Timing};
+
+/// Longest delay of an estimate that can be removed, cycles.
+const LONGEST_DELAY: usize = 1000;
+/// Points of a curve in the picture.
+const POINTS: u64 = 500;
+
+/// One joint's comparison.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct JointReport {
+    /// The joint's name.
+    pub(super) name: String,
+    /// Largest |true torque|, N·m.
+    pub(super) largest_torque: f64,
+    /// Error of the torque from encoders and current; none if it was never valid.
+    pub(super) encoder: Option<ErrorStatistics>,
+    /// Error of the torque from F/T sensors and IMU; none if it was never valid.
+    pub(super) whole_body: Option<ErrorStatistics>,
+}
+
+/// The result of a demo.
+#[derive(Serialize)]
+pub(super) struct Report {
+    /// The joints, in config order.
+    pub(super) joints: Vec<JointReport>,
+    /// Timing, frames, events.
+    #[serde(flatten)]
+    pub(super) summary: Summary,
+    /// Known delays removed before comparing, s: encoders, F/T.
+    pub(super) delays_s: [f64; 2],
+    /// Frames that the simulated robot could not decode.
+    pub(super) frames_undecoded_by_robot: u64,
+    #[serde(skip)]
+    collected: Collected,
+}
+
+struct Collected {
+    comparisons: Vec<[DelayedComparison; 2]>,
+    traces: Vec<Trace>,
+    timing: Timing,
+    last: SharedRecord,
+    every: u64,
+    period: f64,
+}
+
+impl Report {
+    pub(crate) fn new(robot: &Robot, cycles: u64) -> Self {
+        let parameters = &robot.parameters;
+        let names = parameters.joints.iter().map(|j| j.name.clone());
+        let last = SharedRecord::default();
+        let timing = Timing::new();
+        Self {
+            joints: names
+                .clone()
+                .map(|name| JointReport {
+                    name,
+                    largest_torque: 0.0,
+                    encoder: None,
+                    whole_body: None,
+                })
+                .collect(),
+            summary: Summary::new(&parameters.name, &last, &timing, PageFaults::default(), 0),
+            delays_s: [0.0; 2],
+            frames_undecoded_by_robot: 0,
+            collected: Collected {
+                comparisons: names
+                    .clone()
+                    .map(|_| std::array::from_fn(|_| DelayedComparison::new(LONGEST_DELAY)))
+                    .collect(),
+                traces: names
+                    .map(|name| Trace {
+                        name,
+                        ..Trace::default()
+                    })
+                    .collect(),
+                timing,
+                last,
+                every: cycles.div_ceil(POINTS).max(1),
+                period: parameters.timing.sample_period,
+            },
+        }
+    }
+
+    pub(crate) fn take(&mut self, record: &SharedRecord) {
+        self.collected.timing.take(&record.timing);
+        self.collected.last = *record;
+    }
+
+    /// Compares the last record with what was true when its sensors were sampled.
+    pub(crate) fn compare(&mut self, truth: &Truth) {
+        let Collected {
+            comparisons,
+            traces,
+            last,
+            every,
+            period,
+            ..
+        } = &mut self.collected;
+        let drawn = last.cycle.sequence % *every == 0;
+        let joints = last.cycle.joints.iter().zip(&truth.joints);
+        for ((joint, truth), (comparison, trace)) in joints.zip(comparisons.iter_mut().zip(traces))
+        {
+            let estimates = [&joint.tau_encoder, &joint.tau_whole_body];
+            for (comparison, estimate) in comparison.iter_mut().zip(estimates) {
+                comparison.push(truth.tau, usable(estimate), estimate.delay_s / *period);
+            }
+            self.delays_s = estimates.map(|estimate| estimate.delay_s);
+            if drawn {
+                trace.t.push(last.cycle.sequence as f64 * *period);
+                trace.truth.push(truth.tau);
+                let values = estimates.map(|e| usable(e).unwrap_or(f64::NAN));
+                trace.encoder.push(values[0]);
+                trace.whole_body.push(values[1]);
+            }
+        }
+    }
+
+    pub(crate) fn finish(&mut self, robot: &CanRobot) {
+        let Collected {
+            comparisons,
+            timing,
+            last,
+            ..
+        } = &self.collected;
+        for (joint, [encoder, whole_body]) in self.joints.iter_mut().zip(comparisons) {
+            joint.largest_torque = encoder.largest_truth();
+            joint.encoder = encoder.statistics();
+            joint.whole_body = whole_body.statistics();
+        }
+        let name = self.summary.robot.clone();
+        self.summary = Summary::new(&name, last, timing, PageFaults::default(), 0);
+        self.frames_undecoded_by_robot = robot.unknown_frames();
+    }
+
+    /// Draws the torques into a file.
+    ///
+    /// # Errors
+    /// A sentence that names the file, if it cannot be written.
+    pub(super) fn draw(&self, path: &Path) -> Result<(), String> {
+        let title = format!("torqued demo, {}: joint torque", self.summary.robot);
+        plot::draw(path, &title, &self.collected.traces)
+    }
+}
+
+/// The torque, if it may be used and nothing about it is bridged.
+fn usable(estimate: &TorqueEstimate) -> Option<f64> {
+    (estimate.flags & torque_flags::VALID != 0).then_some(estimate.tau)
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: joint torque, N·m; errors against the simulated robot's true torque, after removing\n\
+             the known delay of {:.1} ms (encoders + current) and {:.1} ms (F/T + IMU); % of the largest torque\n",
+            self.summary.robot,
+            1e3 * self.delays_s[0],
+            1e3 * self.delays_s[1]
+        )?;
+        writeln!(
+            f,
+            "{:22} {:>8}   {:>24}   {:>24}",
+            "", "true", "encoders + current", "F/T + IMU"
+        )?;
+        writeln!(
+            f,
+            "{:22} {:>8}   {:>8} {:>7} {:>7}   {:>8} {:>7} {:>7}",
+            "joint", "largest", "max", "RMS", "RMS %", "max", "RMS", "RMS %"
+        )?;
+        for joint in &self.joints {
+            write!(f, "{:22} {:>8.3}", joint.name, joint.largest_torque)?;
+            for error in [joint.encoder, joint.whole_body] {
+                match error {
+                    Some(error) => {
+                        let percent = 100.0 * error.rms / joint.largest_torque;
+                        write!(
+                            f,
+                            "   {:>8.3} {:>7.3} {:>6.2}%",
+                            error.max, error.rms, percent
+                        )?;
+                    }
+                    None => write!(f, "   {:>8} {:>7} {:>7}", "-", "-", "-")?,
+                }
+            }
+            writeln!(f)?;
+        }
+        writeln!(f, "\n{}", self.summary)
+    }
+}

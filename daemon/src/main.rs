@@ -1,0 +1,102 @@
+//! The command `torqued`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use clap::{Parser, Subcommand};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use torqued::demo::{self, DemoOptions};
+use torqued::failure::Failure;
+
+/// Joint torques for robots without joint-torque sensors.
+///
+/// Exit codes: 0 all went well; 1 the machine denies something, or a fault is latched at the end;
+/// 2 bad input, nothing was started.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Examples:
+  torqued demo                                   a simulated humanoid, no hardware needed
+  torqued demo --robot leg --plot leg.svg        a picture of true and estimated torques
+  torqued run config/leg/robot.toml              the daemon
+  torqued run config/leg/robot.toml --seconds 10 --json"
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Estimate and control a simulated robot in this process: no hardware, no root, no CAN.
+    #[command(after_help = "Examples:
+  torqued demo --robot humanoid --seconds 10
+  torqued demo --robot leg --plot leg.svg
+  torqued demo --robot test-joint --json | jq .joints[0].whole_body")]
+    Demo(DemoOptions),
+    /// Run the daemon: read the robot's frames, share its torques, command its drives.
+    #[command(after_help = "Examples:
+  torqued run /etc/torqued/leg/robot.toml
+  torqued run config/leg/robot.toml --seconds 10 --json")]
+    Run {
+        /// The robot's configuration, e.g. config/leg/robot.toml.
+        config: PathBuf,
+        /// End after that long; without it at SIGINT or SIGTERM.
+        #[arg(long, value_name = "S")]
+        seconds: Option<f64>,
+        /// Print the summary as JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Demo(options) => demo::run(&options),
+        Command::Run {
+            config,
+            seconds,
+            json,
+        } => run(&config, seconds, json),
+    };
+    match result {
+        Ok(code) => code,
+        Err(failure) => {
+            eprintln!("torqued: {}", failure.message);
+            ExitCode::from(failure.exit_code)
+        }
+    }
+}
+
+fn run(config: &std::path::Path, seconds: Option<f64>, json: bool) -> Result<ExitCode, Failure> {
+    let robot = robot_config::load(&config.to_string_lossy(), &|path| {
+        std::fs::read_to_string(path)
+    })
+    .map_err(Failure::bad_input)?;
+    let rate_hz = 1.0 / robot.parameters.timing.sample_period;
+    let cycles = match seconds {
+        None => None,
+        Some(s) if s > 0.0 && s.is_finite() => Some((s * rate_hz).ceil() as u64),
+        Some(s) => {
+            return Err(Failure::bad_input(format!(
+                "--seconds {s}: must be above 0"
+            )));
+        }
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::environment)?;
+    }
+    let summary = torqued::run::run(&robot, cycles, &stop)?;
+    if json {
+        println!(
+            "{}",
+            serde_json::to_string(&summary).map_err(Failure::environment)?
+        );
+    } else {
+        print!("{summary}");
+    }
+    Ok(ExitCode::from(u8::from(summary.fault != 0)))
+}
