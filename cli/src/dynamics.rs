@@ -11,7 +11,7 @@ use std::process::ExitCode;
 /// Print rigid-body dynamics of given states as JSON
 #[derive(Args)]
 #[command(after_long_help = FORMAT)]
-pub struct DynamicsArguments {
+pub(crate) struct DynamicsArguments {
     /// The robot
     #[arg(long)]
     urdf: PathBuf,
@@ -32,7 +32,7 @@ Also read: "frames":[links] beside "joints", which adds each link's placement, m
 "f_ext":{link:[6]} in a case, wrenches on links, in the link's axes at its origin.
 An acceleration that is not finite (a joint that moves no mass) is printed as null."#;
 
-pub fn run(arguments: &DynamicsArguments) -> ExitCode {
+pub(crate) fn run(arguments: &DynamicsArguments) -> ExitCode {
     match report(arguments) {
         Ok(json) => {
             println!("{json}");

@@ -3,7 +3,10 @@
 mod common;
 
 use can_codec::{BusDbc, Coding, Dbc, SignalMap, Table};
-use common::{FIRST_LINE, bits_one_by_one, dbc, dbc_text, table};
+use common::{bits_one_by_one, dbc, dbc_text, table};
+
+/// The line, from 1, on which the messages of `dbc_text` begin.
+const FIRST_LINE: usize = 9;
 
 /// The messages that a faulty file leads to.
 fn refusal(messages: &str) -> String {

@@ -193,18 +193,18 @@ impl Reader<'_, '_, '_> {
         // A rounded degree may lie a hair outside.
         let hair = 1e-6;
         let allowed = format!(
-            "{} to {}, the URDF's limits",
+            "{:.3} to {:.3}, the URDF's limits",
             urdf.lower.to_degrees(),
             urdf.upper.to_degrees()
         );
         for (key, value) in [(min_deg, min), (max_deg, max)] {
             if value < urdf.lower - hair || value > urdf.upper + hair {
-                let what = format!("{} is not allowed", value.to_degrees());
+                let what = format!("{:.3} is not allowed", value.to_degrees());
                 section.problem(key, what, &allowed);
             }
         }
         if min >= max {
-            let what = format!("{} is not above {min_deg}", max.to_degrees());
+            let what = format!("{:.3} is not above {min_deg}", max.to_degrees());
             section.problem(max_deg, what, allowed);
         }
         Some(JointLimits {

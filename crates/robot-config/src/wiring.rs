@@ -4,7 +4,7 @@ use crate::general::Bus;
 use crate::reader::{At, Notes, Section};
 use crate::units::Quantity;
 use crate::{Read, paths, unreadable};
-use can_codec::{BusDbc, Dbc, Frame, MAX_FRAMES, Problem, Signal, SignalMap, Table};
+use can_codec::{BusDbc, Dbc, Frame, MAX_FRAMES, Problem, Signal, SignalMap, Table, TableError};
 use std::collections::BTreeMap;
 
 /// Which way a signal goes.
@@ -41,8 +41,8 @@ pub(crate) struct Wiring<'n, 't> {
     dbcs: Vec<Option<Vec<Dbc>>>,
     receive: Vec<(u8, SignalMap)>,
     send: Vec<(u8, SignalMap)>,
-    /// Which key uses a signal of a bus.
-    used: BTreeMap<(usize, String), String>,
+    /// Which key uses a signal of a bus, and where it does.
+    used: BTreeMap<(usize, String), (String, usize)>,
 }
 
 impl<'n, 't> Wiring<'n, 't> {
@@ -125,12 +125,14 @@ impl<'n, 't> Wiring<'n, 't> {
                 return None;
             }
         };
-        let used_by = self
-            .used
-            .insert((how.bus, path.value.to_owned()), key.to_owned());
-        if let Some(other) = used_by {
+        let place = (key.to_owned(), path.place);
+        let used_by = self.used.insert((how.bus, path.value.to_owned()), place);
+        if let Some((other, _)) = used_by {
             let what = format!("signal {} is used by {other} already", path.value);
             reject(what, "one use of each signal".to_owned());
+            return None;
+        }
+        if !how.offset.is_finite() {
             return None;
         }
         let resolution = (signal.scale * factor).abs();
@@ -202,25 +204,8 @@ impl<'n, 't> Wiring<'n, 't> {
             }
         }
         let compile = |maps: &[(u8, SignalMap)]| {
-            Table::compile(&dbcs, maps)
-                .map_err(|error| {
-                    for problem in error.problems {
-                        let key = problem.map.and_then(|map| maps.get(map)).map(|(bus, map)| {
-                            let path = format!("{}.{}", map.message, map.signal);
-                            self.used.get(&(usize::from(*bus), path)).cloned()
-                        });
-                        let key = key
-                            .flatten()
-                            .map_or_else(String::new, |key| format!("{key}: "));
-                        self.notes.note(Problem {
-                            file: problem.file,
-                            line: problem.line,
-                            reason: format!("{key}{}", problem.reason),
-                            allowed: problem.allowed,
-                        });
-                    }
-                })
-                .ok()
+            let table = Table::compile(&dbcs, maps);
+            table.map_err(|error| self.note_all(error, maps)).ok()
         };
         let (receive, send) = (compile(&self.receive), compile(&self.send));
         let (receive, send) = (receive?, send?);
@@ -233,6 +218,31 @@ impl<'n, 't> Wiring<'n, 't> {
             }
         }
         Some((receive, send, sync))
+    }
+
+    /// Problems of signals are told where the configuration names them.
+    fn note_all(&self, error: TableError, maps: &[(u8, SignalMap)]) {
+        for problem in error.problems {
+            let used = problem
+                .map
+                .and_then(|map| maps.get(map))
+                .and_then(|(bus, map)| {
+                    let path = format!("{}.{}", map.message, map.signal);
+                    self.used.get(&(usize::from(*bus), path))
+                });
+            match used {
+                Some((key, place)) => {
+                    let reason = format!("{key}: {}", problem.reason);
+                    self.notes.at(*place, reason, problem.allowed);
+                }
+                None => self.notes.note(Problem {
+                    file: problem.file,
+                    line: problem.line,
+                    reason: problem.reason,
+                    allowed: problem.allowed,
+                }),
+            }
+        }
     }
 }
 

@@ -7,9 +7,6 @@ pub(crate) fn dbc_text(messages: &str) -> String {
     format!("VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_: A B\n\n{messages}\n")
 }
 
-/// The line, from 1, on which the messages of [`dbc_text`] begin.
-pub(crate) const FIRST_LINE: usize = 9;
-
 /// A DBC file that must be accepted.
 pub(crate) fn dbc(messages: &str) -> Dbc {
     Dbc::parse(&dbc_text(messages), "test.dbc").unwrap_or_else(|error| panic!("{error}"))

@@ -23,11 +23,11 @@ const FILES: &[(&str, &str)] = repository![
 ];
 
 /// The repository's files, by the path that the configurations lead to.
-pub struct Files(BTreeMap<String, String>);
+pub(crate) struct Files(BTreeMap<String, String>);
 
 impl Files {
     /// As they are.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let owned = FILES
             .iter()
             .map(|(path, text)| ((*path).to_owned(), (*text).to_owned()));
@@ -35,26 +35,20 @@ impl Files {
     }
 
     /// With one text replaced wherever it stands; it must stand somewhere.
-    pub fn with(mut self, path: &str, from: &str, to: &str) -> Self {
+    pub(crate) fn with(mut self, path: &str, from: &str, to: &str) -> Self {
         let text = self.0.get_mut(path).expect("a file of the repository");
         assert!(text.contains(from), "{path} lacks {from:?}");
         *text = text.replace(from, to);
         self
     }
 
-    /// With another file.
-    pub fn and(mut self, path: &str, text: &str) -> Self {
-        self.0.insert(path.to_owned(), text.to_owned());
-        self
-    }
-
     /// The line, from 1, of the first occurrence of a text in a file.
-    pub fn line(&self, path: &str, text: &str) -> usize {
+    pub(crate) fn line(&self, path: &str, text: &str) -> usize {
         let place = self.0[path].find(text).expect("the text");
         1 + self.0[path][..place].matches('\n').count()
     }
 
-    pub fn load(&self, path: &str) -> Result<Robot, ConfigError> {
+    pub(crate) fn load(&self, path: &str) -> Result<Robot, ConfigError> {
         robot_config::load(path, &|path| {
             let mut parts: Vec<&str> = Vec::new();
             for part in path.split('/') {
@@ -71,7 +65,7 @@ impl Files {
     }
 
     /// The errors' text.
-    pub fn errors(&self, path: &str) -> String {
+    pub(crate) fn errors(&self, path: &str) -> String {
         match self.load(path) {
             Ok(_) => panic!("{path} was accepted"),
             Err(error) => error.to_string(),

@@ -1,9 +1,7 @@
 //! The repository's robots load, and their tables carry what the configuration says.
 
-mod common;
-
+use crate::files::Files;
 use can_codec::Frames;
-use common::Files;
 use robot_config::{Robot, slots};
 
 fn robots() -> Vec<Robot> {

@@ -1,0 +1,49 @@
+//! `torquectl`: the operator's tool.
+
+mod bus_load;
+mod check;
+mod dynamics;
+mod text_table;
+mod watch;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Exit code where the daemon cannot be reached.
+const NO_DAEMON: u8 = 1;
+/// Exit code where a file or an argument is wrong; clap uses it too.
+const BAD_INPUT: u8 = 2;
+
+const AFTER_HELP: &str = "\
+Examples:
+  torquectl check config/leg/robot.toml
+  torquectl watch --once
+  torquectl help check
+
+Exit codes:
+  0  done
+  1  the daemon could not be reached, or went away
+  2  bad input: arguments, configuration, URDF or DBC";
+
+/// Look at robots that torqued runs, and at their configurations.
+#[derive(Parser)]
+#[command(name = "torquectl", version, after_help = AFTER_HELP)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Check(check::CheckArguments),
+    Watch(watch::WatchArguments),
+    Dynamics(dynamics::DynamicsArguments),
+}
+
+fn main() -> ExitCode {
+    match Arguments::parse().command {
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Watch(arguments) => watch::run(&arguments),
+        Command::Dynamics(arguments) => dynamics::run(&arguments),
+    }
+}

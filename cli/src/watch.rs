@@ -1,0 +1,135 @@
+//! `torquectl watch`: what a running torqued measures, estimates and commands.
+
+mod json;
+mod text;
+mod words;
+
+use crate::NO_DAEMON;
+use std::io::{self, IsTerminal, Write};
+use std::process::ExitCode;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+use torqued_client::{Client, Error, Location, Record};
+
+/// How long a record is waited for.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Clears the terminal and goes to its upper left corner.
+const CLEAR: &str = "\x1b[2J\x1b[H";
+
+const EXAMPLES: &str = "\
+Examples:
+  torquectl watch
+  torquectl watch --robot leg --once
+  torquectl watch --json --rate 100 | jq '.joints[0].tau_whole_body.tau_Nm'
+
+The daemon is looked for in $TORQUED_RUN_DIR, else in /run/torqued for root and its owner, else in
+$XDG_RUNTIME_DIR/torqued, else in /tmp/torqued-UID. It must run as the same user.
+
+Exit codes:
+  0  done
+  1  no daemon could be reached within 2 s, or it went away";
+
+/// Show the torques of a running robot: estimated from the encoders, from the F/T sensors and IMU,
+/// and commanded.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct WatchArguments {
+    /// The robot's name; not needed where only one runs
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// Show one record and end
+    #[arg(long)]
+    once: bool,
+    /// Print JSON instead of text: one object a line
+    #[arg(long)]
+    json: bool,
+    /// How often to show the newest record, 0.1 to 1000 Hz
+    #[arg(long, value_name = "HZ", default_value_t = 5.0, value_parser = rate)]
+    rate: f64,
+}
+
+pub(crate) fn run(arguments: &WatchArguments) -> ExitCode {
+    match watch(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        // Whoever read the output has had enough, e.g. `head`.
+        Err(Failure::Output(e)) if e.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(Failure::Output(e)) => {
+            eprintln!("cannot print: {e}");
+            ExitCode::from(NO_DAEMON)
+        }
+        Err(Failure::Daemon(e)) => {
+            eprintln!("{e}");
+            ExitCode::from(NO_DAEMON)
+        }
+    }
+}
+
+enum Failure {
+    Daemon(Error),
+    Output(io::Error),
+}
+
+impl From<Error> for Failure {
+    fn from(e: Error) -> Self {
+        Self::Daemon(e)
+    }
+}
+
+impl From<io::Error> for Failure {
+    fn from(e: io::Error) -> Self {
+        Self::Output(e)
+    }
+}
+
+fn watch(arguments: &WatchArguments) -> Result<(), Failure> {
+    let location = Location::find()?;
+    let robot = match &arguments.robot {
+        Some(robot) => robot.clone(),
+        None => location.only_robot()?,
+    };
+    let mut client = Client::connect_at(&location, &robot, PATIENCE)?;
+    let mut out = io::stdout().lock();
+    let redraw = !arguments.once && !arguments.json && out.is_terminal();
+    let period = Duration::from_secs_f64(1.0 / arguments.rate);
+    let mut next = Instant::now();
+    loop {
+        let record = newest(&mut client)?;
+        let description = client.description();
+        let shown = if arguments.json {
+            json::object(description, &record).to_string()
+        } else {
+            text::screen(description, &record)
+        };
+        if redraw {
+            out.write_all(CLEAR.as_bytes())?;
+        }
+        writeln!(out, "{shown}")?;
+        out.flush()?;
+        drop(record);
+        if arguments.once {
+            return Ok(());
+        }
+        next += period;
+        sleep(next.saturating_duration_since(Instant::now()));
+        // A terminal that could not keep up does not get the missed ones all at once.
+        next = next.max(Instant::now() - period);
+    }
+}
+
+/// The newest record; waits for one if there is none since the last call.
+fn newest(client: &mut Client) -> Result<Record, Error> {
+    match client.latest()? {
+        Some(record) => Ok(record),
+        None => client.next_record(PATIENCE),
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let allowed = || "allowed: a number of Hz from 0.1 to 1000".to_owned();
+    let rate: f64 = text.parse().map_err(|_| allowed())?;
+    if (0.1..=1000.0).contains(&rate) {
+        Ok(rate)
+    } else {
+        Err(allowed())
+    }
+}

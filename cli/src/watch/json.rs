@@ -1,0 +1,125 @@
+//! A record for other programs. Units stand in the keys; a number that is not finite is `null`.
+
+use super::words;
+use serde_json::{Map, Value, json};
+use torqued_client::Record;
+use torqued_client::robot_state::{
+    Description, Event, FtRecord, ImuRecord, JointRecord, LoopRecord, TorqueEstimate, Wrench,
+};
+
+pub(super) fn object(description: &Description, record: &Record) -> Value {
+    let cycle = &record.cycle;
+    let joints = description.joint_names.iter().zip(&cycle.joints);
+    let joints = joints.take(cycle.joint_count as usize);
+    let sensors = description.ft_names.iter().zip(&cycle.ft);
+    let sensors = sensors.take(cycle.ft_count as usize);
+    let events: Map<String, Value> = words::occurred(&cycle.events)
+        .map(|(event, count)| (event.name().to_owned(), count.into()))
+        .collect();
+    json!({
+        "robot": description.robot.as_str(),
+        "rate_Hz": description.rate_hz,
+        "sequence": cycle.sequence,
+        "stamp_ns": cycle.stamp_ns,
+        "mode": words::mode(cycle.mode),
+        "fault": fault(cycle.fault),
+        "filter_delay_s": cycle.filter_delay_s,
+        "joints": joints.map(|(name, j)| joint(name.as_str(), j)).collect::<Vec<_>>(),
+        "ft": sensors.map(|(name, s)| ft_sensor(name.as_str(), s)).collect::<Vec<_>>(),
+        "imu": imu(&cycle.imu),
+        "unknown_wrench": wrench(&cycle.unknown_wrench),
+        "unknown_wrench_sigma": wrench(&cycle.unknown_wrench_sigma),
+        "events": events,
+        "timing": timing(&record.timing),
+    })
+}
+
+fn fault(number: u32) -> Value {
+    if number == 0 {
+        return Value::Null;
+    }
+    let event = Event::from_number(number);
+    json!({
+        "number": number,
+        "name": event.map(|e| e.name()),
+        "cause": event.map(|e| e.cause()),
+        "config_key": event.map(|e| e.config_key()),
+    })
+}
+
+fn joint(name: &str, joint: &JointRecord) -> Value {
+    let (measured, control) = (&joint.measured, &joint.control);
+    json!({
+        "name": name,
+        "q_rad": measured.q,
+        "theta_rad": measured.theta,
+        "torsion_rad": measured.torsion,
+        "current_A": measured.current,
+        "dq_rad_per_s": measured.dq,
+        "q_hat_rad": measured.q_hat,
+        "dq_hat_rad_per_s": measured.dq_hat,
+        "ddq_hat_rad_per_s2": measured.ddq_hat,
+        "omega_rad_per_s": measured.omega,
+        "age_s": measured.age_s,
+        "status": measured.status,
+        "flags": words::measured(measured.flags),
+        "tau_encoder": estimate(&joint.tau_encoder),
+        "tau_whole_body": estimate(&joint.tau_whole_body),
+        "control": {
+            "tau_d_Nm": control.tau_d,
+            "tau_star_Nm": control.tau_star,
+            "delta_q_rad": control.delta_q,
+            "q_c_rad": control.q_c,
+            "current_c_A": control.current_c,
+            "flags": words::control(control.flags),
+        },
+    })
+}
+
+fn estimate(estimate: &TorqueEstimate) -> Value {
+    json!({
+        "tau_Nm": estimate.tau,
+        "sigma_Nm": estimate.sigma,
+        "delay_s": estimate.delay_s,
+        "source": words::source(estimate.source),
+        "flags": words::torque(estimate.flags),
+    })
+}
+
+fn wrench(wrench: &Wrench) -> Value {
+    json!({ "force_N": wrench.force, "torque_Nm": wrench.torque })
+}
+
+fn ft_sensor(name: &str, sensor: &FtRecord) -> Value {
+    json!({
+        "name": name,
+        "measured": wrench(&sensor.measured),
+        "filtered": wrench(&sensor.filtered),
+        "contact": wrench(&sensor.contact),
+        "age_s": sensor.age_s,
+        "flags": words::measured(sensor.flags),
+    })
+}
+
+fn imu(imu: &ImuRecord) -> Value {
+    json!({
+        "gyro_rad_per_s": imu.gyro,
+        "accelerometer_m_per_s2": imu.accelerometer,
+        "age_s": imu.age_s,
+        "flags": words::measured(imu.flags),
+    })
+}
+
+fn timing(timing: &LoopRecord) -> Value {
+    json!({
+        "cycles": timing.cycles,
+        "late_cycles": timing.late_cycles,
+        "skipped_cycles": timing.skipped_cycles,
+        "wake_late_ns": timing.wake_late_ns,
+        "gather_ns": timing.gather_ns,
+        "compute_ns": timing.compute_ns,
+        "send_ns": timing.send_ns,
+        "frames_received": timing.frames_received,
+        "frames_sent": timing.frames_sent,
+    })
+}

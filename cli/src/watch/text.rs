@@ -1,0 +1,134 @@
+//! A record for the eye.
+
+use super::words;
+use crate::text_table::TextTable;
+use std::fmt::Write;
+use torqued_client::Record;
+use torqued_client::robot_state::{
+    CycleRecord, Description, Event, LoopRecord, TorqueEstimate, torque_flags,
+};
+
+pub(super) fn screen(description: &Description, record: &Record) -> String {
+    let cycle = &record.cycle;
+    let mut out = format!(
+        "{}: cycle {} at {:.0} Hz, mode {}\n{}\n\n",
+        description.robot,
+        cycle.sequence,
+        description.rate_hz,
+        words::mode(cycle.mode),
+        fault(cycle.fault),
+    );
+    let _ = writeln!(out, "{}", joints(description, cycle));
+    if cycle.ft_count > 0 {
+        let _ = writeln!(out, "{}", ft_sensors(description, cycle));
+    }
+    let _ = write!(
+        out,
+        "{}\n{}",
+        events(&cycle.events),
+        timing(&record.timing, cycle.filter_delay_s)
+    );
+    out
+}
+
+fn fault(number: u32) -> String {
+    match Event::from_number(number) {
+        None if number == 0 => "no fault".to_owned(),
+        None => format!("FAULT {number}: not known to this version of torquectl"),
+        Some(event) => format!(
+            "FAULT {number} {}: {} Set by {}. The robot holds its position until a client resets \
+             the fault.",
+            event.name(),
+            event.cause(),
+            event.config_key(),
+        ),
+    }
+}
+
+fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
+    let heading = [
+        "joint",
+        "q deg",
+        "encoder N·m",
+        "whole-body N·m",
+        "wanted N·m",
+        "commanded N·m",
+        "age ms",
+        "remarks",
+    ];
+    let mut rows = vec![heading.map(str::to_owned).to_vec()];
+    let named = description.joint_names.iter().zip(&cycle.joints);
+    for (name, joint) in named.take(cycle.joint_count as usize) {
+        rows.push(vec![
+            name.to_string(),
+            format!("{:.2}", joint.measured.q.to_degrees()),
+            estimate(&joint.tau_encoder),
+            estimate(&joint.tau_whole_body),
+            format!("{:.2}", joint.control.tau_d),
+            format!("{:.2}", joint.control.tau_star),
+            format!("{:.1}", joint.measured.age_s * 1e3),
+            words::remarks(joint),
+        ]);
+    }
+    TextTable(rows)
+}
+
+/// Value and standard deviation, or `-` for one that may not be used.
+fn estimate(estimate: &TorqueEstimate) -> String {
+    if estimate.flags & torque_flags::VALID == 0 {
+        return "-".to_owned();
+    }
+    format!("{:.2} ±{:5.2}", estimate.tau, estimate.sigma)
+}
+
+fn ft_sensors(description: &Description, cycle: &CycleRecord) -> TextTable {
+    let heading = [
+        "F/T sensor",
+        "contact force N",
+        "torque N·m",
+        "age ms",
+        "remarks",
+    ];
+    let mut rows = vec![heading.map(str::to_owned).to_vec()];
+    let named = description.ft_names.iter().zip(&cycle.ft);
+    for (name, sensor) in named.take(cycle.ft_count as usize) {
+        let axes = |[x, y, z]: [f64; 3]| format!("{x:.1} {y:.1} {z:.1}");
+        rows.push(vec![
+            name.to_string(),
+            axes(sensor.contact.force),
+            axes(sensor.contact.torque),
+            format!("{:.1}", sensor.age_s * 1e3),
+            words::measured(sensor.flags).join(", "),
+        ]);
+    }
+    TextTable(rows)
+}
+
+fn events(counts: &[u64]) -> String {
+    let events: Vec<String> = words::occurred(counts)
+        .map(|(event, count)| format!("{} {count}", event.name()))
+        .collect();
+    if events.is_empty() {
+        "events: none".to_owned()
+    } else {
+        format!("events: {}", events.join(", "))
+    }
+}
+
+fn timing(timing: &LoopRecord, filter_delay_s: f64) -> String {
+    let us = |ns: u64| ns as f64 * 1e-3;
+    format!(
+        "cycles: {}, late {}, skipped {}; this one woke {:.0} us late, gathered {:.0} us, computed \
+         {:.0} us, sent {:.0} us\nframes: {} received, {} sent; filters' delay {:.1} ms",
+        timing.cycles,
+        timing.late_cycles,
+        timing.skipped_cycles,
+        us(timing.wake_late_ns),
+        us(timing.gather_ns),
+        us(timing.compute_ns),
+        us(timing.send_ns),
+        timing.frames_received,
+        timing.frames_sent,
+        filter_delay_s * 1e3,
+    )
+}

@@ -1,0 +1,87 @@
+//! Numbers of a record in words.
+
+use torqued_client::robot_state::{
+    Event, JointRecord, control_flags, measured_flags, mode, torque_flags, torque_source,
+};
+
+const MEASURED: &[(u32, &str)] = &[
+    (measured_flags::MISSED, "missed"),
+    (measured_flags::STALE, "stale"),
+    (measured_flags::JUMP, "jump"),
+    (measured_flags::NEVER, "never"),
+    (measured_flags::SETTLING, "settling"),
+];
+const TORQUE: &[(u32, &str)] = &[
+    (torque_flags::VALID, "valid"),
+    (torque_flags::SATURATED, "saturated"),
+    (torque_flags::DEGRADED, "degraded"),
+];
+const CONTROL: &[(u32, &str)] = &[
+    (control_flags::POSITION_LIMITED, "position_limited"),
+    (control_flags::TORQUE_LIMITED, "torque_limited"),
+    (control_flags::DELTA_Q_LIMITED, "delta_q_limited"),
+];
+
+pub(super) fn measured(flags: u32) -> Vec<String> {
+    words(flags, MEASURED)
+}
+
+pub(super) fn torque(flags: u32) -> Vec<String> {
+    words(flags, TORQUE)
+}
+
+pub(super) fn control(flags: u32) -> Vec<String> {
+    words(flags, CONTROL)
+}
+
+/// The names of the bits that are set; one that has no name shows as its number.
+fn words(flags: u32, names: &[(u32, &str)]) -> Vec<String> {
+    let bits = (0..u32::BITS)
+        .map(|i| 1 << i)
+        .filter(|bit| flags & bit != 0);
+    bits.map(|bit| {
+        let name = names.iter().find(|(named, _)| *named == bit);
+        name.map_or_else(|| format!("bit_{bit:#x}"), |(_, name)| (*name).to_owned())
+    })
+    .collect()
+}
+
+/// Everything about a joint that is not as it should be.
+pub(super) fn remarks(joint: &JointRecord) -> String {
+    let mut remarks = measured(joint.measured.flags);
+    for (estimate, of) in [
+        (&joint.tau_encoder, "encoder"),
+        (&joint.tau_whole_body, "whole-body"),
+    ] {
+        let flags = estimate.flags & !torque_flags::VALID;
+        remarks.extend(torque(flags).iter().map(|word| format!("{of} {word}")));
+    }
+    remarks.extend(control(joint.control.flags));
+    remarks.join(", ")
+}
+
+pub(super) fn mode(number: u32) -> String {
+    match number {
+        mode::HOLD => "hold".to_owned(),
+        mode::TORQUE => "torque".to_owned(),
+        mode::INVERSE_DYNAMICS => "inverse_dynamics".to_owned(),
+        other => format!("mode_{other}"),
+    }
+}
+
+pub(super) fn source(number: u32) -> String {
+    match number {
+        torque_source::NONE => "none".to_owned(),
+        torque_source::ENCODER => "encoder".to_owned(),
+        torque_source::WHOLE_BODY => "whole_body".to_owned(),
+        torque_source::CURRENT => "current".to_owned(),
+        torque_source::FUSED => "fused".to_owned(),
+        other => format!("source_{other}"),
+    }
+}
+
+/// The events that have occurred, with how often.
+pub(super) fn occurred(counts: &[u64]) -> impl Iterator<Item = (&'static Event, u64)> {
+    let counted = Event::ALL.iter().zip(counts.iter().copied());
+    counted.filter(|(_, count)| *count > 0)
+}

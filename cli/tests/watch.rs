@@ -1,0 +1,241 @@
+//! `torquectl watch` as its own process, beside a daemon's end of shared memory.
+
+use serde_json::Value;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{scope, sleep};
+use std::time::Duration;
+use torqued_client::robot_state::{
+    Description, Event, Name, SharedRecord, control_flags, measured_flags, mode, torque_flags,
+    torque_source,
+};
+use torqued_client::{DaemonPorts, Location};
+
+/// A run directory of a test's own.
+struct RunDir(Location);
+
+impl RunDir {
+    fn new(test: &str) -> Self {
+        let name = format!("torquectl-test-{}-{test}", std::process::id());
+        let path: PathBuf = std::env::temp_dir().join(name);
+        Self(Location::at(path).expect("a run directory"))
+    }
+
+    fn watch(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_torquectl"));
+        command.arg("watch").args(arguments.split_whitespace());
+        command.env("TORQUED_RUN_DIR", self.0.path());
+        command
+    }
+}
+
+impl Drop for RunDir {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(self.0.path());
+        let prefix = self.0.shared_memory_prefix();
+        for file in std::fs::read_dir("/dev/shm")
+            .into_iter()
+            .flatten()
+            .flatten()
+        {
+            if file.file_name().to_string_lossy().starts_with(&prefix) {
+                let _ = std::fs::remove_file(file.path());
+            }
+        }
+    }
+}
+
+fn description() -> Description {
+    let mut description = Description {
+        robot: Name::new("leg"),
+        rate_hz: 1000.0,
+        joint_count: 2,
+        ft_count: 1,
+        ..Description::default()
+    };
+    description.joint_names[0] = Name::new("hip_yaw");
+    description.joint_names[1] = Name::new("knee");
+    description.ft_names[0] = Name::new("ankle");
+    description
+}
+
+fn record() -> SharedRecord {
+    let mut record = SharedRecord::default();
+    let cycle = &mut record.cycle;
+    (cycle.joint_count, cycle.ft_count) = (2, 1);
+    cycle.mode = mode::TORQUE;
+    cycle.fault = Event::JointStale.number();
+    cycle.events[Event::JointMissed.index()] = 3;
+    cycle.ft[0].contact.force = [1.0, -2.0, 640.5];
+    let hip = &mut cycle.joints[0];
+    hip.tau_encoder.tau = 12.345;
+    hip.tau_encoder.sigma = 1.5;
+    hip.tau_encoder.source = torque_source::ENCODER;
+    hip.tau_encoder.flags = torque_flags::VALID | torque_flags::SATURATED;
+    hip.tau_whole_body.tau = f64::NAN;
+    hip.control.tau_d = -7.25;
+    hip.control.flags = control_flags::TORQUE_LIMITED | 1 << 9;
+    let knee = &mut cycle.joints[1];
+    knee.measured.flags = measured_flags::MISSED | measured_flags::STALE;
+    knee.measured.age_s = 0.025;
+    record.timing.late_cycles = 4;
+    record.timing.gather_ns = 310_000;
+    record
+}
+
+/// Runs `command` while a daemon's end publishes `record` each millisecond.
+fn beside_daemon(dir: &RunDir, command: &mut Command) -> Output {
+    let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
+    let done = AtomicBool::new(false);
+    scope(|threads| {
+        threads.spawn(|| {
+            let mut record = record();
+            while !done.load(Ordering::Relaxed) {
+                record.cycle.sequence += 1;
+                ports.publish(&record).expect("published");
+                sleep(Duration::from_millis(1));
+            }
+        });
+        let output = command.output();
+        done.store(true, Ordering::Relaxed);
+        output.expect("torquectl starts")
+    })
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("UTF-8")
+}
+
+#[test]
+fn once_shows_torques_flags_faults_and_events_in_words() {
+    let dir = RunDir::new("once");
+    let output = beside_daemon(&dir, &mut dir.watch("--once"));
+    assert!(output.status.success(), "{output:?}");
+    let shown = text(&output.stdout);
+    for part in [
+        "mode torque",
+        "FAULT 104 joint_stale: A joint has been silent for longer than allowed.",
+        "loop.stale_after_ms",
+        "12.35 ± 1.50",
+        "-7.25",
+        "encoder saturated, torque_limited, bit_0x200",
+        "25.0",
+        "missed, stale",
+        "1.0 -2.0 640.5",
+        "events: joint_missed 3",
+        "late 4",
+        "gathered 310 us",
+    ] {
+        assert!(shown.contains(part), "{part} is missing in:\n{shown}");
+    }
+    let hip = shown
+        .lines()
+        .find(|line| line.contains("hip_yaw"))
+        .expect("a line for hip_yaw");
+    let cells: Vec<&str> = hip.split_whitespace().collect();
+    assert_eq!(
+        cells[5], "-",
+        "an estimate that is not valid is not shown: {hip}"
+    );
+    assert!(
+        !shown.contains('\x1b'),
+        "no terminal, no control characters"
+    );
+}
+
+#[test]
+fn json_is_one_object_a_line() {
+    let dir = RunDir::new("json");
+    let output = beside_daemon(&dir, &mut dir.watch("--robot leg --once --json"));
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(text(&output.stdout).lines().count(), 1);
+    let record: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(record["robot"], "leg");
+    assert_eq!(record["mode"], "torque");
+    assert_eq!(record["fault"]["number"], 104);
+    assert_eq!(record["fault"]["config_key"], "loop.stale_after_ms");
+    let joints = record["joints"].as_array().expect("joints");
+    assert_eq!(joints.len(), 2);
+    assert_eq!(joints[0]["name"], "hip_yaw");
+    assert_eq!(joints[0]["tau_encoder"]["tau_Nm"], 12.345);
+    assert_eq!(joints[0]["tau_encoder"]["source"], "encoder");
+    assert_eq!(
+        joints[0]["tau_encoder"]["flags"],
+        serde_json::json!(["valid", "saturated"])
+    );
+    assert_eq!(joints[0]["tau_whole_body"]["tau_Nm"], Value::Null, "NaN");
+    assert_eq!(joints[1]["flags"], serde_json::json!(["missed", "stale"]));
+    assert_eq!(record["ft"][0]["contact"]["force_N"][2], 640.5);
+    assert_eq!(record["events"], serde_json::json!({ "joint_missed": 3 }));
+    assert_eq!(record["timing"]["late_cycles"], 4);
+}
+
+#[test]
+fn continuous_json_ends_quietly_when_its_reader_has_enough() {
+    let dir = RunDir::new("pipe");
+    let watch = dir.watch("--json --rate 100");
+    let mut shell = Command::new("sh");
+    shell
+        .args(["-c", "\"$0\" watch --json --rate 100 | head -n 3"])
+        .arg(watch.get_program());
+    shell.env("TORQUED_RUN_DIR", dir.0.path());
+    let output = beside_daemon(&dir, &mut shell);
+    assert_eq!(text(&output.stderr), "");
+    let sequences: Vec<u64> = text(&output.stdout)
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).expect("JSON a line"))
+        .map(|record| record["sequence"].as_u64().expect("a number"))
+        .collect();
+    assert_eq!(sequences.len(), 3);
+    assert!(sequences.is_sorted_by(|a, b| a < b), "{sequences:?}");
+}
+
+#[test]
+fn without_a_daemon_it_says_what_to_do() {
+    let dir = RunDir::new("none");
+    for (arguments, service) in [
+        ("--once", "torqued/<robot>/state"),
+        ("--once --robot leg", "torqued/leg/description"),
+    ] {
+        let output = dir.watch(arguments).output().expect("torquectl starts");
+        assert_eq!(output.status.code(), Some(1));
+        let said = text(&output.stderr);
+        for part in [service, "torqued run", dir.0.path().to_str().expect("text")] {
+            assert!(said.contains(part), "{part} is missing in: {said}");
+        }
+        assert!(output.stdout.is_empty());
+    }
+}
+
+#[test]
+fn a_daemon_that_goes_away_is_noticed() {
+    let dir = RunDir::new("gone");
+    let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
+    let mut watch = dir
+        .watch("--rate 10")
+        .stderr(std::process::Stdio::piped())
+        .spawn();
+    let watch = watch.as_mut().expect("torquectl starts");
+    for _ in 0..300 {
+        ports.publish(&record()).expect("published");
+        sleep(Duration::from_millis(1));
+    }
+    drop(ports);
+    assert_eq!(watch.wait().expect("ends").code(), Some(1));
+    let said = std::io::read_to_string(watch.stderr.take().expect("piped")).expect("text");
+    assert!(said.contains("torqued has stopped"), "{said}");
+}
+
+#[test]
+fn a_rate_that_cannot_be_is_refused() {
+    let dir = RunDir::new("rate");
+    for rate in ["0", "NaN", "1e9", "fast"] {
+        let output = dir
+            .watch(&format!("--rate {rate}"))
+            .output()
+            .expect("torquectl starts");
+        assert_eq!(output.status.code(), Some(2));
+        assert!(text(&output.stderr).contains("0.1 to 1000"), "{output:?}");
+    }
+}

@@ -1,0 +1,5 @@
+//! Configurations of whole robots: those of the repository, and spoilt ones.
+
+mod accepted;
+mod files;
+mod refusals;

@@ -1,0 +1,243 @@
+//! What a configuration may not say beyond what `torquectl check` is tested with, and the other
+//! kind of drive.
+
+use crate::files::Files;
+use control::MotorModel;
+
+const LEG: &str = "config/leg/robot.toml";
+const HUMANOID: &str = "config/humanoid/robot.toml";
+
+/// The only problem is on the line of `at` in the file at `path`, and its text has all `parts`.
+#[track_caller]
+fn refused(files: &Files, path: &str, at: &str, parts: &[&str]) {
+    let text = files.errors(path);
+    assert_eq!(text.lines().count(), 1, "{text}");
+    let place = format!("{path}:{}: ", files.line(path, at));
+    assert!(text.starts_with(&place), "{place} does not begin\n{text}");
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in\n{text}");
+    }
+}
+
+fn leg_with(from: &str, to: &str) -> Files {
+    Files::new().with(LEG, from, to)
+}
+
+#[test]
+fn units_must_suit_the_quantity() {
+    let files = leg_with("\"KNEE_STATE.current\"", "\"KNEE_STATE.motor_angle\"");
+    let text = files.errors(LEG);
+    assert!(text.contains("joint.current.signal (knee)"), "{text}");
+    assert!(
+        text.contains("has unit \"count\"; allowed: A, mA"),
+        "{text}"
+    );
+    let counts = leg_with("motor_counts_per_turn = 4096\n", "");
+    let text = counts.errors(LEG);
+    assert!(
+        text.contains("count with motor_counts_per_turn of the drive"),
+        "{text}"
+    );
+}
+
+#[test]
+fn encoders_that_lose_count_are_refused() {
+    // 16 turns of 100 : 1 in a cycle of 1 ms.
+    let fast = leg_with(
+        "max_velocity_rad_per_s = 4.5",
+        "max_velocity_rad_per_s = 900.0",
+    );
+    let text = fast.errors(LEG);
+    assert!(
+        text.contains("joint.motor_angle (hip_pitch): the signal starts again after"),
+        "{text}"
+    );
+    let narrow = leg_with(
+        "link_counts_per_turn = 524288",
+        "link_counts_per_turn = 2097152",
+    );
+    let text = narrow.errors(LEG);
+    assert!(
+        text.contains("joint.link_angle (knee): the signal starts again after 90.000 deg"),
+        "{text}"
+    );
+}
+
+#[test]
+fn position_limits_lie_within_the_urdf() {
+    let files = leg_with(
+        "drive = \"knee\"",
+        "drive = \"knee\"\nposition_max_deg = 151.0",
+    );
+    let parts = [
+        "joint.position_max_deg (knee): 151",
+        "allowed: 0.000 to 150.000",
+        "URDF",
+    ];
+    refused(&files, LEG, "position_max_deg = 151.0", &parts);
+    let files = leg_with(
+        "drive = \"knee\"",
+        "drive = \"knee\"\nposition_min_deg = 30.0\nposition_max_deg = 20.0",
+    );
+    refused(
+        &files,
+        LEG,
+        "position_max_deg",
+        &["is not above position_min_deg"],
+    );
+}
+
+#[test]
+fn filters_need_an_instant_in_common() {
+    let files = leg_with("sensor = { window = 80", "sensor = { window = 30");
+    refused(&files, LEG, "[filters]", &["windows of 80 and 30 samples"]);
+    let files = leg_with(
+        "encoder = { window = 80, order = 2",
+        "encoder = { window = 80, order = 1",
+    );
+    refused(
+        &files,
+        LEG,
+        "encoder = ",
+        &["filters.encoder.order: 1", "from 2 to 5"],
+    );
+}
+
+#[test]
+fn sync_must_be_a_message() {
+    let files = leg_with(
+        "interface = \"vcan1\"\ndbc",
+        "interface = \"vcan1\"\nsync = \"SINK\"\ndbc",
+    )
+    .with(
+        LEG,
+        "dbc = \"../../robot-models/leg/drives.dbc\"\nsync = \"SYNC\"\nfd = false\n\n[f",
+        "dbc = \"../../robot-models/leg/drives.dbc\"\nfd = false\n\n[f",
+    );
+    refused(
+        &files,
+        LEG,
+        "sync = \"SINK\"",
+        &[
+            "bus.sync (b)",
+            "no DBC file of the bus has a message SINK",
+            "SYNC",
+        ],
+    );
+}
+
+#[test]
+fn names_must_fit_into_a_record() {
+    refused(
+        &leg_with("name = \"leg\"", "name = \"le g\""),
+        LEG,
+        "name = ",
+        &["1 to 48 letters"],
+    );
+    let twice = leg_with("name = \"b\"", "name = \"a\"");
+    assert!(twice.errors(LEG).contains("a second bus has this name"));
+}
+
+#[test]
+fn sensors_must_be_where_the_estimator_can_use_them() {
+    let files = leg_with("frame = \"ankle_ft\"", "frame = \"no_link\"");
+    assert!(files.errors(LEG).contains("no_link"));
+    let text = Files::new()
+        .with(HUMANOID, "[imu]", "[imu_off]")
+        .errors(HUMANOID);
+    assert!(text.contains("imu_off: unknown key"), "{text}");
+}
+
+#[test]
+fn wrong_types_are_told_with_what_was_written() {
+    let files = leg_with("rate_hz = 1000.0", "rate_hz = \"fast\"");
+    let text = files.errors(LEG);
+    assert!(
+        text.contains("loop.rate_hz: \"fast\" is not allowed; allowed: a number"),
+        "{text}"
+    );
+    let files = leg_with("priority = 80", "priority = 0");
+    refused(
+        &files,
+        LEG,
+        "priority = 0",
+        &["loop.priority: 0", "an integer from 1 to 99"],
+    );
+    let files = leg_with("fd = false\n\n[filters]", "fd = 1\n\n[filters]");
+    refused(&files, LEG, "fd = 1", &["bus.fd (b): 1", "true or false"]);
+    let files = leg_with("sign = 1\n", "sign = 2\n");
+    refused(
+        &files,
+        LEG,
+        "sign = 2",
+        &["ft_sensor.sign (ankle): 2", "1 or -1"],
+    );
+}
+
+#[test]
+fn gains_may_be_given_in_the_commanded_position() {
+    let same = leg_with(
+        "K_s_Nm_per_rad = 2778.0, K_d_Nms_per_rad = 27.8",
+        "K6 = 1.00008, K7_s = 0.010008",
+    );
+    let gains = same
+        .load(LEG)
+        .unwrap_or_else(|e| panic!("{e}"))
+        .parameters
+        .joints[2]
+        .gains;
+    assert!((gains.k_s - 2778.0).abs() < 1e-6, "{}", gains.k_s);
+    assert!((gains.k_d - 27.8).abs() < 1e-8, "{}", gains.k_d);
+    let both = leg_with(
+        "K_s_Nm_per_rad = 2778.0",
+        "K6 = 1.0, K7_s = 0.0, K_s_Nm_per_rad = 2778.0",
+    );
+    assert!(
+        both.errors(LEG)
+            .contains("joint.gains.K_s_Nm_per_rad (hip_pitch): unknown key")
+    );
+}
+
+/// The leg with one joint on a current-commanded drive.
+fn with_current_drive(limit: &str) -> Files {
+    let motor = "K_tau_rad_per_Nm = 0.000212  # = 1/K_fs0 + 1/(7403 N·m/rad of the drive's position loop)\nK_v_s = 0.013\nK_c_rad = 0.0\n";
+    Files::new()
+        .with(
+            LEG,
+            motor,
+            "K_1_Nm_per_A = 6.0\nK_2_Nms_per_rad = 12.0\nK_3_Nm = 2.5\n",
+        )
+        .with(
+            LEG,
+            "command = \"position\"\n[drive.hip_yaw.",
+            &format!("command = \"current\"\n{limit}[drive.hip_yaw."),
+        )
+        .with(
+            "robot-models/leg/drives.dbc",
+            "SG_ hip_yaw_position : 0|21@1- (3e-06,0) [-3.145728|3.145725] \"rad\"",
+            "SG_ hip_yaw_position : 0|21@1- (1,0) [0|0] \"mA\"",
+        )
+}
+
+#[test]
+fn current_drives_take_a_current() {
+    let robot = with_current_drive("current_limit_A = 9.5\n").load(LEG);
+    let joint = &robot.unwrap_or_else(|e| panic!("{e}")).parameters.joints[0];
+    assert!(!joint.takes_position());
+    assert_eq!(joint.limits.current, 9.5);
+    assert!(
+        matches!(joint.motor, MotorModel::Current { k1, k2, k3, .. } if [k1, k2, k3] == [6.0, 12.0, 2.5])
+    );
+    let files = with_current_drive("");
+    let text = files.errors(LEG);
+    assert!(
+        text.contains("drive.current_limit_A (hip_yaw): the key is missing"),
+        "{text}"
+    );
+    let files = with_current_drive("current_limit_A = 9.5\n").with(
+        LEG,
+        "K_s_Nm_per_rad = 1572.0, K_d_Nms_per_rad = 15.7",
+        "K6 = 1.0, K7_s = 0.01",
+    );
+    refused(&files, LEG, "K6 = 1.0", &["takes currents, not positions"]);
+}
