@@ -25,7 +25,7 @@ fn alone() -> MutexGuard<'static, ()> {
 
 fn line(interface: &str) -> Line<'_> {
     Line {
-        bus: interface,
+        place: "robot.toml:1: bus.interface",
         interface,
         fd: true,
     }
@@ -251,10 +251,13 @@ fn refusals_name_the_interface_and_those_that_exist() {
         other => panic!("{:?}", other.map(|_| "opened")),
     };
     let text = message(&[line("can7")]);
-    assert!(text.contains("\"can7\" does not exist"), "{text}");
+    assert!(
+        text.contains("robot.toml:1: bus.interface: can7 does not exist"),
+        "{text}"
+    );
     assert!(text.contains("vcan0, vcan1"), "{text}");
     let text = message(&[line("lo")]);
-    assert!(text.contains("\"lo\" is not a CAN interface"), "{text}");
+    assert!(text.contains("lo is not a CAN interface"), "{text}");
 
     ip("link add dev vcan8 type vcan");
     ip("link set vcan8 mtu 16");
@@ -266,7 +269,7 @@ fn refusals_name_the_interface_and_those_that_exist() {
     ip("link set vcan8 up");
     let opened = SocketCan::open(&[classic]).is_ok();
     ip("link del dev vcan8");
-    assert!(down.contains("\"vcan8\" is down"), "{down}");
+    assert!(down.contains("vcan8 is down"), "{down}");
     assert!(no_fd.contains("only classic CAN (MTU 16)"), "{no_fd}");
     assert!(opened);
 }

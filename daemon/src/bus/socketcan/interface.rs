@@ -69,9 +69,8 @@ pub(super) fn match_lines(
         match check(line, found) {
             Ok(interface) if taken.iter().any(|other| other.index == interface.index) => {
                 refusals.push(Refusal(format!(
-                    "bus \"{}\": interface \"{}\" already belongs to another bus; allowed: one \
-                     bus for each interface",
-                    line.bus, line.interface
+                    "{}: {} already belongs to another bus; allowed: one bus for each interface",
+                    line.place, line.interface
                 )));
             }
             Ok(interface) => taken.push(interface.clone()),
@@ -86,24 +85,28 @@ pub(super) fn match_lines(
 }
 
 fn check<'a>(line: &Line<'_>, found: &'a [Interface]) -> Result<&'a Interface, Refusal> {
-    let Line { bus, interface, fd } = *line;
-    let refuse = |what: String| Err(Refusal(format!("bus \"{bus}\": {what}")));
+    let Line {
+        place,
+        interface,
+        fd,
+    } = *line;
+    let refuse = |what: String| Err(Refusal(format!("{place}: {what}")));
     let Some(it) = found.iter().find(|it| it.name == interface) else {
         return refuse(format!(
-            "interface \"{interface}\" does not exist; {}; a virtual one is made by `ip link add \
+            "{interface} does not exist; {}; a virtual one is made by `ip link add \
              dev {interface} type vcan && ip link set {interface} mtu 72 up`",
             here(found)
         ));
     };
     if !it.is_can {
         return refuse(format!(
-            "interface \"{interface}\" is not a CAN interface; {}",
+            "{interface} is not a CAN interface; {}",
             here(found)
         ));
     }
     if fd && it.mtu < FD_MTU {
         return refuse(format!(
-            "interface \"{interface}\" carries only classic CAN (MTU {}) and the bus has fd = \
+            "{interface} carries only classic CAN (MTU {}) and the bus has fd = \
              true; `ip link set {interface} down`, then for hardware `ip link set {interface} up \
              type can bitrate 1000000 dbitrate 5000000 fd on`, for a virtual one `ip link set \
              {interface} mtu 72 up`; or fd = false",
@@ -117,7 +120,7 @@ fn check<'a>(line: &Line<'_>, found: &'a [Interface]) -> Result<&'a Interface, R
             "bitrate 1000000"
         };
         return refuse(format!(
-            "interface \"{interface}\" is down; for hardware `ip link set {interface} up type can \
+            "{interface} is down; for hardware `ip link set {interface} up type can \
              {bit_rates}`, for a virtual one `ip link set {interface} up`"
         ));
     }
@@ -155,7 +158,7 @@ mod tests {
 
     fn line<'a>(interface: &'a str, fd: bool) -> Line<'a> {
         Line {
-            bus: "a",
+            place: "robot.toml:7: bus.interface (a)",
             interface,
             fd,
         }
@@ -173,7 +176,7 @@ mod tests {
     #[test]
     fn refusals_name_bus_and_interface_and_the_way_out() {
         let text = refusal(line("can7", false));
-        assert!(text.starts_with("bus \"a\": interface \"can7\" does not exist"));
+        assert!(text.starts_with("robot.toml:7: bus.interface (a): can7 does not exist"));
         assert!(
             text.contains("CAN interfaces here: can0, can1 (down)"),
             "{text}"

@@ -15,6 +15,7 @@ use can_codec::{Frames, Gather, MAX_FRAMES, Table};
 use clock::ReceiveClock;
 use libc::c_int;
 use messages::{BATCH, Messages, errno};
+use robot_config::BusParameters;
 use std::fmt;
 use std::io;
 use std::mem::{size_of, zeroed};
@@ -30,12 +31,22 @@ const NS_PER_S: u64 = 1_000_000_000;
 /// A bus of the config, to be found among the kernel's interfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Line<'a> {
-    /// `bus.name`.
-    pub bus: &'a str,
+    /// Where the config names the interface, as `file:line: key`: begins messages about it.
+    pub place: &'a str,
     /// `bus.interface`.
     pub interface: &'a str,
     /// `bus.fd`: CAN FD frames must be able to pass.
     pub fd: bool,
+}
+
+impl<'a> From<&'a BusParameters> for Line<'a> {
+    fn from(bus: &'a BusParameters) -> Self {
+        Self {
+            place: &bus.interface_place,
+            interface: &bus.interface,
+            fd: bus.fd,
+        }
+    }
 }
 
 /// Why the buses cannot be opened.

@@ -1,0 +1,252 @@
+//! The command `torqued-sim`: the simulated robot as a process of its own on CAN.
+
+use can_codec::{DecodeError, Frames, Gather, MAX_FRAMES};
+use clap::Parser;
+use plant::{CanRobot, SimParameters};
+use robot_config::Robot;
+use serde::Serialize;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::fmt;
+use std::fs::read_to_string;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use torqued::bus::{Bus, Line, OpenError, SocketCan};
+use torqued::failure::Failure;
+use torqued::real_time::{self, RealTime, Settings};
+
+/// How often it looks up from a silent bus, ns.
+const LOOK_NS: u64 = 50_000_000;
+
+/// A simulated robot on CAN: answers SYNC as the robot's drives and sensors would.
+///
+/// Says "ready" on standard error, and to systemd, once it listens; sums up at its end, which
+/// SIGINT, SIGTERM or --seconds bring.
+///
+/// Exit codes: 0 all went well; 1 the machine denies something; 2 bad input, nothing was started.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Examples:
+  torqued-sim config/leg/robot.toml
+  torqued-sim config/leg/robot.toml --sim sticky.toml --seed 7
+  torqued-sim config/leg/robot.toml --seconds 10 --json | jq .frames_unknown
+A virtual CAN bus for it, as root:
+  ip link add dev vcan0 type vcan && ip link set vcan0 mtu 72 up"
+)]
+struct Arguments {
+    /// The robot's configuration, e.g. config/leg/robot.toml: the same as the daemon's.
+    config: PathBuf,
+    /// What the robot is really like [default: sim.toml beside CONFIG]
+    #[arg(long, value_name = "SIM.toml")]
+    sim: Option<PathBuf>,
+    /// End after that long; without it at SIGINT or SIGTERM.
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// Seed of its noise and imperfections, instead of that in SIM.toml.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("torqued-sim: {}", failure.message);
+            ExitCode::from(failure.exit_code)
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let seconds = match arguments.seconds {
+        Some(s) if !(s > 0.0 && s < 1e9) => {
+            let message = format!("--seconds {s}: allowed: a number above 0 and below 1e9");
+            return Err(Failure::bad_input(message));
+        }
+        other => other,
+    };
+    let (robot, plant) = load(arguments)?;
+    let lines: Vec<Line<'_>> = robot.parameters.buses.iter().map(Line::from).collect();
+    let bus = SocketCan::open(&lines).map_err(|error| match error {
+        OpenError::Interfaces(_) => Failure::bad_input(error),
+        _ => Failure::environment(error),
+    })?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::environment)?;
+    }
+    let _until_the_end = be_punctual(&robot);
+    eprintln!("ready: {} waits for SYNC", robot.parameters.name);
+    // Nobody may be waiting for it: then there is nothing to notify.
+    let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
+    let end_ns = seconds.map_or(u64::MAX, |s| bus.now_ns() + (s * 1e9) as u64);
+    let summary = Simulation::new(&robot, plant, bus).run(&stop, end_ns);
+    if arguments.json {
+        let json = serde_json::to_string(&summary).map_err(Failure::environment)?;
+        println!("{json}");
+    } else {
+        print!("{summary}");
+    }
+    Ok(())
+}
+
+fn load(arguments: &Arguments) -> Result<(Robot, CanRobot), Failure> {
+    let config = arguments.config.to_string_lossy();
+    let read = |path: &str| read_to_string(path);
+    let robot = robot_config::load(&config, &read).map_err(Failure::bad_input)?;
+    let beside = || arguments.config.with_file_name("sim.toml");
+    let sim_path = arguments.sim.clone().unwrap_or_else(beside);
+    let sim_name = sim_path.to_string_lossy();
+    let mut sim = SimParameters::parse(&text(&sim_path)?, &sim_name).map_err(Failure::bad_input)?;
+    sim.seed = arguments.seed.unwrap_or(sim.seed);
+    let urdf = text(Path::new(&robot.parameters.urdf_path))?;
+    let plant = CanRobot::new(&robot, &urdf, &sim)
+        .map_err(|error| Failure::bad_input(format!("{sim_name}: {error}")))?;
+    Ok((robot, plant))
+}
+
+fn text(path: &Path) -> Result<String, Failure> {
+    read_to_string(path).map_err(|error| {
+        let path = path.display();
+        Failure::bad_input(format!(
+            "{path}: cannot be read: {error}; allowed: a readable text file"
+        ))
+    })
+}
+
+/// Answers late if others use the CPU, so it takes what real time it can get: one step below the
+/// loop, which must not wait for it. Drives are no part of the daemon's report: no warnings.
+fn be_punctual(robot: &Robot) -> Option<RealTime> {
+    let settings = Settings {
+        require: false,
+        priority: robot.parameters.timing.priority.saturating_sub(1).max(1),
+        cpu: None,
+    };
+    real_time::enter(&settings).ok()
+}
+
+/// The robot and the bus it is on.
+struct Simulation<'a> {
+    robot: &'a Robot,
+    plant: CanRobot,
+    bus: SocketCan,
+    summary: Summary,
+    /// SYNC frames of each bus.
+    syncs: Vec<u64>,
+    /// Where commands are decoded to, to see whether they can be.
+    scratch: Vec<f64>,
+}
+
+impl<'a> Simulation<'a> {
+    fn new(robot: &'a Robot, plant: CanRobot, bus: SocketCan) -> Self {
+        Self {
+            robot,
+            plant,
+            bus,
+            summary: Summary {
+                robot: robot.parameters.name.clone(),
+                ..Summary::default()
+            },
+            syncs: vec![0; robot.parameters.buses.len()],
+            scratch: vec![0.0; robot.send.slot_count()],
+        }
+    }
+
+    fn run(mut self, stop: &AtomicBool, end_ns: u64) -> Summary {
+        let (mut rx, mut tx) = (Frames::new(MAX_FRAMES), Frames::new(MAX_FRAMES));
+        // Waits for nothing in particular, so it is complete with whatever is there.
+        let mut whatever = Gather::new(0);
+        let started = self.bus.now_ns();
+        while !stop.load(Ordering::Relaxed) && self.bus.now_ns() < end_ns {
+            self.bus.wait(end_ns.min(self.bus.now_ns() + LOOK_NS));
+            rx.clear();
+            tx.clear();
+            self.bus
+                .receive(&mut rx, &mut whatever, &self.robot.send, 0);
+            self.plant.exchange(&rx, self.bus.now_ns(), &mut tx);
+            self.bus.send(&tx);
+            // The answers are on their way: time to count.
+            self.count(&rx);
+        }
+        self.sum_up(started)
+    }
+
+    fn count(&mut self, rx: &Frames) {
+        for frame in rx {
+            let is_sync = |sync: &can_codec::Frame| sync.bus == frame.bus && sync.id == frame.id;
+            if frame.error {
+                continue;
+            }
+            if self.robot.sync.iter().any(is_sync) {
+                self.syncs[usize::from(frame.bus)] += 1;
+                continue;
+            }
+            match self.robot.send.decode(frame, &mut self.scratch) {
+                Ok(_) => {}
+                Err(DecodeError::UnknownId) => self.summary.frames_unknown += 1,
+                Err(DecodeError::WrongLength) => self.summary.frames_undecoded += 1,
+            }
+        }
+    }
+
+    fn sum_up(self, started_ns: u64) -> Summary {
+        let counters = self.bus.counters();
+        Summary {
+            seconds: (self.bus.now_ns() - started_ns) as f64 * 1e-9,
+            cycles: self.syncs.iter().copied().max().unwrap_or(0),
+            syncs: self.syncs.iter().sum(),
+            frames_received: counters.received,
+            frames_sent: counters.sent,
+            send_failed: counters.send_failed,
+            error_frames: counters.error_frames,
+            frames_lost: counters.dropped,
+            ..self.summary
+        }
+    }
+}
+
+/// What passed between daemon and robot, as the robot saw it.
+#[derive(Debug, Default, Serialize)]
+struct Summary {
+    robot: String,
+    seconds: f64,
+    cycles: u64,
+    syncs: u64,
+    frames_received: u64,
+    frames_sent: u64,
+    frames_unknown: u64,
+    frames_undecoded: u64,
+    frames_lost: u64,
+    send_failed: u64,
+    error_frames: u64,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: {} cycles in {:.3} s, {} SYNC frames",
+            self.robot, self.cycles, self.seconds, self.syncs
+        )?;
+        writeln!(
+            f,
+            "received   {} frames, {} of an unknown id, {} of a wrong length, {} lost, {} error \
+             frames",
+            self.frames_received,
+            self.frames_unknown,
+            self.frames_undecoded,
+            self.frames_lost,
+            self.error_frames
+        )?;
+        writeln!(
+            f,
+            "sent       {} frames, {} refused",
+            self.frames_sent, self.send_failed
+        )
+    }
+}
