@@ -1,15 +1,25 @@
 //! Articulated bodies: the acceleration that joint torques cause.
+//!
+//! Runs on the model's plan, four bodies at a time. Accelerations are those of the origins of plan
+//! frames minus gravity; an articulated inertia maps them to a wrench:
+//! `f = M a + H^T alpha + p_f`, `n = H a + I alpha + p_n`.
 
 use crate::cholesky::{cholesky_decompose, cholesky_solve};
 use crate::crba::crba;
 use crate::data::Data;
 use crate::kinematics::{at, base_placement, six};
+use crate::lanes::{
+    Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos, store_all,
+};
 use crate::model::{Base, Model};
+use crate::plan::{Plan, Step};
 use crate::rnea::rnea;
-use crate::spatial::{Force, Inertia, Motion, Se3};
-use nalgebra::{Matrix3, Matrix6, Vector3};
+use crate::spatial::{Force, Motion};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// `ddq = M^-1 (tau - nle + sum J^T f)` (nv); `f_ext` as in `rnea`.
+///
+/// Not finite where a joint moves no mass and has no armature.
 pub fn aba<'d>(
     model: &Model,
     data: &'d mut Data,
@@ -18,148 +28,431 @@ pub fn aba<'d>(
     tau: &[f64],
     f_ext: Option<&[Force]>,
 ) -> &'d [f64] {
+    debug_assert!(q.len() >= model.nq() && v.len() >= model.nv() && tau.len() >= model.nv());
+    let nv = model.nv();
     if model.has_mimic() {
-        return by_mass_matrix(model, data, q, v, tau, f_ext);
+        by_mass_matrix(model, data, q, v, tau, f_ext);
+        return &data.ddq[..nv];
     }
-    outward_velocities(model, data, q, v, f_ext);
-    inward(model, data, tau);
-    outward_accelerations(model, data);
-    &data.ddq
+    let (bv, bq) = model.base_size();
+    for (x, joint) in data.armature.iter_mut().zip(&model.joints) {
+        *x = joint.armature;
+    }
+    let omega = match model.base {
+        Base::Fixed => Vector3::zeros(),
+        Base::Floating => six(v).angular,
+    };
+    set_root(&mut data.aba[0], omega);
+    let mut kernel = Aba {
+        plan: &model.plan,
+        rows: &mut data.aba,
+        q: &q[bq.min(q.len())..],
+        v: &v[bv.min(v.len())..],
+        tau: &tau[bv.min(tau.len())..],
+        armature: &data.armature,
+        f_ext,
+        ddq: &mut data.ddq[bv..],
+        phase: Phase::Inward,
+    };
+    run(data.instructions, &mut kernel);
+    let up = base_placement(model, q).rotation.tr_mul(&-model.gravity);
+    let mut root = Motion::new(up, Vector3::zeros());
+    if model.base == Base::Floating {
+        root = root_acceleration(model, &kernel.rows[0], v, tau, f_ext);
+    }
+    let all = |x: Vector3<f64>| [x.x, x.y, x.z].map(|x| Pack([x; WIDTH]));
+    kernel.rows[0].a = all(root.linear);
+    kernel.rows[0].alpha = all(root.angular);
+    kernel.phase = Phase::Outward;
+    run(data.instructions, &mut kernel);
+    if model.base == Base::Floating {
+        let v = six(v);
+        let a = root.linear - up - v.angular.cross(&v.linear);
+        data.ddq[..6].copy_from_slice(&Motion::new(a, root.angular).to_array());
+    }
+    &data.ddq[..nv]
 }
 
 /// Mimic joints couple bodies that the recursion takes as independent: solve with `M` instead.
-fn by_mass_matrix<'d>(
-    model: &Model,
-    data: &'d mut Data,
-    q: &[f64],
-    v: &[f64],
-    tau: &[f64],
-    f_ext: Option<&[Force]>,
-) -> &'d [f64] {
-    let zeros = std::mem::take(&mut data.zeros);
-    rnea(model, data, q, v, &zeros, f_ext);
-    data.zeros = zeros;
-    let mut ddq = std::mem::take(&mut data.ddq);
-    for (i, x) in ddq.iter_mut().enumerate() {
-        *x = at(tau, i) - data.tau[i];
-    }
-    crba(model, data, q);
-    cholesky_decompose(model, data);
-    cholesky_solve(model, data, &mut ddq);
-    data.ddq = ddq;
-    &data.ddq
-}
-
-fn outward_velocities(
+fn by_mass_matrix(
     model: &Model,
     data: &mut Data,
     q: &[f64],
     v: &[f64],
+    tau: &[f64],
     f_ext: Option<&[Force]>,
 ) {
-    let (bv, bq) = model.base_size();
-    data.in_world[0] = base_placement(model, q);
-    data.velocity[0] = match model.base {
-        Base::Fixed => Motion::zero(),
-        Base::Floating => six(v),
+    let zeros = std::mem::take(&mut data.zeros);
+    rnea(model, data, q, v, &zeros, f_ext);
+    data.zeros = zeros;
+    let mut ddq = std::mem::take(&mut data.ddq);
+    for (i, x) in ddq.iter_mut().take(model.nv()).enumerate() {
+        *x = at(tau, i) - data.tau[i];
+    }
+    crba(model, data, q);
+    cholesky_decompose(model, data);
+    cholesky_solve(model, data, &mut ddq[..model.nv()]);
+    data.ddq = ddq;
+}
+
+/// Four bodies, in their plan frames.
+#[derive(Clone, Debug)]
+pub(crate) struct AbaRow {
+    cos: Pack,
+    sin: Pack,
+    omega: [Pack; 3],
+    /// Origin in the parent's plan frame.
+    arm: [Pack; 3],
+    /// Acceleration at `ddq = 0` of a body whose parent does not accelerate.
+    bias_a: [Pack; 3],
+    bias_alpha: [Pack; 3],
+    /// Articulated inertia: `M` and `I` as xx xy xz yy yz zz, `H` by rows.
+    m: [Pack; 6],
+    h: [Pack; 9],
+    i: [Pack; 6],
+    /// Articulated bias wrench.
+    f: [Pack; 3],
+    n: [Pack; 3],
+    /// Wrench for unit acceleration of the joint, the inverse of its part along the joint's axis,
+    /// and the torque left over for acceleration.
+    u_f: [Pack; 3],
+    u_n: [Pack; 3],
+    inverse_d: Pack,
+    u: Pack,
+    a: [Pack; 3],
+    alpha: [Pack; 3],
+}
+
+impl AbaRow {
+    pub(crate) const ZERO: AbaRow = AbaRow {
+        cos: Pack::ZERO,
+        sin: Pack::ZERO,
+        omega: [Pack::ZERO; 3],
+        arm: [Pack::ZERO; 3],
+        bias_a: [Pack::ZERO; 3],
+        bias_alpha: [Pack::ZERO; 3],
+        m: [Pack::ZERO; 6],
+        h: [Pack::ZERO; 9],
+        i: [Pack::ZERO; 6],
+        f: [Pack::ZERO; 3],
+        n: [Pack::ZERO; 3],
+        u_f: [Pack::ZERO; 3],
+        u_n: [Pack::ZERO; 3],
+        inverse_d: Pack::ZERO,
+        u: Pack::ZERO,
+        a: [Pack::ZERO; 3],
+        alpha: [Pack::ZERO; 3],
     };
-    for (i, body) in model.bodies.iter().enumerate() {
-        if i > 0 {
-            let m = body.placement_at(at(q, bq + body.joint));
-            let rate = body.subspace() * at(v, bv + body.joint);
-            let v = m.inverse_act_motion(data.velocity[body.parent]) + rate;
-            data.in_parent[i] = m;
-            data.in_world[i] = data.in_world[body.parent].compose(&m);
-            data.velocity[i] = v;
-            data.aba[i].bias = v.cross(rate);
+}
+
+fn set_root(root: &mut AbaRow, omega: Vector3<f64>) {
+    *root = AbaRow::ZERO;
+    root.omega = [omega.x, omega.y, omega.z].map(|x| Pack([x; WIDTH]));
+}
+
+/// Acceleration of a floating base, gravity included, that balances its articulated bias and the
+/// six components of `tau`.
+fn root_acceleration(
+    model: &Model,
+    row: &AbaRow,
+    v: &[f64],
+    tau: &[f64],
+    f_ext: Option<&[Force]>,
+) -> Motion {
+    let sum = |p: &Pack| p.0.iter().sum::<f64>();
+    let vector = |p: &[Pack; 3]| Vector3::from(p.each_ref().map(sum));
+    let symmetric = |p: &[Pack; 6]| {
+        let [xx, xy, xz, yy, yz, zz] = p.each_ref().map(sum);
+        Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+    };
+    let own = &model.bodies[0].inertia;
+    let (c, omega) = (&own.first_moment, six(v).angular);
+    let m = symmetric(&row.m) + Matrix3::from_diagonal_element(own.mass);
+    let h = Matrix3::from_row_slice(&row.h.each_ref().map(sum)) + c.cross_matrix();
+    let i = symmetric(&row.i) + own.rotational;
+    let mut inertia = Matrix6::zeros();
+    inertia.fixed_view_mut::<3, 3>(0, 0).copy_from(&m);
+    inertia.fixed_view_mut::<3, 3>(3, 0).copy_from(&h);
+    inertia
+        .fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&h.transpose());
+    inertia.fixed_view_mut::<3, 3>(3, 3).copy_from(&i);
+    let f = vector(&row.f) + omega.cross(&omega.cross(c));
+    let n = vector(&row.n) + omega.cross(&(own.rotational * omega));
+    let mut wrench = six(tau).to_vector() - Force::new(f, n).to_vector();
+    if let Some(f) = f_ext.and_then(|f| f.first()) {
+        wrench += f.to_vector();
+    }
+    let x = match inertia.cholesky() {
+        Some(c) => c.solve(&wrench),
+        None => Vector6::repeat(f64::NAN),
+    };
+    Motion::from_array(x.into())
+}
+
+enum Phase {
+    /// Velocities, then articulated inertias.
+    Inward,
+    /// Accelerations.
+    Outward,
+}
+
+struct Aba<'a> {
+    plan: &'a Plan,
+    rows: &'a mut [AbaRow],
+    q: &'a [f64],
+    v: &'a [f64],
+    tau: &'a [f64],
+    armature: &'a [f64],
+    f_ext: Option<&'a [Force]>,
+    ddq: &'a mut [f64],
+    phase: Phase,
+}
+
+impl Kernel for &mut Aba<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        match self.phase {
+            Phase::Inward => self.inward::<L>(),
+            Phase::Outward => self.outward::<L>(),
         }
-        let v = data.velocity[i];
-        data.force[i] = v.cross_force(body.inertia.mul_motion(v));
-        if let Some(f) = f_ext.and_then(|f| f.get(i)) {
-            data.force[i] -= *f;
+    }
+}
+
+impl Aba<'_> {
+    #[inline(always)]
+    fn inward<L: Lanes>(&mut self) {
+        for (i, step) in self.plan.steps.iter().enumerate() {
+            let (before, rest) = self.rows.split_at_mut(i + 1);
+            let Some(row) = rest.first_mut() else { return };
+            let (q, rate) = (gather(self.q, &step.joints), gather(self.v, &step.joints));
+            velocities::<L>(step, before, row, q, rate);
         }
-        data.articulated[i] = matrix(&body.inertia);
+        if let Some(f_ext) = self.f_ext {
+            self.plan.for_each_wrench(f_ext, |row, lane, f, n| {
+                for k in 0..3 {
+                    self.rows[row].f[k].0[lane] -= f[k];
+                    self.rows[row].n[k].0[lane] -= n[k];
+                }
+            });
+        }
+        for (i, step) in self.plan.steps.iter().enumerate().rev() {
+            let (before, rest) = self.rows.split_at_mut(i + 1);
+            let Some(row) = rest.first_mut() else { return };
+            let tau = gather(self.tau, &step.joints);
+            let armature = gather::<L>(self.armature, &step.joints) + L::load(&step.idle);
+            articulate::<L>(step, before, row, tau, armature);
+        }
+    }
+
+    #[inline(always)]
+    fn outward<L: Lanes>(&mut self) {
+        for (i, step) in self.plan.steps.iter().enumerate() {
+            let (before, rest) = self.rows.split_at_mut(i + 1);
+            let Some(row) = rest.first_mut() else { return };
+            let ddq = accelerations::<L>(step, before, row).to_array();
+            for (joint, x) in step.joints.iter().zip(ddq) {
+                self.ddq[*joint] = x;
+            }
+        }
     }
 }
 
-fn inward(model: &Model, data: &mut Data, tau: &[f64]) {
-    let bv = model.base_size().0;
-    if model.base == Base::Floating {
-        let base = six(tau);
-        data.base_tau = Force::new(base.linear, base.angular);
+/// Rotation from a row's plan frames to their parents'.
+#[derive(Clone, Copy)]
+enum Turn<L> {
+    /// About z, then about x.
+    Straight { cx: L, sx: L, c: L, s: L },
+    /// About z, then the constant rotation.
+    General { rotation: M3<L>, c: L, s: L },
+}
+
+impl<L: Lanes> Turn<L> {
+    #[inline(always)]
+    fn load(step: &Step, row: &AbaRow) -> Self {
+        let (c, s) = (L::load(&row.cos), L::load(&row.sin));
+        if step.straight {
+            let (cx, sx) = (L::load(&step.turn_x[0]), L::load(&step.turn_x[1]));
+            Turn::Straight { cx, sx, c, s }
+        } else {
+            let rotation = M3::load(&step.rotation);
+            Turn::General { rotation, c, s }
+        }
     }
-    for (i, body) in model.bodies.iter().enumerate().skip(1).rev() {
-        let s = body.subspace();
-        let inertia = data.articulated[i];
-        let u_vector = force(&(inertia * s.to_vector()));
-        let d = body.along_axis(u_vector) + model.joints[body.joint].armature;
-        let u = at(tau, bv + body.joint) - body.along_axis(data.force[i]);
-        let uu = u_vector.to_vector();
-        let reduced = inertia - uu * uu.transpose() / d;
-        let bias = data.aba[i].bias;
-        let f = data.force[i] + force(&(reduced * bias.to_vector())) + u_vector * (u / d);
-        data.aba[i].u_vector = u_vector;
-        data.aba[i].inverse_d = 1.0 / d;
-        data.aba[i].u = u;
-        let m = data.in_parent[i];
-        let x = action(&m.inverse());
-        data.articulated[body.parent] += x.transpose() * reduced * x;
-        data.force[body.parent] += m.act_force(f);
+    #[inline(always)]
+    fn back(&self, x: V3<L>) -> V3<L> {
+        match *self {
+            Turn::Straight { cx, sx, c, s } => x.turn_back_x(cx, sx).turn_back_z(c, s),
+            Turn::General { rotation, c, s } => rotation.tr_mul(x).turn_back_z(c, s),
+        }
+    }
+    #[inline(always)]
+    fn forth(&self, x: V3<L>) -> V3<L> {
+        match *self {
+            Turn::Straight { cx, sx, c, s } => x.turn_z(c, s).turn_x(cx, sx),
+            Turn::General { rotation, c, s } => rotation.mul(x.turn_z(c, s)),
+        }
+    }
+    #[inline(always)]
+    fn forth_matrix(&self, m: M3<L>) -> M3<L> {
+        match *self {
+            Turn::Straight { cx, sx, c, s } => m.turned_z(c, s).turned_x(cx, sx),
+            Turn::General { rotation, c, s } => m.turned_z(c, s).turned(rotation),
+        }
     }
 }
 
-fn outward_accelerations(model: &Model, data: &mut Data) {
-    let bv = model.base_size().0;
-    let up = data.in_world[0].rotation.tr_mul(&-model.gravity);
-    data.acceleration[0] = Motion::new(up, Vector3::zeros());
-    if model.base == Base::Floating {
-        data.acceleration[0] = base_acceleration(data);
-        let a = data.acceleration[0] - Motion::new(up, Vector3::zeros());
-        data.ddq[..6].copy_from_slice(&a.to_array());
+/// One vector of each lane's parent.
+#[inline(always)]
+fn of_parents<L: Lanes>(step: &Step, before: &[AbaRow], part: fn(&AbaRow) -> &[Pack; 3]) -> V3<L> {
+    if step.same_lane {
+        return V3::load(part(&before[step.parent_row]));
     }
-    for (i, body) in model.bodies.iter().enumerate().skip(1) {
-        let joint = data.aba[i];
-        let a = data.in_parent[i].inverse_act_motion(data.acceleration[body.parent]) + joint.bias;
-        let ddq = joint.inverse_d * (joint.u - a.dot(joint.u_vector));
-        data.acceleration[i] = a + body.subspace() * ddq;
-        data.ddq[bv + body.joint] = ddq;
+    let [a, b, c, d] = step.parents;
+    let rows = [
+        part(&before[a.0]),
+        part(&before[b.0]),
+        part(&before[c.0]),
+        part(&before[d.0]),
+    ];
+    V3::pick(rows, &step.parents)
+}
+
+/// Twists, bias accelerations, and the rigid bodies' own inertias and bias wrenches.
+#[inline(always)]
+fn velocities<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow, q: L, rate: L) {
+    let (turning, sliding) = (L::load(&step.turning), L::load(&step.sliding));
+    let (sin, cos) = sin_cos(q.mul_add(turning, L::load(&step.angle_offset)));
+    sin.store(&mut row.sin);
+    cos.store(&mut row.cos);
+    let turn = Turn::<L>::load(step, row);
+    let mut arm = V3::load(&step.origin);
+    if let Turn::General { rotation, .. } = turn {
+        let shift = q.mul_add(sliding, L::load(&step.shift_offset));
+        arm = arm.add_scaled(shift, rotation.third_column());
     }
+    arm.store(&mut row.arm);
+    let parent = of_parents::<L>(step, before, |r| &r.omega);
+    let mut w = turn.back(parent);
+    let a = turn.back(parent.cross(parent.cross(arm)));
+    let (turn_rate, slide_rate) = (rate * turning, rate * sliding);
+    let twice = slide_rate + slide_rate;
+    let (wx, wy) = (w.x, w.y);
+    V3::new(wy.mul_add(twice, a.x), wx.neg_mul_add(twice, a.y), a.z).store(&mut row.bias_a);
+    V3::new(wy * turn_rate, -(wx * turn_rate), L::splat(0.0)).store(&mut row.bias_alpha);
+    w.z = w.z + turn_rate;
+    w.store(&mut row.omega);
+    let [m, hx, hy, hz, s @ ..] = &step.inertia;
+    let h = V3::new(L::load(hx), L::load(hy), L::load(hz));
+    let s = M3::<L>::load_symmetric(s);
+    w.cross(w.cross(h)).store(&mut row.f);
+    // omega × (I omega) with I = trace 1 - S
+    s.mul(w).cross(w).store(&mut row.n);
+    let (zero, m) = (L::splat(0.0), L::load(m));
+    store_all([m, zero, zero, m, zero, m], &mut row.m);
+    M3(
+        V3::new(zero, -h.z, h.y),
+        V3::new(h.z, zero, -h.x),
+        V3::new(-h.y, h.x, zero),
+    )
+    .store(&mut row.h);
+    store_all(s.trace_minus().upper(), &mut row.i);
 }
 
-/// Acceleration of a floating base, gravity included, that balances its articulated bias and
-/// the six torques of its joint.
-fn base_acceleration(data: &Data) -> Motion {
-    let wrench = data.base_tau - data.force[0];
-    let x = data.articulated[0]
-        .cholesky()
-        .map(|c| c.solve(&wrench.to_vector()))
-        .unwrap_or_else(|| nalgebra::Vector6::repeat(f64::NAN));
-    Motion::new(x.fixed_rows::<3>(0).into(), x.fixed_rows::<3>(3).into())
+/// Articulated inertia and bias of a row, handed to the parents.
+#[inline(always)]
+fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, tau: L, armature: L) {
+    let (t, s) = (L::load(&step.turning), L::load(&step.sliding));
+    let (m, h, i) = (
+        M3::load_symmetric(&row.m),
+        M3::load(&row.h),
+        M3::load_symmetric(&row.i),
+    );
+    let (f, n) = (V3::load(&row.f), V3::load(&row.n));
+    let (mut u_f, mut u_n) = (h.2.scale(t), i.2.scale(t));
+    if !step.straight {
+        u_f = u_f.add_scaled(s, m.2);
+        u_n = u_n.add_scaled(s, h.third_column());
+    }
+    let d = t.mul_add(u_n.z, s.mul_add(u_f.z, armature));
+    let inverse_d = d.recip();
+    let u = t.neg_mul_add(n.z, s.neg_mul_add(f.z, tau));
+    u_f.store(&mut row.u_f);
+    u_n.store(&mut row.u_n);
+    inverse_d.store(&mut row.inverse_d);
+    u.store(&mut row.u);
+
+    let (over_f, over_n) = (u_f.scale(inverse_d), u_n.scale(inverse_d));
+    let m = m.sub_outer(over_f, u_f);
+    let h = h.sub_outer(over_n, u_f);
+    let i = i.sub_outer(over_n, u_n);
+    let (a, alpha) = (V3::load(&row.bias_a), V3::load(&row.bias_alpha));
+    let f = m.mul_add(a, f).add(h.tr_mul(alpha)).add_scaled(u, over_f);
+    let n = h.mul_add(a, n).add(i.mul(alpha)).add_scaled(u, over_n);
+
+    let turn = Turn::<L>::load(step, row);
+    let r = V3::load(&row.arm);
+    let (m, h, i) = (
+        turn.forth_matrix(m),
+        turn.forth_matrix(h),
+        turn.forth_matrix(i),
+    );
+    let f = turn.forth(f);
+    let n = r.cross_add(f, turn.forth(n));
+    let moved = h.add(m.cross_columns(r));
+    // I + [r] H^T - (H + [r] M) [r]
+    let i = i
+        .add(h.transpose().cross_columns(r))
+        .add(moved.transpose().cross_columns(r).transpose());
+    hand_over(step, before, [m, moved, i], f, n);
 }
 
-fn force(x: &nalgebra::Vector6<f64>) -> Force {
-    Force::new(x.fixed_rows::<3>(0).into(), x.fixed_rows::<3>(3).into())
+/// Adds articulated inertias and biases to those of the parents.
+#[inline(always)]
+fn hand_over<L: Lanes>(
+    step: &Step,
+    before: &mut [AbaRow],
+    [m, h, i]: [M3<L>; 3],
+    f: V3<L>,
+    n: V3<L>,
+) {
+    if step.same_lane {
+        let parent = &mut before[step.parent_row];
+        let sum = m.add(M3::load_symmetric(&parent.m));
+        store_all(sum.upper(), &mut parent.m);
+        h.add(M3::load(&parent.h)).store(&mut parent.h);
+        let sum = i.add(M3::load_symmetric(&parent.i));
+        store_all(sum.upper(), &mut parent.i);
+        f.add(V3::load(&parent.f)).store(&mut parent.f);
+        n.add(V3::load(&parent.n)).store(&mut parent.n);
+        return;
+    }
+    let places = &step.parents;
+    scatter_add(m.upper(), before, places, |r| r.m.each_mut());
+    let h = [
+        h.0.x, h.0.y, h.0.z, h.1.x, h.1.y, h.1.z, h.2.x, h.2.y, h.2.z,
+    ];
+    scatter_add(h, before, places, |r| r.h.each_mut());
+    scatter_add(i.upper(), before, places, |r| r.i.each_mut());
+    scatter_add([f.x, f.y, f.z], before, places, |r| r.f.each_mut());
+    scatter_add([n.x, n.y, n.z], before, places, |r| r.n.each_mut());
 }
 
-/// Spatial inertia as a matrix.
-fn matrix(inertia: &Inertia) -> Matrix6<f64> {
-    let h = inertia.first_moment.cross_matrix();
-    let mut m = Matrix6::zeros();
-    m.fixed_view_mut::<3, 3>(0, 0)
-        .copy_from(&Matrix3::from_diagonal_element(inertia.mass));
-    m.fixed_view_mut::<3, 3>(0, 3).copy_from(&-h);
-    m.fixed_view_mut::<3, 3>(3, 0).copy_from(&h);
-    m.fixed_view_mut::<3, 3>(3, 3)
-        .copy_from(&inertia.rotational);
-    m
-}
-
-/// The matrix that does what `Se3::act_motion` does.
-fn action(m: &Se3) -> Matrix6<f64> {
-    let mut x = Matrix6::zeros();
-    x.fixed_view_mut::<3, 3>(0, 0).copy_from(&m.rotation);
-    x.fixed_view_mut::<3, 3>(0, 3)
-        .copy_from(&(m.translation.cross_matrix() * m.rotation));
-    x.fixed_view_mut::<3, 3>(3, 3).copy_from(&m.rotation);
-    x
+/// Accelerations of a row's joints, and of its bodies.
+#[inline(always)]
+fn accelerations<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow) -> L {
+    let turn = Turn::<L>::load(step, row);
+    let alpha = of_parents::<L>(step, before, |r| &r.alpha);
+    let a = of_parents::<L>(step, before, |r| &r.a);
+    let a = alpha.cross_add(V3::load(&row.arm), a);
+    let mut a = turn.back(a).add(V3::load(&row.bias_a));
+    let mut alpha = turn.back(alpha).add(V3::load(&row.bias_alpha));
+    let u = L::load(&row.u) - V3::load(&row.u_f).dot(a) - V3::load(&row.u_n).dot(alpha);
+    let ddq = u * L::load(&row.inverse_d);
+    a.z = ddq.mul_add(L::load(&step.sliding), a.z);
+    alpha.z = ddq.mul_add(L::load(&step.turning), alpha.z);
+    a.store(&mut row.a);
+    alpha.store(&mut row.alpha);
+    ddq
 }

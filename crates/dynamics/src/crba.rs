@@ -1,63 +1,343 @@
 //! Composite rigid bodies: the joint-space mass matrix.
+//!
+//! Inertias and joint axes are expressed at the root's origin, in its axes: there composites are
+//! sums, and an entry of `M` is the product of an axis with the momentum of another.
 
 use crate::data::Data;
-use crate::kinematics::forward_kinematics;
+use crate::lanes::{
+    Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos, store_all,
+};
 use crate::model::{Base, Model};
-use crate::spatial::{Force, Motion};
-use nalgebra::DMatrix;
+use crate::plan::{Plan, Step};
+use crate::spatial::{Inertia, Motion};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// `M(q)` (nv × nv), symmetric, armature included.
 pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64> {
-    forward_kinematics(model, data, q);
-    let base = model.base_size().0;
-    for (i, body) in model.bodies.iter().enumerate() {
-        data.composite[i] = body.inertia;
-    }
+    let (bv, bq) = model.base_size();
+    debug_assert!(q.len() >= model.nq());
     let m = &mut data.mass_matrix;
-    m.fill(0.0);
-    for (i, body) in model.bodies.iter().enumerate().skip(1).rev() {
-        let on_parent = data.composite[i].transformed(&data.in_parent[i]);
-        data.composite[body.parent] += on_parent;
-        let column = base + body.joint;
-        let mut f = data.composite[i].mul_motion(body.subspace()) * body.ratio;
-        m[(column, column)] += body.ratio * body.along_axis(f);
-        let mut k = i;
-        while k != 0 {
-            f = data.in_parent[k].act_force(f);
-            k = model.bodies[k].parent;
-            if k == 0 {
-                break;
-            }
-            let ancestor = &model.bodies[k];
-            let row = base + ancestor.joint;
-            let x = ancestor.ratio * ancestor.along_axis(f);
-            m[(row, column)] += x;
-            m[(column, row)] += x;
-        }
-        if model.base == Base::Floating {
-            add_base(m, column, f);
-        }
+    let kernel = Crba {
+        plan: &model.plan,
+        memory: &mut data.crba,
+        q: &q[bq.min(q.len())..],
+        bv,
+        // Mimic joints add up: by hand, below.
+        m: (!model.has_mimic()).then(|| m.as_mut_slice()),
+        nv: model.nv(),
+    };
+    run(data.instructions, kernel);
+    if model.has_mimic() {
+        fill_with_mimic(model, &data.crba, m);
     }
     for (i, joint) in model.joints.iter().enumerate() {
-        m[(base + i, base + i)] += joint.armature;
+        m[(bv + i, bv + i)] += joint.armature;
     }
     if model.base == Base::Floating {
+        let root = data.crba.root_inertia(&model.bodies[0].inertia);
         for k in 0..6 {
             let mut unit = [0.0; 6];
             unit[k] = 1.0;
-            let f = data.composite[0].mul_motion(Motion::from_array(unit));
-            for (row, x) in f.to_array().into_iter().enumerate() {
-                m[(row, k)] = x;
-            }
+            let f = root.mul_motion(Motion::from_array(unit)).to_array();
+            m.view_mut((0, k), (6, 1)).copy_from_slice(&f);
         }
     }
     &data.mass_matrix
 }
 
-/// Coupling of a joint with the six components of the base.
-fn add_base(m: &mut DMatrix<f64>, column: usize, f: Force) {
-    for (row, x) in f.to_array().into_iter().enumerate() {
-        m[(row, column)] += x;
-        m[(column, row)] += x;
+/// Memory of `crba`.
+#[derive(Clone, Debug)]
+pub(crate) struct CrbaMemory {
+    rows: Vec<CrbaRow>,
+    /// Twists of the joints' axes: six arrays over bodies, `stride` apart.
+    twists: Vec<f64>,
+    stride: usize,
+    /// Momentum of each body's sub-tree for unit speed of its joint.
+    momenta: Vec<[f64; 6]>,
+}
+
+impl CrbaMemory {
+    pub(crate) fn new(model: &Model) -> Self {
+        let stride = model.bodies.len() + WIDTH;
+        Self {
+            rows: vec![CrbaRow::ROOT; model.plan.steps.len() + 1],
+            twists: vec![0.0; 6 * stride],
+            stride,
+            momenta: vec![[0.0; 6]; model.bodies.len()],
+        }
+    }
+    /// Of the whole robot, at the root.
+    fn root_inertia(&self, own: &Inertia) -> Inertia {
+        let root = &self.rows[0];
+        let sum = |p: &Pack| p.0.iter().sum::<f64>();
+        let [xx, xy, xz, yy, yz, zz] = root.s.each_ref().map(sum);
+        let s = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        let children = Inertia {
+            mass: sum(&root.mass),
+            first_moment: Vector3::from(root.h.each_ref().map(sum)),
+            rotational: Matrix3::from_diagonal_element(s.trace()) - s,
+        };
+        children + *own
+    }
+}
+
+/// Four bodies, in the root's axes and at its origin.
+#[derive(Clone, Debug)]
+struct CrbaRow {
+    /// From the plan frame to the root's, by rows.
+    rotation: [Pack; 9],
+    translation: [Pack; 3],
+    /// Of the sub-tree: mass, first and second moments.
+    mass: Pack,
+    h: [Pack; 3],
+    s: [Pack; 6],
+}
+
+impl CrbaRow {
+    const ROOT: CrbaRow = {
+        let one = Pack([1.0; WIDTH]);
+        let o = Pack::ZERO;
+        CrbaRow {
+            rotation: [one, o, o, o, one, o, o, o, one],
+            translation: [o; 3],
+            mass: o,
+            h: [o; 3],
+            s: [o; 6],
+        }
+    };
+}
+
+struct Crba<'a> {
+    plan: &'a Plan,
+    memory: &'a mut CrbaMemory,
+    q: &'a [f64],
+    bv: usize,
+    /// Columns of `M`.
+    m: Option<&'a mut [f64]>,
+    nv: usize,
+}
+
+impl Kernel for Crba<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let steps = &self.plan.steps;
+        let memory = self.memory;
+        for (i, step) in steps.iter().enumerate() {
+            let (before, rest) = memory.rows.split_at_mut(i + 1);
+            let Some(row) = rest.first_mut() else { return };
+            outward::<L>(step, before, row, gather(self.q, &step.joints));
+        }
+        let root = &mut memory.rows[0];
+        (root.mass, root.h, root.s) = (Pack::ZERO, [Pack::ZERO; 3], [Pack::ZERO; 6]);
+        for (i, step) in steps.iter().enumerate().rev() {
+            let (before, rest) = memory.rows.split_at_mut(i + 1);
+            let Some(row) = rest.first() else { return };
+            let (twist, momentum) = axis_and_momentum::<L>(step, row);
+            for (lane, body) in step.bodies.iter().enumerate() {
+                for k in 0..6 {
+                    memory.twists[k * memory.stride + body] = twist[k].0[lane];
+                    memory.momenta[*body][k] = momentum[k].0[lane];
+                }
+            }
+            inward::<L>(step, before, row);
+        }
+        if let Some(m) = self.m {
+            fill::<L>(self.plan, memory, m, self.nv, self.bv);
+        }
+    }
+}
+
+/// Placement in the root's frame, and the body's own inertia there.
+#[inline(always)]
+fn outward<L: Lanes>(step: &Step, before: &[CrbaRow], row: &mut CrbaRow, q: L) {
+    let angle = q.mul_add(L::load(&step.turning), L::load(&step.angle_offset));
+    let (sin, cos) = sin_cos(angle);
+    let (parent, origin) = if step.same_lane {
+        let parent = &before[step.parent_row];
+        (M3::load(&parent.rotation), V3::load(&parent.translation))
+    } else {
+        let [a, b, c, d] = step.parents;
+        let (a, b, c, d) = (&before[a.0], &before[b.0], &before[c.0], &before[d.0]);
+        let rotations = [&a.rotation, &b.rotation, &c.rotation, &d.rotation];
+        let origins = [
+            &a.translation,
+            &b.translation,
+            &c.translation,
+            &d.translation,
+        ];
+        (
+            M3::pick(rotations, &step.parents),
+            V3::pick(origins, &step.parents),
+        )
+    };
+    let arm = V3::load(&step.origin);
+    let (r, p) = if step.straight {
+        let (cx, sx) = (L::load(&step.turn_x[0]), L::load(&step.turn_x[1]));
+        (
+            parent.times_turn_x(cx, sx).times_turn_z(cos, sin),
+            parent.mul_add(arm, origin),
+        )
+    } else {
+        let rotation = M3::load(&step.rotation);
+        let shift = q.mul_add(L::load(&step.sliding), L::load(&step.shift_offset));
+        let arm = arm.add_scaled(shift, rotation.third_column());
+        (
+            parent.times(rotation).times_turn_z(cos, sin),
+            parent.mul_add(arm, origin),
+        )
+    };
+    r.store(&mut row.rotation);
+    p.store(&mut row.translation);
+    let [m, hx, hy, hz, s @ ..] = &step.inertia;
+    let m = L::load(m);
+    m.store(&mut row.mass);
+    let h = r.mul(V3::new(L::load(hx), L::load(hy), L::load(hz)));
+    let at_root = h.add_scaled(m, p);
+    at_root.store(&mut row.h);
+    let s = M3::load_symmetric(s);
+    // S + h p^T + p (h + m p)^T
+    let s = s.turned(r);
+    let s = s.add_outer(h, p).add_outer(p, at_root).upper();
+    store_all(s, &mut row.s);
+}
+
+/// Twist of the joint for unit speed, and the momentum that it gives the sub-tree.
+#[inline(always)]
+fn axis_and_momentum<L: Lanes>(step: &Step, row: &CrbaRow) -> ([Pack; 6], [Pack; 6]) {
+    let z = M3::<L>::load(&row.rotation).third_column();
+    let p = V3::load(&row.translation);
+    let w = z.scale(L::load(&step.turning));
+    let v = p.cross_add(w, z.scale(L::load(&step.sliding)));
+    let h = V3::load(&row.h);
+    let s = M3::load_symmetric(&row.s);
+    let f = w.cross_add(h, v.scale(L::load(&row.mass)));
+    let n = h.cross_add(v, s.trace_minus().mul(w));
+    let mut packs = ([Pack::ZERO; 6], [Pack::ZERO; 6]);
+    store_all([v.x, v.y, v.z, w.x, w.y, w.z], &mut packs.0);
+    store_all([f.x, f.y, f.z, n.x, n.y, n.z], &mut packs.1);
+    packs
+}
+
+/// Adds sub-trees to those of their parents.
+#[inline(always)]
+fn inward<L: Lanes>(step: &Step, before: &mut [CrbaRow], row: &CrbaRow) {
+    if step.same_lane {
+        let parent = &mut before[step.parent_row];
+        add::<L>(&row.mass, &mut parent.mass);
+        for (x, to) in row.h.iter().zip(&mut parent.h) {
+            add::<L>(x, to);
+        }
+        for (x, to) in row.s.iter().zip(&mut parent.s) {
+            add::<L>(x, to);
+        }
+        return;
+    }
+    let ([hx, hy, hz], [xx, xy, xz, yy, yz, zz]) = (&row.h, &row.s);
+    let all = [
+        L::load(&row.mass),
+        L::load(hx),
+        L::load(hy),
+        L::load(hz),
+        L::load(xx),
+        L::load(xy),
+        L::load(xz),
+        L::load(yy),
+        L::load(yz),
+        L::load(zz),
+    ];
+    scatter_add(all, before, &step.parents, moments_of);
+}
+
+#[inline(always)]
+fn moments_of(row: &mut CrbaRow) -> [&mut Pack; 10] {
+    let ([hx, hy, hz], [xx, xy, xz, yy, yz, zz]) = (&mut row.h, &mut row.s);
+    [&mut row.mass, hx, hy, hz, xx, xy, xz, yy, yz, zz]
+}
+
+#[inline(always)]
+fn add<L: Lanes>(x: &Pack, to: &mut Pack) {
+    (L::load(x) + L::load(to)).store(to);
+}
+
+/// Keeps the first lanes of four.
+const KEEP: [Pack; WIDTH + 1] = [
+    Pack([0.0; WIDTH]),
+    Pack([1.0, 0.0, 0.0, 0.0]),
+    Pack([1.0, 1.0, 0.0, 0.0]),
+    Pack([1.0, 1.0, 1.0, 0.0]),
+    Pack([1.0; WIDTH]),
+];
+
+/// Every pair of a joint and an ancestor. A joint's body is the next one's index.
+///
+/// Four ancestors at a time; lanes past the end of a run write zeros, which later columns replace
+/// where they are wrong: columns go up, and runs in them too.
+#[inline(always)]
+fn fill<L: Lanes>(plan: &Plan, memory: &CrbaMemory, m: &mut [f64], nv: usize, bv: usize) {
+    for (body, momentum) in memory.momenta.iter().enumerate().skip(1) {
+        let column = bv + body - 1;
+        if bv > 0 {
+            for (k, x) in momentum.iter().enumerate() {
+                m[column * nv + k] = *x;
+                m[k * nv + column] = *x;
+            }
+        }
+        for &(first, end) in &plan.runs[body] {
+            let mut k = first;
+            while k < end {
+                let count = (end - k).min(WIDTH);
+                let x = products::<L>(momentum, &memory.twists, memory.stride, k);
+                let x = (x * L::load(&KEEP[count])).to_array();
+                let start = column * nv + bv + k - 1;
+                match m.get_mut(start..start + WIDTH) {
+                    Some(four) => four.copy_from_slice(&x),
+                    None => m[start..start + count].copy_from_slice(&x[..count]),
+                }
+                for (i, x) in x.iter().enumerate().take(count) {
+                    m[(bv + k - 1 + i) * nv + column] = *x;
+                }
+                k += WIDTH;
+            }
+        }
+    }
+}
+
+/// Products of one momentum with four twists.
+#[inline(always)]
+fn products<L: Lanes>(momentum: &[f64; 6], twists: &[f64], stride: usize, first: usize) -> L {
+    let mut sum = L::splat(0.0);
+    for (k, f) in momentum.iter().enumerate() {
+        let start = k * stride + first;
+        if let Some([a, b, c, d]) = twists.get(start..start + WIDTH) {
+            sum = L::set([*a, *b, *c, *d]).mul_add(L::splat(*f), sum);
+        }
+    }
+    sum
+}
+
+/// Bodies that share a joint add up.
+fn fill_with_mimic(model: &Model, memory: &CrbaMemory, m: &mut DMatrix<f64>) {
+    let base = model.base_size().0;
+    m.fill(0.0);
+    for (i, body) in model.bodies.iter().enumerate().skip(1) {
+        let (column, f) = (base + body.joint, &memory.momenta[i]);
+        if base > 0 {
+            for (k, x) in f.iter().enumerate() {
+                m[(k, column)] += *x;
+                m[(column, k)] += *x;
+            }
+        }
+        for &(first, end) in &model.plan.runs[i] {
+            for k in first..end {
+                let twist = |c: usize| memory.twists[c * memory.stride + k];
+                let x: f64 = (0..6).map(|c| f[c] * twist(c)).sum();
+                let row = base + model.bodies[k].joint;
+                m[(row, column)] += x;
+                if k != i {
+                    m[(column, row)] += x;
+                }
+            }
+        }
     }
 }

@@ -1,10 +1,12 @@
 //! Memory of the algorithms, allocated once per model.
 
+use crate::aba::AbaRow;
+use crate::crba::CrbaMemory;
 use crate::lanes::Instructions;
 use crate::model::Model;
 use crate::rnea::RneaRow;
 use crate::spatial::{Force, Inertia, Motion, Se3};
-use nalgebra::{DMatrix, Matrix6};
+use nalgebra::DMatrix;
 
 /// Results and intermediate values of every algorithm, for one model.
 #[derive(Clone, Debug)]
@@ -12,6 +14,7 @@ pub struct Data {
     pub(crate) instructions: Instructions,
     /// Rows of the plan in `rnea`; the root's first.
     pub(crate) rnea: Vec<RneaRow>,
+    pub(crate) crba: CrbaMemory,
     /// Placement of each body in its parent.
     pub(crate) in_parent: Vec<Se3>,
     /// Placement of each body in the world.
@@ -22,28 +25,17 @@ pub struct Data {
     pub(crate) acceleration: Vec<Motion>,
     /// Wrench of each body's joint, in its frame.
     pub(crate) force: Vec<Force>,
-    /// Inertia of each body's sub-tree, in its frame.
-    pub(crate) composite: Vec<Inertia>,
-    /// Articulated inertia of each body, in its frame (linear first).
-    pub(crate) articulated: Vec<Matrix6<f64>>,
-    /// Articulated bias wrench, `U`, `1/D` and `u` of each body's joint.
-    pub(crate) aba: Vec<AbaJoint>,
-    pub(crate) base_tau: Force,
+    /// Rows of the plan in `aba`; the root's first.
+    pub(crate) aba: Vec<AbaRow>,
+    pub(crate) armature: Vec<f64>,
+    /// Inertia of each body's sub-tree, in the world.
+    pub(crate) subtree: Vec<Inertia>,
     /// One more than nv: idle lanes write to the last.
     pub(crate) tau: Vec<f64>,
     pub(crate) ddq: Vec<f64>,
     pub(crate) mass_matrix: DMatrix<f64>,
     pub(crate) factor: DMatrix<f64>,
     pub(crate) zeros: Vec<f64>,
-}
-
-/// What the articulated-body algorithm keeps per joint.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct AbaJoint {
-    pub(crate) bias: Motion,
-    pub(crate) u_vector: Force,
-    pub(crate) inverse_d: f64,
-    pub(crate) u: f64,
 }
 
 impl Data {
@@ -54,25 +46,17 @@ impl Data {
         Self {
             instructions: Instructions::detect(),
             rnea: vec![RneaRow::ZERO; model.plan.steps.len() + 1],
+            crba: CrbaMemory::new(model),
             in_parent: vec![Se3::identity(); n],
             in_world: vec![Se3::identity(); n],
             velocity: vec![Motion::zero(); n],
             acceleration: vec![Motion::zero(); n],
             force: vec![Force::zero(); n],
-            composite: vec![Inertia::zero(); n],
-            articulated: vec![Matrix6::zeros(); n],
-            aba: vec![
-                AbaJoint {
-                    bias: Motion::zero(),
-                    u_vector: Force::zero(),
-                    inverse_d: 0.0,
-                    u: 0.0,
-                };
-                n
-            ],
-            base_tau: Force::zero(),
+            aba: vec![AbaRow::ZERO; model.plan.steps.len() + 1],
+            armature: vec![0.0; model.joints.len()],
+            subtree: vec![Inertia::zero(); n],
             tau: vec![0.0; nv + 1],
-            ddq: vec![0.0; nv],
+            ddq: vec![0.0; nv + 1],
             mass_matrix: DMatrix::zeros(nv, nv),
             factor: DMatrix::zeros(nv, nv),
             zeros: vec![0.0; model.nq()],

@@ -1,7 +1,9 @@
 //! Jacobians of frames, after forward kinematics.
 
 use crate::data::Data;
-use crate::frames::{ReferenceFrame, frame_placement};
+use crate::frames::{
+    ReferenceFrame, frame_acceleration, frame_classical_acceleration, frame_placement,
+};
 use crate::model::{Base, Model};
 use crate::spatial::{Motion, Se3};
 use nalgebra::{Matrix6xX, Vector3};
@@ -60,5 +62,23 @@ pub(crate) fn expressed_in(m: &Se3, reference: ReferenceFrame) -> Se3 {
             let back: Vector3<f64> = -m.translation;
             Se3::new(Se3::identity().rotation, back)
         }
+    }
+}
+
+/// `dJ/dt v` of a frame: the rate of its twist (as `reference` expresses it) at `a = 0`.
+///
+/// After `forward_kinematics_acceleration` with `a = 0`.
+pub fn frame_jacobian_rate_times_velocity(
+    model: &Model,
+    data: &Data,
+    frame: usize,
+    reference: ReferenceFrame,
+) -> Motion {
+    match reference {
+        // The numbers of the twist at a moving origin in still axes change like a point's velocity.
+        ReferenceFrame::LocalWorldAligned => {
+            frame_classical_acceleration(model, data, frame, reference)
+        }
+        _ => frame_acceleration(model, data, frame, reference),
     }
 }

@@ -17,18 +17,25 @@ mod cholesky;
 mod configuration;
 mod crba;
 mod data;
+mod edit;
+mod energy;
 mod frames;
 mod jacobian;
 mod kinematics;
 mod lanes;
 mod model;
 mod plan;
+mod regressor;
 mod rnea;
 mod spatial;
 mod urdf;
 
 pub use aba::aba;
-pub use centroidal::center_of_mass;
+pub use centroidal::{
+    center_of_mass, center_of_mass_jacobian, centroidal_map, centroidal_momentum,
+};
+pub use energy::{kinetic_energy, potential_energy};
+pub use regressor::{PARAMETERS, joint_torque_regressor};
 pub use cholesky::{cholesky_decompose, cholesky_solve};
 pub use configuration::{Random, integrate, neutral};
 pub use crba::crba;
@@ -37,7 +44,7 @@ pub use frames::{
     ReferenceFrame, frame_acceleration, frame_classical_acceleration, frame_placement,
     frame_velocity,
 };
-pub use jacobian::frame_jacobian;
+pub use jacobian::{frame_jacobian, frame_jacobian_rate_times_velocity};
 pub use kinematics::{
     BaseMotion, ImuMotion, base_motion_from_imu, forward_kinematics,
     forward_kinematics_acceleration, forward_kinematics_velocity, joint_wrenches, propagate,

@@ -57,6 +57,10 @@ pub struct Joint {
     pub limits: JointLimits,
     /// Inertia that the motor adds about the joint axis, link side, kg·m² (or kg).
     pub armature: f64,
+    /// `N`, motor turns per joint turn, from `<transmission>` or `<ros2_control>`.
+    pub gear_ratio: Option<f64>,
+    /// Inertia of the motor's rotor, motor side, kg·m², from the same.
+    pub rotor_inertia: Option<f64>,
     /// Viscous friction of the URDF's `<dynamics>`, N·m·s/rad; no algorithm here uses it.
     pub damping: f64,
     /// Coulomb friction of the URDF's `<dynamics>`, N·m; no algorithm here uses it.
@@ -245,6 +249,14 @@ impl Model {
             j.armature = armature;
         }
     }
+    /// Sets the armature of every joint of which the URDF gives gear ratio and rotor inertia.
+    pub fn apply_rotor_inertias(&mut self) {
+        for joint in &mut self.joints {
+            if let (Some(ratio), Some(inertia)) = (joint.gear_ratio, joint.rotor_inertia) {
+                joint.armature = ratio * ratio * inertia;
+            }
+        }
+    }
     /// Moving bodies; 0 is the root, and each comes after its parent.
     pub fn bodies(&self) -> &[Body] {
         &self.bodies
@@ -330,7 +342,7 @@ impl Model {
         })
     }
     /// True if link `frame` is `ancestor` or carried by it.
-    fn hangs_on(&self, mut frame: usize, ancestor: usize) -> bool {
+    pub(crate) fn hangs_on(&self, mut frame: usize, ancestor: usize) -> bool {
         while frame != ancestor {
             match self.frames[frame].parent {
                 Some(p) => frame = p,

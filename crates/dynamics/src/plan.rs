@@ -6,9 +6,9 @@
 //! first. A limb stays in its lane, so that most steps take each lane's parent from the same lane
 //! of an earlier step ([`Step::straight`]); the others gather.
 
-use crate::lanes::{Pack, WIDTH};
+use crate::lanes::{Pack, Places, WIDTH};
 use crate::model::{Body, Model};
-use crate::spatial::Se3;
+use crate::spatial::{Force, Se3};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Four bodies side by side; a lane may be idle.
@@ -22,7 +22,11 @@ pub(crate) struct Step {
     /// Row of the parents, where `same_lane`; row 0 is the root, in all lanes.
     pub(crate) parent_row: usize,
     /// Row and lane of each lane's parent.
-    pub(crate) parents: [(usize, usize); WIDTH],
+    pub(crate) parents: Places,
+    /// One where a lane is idle.
+    pub(crate) idle: Pack,
+    /// Index of each lane's body, or 0 where idle.
+    pub(crate) bodies: [usize; WIDTH],
     /// Index of each lane's joint, or `joint_count` where idle.
     pub(crate) joints: [usize; WIDTH],
     /// Cosine and sine of the turn about x, where `straight`.
@@ -52,6 +56,8 @@ pub(crate) struct Plan {
     pub(crate) place: Vec<(usize, usize)>,
     /// Rotation from each body's plan frame to its own.
     pub(crate) to_body: Vec<Matrix3<f64>>,
+    /// For each body, itself and its ancestors (but the root) as runs of consecutive indices.
+    pub(crate) runs: Vec<Vec<(usize, usize)>>,
 }
 
 impl Plan {
@@ -61,6 +67,7 @@ impl Plan {
         let mut plan = Plan {
             steps: Vec::new(),
             place: vec![(0, 0); model.bodies.len()],
+            runs: runs(&model.bodies),
             to_body: plan_frames(&model.bodies, &first_child),
         };
         for (step, lanes) in rows.iter().enumerate() {
@@ -75,6 +82,25 @@ impl Plan {
             plan.steps.push(step);
         }
         plan
+    }
+
+    /// Hands out the external wrenches of all bodies but the root: row, lane, force and moment in
+    /// the plan frame.
+    #[inline]
+    pub(crate) fn for_each_wrench(
+        &self,
+        f_ext: &[Force],
+        mut take: impl FnMut(usize, usize, Vector3<f64>, Vector3<f64>),
+    ) {
+        let places = self.place.iter().zip(&self.to_body).zip(f_ext);
+        for (((row, lane), to_body), f) in places.skip(1) {
+            take(
+                *row,
+                *lane,
+                to_body.tr_mul(&f.linear),
+                to_body.tr_mul(&f.angular),
+            );
+        }
     }
 
     fn step(&self, model: &Model, lanes: &Lanes, first_child: &[Option<usize>]) -> Step {
@@ -105,6 +131,8 @@ impl Plan {
             same_lane,
             parent_row,
             parents: [row_of(first); WIDTH],
+            idle: Pack([1.0; WIDTH]),
+            bodies: [0; WIDTH],
             joints: [model.joints.len(); WIDTH],
             turn_x: [Pack([1.0; WIDTH]), Pack::ZERO],
             rotation: [Pack::ZERO; 9],
@@ -141,6 +169,8 @@ impl Plan {
             step.turn_x[1].0[lane] = turn[(2, 1)];
             rotation = turn;
         }
+        step.idle.0[lane] = 0.0;
+        step.bodies[lane] = b;
         step.parents[lane] = self.place[body.parent];
         step.joints[lane] = body.joint;
         for (k, pack) in step.rotation.iter_mut().enumerate() {
@@ -248,6 +278,23 @@ fn schedule(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Lanes> {
         rows.push(row);
     }
     rows
+}
+
+/// See `Plan::runs`; first to last, ends excluded.
+fn runs(bodies: &[Body]) -> Vec<Vec<(usize, usize)>> {
+    let of_body = |mut b: usize| {
+        let mut runs: Vec<(usize, usize)> = Vec::new();
+        while b > 0 {
+            match runs.last_mut() {
+                Some(run) if run.0 == b + 1 => run.0 = b,
+                _ => runs.push((b, b + 1)),
+            }
+            b = bodies[b].parent;
+        }
+        runs.reverse();
+        runs
+    };
+    (0..bodies.len()).map(of_body).collect()
 }
 
 /// Rotations from plan frames to body frames.

@@ -7,7 +7,7 @@
 
 use crate::data::Data;
 use crate::kinematics::{at, base_placement, six};
-use crate::lanes::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, sin_cos};
+use crate::lanes::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos};
 use crate::model::{Base, Model};
 use crate::plan::{Plan, Step};
 use crate::spatial::Force;
@@ -169,7 +169,12 @@ impl Kernel for Rnea<'_> {
             }
         }
         if let Some(f_ext) = self.f_ext {
-            subtract_external(self.plan, self.rows, f_ext);
+            self.plan.for_each_wrench(f_ext, |row, lane, f, n| {
+                for k in 0..3 {
+                    self.rows[row].f[k].0[lane] -= f[k];
+                    self.rows[row].n[k].0[lane] -= n[k];
+                }
+            });
         }
         self.tau.fill(0.0);
         for (i, step) in self.plan.steps.iter().enumerate().rev() {
@@ -324,44 +329,12 @@ fn parents_motion<L: Lanes>(step: &Step, before: &[RneaRow]) -> (V3<L>, V3<L>, V
             V3::load(&parent.a),
         );
     }
-    let [(ra, la), (rb, lb), (rc, lc), (rd, ld)] = step.parents;
-    let (a, b, c, d) = (&before[ra], &before[rb], &before[rc], &before[rd]);
-    let lanes = (la % WIDTH, lb % WIDTH, lc % WIDTH, ld % WIDTH);
+    let [a, b, c, d] = step.parents;
+    let (a, b, c, d) = (&before[a.0], &before[b.0], &before[c.0], &before[d.0]);
     (
-        pick(&a.omega, &b.omega, &c.omega, &d.omega, lanes),
-        pick(&a.alpha, &b.alpha, &c.alpha, &d.alpha, lanes),
-        pick(&a.a, &b.a, &c.a, &d.a, lanes),
-    )
-}
-
-/// One vector from each of four places.
-#[inline(always)]
-fn pick<L: Lanes>(
-    a: &[Pack; 3],
-    b: &[Pack; 3],
-    c: &[Pack; 3],
-    d: &[Pack; 3],
-    lane: (usize, usize, usize, usize),
-) -> V3<L> {
-    V3::new(
-        L::set([
-            a[0].0[lane.0],
-            b[0].0[lane.1],
-            c[0].0[lane.2],
-            d[0].0[lane.3],
-        ]),
-        L::set([
-            a[1].0[lane.0],
-            b[1].0[lane.1],
-            c[1].0[lane.2],
-            d[1].0[lane.3],
-        ]),
-        L::set([
-            a[2].0[lane.0],
-            b[2].0[lane.1],
-            c[2].0[lane.2],
-            d[2].0[lane.3],
-        ]),
+        V3::pick([&a.omega, &b.omega, &c.omega, &d.omega], &step.parents),
+        V3::pick([&a.alpha, &b.alpha, &c.alpha, &d.alpha], &step.parents),
+        V3::pick([&a.a, &b.a, &c.a, &d.a], &step.parents),
     )
 }
 
@@ -394,28 +367,13 @@ fn inward<L: Lanes>(step: &Step, before: &mut [RneaRow], row: &RneaRow) -> L {
         n.add(V3::load(&parent.n)).store(&mut parent.n);
         return torque;
     }
-    let (mut on_f, mut on_n) = ([Pack::ZERO; 3], [Pack::ZERO; 3]);
-    f.store(&mut on_f);
-    n.store(&mut on_n);
-    for (lane, (parent_row, l)) in step.parents.iter().enumerate() {
-        let parent = &mut before[*parent_row];
-        for k in 0..3 {
-            parent.f[k].0[*l] += on_f[k].0[lane];
-            parent.n[k].0[*l] += on_n[k].0[lane];
-        }
-    }
+    let wrench = [f.x, f.y, f.z, n.x, n.y, n.z];
+    scatter_add(wrench, before, &step.parents, wrench_of);
     torque
 }
 
-/// Moves external wrenches into plan frames and subtracts them.
 #[inline(always)]
-fn subtract_external(plan: &Plan, rows: &mut [RneaRow], f_ext: &[Force]) {
-    let places = plan.place.iter().zip(&plan.to_body).zip(f_ext);
-    for (((row, lane), to_body), f) in places.skip(1) {
-        let (linear, angular) = (to_body.tr_mul(&f.linear), to_body.tr_mul(&f.angular));
-        for k in 0..3 {
-            rows[*row].f[k].0[*lane] -= linear[k];
-            rows[*row].n[k].0[*lane] -= angular[k];
-        }
-    }
+fn wrench_of(row: &mut RneaRow) -> [&mut Pack; 6] {
+    let ([fx, fy, fz], [nx, ny, nz]) = (&mut row.f, &mut row.n);
+    [fx, fy, fz, nx, ny, nz]
 }

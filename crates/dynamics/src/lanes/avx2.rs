@@ -58,6 +58,11 @@ impl Lanes for Avx2 {
         Avx2(unsafe { _mm256_fnmadd_pd(self.0, a.0, b.0) })
     }
     #[inline(always)]
+    fn recip(self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_div_pd(_mm256_set1_pd(1.0), self.0) })
+    }
+    #[inline(always)]
     fn abs(self) -> Self {
         // SAFETY: AVX is there.
         Avx2(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })

@@ -6,12 +6,14 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod matrix;
 mod portable;
 mod sin_cos;
 mod vector;
 
+pub(crate) use matrix::M3;
 pub(crate) use sin_cos::sin_cos;
-pub(crate) use vector::{M3, V3};
+pub(crate) use vector::{Places, V3, scatter_add, store_all};
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -49,6 +51,8 @@ pub(crate) trait Lanes:
         let magic = Self::splat(6_755_399_441_055_744.0);
         (self + magic) - magic
     }
+    /// `1 / self`.
+    fn recip(self) -> Self;
     /// Magnitude.
     fn abs(self) -> Self;
     /// True if every magnitude is below `bound`; false for not-a-number.

@@ -39,6 +39,10 @@ impl Lanes for Portable {
         b - self * a
     }
     #[inline(always)]
+    fn recip(self) -> Self {
+        Portable(self.0.map(|x| 1.0 / x))
+    }
+    #[inline(always)]
     fn abs(self) -> Self {
         Portable(self.0.map(f64::abs))
     }

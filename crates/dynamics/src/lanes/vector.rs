@@ -1,6 +1,6 @@
 //! Three-vectors of lanes.
 
-use super::{Lanes, Pack};
+use super::{Lanes, Pack, WIDTH};
 
 /// One three-vector per lane.
 #[derive(Clone, Copy)]
@@ -42,6 +42,15 @@ impl<L: Lanes> V3<L> {
             k.mul_add(o.z, self.z),
         )
     }
+    /// `self - k o`.
+    #[inline(always)]
+    pub(crate) fn sub_scaled(self, k: L, o: Self) -> Self {
+        Self::new(
+            k.neg_mul_add(o.x, self.x),
+            k.neg_mul_add(o.y, self.y),
+            k.neg_mul_add(o.z, self.z),
+        )
+    }
     #[inline(always)]
     pub(crate) fn dot(self, o: Self) -> L {
         self.x.mul_add(o.x, self.y.mul_add(o.y, self.z * o.z))
@@ -51,6 +60,14 @@ impl<L: Lanes> V3<L> {
     pub(crate) fn dot_add(self, o: Self, b: L) -> L {
         self.x
             .mul_add(o.x, self.y.mul_add(o.y, self.z.mul_add(o.z, b)))
+    }
+    #[inline(always)]
+    pub(crate) fn cross(self, o: Self) -> Self {
+        Self::new(
+            self.z.neg_mul_add(o.y, self.y * o.z),
+            self.x.neg_mul_add(o.z, self.z * o.x),
+            self.y.neg_mul_add(o.x, self.x * o.y),
+        )
     }
     /// `b + self × o`.
     #[inline(always)]
@@ -99,57 +116,62 @@ impl<L: Lanes> V3<L> {
     }
 }
 
-/// Three by three numbers per lane, by rows.
-#[derive(Clone, Copy)]
-pub(crate) struct M3<L>(pub(crate) V3<L>, pub(crate) V3<L>, pub(crate) V3<L>);
+/// Where four values stand: row and lane of each.
+pub(crate) type Places = [(usize, usize); WIDTH];
 
-impl<L: Lanes> M3<L> {
+impl<L: Lanes> V3<L> {
+    /// One vector from each of four places; `vectors` are those of the four rows.
     #[inline(always)]
-    pub(crate) fn load(p: &[Pack; 9]) -> Self {
-        M3(
-            V3::new(L::load(&p[0]), L::load(&p[1]), L::load(&p[2])),
-            V3::new(L::load(&p[3]), L::load(&p[4]), L::load(&p[5])),
-            V3::new(L::load(&p[6]), L::load(&p[7]), L::load(&p[8])),
+    pub(crate) fn pick(vectors: [&[Pack; 3]; WIDTH], places: &Places) -> Self {
+        Self::new(
+            pick(vectors[0], vectors[1], vectors[2], vectors[3], places, 0),
+            pick(vectors[0], vectors[1], vectors[2], vectors[3], places, 1),
+            pick(vectors[0], vectors[1], vectors[2], vectors[3], places, 2),
         )
     }
-    #[inline(always)]
-    pub(crate) fn store(self, p: &mut [Pack; 9]) {
-        let [a, b, c, d, e, f, g, h, i] = p;
-        self.0.x.store(a);
-        self.0.y.store(b);
-        self.0.z.store(c);
-        self.1.x.store(d);
-        self.1.y.store(e);
-        self.1.z.store(f);
-        self.2.x.store(g);
-        self.2.y.store(h);
-        self.2.z.store(i);
+}
+
+/// Number `k` of each of four places.
+#[inline(always)]
+pub(super) fn pick<L: Lanes, const N: usize>(
+    a: &[Pack; N],
+    b: &[Pack; N],
+    c: &[Pack; N],
+    d: &[Pack; N],
+    places: &Places,
+    k: usize,
+) -> L {
+    L::set([
+        a[k].0[places[0].1 % WIDTH],
+        b[k].0[places[1].1 % WIDTH],
+        c[k].0[places[2].1 % WIDTH],
+        d[k].0[places[3].1 % WIDTH],
+    ])
+}
+
+/// Adds the lanes of `values` to four places of a row's numbers.
+#[inline(always)]
+pub(crate) fn scatter_add<L: Lanes, R, const N: usize>(
+    values: [L; N],
+    rows: &mut [R],
+    places: &Places,
+    numbers: fn(&mut R) -> [&mut Pack; N],
+) {
+    let mut packs = [Pack::ZERO; N];
+    store_all(values, &mut packs);
+    for (from, (row, lane)) in places.iter().enumerate() {
+        for (to, pack) in numbers(&mut rows[*row]).into_iter().zip(&packs) {
+            to.0[*lane % WIDTH] += pack.0[from];
+        }
     }
-    /// `self x`.
-    #[inline(always)]
-    pub(crate) fn mul(self, x: V3<L>) -> V3<L> {
-        V3::new(self.0.dot(x), self.1.dot(x), self.2.dot(x))
-    }
-    /// `b + self x`.
-    #[inline(always)]
-    pub(crate) fn mul_add(self, x: V3<L>, b: V3<L>) -> V3<L> {
-        V3::new(
-            self.0.dot_add(x, b.x),
-            self.1.dot_add(x, b.y),
-            self.2.dot_add(x, b.z),
-        )
-    }
-    /// `self^T x`.
-    #[inline(always)]
-    pub(crate) fn tr_mul(self, x: V3<L>) -> V3<L> {
-        self.0
-            .scale(x.x)
-            .add_scaled(x.y, self.1)
-            .add_scaled(x.z, self.2)
-    }
-    /// The last column.
-    #[inline(always)]
-    pub(crate) fn third_column(self) -> V3<L> {
-        V3::new(self.0.z, self.1.z, self.2.z)
+}
+
+/// Several numbers to memory. (By index: iterators would leave the instruction set.)
+#[inline(always)]
+pub(crate) fn store_all<L: Lanes, const N: usize>(x: [L; N], p: &mut [Pack; N]) {
+    let mut k = 0;
+    while k < N {
+        x[k].store(&mut p[k]);
+        k += 1;
     }
 }

@@ -30,6 +30,7 @@ pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, C
     build.follow_drivers();
     build.check_bodies()?;
     build.warn_of_massless();
+    build.read_transmissions();
     build.model.finish();
     Ok(build.model)
 }
@@ -133,6 +134,8 @@ impl Build<'_> {
                 kind,
                 limits,
                 armature: 0.0,
+                gear_ratio: None,
+                rotor_inertia: None,
                 damping: dynamics.damping,
                 friction: dynamics.friction,
             });
@@ -217,6 +220,22 @@ impl Build<'_> {
                 self.source.joints[index].own(),
                 joint.name
             ));
+        }
+    }
+
+    fn read_transmissions(&mut self) {
+        for t in &self.source.transmissions {
+            let Some(index) = self.model.joint_index(&t.joint) else {
+                // Transmissions of mimic joints are common and mean nothing here.
+                if !self.source.robot.joints.iter().any(|j| j.name == t.joint) {
+                    let what = format!("{}: transmission of an unknown joint \"{}\"", t.line, t.joint);
+                    self.model.warnings.push(what);
+                }
+                continue;
+            };
+            let joint = &mut self.model.joints[index];
+            joint.gear_ratio = joint.gear_ratio.or(t.gear_ratio);
+            joint.rotor_inertia = joint.rotor_inertia.or(t.rotor_inertia);
         }
     }
 

@@ -7,6 +7,7 @@
 mod build;
 mod inertia;
 mod text;
+mod transmission;
 mod tree;
 
 use crate::model::{Base, Model};

@@ -1,6 +1,7 @@
 //! The XML: numbers are checked where their line is known, then `urdf-rs` reads a clean copy.
 
 use super::Complaint;
+use super::transmission::{self, Transmission};
 use roxmltree::{Document, Node};
 use std::fmt::Write;
 
@@ -11,6 +12,7 @@ pub(super) struct Source {
     pub(super) line: u32,
     pub(super) links: Vec<Lines>,
     pub(super) joints: Vec<Lines>,
+    pub(super) transmissions: Vec<Transmission>,
 }
 
 /// Lines of a link or joint and of its child elements, by tag.
@@ -185,6 +187,7 @@ pub(super) fn read(text: &str) -> Result<Source, Complaint> {
         line: line(root),
         links,
         joints,
+        transmissions: transmission::read(root, &line)?,
     })
 }
 
