@@ -166,7 +166,7 @@ pub(crate) struct JointCommand {
     pub(crate) limits: JointLimits,
     torque_loop: TorqueLoop,
     mode: u32,
-    /// Where to hold: the position that was last commanded, else the measured one.
+    /// Where to hold: the position that carries the load where the joint stands.
     hold_q: f64,
     last: Option<f64>,
     bump: f64,
@@ -230,9 +230,19 @@ impl JointCommand {
         self.mode = wanted_mode;
         self.torque_loop.reset();
         let q = record.measured.q;
+        // Bumpless: what was last commanded carries the load that the joint carries now; at the
+        // start, what the joint's torque asks of its drive does.
+        let tau = &record.tau_encoder;
+        let tau_hat = if tau.flags & torque_flags::VALID != 0 {
+            tau.tau
+        } else {
+            0.0
+        };
         self.hold_q = match (self.motor, self.last) {
-            // Bumpless: the position last commanded carries the load that the joint carries now.
             (MotorModel::Position { .. }, Some(last)) => q + self.limits.delta_q(last - q).value,
+            (MotorModel::Position { .. }, None) => {
+                q + self.limits.delta_q(self.motor.torque_part(tau_hat)).value
+            }
             _ => q,
         };
     }

@@ -11,6 +11,7 @@ pub(crate) struct DemoClient {
     motion: Motion,
     stance: Option<Stance>,
     model_index: Vec<usize>,
+    ft_names: Vec<String>,
     sample_period: f64,
     /// Cycles since the motion began; none before.
     cycle: Option<u64>,
@@ -32,6 +33,11 @@ impl DemoClient {
             stance: (!feet.is_empty()).then(|| Stance::new(&robot.model, feet)),
             motion,
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
+            ft_names: parameters
+                .ft_sensors
+                .iter()
+                .map(|ft| ft.sensor.name.clone())
+                .collect(),
             sample_period: parameters.timing.sample_period,
             cycle: None,
             q_model: vec![0.0; robot.model.joint_count()],
@@ -74,6 +80,9 @@ impl DemoClient {
         }
         if let Some(stance) = &mut self.stance {
             stance.wrenches(&self.q_model, &mut self.reference.contact);
+            for (wrench, name) in self.reference.contact.iter_mut().zip(&self.ft_names) {
+                wrench.torque[2] += self.motion.contact_torque(name, t);
+            }
         }
     }
 }

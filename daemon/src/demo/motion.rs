@@ -14,6 +14,18 @@ struct MotionFile {
     stance: Vec<String>,
     #[serde(default)]
     joint: Vec<JointMotion>,
+    #[serde(default)]
+    contact: Vec<ContactMotion>,
+}
+
+/// A torque about a foot's vertical axis, wanted beside what carries the weight.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ContactMotion {
+    name: String,
+    #[serde(rename = "torque_z_Nm")]
+    torque_z: f64,
+    period_s: f64,
 }
 
 /// Motion of one joint: `q_d = start + amplitude (1 - cos(2 pi t / period)) / 2`.
@@ -34,6 +46,7 @@ pub(super) struct Motion {
     pub(super) stance: Vec<String>,
     /// (start, amplitude, period) of each joint, in config order; rad, rad, s.
     joints: Vec<(f64, f64, f64)>,
+    contacts: Vec<ContactMotion>,
 }
 
 impl Motion {
@@ -41,7 +54,11 @@ impl Motion {
     ///
     /// # Errors
     /// A sentence that names the file, the key and what is allowed.
-    pub(super) fn parse(text: &str, file_name: &str, joint_names: &[String]) -> Result<Self, String> {
+    pub(super) fn parse(
+        text: &str,
+        file_name: &str,
+        joint_names: &[String],
+    ) -> Result<Self, String> {
         let file: MotionFile = toml::from_str(text).map_err(|e| format!("{file_name}: {e}"))?;
         let mut joints = vec![(0.0, 0.0, 1.0); joint_names.len()];
         for motion in &file.joint {
@@ -65,6 +82,7 @@ impl Motion {
             settle_s: file.settle_s,
             stance: file.stance,
             joints,
+            contacts: file.contact,
         })
     }
 
@@ -73,6 +91,17 @@ impl Motion {
         for (joint, &q) in self.joints.iter_mut().zip(q) {
             joint.0 = q;
         }
+    }
+
+    /// Torque about the vertical axis of the end-effector beyond F/T sensor `name` at `t`, s since
+    /// the start, N·m.
+    #[must_use]
+    pub(super) fn contact_torque(&self, name: &str, t: f64) -> f64 {
+        let contacts = self.contacts.iter().filter(|contact| contact.name == name);
+        let since = (t - self.settle_s).max(0.0);
+        contacts
+            .map(|c| 0.5 * c.torque_z * (1.0 - (TAU / c.period_s * since).cos()))
+            .sum()
     }
 
     /// What is wanted of a joint at `t`, s since the start.
