@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
 use std::time::Duration;
@@ -214,7 +214,8 @@ fn a_daemon_that_goes_away_is_noticed() {
     let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
     let mut watch = dir
         .watch("--rate 10")
-        .stderr(std::process::Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
         .spawn();
     let watch = watch.as_mut().expect("torquectl starts");
     for _ in 0..300 {
