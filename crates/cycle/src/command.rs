@@ -97,7 +97,10 @@ impl Command {
         for (j, joint) in self.joints.iter_mut().enumerate() {
             match limit(joint, self.unlimited[j], &mut record.joints[j], counts) {
                 Ok(command) => joint.commit(command),
-                Err(event) => result = Err(event),
+                Err(event) => {
+                    joint.keep_last(&mut record.joints[j]);
+                    result = Err(event);
+                }
             }
         }
         result
@@ -196,6 +199,22 @@ impl JointCommand {
     /// Remembers what was commanded after all limits.
     pub(crate) fn commit(&mut self, command: f64) {
         self.last = Some(command);
+    }
+
+    /// Shows what stands instead of a command that is not finite: the last one.
+    fn keep_last(&self, record: &mut JointRecord) {
+        let last = self.last.unwrap_or(record.measured.q);
+        record.control = match self.motor {
+            MotorModel::Position { .. } => JointControl {
+                q_c: last,
+                delta_q: last - record.measured.q,
+                ..JointControl::default()
+            },
+            MotorModel::Current { .. } => JointControl {
+                current_c: self.last.unwrap_or(0.0),
+                ..JointControl::default()
+            },
+        };
     }
 
     /// The command of this cycle before the last limits, with its parts in `record.control`.

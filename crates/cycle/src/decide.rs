@@ -109,8 +109,7 @@ impl Supervisor {
             }
             return None;
         };
-        // Written so that a NaN age counts as stale.
-        if !(wanted.age_s <= self.reference_timeout_s) {
+        if wanted.age_s.is_nan() || wanted.age_s > self.reference_timeout_s {
             if self.mode != mode::HOLD {
                 self.report(Event::ReferenceStale, counts);
             }

@@ -55,9 +55,11 @@ impl Cycle {
         if joints > MAX_JOINTS || sensors > MAX_FT_SENSORS {
             return Err(CycleError::TooLarge { joints, sensors });
         }
-        let mut record = CycleRecord::default();
-        record.joint_count = joints as u32;
-        record.ft_count = sensors as u32;
+        let record = CycleRecord {
+            joint_count: joints as u32,
+            ft_count: sensors as u32,
+            ..CycleRecord::default()
+        };
         Ok(Self {
             measure: Measure::new(robot)?,
             estimate: Estimate::new(robot)?,

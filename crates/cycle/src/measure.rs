@@ -183,12 +183,12 @@ impl Measure {
 
     /// Whether the source has a whole and finite sample in this cycle; its age and flags.
     fn look(&self, source: &Source, now: Stamp, counts: &mut Counts) -> (bool, f64, u32) {
-        let stamps = source
+        let mut stamps = source
             .messages
             .iter()
             .map(|&m| self.stamps.get(m).copied().flatten());
         // The oldest message counts: the sample is whole only with all of them.
-        let oldest = stamps.fold(Some(u64::MAX), |oldest, stamp| Some(oldest?.min(stamp?)));
+        let oldest = stamps.try_fold(u64::MAX, |oldest, stamp| Some(oldest.min(stamp?)));
         let Some(oldest) = oldest else {
             return (
                 false,

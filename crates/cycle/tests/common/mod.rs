@@ -7,25 +7,29 @@ use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 use robot_state::{CycleRecord, JointReference, Reference, mode};
 
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a test may read the project's files"
+)]
 /// Reads a file of the project; configurations name theirs relative to themselves.
 fn read(path: &str) -> std::io::Result<String> {
     std::fs::read_to_string(format!("{}/../../{path}", env!("CARGO_MANIFEST_DIR")))
 }
 
 /// The cycle, the robot, and the frames between them.
-pub struct Bench {
-    pub robot: Robot,
-    pub cycle: Cycle,
-    pub plant: CanRobot,
-    pub now: u64,
-    pub rx: Frames,
-    pub tx: Frames,
+pub(crate) struct Bench {
+    pub(crate) robot: Robot,
+    pub(crate) cycle: Cycle,
+    pub(crate) plant: CanRobot,
+    pub(crate) now: u64,
+    pub(crate) rx: Frames,
+    pub(crate) tx: Frames,
     sync: Frames,
 }
 
 impl Bench {
     /// A robot of the project in front of its cycle.
-    pub fn new(name: &str) -> Self {
+    pub(crate) fn new(name: &str) -> Self {
         let path = format!("config/{name}/robot.toml");
         let robot = robot_config::load(&path, &read).unwrap();
         let sim_path = format!("config/{name}/sim.toml");
@@ -48,14 +52,14 @@ impl Bench {
     }
 
     /// SYNC and the robot's answers, in `rx`.
-    pub fn gather(&mut self) {
+    pub(crate) fn gather(&mut self) {
         self.now += 1_000_000;
         self.rx.clear();
         self.plant.exchange(&self.sync, self.now, &mut self.rx);
     }
 
     /// Computes from what is in `rx`, and hands the commands to the robot.
-    pub fn compute(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
+    pub(crate) fn compute(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
         self.tx.clear();
         self.cycle
             .step(Stamp(self.now), &self.rx, wanted, &mut self.tx);
@@ -66,20 +70,20 @@ impl Bench {
     }
 
     /// One whole cycle.
-    pub fn step(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
+    pub(crate) fn step(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
         self.gather();
         self.compute(wanted)
     }
 
     /// Cycles without a client.
-    pub fn run(&mut self, cycles: usize) {
+    pub(crate) fn run(&mut self, cycles: usize) {
         for _ in 0..cycles {
             self.step(&Wanted::default());
         }
     }
 
     /// Drops the answers for which `drop` is true.
-    pub fn drop_answers(&mut self, drop: impl Fn(&Frame) -> bool) {
+    pub(crate) fn drop_answers(&mut self, drop: impl Fn(&Frame) -> bool) {
         let kept: Vec<Frame> = self.rx.iter().filter(|f| !drop(f)).copied().collect();
         self.rx.clear();
         for frame in kept {
@@ -88,7 +92,7 @@ impl Bench {
     }
 
     /// A reference that asks for the present pose in `mode`.
-    pub fn reference(&self, mode: u32, sequence: u64) -> Reference {
+    pub(crate) fn reference(&self, mode: u32, sequence: u64) -> Reference {
         let record = self.cycle.record();
         let mut reference = Reference {
             sequence,
@@ -107,7 +111,7 @@ impl Bench {
     }
 
     /// Runs until the filters are full and the robot follows the client.
-    pub fn follow(&mut self) -> Reference {
+    pub(crate) fn follow(&mut self) -> Reference {
         self.run(200);
         let reference = self.reference(mode::INVERSE_DYNAMICS, 1);
         let wanted = wanted(&reference);
@@ -117,7 +121,7 @@ impl Bench {
 }
 
 /// A fresh reference.
-pub fn wanted(reference: &Reference) -> Wanted<'_> {
+pub(crate) fn wanted(reference: &Reference) -> Wanted<'_> {
     Wanted {
         reference: Some(reference),
         age_s: 0.001,
