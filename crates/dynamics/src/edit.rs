@@ -155,7 +155,8 @@ impl Parts {
         let mut stack = vec![self.root];
         while let Some(i) = stack.pop() {
             order.push(i);
-            let is_child = |c: &usize| *c != self.root && !self.gone[*c] && self.bodies[*c].parent == i;
+            let is_child =
+                |c: &usize| *c != self.root && !self.gone[*c] && self.bodies[*c].parent == i;
             let mut children: Vec<usize> = (0..self.bodies.len()).filter(is_child).collect();
             children.sort_by(|a, b| self.bodies[*b].name.cmp(&self.bodies[*a].name));
             stack.extend(children.into_iter().filter(|c| *c != i));
@@ -188,14 +189,20 @@ impl Parts {
             let joint = &old.joints[body.joint];
             if joint.name == body.name {
                 new_joint[body.joint] = Some(joints.len());
-                joints.push(Joint { body: new, ..joint.clone() });
+                joints.push(Joint {
+                    body: new,
+                    ..joint.clone()
+                });
             }
         }
         // Mimic joints whose driver was taken off: the first of them drives the others.
         for (new, body) in bodies.iter().enumerate().skip(1) {
             if new_joint[body.joint].is_none() {
                 new_joint[body.joint] = Some(joints.len());
-                joints.push(Joint { body: new, ..old.joints[body.joint].clone() });
+                joints.push(Joint {
+                    body: new,
+                    ..old.joints[body.joint].clone()
+                });
             }
         }
         for body in bodies.iter_mut().skip(1) {

@@ -20,6 +20,7 @@ pub fn kinetic_energy(model: &Model, data: &Data, v: &[f64]) -> f64 {
 /// `V = -sum m g·c`, J, zero at the world's origin, after forward kinematics.
 pub fn potential_energy(model: &Model, data: &Data) -> f64 {
     let bodies = moving_bodies(model, data);
-    let moment = bodies.map(|(b, m)| m.rotation * b.inertia.first_moment + m.translation * b.inertia.mass);
+    let moment =
+        bodies.map(|(b, m)| m.rotation * b.inertia.first_moment + m.translation * b.inertia.mass);
     -model.gravity.dot(&moment.sum())
 }

@@ -34,12 +34,11 @@ pub use aba::aba;
 pub use centroidal::{
     center_of_mass, center_of_mass_jacobian, centroidal_map, centroidal_momentum,
 };
-pub use energy::{kinetic_energy, potential_energy};
-pub use regressor::{PARAMETERS, joint_torque_regressor};
 pub use cholesky::{cholesky_decompose, cholesky_solve};
 pub use configuration::{Random, integrate, neutral};
 pub use crba::crba;
 pub use data::Data;
+pub use energy::{kinetic_energy, potential_energy};
 pub use frames::{
     ReferenceFrame, frame_acceleration, frame_classical_acceleration, frame_placement,
     frame_velocity,
@@ -51,6 +50,7 @@ pub use kinematics::{
 };
 pub use lanes::Instructions;
 pub use model::{Base, Body, Cut, Frame, GRAVITY, Joint, JointKind, JointLimits, Model};
+pub use regressor::{PARAMETERS, joint_torque_regressor};
 pub use rnea::{gravity, nle, rnea};
 pub use spatial::{Force, Inertia, Motion, Se3};
 pub use urdf::{UrdfError, UrdfOptions};

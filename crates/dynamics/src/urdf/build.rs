@@ -228,7 +228,10 @@ impl Build<'_> {
             let Some(index) = self.model.joint_index(&t.joint) else {
                 // Transmissions of mimic joints are common and mean nothing here.
                 if !self.source.robot.joints.iter().any(|j| j.name == t.joint) {
-                    let what = format!("{}: transmission of an unknown joint \"{}\"", t.line, t.joint);
+                    let what = format!(
+                        "{}: transmission of an unknown joint \"{}\"",
+                        t.line, t.joint
+                    );
                     self.model.warnings.push(what);
                 }
                 continue;
