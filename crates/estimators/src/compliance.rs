@@ -6,7 +6,6 @@
 //! i, omega --> friction cases ----------------------+<------ tau/N of the last step-+
 //! ```
 
-use crate::hysteresis::{Hysteresis, SlipElement};
 use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use crate::low_pass::LowPass;
 use crate::wave_generator::{WaveGenerator, WaveGeneratorTorque};
@@ -100,7 +99,6 @@ impl ComplianceParameters {
 pub struct ComplianceEstimator {
     parameters: JointEstimatorParameters,
     wave_generator: WaveGenerator,
-    hysteresis: Hysteresis,
     low_pass: LowPass,
     /// tau of the last step before the low-pass, N·m; zero after a reset.
     tau: f64,
@@ -113,13 +111,6 @@ impl ComplianceEstimator {
     /// An estimator that has seen no sample.
     #[must_use]
     pub fn new(parameters: JointEstimatorParameters) -> Self {
-        Self::with_hysteresis(parameters, &[])
-    }
-
-    /// The same with slipping springs beside the flexspline: the compliance parameters are then
-    /// those of the purely elastic part.
-    #[must_use]
-    pub fn with_hysteresis(parameters: JointEstimatorParameters, elements: &[SlipElement]) -> Self {
         // A count hides a uniform error whose variance is its square over 12. No credit is taken
         // for the low-pass: at rest the error of quantisation is constant and passes.
         let count = |resolution: f64| resolution * resolution / 12.0;
@@ -128,7 +119,6 @@ impl ComplianceEstimator {
             + parameters.torsion_sigma.powi(2);
         Self {
             wave_generator: WaveGenerator::new(parameters.wave_generator),
-            hysteresis: Hysteresis::new(elements),
             low_pass: LowPass::new(parameters.low_pass_pole),
             tau: 0.0,
             last: TorqueEstimate::default(),
@@ -189,11 +179,7 @@ impl JointTorqueEstimator for ComplianceEstimator {
         let torsion_wg = p.compliance.wave_generator_torsion(wave_generator.tau_wg);
         //= Z19: torsion_fs = torsion - torsion_wg/N - err
         let torsion_fs = torsion - torsion_wg / p.gear_ratio - p.kinematic_error.error(q, theta);
-        let elastic = p.compliance.torque(torsion_fs, p.torque_limit);
-        // Beyond the papers: what slipping springs add to Z20.
-        let slipping = elastic.tau + self.hysteresis.update(torsion_fs);
-        let saturated = elastic.saturated || slipping.abs() >= p.torque_limit;
-        let tau = slipping.clamp(-p.torque_limit, p.torque_limit);
+        let Saturated { tau, saturated } = p.compliance.torque(torsion_fs, p.torque_limit);
         self.tau = tau;
         let tau_hat = self.low_pass.update(tau);
         let mut out = torque_flags::VALID;
@@ -215,7 +201,6 @@ impl JointTorqueEstimator for ComplianceEstimator {
 
     fn reset(&mut self) {
         self.wave_generator.reset();
-        self.hysteresis.reset();
         self.low_pass.reset();
         self.tau = 0.0;
         self.last = TorqueEstimate::default();

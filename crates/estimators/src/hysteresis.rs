@@ -5,6 +5,12 @@
 //! follows from the torsion without solving for anything, and its stiffnesses follow from slow
 //! loading loops by linear least squares. Beyond the papers: Z, G and U have no such state.
 
+use crate::joint::{JointSample, JointTorqueEstimator};
+use crate::kinematic_error::KinematicErrorParameters;
+use crate::low_pass::LowPass;
+use crate::output::Output;
+use robot_state::{TorqueEstimate, torque_source};
+
 /// One spring that slips.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlipElement {
@@ -76,5 +82,151 @@ impl Hysteresis {
         self.elements
             .iter_mut()
             .for_each(|(_, stretch)| *stretch = 0.0);
+    }
+}
+
+/// The gear's torque against its torsion: an elastic curve and springs that slip.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GearParameters {
+    /// Stiffness of the linear part, N·m/rad.
+    pub linear: f64,
+    /// Growth of the stiffness, N·m/rad³.
+    pub cubic: f64,
+    /// Wind-up around zero: (w, k) adds `k w tanh(x/w)`; w in rad, k in N·m/rad.
+    pub wind_up: Vec<(f64, f64)>,
+    /// Springs that slip.
+    pub slipping: Vec<SlipElement>,
+}
+
+impl GearParameters {
+    /// The elastic part's torque at torsion `x`, N·m.
+    #[must_use]
+    pub fn elastic(&self, x: f64) -> f64 {
+        let soft = self.wind_up.iter().map(|(w, k)| k * w * (x / w).tanh());
+        x * (self.linear + self.cubic * x * x) + soft.sum::<f64>()
+    }
+
+    /// Stiffness at torsion `x` in the direction of loading, N·m/rad.
+    #[must_use]
+    pub fn stiffness(&self, x: f64) -> f64 {
+        let soft = self
+            .wind_up
+            .iter()
+            .map(|(w, k)| k * (1.0 - (x / w).tanh().powi(2)));
+        self.linear + 3.0 * self.cubic * x * x + soft.sum::<f64>()
+    }
+}
+
+/// A gear with its slipping springs' state.
+#[derive(Debug, Clone)]
+pub struct Gear {
+    parameters: GearParameters,
+    slipping: Hysteresis,
+}
+
+impl Gear {
+    /// A gear without history.
+    #[must_use]
+    pub fn new(parameters: GearParameters) -> Self {
+        Self {
+            slipping: Hysteresis::new(&parameters.slipping),
+            parameters,
+        }
+    }
+
+    /// Moves to torsion `x`; the torque there, N·m.
+    pub fn update(&mut self, x: f64) -> f64 {
+        self.parameters.elastic(x) + self.slipping.update(x)
+    }
+
+    /// The curves.
+    #[must_use]
+    pub fn parameters(&self) -> &GearParameters {
+        &self.parameters
+    }
+
+    /// Forgets the past.
+    pub fn reset(&mut self) {
+        self.slipping.reset();
+    }
+}
+
+/// Compliance model with hysteresis, as an estimator of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HysteresisParameters {
+    /// The gear.
+    pub gear: GearParameters,
+    /// Friction of the output bearing: springs that slip along q. Torsion does not show it, but
+    /// the child link feels the gear's torque less this.
+    pub bearing: Vec<SlipElement>,
+    /// Viscous friction of the output bearing, N·m·s/rad.
+    pub bearing_viscous: f64,
+    /// Kinematic error.
+    pub kinematic_error: KinematicErrorParameters,
+    /// N: gear ratio, 1.
+    pub gear_ratio: f64,
+    /// Pole of the torque's low-pass, 0 (none) to below 1.
+    pub low_pass_pole: f64,
+    /// Standard deviation of the torsion that the model leaves, rad; identified.
+    pub torsion_sigma: f64,
+    /// T: time between samples, s.
+    pub sample_period: f64,
+    /// Largest |tau| that is ever reported, N·m.
+    pub torque_limit: f64,
+}
+
+/// Torque from the torsion and its past.
+#[derive(Debug, Clone)]
+pub struct HysteresisEstimator {
+    parameters: HysteresisParameters,
+    gear: Gear,
+    bearing: Hysteresis,
+    low_pass: LowPass,
+    output: Output,
+}
+
+impl HysteresisEstimator {
+    /// An estimator that has seen no sample.
+    #[must_use]
+    pub fn new(parameters: HysteresisParameters) -> Self {
+        let low_pass = LowPass::new(parameters.low_pass_pole);
+        let delay_s = low_pass.delay_samples() * parameters.sample_period;
+        Self {
+            gear: Gear::new(parameters.gear.clone()),
+            bearing: Hysteresis::new(&parameters.bearing),
+            output: Output::new(torque_source::ENCODER, parameters.torque_limit, delay_s),
+            low_pass,
+            parameters,
+        }
+    }
+}
+
+impl JointTorqueEstimator for HysteresisEstimator {
+    fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
+        if !Output::usable(sample) {
+            return self.output.held();
+        }
+        let p = &self.parameters;
+        let torsion = sample.theta / p.gear_ratio - sample.q;
+        let x = torsion - p.kinematic_error.error(sample.q, sample.theta);
+        // The cubic may bend back far outside of what was fitted: beyond twice the limit's torsion
+        // of the linear part, that torsion stands in.
+        let furthest = 2.0 * p.torque_limit / p.gear.linear.max(f64::MIN_POSITIVE);
+        let x = x.clamp(-furthest, furthest);
+        let bearing = self.bearing.update(sample.q) + p.bearing_viscous * sample.dq;
+        let tau = (self.gear.update(x) - bearing).clamp(-p.torque_limit, p.torque_limit);
+        let tau = self.low_pass.update(tau);
+        self.output.give(
+            sample,
+            tau,
+            (p.gear.stiffness(x).abs() * p.torsion_sigma).min(p.torque_limit),
+        )
+    }
+
+    fn reset(&mut self) {
+        self.gear.reset();
+        self.bearing.reset();
+        self.low_pass.reset();
+        self.output.reset();
     }
 }

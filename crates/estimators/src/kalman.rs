@@ -10,10 +10,10 @@
 //! ```
 //! U's own filter equations are lost; this is the reconstruction. The kinematic error is taken at
 //! the measured angles: it moves by less than the encoder's noise between those and the state's.
-//! Added beyond U: slipping springs (`hysteresis`), the torque's rate against lag, and a slow
+//! Added beyond U: slipping springs (`gear`), the torque's rate against lag, and a slow
 //! motor torque `d` for the current's offset and the friction that the model lacks.
 
-use crate::hysteresis::{Hysteresis, SlipElement};
+use crate::hysteresis::{Gear, GearParameters};
 use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use crate::output::Output;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -29,8 +29,8 @@ pub const ADDED_STATES: usize = 5;
 pub struct KalmanParameters {
     /// Gear, compliance, kinematic error and motor friction.
     pub joint: JointEstimatorParameters,
-    /// Springs that slip beside the flexspline; none as U has it.
-    pub hysteresis: Vec<SlipElement>,
+    /// The gear with springs that slip, in place of Z's curves; none as U has it.
+    pub gear: Option<GearParameters>,
     /// J_m: inertia of rotor and wave generator, motor side, kg·m².
     pub rotor_inertia: f64,
     /// |omega| at which the sign of friction is smoothed, rad/s.
@@ -55,10 +55,12 @@ pub enum Transform {
 pub struct KalmanEstimator<const N: usize> {
     parameters: KalmanParameters,
     transform: Transform,
-    hysteresis: Hysteresis,
+    gear: Option<Gear>,
     state: Option<State<N>>,
     /// Normalised square of the last innovation, and its mean over the last second or so.
     innovation: (f64, f64),
+    /// Logarithm of the last innovation's likelihood, up to a constant.
+    log_likelihood: f64,
     output: Output,
 }
 
@@ -77,10 +79,11 @@ impl<const N: usize> KalmanEstimator<N> {
     pub fn new(parameters: KalmanParameters, transform: Transform) -> Self {
         debug_assert!(N == STATES || N == ADDED_STATES, "{N} states");
         Self {
-            hysteresis: Hysteresis::new(&parameters.hysteresis),
+            gear: parameters.gear.clone().map(Gear::new),
             output: Output::new(torque_source::ENCODER, parameters.joint.torque_limit, 0.0),
             state: None,
             innovation: (2.0, 2.0),
+            log_likelihood: 0.0,
             transform,
             parameters,
         }
@@ -90,6 +93,12 @@ impl<const N: usize> KalmanEstimator<N> {
     #[must_use]
     pub fn normalized_innovation(&self) -> f64 {
         self.innovation.0
+    }
+
+    /// Logarithm of the last innovation's likelihood, up to a constant: what noise is tuned by.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood
     }
 
     /// Whether the innovations are as small as the model says.
@@ -225,6 +234,7 @@ impl<const N: usize> KalmanEstimator<N> {
         let squared = (innovation.transpose() * inverse * innovation)[(0, 0)];
         let second = (1.0 / self.parameters.joint.sample_period).max(1.0);
         self.innovation.0 = squared;
+        self.log_likelihood = -0.5 * (squared + covariance.determinant().max(1e-300).ln());
         self.innovation.1 += (squared.min(1e6) - self.innovation.1) / second;
         let p = s.p - gain * covariance * gain.transpose();
         // Rounding makes it lopsided, and a lopsided covariance soon is none.
@@ -310,10 +320,17 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
             - p.kinematic_error.error(sample.q, sample.theta);
         let limit = p.compliance.flexspline_torsion(p.torque_limit);
         let bounded = torsion.clamp(-2.0 * limit, 2.0 * limit);
-        // The springs' part is known from the torsion's past and is taken off before.
-        let slipping = self.hysteresis.update(bounded);
-        let whole = p.compliance.torque(bounded, p.torque_limit).tau + slipping;
-        let z = Vector2::new(sample.theta, p.compliance.flexspline_torsion(whole));
+        // What the springs add is known from the torsion's past: the torsion that a gear without
+        // them would have at the same torque takes the measured one's place.
+        let measured = match &mut self.gear {
+            Some(gear) => {
+                let tau = gear.update(bounded).clamp(-p.torque_limit, p.torque_limit);
+                let torsion_wg = p.compliance.wave_generator_torsion(tau / p.gear_ratio);
+                p.compliance.flexspline_torsion(tau) + torsion_wg / p.gear_ratio
+            }
+            None => bounded,
+        };
+        let z = Vector2::new(sample.theta, measured);
         // More than twice the limit no gear carries: a current beyond is a fault, not a torque.
         let bound = 2.0 * p.torque_limit / p.gear_ratio + p.wave_generator.friction;
         let tau_m = (p.wave_generator.torque_constant * sample.current).clamp(-bound, bound);
@@ -338,7 +355,9 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
     }
 
     fn reset(&mut self) {
-        self.hysteresis.reset();
+        if let Some(gear) = &mut self.gear {
+            gear.reset();
+        }
         self.state = None;
         self.innovation = (2.0, 2.0);
         self.output.reset();

@@ -6,6 +6,7 @@ pub mod current_based;
 pub mod deformation;
 pub mod encoder;
 pub mod features;
+pub mod front_end;
 pub mod fusion;
 pub mod hysteresis;
 pub mod joint;

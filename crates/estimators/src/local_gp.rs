@@ -5,7 +5,6 @@
 //! alone, and a model's own prediction is bounded, so models whose whole share lies below a
 //! tolerance are left out.
 
-use crate::compliance::ComplianceEstimator;
 use crate::features::{FeatureSet, MAX_FEATURES};
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::output::Output;
@@ -279,10 +278,9 @@ fn exp_of_negative(x: f64) -> f64 {
     series * f64::from_bits(exponent)
 }
 
-/// A compliance model corrected by local Gaussian processes (G).
-#[derive(Debug, Clone)]
+/// A model (G: the compliance model) corrected by local Gaussian processes.
 pub struct LocalGpEstimator {
-    base: ComplianceEstimator,
+    base: Box<dyn JointTorqueEstimator + Send>,
     residual: Box<LocalGp>,
     output: Output,
 }
@@ -290,8 +288,12 @@ pub struct LocalGpEstimator {
 impl LocalGpEstimator {
     /// The correction of `base` by `residual`.
     #[must_use]
-    pub fn new(base: ComplianceEstimator, residual: Box<LocalGp>, torque_limit: f64) -> Self {
-        let output = Output::new(torque_source::ENCODER, torque_limit, base.delay_s());
+    pub fn new(
+        base: Box<dyn JointTorqueEstimator + Send>,
+        residual: Box<LocalGp>,
+        torque_limit: f64,
+    ) -> Self {
+        let output = Output::new(torque_source::ENCODER, torque_limit, 0.0);
         Self {
             base,
             residual,
@@ -321,6 +323,7 @@ impl JointTorqueEstimator for LocalGpEstimator {
             .output
             .give(sample, model.tau + mean, (variance + noise).sqrt());
         estimate.flags |= model.flags & torque_flags::SATURATED;
+        estimate.delay_s = model.delay_s;
         estimate
     }
 

@@ -13,7 +13,9 @@ use estimators::deformation::{
 use estimators::encoder::{EncoderParameters, JointEncoders};
 use estimators::features::FeatureSet;
 use estimators::fusion::{Fusion, FusionParameters};
-use estimators::hysteresis::SlipElement;
+use estimators::hysteresis::{
+    GearParameters, HysteresisEstimator, HysteresisParameters, SlipElement,
+};
 use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
@@ -293,17 +295,39 @@ const LOADED: Expected = Expected {
     reaches_limit: true,
 };
 
-fn slipping() -> Vec<SlipElement> {
-    vec![
-        SlipElement {
-            limit: 5e-5,
-            stiffness: 3000.0,
-        },
-        SlipElement {
-            limit: 2e-4,
-            stiffness: 1000.0,
-        },
-    ]
+fn gear() -> GearParameters {
+    GearParameters {
+        linear: 8000.0,
+        cubic: 1e8,
+        wind_up: vec![(1e-4, -2000.0)],
+        slipping: vec![
+            SlipElement {
+                limit: 5e-5,
+                stiffness: 3000.0,
+            },
+            SlipElement {
+                limit: 2e-4,
+                stiffness: 1000.0,
+            },
+        ],
+    }
+}
+
+fn hysteresis() -> HysteresisEstimator {
+    HysteresisEstimator::new(HysteresisParameters {
+        gear: gear(),
+        bearing: vec![SlipElement {
+            limit: 1e-4,
+            stiffness: 800.0,
+        }],
+        bearing_viscous: 0.05,
+        kinematic_error: test_joint(FrictionRule::Physical, 0.0).kinematic_error,
+        gear_ratio: 100.0,
+        low_pass_pole: 0.5,
+        torsion_sigma: 1e-5,
+        sample_period: 1e-3,
+        torque_limit: LIMIT,
+    })
 }
 
 fn compliance() -> ComplianceEstimator {
@@ -409,16 +433,16 @@ fn local_gp() -> LocalGpEstimator {
         tolerance: 1e-6,
         gear_ratio: 100.0,
     });
-    LocalGpEstimator::new(compliance(), Box::new(residual), LIMIT)
+    LocalGpEstimator::new(Box::new(compliance()), Box::new(residual), LIMIT)
 }
 
 fn kalman<const N: usize>(
     transform: Transform,
-    hysteresis: Vec<SlipElement>,
+    gear: Option<GearParameters>,
 ) -> KalmanEstimator<N> {
     let parameters = KalmanParameters {
         joint: test_joint(FrictionRule::Physical, 0.0),
-        hysteresis,
+        gear,
         rotor_inertia: 1.14e-5,
         sign_smoothing: 1.0,
         process: [1e-8, 1.0, 0.05, 100.0, 1e-9],
@@ -450,15 +474,7 @@ fn compliance_without_low_pass() {
 
 #[test]
 fn compliance_with_hysteresis() {
-    let p = test_joint(FrictionRule::Physical, 0.5);
-    let new = || ComplianceEstimator::with_hysteresis(p.clone(), &slipping());
-    conforms(
-        &|| Box::new(new()),
-        Expected {
-            jump: 4.0,
-            ..LOADED
-        },
-    );
+    conforms(&|| Box::new(hysteresis()), LOADED);
 }
 
 #[test]
@@ -497,15 +513,15 @@ fn kalman_filters() {
         ..LOADED
     };
     conforms(
-        &|| Box::new(kalman::<STATES>(Transform::Linear, Vec::new())),
+        &|| Box::new(kalman::<STATES>(Transform::Linear, None)),
         expected(),
     );
     conforms(
-        &|| Box::new(kalman::<STATES>(Transform::Unscented, Vec::new())),
+        &|| Box::new(kalman::<STATES>(Transform::Unscented, None)),
         expected(),
     );
     conforms(
-        &|| Box::new(kalman::<ADDED_STATES>(Transform::Unscented, slipping())),
+        &|| Box::new(kalman::<ADDED_STATES>(Transform::Unscented, Some(gear()))),
         expected(),
     );
 }
@@ -518,7 +534,7 @@ fn fused_sources() {
             ("current".into(), Box::new(current_based())),
             (
                 "kalman".into(),
-                Box::new(kalman::<STATES>(Transform::Unscented, Vec::new())),
+                Box::new(kalman::<STATES>(Transform::Unscented, None)),
             ),
         ];
         let covariance = |rest: f64| vec![0.2, 0.0, 0.1, 0.0, rest, 0.0, 0.1, 0.0, 0.2];
