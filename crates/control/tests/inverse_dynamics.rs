@@ -8,6 +8,10 @@ use dynamics::{
 use nalgebra::{DMatrix, DVector, Matrix6xX, Vector3, Vector6};
 use robot_state::Wrench;
 
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a test may read the project's files"
+)]
 fn robot(name: &str, base: Base) -> Model {
     let file = format!(
         "{}/../../robot-models/{name}/robot.urdf",
@@ -45,13 +49,7 @@ fn compare(model: &Model, frame_names: &[&str]) {
         for (&frame, wrench) in frames.iter().zip(&wrenches) {
             let mut jacobian = Matrix6xX::zeros(model.nv());
             forward_kinematics(model, &mut data, &q);
-            frame_jacobian(
-                model,
-                &mut data,
-                frame,
-                ReferenceFrame::Local,
-                &mut jacobian,
-            );
+            frame_jacobian(model, &data, frame, ReferenceFrame::Local, &mut jacobian);
             let [f, n] = [Vector3::from(wrench.force), Vector3::from(wrench.torque)];
             let wrench = Vector6::new(f.x, f.y, f.z, n.x, n.y, n.z);
             expected -= jacobian.transpose() * wrench;
