@@ -13,6 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BINARIES = Path(os.environ.get("TORQUED_BINARIES", ROOT / "target" / "debug"))
 PYTHON = ROOT / ".venv" / "bin" / "python"
+CLIENT = ROOT / "client" / "python"
 LEG = ROOT / "config" / "leg" / "robot.toml"
 
 
@@ -24,7 +25,12 @@ class Process:
         self.lines = []
         self._new = queue.Queue()
         self._popen = subprocess.Popen(
-            self.command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            self.command,
+            cwd=ROOT,
+            env=os.environ | {"PYTHONPATH": str(CLIENT)},
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
         )
         self._stdout = []
         self._readers = [
@@ -49,7 +55,7 @@ class Process:
         """Everything it has printed, both streams."""
         return "".join(self.lines)
 
-    def wait_for(self, pattern, limit_s=30.0):
+    def wait_for(self, pattern, limit_s=60.0):
         """The match of the first line, not yet waited for, that has the pattern."""
         until = time.monotonic() + limit_s
         ended = 0
@@ -68,7 +74,7 @@ class Process:
         """Sends a signal."""
         self._popen.send_signal(number)
 
-    def wait(self, limit_s=60.0):
+    def wait(self, limit_s=120.0):
         """The exit code."""
         try:
             code = self._popen.wait(limit_s)
@@ -79,7 +85,7 @@ class Process:
             reader.join()
         return code
 
-    def report(self, limit_s=60.0, code=0):
+    def report(self, limit_s=120.0, code=0):
         """Waits for its end with that exit code; the JSON document in its last line."""
         if self.wait(limit_s) != code:
             raise self._fail(f"exit code {self._popen.returncode}, not {code}")
@@ -102,30 +108,32 @@ class Process:
         self.kill()
 
 
-def simulator(config=LEG, *options):
+def simulator(config, *options):
     """torqued-sim, waiting for SYNC frames."""
     process = Process(BINARIES / "torqued-sim", config, "--json", *options)
     process.wait_for("ready")
     return process
 
 
-def daemon(config=LEG, *options):
+def daemon(config, *options):
     """torqued run, from its first cycle on."""
     process = Process(BINARIES / "torqued", "run", config, "--json", *options)
     process.wait_for("running")
     return process
 
 
-def derived_config(folder, *changes, config=LEG):
-    """A copy of a config with lines changed: pairs (old, new), each of which must occur."""
+def derived_config(folder, changes, config=LEG):
+    """A copy of a config with words replaced: {old: new}; each old one must occur."""
     text = config.read_text()
-    for old, new in changes:
+    for old, new in changes.items():
         assert old in text, f"{config} has no {old!r}"
         text = text.replace(old, new)
     # What is relative to the config's folder has to stay there.
     text = re.sub(r'"(\.\./[^"]*)"', lambda m: f'"{(config.parent / m[1]).resolve()}"', text)
     path = folder / "robot.toml"
     path.write_text(text)
+    # What the simulated robot is really like stands beside it.
+    (folder / "sim.toml").write_text((config.parent / "sim.toml").read_text())
     return path
 
 

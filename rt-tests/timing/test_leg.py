@@ -18,7 +18,7 @@ BUS = {7: "poll", 271: "ppoll", 299: "recvmmsg", 307: "sendmmsg"}
 def results(tmp_path_factory):
     """The folder that pair.sh has filled."""
     folder = tmp_path_factory.mktemp("leg")
-    config = derived_config(folder, ('real_time = "try"', 'real_time = "require"'))
+    config = derived_config(folder, {'real_time = "try"': 'real_time = "require"'})
     memory = [BINARIES / "torqued", BINARIES / "torqued-sim", ROOT / "robot-models", ROOT / "config"]
     preload = [option for path in memory for option in ("--preload", path)]
     command = ["rt-tests/vm/vcan.sh", "--real-time", "--time-limit", "600", "--results", folder]

@@ -1,33 +1,39 @@
 """The leg: torqued and torqued-sim as two processes on two buses, a Python client as a third."""
 
 import math
+import re
 from types import SimpleNamespace
 
 import pytest
-from processes import LEG, PYTHON, Process, daemon, kernel_frames, simulator
+from processes import PYTHON, Process, daemon, kernel_frames, simulator
 
 SECONDS = 10
 INTERFACES = ("vcan0", "vcan1")
 
 
 @pytest.fixture(scope="module")
-def run():
+def run(leg):
     """What each of them reports of ten seconds, and what the kernel counted on the buses."""
+    cycles = round(SECONDS * float(re.search(r"rate_hz = ([\d.]+)", leg.read_text())[1]))
     before = kernel_frames(*INTERFACES)
-    with simulator() as sim, daemon(LEG, "--seconds", SECONDS) as torqued:
-        with Process(PYTHON, "rt-tests/vcan/read_torques.py", "leg", 1000) as client:
+    with simulator(leg) as sim, daemon(leg) as torqued:
+        with Process(PYTHON, "rt-tests/vcan/read_torques.py", "leg", cycles) as client:
             seen = client.report()
-        report = torqued.report()
+        report = torqued.terminate()
         robot = sim.terminate()
     return SimpleNamespace(
-        torqued=report, sim=robot, client=seen, kernel=kernel_frames(*INTERFACES) - before
+        cycles=cycles,
+        torqued=report,
+        sim=robot,
+        client=seen,
+        kernel=kernel_frames(*INTERFACES) - before,
     )
 
 
-def test_ran_at_a_thousand_cycles_a_second(run):
-    assert run.torqued["cycles"] + run.torqued["skipped_cycles"] == SECONDS * 1000
-    # This kernel is not for timing (docs/testing.md), but it must not crawl either.
-    assert run.torqued["cycles"] > SECONDS * 500
+def test_every_cycle_was_answered(run):
+    # Perhaps too late for it: when, is not for this kernel to say.
+    assert run.torqued["cycles"] == run.sim["cycles"] >= run.cycles
+    assert run.torqued["fault"] == 0
 
 
 def test_not_one_frame_is_lost(run):
@@ -45,10 +51,11 @@ def test_not_one_frame_is_undecoded(run):
     assert run.sim["frames_unknown"] == run.sim["frames_undecoded"] == run.sim["frames_lost"] == 0
 
 
-def test_python_client_read_every_joints_torque(run):
-    assert run.client["records"] == 1000
+def test_python_client_reads_every_joints_torque(run):
+    records = run.client["records"]
+    assert records > 0
     assert len(run.client["joints"]) == 6
     for name, joint in run.client["joints"].items():
-        for source in ("tau_encoder", "tau_whole_body"):
-            assert joint[source]["valid"] == 1000, (name, source)
-            assert math.isfinite(joint[source]["mean"]), (name, source)
+        for source, seen in joint.items():
+            assert seen["valid"] == records, (name, source)
+            assert math.isfinite(seen["sum"]), (name, source)

@@ -1,0 +1,25 @@
+"""A client that commands the robot to stay where it is, and never stops.
+
+    python command.py ROBOT [nan]     with NaN for the first joint's wanted torque
+"""
+
+import math
+import sys
+import time
+
+import torqued
+
+client = torqued.Client(sys.argv[1], timeout_s=10.0)
+commander = torqued.Commander(client)
+wanted = commander.reference
+wanted.mode = torqued.Mode.INVERSE_DYNAMICS
+for joint, seen in zip(wanted.joints, client.next_record().cycle.joints):
+    joint.q_d = seen.measured.q
+if sys.argv[2:] == ["nan"]:
+    wanted.mode = torqued.Mode.TORQUE
+    wanted.joints[0].tau_d = math.nan
+commander.send()
+print("commanding", flush=True)
+while True:
+    time.sleep(0.005)
+    commander.send()

@@ -1,0 +1,31 @@
+"""What the tests share: the leg's config. They are clients themselves."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from processes import CLIENT, LEG, derived_config
+
+sys.path.insert(0, str(CLIENT))
+
+# User-Mode Linux needs some 2 ms for what takes a real kernel 0.1 ms: time enough that no test
+# depends on it. That 1 kHz is kept is shown where time counts (rt-tests/timing).
+PATIENT = {
+    "rate_hz = 1000.0": "rate_hz = 200.0",
+    "gather_deadline_us = 750.0": "gather_deadline_us = 4500.0",
+    "stale_after_ms = 20.0": "stale_after_ms = 200.0",
+    "reference_timeout_ms = 50.0": "reference_timeout_ms = 500.0",
+}
+
+
+@pytest.fixture(scope="session")
+def leg_changes():
+    """What this kernel needs changed in the leg's config."""
+    user_mode = "User Mode Linux" in Path("/proc/cpuinfo").read_text()
+    return PATIENT if user_mode else {}
+
+
+@pytest.fixture(scope="session")
+def leg(tmp_path_factory, leg_changes):
+    """The leg's config, for this kernel."""
+    return derived_config(tmp_path_factory.mktemp("leg"), leg_changes) if leg_changes else LEG

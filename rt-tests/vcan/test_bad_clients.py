@@ -1,0 +1,75 @@
+"""What a client may do wrong, and die: counted, reported, and the robot holds its position."""
+
+import signal
+import time
+
+import pytest
+import torqued
+from processes import PYTHON, Process, daemon, simulator
+
+JOINTS = 6
+
+
+@pytest.fixture
+def robot(leg):
+    """The leg running on vcan, and a client that watches it."""
+    with simulator(leg), daemon(leg) as process:
+        yield process, torqued.Client("leg", timeout_s=10.0)
+
+
+def record_where(client, holds, limit_s=10.0):
+    """The first record from now on for which that holds."""
+    client.latest()
+    until = time.monotonic() + limit_s
+    while not holds(record := client.next_record(timeout_s=5.0)):
+        assert time.monotonic() < until, f"mode {record.cycle.mode}, fault {record.cycle.fault}"
+    return record
+
+
+def assert_holds(client, seconds=0.5):
+    """The set-points stand still, and the joints with them."""
+    first = record_where(client, lambda r: r.cycle.mode == torqued.Mode.HOLD).cycle
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        now = client.next_record(timeout_s=5.0).cycle
+        assert now.mode == torqued.Mode.HOLD
+        for j in range(JOINTS):
+            stepped = now.joints[j].control.q_c - first.joints[j].control.q_c
+            assert abs(stepped) < 1e-9, f"set-point of joint {j} changed by {stepped} rad"
+            moved = now.joints[j].measured.q - first.joints[j].measured.q
+            assert abs(moved) < 2e-3, f"joint {j} moved by {moved} rad"
+
+
+def count(record, name):
+    """How often an event has occurred."""
+    names = [event.name for event in torqued.EVENTS]
+    return record.cycle.events[names.index(name)]
+
+
+def test_nan_from_a_client_is_not_used(robot):
+    process, client = robot
+    with Process(PYTHON, "rt-tests/vcan/command.py", "leg", "nan") as commander:
+        commander.wait_for("commanding")
+        seen = record_where(client, lambda r: count(r, "reference_not_finite") > 0)
+        assert seen.cycle.mode == torqued.Mode.HOLD
+        assert_holds(client)
+    report = process.terminate()
+    assert report["events"]["reference_not_finite"] > 0
+    assert report["fault"] == 0
+
+
+def test_killed_client_leaves_the_robot_holding(robot):
+    process, client = robot
+    with Process(PYTHON, "rt-tests/vcan/command.py", "leg") as commander:
+        commander.wait_for("commanding")
+        record_where(client, lambda r: r.cycle.mode == torqued.Mode.INVERSE_DYNAMICS)
+        commander.send(signal.SIGKILL)
+        commander.wait()
+    seen = record_where(client, lambda r: count(r, "reference_stale") > 0)
+    assert seen.cycle.mode == torqued.Mode.HOLD
+    assert_holds(client)
+    # The next one may command.
+    with torqued.Commander(client) as next_one:
+        next_one.send()
+    report = process.terminate()
+    assert report["fault"] == 0
