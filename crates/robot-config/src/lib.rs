@@ -14,6 +14,7 @@ mod reader;
 mod sensors;
 pub mod slots;
 mod units;
+mod well_posed;
 mod wiring;
 
 pub use can_codec::Problem;
@@ -22,7 +23,7 @@ pub use parameters::*;
 use can_codec::{Frame, Table};
 use core::fmt;
 use dynamics::{Base, Model};
-use estimators::whole_body::{self, WholeBody, WholeBodyParameters};
+use estimators::whole_body::{self, WholeBodyParameters};
 use reader::{Notes, Section};
 use toml::de::DeTable;
 use wiring::Wiring;
@@ -106,30 +107,23 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let joints = joints::read(&root, &drives, model.as_ref(), &timing, &mut wiring);
     let ft_sensors = sensors::ft_sensors(&root, &mut wiring);
     let imu = sensors::imu(&root, &mut wiring);
+    let tables = wiring.compile();
+    if let (Some(model), false) = (&model, notes.any()) {
+        let whole_body = WholeBodyParameters {
+            joints: joints.iter().map(|joint| joint.name.clone()).collect(),
+            sigma_ddq: vec![0.0; joints.len()],
+            ft_sensors: ft_sensors.iter().map(|ft| ft.sensor.clone()).collect(),
+            imu: imu.as_ref().map(|imu| whole_body::ImuParameters {
+                frame: imu.frame.clone(),
+                sigma_accelerometer: imu.sigma_accelerometer,
+            }),
+            unknown_wrench_link: estimation.unknown_wrench_link.clone(),
+        };
+        well_posed::check(&root, model, &whole_body);
+    }
     root.finish();
 
-    let tables = wiring.compile();
     let (named, model) = (named?, model?);
-    let whole_body = WholeBodyParameters {
-        joints: joints.iter().map(|joint| joint.name.clone()).collect(),
-        sigma_ddq: vec![0.0; joints.len()],
-        ft_sensors: ft_sensors.iter().map(|ft| ft.sensor.clone()).collect(),
-        imu: imu.as_ref().map(|imu| whole_body::ImuParameters {
-            frame: imu.frame.clone(),
-            sigma_accelerometer: imu.sigma_accelerometer,
-        }),
-        unknown_wrench_link: estimation.unknown_wrench_link.clone(),
-    };
-    if !notes.any()
-        && let Err(error) = WholeBody::new(&model, &whole_body)
-    {
-        notes.note(Problem {
-            file: path.to_owned(),
-            line: 0,
-            reason: error.to_string(),
-            allowed: String::new(),
-        });
-    }
     let (receive, send, sync) = tables?;
     let parameters = Parameters {
         name: named.name,

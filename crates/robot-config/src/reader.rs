@@ -132,6 +132,19 @@ impl<'n, 't> Section<'n, 't> {
         self.place
     }
 
+    /// The same table once more.
+    pub(crate) fn again(&self) -> Self {
+        let which = self.which.clone();
+        let same = Self::new(self.notes, self.table, self.place, self.path.clone());
+        Self { which, ..same }
+    }
+
+    /// The key has that text.
+    pub(crate) fn is(&self, key: &str, text: &str) -> bool {
+        let value = self.table.get(key).map(Spanned::get_ref);
+        value.and_then(DeValue::as_str) == Some(text)
+    }
+
     /// The key's path in the schema, with the name of the section it belongs to.
     pub(crate) fn path(&self, key: &str) -> String {
         let dot = if self.path.is_empty() || key.is_empty() {

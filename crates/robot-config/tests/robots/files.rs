@@ -42,6 +42,11 @@ impl Files {
         self
     }
 
+    /// A file's text.
+    pub(crate) fn text(&self, path: &str) -> &str {
+        &self.0[path]
+    }
+
     /// The line, from 1, of the first occurrence of a text in a file.
     pub(crate) fn line(&self, path: &str, text: &str) -> usize {
         let place = self.0[path].find(text).expect("the text");

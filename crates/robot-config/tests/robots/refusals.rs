@@ -141,11 +141,47 @@ fn names_must_fit_into_a_record() {
 #[test]
 fn sensors_must_be_where_the_estimator_can_use_them() {
     let files = leg_with("frame = \"ankle_ft\"", "frame = \"no_link\"");
-    assert!(files.errors(LEG).contains("no_link"));
-    let text = Files::new()
-        .with(HUMANOID, "[imu]", "[imu_off]")
-        .errors(HUMANOID);
-    assert!(text.contains("imu_off: unknown key"), "{text}");
+    let parts = [
+        "ft_sensor.frame: the URDF has no link no_link",
+        "allowed: ",
+        "ankle_ft",
+    ];
+    refused(&files, LEG, "frame = \"no_link\"", &parts);
+    let files = leg_with("frame = \"ankle_ft\"", "frame = \"base_link\"");
+    let parts = [
+        "ft_sensor.frame (ankle): ",
+        "root link",
+        "allowed: any other link",
+    ];
+    refused(&files, LEG, "frame = \"base_link\"", &parts);
+    let files = leg_with("= \"base_link\"", "= \"no_link\"");
+    let parts = ["whole_body.unknown_wrench_link: the URDF has no link no_link"];
+    refused(&files, LEG, "unknown_wrench_link", &parts);
+    let files = leg_with(
+        "frame = \"ankle_ft\"",
+        "frame = \"ankle_ft\"\ncontact_link = \"base_link\"",
+    );
+    refused(
+        &files,
+        LEG,
+        "contact_link",
+        &["ft_sensor.contact_link (ankle): ", "not beyond"],
+    );
+}
+
+#[test]
+fn a_floating_base_needs_an_imu() {
+    let files = Files::new();
+    let (before, _imu) = files.text(HUMANOID).split_once("[imu]").expect("an IMU");
+    let without = before.to_owned();
+    let whole = files.text(HUMANOID).to_owned();
+    let files = files.with(HUMANOID, &whole, &without);
+    refused(
+        &files,
+        HUMANOID,
+        "base = \"floating\"",
+        &["robot.base: ", "IMU", "allowed: \"fixed\""],
+    );
 }
 
 #[test]
