@@ -8,7 +8,7 @@ use crate::lanes::{
     Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos, store_all,
 };
 use crate::model::{Base, Model};
-use crate::plan::{Plan, Step};
+use crate::plan::{NOWHERE, Plan, Step};
 use crate::spatial::{Inertia, Motion};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
@@ -21,7 +21,7 @@ pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64
         plan: &model.plan,
         memory: &mut data.crba,
         q: &q[bq.min(q.len())..],
-        bv,
+        floating: model.base == Base::Floating,
         // Mimic joints add up: by hand, below.
         m: (!model.has_mimic()).then(|| m.as_mut_slice()),
         nv: model.nv(),
@@ -49,21 +49,12 @@ pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64
 #[derive(Clone, Debug)]
 pub(crate) struct CrbaMemory {
     rows: Vec<CrbaRow>,
-    /// Twists of the joints' axes: six arrays over bodies, `stride` apart.
-    twists: Vec<f64>,
-    stride: usize,
-    /// Momentum of each body's sub-tree for unit speed of its joint.
-    momenta: Vec<[f64; 6]>,
 }
 
 impl CrbaMemory {
     pub(crate) fn new(model: &Model) -> Self {
-        let stride = model.bodies.len() + WIDTH;
         Self {
             rows: vec![CrbaRow::ROOT; model.plan.steps.len() + 1],
-            twists: vec![0.0; 6 * stride],
-            stride,
-            momenta: vec![[0.0; 6]; model.bodies.len()],
         }
     }
     /// Of the whole robot, at the root.
@@ -91,6 +82,10 @@ struct CrbaRow {
     mass: Pack,
     h: [Pack; 3],
     s: [Pack; 6],
+    /// Twist of the joint for unit speed, linear first.
+    twist: [Pack; 6],
+    /// Momentum that it gives the sub-tree.
+    momentum: [Pack; 6],
 }
 
 impl CrbaRow {
@@ -103,6 +98,8 @@ impl CrbaRow {
             mass: o,
             h: [o; 3],
             s: [o; 6],
+            twist: [o; 6],
+            momentum: [o; 6],
         }
     };
 }
@@ -111,8 +108,8 @@ struct Crba<'a> {
     plan: &'a Plan,
     memory: &'a mut CrbaMemory,
     q: &'a [f64],
-    bv: usize,
-    /// Columns of `M`.
+    floating: bool,
+    /// `M` by columns.
     m: Option<&'a mut [f64]>,
     nv: usize,
 }
@@ -132,18 +129,17 @@ impl Kernel for Crba<'_> {
         (root.mass, root.h, root.s) = (Pack::ZERO, [Pack::ZERO; 3], [Pack::ZERO; 6]);
         for (i, step) in steps.iter().enumerate().rev() {
             let (before, rest) = memory.rows.split_at_mut(i + 1);
-            let Some(row) = rest.first() else { return };
-            let (twist, momentum) = axis_and_momentum::<L>(step, row);
-            for (lane, body) in step.bodies.iter().enumerate() {
-                for k in 0..6 {
-                    memory.twists[k * memory.stride + body] = twist[k].0[lane];
-                    memory.momenta[*body][k] = momentum[k].0[lane];
-                }
-            }
+            let Some(row) = rest.first_mut() else { return };
+            axis_and_momentum::<L>(step, row);
             inward::<L>(step, before, row);
         }
         if let Some(m) = self.m {
-            fill::<L>(self.plan, memory, m, self.nv, self.bv);
+            for (i, step) in steps.iter().enumerate() {
+                if self.floating {
+                    couple_with_base(step, &memory.rows[i + 1], m, self.nv);
+                }
+                couple_with_ancestors::<L>(step, &memory.rows, i + 1, m);
+            }
         }
     }
 }
@@ -204,7 +200,7 @@ fn outward<L: Lanes>(step: &Step, before: &[CrbaRow], row: &mut CrbaRow, q: L) {
 
 /// Twist of the joint for unit speed, and the momentum that it gives the sub-tree.
 #[inline(always)]
-fn axis_and_momentum<L: Lanes>(step: &Step, row: &CrbaRow) -> ([Pack; 6], [Pack; 6]) {
+fn axis_and_momentum<L: Lanes>(step: &Step, row: &mut CrbaRow) {
     let z = M3::<L>::load(&row.rotation).third_column();
     let p = V3::load(&row.translation);
     let w = z.scale(L::load(&step.turning));
@@ -213,10 +209,8 @@ fn axis_and_momentum<L: Lanes>(step: &Step, row: &CrbaRow) -> ([Pack; 6], [Pack;
     let s = M3::load_symmetric(&row.s);
     let f = w.cross_add(h, v.scale(L::load(&row.mass)));
     let n = h.cross_add(v, s.trace_minus().mul(w));
-    let mut packs = ([Pack::ZERO; 6], [Pack::ZERO; 6]);
-    store_all([v.x, v.y, v.z, w.x, w.y, w.z], &mut packs.0);
-    store_all([f.x, f.y, f.z, n.x, n.y, n.z], &mut packs.1);
-    packs
+    store_all([v.x, v.y, v.z, w.x, w.y, w.z], &mut row.twist);
+    store_all([f.x, f.y, f.z, n.x, n.y, n.z], &mut row.momentum);
 }
 
 /// Adds sub-trees to those of their parents.
@@ -260,84 +254,84 @@ fn add<L: Lanes>(x: &Pack, to: &mut Pack) {
     (L::load(x) + L::load(to)).store(to);
 }
 
-/// Keeps the first lanes of four.
-const KEEP: [Pack; WIDTH + 1] = [
-    Pack([0.0; WIDTH]),
-    Pack([1.0, 0.0, 0.0, 0.0]),
-    Pack([1.0, 1.0, 0.0, 0.0]),
-    Pack([1.0, 1.0, 1.0, 0.0]),
-    Pack([1.0; WIDTH]),
-];
-
-/// Every pair of a joint and an ancestor. A joint's body is the next one's index.
-///
-/// Four ancestors at a time; lanes past the end of a run write zeros, which later columns replace
-/// where they are wrong: columns go up, and runs in them too.
+/// Entries of the base's six components with the joints of a row: the momenta.
 #[inline(always)]
-fn fill<L: Lanes>(plan: &Plan, memory: &CrbaMemory, m: &mut [f64], nv: usize, bv: usize) {
-    for (body, momentum) in memory.momenta.iter().enumerate().skip(1) {
-        let column = bv + body - 1;
-        if bv > 0 {
-            for (k, x) in momentum.iter().enumerate() {
-                m[column * nv + k] = *x;
-                m[k * nv + column] = *x;
-            }
+fn couple_with_base(step: &Step, row: &CrbaRow, m: &mut [f64], nv: usize) {
+    for (lane, column) in step.columns.iter().enumerate() {
+        if *column == NOWHERE {
+            continue;
         }
-        for &(first, end) in &plan.runs[body] {
-            let mut k = first;
-            while k < end {
-                let count = (end - k).min(WIDTH);
-                let x = products::<L>(momentum, &memory.twists, memory.stride, k);
-                let x = (x * L::load(&KEEP[count])).to_array();
-                let start = column * nv + bv + k - 1;
-                match m.get_mut(start..start + WIDTH) {
-                    Some(four) => four.copy_from_slice(&x),
-                    None => m[start..start + count].copy_from_slice(&x[..count]),
-                }
-                for (i, x) in x.iter().enumerate().take(count) {
-                    m[(bv + k - 1 + i) * nv + column] = *x;
-                }
-                k += WIDTH;
+        let momentum = row.momentum.each_ref().map(|p| p.0[lane]);
+        if let Some(six) = m.get_mut(column * nv..column * nv + 6) {
+            six.copy_from_slice(&momentum);
+        }
+        for (k, x) in momentum.iter().enumerate() {
+            if let Some(entry) = m.get_mut(k * nv + column) {
+                *entry = *x;
             }
         }
     }
 }
 
-/// Products of one momentum with four twists.
+/// Entries of the joints of a row with themselves and their ancestors.
 #[inline(always)]
-fn products<L: Lanes>(momentum: &[f64; 6], twists: &[f64], stride: usize, first: usize) -> L {
-    let mut sum = L::splat(0.0);
-    for (k, f) in momentum.iter().enumerate() {
-        let start = k * stride + first;
-        if let Some([a, b, c, d]) = twists.get(start..start + WIDTH) {
-            sum = L::set([*a, *b, *c, *d]).mul_add(L::splat(*f), sum);
+fn couple_with_ancestors<L: Lanes>(step: &Step, rows: &[CrbaRow], own: usize, m: &mut [f64]) {
+    let [fx, fy, fz, nx, ny, nz] = &rows[own].momentum;
+    let f = V3::new(L::load(fx), L::load(fy), L::load(fz));
+    let n = V3::new(L::load(nx), L::load(ny), L::load(nz));
+    for level in &step.ancestors {
+        let (v, w): (V3<L>, V3<L>) = match level.same_lane {
+            Some(row) => {
+                let [vx, vy, vz, wx, wy, wz] = &rows[row].twist;
+                (
+                    V3::new(L::load(vx), L::load(vy), L::load(vz)),
+                    V3::new(L::load(wx), L::load(wy), L::load(wz)),
+                )
+            }
+            None => {
+                let [a, b, c, d] = level.places;
+                let (a, b) = (&rows[a.0].twist, &rows[b.0].twist);
+                let (c, d) = (&rows[c.0].twist, &rows[d.0].twist);
+                V3::pick_pair([a, b, c, d], &level.places)
+            }
+        };
+        let products = f.dot_add(v, n.dot(w)).to_array();
+        for entries in &level.entries {
+            for (entry, x) in entries.iter().zip(&products) {
+                if let Some(entry) = m.get_mut(*entry) {
+                    *entry = *x;
+                }
+            }
         }
     }
-    sum
 }
 
 /// Bodies that share a joint add up.
 fn fill_with_mimic(model: &Model, memory: &CrbaMemory, m: &mut DMatrix<f64>) {
     let base = model.base_size().0;
     m.fill(0.0);
+    let of = |b: usize, part: fn(&CrbaRow) -> &[Pack; 6]| {
+        let (row, lane) = model.plan.place[b];
+        part(&memory.rows[row]).each_ref().map(|p| p.0[lane])
+    };
     for (i, body) in model.bodies.iter().enumerate().skip(1) {
-        let (column, f) = (base + body.joint, &memory.momenta[i]);
+        let (column, f) = (base + body.joint, of(i, |r| &r.momentum));
         if base > 0 {
             for (k, x) in f.iter().enumerate() {
                 m[(k, column)] += *x;
                 m[(column, k)] += *x;
             }
         }
-        for &(first, end) in &model.plan.runs[i] {
-            for k in first..end {
-                let twist = |c: usize| memory.twists[c * memory.stride + k];
-                let x: f64 = (0..6).map(|c| f[c] * twist(c)).sum();
-                let row = base + model.bodies[k].joint;
-                m[(row, column)] += x;
-                if k != i {
-                    m[(column, row)] += x;
-                }
+        let mut k = i;
+        while k > 0 {
+            let twist = of(k, |r| &r.twist);
+            let x: f64 = f.iter().zip(twist).map(|(f, t)| f * t).sum();
+            let row = base + model.bodies[k].joint;
+            m[(row, column)] += x;
+            if k != i {
+                m[(column, row)] += x;
             }
+            k = model.bodies[k].parent;
         }
     }
 }

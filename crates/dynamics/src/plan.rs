@@ -25,8 +25,6 @@ pub(crate) struct Step {
     pub(crate) parents: Places,
     /// One where a lane is idle.
     pub(crate) idle: Pack,
-    /// Index of each lane's body, or 0 where idle.
-    pub(crate) bodies: [usize; WIDTH],
     /// Index of each lane's joint, or `joint_count` where idle.
     pub(crate) joints: [usize; WIDTH],
     /// Cosine and sine of the turn about x, where `straight`.
@@ -46,6 +44,24 @@ pub(crate) struct Step {
     /// Mass, first moment, and second moments about the origin (xx xy xz yy yz zz), in the plan
     /// frame.
     pub(crate) inertia: [Pack; 10],
+    /// Columns of the lanes' joints in `M`, or `NOWHERE`.
+    pub(crate) columns: [usize; WIDTH],
+    /// The bodies themselves, their parents and so on up to the root's children; none in a model
+    /// with mimic joints.
+    pub(crate) ancestors: Vec<Ancestors>,
+}
+
+/// Stands for an entry that is not there: beyond the end of any matrix.
+pub(crate) const NOWHERE: usize = usize::MAX;
+
+/// An ancestor of each lane's body, and the entries of `M` that couple the two.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Ancestors {
+    /// The row in which each ancestor is in its descendant's lane, where there is one.
+    pub(crate) same_lane: Option<usize>,
+    pub(crate) places: Places,
+    /// Indices in `M`, by columns, of both entries; `NOWHERE` for lanes without such an ancestor.
+    pub(crate) entries: [[usize; WIDTH]; 2],
 }
 
 /// See the module.
@@ -56,8 +72,6 @@ pub(crate) struct Plan {
     pub(crate) place: Vec<(usize, usize)>,
     /// Rotation from each body's plan frame to its own.
     pub(crate) to_body: Vec<Matrix3<f64>>,
-    /// For each body, itself and its ancestors (but the root) as runs of consecutive indices.
-    pub(crate) runs: Vec<Vec<(usize, usize)>>,
 }
 
 impl Plan {
@@ -67,7 +81,6 @@ impl Plan {
         let mut plan = Plan {
             steps: Vec::new(),
             place: vec![(0, 0); model.bodies.len()],
-            runs: runs(&model.bodies),
             to_body: plan_frames(&model.bodies, &first_child),
         };
         for (step, lanes) in rows.iter().enumerate() {
@@ -132,7 +145,6 @@ impl Plan {
             parent_row,
             parents: [row_of(first); WIDTH],
             idle: Pack([1.0; WIDTH]),
-            bodies: [0; WIDTH],
             joints: [model.joints.len(); WIDTH],
             turn_x: [Pack([1.0; WIDTH]), Pack::ZERO],
             rotation: [Pack::ZERO; 9],
@@ -142,11 +154,46 @@ impl Plan {
             sliding: Pack::ZERO,
             shift_offset: Pack::ZERO,
             inertia: [Pack::ZERO; 10],
+            columns: [NOWHERE; WIDTH],
+            ancestors: Vec::new(),
         };
         for (lane, b) in real() {
             self.fill(model, &mut step, lane, b);
         }
+        if !model.has_mimic() {
+            step.ancestors = self.ancestors(model, lanes);
+        }
         step
+    }
+
+    fn ancestors(&self, model: &Model, lanes: &Lanes) -> Vec<Ancestors> {
+        let nv = model.nv();
+        let column = |b: usize| model.base_size().0 + model.bodies[b].joint;
+        let mut levels = Vec::new();
+        let mut at: Lanes = *lanes;
+        while at.iter().any(Option::is_some) {
+            let mut level = Ancestors {
+                same_lane: None,
+                places: [(0, 0); WIDTH],
+                entries: [[NOWHERE; WIDTH]; 2],
+            };
+            let mut row = None;
+            let mut same = true;
+            for lane in 0..WIDTH {
+                let (Some(body), Some(ancestor)) = (lanes[lane], at[lane]) else {
+                    continue;
+                };
+                let place = self.place[ancestor];
+                same &= place.1 == lane && *row.get_or_insert(place.0) == place.0;
+                level.places[lane] = place;
+                level.entries[0][lane] = column(body) * nv + column(ancestor);
+                level.entries[1][lane] = column(ancestor) * nv + column(body);
+                at[lane] = model.parent(ancestor).filter(|p| *p > 0);
+            }
+            level.same_lane = row.filter(|_| same);
+            levels.push(level);
+        }
+        levels
     }
 
     /// From a body's plan frame, at angle zero, to its parent's.
@@ -170,7 +217,7 @@ impl Plan {
             rotation = turn;
         }
         step.idle.0[lane] = 0.0;
-        step.bodies[lane] = b;
+        step.columns[lane] = model.base_size().0 + body.joint;
         step.parents[lane] = self.place[body.parent];
         step.joints[lane] = body.joint;
         for (k, pack) in step.rotation.iter_mut().enumerate() {
@@ -278,23 +325,6 @@ fn schedule(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Lanes> {
         rows.push(row);
     }
     rows
-}
-
-/// See `Plan::runs`; first to last, ends excluded.
-fn runs(bodies: &[Body]) -> Vec<Vec<(usize, usize)>> {
-    let of_body = |mut b: usize| {
-        let mut runs: Vec<(usize, usize)> = Vec::new();
-        while b > 0 {
-            match runs.last_mut() {
-                Some(run) if run.0 == b + 1 => run.0 = b,
-                _ => runs.push((b, b + 1)),
-            }
-            b = bodies[b].parent;
-        }
-        runs.reverse();
-        runs
-    };
-    (0..bodies.len()).map(of_body).collect()
 }
 
 /// Rotations from plan frames to body frames.

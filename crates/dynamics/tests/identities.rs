@@ -51,9 +51,15 @@ proptest! {
         let f = wrenches(seed, &model);
         let mut data = Data::new(&model);
         let tau = rnea(&model, &mut data, &q, &v, &a, Some(&f)).to_vec();
+        let m = crba(&model, &mut data, &q).clone();
+        let ddq = aba(&model, &mut data, &q, &v, &tau, Some(&f)).to_vec();
         data.set_instructions(Instructions::Portable);
         let portable = rnea(&model, &mut data, &q, &v, &a, Some(&f));
         prop_assert!(error(&tau, portable) < 1e-12);
+        let portable = crba(&model, &mut data, &q);
+        prop_assert!(error(m.as_slice(), portable.as_slice()) < 1e-12);
+        let portable = aba(&model, &mut data, &q, &v, &tau, Some(&f));
+        prop_assert!(error(&ddq, portable) < 1e-8);
     }
 
     /// aba inverts rnea, external wrenches included; so does solving with M.

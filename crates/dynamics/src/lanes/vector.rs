@@ -131,6 +131,26 @@ impl<L: Lanes> V3<L> {
     }
 }
 
+impl<L: Lanes> V3<L> {
+    /// Two vectors, linear then angular, from each of four places.
+    #[inline(always)]
+    pub(crate) fn pick_pair(six: [&[Pack; 6]; WIDTH], places: &Places) -> (Self, Self) {
+        let [a, b, c, d] = six;
+        (
+            Self::new(
+                pick(a, b, c, d, places, 0),
+                pick(a, b, c, d, places, 1),
+                pick(a, b, c, d, places, 2),
+            ),
+            Self::new(
+                pick(a, b, c, d, places, 3),
+                pick(a, b, c, d, places, 4),
+                pick(a, b, c, d, places, 5),
+            ),
+        )
+    }
+}
+
 /// Number `k` of each of four places.
 #[inline(always)]
 pub(super) fn pick<L: Lanes, const N: usize>(
