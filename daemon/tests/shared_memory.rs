@@ -1,0 +1,257 @@
+//! The daemon's hand-over to clients, seen from both sides.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use robot_state::{Description, Name, SharedRecord, mode};
+use torqued::real_time::monotonic_ns;
+use torqued::shared_memory::{self, RecordSender, ReferenceReceiver};
+use torqued_client::{Client, Commander, Error, Location};
+
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Counts what each thread allocates: the publisher's may, the loop's may not.
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+// SAFETY: every call is passed on to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|n| n.set(n.get() + 1));
+        // SAFETY: the caller's promises.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        ALLOCATIONS.with(|n| n.set(n.get() + 1));
+        // SAFETY: the caller's promises.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn allocations() -> u64 {
+    ALLOCATIONS.with(Cell::get)
+}
+
+/// A run directory of a test's own.
+struct RunDir(Location);
+
+impl RunDir {
+    fn new(test: &str) -> Self {
+        let name = format!("torqued-daemon-test-{}-{test}", std::process::id());
+        let path: PathBuf = std::env::temp_dir().join(name);
+        Self(Location::at(path).expect("a run directory"))
+    }
+
+    fn start(&self) -> (RecordSender, ReferenceReceiver) {
+        shared_memory::start_at(&self.0, &description()).expect("shared memory")
+    }
+
+    fn client(&self) -> Client {
+        Client::connect_at(&self.0, "leg", PATIENCE).expect("the daemon's end is there")
+    }
+}
+
+impl Drop for RunDir {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(self.0.path());
+        let prefix = self.0.shared_memory_prefix();
+        for file in std::fs::read_dir("/dev/shm")
+            .into_iter()
+            .flatten()
+            .flatten()
+        {
+            if file.file_name().to_string_lossy().starts_with(&prefix) {
+                let _ = std::fs::remove_file(file.path());
+            }
+        }
+    }
+}
+
+fn description() -> Description {
+    Description {
+        robot: Name::new("leg"),
+        joint_count: 6,
+        ..Description::default()
+    }
+}
+
+fn record(sequence: u64) -> SharedRecord {
+    let mut record = SharedRecord::default();
+    record.cycle.sequence = sequence;
+    record.cycle.joints[5].tau_encoder.tau = sequence as f64;
+    record.timing.frames_sent = !sequence;
+    record
+}
+
+/// Calls `step` until it gives something.
+fn wait_for<T>(mut step: impl FnMut() -> Option<T>) -> T {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        if let Some(value) = step() {
+            return value;
+        }
+        assert!(Instant::now() < until, "nothing came");
+        thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn every_record_reaches_a_client_in_order() {
+    let dir = RunDir::new("order");
+    let (mut sender, _references) = dir.start();
+    let mut client = dir.client();
+    let reader = thread::spawn(move || {
+        for sequence in 1..=2000 {
+            let received = client.next_record(PATIENCE).expect("record");
+            assert_eq!(*received, record(sequence));
+            assert_eq!(received.lost, 0);
+        }
+    });
+    for sequence in 1..=2000 {
+        assert!(sender.send(&record(sequence)));
+        thread::sleep(Duration::from_micros(300));
+    }
+    reader.join().expect("all arrived");
+    assert_eq!((sender.overflow(), sender.failures()), (0, 0));
+}
+
+#[test]
+fn a_full_ring_refuses_and_counts_but_does_not_wait() {
+    let dir = RunDir::new("full");
+    let (mut sender, _references) = dir.start();
+    let mut client = dir.client();
+    // Far faster than any publisher thread takes them.
+    let accepted = (1..=20_000)
+        .filter(|sequence| sender.send(&record(*sequence)))
+        .count();
+    assert!(accepted >= 256, "{accepted}");
+    assert_eq!(accepted as u64 + sender.overflow(), 20_000);
+    let last = wait_for(|| {
+        assert!(sender.overflow() > 0);
+        sender.send(&record(30_000)).then_some(30_000)
+    });
+    wait_for(|| {
+        client
+            .latest()
+            .expect("records")
+            .filter(|r| r.cycle.sequence == last)
+    });
+}
+
+#[test]
+fn references_come_with_their_time_of_arrival() {
+    let dir = RunDir::new("references");
+    let (_sender, mut references) = dir.start();
+    assert!(references.latest().is_none());
+    let client = dir.client();
+    let mut commander = Commander::connect(&client).expect("commander");
+    let before = monotonic_ns();
+    let odd = f64::from_bits(0x7ff8_dead_beef_0001);
+    commander
+        .send(|r| {
+            r.mode = mode::TORQUE;
+            r.joints[2].tau_d = odd;
+        })
+        .expect("sent");
+    let (reference, first_ns) = wait_for(|| references.latest().map(|(r, at)| (*r, at)));
+    assert!((before..=monotonic_ns()).contains(&first_ns));
+    assert_eq!(reference.mode, mode::TORQUE);
+    assert_eq!(
+        reference.joints[2].tau_d.to_bits(),
+        odd.to_bits(),
+        "unchecked, untouched"
+    );
+    assert_eq!(
+        references.latest().map(|(_, at)| at),
+        Some(first_ns),
+        "it only grows older"
+    );
+
+    drop(commander);
+    let last_ns = wait_for(|| {
+        let (reference, at) = references.latest()?;
+        (reference.mode == mode::HOLD).then_some(at)
+    });
+    assert!(last_ns > first_ns);
+}
+
+#[test]
+fn the_loops_thread_does_not_allocate() {
+    let dir = RunDir::new("allocation");
+    let (mut sender, mut references) = dir.start();
+    let client = dir.client();
+    let mut commander = Commander::connect(&client).expect("commander");
+    let mut record = Box::new(record(0));
+    // Clients come and go meanwhile, which makes the publisher thread map and unmap files.
+    let location = dir.0.clone();
+    let others = thread::spawn(move || {
+        for _ in 0..5 {
+            let mut guest = Client::connect_at(&location, "leg", PATIENCE).expect("guest");
+            guest.next_record(PATIENCE).expect("record");
+            commander.send(|r| r.mode = mode::TORQUE).expect("sent");
+        }
+    });
+    let mut arrivals = 0;
+    let mut last_ns = 0;
+    while !others.is_finished() {
+        let before = allocations();
+        record.cycle.sequence += 1;
+        sender.send(&record);
+        if let Some((_, at_ns)) = references.latest() {
+            arrivals += u32::from(at_ns > last_ns);
+            last_ns = at_ns;
+        }
+        assert_eq!(allocations(), before);
+        thread::sleep(Duration::from_micros(200));
+    }
+    others.join().expect("served");
+    assert!(arrivals > 0 && record.cycle.sequence >= 5);
+}
+
+#[test]
+fn what_is_left_in_the_ring_is_published_before_the_end() {
+    let dir = RunDir::new("end");
+    let (mut sender, _references) = dir.start();
+    let mut client = dir.client();
+    for sequence in 1..=100 {
+        assert!(sender.send(&record(sequence)));
+    }
+    drop(sender);
+    for sequence in 1..=100 {
+        assert_eq!(
+            client.next_record(PATIENCE).expect("record").cycle.sequence,
+            sequence
+        );
+    }
+}
+
+#[test]
+fn one_daemon_at_a_time_and_the_next_takes_over() {
+    let dir = RunDir::new("takeover");
+    let (sender, _references) = dir.start();
+    let mut client = dir.client();
+    let refused = shared_memory::start_at(&dir.0, &description()).err();
+    assert_eq!(
+        refused,
+        Some(Error::AlreadyRunning {
+            robot: "leg".into()
+        })
+    );
+    drop(sender);
+    let (mut sender, _references) = dir.start();
+    assert!(sender.send(&record(7)));
+    assert_eq!(
+        client.next_record(PATIENCE).expect("record").cycle.sequence,
+        7
+    );
+}
