@@ -3,8 +3,10 @@
 //! Each is a spring-damper `-K x - C v` whose velocity is that at the end of the step: what the
 //! step's acceleration adds is left to the articulated-body method as an implicit part.
 
+use crate::articulated::Dynamics;
 use crate::parameters::{GroundParameters, HarnessParameters, PushParameters};
-use crate::tree::{Dynamics, Frame, split, stack, wrench_of};
+use crate::spatial::{split, stack, symmetric, wrench_of};
+use crate::tree::Frame;
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3, Vector6};
 
 /// A corner of a sole.
@@ -122,16 +124,7 @@ fn push_implicitly(
 fn at_origin(position: &Vector3<f64>, matrix: &Matrix3<f64>) -> Matrix6<f64> {
     let p = position.cross_matrix();
     let coupling = p * matrix;
-    let mut whole = Matrix6::zeros();
-    whole
-        .fixed_view_mut::<3, 3>(0, 0)
-        .copy_from(&(-coupling * p));
-    whole.fixed_view_mut::<3, 3>(0, 3).copy_from(&coupling);
-    whole
-        .fixed_view_mut::<3, 3>(3, 0)
-        .copy_from(&coupling.transpose());
-    whole.fixed_view_mut::<3, 3>(3, 3).copy_from(matrix);
-    whole
+    symmetric(&(-coupling * p), &coupling, matrix)
 }
 
 /// A stand or harness between a frame and the world.
@@ -174,7 +167,7 @@ impl Harness {
     pub fn prepare(&mut self, dynamics: &mut Dynamics, dt: f64) {
         let p = &self.parameters;
         let (rotation, position) = dynamics.placement(&self.frame);
-        let (_, velocity) = dynamics.point(self.frame.body, &self.frame_origin());
+        let (_, velocity) = dynamics.point(self.frame.body, &self.frame.offset);
         let omega = dynamics.angular_velocity(self.frame.body);
         let turned = Rotation3::from_matrix_unchecked(rotation * self.orientation.transpose());
         let (force, gain) = spring(
@@ -195,15 +188,12 @@ impl Harness {
         let matrix = Matrix3::from_diagonal_element(dt * gain);
         push_implicitly(dynamics, self.frame.body, &position, &force, &matrix);
         dynamics.push(self.frame.body, &stack(torque, Vector3::zeros()));
-        let mut angular = Matrix6::zeros();
-        angular
-            .fixed_view_mut::<3, 3>(0, 0)
-            .fill_diagonal(dt * angular_gain);
+        let angular = symmetric(
+            &Matrix3::from_diagonal_element(dt * angular_gain),
+            &Matrix3::zeros(),
+            &Matrix3::zeros(),
+        );
         dynamics.resist(self.frame.body, &angular);
-    }
-
-    fn frame_origin(&self) -> Vector3<f64> {
-        self.frame.offset
     }
 
     /// Notes the wrench that the solved accelerations led to.

@@ -9,6 +9,7 @@
 //! child link along +q, so that `M(q) a + h(q, v) - sum J^T f = S^T tau`.
 #![deny(unsafe_code)]
 
+pub mod articulated;
 pub mod can_robot;
 pub mod contact;
 pub mod controller;
@@ -19,6 +20,7 @@ pub mod random;
 pub mod rig;
 pub mod robot;
 pub mod sensors;
+pub mod spatial;
 pub mod start;
 pub mod transmission;
 pub mod tree;

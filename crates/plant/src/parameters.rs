@@ -1,8 +1,11 @@
 //! `sim.toml`: what the simulated robot is like beyond what its user knows.
 
 use crate::transmission::KinematicError;
-use serde::{Deserialize, Deserializer};
+use read::*;
+use serde::Deserialize;
 use std::collections::BTreeMap;
+
+mod read;
 
 /// Everything in a `sim.toml`.
 #[derive(Debug, Clone, Deserialize)]
@@ -416,135 +419,4 @@ impl SimParameters {
         }
         Ok(parameters)
     }
-}
-
-/// `file:line: key: message`.
-fn locate(text: &str, file: &str, error: &toml::de::Error) -> String {
-    let message = error.message();
-    let Some(span) = error.span() else {
-        return format!("{file}: {message}");
-    };
-    let before = text.get(..span.start).unwrap_or("");
-    let line = before.matches('\n').count() + 1;
-    let key = text.lines().nth(line - 1).and_then(|l| l.split_once('='));
-    match key {
-        Some((key, _)) => format!("{file}:{line}: {}: {message}", key.trim()),
-        None => format!("{file}:{line}: {message}"),
-    }
-}
-
-type Read<T, E> = Result<T, E>;
-
-fn checked<'de, D: Deserializer<'de>>(
-    deserializer: D,
-    allowed: &str,
-    good: impl Fn(f64) -> bool,
-) -> Read<f64, D::Error> {
-    let value = f64::deserialize(deserializer)?;
-    if value.is_finite() && good(value) {
-        Ok(value)
-    } else {
-        Err(serde::de::Error::custom(format!(
-            "{value} is not allowed; allowed: {allowed}"
-        )))
-    }
-}
-
-fn finite<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    checked(d, "a finite number", |_| true)
-}
-
-fn positive<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    checked(d, "a finite number > 0", |x| x > 0.0)
-}
-
-fn non_negative<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    checked(d, "a finite number >= 0", |x| x >= 0.0)
-}
-
-fn at_least_one<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    checked(d, "a finite number >= 1", |x| x >= 1.0)
-}
-
-fn fraction<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    checked(d, "a number from 0 to 1", |x| (0.0..=1.0).contains(&x))
-}
-
-fn per_cent<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    Ok(0.01 * checked(d, "a number from 0 to 50", |x| (0.0..=50.0).contains(&x))?)
-}
-
-fn micro<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    Ok(1e-6 * positive(d)?)
-}
-
-fn micro0<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    Ok(1e-6 * checked(d, "a number from 0 to 10000", |x| (0.0..=1e4).contains(&x))?)
-}
-
-fn degrees<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
-    Ok(non_negative(d)?.to_radians())
-}
-
-/// A number that must be finite.
-#[derive(Deserialize)]
-struct Finite(#[serde(deserialize_with = "finite")] f64);
-
-fn finite3<'de, D: Deserializer<'de>>(d: D) -> Read<[f64; 3], D::Error> {
-    Ok(<[Finite; 3]>::deserialize(d)?.map(|x| x.0))
-}
-
-fn degrees3<'de, D: Deserializer<'de>>(d: D) -> Read<[f64; 3], D::Error> {
-    Ok(finite3(d)?.map(f64::to_radians))
-}
-
-fn degrees_map<'de, D: Deserializer<'de>>(d: D) -> Read<BTreeMap<String, f64>, D::Error> {
-    let map = BTreeMap::<String, Finite>::deserialize(d)?;
-    Ok((map.into_iter())
-        .map(|(name, x)| (name, x.0.to_radians()))
-        .collect())
-}
-
-fn degree_pairs<'de, D: Deserializer<'de>>(d: D) -> Read<Vec<[f64; 2]>, D::Error> {
-    let pairs = Vec::<[Finite; 2]>::deserialize(d)?;
-    Ok((pairs.into_iter())
-        .map(|p| p.map(|x| x.0.to_radians()))
-        .collect())
-}
-
-/// `[drive.NAME.kinematic_error]`: cos and sin of harmonic 1, 2, … of q and of theta.
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct KinematicErrorSection {
-    #[serde(default, rename = "link_deg", deserialize_with = "degree_pairs")]
-    link: Vec<[f64; 2]>,
-    #[serde(default, rename = "motor_deg", deserialize_with = "degree_pairs")]
-    motor: Vec<[f64; 2]>,
-}
-
-fn kinematic_error<'de, D: Deserializer<'de>>(d: D) -> Read<KinematicError, D::Error> {
-    let section = KinematicErrorSection::deserialize(d)?;
-    Ok(KinematicError {
-        constant: 0.0,
-        link: section.link,
-        link_frequency: 1.0,
-        motor: section.motor,
-        motor_frequency: 1.0,
-    })
-}
-
-fn one() -> f64 {
-    1.0
-}
-
-fn hundredth() -> f64 {
-    0.01
-}
-
-fn tenth_of_a_millirad() -> f64 {
-    1e-4
-}
-
-fn sixteen_bits() -> f64 {
-    65536.0
 }

@@ -1,9 +1,9 @@
 //! A test bench for one joint: a pendulum on the gear's output and a torque from outside on it.
 
+use crate::articulated::GRAVITY;
 use crate::joint::{DriveReading, DriveSheet, Joint};
 use crate::parameters::DriveParameters;
 use crate::random::Random;
-use crate::tree::GRAVITY;
 use crate::truth::JointTruth;
 
 /// What hangs on the gear's output; at q = 0 it hangs straight down.

@@ -1,11 +1,12 @@
 //! The simulated robot: bodies, drives, surroundings and sensors together.
 
+use crate::articulated::Dynamics;
 use crate::contact::{Corner, Harness, Push};
 use crate::joint::{DriveReading, DriveSheet, Joint};
 use crate::parameters::SimParameters;
 use crate::random::Random;
 use crate::sensors::{FtSensor, Imu};
-use crate::tree::{Dynamics, Frame, State, Tree, integrate};
+use crate::tree::{Frame, State, Tree, integrate};
 use crate::truth::{ExternalTruth, Truth};
 use crate::urdf::Urdf;
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
@@ -108,23 +109,7 @@ impl SimRobot {
         let mut dynamics = Dynamics::new(&tree);
         dynamics.kinematics(&tree, &state);
         let surroundings = Surroundings::new(&tree, &dynamics, sim)?;
-        let sensors = (plan.ft_sensors.iter().zip(2_u64..))
-            .map(|(name, stream)| {
-                let random = Random::new(sim.seed, stream);
-                Ok(FtSensor::new(
-                    find(&tree, name, "ft_sensor.frame")?,
-                    &sim.ft_sensor,
-                    random,
-                ))
-            })
-            .collect::<Result<Vec<_>, String>>()?;
-        let imu = match &plan.imu {
-            Some(name) => {
-                let random = Random::new(sim.seed, 50);
-                Some(Imu::new(find(&tree, name, "imu.frame")?, &sim.imu, random))
-            }
-            None => None,
-        };
+        let (sensors, imu) = build_sensors(plan, &tree, sim)?;
         let substeps = (plan.period / sim.substep).round().max(1.0) as usize;
         let dt = plan.period / substeps as f64;
         let control_every = joints.iter().map(|j| j.control_every(dt)).collect();
@@ -368,6 +353,31 @@ fn build_joints(
         return Err(format!("joint {name} of the URDF has no drive"));
     }
     Ok((order, joints.into_iter().flatten().collect()))
+}
+
+fn build_sensors(
+    plan: &Plan,
+    tree: &Tree,
+    sim: &SimParameters,
+) -> Result<(Vec<FtSensor>, Option<Imu>), String> {
+    let sensors = (plan.ft_sensors.iter().zip(2_u64..))
+        .map(|(name, stream)| {
+            let random = Random::new(sim.seed, stream);
+            Ok(FtSensor::new(
+                find(tree, name, "ft_sensor.frame")?,
+                &sim.ft_sensor,
+                random,
+            ))
+        })
+        .collect::<Result<Vec<_>, String>>()?;
+    let imu = match &plan.imu {
+        Some(name) => {
+            let random = Random::new(sim.seed, 50);
+            Some(Imu::new(find(tree, name, "imu.frame")?, &sim.imu, random))
+        }
+        None => None,
+    };
+    Ok((sensors, imu))
 }
 
 fn place(state: &mut State, tree: &Tree, sim: &SimParameters) -> Result<(), String> {

@@ -1,8 +1,9 @@
 //! F/T sensors and IMU: what they feel, and what they make of it.
 
+use crate::articulated::Dynamics;
 use crate::parameters::{FtParameters, ImuParameters};
 use crate::random::Random;
-use crate::tree::{Dynamics, Frame};
+use crate::tree::Frame;
 use nalgebra::{Matrix6, Vector3, Vector6};
 use robot_state::Wrench;
 

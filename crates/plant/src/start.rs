@@ -2,7 +2,8 @@
 
 use crate::parameters::SimParameters;
 use crate::robot::SimRobot;
-use crate::tree::{State, split};
+use crate::spatial::split;
+use crate::tree::State;
 use nalgebra::{Matrix6, UnitQuaternion, Vector6};
 
 impl SimRobot {
@@ -29,7 +30,7 @@ impl SimRobot {
 
     /// Newton's method on the six directions of the base.
     fn balance_base(&mut self) -> Result<(), String> {
-        let weight = self.tree.mass() * crate::tree::GRAVITY;
+        let weight = self.tree.mass() * crate::articulated::GRAVITY;
         for _ in 0..200 {
             let residual = self.load();
             let (torque, force) = split(&residual);

@@ -1,32 +1,22 @@
-//! Rigid-body forward dynamics by the articulated-body method in world coordinates.
-//!
-//! Every motion and force is a six-vector about the world's origin in the world's axes, `[angular;
-//! linear]`. Then nothing needs a change of frame on its way along the tree: composite inertias,
-//! forces and accelerations are plain sums. Base acceleration starts at minus gravity, so that all
-//! accelerations here are proper (what an accelerometer feels) and weight needs no term.
-//!
-//! Spring-dampers are integrated implicitly: one that acts on a body adds `dt (C + dt K)` to that
-//! body's articulated inertia, one that acts on a joint adds the same to the joint's armature.
+//! The robot's bodies as a tree, and the state that they are in.
 
+use crate::spatial::split;
 use crate::urdf::Urdf;
-use nalgebra::{Matrix3, Matrix6, Rotation3, UnitQuaternion, Vector3, Vector6};
-
-/// Gravity, m/s², along the world's -z.
-pub const GRAVITY: f64 = 9.81;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3, Vector6};
 
 /// A rigid body: a URDF link with all that is fixed to it.
 #[derive(Debug, Clone)]
-struct Body {
-    parent: Option<usize>,
+pub(crate) struct Body {
+    pub(crate) parent: Option<usize>,
     /// Degree of freedom and axis of the joint to the parent; `None` for the base and for the far
     /// side of an F/T sensor.
-    hinge: Option<(usize, Vector3<f64>)>,
-    rotation: Matrix3<f64>,
-    offset: Vector3<f64>,
-    mass: f64,
-    com: Vector3<f64>,
+    pub(crate) hinge: Option<(usize, Vector3<f64>)>,
+    pub(crate) rotation: Matrix3<f64>,
+    pub(crate) offset: Vector3<f64>,
+    pub(crate) mass: f64,
+    pub(crate) com: Vector3<f64>,
     /// About the body's origin, in its axes.
-    inertia: Matrix3<f64>,
+    pub(crate) inertia: Matrix3<f64>,
 }
 
 /// Where a URDF link sits on its body.
@@ -45,7 +35,7 @@ pub struct Frame {
 /// The robot's bodies, parents before children.
 #[derive(Debug, Clone)]
 pub struct Tree {
-    bodies: Vec<Body>,
+    pub(crate) bodies: Vec<Body>,
     frames: Vec<Frame>,
     joint_names: Vec<String>,
     floating: bool,
@@ -220,318 +210,6 @@ impl Body {
     }
 }
 
-/// One body's quantities in the world's frame.
-#[derive(Debug, Clone)]
-struct Moving {
-    rotation: Matrix3<f64>,
-    position: Vector3<f64>,
-    axis: Vector6<f64>,
-    velocity: Vector6<f64>,
-    bias: Vector6<f64>,
-    inertia: Matrix6<f64>,
-    articulated: Matrix6<f64>,
-    /// Force that would be needed if nothing accelerated, less what acts from outside.
-    resistance: Vector6<f64>,
-    u: Vector6<f64>,
-    d: f64,
-    drive: f64,
-    acceleration: Vector6<f64>,
-    external: Vector6<f64>,
-    through: Vector6<f64>,
-}
-
-/// Work space of the forward dynamics.
-#[derive(Debug, Clone)]
-pub struct Dynamics {
-    bodies: Vec<Moving>,
-}
-
-impl Dynamics {
-    /// Work space for `tree`.
-    #[must_use]
-    pub fn new(tree: &Tree) -> Self {
-        let moving = Moving {
-            rotation: Matrix3::identity(),
-            position: Vector3::zeros(),
-            axis: Vector6::zeros(),
-            velocity: Vector6::zeros(),
-            bias: Vector6::zeros(),
-            inertia: Matrix6::zeros(),
-            articulated: Matrix6::zeros(),
-            resistance: Vector6::zeros(),
-            u: Vector6::zeros(),
-            d: 1.0,
-            drive: 0.0,
-            acceleration: Vector6::zeros(),
-            external: Vector6::zeros(),
-            through: Vector6::zeros(),
-        };
-        Self {
-            bodies: vec![moving; tree.bodies.len()],
-        }
-    }
-
-    /// Placements and velocities of all bodies; forgets all forces.
-    pub fn kinematics(&mut self, tree: &Tree, state: &State) {
-        for i in 0..tree.bodies.len() {
-            let body = &tree.bodies[i];
-            let (rotation, position, velocity) = match body.parent {
-                None => (
-                    state.orientation.to_rotation_matrix().into_inner(),
-                    state.position,
-                    state.twist,
-                ),
-                Some(parent) => {
-                    let p = &self.bodies[parent];
-                    (
-                        p.rotation * body.rotation,
-                        p.position + p.rotation * body.offset,
-                        p.velocity,
-                    )
-                }
-            };
-            let m = &mut self.bodies[i];
-            m.rotation = rotation;
-            m.position = position;
-            m.velocity = velocity;
-            m.bias.fill(0.0);
-            if let Some((dof, axis)) = body.hinge {
-                let world = rotation * axis;
-                m.axis = stack(world, position.cross(&world));
-                m.rotation *= turn(&axis, state.q[dof]);
-                m.velocity += m.axis * state.dq[dof];
-                m.bias = cross_motion(&velocity, &m.axis) * state.dq[dof];
-            }
-            m.set_inertia(body);
-            m.articulated = m.inertia;
-            m.resistance = cross_force(&m.velocity, &(m.inertia * m.velocity));
-        }
-    }
-
-    /// Lets a wrench about the world's origin act on a body during the next `solve`.
-    pub fn push(&mut self, body: usize, wrench: &Vector6<f64>) {
-        self.bodies[body].resistance -= wrench;
-    }
-
-    /// Lets a wrench `-matrix a` act on a body, `a` being its true acceleration: the implicit part
-    /// of a spring-damper.
-    pub fn resist(&mut self, body: usize, matrix: &Matrix6<f64>) {
-        let m = &mut self.bodies[body];
-        m.articulated += matrix;
-        // The work space's accelerations are proper: a = proper - g upwards.
-        m.resistance -= matrix * stack(Vector3::zeros(), GRAVITY * Vector3::z());
-    }
-
-    /// Joint and base accelerations from joint torques `tau - armature ddq` and the pushes.
-    /// Returns the base's true spatial acceleration.
-    pub fn solve(
-        &mut self,
-        tree: &Tree,
-        tau: &[f64],
-        armature: &[f64],
-        ddq: &mut [f64],
-    ) -> Vector6<f64> {
-        for i in (1..tree.bodies.len()).rev() {
-            let Some(parent) = tree.bodies[i].parent else {
-                continue;
-            };
-            let (before, from) = self.bodies.split_at_mut(i);
-            let (p, m) = (&mut before[parent], &mut from[0]);
-            if let Some((dof, _)) = tree.bodies[i].hinge {
-                m.u = m.articulated * m.axis;
-                m.d = m.axis.dot(&m.u) + armature[dof];
-                m.drive = tau[dof] - m.axis.dot(&m.resistance);
-                m.resistance += m.articulated * m.bias + m.u * ((m.drive - m.u.dot(&m.bias)) / m.d);
-                m.articulated.ger(-1.0 / m.d, &m.u, &m.u, 1.0);
-            }
-            p.articulated += m.articulated;
-            p.resistance += m.resistance;
-        }
-        let up = stack(Vector3::zeros(), GRAVITY * Vector3::z());
-        let base = &mut self.bodies[0];
-        base.acceleration = if tree.floating {
-            match base.articulated.cholesky() {
-                Some(cholesky) => -cholesky.solve(&base.resistance),
-                None => up,
-            }
-        } else {
-            up
-        };
-        let base_acceleration = base.acceleration - up;
-        for i in 1..tree.bodies.len() {
-            let parent = tree.bodies[i].parent.unwrap_or(0);
-            let carried = self.bodies[parent].acceleration + self.bodies[i].bias;
-            let m = &mut self.bodies[i];
-            m.acceleration = carried;
-            if let Some((dof, _)) = tree.bodies[i].hinge {
-                ddq[dof] = (m.drive - m.u.dot(&carried)) / m.d;
-                m.acceleration += m.axis * ddq[dof];
-            }
-        }
-        base_acceleration
-    }
-
-    /// Forgets the wrenches noted by `note_external`.
-    pub fn clear_external(&mut self) {
-        for m in &mut self.bodies {
-            m.external.fill(0.0);
-        }
-    }
-
-    /// Notes what really acted from outside on a body, for `wrenches`.
-    pub fn note_external(&mut self, body: usize, wrench: &Vector6<f64>) {
-        self.bodies[body].external += wrench;
-    }
-
-    /// The wrench that each body's parent applies to it, from the accelerations of the last
-    /// `solve` and the noted external wrenches (Newton-Euler, leaves to base).
-    pub fn wrenches(&mut self, tree: &Tree) {
-        for m in &mut self.bodies {
-            let momentum = m.inertia * m.velocity;
-            m.through =
-                m.inertia * m.acceleration + cross_force(&m.velocity, &momentum) - m.external;
-        }
-        for i in (1..tree.bodies.len()).rev() {
-            if let Some(parent) = tree.bodies[i].parent {
-                let through = self.bodies[i].through;
-                self.bodies[parent].through += through;
-            }
-        }
-    }
-
-    /// Sets all true accelerations to zero.
-    pub fn rest(&mut self) {
-        for m in &mut self.bodies {
-            m.acceleration = stack(Vector3::zeros(), GRAVITY * Vector3::z());
-        }
-    }
-
-    /// The wrench on the base that nothing accounts for, from the last `wrenches` call: zero for
-    /// a floating base whose accelerations are right.
-    #[must_use]
-    pub fn missing(&self) -> Vector6<f64> {
-        self.bodies[0].through
-    }
-
-    /// Joint torque that the last `wrenches` call found for a joint, N·m.
-    #[must_use]
-    pub fn torque(&self, tree: &Tree, dof: usize) -> f64 {
-        (tree.bodies.iter().zip(&self.bodies))
-            .find(|(b, _)| b.hinge.is_some_and(|(d, _)| d == dof))
-            .map_or(0.0, |(_, m)| m.axis.dot(&m.through))
-    }
-
-    /// The wrench that what lies before a frame's body applies to it, about the frame's origin in
-    /// the frame's axes: force and torque.
-    #[must_use]
-    pub fn wrench_at(&self, frame: &Frame) -> (Vector3<f64>, Vector3<f64>) {
-        let m = &self.bodies[frame.body];
-        let (rotation, position) = self.placement(frame);
-        let (torque, force) = split(&m.through);
-        (
-            rotation.tr_mul(&force),
-            rotation.tr_mul(&(torque - position.cross(&force))),
-        )
-    }
-
-    /// Rotation and origin of a frame in the world.
-    #[must_use]
-    pub fn placement(&self, frame: &Frame) -> (Matrix3<f64>, Vector3<f64>) {
-        let m = &self.bodies[frame.body];
-        (
-            m.rotation * frame.rotation,
-            m.position + m.rotation * frame.offset,
-        )
-    }
-
-    /// A point given in a body's frame, and its velocity, in the world.
-    #[must_use]
-    pub fn point(&self, body: usize, local: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-        let m = &self.bodies[body];
-        let position = m.position + m.rotation * local;
-        let (omega, v) = split(&m.velocity);
-        (position, v + omega.cross(&position))
-    }
-
-    /// Angular velocity of a body in the world, rad/s.
-    #[must_use]
-    pub fn angular_velocity(&self, body: usize) -> Vector3<f64> {
-        split(&self.bodies[body].velocity).0
-    }
-
-    /// True spatial acceleration of a body about the world's origin.
-    #[must_use]
-    pub fn acceleration(&self, body: usize) -> Vector6<f64> {
-        self.bodies[body].acceleration - stack(Vector3::zeros(), GRAVITY * Vector3::z())
-    }
-
-    /// Proper acceleration (acceleration minus gravity) of a world point on a body, m/s².
-    #[must_use]
-    pub fn proper_acceleration(&self, body: usize, position: &Vector3<f64>) -> Vector3<f64> {
-        let m = &self.bodies[body];
-        let (alpha, a) = split(&m.acceleration);
-        let (omega, v) = split(&m.velocity);
-        a + alpha.cross(position) + omega.cross(&(v + omega.cross(position)))
-    }
-
-    /// Momentum about the world's origin, `[angular; linear]`.
-    #[must_use]
-    pub fn momentum(&self) -> Vector6<f64> {
-        (self.bodies.iter()).fold(Vector6::zeros(), |sum, m| sum + m.inertia * m.velocity)
-    }
-
-    /// Kinetic and potential energy, J.
-    #[must_use]
-    pub fn energy(&self) -> (f64, f64) {
-        self.bodies
-            .iter()
-            .fold((0.0, 0.0), |(kinetic, potential), m| {
-                (
-                    kinetic + 0.5 * m.velocity.dot(&(m.inertia * m.velocity)),
-                    // The inertia's upper right block is mass times [com]x: element (1, 0) is m z.
-                    potential + GRAVITY * m.first_moment().z,
-                )
-            })
-    }
-
-    /// Centre of mass of the whole robot, m.
-    #[must_use]
-    pub fn centre_of_mass(&self, tree: &Tree) -> Vector3<f64> {
-        let sum = (self.bodies.iter()).fold(Vector3::zeros(), |s, m| s + m.first_moment());
-        sum / tree.mass()
-    }
-}
-
-impl Moving {
-    fn set_inertia(&mut self, body: &Body) {
-        // About the world's origin: rotate the inertia about the body's origin, then move it.
-        let r = &self.rotation;
-        let p = self.position;
-        let first = r * (body.mass * body.com);
-        let (px, fx) = (p.cross_matrix(), first.cross_matrix());
-        let angular = r * body.inertia * r.transpose() - px * fx - fx * px - body.mass * px * px;
-        let coupling = fx + body.mass * px;
-        self.inertia
-            .fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&angular);
-        self.inertia
-            .fixed_view_mut::<3, 3>(0, 3)
-            .copy_from(&coupling);
-        self.inertia
-            .fixed_view_mut::<3, 3>(3, 0)
-            .copy_from(&coupling.transpose());
-        self.inertia
-            .fixed_view_mut::<3, 3>(3, 3)
-            .copy_from(&Matrix3::from_diagonal_element(body.mass));
-    }
-
-    /// Mass times centre of mass in the world.
-    fn first_moment(&self) -> Vector3<f64> {
-        let i = &self.inertia;
-        Vector3::new(i[(2, 4)], i[(0, 5)], i[(1, 3)])
-    }
-}
-
 /// Moves the state on by `dt`, velocities first (semi-implicit Euler).
 pub fn integrate(
     tree: &Tree,
@@ -551,41 +229,4 @@ pub fn integrate(
         state.orientation = UnitQuaternion::from_scaled_axis(dt * omega) * state.orientation;
         state.orientation.renormalize_fast();
     }
-}
-
-/// `[angular; linear]` from its halves.
-#[must_use]
-pub fn stack(angular: Vector3<f64>, linear: Vector3<f64>) -> Vector6<f64> {
-    Vector6::new(
-        angular.x, angular.y, angular.z, linear.x, linear.y, linear.z,
-    )
-}
-
-/// The halves of `[angular; linear]`.
-#[must_use]
-pub fn split(v: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    (
-        Vector3::new(v[0], v[1], v[2]),
-        Vector3::new(v[3], v[4], v[5]),
-    )
-}
-
-/// The wrench about the world's origin of a force at a point.
-#[must_use]
-pub fn wrench_of(position: &Vector3<f64>, force: &Vector3<f64>) -> Vector6<f64> {
-    stack(position.cross(force), *force)
-}
-
-fn turn(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
-    Rotation3::from_axis_angle(&nalgebra::Unit::new_unchecked(*axis), angle).into_inner()
-}
-
-fn cross_motion(v: &Vector6<f64>, m: &Vector6<f64>) -> Vector6<f64> {
-    let ((w, l), (mw, ml)) = (split(v), split(m));
-    stack(w.cross(&mw), w.cross(&ml) + l.cross(&mw))
-}
-
-fn cross_force(v: &Vector6<f64>, f: &Vector6<f64>) -> Vector6<f64> {
-    let ((w, l), (n, f)) = (split(v), split(f));
-    stack(w.cross(&n) + l.cross(&f), w.cross(&f))
 }

@@ -1,6 +1,8 @@
 //! What is really so: the record that estimates are judged against.
 
-use crate::tree::{Dynamics, Frame, State, split, stack};
+use crate::articulated::Dynamics;
+use crate::spatial::{split, stack};
+use crate::tree::{Frame, State};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use robot_state::Wrench;
 

@@ -2,8 +2,10 @@
 
 use dynamics::{Force, Se3};
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
+use plant::articulated::{Dynamics, GRAVITY};
 use plant::random::Random;
-use plant::tree::{Dynamics, GRAVITY, State, Tree, integrate, split, stack, wrench_of};
+use plant::spatial::{split, stack, wrench_of};
+use plant::tree::{State, Tree, integrate};
 use plant::urdf::Urdf;
 
 const HUMANOID: &str = include_str!("../../../../robot-models/humanoid/robot.urdf");

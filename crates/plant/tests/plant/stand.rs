@@ -56,7 +56,7 @@ fn the_humanoid_stands_still_from_the_first_moment() {
         "still moves at {} rad/s",
         fastest(&late)
     );
-    let weight = robot.mass() * plant::tree::GRAVITY;
+    let weight = robot.mass() * plant::articulated::GRAVITY;
     let carried: f64 = late.external.iter().map(|e| e.wrench.force[2]).sum();
     assert!(
         (carried - weight).abs() < 0.01 * weight,
@@ -80,7 +80,7 @@ fn the_humanoid_hangs_in_its_harness() {
     );
     let force = late.external[2].wrench.force;
     let carried = force.iter().map(|f| f * f).sum::<f64>().sqrt();
-    let weight = robot.mass() * plant::tree::GRAVITY;
+    let weight = robot.mass() * plant::articulated::GRAVITY;
     assert!(
         (carried - weight).abs() < 1e-3 * weight,
         "{carried} of {weight} N"
