@@ -11,10 +11,11 @@ fail() {
     exit 1
 }
 
-# wait_for STREAM PATTERN: reads lines until one has the pattern.
+# wait_for STREAM PATTERN: reads lines until one has the pattern. Without a time limit of its
+# own: the clock leaps while the guest loads files.
 wait_for() {
     local line
-    while read -r -t 60 -u "$1" line; do
+    while read -r -u "$1" line; do
         echo "$line"
         [[ $line != *$2* ]] || return 0
     done
