@@ -202,6 +202,24 @@ fn losses_in_the_kernel_are_counted() {
 }
 
 #[test]
+fn backlog_is_worked_off_without_loss() {
+    let _alone = alone();
+    let (mut bus, mut other) = (open(), open());
+    let list: Vec<_> = (0..500).map(|i| frame(1, ONE, 8, false, i)).collect();
+    other.send(&frames(&list));
+    let mut nothing = Gather::new(0);
+    let mut rx = Frames::new(64);
+    let mut seen = Vec::new();
+    while seen.len() < list.len() {
+        rx.clear();
+        bus.receive(&mut rx, &mut nothing, &table(), 0);
+        seen.extend_from_slice(rx.as_slice());
+    }
+    assert_same(&seen, &list);
+    assert_eq!(bus.counters().dropped, 0);
+}
+
+#[test]
 fn bus_that_goes_down_fails_alone_and_comes_back() {
     let _alone = alone();
     let mut bus = open();

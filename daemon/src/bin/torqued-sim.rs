@@ -1,6 +1,6 @@
 //! The command `torqued-sim`: the simulated robot as a process of its own on CAN.
 
-use can_codec::{DecodeError, Frames, Gather, MAX_FRAMES};
+use can_codec::{DecodeError, Frames, Gather};
 use clap::Parser;
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
@@ -16,6 +16,8 @@ use torqued::bus::{Bus, Line, OpenError, SocketCan};
 use torqued::failure::Failure;
 use torqued::real_time::{self, RealTime, Settings};
 
+/// Frames that it reads at once.
+const BATCH: usize = 64;
 /// How often it looks up from a silent bus, ns.
 const LOOK_NS: u64 = 50_000_000;
 
@@ -158,7 +160,10 @@ impl<'a> Simulation<'a> {
     }
 
     fn run(mut self, stop: &AtomicBool, end_ns: u64) -> Summary {
-        let (mut rx, mut tx) = (Frames::new(MAX_FRAMES), Frames::new(MAX_FRAMES));
+        // A robot that was stopped for a while finds a backlog: the answers to what is read at
+        // once must have room.
+        let answers = BATCH * self.robot.receive.message_count();
+        let (mut rx, mut tx) = (Frames::new(BATCH), Frames::new(answers));
         // Waits for nothing in particular, so it is complete with whatever is there.
         let mut whatever = Gather::new(0);
         let started = self.bus.now_ns();

@@ -11,7 +11,7 @@ mod messages;
 
 use super::{Bus, BusCounters, deliver};
 use crate::real_time::monotonic_ns;
-use can_codec::{Frames, Gather, MAX_FRAMES, Table};
+use can_codec::{Frames, Gather, Table};
 use clock::ReceiveClock;
 use libc::c_int;
 use messages::{BATCH, Messages, errno};
@@ -228,17 +228,16 @@ impl Bus for SocketCan {
     }
 
     fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, until_ns: u64) {
-        // After the deadline a flood is read no further than the caller's list can be long.
-        let mut allowance = MAX_FRAMES;
         loop {
             let in_time = monotonic_ns() < until_ns;
             if in_time && !gather.complete() && !self.wait(until_ns) {
                 continue;
             }
-            let count = self.read_batch(rx, gather, table);
-            if count == BATCH && allowance > 0 {
-                allowance = allowance.saturating_sub(count);
-            } else if gather.complete() || !in_time {
+            let more = self.read_batch(rx, gather, table) == BATCH;
+            // Nobody waits any more: what finds no room in `rx` stays for the next call. So a
+            // flood ends somewhere, and a backlog is worked off without loss.
+            let waiting = in_time && !gather.complete();
+            if !waiting && (!more || rx.is_full()) {
                 return;
             }
         }
