@@ -62,7 +62,8 @@ class Robot:
     def random_state(self, rng):
         n, base = len(self.joints), 6 if self.floating else 0
         joint_q, dq, ddq = rng.uniform(-np.pi, np.pi, n), rng.uniform(-3, 3, n), rng.uniform(-9, 9, n)
-        q = np.concatenate([self.components(i, x) for i, x in zip(range(self.model.njoints - n, self.model.njoints), joint_q)])
+        first = self.model.njoints - n
+        q = np.array([x for i, angle in enumerate(joint_q) for x in self.components(first + i, angle)])
         case = {"q": list(joint_q), "dq": list(dq), "ddq": list(ddq)}
         v, a = dq, ddq
         if self.floating:
@@ -83,7 +84,7 @@ class Robot:
     def on_joints(self, wrenches):
         forces = [pin.Force.Zero() for _ in range(self.model.njoints)]
         for link, wrench in wrenches.items():
-            frame = self.model.frames[self.model.getFrameId(link)]
+            frame = self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
             forces[frame.parentJoint] += frame.placement.act(pin.Force(wrench))
         return forces
 
@@ -140,7 +141,7 @@ def test_frames(robot):
         pin.computeJointJacobians(robot.model, robot.data, s["q"])
         pin.updateFramePlacements(robot.model, robot.data)
         for link in robot.links:
-            frame, ours = robot.model.getFrameId(link), s["ours"]["frames"][link]
+            frame, ours = robot.model.getFrameId(link, pin.FrameType.BODY), s["ours"]["frames"][link]
             close(ours["p"], robot.data.oMf[frame].translation)
             close(ours["R"], robot.data.oMf[frame].rotation)
             close(ours["v"], pin.getFrameVelocity(robot.model, robot.data, frame, pin.LOCAL).vector)
