@@ -16,7 +16,7 @@ use torqued::bus::{Bus, Line, OpenError, SocketCan};
 use torqued::failure::Failure;
 use torqued::real_time::{self, RealTime, Settings};
 
-/// Frames that it reads at once.
+/// Frames that it reads at once: one batch of the bus.
 const BATCH: usize = 64;
 /// How often it looks up from a silent bus, ns.
 const LOOK_NS: u64 = 50_000_000;

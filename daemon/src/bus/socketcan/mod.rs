@@ -235,7 +235,7 @@ impl Bus for SocketCan {
             }
             let more = self.read_batch(rx, gather, table) == BATCH;
             // Nobody waits any more: what finds no room in `rx` stays for the next call. So a
-            // flood ends somewhere, and a backlog is worked off without loss.
+            // flood ends somewhere, and a list of whole batches works off a backlog without loss.
             let waiting = in_time && !gather.complete();
             if !waiting && (!more || rx.is_full()) {
                 return;
