@@ -10,7 +10,7 @@ use nix::sys::resource::{UsageWho, getrusage};
 use robot_config::{RealTime, Robot};
 use robot_state::{Description, Event, JointRecord, Name, SharedRecord, measured_flags};
 
-use crate::bus::{Line, SocketCan};
+use crate::bus::{Line, OpenError, SocketCan};
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
 use crate::real_time::{self, Deadline, Pace, Settings};
@@ -22,14 +22,17 @@ const LOOK: Duration = Duration::from_millis(100);
 /// After that long without an answer, the silent joints are named.
 const PATIENCE: u32 = 10;
 
-/// Runs the robot until `stop` is set or `cycles` have been run, and sums up.
+/// Runs the robot until `stop` is set or `cycles` have begun or been skipped, and sums up.
 ///
 /// # Errors
 /// Whatever keeps the loop from starting: nothing has been sent then.
 pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result<Summary, Failure> {
     let parameters = &robot.parameters;
     let lines: Vec<Line<'_>> = parameters.buses.iter().map(Line::from).collect();
-    let bus = SocketCan::open(&lines).map_err(Failure::bad_input)?;
+    let bus = SocketCan::open(&lines).map_err(|error| match error {
+        OpenError::Interfaces(_) => Failure::bad_input(error),
+        OpenError::NoCan(_) | OpenError::Socket(..) => Failure::environment(error),
+    })?;
     let control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
     let (records, references) =
         shared_memory::start(&describe(robot)).map_err(Failure::environment)?;
@@ -98,11 +101,11 @@ impl Looper {
         let mut last = SharedRecord::default();
         let mut deadline = Deadline::new(self.period_ns);
         let before = page_faults();
-        for _ in 0..self.cycles {
-            if self.stop.load(Ordering::Relaxed) {
-                break;
-            }
+        // Skipped starts count too: `--seconds` means time.
+        let mut starts = 0;
+        while starts < self.cycles && !self.stop.load(Ordering::Relaxed) {
             let wake = deadline.wait();
+            starts += 1 + wake.skipped;
             let wanted =
                 self.references
                     .latest()
@@ -151,11 +154,11 @@ fn watch(robot: &Robot, status: &Status, ended: impl Fn() -> bool) {
         let silent = status.silent.load(Ordering::Relaxed);
         if status.cycles.load(Ordering::Acquire) > 0 && silent == 0 && !running {
             running = true;
-            println!("running: every joint has answered");
+            eprintln!("running: every joint has answered");
             // Nobody may be waiting for it: then there is nothing to notify.
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
         }
-        if !running && looks % PATIENCE == 0 {
+        if silent != 0 && !running && looks % PATIENCE == 0 {
             eprintln!("waiting for {}", silent_joints(robot, silent));
         }
         let now = status.fault.load(Ordering::Relaxed);
@@ -163,7 +166,7 @@ fn watch(robot: &Robot, status: &Status, ended: impl Fn() -> bool) {
             fault = now;
             match Event::from_number(now) {
                 Some(event) => eprintln!("FAULT {} {}: {}", now, event.name(), event.cause()),
-                None => println!("fault reset"),
+                None => eprintln!("fault reset"),
             }
         }
     }
