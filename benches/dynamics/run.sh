@@ -36,7 +36,7 @@ flags=(-std=c++17 -O3 -march=native -DNDEBUG
     -isystem "$prefix/include" -isystem "$prefix/include/eigen3")
 [ liblibrary.so -nt "$here/library.cpp" ] || clang++ "${flags[@]}" -shared -fPIC "$here/library.cpp" -o liblibrary.so
 # The generator itself need not be fast.
-[ generate -nt "$here/generate.cpp" ] || clang++ "${flags[@]}" -O1 "$here/generate.cpp" -o generate -ldl
+[ generate -nt "$here/generate.cpp" ] || clang++ "${flags[@]}" -O0 "$here/generate.cpp" -o generate -ldl
 
 pairs=()
 for urdf in "${urdfs[@]}"; do
