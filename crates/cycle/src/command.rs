@@ -95,10 +95,11 @@ impl Command {
     ) -> Result<(), Event> {
         let mut result = Ok(());
         for (j, joint) in self.joints.iter_mut().enumerate() {
-            match limit(joint, self.unlimited[j], &mut record.joints[j], counts) {
+            let (command, record) = (self.unlimited[j], &mut record.joints[j]);
+            match limit(&joint.motor, &joint.limits, command, record, counts) {
                 Ok(command) => joint.commit(command),
                 Err(event) => {
-                    joint.keep_last(&mut record.joints[j]);
+                    joint.keep_last(record);
                     result = Err(event);
                 }
             }
@@ -164,9 +165,9 @@ pub(crate) struct InverseDynamicsTorque {
 /// The commander of one joint.
 #[derive(Debug, Clone)]
 pub(crate) struct JointCommand {
-    pub(crate) motor: MotorModel,
-    pub(crate) gains: JointGains,
-    pub(crate) limits: JointLimits,
+    motor: MotorModel,
+    gains: JointGains,
+    limits: JointLimits,
     torque_loop: TorqueLoop,
     mode: u32,
     /// Where to hold: the position that carries the load where the joint stands.

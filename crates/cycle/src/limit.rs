@@ -1,22 +1,21 @@
 //! Limit: the last word on every command, then the finite check.
 
-use control::MotorModel;
+use control::{JointLimits, MotorModel};
 use robot_state::{Event, JointRecord, control_flags};
 
-use crate::command::JointCommand;
 use crate::events::Counts;
 
 /// The command that may be sent. `Err` carries the event if there is none: the last command (or
 /// the measured position) then stands.
 pub(crate) fn limit(
-    joint: &JointCommand,
+    motor: &MotorModel,
+    limits: &JointLimits,
     command: f64,
     record: &mut JointRecord,
     counts: &mut Counts,
 ) -> Result<f64, Event> {
-    let limits = &joint.limits;
     let mut flags = record.control.flags;
-    let limited = match joint.motor {
+    let limited = match motor {
         MotorModel::Position { .. } => {
             let q = record.measured.q;
             let lead = limits.delta_q(command - q);
