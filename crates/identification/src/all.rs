@@ -1,0 +1,249 @@
+//! Every fit in its order: each stands on those before it.
+//!
+//! ```text
+//! TURN  -> kinematic error
+//! TRAIN -> motor friction -> skew, Z's compliance -> gear with slipping springs
+//!       -> current, deformation model -> noise of the Kalman filters -> fusion
+//! ```
+
+use crate::joint_file::{
+    ComplianceTable, CurrentTable, DeformationTable, EncodersTable, FrictionTable, FusionTable,
+    HysteresisTable, JointFile, KalmanTable,
+};
+use crate::log::LogRow;
+use crate::record::Record;
+use crate::{FitError, current, deformation, fusion, gear, kinematic, noise};
+use estimators::deformation::AngularFrequency;
+use estimators::kalman::{ADDED_STATES, STATES, Transform};
+use estimators::kinematic_error::KinematicErrorParameters;
+
+/// Time constant of Z's low-pass (0.95 at 1 kHz), s.
+const Z_TIME_CONSTANT_S: f64 = 0.0195;
+/// Time constant of the low-pass behind models that fit better, s.
+const SHORT_TIME_CONSTANT_S: f64 = 0.002;
+/// Skew below this many standard deviations, or this time, is none.
+const SKEW_SIGNIFICANCE: f64 = 5.0;
+const SKEW_LEAST_S: f64 = 2e-5;
+
+/// A fitted joint, and what each step found, in words.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fitted {
+    /// The joint with every table.
+    pub joint: JointFile,
+    /// One line per step.
+    pub report: Vec<String>,
+}
+
+/// Fits everything.
+///
+/// # Errors
+/// The first step that its data do not allow.
+pub fn fit(joint: &JointFile, turn: &[LogRow], train: &[LogRow]) -> Result<Fitted, FitError> {
+    let mut fitted = Fitted {
+        joint: joint.clone(),
+        report: Vec::new(),
+    };
+    fitted.kinematic_error(turn)?;
+    fitted.gear(train)?;
+    let record = Record::new(&fitted.joint, train)?;
+    fitted.models(&record)?;
+    fitted.filters(&record)?;
+    fitted.fusion(&record)?;
+    Ok(fitted)
+}
+
+impl Fitted {
+    fn note(&mut self, line: String) {
+        self.report.push(line);
+    }
+
+    fn pole(&self, time_constant_s: f64) -> f64 {
+        (-self.joint.sample_period() / time_constant_s).exp()
+    }
+
+    fn kinematic_error(&mut self, turn: &[LogRow]) -> Result<(), FitError> {
+        let record = Record::new(&self.joint, turn)?;
+        let fit = kinematic::fit(&record)?;
+        self.note(format!(
+            "kinematic error: largest {:.1} urad, {:.2} urad RMS left",
+            1e6 * (fit.parameters.bound() - fit.parameters.a0.abs()),
+            1e6 * fit.rms
+        ));
+        self.joint.kinematic_error = Some(fit.parameters.into());
+        Ok(())
+    }
+
+    /// Motor friction, skew and Z's constants; once more with the skew removed.
+    fn gear(&mut self, train: &[LogRow]) -> Result<(), FitError> {
+        for pass in 0..2 {
+            let record = Record::new(&self.joint, train)?;
+            self.motor(&record)?;
+            let error = self.joint.kinematic_error_parameters();
+            let motor = self.joint.wave_generator_parameters();
+            let fit = gear::compliance(&record, &error, motor)?;
+            let (skew, sigma) = fit.skew;
+            if pass == 0 && skew.abs() > SKEW_LEAST_S.max(SKEW_SIGNIFICANCE * sigma) {
+                let longest = 16.0 * self.joint.sample_period();
+                let mut encoders = self.joint.encoders.clone().unwrap_or_default();
+                encoders.skew = (encoders.skew + skew).clamp(-longest, longest);
+                self.note(format!(
+                    "skew: motor-side encoder {:.3} ms later than the link-side one (95 % within \
+                     ±{:.3} ms)",
+                    1e3 * encoders.skew,
+                    1.96e3 * sigma
+                ));
+                self.joint.encoders = Some(encoders);
+                continue;
+            }
+            let p = fit.parameters;
+            self.note(format!(
+                "compliance: K_fs0 {:.0} N·m/rad (95 % within ±{:.0}), C_fs {:.4} /(N·m), {:.2} \
+                 urad RMS left",
+                p.k_fs0,
+                1.96 * fit.stiffness_sigma,
+                p.c_fs,
+                1e6 * fit.rms
+            ));
+            self.joint.compliance = Some(ComplianceTable {
+                k_fs0: p.k_fs0,
+                c_fs: p.c_fs,
+                k_wg0: p.k_wg0,
+                c_wg: p.c_wg,
+                low_pass_pole: self.pole(Z_TIME_CONSTANT_S),
+                torsion_sigma: fit.rms,
+            });
+            break;
+        }
+        self.joint
+            .encoders
+            .get_or_insert_with(EncodersTable::default);
+        Ok(())
+    }
+
+    /// D3 on the link side; Z's friction is the same on the motor side.
+    fn motor(&mut self, record: &Record) -> Result<(), FitError> {
+        let p = current::fit(record, self.joint.torque_limit())?;
+        let n = self.joint.joint.gear_ratio;
+        self.joint.friction = Some(FrictionTable {
+            coulomb: p.k_3 / n,
+            viscous: p.k_2 / (n * n),
+            epsilon: 2.0 * p.sign_smoothing * n,
+            published: false,
+        });
+        self.joint.current = Some(CurrentTable {
+            k_1: p.k_1,
+            k_2: p.k_2,
+            k_3: p.k_3,
+            inertia: p.inertia,
+            offset: p.offset,
+            sign_smoothing: p.sign_smoothing,
+            low_pass_pole: p.low_pass_pole,
+            sigma: p.sigma,
+        });
+        Ok(())
+    }
+
+    fn models(&mut self, record: &Record) -> Result<(), FitError> {
+        let error: KinematicErrorParameters = self.joint.kinematic_error_parameters();
+        let fit = gear::hysteresis(record, &error)?;
+        let p = fit.parameters;
+        self.note(format!(
+            "hysteresis: {} springs, {:.2} N·m wide, {:.4} N·m RMS left",
+            p.slipping.len(),
+            2.0 * p
+                .slipping
+                .iter()
+                .map(|s| s.limit * s.stiffness)
+                .sum::<f64>(),
+            fit.rms
+        ));
+        self.joint.hysteresis = Some(HysteresisTable {
+            linear: p.linear,
+            cubic: p.cubic,
+            wind_up: p.wind_up,
+            slipping: p.slipping.iter().map(|s| (s.limit, s.stiffness)).collect(),
+            bearing: fit.bearing.iter().map(|s| (s.limit, s.stiffness)).collect(),
+            bearing_viscous: fit.bearing_viscous,
+            low_pass_pole: self.pole(SHORT_TIME_CONSTANT_S),
+            torsion_sigma: fit.rms / p.linear,
+        });
+        let current = self.joint.current.clone().unwrap_or_default();
+        self.note(format!(
+            "current: K1 {:.4} N·m/A, friction {:.3} N·m, offset {:.4} A, {:.3} N·m RMS left",
+            current.k_1, current.k_3, current.offset, current.sigma
+        ));
+        let (rated, limit) = (self.joint.joint.rated_torque, self.joint.torque_limit());
+        let pole = self.pole(SHORT_TIME_CONSTANT_S);
+        let p = deformation::fit(record, rated, limit, AngularFrequency::Spatial, pole)?;
+        self.note(format!(
+            "deformation: {:.2} urad RMS left",
+            1e6 * p.torsion_sigma
+        ));
+        self.joint.deformation = Some(DeformationTable {
+            coefficients: p.coefficients,
+            published_frequency: false,
+            current_limit: p.current_limit,
+            low_pass_pole: p.low_pass_pole,
+            torsion_sigma: p.torsion_sigma,
+        });
+        Ok(())
+    }
+
+    fn filters(&mut self, record: &Record) -> Result<(), FitError> {
+        let j = &self.joint.joint;
+        let count = std::f64::consts::TAU / j.motor_counts_per_turn;
+        let torsion = self
+            .joint
+            .compliance
+            .as_ref()
+            .map_or(1e-5, |c| c.torsion_sigma);
+        // Where the search starts: a load that may change by a thousandth of the rated torque and a
+        // motor torque off by a thousandth in each period.
+        let step = self.joint.sample_period() / j.rotor_inertia;
+        let omega = (1e-3 * step * j.rated_torque / j.gear_ratio).powi(2);
+        let tau = (1e-3 * j.rated_torque).powi(2);
+        let slow = (1e-5 * j.rated_torque / j.gear_ratio).powi(2);
+        let start = |hysteresis: bool| KalmanTable {
+            process: [1e-3 * count * count, omega, tau, 1e2 * tau, slow],
+            measurement: [count * count / 12.0, torsion * torsion],
+            hysteresis,
+        };
+        let run = |table: &KalmanTable, added: bool, transform| {
+            let parameters = self.joint.kalman_parameters(table)?;
+            let tuned = match added {
+                true => noise::fit::<ADDED_STATES>(record, &parameters, transform),
+                false => noise::fit::<STATES>(record, &parameters, transform),
+            };
+            Ok::<_, FitError>(KalmanTable {
+                process: tuned.process,
+                measurement: tuned.measurement,
+                hysteresis: table.hysteresis,
+            })
+        };
+        let linear = run(&start(false), false, Transform::Linear)?;
+        let unscented = run(&start(false), false, Transform::Unscented)?;
+        let added = run(&start(true), true, Transform::Unscented)?;
+        self.joint.kalman = Some(linear);
+        self.joint.unscented = Some(unscented);
+        self.joint.unscented_added = Some(added);
+        self.note("noise of the Kalman filters: tuned by the likelihood of innovations".to_owned());
+        Ok(())
+    }
+
+    fn fusion(&mut self, record: &Record) -> Result<(), FitError> {
+        let mut sources = self.joint.sources()?;
+        let p = fusion::fit(record, &mut sources, self.joint.torque_limit());
+        let [rest, moving, loading, moving_loading] = p.covariance;
+        self.joint.fusion = Some(FusionTable {
+            sources: sources.names().to_vec(),
+            moving_rate: p.moving,
+            loading_rate: p.loading,
+            blend: p.blend,
+            rest,
+            moving,
+            loading,
+            moving_loading,
+        });
+        Ok(())
+    }
+}

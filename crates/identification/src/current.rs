@@ -1,0 +1,58 @@
+//! The motor's constants from loaded motion beside a torque sensor (D3, D7).
+
+use crate::FitError;
+use crate::least_squares::Batch;
+use crate::record::Record;
+use estimators::current_based::CurrentParameters;
+use estimators::low_pass::LowPass;
+
+/// Time constant of the low-pass on current, s.
+const TIME_CONSTANT_S: f64 = 0.005;
+/// Samples used at most.
+const MOST: usize = 60_000;
+
+/// Fits `tau = K1 (i - offset) - K2 dq - K3 sign(dq) - J ddq` to samples in motion.
+///
+/// # Errors
+/// A log without torque sensor or without motion.
+pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, FitError> {
+    let tau = record.smooth(&record.tau, 0);
+    let current = record.smooth(&record.current(), 0);
+    let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
+    let smoothing = 0.02 * fastest;
+    let mut batch = Batch::new(5);
+    for i in record.spread(MOST) {
+        let [dq, ddq] = record.motion[i];
+        if dq.abs() > 2.0 * smoothing && tau[i].is_finite() {
+            batch.add(
+                &[current[i], 1.0, -dq, -(dq / smoothing).tanh(), -ddq],
+                tau[i],
+            );
+        }
+    }
+    let solution = batch
+        .solve_bounded(1e-10, |i| i == 0 || i >= 2)
+        .filter(|s| s.x[0] > 0.0);
+    let Some(solution) = solution else {
+        return Err(FitError(
+            "training log: torque does not grow with the current; needed: `tau_sensor` and motion \
+             under load"
+                .to_owned(),
+        ));
+    };
+    let x = &solution.x;
+    let pole = (-record.sample_period / TIME_CONSTANT_S).exp();
+    debug_assert!(LowPass::new(pole).delay_samples().is_finite());
+    Ok(CurrentParameters {
+        k_1: x[0],
+        k_2: x[2],
+        k_3: x[3],
+        inertia: x[4],
+        offset: -x[1] / x[0],
+        sign_smoothing: smoothing.max(1e-6),
+        low_pass_pole: pole,
+        sigma: solution.rms,
+        sample_period: record.sample_period,
+        torque_limit,
+    })
+}

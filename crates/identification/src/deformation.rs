@@ -1,0 +1,126 @@
+//! S's coefficients by least squares (S 15-17), all segments at once.
+
+use crate::FitError;
+use crate::least_squares::{Batch, Recursive};
+use crate::record::Record;
+use estimators::deformation::{
+    AngularFrequency, COEFFICIENTS, DeformationParameters, SEGMENTS, regressor,
+};
+use estimators::joint::JointSample;
+
+/// Samples used at most.
+const MOST: usize = 60_000;
+
+/// Fits S10 to loaded motion.
+///
+/// # Errors
+/// A log whose torques do not determine the segments.
+pub fn fit(
+    record: &Record,
+    rated_torque: f64,
+    torque_limit: f64,
+    frequency: AngularFrequency,
+    low_pass_pole: f64,
+) -> Result<DeformationParameters, FitError> {
+    let tau = record.smooth(&record.tau, 0);
+    let current = record.smooth(&record.current(), 0);
+    let mut batch = Batch::new(COEFFICIENTS);
+    let mut current_limit = 0.0f64;
+    for i in record.spread(MOST) {
+        let s = JointSample {
+            current: current[i],
+            ..record.samples[i]
+        };
+        current_limit = current_limit.max(s.current.abs());
+        let row = regressor(&s, tau[i], rated_torque, record.gear_ratio, frequency);
+        batch.add(&row, s.theta / record.gear_ratio - s.q);
+    }
+    let solution = batch
+        .solve_bounded(1e-9, |i| i < SEGMENTS)
+        .filter(|s| s.x[0] > 0.0);
+    let Some(solution) = solution else {
+        return Err(FitError(
+            "training log: the middle segment's stiffness is not determined; needed: \
+             `tau_sensor` and loads of both signs"
+                .to_owned(),
+        ));
+    };
+    let mut coefficients: [f64; COEFFICIENTS] = std::array::from_fn(|i| solution.x[i]);
+    // Segments that the load never reached go on with the stiffness of their inner neighbour.
+    for (outer, inner) in [(1, 0), (2, 1), (3, 0), (4, 3)] {
+        if coefficients[outer] <= 0.05 * coefficients[inner] {
+            coefficients[outer] = coefficients[inner];
+        }
+    }
+    Ok(DeformationParameters {
+        rated_torque,
+        coefficients,
+        frequency,
+        current_limit: current_limit.max(1e-9),
+        gear_ratio: record.gear_ratio,
+        low_pass_pole,
+        torsion_sigma: solution.rms,
+        sample_period: record.sample_period,
+        torque_limit,
+    })
+}
+
+/// Keeps S's coefficients up to date sample by sample (S 20-25), off the real-time thread.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    parameters: DeformationParameters,
+    recursive: Recursive,
+}
+
+impl Tracker {
+    /// Starts from fitted parameters; `spread` is how far, relative to the largest of their kind,
+    /// coefficients may have moved; `forgetting` as in [`Recursive::new`].
+    #[must_use]
+    pub fn new(parameters: DeformationParameters, spread: f64, forgetting: f64) -> Self {
+        let c = &parameters.coefficients;
+        let scale =
+            |from: usize, to: usize| c[from..to].iter().fold(1e-12f64, |m, x| m.max(x.abs()));
+        let sigma = |i: usize| {
+            let kind = match i {
+                0..SEGMENTS => scale(0, SEGMENTS),
+                _ if i <= SEGMENTS + 6 => scale(i, i + 1),
+                _ => scale(SEGMENTS + 7, COEFFICIENTS),
+            };
+            // In units of the torsion's own error, which the rows are divided by.
+            spread * kind / parameters.torsion_sigma.max(1e-12)
+        };
+        let sigma: Vec<f64> = (0..COEFFICIENTS).map(sigma).collect();
+        let x: Vec<f64> = c
+            .iter()
+            .map(|x| x / parameters.torsion_sigma.max(1e-12))
+            .collect();
+        Self {
+            recursive: Recursive::new(&x, &sigma, forgetting),
+            parameters,
+        }
+    }
+
+    /// Takes one sample with its torque.
+    pub fn update(&mut self, s: &JointSample, tau: f64) {
+        let p = &self.parameters;
+        let row = regressor(s, tau, p.rated_torque, p.gear_ratio, p.frequency);
+        let torsion = s.theta / p.gear_ratio - s.q;
+        self.recursive
+            .update(&row, torsion / p.torsion_sigma.max(1e-12));
+    }
+
+    /// The parameters with the present coefficients.
+    #[must_use]
+    pub fn parameters(&self) -> DeformationParameters {
+        let mut parameters = self.parameters.clone();
+        let scale = parameters.torsion_sigma.max(1e-12);
+        for (c, x) in parameters
+            .coefficients
+            .iter_mut()
+            .zip(self.recursive.coefficients())
+        {
+            *c = x * scale;
+        }
+        parameters
+    }
+}

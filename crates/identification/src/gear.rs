@@ -1,0 +1,220 @@
+//! The gear's constants from loaded motion beside a torque sensor: Z's compliance with the skew,
+//! and the elastic curve with slipping springs.
+
+use crate::FitError;
+use crate::least_squares::{Batch, Solution};
+use crate::record::Record;
+use estimators::compliance::ComplianceParameters;
+use estimators::hysteresis::{GearParameters, Hysteresis, SlipElement};
+use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::wave_generator::{WaveGenerator, WaveGeneratorParameters};
+
+/// Samples used at most by fits that look at each sample by itself.
+const MOST: usize = 20_000;
+
+/// Z's constants and the skew.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ComplianceFit {
+    /// Z Table II.
+    pub parameters: ComplianceParameters,
+    /// Skew that is left between the encoders, s, and its standard deviation.
+    pub skew: (f64, f64),
+    /// K_fs0's standard deviation, N·m/rad.
+    pub stiffness_sigma: f64,
+    /// Root mean square of the torsion that is left, rad.
+    pub rms: f64,
+}
+
+/// A gear with slipping springs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GearFit {
+    /// The gear.
+    pub parameters: GearParameters,
+    /// Friction of the output bearing: springs that slip along q.
+    pub bearing: Vec<SlipElement>,
+    /// Viscous friction of the output bearing, N·m·s/rad.
+    pub bearing_viscous: f64,
+    /// Root mean square of the torque that is left, N·m.
+    pub rms: f64,
+}
+
+/// Torsion less kinematic error, smoothed; torque, smoothed.
+fn signals(record: &Record, error: &KinematicErrorParameters) -> Result<[Vec<f64>; 2], FitError> {
+    if !record.tau.iter().all(|tau| tau.is_finite()) {
+        return Err(FitError(
+            "training log: column `tau_sensor` is needed".to_owned(),
+        ));
+    }
+    // The error goes before smoothing: fast motion would smear its harmonics.
+    let torsion = record
+        .samples
+        .iter()
+        .map(|s| s.theta / record.gear_ratio - s.q - error.error(s.q, s.theta));
+    let torsion: Vec<f64> = torsion.collect();
+    Ok([record.smooth(&torsion, 0), record.smooth(&record.tau, 0)])
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |m, x| m.max(x.abs()))
+}
+
+/// Fits `torsion - err = torsion_fs(tau) + torsion_wg(tau_wg)/N + skew dq + constant` (Z8).
+///
+/// Linear in 1/K_fs0, 1/K_wg0, skew and constant once C_fs and C_wg are chosen: these are
+/// searched on a grid.
+///
+/// # Errors
+/// A log without torque sensor or without load.
+pub fn compliance(
+    record: &Record,
+    error: &KinematicErrorParameters,
+    motor: WaveGeneratorParameters,
+) -> Result<ComplianceFit, FitError> {
+    let [torsion, tau] = signals(record, error)?;
+    let tau_max = largest(&tau);
+    let mut wave_generator = WaveGenerator::new(motor);
+    let n = record.gear_ratio;
+    let current = record.smooth(&record.current(), 0);
+    let tau_wg: Vec<f64> = (0..tau.len())
+        .map(|i| {
+            wave_generator
+                .update(current[i], n * record.motion[i][0], tau[i] / n)
+                .tau_wg
+        })
+        .collect();
+    let tau_wg_max = largest(&tau_wg).max(1e-9);
+    let rows: Vec<usize> = record.spread(MOST).collect();
+    let shape = |k_fs0, c_fs, k_wg0, c_wg| ComplianceParameters {
+        k_fs0,
+        c_fs,
+        k_wg0,
+        c_wg,
+    };
+    let attempt = |c_fs: f64, c_wg: f64| -> Option<(Solution, f64, f64)> {
+        let unit = shape(1.0, c_fs, 1.0, c_wg);
+        let mut batch = Batch::new(4);
+        for &i in &rows {
+            let wave_generator = unit.wave_generator_torsion(tau_wg[i]) / n;
+            let row = [
+                unit.flexspline_torsion(tau[i]),
+                wave_generator,
+                record.motion[i][0],
+                1.0,
+            ];
+            batch.add(&row, torsion[i]);
+        }
+        Some((batch.solve_bounded(1e-12, |i| i < 2)?, c_fs, c_wg))
+    };
+    let grid = (0..=16).flat_map(|a| [3.0, 6.0, 12.0, 24.0].map(|b| (0.15 * f64::from(a), b)));
+    let best = grid
+        .filter_map(|(a, b)| attempt(a / tau_max, b / tau_wg_max))
+        .min_by(|a, b| a.0.rms.total_cmp(&b.0.rms))
+        .filter(|(solution, ..)| solution.x[0] > 0.0);
+    let Some((solution, c_fs, c_wg)) = best else {
+        return Err(FitError(format!(
+            "training log: torsion does not grow with the torque (largest torque {tau_max:.3} \
+             N·m); needed: loaded motion, and `theta/N - q > 0` for positive torque"
+        )));
+    };
+    let k_fs0 = 1.0 / solution.x[0];
+    // A wave generator that the data do not show is rigid.
+    let k_wg0 = if solution.x[1] > 0.0 {
+        1.0 / solution.x[1]
+    } else {
+        1e9
+    };
+    Ok(ComplianceFit {
+        parameters: shape(k_fs0, c_fs, k_wg0, c_wg),
+        skew: (solution.x[2], solution.sigma[2]),
+        stiffness_sigma: k_fs0 * k_fs0 * solution.sigma[0],
+        rms: solution.rms,
+    })
+}
+
+/// Widths of the wind-up, parts of the largest torsion.
+const WIND_UP: [f64; 3] = [0.02, 0.07, 0.25];
+/// Stretches at which springs slip, parts of the largest torsion.
+const SLIP: [f64; 8] = [0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.25, 0.5];
+
+/// Stretches at which the output bearing's springs slip, rad.
+const BEARING_SLIP: [f64; 2] = [1e-4, 1e-3];
+
+/// Fits elastic curve, slipping springs and the output bearing's friction: linear in every stiffness once widths and slips are
+/// chosen, which lie on a geometric grid. Springs cannot have a stiffness below zero.
+///
+/// # Errors
+/// A log without torque sensor or without load.
+pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<GearFit, FitError> {
+    let [torsion, tau] = signals(record, error)?;
+    let x_max = largest(&torsion);
+    let unit = |limit| SlipElement {
+        limit,
+        stiffness: 1.0,
+    };
+    let elements: Vec<SlipElement> = SLIP.iter().map(|part| unit(part * x_max)).collect();
+    let mut springs = Hysteresis::new(&elements);
+    let mut bearing = Hysteresis::new(&BEARING_SLIP.map(unit));
+    let q: Vec<f64> = record.samples.iter().map(|s| s.q).collect();
+    let q = record.smooth(&q, 0);
+    let columns = 2 + WIND_UP.len() + SLIP.len() + BEARING_SLIP.len() + 1;
+    let mut batch = Batch::new(columns);
+    let mut row = vec![0.0; columns];
+    for (i, (&x, &tau)) in torsion.iter().zip(&tau).enumerate() {
+        springs.update(x);
+        bearing.update(q[i]);
+        if !record.usable(i) {
+            continue;
+        }
+        row[0] = x;
+        row[1] = x * x * x;
+        for (column, part) in row[2..].iter_mut().zip(WIND_UP) {
+            let w = part * x_max;
+            *column = w * (x / w).tanh();
+        }
+        let against = bearing.stretches().map(|stretch| -stretch);
+        let rest = springs
+            .stretches()
+            .chain(against)
+            .chain([-record.motion[i][0]]);
+        row[2 + WIND_UP.len()..]
+            .iter_mut()
+            .zip(rest)
+            .for_each(|(column, x)| *column = x);
+        batch.add(&row, tau);
+    }
+    let first_spring = 2 + WIND_UP.len();
+    let solution = batch
+        .solve_bounded(1e-7, |i| i == 0 || i >= first_spring)
+        .filter(|s| s.x[0] > 0.0)
+        .ok_or_else(|| {
+            FitError("training log: the gear's stiffness is not determined".to_owned())
+        })?;
+    let first_bearing = first_spring + SLIP.len();
+    let kept = |i: usize| solution.x[i] != 0.0;
+    Ok(GearFit {
+        parameters: GearParameters {
+            linear: solution.x[0],
+            cubic: solution.x[1],
+            wind_up: (0..WIND_UP.len())
+                .filter(|i| kept(2 + i))
+                .map(|i| (WIND_UP[i] * x_max, solution.x[2 + i]))
+                .collect(),
+            slipping: (0..SLIP.len())
+                .filter(|i| kept(first_spring + i))
+                .map(|i| SlipElement {
+                    limit: SLIP[i] * x_max,
+                    stiffness: solution.x[first_spring + i],
+                })
+                .collect(),
+        },
+        bearing: (0..BEARING_SLIP.len())
+            .filter(|i| kept(first_bearing + i))
+            .map(|i| SlipElement {
+                limit: BEARING_SLIP[i],
+                stiffness: solution.x[first_bearing + i],
+            })
+            .collect(),
+        bearing_viscous: solution.x[columns - 1],
+        rms: solution.rms,
+    })
+}

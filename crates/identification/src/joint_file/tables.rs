@@ -1,0 +1,327 @@
+//! The tables of JOINT.toml: keys with units on this side, field letters on the other.
+
+use estimators::compliance::ComplianceParameters;
+use estimators::deformation::COEFFICIENTS;
+use estimators::hysteresis::{GearParameters, SlipElement};
+use estimators::kalman::ADDED_STATES;
+use estimators::kinematic_error::KinematicErrorParameters;
+use serde::{Deserialize, Serialize};
+
+/// The joint: what its data sheet says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointTable {
+    /// The joint's name.
+    pub name: String,
+    /// N: gear ratio, 1.
+    pub gear_ratio: f64,
+    /// K_t: torque constant, motor side, N·m/A.
+    #[serde(rename = "torque_constant_Nm_per_A")]
+    pub torque_constant: f64,
+    /// J_m: inertia of rotor and wave generator, motor side, kg·m².
+    #[serde(rename = "rotor_inertia_kg_m2")]
+    pub rotor_inertia: f64,
+    /// Rated torque, link side, N·m.
+    #[serde(rename = "rated_torque_Nm")]
+    pub rated_torque: f64,
+    /// Counts of the link-side encoder per turn of the link.
+    pub link_counts_per_turn: f64,
+    /// Counts of the motor-side encoder per turn of the motor.
+    pub motor_counts_per_turn: f64,
+    /// Samples a second, Hz.
+    #[serde(rename = "sample_rate_hz")]
+    pub sample_rate: f64,
+    /// Largest |tau| that is ever reported, N·m; 2.5 times the rated torque if absent.
+    #[serde(rename = "torque_limit_Nm", skip_serializing_if = "Option::is_none")]
+    pub torque_limit: Option<f64>,
+    /// Largest |dq|, rad/s: what moved faster is a jump.
+    #[serde(rename = "max_velocity_rad_per_s", default = "fast")]
+    pub max_velocity: f64,
+}
+
+/// No joint with a gear turns faster than this, rad/s.
+fn fast() -> f64 {
+    30.0
+}
+
+/// How the encoders are read.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EncodersTable {
+    /// How much later than the link-side encoder the motor-side one is sampled, s.
+    #[serde(rename = "skew_s")]
+    pub skew: f64,
+    /// Samples of the straight line that velocities come from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub velocity_window: Option<usize>,
+}
+
+/// Z18.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct KinematicErrorTable {
+    /// a0, rad.
+    #[serde(rename = "a0_rad")]
+    pub a0: f64,
+    /// w_l, per rad of q.
+    pub w_link: f64,
+    /// (a_ln, b_ln), rad.
+    #[serde(rename = "link_rad")]
+    pub link: Vec<(f64, f64)>,
+    /// w_w, per rad of theta.
+    pub w_motor: f64,
+    /// (a_wn, b_wn), rad.
+    #[serde(rename = "motor_rad")]
+    pub motor: Vec<(f64, f64)>,
+}
+
+impl Default for KinematicErrorTable {
+    fn default() -> Self {
+        Self {
+            a0: 0.0,
+            w_link: 1.0,
+            link: Vec::new(),
+            w_motor: 1.0,
+            motor: Vec::new(),
+        }
+    }
+}
+
+impl From<KinematicErrorTable> for KinematicErrorParameters {
+    fn from(t: KinematicErrorTable) -> Self {
+        Self {
+            a0: t.a0,
+            w_link: t.w_link,
+            link: t.link,
+            w_motor: t.w_motor,
+            motor: t.motor,
+        }
+    }
+}
+
+impl From<KinematicErrorParameters> for KinematicErrorTable {
+    fn from(p: KinematicErrorParameters) -> Self {
+        Self {
+            a0: p.a0,
+            w_link: p.w_link,
+            link: p.link,
+            w_motor: p.w_motor,
+            motor: p.motor,
+        }
+    }
+}
+
+/// Motor friction, motor side.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FrictionTable {
+    /// tau_fm, N·m.
+    #[serde(rename = "coulomb_Nm")]
+    pub coulomb: f64,
+    /// B_m, N·m·s/rad.
+    #[serde(rename = "viscous_Nms_per_rad")]
+    pub viscous: f64,
+    /// eps: velocity below which the wave generator's torque is held, rad/s.
+    #[serde(rename = "epsilon_rad_per_s")]
+    pub epsilon: f64,
+    /// Friction when braking as printed in Z, instead of the physical rule.
+    pub published: bool,
+}
+
+impl Default for FrictionTable {
+    fn default() -> Self {
+        Self {
+            coulomb: 0.0,
+            viscous: 0.0,
+            epsilon: 0.5,
+            published: false,
+        }
+    }
+}
+
+/// Z Table II and low-pass.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ComplianceTable {
+    /// K_fs0, N·m/rad.
+    #[serde(rename = "K_fs0_Nm_per_rad")]
+    pub k_fs0: f64,
+    /// C_fs, 1/(N·m).
+    #[serde(rename = "C_fs_per_Nm")]
+    pub c_fs: f64,
+    /// K_wg0, motor side, N·m/rad.
+    #[serde(rename = "K_wg0_Nm_per_rad")]
+    pub k_wg0: f64,
+    /// C_wg, 1/(N·m).
+    #[serde(rename = "C_wg_per_Nm")]
+    pub c_wg: f64,
+    /// Pole of the torque's low-pass, 0 to below 1.
+    #[serde(default)]
+    pub low_pass_pole: f64,
+    /// Standard deviation of the torsion that the model leaves, rad.
+    #[serde(rename = "torsion_sigma_rad", default)]
+    pub torsion_sigma: f64,
+}
+
+impl From<ComplianceTable> for ComplianceParameters {
+    fn from(t: ComplianceTable) -> Self {
+        Self {
+            k_fs0: t.k_fs0,
+            c_fs: t.c_fs,
+            k_wg0: t.k_wg0,
+            c_wg: t.c_wg,
+        }
+    }
+}
+
+/// Elastic curve and slipping springs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HysteresisTable {
+    /// Stiffness of the linear part, N·m/rad.
+    #[serde(rename = "linear_Nm_per_rad")]
+    pub linear: f64,
+    /// Growth of the stiffness, N·m/rad³.
+    #[serde(rename = "cubic_Nm_per_rad3")]
+    pub cubic: f64,
+    /// Wind-up: width (rad) and stiffness (N·m/rad).
+    pub wind_up: Vec<(f64, f64)>,
+    /// Springs: stretch at which they slip (rad) and stiffness (N·m/rad).
+    pub slipping: Vec<(f64, f64)>,
+    /// The output bearing's springs: way of q after which they slip (rad) and stiffness (N·m/rad).
+    #[serde(default)]
+    pub bearing: Vec<(f64, f64)>,
+    /// Viscous friction of the output bearing, N·m·s/rad.
+    #[serde(rename = "bearing_viscous_Nms_per_rad", default)]
+    pub bearing_viscous: f64,
+    /// Pole of the torque's low-pass, 0 to below 1.
+    pub low_pass_pole: f64,
+    /// Standard deviation of the torsion that the model leaves, rad.
+    #[serde(rename = "torsion_sigma_rad")]
+    pub torsion_sigma: f64,
+}
+
+impl From<HysteresisTable> for GearParameters {
+    fn from(t: HysteresisTable) -> Self {
+        let slipping = elements(&t.slipping);
+        Self {
+            linear: t.linear,
+            cubic: t.cubic,
+            wind_up: t.wind_up,
+            slipping,
+        }
+    }
+}
+
+/// Springs from pairs of slip and stiffness.
+pub(super) fn elements(pairs: &[(f64, f64)]) -> Vec<SlipElement> {
+    pairs
+        .iter()
+        .map(|&(limit, stiffness)| SlipElement { limit, stiffness })
+        .collect()
+}
+
+/// D3 and the rotor's inertia, link side.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CurrentTable {
+    /// K1, N·m/A.
+    #[serde(rename = "K_1_Nm_per_A")]
+    pub k_1: f64,
+    /// K2, N·m·s/rad.
+    #[serde(rename = "K_2_Nms_per_rad")]
+    pub k_2: f64,
+    /// K3, N·m.
+    #[serde(rename = "K_3_Nm")]
+    pub k_3: f64,
+    /// J N², kg·m².
+    #[serde(rename = "inertia_kg_m2")]
+    pub inertia: f64,
+    /// Current without torque, A.
+    #[serde(rename = "offset_A")]
+    pub offset: f64,
+    /// |dq| at which sign(dq) is smoothed, rad/s.
+    #[serde(rename = "sign_smoothing_rad_per_s")]
+    pub sign_smoothing: f64,
+    /// Pole of the low-pass on current and acceleration, 0 to below 1.
+    pub low_pass_pole: f64,
+    /// Standard deviation of the torque in motion, N·m.
+    #[serde(rename = "sigma_Nm")]
+    pub sigma: f64,
+}
+
+impl Default for CurrentTable {
+    fn default() -> Self {
+        Self {
+            k_1: 0.0,
+            k_2: 0.0,
+            k_3: 0.0,
+            inertia: 0.0,
+            offset: 0.0,
+            sign_smoothing: 0.02,
+            low_pass_pole: 0.8,
+            sigma: 0.0,
+        }
+    }
+}
+
+/// S10.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DeformationTable {
+    /// k1..k5 (rad/(N·m)), constant (rad), current's powers 1 to 6 (motor side, rad/A^n), and per
+    /// harmonic 1 to 3 cos and sin of q and of theta (rad).
+    pub coefficients: [f64; COEFFICIENTS],
+    /// Angular velocities in S9, instead of a constant spatial frequency.
+    pub published_frequency: bool,
+    /// Largest |i| of the training data, A.
+    #[serde(rename = "current_limit_A")]
+    pub current_limit: f64,
+    /// Pole of the torque's low-pass, 0 to below 1.
+    pub low_pass_pole: f64,
+    /// Standard deviation of the torsion that the model leaves, rad.
+    #[serde(rename = "torsion_sigma_rad")]
+    pub torsion_sigma: f64,
+}
+
+/// Noise of a Kalman filter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KalmanTable {
+    /// Q: variance that theta, omega, tau, dtau and d gain in a period, SI.
+    pub process: [f64; ADDED_STATES],
+    /// R: variances of theta and torsion, rad².
+    pub measurement: [f64; 2],
+    /// Whether the gear with slipping springs takes the place of Z's curves.
+    #[serde(default)]
+    pub hysteresis: bool,
+}
+
+/// Covariances of the sources' errors.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FusionTable {
+    /// The sources, in the order of the covariances' rows.
+    pub sources: Vec<String>,
+    /// |dq| above which the joint moves, rad/s.
+    #[serde(rename = "moving_rad_per_s")]
+    pub moving_rate: f64,
+    /// |rate of the torsion| above which the load changes, rad/s.
+    #[serde(rename = "loading_rad_per_s")]
+    pub loading_rate: f64,
+    /// Time over which the weights change, s.
+    #[serde(rename = "blend_s")]
+    pub blend: f64,
+    /// Covariance at rest, row by row, (N·m)².
+    #[serde(rename = "rest_Nm2")]
+    pub rest: Vec<f64>,
+    /// In motion.
+    #[serde(rename = "moving_Nm2")]
+    pub moving: Vec<f64>,
+    /// At rest under changing load.
+    #[serde(rename = "loading_Nm2")]
+    pub loading: Vec<f64>,
+    /// In motion under changing load.
+    #[serde(rename = "moving_loading_Nm2")]
+    pub moving_loading: Vec<f64>,
+}

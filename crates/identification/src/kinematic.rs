@@ -1,0 +1,103 @@
+//! Kinematic error from the unloaded turn each way (Z II-B3).
+//!
+//! Z averages both ways on a common grid of q, `err = (torsion_cw + torsion_ccw)/2`, and fits a
+//! Fourier series to the mean. Here one least-squares problem holds the series and one constant
+//! for each way: what depends on the direction (friction, wave generator, skew at a constant
+//! speed) cancels the same, without a grid and with every sample used once.
+
+use crate::FitError;
+use crate::least_squares::Batch;
+use crate::record::Record;
+use estimators::kinematic_error::KinematicErrorParameters;
+use std::f64::consts::TAU;
+
+/// Harmonics of the link-side angle that are fitted.
+const LINK_HARMONICS: usize = 4;
+/// Harmonics of the motor-side angle that are fitted.
+const MOTOR_HARMONICS: usize = 6;
+/// Samples used at most: the series has some twenty coefficients.
+const MOST: usize = 60_000;
+
+/// The error's series and the torsion that it leaves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KinematicFit {
+    /// The series.
+    pub parameters: KinematicErrorParameters,
+    /// Root mean square of what is left, rad.
+    pub rms: f64,
+}
+
+/// Fits Z18 to unloaded motion both ways.
+///
+/// # Errors
+/// Data that do not cover half a turn, or go one way only.
+pub fn fit(record: &Record) -> Result<KinematicFit, FitError> {
+    let speeds: Vec<f64> = record.motion.iter().map(|m| m[0].abs()).collect();
+    let fastest = speeds.iter().fold(0.0f64, |m, v| m.max(*v));
+    let moving: Vec<usize> = record
+        .spread(MOST)
+        .filter(|&i| speeds[i] > 0.3 * fastest)
+        .collect();
+    for (way, name) in [(1.0, "positive"), (-1.0, "negative")] {
+        let angles = moving.iter().filter(|&&i| record.motion[i][0] * way > 0.0);
+        let (low, high) = angles.fold((f64::MAX, f64::MIN), |(low, high), &i| {
+            (low.min(record.samples[i].q), high.max(record.samples[i].q))
+        });
+        if high - low < 0.5 * TAU {
+            let covered = (high - low).max(0.0);
+            return Err(FitError(format!(
+                "no-load turn: the {name} direction covers {covered:.2} rad of q; needed: at \
+                 least half a turn each way, better a whole one"
+            )));
+        }
+    }
+    let one = series(record, &moving, 1.0)
+        .ok_or_else(|| FitError("no-load turn: the Fourier series is not determined".to_owned()))?;
+    // Z prints 0.9935 periods a turn for the motor side: looked for, and only believed if the
+    // data say so clearly, as a gear has a whole number of lobes.
+    let candidates = (-40..=40)
+        .filter(|k| *k != 0)
+        .map(|k| 1.0 + 5e-4 * f64::from(k));
+    let other = candidates
+        .filter_map(|w| series(record, &moving, w))
+        .min_by(|a, b| a.rms.total_cmp(&b.rms));
+    Ok(match other {
+        Some(fit) if fit.rms < 0.9 * one.rms => fit,
+        _ => one,
+    })
+}
+
+fn series(record: &Record, moving: &[usize], w_motor: f64) -> Option<KinematicFit> {
+    let columns = 2 + 2 * LINK_HARMONICS + 2 * MOTOR_HARMONICS;
+    let mut batch = Batch::new(columns);
+    let mut row = vec![0.0; columns];
+    for &i in moving {
+        let s = &record.samples[i];
+        row[0] = 1.0;
+        row[1] = record.motion[i][0].signum();
+        let mut at = 2;
+        for (angle, harmonics) in [(s.q, LINK_HARMONICS), (w_motor * s.theta, MOTOR_HARMONICS)] {
+            for n in 1..=harmonics {
+                let (sin, cos) = (n as f64 * angle).sin_cos();
+                (row[at], row[at + 1]) = (cos, sin);
+                at += 2;
+            }
+        }
+        batch.add(&row, s.theta / record.gear_ratio - s.q);
+    }
+    let solution = batch.solve(1e-12)?;
+    let pairs = |from: usize, count: usize| {
+        let pair = |n: usize| (solution.x[from + 2 * n], solution.x[from + 2 * n + 1]);
+        (0..count).map(pair).collect::<Vec<_>>()
+    };
+    Some(KinematicFit {
+        parameters: KinematicErrorParameters {
+            a0: solution.x[0],
+            w_link: 1.0,
+            link: pairs(2, LINK_HARMONICS),
+            w_motor,
+            motor: pairs(2 + 2 * LINK_HARMONICS, MOTOR_HARMONICS),
+        },
+        rms: solution.rms,
+    })
+}

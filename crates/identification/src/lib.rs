@@ -1,0 +1,30 @@
+//! Offline fits of what the estimators need, from recorded logs.
+//!
+//! Pure like every crate here: texts and rows come in, parameters go out; files are the caller's.
+#![deny(unsafe_code)]
+
+pub mod all;
+pub mod current;
+pub mod deformation;
+pub mod evaluate;
+pub mod fusion;
+pub mod gear;
+pub mod joint_file;
+pub mod kinematic;
+pub mod least_squares;
+pub mod log;
+pub mod noise;
+pub mod record;
+
+use std::fmt;
+
+/// A fit that its data do not allow: what, why, what is needed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FitError(pub String);
+
+impl fmt::Display for FitError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+impl std::error::Error for FitError {}

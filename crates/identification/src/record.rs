@@ -1,0 +1,126 @@
+//! A log brought to the instants and forms that fits compare.
+
+use crate::joint_file::JointFile;
+use crate::log::LogRow;
+use estimators::joint::JointSample;
+use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters};
+use robot_state::measured_flags;
+
+/// A log as the estimators see it, and the torque sensor beside it.
+#[derive(Debug, Clone)]
+pub struct Record {
+    /// Samples as the front end makes them: skew removed.
+    pub samples: Vec<JointSample>,
+    /// tau_sensor, N·m; NaN where there is none.
+    pub tau: Vec<f64>,
+    /// dq and ddq, centred: neither late nor early, rad/s and rad/s².
+    pub motion: Vec<[f64; 2]>,
+    /// T: time between samples, s.
+    pub sample_period: f64,
+    /// N: gear ratio, 1.
+    pub gear_ratio: f64,
+}
+
+/// Window of the centred filters, s: short against motion, long against noise.
+const WINDOW_S: f64 = 0.025;
+
+impl Record {
+    /// Runs a log through the joint's front end.
+    ///
+    /// # Errors
+    /// A joint file from which no front end can be built.
+    pub fn new(joint: &JointFile, rows: &[LogRow]) -> Result<Self, crate::FitError> {
+        let mut front_end = joint.front_end()?;
+        let sample_period = joint.sample_period();
+        let mut last = rows.first().map_or(0.0, |row| row.t - sample_period);
+        let mut samples = Vec::with_capacity(rows.len());
+        for row in rows {
+            // Rows that the log lacks are missed samples to the filters.
+            let missing = ((row.t - last) / sample_period).round() as usize;
+            for _ in 1..missing.clamp(1, 10_000) {
+                front_end.update(f64::NAN, f64::NAN, f64::NAN);
+            }
+            last = row.t;
+            samples.push(front_end.update(row.theta, row.q, row.current));
+        }
+        let tau = rows.iter().map(|row| row.tau_sensor).collect();
+        let mut record = Self {
+            samples,
+            tau,
+            motion: Vec::new(),
+            sample_period,
+            gear_ratio: joint.joint.gear_ratio,
+        };
+        // The motor-side angle has the finer resolution on the link side.
+        let angle: Vec<f64> = record
+            .samples
+            .iter()
+            .map(|s| s.theta / record.gear_ratio)
+            .collect();
+        let [first, second] = [1, 2].map(|d| record.smooth(&angle, d));
+        record.motion = first.into_iter().zip(second).map(|(v, a)| [v, a]).collect();
+        Ok(record)
+    }
+
+    /// A signal (or its derivative) through a centred filter, without delay.
+    #[must_use]
+    pub fn smooth(&self, signal: &[f64], derivative: usize) -> Vec<f64> {
+        let half = ((0.5 * WINDOW_S / self.sample_period) as usize).max(2);
+        let parameters =
+            SavitzkyGolayParameters::centred(2 * half + 1, 2, derivative, self.sample_period);
+        let Ok(mut bank) = SavitzkyGolayBank::new(1, parameters) else {
+            return signal.to_vec();
+        };
+        let mut out = Vec::with_capacity(signal.len());
+        let last = signal.last().copied().unwrap_or(0.0);
+        let padded = signal
+            .iter()
+            .copied()
+            .chain(std::iter::repeat_n(last, half));
+        for (i, x) in padded.enumerate() {
+            bank.update(&[x]);
+            if i >= half {
+                out.push(match derivative {
+                    0 => bank.values()[0],
+                    1 => bank.first_derivatives()[0],
+                    _ => bank.second_derivatives()[0],
+                });
+            }
+        }
+        out
+    }
+
+    /// theta/N - q of every sample, rad.
+    #[must_use]
+    pub fn torsion(&self) -> Vec<f64> {
+        self.samples
+            .iter()
+            .map(|s| s.theta / self.gear_ratio - s.q)
+            .collect()
+    }
+
+    /// Motor current of every sample, A.
+    #[must_use]
+    pub fn current(&self) -> Vec<f64> {
+        self.samples.iter().map(|s| s.current).collect()
+    }
+
+    /// Whether a sample may be fitted to: nothing was missed, and no filter is at its start or end.
+    #[must_use]
+    pub fn usable(&self, i: usize) -> bool {
+        let edge = (2.0 * WINDOW_S / self.sample_period) as usize;
+        let flags = self
+            .samples
+            .get(i)
+            .map_or(measured_flags::NEVER, |s| s.flags);
+        flags == 0 && i >= edge && i + edge < self.samples.len()
+    }
+
+    /// Samples that may be fitted to, at most about `most` of them, evenly spread.
+    pub fn spread(&self, most: usize) -> impl Iterator<Item = usize> {
+        let step = self.samples.len().div_ceil(most.max(1)).max(1);
+        (0..self.samples.len())
+            .step_by(step)
+            .filter(|&i| self.usable(i))
+    }
+}
