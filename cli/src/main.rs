@@ -3,6 +3,8 @@
 mod bus_load;
 mod check;
 mod dynamics;
+mod estimate;
+mod fit;
 mod text_table;
 mod watch;
 
@@ -18,6 +20,7 @@ const AFTER_HELP: &str = "\
 Examples:
   torquectl check config/leg/robot.toml
   torquectl watch --once
+  torquectl estimate --joint elbow.toml --log run.csv
   torquectl help check
 
 Exit codes:
@@ -38,6 +41,8 @@ enum Command {
     Check(check::CheckArguments),
     Watch(watch::WatchArguments),
     Dynamics(dynamics::DynamicsArguments),
+    Estimate(estimate::EstimateArguments),
+    Fit(fit::FitArguments),
 }
 
 fn main() -> ExitCode {
@@ -45,5 +50,7 @@ fn main() -> ExitCode {
         Command::Check(arguments) => check::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Dynamics(arguments) => dynamics::run(&arguments),
+        Command::Estimate(arguments) => estimate::run(&arguments),
+        Command::Fit(arguments) => fit::run(&arguments),
     }
 }

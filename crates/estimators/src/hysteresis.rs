@@ -7,8 +7,8 @@
 
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::kinematic_error::KinematicErrorParameters;
-use crate::low_pass::LowPass;
 use crate::output::Output;
+use crate::tracking::{Tracking, TrackingParameters};
 use robot_state::{TorqueEstimate, torque_source};
 
 /// One spring that slips.
@@ -159,14 +159,18 @@ pub struct HysteresisParameters {
     /// Friction of the output bearing: springs that slip along q. Torsion does not show it, but
     /// the child link feels the gear's torque less this.
     pub bearing: Vec<SlipElement>,
-    /// Viscous friction of the output bearing, N·m·s/rad.
+    /// Viscous friction of the output bearing, N·m·s/rad; below zero where it makes up for a skew
+    /// that is a little off.
     pub bearing_viscous: f64,
+    /// Damping of the gear, N·m·s/rad of torsion.
+    pub damping: f64,
     /// Kinematic error.
     pub kinematic_error: KinematicErrorParameters,
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
-    /// Pole of the torque's low-pass, 0 (none) to below 1.
-    pub low_pass_pole: f64,
+    /// The filter that follows the torsion. It stands before the springs: noise would work them to
+    /// and fro.
+    pub tracking: TrackingParameters,
     /// Standard deviation of the torsion that the model leaves, rad; identified.
     pub torsion_sigma: f64,
     /// T: time between samples, s.
@@ -181,7 +185,7 @@ pub struct HysteresisEstimator {
     parameters: HysteresisParameters,
     gear: Gear,
     bearing: Hysteresis,
-    low_pass: LowPass,
+    tracking: Tracking,
     output: Output,
 }
 
@@ -189,13 +193,11 @@ impl HysteresisEstimator {
     /// An estimator that has seen no sample.
     #[must_use]
     pub fn new(parameters: HysteresisParameters) -> Self {
-        let low_pass = LowPass::new(parameters.low_pass_pole);
-        let delay_s = low_pass.delay_samples() * parameters.sample_period;
         Self {
             gear: Gear::new(parameters.gear.clone()),
             bearing: Hysteresis::new(&parameters.bearing),
-            output: Output::new(torque_source::ENCODER, parameters.torque_limit, delay_s),
-            low_pass,
+            output: Output::new(torque_source::ENCODER, parameters.torque_limit, 0.0),
+            tracking: Tracking::new(parameters.tracking, parameters.sample_period),
             parameters,
         }
     }
@@ -212,10 +214,10 @@ impl JointTorqueEstimator for HysteresisEstimator {
         // The cubic may bend back far outside of what was fitted: beyond twice the limit's torsion
         // of the linear part, that torsion stands in.
         let furthest = 2.0 * p.torque_limit / p.gear.linear.max(f64::MIN_POSITIVE);
-        let x = x.clamp(-furthest, furthest);
+        let (x, rate) = self.tracking.update(x.clamp(-furthest, furthest));
         let bearing = self.bearing.update(sample.q) + p.bearing_viscous * sample.dq;
-        let tau = (self.gear.update(x) - bearing).clamp(-p.torque_limit, p.torque_limit);
-        let tau = self.low_pass.update(tau);
+        let tau = self.gear.update(x.clamp(-furthest, furthest)) + p.damping * rate - bearing;
+        let tau = tau.clamp(-p.torque_limit, p.torque_limit);
         self.output.give(
             sample,
             tau,
@@ -226,7 +228,7 @@ impl JointTorqueEstimator for HysteresisEstimator {
     fn reset(&mut self) {
         self.gear.reset();
         self.bearing.reset();
-        self.low_pass.reset();
+        self.tracking.reset();
         self.output.reset();
     }
 }

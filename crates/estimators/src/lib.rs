@@ -18,5 +18,6 @@ pub mod network;
 mod output;
 pub mod savitzky_golay;
 pub mod set;
+pub mod tracking;
 pub mod wave_generator;
 pub mod whole_body;

@@ -22,6 +22,7 @@ use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::local_gp::{LocalGp, LocalGpEstimator, LocalGpParameters, LocalModel};
 use estimators::network::{Layer, NetworkEstimator, NetworkParameters};
 use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters};
+use estimators::tracking::TrackingParameters;
 use estimators::set::EstimatorSet;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use estimators::whole_body::WholeBody;
@@ -323,7 +324,8 @@ fn hysteresis() -> HysteresisEstimator {
         bearing_viscous: 0.05,
         kinematic_error: test_joint(FrictionRule::Physical, 0.0).kinematic_error,
         gear_ratio: 100.0,
-        low_pass_pole: 0.5,
+        tracking: TrackingParameters { poles: [0.4, 0.7, 0.95], sigma: 1e-5 },
+        damping: 0.2,
         torsion_sigma: 1e-5,
         sample_period: 1e-3,
         torque_limit: LIMIT,

@@ -5,8 +5,10 @@ use crate::FitError;
 use crate::least_squares::{Batch, Solution};
 use crate::record::Record;
 use estimators::compliance::ComplianceParameters;
-use estimators::hysteresis::{GearParameters, Hysteresis, SlipElement};
+use estimators::hysteresis::{GearParameters, Hysteresis, HysteresisEstimator, SlipElement};
+use estimators::joint::JointTorqueEstimator;
 use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{WaveGenerator, WaveGeneratorParameters};
 
 /// Samples used at most by fits that look at each sample by itself.
@@ -32,8 +34,10 @@ pub struct GearFit {
     pub parameters: GearParameters,
     /// Friction of the output bearing: springs that slip along q.
     pub bearing: Vec<SlipElement>,
-    /// Viscous friction of the output bearing, N·m·s/rad.
+    /// Viscous friction of the output bearing, N·m·s/rad, and what is left of the skew.
     pub bearing_viscous: f64,
+    /// Damping of the gear, N·m·s/rad of torsion.
+    pub damping: f64,
     /// Root mean square of the torque that is left, N·m.
     pub rms: f64,
 }
@@ -46,21 +50,27 @@ fn signals(record: &Record, error: &KinematicErrorParameters) -> Result<[Vec<f64
         ));
     }
     // The error goes before smoothing: fast motion would smear its harmonics.
+    let torsion = torsion(record, error);
+    Ok([record.smooth(&torsion, 0), record.smooth(&record.tau, 0)])
+}
+
+/// theta/N - q less the kinematic error of every sample, rad.
+fn torsion(record: &Record, error: &KinematicErrorParameters) -> Vec<f64> {
     let torsion = record
         .samples
         .iter()
         .map(|s| s.theta / record.gear_ratio - s.q - error.error(s.q, s.theta));
-    let torsion: Vec<f64> = torsion.collect();
-    Ok([record.smooth(&torsion, 0), record.smooth(&record.tau, 0)])
+    torsion.collect()
 }
 
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |m, x| m.max(x.abs()))
 }
 
-/// Fits `torsion - err = torsion_fs(tau) + torsion_wg(tau_wg)/N + skew dq + constant` (Z8).
+/// Fits `torsion - err = torsion_fs(tau) + torsion_wg(tau_wg)/N + skew dq + c sign(dq) + constant`
+/// (Z8); the sign's part is the output bearing's friction, which would pass for skew.
 ///
-/// Linear in 1/K_fs0, 1/K_wg0, skew and constant once C_fs and C_wg are chosen: these are
+/// Linear in 1/K_fs0, 1/K_wg0, skew, c and constant once C_fs and C_wg are chosen: these are
 /// searched on a grid.
 ///
 /// # Errors
@@ -83,6 +93,8 @@ pub fn compliance(
         })
         .collect();
     let tau_wg_max = largest(&tau_wg).max(1e-9);
+    let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
+    let slow = (0.02 * fastest).max(1e-6);
     let rows: Vec<usize> = record.spread(MOST).collect();
     let shape = |k_fs0, c_fs, k_wg0, c_wg| ComplianceParameters {
         k_fs0,
@@ -92,13 +104,14 @@ pub fn compliance(
     };
     let attempt = |c_fs: f64, c_wg: f64| -> Option<(Solution, f64, f64)> {
         let unit = shape(1.0, c_fs, 1.0, c_wg);
-        let mut batch = Batch::new(4);
+        let mut batch = Batch::new(5);
         for &i in &rows {
             let wave_generator = unit.wave_generator_torsion(tau_wg[i]) / n;
             let row = [
                 unit.flexspline_torsion(tau[i]),
                 wave_generator,
                 record.motion[i][0],
+                (record.motion[i][0] / slow).tanh(),
                 1.0,
             ];
             batch.add(&row, torsion[i]);
@@ -137,10 +150,11 @@ const WIND_UP: [f64; 3] = [0.02, 0.07, 0.25];
 const SLIP: [f64; 8] = [0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.25, 0.5];
 
 /// Stretches at which the output bearing's springs slip, rad.
-const BEARING_SLIP: [f64; 2] = [1e-4, 1e-3];
+const BEARING_SLIP: [f64; 4] = [3e-5, 1e-4, 4e-4, 2e-3];
 
-/// Fits elastic curve, slipping springs and the output bearing's friction: linear in every stiffness once widths and slips are
-/// chosen, which lie on a geometric grid. Springs cannot have a stiffness below zero.
+/// Fits elastic curve, slipping springs, damping and the output bearing's friction: linear in every
+/// stiffness once widths and slips are chosen, which lie on a geometric grid. Springs cannot have a
+/// stiffness below zero.
 ///
 /// # Errors
 /// A log without torque sensor or without load.
@@ -156,7 +170,11 @@ pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<G
     let mut bearing = Hysteresis::new(&BEARING_SLIP.map(unit));
     let q: Vec<f64> = record.samples.iter().map(|s| s.q).collect();
     let q = record.smooth(&q, 0);
-    let columns = 2 + WIND_UP.len() + SLIP.len() + BEARING_SLIP.len() + 1;
+    let rate = record.smooth(&torsion, 1);
+    let first_spring = 2 + WIND_UP.len();
+    let first_bearing = first_spring + SLIP.len();
+    let viscous = first_bearing + BEARING_SLIP.len();
+    let columns = viscous + 2;
     let mut batch = Batch::new(columns);
     let mut row = vec![0.0; columns];
     for (i, (&x, &tau)) in torsion.iter().zip(&tau).enumerate() {
@@ -175,21 +193,19 @@ pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<G
         let rest = springs
             .stretches()
             .chain(against)
-            .chain([-record.motion[i][0]]);
+            .chain([-record.motion[i][0], rate[i]]);
         row[2 + WIND_UP.len()..]
             .iter_mut()
             .zip(rest)
             .for_each(|(column, x)| *column = x);
         batch.add(&row, tau);
     }
-    let first_spring = 2 + WIND_UP.len();
     let solution = batch
-        .solve_bounded(1e-7, |i| i == 0 || i >= first_spring)
+        .solve_bounded(1e-7, |i| i == 0 || (first_spring..viscous).contains(&i))
         .filter(|s| s.x[0] > 0.0)
         .ok_or_else(|| {
             FitError("training log: the gear's stiffness is not determined".to_owned())
         })?;
-    let first_bearing = first_spring + SLIP.len();
     let kept = |i: usize| solution.x[i] != 0.0;
     Ok(GearFit {
         parameters: GearParameters {
@@ -214,7 +230,44 @@ pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<G
                 stiffness: solution.x[first_bearing + i],
             })
             .collect(),
-        bearing_viscous: solution.x[columns - 1],
+        bearing_viscous: solution.x[viscous],
+        damping: solution.x[viscous + 1],
         rms: solution.rms,
     })
+}
+
+/// Poles that are tried for fast and for slow changes of the torsion.
+const FAST: [f64; 4] = [0.3, 0.5, 0.65, 0.8];
+const SLOW: [f64; 3] = [0.9, 0.95, 0.98];
+
+/// The filter that follows the torsion, and the root mean square of the torque's error with it, run
+/// as in the loop: long enough against noise, short enough against fast loads.
+#[must_use]
+pub fn tracking(
+    record: &Record,
+    error: &KinematicErrorParameters,
+    estimator: impl Fn(TrackingParameters) -> HysteresisEstimator,
+) -> (TrackingParameters, f64) {
+    let torsion = torsion(record, error);
+    let smooth = record.smooth(&torsion, 0);
+    let rows: Vec<usize> = record.spread(MOST).collect();
+    let square = |i: &usize| (torsion[*i] - smooth[*i]).powi(2);
+    let sigma = (rows.iter().map(square).sum::<f64>() / rows.len().max(1) as f64).sqrt();
+    let attempt = |poles| {
+        let parameters = TrackingParameters { poles, sigma };
+        let mut estimator = estimator(parameters);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (i, sample) in record.samples.iter().enumerate() {
+            let tau = estimator.update(sample).tau;
+            if record.usable(i) {
+                sum += (tau - record.tau[i]).powi(2);
+                count += 1.0;
+            }
+        }
+        (parameters, (sum / f64::max(count, 1.0)).sqrt())
+    };
+    let pairs = FAST.iter().flat_map(|a| SLOW.map(|b| (*a, b)));
+    let tried = pairs.map(|(a, b)| attempt([a, 1.0 - f64::sqrt((1.0 - a) * (1.0 - b)), b]));
+    let best = tried.min_by(|a, b| a.1.total_cmp(&b.1));
+    best.unwrap_or_default()
 }

@@ -20,6 +20,7 @@ use estimators::joint::{JointEstimatorParameters, JointTorqueEstimator};
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::set::EstimatorSet;
+use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -231,6 +232,26 @@ impl JointFile {
         }
     }
 
+    /// The gear with slipping springs as an estimator.
+    #[must_use]
+    pub fn hysteresis_estimator(&self, table: &HysteresisTable) -> HysteresisEstimator {
+        HysteresisEstimator::new(HysteresisParameters {
+            kinematic_error: self.kinematic_error_parameters(),
+            gear_ratio: self.joint.gear_ratio,
+            tracking: TrackingParameters {
+                poles: table.tracking_poles,
+                sigma: table.tracking_sigma,
+            },
+            torsion_sigma: table.torsion_sigma,
+            sample_period: self.sample_period(),
+            torque_limit: self.torque_limit(),
+            damping: table.damping,
+            bearing: elements(&table.bearing),
+            bearing_viscous: table.bearing_viscous,
+            gear: table.clone().into(),
+        })
+    }
+
     /// Parameters of a Kalman filter, with the compliance that it needs.
     ///
     /// # Errors
@@ -277,17 +298,7 @@ impl JointFile {
             sources.push(("compliance".to_owned(), Box::new(estimator)));
         }
         if let Some(table) = &self.hysteresis {
-            let estimator = HysteresisEstimator::new(HysteresisParameters {
-                kinematic_error: self.kinematic_error_parameters(),
-                gear_ratio: self.joint.gear_ratio,
-                low_pass_pole: table.low_pass_pole,
-                torsion_sigma: table.torsion_sigma,
-                sample_period: self.sample_period(),
-                torque_limit: self.torque_limit(),
-                bearing: elements(&table.bearing),
-                bearing_viscous: table.bearing_viscous,
-                gear: table.clone().into(),
-            });
+            let estimator = self.hysteresis_estimator(table);
             sources.push(("hysteresis".to_owned(), Box::new(estimator)));
         }
         if let Some(table) = &self.deformation {

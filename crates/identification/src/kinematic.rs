@@ -1,9 +1,10 @@
 //! Kinematic error from the unloaded turn each way (Z II-B3).
 //!
 //! Z averages both ways on a common grid of q, `err = (torsion_cw + torsion_ccw)/2`, and fits a
-//! Fourier series to the mean. Here one least-squares problem holds the series and one constant
-//! for each way: what depends on the direction (friction, wave generator, skew at a constant
-//! speed) cancels the same, without a grid and with every sample used once.
+//! Fourier series to the mean. Here one least-squares problem holds the series, one constant for
+//! each way, and what grows with velocity and acceleration: what depends on the motion (friction,
+//! wave generator, skew, inertia of what hangs there) falls out the same, without a grid, with
+//! every sample used once and whatever the speed does on the way.
 
 use crate::FitError;
 use crate::least_squares::Batch;
@@ -12,11 +13,16 @@ use estimators::kinematic_error::KinematicErrorParameters;
 use std::f64::consts::TAU;
 
 /// Harmonics of the link-side angle that are fitted.
-const LINK_HARMONICS: usize = 4;
+const LINK_HARMONICS: usize = 8;
 /// Harmonics of the motor-side angle that are fitted.
-const MOTOR_HARMONICS: usize = 6;
-/// Samples used at most: the series has some twenty coefficients.
+const MOTOR_HARMONICS: usize = 8;
+/// Samples used at most: the series has some thirty coefficients.
 const MOST: usize = 60_000;
+/// Columns before the series: constant, direction, velocity, acceleration.
+const MOTION: usize = 4;
+/// Standard deviations, and rad, that a harmonic must reach to be kept.
+const SIGNIFICANCE: f64 = 4.0;
+const LEAST_AMPLITUDE: f64 = 2e-7;
 
 /// The error's series and the torsion that it leaves.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,14 +74,14 @@ pub fn fit(record: &Record) -> Result<KinematicFit, FitError> {
 }
 
 fn series(record: &Record, moving: &[usize], w_motor: f64) -> Option<KinematicFit> {
-    let columns = 2 + 2 * LINK_HARMONICS + 2 * MOTOR_HARMONICS;
+    let columns = MOTION + 2 * LINK_HARMONICS + 2 * MOTOR_HARMONICS;
     let mut batch = Batch::new(columns);
     let mut row = vec![0.0; columns];
     for &i in moving {
         let s = &record.samples[i];
-        row[0] = 1.0;
-        row[1] = record.motion[i][0].signum();
-        let mut at = 2;
+        let [dq, ddq] = record.motion[i];
+        row[..MOTION].copy_from_slice(&[1.0, dq.signum(), dq, ddq]);
+        let mut at = MOTION;
         for (angle, harmonics) in [(s.q, LINK_HARMONICS), (w_motor * s.theta, MOTOR_HARMONICS)] {
             for n in 1..=harmonics {
                 let (sin, cos) = (n as f64 * angle).sin_cos();
@@ -85,18 +91,26 @@ fn series(record: &Record, moving: &[usize], w_motor: f64) -> Option<KinematicFi
         }
         batch.add(&row, s.theta / record.gear_ratio - s.q);
     }
-    let solution = batch.solve(1e-12)?;
+    let solution = batch.solve(1e-9)?;
+    // Harmonics up to the highest that the data show; the loop pays for each.
     let pairs = |from: usize, count: usize| {
-        let pair = |n: usize| (solution.x[from + 2 * n], solution.x[from + 2 * n + 1]);
-        (0..count).map(pair).collect::<Vec<_>>()
+        let at = |n: usize| (from + 2 * n, from + 2 * n + 1);
+        let shown = |n: &usize| {
+            let (i, j) = at(*n);
+            let amplitude = solution.x[i].hypot(solution.x[j]);
+            amplitude > LEAST_AMPLITUDE.max(SIGNIFICANCE * solution.sigma[i].max(solution.sigma[j]))
+        };
+        let kept = (0..count).rev().find(shown).map_or(0, |n| n + 1);
+        let pair = |n: usize| (solution.x[at(n).0], solution.x[at(n).1]);
+        (0..kept).map(pair).collect::<Vec<_>>()
     };
     Some(KinematicFit {
         parameters: KinematicErrorParameters {
             a0: solution.x[0],
             w_link: 1.0,
-            link: pairs(2, LINK_HARMONICS),
+            link: pairs(MOTION, LINK_HARMONICS),
             w_motor,
-            motor: pairs(2 + 2 * LINK_HARMONICS, MOTOR_HARMONICS),
+            motor: pairs(MOTION + 2 * LINK_HARMONICS, MOTOR_HARMONICS),
         },
         rms: solution.rms,
     })

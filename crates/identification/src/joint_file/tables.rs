@@ -5,6 +5,7 @@ use estimators::deformation::COEFFICIENTS;
 use estimators::hysteresis::{GearParameters, SlipElement};
 use estimators::kalman::ADDED_STATES;
 use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::tracking::MODELS;
 use serde::{Deserialize, Serialize};
 
 /// The joint: what its data sheet says.
@@ -194,8 +195,16 @@ pub struct HysteresisTable {
     /// Viscous friction of the output bearing, N·m·s/rad.
     #[serde(rename = "bearing_viscous_Nms_per_rad", default)]
     pub bearing_viscous: f64,
-    /// Pole of the torque's low-pass, 0 to below 1.
-    pub low_pass_pole: f64,
+    /// Damping of the gear, N·m·s/rad of torsion.
+    #[serde(rename = "damping_Nms_per_rad", default)]
+    pub damping: f64,
+    /// Poles of the filters that follow the torsion, 0 (none) to below 1: for fast, moderate and
+    /// slow changes.
+    #[serde(default)]
+    pub tracking_poles: [f64; MODELS],
+    /// Standard deviation of the torsion's noise, rad; 0: the first filter alone.
+    #[serde(rename = "tracking_sigma_rad", default)]
+    pub tracking_sigma: f64,
     /// Standard deviation of the torsion that the model leaves, rad.
     #[serde(rename = "torsion_sigma_rad")]
     pub torsion_sigma: f64,

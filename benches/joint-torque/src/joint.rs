@@ -1,0 +1,145 @@
+//! The joints on the bench, as their users know them and as they are.
+
+use identification::joint_file::JointFile;
+use identification::log::LogRow;
+use plant::parameters::DriveParameters;
+use plant::random::Random;
+use plant::{Command, DriveSheet, JointRig, KinematicError, RigLoad, RigTiming, SimParameters};
+
+use crate::scenario::Scenario;
+
+/// Steps of the simulation in a sample.
+const SUBSTEPS: usize = 10;
+/// How far parameters are drawn from the nominal joint's.
+const SPREAD: f64 = 0.3;
+
+/// A kind of joint.
+#[derive(Debug, Clone)]
+pub struct BenchJoint {
+    /// What the user knows: JOINT.toml with nothing but `[joint]`.
+    pub file: JointFile,
+    /// What is so.
+    pub drive: DriveParameters,
+    /// Seed of this specimen's own errors and noise.
+    pub seed: u64,
+    /// Noise of the torque sensor, N·m.
+    pub sensor_noise: f64,
+}
+
+impl BenchJoint {
+    /// Z's joint (16 N·m, 100:1), which G has too, or S's (400 N·m, 160:1).
+    ///
+    /// # Errors
+    /// A name that is not one of these.
+    pub fn named(name: &str) -> Result<Self, String> {
+        let (joint, sim) = match name {
+            "z" => (include_str!("../joints/z.toml"), include_str!("../joints/z-sim.toml")),
+            "s" => (include_str!("../joints/s.toml"), include_str!("../joints/s-sim.toml")),
+            other => return Err(format!("joint `{other}` is unknown; allowed: z, s")),
+        };
+        let file = JointFile::parse(joint, name).map_err(|e| e.to_string())?;
+        let mut sim = SimParameters::parse(sim, name)?;
+        let drive = sim.drives.remove("joint");
+        let drive = drive.ok_or("the simulated drive `joint` is missing")?;
+        let sensor_noise = 5e-4 * file.joint.rated_torque;
+        Ok(Self { file, drive, seed: 1, sensor_noise })
+    }
+
+    /// Another specimen: every physical parameter redrawn within ±30 %.
+    #[must_use]
+    pub fn redrawn(&self, seed: u64) -> Self {
+        let mut random = Random::new(seed, 77);
+        let mut other = self.clone();
+        other.seed = seed;
+        let d = &mut other.drive;
+        let t = &mut d.transmission;
+        let (f, b, s) = (&mut d.friction, &mut d.bearing, &mut d.sensors);
+        let numbers = [
+            &mut t.stiffness,
+            &mut t.stiffening,
+            &mut t.windup_stiffness_ratio,
+            &mut t.windup,
+            &mut t.damping,
+            &mut t.hysteresis,
+            &mut t.hysteresis_span,
+            &mut f.coulomb,
+            &mut f.stribeck,
+            &mut f.viscous,
+            &mut f.presliding,
+            &mut f.meshing,
+            &mut f.ripple,
+            &mut b.coulomb,
+            &mut b.viscous,
+            &mut s.motor_lead,
+            &mut s.current_noise,
+            &mut s.current_offset,
+            &mut s.current_gain,
+            &mut s.torque_constant,
+        ];
+        for number in numbers {
+            *number *= 1.0 + SPREAD * random.symmetric();
+        }
+        f.static_ratio = 1.0 + (f.static_ratio - 1.0) * (1.0 + SPREAD * random.symmetric());
+        let e = &mut d.kinematic_error;
+        for [cos, sin] in e.link.iter_mut().chain(&mut e.motor) {
+            *cos *= 1.0 + SPREAD * random.symmetric();
+            *sin *= 1.0 + SPREAD * random.symmetric();
+        }
+        other
+    }
+
+    /// Runs a scenario on the bench; the torque of each row is the sensor's, the one beside it the
+    /// true one.
+    #[must_use]
+    pub fn run(&self, scenario: &Scenario) -> Vec<(LogRow, f64)> {
+        let j = &self.file.joint;
+        let sheet = DriveSheet {
+            gear_ratio: j.gear_ratio,
+            torque_constant: j.torque_constant,
+            rotor_inertia: j.rotor_inertia,
+            motor_counts_per_turn: j.motor_counts_per_turn,
+            link_counts_per_turn: j.link_counts_per_turn,
+            command: Command::Position,
+            kinematic_error: KinematicError::default(),
+        };
+        let period = 1.0 / j.sample_rate;
+        let timing = RigTiming { period, substeps: SUBSTEPS };
+        let load = scenario.load;
+        let q_start = (scenario.q)(0.0);
+        let mut rig = JointRig::new(&sheet, &self.drive, load, timing, q_start, self.seed);
+        let start = rig.set_point() - q_start;
+        let mut noise = Random::new(self.seed, 1000 + scenario.stream);
+        let count = (scenario.seconds / period).round() as usize;
+        (1..=count)
+            .map(|i| {
+                let t = i as f64 * period;
+                // The offset that carries the load at the start fades out.
+                rig.command((scenario.q)(t) + start * (-t / 0.2).exp());
+                let sample = rig.advance((scenario.external)(t));
+                let tau = sample.truth.tau;
+                let row = LogRow {
+                    t,
+                    theta: sample.reading.theta,
+                    q: sample.reading.q,
+                    current: sample.reading.current,
+                    tau_sensor: tau + self.sensor_noise * noise.normal(),
+                };
+                (row, tau)
+            })
+            .collect()
+    }
+
+    /// What hangs on the joint when nothing does: the output flange.
+    #[must_use]
+    pub fn bare(&self) -> RigLoad {
+        RigLoad { inertia: 2e-3 * self.file.joint.rated_torque / 16.0, mass: 0.0, arm: 0.0 }
+    }
+
+    /// A pendulum that weighs as much as `part` of the rated torque when level.
+    #[must_use]
+    pub fn pendulum(&self, part: f64) -> RigLoad {
+        let arm = 0.4;
+        let mass = part * self.file.joint.rated_torque / (9.81 * arm);
+        RigLoad { inertia: 1.1 * mass * arm * arm, mass, arm }
+    }
+}

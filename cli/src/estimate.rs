@@ -1,0 +1,204 @@
+//! `torquectl estimate`: every configured estimator over a recorded log.
+
+use crate::BAD_INPUT;
+use crate::text_table::TextTable;
+use clap::Args;
+use estimators::joint::JointTorqueEstimator;
+use identification::evaluate::{Figures, Score};
+use identification::joint_file::JointFile;
+use identification::log::{LogReader, LogRow};
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// Run every estimator of a joint over a recorded log
+#[derive(Args)]
+#[command(after_long_help = FORMAT)]
+pub(crate) struct EstimateArguments {
+    /// The joint and its estimators (TOML; see docs/joint-file.md)
+    #[arg(long)]
+    joint: PathBuf,
+    /// The log (CSV)
+    #[arg(long)]
+    log: PathBuf,
+    /// Write every estimate of every sample to this CSV file
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+const FORMAT: &str = "\
+The log has columns t,theta,q,i and may have tau_sensor, in any order, others are passed over:
+s, rad (motor side, unwrapped), rad (link side), A, N·m, with theta/N - q > 0 for positive torque.
+It is read line by line: its length does not matter.
+Without tau_sensor there is nothing to compare with: only the time per sample is printed.";
+
+/// One source, or the fused torque, as the table shows it.
+struct Row {
+    name: String,
+    score: Score,
+    sigma_square: f64,
+}
+
+pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
+    match report(arguments) {
+        Ok(text) => {
+            print!("{text}");
+            ExitCode::SUCCESS
+        }
+        Err(message) => {
+            eprintln!("torquectl estimate: {message}");
+            ExitCode::from(BAD_INPUT)
+        }
+    }
+}
+
+fn report(arguments: &EstimateArguments) -> Result<String, String> {
+    let joint = read_joint(&arguments.joint)?;
+    let mut log = open_log(&arguments.log)?;
+    let mut set = joint.estimators().map_err(|e| e.to_string())?;
+    let mut front_end = joint.front_end().map_err(|e| e.to_string())?;
+    let mut names: Vec<String> = set.names().to_vec();
+    if set.fuses() {
+        names.push("fused".to_owned());
+    }
+    let score = Score::new(joint.sample_period());
+    let mut rows: Vec<Row> = names
+        .iter()
+        .map(|name| Row { name: name.clone(), score: score.clone(), sigma_square: 0.0 })
+        .collect();
+    let mut out = arguments.out.as_deref().map(|path| Output::create(path, &names)).transpose()?;
+    let (mut time, mut count, mut last) = (Duration::ZERO, 0u32, None::<f64>);
+    while let Some(row) = log.next_row().map_err(|e| e.to_string())? {
+        bridge(&mut front_end, last.replace(row.t), row.t, joint.sample_period());
+        let sample = front_end.update(row.theta, row.q, row.current);
+        let start = Instant::now();
+        let fused = set.update(&sample);
+        time += start.elapsed();
+        count = count.saturating_add(1);
+        let estimates: Vec<_> =
+            set.estimates().iter().chain(set.fuses().then_some(&fused)).copied().collect();
+        for (shown, estimate) in rows.iter_mut().zip(&estimates) {
+            if row.tau_sensor.is_finite() {
+                shown.score.add(estimate.tau, row.tau_sensor);
+            }
+            shown.sigma_square += estimate.sigma * estimate.sigma;
+        }
+        if let Some(out) = &mut out {
+            out.write(&row, &estimates)?;
+        }
+    }
+    if count == 0 {
+        return Err(log.error("the log has no rows".to_owned()).to_string());
+    }
+    if let Some(out) = out {
+        out.finish()?;
+    }
+    let per_sample = time / count;
+    Ok(if arguments.json { json(&rows) } else { table(&rows, count, per_sample) })
+}
+
+/// Tells the filters of samples that the log lacks.
+fn bridge(
+    front_end: &mut estimators::front_end::FrontEnd,
+    last: Option<f64>,
+    t: f64,
+    period: f64,
+) {
+    /// A longer gap than this is filled no further: the filters hold by then.
+    const MOST: f64 = 10_000.0;
+    let missing = last.map_or(0.0, |last| ((t - last) / period).round() - 1.0);
+    for _ in 0..missing.clamp(0.0, MOST) as usize {
+        front_end.update(f64::NAN, f64::NAN, f64::NAN);
+    }
+}
+
+pub(crate) fn read_joint(path: &Path) -> Result<JointFile, String> {
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|e| format!("{name}: {e}"))?;
+    JointFile::parse(&text, &name).map_err(|e| e.to_string())
+}
+
+pub(crate) fn open_log(path: &Path) -> Result<LogReader<BufReader<File>>, String> {
+    let name = path.display().to_string();
+    let file = File::open(path).map_err(|e| format!("{name}: {e}"))?;
+    LogReader::new(BufReader::new(file), &name).map_err(|e| e.to_string())
+}
+
+/// The CSV file of all estimates.
+struct Output {
+    file: BufWriter<File>,
+    name: String,
+}
+
+impl Output {
+    fn create(path: &Path, names: &[String]) -> Result<Self, String> {
+        let name = path.display().to_string();
+        let file = File::create(path).map_err(|e| format!("{name}: {e}"))?;
+        let mut out = Self { file: BufWriter::new(file), name };
+        let columns = names.iter().map(|n| format!(",tau_{n},sigma_{n}"));
+        out.line(&format!("t,tau_sensor{}", columns.collect::<String>()))?;
+        Ok(out)
+    }
+
+    fn write(
+        &mut self,
+        row: &LogRow,
+        estimates: &[robot_state::TorqueEstimate],
+    ) -> Result<(), String> {
+        let sensor = if row.tau_sensor.is_finite() { row.tau_sensor.to_string() } else { String::new() };
+        let values = estimates.iter().map(|e| format!(",{},{}", e.tau, e.sigma));
+        self.line(&format!("{},{sensor}{}", row.t, values.collect::<String>()))
+    }
+
+    fn line(&mut self, line: &str) -> Result<(), String> {
+        writeln!(self.file, "{line}").map_err(|e| format!("{}: {e}", self.name))
+    }
+
+    fn finish(mut self) -> Result<(), String> {
+        self.file.flush().map_err(|e| format!("{}: {e}", self.name))
+    }
+}
+
+fn table(rows: &[Row], count: u32, per_sample: Duration) -> String {
+    let heading = ["estimator", "max N·m", "RMS N·m", "RMS %", "correlation", "delay ms", "sigma N·m"];
+    let mut cells = vec![heading.map(str::to_owned).to_vec()];
+    for row in rows {
+        let sigma = (row.sigma_square / f64::from(count)).sqrt();
+        let figures = row.score.figures();
+        let shown = |value: fn(&Figures) -> f64, digits: usize| {
+            figures.as_ref().map_or("-".to_owned(), |f| format!("{:.digits$}", value(f)))
+        };
+        cells.push(vec![
+            row.name.clone(),
+            shown(|f| f.max, 4),
+            shown(|f| f.rms, 4),
+            shown(|f| f.rms_percent, 2),
+            shown(|f| f.correlation, 5),
+            shown(|f| 1e3 * f.delay_s, 2),
+            format!("{sigma:.4}"),
+        ]);
+    }
+    let nanoseconds = per_sample.as_nanos();
+    format!("{}{count} samples, {nanoseconds} ns per sample for all together\n", TextTable(cells))
+}
+
+fn json(rows: &[Row]) -> String {
+    let figures = |row: &Row| match row.score.figures() {
+        Some(f) => serde_json::json!({
+            "max": f.max,
+            "rms": f.rms,
+            "rms_percent": f.rms_percent,
+            "correlation": f.correlation,
+            "delay_s": f.delay_s,
+        }),
+        None => serde_json::json!({}),
+    };
+    let object: serde_json::Map<_, _> =
+        rows.iter().map(|row| (row.name.clone(), figures(row))).collect();
+    format!("{}\n", serde_json::Value::Object(object))
+}

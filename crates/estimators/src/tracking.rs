@@ -1,0 +1,203 @@
+//! A filter that follows a signal's value and rate, short where the signal moves and long where it
+//! rests: g-h filters of different memory as interacting multiple models (IMM).
+
+/// Models side by side.
+pub const MODELS: usize = 3;
+/// Probability that a model holds for one more sample.
+const STAY: f64 = 0.97;
+
+/// How a signal is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TrackingParameters {
+    /// Poles of each model, 0 (passes on each sample) to below 1.
+    pub poles: [f64; MODELS],
+    /// Standard deviation of the signal's noise, in its unit; 0: the first model alone.
+    pub sigma: f64,
+}
+
+/// Each model is `x^ = x + T dx;  x = x^ + g (z - x^);  dx += h/T (z - x^)` with `g = 1 - p²`,
+/// `h = (1 - p)²`: both poles at `p` (fading memory). What changes steadily comes through without
+/// delay, which no low-pass can do. Which model holds is told by the likelihood of its innovation,
+/// of variance `sigma²/p²` if the model is right (`g = 1 - sigma²/S` for the optimal gain).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tracking {
+    models: [Model; MODELS],
+    sample_period: f64,
+    /// State and probability of each model; none before the first sample.
+    states: Option<[State; MODELS]>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Model {
+    g: f64,
+    h: f64,
+    /// 1 / (2 S), and -ln(S) / 2.
+    weight: f64,
+    log_spread: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct State {
+    x: f64,
+    dx: f64,
+    probability: f64,
+}
+
+impl Tracking {
+    /// A filter that has seen no sample; poles beyond 0 to below 1 are clamped; `sample_period`
+    /// in s.
+    #[must_use]
+    pub fn new(parameters: TrackingParameters, sample_period: f64) -> Self {
+        let TrackingParameters { poles, sigma } = parameters;
+        let model = |pole: f64| {
+            debug_assert!((0.0..1.0).contains(&pole), "pole {pole}");
+            let p = pole.clamp(0.0, 1.0 - 1e-6);
+            // A filter that passes everything on expects everything: not more than a tenth of that.
+            let variance = sigma * sigma / (p * p).max(0.01);
+            Model {
+                g: 1.0 - p * p,
+                h: (1.0 - p) * (1.0 - p),
+                weight: if variance > 0.0 { 0.5 / variance } else { 0.0 },
+                log_spread: if variance > 0.0 { -0.5 * variance.ln() } else { 0.0 },
+            }
+        };
+        let first = if sigma > 0.0 { poles } else { [poles[0]; MODELS] };
+        Self {
+            models: first.map(model),
+            sample_period,
+            states: None,
+        }
+    }
+
+    /// Takes one sample and gives the value and its rate, per s. The first sample is passed on as
+    /// it is, a sample that is not finite changes nothing.
+    pub fn update(&mut self, z: f64) -> (f64, f64) {
+        if !z.is_finite() {
+            return self.states.map_or((0.0, 0.0), mean);
+        }
+        let start = State {
+            x: z,
+            dx: 0.0,
+            probability: 1.0 / MODELS as f64,
+        };
+        let before = self.states.unwrap_or([start; MODELS]);
+        let t = self.sample_period;
+        let mut likelihoods = [0.0; MODELS];
+        let mut after = before;
+        for (j, (state, model)) in after.iter_mut().zip(&self.models).enumerate() {
+            let mixed = mix(&before, j);
+            let predicted = mixed.x + t * mixed.dx;
+            let rest = z - predicted;
+            likelihoods[j] = model.log_spread - model.weight * rest * rest;
+            *state = State {
+                x: predicted + model.g * rest,
+                dx: mixed.dx + model.h / t * rest,
+                probability: mixed.probability,
+            };
+        }
+        // Relative to the likeliest, so that one of them is always left.
+        let most = likelihoods.iter().copied().fold(f64::MIN, f64::max);
+        let mut sum = 0.0;
+        for (state, likelihood) in after.iter_mut().zip(likelihoods) {
+            state.probability *= (likelihood - most).exp();
+            sum += state.probability;
+        }
+        after.iter_mut().for_each(|s| s.probability /= sum);
+        self.states = Some(after);
+        mean(after)
+    }
+
+    /// Forgets every sample.
+    pub fn reset(&mut self) {
+        self.states = None;
+    }
+}
+
+/// Where model `j` starts from: every model may have held until now, and its probability.
+fn mix(states: &[State; MODELS], j: usize) -> State {
+    let change = (1.0 - STAY) / (MODELS - 1) as f64;
+    let mut mixed = State::default();
+    for (i, state) in states.iter().enumerate() {
+        let p = state.probability * if i == j { STAY } else { change };
+        mixed.x += p * state.x;
+        mixed.dx += p * state.dx;
+        mixed.probability += p;
+    }
+    mixed.x /= mixed.probability;
+    mixed.dx /= mixed.probability;
+    mixed
+}
+
+fn mean(states: [State; MODELS]) -> (f64, f64) {
+    states.iter().fold((0.0, 0.0), |(x, dx), s| {
+        (x + s.probability * s.x, dx + s.probability * s.dx)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(seed: &mut u64) -> f64 {
+        // Twelve uniform numbers: normal enough.
+        let uniform = |seed: &mut u64| {
+            *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (*seed >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..12).map(|_| uniform(seed)).sum::<f64>() - 6.0
+    }
+
+    const PARAMETERS: TrackingParameters = TrackingParameters {
+        poles: [0.5, 0.8, 0.97],
+        sigma: 1.0,
+    };
+
+    #[test]
+    fn a_ramp_comes_through_without_lag_and_with_its_rate() {
+        let alone = TrackingParameters { poles: [0.8; MODELS], sigma: 0.0 };
+        for parameters in [alone, PARAMETERS] {
+            let mut filter = Tracking::new(parameters, 1e-3);
+            let mut last = (0.0, 0.0);
+            for i in 0..2000 {
+                last = filter.update(2.0 * f64::from(i) * 1e-3);
+            }
+            assert!((last.0 - 2.0 * 1.999).abs() < 1e-9 && (last.1 - 2.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn one_model_reduces_noise_by_what_theory_says() {
+        let p = 0.8;
+        let alone = TrackingParameters { poles: [p; MODELS], sigma: 0.0 };
+        let mut filter = Tracking::new(alone, 1e-3);
+        filter.update(0.0);
+        let mut sum = filter.update(1.0).0.powi(2);
+        for _ in 0..500 {
+            sum += filter.update(0.0).0.powi(2);
+        }
+        // Variance ratio of the critically damped g-h filter.
+        let theory = (1.0 - p) * (1.0 + 4.0 * p + 5.0 * p * p) / (1.0 + p).powi(3);
+        assert!((sum - theory).abs() < 1e-12, "{sum} {theory}");
+    }
+
+    #[test]
+    fn quiet_at_rest_and_quick_at_a_step() {
+        let mut filter = Tracking::new(PARAMETERS, 1e-3);
+        let mut seed = 1;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for i in 0..4000 {
+            let x = filter.update(noise(&mut seed)).0;
+            if i > 500 {
+                sum += x * x;
+                count += 1.0;
+            }
+        }
+        let sigma = f64::sqrt(sum / count);
+        assert!(sigma < 0.35, "the short model alone leaves 0.8: {sigma}");
+        for _ in 0..6 {
+            filter.update(30.0 + noise(&mut seed));
+        }
+        let (x, _) = filter.update(30.0 + noise(&mut seed));
+        assert!((x - 30.0).abs() < 5.0, "{x}");
+    }
+}
