@@ -71,6 +71,17 @@ impl Hysteresis {
             .sum()
     }
 
+    /// Stiffness of the elements that have not slipped, N·m/rad.
+    #[must_use]
+    pub fn stiffness(&self) -> f64 {
+        let holding = |(element, stretch): &&(SlipElement, f64)| stretch.abs() < element.limit;
+        self.elements
+            .iter()
+            .filter(holding)
+            .map(|(element, _)| element.stiffness)
+            .sum()
+    }
+
     /// The elements' stretches, rad.
     pub fn stretches(&self) -> impl Iterator<Item = f64> {
         self.elements.iter().map(|(_, stretch)| *stretch)
@@ -137,6 +148,13 @@ impl Gear {
     /// Moves to torsion `x`; the torque there, N·m.
     pub fn update(&mut self, x: f64) -> f64 {
         self.parameters.elastic(x) + self.slipping.update(x)
+    }
+
+    /// Stiffness at torsion `x` for a move in the direction of the last ones, springs that have
+    /// not slipped included, N·m/rad.
+    #[must_use]
+    pub fn stiffness(&self, x: f64) -> f64 {
+        self.parameters.stiffness(x) + self.slipping.stiffness()
     }
 
     /// The curves.

@@ -33,6 +33,8 @@ pub struct Fitted {
     pub joint: JointFile,
     /// One line per step.
     pub report: Vec<String>,
+    /// Standard deviation of the skew, s.
+    pub skew_sigma: f64,
 }
 
 /// Fits everything.
@@ -43,9 +45,11 @@ pub fn fit(joint: &JointFile, turn: &[LogRow], train: &[LogRow]) -> Result<Fitte
     let mut fitted = Fitted {
         joint: joint.clone(),
         report: Vec::new(),
+        skew_sigma: 0.0,
     };
     fitted.kinematic_error(turn)?;
     fitted.gear(train)?;
+    fitted.skew(train)?;
     let record = Record::new(&fitted.joint, train)?;
     fitted.models(&record)?;
     fitted.filters(&record)?;
@@ -84,16 +88,7 @@ impl Fitted {
             let fit = gear::compliance(&record, &error, motor)?;
             let (skew, sigma) = fit.skew;
             if pass == 0 && skew.abs() > SKEW_LEAST_S.max(SKEW_SIGNIFICANCE * sigma) {
-                let longest = 16.0 * self.joint.sample_period();
-                let mut encoders = self.joint.encoders.clone().unwrap_or_default();
-                encoders.skew = (encoders.skew + skew).clamp(-longest, longest);
-                self.note(format!(
-                    "skew: motor-side encoder {:.3} ms later than the link-side one (95 % within \
-                     ±{:.3} ms)",
-                    1e3 * encoders.skew,
-                    1.96e3 * sigma
-                ));
-                self.joint.encoders = Some(encoders);
+                self.add_skew(skew);
                 continue;
             }
             let p = fit.parameters;
@@ -118,6 +113,33 @@ impl Fitted {
         self.joint
             .encoders
             .get_or_insert_with(EncodersTable::default);
+        Ok(())
+    }
+
+    fn add_skew(&mut self, skew: f64) {
+        let longest = 16.0 * self.joint.sample_period();
+        let encoders = self.joint.encoders.get_or_insert_default();
+        encoders.skew = (encoders.skew + skew).clamp(-longest, longest);
+    }
+
+    /// What the compliance left of the skew; the gear's springs tell it from friction.
+    fn skew(&mut self, train: &[LogRow]) -> Result<(), FitError> {
+        let error = self.joint.kinematic_error_parameters();
+        for _ in 0..2 {
+            let record = Record::new(&self.joint, train)?;
+            let (skew, sigma) = gear::hysteresis(&record, &error)?.skew;
+            if skew.abs() <= SKEW_SIGNIFICANCE * sigma {
+                break;
+            }
+            self.add_skew(skew);
+            self.skew_sigma = sigma;
+        }
+        let skew = self.joint.encoders.as_ref().map_or(0.0, |e| e.skew);
+        self.note(format!(
+            "skew: motor-side encoder {:.4} ms later than the link-side one (95 % within ±{:.4} ms)",
+            1e3 * skew,
+            1.96e3 * self.skew_sigma
+        ));
         Ok(())
     }
 

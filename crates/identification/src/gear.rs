@@ -5,7 +5,7 @@ use crate::FitError;
 use crate::least_squares::{Batch, Solution};
 use crate::record::Record;
 use estimators::compliance::ComplianceParameters;
-use estimators::hysteresis::{GearParameters, Hysteresis, HysteresisEstimator, SlipElement};
+use estimators::hysteresis::{Gear, GearParameters, Hysteresis, HysteresisEstimator, SlipElement};
 use estimators::joint::JointTorqueEstimator;
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::tracking::TrackingParameters;
@@ -38,6 +38,9 @@ pub struct GearFit {
     pub bearing_viscous: f64,
     /// Damping of the gear, N·m·s/rad of torsion.
     pub damping: f64,
+    /// Skew that is left between the encoders, s, and its standard deviation: what looks like skew
+    /// in the torsion, apart from what is friction in the torque.
+    pub skew: (f64, f64),
     /// Root mean square of the torque that is left, N·m.
     pub rms: f64,
 }
@@ -160,80 +163,117 @@ const BEARING_SLIP: [f64; 4] = [3e-5, 1e-4, 4e-4, 2e-3];
 /// A log without torque sensor or without load.
 pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<GearFit, FitError> {
     let [torsion, tau] = signals(record, error)?;
-    let x_max = largest(&torsion);
-    let unit = |limit| SlipElement {
-        limit,
-        stiffness: 1.0,
-    };
-    let elements: Vec<SlipElement> = SLIP.iter().map(|part| unit(part * x_max)).collect();
-    let mut springs = Hysteresis::new(&elements);
-    let mut bearing = Hysteresis::new(&BEARING_SLIP.map(unit));
     let q: Vec<f64> = record.samples.iter().map(|s| s.q).collect();
-    let q = record.smooth(&q, 0);
-    let rate = record.smooth(&torsion, 1);
-    let first_spring = 2 + WIND_UP.len();
-    let first_bearing = first_spring + SLIP.len();
-    let viscous = first_bearing + BEARING_SLIP.len();
-    let columns = viscous + 2;
-    let mut batch = Batch::new(columns);
-    let mut row = vec![0.0; columns];
-    for (i, (&x, &tau)) in torsion.iter().zip(&tau).enumerate() {
-        springs.update(x);
-        bearing.update(q[i]);
-        if !record.usable(i) {
-            continue;
+    let data = GearData {
+        q: record.smooth(&q, 0),
+        rate: record.smooth(&torsion, 1),
+        x_max: largest(&torsion),
+        torsion,
+        tau,
+    };
+    // Skew moves the torsion, friction the torque: only the changing stiffness tells them apart,
+    // and it is known after a first fit without skew.
+    let rough = data.fit(record, None)?;
+    data.fit(record, Some(&rough.parameters))
+}
+
+/// The training log as the gear's fit wants it.
+struct GearData {
+    q: Vec<f64>,
+    torsion: Vec<f64>,
+    rate: Vec<f64>,
+    tau: Vec<f64>,
+    x_max: f64,
+}
+
+// Columns of the gear's fit.
+const FIRST_SPRING: usize = 2 + WIND_UP.len();
+const FIRST_BEARING: usize = FIRST_SPRING + SLIP.len();
+const VISCOUS: usize = FIRST_BEARING + BEARING_SLIP.len();
+const DAMPING: usize = VISCOUS + 1;
+const SKEW: usize = VISCOUS + 2;
+
+impl GearData {
+    /// One pass; `rough` is the gear whose stiffness turns skew into torque.
+    fn fit(&self, record: &Record, rough: Option<&GearParameters>) -> Result<GearFit, FitError> {
+        let unit = |limit| SlipElement {
+            limit,
+            stiffness: 1.0,
+        };
+        let elements: Vec<SlipElement> = SLIP.iter().map(|part| unit(part * self.x_max)).collect();
+        let mut springs = Hysteresis::new(&elements);
+        let mut bearing = Hysteresis::new(&BEARING_SLIP.map(unit));
+        let mut gear = rough.cloned().map(Gear::new);
+        let columns = SKEW + usize::from(rough.is_some());
+        let mut batch = Batch::new(columns);
+        let mut row = vec![0.0; columns];
+        for (i, (&x, &tau)) in self.torsion.iter().zip(&self.tau).enumerate() {
+            springs.update(x);
+            bearing.update(self.q[i]);
+            gear.as_mut().map(|gear| gear.update(x));
+            if !record.usable(i) {
+                continue;
+            }
+            let dq = record.motion[i][0];
+            (row[0], row[1]) = (x, x * x * x);
+            for (column, part) in row[2..].iter_mut().zip(WIND_UP) {
+                let w = part * self.x_max;
+                *column = w * (x / w).tanh();
+            }
+            let against = bearing.stretches().map(|stretch| -stretch);
+            for (column, x) in row[FIRST_SPRING..]
+                .iter_mut()
+                .zip(springs.stretches().chain(against))
+            {
+                *column = x;
+            }
+            (row[VISCOUS], row[DAMPING]) = (-dq, self.rate[i]);
+            if let Some(gear) = &gear {
+                row[SKEW] = -gear.stiffness(x) * dq;
+            }
+            batch.add(&row, tau);
         }
-        row[0] = x;
-        row[1] = x * x * x;
-        for (column, part) in row[2..].iter_mut().zip(WIND_UP) {
-            let w = part * x_max;
-            *column = w * (x / w).tanh();
-        }
-        let against = bearing.stretches().map(|stretch| -stretch);
-        let rest = springs
-            .stretches()
-            .chain(against)
-            .chain([-record.motion[i][0], rate[i]]);
-        row[2 + WIND_UP.len()..]
-            .iter_mut()
-            .zip(rest)
-            .for_each(|(column, x)| *column = x);
-        batch.add(&row, tau);
+        let bounded = |i: usize| i == 0 || (FIRST_SPRING..VISCOUS).contains(&i);
+        let solution = batch
+            .solve_bounded(1e-7, bounded)
+            .filter(|s| s.x[0] > 0.0)
+            .ok_or_else(|| {
+                FitError("training log: the gear's stiffness is not determined".to_owned())
+            })?;
+        Ok(self.parameters(&solution))
     }
-    let solution = batch
-        .solve_bounded(1e-7, |i| i == 0 || (first_spring..viscous).contains(&i))
-        .filter(|s| s.x[0] > 0.0)
-        .ok_or_else(|| {
-            FitError("training log: the gear's stiffness is not determined".to_owned())
-        })?;
-    let kept = |i: usize| solution.x[i] != 0.0;
-    Ok(GearFit {
-        parameters: GearParameters {
-            linear: solution.x[0],
-            cubic: solution.x[1],
-            wind_up: (0..WIND_UP.len())
-                .filter(|i| kept(2 + i))
-                .map(|i| (WIND_UP[i] * x_max, solution.x[2 + i]))
-                .collect(),
-            slipping: (0..SLIP.len())
-                .filter(|i| kept(first_spring + i))
-                .map(|i| SlipElement {
-                    limit: SLIP[i] * x_max,
-                    stiffness: solution.x[first_spring + i],
-                })
-                .collect(),
-        },
-        bearing: (0..BEARING_SLIP.len())
-            .filter(|i| kept(first_bearing + i))
-            .map(|i| SlipElement {
-                limit: BEARING_SLIP[i],
-                stiffness: solution.x[first_bearing + i],
+
+    fn parameters(&self, solution: &Solution) -> GearFit {
+        let x = &solution.x;
+        let kept = |i: usize| x[i] != 0.0;
+        let springs = |first: usize, slips: &[f64], unit: f64| -> Vec<SlipElement> {
+            let kept = (0..slips.len()).filter(|i| kept(first + i));
+            kept.map(|i| SlipElement {
+                limit: slips[i] * unit,
+                stiffness: x[first + i],
             })
-            .collect(),
-        bearing_viscous: solution.x[viscous],
-        damping: solution.x[viscous + 1],
-        rms: solution.rms,
-    })
+            .collect()
+        };
+        let wind_up = (0..WIND_UP.len()).filter(|i| kept(2 + i));
+        GearFit {
+            parameters: GearParameters {
+                linear: x[0],
+                cubic: x[1],
+                wind_up: wind_up
+                    .map(|i| (WIND_UP[i] * self.x_max, x[2 + i]))
+                    .collect(),
+                slipping: springs(FIRST_SPRING, &SLIP, self.x_max),
+            },
+            bearing: springs(FIRST_BEARING, &BEARING_SLIP, 1.0),
+            bearing_viscous: x[VISCOUS],
+            damping: x[DAMPING],
+            skew: match x.len() > SKEW {
+                true => (x[SKEW], solution.sigma[SKEW]),
+                false => (0.0, f64::INFINITY),
+            },
+            rms: solution.rms,
+        }
+    }
 }
 
 /// Poles that are tried for fast and for slow changes of the torsion.

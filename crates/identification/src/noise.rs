@@ -4,21 +4,28 @@ use crate::record::Record;
 use estimators::joint::JointTorqueEstimator;
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, Transform};
 
-/// Samples that each evaluation runs over: a window of the log's middle.
-const MOST: usize = 6_000;
+/// Windows over the whole log that each evaluation runs over, the samples of each, and those of
+/// them that the filter settles in.
+const WINDOWS: usize = 10;
+const SAMPLES: usize = 1_000;
+const SETTLING: usize = 300;
 /// Factors by which a variance is moved, from coarse to fine.
 const FACTORS: [f64; 2] = [10.0, 2.5];
 
 /// Mean logarithm of the likelihood of the innovations, up to a constant.
 fn likelihood<const N: usize>(record: &Record, p: &KalmanParameters, transform: Transform) -> f64 {
     let mut filter = KalmanEstimator::<N>::new(p.clone(), transform);
-    let skipped = record.samples.len().saturating_sub(MOST) / 2;
     let (mut sum, mut count) = (0.0, 0.0);
-    for (i, sample) in record.samples.iter().skip(skipped).take(MOST).enumerate() {
-        filter.update(sample);
-        if i > 500 {
-            sum += filter.log_likelihood();
-            count += 1.0;
+    let between = record.samples.len().saturating_sub(SAMPLES) / (WINDOWS - 1);
+    for window in 0..WINDOWS {
+        filter.reset();
+        let samples = record.samples.iter().skip(window * between).take(SAMPLES);
+        for (i, sample) in samples.enumerate() {
+            filter.update(sample);
+            if i >= SETTLING {
+                sum += filter.log_likelihood();
+                count += 1.0;
+            }
         }
     }
     if count > 0.0 {
