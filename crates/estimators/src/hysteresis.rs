@@ -107,6 +107,13 @@ pub struct GearParameters {
     pub wind_up: Vec<(f64, f64)>,
     /// Springs that slip.
     pub slipping: Vec<SlipElement>,
+    /// Damping, N·m·s/rad of torsion.
+    pub damping: f64,
+    /// Friction of the output bearing: springs that slip along q. Torsion does not show it, but
+    /// the child link feels the gear's torque less this.
+    pub bearing: Vec<SlipElement>,
+    /// Viscous friction of the output bearing, N·m·s/rad.
+    pub bearing_viscous: f64,
 }
 
 impl GearParameters {
@@ -133,6 +140,7 @@ impl GearParameters {
 pub struct Gear {
     parameters: GearParameters,
     slipping: Hysteresis,
+    bearing: Hysteresis,
 }
 
 impl Gear {
@@ -141,13 +149,19 @@ impl Gear {
     pub fn new(parameters: GearParameters) -> Self {
         Self {
             slipping: Hysteresis::new(&parameters.slipping),
+            bearing: Hysteresis::new(&parameters.bearing),
             parameters,
         }
     }
 
-    /// Moves to torsion `x`; the torque there, N·m.
+    /// Moves to torsion `x`; the torque that the gear carries there, N·m.
     pub fn update(&mut self, x: f64) -> f64 {
         self.parameters.elastic(x) + self.slipping.update(x)
+    }
+
+    /// Moves the output to `q` at `dq`; the torque that its bearing takes away, N·m.
+    pub fn bearing(&mut self, q: f64, dq: f64) -> f64 {
+        self.bearing.update(q) + self.parameters.bearing_viscous * dq
     }
 
     /// Stiffness at torsion `x` for a move in the direction of the last ones, springs that have
@@ -166,6 +180,7 @@ impl Gear {
     /// Forgets the past.
     pub fn reset(&mut self) {
         self.slipping.reset();
+        self.bearing.reset();
     }
 }
 
@@ -174,14 +189,6 @@ impl Gear {
 pub struct HysteresisParameters {
     /// The gear.
     pub gear: GearParameters,
-    /// Friction of the output bearing: springs that slip along q. Torsion does not show it, but
-    /// the child link feels the gear's torque less this.
-    pub bearing: Vec<SlipElement>,
-    /// Viscous friction of the output bearing, N·m·s/rad; below zero where it makes up for a skew
-    /// that is a little off.
-    pub bearing_viscous: f64,
-    /// Damping of the gear, N·m·s/rad of torsion.
-    pub damping: f64,
     /// Kinematic error.
     pub kinematic_error: KinematicErrorParameters,
     /// N: gear ratio, 1.
@@ -202,7 +209,6 @@ pub struct HysteresisParameters {
 pub struct HysteresisEstimator {
     parameters: HysteresisParameters,
     gear: Gear,
-    bearing: Hysteresis,
     tracking: Tracking,
     output: Output,
 }
@@ -213,7 +219,6 @@ impl HysteresisEstimator {
     pub fn new(parameters: HysteresisParameters) -> Self {
         Self {
             gear: Gear::new(parameters.gear.clone()),
-            bearing: Hysteresis::new(&parameters.bearing),
             output: Output::new(torque_source::ENCODER, parameters.torque_limit, 0.0),
             tracking: Tracking::new(parameters.tracking, parameters.sample_period),
             parameters,
@@ -233,8 +238,8 @@ impl JointTorqueEstimator for HysteresisEstimator {
         // of the linear part, that torsion stands in.
         let furthest = 2.0 * p.torque_limit / p.gear.linear.max(f64::MIN_POSITIVE);
         let (x, rate) = self.tracking.update(x.clamp(-furthest, furthest));
-        let bearing = self.bearing.update(sample.q) + p.bearing_viscous * sample.dq;
-        let tau = self.gear.update(x.clamp(-furthest, furthest)) + p.damping * rate - bearing;
+        let carried = self.gear.update(x.clamp(-furthest, furthest)) + p.gear.damping * rate;
+        let tau = carried - self.gear.bearing(sample.q, sample.dq);
         let tau = tau.clamp(-p.torque_limit, p.torque_limit);
         self.output.give(
             sample,
@@ -245,7 +250,6 @@ impl JointTorqueEstimator for HysteresisEstimator {
 
     fn reset(&mut self) {
         self.gear.reset();
-        self.bearing.reset();
         self.tracking.reset();
         self.output.reset();
     }

@@ -10,12 +10,15 @@
 //! ```
 //! U's own filter equations are lost; this is the reconstruction. The kinematic error is taken at
 //! the measured angles: it moves by less than the encoder's noise between those and the state's.
-//! Added beyond U: slipping springs (`gear`), the torque's rate against lag, and a slow
-//! motor torque `d` for the current's offset and the friction that the model lacks.
+//! Added beyond U: the torque's rate against lag, a slow motor torque `d` for the current's offset
+//! and the friction that the model lacks, and a gear with slipping springs and an output bearing:
+//! their states follow from the torsion's past, so the gear's torque itself is what is measured,
+//! `z2 = gear(torsion - err)`, and the bearing's friction is taken off what comes out.
 
 use crate::hysteresis::{Gear, GearParameters};
 use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use crate::output::Output;
+use crate::tracking::{Tracking, TrackingParameters};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
 
@@ -29,8 +32,12 @@ pub const ADDED_STATES: usize = 5;
 pub struct KalmanParameters {
     /// Gear, compliance, kinematic error and motor friction.
     pub joint: JointEstimatorParameters,
-    /// The gear with springs that slip, in place of Z's curves; none as U has it.
+    /// The gear with springs that slip and its output bearing, in place of Z's curves; none as U
+    /// has it.
     pub gear: Option<GearParameters>,
+    /// With a gear: how the torsion is followed; where it rests, the torque gains less variance
+    /// than Q says. Without sigma it always gains all of it.
+    pub tracking: TrackingParameters,
     /// J_m: inertia of rotor and wave generator, motor side, kg·m².
     pub rotor_inertia: f64,
     /// |omega| at which the sign of friction is smoothed, rad/s.
@@ -56,6 +63,7 @@ pub struct KalmanEstimator<const N: usize> {
     parameters: KalmanParameters,
     transform: Transform,
     gear: Option<Gear>,
+    tracking: Tracking,
     state: Option<State<N>>,
     /// Normalised square of the last innovation, and its mean over the last second or so.
     innovation: (f64, f64),
@@ -80,6 +88,7 @@ impl<const N: usize> KalmanEstimator<N> {
         debug_assert!(N == STATES || N == ADDED_STATES, "{N} states");
         Self {
             gear: parameters.gear.clone().map(Gear::new),
+            tracking: Tracking::new(parameters.tracking, parameters.joint.sample_period),
             output: Output::new(torque_source::ENCODER, parameters.joint.torque_limit, 0.0),
             state: None,
             innovation: (2.0, 2.0),
@@ -153,6 +162,9 @@ impl<const N: usize> KalmanEstimator<N> {
     fn measurement(&self, x: &SVector<f64, N>) -> Vector2<f64> {
         let p = &self.parameters.joint;
         let compliance = &p.compliance;
+        if self.gear.is_some() {
+            return Vector2::new(x[0], x[2]);
+        }
         let torsion = match self.transform {
             Transform::Linear => x[2] / compliance.k_fs0,
             Transform::Unscented => {
@@ -188,9 +200,11 @@ impl<const N: usize> KalmanEstimator<N> {
     }
 
     fn predict(&self, s: &State<N>, tau_m: f64) -> Option<State<N>> {
+        let (value, rate) = self.tracking.liveliness();
+        let lively = [1.0, 1.0, value, rate, 1.0];
         let q = SMatrix::from_fn(|i, j| {
             if i == j {
-                self.parameters.process[i]
+                self.parameters.process[i] * lively[i]
             } else {
                 0.0
             }
@@ -212,13 +226,15 @@ impl<const N: usize> KalmanEstimator<N> {
         }
     }
 
-    fn correct(&mut self, s: &State<N>, z: &Vector2<f64>) -> Option<State<N>> {
-        let r = Matrix2::from_diagonal(&Vector2::from(self.parameters.measurement));
+    fn correct(&mut self, s: &State<N>, z: &Vector2<f64>, r: &Vector2<f64>) -> Option<State<N>> {
         let (expected, covariance, cross) = match self.transform {
             Transform::Linear => {
                 let mut h = SMatrix::<f64, 2, N>::zeros();
                 h[(0, 0)] = 1.0;
-                h[(1, 2)] = 1.0 / self.parameters.joint.compliance.k_fs0;
+                h[(1, 2)] = match self.gear {
+                    Some(_) => 1.0,
+                    None => 1.0 / self.parameters.joint.compliance.k_fs0,
+                };
                 (
                     self.measurement(&s.x),
                     h * s.p * h.transpose(),
@@ -228,7 +244,7 @@ impl<const N: usize> KalmanEstimator<N> {
             Transform::Unscented => Points::new(s)?.onto(|x| self.measurement(x)),
         };
         let innovation = z - expected;
-        let covariance = covariance + r;
+        let covariance = covariance + Matrix2::from_diagonal(r);
         let inverse = covariance.try_inverse()?;
         let gain: SMatrix<f64, N, 2> = cross * inverse;
         let squared = (innovation.transpose() * inverse * innovation)[(0, 0)];
@@ -320,31 +336,32 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
             - p.kinematic_error.error(sample.q, sample.theta);
         let limit = p.compliance.flexspline_torsion(p.torque_limit);
         let bounded = torsion.clamp(-2.0 * limit, 2.0 * limit);
-        // What the springs add is known from the torsion's past: the torsion that a gear without
-        // them would have at the same torque takes the measured one's place.
-        let measured = match &mut self.gear {
+        let [theta_variance, torsion_variance] = self.parameters.measurement;
+        let (measured, variance) = match &mut self.gear {
             Some(gear) => {
+                self.tracking.update(bounded);
                 let tau = gear.update(bounded).clamp(-p.torque_limit, p.torque_limit);
-                let torsion_wg = p.compliance.wave_generator_torsion(tau / p.gear_ratio);
-                p.compliance.flexspline_torsion(tau) + torsion_wg / p.gear_ratio
+                (tau, torsion_variance * gear.stiffness(bounded).powi(2))
             }
-            None => bounded,
+            None => (bounded, torsion_variance),
         };
+        let r = Vector2::new(theta_variance, variance);
         let z = Vector2::new(sample.theta, measured);
         // More than twice the limit no gear carries: a current beyond is a fault, not a torque.
         let bound = 2.0 * p.torque_limit / p.gear_ratio + p.wave_generator.friction;
         let tau_m = (p.wave_generator.torque_constant * sample.current).clamp(-bound, bound);
         let predicted = match &self.state {
             Some(s) => self.predict(s, tau_m),
-            None => Some(self.start(sample, z[1])),
+            None => Some(self.start(sample, bounded)),
         };
-        let corrected = predicted.and_then(|s| self.correct(&s, &z));
+        let corrected = predicted.and_then(|s| self.correct(&s, &z, &r));
         self.state = corrected.filter(|s| s.x.iter().chain(s.p.iter()).all(|x| x.is_finite()));
         let Some(s) = &self.state else {
             return self.output.held();
         };
         let saturated = torsion.abs() >= limit;
-        let (tau, variance) = (s.x[2], s.p[(2, 2)].max(0.0));
+        let bearing = (self.gear.as_mut()).map_or(0.0, |gear| gear.bearing(sample.q, sample.dq));
+        let (tau, variance) = (s.x[2] - bearing, s.p[(2, 2)].max(0.0));
         // A filter whose innovations are too large does not know its own error.
         let doubt = (self.innovation.1 / 2.0).max(1.0).sqrt();
         let mut estimate = self.output.give(sample, tau, variance.sqrt() * doubt);
@@ -358,6 +375,7 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
         if let Some(gear) = &mut self.gear {
             gear.reset();
         }
+        self.tracking.reset();
         self.state = None;
         self.innovation = (2.0, 2.0);
         self.output.reset();

@@ -34,6 +34,8 @@ struct Model {
     /// 1 / (2 S), and -ln(S) / 2.
     weight: f64,
     log_spread: f64,
+    /// ln of `g²/(1-g)` and of `h²/(1-g)`.
+    log_walk: (f64, f64),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -54,9 +56,12 @@ impl Tracking {
             let p = pole.clamp(0.0, 1.0 - 1e-6);
             // A filter that passes everything on expects everything: not more than a tenth of that.
             let variance = sigma * sigma / (p * p).max(0.01);
+            let (g, h) = (1.0 - p * p, (1.0 - p) * (1.0 - p));
+            let walk = |gain: f64| (gain * gain / (1.0 - g).max(1e-6)).ln();
             Model {
-                g: 1.0 - p * p,
-                h: (1.0 - p) * (1.0 - p),
+                g,
+                h,
+                log_walk: (walk(g), walk(h)),
                 weight: if variance > 0.0 { 0.5 / variance } else { 0.0 },
                 log_spread: if variance > 0.0 { -0.5 * variance.ln() } else { 0.0 },
             }
@@ -105,6 +110,22 @@ impl Tracking {
         after.iter_mut().for_each(|s| s.probability /= sum);
         self.states = Some(after);
         mean(after)
+    }
+
+    /// How lively the signal is, as parts of the first model's: what the variance of a random walk
+    /// of the value, and of its rate, would be for which a model is optimal (with gains g, h those
+    /// are `g²/(1-g)` and `h²/(1-g)` times sigma²); geometric mean over the models, as they lie
+    /// powers of ten apart.
+    #[must_use]
+    pub fn liveliness(&self) -> (f64, f64) {
+        let Some(states) = &self.states else {
+            return (1.0, 1.0);
+        };
+        let weighted = states.iter().zip(&self.models).fold((0.0, 0.0), |sum, (s, m)| {
+            (sum.0 + s.probability * m.log_walk.0, sum.1 + s.probability * m.log_walk.1)
+        });
+        let first = self.models[0].log_walk;
+        ((weighted.0 - first.0).exp(), (weighted.1 - first.1).exp())
     }
 
     /// Forgets every sample.

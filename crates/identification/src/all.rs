@@ -16,7 +16,6 @@ use crate::{FitError, current, deformation, fusion, gear, kinematic, noise};
 use estimators::deformation::AngularFrequency;
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
-use estimators::tracking::MODELS;
 
 /// Time constant of Z's low-pass (0.95 at 1 kHz), s.
 const Z_TIME_CONSTANT_S: f64 = 0.0195;
@@ -170,18 +169,9 @@ impl Fitted {
         let error: KinematicErrorParameters = self.joint.kinematic_error_parameters();
         let fit = gear::hysteresis(record, &error)?;
         let p = fit.parameters;
-        let mut table = HysteresisTable {
-            linear: p.linear,
-            cubic: p.cubic,
-            wind_up: p.wind_up,
-            slipping: p.slipping.iter().map(|s| (s.limit, s.stiffness)).collect(),
-            bearing: fit.bearing.iter().map(|s| (s.limit, s.stiffness)).collect(),
-            bearing_viscous: fit.bearing_viscous,
-            damping: fit.damping,
-            tracking_poles: [0.0; MODELS],
-            tracking_sigma: 0.0,
-            torsion_sigma: fit.rms / p.linear,
-        };
+        let width: f64 = p.slipping.iter().map(|s| 2.0 * s.limit * s.stiffness).sum();
+        let (springs, stiffness) = (p.slipping.len(), p.linear);
+        let mut table = HysteresisTable::from(p);
         let (tracking, rms) = gear::tracking(record, &error, |tracking| {
             self.joint.hysteresis_estimator(&HysteresisTable {
                 tracking_poles: tracking.poles,
@@ -191,12 +181,10 @@ impl Fitted {
         });
         table.tracking_poles = tracking.poles;
         table.tracking_sigma = tracking.sigma;
-        table.torsion_sigma = rms / p.linear;
-        let width: f64 = p.slipping.iter().map(|s| 2.0 * s.limit * s.stiffness).sum();
+        table.torsion_sigma = rms / stiffness;
         self.note(format!(
-            "hysteresis: {} springs, {width:.2} N·m wide, {:.4} N·m RMS left, in the loop \
+            "hysteresis: {springs} springs, {width:.2} N·m wide, {:.4} N·m RMS left, in the loop \
              {rms:.4} N·m with poles {:.2?}",
-            p.slipping.len(),
             fit.rms,
             tracking.poles
         ));

@@ -32,12 +32,6 @@ pub struct ComplianceFit {
 pub struct GearFit {
     /// The gear.
     pub parameters: GearParameters,
-    /// Friction of the output bearing: springs that slip along q.
-    pub bearing: Vec<SlipElement>,
-    /// Viscous friction of the output bearing, N·m·s/rad, and what is left of the skew.
-    pub bearing_viscous: f64,
-    /// Damping of the gear, N·m·s/rad of torsion.
-    pub damping: f64,
     /// Skew that is left between the encoders, s, and its standard deviation: what looks like skew
     /// in the torsion, apart from what is friction in the torque.
     pub skew: (f64, f64),
@@ -263,10 +257,10 @@ impl GearData {
                     .map(|i| (WIND_UP[i] * self.x_max, x[2 + i]))
                     .collect(),
                 slipping: springs(FIRST_SPRING, &SLIP, self.x_max),
+                damping: x[DAMPING],
+                bearing: springs(FIRST_BEARING, &BEARING_SLIP, 1.0),
+                bearing_viscous: x[VISCOUS],
             },
-            bearing: springs(FIRST_BEARING, &BEARING_SLIP, 1.0),
-            bearing_viscous: x[VISCOUS],
-            damping: x[DAMPING],
             skew: match x.len() > SKEW {
                 true => (x[SKEW], solution.sigma[SKEW]),
                 false => (0.0, f64::INFINITY),

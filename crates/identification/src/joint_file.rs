@@ -5,7 +5,6 @@
 
 mod tables;
 
-use tables::elements;
 pub use tables::*;
 
 use crate::FitError;
@@ -238,16 +237,10 @@ impl JointFile {
         HysteresisEstimator::new(HysteresisParameters {
             kinematic_error: self.kinematic_error_parameters(),
             gear_ratio: self.joint.gear_ratio,
-            tracking: TrackingParameters {
-                poles: table.tracking_poles,
-                sigma: table.tracking_sigma,
-            },
+            tracking: table.tracking(),
             torsion_sigma: table.torsion_sigma,
             sample_period: self.sample_period(),
             torque_limit: self.torque_limit(),
-            damping: table.damping,
-            bearing: elements(&table.bearing),
-            bearing_viscous: table.bearing_viscous,
             gear: table.clone().into(),
         })
     }
@@ -262,21 +255,22 @@ impl JointFile {
             .compliance
             .as_ref()
             .ok_or_else(|| needs("compliance"))?;
-        let gear = match table.hysteresis {
+        let (gear, tracking) = match table.hysteresis {
             true => {
                 let table = self
                     .hysteresis
                     .as_ref()
                     .ok_or_else(|| needs("hysteresis"))?;
-                Some(table.clone().into())
+                (Some(table.clone().into()), table.tracking())
             }
-            false => None,
+            false => (None, TrackingParameters::default()),
         };
         let joint = self.estimator_parameters(compliance);
         Ok(KalmanParameters {
             sign_smoothing: joint.wave_generator.epsilon.max(1e-3),
             joint,
             gear,
+            tracking,
             rotor_inertia: self.joint.rotor_inertia,
             process: table.process,
             measurement: table.measurement,

@@ -5,7 +5,7 @@ use estimators::deformation::COEFFICIENTS;
 use estimators::hysteresis::{GearParameters, SlipElement};
 use estimators::kalman::ADDED_STATES;
 use estimators::kinematic_error::KinematicErrorParameters;
-use estimators::tracking::MODELS;
+use estimators::tracking::{MODELS, TrackingParameters};
 use serde::{Deserialize, Serialize};
 
 /// The joint: what its data sheet says.
@@ -210,20 +210,51 @@ pub struct HysteresisTable {
     pub torsion_sigma: f64,
 }
 
+impl HysteresisTable {
+    /// How the torsion is followed.
+    pub(super) fn tracking(&self) -> TrackingParameters {
+        TrackingParameters {
+            poles: self.tracking_poles,
+            sigma: self.tracking_sigma,
+        }
+    }
+}
+
 impl From<HysteresisTable> for GearParameters {
     fn from(t: HysteresisTable) -> Self {
-        let slipping = elements(&t.slipping);
         Self {
+            slipping: elements(&t.slipping),
+            bearing: elements(&t.bearing),
             linear: t.linear,
             cubic: t.cubic,
             wind_up: t.wind_up,
-            slipping,
+            damping: t.damping,
+            bearing_viscous: t.bearing_viscous,
+        }
+    }
+}
+
+impl From<GearParameters> for HysteresisTable {
+    fn from(p: GearParameters) -> Self {
+        let pairs =
+            |e: Vec<SlipElement>| e.iter().map(|e| (e.limit, e.stiffness)).collect::<Vec<_>>();
+        Self {
+            slipping: pairs(p.slipping),
+            bearing: pairs(p.bearing),
+            linear: p.linear,
+            cubic: p.cubic,
+            wind_up: p.wind_up,
+            damping: p.damping,
+            bearing_viscous: p.bearing_viscous,
+            tracking_poles: [0.0; MODELS],
+            tracking_sigma: 0.0,
+            torsion_sigma: 0.0,
         }
     }
 }
 
 /// Springs from pairs of slip and stiffness.
-pub(super) fn elements(pairs: &[(f64, f64)]) -> Vec<SlipElement> {
+fn elements(pairs: &[(f64, f64)]) -> Vec<SlipElement> {
     pairs
         .iter()
         .map(|&(limit, stiffness)| SlipElement { limit, stiffness })
