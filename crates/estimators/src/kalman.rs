@@ -339,9 +339,15 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
         let [theta_variance, torsion_variance] = self.parameters.measurement;
         let (measured, variance) = match &mut self.gear {
             Some(gear) => {
-                self.tracking.update(bounded);
-                let tau = gear.update(bounded).clamp(-p.torque_limit, p.torque_limit);
-                (tau, torsion_variance * gear.stiffness(bounded).powi(2))
+                // Noise would work the springs to and fro: they see the torsion followed, and what
+                // the measured one is off that counts by the stiffness there.
+                let (followed, rate) = self.tracking.update(bounded);
+                let followed = followed.clamp(-2.0 * limit, 2.0 * limit);
+                let carried = gear.update(followed) + gear.parameters().damping * rate;
+                let stiffness = gear.stiffness(followed);
+                let tau = carried + stiffness * (bounded - followed);
+                let tau = tau.clamp(-p.torque_limit, p.torque_limit);
+                (tau, torsion_variance * stiffness * stiffness)
             }
             None => (bounded, torsion_variance),
         };
