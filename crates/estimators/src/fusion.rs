@@ -1,9 +1,11 @@
-//! One torque from several sources, weighted by what their errors have in common.
+//! One torque from several sources: those that come close to the best share it.
 //!
-//! The errors of the sources are correlated (most look at the same torsion), so the weights are
-//! those of the best linear unbiased estimate under the errors' covariance, `w = C^-1 1 / (1' C^-1
-//! 1)`, with a covariance identified per regime: at rest or in motion, under steady or changing
-//! load. A source that is not valid drops out; negative weights are not taken.
+//! The errors of the sources are strongly correlated (most look at the same torsion), and which
+//! correlation holds changes with the load: weights that play errors off against each other are
+//! right on the data they come from and wrong on the next. So only a source whose variance is
+//! within [`CLOSE`] of the least takes part, by how close it comes. The variance is that which was
+//! identified per regime (at rest or in motion, under steady or changing load), raised when a
+//! source itself reports a larger sigma than it did then, as a learned one does away from its data.
 
 use crate::joint::JointSample;
 use crate::output::Output;
@@ -13,6 +15,17 @@ use robot_state::{TorqueEstimate, torque_flags, torque_source};
 pub const MAX_SOURCES: usize = 12;
 /// Regimes: bit 0 in motion, bit 1 load changing.
 pub const REGIMES: usize = 4;
+/// A source whose variance is this many times the least has no weight.
+pub const CLOSE: f64 = 1.25;
+
+/// What is known of one source in one regime.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SourceError {
+    /// Variance of the source's error, (N·m)².
+    pub variance: f64,
+    /// Root mean square of the sigma that it reported meanwhile, N·m.
+    pub reported: f64,
+}
 
 /// How sources are weighted.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,9 +34,9 @@ pub struct FusionParameters {
     pub moving: f64,
     /// |rate of the torsion| above which the load changes, rad/s.
     pub loading: f64,
-    /// Per regime: covariance of the sources' errors, row by row, (N·m)².
-    pub covariance: [Vec<f64>; REGIMES],
-    /// Time over which the weights change from one regime to another, s.
+    /// Per regime: the sources' errors, in the sources' order.
+    pub errors: [Vec<SourceError>; REGIMES],
+    /// Time over which the variances change from one regime to another, s.
     pub blend: f64,
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
@@ -38,9 +51,7 @@ pub struct FusionParameters {
 pub struct Fusion {
     parameters: FusionParameters,
     sources: usize,
-    /// Per regime: weights and variance with every source valid.
-    regimes: [([f64; MAX_SOURCES], f64); REGIMES],
-    /// Share of each regime in the present weights.
+    /// Share of each regime in the present variances.
     shares: [f64; REGIMES],
     /// Torsion and its smoothed rate.
     torsion: Option<(f64, f64)>,
@@ -48,19 +59,14 @@ pub struct Fusion {
 }
 
 impl Fusion {
-    /// A fusion of as many sources as the covariances have rows, at most [`MAX_SOURCES`].
+    /// A fusion of at most [`MAX_SOURCES`] sources.
     #[must_use]
     pub fn new(sources: usize, parameters: FusionParameters) -> Self {
         debug_assert!(sources <= MAX_SOURCES);
-        let sources = sources.min(MAX_SOURCES);
-        let regimes = std::array::from_fn(|r| weights(sources, &parameters.covariance[r]));
-        let mut shares = [0.0; REGIMES];
-        shares[0] = 1.0;
         Self {
             output: Output::new(torque_source::FUSED, parameters.torque_limit, 0.0),
-            regimes,
-            shares,
-            sources,
+            shares: FIRST,
+            sources: sources.min(MAX_SOURCES),
             torsion: None,
             parameters,
         }
@@ -85,6 +91,22 @@ impl Fusion {
         usize::from(sample.dq.abs() > p.moving) | usize::from(rate.abs() > p.loading) << 1
     }
 
+    /// The variance that a source's present estimate is worth, (N·m)²; infinite if it is not valid.
+    fn variance(&self, source: usize, estimate: &TorqueEstimate) -> f64 {
+        if estimate.flags & torque_flags::VALID == 0 {
+            return f64::INFINITY;
+        }
+        let (mut variance, mut reported) = (0.0, 0.0);
+        for (share, errors) in self.shares.iter().zip(&self.parameters.errors) {
+            let known = errors.get(source).copied().unwrap_or_default();
+            variance += share * known.variance;
+            reported += share * known.reported * known.reported;
+        }
+        let doubt = (estimate.sigma * estimate.sigma / reported.max(1e-18)).max(1.0);
+        // Two sources without any error are as good as each other.
+        variance.max(1e-18) * doubt
+    }
+
     /// The torque that the sources' estimates of one sample amount to.
     pub fn update(&mut self, sample: &JointSample, sources: &[TorqueEstimate]) -> TorqueEstimate {
         let regime = self.regime(sample);
@@ -93,33 +115,31 @@ impl Fusion {
         for (r, share) in self.shares.iter_mut().enumerate() {
             *share += step * (f64::from(u8::from(r == regime)) - *share);
         }
-        let (mut sum, mut tau, mut delay, mut variance) = (0.0, 0.0, 0.0, 0.0);
+        let mut variances = [f64::INFINITY; MAX_SOURCES];
+        let count = self.sources.min(sources.len());
+        for (i, (variance, source)) in variances.iter_mut().zip(sources).take(count).enumerate() {
+            *variance = self.variance(i, source);
+        }
+        let least = variances.iter().copied().fold(f64::INFINITY, f64::min);
+        if !least.is_finite() {
+            return self.output.held();
+        }
+        let (mut sum, mut tau, mut delay, mut square) = (0.0, 0.0, 0.0, 0.0);
         let mut saturated = 0;
-        for (i, source) in sources.iter().enumerate().take(self.sources) {
-            if source.flags & torque_flags::VALID == 0 {
+        for (source, variance) in sources.iter().zip(variances).take(count) {
+            // Relative to the least: most for the best, down to 0 at the bound, without a step.
+            let weight = (least / variance - 1.0 / CLOSE).max(0.0).powi(2);
+            if weight == 0.0 {
                 continue;
             }
-            let by_regime = self.shares.iter().zip(&self.regimes);
-            // A source that is left alone counts, whatever its weight among all.
-            let weight = by_regime.map(|(share, (w, _))| share * w[i]).sum::<f64>() + 1e-9;
             sum += weight;
             tau += weight * source.tau;
             delay += weight * source.delay_s;
-            // What a source says of itself beyond the ordinary counts in full.
-            variance += weight * weight * source.sigma * source.sigma;
-            if weight > 0.5 {
-                saturated |= source.flags & torque_flags::SATURATED;
-            }
+            // As if all their errors were one: correlated as they are, the mean is no better.
+            square += weight * variance;
+            saturated |= source.flags & torque_flags::SATURATED;
         }
-        if sum <= 0.0 {
-            return self.output.held();
-        }
-        let by_regime = self.shares.iter().zip(&self.regimes);
-        let expected: f64 = by_regime
-            .map(|(share, (_, variance))| share * variance)
-            .sum();
-        let sigma = (variance / (sum * sum)).max(expected).sqrt();
-        let mut estimate = self.output.give(sample, tau / sum, sigma);
+        let mut estimate = self.output.give(sample, tau / sum, (square / sum).sqrt());
         estimate.delay_s = delay / sum;
         estimate.flags |= saturated;
         estimate
@@ -128,49 +148,10 @@ impl Fusion {
     /// Forgets every sample.
     pub fn reset(&mut self) {
         self.torsion = None;
-        self.shares = [0.0; REGIMES];
-        self.shares[0] = 1.0;
+        self.shares = FIRST;
         self.output.reset();
     }
 }
 
-/// Weights of least variance that are not negative, and that variance.
-///
-/// Sources whose weight comes out negative are dropped one by one, the worst first: with
-/// covariances from data, a negative weight trusts a difference of errors that need not last.
-fn weights(sources: usize, covariance: &[f64]) -> ([f64; MAX_SOURCES], f64) {
-    let mut used: Vec<usize> = (0..sources).collect();
-    let mut out = [0.0; MAX_SOURCES];
-    let at = |i: usize, j: usize| covariance.get(i * sources + j).copied().unwrap_or(0.0);
-    while !used.is_empty() {
-        let n = used.len();
-        let largest = used.iter().fold(1e-12f64, |m, &i| m.max(at(i, i)));
-        let c = nalgebra::DMatrix::from_fn(n, n, |a, b| {
-            // A trace of independence: two sources that agree in everything share their weight.
-            at(used[a], used[b]) + if a == b { 1e-6 * largest } else { 0.0 }
-        });
-        let solved = c
-            .cholesky()
-            .map(|c| c.solve(&nalgebra::DVector::from_element(n, 1.0)));
-        let Some(w) = solved else {
-            // No covariance at all: the best alone.
-            let best = used
-                .iter()
-                .copied()
-                .min_by(|&a, &b| at(a, a).total_cmp(&at(b, b)));
-            let best = best.unwrap_or(0);
-            out[best] = 1.0;
-            return (out, at(best, best));
-        };
-        let worst = (0..n).min_by(|&a, &b| w[a].total_cmp(&w[b])).unwrap_or(0);
-        if w[worst] >= 0.0 || n == 1 {
-            let sum = w.sum();
-            for (i, w) in used.iter().zip(w.iter()) {
-                out[*i] = w / sum;
-            }
-            return (out, 1.0 / sum);
-        }
-        used.remove(worst);
-    }
-    (out, 0.0)
-}
+/// At first the joint counts as being at rest.
+const FIRST: [f64; REGIMES] = [1.0, 0.0, 0.0, 0.0];

@@ -64,6 +64,9 @@ pub struct KalmanEstimator<const N: usize> {
     transform: Transform,
     gear: Option<Gear>,
     tracking: Tracking,
+    /// Square of the gear's present stiffness over that of its linear part: what the torsion
+    /// wanders is more torque where the gear is stiff.
+    stiffness: f64,
     state: Option<State<N>>,
     /// Normalised square of the last innovation, and its mean over the last second or so.
     innovation: (f64, f64),
@@ -90,6 +93,7 @@ impl<const N: usize> KalmanEstimator<N> {
             gear: parameters.gear.clone().map(Gear::new),
             tracking: Tracking::new(parameters.tracking, parameters.joint.sample_period),
             output: Output::new(torque_source::ENCODER, parameters.joint.torque_limit, 0.0),
+            stiffness: 1.0,
             state: None,
             innovation: (2.0, 2.0),
             log_likelihood: 0.0,
@@ -201,7 +205,7 @@ impl<const N: usize> KalmanEstimator<N> {
 
     fn predict(&self, s: &State<N>, tau_m: f64) -> Option<State<N>> {
         let (value, rate) = self.tracking.liveliness();
-        let lively = [1.0, 1.0, value, rate, 1.0];
+        let lively = [1.0, 1.0, value * self.stiffness, rate * self.stiffness, 1.0];
         let q = SMatrix::from_fn(|i, j| {
             if i == j {
                 self.parameters.process[i] * lively[i]
@@ -347,6 +351,8 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
                 let stiffness = gear.stiffness(followed);
                 let tau = carried + stiffness * (bounded - followed);
                 let tau = tau.clamp(-p.torque_limit, p.torque_limit);
+                let linear = gear.parameters().linear.max(f64::MIN_POSITIVE);
+                self.stiffness = (stiffness / linear).powi(2).clamp(1e-2, 1e2);
                 (tau, torsion_variance * stiffness * stiffness)
             }
             None => (bounded, torsion_variance),
@@ -382,6 +388,7 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
             gear.reset();
         }
         self.tracking.reset();
+        self.stiffness = 1.0;
         self.state = None;
         self.innovation = (2.0, 2.0);
         self.output.reset();

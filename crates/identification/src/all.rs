@@ -8,7 +8,7 @@
 
 use crate::joint_file::{
     ComplianceTable, CurrentTable, DeformationTable, EncodersTable, FrictionTable, FusionTable,
-    HysteresisTable, JointFile, KalmanTable,
+    HysteresisTable, JointFile, KalmanTable, SourceTable,
 };
 use crate::log::LogRow;
 use crate::record::Record;
@@ -172,7 +172,8 @@ impl Fitted {
         let width: f64 = p.slipping.iter().map(|s| 2.0 * s.limit * s.stiffness).sum();
         let (springs, stiffness) = (p.slipping.len(), p.linear);
         let mut table = HysteresisTable::from(p);
-        let (tracking, rms) = gear::tracking(record, &error, |tracking| {
+        table.torsion_sigma = fit.rms / stiffness;
+        let (tracking, rms, sigma) = gear::tracking(record, &error, |tracking| {
             self.joint.hysteresis_estimator(&HysteresisTable {
                 tracking_poles: tracking.poles,
                 tracking_sigma: tracking.sigma,
@@ -181,7 +182,7 @@ impl Fitted {
         });
         table.tracking_poles = tracking.poles;
         table.tracking_sigma = tracking.sigma;
-        table.torsion_sigma = rms / stiffness;
+        table.torsion_sigma *= rms / sigma;
         self.note(format!(
             "hysteresis: {springs} springs, {width:.2} N·m wide, {:.4} N·m RMS left, in the loop \
              {rms:.4} N·m with poles {:.2?}",
@@ -255,16 +256,17 @@ impl Fitted {
     fn fusion(&mut self, record: &Record) -> Result<(), FitError> {
         let mut sources = self.joint.sources()?;
         let p = fusion::fit(record, &mut sources, self.joint.torque_limit());
-        let [rest, moving, loading, moving_loading] = p.covariance;
+        let table = |i: usize| SourceTable {
+            rms: p.errors.each_ref().map(|errors| errors[i].variance.sqrt()),
+            sigma: p.errors.each_ref().map(|errors| errors[i].reported),
+        };
         self.joint.fusion = Some(FusionTable {
-            sources: sources.names().to_vec(),
             moving_rate: p.moving,
             loading_rate: p.loading,
             blend: p.blend,
-            rest,
-            moving,
-            loading,
-            moving_loading,
+            sources: (sources.names().iter().enumerate())
+                .map(|(i, name)| (name.clone(), table(i)))
+                .collect(),
         });
         Ok(())
     }

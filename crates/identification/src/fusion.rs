@@ -1,17 +1,17 @@
-//! Covariance of the sources' errors, regime by regime.
+//! Variance of the sources' errors, regime by regime.
 
 use crate::record::Record;
-use estimators::fusion::{Fusion, FusionParameters, REGIMES};
+use estimators::fusion::{Fusion, FusionParameters, REGIMES, SourceError};
 use estimators::joint::JointTorqueEstimator;
 use estimators::set::EstimatorSet;
 use robot_state::torque_flags;
 
-/// Time over which weights blend, s.
+/// Time over which variances blend, s.
 const BLEND_S: f64 = 0.03;
-/// Samples below which a regime's own covariance is not believed.
+/// Samples below which a regime's own variance is not believed.
 const FEW: f64 = 500.0;
 
-/// Runs all sources over a log with a torque sensor and gathers what their errors have in common.
+/// Runs all sources over a log with a torque sensor and gathers how far each is off.
 ///
 /// The sources run causally, as in the loop, so that what lags counts as an error here too.
 #[must_use]
@@ -24,7 +24,7 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
     let mut parameters = FusionParameters {
         moving: (0.02 * fastest).max(1e-4),
         loading: 0.1 * steepest,
-        covariance: std::array::from_fn(|_| vec![0.0; n * n]),
+        errors: std::array::from_fn(|_| vec![SourceError::default(); n]),
         blend: BLEND_S,
         gear_ratio: record.gear_ratio,
         sample_period: record.sample_period,
@@ -32,35 +32,35 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
     };
     let mut regimes = Fusion::new(n, parameters.clone());
     let mut counts = [0.0; REGIMES];
+    // Sums of squares first: of the error, of the sigma reported.
+    let mut sums = vec![[(0.0, 0.0); REGIMES]; n];
     set.reset();
     for (i, sample) in record.samples.iter().enumerate() {
         set.update(sample);
         let regime = regimes.regime(sample);
-        let valid = set
-            .estimates()
-            .iter()
-            .all(|e| e.flags & torque_flags::VALID != 0);
-        if !(record.usable(i) && valid && record.tau[i].is_finite()) {
+        let valid = |e: &robot_state::TorqueEstimate| e.flags & torque_flags::VALID != 0;
+        let all_valid = set.estimates().iter().all(valid);
+        if !(record.usable(i) && all_valid && record.tau[i].is_finite()) {
             continue;
         }
         counts[regime] += 1.0;
-        let covariance = &mut parameters.covariance[regime];
-        for (a, first) in set.estimates().iter().enumerate() {
-            for (b, second) in set.estimates().iter().enumerate() {
-                let product = (first.tau - record.tau[i]) * (second.tau - record.tau[i]);
-                covariance[a * n + b] += product;
-            }
+        for (sum, e) in sums.iter_mut().zip(set.estimates()) {
+            sum[regime].0 += (e.tau - record.tau[i]).powi(2);
+            sum[regime].1 += e.sigma * e.sigma;
         }
     }
-    let all: f64 = counts.iter().sum();
-    let mean: Vec<f64> = (0..n * n)
-        .map(|k| parameters.covariance.iter().map(|c| c[k]).sum::<f64>() / all.max(1.0))
-        .collect();
-    for (covariance, count) in parameters.covariance.iter_mut().zip(counts) {
-        // A regime that was hardly seen leans on the mean over all.
-        let own = count / (count + FEW);
-        for (c, mean) in covariance.iter_mut().zip(&mean) {
-            *c = own * *c / count.max(1.0) + (1.0 - own) * mean;
+    let all: f64 = counts.iter().sum::<f64>().max(1.0);
+    for (source, sums) in sums.iter().enumerate() {
+        let total = sums.iter().fold((0.0, 0.0), |t, s| (t.0 + s.0, t.1 + s.1));
+        for (regime, sum) in sums.iter().enumerate() {
+            // A regime that was hardly seen leans on the mean over all.
+            let count = counts[regime];
+            let own = count / (count + FEW);
+            let mean = |sum: f64, total: f64| own * sum / count.max(1.0) + (1.0 - own) * total / all;
+            parameters.errors[regime][source] = SourceError {
+                variance: mean(sum.0, total.0),
+                reported: mean(sum.1, total.1).sqrt(),
+            };
         }
     }
     parameters

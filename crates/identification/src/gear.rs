@@ -272,16 +272,16 @@ impl GearData {
 
 /// Poles that are tried for fast and for slow changes of the torsion.
 const FAST: [f64; 4] = [0.3, 0.5, 0.65, 0.8];
-const SLOW: [f64; 3] = [0.9, 0.95, 0.98];
+const SLOW: [f64; 4] = [0.9, 0.95, 0.98, 0.99];
 
-/// The filter that follows the torsion, and the root mean square of the torque's error with it, run
-/// as in the loop: long enough against noise, short enough against fast loads.
+/// The filter that follows the torsion, and the root mean square of the torque's error and of its
+/// sigma with it, run as in the loop: long enough against noise, short enough against fast loads.
 #[must_use]
 pub fn tracking(
     record: &Record,
     error: &KinematicErrorParameters,
     estimator: impl Fn(TrackingParameters) -> HysteresisEstimator,
-) -> (TrackingParameters, f64) {
+) -> (TrackingParameters, f64, f64) {
     let torsion = torsion(record, error);
     let smooth = record.smooth(&torsion, 0);
     let rows: Vec<usize> = record.spread(MOST).collect();
@@ -290,15 +290,17 @@ pub fn tracking(
     let attempt = |poles| {
         let parameters = TrackingParameters { poles, sigma };
         let mut estimator = estimator(parameters);
-        let (mut sum, mut count) = (0.0, 0.0);
+        let (mut error, mut sigma, mut count) = (0.0, 0.0, 0.0);
         for (i, sample) in record.samples.iter().enumerate() {
-            let tau = estimator.update(sample).tau;
+            let estimate = estimator.update(sample);
             if record.usable(i) {
-                sum += (tau - record.tau[i]).powi(2);
+                error += (estimate.tau - record.tau[i]).powi(2);
+                sigma += estimate.sigma * estimate.sigma;
                 count += 1.0;
             }
         }
-        (parameters, (sum / f64::max(count, 1.0)).sqrt())
+        let mean = |sum: f64| (sum / f64::max(count, 1.0)).sqrt();
+        (parameters, mean(error), mean(sigma))
     };
     let pairs = FAST.iter().flat_map(|a| SLOW.map(|b| (*a, b)));
     let tried = pairs.map(|(a, b)| attempt([a, 1.0 - f64::sqrt((1.0 - a) * (1.0 - b)), b]));

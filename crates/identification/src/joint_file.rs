@@ -13,7 +13,7 @@ use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::deformation::{AngularFrequency, DeformationEstimator, DeformationParameters};
 use estimators::encoder::EncoderParameters;
 use estimators::front_end::FrontEnd;
-use estimators::fusion::{Fusion, FusionParameters};
+use estimators::fusion::{Fusion, FusionParameters, SourceError};
 use estimators::hysteresis::{HysteresisEstimator, HysteresisParameters};
 use estimators::joint::{JointEstimatorParameters, JointTorqueEstimator};
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
@@ -22,6 +22,7 @@ use estimators::set::EstimatorSet;
 use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 /// A joint and its estimators.
@@ -328,28 +329,26 @@ impl JointFile {
         let Some(table) = &self.fusion else {
             return Ok(EstimatorSet::new(sources, None));
         };
-        let names: Vec<&String> = sources.iter().map(|(name, _)| name).collect();
-        let n = names.len();
-        let [rest, moving, loading, moving_loading] = [
-            &table.rest,
-            &table.moving,
-            &table.loading,
-            &table.moving_loading,
-        ];
-        let covariance = [rest, moving, loading, moving_loading];
-        if !names.iter().copied().eq(&table.sources) || covariance.iter().any(|c| c.len() != n * n)
-        {
+        let names: BTreeSet<&String> = sources.iter().map(|(name, _)| name).collect();
+        if !names.iter().copied().eq(table.sources.keys()) {
             return Err(FitError(format!(
-                "fusion.sources and its covariances must be those of {names:?}; fit again after \
-                 switching estimators on or off"
+                "fusion.sources has {:?}, switched on are {names:?}; allowed: the same; fit the \
+                 fusion again after switching estimators on or off",
+                table.sources.keys()
             )));
         }
+        let error = |regime: usize, name: &String| SourceError {
+            variance: table.sources[name].rms[regime].powi(2),
+            reported: table.sources[name].sigma[regime],
+        };
         let fusion = Fusion::new(
-            n,
+            sources.len(),
             FusionParameters {
                 moving: table.moving_rate,
                 loading: table.loading_rate,
-                covariance: covariance.map(Clone::clone),
+                errors: std::array::from_fn(|regime| {
+                    sources.iter().map(|(name, _)| error(regime, name)).collect()
+                }),
                 blend: table.blend,
                 gear_ratio: self.joint.gear_ratio,
                 sample_period: self.sample_period(),

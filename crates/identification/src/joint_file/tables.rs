@@ -2,11 +2,13 @@
 
 use estimators::compliance::ComplianceParameters;
 use estimators::deformation::COEFFICIENTS;
+use estimators::fusion::REGIMES;
 use estimators::hysteresis::{GearParameters, SlipElement};
 use estimators::kalman::ADDED_STATES;
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::tracking::{MODELS, TrackingParameters};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// The joint: what its data sheet says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -337,12 +339,10 @@ pub struct KalmanTable {
     pub hysteresis: bool,
 }
 
-/// Covariances of the sources' errors.
+/// How far the sources are off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FusionTable {
-    /// The sources, in the order of the covariances' rows.
-    pub sources: Vec<String>,
     /// |dq| above which the joint moves, rad/s.
     #[serde(rename = "moving_rad_per_s")]
     pub moving_rate: f64,
@@ -352,16 +352,19 @@ pub struct FusionTable {
     /// Time over which the weights change, s.
     #[serde(rename = "blend_s")]
     pub blend: f64,
-    /// Covariance at rest, row by row, (N·m)².
-    #[serde(rename = "rest_Nm2")]
-    pub rest: Vec<f64>,
-    /// In motion.
-    #[serde(rename = "moving_Nm2")]
-    pub moving: Vec<f64>,
-    /// At rest under changing load.
-    #[serde(rename = "loading_Nm2")]
-    pub loading: Vec<f64>,
-    /// In motion under changing load.
-    #[serde(rename = "moving_loading_Nm2")]
-    pub moving_loading: Vec<f64>,
+    /// The sources, by name.
+    pub sources: BTreeMap<String, SourceTable>,
+}
+
+/// One source's errors: at rest, in motion, at rest under changing load, in motion under changing
+/// load.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SourceTable {
+    /// Root mean square of the error, N·m.
+    #[serde(rename = "rms_Nm")]
+    pub rms: [f64; REGIMES],
+    /// Root mean square of the sigma that the source reported, N·m.
+    #[serde(rename = "sigma_Nm")]
+    pub sigma: [f64; REGIMES],
 }
