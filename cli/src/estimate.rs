@@ -69,19 +69,36 @@ fn report(arguments: &EstimateArguments) -> Result<String, String> {
     let score = Score::new(joint.sample_period());
     let mut rows: Vec<Row> = names
         .iter()
-        .map(|name| Row { name: name.clone(), score: score.clone(), sigma_square: 0.0 })
+        .map(|name| Row {
+            name: name.clone(),
+            score: score.clone(),
+            sigma_square: 0.0,
+        })
         .collect();
-    let mut out = arguments.out.as_deref().map(|path| Output::create(path, &names)).transpose()?;
+    let mut out = arguments
+        .out
+        .as_deref()
+        .map(|path| Output::create(path, &names))
+        .transpose()?;
     let (mut time, mut count, mut last) = (Duration::ZERO, 0u32, None::<f64>);
     while let Some(row) = log.next_row().map_err(|e| e.to_string())? {
-        bridge(&mut front_end, last.replace(row.t), row.t, joint.sample_period());
+        bridge(
+            &mut front_end,
+            last.replace(row.t),
+            row.t,
+            joint.sample_period(),
+        );
         let sample = front_end.update(row.theta, row.q, row.current);
         let start = Instant::now();
         let fused = set.update(&sample);
         time += start.elapsed();
         count = count.saturating_add(1);
-        let estimates: Vec<_> =
-            set.estimates().iter().chain(set.fuses().then_some(&fused)).copied().collect();
+        let estimates: Vec<_> = set
+            .estimates()
+            .iter()
+            .chain(set.fuses().then_some(&fused))
+            .copied()
+            .collect();
         for (shown, estimate) in rows.iter_mut().zip(&estimates) {
             if row.tau_sensor.is_finite() {
                 shown.score.add(estimate.tau, row.tau_sensor);
@@ -99,16 +116,15 @@ fn report(arguments: &EstimateArguments) -> Result<String, String> {
         out.finish()?;
     }
     let per_sample = time / count;
-    Ok(if arguments.json { json(&rows) } else { table(&rows, count, per_sample) })
+    Ok(if arguments.json {
+        json(&rows)
+    } else {
+        table(&rows, count, per_sample)
+    })
 }
 
 /// Tells the filters of samples that the log lacks.
-fn bridge(
-    front_end: &mut estimators::front_end::FrontEnd,
-    last: Option<f64>,
-    t: f64,
-    period: f64,
-) {
+fn bridge(front_end: &mut estimators::front_end::FrontEnd, last: Option<f64>, t: f64, period: f64) {
     /// A longer gap than this is filled no further: the filters hold by then.
     const MOST: f64 = 10_000.0;
     let missing = last.map_or(0.0, |last| ((t - last) / period).round() - 1.0);
@@ -139,7 +155,10 @@ impl Output {
     fn create(path: &Path, names: &[String]) -> Result<Self, String> {
         let name = path.display().to_string();
         let file = File::create(path).map_err(|e| format!("{name}: {e}"))?;
-        let mut out = Self { file: BufWriter::new(file), name };
+        let mut out = Self {
+            file: BufWriter::new(file),
+            name,
+        };
         let columns = names.iter().map(|n| format!(",tau_{n},sigma_{n}"));
         out.line(&format!("t,tau_sensor{}", columns.collect::<String>()))?;
         Ok(out)
@@ -150,7 +169,11 @@ impl Output {
         row: &LogRow,
         estimates: &[robot_state::TorqueEstimate],
     ) -> Result<(), String> {
-        let sensor = if row.tau_sensor.is_finite() { row.tau_sensor.to_string() } else { String::new() };
+        let sensor = if row.tau_sensor.is_finite() {
+            row.tau_sensor.to_string()
+        } else {
+            String::new()
+        };
         let values = estimates.iter().map(|e| format!(",{},{}", e.tau, e.sigma));
         self.line(&format!("{},{sensor}{}", row.t, values.collect::<String>()))
     }
@@ -165,13 +188,23 @@ impl Output {
 }
 
 fn table(rows: &[Row], count: u32, per_sample: Duration) -> String {
-    let heading = ["estimator", "max N·m", "RMS N·m", "RMS %", "correlation", "delay ms", "sigma N·m"];
+    let heading = [
+        "estimator",
+        "max N·m",
+        "RMS N·m",
+        "RMS %",
+        "correlation",
+        "delay ms",
+        "sigma N·m",
+    ];
     let mut cells = vec![heading.map(str::to_owned).to_vec()];
     for row in rows {
         let sigma = (row.sigma_square / f64::from(count)).sqrt();
         let figures = row.score.figures();
         let shown = |value: fn(&Figures) -> f64, digits: usize| {
-            figures.as_ref().map_or("-".to_owned(), |f| format!("{:.digits$}", value(f)))
+            figures
+                .as_ref()
+                .map_or("-".to_owned(), |f| format!("{:.digits$}", value(f)))
         };
         cells.push(vec![
             row.name.clone(),
@@ -184,7 +217,10 @@ fn table(rows: &[Row], count: u32, per_sample: Duration) -> String {
         ]);
     }
     let nanoseconds = per_sample.as_nanos();
-    format!("{}{count} samples, {nanoseconds} ns per sample for all together\n", TextTable(cells))
+    format!(
+        "{}{count} samples, {nanoseconds} ns per sample for all together\n",
+        TextTable(cells)
+    )
 }
 
 fn json(rows: &[Row]) -> String {
@@ -198,7 +234,9 @@ fn json(rows: &[Row]) -> String {
         }),
         None => serde_json::json!({}),
     };
-    let object: serde_json::Map<_, _> =
-        rows.iter().map(|row| (row.name.clone(), figures(row))).collect();
+    let object: serde_json::Map<_, _> = rows
+        .iter()
+        .map(|row| (row.name.clone(), figures(row)))
+        .collect();
     format!("{}\n", serde_json::Value::Object(object))
 }

@@ -33,8 +33,14 @@ impl BenchJoint {
     /// A name that is not one of these.
     pub fn named(name: &str) -> Result<Self, String> {
         let (joint, sim) = match name {
-            "z" => (include_str!("../joints/z.toml"), include_str!("../joints/z-sim.toml")),
-            "s" => (include_str!("../joints/s.toml"), include_str!("../joints/s-sim.toml")),
+            "z" => (
+                include_str!("../joints/z.toml"),
+                include_str!("../joints/z-sim.toml"),
+            ),
+            "s" => (
+                include_str!("../joints/s.toml"),
+                include_str!("../joints/s-sim.toml"),
+            ),
             other => return Err(format!("joint `{other}` is unknown; allowed: z, s")),
         };
         let file = JointFile::parse(joint, name).map_err(|e| e.to_string())?;
@@ -42,7 +48,12 @@ impl BenchJoint {
         let drive = sim.drives.remove("joint");
         let drive = drive.ok_or("the simulated drive `joint` is missing")?;
         let sensor_noise = 5e-4 * file.joint.rated_torque;
-        Ok(Self { file, drive, seed: 1, sensor_noise })
+        Ok(Self {
+            file,
+            drive,
+            seed: 1,
+            sensor_noise,
+        })
     }
 
     /// Another specimen: every physical parameter redrawn within ±30 %.
@@ -103,7 +114,10 @@ impl BenchJoint {
             kinematic_error: KinematicError::default(),
         };
         let period = 1.0 / j.sample_rate;
-        let timing = RigTiming { period, substeps: SUBSTEPS };
+        let timing = RigTiming {
+            period,
+            substeps: SUBSTEPS,
+        };
         let load = scenario.load;
         let q_start = (scenario.q)(0.0);
         let mut rig = JointRig::new(&sheet, &self.drive, load, timing, q_start, self.seed);
@@ -132,7 +146,11 @@ impl BenchJoint {
     /// What hangs on the joint when nothing does: the output flange.
     #[must_use]
     pub fn bare(&self) -> RigLoad {
-        RigLoad { inertia: 2e-3 * self.file.joint.rated_torque / 16.0, mass: 0.0, arm: 0.0 }
+        RigLoad {
+            inertia: 2e-3 * self.file.joint.rated_torque / 16.0,
+            mass: 0.0,
+            arm: 0.0,
+        }
     }
 
     /// A pendulum that weighs as much as `part` of the rated torque when level.
@@ -140,6 +158,10 @@ impl BenchJoint {
     pub fn pendulum(&self, part: f64) -> RigLoad {
         let arm = 0.4;
         let mass = part * self.file.joint.rated_torque / (9.81 * arm);
-        RigLoad { inertia: 1.1 * mass * arm * arm, mass, arm }
+        RigLoad {
+            inertia: 1.1 * mass * arm * arm,
+            mass,
+            arm,
+        }
     }
 }

@@ -41,12 +41,19 @@ fn hand(seed: u64, low_hz: f64, high_hz: f64, size: f64) -> Course {
     let parts: Vec<[f64; 3]> = (0..PARTS)
         .map(|k| {
             let place = (k as f64 + random.unit()) / PARTS as f64;
-            [low_hz * (high_hz / low_hz).powf(place), TAU * random.unit(), 0.5 + random.unit()]
+            [
+                low_hz * (high_hz / low_hz).powf(place),
+                TAU * random.unit(),
+                0.5 + random.unit(),
+            ]
         })
         .collect();
     let all: f64 = parts.iter().map(|p| p[2] * p[2]).sum::<f64>().sqrt();
     Box::new(move |t| {
-        let sum: f64 = parts.iter().map(|[f, phase, a]| a * (TAU * f * t + phase).sin()).sum();
+        let sum: f64 = parts
+            .iter()
+            .map(|[f, phase, a]| a * (TAU * f * t + phase).sin())
+            .sum();
         size * smooth(t) * sum / all
     })
 }
@@ -107,7 +114,9 @@ pub fn train(joint: &BenchJoint) -> Scenario {
     let q_slow = hand(13, 0.03, 0.15, 0.9);
     let q_fast = hand(14, 0.3, 0.9, 0.28);
     let steps = levels(
-        vec![0.0, 0.25, -0.3, 0.6, 0.0, -0.8, 0.9, -0.5, 0.15, -0.15, 0.75, 0.0],
+        vec![
+            0.0, 0.25, -0.3, 0.6, 0.0, -0.8, 0.9, -0.5, 0.15, -0.15, 0.75, 0.0,
+        ],
         2.5,
         0.06,
     );
@@ -147,7 +156,11 @@ pub fn experiments(joint: &BenchJoint) -> Vec<Scenario> {
     let stairs = {
         let up = [0.0, 0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0];
         let down = up.iter().skip(1).map(|x| -x);
-        levels(up.iter().copied().chain(down).map(|x| rated * x).collect(), 2.0, 0.4)
+        levels(
+            up.iter().copied().chain(down).map(|x| rated * x).collect(),
+            2.0,
+            0.4,
+        )
     };
     let hung = 0.25 * rated;
     vec![
@@ -223,9 +236,8 @@ pub fn u_experiments(joint: &BenchJoint) -> Vec<Scenario> {
     let sine = |hz: f64, size: f64| -> Course {
         Box::new(move |t| size * smooth(t / 2.0) * (TAU * hz * t).sin())
     };
-    let over_80_degrees = |hz: f64| -> Course {
-        Box::new(move |t| 0.7 * smooth(t / 3.0) * (TAU * hz * t).sin())
-    };
+    let over_80_degrees =
+        |hz: f64| -> Course { Box::new(move |t| 0.7 * smooth(t / 3.0) * (TAU * hz * t).sin()) };
     vec![
         Scenario {
             name: "U fast small",

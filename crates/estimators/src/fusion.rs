@@ -13,10 +13,12 @@ use robot_state::{TorqueEstimate, torque_flags, torque_source};
 
 /// Most sources that can be fused.
 pub const MAX_SOURCES: usize = 12;
-/// Regimes: bit 0 in motion, bit 1 load changing.
-pub const REGIMES: usize = 4;
+/// Bounds between the rates at which the load changes.
+pub const BOUNDS: usize = 3;
+/// Regimes: twice the number of bounds that the torsion's rate exceeds, and one more in motion.
+pub const REGIMES: usize = 2 * (BOUNDS + 1);
 /// A source whose variance is this many times the least has no weight.
-pub const CLOSE: f64 = 1.25;
+pub const CLOSE: f64 = 2.0;
 
 /// What is known of one source in one regime.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -32,8 +34,8 @@ pub struct SourceError {
 pub struct FusionParameters {
     /// |dq| above which the joint moves, rad/s.
     pub moving: f64,
-    /// |rate of the torsion| above which the load changes, rad/s.
-    pub loading: f64,
+    /// |rate of the torsion| at which the load changes slowly, faster, suddenly, rad/s.
+    pub loading: [f64; BOUNDS],
     /// Per regime: the sources' errors, in the sources' order.
     pub errors: [Vec<SourceError>; REGIMES],
     /// Time over which the variances change from one regime to another, s.
@@ -88,7 +90,8 @@ impl Fusion {
             None => 0.0,
         };
         self.torsion = Some((torsion, rate));
-        usize::from(sample.dq.abs() > p.moving) | usize::from(rate.abs() > p.loading) << 1
+        let exceeded = p.loading.iter().filter(|bound| rate.abs() > **bound);
+        2 * exceeded.count() + usize::from(sample.dq.abs() > p.moving)
     }
 
     /// The variance that a source's present estimate is worth, (N·m)²; infinite if it is not valid.
@@ -128,7 +131,7 @@ impl Fusion {
         let mut saturated = 0;
         for (source, variance) in sources.iter().zip(variances).take(count) {
             // Relative to the least: most for the best, down to 0 at the bound, without a step.
-            let weight = (least / variance - 1.0 / CLOSE).max(0.0).powi(2);
+            let weight = (least / variance - 1.0 / CLOSE).max(0.0);
             if weight == 0.0 {
                 continue;
             }
@@ -154,4 +157,8 @@ impl Fusion {
 }
 
 /// At first the joint counts as being at rest.
-const FIRST: [f64; REGIMES] = [1.0, 0.0, 0.0, 0.0];
+const FIRST: [f64; REGIMES] = {
+    let mut shares = [0.0; REGIMES];
+    shares[0] = 1.0;
+    shares
+};

@@ -63,10 +63,18 @@ impl Tracking {
                 h,
                 log_walk: (walk(g), walk(h)),
                 weight: if variance > 0.0 { 0.5 / variance } else { 0.0 },
-                log_spread: if variance > 0.0 { -0.5 * variance.ln() } else { 0.0 },
+                log_spread: if variance > 0.0 {
+                    -0.5 * variance.ln()
+                } else {
+                    0.0
+                },
             }
         };
-        let first = if sigma > 0.0 { poles } else { [poles[0]; MODELS] };
+        let first = if sigma > 0.0 {
+            poles
+        } else {
+            [poles[0]; MODELS]
+        };
         Self {
             models: first.map(model),
             sample_period,
@@ -121,9 +129,15 @@ impl Tracking {
         let Some(states) = &self.states else {
             return (1.0, 1.0);
         };
-        let weighted = states.iter().zip(&self.models).fold((0.0, 0.0), |sum, (s, m)| {
-            (sum.0 + s.probability * m.log_walk.0, sum.1 + s.probability * m.log_walk.1)
-        });
+        let weighted = states
+            .iter()
+            .zip(&self.models)
+            .fold((0.0, 0.0), |sum, (s, m)| {
+                (
+                    sum.0 + s.probability * m.log_walk.0,
+                    sum.1 + s.probability * m.log_walk.1,
+                )
+            });
         let first = self.models[0].log_walk;
         ((weighted.0 - first.0).exp(), (weighted.1 - first.1).exp())
     }
@@ -162,7 +176,9 @@ mod tests {
     fn noise(seed: &mut u64) -> f64 {
         // Twelve uniform numbers: normal enough.
         let uniform = |seed: &mut u64| {
-            *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            *seed = seed
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (*seed >> 11) as f64 / (1u64 << 53) as f64
         };
         (0..12).map(|_| uniform(seed)).sum::<f64>() - 6.0
@@ -175,7 +191,10 @@ mod tests {
 
     #[test]
     fn a_ramp_comes_through_without_lag_and_with_its_rate() {
-        let alone = TrackingParameters { poles: [0.8; MODELS], sigma: 0.0 };
+        let alone = TrackingParameters {
+            poles: [0.8; MODELS],
+            sigma: 0.0,
+        };
         for parameters in [alone, PARAMETERS] {
             let mut filter = Tracking::new(parameters, 1e-3);
             let mut last = (0.0, 0.0);
@@ -189,7 +208,10 @@ mod tests {
     #[test]
     fn one_model_reduces_noise_by_what_theory_says() {
         let p = 0.8;
-        let alone = TrackingParameters { poles: [p; MODELS], sigma: 0.0 };
+        let alone = TrackingParameters {
+            poles: [p; MODELS],
+            sigma: 0.0,
+        };
         let mut filter = Tracking::new(alone, 1e-3);
         filter.update(0.0);
         let mut sum = filter.update(1.0).0.powi(2);

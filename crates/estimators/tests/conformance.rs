@@ -12,7 +12,7 @@ use estimators::deformation::{
 };
 use estimators::encoder::{EncoderParameters, JointEncoders};
 use estimators::features::FeatureSet;
-use estimators::fusion::{Fusion, FusionParameters};
+use estimators::fusion::{Fusion, FusionParameters, SourceError};
 use estimators::hysteresis::{
     GearParameters, HysteresisEstimator, HysteresisParameters, SlipElement,
 };
@@ -22,8 +22,8 @@ use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::local_gp::{LocalGp, LocalGpEstimator, LocalGpParameters, LocalModel};
 use estimators::network::{Layer, NetworkEstimator, NetworkParameters};
 use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters};
-use estimators::tracking::TrackingParameters;
 use estimators::set::EstimatorSet;
+use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use estimators::whole_body::WholeBody;
 use robot_state::torque_flags::{DEGRADED, SATURATED, VALID};
@@ -311,21 +311,26 @@ fn gear() -> GearParameters {
                 stiffness: 1000.0,
             },
         ],
-    }
-}
-
-fn hysteresis() -> HysteresisEstimator {
-    HysteresisEstimator::new(HysteresisParameters {
-        gear: gear(),
+        damping: 0.2,
         bearing: vec![SlipElement {
             limit: 1e-4,
             stiffness: 800.0,
         }],
         bearing_viscous: 0.05,
+    }
+}
+
+const TRACKING: TrackingParameters = TrackingParameters {
+    poles: [0.4, 0.7, 0.95],
+    sigma: 1e-5,
+};
+
+fn hysteresis() -> HysteresisEstimator {
+    HysteresisEstimator::new(HysteresisParameters {
+        gear: gear(),
         kinematic_error: test_joint(FrictionRule::Physical, 0.0).kinematic_error,
         gear_ratio: 100.0,
-        tracking: TrackingParameters { poles: [0.4, 0.7, 0.95], sigma: 1e-5 },
-        damping: 0.2,
+        tracking: TRACKING,
         torsion_sigma: 1e-5,
         sample_period: 1e-3,
         torque_limit: LIMIT,
@@ -445,6 +450,7 @@ fn kalman<const N: usize>(
     let parameters = KalmanParameters {
         joint: test_joint(FrictionRule::Physical, 0.0),
         gear,
+        tracking: TRACKING,
         rotor_inertia: 1.14e-5,
         sign_smoothing: 1.0,
         process: [1e-8, 1.0, 0.05, 100.0, 1e-9],
@@ -539,18 +545,23 @@ fn fused_sources() {
                 Box::new(kalman::<STATES>(Transform::Unscented, None)),
             ),
         ];
-        let covariance = |rest: f64| vec![0.2, 0.0, 0.1, 0.0, rest, 0.0, 0.1, 0.0, 0.2];
+        let error = |variance: f64| SourceError {
+            variance,
+            reported: 0.5,
+        };
+        let regime = |r: usize| {
+            vec![
+                error(0.2),
+                error(if r % 2 == 0 { 4.0 } else { 0.3 }),
+                error(0.2),
+            ]
+        };
         let fusion = Fusion::new(
             3,
             FusionParameters {
                 moving: 0.01,
-                loading: 1e-3,
-                covariance: [
-                    covariance(4.0),
-                    covariance(1.0),
-                    covariance(4.0),
-                    covariance(1.0),
-                ],
+                loading: [1e-3, 3e-3, 1e-2],
+                errors: std::array::from_fn(regime),
                 blend: 0.02,
                 gear_ratio: 100.0,
                 sample_period: 1e-3,

@@ -4,6 +4,7 @@ use estimators::compliance::ComplianceParameters;
 use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 
 const N: f64 = 100.0;
@@ -36,6 +37,7 @@ fn parameters() -> KalmanParameters {
             kinematic_error: KinematicErrorParameters::default(),
         },
         gear: None,
+        tracking: TrackingParameters::default(),
         rotor_inertia: 1.14e-5,
         sign_smoothing: 1.0,
         process: [1e-12, 1e-4, 0.02f64.powi(2), 1.0, 1e-12],

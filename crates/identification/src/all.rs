@@ -173,7 +173,7 @@ impl Fitted {
         let (springs, stiffness) = (p.slipping.len(), p.linear);
         let mut table = HysteresisTable::from(p);
         table.torsion_sigma = fit.rms / stiffness;
-        let (tracking, rms, sigma) = gear::tracking(record, &error, |tracking| {
+        let (tracking, errors) = gear::tracking(record, &error, |tracking| {
             self.joint.hysteresis_estimator(&HysteresisTable {
                 tracking_poles: tracking.poles,
                 tracking_sigma: tracking.sigma,
@@ -182,12 +182,11 @@ impl Fitted {
         });
         table.tracking_poles = tracking.poles;
         table.tracking_sigma = tracking.sigma;
-        table.torsion_sigma *= rms / sigma;
+        table.torsion_sigma *= errors.rms / errors.sigma;
         self.note(format!(
             "hysteresis: {springs} springs, {width:.2} N·m wide, {:.4} N·m RMS left, in the loop \
-             {rms:.4} N·m with poles {:.2?}",
-            fit.rms,
-            tracking.poles
+             {:.4} N·m with poles {:.2?}",
+            fit.rms, errors.rms, tracking.poles
         ));
         self.joint.hysteresis = Some(table);
         let current = self.joint.current.clone().unwrap_or_default();

@@ -1,7 +1,7 @@
 //! Variance of the sources' errors, regime by regime.
 
 use crate::record::Record;
-use estimators::fusion::{Fusion, FusionParameters, REGIMES, SourceError};
+use estimators::fusion::{BOUNDS, Fusion, FusionParameters, REGIMES, SourceError};
 use estimators::joint::JointTorqueEstimator;
 use estimators::set::EstimatorSet;
 use robot_state::torque_flags;
@@ -19,11 +19,16 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
     let n = set.names().len();
     let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
     let torsion = record.torsion();
-    let rate = record.smooth(&torsion, 1);
-    let steepest = rate.iter().fold(0.0f64, |m, r| m.max(r.abs()));
+    let mut rates: Vec<f64> = record.smooth(&torsion, 1).iter().map(|r| r.abs()).collect();
+    rates.sort_by(f64::total_cmp);
+    // Half of the log is slower than the first bound; the others lie evenly, by ratio, between it
+    // and the steepest.
+    let [slow, steepest] = [rates.len() / 2, rates.len().saturating_sub(1)]
+        .map(|i| rates.get(i).copied().unwrap_or(0.0).max(1e-9));
+    let bound = |k: usize| slow * (steepest / slow).powf(k as f64 / BOUNDS as f64);
     let mut parameters = FusionParameters {
         moving: (0.02 * fastest).max(1e-4),
-        loading: 0.1 * steepest,
+        loading: std::array::from_fn(bound),
         errors: std::array::from_fn(|_| vec![SourceError::default(); n]),
         blend: BLEND_S,
         gear_ratio: record.gear_ratio,
@@ -56,7 +61,8 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
             // A regime that was hardly seen leans on the mean over all.
             let count = counts[regime];
             let own = count / (count + FEW);
-            let mean = |sum: f64, total: f64| own * sum / count.max(1.0) + (1.0 - own) * total / all;
+            let mean =
+                |sum: f64, total: f64| own * sum / count.max(1.0) + (1.0 - own) * total / all;
             parameters.errors[regime][source] = SourceError {
                 variance: mean(sum.0, total.0),
                 reported: mean(sum.1, total.1).sqrt(),

@@ -274,36 +274,81 @@ impl GearData {
 const FAST: [f64; 4] = [0.3, 0.5, 0.65, 0.8];
 const SLOW: [f64; 4] = [0.9, 0.95, 0.98, 0.99];
 
-/// The filter that follows the torsion, and the root mean square of the torque's error and of its
-/// sigma with it, run as in the loop: long enough against noise, short enough against fast loads.
+/// Standard deviation of a normal variable over the median of its absolute value.
+const MEDIAN_TO_SIGMA: f64 = 1.4826;
+
+/// Times the noise found that the filter may count with.
+const NOISE: [f64; 3] = [1.0, 1.4, 2.0];
+/// Samples of a block of [`Errors::typical`].
+const BLOCK: usize = 500;
+
+/// How far an estimator is off, run as in the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Errors {
+    /// Root mean square of the torque's error, N·m.
+    pub rms: f64,
+    /// Root mean square of the sigma reported, N·m.
+    pub sigma: f64,
+    /// Geometric mean of the root mean square errors of blocks, N·m: rest counts as much as
+    /// sudden loads, whose errors are larger.
+    pub typical: f64,
+}
+
+fn errors(record: &Record, estimator: &mut impl JointTorqueEstimator) -> Errors {
+    let (mut square, mut sigma, mut count) = (0.0, 0.0, 0.0);
+    let (mut logarithm, mut blocks) = (0.0, 0.0);
+    for (k, samples) in record.samples.chunks(BLOCK).enumerate() {
+        let (mut block, mut used) = (0.0, 0.0);
+        for (i, sample) in samples.iter().enumerate() {
+            let i = k * BLOCK + i;
+            let estimate = estimator.update(sample);
+            if record.usable(i) {
+                block += (estimate.tau - record.tau[i]).powi(2);
+                sigma += estimate.sigma * estimate.sigma;
+                used += 1.0;
+            }
+        }
+        square += block;
+        count += used;
+        if used > 0.0 {
+            logarithm += 0.5 * f64::max(block / used, 1e-18).ln();
+            blocks += 1.0;
+        }
+    }
+    let mean = |sum: f64| (sum / f64::max(count, 1.0)).sqrt();
+    Errors {
+        rms: mean(square),
+        sigma: mean(sigma),
+        typical: (logarithm / f64::max(blocks, 1.0)).exp(),
+    }
+}
+
+/// The filter that follows the torsion, long enough against noise and short enough against fast
+/// loads, and how far the torque is off with it.
 #[must_use]
 pub fn tracking(
     record: &Record,
     error: &KinematicErrorParameters,
     estimator: impl Fn(TrackingParameters) -> HysteresisEstimator,
-) -> (TrackingParameters, f64, f64) {
+) -> (TrackingParameters, Errors) {
     let torsion = torsion(record, error);
     let smooth = record.smooth(&torsion, 0);
     let rows: Vec<usize> = record.spread(MOST).collect();
-    let square = |i: &usize| (torsion[*i] - smooth[*i]).powi(2);
-    let sigma = (rows.iter().map(square).sum::<f64>() / rows.len().max(1) as f64).sqrt();
-    let attempt = |poles| {
+    // By the median: sudden loads are no noise, but would dominate a mean of squares.
+    let mut rests: Vec<f64> = rows
+        .iter()
+        .map(|&i| (torsion[i] - smooth[i]).abs())
+        .collect();
+    rests.sort_by(f64::total_cmp);
+    let sigma = MEDIAN_TO_SIGMA * rests.get(rests.len() / 2).copied().unwrap_or(0.0);
+    let attempt = |poles, sigma| {
         let parameters = TrackingParameters { poles, sigma };
-        let mut estimator = estimator(parameters);
-        let (mut error, mut sigma, mut count) = (0.0, 0.0, 0.0);
-        for (i, sample) in record.samples.iter().enumerate() {
-            let estimate = estimator.update(sample);
-            if record.usable(i) {
-                error += (estimate.tau - record.tau[i]).powi(2);
-                sigma += estimate.sigma * estimate.sigma;
-                count += 1.0;
-            }
-        }
-        let mean = |sum: f64| (sum / f64::max(count, 1.0)).sqrt();
-        (parameters, mean(error), mean(sigma))
+        (parameters, errors(record, &mut estimator(parameters)))
     };
-    let pairs = FAST.iter().flat_map(|a| SLOW.map(|b| (*a, b)));
-    let tried = pairs.map(|(a, b)| attempt([a, 1.0 - f64::sqrt((1.0 - a) * (1.0 - b)), b]));
-    let best = tried.min_by(|a, b| a.1.total_cmp(&b.1));
+    let poles = FAST
+        .iter()
+        .flat_map(|&a| SLOW.map(|b| [a, 1.0 - f64::sqrt((1.0 - a) * (1.0 - b)), b]));
+    let tried = poles.flat_map(|p| NOISE.map(|n| attempt(p, n * sigma)));
+    let best = tried.min_by(|a, b| a.1.typical.total_cmp(&b.1.typical));
     best.unwrap_or_default()
 }

@@ -347,7 +347,10 @@ impl JointFile {
                 moving: table.moving_rate,
                 loading: table.loading_rate,
                 errors: std::array::from_fn(|regime| {
-                    sources.iter().map(|(name, _)| error(regime, name)).collect()
+                    sources
+                        .iter()
+                        .map(|(name, _)| error(regime, name))
+                        .collect()
                 }),
                 blend: table.blend,
                 gear_ratio: self.joint.gear_ratio,

@@ -2,7 +2,7 @@
 
 use estimators::compliance::ComplianceParameters;
 use estimators::deformation::COEFFICIENTS;
-use estimators::fusion::REGIMES;
+use estimators::fusion::{BOUNDS, REGIMES};
 use estimators::hysteresis::{GearParameters, SlipElement};
 use estimators::kalman::ADDED_STATES;
 use estimators::kinematic_error::KinematicErrorParameters;
@@ -346,9 +346,9 @@ pub struct FusionTable {
     /// |dq| above which the joint moves, rad/s.
     #[serde(rename = "moving_rad_per_s")]
     pub moving_rate: f64,
-    /// |rate of the torsion| above which the load changes, rad/s.
+    /// |rate of the torsion| at which the load changes slowly, faster, suddenly, rad/s.
     #[serde(rename = "loading_rad_per_s")]
-    pub loading_rate: f64,
+    pub loading_rate: [f64; BOUNDS],
     /// Time over which the weights change, s.
     #[serde(rename = "blend_s")]
     pub blend: f64,
@@ -356,8 +356,8 @@ pub struct FusionTable {
     pub sources: BTreeMap<String, SourceTable>,
 }
 
-/// One source's errors: at rest, in motion, at rest under changing load, in motion under changing
-/// load.
+/// One source's errors: at rest and in motion, for loads that change hardly, slowly, faster,
+/// suddenly.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SourceTable {

@@ -1,0 +1,95 @@
+//! What the fusion promises: close sources share, far ones do not, doubt and gaps count.
+
+use estimators::fusion::{CLOSE, Fusion, FusionParameters, SourceError};
+use estimators::joint::JointSample;
+use proptest::prelude::*;
+use robot_state::{TorqueEstimate, torque_flags};
+
+fn fusion(errors: &[(f64, f64)]) -> Fusion {
+    let errors: Vec<SourceError> = errors
+        .iter()
+        .map(|&(rms, reported)| SourceError {
+            variance: rms * rms,
+            reported,
+        })
+        .collect();
+    Fusion::new(
+        errors.len(),
+        FusionParameters {
+            moving: 0.01,
+            loading: [1e-3, 1e-2, 1e-1],
+            errors: std::array::from_fn(|_| errors.clone()),
+            blend: 0.03,
+            gear_ratio: 100.0,
+            sample_period: 1e-3,
+            torque_limit: 100.0,
+        },
+    )
+}
+
+fn estimate(tau: f64, sigma: f64) -> TorqueEstimate {
+    TorqueEstimate {
+        tau,
+        sigma,
+        flags: torque_flags::VALID,
+        ..TorqueEstimate::default()
+    }
+}
+
+#[test]
+fn equals_share_and_the_far_one_has_no_say() {
+    let mut fusion = fusion(&[(0.1, 0.1), (0.1, 0.1), (0.2, 0.1)]);
+    let sources = [estimate(1.0, 0.1), estimate(2.0, 0.1), estimate(50.0, 0.1)];
+    let fused = fusion.update(&JointSample::default(), &sources);
+    assert!((fused.tau - 1.5).abs() < 1e-12 && (fused.sigma - 0.1).abs() < 1e-12);
+}
+
+#[test]
+fn a_source_that_doubts_itself_gives_way_and_comes_back() {
+    let mut fusion = fusion(&[(0.1, 0.1), (0.13, 0.1)]);
+    let at = JointSample::default();
+    let mut both = |sigma: f64| {
+        let fused = fusion.update(&at, &[estimate(1.0, sigma), estimate(2.0, 0.1)]);
+        (fused.tau, fused.sigma)
+    };
+    assert!(both(0.1).0 < 1.5);
+    // Twice its usual sigma is four times its variance: beyond the other's.
+    let (tau, sigma) = both(0.2);
+    assert!((tau - 2.0).abs() < 1e-12 && (sigma - 0.13).abs() < 1e-12);
+    assert!(both(0.1).0 < 1.5);
+}
+
+#[test]
+fn without_a_valid_source_the_last_torque_is_held_and_marked() {
+    let mut fusion = fusion(&[(0.1, 0.1)]);
+    let at = JointSample::default();
+    fusion.update(&at, &[estimate(3.0, 0.1)]);
+    let invalid = TorqueEstimate {
+        flags: 0,
+        ..estimate(9.0, 0.1)
+    };
+    let held = fusion.update(&at, &[invalid]);
+    assert!(held.tau == 3.0 && held.flags & torque_flags::VALID == 0);
+}
+
+proptest! {
+    /// Between the least and the largest of the close ones, whatever they say, and never surer
+    /// than the best.
+    #[test]
+    fn within_the_close_ones(
+        sources in prop::collection::vec((0.01..1.0f64, -50.0..50.0f64), 1..8),
+    ) {
+        let errors: Vec<(f64, f64)> = sources.iter().map(|(rms, _)| (*rms, 1.0)).collect();
+        let estimates: Vec<TorqueEstimate> =
+            sources.iter().map(|(_, tau)| estimate(*tau, 1.0)).collect();
+        let fused = fusion(&errors).update(&JointSample::default(), &estimates);
+        let least = errors.iter().map(|e| e.0).fold(f64::MAX, f64::min);
+        let close = sources.iter().filter(|s| s.0 * s.0 < CLOSE * least * least);
+        let (low, high) = close.fold((f64::MAX, f64::MIN), |(low, high), s| {
+            (low.min(s.1), high.max(s.1))
+        });
+        prop_assert!(fused.tau >= low - 1e-9 && fused.tau <= high + 1e-9);
+        prop_assert!(fused.sigma >= least * (1.0 - 1e-9));
+        prop_assert!(fused.sigma <= least * CLOSE.sqrt() * (1.0 + 1e-9));
+    }
+}
