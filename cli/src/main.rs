@@ -5,6 +5,7 @@ mod check;
 mod dynamics;
 mod text_table;
 mod watch;
+mod whole_body;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -38,6 +39,7 @@ enum Command {
     Check(check::CheckArguments),
     Watch(watch::WatchArguments),
     Dynamics(dynamics::DynamicsArguments),
+    WholeBody(whole_body::WholeBodyArguments),
 }
 
 fn main() -> ExitCode {
@@ -45,5 +47,6 @@ fn main() -> ExitCode {
         Command::Check(arguments) => check::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Dynamics(arguments) => dynamics::run(&arguments),
+        Command::WholeBody(arguments) => whole_body::run(&arguments),
     }
 }
