@@ -138,9 +138,7 @@ mod tests {
     #[test]
     fn dependent_columns_are_counted() {
         let mut a = numbers(3.0);
-        for k in 0..6 {
-            a[2][k] = a[0][k] - 2.0 * a[1][k];
-        }
+        a[2] = std::array::from_fn(|k| a[0][k] - 2.0 * a[1][k]);
         assert_eq!(pseudo_inverse(&a, 3, &mut [[0.0; 6]; 6]), 2);
         assert_eq!(pseudo_inverse(&a, 6, &mut [[0.0; 6]; 6]), 5);
     }
