@@ -8,13 +8,14 @@ cd "$root"
 
 usage() {
     cat <<END
-usage: rt-tests/install.sh [--python] [--vm] [--bench]
+usage: rt-tests/install.sh [--python] [--vm] [--bench] [--fuzz]
 
 Installs what ./test needs; without options, --python and --vm.
   --python   the Python environment .venv (rt-tests/python/requirements.txt)
   --vm       Debian packages for the virtual machines, and the PREEMPT_RT kernel
              that the timing test boots (unpacked into target/vm, not installed)
   --bench    Debian packages for benches/dynamics/run.sh
+  --fuzz     Debian packages for rt-tests/fuzz.sh
 END
 }
 
@@ -72,6 +73,8 @@ install_vm() {
 
 install_bench() { packages clang python3-venv; }
 
+install_fuzz() { packages g++; }
+
 install_python() {
     local wanted=rt-tests/python/requirements.txt
     ! cmp -s "$wanted" .venv/requirements.txt || return 0
@@ -88,7 +91,8 @@ for option in "$@"; do
         --vm) install_vm ;;
         --python) install_python ;;
         --bench) install_bench ;;
+        --fuzz) install_fuzz ;;
         -h | --help) usage; exit 0 ;;
-        *) echo "install: unknown option '$option'; allowed: --python --vm --bench --help" >&2; exit 2 ;;
+        *) echo "install: unknown option '$option'; allowed: --python --vm --bench --fuzz --help" >&2; exit 2 ;;
     esac
 done

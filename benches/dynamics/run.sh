@@ -38,7 +38,8 @@ headers=(-std=c++17 -DNDEBUG
     -DBOOST_MPL_LIMIT_LIST_SIZE=30 -DBOOST_MPL_LIMIT_VECTOR_SIZE=30
     -DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS -DBOOST_FUSION_INVOKE_MAX_ARITY=12
     -isystem "$prefix/include" -isystem "$prefix/include/eigen3")
-fast=(-O3 -march=native)
+# The last two make generated code a fifth faster: it calls sine and cosine together, and fuses.
+fast=(-O3 -march=native -ffp-contract=fast -fno-math-errno)
 if ! [ liblibrary.so -nt "$here/library.cpp" ]; then
     step "Pinocchio's algorithms, C++, ${fast[*]}"
     clang++ "${headers[@]}" "${fast[@]}" -shared -fPIC "$here/library.cpp" -o liblibrary.so
@@ -54,7 +55,7 @@ for urdf in "${urdfs[@]}"; do
     if [ ! -e "${name}_rnea.so" ]; then
         step "generated RNEA of $name, C, ${fast[*]}"
         ./generate "$name.txt" "generated_$name"
-        clang "${fast[@]}" -ffp-contract=fast -shared -fPIC "generated_$name/rnea_forward_zero.c" -o "${name}_rnea.so" -lm
+        clang "${fast[@]}" -shared -fPIC "generated_$name/rnea_forward_zero.c" -o "${name}_rnea.so" -lm
     fi
     pairs+=("$name=$urdf")
 done
