@@ -8,12 +8,14 @@ cd "$root"
 
 usage() {
     cat <<END
-usage: rt-tests/install.sh [--python] [--vm]
+usage: rt-tests/install.sh [--python] [--vm] [--bench] [--fuzz]
 
-Installs what ./test needs; without options, everything.
+Installs what ./test needs; without options, --python and --vm.
   --python   the Python environment .venv (rt-tests/python/requirements.txt)
   --vm       Debian packages for the virtual machines, and the PREEMPT_RT kernel
              that the timing test boots (unpacked into target/vm, not installed)
+  --bench    Debian packages for benches/dynamics/run.sh
+  --fuzz     Debian packages for rt-tests/fuzz.sh
 END
 }
 
@@ -69,6 +71,10 @@ install_vm() {
     rm -r "$folder/new"
 }
 
+install_bench() { packages clang python3-venv; }
+
+install_fuzz() { packages g++; }
+
 install_python() {
     local wanted=rt-tests/python/requirements.txt
     ! cmp -s "$wanted" .venv/requirements.txt || return 0
@@ -84,7 +90,9 @@ for option in "$@"; do
     case $option in
         --vm) install_vm ;;
         --python) install_python ;;
+        --bench) install_bench ;;
+        --fuzz) install_fuzz ;;
         -h | --help) usage; exit 0 ;;
-        *) echo "install: unknown option '$option'; allowed: --python --vm --help" >&2; exit 2 ;;
+        *) echo "install: unknown option '$option'; allowed: --python --vm --bench --fuzz --help" >&2; exit 2 ;;
     esac
 done

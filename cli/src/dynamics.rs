@@ -4,7 +4,7 @@
 use crate::BAD_INPUT;
 use clap::Args;
 use dynamics::Base;
-use dynamics::cases::{Cases, evaluate};
+use dynamics::cases::{Cases, CasesError, evaluate};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -25,12 +25,24 @@ pub(crate) struct DynamicsArguments {
 const FORMAT: &str = r#"Reads {"joints":[names], "cases":[{"q":[], "dq":[], "ddq":[],
   "base":{"p":[3], "quat_xyzw":[4], "v":[6], "a":[6]}}]}
 with the velocity and acceleration of the base linear then angular, in base axes; prints
-  {"joints":[...], "cases":[{"tau":[], "M":[[]], "nle":[], "g":[], "ddq_of_tau":[], "com":[3]}]}.
-Without "joints" the model's order holds; a mimic joint that is named there is independent.
+  {"joints":[...], "cases":[{"tau":[], "M":[[]], "nle":[], "g":[], "ddq_of_tau":[], "com":[3]}]}
+with the base's six components first, then the joints in the order of "joints": all moving joints,
+in any order; a mimic joint that is named there is independent, one that is not follows its joint.
+Without "joints" the model's order holds: depth first, children sorted by name.
 A continuous joint has one angle. "dq", "ddq" and "base" may be left out and are zero.
-Also read: "frames":[links] beside "joints", which adds each link's placement, motion and Jacobians;
-"f_ext":{link:[6]} in a case, wrenches on links, in the link's axes at its origin.
-An acceleration that is not finite (a joint that moves no mass) is printed as null."#;
+An acceleration that is not finite (a joint that moves no mass) is printed as null.
+
+Also read, beside "joints":
+  "frames":[links]          adds each link's placement, motion and Jacobians
+  "armature":{joint: x}     inertia that motors add about the joints' axes, kg m^2
+  "more":true               adds centroidal momentum, energies, regressor and solutions with M
+and in a case:
+  "f_ext":{link:[6]}        wrenches on links, in the link's axes at its origin, linear first
+
+Examples:
+  echo '{"cases":[{"q":[0.1], "dq":[0], "ddq":[1]}]}' > cases.json
+  torquectl dynamics --urdf robot-models/test-joint/robot.urdf cases.json
+  torquectl dynamics --urdf robot-models/humanoid/robot.urdf --floating cases.json"#;
 
 pub(crate) fn run(arguments: &DynamicsArguments) -> ExitCode {
     match report(arguments) {
@@ -48,8 +60,8 @@ pub(crate) fn run(arguments: &DynamicsArguments) -> ExitCode {
 fn report(arguments: &DynamicsArguments) -> Result<String, String> {
     let urdf = read(&arguments.urdf)?;
     let file = arguments.cases.display();
-    let cases: Cases =
-        serde_json::from_str(&read(&arguments.cases)?).map_err(|e| format!("{file}: {e}"))?;
+    let text = read(&arguments.cases)?;
+    let cases: Cases = parse(&text).map_err(|e| format!("{file}: {e}"))?;
     let base = if arguments.floating {
         Base::Floating
     } else {
@@ -57,10 +69,25 @@ fn report(arguments: &DynamicsArguments) -> Result<String, String> {
     };
     let name = arguments.urdf.display().to_string();
     let report = evaluate(&urdf, &name, base, &cases).map_err(|e| match e {
-        dynamics::cases::CasesError::Urdf(e) => e.to_string(),
-        dynamics::cases::CasesError::Request(e) => format!("{file}: {e}"),
+        CasesError::Urdf(e) => e.to_string(),
+        CasesError::Request(e) => format!("{file}: {e}"),
     })?;
+    for warning in &report.warnings {
+        eprintln!("torquectl dynamics: warning: {warning}");
+    }
     serde_json::to_string(&report).map_err(|e| e.to_string())
+}
+
+/// Names the key in which the text is wrong, beside line and column.
+fn parse(text: &str) -> Result<Cases, String> {
+    let mut json = serde_json::Deserializer::from_str(text);
+    let cases =
+        serde_path_to_error::deserialize(&mut json).map_err(|e| match e.path().iter().next() {
+            Some(_) => e.to_string(),
+            None => e.inner().to_string(),
+        })?;
+    json.end().map_err(|e| e.to_string())?;
+    Ok(cases)
 }
 
 fn read(path: &Path) -> Result<String, String> {

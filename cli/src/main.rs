@@ -7,6 +7,7 @@ mod estimate;
 mod fit;
 mod text_table;
 mod watch;
+mod whole_body;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -43,6 +44,7 @@ enum Command {
     Dynamics(dynamics::DynamicsArguments),
     Estimate(estimate::EstimateArguments),
     Fit(fit::FitArguments),
+    WholeBody(whole_body::WholeBodyArguments),
 }
 
 fn main() -> ExitCode {
@@ -52,5 +54,6 @@ fn main() -> ExitCode {
         Command::Dynamics(arguments) => dynamics::run(&arguments),
         Command::Estimate(arguments) => estimate::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::WholeBody(arguments) => whole_body::run(&arguments),
     }
 }

@@ -4,18 +4,45 @@ use std::ffi::{CString, c_void};
 use std::path::Path;
 
 /// `robot_*` of `library.cpp`: robot, q, v, a or tau; returns where the result is.
-type Algorithm =
-    unsafe extern "C" fn(*mut c_void, *const f64, *const f64, *const f64) -> *const f64;
+type Function = unsafe extern "C" fn(*mut c_void, *const f64, *const f64, *const f64) -> *const f64;
 type New = unsafe extern "C" fn(*const libc::c_char) -> *mut c_void;
 
-/// The algorithms that `library.cpp` offers.
-pub(crate) const ALGORITHMS: [&str; 5] =
-    ["rnea", "crba_local", "crba_world", "aba_local", "aba_world"];
+/// What `library.cpp` offers.
+#[derive(Clone, Copy)]
+pub(crate) enum Algorithm {
+    Rnea,
+    CrbaLocal,
+    CrbaWorld,
+    AbaLocal,
+    AbaWorld,
+}
+
+/// All of them, in the order of their numbers.
+pub(crate) const ALGORITHMS: [Algorithm; 5] = [
+    Algorithm::Rnea,
+    Algorithm::CrbaLocal,
+    Algorithm::CrbaWorld,
+    Algorithm::AbaLocal,
+    Algorithm::AbaWorld,
+];
+
+impl Algorithm {
+    /// Its name in the shared library.
+    pub(crate) fn symbol(self) -> &'static str {
+        match self {
+            Algorithm::Rnea => "robot_rnea",
+            Algorithm::CrbaLocal => "robot_crba_local",
+            Algorithm::CrbaWorld => "robot_crba_world",
+            Algorithm::AbaLocal => "robot_aba_local",
+            Algorithm::AbaWorld => "robot_aba_world",
+        }
+    }
+}
 
 /// A robot in Pinocchio.
 pub(crate) struct Library {
     robot: *mut c_void,
-    algorithms: [Algorithm; 5],
+    functions: [Function; 5],
 }
 
 fn open(path: &Path) -> Result<*mut c_void, String> {
@@ -43,29 +70,30 @@ impl Library {
     pub(crate) fn new(library: &Path, robot: &Path) -> Result<Self, String> {
         let handle = open(library)?;
         // SAFETY: library.cpp declares these functions with these types.
-        let (new, algorithms) = unsafe {
+        let (new, functions) = unsafe {
             let new = std::mem::transmute::<*mut c_void, New>(symbol(handle, "robot_new")?);
-            let mut algorithms = Vec::new();
-            for name in ALGORITHMS {
-                let found = symbol(handle, &format!("robot_{name}"))?;
-                algorithms.push(std::mem::transmute::<*mut c_void, Algorithm>(found));
+            let mut functions = Vec::new();
+            for algorithm in ALGORITHMS {
+                let found = symbol(handle, algorithm.symbol())?;
+                functions.push(std::mem::transmute::<*mut c_void, Function>(found));
             }
-            (new, algorithms)
+            (new, functions)
         };
         let path = CString::new(robot.as_os_str().as_encoded_bytes()).map_err(|e| e.to_string())?;
         // SAFETY: a C string; the robot lives as long as the process.
         let robot = unsafe { new(path.as_ptr()) };
-        let algorithms = algorithms.try_into().map_err(|_| "algorithms")?;
+        let functions = functions.try_into().map_err(|_| "functions")?;
         if robot.is_null() {
             return Err("Pinocchio cannot read the robot".into());
         }
-        Ok(Self { robot, algorithms })
+        Ok(Self { robot, functions })
     }
 
     /// Runs an algorithm; the first number of its result.
-    pub(crate) fn run(&self, algorithm: usize, q: &[f64], v: &[f64], x: &[f64]) -> *const f64 {
+    pub(crate) fn run(&self, algorithm: Algorithm, q: &[f64], v: &[f64], x: &[f64]) -> *const f64 {
+        let function = self.functions[algorithm as usize];
         // SAFETY: the robot is alive and the vectors have the lengths of its model.
-        unsafe { self.algorithms[algorithm](self.robot, q.as_ptr(), v.as_ptr(), x.as_ptr()) }
+        unsafe { function(self.robot, q.as_ptr(), v.as_ptr(), x.as_ptr()) }
     }
 }
 

@@ -4,7 +4,7 @@
 mod library;
 
 use dynamics::{Base, Data, Instructions, Model, Random, UrdfOptions, aba, crba, rnea};
-use library::{Generated, Library};
+use library::{Algorithm, Generated, Library};
 use std::hint::black_box;
 use std::path::Path;
 use std::process::ExitCode;
@@ -29,10 +29,8 @@ fn main() -> ExitCode {
         return ExitCode::from(2);
     };
     pin_to_last_cpu();
-    println!(
-        "{:<16} {:>3}  {:<18} {:>9} {:>9} {:>9}  {:>7} {:>7}",
-        "robot", "nv", "algorithm", "ours", "library", "generated", "/lib", "/gen"
-    );
+    println!("medians of {ROUNDS} rounds over {STATES} random states, ns");
+    println!("robot             nv  algorithm         ours  library  generated    /lib   /gen");
     for robot in robots {
         let Some((name, urdf)) = robot.split_once('=') else {
             eprintln!("{robot}: allowed: NAME=URDF");
@@ -82,143 +80,183 @@ fn states(model: &Model, data: &mut Data) -> Vec<State> {
     (0..STATES).map(|_| state()).collect()
 }
 
+/// What is timed.
+struct Candidate<'a> {
+    name: &'static str,
+    run: Box<dyn FnMut(&State) + 'a>,
+    /// ns per call, one of each round.
+    times: Vec<f64>,
+}
+
+impl<'a> Candidate<'a> {
+    fn new(name: &'static str, run: impl FnMut(&State) + 'a) -> Self {
+        Self {
+            name,
+            run: Box::new(run),
+            times: Vec::with_capacity(ROUNDS),
+        }
+    }
+    fn median(&self) -> f64 {
+        let mut times = self.times.clone();
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    }
+}
+
 fn bench(folder: &Path, name: &str, urdf: &str) -> Result<(), String> {
     let model = model(urdf)?;
     let mut data = Data::new(&model);
     let states = states(&model, &mut data);
-    let library = Library::new(
-        &folder.join("liblibrary.so"),
-        &folder.join(format!("{name}.txt")),
-    )?;
-    let generated = Generated::new(&folder.join(format!("{name}_rnea.so"))).ok();
-    compare(&model, &mut data, &library, &states)?;
+    let robot = folder.join(format!("{name}.txt"));
+    let library = Library::new(&folder.join("liblibrary.so"), &robot)?;
+    let generated = Generated::new(&folder.join(format!("{name}_rnea.so")))?;
+    compare(&model, &mut data, &library, &generated, &states)?;
 
-    let mut tau = vec![0.0; model.nv() + 16];
-    let mut portable = Data::new(&model);
+    let model = &model;
+    let mut portable = data.clone();
     portable.set_instructions(Instructions::Portable);
-    let [mut d1, mut d2, mut d3] = [data.clone(), data.clone(), data.clone()];
-    let mut candidates: Vec<(&str, Box<dyn FnMut(&State) + '_>)> = vec![
-        (
-            "rnea",
-            Box::new(|s| {
-                black_box(rnea(&model, &mut d1, &s.q, &s.v, &s.a, None));
-            }),
-        ),
-        (
-            "crba",
-            Box::new(|s| {
-                black_box(crba(&model, &mut d2, &s.q));
-            }),
-        ),
-        (
-            "aba",
-            Box::new(|s| {
-                black_box(aba(&model, &mut d3, &s.q, &s.v, &s.tau, None));
-            }),
-        ),
-        (
-            "portable",
-            Box::new(|s| {
-                black_box(rnea(&model, &mut portable, &s.q, &s.v, &s.a, None));
-            }),
-        ),
+    let [mut d1, mut d2, mut d3] = [data.clone(), data.clone(), data];
+    let mut tau = vec![0.0; model.nv()];
+    let mut candidates = vec![
+        Candidate::new("rnea", |s| {
+            black_box(rnea(model, &mut d1, &s.q, &s.v, &s.a, None));
+        }),
+        Candidate::new("crba", |s| {
+            black_box(crba(model, &mut d2, &s.q));
+        }),
+        Candidate::new("aba", |s| {
+            black_box(aba(model, &mut d3, &s.q, &s.v, &s.tau, None));
+        }),
+        Candidate::new("rnea_portable", |s| {
+            black_box(rnea(model, &mut portable, &s.q, &s.v, &s.a, None));
+        }),
+        Candidate::new("rnea_generated", |s| {
+            generated.run(&s.all, &mut tau);
+            black_box(&tau);
+        }),
     ];
-    for (k, algorithm) in library::ALGORITHMS.iter().enumerate() {
-        let (library, last) = (&library, k >= 3);
-        let label = if k == 0 { "rnea_library" } else { algorithm };
-        candidates.push((
-            label,
-            Box::new(move |s| {
-                black_box(library.run(k, &s.q, &s.v, if last { &s.tau } else { &s.a }));
-            }),
-        ));
+    for algorithm in library::ALGORITHMS {
+        let library = &library;
+        candidates.push(Candidate::new(algorithm.symbol(), move |s| {
+            black_box(library.run(algorithm, &s.q, &s.v, s.last(algorithm)));
+        }));
     }
-    if let Some(generated) = &generated {
-        let tau = &mut tau;
-        candidates.push((
-            "generated",
-            Box::new(move |s| {
-                generated.run(&s.all, tau);
-                black_box(&tau);
-            }),
-        ));
-    }
-    let times = take_turns(&mut candidates, &states);
-    report(name, model.nv(), &times);
+    take_turns(&mut candidates, &states);
+    report(name, model.nv(), &candidates);
     Ok(())
 }
 
-/// Ours against the library's, so that what is timed is what is right.
+impl State {
+    /// The last argument of one of the library's algorithms.
+    fn last(&self, algorithm: Algorithm) -> &[f64] {
+        match algorithm {
+            Algorithm::AbaLocal | Algorithm::AbaWorld => &self.tau,
+            _ => &self.a,
+        }
+    }
+}
+
+/// Ours against theirs, so that what is timed is what is right.
 fn compare(
     model: &Model,
     data: &mut Data,
     library: &Library,
+    generated: &Generated,
     states: &[State],
 ) -> Result<(), String> {
+    let nv = model.nv();
+    let mut tau = vec![0.0; nv];
     for s in states {
-        let ours = rnea(model, data, &s.q, &s.v, &s.a, None);
-        let theirs = library.run(0, &s.q, &s.v, &s.a);
-        // SAFETY: rnea's result has nv numbers, and nothing has run since.
-        let theirs = unsafe { std::slice::from_raw_parts(theirs, model.nv()) };
-        let scale = theirs.iter().fold(1.0f64, |m, x| m.max(x.abs()));
-        if ours
-            .iter()
-            .zip(theirs)
-            .any(|(x, y)| !((x - y).abs() <= 1e-10 * scale))
-        {
-            return Err("our torques differ from Pinocchio's".into());
+        generated.run(&s.all, &mut tau);
+        same("generated rnea", &tau, &s.tau)?;
+        for algorithm in library::ALGORITHMS {
+            let theirs = library.run(algorithm, &s.q, &s.v, s.last(algorithm));
+            let numbers = match algorithm {
+                Algorithm::Rnea | Algorithm::AbaLocal | Algorithm::AbaWorld => nv,
+                Algorithm::CrbaLocal | Algorithm::CrbaWorld => nv * nv,
+            };
+            // SAFETY: the result has that many numbers, and nothing has run since.
+            let theirs = unsafe { std::slice::from_raw_parts(theirs, numbers) };
+            let name = algorithm.symbol();
+            match algorithm {
+                Algorithm::Rnea => same(name, &s.tau, theirs)?,
+                Algorithm::AbaLocal | Algorithm::AbaWorld => {
+                    same(name, aba(model, data, &s.q, &s.v, &s.tau, None), theirs)?;
+                }
+                // Pinocchio fills the upper triangle.
+                Algorithm::CrbaLocal | Algorithm::CrbaWorld => {
+                    let m = crba(model, data, &s.q);
+                    for c in 0..nv {
+                        let column = c * nv..=c * nv + c;
+                        same(name, &m.as_slice()[column.clone()], &theirs[column])?;
+                    }
+                }
+            }
         }
     }
     Ok(())
 }
 
-/// Median time of one call of each candidate, ns.
-fn take_turns<'a>(
-    candidates: &mut [(&'a str, Box<dyn FnMut(&State) + '_>)],
-    states: &[State],
-) -> Vec<(&'a str, f64)> {
-    let mut times = vec![Vec::with_capacity(ROUNDS); candidates.len()];
-    for _ in 0..ROUNDS {
-        for ((_, run), times) in candidates.iter_mut().zip(&mut times) {
-            let start = Instant::now();
-            states.iter().for_each(&mut *run);
-            times.push(start.elapsed().as_nanos() as f64 / states.len() as f64);
-        }
+/// Fails where two vectors differ by more than 1e-10 of the largest component (or of 1).
+fn same(what: &str, ours: &[f64], theirs: &[f64]) -> Result<(), String> {
+    let scale = theirs.iter().fold(1.0f64, |m, x| m.max(x.abs()));
+    let near = |(x, y): (&f64, &f64)| (x - y).abs() <= 1e-10 * scale;
+    if ours.iter().zip(theirs).all(near) {
+        return Ok(());
     }
-    let median = |mut t: Vec<f64>| {
-        t.sort_by(f64::total_cmp);
-        t[t.len() / 2]
-    };
-    candidates
-        .iter()
-        .map(|c| c.0)
-        .zip(times.into_iter().map(median))
-        .collect()
+    Err(format!("{what}: our result differs from Pinocchio's"))
 }
 
-fn report(robot: &str, nv: usize, times: &[(&str, f64)]) {
-    let time = |name: &str| times.iter().find(|t| t.0 == name).map(|t| t.1);
-    let library = |name: &str| match name {
-        "rnea" | "portable" => time("rnea_library"),
-        // The better of Pinocchio's two conventions.
-        other => Some(time(&format!("{other}_local"))?.min(time(&format!("{other}_world"))?)),
+/// Every candidate runs all states, then again, so that what slows this machine slows all of them.
+fn take_turns(candidates: &mut [Candidate], states: &[State]) {
+    for _ in 0..ROUNDS {
+        for candidate in &mut *candidates {
+            let start = Instant::now();
+            states.iter().for_each(&mut candidate.run);
+            let time = start.elapsed().as_nanos() as f64 / states.len() as f64;
+            candidate.times.push(time);
+        }
+    }
+}
+
+fn report(robot: &str, nv: usize, candidates: &[Candidate]) {
+    let time = |name: &str| {
+        candidates
+            .iter()
+            .find(|c| c.name == name)
+            .map(|c| c.median())
     };
+    let symbol = |algorithm: Algorithm| time(algorithm.symbol());
+    // The better of Pinocchio's two conventions.
+    let better = |a, b| Some(symbol(a)?.min(symbol(b)?));
+    let rows = [
+        ("rnea", symbol(Algorithm::Rnea), time("rnea_generated")),
+        (
+            "rnea_portable",
+            symbol(Algorithm::Rnea),
+            time("rnea_generated"),
+        ),
+        (
+            "crba",
+            better(Algorithm::CrbaLocal, Algorithm::CrbaWorld),
+            None,
+        ),
+        (
+            "aba",
+            better(Algorithm::AbaLocal, Algorithm::AbaWorld),
+            None,
+        ),
+    ];
     let cell = |x: Option<f64>, digits: usize| x.map_or("-".into(), |x| format!("{x:.digits$}"));
-    for name in ["rnea", "portable", "crba", "aba"] {
-        let (ours, theirs) = (time(name), library(name));
-        let generated = time("generated").filter(|_| matches!(name, "rnea" | "portable"));
+    for (name, library, generated) in rows {
+        let ours = time(name);
         let ratio = |other: Option<f64>| Some(ours? / other?);
-        let label = if name == "portable" {
-            "rnea, portable"
-        } else {
-            name
-        };
         println!(
-            "{robot:<16} {nv:>3}  {label:<18} {:>9} {:>9} {:>9}  {:>7} {:>7}",
+            "{robot:<16} {nv:>3}  {name:<14} {:>7} {:>8} {:>10}  {:>6} {:>6}",
             cell(ours, 0),
-            cell(theirs, 0),
+            cell(library, 0),
             cell(generated, 0),
-            cell(ratio(theirs), 3),
+            cell(ratio(library), 3),
             cell(ratio(generated), 3)
         );
     }

@@ -22,7 +22,7 @@ mod energy;
 mod frames;
 mod jacobian;
 mod kinematics;
-mod lanes;
+pub mod lanes;
 mod model;
 mod plan;
 mod regressor;

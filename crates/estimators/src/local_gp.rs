@@ -1,29 +1,48 @@
-//! Local Gaussian processes on what a compliance model leaves over (G 6-14).
+//! Local Gaussian processes on what a model leaves over (G 6-14).
 //!
-//! Each model holds at most some hundred points; a prediction is the mean of the models near the
-//! input, weighted by their nearness. The weights that G14 needs come from the models' centres
-//! alone, and a model's own prediction is bounded, so models whose whole share lies below a
-//! tolerance are left out.
+//! Each local model holds at most some hundred points; a prediction is the mean of the models'
+//! own, weighted by the nearness of their centres. Nearness needs the centres alone, and a model's
+//! prediction is bounded, so models whose whole share lies below a tolerance are left out.
+//!
+//! | file | does |
+//! | --- | --- |
+//! | `local_gp.rs` | parameters, prediction |
+//! | `local_gp/factor.rs` | Cholesky factor that grows and shrinks by a point |
+//! | `local_gp/updater.rs` | learns on, off the loop's thread, and hands finished models over |
+//! | `local_gp/estimator.rs` | the estimator: a model corrected by the residual |
 
+mod estimator;
+mod factor;
+mod prepare;
+mod updater;
+
+pub use estimator::LocalGpEstimator;
+pub use factor::Factor;
+pub use updater::{Learned, LocalGpUpdater};
+
+use crate::exponential::exp;
 use crate::features::{FeatureSet, MAX_FEATURES};
-use crate::joint::{JointSample, JointTorqueEstimator};
-use crate::output::Output;
-use robot_state::{TorqueEstimate, torque_flags, torque_source};
+use crate::regimes::Regimes;
+use dynamics::lanes::{Instructions, Kernel, Lanes, Pack, WIDTH};
+use std::fmt;
 
-/// One local model, trained.
-#[derive(Debug, Clone, PartialEq)]
+/// Most points of one model.
+pub const MAX_POINTS: usize = 256;
+/// Most models.
+pub const MAX_MODELS: usize = 64;
+
+/// One local model: what was seen near its centre.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct LocalModel {
     /// c: centre, in scaled inputs.
     pub centre: Vec<f64>,
     /// Points, one after the other, in scaled inputs.
     pub points: Vec<f64>,
-    /// (K + sigma_n² I)^-1 y, one per point (G10).
-    pub alpha: Vec<f64>,
-    /// Directions in which the data reduce the variance, each of as many entries as points:
-    /// eigenvectors of K over the roots of their eigenvalues plus noise.
-    ///
-    /// Not all need be kept: with fewer, the variance errs to the safe side.
-    pub directions: Vec<f64>,
+    /// y: the residual at each point, N·m.
+    pub residuals: Vec<f64>,
+    /// Variance of each residual: of one sample's noise, or less where a point stands for several,
+    /// (N·m)².
+    pub noise: Vec<f64>,
 }
 
 /// Trained local models.
@@ -31,19 +50,35 @@ pub struct LocalModel {
 pub struct LocalGpParameters {
     /// What the residual is a function of.
     pub features: FeatureSet,
-    /// Per input: its mean, and what it is divided by: the kernel's width (ARD, G9) comes last.
+    /// Per input: its mean, and what it is divided by: the kernel's width (ARD, G9).
     pub inputs: Vec<(f64, f64)>,
     /// sigma_f²: variance of the residual before any data, (N·m)².
     pub signal_variance: f64,
     /// sigma_n²: variance of a sample's noise, (N·m)².
     pub noise_variance: f64,
-    /// The models.
+    /// The models, at most [`MAX_MODELS`] of at most [`MAX_POINTS`] points.
     pub models: Vec<LocalModel>,
+    /// Directions per model in which the data reduce the variance (G12). Fewer than points make it
+    /// too large, never too small.
+    pub directions: usize,
     /// Largest error of the mean by leaving models out, N·m.
     pub tolerance: f64,
+    /// How good the corrected torque is on data that the training did not see.
+    pub regimes: Regimes,
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
 }
+
+/// Parameters from which no prediction can be made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LocalGpError(String);
+
+impl fmt::Display for LocalGpError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "local Gaussian processes: {}", self.0)
+    }
+}
+impl std::error::Error for LocalGpError {}
 
 /// A residual and its variance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,298 +91,157 @@ pub struct Prediction {
     pub used: usize,
 }
 
-/// Points that are taken at a time.
-const LANES: usize = 4;
-
-/// A local model as it is evaluated: inputs in columns of [`LANES`] points, padded.
-#[derive(Debug, Clone)]
+/// A local model as it is evaluated: four points side by side, padded with points of no weight.
+#[derive(Debug, Clone, Default)]
 struct Prepared {
     centre: [f64; MAX_FEATURES],
-    columns: Vec<f64>,
-    alpha: Vec<f64>,
-    directions: Vec<f64>,
+    /// Per four points: each input of theirs.
+    points: Vec<Pack>,
+    /// sigma_f² alpha.
+    alpha: Vec<Pack>,
+    /// sigma_f² times each direction, over the points.
+    directions: Vec<Pack>,
     /// No prediction of this model is larger, N·m.
     bound: f64,
 }
 
-/// Local Gaussian processes, ready to predict.
+/// Local Gaussian processes, ready to predict: nothing changes them but a new one in their place.
 #[derive(Debug, Clone)]
 pub struct LocalGp {
-    parameters: LocalGpParameters,
+    features: FeatureSet,
+    /// Per input: its mean, and 1 over the kernel's width.
+    scales: [(f64, f64); MAX_FEATURES],
+    signal_variance: f64,
+    tolerance: f64,
+    regimes: Regimes,
+    gear_ratio: f64,
     models: Vec<Prepared>,
-    weights: Vec<f64>,
-    kernel: Vec<f64>,
     largest_bound: f64,
+    instructions: Instructions,
 }
 
 impl LocalGp {
-    /// Prepares the models.
-    #[must_use]
-    pub fn new(parameters: LocalGpParameters) -> Self {
-        let dimensions = parameters.features.len();
-        let prepare = |model: &LocalModel| {
-            let count = model.alpha.len();
-            let padded = count.div_ceil(LANES) * LANES;
-            let mut columns = vec![0.0; padded * dimensions];
-            for (i, point) in model
-                .points
-                .chunks_exact(dimensions)
-                .take(count)
-                .enumerate()
-            {
-                for (d, x) in point.iter().enumerate() {
-                    columns[(i / LANES * dimensions + d) * LANES + i % LANES] = *x;
-                }
-            }
-            let pad = |row: &[f64]| {
-                let mut row = row.to_vec();
-                row.resize(padded, 0.0);
-                row
-            };
-            let mut centre = [0.0; MAX_FEATURES];
-            centre
-                .iter_mut()
-                .zip(&model.centre)
-                .for_each(|(a, b)| *a = *b);
-            Prepared {
-                centre,
-                columns,
-                alpha: pad(&model.alpha),
-                directions: model
-                    .directions
-                    .chunks(count.max(1))
-                    .flat_map(pad)
-                    .collect(),
-                bound: parameters.signal_variance
-                    * model.alpha.iter().map(|a| a.abs()).sum::<f64>(),
-            }
-        };
-        let models: Vec<Prepared> = parameters.models.iter().map(prepare).collect();
-        let widest = models.iter().map(|m| m.alpha.len()).max().unwrap_or(0);
-        Self {
-            weights: vec![0.0; models.len()],
-            kernel: vec![0.0; widest],
-            largest_bound: models.iter().fold(0.0, |b, m| b.max(m.bound)),
-            models,
-            parameters,
-        }
-    }
-
-    /// The trained models.
-    #[must_use]
-    pub fn parameters(&self) -> &LocalGpParameters {
-        &self.parameters
-    }
-
     /// The residual at inputs of the parameters' feature set.
-    pub fn predict(&mut self, inputs: &[f64; MAX_FEATURES]) -> Prediction {
-        let p = &self.parameters;
-        let mut x = [0.0; MAX_FEATURES];
-        for ((x, raw), (mean, width)) in x.iter_mut().zip(inputs).zip(&p.inputs) {
-            *x = (raw - mean) / width;
-        }
-        let mut total = 0.0;
-        for (weight, model) in self.weights.iter_mut().zip(&self.models) {
-            let square: f64 = x
-                .iter()
-                .zip(&model.centre)
-                .map(|(a, b)| (a - b) * (a - b))
-                .sum();
-            //= G13
-            *weight = (-0.5 * square).exp();
-            total += *weight;
-        }
-        let prior = Prediction {
-            mean: 0.0,
-            variance: p.signal_variance,
-            used: 0,
+    #[must_use]
+    pub fn predict(&self, inputs: &[f64; MAX_FEATURES]) -> Prediction {
+        dynamics::lanes::run(self.instructions, Predict(self, inputs))
+    }
+
+    /// The same residual from every model, however far; for tests of what the tolerance leaves out.
+    #[must_use]
+    pub fn predict_from_all(&self, inputs: &[f64; MAX_FEATURES]) -> Prediction {
+        let all = Self {
+            tolerance: 0.0,
+            ..self.clone()
         };
-        if total.is_nan() || total < f64::MIN_POSITIVE {
-            return prior;
+        all.predict(inputs)
+    }
+}
+
+struct Predict<'a>(&'a LocalGp, &'a [f64; MAX_FEATURES]);
+
+impl Kernel for Predict<'_> {
+    type Output = Prediction;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Prediction {
+        let Self(gp, inputs) = self;
+        let mut x = [0.0; MAX_FEATURES];
+        for ((x, raw), (mean, per_width)) in x.iter_mut().zip(inputs).zip(&gp.scales) {
+            // Bounded so that squares stay finite.
+            *x = ((raw - mean) * per_width).clamp(-1e9, 1e9);
+        }
+        let mut distances = [f64::INFINITY; MAX_MODELS];
+        let mut nearest = f64::INFINITY;
+        for (distance, model) in distances.iter_mut().zip(&gp.models) {
+            let differences = x.iter().zip(&model.centre).map(|(a, b)| (a - b) * (a - b));
+            *distance = differences.sum();
+            nearest = nearest.min(*distance);
+        }
+        //= G13, relative to the nearest model: G14 looks at ratios, and all may be far
+        let mut weights = [0.0; MAX_MODELS];
+        let mut total = 0.0;
+        for (to, from) in weights
+            .chunks_exact_mut(WIDTH)
+            .zip(distances.chunks_exact(WIDTH))
+            .take(gp.models.len().div_ceil(WIDTH))
+        {
+            let distance = L::set(std::array::from_fn(|lane| from[lane].min(1e30) - nearest));
+            to.copy_from_slice(&exp(L::splat(-0.5) * distance).to_array());
+            total += to.iter().sum::<f64>();
         }
         // A model left out shifts the mean by at most its weight times (its bound + the mean's).
-        let negligible = p.tolerance * total / self.models.len() as f64;
-        let (mut mean, mut variance, mut kept, mut used) = (0.0, 0.0, 0.0, 0);
-        for (weight, model) in self.weights.iter().zip(&self.models) {
-            if weight * (model.bound + self.largest_bound) <= negligible {
+        let negligible = gp.tolerance * total / gp.models.len() as f64;
+        let (mut mean, mut square, mut variance, mut kept, mut used) = (0.0, 0.0, 0.0, 0.0, 0);
+        for (weight, model) in weights.iter().zip(&gp.models) {
+            if weight * (model.bound + gp.largest_bound) < negligible {
                 continue;
             }
-            let (m, v) = evaluate(
-                model,
-                &x,
-                p.features.len(),
-                p.signal_variance,
-                &mut self.kernel,
-            );
+            let (m, explained) = evaluate::<L>(model, &x[..gp.features.len()]);
             //= G14: the weighted mean of the local predictions
             mean += weight * m;
-            variance += weight * v;
+            // The variance of a mixture: where models differ, one of them is wrong.
+            square += weight * m * m;
+            variance += weight * (gp.signal_variance - explained).max(0.0);
             kept += weight;
             used += 1;
         }
         if used == 0 {
-            return prior;
+            return Prediction {
+                mean: 0.0,
+                variance: gp.signal_variance,
+                used,
+            };
         }
+        mean /= kept;
         Prediction {
-            mean: mean / kept,
-            variance: variance / kept,
+            mean,
+            variance: variance / kept + (square / kept - mean * mean).max(0.0),
             used,
         }
     }
 }
 
-/// Mean and variance of one model (G11, G12).
-fn evaluate(
-    model: &Prepared,
-    x: &[f64; MAX_FEATURES],
-    dimensions: usize,
-    signal_variance: f64,
-    kernel: &mut [f64],
-) -> (f64, f64) {
-    let mut means = [0.0; LANES];
-    let blocks = model.columns.chunks_exact(dimensions * LANES);
-    let rows = kernel
-        .chunks_exact_mut(LANES)
-        .zip(model.alpha.chunks_exact(LANES));
-    for (block, (k, alpha)) in blocks.zip(rows) {
-        let mut squares = [0.0; LANES];
-        for (column, x) in block.chunks_exact(LANES).zip(x) {
-            for lane in 0..LANES {
-                let d = column[lane] - x;
-                squares[lane] += d * d;
-            }
+/// Mean of one model (G11), and by how much its data reduce the variance (G12).
+#[inline(always)]
+fn evaluate<L: Lanes>(model: &Prepared, x: &[f64]) -> (f64, f64) {
+    let mut kernel = [Pack::ZERO; MAX_POINTS / WIDTH];
+    let mut mean = L::splat(0.0);
+    let blocks = model.points.chunks_exact(x.len()).zip(&model.alpha);
+    for ((points, alpha), k) in blocks.zip(&mut kernel) {
+        let mut square = L::splat(0.0);
+        for (column, x) in points.iter().zip(x) {
+            let d = L::load(column) - L::splat(*x);
+            square = d.mul_add(d, square);
         }
-        for lane in 0..LANES {
-            //= G9, the widths being in the scaled inputs
-            k[lane] = signal_variance * exp_of_negative(-0.5 * squares[lane]);
-            means[lane] += k[lane] * alpha[lane];
-        }
+        //= G9, the widths being in the scaled inputs
+        let value = exp(L::splat(-0.5) * square);
+        mean = value.mul_add(L::load(alpha), mean);
+        value.store(k);
     }
+    let kernel = &kernel[..model.alpha.len().min(MAX_POINTS / WIDTH)];
     //= G12, along the directions that were kept
-    let explained: f64 = model
-        .directions
-        .chunks_exact(model.alpha.len().max(1))
-        .map(|direction| {
-            let mut sums = [0.0; LANES];
-            for (u, k) in direction
-                .chunks_exact(LANES)
-                .zip(kernel.chunks_exact(LANES))
-            {
-                for lane in 0..LANES {
-                    sums[lane] += u[lane] * k[lane];
-                }
+    let sum = |lanes: L| lanes.to_array().iter().sum::<f64>();
+    let mut explained = 0.0;
+    let mut four = model.directions.chunks_exact(4 * kernel.len().max(1));
+    for directions in &mut four {
+        let (ab, cd) = directions.split_at(2 * kernel.len());
+        let ((a, b), (c, d)) = (ab.split_at(kernel.len()), cd.split_at(kernel.len()));
+        let mut sums = [L::splat(0.0); 4];
+        for (i, k) in kernel.iter().enumerate() {
+            let k = L::load(k);
+            for (sum, row) in sums.iter_mut().zip([a, b, c, d]) {
+                *sum = L::load(&row[i]).mul_add(k, *sum);
             }
-            sums.iter().sum::<f64>().powi(2)
-        })
-        .sum();
-    (means.iter().sum(), (signal_variance - explained).max(0.0))
-}
-
-/// `exp(x)` for x <= 0 to 1e-13 relative, without a branch, so that four run at a time.
-///
-/// `exp(x) = 2^k exp(r)`, k the nearest integer to x/ln 2, r by its Taylor series: |r| < 0.35, so
-/// the 12th power is below 1e-14. Below -700 it is held at exp(-700): 1e-304.
-#[inline]
-fn exp_of_negative(x: f64) -> f64 {
-    /// Added to and taken from a number, rounds it to an integer and leaves it in the low bits.
-    const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52
-    const LN2_HIGH: f64 = 6.931_471_803_691_238e-1;
-    const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
-    let x = x.max(-700.0);
-    let shifted = x * std::f64::consts::LOG2_E + ROUND;
-    let k = shifted - ROUND;
-    let r = (x - k * LN2_HIGH) - k * LN2_LOW;
-    let mut series = 1.0 / 479_001_600.0;
-    for factorial in [
-        39_916_800.0,
-        3_628_800.0,
-        362_880.0,
-        40_320.0,
-        5_040.0,
-        720.0,
-        120.0,
-        24.0,
-        6.0,
-        2.0,
-        1.0,
-        1.0,
-    ] {
-        series = series * r + 1.0 / factorial;
-    }
-    let exponent = (shifted.to_bits() << 52).wrapping_add(1023 << 52);
-    series * f64::from_bits(exponent)
-}
-
-/// A model (G: the compliance model) corrected by local Gaussian processes.
-pub struct LocalGpEstimator {
-    base: Box<dyn JointTorqueEstimator + Send>,
-    residual: Box<LocalGp>,
-    output: Output,
-}
-
-impl LocalGpEstimator {
-    /// The correction of `base` by `residual`.
-    #[must_use]
-    pub fn new(
-        base: Box<dyn JointTorqueEstimator + Send>,
-        residual: Box<LocalGp>,
-        torque_limit: f64,
-    ) -> Self {
-        let output = Output::new(torque_source::ENCODER, torque_limit, 0.0);
-        Self {
-            base,
-            residual,
-            output,
         }
+        explained += sums.iter().map(|s| sum(*s).powi(2)).sum::<f64>();
     }
-
-    /// Exchanges the residual for a newly trained one and hands the old one back: a move of two
-    /// pointers, so that the loop neither waits nor frees memory.
-    pub fn exchange(&mut self, residual: Box<LocalGp>) -> Box<LocalGp> {
-        std::mem::replace(&mut self.residual, residual)
-    }
-}
-
-impl JointTorqueEstimator for LocalGpEstimator {
-    fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
-        let model = self.base.update(sample);
-        if model.flags & torque_flags::VALID == 0 || !Output::usable(sample) {
-            return self.output.held();
+    for direction in four.remainder().chunks_exact(kernel.len().max(1)) {
+        let mut along = L::splat(0.0);
+        for (u, k) in direction.iter().zip(kernel) {
+            along = L::load(u).mul_add(L::load(k), along);
         }
-        let p = &self.residual.parameters;
-        let x = p.features.of(sample, sample.current, p.gear_ratio);
-        let noise = p.noise_variance;
-        let Prediction { mean, variance, .. } = self.residual.predict(&x);
-        //= G: tau = tau_model + y
-        let mut estimate = self
-            .output
-            .give(sample, model.tau + mean, (variance + noise).sqrt());
-        estimate.flags |= model.flags & torque_flags::SATURATED;
-        estimate.delay_s = model.delay_s;
-        estimate
+        explained += sum(along).powi(2);
     }
-
-    fn reset(&mut self) {
-        self.base.reset();
-        self.output.reset();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::exp_of_negative;
-
-    #[test]
-    fn exponential_is_exact_to_thirteen_digits() {
-        for i in 0..70_000 {
-            let x = -0.01 * f64::from(i);
-            let (ours, theirs) = (exp_of_negative(x), x.exp());
-            assert!(
-                (ours - theirs).abs() <= 1e-13 * theirs,
-                "{x}: {ours} {theirs}"
-            );
-        }
-        assert!(exp_of_negative(-1e300) < 1e-300);
-        assert!(exp_of_negative(f64::NEG_INFINITY) < 1e-300);
-    }
+    (sum(mean), explained)
 }

@@ -1,8 +1,12 @@
 //! Back-propagation network (S 28-46), as the loop runs it: forwards only, without allocation.
 
+use crate::exponential::sigmoid;
 use crate::features::{FeatureSet, MAX_FEATURES};
 use crate::joint::{JointSample, JointTorqueEstimator};
+use crate::low_pass::LowPass;
 use crate::output::Output;
+use crate::regimes::{Motion, Regimes};
+use dynamics::lanes::{Instructions, Kernel, Lanes, Pack, WIDTH};
 use robot_state::{TorqueEstimate, torque_source};
 use std::fmt;
 
@@ -67,8 +71,10 @@ pub struct NetworkParameters {
     pub current_filter: [f64; 3],
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
-    /// Standard deviation of the torque on data that the training did not see, N·m.
-    pub sigma: f64,
+    /// How good the torque is on data that the training did not see; gains are not used.
+    pub regimes: Regimes,
+    /// Pole of the torque's low-pass, 0 to below 1.
+    pub low_pass_pole: f64,
     /// Largest |tau| that is ever reported, N·m.
     pub torque_limit: f64,
 }
@@ -84,100 +90,103 @@ impl fmt::Display for NetworkError {
 }
 impl std::error::Error for NetworkError {}
 
-/// Layers in one piece of memory, with their activations.
+/// Layers in one piece of memory, four outputs side by side.
 #[derive(Debug, Clone)]
 struct Forward {
-    /// Rows of each layer's weights, bias first.
-    rows: Vec<f64>,
-    /// Inputs and outputs of each layer.
+    /// Per layer and four of its outputs: their biases, then their weights input by input.
+    weights: Vec<Pack>,
+    /// Inputs and blocks of four outputs of each layer.
     sizes: Vec<(usize, usize)>,
-    activations: [Vec<f64>; 2],
+    activations: [Vec<Pack>; 2],
+    instructions: Instructions,
 }
 
 impl Forward {
     fn new(inputs: usize, layers: &[Layer]) -> Result<Self, NetworkError> {
-        let mut rows = Vec::new();
+        let mut weights = Vec::new();
         let mut sizes = Vec::new();
         let mut width = inputs;
         for (i, layer) in layers.iter().enumerate() {
-            let fits = layer.bias.len() == layer.weights.len() && !layer.bias.is_empty();
+            let outputs = layer.bias.len();
+            let fits = outputs == layer.weights.len() && outputs > 0;
             if !fits || layer.weights.iter().any(|row| row.len() != width) {
-                let outputs = layer.bias.len();
                 let message = format!("layer {i} must have {outputs} rows of {width} weights");
                 return Err(NetworkError(message));
             }
-            for (row, bias) in layer.weights.iter().zip(&layer.bias) {
-                rows.push(*bias);
-                rows.extend(row);
+            for (rows, bias) in layer.weights.chunks(WIDTH).zip(layer.bias.chunks(WIDTH)) {
+                let pack = |of: &dyn Fn(usize) -> Option<f64>| {
+                    Pack(std::array::from_fn(|lane| of(lane).unwrap_or(0.0)))
+                };
+                weights.push(pack(&|lane| bias.get(lane).copied()));
+                for input in 0..width {
+                    weights.push(pack(&|lane| rows.get(lane).map(|row| row[input])));
+                }
             }
-            sizes.push((width, layer.bias.len()));
-            width = layer.bias.len();
+            sizes.push((width, outputs.div_ceil(WIDTH)));
+            width = outputs;
         }
         if width != 1 || layers.is_empty() {
             return Err(NetworkError(
                 "the last layer must have one output".to_owned(),
             ));
         }
-        if rows.iter().any(|w| !w.is_finite()) {
+        if weights.iter().flat_map(|p| p.0).any(|w| !w.is_finite()) {
             return Err(NetworkError("weights must be finite".to_owned()));
         }
-        let widest = sizes.iter().fold(inputs, |w, s| w.max(s.1));
-        let activations = [vec![0.0; widest], vec![0.0; widest]];
+        let widest = sizes.iter().fold(inputs.div_ceil(WIDTH), |w, s| w.max(s.1));
+        let activations = [vec![Pack::ZERO; widest], vec![Pack::ZERO; widest]];
         Ok(Self {
-            rows,
+            weights,
             sizes,
             activations,
+            instructions: Instructions::detect(),
         })
     }
 
     fn run(&mut self) -> f64 {
-        let [from, to] = &mut self.activations;
-        let mut rows = self.rows.as_slice();
-        let last = self.sizes.len().saturating_sub(1);
-        for (i, &(inputs, outputs)) in self.sizes.iter().enumerate() {
-            let (layer, rest) = rows.split_at(outputs * (inputs + 1));
-            rows = rest;
-            let x = &from[..inputs];
-            for (row, y) in layer.chunks_exact(inputs + 1).zip(to.iter_mut()) {
-                let sum = row[0] + dot(&row[1..], x);
-                *y = if i == last { sum } else { sigmoid(sum) };
+        dynamics::lanes::run(self.instructions, Propagate(self))
+    }
+}
+
+/// All layers, one after the other.
+struct Propagate<'a>(&'a mut Forward);
+
+impl Kernel for Propagate<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> f64 {
+        let [from, to] = &mut self.0.activations;
+        let mut weights = self.0.weights.as_slice();
+        let last = self.0.sizes.len().saturating_sub(1);
+        for (i, &(inputs, blocks)) in self.0.sizes.iter().enumerate() {
+            let (layer, rest) = weights.split_at(blocks * (inputs + 1));
+            weights = rest;
+            for (rows, y) in layer.chunks_exact(inputs + 1).zip(to.iter_mut()) {
+                let mut sum = L::load(&rows[0]);
+                let x = from.iter().flat_map(|pack| &pack.0);
+                for (weight, x) in rows[1..].iter().zip(x) {
+                    sum = L::load(weight).mul_add(L::splat(*x), sum);
+                }
+                let out = if i == last { sum } else { sigmoid(sum) };
+                out.store(y);
             }
             std::mem::swap(from, to);
         }
-        from.first().copied().unwrap_or(0.0)
+        from.first().map_or(0.0, |pack| pack.0[0])
     }
-}
-
-/// Four sums side by side, so that additions need not wait for each other.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = a4
-        .remainder()
-        .iter()
-        .zip(b4.remainder())
-        .map(|(x, y)| x * y)
-        .sum();
-    for (x, y) in a4.zip(b4) {
-        for lane in 0..4 {
-            sums[lane] += x[lane] * y[lane];
-        }
-    }
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
-}
-
-/// The logistic function.
-#[must_use]
-pub fn sigmoid(x: f64) -> f64 {
-    1.0 / (1.0 + (-x).exp())
 }
 
 /// S's network as an estimator.
 #[derive(Debug, Clone)]
 pub struct NetworkEstimator {
     parameters: NetworkParameters,
+    /// Per input: its mean and 1 over half of its range.
+    scales: [(f64, f64); MAX_FEATURES],
     forward: Forward,
     current: ScalarKalman,
+    low_pass: LowPass,
+    motion: Motion,
     output: Output,
 }
 
@@ -185,18 +194,32 @@ impl NetworkEstimator {
     /// A network that has seen no sample.
     ///
     /// # Errors
-    /// Layers whose sizes do not fit together, or weights that are not finite.
+    /// Layers whose sizes do not fit together, or numbers that are not finite.
     pub fn new(parameters: NetworkParameters) -> Result<Self, NetworkError> {
         let inputs = parameters.features.len();
         if parameters.inputs.len() != inputs {
             let message = format!("{inputs} inputs must be scaled");
             return Err(NetworkError(message));
         }
+        let mut scales = [(0.0, 0.0); MAX_FEATURES];
+        for (scale, (mean, half)) in scales.iter_mut().zip(&parameters.inputs) {
+            if !(mean.is_finite() && half.is_finite() && *half > 0.0) {
+                let message = format!("inputs are scaled by ({mean}, {half}); allowed: > 0");
+                return Err(NetworkError(message));
+            }
+            *scale = (*mean, 1.0 / half);
+        }
         let [q, r, p] = parameters.current_filter;
+        let low_pass = LowPass::new(parameters.low_pass_pole);
+        let delay_s = low_pass.delay_samples() * parameters.regimes.sample_period;
+        let output = Output::new(torque_source::ENCODER, parameters.torque_limit, delay_s);
         Ok(Self {
+            scales,
             forward: Forward::new(inputs, &parameters.layers)?,
             current: ScalarKalman::new(q, r, p),
-            output: Output::new(torque_source::ENCODER, parameters.torque_limit, 0.0),
+            low_pass,
+            motion: Motion::default(),
+            output,
             parameters,
         })
     }
@@ -204,14 +227,17 @@ impl NetworkEstimator {
     /// Scales the inputs; how far the furthest lies outside of what the training saw, in half ranges.
     fn scale(&mut self, x: &[f64; MAX_FEATURES]) -> f64 {
         let mut outside = 0.0f64;
-        let inputs = self.parameters.inputs.iter().zip(x);
-        for (y, ((mean, half), x)) in self.forward.activations[0].iter_mut().zip(inputs) {
-            let scaled = (x - mean) / half.max(f64::MIN_POSITIVE);
+        let to = self.forward.activations[0]
+            .iter_mut()
+            .flat_map(|pack| &mut pack.0);
+        let inputs = self.scales.iter().zip(x).take(self.parameters.inputs.len());
+        for (y, ((mean, per_half), x)) in to.zip(inputs) {
+            let scaled = (x - mean) * per_half;
             // A network knows nothing outside of its data: the nearest seen input stands in.
             *y = scaled.clamp(-1.0, 1.0);
             outside = outside.max(scaled.abs() - 1.0);
         }
-        outside.max(0.0)
+        outside
     }
 }
 
@@ -221,21 +247,24 @@ impl JointTorqueEstimator for NetworkEstimator {
             return self.output.held();
         }
         let p = &self.parameters;
+        let known = p.regimes.mix(self.motion.update(sample, &p.regimes)).sigma;
         // Bounded so that one wild sample is forgotten again.
         let current = self.current.update(sample.current.clamp(-1e6, 1e6));
         let x = p.features.of(sample, current, p.gear_ratio);
         let outside = self.scale(&x);
         let y = self.forward.run();
         let p = &self.parameters;
-        let tau = p.torque.0 + p.torque.1 * y;
+        let tau = self.low_pass.update(p.torque.0 + p.torque.1 * y);
         // Beyond the data the doubt grows with the distance, measured by the torque's own spread.
         self.output
-            .give(sample, tau, p.sigma.hypot(p.torque.1 * outside.min(1e6)))
+            .give(sample, tau, known.hypot(p.torque.1 * outside.min(1e6)))
     }
 
     fn reset(&mut self) {
         let [q, r, p] = self.parameters.current_filter;
         self.current = ScalarKalman::new(q, r, p);
+        self.low_pass.reset();
+        self.motion = Motion::default();
         self.output.reset();
     }
 }

@@ -21,6 +21,7 @@ use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::local_gp::{LocalGp, LocalGpEstimator, LocalGpParameters, LocalModel};
 use estimators::network::{Layer, NetworkEstimator, NetworkParameters};
+use estimators::regimes::{Regime, Regimes};
 use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters};
 use estimators::set::EstimatorSet;
 use estimators::tracking::TrackingParameters;
@@ -380,6 +381,17 @@ fn deformation(frequency: AngularFrequency) -> DeformationEstimator {
     })
 }
 
+fn regimes() -> Regimes {
+    let regime = |gain, sigma| Regime { gain, sigma };
+    Regimes {
+        speed: 0.05,
+        time_constant: 0.05,
+        sample_period: 1e-3,
+        rest: regime(0.5, 0.5),
+        moving: regime(1.0, 0.2),
+    }
+}
+
 /// Pairs of units that mirror each other make an odd network.
 fn network() -> NetworkEstimator {
     let rows = [
@@ -413,7 +425,8 @@ fn network() -> NetworkEstimator {
         ],
         current_filter: [0.05, 0.25, 0.01],
         gear_ratio: 100.0,
-        sigma: 0.2,
+        regimes: regimes(),
+        low_pass_pole: 0.5,
         torque_limit: LIMIT,
     })
     .unwrap()
@@ -428,19 +441,22 @@ fn local_gp() -> LocalGpEstimator {
             .flatten()
             .map(|x| sign * x)
             .collect(),
-        alpha: [0.3, -0.1, 0.2].map(|a| sign * a).to_vec(),
-        directions: vec![0.3, 0.3, 0.3],
+        residuals: [0.3, -0.1, 0.2].map(|a| sign * a).to_vec(),
+        noise: vec![0.01; 3],
     };
-    let residual = LocalGp::new(LocalGpParameters {
+    let residual = LocalGp::new(&LocalGpParameters {
         features: FeatureSet::Load,
         inputs: vec![(0.0, 1e-3), (0.0, 2.0), (0.0, 1.0)],
         signal_variance: 0.5,
         noise_variance: 0.01,
         models: vec![model(1.0), model(-1.0)],
+        directions: 2,
         tolerance: 1e-6,
+        regimes: regimes(),
         gear_ratio: 100.0,
-    });
-    LocalGpEstimator::new(Box::new(compliance()), Box::new(residual), LIMIT)
+    })
+    .unwrap();
+    LocalGpEstimator::new(Box::new(compliance()), &residual, LIMIT)
 }
 
 fn kalman<const N: usize>(

@@ -8,12 +8,16 @@ pub mod current;
 pub mod deformation;
 pub mod evaluate;
 pub mod fusion;
+pub mod gaussian_process;
 pub mod gear;
 pub mod joint_file;
 pub mod kinematic;
+pub mod learned;
 pub mod least_squares;
 pub mod log;
+pub mod network;
 pub mod noise;
+pub mod quasi_newton;
 pub mod record;
 
 use std::fmt;

@@ -1,21 +1,49 @@
-//! Any text is refused with a line or makes a model whose dynamics are numbers.
+//! Any text is refused with a line and a reason, or makes a model on which the algorithms run: on
+//! the robot itself, re-rooted, with joints locked and with parts taken off.
 #![no_main]
 
-use dynamics::{Base, Data, Model, neutral, rnea};
+use dynamics::{Base, Data, Instructions, Model, UrdfOptions, aba, crba, neutral, rnea};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {
     for base in [Base::Fixed, Base::Floating] {
-        match Model::from_urdf(text, "fuzz.urdf", base) {
+        let options = UrdfOptions {
+            base,
+            independent: vec!["j".into()],
+        };
+        match Model::from_urdf_with(text, "fuzz.urdf", &options) {
             Err(error) => {
-                assert!(error.line > 0);
+                assert!(error.line > 0 && error.line as usize <= text.split('\n').count());
                 assert!(!error.reason.is_empty());
             }
-            Ok(model) => {
-                let mut data = Data::new(&model);
-                let (q, v) = (neutral(&model), vec![0.5; model.nv()]);
-                rnea(&model, &mut data, &q, &v, &v, None);
+            Ok(mut model) => {
+                model.apply_rotor_inertias();
+                exercise(&model);
+                let last = model.frames().len() - 1;
+                let other = model.rerooted(last, base).expect("any link may be the root");
+                assert_eq!(other.nv(), model.nv());
+                exercise(&other);
+                if model.joint_count() > 0 {
+                    let locked = model.with_locked_joints(&[(0, 0.5)]);
+                    assert_eq!(locked.nv() + 1, model.nv());
+                    exercise(&locked);
+                }
+                if let Some(rest) = model.without(last) {
+                    exercise(&rest);
+                }
             }
         }
     }
 });
+
+fn exercise(model: &Model) {
+    let (q, v) = (neutral(model), vec![0.5; model.nv()]);
+    for instructions in [Instructions::Portable, Instructions::detect()] {
+        let mut data = Data::new(model);
+        data.set_instructions(instructions);
+        let tau = rnea(model, &mut data, &q, &v, &v, None).to_vec();
+        assert_eq!(tau.len(), model.nv());
+        crba(model, &mut data, &q);
+        aba(model, &mut data, &q, &v, &tau, None);
+    }
+}

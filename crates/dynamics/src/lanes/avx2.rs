@@ -1,7 +1,7 @@
 //! AVX2 and FMA.
 #![allow(unsafe_code)]
 
-use super::{Kernel, Lanes, Pack, WIDTH};
+use super::{Kernel, Lanes, Pack, ROUNDS, WIDTH};
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -66,6 +66,21 @@ impl Lanes for Avx2 {
     fn abs(self) -> Self {
         // SAFETY: AVX is there.
         Avx2(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2(unsafe { _mm256_max_pd(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn exp2_of_integer(self) -> Self {
+        // SAFETY: AVX2 is there.
+        unsafe {
+            let low_bits = _mm256_castpd_si256(_mm256_add_pd(self.0, _mm256_set1_pd(ROUNDS)));
+            let exponent = _mm256_slli_epi64::<52>(low_bits);
+            let one = _mm256_castpd_si256(_mm256_set1_pd(1.0));
+            Avx2(_mm256_castsi256_pd(_mm256_add_epi64(exponent, one)))
+        }
     }
     #[inline(always)]
     fn all_within(self, bound: f64) -> bool {

@@ -18,19 +18,24 @@ pub(crate) use vector::{Places, V3, scatter_add, store_all};
 use std::ops::{Add, Mul, Neg, Sub};
 
 /// Lanes side by side.
-pub(crate) const WIDTH: usize = 4;
+pub const WIDTH: usize = 4;
 
 /// Four numbers in memory, aligned for a vector load.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 #[repr(C, align(32))]
-pub(crate) struct Pack(pub(crate) [f64; WIDTH]);
+pub struct Pack(pub [f64; WIDTH]);
 
 impl Pack {
-    pub(crate) const ZERO: Pack = Pack([0.0; WIDTH]);
+    /// Four zeros.
+    pub const ZERO: Pack = Pack([0.0; WIDTH]);
 }
 
+/// 1.5 * 2^52: added to a number and taken away again, it rounds the number to an integer; added
+/// to an integer, it leaves that one in the low bits.
+const ROUNDS: f64 = 6_755_399_441_055_744.0;
+
 /// Four numbers in registers.
-pub(crate) trait Lanes:
+pub trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
     /// From memory.
@@ -48,13 +53,17 @@ pub(crate) trait Lanes:
     /// Nearest integer, for magnitudes below 2^51.
     #[inline(always)]
     fn round(self) -> Self {
-        let magic = Self::splat(6_755_399_441_055_744.0);
+        let magic = Self::splat(ROUNDS);
         (self + magic) - magic
     }
     /// `1 / self`.
     fn recip(self) -> Self;
     /// Magnitude.
     fn abs(self) -> Self;
+    /// The larger of both; either of them if one is not a number.
+    fn max(self, o: Self) -> Self;
+    /// 2 to the power of whole numbers within ±1022.
+    fn exp2_of_integer(self) -> Self;
     /// True if every magnitude is below `bound`; false for not-a-number.
     fn all_within(self, bound: f64) -> bool;
     /// Four numbers.
@@ -82,7 +91,7 @@ fn or_zero(x: &[f64], i: usize) -> f64 {
 }
 
 /// Code over any implementation of [`Lanes`].
-pub(crate) trait Kernel {
+pub trait Kernel {
     /// What it returns.
     type Output;
     /// Does it.
@@ -112,7 +121,7 @@ impl Instructions {
 
 /// Runs a kernel with the given instructions.
 #[inline]
-pub(crate) fn run<K: Kernel>(instructions: Instructions, kernel: K) -> K::Output {
+pub fn run<K: Kernel>(instructions: Instructions, kernel: K) -> K::Output {
     match instructions {
         Instructions::Portable => kernel.run::<portable::Portable>(),
         #[cfg(target_arch = "x86_64")]

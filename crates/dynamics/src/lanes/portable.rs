@@ -1,6 +1,6 @@
 //! Any processor: four numbers in an array, which the compiler turns into what it finds.
 
-use super::{Lanes, Pack, WIDTH};
+use super::{Lanes, Pack, ROUNDS, WIDTH};
 use std::ops::{Add, Mul, Neg, Sub};
 
 #[derive(Clone, Copy)]
@@ -45,6 +45,18 @@ impl Lanes for Portable {
     #[inline(always)]
     fn abs(self) -> Self {
         Portable(self.0.map(f64::abs))
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        self.zip(o, f64::max)
+    }
+    #[inline(always)]
+    fn exp2_of_integer(self) -> Self {
+        let one = 1.0f64.to_bits();
+        Portable(
+            self.0
+                .map(|k| f64::from_bits(((k + ROUNDS).to_bits() << 52).wrapping_add(one))),
+        )
     }
     #[inline(always)]
     fn all_within(self, bound: f64) -> bool {

@@ -216,7 +216,7 @@ impl Build<'_> {
             let all = &self.source.robot.joints;
             let index = all.iter().position(|j| j.name == joint.name).unwrap_or(0);
             self.model.warnings.push(format!(
-                "{}: joint \"{}\" moves no mass: inverse dynamics works, forward dynamics has no finite answer",
+                "{}: joint \"{}\" moves no mass: forward dynamics has no finite answer unless its motor adds inertia",
                 self.source.joints[index].own(),
                 joint.name
             ));
@@ -242,13 +242,19 @@ impl Build<'_> {
         }
     }
 
+    /// Points at the link of a body that spoils it most.
     fn check_bodies(&self) -> Result<(), Complaint> {
-        for (frame, link) in self.model.frames.iter().zip(&self.link_of) {
-            if !frame.rigid {
-                let line = self.source.links[*link].of("inertia");
-                let inertia = &self.model.bodies[frame.body].inertia;
-                inertia::check_body(&frame.name, inertia, line)?;
-            }
+        let frames = &self.model.frames;
+        for (body, frame) in frames.iter().filter(|f| !f.rigid).map(|f| (f.body, f)) {
+            inertia::check_body(&frame.name, &self.model.bodies[body].inertia).map_err(
+                |reason| {
+                    let parts = (0..frames.len()).filter(|f| frames[*f].body == body);
+                    let moment = |f: &usize| inertia::smallest_moment(&frames[*f].inertia);
+                    let worst = parts.min_by(|a, b| moment(a).total_cmp(&moment(b)));
+                    let link = self.link_of[worst.unwrap_or(0)];
+                    (self.source.links[link].of("inertia"), reason)
+                },
+            )?;
         }
         Ok(())
     }

@@ -47,19 +47,24 @@ pub(super) fn of_link(
     Ok(inertia)
 }
 
-/// Refuses a body whose kinetic energy could be negative.
-pub(super) fn check_body(name: &str, inertia: &Inertia, line: u32) -> Result<(), Complaint> {
+/// Refuses a body whose kinetic energy could be negative: nothing can be built that moves so, and
+/// forward dynamics would answer a torque with acceleration the other way.
+pub(super) fn check_body(name: &str, inertia: &Inertia) -> Result<(), String> {
     let m = sorted_moments(&inertia.central());
     // Parallel axes subtract large numbers: allow for their rounding too.
     let scale = m[2].abs().max(inertia.rotational.trace() * 1e-6);
     if m[0] >= -ROUNDING * scale {
         return Ok(());
     }
-    let reason = format!(
+    Err(format!(
         "the body of link \"{name}\" (with what is fixed to it) has the principal moments of inertia {:.6e} {:.6e} {:.6e} kg m^2 about its centre of mass; allowed: none negative",
         m[0], m[1], m[2]
-    );
-    Err((line, reason))
+    ))
+}
+
+/// Smallest principal moment about the centre of mass.
+pub(super) fn smallest_moment(inertia: &Inertia) -> f64 {
+    sorted_moments(&inertia.central())[0]
 }
 
 fn sorted_moments(tensor: &Matrix3<f64>) -> [f64; 3] {

@@ -43,7 +43,8 @@ pub(super) fn read(
     Ok(found)
 }
 
-/// A transmission's joints; where it has one joint and one actuator, their reductions multiply.
+/// A transmission's joints. Where it has one joint, the reductions of the joint, of the transmission
+/// itself and of its only actuator multiply; else each joint has its own.
 fn transmission(
     node: Node,
     line: &dyn Fn(Node) -> u32,
@@ -53,20 +54,23 @@ fn transmission(
         let children = node.children().filter(Node::is_element);
         children.filter(|n| n.tag_name().name() == tag).collect()
     };
-    let (joints, actuators) = (parts("joint"), parts("actuator"));
-    let simple = joints.len() == 1 && actuators.len() == 1;
+    let (joints, mut others) = (parts("joint"), parts("actuator"));
+    match (joints.len(), others.len()) {
+        (1, 0 | 1) => others.push(node),
+        (1, _) => others = vec![node],
+        _ => others.clear(),
+    }
     for node in joints {
         let Some(mut one) = joint(node, line)? else {
             continue;
         };
-        if simple {
-            let ratio = number(actuators[0], &REDUCTION, line)?;
+        for other in &others {
+            let ratio = gear_ratio(*other, line)?;
             one.gear_ratio = match (one.gear_ratio, ratio) {
                 (Some(a), Some(b)) => Some(a * b),
                 (a, b) => a.or(b),
             };
-            let rotor = number(actuators[0], &ROTOR, line)?;
-            one.rotor_inertia = one.rotor_inertia.or(rotor);
+            one.rotor_inertia = one.rotor_inertia.or(rotor_inertia(*other, line)?);
         }
         found.push(one);
     }
@@ -77,25 +81,32 @@ fn joint(node: Node, line: &dyn Fn(Node) -> u32) -> Result<Option<Transmission>,
     let Some(name) = node.attribute("name") else {
         return Ok(None);
     };
-    let gear_ratio = number(node, &REDUCTION, line)?;
-    if gear_ratio == Some(0.0) {
-        let reason = format!("joint \"{name}\": gear ratio 0; allowed: any other finite number");
-        return Err((line(node), reason));
-    }
-    let rotor_inertia = number(node, &ROTOR, line)?;
     Ok(Some(Transmission {
         joint: name.to_owned(),
         line: line(node),
-        gear_ratio,
-        rotor_inertia,
+        gear_ratio: gear_ratio(node, line)?,
+        rotor_inertia: rotor_inertia(node, line)?,
     }))
 }
 
-/// The number in a child element of one of these tags, or in a `<param>` of one of these names.
+fn gear_ratio(node: Node, line: &dyn Fn(Node) -> u32) -> Result<Option<f64>, Complaint> {
+    number(node, &REDUCTION, line, "a finite number, not 0", |x| {
+        x != 0.0
+    })
+}
+
+fn rotor_inertia(node: Node, line: &dyn Fn(Node) -> u32) -> Result<Option<f64>, Complaint> {
+    number(node, &ROTOR, line, "a finite number >= 0", |x| x >= 0.0)
+}
+
+/// The number in a child element of one of these tags, or in a `<param>` of one of these names: as
+/// its text, or as its attribute `value`.
 fn number(
     node: Node,
     names: &[&str],
     line: &dyn Fn(Node) -> u32,
+    allowed: &str,
+    is_allowed: impl Fn(f64) -> bool,
 ) -> Result<Option<f64>, Complaint> {
     let is_it = |n: &Node| match n.tag_name().name() {
         "param" => n.attribute("name").is_some_and(|a| names.contains(&a)),
@@ -104,12 +115,12 @@ fn number(
     let Some(child) = node.children().filter(Node::is_element).find(is_it) else {
         return Ok(None);
     };
-    let text = child.text().unwrap_or("").trim();
-    match text.parse::<f64>() {
-        Ok(x) if x.is_finite() => Ok(Some(x)),
+    let text = child.attribute("value").or(child.text()).unwrap_or("");
+    match text.trim().parse::<f64>() {
+        Ok(x) if x.is_finite() && is_allowed(x) => Ok(Some(x)),
         _ => {
             let tag = child.tag_name().name();
-            let reason = format!("<{tag}> holds \"{text}\"; allowed: a finite number");
+            let reason = format!("<{tag}> holds \"{}\"; allowed: {allowed}", text.trim());
             Err((line(child), reason))
         }
     }

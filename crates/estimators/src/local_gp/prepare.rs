@@ -1,0 +1,257 @@
+//! From points to what a prediction needs: weights of the mean, directions of the variance, bound.
+
+use super::{
+    Factor, LocalGp, LocalGpError, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS, Prepared,
+};
+use crate::features::MAX_FEATURES;
+use dynamics::lanes::{Instructions, Pack, WIDTH};
+use nalgebra::DMatrix;
+
+/// Noise of a point is at least this part of the signal's variance, so that a model can be factored.
+const LEAST_NOISE: f64 = 1e-8;
+
+impl LocalGp {
+    /// Prepares the models.
+    ///
+    /// # Errors
+    /// Sizes that do not fit together, numbers that are not allowed, too many models or points.
+    pub fn new(parameters: &LocalGpParameters) -> Result<Self, LocalGpError> {
+        check(parameters)?;
+        let mut gp = Self::empty(parameters);
+        for model in &parameters.models {
+            let (kernel, factor) = factored(parameters, model)?;
+            gp.push(prepare(parameters, model, &kernel, &factor));
+        }
+        Ok(gp)
+    }
+
+    /// No models yet.
+    pub(super) fn empty(parameters: &LocalGpParameters) -> Self {
+        let mut scales = [(0.0, 0.0); MAX_FEATURES];
+        for (scale, (mean, width)) in scales.iter_mut().zip(&parameters.inputs) {
+            *scale = (*mean, 1.0 / width);
+        }
+        Self {
+            features: parameters.features,
+            scales,
+            signal_variance: parameters.signal_variance,
+            tolerance: parameters.tolerance,
+            regimes: parameters.regimes,
+            gear_ratio: parameters.gear_ratio,
+            models: Vec::new(),
+            largest_bound: 0.0,
+            instructions: Instructions::detect(),
+        }
+    }
+
+    fn push(&mut self, model: Prepared) {
+        self.largest_bound = self.largest_bound.max(model.bound);
+        self.models.push(model);
+    }
+
+    /// Puts a newly prepared model in place of model `i`, or at the end.
+    pub(super) fn put(&mut self, i: usize, model: Prepared) {
+        match self.models.get_mut(i) {
+            Some(place) => *place = model,
+            None => self.models.push(model),
+        }
+        self.largest_bound = self.models.iter().fold(0.0, |b, m| b.max(m.bound));
+    }
+}
+
+fn check(p: &LocalGpParameters) -> Result<(), LocalGpError> {
+    let fail = |message: String| Err(LocalGpError(message));
+    let d = p.features.len();
+    if p.inputs.len() != d {
+        return fail(format!("{d} inputs must be scaled"));
+    }
+    let positive = |x: f64| x.is_finite() && x > 0.0;
+    if let Some((mean, width)) = p
+        .inputs
+        .iter()
+        .find(|i| !(i.0.is_finite() && positive(i.1)))
+    {
+        return fail(format!(
+            "an input is scaled by ({mean}, {width}); allowed: widths > 0"
+        ));
+    }
+    for (name, value) in [
+        ("signal variance", p.signal_variance),
+        ("noise variance", p.noise_variance),
+        ("gear ratio", p.gear_ratio),
+    ] {
+        if !positive(value) {
+            return fail(format!("{name} is {value}; allowed: a finite number > 0"));
+        }
+    }
+    if !(p.tolerance.is_finite() && p.tolerance >= 0.0) {
+        let tolerance = p.tolerance;
+        return fail(format!(
+            "tolerance is {tolerance}; allowed: a finite number >= 0"
+        ));
+    }
+    let count = p.models.len();
+    if count > MAX_MODELS {
+        return fail(format!("{count} models; allowed: at most {MAX_MODELS}"));
+    }
+    for (i, m) in p.models.iter().enumerate() {
+        let n = m.residuals.len();
+        if n > MAX_POINTS {
+            return fail(format!(
+                "model {i} has {n} points; allowed: at most {MAX_POINTS}"
+            ));
+        }
+        if m.centre.len() != d || m.points.len() != n * d || m.noise.len() != n {
+            return fail(format!(
+                "model {i} must have {d} numbers in its centre, {} in its {n} points, {n} noises",
+                n * d
+            ));
+        }
+        let mut numbers = m.centre.iter().chain(&m.points).chain(&m.residuals);
+        if !numbers.all(|x| x.is_finite()) || m.noise.iter().any(|x| !positive(*x)) {
+            return fail(format!("model {i}: numbers must be finite, noise > 0"));
+        }
+    }
+    Ok(())
+}
+
+/// sigma_f² times the Gaussian kernel of two scaled points (G9).
+pub(super) fn kernel(p: &LocalGpParameters, a: &[f64], b: &[f64]) -> f64 {
+    let square: f64 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
+    p.signal_variance * (-0.5 * square).exp()
+}
+
+/// A point's own variance in K + D.
+pub(super) fn diagonal(p: &LocalGpParameters, noise: f64) -> f64 {
+    p.signal_variance + noise.max(LEAST_NOISE * p.signal_variance)
+}
+
+/// K + D of a model's points, and its factor.
+pub(super) fn factored(
+    p: &LocalGpParameters,
+    model: &LocalModel,
+) -> Result<(DMatrix<f64>, Factor), LocalGpError> {
+    let points: Vec<&[f64]> = model.points.chunks_exact(p.features.len()).collect();
+    let n = points.len();
+    let mut a = DMatrix::zeros(n, n);
+    let mut factor = Factor::default();
+    let mut column = Vec::with_capacity(n);
+    for i in 0..n {
+        column.clear();
+        for j in 0..i {
+            let k = kernel(p, points[i], points[j]);
+            (a[(i, j)], a[(j, i)]) = (k, k);
+            column.push(k);
+        }
+        a[(i, i)] = diagonal(p, model.noise[i]);
+        if !factor.push(&column, a[(i, i)]) {
+            return Err(LocalGpError(format!(
+                "point {i} of a model cannot be factored"
+            )));
+        }
+    }
+    Ok((a, factor))
+}
+
+/// What a prediction needs of a model with matrix `a` = K + D.
+pub(super) fn prepare(
+    p: &LocalGpParameters,
+    model: &LocalModel,
+    a: &DMatrix<f64>,
+    factor: &Factor,
+) -> Prepared {
+    let d = p.features.len();
+    let n = model.residuals.len();
+    //= G10: alpha = (K + sigma_n² I)^-1 y
+    let mut alpha = model.residuals.clone();
+    factor.solve(&mut alpha);
+    // |mean(x)| = |<m, k(x, .)>| <= |m| sigma_f in the kernel's own space, |m|² = alpha' K alpha,
+    // and K alpha = y - D alpha.
+    let norm: f64 = (0..n)
+        .map(|i| {
+            let noise = a[(i, i)] - p.signal_variance;
+            alpha[i] * (model.residuals[i] - noise * alpha[i])
+        })
+        .sum();
+    let mut centre = [0.0; MAX_FEATURES];
+    centre[..d].copy_from_slice(&model.centre);
+    let pack = |row: &dyn Fn(usize) -> f64| {
+        let blocks = (0..n).step_by(WIDTH);
+        let lane = |i: usize| if i < n { row(i) } else { 0.0 };
+        blocks
+            .map(|start| Pack(std::array::from_fn(|l| lane(start + l))))
+            .collect::<Vec<_>>()
+    };
+    let columns: Vec<Vec<Pack>> = (0..d).map(|c| pack(&|i| model.points[i * d + c])).collect();
+    let points = (0..n.div_ceil(WIDTH)).flat_map(|block| columns.iter().map(move |c| c[block]));
+    let s = p.signal_variance;
+    let directions = directions(a, factor, p.directions);
+    Prepared {
+        centre,
+        points: points.collect(),
+        alpha: pack(&|i| s * alpha[i]),
+        directions: (0..directions.nrows())
+            .flat_map(|r| pack(&|i| s * directions[(r, i)]))
+            .collect(),
+        bound: (s * norm.max(0.0)).sqrt(),
+    }
+}
+
+/// Rows u with `sum (u k)² <= k' A^-1 k` for any k, and equal if there are as many as points.
+///
+/// With fewer they span the subspace of the largest eigenvalues, nearly: whatever the subspace U,
+/// `k' U (U' A U)^-1 U' k` is no more than `k' A^-1 k`, so the variance errs to the safe side.
+fn directions(a: &DMatrix<f64>, factor: &Factor, most: usize) -> DMatrix<f64> {
+    let n = a.nrows();
+    if most >= n {
+        // L^-1, column by column.
+        let mut inverse = DMatrix::zeros(n, n);
+        for mut column in (0..n).zip(inverse.column_iter_mut()).map(|(j, mut c)| {
+            c[j] = 1.0;
+            c
+        }) {
+            factor.solve_lower(column.as_mut_slice());
+        }
+        return inverse;
+    }
+    if most == 0 {
+        return DMatrix::zeros(0, n);
+    }
+    let mut u = a.select_columns(&pivots(a, most));
+    for _ in 0..3 {
+        u = a * u.qr().q();
+    }
+    let u = u.qr().q();
+    let t = u.transpose() * a * &u;
+    let Some(t) = t.cholesky() else {
+        return DMatrix::zeros(0, n);
+    };
+    let mut rows = u.transpose();
+    t.l_dirty().solve_lower_triangular_mut(&mut rows);
+    rows
+}
+
+/// The columns that an incomplete Cholesky factorisation with pivoting takes first.
+fn pivots(a: &DMatrix<f64>, count: usize) -> Vec<usize> {
+    let n = a.nrows();
+    let mut left: Vec<f64> = (0..n).map(|i| a[(i, i)]).collect();
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    let mut pivots = Vec::new();
+    for _ in 0..count {
+        let best = (0..n).max_by(|&i, &j| left[i].total_cmp(&left[j]));
+        let Some(pivot) = best.filter(|&i| left[i] > 0.0) else {
+            break;
+        };
+        let root = left[pivot].sqrt();
+        let row: Vec<f64> = (0..n)
+            .map(|i| (a[(i, pivot)] - rows.iter().map(|r| r[i] * r[pivot]).sum::<f64>()) / root)
+            .collect();
+        for (left, r) in left.iter_mut().zip(&row) {
+            *left -= r * r;
+        }
+        left[pivot] = 0.0;
+        rows.push(row);
+        pivots.push(pivot);
+    }
+    pivots
+}

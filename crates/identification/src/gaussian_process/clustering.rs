@@ -1,0 +1,199 @@
+//! Many samples into few models of few points (G 13).
+//!
+//! A point joins the most similar centre or founds a new one below a threshold; the threshold is
+//! the one that leads to the wanted number of models. In each model the points are those that
+//! tell most, the next always where the others leave the largest variance; every further sample
+//! then goes to the point nearest to it, which stands for the mean of what it gathers, with less
+//! noise the more it gathers.
+
+use super::{GpOptions, HyperParameters};
+use estimators::features::MAX_FEATURES;
+use estimators::local_gp::LocalModel;
+
+/// One sample: scaled inputs, residual, its place in the log.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    pub(super) x: [f64; MAX_FEATURES],
+    pub(super) y: f64,
+    pub(super) index: usize,
+}
+
+/// Samples that centres are made from.
+const FOR_CENTRES: usize = 20_000;
+/// Samples per model that points are chosen from.
+const FOR_POINTS: usize = 3_000;
+/// What is not explained hardly changes from one sample to the next: samples less than this
+/// apart count as one, s.
+const INDEPENDENT_S: f64 = 0.05;
+/// Points are no longer added when the others leave less than this part of the noise.
+const ENOUGH: f64 = 1e-3;
+
+fn square(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}
+
+fn nearest<'a>(
+    x: &[f64; MAX_FEATURES],
+    to: impl Iterator<Item = &'a [f64; MAX_FEATURES]>,
+) -> Option<(usize, f64)> {
+    to.map(|c| square(x, c))
+        .enumerate()
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// Models of the samples.
+pub(super) fn models(
+    samples: &[Sample],
+    options: &GpOptions,
+    hyper: &HyperParameters,
+    sample_period: f64,
+) -> Vec<LocalModel> {
+    let centres = centres(samples, options.models);
+    let mut members: Vec<Vec<Sample>> = vec![Vec::new(); centres.len()];
+    for sample in samples {
+        if let Some((i, _)) = nearest(&sample.x, centres.iter()) {
+            members[i].push(*sample);
+        }
+    }
+    let apart = ((INDEPENDENT_S / sample_period) as usize).max(1);
+    let dimensions = options.features.len();
+    members
+        .iter()
+        .filter(|members| !members.is_empty())
+        .map(|members| {
+            let chosen = telling(members, options.points, hyper);
+            gathered(members, &chosen, dimensions, hyper, apart)
+        })
+        .collect()
+}
+
+/// At most `most` centres, and as many as a threshold on similarity can make.
+fn centres(samples: &[Sample], most: usize) -> Vec<[f64; MAX_FEATURES]> {
+    let step = samples.len().div_ceil(FOR_CENTRES).max(1);
+    let few: Vec<&Sample> = samples.iter().step_by(step).collect();
+    // The threshold as a distance: similarity falls with it.
+    let (mut near, mut far) = (0.0, 100.0);
+    let mut best = found(&few, far, usize::MAX);
+    for _ in 0..25 {
+        let middle = 0.5 * (near + far);
+        let made = found(&few, middle, most);
+        if made.len() > most {
+            near = middle;
+        } else {
+            far = middle;
+            best = made;
+        }
+    }
+    best
+}
+
+/// Centres that lie further than `distance` from each other; stops beyond `most`.
+fn found(samples: &[&Sample], distance: f64, most: usize) -> Vec<[f64; MAX_FEATURES]> {
+    let mut centres: Vec<[f64; MAX_FEATURES]> = Vec::new();
+    let mut counts: Vec<f64> = Vec::new();
+    for sample in samples {
+        //= G13
+        match nearest(&sample.x, centres.iter()) {
+            Some((i, square)) if square <= distance * distance => {
+                counts[i] += 1.0;
+                for (c, x) in centres[i].iter_mut().zip(&sample.x) {
+                    *c += (x - *c) / counts[i];
+                }
+            }
+            _ => {
+                centres.push(sample.x);
+                counts.push(1.0);
+                if centres.len() > most {
+                    break;
+                }
+            }
+        }
+    }
+    centres
+}
+
+/// The samples that tell most: each where those before it leave the largest variance.
+fn telling(members: &[Sample], most: usize, hyper: &HyperParameters) -> Vec<[f64; MAX_FEATURES]> {
+    let step = members.len().div_ceil(FOR_POINTS).max(1);
+    let from: Vec<&Sample> = members.iter().step_by(step).collect();
+    let mut left = vec![1.0f64; from.len()];
+    // Rows of the incomplete Cholesky factor, in units of the signal's variance.
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    let mut chosen = Vec::new();
+    let enough = ENOUGH * hyper.noise_variance / hyper.signal_variance;
+    while chosen.len() < most {
+        let best = (0..from.len()).max_by(|&i, &j| left[i].total_cmp(&left[j]));
+        let Some(pivot) = best.filter(|&i| left[i] > enough.max(1e-9)) else {
+            break;
+        };
+        let root = left[pivot].sqrt();
+        let mut row: Vec<f64> = from
+            .iter()
+            .map(|s| (-0.5 * square(&s.x, &from[pivot].x)).exp())
+            .collect();
+        for earlier in &rows {
+            let factor = earlier[pivot];
+            row.iter_mut()
+                .zip(earlier)
+                .for_each(|(r, e)| *r -= factor * e);
+        }
+        for (left, r) in left.iter_mut().zip(&mut row) {
+            *r /= root;
+            *left -= *r * *r;
+        }
+        left[pivot] = 0.0;
+        chosen.push(from[pivot].x);
+        rows.push(row);
+    }
+    chosen
+}
+
+/// Each point with the mean of the samples nearest to it.
+fn gathered(
+    members: &[Sample],
+    chosen: &[[f64; MAX_FEATURES]],
+    dimensions: usize,
+    hyper: &HyperParameters,
+    apart: usize,
+) -> LocalModel {
+    #[derive(Clone, Copy, Default)]
+    struct Cell {
+        count: f64,
+        independent: f64,
+        x: [f64; MAX_FEATURES],
+        y: f64,
+        counted: Option<usize>,
+    }
+    let mut cells = vec![Cell::default(); chosen.len()];
+    let mut centre = vec![0.0; dimensions];
+    for sample in members {
+        centre.iter_mut().zip(&sample.x).for_each(|(c, x)| *c += x);
+        let Some((i, _)) = nearest(&sample.x, chosen.iter()) else {
+            continue;
+        };
+        let cell = &mut cells[i];
+        cell.count += 1.0;
+        cell.y += (sample.y - cell.y) / cell.count;
+        for (mean, x) in cell.x.iter_mut().zip(&sample.x) {
+            *mean += (x - *mean) / cell.count;
+        }
+        if cell.counted.is_none_or(|last| sample.index >= last + apart) {
+            cell.independent += 1.0;
+            cell.counted = Some(sample.index);
+        }
+    }
+    centre.iter_mut().for_each(|c| *c /= members.len() as f64);
+    cells.retain(|cell| cell.count > 0.0);
+    LocalModel {
+        centre,
+        points: cells
+            .iter()
+            .flat_map(|c| c.x[..dimensions].to_vec())
+            .collect(),
+        residuals: cells.iter().map(|c| c.y).collect(),
+        noise: cells
+            .iter()
+            .map(|c| hyper.noise_variance / c.independent)
+            .collect(),
+    }
+}

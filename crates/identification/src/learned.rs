@@ -1,0 +1,218 @@
+//! What network and Gaussian processes share: held-out blocks, regimes, their tables in files.
+
+use crate::FitError;
+use crate::record::Record;
+use estimators::features::FeatureSet;
+use estimators::low_pass::LowPass;
+use estimators::regimes::{Motion, Regime, Regimes};
+use serde::{Deserialize, Serialize};
+
+/// Told how far a training is, 0 to 1, and what it does.
+pub type Progress<'a> = &'a mut dyn FnMut(f64, &str);
+
+/// Length of a block, s: neighbouring samples are alike, so whole blocks are held out.
+const BLOCK_S: f64 = 0.7;
+/// One of so many blocks is held out.
+const EVERY: usize = 5;
+/// Kept free on both sides of a held-out block, s.
+const GUARD_S: f64 = 0.05;
+/// Time over which |dq| is averaged to tell motion from rest, s.
+const MOTION_S: f64 = 0.05;
+/// Samples below which a regime has not been seen.
+const FEW: usize = 300;
+
+/// Time constant of the zero-phase filter on what is learned, s: short, for at speed the gear's
+/// kinematic error makes real torques of some ten hertz.
+const ZERO_PHASE_S: f64 = 0.002;
+
+/// A signal through the same low-pass forwards and backwards: smoother, and neither late nor early.
+#[must_use]
+pub fn zero_phase(record: &Record, signal: &[f64]) -> Vec<f64> {
+    let pole = (-record.sample_period / ZERO_PHASE_S).exp();
+    let mut filter = LowPass::new(pole);
+    let mut out: Vec<f64> = signal.iter().map(|x| filter.update(*x)).collect();
+    filter.reset();
+    out.iter_mut().rev().for_each(|x| *x = filter.update(*x));
+    out
+}
+
+/// What a sample is used for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Use {
+    /// Training.
+    Train,
+    /// Judging what was trained.
+    HeldOut,
+    /// Nothing: not usable, or between the two.
+    Nothing,
+}
+
+/// What each sample of a record is used for.
+#[must_use]
+pub fn uses(record: &Record) -> Vec<Use> {
+    let t = record.sample_period;
+    let block = ((BLOCK_S / t) as usize).max(1);
+    let guard = (GUARD_S / t) as usize;
+    let of = |i: usize| {
+        if !record.usable(i) || !record.tau[i].is_finite() {
+            return Use::Nothing;
+        }
+        let (number, inside) = (i / block, i % block);
+        if number % EVERY == EVERY - 1 {
+            Use::HeldOut
+        } else {
+            let before = number % EVERY == EVERY - 2 && inside + guard >= block;
+            let after = number > 0 && number % EVERY == 0 && inside < guard;
+            if before || after {
+                Use::Nothing
+            } else {
+                Use::Train
+            }
+        }
+    };
+    (0..record.samples.len()).map(of).collect()
+}
+
+/// Indices of the samples of one use, at most about `most`, evenly spread.
+#[must_use]
+pub fn of_use(uses: &[Use], which: Use, most: usize) -> Vec<usize> {
+    let all: Vec<usize> = (0..uses.len()).filter(|&i| uses[i] == which).collect();
+    let step = all.len().div_ceil(most.max(1)).max(1);
+    all.into_iter().step_by(step).collect()
+}
+
+/// Regimes of a record without figures, and the share of motion at each sample.
+#[must_use]
+pub fn motion(record: &Record) -> (Regimes, Vec<f64>) {
+    let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
+    let unseen = Regime {
+        gain: 0.0,
+        sigma: 0.0,
+    };
+    let regimes = Regimes {
+        speed: (0.02 * fastest).max(1e-4),
+        time_constant: MOTION_S,
+        sample_period: record.sample_period,
+        rest: unseen,
+        moving: unseen,
+    };
+    let mut motion = Motion::default();
+    let shares = record.samples.iter().map(|s| motion.update(s, &regimes));
+    let shares = shares.collect();
+    (regimes, shares)
+}
+
+/// One held-out sample: share of motion, what was learned, what it should be.
+pub type Judged = (f64, f64, f64);
+
+/// Figures of one regime: the gain of least squares within 0 and 1, and what it leaves. `unseen`
+/// is its sigma if there are hardly any samples.
+#[must_use]
+pub fn judge(judged: &[Judged], moving: bool, fixed_gain: Option<f64>, unseen: f64) -> Regime {
+    let own: Vec<&Judged> = judged.iter().filter(|j| (j.0 > 0.5) == moving).collect();
+    if own.len() < FEW {
+        return Regime {
+            gain: 0.0,
+            sigma: unseen,
+        };
+    }
+    let sum = |f: &dyn Fn(&Judged) -> f64| own.iter().map(|j| f(j)).sum::<f64>();
+    let gain = fixed_gain.unwrap_or_else(|| {
+        let (along, square) = (sum(&|j| j.1 * j.2), sum(&|j| j.1 * j.1));
+        (along / square.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
+    });
+    let left = sum(&|j| (j.2 - gain * j.1).powi(2));
+    Regime {
+        gain,
+        sigma: (left / own.len() as f64).sqrt(),
+    }
+}
+
+/// Names of the sets of inputs in files.
+const FEATURES: [(FeatureSet, &str); 4] = [
+    (FeatureSet::Phase, "phase"),
+    (FeatureSet::Published, "published"),
+    (FeatureSet::Position, "position"),
+    (FeatureSet::Load, "load"),
+];
+
+pub(crate) fn feature_name(set: FeatureSet) -> String {
+    let named = FEATURES.iter().find(|(s, _)| *s == set);
+    named.map_or("phase", |(_, name)| name).to_owned()
+}
+
+pub(crate) fn feature_set(name: &str) -> Result<FeatureSet, FitError> {
+    let named = FEATURES.iter().find(|(_, n)| *n == name);
+    named.map(|(set, _)| *set).ok_or_else(|| {
+        let allowed = FEATURES.map(|(_, name)| name).join(", ");
+        FitError(format!("features = {name:?}; allowed: {allowed}"))
+    })
+}
+
+/// [`Regimes`] in a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RegimesTable {
+    speed_rad_per_s: f64,
+    time_constant_s: f64,
+    sample_period_s: f64,
+    rest_gain: f64,
+    #[serde(rename = "rest_sigma_Nm")]
+    rest_sigma: f64,
+    moving_gain: f64,
+    #[serde(rename = "moving_sigma_Nm")]
+    moving_sigma: f64,
+}
+
+impl From<&Regimes> for RegimesTable {
+    fn from(r: &Regimes) -> Self {
+        Self {
+            speed_rad_per_s: r.speed,
+            time_constant_s: r.time_constant,
+            sample_period_s: r.sample_period,
+            rest_gain: r.rest.gain,
+            rest_sigma: r.rest.sigma,
+            moving_gain: r.moving.gain,
+            moving_sigma: r.moving.sigma,
+        }
+    }
+}
+
+impl RegimesTable {
+    pub(crate) fn regimes(&self) -> Result<Regimes, FitError> {
+        for (key, value, most) in [
+            ("speed_rad_per_s", self.speed_rad_per_s, f64::MAX),
+            ("time_constant_s", self.time_constant_s, f64::MAX),
+            ("sample_period_s", self.sample_period_s, f64::MAX),
+            ("rest_sigma_Nm", self.rest_sigma, f64::MAX),
+            ("moving_sigma_Nm", self.moving_sigma, f64::MAX),
+            ("rest_gain", self.rest_gain, 1.0),
+            ("moving_gain", self.moving_gain, 1.0),
+        ] {
+            let bounded = (0.0..=most).contains(&value);
+            if !bounded || (value == 0.0 && !key.ends_with("gain")) {
+                let allowed = if most == 1.0 {
+                    "0 to 1"
+                } else {
+                    "a finite number > 0"
+                };
+                return Err(FitError(format!(
+                    "regimes.{key} = {value}; allowed: {allowed}"
+                )));
+            }
+        }
+        let regime = |gain, sigma| Regime { gain, sigma };
+        Ok(Regimes {
+            speed: self.speed_rad_per_s,
+            time_constant: self.time_constant_s,
+            sample_period: self.sample_period_s,
+            rest: regime(self.rest_gain, self.rest_sigma),
+            moving: regime(self.moving_gain, self.moving_sigma),
+        })
+    }
+}
+
+/// Reads a trained file's table; `what` it should be, `file` what messages call it.
+pub(crate) fn read<T: serde::de::DeserializeOwned>(text: &str, file: &str) -> Result<T, FitError> {
+    toml::from_str(text).map_err(|e| FitError(format!("{file}: {}", e.to_string().trim_end())))
+}

@@ -1,0 +1,218 @@
+//! The sensors' file: TOML.
+
+use super::ContactRecord;
+use crate::parameters::{
+    FtSensorParameters, Hypothesis, ImuParameters, MotionSource, Place, Residual, Weighting,
+    WholeBodyParameters,
+};
+use dynamics::Se3;
+use serde::Deserialize;
+
+/// Which sensors a robot has, and where. See docs/whole-body.md.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorsFile {
+    /// The IMU; this or `fixed_base`.
+    #[serde(default)]
+    pub imu: Option<ImuRecord>,
+    /// A link that a stand holds; this or `imu`.
+    #[serde(default)]
+    pub fixed_base: Option<FixedBaseRecord>,
+    /// The F/T sensors.
+    #[serde(default, rename = "ft_sensor")]
+    pub ft_sensors: Vec<FtSensorRecord>,
+    /// Contacts of cases that give none.
+    #[serde(default, rename = "contact")]
+    pub contacts: Vec<ContactRecord>,
+    /// Least squares.
+    #[serde(default)]
+    pub least_squares: LeastSquaresRecord,
+    /// Standard deviation of every joint's acceleration, rad/s².
+    #[serde(default)]
+    pub sigma_ddq_rad_per_s2: f64,
+    /// Standard deviation of the model's masses, per cent.
+    #[serde(default)]
+    pub model_sigma_per_cent: f64,
+}
+
+/// `[imu]`
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImuRecord {
+    frame: String,
+    #[serde(default)]
+    xyz_m: [f64; 3],
+    #[serde(default)]
+    rpy_deg: [f64; 3],
+    #[serde(default)]
+    angular_acceleration: AngularAcceleration,
+    #[serde(default)]
+    sigma_m_per_s2: f64,
+    #[serde(default)]
+    sigma_rad_per_s2: f64,
+}
+
+impl ImuRecord {
+    /// Whether the gyro's derivative is taken as zero.
+    #[must_use]
+    pub fn neglects_angular_acceleration(&self) -> bool {
+        self.angular_acceleration == AngularAcceleration::Neglect
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+enum AngularAcceleration {
+    #[default]
+    Given,
+    Neglect,
+}
+
+/// `[fixed_base]`
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FixedBaseRecord {
+    link: String,
+    #[serde(default = "standard_gravity")]
+    gravity_m_per_s2: [f64; 3],
+}
+
+fn standard_gravity() -> [f64; 3] {
+    [0.0, 0.0, -dynamics::GRAVITY]
+}
+
+/// `[[ft_sensor]]`
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FtSensorRecord {
+    /// The sensor's name.
+    pub name: String,
+    frame: String,
+    #[serde(default)]
+    cut: Option<String>,
+    #[serde(default)]
+    xyz_m: [f64; 3],
+    #[serde(default)]
+    rpy_deg: [f64; 3],
+    /// 1: it measures what the part beyond applies to the part before; -1: the reverse.
+    #[serde(default = "one", deserialize_with = "sign")]
+    pub sign: i8,
+    #[serde(default, rename = "sigma_N")]
+    sigma_force: f64,
+    #[serde(default, rename = "sigma_Nm")]
+    sigma_torque: f64,
+}
+
+fn one() -> i8 {
+    1
+}
+
+fn sign<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<i8, D::Error> {
+    match i64::deserialize(deserializer)? {
+        1 => Ok(1),
+        -1 => Ok(-1),
+        other => Err(serde::de::Error::custom(format!(
+            "sign {other}; allowed: 1 or -1"
+        ))),
+    }
+}
+
+/// `[least_squares]`
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LeastSquaresRecord {
+    #[serde(default)]
+    weights: Weights,
+    #[serde(default)]
+    residual: Rest,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Weights {
+    #[default]
+    Unit,
+    Expected,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Rest {
+    #[default]
+    Stays,
+    HandedOn,
+}
+
+impl SensorsFile {
+    /// Reads the file. `file` is only used in messages.
+    ///
+    /// # Errors
+    /// What is wrong, with the line.
+    pub fn parse(text: &str, file: &str) -> Result<Self, String> {
+        let parsed: Self = toml::from_str(text).map_err(|e| {
+            let before = e.span().map_or(0, |span| span.start);
+            let line = 1 + text[..before.min(text.len())].matches('\n').count();
+            format!("{file}:{line}: {}", e.message())
+        })?;
+        match (&parsed.imu, &parsed.fixed_base) {
+            (Some(_), Some(_)) => Err("[imu] and [fixed_base] are both given; allowed: one"),
+            (None, None) => Err(
+                "neither [imu] nor [fixed_base]; allowed: one of them: without, \
+                                 acceleration and weight are unknown",
+            ),
+            _ => Ok(()),
+        }
+        .map_err(|e| format!("{file}: {e}"))?;
+        Ok(parsed)
+    }
+
+    /// What the estimator is to use.
+    ///
+    /// # Errors
+    /// Numbers that are none.
+    pub fn parameters(
+        &self,
+        joints: &[String],
+        hypothesis: Hypothesis,
+    ) -> Result<WholeBodyParameters, String> {
+        let place = |link: &str, xyz: [f64; 3], rpy_deg: [f64; 3]| Place {
+            link: link.to_owned(),
+            placement: Se3::from_xyz_rpy(xyz, rpy_deg.map(f64::to_radians)),
+        };
+        let ft_sensor = |s: &FtSensorRecord| FtSensorParameters {
+            name: s.name.clone(),
+            cut: s.cut.clone().unwrap_or_else(|| s.frame.clone()),
+            frame: place(&s.frame, s.xyz_m, s.rpy_deg),
+            sigma_force: s.sigma_force,
+            sigma_torque: s.sigma_torque,
+        };
+        let source = match (&self.imu, &self.fixed_base) {
+            (Some(imu), _) => MotionSource::Imu(ImuParameters {
+                frame: place(&imu.frame, imu.xyz_m, imu.rpy_deg),
+                sigma_accelerometer: imu.sigma_m_per_s2,
+                sigma_angular_acceleration: imu.sigma_rad_per_s2,
+            }),
+            (None, Some(fixed)) => MotionSource::Fixed {
+                link: fixed.link.clone(),
+                gravity: fixed.gravity_m_per_s2.into(),
+            },
+            (None, None) => return Err("neither [imu] nor [fixed_base]".to_owned()),
+        };
+        Ok(WholeBodyParameters {
+            joints: joints.to_vec(),
+            sigma_ddq: vec![self.sigma_ddq_rad_per_s2; joints.len()],
+            ft_sensors: self.ft_sensors.iter().map(ft_sensor).collect(),
+            source,
+            hypotheses: vec![hypothesis],
+            weighting: match self.least_squares.weights {
+                Weights::Unit => Weighting::Unit,
+                Weights::Expected => Weighting::Expected,
+            },
+            residual: match self.least_squares.residual {
+                Rest::Stays => Residual::Stays,
+                Rest::HandedOn => Residual::HandedOn,
+            },
+            sigma_model: self.model_sigma_per_cent / 100.0,
+        })
+    }
+}

@@ -1,0 +1,438 @@
+//! The estimator: one update a cycle.
+
+use crate::contacts::ContactSet;
+use crate::error::WholeBodyError;
+use crate::layout::Layout;
+use crate::least_squares::{Six, dot, quadratic};
+use crate::mechanics::Mechanics;
+use crate::parameters::{Residual, Weighting, WholeBodyParameters};
+use crate::sigma::{Sigma, contact_rows};
+use crate::solution::Solution;
+use dynamics::{Force, ImuMotion, Model, Motion};
+use nalgebra::Vector3;
+use robot_state::Wrench;
+
+/// One cycle's signals, in the orders of [`WholeBodyParameters`].
+#[derive(Debug, Clone, Copy)]
+pub struct WholeBodyInput<'a> {
+    /// q: joint angles, rad.
+    pub q: &'a [f64],
+    /// dq: joint velocities, rad/s.
+    pub dq: &'a [f64],
+    /// ddq: joint accelerations, rad/s².
+    pub ddq: &'a [f64],
+    /// Wrench that the part beyond each sensor applies to the part before it, in its frame.
+    pub ft: &'a [Wrench],
+    /// What the IMU measured; not used with a fixed base.
+    pub imu: ImuMotion,
+}
+
+/// A contact's wrench.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ContactEstimate {
+    /// f_hat: wrench that the environment applies to the link, at the contact's point in the link's
+    /// axes.
+    pub wrench: Wrench,
+    /// Standard deviation of each of its components.
+    pub sigma: Wrench,
+}
+
+/// What is told of a part of the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PartEstimate {
+    /// Wrench that the environment must apply to the part to explain its motion and its sensors,
+    /// whatever the contacts are taken to be; in the frame of its first link.
+    pub net: Wrench,
+    /// What of `net` the declared contacts cannot explain; in the frame of the part's first link.
+    pub residual: Wrench,
+    /// Standard deviation of each component of `residual`, if the contacts are the true ones.
+    pub residual_sigma: Wrench,
+    /// Independent unknowns of the declared contacts at this pose.
+    pub rank: u32,
+    /// Unknowns of the declared contacts.
+    pub unknowns: u32,
+}
+
+impl PartEstimate {
+    /// The largest component of the residual, in its standard deviations; none where the contacts
+    /// explain anything.
+    #[must_use]
+    pub fn residual_ratio(&self) -> Option<f64> {
+        if self.unknowns >= 6 {
+            return None;
+        }
+        let (r, s) = (six(&self.residual), six(&self.residual_sigma));
+        let ratios = r.iter().zip(&s).map(|(r, s)| match *s > 0.0 {
+            true => r.abs() / s,
+            false => 0.0,
+        });
+        Some(ratios.fold(0.0, f64::max))
+    }
+}
+
+/// What follows from one cycle's signals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WholeBodyEstimate {
+    /// tau: joint torques, N·m, in the order of the parameters' joints.
+    pub tau: Vec<f64>,
+    /// sigma: their standard deviations, N·m.
+    pub sigma: Vec<f64>,
+    /// The contacts of the chosen hypothesis, in its order; as long as the longest has contacts.
+    pub contacts: Vec<ContactEstimate>,
+    /// The part with the root, then the part beyond each sensor in the parameters' order.
+    pub parts: Vec<PartEstimate>,
+    /// Whether the last signals were finite and every contact could be found; otherwise all but
+    /// `rank` and `unknowns` of the parts is from the cycle before.
+    pub valid: bool,
+}
+
+/// Estimates all joint torques and contact wrenches of a robot (D 2, Algorithm 1, in general form).
+#[derive(Debug, Clone)]
+pub struct WholeBody {
+    model: Model,
+    layout: Layout,
+    mechanics: Mechanics,
+    sigma: Sigma,
+    names: Vec<String>,
+    sets: Vec<ContactSet>,
+    solutions: Vec<Solution>,
+    /// Share of each hypothesis in the torques; they add up to one.
+    weights: Vec<f64>,
+    chosen: usize,
+    weighting: Weighting,
+    residual: Residual,
+    part_labels: Vec<String>,
+    /// Where each part is told: the caller's index of its sensor + 1.
+    part_output: Vec<usize>,
+    /// Joint motion in the model's order.
+    motion: [Vec<f64>; 3],
+    /// Joint torques by bodies, and in the model's order.
+    tau: Vec<f64>,
+    by_joint: Vec<f64>,
+    estimate: WholeBodyEstimate,
+}
+
+impl WholeBody {
+    /// Checks that the torques follow from the sensors under every hypothesis, and prepares.
+    ///
+    /// # Errors
+    /// Links or joints that the model lacks, and sensors or contacts from which the torques do not
+    /// follow.
+    pub fn new(model: &Model, p: &WholeBodyParameters) -> Result<Self, WholeBodyError> {
+        let layout = Layout::new(model, p)?;
+        let mut sets = Vec::new();
+        for (i, hypothesis) in p.hypotheses.iter().enumerate() {
+            if p.hypotheses[..i].iter().any(|h| h.name == hypothesis.name) {
+                let name = hypothesis.name.clone();
+                return Err(WholeBodyError::HypothesisNamedTwice(name));
+            }
+            sets.push(ContactSet::new(model, &layout, p, hypothesis)?);
+        }
+        if sets.is_empty() {
+            return Err(WholeBodyError::NoHypothesis);
+        }
+        let joints = model.joint_count();
+        let longest = p.hypotheses.iter().map(|h| h.contacts.len()).max();
+        let mut weights = vec![0.0; sets.len()];
+        weights[0] = 1.0;
+        let sensors = layout.sensors.iter().map(|s| s.input + 1);
+        let part_output: Vec<usize> = std::iter::once(0).chain(sensors).collect();
+        let parts = layout.parts.len();
+        let mut part_labels = vec![String::new(); parts];
+        for (part, &output) in part_output.iter().enumerate() {
+            part_labels[output] = layout.describe(model, p, part);
+        }
+        Ok(Self {
+            mechanics: Mechanics::new(model, &layout),
+            sigma: Sigma::new(model, &layout, p),
+            names: p.hypotheses.iter().map(|h| h.name.clone()).collect(),
+            solutions: sets.iter().map(Solution::new).collect(),
+            weights,
+            chosen: 0,
+            weighting: p.weighting,
+            residual: p.residual,
+            part_labels,
+            part_output,
+            motion: [(); 3].map(|()| vec![0.0; joints]),
+            tau: vec![0.0; model.bodies().len()],
+            by_joint: vec![0.0; joints],
+            estimate: WholeBodyEstimate {
+                tau: vec![0.0; layout.joints.len()],
+                sigma: vec![0.0; layout.joints.len()],
+                contacts: vec![ContactEstimate::default(); longest.unwrap_or(0)],
+                parts: vec![PartEstimate::default(); parts],
+                valid: false,
+            },
+            sets,
+            layout,
+            model: model.clone(),
+        })
+    }
+
+    /// Takes one cycle's signals. If any is not finite or a slice is too short, or the contacts
+    /// depend on one another at this pose, the last estimate stands, marked as not valid.
+    pub fn update(&mut self, input: &WholeBodyInput) -> &WholeBodyEstimate {
+        self.estimate.valid = self.accept(input);
+        if self.estimate.valid {
+            let source = match self.layout.fixed_gravity {
+                Some(gravity) => ImuMotion {
+                    angular_velocity: Vector3::zeros(),
+                    angular_acceleration: Vector3::zeros(),
+                    proper_acceleration: -gravity,
+                },
+                None => input.imu,
+            };
+            let [q, dq, ddq] = &self.motion;
+            let motion = [q.as_slice(), dq, ddq];
+            (self.mechanics).update(&self.model, &self.layout, motion, &source, input.ft);
+            (self.sigma).prepare(&self.model, &self.layout, &self.mechanics);
+            self.estimate.valid = self.solve();
+        }
+        if self.estimate.valid {
+            self.tell_torques();
+            self.tell_contacts();
+            self.tell_parts();
+        }
+        &self.estimate
+    }
+
+    /// The last estimate.
+    #[must_use]
+    pub fn estimate(&self) -> &WholeBodyEstimate {
+        &self.estimate
+    }
+
+    /// Names of the hypotheses.
+    #[must_use]
+    pub fn hypotheses(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Index of the chosen hypothesis.
+    #[must_use]
+    pub fn chosen(&self) -> usize {
+        self.chosen
+    }
+
+    /// Chooses a hypothesis from the next update on, without blending. None of that index: false.
+    pub fn choose(&mut self, hypothesis: usize) -> bool {
+        if hypothesis >= self.sets.len() {
+            return false;
+        }
+        self.chosen = hypothesis;
+        self.weights.fill(0.0);
+        self.weights[hypothesis] = 1.0;
+        true
+    }
+
+    /// Shares of the hypotheses in the torques from the next update on; the largest is told. Values
+    /// that are not finite or negative count as zero.
+    pub fn blend(&mut self, weights: &[f64]) {
+        let clean = |w: f64| if w.is_finite() { w.max(0.0) } else { 0.0 };
+        let known = &weights[..weights.len().min(self.weights.len())];
+        let sum: f64 = known.iter().map(|w| clean(*w)).sum();
+        if sum.is_nan() || sum <= 0.0 {
+            return;
+        }
+        self.weights.fill(0.0);
+        for (own, w) in self.weights.iter_mut().zip(known) {
+            *own = clean(*w) / sum;
+        }
+        self.chosen = largest(&self.weights);
+    }
+
+    /// The parts in words, in the order of [`WholeBodyEstimate::parts`].
+    #[must_use]
+    pub fn part_labels(&self) -> &[String] {
+        &self.part_labels
+    }
+
+    /// Names of each part's links, first link first, in the order of [`WholeBodyEstimate::parts`].
+    #[must_use]
+    pub fn part_links(&self) -> Vec<Vec<String>> {
+        let mut links = vec![Vec::new(); self.layout.parts.len()];
+        for (part, &output) in self.part_output.iter().enumerate() {
+            let first = self.layout.parts[part].first_link;
+            let others = (0..self.layout.part_of_link.len()).filter(|&l| l != first);
+            let own = others.filter(|&l| self.layout.part_of_link[l] == part);
+            links[output] = std::iter::once(first)
+                .chain(own)
+                .map(|l| self.model.frames()[l].name.clone())
+                .collect();
+        }
+        links
+    }
+
+    /// Twist and proper spatial acceleration of the root, in its axes, as of the last valid signals.
+    #[must_use]
+    pub fn base_motion(&self) -> (Motion, Motion) {
+        (self.mechanics.velocity[0], self.mechanics.acceleration[0])
+    }
+
+    /// `net` of the part beyond a sensor at that sensor's frame; in the order of the parameters.
+    #[must_use]
+    pub fn net_at_sensor(&self, sensor: usize) -> Wrench {
+        let find = |(_, s): &(usize, &crate::layout::Sensor)| s.input == sensor;
+        let sensor = self.layout.sensors.iter().enumerate().find(find);
+        sensor.map_or(Wrench::default(), |(s, _)| {
+            let frame = self.mechanics.sensor_frame[s];
+            wrench(frame.inverse_act_force(self.mechanics.net[s + 1]))
+        })
+    }
+
+    /// Brings the joints into the model's order; false if something is missing or not finite.
+    fn accept(&mut self, input: &WholeBodyInput) -> bool {
+        let imu = &input.imu;
+        let vectors = [
+            imu.angular_velocity,
+            imu.angular_acceleration,
+            imu.proper_acceleration,
+        ];
+        let mut finite = self.layout.fixed_gravity.is_some()
+            || vectors.iter().all(|x| x.iter().all(|x| x.is_finite()));
+        let n = self.layout.sensors.len();
+        finite &= input.ft.len() >= n
+            && (input.ft.iter().take(n)).all(|w| six(w).iter().all(|x| x.is_finite()));
+        for (i, &joint) in self.layout.joints.iter().enumerate() {
+            let signals = [input.q.get(i), input.dq.get(i), input.ddq.get(i)];
+            for (own, signal) in self.motion.iter_mut().zip(signals) {
+                let Some(&x) = signal else { return false };
+                finite &= x.is_finite();
+                own[joint] = x;
+            }
+        }
+        finite
+    }
+
+    /// Every hypothesis that has a share; false if one cannot be solved at this pose.
+    fn solve(&mut self) -> bool {
+        let covariance = match self.weighting {
+            Weighting::Unit => None,
+            Weighting::Expected => Some(self.sigma.covariance.as_slice()),
+        };
+        let mut determined = true;
+        self.tau.copy_from_slice(&self.mechanics.tau);
+        for (h, &weight) in self.weights.iter().enumerate() {
+            if weight == 0.0 && h != self.chosen {
+                continue;
+            }
+            let (set, solution) = (&self.sets[h], &mut self.solutions[h]);
+            solution.solve(&self.model, &self.layout, &self.mechanics, set, covariance);
+            determined &= solution.determined(set);
+            solution.add_torques(
+                &self.layout,
+                &self.mechanics,
+                set,
+                self.residual,
+                weight,
+                &mut self.tau,
+            );
+        }
+        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
+        for (part, &output) in self.part_output.iter().enumerate() {
+            let told = &mut self.estimate.parts[output];
+            told.rank = solution.rank[part] as u32;
+            told.unknowns = set.parts[part].1 as u32;
+        }
+        determined
+    }
+
+    fn tell_torques(&mut self) {
+        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
+        (self.sigma).torques(&self.model, &self.layout, &self.mechanics, set, solution);
+        for (i, &joint) in self.layout.joints.iter().enumerate() {
+            self.estimate.sigma[i] = self.sigma.variance[joint].sqrt();
+        }
+        // A mimic joint's torque adds to that of the joint it follows.
+        self.by_joint.fill(0.0);
+        for (body, tau) in self.model.bodies().iter().zip(&self.tau).skip(1) {
+            self.by_joint[body.joint] += tau;
+        }
+        for (tau, &joint) in self.estimate.tau.iter_mut().zip(&self.layout.joints) {
+            *tau = self.by_joint[joint];
+        }
+    }
+
+    fn tell_contacts(&mut self) {
+        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
+        self.estimate.contacts.fill(ContactEstimate::default());
+        for (part, (range, _)) in set.parts.iter().enumerate() {
+            let origin = self.mechanics.origin(&self.model, &self.layout, part);
+            let covariance = &self.sigma.covariance[part];
+            let full = set.single_full(part).is_some();
+            let mut first = 0;
+            for c in range.clone() {
+                let contact = &set.contacts[c];
+                let frame = self.mechanics.in_root[contact.body].compose(&contact.placement);
+                let n = contact.kind.unknowns();
+                let rows = &solution.rows[part][first..first + n];
+                let rows = contact_rows(&frame, &origin, full, rows);
+                first += n;
+                let x: Six = std::array::from_fn(|k| quadratic(covariance, &rows[k]).sqrt());
+                let mut sigma = wrench(contact.wrench(&x[..n]));
+                sigma.force = sigma.force.map(f64::abs);
+                let told = &mut self.estimate.contacts[contact.input];
+                told.wrench = wrench(solution.local[c]);
+                told.sigma = sigma;
+            }
+        }
+    }
+
+    fn tell_parts(&mut self) {
+        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
+        for (part, &output) in self.part_output.iter().enumerate() {
+            let frame = (self.mechanics).part_frame(&self.model, &self.layout, part);
+            let told = &mut self.estimate.parts[output];
+            told.net = wrench(frame.inverse_act_force(self.mechanics.net[part]));
+            told.residual = wrench(frame.inverse_act_force(solution.residual[part]));
+            let n = set.parts[part].1;
+            if n == 6 {
+                told.residual_sigma = Wrench::default();
+                continue;
+            }
+            let (columns, rows) = (&solution.columns[part], &solution.rows[part]);
+            let sigma: Six = std::array::from_fn(|k| {
+                let axis = frame.rotation.column(k % 3).into_owned();
+                let axis = match k < 3 {
+                    true => Force::new(axis, Vector3::zeros()),
+                    false => Force::new(Vector3::zeros(), axis),
+                };
+                // axis^T (1 - A A^+)
+                let mut row = axis.to_array();
+                for (column, inverse) in columns[..n].iter().zip(&rows[..n]) {
+                    let along = dot(&axis.to_array(), column);
+                    row.iter_mut()
+                        .zip(inverse)
+                        .for_each(|(r, i)| *r -= along * i);
+                }
+                quadratic(&self.sigma.covariance[part], &row)
+                    .max(0.0)
+                    .sqrt()
+            });
+            told.residual_sigma = wrench(Force::from_array(sigma));
+        }
+    }
+}
+
+/// Index of the largest; the first of equals.
+fn largest(x: &[f64]) -> usize {
+    let mut best = 0;
+    for (i, value) in x.iter().enumerate() {
+        if *value > x[best] {
+            best = i;
+        }
+    }
+    best
+}
+
+fn six(w: &Wrench) -> Six {
+    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
+    [a, b, c, d, e, f]
+}
+
+pub(crate) fn wrench(f: Force) -> Wrench {
+    Wrench {
+        force: f.linear.into(),
+        torque: f.angular.into(),
+    }
+}

@@ -1,0 +1,180 @@
+//! Motion of every piece and what it takes: no contact is known here yet.
+//!
+//! Everything is told in the root link's axes about the root link's origin, at one instant: spatial
+//! vectors of different bodies then simply add up. The velocity of the whole robot does not matter
+//! to any wrench and is taken as zero at the root's origin.
+
+use crate::layout::Layout;
+use dynamics::{Force, ImuMotion, Inertia, Model, Motion, Se3};
+use nalgebra::Vector3;
+use robot_state::Wrench;
+
+/// See the module. Vectors have one element per body, piece, sensor or part.
+#[derive(Debug, Clone)]
+pub(crate) struct Mechanics {
+    /// Per body: placement, joint axis (times a mimic joint's ratio), twist, proper acceleration.
+    pub(crate) in_root: Vec<Se3>,
+    pub(crate) axis: Vec<Motion>,
+    pub(crate) velocity: Vec<Motion>,
+    pub(crate) acceleration: Vec<Motion>,
+    /// Per piece: inertia, its own, then with all that it carries in its part.
+    pub(crate) composite: Vec<Inertia>,
+    /// Per piece: inertial and gravity wrench with all that it carries in its part.
+    pub(crate) inertial: Vec<Force>,
+    /// Per piece: the same, less what sensors measure of the parts beyond it.
+    pub(crate) needed: Vec<Force>,
+    /// Per sensor: frame, and reading (what the part beyond applies to the part before).
+    pub(crate) sensor_frame: Vec<Se3>,
+    pub(crate) reading: Vec<Force>,
+    /// Per body: torque of its joint if nothing touched the part.
+    pub(crate) tau: Vec<f64>,
+    /// Per part: `b`, the wrench that contacts must apply to it.
+    pub(crate) net: Vec<Force>,
+}
+
+impl Mechanics {
+    pub(crate) fn new(model: &Model, layout: &Layout) -> Self {
+        let (bodies, pieces) = (model.bodies().len(), layout.pieces.len());
+        let sensors = layout.sensors.len();
+        Self {
+            in_root: vec![Se3::identity(); bodies],
+            axis: vec![Motion::zero(); bodies],
+            velocity: vec![Motion::zero(); bodies],
+            acceleration: vec![Motion::zero(); bodies],
+            composite: vec![Inertia::zero(); pieces],
+            inertial: vec![Force::zero(); pieces],
+            needed: vec![Force::zero(); pieces],
+            sensor_frame: vec![Se3::identity(); sensors],
+            reading: vec![Force::zero(); sensors],
+            tau: vec![0.0; bodies],
+            net: vec![Force::zero(); sensors + 1],
+        }
+    }
+
+    /// Placements and joint axes.
+    pub(crate) fn place(&mut self, model: &Model, q: &[f64]) {
+        for (i, body) in model.bodies().iter().enumerate().skip(1) {
+            let angle = q[body.joint] * body.ratio + body.offset;
+            let placement = self.in_root[body.parent].compose(&body.placement_at(angle));
+            let axis = placement.rotation * (body.axis * body.ratio);
+            self.axis[i] = if body.kind.turns() {
+                Motion::new(placement.translation.cross(&axis), axis)
+            } else {
+                Motion::new(axis, Vector3::zeros())
+            };
+            self.in_root[i] = placement;
+        }
+    }
+
+    /// Origin of a part's first link.
+    pub(crate) fn origin(&self, model: &Model, layout: &Layout, part: usize) -> Vector3<f64> {
+        let part = &layout.parts[part];
+        let body = model.frames()[part.first_link].body;
+        self.in_root[body].act_point(part.placement.translation)
+    }
+
+    /// A part's first link in the root's frame.
+    pub(crate) fn part_frame(&self, model: &Model, layout: &Layout, part: usize) -> Se3 {
+        let part = &layout.parts[part];
+        let body = model.frames()[part.first_link].body;
+        self.in_root[body].compose(&part.placement)
+    }
+
+    /// Everything, from the joints' motion, that of the source's frame, and the sensors' readings.
+    pub(crate) fn update(
+        &mut self,
+        model: &Model,
+        layout: &Layout,
+        [q, dq, ddq]: [&[f64]; 3],
+        source: &ImuMotion,
+        ft: &[Wrench],
+    ) {
+        self.place(model, q);
+        self.base(model, layout, dq, ddq, source);
+        for (i, body) in model.bodies().iter().enumerate().skip(1) {
+            let rate = self.axis[i] * dq[body.joint];
+            let velocity = self.velocity[body.parent] + rate;
+            self.acceleration[i] = self.acceleration[body.parent]
+                + self.axis[i] * ddq[body.joint]
+                + velocity.cross(rate);
+            self.velocity[i] = velocity;
+        }
+        for (i, piece) in layout.pieces.iter().enumerate() {
+            let inertia = piece.inertia.transformed(&self.in_root[piece.body]);
+            let wrench = inertia.wrench(self.velocity[piece.body], self.acceleration[piece.body]);
+            self.composite[i] = inertia;
+            self.inertial[i] = wrench;
+            self.needed[i] = wrench;
+        }
+        self.read(layout, ft);
+        self.sum(layout);
+    }
+
+    /// Twist and proper acceleration of the root that make the source's frame move as measured.
+    fn base(
+        &mut self,
+        model: &Model,
+        layout: &Layout,
+        dq: &[f64],
+        ddq: &[f64],
+        source: &ImuMotion,
+    ) {
+        let bodies = model.bodies();
+        let frame = self.in_root[layout.source_body].compose(&layout.source_placement);
+        let omega = frame.rotation * source.angular_velocity;
+        let rates = layout.source_path.iter();
+        let relative = rates.fold(Vector3::zeros(), |sum, &b| {
+            sum + self.axis[b].angular * dq[bodies[b].joint]
+        });
+        //= D Algorithm 1, lines 4-5: from the IMU to its link and from there to the root
+        let base = Motion::new(Vector3::zeros(), omega - relative);
+        let (mut velocity, mut acceleration) = (base, Motion::zero());
+        for &b in &layout.source_path {
+            let rate = self.axis[b] * dq[bodies[b].joint];
+            velocity += rate;
+            acceleration += self.axis[b] * ddq[bodies[b].joint] + velocity.cross(rate);
+        }
+        let alpha = frame.rotation * source.angular_acceleration;
+        let p = frame.translation;
+        let point_velocity = velocity.linear + velocity.angular.cross(&p);
+        let linear = frame.rotation * source.proper_acceleration
+            - alpha.cross(&p)
+            - velocity.angular.cross(&point_velocity);
+        self.velocity[0] = base;
+        self.acceleration[0] = Motion::new(linear, alpha) - acceleration;
+    }
+
+    fn read(&mut self, layout: &Layout, ft: &[Wrench]) {
+        for (s, sensor) in layout.sensors.iter().enumerate() {
+            let frame = self.in_root[sensor.body].compose(&sensor.placement);
+            let w = &ft[sensor.input];
+            let reading = Force::new(Vector3::from(w.force), Vector3::from(w.torque));
+            self.sensor_frame[s] = frame;
+            self.reading[s] = frame.act_force(reading);
+            self.needed[sensor.before_piece] -= self.reading[s];
+        }
+    }
+
+    /// Sums from the leaves to each part's root.
+    fn sum(&mut self, layout: &Layout) {
+        for i in (1..self.in_root.len()).rev() {
+            if let Some(s) = layout.cut_at_joint[i] {
+                self.tau[i] = -self.axis[i].dot(self.reading[s]);
+                continue;
+            }
+            let carrier = layout.carrier[i];
+            let (needed, inertial, composite) =
+                (self.needed[i], self.inertial[i], self.composite[i]);
+            self.tau[i] = self.axis[i].dot(needed);
+            self.needed[carrier] += needed;
+            self.inertial[carrier] += inertial;
+            self.composite[carrier] += composite;
+        }
+        for (g, part) in layout.parts.iter().enumerate() {
+            self.net[g] = self.needed[part.root_piece];
+            if let Some(s) = g.checked_sub(1) {
+                self.net[g] += self.reading[s];
+            }
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! What the estimator is to use: sensors, the source of the base's motion, contacts.
+
+use dynamics::Se3;
+use nalgebra::Vector3;
+
+/// A place on the robot: a link, and a frame fixed to it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Place {
+    /// The link.
+    pub link: String,
+    /// Placement of the frame in the link's own.
+    pub placement: Se3,
+}
+
+impl Place {
+    /// The link's own frame.
+    #[must_use]
+    pub fn link(link: &str) -> Self {
+        Self {
+            link: link.to_owned(),
+            placement: Se3::identity(),
+        }
+    }
+}
+
+/// A force/torque sensor that cuts the tree just before a link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FtSensorParameters {
+    /// The sensor's name, for messages.
+    pub name: String,
+    /// The first link beyond the sensor.
+    pub cut: String,
+    /// The frame in which it measures, on any link.
+    pub frame: Place,
+    /// Standard deviation of each force axis as handed to `update`, N.
+    pub sigma_force: f64,
+    /// Standard deviation of each torque axis as handed to `update`, N·m.
+    pub sigma_torque: f64,
+}
+
+/// From where the motion of the whole robot in space is known.
+#[derive(Debug, Clone, PartialEq)]
+pub enum MotionSource {
+    /// An inertial measurement unit.
+    Imu(ImuParameters),
+    /// A link that stands still, held by a stand.
+    Fixed {
+        /// The link.
+        link: String,
+        /// g: acceleration of gravity in that link's axes, m/s² (3).
+        gravity: Vector3<f64>,
+    },
+}
+
+/// The inertial measurement unit, on any link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImuParameters {
+    /// The frame in which it measures.
+    pub frame: Place,
+    /// Standard deviation of each accelerometer axis as handed to `update`, m/s².
+    pub sigma_accelerometer: f64,
+    /// Standard deviation of each axis of the angular acceleration as handed to `update`, rad/s².
+    pub sigma_angular_acceleration: f64,
+}
+
+/// What is unknown of a contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ContactKind {
+    /// Force and torque: six unknowns.
+    FullWrench,
+    /// A force through the point: three unknowns.
+    PureForce,
+    /// A force through the point along a direction, in the link's axes: one unknown.
+    KnownDirection(Vector3<f64>),
+    /// Nothing touches the part that the link belongs to: no unknowns, six checks.
+    Nothing,
+}
+
+impl ContactKind {
+    /// How many unknowns it has.
+    #[must_use]
+    pub fn unknowns(&self) -> usize {
+        match self {
+            Self::FullWrench => 6,
+            Self::PureForce => 3,
+            Self::KnownDirection(_) => 1,
+            Self::Nothing => 0,
+        }
+    }
+}
+
+/// Where the environment may touch the robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContactParameters {
+    /// The link that is touched.
+    pub link: String,
+    /// p: the point that is touched, in the link's frame, m (3).
+    pub point: Vector3<f64>,
+    /// What is unknown of it.
+    pub kind: ContactKind,
+}
+
+/// All contacts that the robot is taken to have at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hypothesis {
+    /// Its name, for messages and for choosing it.
+    pub name: String,
+    /// The contacts, in any order.
+    pub contacts: Vec<ContactParameters>,
+}
+
+/// How equations weigh where there are fewer unknowns than equations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Weighting {
+    /// A newton as much as a newton-metre about the origin of the part's first link.
+    #[default]
+    Unit,
+    /// Each by the expected size of its error: generalised least squares.
+    Expected,
+}
+
+/// Where the residual of a part goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Residual {
+    /// It stays at the sensor that cuts the part off: joints before the sensor trust the sensor.
+    #[default]
+    Stays,
+    /// It is handed on to the root: joints before the sensor trust the contacts beyond it.
+    HandedOn,
+}
+
+/// What the whole-body estimator is to use.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WholeBodyParameters {
+    /// Names of the joints in the order of every per-joint slice here.
+    pub joints: Vec<String>,
+    /// Standard deviation of each joint's acceleration as handed to `update`, rad/s², same order.
+    pub sigma_ddq: Vec<f64>,
+    /// The F/T sensors, in any order.
+    pub ft_sensors: Vec<FtSensorParameters>,
+    /// Where the motion in space comes from.
+    pub source: MotionSource,
+    /// The sets of contacts that may be chosen at run time; the first is chosen at the start.
+    pub hypotheses: Vec<Hypothesis>,
+    /// How equations weigh.
+    pub weighting: Weighting,
+    /// Where residuals go.
+    pub residual: Residual,
+    /// Relative standard deviation of the model's masses: every part's inertial and gravity wrench
+    /// is uncertain by this share.
+    pub sigma_model: f64,
+}

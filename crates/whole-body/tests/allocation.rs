@@ -1,0 +1,55 @@
+//! No update allocates, under any kind of contact and weights.
+
+#[allow(dead_code)] // each test uses a part of it
+mod common;
+
+use common::{Robot, Scene};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use whole_body::{Weighting, WholeBody, WholeBodyParameters};
+
+struct Counting;
+static COUNT: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: hands everything to the system's allocator.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        COUNT.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promises are the system's.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, p: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promises are the system's.
+        unsafe { System.dealloc(p, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn nothing_allocates() {
+    for seed in 0..30 {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed);
+        for weighting in [Weighting::Unit, Weighting::Expected] {
+            let mut parameters = WholeBodyParameters {
+                weighting,
+                ..robot.parameters()
+            };
+            let mut second = parameters.hypotheses[0].clone();
+            second.name = "the same".into();
+            parameters.hypotheses.push(second);
+            let mut whole_body = WholeBody::new(&robot.model, &parameters).unwrap();
+            let before = COUNT.load(Ordering::Relaxed);
+            assert!(whole_body.update(&scene.input()).valid);
+            whole_body.blend(&[0.3, 0.7]);
+            assert!(whole_body.update(&scene.input()).valid);
+            let _ = whole_body.net_at_sensor(0);
+            let mut broken = scene.input();
+            broken.q = &[];
+            assert!(!whole_body.update(&broken).valid);
+            assert_eq!(COUNT.load(Ordering::Relaxed) - before, 0, "allocations");
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! Torques and contact wrenches against the full inverse dynamics of random robots.
+
+#[allow(dead_code)] // each test uses a part of it
+mod common;
+
+use common::{Random, Robot, Scene};
+use dynamics::Se3;
+use proptest::prelude::*;
+use robot_state::Wrench;
+use whole_body::{
+    ContactKind, MotionSource, Place, Residual, Weighting, WholeBody, WholeBodyEstimate,
+    WholeBodyParameters,
+};
+
+fn numbers(w: &Wrench) -> impl Iterator<Item = f64> {
+    w.force.into_iter().chain(w.torque)
+}
+
+fn close(a: impl IntoIterator<Item = f64>, b: impl IntoIterator<Item = f64>, tolerance: f64) {
+    let (a, b): (Vec<f64>, Vec<f64>) = (a.into_iter().collect(), b.into_iter().collect());
+    assert_eq!(a.len(), b.len());
+    let scale = b.iter().fold(1.0f64, |m, x| m.max(x.abs()));
+    for (x, y) in a.iter().zip(&b) {
+        assert!((x - y).abs() <= tolerance * scale, "{a:?}\n{b:?}");
+    }
+}
+
+fn estimate(robot: &Robot, scene: &Scene, parameters: &WholeBodyParameters) -> WholeBodyEstimate {
+    let mut whole_body = WholeBody::new(&robot.model, parameters).unwrap();
+    let estimate = whole_body.update(&scene.input());
+    assert!(estimate.valid);
+    estimate.clone()
+}
+
+/// How much worse a part's contacts are conditioned than a full wrench: random points and
+/// directions may nearly depend on one another. The largest share of a contact in its part's net.
+fn conditioning(scene: &Scene) -> f64 {
+    let wrenches = scene.contact.iter().flat_map(numbers);
+    wrenches.fold(1.0f64, |m, x| m.max(x.abs())) / 100.0
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    /// Torques and contacts are those that were put in, whatever the weights; nothing remains.
+    #[test]
+    fn agrees_with_inverse_dynamics(seed in any::<u64>(), expected in any::<bool>(), on in any::<bool>()) {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed ^ 1);
+        let weighting = if expected { Weighting::Expected } else { Weighting::Unit };
+        let residual = if on { Residual::HandedOn } else { Residual::Stays };
+        let parameters = WholeBodyParameters { weighting, residual, ..robot.parameters() };
+        let result = estimate(&robot, &scene, &parameters);
+        let tolerance = 1e-9 * conditioning(&scene).max(1.0);
+        close(result.tau, scene.tau.iter().copied(), tolerance);
+        for (ours, truth) in result.contacts.iter().zip(&scene.contact) {
+            close(numbers(&ours.wrench), numbers(truth), tolerance);
+        }
+        for part in &result.parts {
+            close(numbers(&part.residual), [0.0; 6], tolerance);
+        }
+    }
+
+    /// Contacts and sensors may be listed in any order: bit by bit the same.
+    #[test]
+    fn order_does_not_matter(seed in any::<u64>()) {
+        let robot = Robot::random(seed);
+        let mut scene = Scene::random(&robot, seed ^ 2);
+        // Readings that contradict the contacts.
+        for w in &mut scene.ft {
+            w.force[0] += 5.0;
+            w.torque[1] -= 2.0;
+        }
+        let parameters = WholeBodyParameters { weighting: Weighting::Expected, ..robot.parameters() };
+        let reference = estimate(&robot, &scene, &parameters);
+        let mut random = Random(seed ^ 3);
+        let mut other = parameters.clone();
+        let contacts = &mut other.hypotheses[0].contacts;
+        let (shift, turn) = (random.below(contacts.len()), random.below(scene.ft.len()));
+        contacts.rotate_left(shift);
+        contacts.reverse();
+        other.ft_sensors.rotate_left(turn);
+        let mut shuffled = scene.clone();
+        shuffled.ft.rotate_left(turn);
+        let mut result = estimate(&robot, &shuffled, &other);
+        prop_assert_eq!(&result.tau, &reference.tau);
+        prop_assert_eq!(&result.sigma, &reference.sigma);
+        result.contacts.reverse();
+        result.contacts.rotate_right(shift);
+        prop_assert_eq!(&result.contacts, &reference.contacts);
+        result.parts[1..].rotate_right(turn);
+        prop_assert_eq!(&result.parts, &reference.parts);
+    }
+
+    /// The IMU may sit anywhere.
+    #[test]
+    fn imu_place_does_not_matter(seed in any::<u64>()) {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed ^ 2);
+        let reference = estimate(&robot, &scene, &robot.parameters());
+        let tolerance = 1e-9 * conditioning(&scene).max(1.0);
+        for link in robot.links().into_iter().step_by(3) {
+            let place = Place { link, placement: Se3::from_xyz_rpy([0.3, -0.2, 0.1], [1.0, 2.0, 3.0]) };
+            let mut moved = robot.parameters();
+            let MotionSource::Imu(imu) = &mut moved.source else { unreachable!() };
+            imu.frame = place.clone();
+            let result = estimate(&robot, &scene.with_imu_at(&robot, &place), &moved);
+            close(result.tau, reference.tau.iter().copied(), tolerance);
+        }
+    }
+
+    /// Every output's variance is the sum of the squares of its inputs' effects: the outputs are
+    /// linear in F/T signals, accelerometer and accelerations, so differences show them.
+    #[test]
+    fn sigma_is_that_of_the_inputs(seed in any::<u64>(), expected in any::<bool>()) {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed ^ 4);
+        let weighting = if expected { Weighting::Expected } else { Weighting::Unit };
+        let parameters = WholeBodyParameters { weighting, ..robot.parameters() };
+        let mut whole_body = WholeBody::new(&robot.model, &parameters).unwrap();
+        let outputs = |e: &WholeBodyEstimate| {
+            let mut all = e.tau.clone();
+            all.extend(e.contacts.iter().flat_map(|c| numbers(&c.wrench)));
+            all.extend(e.parts.iter().flat_map(|p| numbers(&p.residual)));
+            all
+        };
+        let reference = whole_body.update(&scene.input()).clone();
+        let at = outputs(&reference);
+        let mut variance = vec![0.0; at.len()];
+        let mut effect = |scene: &Scene, sigma: f64| {
+            let moved = outputs(whole_body.update(&scene.input()));
+            for ((v, a), b) in variance.iter_mut().zip(&moved).zip(&at) {
+                *v += (sigma * (a - b)).powi(2);
+            }
+        };
+        for (s, sensor) in parameters.ft_sensors.iter().enumerate() {
+            for axis in 0..3 {
+                let mut scene = scene.clone();
+                scene.ft[s].force[axis] += 1.0;
+                effect(&scene, sensor.sigma_force);
+                scene.ft[s].force[axis] -= 1.0;
+                scene.ft[s].torque[axis] += 1.0;
+                effect(&scene, sensor.sigma_torque);
+            }
+        }
+        for (j, sigma) in parameters.sigma_ddq.iter().enumerate() {
+            let mut scene = scene.clone();
+            scene.ddq[j] += 1.0;
+            effect(&scene, *sigma);
+        }
+        let MotionSource::Imu(imu) = &parameters.source else { unreachable!() };
+        for axis in 0..3 {
+            let mut scene = scene.clone();
+            scene.imu.proper_acceleration[axis] += 1.0;
+            effect(&scene, imu.sigma_accelerometer);
+            scene.imu.proper_acceleration[axis] -= 1.0;
+            scene.imu.angular_acceleration[axis] += 1.0;
+            effect(&scene, imu.sigma_angular_acceleration);
+        }
+        let mut told = reference.sigma.clone();
+        told.extend(reference.contacts.iter().flat_map(|c| numbers(&c.sigma)));
+        told.extend(reference.parts.iter().flat_map(|p| numbers(&p.residual_sigma)));
+        let tolerance = 1e-7 * conditioning(&scene).max(1.0);
+        close(told, variance.into_iter().map(f64::sqrt), tolerance);
+    }
+
+    /// A contact that is there but not declared shows in its part's residual alone.
+    #[test]
+    fn a_missing_contact_shows(seed in any::<u64>()) {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed ^ 5);
+        let parameters = WholeBodyParameters { weighting: Weighting::Expected, ..robot.parameters() };
+        let mut told = 0;
+        for (s, _) in parameters.ft_sensors.iter().enumerate() {
+            let mut pushed = scene.clone();
+            // A push of 100 N and 50 N·m on the part: as its sensor feels it.
+            for k in 0..3 {
+                pushed.ft[s].force[k] += 100.0 / 3f64.sqrt();
+                pushed.ft[s].torque[k] += 50.0 / 3f64.sqrt();
+            }
+            let result = estimate(&robot, &pushed, &parameters);
+            if let Some(ratio) = result.parts[s + 1].residual_ratio() {
+                prop_assert!(ratio > 5.0, "{ratio}");
+                told += 1;
+            }
+            let quiet = estimate(&robot, &scene, &parameters);
+            for part in &quiet.parts {
+                prop_assert!(part.residual_ratio().unwrap_or(0.0) < 1e-3);
+            }
+        }
+        let fewer = parameters.hypotheses[0].contacts.iter().any(|c| c.kind == ContactKind::Nothing);
+        prop_assert!(told > 0 || !fewer);
+    }
+}
+
+/// A stand that holds a link is an IMU there which feels gravity alone.
+#[test]
+fn a_stand_is_an_imu_at_rest() {
+    for seed in 0..40 {
+        let robot = Robot::random(seed);
+        let mut scene = Scene::random(&robot, seed ^ 3);
+        let mut parameters = robot.parameters();
+        let gravity = nalgebra::Vector3::new(1.0, -2.0, -9.0);
+        // The root's part has unknowns; the stand holds the root.
+        let MotionSource::Imu(imu) = &mut parameters.source else {
+            unreachable!()
+        };
+        imu.frame = Place::link("link0");
+        imu.sigma_accelerometer = 0.0;
+        imu.sigma_angular_acceleration = 0.0;
+        scene.imu.angular_velocity.fill(0.0);
+        scene.imu.angular_acceleration.fill(0.0);
+        scene.imu.proper_acceleration = -gravity;
+        let reference = estimate(&robot, &scene, &parameters);
+        parameters.source = MotionSource::Fixed {
+            link: "link0".into(),
+            gravity,
+        };
+        scene.imu.proper_acceleration.fill(f64::NAN);
+        assert_eq!(estimate(&robot, &scene, &parameters), reference);
+    }
+}
+
+#[test]
+fn signals_that_are_not_finite_leave_the_last_estimate() {
+    let robot = Robot::random(5);
+    let scene = Scene::random(&robot, 6);
+    let mut whole_body = WholeBody::new(&robot.model, &robot.parameters()).unwrap();
+    assert!(!whole_body.estimate().valid, "nothing seen yet");
+    let good = whole_body.update(&scene.input()).clone();
+    let mut broken = vec![scene.clone(); 5];
+    broken[0].q[0] = f64::NAN;
+    broken[1].ft[0].torque[2] = f64::INFINITY;
+    broken[2].imu.angular_velocity.x = f64::NAN;
+    broken[3].ddq.pop();
+    broken[4].ft.clear();
+    for scene in &broken {
+        let bad = whole_body.update(&scene.input());
+        assert!(!bad.valid);
+        assert_eq!((&bad.tau, &bad.contacts), (&good.tau, &good.contacts));
+    }
+    assert_eq!(whole_body.update(&scene.input()), &good);
+}

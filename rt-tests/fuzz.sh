@@ -1,0 +1,68 @@
+#!/bin/bash
+# Bounded fuzzing of what reads files and frames from outside (crates/*/fuzz), with the pinned
+# stable compiler: libFuzzer and LLVM's coverage pass, no cargo-fuzz.
+set -eu
+root=$(cd "$(dirname "$0")/.." && pwd)
+cd "$root"
+
+usage() {
+    cat <<END
+usage: rt-tests/fuzz.sh [--keep] [SECONDS [TARGET...]]
+
+Fuzzes each target for SECONDS (60): $(echo "${targets[@]##*:}")
+Starts from the corpus in crates/*/fuzz/corpus; what finds new paths collects in
+target/fuzz/corpus. Exit code 0 if nothing crashed; else the input is in target/fuzz/crashes.
+  --keep     adds the smallest set of inputs that covers all paths found to the corpus
+Examples:
+  rt-tests/fuzz.sh
+  rt-tests/fuzz.sh --keep 600 urdf
+END
+}
+
+# CRATE:TARGET of each.
+mapfile -t targets < <(find crates/*/fuzz/fuzz_targets -name '*.rs' |
+    sed -E 's,crates/([^/]*)/fuzz/fuzz_targets/(.*)\.rs,\1:\2,' | sort)
+keep=no
+case ${1:-} in
+    -h | --help) usage; exit 0 ;;
+    --keep) keep=yes; shift ;;
+esac
+seconds=${1:-60}
+if ! [[ $seconds =~ ^[0-9]+$ ]]; then
+    echo "fuzz: '$seconds'; allowed: a number of seconds, --keep, --help" >&2
+    exit 2
+fi
+shift || true
+[ $# -gt 0 ] || set -- "${targets[@]##*:}"
+
+# What cargo-fuzz sets, without the sanitizers: our code has no unsafe block there to watch.
+coverage=(-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4
+    -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table
+    -Cllvm-args=-sanitizer-coverage-trace-compares
+    --cfg=fuzzing -Cdebug-assertions -Ccodegen-units=1)
+host=$(rustc -vV | sed -n 's/^host: //p')
+
+rt-tests/install.sh --fuzz
+for target in "$@"; do
+    crate=$(printf '%s\n' "${targets[@]}" | sed -n "s/:$target\$//p")
+    [ -n "$crate" ] || { echo "fuzz: no target '$target'; allowed: ${targets[*]##*:}" >&2; exit 2; }
+    fuzz=crates/$crate/fuzz
+    # With --target the flags do not reach build scripts.
+    RUSTFLAGS="${coverage[*]}" cargo build --release --locked --quiet --manifest-path "$fuzz/Cargo.toml" \
+        --bin "$target" --target "$host" --target-dir target/fuzz
+    found=target/fuzz/corpus/$target crashes=target/fuzz/crashes/$target
+    program=target/fuzz/$host/release/$target
+    options=(-max_len=4096 -timeout=10 -rss_limit_mb=2048 -print_final_stats=1)
+    [ ! -e "$fuzz/$target.dict" ] || options+=(-dict="$fuzz/$target.dict")
+    mkdir -p "$found" "$crashes"
+    echo "== fuzz $target, $seconds s"
+    log=target/fuzz/$target.log
+    if ! "$program" "${options[@]}" -max_total_time="$seconds" -artifact_prefix="$crashes/" \
+        "$found" "$fuzz/corpus/$target" >"$log" 2>&1; then
+        tail -n 40 "$log"
+        echo "fuzz: $target failed; input in $crashes, log in $log" >&2
+        exit 1
+    fi
+    grep -E '^(Done|stat::number_of_executed_units|stat::new_units_added)' "$log"
+    [ $keep = no ] || "$program" -merge=1 "${options[@]}" "$fuzz/corpus/$target" "$found" 2>&1 | tail -n 1
+done
