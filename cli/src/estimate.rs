@@ -3,7 +3,7 @@
 use crate::BAD_INPUT;
 use crate::text_table::TextTable;
 use clap::Args;
-use estimators::joint::JointTorqueEstimator;
+use estimators::joint::{JointSample, JointTorqueEstimator};
 use identification::evaluate::{Figures, Score};
 use identification::joint_file::JointFile;
 use identification::log::{LogReader, LogRow};
@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Run every estimator of a joint over a recorded log
 #[derive(Args)]
@@ -35,13 +35,33 @@ const FORMAT: &str = "\
 The log has columns t,theta,q,i and may have tau_sensor, in any order, others are passed over:
 s, rad (motor side, unwrapped), rad (link side), A, N·m, with theta/N - q > 0 for positive torque.
 It is read line by line: its length does not matter.
-Without tau_sensor there is nothing to compare with: only the time per sample is printed.";
+Without tau_sensor there is nothing to compare with: only sigma and time are printed.
+
+--out has a column t, tau_sensor where the log has one, and tau_NAME (N·m), sigma_NAME (N·m) of
+every estimator.
+
+Examples:
+  torquectl estimate --joint fitted.toml --log run.csv
+  torquectl estimate --joint fitted.toml --log run.csv --json --out estimates.csv";
 
 /// One source, or the fused torque, as the table shows it.
 struct Row {
     name: String,
     score: Score,
     sigma_square: f64,
+    /// Time per sample, ns; the fused torque's holds that of its sources.
+    time_ns: f64,
+}
+
+impl Row {
+    fn new(name: &str, score: &Score) -> Self {
+        Self {
+            name: name.to_owned(),
+            score: score.clone(),
+            sigma_square: 0.0,
+            time_ns: 0.0,
+        }
+    }
 }
 
 pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
@@ -67,20 +87,14 @@ fn report(arguments: &EstimateArguments) -> Result<String, String> {
         names.push("fused".to_owned());
     }
     let score = Score::new(joint.sample_period());
-    let mut rows: Vec<Row> = names
-        .iter()
-        .map(|name| Row {
-            name: name.clone(),
-            score: score.clone(),
-            sigma_square: 0.0,
-        })
-        .collect();
+    let mut rows: Vec<Row> = names.iter().map(|name| Row::new(name, &score)).collect();
     let mut out = arguments
         .out
         .as_deref()
         .map(|path| Output::create(path, &names))
         .transpose()?;
-    let (mut time, mut count, mut last) = (Duration::ZERO, 0u32, None::<f64>);
+    let (mut count, mut last) = (0u64, None::<f64>);
+    let mut timed = Vec::new();
     while let Some(row) = log.next_row().map_err(|e| e.to_string())? {
         bridge(
             &mut front_end,
@@ -89,10 +103,11 @@ fn report(arguments: &EstimateArguments) -> Result<String, String> {
             joint.sample_period(),
         );
         let sample = front_end.update(row.theta, row.q, row.current);
-        let start = Instant::now();
+        if timed.len() < TIMED {
+            timed.push(sample);
+        }
         let fused = set.update(&sample);
-        time += start.elapsed();
-        count = count.saturating_add(1);
+        count += 1;
         let estimates: Vec<_> = set
             .estimates()
             .iter()
@@ -115,12 +130,29 @@ fn report(arguments: &EstimateArguments) -> Result<String, String> {
     if let Some(out) = out {
         out.finish()?;
     }
-    let per_sample = time / count;
-    Ok(if arguments.json {
-        json(&rows)
-    } else {
-        table(&rows, count, per_sample)
+    let sources = joint.sources().map_err(|e| e.to_string())?;
+    for (row, (_, mut source)) in rows.iter_mut().zip(sources) {
+        row.time_ns = time_ns(source.as_mut(), &timed);
+    }
+    if let (true, Some(row)) = (set.fuses(), rows.last_mut()) {
+        set.reset();
+        row.time_ns = time_ns(&mut set, &timed);
+    }
+    Ok(match arguments.json {
+        true => json(&rows),
+        false => table(&rows, count),
     })
+}
+
+/// Samples at the log's begin that each estimator is timed on, by itself.
+const TIMED: usize = 20_000;
+
+fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) -> f64 {
+    let start = Instant::now();
+    for sample in samples {
+        std::hint::black_box(estimator.update(std::hint::black_box(sample)));
+    }
+    start.elapsed().as_secs_f64() * 1e9 / samples.len().max(1) as f64
 }
 
 /// Tells the filters of samples that the log lacks.
@@ -136,7 +168,7 @@ fn bridge(front_end: &mut estimators::front_end::FrontEnd, last: Option<f64>, t:
 pub(crate) fn read_joint(path: &Path) -> Result<JointFile, String> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|e| format!("{name}: {e}"))?;
-    JointFile::parse(&text, &name).map_err(|e| e.to_string())
+    JointFile::parse(&text, &name, &|path| std::fs::read_to_string(path)).map_err(|e| e.to_string())
 }
 
 pub(crate) fn open_log(path: &Path) -> Result<LogReader<BufReader<File>>, String> {
@@ -187,7 +219,7 @@ impl Output {
     }
 }
 
-fn table(rows: &[Row], count: u32, per_sample: Duration) -> String {
+fn table(rows: &[Row], count: u64) -> String {
     let heading = [
         "estimator",
         "max N·m",
@@ -196,10 +228,11 @@ fn table(rows: &[Row], count: u32, per_sample: Duration) -> String {
         "correlation",
         "delay ms",
         "sigma N·m",
+        "time ns",
     ];
     let mut cells = vec![heading.map(str::to_owned).to_vec()];
     for row in rows {
-        let sigma = (row.sigma_square / f64::from(count)).sqrt();
+        let sigma = (row.sigma_square / count as f64).sqrt();
         let figures = row.score.figures();
         let shown = |value: fn(&Figures) -> f64, digits: usize| {
             figures
@@ -214,25 +247,26 @@ fn table(rows: &[Row], count: u32, per_sample: Duration) -> String {
             shown(|f| f.correlation, 5),
             shown(|f| 1e3 * f.delay_s, 2),
             format!("{sigma:.4}"),
+            format!("{:.0}", row.time_ns),
         ]);
     }
-    let nanoseconds = per_sample.as_nanos();
     format!(
-        "{}{count} samples, {nanoseconds} ns per sample for all together\n",
+        "{}{count} samples; RMS % is of the RMS torque, time per sample\n",
         TextTable(cells)
     )
 }
 
 fn json(rows: &[Row]) -> String {
-    let figures = |row: &Row| match row.score.figures() {
-        Some(f) => serde_json::json!({
-            "max": f.max,
-            "rms": f.rms,
-            "rms_percent": f.rms_percent,
-            "correlation": f.correlation,
-            "delay_s": f.delay_s,
-        }),
-        None => serde_json::json!({}),
+    let figures = |row: &Row| {
+        let mut object = serde_json::json!({"time_ns": row.time_ns});
+        if let Some(f) = row.score.figures() {
+            object["max"] = f.max.into();
+            object["rms"] = f.rms.into();
+            object["rms_percent"] = f.rms_percent.into();
+            object["correlation"] = f.correlation.into();
+            object["delay_s"] = f.delay_s.into();
+        }
+        object
     };
     let object: serde_json::Map<_, _> = rows
         .iter()

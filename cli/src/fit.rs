@@ -3,24 +3,54 @@
 use crate::BAD_INPUT;
 use crate::estimate::{open_log, read_joint};
 use clap::{Args, Subcommand};
-use identification::all;
+use identification::all::{self, Fitted, Step};
 use identification::log::LogRow;
+use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Fit the estimators of a joint to recorded logs
 #[derive(Args)]
+#[command(after_long_help = EXAMPLES)]
 pub(crate) struct FitArguments {
     #[command(subcommand)]
     what: What,
 }
 
+const EXAMPLES: &str = "\
+Logs are CSV with columns t,theta,q,i[,tau_sensor] (see `torquectl estimate --help`).
+
+Examples:
+  torquectl fit all --joint elbow.toml --no-load turn.csv --training train.csv -o fitted.toml
+  torquectl fit kinematic-error --joint elbow.toml --log turn.csv -o elbow.toml
+  torquectl fit compliance --joint elbow.toml --log train.csv -o elbow.toml
+
+The network and the Gaussian processes are written beside OUT.toml, as OUT.network.toml and so on.";
+
 #[derive(Subcommand)]
 enum What {
+    /// Everything: kinematic error from an unloaded turn, the rest from loaded motion and rest
     All(AllArguments),
+    /// Kinematic error, from one unloaded output turn each way
+    KinematicError(StepArguments),
+    /// Motor friction and the constants of the current-based torque
+    Current(StepArguments),
+    /// Z's compliance, and the skew between the encoders
+    Compliance(StepArguments),
+    /// Gear with slipping springs
+    Hysteresis(StepArguments),
+    /// S's deformation model
+    Deformation(StepArguments),
+    /// Noise of the Kalman filters; needs the compliance and the hysteresis
+    Kalman(StepArguments),
+    /// S's network
+    Network(StepArguments),
+    /// Local Gaussian processes; need the compliance and the hysteresis
+    LocalGp(StepArguments),
+    /// How far every source is off; fit it last
+    Fusion(StepArguments),
 }
 
-/// Fit every estimator: kinematic error from an unloaded turn, the rest from loaded motion
 #[derive(Args)]
 struct AllArguments {
     /// The joint (TOML): its table [joint] is enough
@@ -32,16 +62,58 @@ struct AllArguments {
     /// Log of loaded motion and rest (CSV: t,theta,q,i,tau_sensor)
     #[arg(long)]
     training: PathBuf,
+    #[command(flatten)]
+    out: OutArguments,
+}
+
+#[derive(Args)]
+struct StepArguments {
+    /// The joint (TOML), with the tables that this one stands on
+    #[arg(long)]
+    joint: PathBuf,
+    /// The log (CSV: t,theta,q,i,tau_sensor; the kinematic error's without tau_sensor)
+    #[arg(long)]
+    log: PathBuf,
+    #[command(flatten)]
+    out: OutArguments,
+}
+
+#[derive(Args)]
+struct OutArguments {
     /// Where the fitted joint is written (TOML)
     #[arg(short, long)]
     out: PathBuf,
+    /// Print what was found as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl What {
+    fn step(&self) -> Option<(Step, &StepArguments)> {
+        Some(match self {
+            Self::All(_) => return None,
+            Self::KinematicError(a) => (Step::KinematicError, a),
+            Self::Current(a) => (Step::Current, a),
+            Self::Compliance(a) => (Step::Compliance, a),
+            Self::Hysteresis(a) => (Step::Hysteresis, a),
+            Self::Deformation(a) => (Step::Deformation, a),
+            Self::Kalman(a) => (Step::Kalman, a),
+            Self::Network(a) => (Step::Network, a),
+            Self::LocalGp(a) => (Step::LocalGp, a),
+            Self::Fusion(a) => (Step::Fusion, a),
+        })
+    }
 }
 
 pub(crate) fn run(arguments: &FitArguments) -> ExitCode {
-    let What::All(arguments) = &arguments.what;
-    match fit_all(arguments) {
+    let done = match (&arguments.what, arguments.what.step()) {
+        (What::All(all), _) => fit_all(all),
+        (_, Some((step, arguments))) => fit_one(step, arguments),
+        (_, None) => Ok(String::new()),
+    };
+    match done {
         Ok(report) => {
-            println!("{report}");
+            print!("{report}");
             ExitCode::SUCCESS
         }
         Err(message) => {
@@ -53,13 +125,71 @@ pub(crate) fn run(arguments: &FitArguments) -> ExitCode {
 
 fn fit_all(arguments: &AllArguments) -> Result<String, String> {
     let joint = read_joint(&arguments.joint)?;
+    let stem = stem(&arguments.out.out)?;
     let turn = rows(&arguments.no_load, false)?;
     let train = rows(&arguments.training, true)?;
-    let fitted = all::fit(&joint, &turn, &train).map_err(|e| e.to_string())?;
-    let text = fitted.joint.to_toml().map_err(|e| e.to_string())?;
-    let out = arguments.out.display();
-    std::fs::write(&arguments.out, text).map_err(|e| format!("{out}: {e}"))?;
-    Ok(format!("{}\nwritten to {out}", fitted.report.join("\n")))
+    let bar = bar();
+    let fitted = all::fit(&joint, &turn, &train, &mut told(&bar));
+    bar.finish_and_clear();
+    let logs = [&arguments.no_load, &arguments.training].map(|path| path.display().to_string());
+    let fitted = fitted.map_err(|e| format!("{}: {e}", logs.join(", ")))?;
+    write(&fitted, &arguments.out, &stem)
+}
+
+fn fit_one(step: Step, arguments: &StepArguments) -> Result<String, String> {
+    let joint = read_joint(&arguments.joint)?;
+    let stem = stem(&arguments.out.out)?;
+    let rows = rows(&arguments.log, step != Step::KinematicError)?;
+    let bar = bar();
+    let fitted = all::fit_one(&joint, step, &rows, &mut told(&bar));
+    bar.finish_and_clear();
+    let fitted = fitted.map_err(|e| format!("{}: {e}", arguments.log.display()))?;
+    write(&fitted, &arguments.out, &stem)
+}
+
+/// Progress on stderr, where somebody looks at it.
+fn bar() -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:30} {percent:>3} % {elapsed} {msg}");
+    let bar = ProgressBar::new(1000);
+    style.map_or(bar.clone(), |style| bar.with_style(style))
+}
+
+fn told(bar: &ProgressBar) -> impl FnMut(f64, &str) {
+    |part, what| {
+        bar.set_position((1000.0 * part) as u64);
+        bar.set_message(what.to_owned());
+    }
+}
+
+/// The out file's name without `.toml`, from which trained files' names are made.
+fn stem(out: &Path) -> Result<String, String> {
+    let toml = out.extension().is_some_and(|extension| extension == "toml");
+    match out.file_stem().and_then(|stem| stem.to_str()) {
+        Some(stem) if toml => Ok(stem.to_owned()),
+        _ => Err(format!("--out {}: allowed: a name in .toml", out.display())),
+    }
+}
+
+fn write(fitted: &Fitted, out: &OutArguments, stem: &str) -> Result<String, String> {
+    let files = fitted.files(stem).map_err(|e| e.to_string())?;
+    let mut written = Vec::new();
+    for (name, text) in &files {
+        let path = out.out.with_file_name(name);
+        let shown = path.display().to_string();
+        std::fs::write(&path, text).map_err(|e| format!("{shown}: {e}"))?;
+        written.push(shown);
+    }
+    Ok(match out.json {
+        true => {
+            let report = serde_json::json!({"report": fitted.report, "written": written});
+            format!("{report}\n")
+        }
+        false => format!(
+            "{}\nwritten: {}\n",
+            fitted.report.join("\n"),
+            written.join(", ")
+        ),
+    })
 }
 
 fn rows(path: &Path, torque: bool) -> Result<Vec<LogRow>, String> {

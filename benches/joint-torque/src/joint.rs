@@ -1,6 +1,6 @@
 //! The joints on the bench, as their users know them and as they are.
 
-use identification::joint_file::JointFile;
+use identification::joint_file::{JointFile, no_files};
 use identification::log::LogRow;
 use plant::parameters::DriveParameters;
 use plant::random::Random;
@@ -8,8 +8,12 @@ use plant::{Command, DriveSheet, JointRig, KinematicError, RigLoad, RigTiming, S
 
 use crate::scenario::Scenario;
 
-/// Steps of the simulation in a sample.
-const SUBSTEPS: usize = 10;
+/// Set points between two samples: drives interpolate (CiA 402's interpolated position mode). A
+/// staircase of one step a sample would make a pulse of current in each, always sampled at its
+/// end.
+const SET_POINTS: usize = 5;
+/// Steps of the simulation between two set points.
+const SUBSTEPS: usize = 2;
 /// How far parameters are drawn from the nominal joint's.
 const SPREAD: f64 = 0.3;
 
@@ -43,7 +47,7 @@ impl BenchJoint {
             ),
             other => return Err(format!("joint `{other}` is unknown; allowed: z, s")),
         };
-        let file = JointFile::parse(joint, name).map_err(|e| e.to_string())?;
+        let file = JointFile::parse(joint, name, &no_files).map_err(|e| e.to_string())?;
         let mut sim = SimParameters::parse(sim, name)?;
         let drive = sim.drives.remove("joint");
         let drive = drive.ok_or("the simulated drive `joint` is missing")?;
@@ -115,7 +119,7 @@ impl BenchJoint {
         };
         let period = 1.0 / j.sample_rate;
         let timing = RigTiming {
-            period,
+            period: period / SET_POINTS as f64,
             substeps: SUBSTEPS,
         };
         let load = scenario.load;
@@ -124,12 +128,18 @@ impl BenchJoint {
         let start = rig.set_point() - q_start;
         let mut noise = Random::new(self.seed, 1000 + scenario.stream);
         let count = (scenario.seconds / period).round() as usize;
+        // The offset that carries the load at the start fades out.
+        let set_point = |t: f64| (scenario.q)(t) + start * (-t / 0.2).exp();
         (1..=count)
             .map(|i| {
+                let mut sample = None;
+                for k in 1..=SET_POINTS {
+                    let t = ((i - 1) * SET_POINTS + k) as f64 * timing.period;
+                    rig.command(set_point(t));
+                    sample = Some(rig.advance((scenario.external)(t)));
+                }
                 let t = i as f64 * period;
-                // The offset that carries the load at the start fades out.
-                rig.command((scenario.q)(t) + start * (-t / 0.2).exp());
-                let sample = rig.advance((scenario.external)(t));
+                let sample = sample.expect("at least one set point a sample");
                 let tau = sample.truth.tau;
                 let row = LogRow {
                     t,

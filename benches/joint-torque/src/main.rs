@@ -26,7 +26,7 @@ fn main() {
     let train = rows(&scenario::train(&joint));
     eprintln!("simulated {:?}", start.elapsed());
     let start = Instant::now();
-    let fitted = all::fit(&joint.file, &turn, &train).unwrap();
+    let fitted = all::fit(&joint.file, &turn, &train, &mut |_, _| ()).unwrap();
     eprintln!("fitted {:?}", start.elapsed());
     for line in &fitted.report {
         println!("{line}");

@@ -13,6 +13,8 @@ pub struct CurrentParameters {
     pub k_2: f64,
     /// K3: Coulomb friction, N·m, link side.
     pub k_3: f64,
+    /// K4: Coulomb friction per torque carried, as gears that mesh have it, 1; D3 has none.
+    pub k_4: f64,
     /// J N²: the rotor's inertia seen from the link, kg·m²; 0 neglects it as D3 does.
     pub inertia: f64,
     /// Current without torque, A.
@@ -66,11 +68,12 @@ impl JointTorqueEstimator for CurrentEstimator {
             .map_or(0.0, |last| (dq - last) / p.sample_period);
         self.last_dq = Some(dq);
         let direction = (dq / p.sign_smoothing.max(f64::MIN_POSITIVE)).tanh();
-        //= D3: tau = K1 i - K2 dq - K3 sign(dq)
+        //= D3: tau = K1 i - K2 dq - (K3 + K4 |tau|) sign(dq), solved for tau
         let driven = p.k_1 * (current - p.offset) - p.inertia * ddq;
-        let tau = self.low_pass.update(driven) - p.k_2 * dq - p.k_3 * direction;
+        let carried = self.low_pass.update(driven) - p.k_2 * dq - p.k_3 * direction;
+        let tau = carried / (1.0 + p.k_4 * direction * carried.signum());
         // At rest friction may point either way: uniform between its bounds.
-        let unknown = p.k_3 * (1.0 - direction.abs()) / 3f64.sqrt();
+        let unknown = (p.k_3 + p.k_4 * tau.abs()) * (1.0 - direction.abs()) / 3f64.sqrt();
         self.output.give(sample, tau, p.sigma.hypot(unknown))
     }
 

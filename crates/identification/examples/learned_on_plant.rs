@@ -14,14 +14,14 @@ use estimators::network::NetworkEstimator;
 use identification::all;
 use identification::evaluate::Score;
 use identification::gaussian_process::{self, GpOptions};
-use identification::joint_file::JointFile;
+use identification::joint_file::{AnyEstimator, JointFile};
 use identification::log::LogRow;
 use identification::network::{self, NetworkOptions};
 use identification::record::Record;
 use std::error::Error;
 use std::io::{Write, stdout};
 
-type Named = (String, Box<dyn JointTorqueEstimator + Send>);
+type Named = (String, AnyEstimator);
 
 #[allow(clippy::disallowed_methods, reason = "a report looks at the clock")]
 fn main() -> Result<(), Box<dyn Error>> {
@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut out = stdout();
     let train = bench::training(seconds, 0.5);
     let start = std::time::Instant::now();
-    let fitted = all::fit(&bench::joint(), &bench::turn(), &train)?;
+    let fitted = all::fit(&bench::joint(), &bench::turn(), &train, &mut |_, _| ())?;
     writeln!(
         out,
         "models fitted in {:.1} s",
@@ -86,9 +86,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             estimators.push((format!("GP {features:?} on {base}"), Box::new(estimator)));
         }
     }
-    for name in joint.sources()?.names() {
-        estimators.push((name.clone(), source(&joint, name)?));
-    }
+    estimators.extend(joint.sources()?);
     let scenarios = bench::scenarios();
     write!(out, "{:<28}", "RMS, % of RMS torque")?;
     for (name, _) in &scenarios {
@@ -110,25 +108,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn source(joint: &JointFile, name: &str) -> Result<Box<dyn JointTorqueEstimator + Send>, String> {
-    let set = joint.sources().map_err(|e| e.to_string())?;
-    let i = set.names().iter().position(|n| n == name);
-    let i = i.ok_or_else(|| format!("no source {name}"))?;
-    Ok(Box::new(OneOf(set, i)))
-}
-
-/// One source of a set.
-struct OneOf(estimators::set::EstimatorSet, usize);
-
-impl JointTorqueEstimator for OneOf {
-    fn update(&mut self, sample: &estimators::joint::JointSample) -> robot_state::TorqueEstimate {
-        self.0.update(sample);
-        self.0.estimates()[self.1]
-    }
-
-    fn reset(&mut self) {
-        self.0.reset();
-    }
+fn source(joint: &JointFile, name: &str) -> Result<AnyEstimator, Box<dyn Error>> {
+    Ok(joint
+        .model(name)?
+        .ok_or_else(|| format!("no source {name}"))?)
 }
 
 /// RMS in per cent of RMS torque; RMS of the error in units of sigma.

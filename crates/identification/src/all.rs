@@ -2,20 +2,25 @@
 //!
 //! ```text
 //! TURN  -> kinematic error
-//! TRAIN -> motor friction -> skew, Z's compliance -> gear with slipping springs
-//!       -> current, deformation model -> noise of the Kalman filters -> fusion
+//! TRAIN -> motor friction -> Z's compliance, skew -> gear with slipping springs
+//!       -> deformation model -> noise of the Kalman filters -> network -> local Gaussian processes
+//!       -> fusion
 //! ```
 
+use crate::gaussian_process::{self, GpOptions};
 use crate::joint_file::{
     ComplianceTable, CurrentTable, DeformationTable, EncodersTable, FrictionTable, FusionTable,
-    HysteresisTable, JointFile, KalmanTable, SourceTable,
+    HysteresisTable, JointFile, KalmanTable, SourceTable, TrainedTable,
 };
+use crate::learned::Progress;
 use crate::log::LogRow;
+use crate::network::{self, NetworkOptions};
 use crate::record::Record;
 use crate::{FitError, current, deformation, fusion, gear, kinematic, noise};
 use estimators::deformation::AngularFrequency;
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::set::EstimatorSet;
 
 /// Time constant of Z's low-pass (0.95 at 1 kHz), s.
 const Z_TIME_CONSTANT_S: f64 = 0.0195;
@@ -24,6 +29,51 @@ const SHORT_TIME_CONSTANT_S: f64 = 0.002;
 /// Skew below this many standard deviations, or this time, is none.
 const SKEW_SIGNIFICANCE: f64 = 5.0;
 const SKEW_LEAST_S: f64 = 2e-5;
+
+/// One fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// Kinematic error, from an unloaded turn each way; all others need loaded motion.
+    KinematicError,
+    /// Motor friction and the constants of the current-based torque (D3).
+    Current,
+    /// Z's compliance, and the skew between the encoders.
+    Compliance,
+    /// Gear with slipping springs.
+    Hysteresis,
+    /// S's deformation model.
+    Deformation,
+    /// Noise of the Kalman filters (U).
+    Kalman,
+    /// S's network.
+    Network,
+    /// Local Gaussian processes (G) on the compliance model and on the gear with slipping springs.
+    LocalGp,
+    /// How far every source is off.
+    Fusion,
+}
+
+impl Step {
+    /// Every step in its order, its name, and its share of the time that all take.
+    pub const ALL: [(Self, &'static str, f64); 9] = [
+        (Self::KinematicError, "kinematic-error", 0.01),
+        (Self::Current, "current", 0.01),
+        (Self::Compliance, "compliance", 0.05),
+        (Self::Hysteresis, "hysteresis", 0.1),
+        (Self::Deformation, "deformation", 0.01),
+        (Self::Kalman, "kalman", 0.15),
+        (Self::Network, "network", 0.45),
+        (Self::LocalGp, "local-gp", 0.2),
+        (Self::Fusion, "fusion", 0.02),
+    ];
+
+    /// The step of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        let found = Self::ALL.iter().find(|(_, n, _)| *n == name);
+        found.map(|(step, ..)| *step)
+    }
+}
 
 /// A fitted joint, and what each step found, in words.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,27 +86,107 @@ pub struct Fitted {
     pub skew_sigma: f64,
 }
 
-/// Fits everything.
+/// Fits everything; `progress` is told how far it is.
 ///
 /// # Errors
 /// The first step that its data do not allow.
-pub fn fit(joint: &JointFile, turn: &[LogRow], train: &[LogRow]) -> Result<Fitted, FitError> {
-    let mut fitted = Fitted {
-        joint: joint.clone(),
-        report: Vec::new(),
-        skew_sigma: 0.0,
-    };
-    fitted.kinematic_error(turn)?;
-    fitted.gear(train)?;
-    fitted.skew(train)?;
-    let record = Record::new(&fitted.joint, train)?;
-    fitted.models(&record)?;
-    fitted.filters(&record)?;
-    fitted.fusion(&record)?;
+pub fn fit(
+    joint: &JointFile,
+    turn: &[LogRow],
+    train: &[LogRow],
+    progress: Progress<'_>,
+) -> Result<Fitted, FitError> {
+    let mut fitted = Fitted::new(joint);
+    let mut done = 0.0;
+    for (step, name, share) in Step::ALL {
+        let rows = match step {
+            Step::KinematicError => turn,
+            _ => train,
+        };
+        let mut inner = |part: f64, what: &str| progress(done + share * part, what);
+        inner(0.0, name);
+        fitted.step(step, rows, &mut inner)?;
+        done += share;
+    }
+    progress(1.0, "done");
+    Ok(fitted)
+}
+
+/// Fits one thing; what it stands on must be in the joint already. A fusion that is there is
+/// fitted again, as it depends on every source.
+///
+/// # Errors
+/// Data that do not allow it, or a table that it needs.
+pub fn fit_one(
+    joint: &JointFile,
+    step: Step,
+    rows: &[LogRow],
+    progress: Progress<'_>,
+) -> Result<Fitted, FitError> {
+    let mut fitted = Fitted::new(joint);
+    fitted.step(step, rows, progress)?;
+    if fitted.joint.fusion.is_some() && rows.iter().all(|row| row.tau_sensor.is_finite()) {
+        fitted.step(Step::Fusion, rows, progress)?;
+    }
     Ok(fitted)
 }
 
 impl Fitted {
+    fn new(joint: &JointFile) -> Self {
+        Self {
+            joint: joint.clone(),
+            report: Vec::new(),
+            skew_sigma: 0.0,
+        }
+    }
+
+    /// The files that the fitted joint consists of: names and texts, the joint file `STEM.toml`
+    /// first, trained ones beside it.
+    ///
+    /// # Errors
+    /// Numbers that TOML cannot hold.
+    pub fn files(&self, stem: &str) -> Result<Vec<(String, String)>, FitError> {
+        let mut joint = self.joint.clone();
+        let mut files = Vec::new();
+        if let Some(network) = &joint.trained.network {
+            let file = format!("{stem}.network.toml");
+            files.push((file.clone(), network.to_text()?));
+            joint.network = Some(TrainedTable { file });
+        }
+        for (name, gp) in &joint.trained.local_gp {
+            let file = format!("{stem}.{name}.toml");
+            files.push((file.clone(), gp.to_text()?));
+            joint.local_gp.insert(name.clone(), TrainedTable { file });
+        }
+        files.insert(0, (format!("{stem}.toml"), joint.to_toml()?));
+        Ok(files)
+    }
+
+    fn step(
+        &mut self,
+        step: Step,
+        rows: &[LogRow],
+        progress: Progress<'_>,
+    ) -> Result<(), FitError> {
+        if step != Step::KinematicError && !rows.iter().all(|row| row.tau_sensor.is_finite()) {
+            return Err(FitError(
+                "training log: column `tau_sensor` is needed".to_owned(),
+            ));
+        }
+        let record = Record::new(&self.joint, rows)?;
+        match step {
+            Step::KinematicError => self.kinematic_error(&record),
+            Step::Current => self.current(&record),
+            Step::Compliance => self.compliance(rows),
+            Step::Hysteresis => self.hysteresis(&record),
+            Step::Deformation => self.deformation(&record),
+            Step::Kalman => self.kalman(&record),
+            Step::Network => self.network(&record, progress),
+            Step::LocalGp => self.local_gp(&record, progress),
+            Step::Fusion => self.fusion(&record),
+        }
+    }
+
     fn note(&mut self, line: String) {
         self.report.push(line);
     }
@@ -65,9 +195,8 @@ impl Fitted {
         (-self.joint.sample_period() / time_constant_s).exp()
     }
 
-    fn kinematic_error(&mut self, turn: &[LogRow]) -> Result<(), FitError> {
-        let record = Record::new(&self.joint, turn)?;
-        let fit = kinematic::fit(&record)?;
+    fn kinematic_error(&mut self, record: &Record) -> Result<(), FitError> {
+        let fit = kinematic::fit(record)?;
         self.note(format!(
             "kinematic error: largest {:.1} urad, {:.2} urad RMS left",
             1e6 * (fit.parameters.bound() - fit.parameters.a0.abs()),
@@ -77,11 +206,10 @@ impl Fitted {
         Ok(())
     }
 
-    /// Motor friction, skew and Z's constants; once more with the skew removed.
-    fn gear(&mut self, train: &[LogRow]) -> Result<(), FitError> {
+    /// Z's constants with the skew; once more with the skew removed.
+    fn compliance(&mut self, train: &[LogRow]) -> Result<(), FitError> {
         for pass in 0..2 {
             let record = Record::new(&self.joint, train)?;
-            self.motor(&record)?;
             let error = self.joint.kinematic_error_parameters();
             let motor = self.joint.wave_generator_parameters();
             let fit = gear::compliance(&record, &error, motor)?;
@@ -112,7 +240,7 @@ impl Fitted {
         self.joint
             .encoders
             .get_or_insert_with(EncodersTable::default);
-        Ok(())
+        self.skew(train)
     }
 
     fn add_skew(&mut self, skew: f64) {
@@ -143,7 +271,7 @@ impl Fitted {
     }
 
     /// D3 on the link side; Z's friction is the same on the motor side.
-    fn motor(&mut self, record: &Record) -> Result<(), FitError> {
+    fn current(&mut self, record: &Record) -> Result<(), FitError> {
         let p = current::fit(record, self.joint.torque_limit())?;
         let n = self.joint.joint.gear_ratio;
         self.joint.friction = Some(FrictionTable {
@@ -152,10 +280,20 @@ impl Fitted {
             epsilon: 2.0 * p.sign_smoothing * n,
             published: false,
         });
+        self.note(format!(
+            "current: K1 {:.4} N·m/A, friction {:.3} N·m + {:.1} % of the torque, offset {:.4} A, \
+             {:.3} N·m RMS left",
+            p.k_1,
+            p.k_3,
+            100.0 * p.k_4,
+            p.offset,
+            p.sigma
+        ));
         self.joint.current = Some(CurrentTable {
             k_1: p.k_1,
             k_2: p.k_2,
             k_3: p.k_3,
+            k_4: p.k_4,
             inertia: p.inertia,
             offset: p.offset,
             sign_smoothing: p.sign_smoothing,
@@ -165,7 +303,7 @@ impl Fitted {
         Ok(())
     }
 
-    fn models(&mut self, record: &Record) -> Result<(), FitError> {
+    fn hysteresis(&mut self, record: &Record) -> Result<(), FitError> {
         let error: KinematicErrorParameters = self.joint.kinematic_error_parameters();
         let fit = gear::hysteresis(record, &error)?;
         let p = fit.parameters;
@@ -189,11 +327,10 @@ impl Fitted {
             fit.rms, errors.rms, tracking.poles
         ));
         self.joint.hysteresis = Some(table);
-        let current = self.joint.current.clone().unwrap_or_default();
-        self.note(format!(
-            "current: K1 {:.4} N·m/A, friction {:.3} N·m, offset {:.4} A, {:.3} N·m RMS left",
-            current.k_1, current.k_3, current.offset, current.sigma
-        ));
+        Ok(())
+    }
+
+    fn deformation(&mut self, record: &Record) -> Result<(), FitError> {
         let (rated, limit) = (self.joint.joint.rated_torque, self.joint.torque_limit());
         let pole = self.pole(SHORT_TIME_CONSTANT_S);
         let p = deformation::fit(record, rated, limit, AngularFrequency::Spatial, pole)?;
@@ -211,7 +348,7 @@ impl Fitted {
         Ok(())
     }
 
-    fn filters(&mut self, record: &Record) -> Result<(), FitError> {
+    fn kalman(&mut self, record: &Record) -> Result<(), FitError> {
         let j = &self.joint.joint;
         let count = std::f64::consts::TAU / j.motor_counts_per_turn;
         let torsion = self
@@ -252,8 +389,41 @@ impl Fitted {
         Ok(())
     }
 
+    fn network(&mut self, record: &Record, progress: Progress<'_>) -> Result<(), FitError> {
+        let options = NetworkOptions::new(self.joint.torque_limit());
+        let trained = network::train(record, &options, progress)?;
+        self.note(format!(
+            "network: layers {:?}, {:.4} N·m RMS left on held-out blocks",
+            options.hidden, trained.held_out_rms
+        ));
+        self.joint.trained.network = Some(trained);
+        Ok(())
+    }
+
+    fn local_gp(&mut self, record: &Record, progress: Progress<'_>) -> Result<(), FitError> {
+        for (k, base) in ["compliance", "hysteresis"].into_iter().enumerate() {
+            let Some(mut model) = self.joint.model(base)? else {
+                return Err(FitError(format!(
+                    "local Gaussian processes: needs a table `[{base}]`; fit it first"
+                )));
+            };
+            let options = GpOptions::new(base, self.joint.joint.rated_torque);
+            let mut half = |part: f64, what: &str| progress(0.5 * (k as f64 + part), what);
+            let trained = gaussian_process::train(record, &options, model.as_mut(), &mut half)?;
+            let (before, after) = trained.held_out_rms;
+            self.note(format!(
+                "local Gaussian processes on {base}: {} models, {before:.4} to {after:.4} N·m RMS \
+                 on held-out blocks",
+                trained.parameters.models.len()
+            ));
+            let name = format!("{base}_gp");
+            self.joint.trained.local_gp.insert(name, trained);
+        }
+        Ok(())
+    }
+
     fn fusion(&mut self, record: &Record) -> Result<(), FitError> {
-        let mut sources = self.joint.sources()?;
+        let mut sources = EstimatorSet::new(self.joint.sources()?, None);
         let p = fusion::fit(record, &mut sources, self.joint.torque_limit());
         let table = |i: usize| SourceTable {
             rms: p.errors.each_ref().map(|errors| errors[i].variance.sqrt()),

@@ -11,7 +11,7 @@ const TIME_CONSTANT_S: f64 = 0.005;
 /// Samples used at most.
 const MOST: usize = 60_000;
 
-/// Fits `tau = K1 (i - offset) - K2 dq - K3 sign(dq) - J ddq` to samples in motion.
+/// Fits `tau = K1 (i - offset) - K2 dq - (K3 + K4 |tau|) sign(dq) - J ddq` to samples in motion.
 ///
 /// # Errors
 /// A log without torque sensor or without motion.
@@ -20,14 +20,13 @@ pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, FitE
     let current = record.smooth(&record.current(), 0);
     let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
     let smoothing = 0.02 * fastest;
-    let mut batch = Batch::new(5);
+    let mut batch = Batch::new(6);
     for i in record.spread(MOST) {
         let [dq, ddq] = record.motion[i];
         if dq.abs() > 2.0 * smoothing && tau[i].is_finite() {
-            batch.add(
-                &[current[i], 1.0, -dq, -(dq / smoothing).tanh(), -ddq],
-                tau[i],
-            );
+            let direction = (dq / smoothing).tanh();
+            let meshing = -direction * tau[i].abs();
+            batch.add(&[current[i], 1.0, -dq, -direction, -ddq, meshing], tau[i]);
         }
     }
     let solution = batch
@@ -48,6 +47,8 @@ pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, FitE
         k_2: x[2],
         k_3: x[3],
         inertia: x[4],
+        // Half would lock the gear against being driven back.
+        k_4: x[5].min(0.5),
         offset: -x[1] / x[0],
         sign_smoothing: smoothing.max(1e-6),
         low_pass_pole: pole,

@@ -3,27 +3,26 @@
 //! The smallest that works is the table `[joint]`: torque from current alone. Every further table
 //! switches an estimator on; `torquectl fit` writes them. Units stand in the keys.
 
+mod sources;
 mod tables;
 
+pub use sources::AnyEstimator;
 pub use tables::*;
 
 use crate::FitError;
-use estimators::compliance::ComplianceEstimator;
-use estimators::current_based::{CurrentEstimator, CurrentParameters};
-use estimators::deformation::{AngularFrequency, DeformationEstimator, DeformationParameters};
+use crate::gaussian_process::TrainedLocalGp;
+use crate::network::TrainedNetwork;
+use estimators::current_based::CurrentParameters;
+use estimators::deformation::{AngularFrequency, DeformationParameters};
 use estimators::encoder::EncoderParameters;
 use estimators::front_end::FrontEnd;
-use estimators::fusion::{Fusion, FusionParameters, SourceError};
-use estimators::hysteresis::{HysteresisEstimator, HysteresisParameters};
-use estimators::joint::{JointEstimatorParameters, JointTorqueEstimator};
-use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
+use estimators::joint::JointEstimatorParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
-use estimators::set::EstimatorSet;
-use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
+use std::path::Path;
 
 /// A joint and its estimators.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -51,8 +50,25 @@ pub struct JointFile {
     pub unscented: Option<KalmanTable>,
     /// Switches the unscented filter with hysteresis and added states on.
     pub unscented_added: Option<KalmanTable>,
+    /// Switches S's network on.
+    pub network: Option<TrainedTable>,
+    /// Switches a model corrected by local Gaussian processes on (G), by the name of the source.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub local_gp: BTreeMap<String, TrainedTable>,
     /// Switches the fusion on.
     pub fusion: Option<FusionTable>,
+    /// What the trained files hold.
+    #[serde(skip)]
+    pub trained: Trained,
+}
+
+/// Trained estimators, from files of their own.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trained {
+    /// S's network.
+    pub network: Option<TrainedNetwork>,
+    /// Local Gaussian processes, by the name of the source.
+    pub local_gp: BTreeMap<String, TrainedLocalGp>,
 }
 
 /// Samples of the velocity filter at any rate, s, unless the file says otherwise.
@@ -61,17 +77,49 @@ const VELOCITY_WINDOW_S: f64 = 0.02;
 const OVERLOAD: f64 = 2.5;
 
 impl JointFile {
-    /// Reads a joint file; `file` is what messages call it.
+    /// Reads a joint file; `file` is its path, `read` gives the text of a trained file by its path.
     ///
     /// # Errors
-    /// Text that is not TOML, unknown or missing keys, numbers that are not allowed.
-    pub fn parse(text: &str, file: &str) -> Result<Self, FitError> {
-        let joint: Self = toml::from_str(text)
+    /// Text that is not TOML, unknown or missing keys, numbers that are not allowed, trained files
+    /// that cannot be read.
+    pub fn parse(
+        text: &str,
+        file: &str,
+        read: &dyn Fn(&str) -> std::io::Result<String>,
+    ) -> Result<Self, FitError> {
+        let mut joint: Self = toml::from_str(text)
             .map_err(|e| FitError(format!("{file}: {}", e.to_string().trim_end())))?;
         joint
             .check()
             .map_err(|e| FitError(format!("{file}: {e}")))?;
+        joint.trained = joint.read_trained(file, read)?;
         Ok(joint)
+    }
+
+    fn read_trained(
+        &self,
+        file: &str,
+        read: &dyn Fn(&str) -> std::io::Result<String>,
+    ) -> Result<Trained, FitError> {
+        let folder = Path::new(file).parent().unwrap_or(Path::new(""));
+        let text = |key: &str, table: &TrainedTable| {
+            let path = folder.join(&table.file).display().to_string();
+            match read(&path) {
+                Ok(text) => Ok((text, path)),
+                Err(e) => Err(FitError(format!("{file}: {key}.file: {path}: {e}"))),
+            }
+        };
+        let mut trained = Trained::default();
+        if let Some(table) = &self.network {
+            let (text, path) = text("network", table)?;
+            trained.network = Some(TrainedNetwork::from_text(&text, &path)?);
+        }
+        for (name, table) in &self.local_gp {
+            let (text, path) = text(&format!("local_gp.{name}"), table)?;
+            let gp = TrainedLocalGp::from_text(&text, &path)?;
+            trained.local_gp.insert(name.clone(), gp);
+        }
+        Ok(trained)
     }
 
     /// The file's text.
@@ -203,6 +251,7 @@ impl JointFile {
             k_1: table.k_1,
             k_2: table.k_2,
             k_3: table.k_3,
+            k_4: table.k_4,
             inertia: table.inertia,
             offset: table.offset,
             sign_smoothing: table.sign_smoothing,
@@ -231,138 +280,15 @@ impl JointFile {
             torque_limit: self.torque_limit(),
         }
     }
-
-    /// The gear with slipping springs as an estimator.
-    #[must_use]
-    pub fn hysteresis_estimator(&self, table: &HysteresisTable) -> HysteresisEstimator {
-        HysteresisEstimator::new(HysteresisParameters {
-            kinematic_error: self.kinematic_error_parameters(),
-            gear_ratio: self.joint.gear_ratio,
-            tracking: table.tracking(),
-            torsion_sigma: table.torsion_sigma,
-            sample_period: self.sample_period(),
-            torque_limit: self.torque_limit(),
-            gear: table.clone().into(),
-        })
-    }
-
-    /// Parameters of a Kalman filter, with the compliance that it needs.
-    ///
-    /// # Errors
-    /// No table `[compliance]`; `hysteresis` asked for without its table.
-    pub fn kalman_parameters(&self, table: &KalmanTable) -> Result<KalmanParameters, FitError> {
-        let needs = |what: &str| FitError(format!("a Kalman filter needs a table `[{what}]`"));
-        let compliance = self
-            .compliance
-            .as_ref()
-            .ok_or_else(|| needs("compliance"))?;
-        let (gear, tracking) = match table.hysteresis {
-            true => {
-                let table = self
-                    .hysteresis
-                    .as_ref()
-                    .ok_or_else(|| needs("hysteresis"))?;
-                (Some(table.clone().into()), table.tracking())
-            }
-            false => (None, TrackingParameters::default()),
-        };
-        let joint = self.estimator_parameters(compliance);
-        Ok(KalmanParameters {
-            sign_smoothing: joint.wave_generator.epsilon.max(1e-3),
-            joint,
-            gear,
-            tracking,
-            rotor_inertia: self.joint.rotor_inertia,
-            process: table.process,
-            measurement: table.measurement,
-        })
-    }
-
-    /// Every estimator that is switched on, without their fusion.
-    ///
-    /// # Errors
-    /// Tables that need others.
-    pub fn sources(&self) -> Result<EstimatorSet, FitError> {
-        Ok(EstimatorSet::new(self.named_sources()?, None))
-    }
-
-    fn named_sources(&self) -> Result<Vec<Source>, FitError> {
-        let mut sources: Vec<Source> = Vec::new();
-        if let Some(table) = &self.compliance {
-            let estimator = ComplianceEstimator::new(self.estimator_parameters(table));
-            sources.push(("compliance".to_owned(), Box::new(estimator)));
-        }
-        if let Some(table) = &self.hysteresis {
-            let estimator = self.hysteresis_estimator(table);
-            sources.push(("hysteresis".to_owned(), Box::new(estimator)));
-        }
-        if let Some(table) = &self.deformation {
-            let estimator = DeformationEstimator::new(self.deformation_parameters(table));
-            sources.push(("deformation".to_owned(), Box::new(estimator)));
-        }
-        if let Some(table) = &self.kalman {
-            let p = self.kalman_parameters(table)?;
-            let estimator = KalmanEstimator::<STATES>::new(p, Transform::Linear);
-            sources.push(("kalman".to_owned(), Box::new(estimator)));
-        }
-        if let Some(table) = &self.unscented {
-            let p = self.kalman_parameters(table)?;
-            let estimator = KalmanEstimator::<STATES>::new(p, Transform::Unscented);
-            sources.push(("unscented".to_owned(), Box::new(estimator)));
-        }
-        if let Some(table) = &self.unscented_added {
-            let p = self.kalman_parameters(table)?;
-            let estimator = KalmanEstimator::<ADDED_STATES>::new(p, Transform::Unscented);
-            sources.push(("unscented_added".to_owned(), Box::new(estimator)));
-        }
-        let current = CurrentEstimator::new(self.current_parameters());
-        sources.push(("current".to_owned(), Box::new(current)));
-        Ok(sources)
-    }
-
-    /// Every estimator that is switched on, fused if there is a fusion.
-    ///
-    /// # Errors
-    /// Tables that need others; a fusion of other sources than are switched on.
-    pub fn estimators(&self) -> Result<EstimatorSet, FitError> {
-        let sources = self.named_sources()?;
-        let Some(table) = &self.fusion else {
-            return Ok(EstimatorSet::new(sources, None));
-        };
-        let names: BTreeSet<&String> = sources.iter().map(|(name, _)| name).collect();
-        if !names.iter().copied().eq(table.sources.keys()) {
-            return Err(FitError(format!(
-                "fusion.sources has {:?}, switched on are {names:?}; allowed: the same; fit the \
-                 fusion again after switching estimators on or off",
-                table.sources.keys()
-            )));
-        }
-        let error = |regime: usize, name: &String| SourceError {
-            variance: table.sources[name].rms[regime].powi(2),
-            reported: table.sources[name].sigma[regime],
-        };
-        let fusion = Fusion::new(
-            sources.len(),
-            FusionParameters {
-                moving: table.moving_rate,
-                loading: table.loading_rate,
-                errors: std::array::from_fn(|regime| {
-                    sources
-                        .iter()
-                        .map(|(name, _)| error(regime, name))
-                        .collect()
-                }),
-                blend: table.blend,
-                gear_ratio: self.joint.gear_ratio,
-                sample_period: self.sample_period(),
-                torque_limit: self.torque_limit(),
-            },
-        );
-        Ok(EstimatorSet::new(sources, Some(fusion)))
-    }
 }
 
-type Source = (String, Box<dyn JointTorqueEstimator + Send>);
+/// For joint files without trained ones: every path is one that is not there.
+///
+/// # Errors
+/// Always.
+pub fn no_files(_path: &str) -> std::io::Result<String> {
+    Err(std::io::ErrorKind::NotFound.into())
+}
 
 /// Names the first number that is not finite.
 fn finite(value: &toml::Value, key: &str) -> Result<(), String> {

@@ -276,6 +276,9 @@ pub struct CurrentTable {
     /// K3, N·m.
     #[serde(rename = "K_3_Nm")]
     pub k_3: f64,
+    /// K4: friction per torque carried, 1.
+    #[serde(rename = "K_4", default)]
+    pub k_4: f64,
     /// J N², kg·m².
     #[serde(rename = "inertia_kg_m2")]
     pub inertia: f64,
@@ -298,6 +301,7 @@ impl Default for CurrentTable {
             k_1: 0.0,
             k_2: 0.0,
             k_3: 0.0,
+            k_4: 0.0,
             inertia: 0.0,
             offset: 0.0,
             sign_smoothing: 0.02,
@@ -324,6 +328,14 @@ pub struct DeformationTable {
     /// Standard deviation of the torsion that the model leaves, rad.
     #[serde(rename = "torsion_sigma_rad")]
     pub torsion_sigma: f64,
+}
+
+/// Where a trained file is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainedTable {
+    /// The file, relative to the joint file's folder.
+    pub file: String,
 }
 
 /// Noise of a Kalman filter.

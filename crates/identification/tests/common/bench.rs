@@ -1,7 +1,7 @@
 //! Logs from the plant's test bench for one joint: Z's 16 N·m joint, as simulated for the robot of
 //! `config/test-joint`, all its disturbances on.
 
-use identification::joint_file::JointFile;
+use identification::joint_file::{JointFile, no_files};
 use identification::log::LogRow;
 use plant::parameters::DriveParameters;
 use plant::{Command, DriveSheet, JointRig, KinematicError, RigLoad, RigTiming, SimParameters};
@@ -38,7 +38,7 @@ sample_rate_hz = 1000
 
 /// The joint as its data sheet has it.
 pub(crate) fn joint() -> JointFile {
-    JointFile::parse(JOINT, "bench.toml").unwrap()
+    JointFile::parse(JOINT, "bench.toml", &no_files).unwrap()
 }
 
 fn sheet() -> DriveSheet {

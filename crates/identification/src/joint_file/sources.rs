@@ -1,0 +1,200 @@
+//! The estimators that a joint file switches on.
+
+use super::{HysteresisTable, JointFile, KalmanTable};
+use crate::FitError;
+use estimators::compliance::ComplianceEstimator;
+use estimators::current_based::CurrentEstimator;
+use estimators::deformation::DeformationEstimator;
+use estimators::fusion::{Fusion, FusionParameters, SourceError};
+use estimators::hysteresis::{HysteresisEstimator, HysteresisParameters};
+use estimators::joint::JointTorqueEstimator;
+use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
+use estimators::local_gp::{LocalGp, LocalGpEstimator};
+use estimators::network::NetworkEstimator;
+use estimators::set::EstimatorSet;
+use estimators::tracking::TrackingParameters;
+use std::collections::BTreeSet;
+
+/// An estimator of any kind.
+pub type AnyEstimator = Box<dyn JointTorqueEstimator + Send>;
+
+/// Models that stand for themselves, in the order in which they are shown.
+const MODELS: [&str; 6] = [
+    "compliance",
+    "hysteresis",
+    "deformation",
+    "kalman",
+    "unscented",
+    "unscented_added",
+];
+
+impl JointFile {
+    /// The gear with slipping springs as an estimator.
+    #[must_use]
+    pub fn hysteresis_estimator(&self, table: &HysteresisTable) -> HysteresisEstimator {
+        HysteresisEstimator::new(HysteresisParameters {
+            kinematic_error: self.kinematic_error_parameters(),
+            gear_ratio: self.joint.gear_ratio,
+            tracking: table.tracking(),
+            torsion_sigma: table.torsion_sigma,
+            sample_period: self.sample_period(),
+            torque_limit: self.torque_limit(),
+            gear: table.clone().into(),
+        })
+    }
+
+    /// Parameters of a Kalman filter, with the compliance that it needs.
+    ///
+    /// # Errors
+    /// No table `[compliance]`; `hysteresis` asked for without its table.
+    pub fn kalman_parameters(&self, table: &KalmanTable) -> Result<KalmanParameters, FitError> {
+        let needs = |what: &str| FitError(format!("a Kalman filter needs a table `[{what}]`"));
+        let compliance = self
+            .compliance
+            .as_ref()
+            .ok_or_else(|| needs("compliance"))?;
+        let (gear, tracking) = match table.hysteresis {
+            true => {
+                let table = self
+                    .hysteresis
+                    .as_ref()
+                    .ok_or_else(|| needs("hysteresis"))?;
+                (Some(table.clone().into()), table.tracking())
+            }
+            false => (None, TrackingParameters::default()),
+        };
+        let joint = self.estimator_parameters(compliance);
+        Ok(KalmanParameters {
+            sign_smoothing: joint.wave_generator.epsilon.max(1e-3),
+            joint,
+            gear,
+            tracking,
+            rotor_inertia: self.joint.rotor_inertia,
+            process: table.process,
+            measurement: table.measurement,
+        })
+    }
+
+    /// One of the models; none if its table is not there.
+    ///
+    /// # Errors
+    /// A name that no model has; tables that need others.
+    pub fn model(&self, name: &str) -> Result<Option<AnyEstimator>, FitError> {
+        let kalman = |table: &Option<KalmanTable>, transform, added: bool| {
+            let Some(table) = table else { return Ok(None) };
+            let p = self.kalman_parameters(table)?;
+            Ok(Some(match added {
+                true => {
+                    Box::new(KalmanEstimator::<ADDED_STATES>::new(p, transform)) as AnyEstimator
+                }
+                false => Box::new(KalmanEstimator::<STATES>::new(p, transform)),
+            }))
+        };
+        Ok(match name {
+            "compliance" => self.compliance.as_ref().map(|table| -> AnyEstimator {
+                Box::new(ComplianceEstimator::new(self.estimator_parameters(table)))
+            }),
+            "hysteresis" => self
+                .hysteresis
+                .as_ref()
+                .map(|table| -> AnyEstimator { Box::new(self.hysteresis_estimator(table)) }),
+            "deformation" => self.deformation.as_ref().map(|table| -> AnyEstimator {
+                Box::new(DeformationEstimator::new(
+                    self.deformation_parameters(table),
+                ))
+            }),
+            "kalman" => kalman(&self.kalman, Transform::Linear, false)?,
+            "unscented" => kalman(&self.unscented, Transform::Unscented, false)?,
+            "unscented_added" => kalman(&self.unscented_added, Transform::Unscented, true)?,
+            other => {
+                return Err(FitError(format!(
+                    "model {other:?} is unknown; allowed: {}",
+                    MODELS.join(", ")
+                )));
+            }
+        })
+    }
+
+    /// Every estimator that is switched on, by name, without their fusion.
+    ///
+    /// # Errors
+    /// Tables that need others.
+    pub fn sources(&self) -> Result<Vec<(String, AnyEstimator)>, FitError> {
+        let mut sources = Vec::new();
+        for name in MODELS {
+            if let Some(model) = self.model(name)? {
+                sources.push((name.to_owned(), model));
+            }
+        }
+        if let Some(trained) = &self.trained.network {
+            let network = NetworkEstimator::new(trained.parameters.clone())
+                .map_err(|e| FitError(format!("network: {e}")))?;
+            sources.push(("network".to_owned(), Box::new(network)));
+        }
+        for (name, trained) in &self.trained.local_gp {
+            if sources.iter().any(|(other, _)| other == name) || name == CURRENT || name == FUSED {
+                return Err(FitError(format!(
+                    "local_gp.{name}: another source has that name"
+                )));
+            }
+            let base = self.model(&trained.base)?.ok_or_else(|| {
+                let base = &trained.base;
+                FitError(format!(
+                    "local_gp.{name} corrects `{base}`: needs a table `[{base}]`"
+                ))
+            })?;
+            let gp = LocalGp::new(&trained.parameters)
+                .map_err(|e| FitError(format!("local_gp.{name}: {e}")))?;
+            let estimator = LocalGpEstimator::new(base, &gp, self.torque_limit());
+            sources.push((name.clone(), Box::new(estimator)));
+        }
+        let current = CurrentEstimator::new(self.current_parameters());
+        sources.push((CURRENT.to_owned(), Box::new(current)));
+        Ok(sources)
+    }
+
+    /// Every estimator that is switched on, fused if there is a fusion.
+    ///
+    /// # Errors
+    /// Tables that need others; a fusion of other sources than are switched on.
+    pub fn estimators(&self) -> Result<EstimatorSet, FitError> {
+        let sources = self.sources()?;
+        let Some(table) = &self.fusion else {
+            return Ok(EstimatorSet::new(sources, None));
+        };
+        let names: BTreeSet<&String> = sources.iter().map(|(name, _)| name).collect();
+        if !names.iter().copied().eq(table.sources.keys()) {
+            return Err(FitError(format!(
+                "fusion.sources has {:?}, switched on are {names:?}; allowed: the same; fit the \
+                 fusion again after switching estimators on or off",
+                table.sources.keys()
+            )));
+        }
+        let error = |regime: usize, name: &String| SourceError {
+            variance: table.sources[name].rms[regime].powi(2),
+            reported: table.sources[name].sigma[regime],
+        };
+        let fusion = Fusion::new(
+            sources.len(),
+            FusionParameters {
+                moving: table.moving_rate,
+                loading: table.loading_rate,
+                errors: std::array::from_fn(|regime| {
+                    sources
+                        .iter()
+                        .map(|(name, _)| error(regime, name))
+                        .collect()
+                }),
+                blend: table.blend,
+                gear_ratio: self.joint.gear_ratio,
+                sample_period: self.sample_period(),
+                torque_limit: self.torque_limit(),
+            },
+        );
+        Ok(EstimatorSet::new(sources, Some(fusion)))
+    }
+}
+
+/// Names of the source from current and of all together.
+const CURRENT: &str = "current";
+const FUSED: &str = "fused";
