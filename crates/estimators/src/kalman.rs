@@ -40,6 +40,8 @@ pub struct KalmanParameters {
     pub tracking: TrackingParameters,
     /// J_m: inertia of rotor and wave generator, motor side, kg·m².
     pub rotor_inertia: f64,
+    /// Friction per torque carried, as gears that mesh have it, 1.
+    pub meshing: f64,
     /// |omega| at which the sign of friction is smoothed, rad/s.
     pub sign_smoothing: f64,
     /// Q: variance that each state gains in a period, in the states' order and units squared.
@@ -153,8 +155,9 @@ impl<const N: usize> KalmanEstimator<N> {
         } else {
             (0.0, 0.0)
         };
+        let level = motor.friction + self.parameters.meshing * x[2].abs() / joint.gear_ratio;
         let friction = motor.viscous_friction * x[1]
-            + motor.friction * (x[1] / sign_smoothing.max(f64::MIN_POSITIVE)).tanh();
+            + level * (x[1] / sign_smoothing.max(f64::MIN_POSITIVE)).tanh();
         let mut next = *x;
         next[0] += t * x[1];
         next[1] += t / rotor_inertia * (tau_m + slow - friction - x[2] / joint.gear_ratio);
@@ -189,13 +192,16 @@ impl<const N: usize> KalmanEstimator<N> {
         } = &self.parameters;
         let t = joint.sample_period;
         let smoothing = sign_smoothing.max(f64::MIN_POSITIVE);
-        let slope = 1.0 - (x[1] / smoothing).tanh().powi(2);
-        let friction = joint.wave_generator.viscous_friction
-            + joint.wave_generator.friction * slope / smoothing;
+        let direction = (x[1] / smoothing).tanh();
+        let slope = 1.0 - direction.powi(2);
+        let meshing = self.parameters.meshing / joint.gear_ratio;
+        let level = joint.wave_generator.friction + meshing * x[2].abs();
+        let friction = joint.wave_generator.viscous_friction + level * slope / smoothing;
         let mut f = SMatrix::identity();
         f[(0, 1)] = t;
         f[(1, 1)] -= t / rotor_inertia * friction;
-        f[(1, 2)] = -t / rotor_inertia / joint.gear_ratio;
+        let carried = 1.0 / joint.gear_ratio + meshing * direction * x[2].signum();
+        f[(1, 2)] = -t / rotor_inertia * carried;
         if N == ADDED_STATES {
             f[(2, 3)] = t;
             f[(1, 4)] = t / rotor_inertia;

@@ -38,6 +38,7 @@ fn parameters() -> KalmanParameters {
         },
         gear: None,
         tracking: TrackingParameters::default(),
+        meshing: 0.0,
         rotor_inertia: 1.14e-5,
         sign_smoothing: 1.0,
         process: [1e-12, 1e-4, 0.02f64.powi(2), 1.0, 1e-12],

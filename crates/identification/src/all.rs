@@ -30,6 +30,10 @@ const SHORT_TIME_CONSTANT_S: f64 = 0.002;
 const SKEW_SIGNIFICANCE: f64 = 5.0;
 const SKEW_LEAST_S: f64 = 2e-5;
 
+/// What a correction beyond G's must leave at most of the error on held-out blocks: away from its
+/// data it is worse than nothing.
+const WORTHWHILE: f64 = 0.8;
+
 /// One fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
@@ -402,7 +406,7 @@ impl Fitted {
 
     fn local_gp(&mut self, record: &Record, progress: Progress<'_>) -> Result<(), FitError> {
         for (k, base) in ["compliance", "hysteresis"].into_iter().enumerate() {
-            let Some(mut model) = self.joint.model(base)? else {
+            let Some(mut model) = self.joint.gp_base(base)? else {
                 return Err(FitError(format!(
                     "local Gaussian processes: needs a table `[{base}]`; fit it first"
                 )));
@@ -417,6 +421,14 @@ impl Fitted {
                 trained.parameters.models.len()
             ));
             let name = format!("{base}_gp");
+            if base != "compliance" && after > WORTHWHILE * before {
+                self.joint.local_gp.remove(&name);
+                self.joint.trained.local_gp.remove(&name);
+                self.note(format!(
+                    "{name}: too little to be worth its risk, not switched on"
+                ));
+                continue;
+            }
             self.joint.trained.local_gp.insert(name, trained);
         }
         Ok(())

@@ -11,6 +11,11 @@ const TIME_CONSTANT_S: f64 = 0.005;
 /// Samples used at most.
 const MOST: usize = 60_000;
 
+/// Parts of the largest velocity over which the sign of friction may be smoothed, and below which
+/// it may point either way.
+const SMOOTHING: [f64; 4] = [0.002, 0.005, 0.01, 0.02];
+const SLOWEST: f64 = 0.005;
+
 /// Fits `tau = K1 (i - offset) - K2 dq - (K3 + K4 |tau|) sign(dq) - J ddq` to samples in motion.
 ///
 /// # Errors
@@ -19,20 +24,27 @@ pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, FitE
     let tau = record.smooth(&record.tau, 0);
     let current = record.smooth(&record.current(), 0);
     let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
-    let smoothing = 0.02 * fastest;
-    let mut batch = Batch::new(6);
-    for i in record.spread(MOST) {
-        let [dq, ddq] = record.motion[i];
-        if dq.abs() > 2.0 * smoothing && tau[i].is_finite() {
+    let rows: Vec<usize> = record
+        .spread(MOST)
+        .filter(|&i| record.motion[i][0].abs() > SLOWEST * fastest && tau[i].is_finite())
+        .collect();
+    let attempt = |smoothing: f64| {
+        let mut batch = Batch::new(6);
+        for &i in &rows {
+            let [dq, ddq] = record.motion[i];
             let direction = (dq / smoothing).tanh();
             let meshing = -direction * tau[i].abs();
             batch.add(&[current[i], 1.0, -dq, -direction, -ddq, meshing], tau[i]);
         }
-    }
-    let solution = batch
-        .solve_bounded(1e-10, |i| i == 0 || i >= 2)
-        .filter(|s| s.x[0] > 0.0);
-    let Some(solution) = solution else {
+        let solution = batch.solve_bounded(1e-10, |i| i == 0 || i >= 2)?;
+        Some((solution, smoothing))
+    };
+    let best = SMOOTHING
+        .iter()
+        .filter_map(|part| attempt((part * fastest).max(1e-6)))
+        .min_by(|a, b| a.0.rms.total_cmp(&b.0.rms))
+        .filter(|(solution, _)| solution.x[0] > 0.0);
+    let Some((solution, smoothing)) = best else {
         return Err(FitError(
             "training log: torque does not grow with the current; needed: `tau_sensor` and motion \
              under load"
@@ -50,7 +62,7 @@ pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, FitE
         // Half would lock the gear against being driven back.
         k_4: x[5].min(0.5),
         offset: -x[1] / x[0],
-        sign_smoothing: smoothing.max(1e-6),
+        sign_smoothing: smoothing,
         low_pass_pole: pole,
         sigma: solution.rms,
         sample_period: record.sample_period,

@@ -1,6 +1,6 @@
 //! The estimators that a joint file switches on.
 
-use super::{HysteresisTable, JointFile, KalmanTable};
+use super::{ComplianceTable, HysteresisTable, JointFile, KalmanTable};
 use crate::FitError;
 use estimators::compliance::ComplianceEstimator;
 use estimators::current_based::CurrentEstimator;
@@ -65,6 +65,7 @@ impl JointFile {
         };
         let joint = self.estimator_parameters(compliance);
         Ok(KalmanParameters {
+            meshing: self.current.as_ref().map_or(0.0, |table| table.k_4),
             sign_smoothing: joint.wave_generator.epsilon.max(1e-3),
             joint,
             gear,
@@ -115,6 +116,25 @@ impl JointFile {
         })
     }
 
+    /// A model as Gaussian processes correct it: Z's compliance with a short low-pass, as no residual
+    /// makes up for the lag of its own.
+    ///
+    /// # Errors
+    /// As [`Self::model`].
+    pub fn gp_base(&self, name: &str) -> Result<Option<AnyEstimator>, FitError> {
+        match (name, &self.compliance) {
+            ("compliance", Some(table)) => {
+                let pole = (-self.sample_period() / GP_TIME_CONSTANT_S).exp();
+                let parameters = self.estimator_parameters(&ComplianceTable {
+                    low_pass_pole: pole.min(table.low_pass_pole),
+                    ..table.clone()
+                });
+                Ok(Some(Box::new(ComplianceEstimator::new(parameters))))
+            }
+            _ => self.model(name),
+        }
+    }
+
     /// Every estimator that is switched on, by name, without their fusion.
     ///
     /// # Errors
@@ -137,7 +157,7 @@ impl JointFile {
                     "local_gp.{name}: another source has that name"
                 )));
             }
-            let base = self.model(&trained.base)?.ok_or_else(|| {
+            let base = self.gp_base(&trained.base)?.ok_or_else(|| {
                 let base = &trained.base;
                 FitError(format!(
                     "local_gp.{name} corrects `{base}`: needs a table `[{base}]`"
@@ -194,6 +214,9 @@ impl JointFile {
         Ok(EstimatorSet::new(sources, Some(fusion)))
     }
 }
+
+/// Time constant of the low-pass on a compliance model that is corrected, s.
+const GP_TIME_CONSTANT_S: f64 = 0.002;
 
 /// Names of the source from current and of all together.
 const CURRENT: &str = "current";
