@@ -140,3 +140,29 @@ def test_a_robot_of_which_nothing_moves(urdf, tmp_path):
     run = torquectl(urdf, {"cases": [{"q": []}]}, tmp_path)
     nothing = {"tau": [], "M": [], "nle": [], "g": [], "ddq_of_tau": [], "com": [0, 0, 0]}
     assert json.loads(run.stdout) == {"joints": [], "cases": [nothing]}
+
+
+@pytest.mark.parametrize("urdf", MIMIC, ids=name)
+def test_mimic_joints_as_pinocchio_has_them(urdf, tmp_path):
+    try:
+        model = pin.buildModelFromUrdf(str(urdf), mimic=True)
+    except ValueError as error:
+        pytest.skip(f"Pinocchio: {error}")
+    robot = Robot(urdf, False, tmp_path, mimic=True)
+    data = model.createData()
+    order = [model.idx_vs[model.getJointId(joint)] for joint in robot.joints]
+    assert model.nv == len(order)
+    model.armature = np.zeros(model.nv)
+    model.armature[order] = [robot.model.armature[robot.component(joint)] for joint in robot.joints]
+    for s in robot.states:
+        q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+        for k, joint in enumerate(robot.joints):
+            i, j = model.getJointId(joint), robot.model.getJointId(joint)
+            full = robot.model.idx_qs[j]
+            q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = s["q"][full : full + model.nqs[i]]
+            v[order[k]], a[order[k]] = s["case"]["dq"][k], s["case"]["ddq"][k]
+        tau = pin.rnea(model, data, q, v, a, s["f_ext"])
+        close(s["ours"]["tau"], tau[order])
+        m = np.triu(pin.crba(model, data, q))
+        m = m + np.triu(m, 1).T
+        close(s["ours"]["M"], m[np.ix_(order, order)])
