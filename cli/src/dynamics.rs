@@ -40,9 +40,10 @@ and in a case:
   "f_ext":{link:[6]}        wrenches on links, in the link's axes at its origin, linear first
 
 Examples:
-  echo '{"cases":[{"q":[0.1], "dq":[0], "ddq":[1]}]}' > cases.json
-  torquectl dynamics --urdf robot-models/test-joint/robot.urdf cases.json
-  torquectl dynamics --urdf robot-models/humanoid/robot.urdf --floating cases.json"#;
+  echo '{"cases":[{"q":[0.1], "dq":[0], "ddq":[1]}]}' > joint.json
+  torquectl dynamics --urdf robot-models/test-joint/robot.urdf joint.json
+  echo '{"cases":[{"q":[0,0,0,0.5,0,0], "base":{"p":[0,0,1], "quat_xyzw":[0,0,0,1]}}]}' > leg.json
+  torquectl dynamics --urdf robot-models/leg/robot.urdf --floating leg.json"#;
 
 pub(crate) fn run(arguments: &DynamicsArguments) -> ExitCode {
     match report(arguments) {

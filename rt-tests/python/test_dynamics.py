@@ -1,17 +1,23 @@
 """Every algorithm of crates/dynamics against Pinocchio: our robots and all of example-robot-data, on
 a fixed and on a floating base, in random states, with random external wrenches and armatures."""
 
+import json
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
-from pinocchio_robot import EXAMPLES, ROOT, Robot, close
+from pinocchio_robot import EXAMPLES, ROOT, Robot, close, torquectl
 from test_dynamics_examples import REFUSED, URDFS, name
 
 OUR_URDFS = sorted((ROOT / "robot-models").glob("*/robot.urdf"))
 LOADED = [*OUR_URDFS, *(u for u in URDFS if name(u) not in REFUSED)]
+# Where nothing moves Pinocchio divides by zero, or crashes.
+RIGID = [u for u in LOADED if not re.search('type="(revolute|continuous|prismatic)"', u.read_text(errors="replace"))]
 MIMIC = [u for u in LOADED if "<mimic" in u.read_text(errors="replace")]
 VARIANTS = [
-    *((u, floating, False) for u in LOADED for floating in (False, True)),
+    *((u, False, False) for u in LOADED if u not in RIGID),
+    *((u, True, False) for u in LOADED),
     *((u, floating, True) for u in MIMIC for floating in (False, True)),
 ]
 REFERENCES = {"local": pin.LOCAL, "world": pin.WORLD, "aligned": pin.LOCAL_WORLD_ALIGNED}
@@ -26,10 +32,7 @@ def label(variant):
 @pytest.fixture(scope="module", params=VARIANTS, ids=label)
 def robot(request, tmp_path_factory):
     urdf, floating, mimic = request.param
-    robot = Robot(urdf, floating, tmp_path_factory.mktemp("dynamics"), mimic)
-    if robot.model.nv == 0:
-        pytest.skip("nothing moves: Pinocchio divides by zero or crashes")
-    return robot
+    return Robot(urdf, floating, tmp_path_factory.mktemp("dynamics"), mimic)
 
 
 def mass_matrix(robot, q):
@@ -130,3 +133,36 @@ def test_frames(robot):
                 close(motion["J"], robot.columns(pin.getFrameJacobian(model, data, frame, reference)))
                 rate = pin.getFrameJacobianTimeVariation(model, data, frame, reference)
                 close(motion["dJ_v"], rate.reshape(6, model.nv) @ s["v"])
+
+
+@pytest.mark.parametrize("urdf", RIGID, ids=name)
+def test_a_robot_of_which_nothing_moves(urdf, tmp_path):
+    run = torquectl(urdf, {"cases": [{"q": []}]}, tmp_path)
+    nothing = {"tau": [], "M": [], "nle": [], "g": [], "ddq_of_tau": [], "com": [0, 0, 0]}
+    assert json.loads(run.stdout) == {"joints": [], "cases": [nothing]}
+
+
+@pytest.mark.parametrize("urdf", MIMIC, ids=name)
+def test_mimic_joints_as_pinocchio_has_them(urdf, tmp_path):
+    try:
+        model = pin.buildModelFromUrdf(str(urdf), mimic=True)
+    except ValueError as error:
+        pytest.skip(f"Pinocchio: {error}")
+    robot = Robot(urdf, False, tmp_path, mimic=True)
+    data = model.createData()
+    order = [model.idx_vs[model.getJointId(joint)] for joint in robot.joints]
+    assert model.nv == len(order)
+    model.armature = np.zeros(model.nv)
+    model.armature[order] = [robot.model.armature[robot.component(joint)] for joint in robot.joints]
+    for s in robot.states:
+        q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+        for k, joint in enumerate(robot.joints):
+            i, j = model.getJointId(joint), robot.model.getJointId(joint)
+            full = robot.model.idx_qs[j]
+            q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = s["q"][full : full + model.nqs[i]]
+            v[order[k]], a[order[k]] = s["case"]["dq"][k], s["case"]["ddq"][k]
+        tau = pin.rnea(model, data, q, v, a, s["f_ext"])
+        close(s["ours"]["tau"], tau[order])
+        m = np.triu(pin.crba(model, data, q))
+        m = m + np.triu(m, 1).T
+        close(s["ours"]["M"], m[np.ix_(order, order)])

@@ -14,6 +14,7 @@ use crate::lanes::{
 use crate::model::{Base, Model};
 use crate::plan::{Plan, Step};
 use crate::rnea::rnea;
+use crate::rows::AbaRow;
 use crate::spatial::{Force, Motion};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
@@ -95,58 +96,8 @@ fn by_mass_matrix(
     data.ddq = ddq;
 }
 
-/// Four bodies, in their plan frames.
-#[derive(Clone, Debug)]
-pub(crate) struct AbaRow {
-    cos: Pack,
-    sin: Pack,
-    omega: [Pack; 3],
-    /// Origin in the parent's plan frame.
-    arm: [Pack; 3],
-    /// Acceleration at `ddq = 0` of a body whose parent does not accelerate.
-    bias_a: [Pack; 3],
-    bias_alpha: [Pack; 3],
-    /// Articulated inertia: `M` and `I` as xx xy xz yy yz zz, `H` by rows.
-    m: [Pack; 6],
-    h: [Pack; 9],
-    i: [Pack; 6],
-    /// Articulated bias wrench.
-    f: [Pack; 3],
-    n: [Pack; 3],
-    /// Wrench for unit acceleration of the joint, the inverse of its part along the joint's axis,
-    /// and the torque left over for acceleration.
-    u_f: [Pack; 3],
-    u_n: [Pack; 3],
-    inverse_d: Pack,
-    u: Pack,
-    a: [Pack; 3],
-    alpha: [Pack; 3],
-}
-
-impl AbaRow {
-    pub(crate) const ZERO: AbaRow = AbaRow {
-        cos: Pack::ZERO,
-        sin: Pack::ZERO,
-        omega: [Pack::ZERO; 3],
-        arm: [Pack::ZERO; 3],
-        bias_a: [Pack::ZERO; 3],
-        bias_alpha: [Pack::ZERO; 3],
-        m: [Pack::ZERO; 6],
-        h: [Pack::ZERO; 9],
-        i: [Pack::ZERO; 6],
-        f: [Pack::ZERO; 3],
-        n: [Pack::ZERO; 3],
-        u_f: [Pack::ZERO; 3],
-        u_n: [Pack::ZERO; 3],
-        inverse_d: Pack::ZERO,
-        u: Pack::ZERO,
-        a: [Pack::ZERO; 3],
-        alpha: [Pack::ZERO; 3],
-    };
-}
-
 fn set_root(root: &mut AbaRow, omega: Vector3<f64>) {
-    *root = AbaRow::ZERO;
+    *root = AbaRow::default();
     root.omega = [omega.x, omega.y, omega.z].map(|x| Pack([x; WIDTH]));
 }
 

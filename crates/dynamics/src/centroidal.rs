@@ -1,7 +1,8 @@
 //! Centre of mass, centroidal momentum, and how velocities map to them.
 
+use crate::body::Body;
 use crate::data::Data;
-use crate::model::{Base, Body, Model};
+use crate::model::{Base, Model};
 use crate::spatial::{Force, Inertia, Motion, Se3};
 use nalgebra::{Matrix3xX, Matrix6xX, Vector3};
 

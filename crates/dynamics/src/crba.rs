@@ -4,11 +4,10 @@
 //! sums, and an entry of `M` is the product of an axis with the momentum of another.
 
 use crate::data::Data;
-use crate::lanes::{
-    Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos, store_all,
-};
+use crate::lanes::{Kernel, Lanes, M3, Pack, V3, gather, run, scatter_add, sin_cos, store_all};
 use crate::model::{Base, Model};
 use crate::plan::{NOWHERE, Plan, Step};
+use crate::rows::CrbaRow;
 use crate::spatial::{Inertia, Motion};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
@@ -19,7 +18,7 @@ pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64
     let m = &mut data.mass_matrix;
     let kernel = Crba {
         plan: &model.plan,
-        memory: &mut data.crba,
+        rows: &mut data.crba,
         q: &q[bq.min(q.len())..],
         floating: model.base == Base::Floating,
         // Mimic joints add up: by hand, below.
@@ -34,7 +33,7 @@ pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64
         m[(bv + i, bv + i)] += joint.armature;
     }
     if model.base == Base::Floating {
-        let root = data.crba.root_inertia(&model.bodies[0].inertia);
+        let root = root_inertia(&data.crba[0], &model.bodies[0].inertia);
         for k in 0..6 {
             let mut unit = [0.0; 6];
             unit[k] = 1.0;
@@ -45,68 +44,22 @@ pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64
     &data.mass_matrix
 }
 
-/// Memory of `crba`.
-#[derive(Clone, Debug)]
-pub(crate) struct CrbaMemory {
-    rows: Vec<CrbaRow>,
-}
-
-impl CrbaMemory {
-    pub(crate) fn new(model: &Model) -> Self {
-        Self {
-            rows: vec![CrbaRow::ROOT; model.plan.steps.len() + 1],
-        }
-    }
-    /// Of the whole robot, at the root.
-    fn root_inertia(&self, own: &Inertia) -> Inertia {
-        let root = &self.rows[0];
-        let sum = |p: &Pack| p.0.iter().sum::<f64>();
-        let [xx, xy, xz, yy, yz, zz] = root.s.each_ref().map(sum);
-        let s = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-        let children = Inertia {
-            mass: sum(&root.mass),
-            first_moment: Vector3::from(root.h.each_ref().map(sum)),
-            rotational: Matrix3::from_diagonal_element(s.trace()) - s,
-        };
-        children + *own
-    }
-}
-
-/// Four bodies, in the root's axes and at its origin.
-#[derive(Clone, Debug)]
-struct CrbaRow {
-    /// From the plan frame to the root's, by rows.
-    rotation: [Pack; 9],
-    translation: [Pack; 3],
-    /// Of the sub-tree: mass, first and second moments.
-    mass: Pack,
-    h: [Pack; 3],
-    s: [Pack; 6],
-    /// Twist of the joint for unit speed, linear first.
-    twist: [Pack; 6],
-    /// Momentum that it gives the sub-tree.
-    momentum: [Pack; 6],
-}
-
-impl CrbaRow {
-    const ROOT: CrbaRow = {
-        let one = Pack([1.0; WIDTH]);
-        let o = Pack::ZERO;
-        CrbaRow {
-            rotation: [one, o, o, o, one, o, o, o, one],
-            translation: [o; 3],
-            mass: o,
-            h: [o; 3],
-            s: [o; 6],
-            twist: [o; 6],
-            momentum: [o; 6],
-        }
+/// Of the whole robot, at the root.
+fn root_inertia(root: &CrbaRow, own: &Inertia) -> Inertia {
+    let sum = |p: &Pack| p.0.iter().sum::<f64>();
+    let [xx, xy, xz, yy, yz, zz] = root.s.each_ref().map(sum);
+    let s = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+    let children = Inertia {
+        mass: sum(&root.mass),
+        first_moment: Vector3::from(root.h.each_ref().map(sum)),
+        rotational: Matrix3::from_diagonal_element(s.trace()) - s,
     };
+    children + *own
 }
 
 struct Crba<'a> {
     plan: &'a Plan,
-    memory: &'a mut CrbaMemory,
+    rows: &'a mut [CrbaRow],
     q: &'a [f64],
     floating: bool,
     /// `M` by columns.
@@ -119,16 +72,16 @@ impl Kernel for Crba<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let steps = &self.plan.steps;
-        let memory = self.memory;
+        let rows = self.rows;
         for (i, step) in steps.iter().enumerate() {
-            let (before, rest) = memory.rows.split_at_mut(i + 1);
+            let (before, rest) = rows.split_at_mut(i + 1);
             let Some(row) = rest.first_mut() else { return };
             outward::<L>(step, before, row, gather(self.q, &step.joints));
         }
-        let root = &mut memory.rows[0];
+        let root = &mut rows[0];
         (root.mass, root.h, root.s) = (Pack::ZERO, [Pack::ZERO; 3], [Pack::ZERO; 6]);
         for (i, step) in steps.iter().enumerate().rev() {
-            let (before, rest) = memory.rows.split_at_mut(i + 1);
+            let (before, rest) = rows.split_at_mut(i + 1);
             let Some(row) = rest.first_mut() else { return };
             axis_and_momentum::<L>(step, row);
             inward::<L>(step, before, row);
@@ -136,9 +89,9 @@ impl Kernel for Crba<'_> {
         if let Some(m) = self.m {
             for (i, step) in steps.iter().enumerate() {
                 if self.floating {
-                    couple_with_base(step, &memory.rows[i + 1], m, self.nv);
+                    couple_with_base(step, &rows[i + 1], m, self.nv);
                 }
-                couple_with_ancestors::<L>(step, &memory.rows, i + 1, m);
+                couple_with_ancestors::<L>(step, rows, i + 1, m);
             }
         }
     }
@@ -307,12 +260,12 @@ fn couple_with_ancestors<L: Lanes>(step: &Step, rows: &[CrbaRow], own: usize, m:
 }
 
 /// Bodies that share a joint add up.
-fn fill_with_mimic(model: &Model, memory: &CrbaMemory, m: &mut DMatrix<f64>) {
+fn fill_with_mimic(model: &Model, rows: &[CrbaRow], m: &mut DMatrix<f64>) {
     let base = model.base_size().0;
     m.fill(0.0);
     let of = |b: usize, part: fn(&CrbaRow) -> &[Pack; 6]| {
         let (row, lane) = model.plan.place[b];
-        part(&memory.rows[row]).each_ref().map(|p| p.0[lane])
+        part(&rows[row]).each_ref().map(|p| p.0[lane])
     };
     for (i, body) in model.bodies.iter().enumerate().skip(1) {
         let (column, f) = (base + body.joint, of(i, |r| &r.momentum));

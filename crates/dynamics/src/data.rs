@@ -1,10 +1,8 @@
 //! Memory of the algorithms, allocated once per model.
 
-use crate::aba::AbaRow;
-use crate::crba::CrbaMemory;
 use crate::lanes::Instructions;
 use crate::model::Model;
-use crate::rnea::RneaRow;
+use crate::rows::{AbaRow, CrbaRow, RneaRow};
 use crate::spatial::{Force, Inertia, Motion, Se3};
 use nalgebra::DMatrix;
 
@@ -12,9 +10,8 @@ use nalgebra::DMatrix;
 #[derive(Clone, Debug)]
 pub struct Data {
     pub(crate) instructions: Instructions,
-    /// Rows of the plan in `rnea`; the root's first.
     pub(crate) rnea: Vec<RneaRow>,
-    pub(crate) crba: CrbaMemory,
+    pub(crate) crba: Vec<CrbaRow>,
     /// Placement of each body in its parent.
     pub(crate) in_parent: Vec<Se3>,
     /// Placement of each body in the world.
@@ -25,7 +22,6 @@ pub struct Data {
     pub(crate) acceleration: Vec<Motion>,
     /// Wrench of each body's joint, in its frame.
     pub(crate) force: Vec<Force>,
-    /// Rows of the plan in `aba`; the root's first.
     pub(crate) aba: Vec<AbaRow>,
     pub(crate) armature: Vec<f64>,
     /// Inertia of each body's sub-tree, in the world.
@@ -43,16 +39,17 @@ impl Data {
     pub fn new(model: &Model) -> Self {
         let n = model.bodies.len();
         let nv = model.nv();
+        let rows = model.plan.steps.len() + 1;
         Self {
             instructions: Instructions::detect(),
-            rnea: vec![RneaRow::ZERO; model.plan.steps.len() + 1],
-            crba: CrbaMemory::new(model),
+            rnea: vec![RneaRow::default(); rows],
+            crba: vec![CrbaRow::ROOT; rows],
             in_parent: vec![Se3::identity(); n],
             in_world: vec![Se3::identity(); n],
             velocity: vec![Motion::zero(); n],
             acceleration: vec![Motion::zero(); n],
             force: vec![Force::zero(); n],
-            aba: vec![AbaRow::ZERO; model.plan.steps.len() + 1],
+            aba: vec![AbaRow::default(); rows],
             armature: vec![0.0; model.joints.len()],
             subtree: vec![Inertia::zero(); n],
             tau: vec![0.0; nv + 1],

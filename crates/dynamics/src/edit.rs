@@ -1,6 +1,7 @@
 //! Models made from models, at set-up: joints locked, parts taken off, another root.
 
-use crate::model::{Base, Body, Frame, Joint, Model};
+use crate::body::Body;
+use crate::model::{Base, Frame, Joint, Model};
 use crate::spatial::Se3;
 use std::collections::BTreeMap;
 

@@ -11,6 +11,7 @@
 #![deny(unsafe_code)]
 
 mod aba;
+mod body;
 pub mod cases;
 mod centroidal;
 mod cholesky;
@@ -27,10 +28,12 @@ mod model;
 mod plan;
 mod regressor;
 mod rnea;
+mod rows;
 mod spatial;
 mod urdf;
 
 pub use aba::aba;
+pub use body::{Body, JointKind};
 pub use centroidal::{
     center_of_mass, center_of_mass_jacobian, centroidal_map, centroidal_momentum,
 };
@@ -49,7 +52,7 @@ pub use kinematics::{
     forward_kinematics_acceleration, forward_kinematics_velocity, joint_wrenches, propagate,
 };
 pub use lanes::Instructions;
-pub use model::{Base, Body, Cut, Frame, GRAVITY, Joint, JointKind, JointLimits, Model};
+pub use model::{Base, Cut, Frame, GRAVITY, Joint, JointLimits, Model};
 pub use regressor::{PARAMETERS, joint_torque_regressor};
 pub use rnea::{gravity, nle, rnea};
 pub use spatial::{Force, Inertia, Motion, Se3};

@@ -6,8 +6,8 @@
 //! first. A limb stays in its lane, so that most steps take each lane's parent from the same lane
 //! of an earlier step ([`Step::straight`]); the others gather.
 
+use crate::body::Body;
 use crate::lanes::{Pack, Places, WIDTH};
-use crate::model::{Body, Model};
 use crate::spatial::{Force, Se3};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -74,14 +74,25 @@ pub(crate) struct Plan {
     pub(crate) to_body: Vec<Matrix3<f64>>,
 }
 
+/// What of a model its plan is made from.
+#[derive(Clone, Copy)]
+pub(crate) struct Skeleton<'a> {
+    /// The root first, each after its parent.
+    pub(crate) bodies: &'a [Body],
+    /// Independent joints; fewer than bodies that move where some joint follows another.
+    pub(crate) joint_count: usize,
+    /// Components of `v` before the joints'.
+    pub(crate) base_size: usize,
+}
+
 impl Plan {
-    pub(crate) fn new(model: &Model) -> Plan {
-        let first_child = first_children(&model.bodies);
-        let rows = schedule(&model.bodies, &first_child);
+    pub(crate) fn new(model: Skeleton) -> Plan {
+        let first_child = first_children(model.bodies);
+        let rows = schedule(model.bodies, &first_child);
         let mut plan = Plan {
             steps: Vec::new(),
             place: vec![(0, 0); model.bodies.len()],
-            to_body: plan_frames(&model.bodies, &first_child),
+            to_body: plan_frames(model.bodies, &first_child),
         };
         for (step, lanes) in rows.iter().enumerate() {
             for (lane, body) in lanes.iter().enumerate() {
@@ -116,8 +127,8 @@ impl Plan {
         }
     }
 
-    fn step(&self, model: &Model, lanes: &Lanes, first_child: &[Option<usize>]) -> Step {
-        let bodies = &model.bodies;
+    fn step(&self, model: Skeleton, lanes: &Lanes, first_child: &[Option<usize>]) -> Step {
+        let bodies = model.bodies;
         let real = || {
             lanes
                 .iter()
@@ -145,7 +156,7 @@ impl Plan {
             parent_row,
             parents: [row_of(first); WIDTH],
             idle: Pack([1.0; WIDTH]),
-            joints: [model.joints.len(); WIDTH],
+            joints: [model.joint_count; WIDTH],
             turn_x: [Pack([1.0; WIDTH]), Pack::ZERO],
             rotation: [Pack::ZERO; 9],
             origin: [Pack::ZERO; 3],
@@ -160,15 +171,15 @@ impl Plan {
         for (lane, b) in real() {
             self.fill(model, &mut step, lane, b);
         }
-        if !model.has_mimic() {
+        if bodies.len() == model.joint_count + 1 {
             step.ancestors = self.ancestors(model, lanes);
         }
         step
     }
 
-    fn ancestors(&self, model: &Model, lanes: &Lanes) -> Vec<Ancestors> {
-        let nv = model.nv();
-        let column = |b: usize| model.base_size().0 + model.bodies[b].joint;
+    fn ancestors(&self, model: Skeleton, lanes: &Lanes) -> Vec<Ancestors> {
+        let nv = model.base_size + model.joint_count;
+        let column = |b: usize| model.base_size + model.bodies[b].joint;
         let mut levels = Vec::new();
         let mut at: Lanes = *lanes;
         while at.iter().any(Option::is_some) {
@@ -188,7 +199,7 @@ impl Plan {
                 level.places[lane] = place;
                 level.entries[0][lane] = column(body) * nv + column(ancestor);
                 level.entries[1][lane] = column(ancestor) * nv + column(body);
-                at[lane] = model.parent(ancestor).filter(|p| *p > 0);
+                at[lane] = Some(model.bodies[ancestor].parent).filter(|p| *p > 0);
             }
             level.same_lane = row.filter(|_| same);
             levels.push(level);
@@ -203,9 +214,9 @@ impl Plan {
     }
 
     /// Constants of one lane.
-    fn fill(&self, model: &Model, step: &mut Step, lane: usize, b: usize) {
+    fn fill(&self, model: Skeleton, step: &mut Step, lane: usize, b: usize) {
         let body = &model.bodies[b];
-        let mut rotation = self.rotation(&model.bodies, b);
+        let mut rotation = self.rotation(model.bodies, b);
         let origin = self.to_body[body.parent].tr_mul(&body.placement.translation);
         let mut angle_offset = 0.0;
         if step.straight {
@@ -217,7 +228,7 @@ impl Plan {
             rotation = turn;
         }
         step.idle.0[lane] = 0.0;
-        step.columns[lane] = model.base_size().0 + body.joint;
+        step.columns[lane] = model.base_size + body.joint;
         step.parents[lane] = self.place[body.parent];
         step.joints[lane] = body.joint;
         for (k, pack) in step.rotation.iter_mut().enumerate() {

@@ -10,6 +10,7 @@ use crate::kinematics::{at, base_placement, six};
 use crate::lanes::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos};
 use crate::model::{Base, Model};
 use crate::plan::{Plan, Step};
+use crate::rows::RneaRow;
 use crate::spatial::Force;
 use nalgebra::Vector3;
 
@@ -63,38 +64,6 @@ pub fn gravity<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d [f64] {
     rnea(model, data, q, &zeros, &zeros, None);
     data.zeros = zeros;
     &data.tau[..model.nv()]
-}
-
-/// Motion and wrench of four bodies, in their plan frames.
-#[derive(Clone, Debug)]
-pub(crate) struct RneaRow {
-    omega: [Pack; 3],
-    alpha: [Pack; 3],
-    /// Of the origin, minus gravity.
-    a: [Pack; 3],
-    /// `U`, by rows.
-    u: [Pack; 9],
-    /// Wrench of the joint, moment about the origin.
-    f: [Pack; 3],
-    n: [Pack; 3],
-    cos: Pack,
-    sin: Pack,
-    /// Origin in the parent's plan frame, where a joint may slide.
-    arm: [Pack; 3],
-}
-
-impl RneaRow {
-    pub(crate) const ZERO: RneaRow = RneaRow {
-        omega: [Pack::ZERO; 3],
-        alpha: [Pack::ZERO; 3],
-        a: [Pack::ZERO; 3],
-        u: [Pack::ZERO; 9],
-        f: [Pack::ZERO; 3],
-        n: [Pack::ZERO; 3],
-        cos: Pack::ZERO,
-        sin: Pack::ZERO,
-        arm: [Pack::ZERO; 3],
-    };
 }
 
 /// The root's motion, in all lanes; gravity enters as if the base accelerated upwards.

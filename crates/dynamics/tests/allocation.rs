@@ -28,20 +28,32 @@ mod support;
 
 #[test]
 fn nothing_allocates() {
-    for (seed, mimic) in [(1, false), (2, true)] {
+    let kinds = [
+        (1, false, Base::Floating),
+        (2, true, Base::Floating),
+        (3, false, Base::Fixed),
+    ];
+    for (seed, mimic, base) in kinds {
         let kind = support::Kind {
             links: 30,
-            base: Base::Floating,
+            base,
             mimic,
         };
         let model = support::random_model(seed, kind);
-        let [q, v, a] = support::random_state(seed, &model);
+        let [mut q, v, a] = support::random_state(seed, &model);
+        let (bv, bq) = (
+            model.nv() - model.joint_count(),
+            model.nq() - model.joint_count(),
+        );
         let mut x = v.clone();
         let f = vec![Force::zero(); model.bodies().len()];
         let mut data = Data::new(&model);
         let mut j6 = Matrix6xX::zeros(model.nv());
         let mut j3 = Matrix3xX::zeros(model.nv());
-        let mut y = DMatrix::zeros(model.nv(), PARAMETERS * model.bodies().len());
+        let mut y = DMatrix::zeros(
+            model.nv(),
+            PARAMETERS * (model.bodies().len() - usize::from(bv == 0)),
+        );
         let frame = model.frames().len() - 1;
         let (m, d) = (&model, &mut data);
         let imu = ImuMotion {
@@ -60,10 +72,13 @@ fn nothing_allocates() {
             cholesky_solve(m, d, &mut x);
             aba(m, d, &q, &v, &a, Some(&f));
         }
+        forward_kinematics(m, d, &q);
+        forward_kinematics_velocity(m, d, &q, &v);
         forward_kinematics_acceleration(m, d, &q, &v, &a);
-        let base = base_motion_from_imu(m, d, frame, &imu, &q[7..], &v[6..], &a[6..]);
-        propagate(m, d, &base, &q[7..], &v[6..], &a[6..]);
+        let base = base_motion_from_imu(m, d, frame, &imu, &q[bq..], &v[bv..], &a[bv..]);
+        propagate(m, d, &base, &q[bq..], &v[bv..], &a[bv..]);
         joint_wrenches(m, d, Some(&f));
+        frame_placement(m, d, frame);
         for reference in [
             ReferenceFrame::Local,
             ReferenceFrame::World,
@@ -72,15 +87,21 @@ fn nothing_allocates() {
             frame_jacobian(m, d, frame, reference, &mut j6);
             frame_jacobian_rate_times_velocity(m, d, frame, reference);
             frame_velocity(m, d, frame, reference);
+            frame_acceleration(m, d, frame, reference);
+            frame_classical_acceleration(m, d, frame, reference);
         }
+        center_of_mass(m, d);
         center_of_mass_jacobian(m, d, &mut j3);
         centroidal_map(m, d, &mut j6);
         centroidal_momentum(m, d);
         kinetic_energy(m, d, &v);
         potential_energy(m, d);
         joint_torque_regressor(m, d, &q, &v, &a, &mut y);
+        integrate(m, &mut q, &v, 1e-3);
         let after = COUNT.load(Ordering::Relaxed);
         assert_eq!(after - before, 0, "allocations");
+        drop(Data::new(m));
+        assert!(COUNT.load(Ordering::Relaxed) > after, "the counter counts");
         assert!(x.iter().all(|x| x.is_finite()));
     }
 }

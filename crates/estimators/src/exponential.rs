@@ -1,6 +1,6 @@
 //! The exponential of four numbers at a time.
 
-use dynamics::lanes::Lanes;
+use dynamics::lanes::{Lanes, SingleLanes};
 
 /// Beyond, the exponential is held: 1e-304 and 1e304.
 const LARGEST: f64 = 700.0;
@@ -38,6 +38,33 @@ pub(crate) fn exp<L: Lanes>(x: L) -> L {
     series * k.exp2_of_integer()
 }
 
+/// 2^r by its Taylor series: (ln 2)^n/n! for n from 7 down to 0.
+const SINGLE_SERIES: [f32; 8] = [
+    1.525_273_4e-5,
+    1.540_353e-4,
+    1.333_355_8e-3,
+    9.618_129e-3,
+    5.550_411e-2,
+    0.240_226_5,
+    std::f32::consts::LN_2,
+    1.0,
+];
+
+/// `exp(-x/2)` for x >= 0 in single precision, to within 3e-7; 1e-38 for x beyond 175.
+///
+/// `2^t` with `t = k + r`, k the nearest integer, |r| at most a half.
+#[inline(always)]
+pub(crate) fn single_exp_of_minus_half<S: SingleLanes>(x: S) -> S {
+    let t = (x * S::splat(-0.5 * std::f32::consts::LOG2_E)).max(S::splat(-126.0));
+    let k = t.round();
+    let r = t - k;
+    let mut series = S::splat(SINGLE_SERIES[0]);
+    for coefficient in &SINGLE_SERIES[1..] {
+        series = series.mul_add(r, S::splat(*coefficient));
+    }
+    series * k.exp2_of_integer()
+}
+
 /// The logistic function `1 / (1 + exp(-x))`.
 #[inline(always)]
 pub(crate) fn sigmoid<L: Lanes>(x: L) -> L {
@@ -46,8 +73,8 @@ pub(crate) fn sigmoid<L: Lanes>(x: L) -> L {
 
 #[cfg(test)]
 mod tests {
-    use super::{exp, sigmoid};
-    use dynamics::lanes::{Instructions, Kernel, Lanes, run};
+    use super::{exp, sigmoid, single_exp_of_minus_half};
+    use dynamics::lanes::{Instructions, Kernel, Lanes, SingleLanes, run};
 
     struct Both([f64; 4]);
     impl Kernel for Both {
@@ -55,6 +82,27 @@ mod tests {
         fn run<L: Lanes>(self) -> Self::Output {
             let x = L::set(self.0);
             [exp(x).to_array(), sigmoid(x).to_array()]
+        }
+    }
+
+    struct Single(f32);
+    impl Kernel for Single {
+        type Output = f32;
+        fn run<L: Lanes>(self) -> f32 {
+            single_exp_of_minus_half(L::Single::splat(self.0)).to_array()[5]
+        }
+    }
+
+    #[test]
+    fn single_precision_against_the_standard_library() {
+        for instructions in [Instructions::Portable, Instructions::detect()] {
+            for i in 0..20_000 {
+                let x = 0.01 * i as f32;
+                let ours = f64::from(run(instructions, Single(x)));
+                let error = ours - (-0.5 * f64::from(x)).exp();
+                assert!(error.abs() < 3e-7, "{x}: {error}");
+            }
+            assert!(run(instructions, Single(f32::MAX)) < 2e-38);
         }
     }
 

@@ -1,18 +1,25 @@
 //! Local Gaussian processes on what a model leaves over (G 6-14).
 //!
 //! Each local model holds at most some hundred points; a prediction is the mean of the models'
-//! own, weighted by the nearness of their centres. Nearness needs the centres alone, and a model's
+//! own, weighted by the nearness of their centres (G14). As a model falls back to zero beyond its
+//! data, each is given those of its neighbourhood, where its weight counts ([`NEIGHBOUR`]), and
+//! not only those nearer to its centre than to any other. Nearness needs the centres alone, and a model's
 //! prediction is bounded, so models whose whole share lies below a tolerance are left out.
 //!
 //! | file | does |
 //! | --- | --- |
 //! | `local_gp.rs` | parameters, prediction |
+//! | `local_gp/prepare.rs` | from points to what a prediction needs |
+//! | `local_gp/fewer.rs` | the same mean from fewer points |
+//! | `local_gp/evaluate.rs` | one model's prediction, in double or, where that is enough, single precision |
 //! | `local_gp/factor.rs` | Cholesky factor that grows and shrinks by a point |
 //! | `local_gp/updater.rs` | learns on, off the loop's thread, and hands finished models over |
 //! | `local_gp/estimator.rs` | the estimator: a model corrected by the residual |
 
 mod estimator;
+mod evaluate;
 mod factor;
+mod fewer;
 mod prepare;
 mod updater;
 
@@ -23,11 +30,14 @@ pub use updater::{Learned, LocalGpUpdater};
 use crate::exponential::exp;
 use crate::features::{FeatureSet, MAX_FEATURES};
 use crate::regimes::Regimes;
-use dynamics::lanes::{Instructions, Kernel, Lanes, Pack, WIDTH};
+use dynamics::lanes::{Instructions, Kernel, Lanes, WIDTH};
+use evaluate::{Points, Room};
 use std::fmt;
 
 /// Most points of one model.
 pub const MAX_POINTS: usize = 256;
+/// A sample belongs to every model whose weight at it is at least this part of the largest.
+pub const NEIGHBOUR: f64 = 0.1;
 /// Most models.
 pub const MAX_MODELS: usize = 64;
 
@@ -61,7 +71,8 @@ pub struct LocalGpParameters {
     /// Directions per model in which the data reduce the variance (G12). Fewer than points make it
     /// too large, never too small.
     pub directions: usize,
-    /// Largest error of the mean by leaving models out, N·m.
+    /// Largest error of the mean by leaving models and points out and by single precision, N·m;
+    /// 0: all of them, in double precision.
     pub tolerance: f64,
     /// How good the corrected torque is on data that the training did not see.
     pub regimes: Regimes,
@@ -91,16 +102,11 @@ pub struct Prediction {
     pub used: usize,
 }
 
-/// A local model as it is evaluated: four points side by side, padded with points of no weight.
-#[derive(Debug, Clone, Default)]
+/// A local model as it is evaluated.
+#[derive(Debug, Clone)]
 struct Prepared {
     centre: [f64; MAX_FEATURES],
-    /// Per four points: each input of theirs.
-    points: Vec<Pack>,
-    /// sigma_f² alpha.
-    alpha: Vec<Pack>,
-    /// sigma_f² times each direction, over the points.
-    directions: Vec<Pack>,
+    points: Points,
     /// No prediction of this model is larger, N·m.
     bound: f64,
 }
@@ -116,7 +122,8 @@ pub struct LocalGp {
     regimes: Regimes,
     gear_ratio: f64,
     models: Vec<Prepared>,
-    largest_bound: f64,
+    /// A model may make the variance this much too large, (N·m)².
+    negligible_variance: f64,
     instructions: Instructions,
 }
 
@@ -125,16 +132,6 @@ impl LocalGp {
     #[must_use]
     pub fn predict(&self, inputs: &[f64; MAX_FEATURES]) -> Prediction {
         dynamics::lanes::run(self.instructions, Predict(self, inputs))
-    }
-
-    /// The same residual from every model, however far; for tests of what the tolerance leaves out.
-    #[must_use]
-    pub fn predict_from_all(&self, inputs: &[f64; MAX_FEATURES]) -> Prediction {
-        let all = Self {
-            tolerance: 0.0,
-            ..self.clone()
-        };
-        all.predict(inputs)
     }
 }
 
@@ -170,14 +167,28 @@ impl Kernel for Predict<'_> {
             to.copy_from_slice(&exp(L::splat(-0.5) * distance).to_array());
             total += to.iter().sum::<f64>();
         }
-        // A model left out shifts the mean by at most its weight times (its bound + the mean's).
-        let negligible = gp.tolerance * total / gp.models.len() as f64;
         let (mut mean, mut square, mut variance, mut kept, mut used) = (0.0, 0.0, 0.0, 0.0, 0);
-        for (weight, model) in weights.iter().zip(&gp.models) {
-            if weight * (model.bound + gp.largest_bound) < negligible {
-                continue;
+        let mut room = Room::EMPTY;
+        let bounds = weights.iter().zip(&gp.models).map(|(w, m)| w * m.bound);
+        let (mut left, mut left_bounds) = (total, bounds.sum::<f64>());
+        // The nearest first. The models left out shift the mean by at most their weights times
+        // (their bounds + the mean's magnitude).
+        while used < gp.models.len() {
+            let now: f64 = mean / f64::max(kept, f64::MIN_POSITIVE);
+            if used > 0 && left_bounds + left * now.abs() <= 0.5 * gp.tolerance * total {
+                break;
             }
-            let (m, explained) = evaluate::<L>(model, &x[..gp.features.len()]);
+            let (i, weight) = largest(&weights[..gp.models.len()]);
+            weights[i] = -1.0;
+            let model = &gp.models[i];
+            // Where what the data explain hardly counts, they are taken to explain nothing.
+            let counts = weight * gp.signal_variance > gp.negligible_variance * total;
+            let (m, explained) = match gp.features.len() {
+                3 => model.evaluate::<L, 3>(&x, counts, &mut room),
+                4 => model.evaluate::<L, 4>(&x, counts, &mut room),
+                6 => model.evaluate::<L, 6>(&x, counts, &mut room),
+                _ => model.evaluate::<L, MAX_FEATURES>(&x, counts, &mut room),
+            };
             //= G14: the weighted mean of the local predictions
             mean += weight * m;
             // The variance of a mixture: where models differ, one of them is wrong.
@@ -185,6 +196,8 @@ impl Kernel for Predict<'_> {
             variance += weight * (gp.signal_variance - explained).max(0.0);
             kept += weight;
             used += 1;
+            left = (left - weight).max(0.0);
+            left_bounds = (left_bounds - weight * model.bound).max(0.0);
         }
         if used == 0 {
             return Prediction {
@@ -202,46 +215,17 @@ impl Kernel for Predict<'_> {
     }
 }
 
-/// Mean of one model (G11), and by how much its data reduce the variance (G12).
+/// Place and value of the largest.
 #[inline(always)]
-fn evaluate<L: Lanes>(model: &Prepared, x: &[f64]) -> (f64, f64) {
-    let mut kernel = [Pack::ZERO; MAX_POINTS / WIDTH];
-    let mut mean = L::splat(0.0);
-    let blocks = model.points.chunks_exact(x.len()).zip(&model.alpha);
-    for ((points, alpha), k) in blocks.zip(&mut kernel) {
-        let mut square = L::splat(0.0);
-        for (column, x) in points.iter().zip(x) {
-            let d = L::load(column) - L::splat(*x);
-            square = d.mul_add(d, square);
-        }
-        //= G9, the widths being in the scaled inputs
-        let value = exp(L::splat(-0.5) * square);
-        mean = value.mul_add(L::load(alpha), mean);
-        value.store(k);
+fn largest(weights: &[f64]) -> (usize, f64) {
+    let mut best = (0, f64::NEG_INFINITY);
+    for (i, weight) in weights.iter().enumerate() {
+        // Without a branch: which one is larger is anyone's guess.
+        let better = *weight > best.1;
+        best = (
+            if better { i } else { best.0 },
+            if better { *weight } else { best.1 },
+        );
     }
-    let kernel = &kernel[..model.alpha.len().min(MAX_POINTS / WIDTH)];
-    //= G12, along the directions that were kept
-    let sum = |lanes: L| lanes.to_array().iter().sum::<f64>();
-    let mut explained = 0.0;
-    let mut four = model.directions.chunks_exact(4 * kernel.len().max(1));
-    for directions in &mut four {
-        let (ab, cd) = directions.split_at(2 * kernel.len());
-        let ((a, b), (c, d)) = (ab.split_at(kernel.len()), cd.split_at(kernel.len()));
-        let mut sums = [L::splat(0.0); 4];
-        for (i, k) in kernel.iter().enumerate() {
-            let k = L::load(k);
-            for (sum, row) in sums.iter_mut().zip([a, b, c, d]) {
-                *sum = L::load(&row[i]).mul_add(k, *sum);
-            }
-        }
-        explained += sums.iter().map(|s| sum(*s).powi(2)).sum::<f64>();
-    }
-    for direction in four.remainder().chunks_exact(kernel.len().max(1)) {
-        let mut along = L::splat(0.0);
-        for (u, k) in direction.iter().zip(kernel) {
-            along = L::load(u).mul_add(L::load(k), along);
-        }
-        explained += sum(along).powi(2);
-    }
-    (sum(mean), explained)
+    best
 }

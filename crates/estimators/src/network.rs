@@ -90,10 +90,13 @@ impl fmt::Display for NetworkError {
 }
 impl std::error::Error for NetworkError {}
 
+/// Packs of outputs that are summed side by side: one alone would wait for itself.
+const GROUP: usize = 4;
+
 /// Layers in one piece of memory, four outputs side by side.
 #[derive(Debug, Clone)]
 struct Forward {
-    /// Per layer and four of its outputs: their biases, then their weights input by input.
+    /// Per layer and group of its outputs: their biases, then their weights input by input.
     weights: Vec<Pack>,
     /// Inputs and blocks of four outputs of each layer.
     sizes: Vec<(usize, usize)>,
@@ -113,13 +116,16 @@ impl Forward {
                 let message = format!("layer {i} must have {outputs} rows of {width} weights");
                 return Err(NetworkError(message));
             }
-            for (rows, bias) in layer.weights.chunks(WIDTH).zip(layer.bias.chunks(WIDTH)) {
-                let pack = |of: &dyn Fn(usize) -> Option<f64>| {
-                    Pack(std::array::from_fn(|lane| of(lane).unwrap_or(0.0)))
-                };
-                weights.push(pack(&|lane| bias.get(lane).copied()));
+            let pack = |first: usize, of: &dyn Fn(usize) -> f64| {
+                let lane = |o: usize| if o < outputs { of(o) } else { 0.0 };
+                Pack(std::array::from_fn(|l| lane(first + l)))
+            };
+            for group in (0..outputs).step_by(GROUP * WIDTH) {
+                let firsts = (group..outputs.min(group + GROUP * WIDTH)).step_by(WIDTH);
+                weights.extend(firsts.clone().map(|f| pack(f, &|o| layer.bias[o])));
                 for input in 0..width {
-                    weights.push(pack(&|lane| rows.get(lane).map(|row| row[input])));
+                    let column = |first| pack(first, &|o| layer.weights[o][input]);
+                    weights.extend(firsts.clone().map(column));
                 }
             }
             sizes.push((width, outputs.div_ceil(WIDTH)));
@@ -162,18 +168,45 @@ impl Kernel for Propagate<'_> {
         for (i, &(inputs, blocks)) in self.0.sizes.iter().enumerate() {
             let (layer, rest) = weights.split_at(blocks * (inputs + 1));
             weights = rest;
-            for (rows, y) in layer.chunks_exact(inputs + 1).zip(to.iter_mut()) {
-                let mut sum = L::load(&rows[0]);
-                let x = from.iter().flat_map(|pack| &pack.0);
-                for (weight, x) in rows[1..].iter().zip(x) {
-                    sum = L::load(weight).mul_add(L::splat(*x), sum);
+            let groups = layer.chunks(GROUP * (inputs + 1));
+            for (group, y) in groups.zip(to[..blocks].chunks_mut(GROUP)) {
+                match y.len() {
+                    1 => group_of::<L, 1>(group, from, inputs, y, i == last),
+                    2 => group_of::<L, 2>(group, from, inputs, y, i == last),
+                    3 => group_of::<L, 3>(group, from, inputs, y, i == last),
+                    _ => group_of::<L, GROUP>(group, from, inputs, y, i == last),
                 }
-                let out = if i == last { sum } else { sigmoid(sum) };
-                out.store(y);
             }
             std::mem::swap(from, to);
         }
         from.first().map_or(0.0, |pack| pack.0[0])
+    }
+}
+
+/// `G` packs of a layer's outputs.
+#[inline(always)]
+fn group_of<L: Lanes, const G: usize>(
+    weights: &[Pack],
+    x: &[Pack],
+    inputs: usize,
+    y: &mut [Pack],
+    last: bool,
+) {
+    let (columns, _) = weights.as_chunks::<G>();
+    let Some((bias, columns)) = columns.split_first() else {
+        return;
+    };
+    let mut sums: [L; G] = std::array::from_fn(|g| L::load(&bias[g]));
+    for (columns, pack) in columns[..inputs].chunks(WIDTH).zip(x) {
+        for (column, x) in columns.iter().zip(pack.0) {
+            for (sum, weight) in sums.iter_mut().zip(column) {
+                *sum = L::load(weight).mul_add(L::splat(x), *sum);
+            }
+        }
+    }
+    for (sum, y) in sums.into_iter().zip(y) {
+        let out = if last { sum } else { sigmoid(sum) };
+        out.store(y);
     }
 }
 

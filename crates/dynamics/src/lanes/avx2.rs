@@ -1,7 +1,7 @@
 //! AVX2 and FMA.
 #![allow(unsafe_code)]
 
-use super::{Kernel, Lanes, Pack, ROUNDS, WIDTH};
+use super::{Kernel, Lanes, Pack, ROUNDS, SINGLE_ROUNDS, SingleLanes, SinglePack, WIDTH};
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -27,6 +27,7 @@ fn with_features<K: Kernel>(kernel: K) -> K::Output {
 }
 
 impl Lanes for Avx2 {
+    type Single = Avx2Single;
     #[inline(always)]
     fn load(p: &Pack) -> Self {
         // SAFETY: AVX is there (see `Avx2`); `Pack` is 32 readable bytes aligned to 32.
@@ -125,5 +126,75 @@ impl Neg for Avx2 {
     fn neg(self) -> Self {
         // SAFETY: AVX is there.
         Avx2(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
+    }
+}
+
+/// A vector register of single precision; used as `Avx2` is.
+#[derive(Clone, Copy)]
+pub(super) struct Avx2Single(__m256);
+
+impl SingleLanes for Avx2Single {
+    #[inline(always)]
+    fn load(p: &SinglePack) -> Self {
+        // SAFETY: AVX is there (see `Avx2`); `SinglePack` is 32 readable bytes aligned to 32.
+        Avx2Single(unsafe { _mm256_load_ps(p.0.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, p: &mut SinglePack) {
+        // SAFETY: AVX is there; `SinglePack` is 32 writable bytes aligned to 32.
+        unsafe { _mm256_store_ps(p.0.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        // SAFETY: AVX is there.
+        Avx2Single(unsafe { _mm256_set1_ps(x) })
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        // SAFETY: FMA is there.
+        Avx2Single(unsafe { _mm256_fmadd_ps(self.0, a.0, b.0) })
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2Single(unsafe { _mm256_max_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn exp2_of_integer(self) -> Self {
+        // SAFETY: AVX2 is there.
+        unsafe {
+            let low_bits =
+                _mm256_castps_si256(_mm256_add_ps(self.0, _mm256_set1_ps(SINGLE_ROUNDS)));
+            let exponent = _mm256_slli_epi32::<23>(low_bits);
+            let one = _mm256_castps_si256(_mm256_set1_ps(1.0));
+            Avx2Single(_mm256_castsi256_ps(_mm256_add_epi32(exponent, one)))
+        }
+    }
+}
+
+impl Add for Avx2Single {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2Single(unsafe { _mm256_add_ps(self.0, o.0) })
+    }
+}
+
+impl Sub for Avx2Single {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2Single(unsafe { _mm256_sub_ps(self.0, o.0) })
+    }
+}
+
+impl Mul for Avx2Single {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        // SAFETY: AVX is there.
+        Avx2Single(unsafe { _mm256_mul_ps(self.0, o.0) })
     }
 }

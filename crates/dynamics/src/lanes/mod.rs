@@ -38,6 +38,8 @@ const ROUNDS: f64 = 6_755_399_441_055_744.0;
 pub trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
+    /// Twice as many numbers in single precision.
+    type Single: SingleLanes;
     /// From memory.
     fn load(p: &Pack) -> Self;
     /// To memory.
@@ -70,6 +72,51 @@ pub trait Lanes:
     #[inline(always)]
     fn to_array(self) -> [f64; WIDTH] {
         let mut p = Pack::ZERO;
+        self.store(&mut p);
+        p.0
+    }
+}
+
+/// Lanes of single precision side by side.
+pub const SINGLE_WIDTH: usize = 8;
+
+/// Eight numbers of single precision in memory, aligned for a vector load.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[repr(C, align(32))]
+pub struct SinglePack(pub [f32; SINGLE_WIDTH]);
+
+impl SinglePack {
+    /// Eight zeros.
+    pub const ZERO: SinglePack = SinglePack([0.0; SINGLE_WIDTH]);
+}
+
+/// 1.5 * 2^23: what [`ROUNDS`] is for doubles.
+const SINGLE_ROUNDS: f32 = 12_582_912.0;
+
+/// Eight numbers of single precision in registers.
+pub trait SingleLanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+    /// From memory.
+    fn load(p: &SinglePack) -> Self;
+    /// To memory.
+    fn store(self, p: &mut SinglePack);
+    /// The same number eight times.
+    fn splat(x: f32) -> Self;
+    /// `self * a + b`.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+    /// The larger of both; either of them if one is not a number.
+    fn max(self, o: Self) -> Self;
+    /// Nearest integer, for magnitudes below 2^22.
+    #[inline(always)]
+    fn round(self) -> Self {
+        let magic = Self::splat(SINGLE_ROUNDS);
+        (self + magic) - magic
+    }
+    /// 2 to the power of whole numbers within ±126.
+    fn exp2_of_integer(self) -> Self;
+    /// Eight numbers.
+    #[inline(always)]
+    fn to_array(self) -> [f32; SINGLE_WIDTH] {
+        let mut p = SinglePack::ZERO;
         self.store(&mut p);
         p.0
     }

@@ -1,6 +1,6 @@
 //! Any processor: four numbers in an array, which the compiler turns into what it finds.
 
-use super::{Lanes, Pack, ROUNDS, WIDTH};
+use super::{Lanes, Pack, ROUNDS, SINGLE_ROUNDS, SINGLE_WIDTH, SingleLanes, SinglePack, WIDTH};
 use std::ops::{Add, Mul, Neg, Sub};
 
 #[derive(Clone, Copy)]
@@ -14,6 +14,7 @@ impl Portable {
 }
 
 impl Lanes for Portable {
+    type Single = PortableSingle;
     #[inline(always)]
     fn load(p: &Pack) -> Self {
         Portable(p.0)
@@ -93,5 +94,68 @@ impl Neg for Portable {
     #[inline(always)]
     fn neg(self) -> Self {
         Portable(self.0.map(|x| -x))
+    }
+}
+
+#[derive(Clone, Copy)]
+pub(super) struct PortableSingle([f32; SINGLE_WIDTH]);
+
+impl PortableSingle {
+    #[inline(always)]
+    fn zip(self, o: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        PortableSingle(std::array::from_fn(|i| f(self.0[i], o.0[i])))
+    }
+}
+
+impl SingleLanes for PortableSingle {
+    #[inline(always)]
+    fn load(p: &SinglePack) -> Self {
+        PortableSingle(p.0)
+    }
+    #[inline(always)]
+    fn store(self, p: &mut SinglePack) {
+        p.0 = self.0;
+    }
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        PortableSingle([x; SINGLE_WIDTH])
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        self * a + b
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        self.zip(o, f32::max)
+    }
+    #[inline(always)]
+    fn exp2_of_integer(self) -> Self {
+        let one = 1f32.to_bits();
+        let power = |k: f32| ((k + SINGLE_ROUNDS).to_bits() << 23).wrapping_add(one);
+        PortableSingle(self.0.map(|k| f32::from_bits(power(k))))
+    }
+}
+
+impl Add for PortableSingle {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        self.zip(o, |x, y| x + y)
+    }
+}
+
+impl Sub for PortableSingle {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        self.zip(o, |x, y| x - y)
+    }
+}
+
+impl Mul for PortableSingle {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        self.zip(o, |x, y| x * y)
     }
 }

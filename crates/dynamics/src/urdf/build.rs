@@ -3,7 +3,8 @@
 use super::text::Source;
 use super::tree::Tree;
 use super::{Complaint, inertia};
-use crate::model::{Base, Body, Frame, GRAVITY, Joint, JointKind, JointLimits, Model};
+use crate::body::{Body, JointKind};
+use crate::model::{Base, Frame, GRAVITY, Joint, JointLimits, Model};
 use crate::spatial::{Inertia, Se3};
 use nalgebra::Vector3;
 use urdf_rs::JointType;

@@ -1,14 +1,19 @@
 //! From points to what a prediction needs: weights of the mean, directions of the variance, bound.
 
+use super::evaluate::{Columns, Points, SINGLE_ERROR};
+use super::fewer::{fewer, part};
 use super::{
     Factor, LocalGp, LocalGpError, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS, Prepared,
 };
 use crate::features::MAX_FEATURES;
-use dynamics::lanes::{Instructions, Pack, WIDTH};
+use dynamics::lanes::{Instructions, Pack, SINGLE_WIDTH, SinglePack, WIDTH};
 use nalgebra::DMatrix;
 
 /// Noise of a point is at least this part of the signal's variance, so that a model can be factored.
 const LEAST_NOISE: f64 = 1e-8;
+
+/// Part of a sample's noise by which one model may make the variance too large.
+const NEGLIGIBLE_NOISE: f64 = 0.01;
 
 impl LocalGp {
     /// Prepares the models.
@@ -20,7 +25,7 @@ impl LocalGp {
         let mut gp = Self::empty(parameters);
         for model in &parameters.models {
             let (kernel, factor) = factored(parameters, model)?;
-            gp.push(prepare(parameters, model, &kernel, &factor));
+            gp.models.push(prepare(parameters, model, &kernel, &factor));
         }
         Ok(gp)
     }
@@ -39,14 +44,9 @@ impl LocalGp {
             regimes: parameters.regimes,
             gear_ratio: parameters.gear_ratio,
             models: Vec::new(),
-            largest_bound: 0.0,
+            negligible_variance: NEGLIGIBLE_NOISE * parameters.noise_variance,
             instructions: Instructions::detect(),
         }
-    }
-
-    fn push(&mut self, model: Prepared) {
-        self.largest_bound = self.largest_bound.max(model.bound);
-        self.models.push(model);
     }
 
     /// Puts a newly prepared model in place of model `i`, or at the end.
@@ -55,7 +55,6 @@ impl LocalGp {
             Some(place) => *place = model,
             None => self.models.push(model),
         }
-        self.largest_bound = self.models.iter().fold(0.0, |b, m| b.max(m.bound));
     }
 }
 
@@ -175,26 +174,77 @@ pub(super) fn prepare(
         .sum();
     let mut centre = [0.0; MAX_FEATURES];
     centre[..d].copy_from_slice(&model.centre);
-    let pack = |row: &dyn Fn(usize) -> f64| {
-        let blocks = (0..n).step_by(WIDTH);
-        let lane = |i: usize| if i < n { row(i) } else { 0.0 };
-        blocks
-            .map(|start| Pack(std::array::from_fn(|l| lane(start + l))))
-            .collect::<Vec<_>>()
-    };
-    let columns: Vec<Vec<Pack>> = (0..d).map(|c| pack(&|i| model.points[i * d + c])).collect();
-    let points = (0..n.div_ceil(WIDTH)).flat_map(|block| columns.iter().map(move |c| c[block]));
     let s = p.signal_variance;
-    let directions = directions(a, factor, p.directions);
+    let fewer = fewer(p, a, &alpha, 0.25 * p.tolerance)
+        .and_then(|(chosen, weights)| part(a, &chosen).map(|part| (chosen, weights, part)));
+    let (chosen, directions) = match fewer {
+        Some((chosen, weights, (a, factor))) => {
+            alpha = weights;
+            (chosen, directions(&a, &factor, p.directions))
+        }
+        None => ((0..n).collect(), directions(a, factor, p.directions)),
+    };
+    let alpha: Vec<f64> = alpha.iter().map(|a| s * a).collect();
+    let point = |i: usize| &model.points[chosen[i] * d..(chosen[i] + 1) * d];
+    let count = chosen.len();
+    let rows = |r: usize| -> Vec<f64> { (0..count).map(|i| s * directions[(r, i)]).collect() };
+    let weight: f64 = alpha.iter().map(|a| a.abs()).sum();
+    let points = if SINGLE_ERROR * weight <= 0.25 * p.tolerance {
+        let inputs = |c: usize| (0..count).map(|i| point(i)[c] - centre[c]).collect();
+        Points::Single(columns(
+            d,
+            &inputs,
+            &alpha,
+            directions.nrows(),
+            &rows,
+            &pack_single,
+        ))
+    } else {
+        let inputs = |c: usize| (0..count).map(|i| point(i)[c]).collect();
+        Points::Double(columns(
+            d,
+            &inputs,
+            &alpha,
+            directions.nrows(),
+            &rows,
+            &pack_double,
+        ))
+    };
     Prepared {
         centre,
-        points: points.collect(),
-        alpha: pack(&|i| s * alpha[i]),
-        directions: (0..directions.nrows())
-            .flat_map(|r| pack(&|i| s * directions[(r, i)]))
-            .collect(),
+        points,
         bound: (s * norm.max(0.0)).sqrt(),
     }
+}
+
+fn columns<P: Copy>(
+    dimensions: usize,
+    inputs: &dyn Fn(usize) -> Vec<f64>,
+    alpha: &[f64],
+    directions: usize,
+    direction: &dyn Fn(usize) -> Vec<f64>,
+    pack: &dyn Fn(&[f64]) -> Vec<P>,
+) -> Columns<P> {
+    let rows: Vec<Vec<P>> = (0..dimensions).map(|c| pack(&inputs(c))).collect();
+    let alpha = pack(alpha);
+    Columns {
+        inputs: (0..alpha.len())
+            .flat_map(|i| rows.iter().map(move |row| row[i]))
+            .collect(),
+        alpha,
+        directions: (0..directions).flat_map(|r| pack(&direction(r))).collect(),
+    }
+}
+
+fn pack_double(row: &[f64]) -> Vec<Pack> {
+    let pack = |four: &[f64]| Pack(std::array::from_fn(|i| four.get(i).copied().unwrap_or(0.0)));
+    row.chunks(WIDTH).map(pack).collect()
+}
+
+fn pack_single(row: &[f64]) -> Vec<SinglePack> {
+    let lane = |eight: &[f64], i: usize| eight.get(i).map_or(0.0, |x| *x as f32);
+    let pack = |eight: &[f64]| SinglePack(std::array::from_fn(|i| lane(eight, i)));
+    row.chunks(SINGLE_WIDTH).map(pack).collect()
 }
 
 /// Rows u with `sum (u k)² <= k' A^-1 k` for any k, and equal if there are as many as points.
@@ -206,10 +256,8 @@ fn directions(a: &DMatrix<f64>, factor: &Factor, most: usize) -> DMatrix<f64> {
     if most >= n {
         // L^-1, column by column.
         let mut inverse = DMatrix::zeros(n, n);
-        for mut column in (0..n).zip(inverse.column_iter_mut()).map(|(j, mut c)| {
-            c[j] = 1.0;
-            c
-        }) {
+        for (j, mut column) in inverse.column_iter_mut().enumerate() {
+            column[j] = 1.0;
             factor.solve_lower(column.as_mut_slice());
         }
         return inverse;

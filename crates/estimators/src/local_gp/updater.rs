@@ -1,11 +1,13 @@
 //! Learns on, sample by sample, off the loop's thread.
 
 use super::prepare::{diagonal, factored, kernel, prepare};
-use super::{Factor, LocalGp, LocalGpError, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS};
+use super::{
+    Factor, LocalGp, LocalGpError, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS, NEIGHBOUR,
+};
 use crate::features::MAX_FEATURES;
 use nalgebra::DMatrix;
 
-/// What became of a sample.
+/// What became of a sample in the model nearest to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Learned {
     /// It joined a point of the nearest model that is so near that it tells nothing new.
@@ -85,14 +87,22 @@ impl LocalGpUpdater {
             return Learned::Dropped;
         }
         //= G13
-        let models = self.parameters.models.iter().enumerate();
-        let similar = models.map(|(i, m)| (i, kernel(&self.parameters, &m.centre, x)));
-        let nearest = similar.max_by(|a, b| a.1.total_cmp(&b.1));
+        let models = self.parameters.models.iter();
+        let similar: Vec<f64> = models
+            .map(|m| kernel(&self.parameters, &m.centre, x))
+            .collect();
+        let by_similarity = |a: &usize, b: &usize| similar[*a].total_cmp(&similar[*b]);
+        let nearest = (0..similar.len()).max_by(by_similarity);
         let threshold = self.similarity * self.parameters.signal_variance;
-        let room = self.parameters.models.len() < MAX_MODELS;
+        let room = similar.len() < MAX_MODELS;
         match nearest {
-            Some((i, similarity)) if similarity >= threshold || !room => {
-                self.learn_in(i, x, residual)
+            Some(nearest) if similar[nearest] >= threshold || !room => {
+                let neighbour =
+                    |i: &usize| *i != nearest && similar[*i] >= NEIGHBOUR * similar[nearest];
+                for i in (0..similar.len()).filter(neighbour) {
+                    self.learn_in(i, x, residual);
+                }
+                self.learn_in(nearest, x, residual)
             }
             None if !room => Learned::Dropped,
             _ => {

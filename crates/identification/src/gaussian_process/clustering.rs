@@ -8,7 +8,7 @@
 
 use super::{GpOptions, HyperParameters};
 use estimators::features::MAX_FEATURES;
-use estimators::local_gp::LocalModel;
+use estimators::local_gp::{LocalModel, NEIGHBOUR};
 
 /// One sample: scaled inputs, residual, its place in the log.
 #[derive(Debug, Clone, Copy)]
@@ -50,19 +50,29 @@ pub(super) fn models(
 ) -> Vec<LocalModel> {
     let centres = centres(samples, options.models);
     let mut members: Vec<Vec<Sample>> = vec![Vec::new(); centres.len()];
+    // As a difference of squared distances.
+    let neighbour = -2.0 * NEIGHBOUR.ln();
+    let mut away = vec![0.0; centres.len()];
     for sample in samples {
-        if let Some((i, _)) = nearest(&sample.x, centres.iter()) {
-            members[i].push(*sample);
+        for (away, centre) in away.iter_mut().zip(&centres) {
+            *away = square(&sample.x, centre);
+        }
+        let nearest = away.iter().fold(f64::MAX, |m, a| m.min(*a));
+        for (members, away) in members.iter_mut().zip(&away) {
+            if *away <= nearest + neighbour {
+                members.push(*sample);
+            }
         }
     }
     let apart = ((INDEPENDENT_S / sample_period) as usize).max(1);
     let dimensions = options.features.len();
     members
         .iter()
-        .filter(|members| !members.is_empty())
-        .map(|members| {
+        .zip(&centres)
+        .filter(|(members, _)| !members.is_empty())
+        .map(|(members, centre)| {
             let chosen = telling(members, options.points, hyper);
-            gathered(members, &chosen, dimensions, hyper, apart)
+            gathered(centre, members, &chosen, dimensions, hyper, apart)
         })
         .collect()
 }
@@ -150,6 +160,7 @@ fn telling(members: &[Sample], most: usize, hyper: &HyperParameters) -> Vec<[f64
 
 /// Each point with the mean of the samples nearest to it.
 fn gathered(
+    centre: &[f64; MAX_FEATURES],
     members: &[Sample],
     chosen: &[[f64; MAX_FEATURES]],
     dimensions: usize,
@@ -165,9 +176,7 @@ fn gathered(
         counted: Option<usize>,
     }
     let mut cells = vec![Cell::default(); chosen.len()];
-    let mut centre = vec![0.0; dimensions];
     for sample in members {
-        centre.iter_mut().zip(&sample.x).for_each(|(c, x)| *c += x);
         let Some((i, _)) = nearest(&sample.x, chosen.iter()) else {
             continue;
         };
@@ -182,10 +191,9 @@ fn gathered(
             cell.counted = Some(sample.index);
         }
     }
-    centre.iter_mut().for_each(|c| *c /= members.len() as f64);
     cells.retain(|cell| cell.count > 0.0);
     LocalModel {
-        centre,
+        centre: centre[..dimensions].to_vec(),
         points: cells
             .iter()
             .flat_map(|c| c.x[..dimensions].to_vec())

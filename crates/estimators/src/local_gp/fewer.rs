@@ -1,0 +1,80 @@
+//! The same mean from fewer points.
+//!
+//! A smooth mean does not need all the points that it was learned from. In the kernel's own space
+//! the mean is a vector m, and its projection P m onto the kernels of some of the points is the
+//! nearest to it that these can make. At any input the two differ by at most `|m - P m| sigma_f`.
+
+use super::{Factor, LocalGpParameters};
+use nalgebra::DMatrix;
+
+/// Points that the others tell to this part of the signal's variance would make weights without
+/// bound.
+const TOLD: f64 = 1e-7;
+
+/// Indices of the points that make the mean to within `error` (N·m) at any input, and their
+/// weights; None if it takes all of them. `a` = K + D.
+pub(super) fn fewer(
+    p: &LocalGpParameters,
+    a: &DMatrix<f64>,
+    alpha: &[f64],
+    error: f64,
+) -> Option<(Vec<usize>, Vec<f64>)> {
+    let (n, s) = (alpha.len(), p.signal_variance);
+    let kernel = |i: usize, j: usize| if i == j { s } else { a[(i, j)] };
+    // What is not yet made of the mean at each point, and of each point's own variance.
+    let mut left: Vec<f64> = (0..n)
+        .map(|i| (0..n).map(|j| kernel(i, j) * alpha[j]).sum())
+        .collect();
+    let mut untold = vec![s; n];
+    let mut square: f64 = left.iter().zip(alpha).map(|(l, a)| l * a).sum();
+    let (mut chosen, mut made) = (Vec::new(), Vec::new());
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    while s * square > error * error {
+        // By orthogonal matching pursuit: the point that brings the projection nearest.
+        let gain = |i: usize| left[i] * left[i] / untold[i];
+        let free = (0..n).filter(|&i| untold[i] > TOLD * s);
+        let best = free.max_by(|&i, &j| gain(i).total_cmp(&gain(j)))?;
+        let root = untold[best].sqrt();
+        let row: Vec<f64> = (0..n)
+            .map(|i| {
+                let told: f64 = rows.iter().map(|r| r[i] * r[best]).sum();
+                (kernel(i, best) - told) / root
+            })
+            .collect();
+        let along = left[best] / root;
+        for ((left, untold), r) in left.iter_mut().zip(&mut untold).zip(&row) {
+            *left -= along * r;
+            *untold -= r * r;
+        }
+        untold[best] = 0.0;
+        square -= along * along;
+        made.push(along);
+        chosen.push(best);
+        rows.push(row);
+        if chosen.len() == n {
+            return None;
+        }
+    }
+    // The rows at the chosen points are triangular: R weights = made.
+    for i in (0..chosen.len()).rev() {
+        made[i] /= rows[i][chosen[i]];
+        let weight = made[i];
+        for (above, row) in made[..i].iter_mut().zip(&rows) {
+            *above -= row[chosen[i]] * weight;
+        }
+    }
+    Some((chosen, made))
+}
+
+/// The matrix of some of the points, and its factor.
+pub(super) fn part(a: &DMatrix<f64>, chosen: &[usize]) -> Option<(DMatrix<f64>, Factor)> {
+    let part = a.select_columns(chosen).select_rows(chosen);
+    let mut factor = Factor::default();
+    for i in 0..chosen.len() {
+        let beside: Vec<f64> = (0..i).map(|j| part[(i, j)]).collect();
+        if !factor.push(&beside, part[(i, i)]) {
+            return None;
+        }
+    }
+    Some((part, factor))
+}
