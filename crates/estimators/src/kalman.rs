@@ -200,7 +200,9 @@ impl<const N: usize> KalmanEstimator<N> {
         let mut f = SMatrix::identity();
         f[(0, 1)] = t;
         f[(1, 1)] -= t / rotor_inertia * friction;
-        let carried = 1.0 / joint.gear_ratio + meshing * direction * x[2].signum();
+        // No torque has no sign: that of zero would break the symmetry.
+        let sign = if x[2] == 0.0 { 0.0 } else { x[2].signum() };
+        let carried = 1.0 / joint.gear_ratio + meshing * direction * sign;
         f[(1, 2)] = -t / rotor_inertia * carried;
         if N == ADDED_STATES {
             f[(2, 3)] = t;

@@ -156,6 +156,8 @@ fn kalman(request: &Value) -> Answer {
     let parameters = KalmanParameters {
         joint,
         gear: None,
+        tracking: estimators::tracking::TrackingParameters::default(),
+        meshing: 0.0,
         rotor_inertia: number(j, "rotor_inertia")?,
         sign_smoothing: number(j, "sign_smoothing")?,
         process: serde_json::from_value(request["process"].clone())?,
