@@ -570,7 +570,7 @@ fn fused_sources() {
         let regime = |r: usize| {
             vec![
                 error(0.2),
-                error(if r % 2 == 0 { 4.0 } else { 0.3 }),
+                error(if r.is_multiple_of(2) { 4.0 } else { 0.3 }),
                 error(0.2),
             ]
         };
