@@ -6,9 +6,11 @@
 //! i, omega --> friction cases ----------------------+<------ tau/N of the last step-+
 //! ```
 
+use crate::exponential::exp;
 use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use crate::low_pass::LowPass;
 use crate::wave_generator::{WaveGenerator, WaveGeneratorTorque};
+use dynamics::lanes::{self, Instructions, Kernel, Lanes};
 use robot_state::{TorqueEstimate, measured_flags, torque_flags, torque_source};
 use std::f64::consts::FRAC_PI_2;
 
@@ -69,8 +71,13 @@ impl ComplianceParameters {
     /// tau: the torque that twists the flexspline by `torsion_fs`, at most `limit`, N·m.
     #[must_use]
     pub fn torque(&self, torsion_fs: f64, limit: f64) -> Saturated {
+        self.torque_within(torsion_fs, limit, self.flexspline_torsion(limit))
+    }
+
+    /// [`Self::torque`], `torsion_limit` being the flexspline's torsion at `limit`.
+    fn torque_within(&self, torsion_fs: f64, limit: f64, torsion_limit: f64) -> Saturated {
         // Compared as torsions: the tangent changes its sign beyond pi/2 and would wrap.
-        if torsion_fs.abs() >= self.flexspline_torsion(limit) {
+        if torsion_fs.abs() >= torsion_limit {
             return Saturated {
                 tau: limit.copysign(torsion_fs),
                 saturated: true,
@@ -105,6 +112,54 @@ pub struct ComplianceEstimator {
     last: TorqueEstimate,
     /// Variance of the torsion from the encoders' resolution and the model's known misfit, rad².
     torsion_variance: f64,
+    /// The flexspline's torsion at the torque limit, rad.
+    torsion_limit: f64,
+    instructions: Instructions,
+}
+
+/// What is transcendental in a step, computed side by side.
+struct Curves<'a> {
+    parameters: &'a JointEstimatorParameters,
+    q: f64,
+    theta: f64,
+    /// tau_wg and its standard deviation, N·m.
+    tau_wg: f64,
+    tau_wg_sigma: f64,
+}
+
+impl Kernel for Curves<'_> {
+    /// err, torsion_wg and the latter's standard deviation, rad.
+    type Output = (f64, f64, f64);
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Self::Output {
+        let JointEstimatorParameters {
+            kinematic_error: error,
+            compliance: ComplianceParameters { k_wg0, c_wg, .. },
+            ..
+        } = self.parameters;
+        let phases = L::set([error.w_link * self.q, error.w_motor * self.theta, 0.0, 0.0]);
+        let (sin, cos) = lanes::sin_cos(phases);
+        let (sin, cos) = (sin.to_array(), cos.to_array());
+        let err = error.error_of((sin[0], cos[0]), (sin[1], cos[1]));
+        // A difference and not a derivative: the interval is wider than the curve is straight.
+        let (low, high) = (
+            self.tau_wg - self.tau_wg_sigma,
+            self.tau_wg + self.tau_wg_sigma,
+        );
+        let torques = [self.tau_wg, low, high, 0.0];
+        let mut torsions = torques.map(|tau_wg| tau_wg / k_wg0);
+        if *c_wg > 0.0 {
+            //= Z15: torsion_wg = sign(tau_wg) (1 - exp(-C_wg |tau_wg|)) / (C_wg K_wg0)
+            let exponents = L::splat(-c_wg) * L::set(torques).abs();
+            let yielded = (L::splat(1.0) - exp(exponents)) * L::splat(1.0 / (c_wg * k_wg0));
+            torsions = yielded.to_array();
+            for (torsion, tau_wg) in torsions.iter_mut().zip(torques) {
+                *torsion = torsion.copysign(tau_wg);
+            }
+        }
+        (err, torsions[0], 0.5 * (torsions[2] - torsions[1]))
+    }
 }
 
 impl ComplianceEstimator {
@@ -123,6 +178,10 @@ impl ComplianceEstimator {
             tau: 0.0,
             last: TorqueEstimate::default(),
             torsion_variance,
+            torsion_limit: parameters
+                .compliance
+                .flexspline_torsion(parameters.torque_limit),
+            instructions: Instructions::detect(),
             parameters,
         }
     }
@@ -139,16 +198,10 @@ impl ComplianceEstimator {
     /// stiffness: `sigma = K_fl(tau) sqrt(var(torsion) + var(torsion_wg)/N^2)`. The wave
     /// generator's torque is off by the current's noise, or lies anywhere in an interval where
     /// the direction of friction is not known (a uniform distribution).
-    fn sigma(&self, tau: f64, wave_generator: WaveGeneratorTorque) -> f64 {
+    fn sigma(&self, tau: f64, torsion_wg_sigma: f64) -> f64 {
         let p = &self.parameters;
-        let current_noise = p.wave_generator.torque_constant * p.current_sigma;
-        let tau_wg_sigma = current_noise.hypot(wave_generator.unknown / 3f64.sqrt());
-        // A difference and not a derivative: the interval is wider than the curve is straight.
-        let torsion_wg = |tau_wg: f64| p.compliance.wave_generator_torsion(tau_wg);
-        let WaveGeneratorTorque { tau_wg, .. } = wave_generator;
-        let torsion_wg_sigma =
-            0.5 * (torsion_wg(tau_wg + tau_wg_sigma) - torsion_wg(tau_wg - tau_wg_sigma));
-        let variance = self.torsion_variance + (torsion_wg_sigma / p.gear_ratio).powi(2);
+        let torsion_wg_sigma = torsion_wg_sigma / p.gear_ratio;
+        let variance = self.torsion_variance + torsion_wg_sigma * torsion_wg_sigma;
         (p.compliance.stiffness(tau) * variance.sqrt()).min(p.torque_limit)
     }
 }
@@ -176,10 +229,22 @@ impl JointTorqueEstimator for ComplianceEstimator {
         let wave_generator = self
             .wave_generator
             .update(current, omega, self.tau / p.gear_ratio);
-        let torsion_wg = p.compliance.wave_generator_torsion(wave_generator.tau_wg);
+        let WaveGeneratorTorque { tau_wg, unknown } = wave_generator;
+        let current_noise = p.wave_generator.torque_constant * p.current_sigma;
+        let variance = current_noise * current_noise + unknown * unknown / 3.0;
+        let curves = Curves {
+            parameters: p,
+            q,
+            theta,
+            tau_wg,
+            tau_wg_sigma: variance.sqrt(),
+        };
+        let (err, torsion_wg, torsion_wg_sigma) = lanes::run(self.instructions, curves);
         //= Z19: torsion_fs = torsion - torsion_wg/N - err
-        let torsion_fs = torsion - torsion_wg / p.gear_ratio - p.kinematic_error.error(q, theta);
-        let Saturated { tau, saturated } = p.compliance.torque(torsion_fs, p.torque_limit);
+        let torsion_fs = torsion - torsion_wg / p.gear_ratio - err;
+        let Saturated { tau, saturated } =
+            p.compliance
+                .torque_within(torsion_fs, p.torque_limit, self.torsion_limit);
         self.tau = tau;
         let tau_hat = self.low_pass.update(tau);
         let mut out = torque_flags::VALID;
@@ -191,7 +256,7 @@ impl JointTorqueEstimator for ComplianceEstimator {
         }
         self.last = TorqueEstimate {
             tau: tau_hat,
-            sigma: self.sigma(tau, wave_generator),
+            sigma: self.sigma(tau, torsion_wg_sigma),
             delay_s: self.low_pass.delay_samples() * p.sample_period,
             source: torque_source::ENCODER,
             flags: out,

@@ -4,20 +4,20 @@ use dynamics::lanes::{Lanes, SingleLanes};
 
 /// Beyond, the exponential is held: 1e-304 and 1e304.
 const LARGEST: f64 = 700.0;
-/// 1/n! for n from 11 down to 0.
+/// 1/n! for n from 0 to 11.
 const SERIES: [f64; 12] = [
-    1.0 / 39_916_800.0,
-    1.0 / 3_628_800.0,
-    1.0 / 362_880.0,
-    1.0 / 40_320.0,
-    1.0 / 5_040.0,
-    1.0 / 720.0,
-    1.0 / 120.0,
-    1.0 / 24.0,
-    1.0 / 6.0,
+    1.0,
+    1.0,
     0.5,
-    1.0,
-    1.0,
+    1.0 / 6.0,
+    1.0 / 24.0,
+    1.0 / 120.0,
+    1.0 / 720.0,
+    1.0 / 5_040.0,
+    1.0 / 40_320.0,
+    1.0 / 362_880.0,
+    1.0 / 3_628_800.0,
+    1.0 / 39_916_800.0,
 ];
 
 /// `exp(x)` to 1e-14 relative, for |x| up to [`LARGEST`] and held beyond.
@@ -31,10 +31,14 @@ pub(crate) fn exp<L: Lanes>(x: L) -> L {
     let x = -(-x.max(L::splat(-LARGEST))).max(L::splat(-LARGEST));
     let k = (x * L::splat(std::f64::consts::LOG2_E)).round();
     let r = k.neg_mul_add(L::splat(LN2_LOW), k.neg_mul_add(L::splat(LN2_HIGH), x));
-    let mut series = L::splat(SERIES[0]);
-    for coefficient in &SERIES[1..] {
-        series = series.mul_add(r, L::splat(*coefficient));
-    }
+    // Estrin's order: terms in pairs, for one sum after the other would wait for itself.
+    let (r2, c) = (r * r, |i: usize| L::splat(SERIES[i]));
+    let r4 = r2 * r2;
+    let four = |i: usize| {
+        let (low, high) = (r.mul_add(c(i + 1), c(i)), r.mul_add(c(i + 3), c(i + 2)));
+        high.mul_add(r2, low)
+    };
+    let series = four(8).mul_add(r4, four(4)).mul_add(r4, four(0));
     series * k.exp2_of_integer()
 }
 

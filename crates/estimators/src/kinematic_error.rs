@@ -21,9 +21,13 @@ impl KinematicErrorParameters {
     pub fn error(&self, q: f64, theta: f64) -> f64 {
         //= Z18: err = a0 + a_l1 cos(w_l q) + b_l1 sin(w_l q)
         //=      + a_w1 cos(w_w theta) + b_w1 sin(w_w theta) + a_w2 cos(2 w_w theta) + ...
-        self.a0
-            + harmonics(self.w_link * q, &self.link)
-            + harmonics(self.w_motor * theta, &self.motor)
+        let (link, motor) = (self.w_link * q, self.w_motor * theta);
+        self.error_of(link.sin_cos(), motor.sin_cos())
+    }
+
+    /// [`Self::error`] from sine and cosine of `w_l q` and `w_w theta`.
+    pub(crate) fn error_of(&self, link: (f64, f64), motor: (f64, f64)) -> f64 {
+        self.a0 + harmonics(link, &self.link) + harmonics(motor, &self.motor)
     }
 
     /// The largest value that `|error|` can reach, rad.
@@ -38,12 +42,8 @@ impl KinematicErrorParameters {
     }
 }
 
-/// `sum_n a_n cos(n phase) + b_n sin(n phase)`, n from 1.
-fn harmonics(phase: f64, coefficients: &[(f64, f64)]) -> f64 {
-    if coefficients.is_empty() {
-        return 0.0;
-    }
-    let (sin, cos) = phase.sin_cos();
+/// `sum_n a_n cos(n phase) + b_n sin(n phase)`, n from 1, from the phase's sine and cosine.
+fn harmonics((sin, cos): (f64, f64), coefficients: &[(f64, f64)]) -> f64 {
     // The angle-addition theorem spares a sine and a cosine per harmonic.
     let (mut s, mut c, mut sum) = (sin, cos, 0.0);
     for (a, b) in coefficients {

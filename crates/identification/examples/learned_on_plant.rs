@@ -83,6 +83,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             )?;
             let gp = LocalGp::new(p)?;
             let estimator = LocalGpEstimator::new(source(&joint, base)?, &gp, joint.torque_limit());
+            let (mean, used) = time_and_use(&gp, &record, features);
+            writeln!(out, "  {mean:.0} ns per prediction, {used:.1} models near")?;
             estimators.push((format!("GP {features:?} on {base}"), Box::new(estimator)));
         }
     }
@@ -106,6 +108,25 @@ fn main() -> Result<(), Box<dyn Error>> {
         "in brackets: RMS of error over sigma, 1 if sigma is honest"
     )?;
     Ok(())
+}
+
+/// Mean time of a prediction over the training's own samples, ns, and models that took part.
+#[allow(clippy::disallowed_methods, reason = "a report looks at the clock")]
+fn time_and_use(gp: &LocalGp, record: &Record, features: FeatureSet) -> (f64, f64) {
+    let sample = |i: usize| &record.samples[i];
+    let inputs: Vec<_> = (0..record.samples.len())
+        .step_by(37)
+        .map(|i| features.of(sample(i), sample(i).current, record.gear_ratio))
+        .collect();
+    let mut best = f64::MAX;
+    let mut used = 0;
+    for _ in 0..20 {
+        let start = std::time::Instant::now();
+        used = inputs.iter().map(|x| gp.predict(x).used).sum();
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    let count = inputs.len() as f64;
+    (1e9 * best / count, used as f64 / count)
 }
 
 fn source(joint: &JointFile, name: &str) -> Result<AnyEstimator, Box<dyn Error>> {

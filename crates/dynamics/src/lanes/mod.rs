@@ -12,7 +12,7 @@ mod sin_cos;
 mod vector;
 
 pub(crate) use matrix::M3;
-pub(crate) use sin_cos::sin_cos;
+pub use sin_cos::sin_cos;
 pub(crate) use vector::{Places, V3, scatter_add, store_all};
 
 use std::ops::{Add, Mul, Neg, Sub};

@@ -33,7 +33,7 @@ const COS: [f64; 6] = [
 
 /// `(sin x, cos x)`, to about one unit in the last place.
 #[inline(always)]
-pub(crate) fn sin_cos<L: Lanes>(x: L) -> (L, L) {
+pub fn sin_cos<L: Lanes>(x: L) -> (L, L) {
     if !x.all_within(LARGEST) {
         // Rare, and not-a-number ends here too.
         let pairs = x.to_array().map(f64::sin_cos);

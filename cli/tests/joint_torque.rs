@@ -1,0 +1,206 @@
+//! `torquectl fit` and `torquectl estimate` as whole processes: a joint made by formulas, and every
+//! kind of bad log.
+
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const JOINT: &str = "\
+[joint]
+name = \"made\"
+gear_ratio = 100.0
+torque_constant_Nm_per_A = 0.05
+rotor_inertia_kg_m2 = 1e-5
+rated_torque_Nm = 16.0
+link_counts_per_turn = 524288
+motor_counts_per_turn = 65536
+sample_rate_hz = 1000.0
+";
+
+/// A linear gear of 8000 N·m/rad with one harmonic of error, read without noise.
+fn log(seconds: f64, q: impl Fn(f64) -> f64, tau: impl Fn(f64) -> f64) -> String {
+    let mut text = "t,theta,q,i,tau_sensor\n".to_owned();
+    for k in 0..(seconds * 1e3) as i32 {
+        let t = 1e-3 * f64::from(k);
+        let (angle, load) = (q(t), tau(t));
+        let theta = 100.0 * (angle + load / 8000.0 + 5e-5 * angle.sin());
+        let count = std::f64::consts::TAU / 65536.0;
+        let theta = (theta / count).round() * count;
+        let dq = (q(t + 1e-4) - q(t - 1e-4)) / 2e-4;
+        let current = (load + (dq / 0.01).tanh()) / 5.0;
+        writeln!(text, "{t},{theta},{angle},{current},{load}").unwrap();
+    }
+    text
+}
+
+fn folder(test: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("joint-torque-{test}"));
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("joint.toml"), JOINT).unwrap();
+    folder
+}
+
+fn torquectl(folder: &Path, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_torquectl"))
+        .args(arguments.split(' '))
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+fn succeeds(folder: &Path, arguments: &str) -> String {
+    let output = torquectl(folder, arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments}: {errors}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn fit_all_then_estimate() {
+    let folder = folder("all");
+    let turn = |t: f64| 3.3 * (0.45 * t - 1.5).sin();
+    fs::write(folder.join("turn.csv"), log(14.0, turn, |_| 0.0)).unwrap();
+    let q = |t: f64| (1.1 * t).sin() * ((t - 6.0) / 3.0).clamp(0.0, 1.0);
+    let tau = |t: f64| 7.0 * (2.1 * t).sin() + 3.0 * (0.7 * t).cos();
+    fs::write(folder.join("train.csv"), log(20.0, q, tau)).unwrap();
+    fs::write(
+        folder.join("run.csv"),
+        log(5.0, |t| q(t + 9.0), |t| 8.0 * (3.0 * t).sin()),
+    )
+    .unwrap();
+    let said = succeeds(
+        &folder,
+        "fit all --joint joint.toml --no-load turn.csv --training train.csv -o fitted.toml",
+    );
+    for step in [
+        "kinematic error",
+        "skew",
+        "compliance",
+        "network",
+        "written: fitted.toml",
+    ] {
+        assert!(said.contains(step), "{said}");
+    }
+    let json = succeeds(
+        &folder,
+        "estimate --joint fitted.toml --log run.csv --json --out out.csv",
+    );
+    let figures: Value = serde_json::from_str(&json).unwrap();
+    for key in ["max", "rms", "rms_percent", "delay_s"] {
+        assert!(figures["fused"][key].is_number(), "{json}");
+    }
+    assert!(
+        figures["fused"]["rms_percent"].as_f64().unwrap() < 1.0,
+        "{json}"
+    );
+    let out = fs::read_to_string(folder.join("out.csv")).unwrap();
+    assert_eq!(out.lines().count(), 5001);
+    assert!(
+        out.starts_with("t,tau_sensor,tau_compliance,sigma_compliance"),
+        "{}",
+        &out[..80]
+    );
+
+    // One step alone, on what is there; the fusion that depends on it is made anew.
+    let said = succeeds(
+        &folder,
+        "fit compliance --joint fitted.toml --log train.csv -o again.toml",
+    );
+    assert!(said.contains("compliance: K_fs0"), "{said}");
+    let table = succeeds(&folder, "estimate --joint again.toml --log run.csv");
+    assert!(
+        table.contains("correlation") && table.contains("fused"),
+        "{table}"
+    );
+}
+
+#[test]
+fn the_smallest_joint_and_a_log_without_torque() {
+    let folder = folder("small");
+    let text = log(1.0, |t| t.sin(), |_| 1.0);
+    let bare: String = text
+        .lines()
+        .map(|line| format!("{}\r\n", line.rsplit_once(',').unwrap().0))
+        .collect();
+    fs::write(folder.join("run.csv"), bare).unwrap();
+    let table = succeeds(&folder, "estimate --joint joint.toml --log run.csv");
+    assert!(
+        table.contains("current") && table.contains("1000 samples"),
+        "{table}"
+    );
+    let json = succeeds(&folder, "estimate --joint joint.toml --log run.csv --json");
+    let figures: Value = serde_json::from_str(&json).unwrap();
+    assert!(figures["current"]["rms"].is_null() && figures["current"]["time_ns"].is_number());
+}
+
+#[test]
+fn bad_input_is_named_with_file_and_line() {
+    let folder = folder("bad");
+    let good = log(1.0, |t| t.sin(), |_| 1.0);
+    let replaced = |line: usize, with: &str| {
+        let mut lines: Vec<&str> = good.lines().collect();
+        lines[line - 1] = with;
+        lines.join("\n")
+    };
+    let cases = [
+        (
+            replaced(1, "t,theta,i,tau_sensor"),
+            "run.csv:1: column `q` is missing",
+        ),
+        (
+            replaced(1, "t,q,q,i,theta"),
+            "run.csv:1: column `q` stands there twice",
+        ),
+        (replaced(7, "0.0055,1,NaN,0,0"), "run.csv:7: `q` is `NaN`"),
+        (replaced(7, "0.0055,1,oops,0,0"), "run.csv:7: `q` is `oops`"),
+        (
+            replaced(7, "0.0055,1"),
+            "run.csv:7: column `q` is missing here",
+        ),
+        (
+            replaced(7, "0.002,1,1,1,1"),
+            "run.csv:7: time 0.002 s follows 0.004 s",
+        ),
+        (String::new(), "run.csv:1: the log is empty"),
+        ("t,theta,q,i\n".to_owned(), "run.csv:2: the log has no rows"),
+        (
+            format!("t,theta,q,i\n{}", "7".repeat(70_000)),
+            "run.csv:2: the line is longer",
+        ),
+    ];
+    for (text, expected) in cases {
+        fs::write(folder.join("run.csv"), text).unwrap();
+        for command in [
+            "estimate --joint joint.toml --log run.csv",
+            "fit kinematic-error --joint joint.toml --log run.csv -o out.toml",
+        ] {
+            let output = torquectl(&folder, command);
+            let message = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{command}: {message}");
+            assert!(message.contains(expected), "{expected}\n{message}");
+        }
+    }
+    let message = |arguments: &str| {
+        let output = torquectl(&folder, arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    fs::write(folder.join("run.csv"), &good).unwrap();
+    let one_way = message("fit kinematic-error --joint joint.toml --log run.csv -o out.toml");
+    assert!(one_way.contains("run.csv: no-load turn: the"), "{one_way}");
+    let early = message("fit kalman --joint joint.toml --log run.csv -o out.toml");
+    assert!(early.contains("needs a table `[compliance]`"), "{early}");
+    let nowhere = message("estimate --joint nowhere.toml --log run.csv");
+    assert!(nowhere.contains("nowhere.toml: No such file"), "{nowhere}");
+    let name = message("fit current --joint joint.toml --log run.csv -o out.csv");
+    assert!(
+        name.contains("--out out.csv: allowed: a name in .toml"),
+        "{name}"
+    );
+    assert!(
+        !folder.join("out.toml").exists(),
+        "nothing is written that was not fitted"
+    );
+}
