@@ -17,6 +17,7 @@ use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::local_gp::{LocalGp, LocalGpEstimator, LocalGpParameters, LocalModel};
 use estimators::network::{Layer, NetworkEstimator, NetworkParameters};
 use estimators::regimes::{Regime, Regimes};
+use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use std::error::Error;
 use std::hint::black_box;
@@ -101,6 +102,9 @@ fn gear() -> GearParameters {
         slipping: [2e-5, 4e-5, 8e-5, 2e-4, 4e-4, 8e-4]
             .map(|limit| slip(limit, 1000.0))
             .to_vec(),
+        damping: 1.0,
+        bearing: vec![slip(1e-4, 800.0)],
+        bearing_viscous: 0.05,
     }
 }
 
@@ -111,6 +115,8 @@ fn kalman<const N: usize>(
     let parameters = KalmanParameters {
         joint: joint(),
         gear,
+        tracking: TRACKING,
+        meshing: 0.04,
         rotor_inertia: 1.14e-5,
         sign_smoothing: 1.0,
         process: [1e-8, 1.0, 0.05, 100.0, 1e-9],
@@ -118,6 +124,11 @@ fn kalman<const N: usize>(
     };
     KalmanEstimator::new(parameters, transform)
 }
+
+const TRACKING: TrackingParameters = TrackingParameters {
+    poles: [0.5, 0.9, 0.98],
+    sigma: 1e-5,
+};
 
 fn regimes() -> Regimes {
     let regime = Regime {
@@ -309,14 +320,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn hysteresis() -> HysteresisEstimator {
     HysteresisEstimator::new(HysteresisParameters {
         gear: gear(),
-        bearing: vec![SlipElement {
-            limit: 1e-4,
-            stiffness: 800.0,
-        }],
-        bearing_viscous: 0.05,
         kinematic_error: joint().kinematic_error,
         gear_ratio: 100.0,
-        low_pass_pole: 0.5,
+        tracking: TRACKING,
         torsion_sigma: 1e-5,
         sample_period: 1e-3,
         torque_limit: LIMIT,
@@ -344,6 +350,7 @@ fn current() -> CurrentEstimator {
         k_1: 6.0,
         k_2: 0.3,
         k_3: 2.0,
+        k_4: 0.04,
         inertia: 0.114,
         offset: 0.0,
         sign_smoothing: 0.05,
