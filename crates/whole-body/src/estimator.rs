@@ -7,9 +7,10 @@ use crate::least_squares::{Six, dot, quadratic};
 use crate::mechanics::Mechanics;
 use crate::parameters::{Residual, Weighting, WholeBodyParameters};
 use crate::sigma::{Sigma, contact_rows};
-use crate::solution::Solution;
+use crate::solution::{Solution, about};
+use crate::tare::units;
 use dynamics::{Force, ImuMotion, Model, Motion};
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 use robot_state::Wrench;
 
 /// One cycle's signals, in the orders of [`WholeBodyParameters`].
@@ -278,6 +279,29 @@ impl WholeBody {
             let frame = self.mechanics.sensor_frame[s];
             wrench(frame.inverse_act_force(self.mechanics.net[s + 1]))
         })
+    }
+
+    /// Parts that nothing touches under the chosen hypothesis.
+    pub(crate) fn untouched_parts(&self) -> Vec<usize> {
+        let parts = self.sets[self.chosen].parts.iter().enumerate();
+        parts.filter(|(_, (_, n))| *n == 0).map(|(part, _)| part).collect()
+    }
+
+    /// A part's net wrench about its origin, its covariance, and how each sensor at its ends (the
+    /// caller's index) enters it: of the sensor's offset, in that sensor's components.
+    pub(crate) fn tare_equations(
+        &self,
+        part: usize,
+    ) -> (Force, Matrix6<f64>, Vec<(usize, Matrix6<f64>)>) {
+        let m = &self.mechanics;
+        let origin = m.origin(&self.model, &self.layout, part);
+        let covariance = self.sigma.covariance[part];
+        let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
+        let ends = self.layout.parts[part].boundary.iter().map(|&(s, sign)| {
+            let columns = units(&m.sensor_frame[s], &origin) * sign;
+            (self.layout.sensors[s].input, columns)
+        });
+        (about(m.net[part], &origin), covariance, ends.collect())
     }
 
     /// Brings the joints into the model's order; false if something is missing or not finite.

@@ -11,6 +11,7 @@
 #![deny(unsafe_code)]
 
 pub mod cases;
+mod conditioning;
 mod contacts;
 mod error;
 mod estimator;
@@ -20,10 +21,13 @@ mod mechanics;
 mod parameters;
 mod sigma;
 mod solution;
+mod tare;
 
+pub use conditioning::FtConditioning;
 pub use error::{ContactProblem, WholeBodyError};
 pub use estimator::{ContactEstimate, PartEstimate, WholeBody, WholeBodyEstimate, WholeBodyInput};
 pub use parameters::{
     ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
     Place, Residual, Weighting, WholeBodyParameters,
 };
+pub use tare::{Tare, TareError, TareParameters, TareResult};
