@@ -35,7 +35,11 @@ impl FtConditioning {
     pub fn apply(&self, raw: &[f64; 6], temperature: Option<f64>) -> Wrench {
         let warmer = temperature.map_or(0.0, |t| t - self.reference_temperature);
         let w: [f64; 6] = std::array::from_fn(|i| {
-            let calibrated: f64 = self.calibration[i].iter().zip(raw).map(|(c, x)| c * x).sum();
+            let calibrated: f64 = self.calibration[i]
+                .iter()
+                .zip(raw)
+                .map(|(c, x)| c * x)
+                .sum();
             calibrated - self.offset[i] + self.temperature_gain[i] * warmer
         });
         Wrench {

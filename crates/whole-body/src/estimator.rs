@@ -281,10 +281,27 @@ impl WholeBody {
         })
     }
 
+    /// Per sensor: the joints of the part before it that carry it, nearest first; both in the
+    /// parameters' order.
+    #[must_use]
+    pub fn sensor_carriers(&self) -> Vec<Vec<usize>> {
+        let mut carriers = vec![Vec::new(); self.layout.sensors.len()];
+        for sensor in &self.layout.sensors {
+            let joint = |b: &usize| self.model.bodies()[*b].joint;
+            let place = |j: usize| self.layout.joints.iter().position(|&own| own == j);
+            let joints = sensor.carriers.iter().map(joint).filter_map(place);
+            carriers[sensor.input] = joints.collect();
+        }
+        carriers
+    }
+
     /// Parts that nothing touches under the chosen hypothesis.
     pub(crate) fn untouched_parts(&self) -> Vec<usize> {
         let parts = self.sets[self.chosen].parts.iter().enumerate();
-        parts.filter(|(_, (_, n))| *n == 0).map(|(part, _)| part).collect()
+        parts
+            .filter(|(_, (_, n))| *n == 0)
+            .map(|(part, _)| part)
+            .collect()
     }
 
     /// A part's net wrench about its origin, its covariance, and how each sensor at its ends (the
@@ -292,7 +309,7 @@ impl WholeBody {
     pub(crate) fn tare_equations(
         &self,
         part: usize,
-    ) -> (Force, Matrix6<f64>, Vec<(usize, Matrix6<f64>)>) {
+    ) -> TareEquations {
         let m = &self.mechanics;
         let origin = m.origin(&self.model, &self.layout, part);
         let covariance = self.sigma.covariance[part];
@@ -301,7 +318,11 @@ impl WholeBody {
             let columns = units(&m.sensor_frame[s], &origin) * sign;
             (self.layout.sensors[s].input, columns)
         });
-        (about(m.net[part], &origin), covariance, ends.collect())
+        TareEquations {
+            net: about(m.net[part], &origin),
+            covariance,
+            ends: ends.collect(),
+        }
     }
 
     /// Brings the joints into the model's order; false if something is missing or not finite.
@@ -436,6 +457,13 @@ impl WholeBody {
             told.residual_sigma = wrench(Force::from_array(sigma));
         }
     }
+}
+
+/// `net + sum ends offset = 0` for a part that nothing touches.
+pub(crate) struct TareEquations {
+    pub(crate) net: Force,
+    pub(crate) covariance: Matrix6<f64>,
+    pub(crate) ends: Vec<(usize, Matrix6<f64>)>,
 }
 
 /// Index of the largest; the first of equals.

@@ -193,7 +193,10 @@ impl Tare {
             }
         }
         q_sum.iter_mut().zip(input.q).for_each(|(s, x)| *s += x);
-        ft_sum.iter_mut().zip(ft.iter().flatten()).for_each(|(s, x)| *s += x);
+        ft_sum
+            .iter_mut()
+            .zip(ft.iter().flatten())
+            .for_each(|(s, x)| *s += x);
         self.accelerometer += input.imu.proper_acceleration;
         self.gyro += input.imu.angular_velocity;
         self.samples += 1;
@@ -260,26 +263,27 @@ impl Tare {
         });
         let mut pull = DVector::zeros(size);
         for &part in &self.untouched {
-            let (net, covariance, ends) = whole_body.tare_equations(part);
+            let equations = whole_body.tare_equations(part);
             let mut a = DMatrix::zeros(6, size);
-            for (sensor, columns) in ends {
-                a.view_mut((0, 6 * sensor), (6, 6)).copy_from(&columns);
+            for (sensor, columns) in &equations.ends {
+                a.view_mut((0, 6 * sensor), (6, 6)).copy_from(columns);
             }
             // Masses known without error would make it infinite.
             let floor = Matrix6::from_diagonal_element(1e-8);
-            let Some(weight) = (covariance + floor).try_inverse() else {
+            let Some(weight) = (equations.covariance + floor).try_inverse() else {
                 continue;
             };
             let weighted = a.transpose() * weight;
             information += &weighted * &a;
-            pull -= weighted * net.to_vector();
+            pull -= weighted * equations.net.to_vector();
         }
         let Some(covariance) = information.cholesky().map(|c| c.inverse()) else {
             return Vec::new();
         };
         let correction = &covariance * pull;
         let result = |(s, name): (usize, &String)| {
-            let sigma: [f64; 6] = std::array::from_fn(|k| covariance[(6 * s + k, 6 * s + k)].sqrt());
+            let sigma: [f64; 6] =
+                std::array::from_fn(|k| covariance[(6 * s + k, 6 * s + k)].sqrt());
             TareResult {
                 sensor: name.clone(),
                 correction: std::array::from_fn(|k| correction[6 * s + k]),
@@ -308,4 +312,3 @@ pub(crate) fn units(frame: &dynamics::Se3, origin: &Vector3<f64>) -> Matrix6<f64
     }
     columns
 }
-
