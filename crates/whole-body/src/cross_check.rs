@@ -58,13 +58,16 @@ pub struct CrossCheckParameters {
     pub hold: f64,
     /// Per joint: differences of encoders and F/T sensors that are normal, N·m.
     pub encoder_threshold: Vec<f64>,
-    /// Per joint: torque (root mean square) from which on the current's can be judged, N·m: several
+    /// Per joint: torque from which on the current's can be judged, N·m: several
     /// times the friction.
     pub current_load: Vec<f64>,
     /// Smallest and largest ratio of the current's torque to the others' that are normal.
     pub current_ratio: [f64; 2],
     /// Residual of a part that is normal, in its standard deviations.
     pub residual_ratio: f64,
+    /// Standard deviation of residuals beside the one that is told, N and N·m: what filters of
+    /// vibrating signals leave.
+    pub residual_floor: [f64; 2],
 }
 
 /// One joint's torques in one cycle, N·m; none where a source is not valid.
@@ -88,11 +91,14 @@ struct Joint {
     newest: usize,
     /// Encoder - F/T.
     difference: f64,
-    /// |current - F/T| - |current - encoder|.
-    nearer_to_encoder: f64,
+    /// |current - F/T| - |current - encoder| / 2: below zero if the current clearly sides with the
+    /// F/T sensors.
+    aside: f64,
     /// Current's torque times the mean of the others, and that mean squared.
+    /// Both while there is load.
     product: f64,
     square: f64,
+    loaded: bool,
 }
 
 /// See the module.
@@ -100,10 +106,10 @@ struct Joint {
 pub struct CrossCheck {
     parameters: CrossCheckParameters,
     joints: Vec<Joint>,
-    /// Per sensor: joints that carry it in its part, outermost first.
+    /// Per sensor: joints that carry it and neither another sensor nor a contact, nearest first.
     carriers: Vec<Vec<usize>>,
-    /// Per sensor: residual ratio of the part beyond, averaged.
-    residual: Vec<f64>,
+    /// Per sensor: residual of the part beyond and its variance, averaged.
+    residual: Vec<[[f64; 6]; 2]>,
     /// Causes and how long each has lasted.
     suspects: Vec<(Cause, f64)>,
     found: Vec<Cause>,
@@ -113,14 +119,14 @@ pub struct CrossCheck {
 /// Ratio of torques below which the sign is wrong, not the size.
 const OPPOSITE: f64 = -0.25;
 /// Joints nearest to a sensor that must agree for its drift to be ruled out.
-const NEAREST: usize = 3;
+const NEAREST: usize = 2;
 
 impl CrossCheck {
     /// For the joints and sensors of an estimator, in their order.
     #[must_use]
     pub fn new(whole_body: &WholeBody, parameters: CrossCheckParameters) -> Self {
         let joints = whole_body.estimate().tau.len();
-        let carriers = whole_body.sensor_carriers();
+        let carriers = whole_body.sensor_limbs();
         let window = parameters.window.max(1);
         let joint = Joint {
             rings: [vec![0.0; window], vec![0.0; window]],
@@ -128,9 +134,10 @@ impl CrossCheck {
             filled: 0,
             newest: 0,
             difference: 0.0,
-            nearer_to_encoder: 0.0,
+            aside: 0.0,
             product: 0.0,
             square: 0.0,
+            loaded: false,
         };
         let mut suspects = Vec::new();
         for j in 0..joints {
@@ -146,7 +153,7 @@ impl CrossCheck {
             found: Vec::with_capacity(suspects.len()),
             suspects,
             joints: vec![joint; joints],
-            residual: vec![0.0; carriers.len()],
+            residual: vec![[[0.0; 6]; 2]; carriers.len()],
             carriers,
             parameters,
             age: 0.0,
@@ -157,14 +164,19 @@ impl CrossCheck {
     pub fn update(&mut self, sources: &[Sources], whole_body: &WholeBody) -> &[Cause] {
         let p = &self.parameters;
         let share = (p.sample_period / p.average.max(p.sample_period)).min(1.0);
-        for (joint, s) in self.joints.iter_mut().zip(sources) {
-            joint.update(s, share);
+        for (joint, (s, load)) in (self.joints.iter_mut()).zip(sources.iter().zip(&p.current_load))
+        {
+            joint.update(s, share, *load);
         }
         let parts = whole_body.estimate().parts.iter().skip(1);
         for (mean, part) in self.residual.iter_mut().zip(parts) {
-            let ratio = part.residual_ratio().unwrap_or(0.0);
-            if ratio.is_finite() {
-                *mean += share * (ratio - *mean);
+            let free = part.unknowns < 6;
+            let told = [&part.residual, &part.residual_sigma];
+            for (k, (mean, w)) in mean.iter_mut().zip(told).enumerate() {
+                for (mean, x) in mean.iter_mut().zip(w.force.iter().chain(&w.torque)) {
+                    let x = if k == 0 { *x } else { x * x };
+                    *mean += share * (if free { x } else { 0.0 } - *mean);
+                }
             }
         }
         self.age += p.sample_period;
@@ -176,8 +188,9 @@ impl CrossCheck {
         for k in 0..self.suspects.len() {
             let (cause, lasted) = self.suspects[k];
             let lasted = match self.suspected(cause) {
-                true => lasted + self.parameters.sample_period,
-                false => 0.0,
+                Some(true) => lasted + self.parameters.sample_period,
+                Some(false) => 0.0,
+                None => lasted,
             };
             self.suspects[k].1 = lasted;
             if lasted > self.parameters.hold {
@@ -185,6 +198,25 @@ impl CrossCheck {
             }
         }
         &self.found
+    }
+
+    /// Forgets everything seen: after a tare, which changes what the F/T sensors say.
+    pub fn reset(&mut self) {
+        self.age = 0.0;
+        self.residual.fill([[0.0; 6]; 2]);
+        self.suspects.iter_mut().for_each(|s| s.1 = 0.0);
+        self.found.clear();
+        for joint in &mut self.joints {
+            (joint.filled, joint.sums) = (0, [0.0; 2]);
+            (joint.difference, joint.aside) = (0.0, 0.0);
+            (joint.product, joint.square) = (0.0, 0.0);
+        }
+    }
+
+    /// Averaged difference of a joint's torques from encoders and F/T sensors, N·m.
+    #[must_use]
+    pub fn difference(&self, joint: usize) -> f64 {
+        self.joints.get(joint).map_or(0.0, |j| j.difference)
     }
 
     /// The causes that stand.
@@ -213,16 +245,14 @@ impl CrossCheck {
 
     /// Whether the joint's disagreement is its own, or a matter of a sensor.
     fn of_a_limb(&self, joint: usize) -> bool {
-        (0..self.carriers.len())
-            .any(|s| self.carriers[s].contains(&joint) && self.differing(s) > 1)
+        (0..self.carriers.len()).any(|s| self.carriers[s].contains(&joint) && self.differing(s) > 1)
     }
 
-    fn suspected(&self, cause: Cause) -> bool {
-        match cause {
+    /// None where nothing can be said now.
+    fn suspected(&self, cause: Cause) -> Option<bool> {
+        Some(match cause {
             Cause::EncoderSlip { joint } => {
-                self.differs(joint, 1.0)
-                    && !self.of_a_limb(joint)
-                    && self.joints[joint].nearer_to_encoder < 0.0
+                self.differs(joint, 1.0) && !self.of_a_limb(joint) && self.joints[joint].aside < 0.0
             }
             Cause::FtDrift { sensor } => {
                 self.differing(sensor) > 1 && self.near_differs(sensor, 1.0)
@@ -230,29 +260,39 @@ impl CrossCheck {
             Cause::MissingContact { sensor } => {
                 // Half the threshold: a drift just below it must not pass for a contact.
                 let near = self.near_differs(sensor, 0.5);
-                let residual = self.residual[sensor] > self.parameters.residual_ratio;
-                !near && (residual || self.differing(sensor) > 1)
+                !near && (self.residual_stands_out(sensor) || self.differing(sensor) > 1)
             }
             Cause::TorqueConstant { joint } => {
                 let [least, most] = self.parameters.current_ratio;
-                self.current_ratio(joint)
-                    .is_some_and(|r| r >= OPPOSITE && !(least..=most).contains(&r))
+                let ratio = self.current_ratio(joint)?;
+                ratio >= OPPOSITE && !(least..=most).contains(&ratio)
             }
-            Cause::TorqueSign { joint } => self.current_ratio(joint).is_some_and(|r| r < OPPOSITE),
-        }
+            Cause::TorqueSign { joint } => self.current_ratio(joint)? < OPPOSITE,
+        })
     }
 
-    /// What multiple of the others' torque the current's is, if they agree and there is load.
+    fn residual_stands_out(&self, sensor: usize) -> bool {
+        let p = &self.parameters;
+        let [residual, variance] = &self.residual[sensor];
+        let pairs = residual.iter().zip(variance).enumerate();
+        let mut ratios = pairs.map(|(k, (r, v))| {
+            let floor = p.residual_floor[usize::from(k >= 3)];
+            r.abs() / (v + floor * floor).sqrt().max(f64::MIN_POSITIVE)
+        });
+        ratios.any(|ratio| ratio > p.residual_ratio)
+    }
+
+    /// What multiple of the others' torque the current's is, if they agree and there is load now.
     fn current_ratio(&self, joint: usize) -> Option<f64> {
         let j = self.joints.get(joint)?;
-        let load = self.parameters.current_load.get(joint)?;
-        let judged = j.square > load * load && !self.differs(joint, 1.0);
+        // A current that is wrong moves the encoders' torque too, by the wave generator's term.
+        let judged = j.loaded && j.square > 0.0 && !self.differs(joint, 3.0);
         judged.then(|| j.product / j.square)
     }
 }
 
 impl Joint {
-    fn update(&mut self, s: &Sources, share: f64) {
+    fn update(&mut self, s: &Sources, share: f64, load: f64) {
         let (Some(e), Some(w), Some(c)) = (s.encoder, s.whole_body, s.current) else {
             // Averages need every sample of a window; differences stay as they are.
             (self.filled, self.sums) = (0, [0.0; 2]);
@@ -281,10 +321,13 @@ impl Joint {
         }
         let [e, c] = self.sums.map(|s| s / window as f64);
         self.difference += share * (e - w - self.difference);
-        let nearer = (c - w).abs() - (c - e).abs();
-        self.nearer_to_encoder += share * (nearer - self.nearer_to_encoder);
+        let nearer = (c - w).abs() - 0.5 * (c - e).abs();
+        self.aside += share * (nearer - self.aside);
         let others = 0.5 * (e + w);
-        self.product += share * (c * others - self.product);
-        self.square += share * (others * others - self.square);
+        self.loaded = others.abs() > load;
+        if self.loaded {
+            self.product += share * (c * others - self.product);
+            self.square += share * (others * others - self.square);
+        }
     }
 }

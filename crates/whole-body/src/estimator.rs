@@ -281,18 +281,24 @@ impl WholeBody {
         })
     }
 
-    /// Per sensor: the joints of the part before it that carry it, nearest first; both in the
-    /// parameters' order.
+    /// Per sensor: the joints of the part before it that carry it alone, neither another sensor
+    /// nor a contact of the chosen hypothesis, nearest first; both in the parameters' order.
     #[must_use]
-    pub fn sensor_carriers(&self) -> Vec<Vec<usize>> {
-        let mut carriers = vec![Vec::new(); self.layout.sensors.len()];
-        for sensor in &self.layout.sensors {
+    pub fn sensor_limbs(&self) -> Vec<Vec<usize>> {
+        let mut limbs = vec![Vec::new(); self.layout.sensors.len()];
+        let contacts = &self.sets[self.chosen].contacts;
+        for (s, sensor) in self.layout.sensors.iter().enumerate() {
+            let others = || (self.layout.sensors.iter().enumerate()).filter(|(i, _)| *i != s);
+            let alone = |b: &&usize| {
+                !others().any(|(_, o)| o.before == sensor.before && o.carriers.contains(b))
+                    && !contacts.iter().any(|c| c.path.contains(b))
+            };
+            let own = sensor.carriers.iter().filter(alone);
             let joint = |b: &usize| self.model.bodies()[*b].joint;
             let place = |j: usize| self.layout.joints.iter().position(|&own| own == j);
-            let joints = sensor.carriers.iter().map(joint).filter_map(place);
-            carriers[sensor.input] = joints.collect();
+            limbs[sensor.input] = own.map(joint).filter_map(place).collect();
         }
-        carriers
+        limbs
     }
 
     /// Parts that nothing touches under the chosen hypothesis.
@@ -306,10 +312,7 @@ impl WholeBody {
 
     /// A part's net wrench about its origin, its covariance, and how each sensor at its ends (the
     /// caller's index) enters it: of the sensor's offset, in that sensor's components.
-    pub(crate) fn tare_equations(
-        &self,
-        part: usize,
-    ) -> TareEquations {
+    pub(crate) fn tare_equations(&self, part: usize) -> TareEquations {
         let m = &self.mechanics;
         let origin = m.origin(&self.model, &self.layout, part);
         let covariance = self.sigma.covariance[part];

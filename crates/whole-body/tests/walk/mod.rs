@@ -138,7 +138,7 @@ fn step(joint: &str, since: f64) -> f64 {
     };
     let swing = side * phase.sin();
     let own = (since + if side < 0.0 { 0.5 * CYCLE } else { 0.0 }) % CYCLE;
-    let drawn_up = match own < SWING && since > 1.5 {
+    let drawn_up = match own < SWING && since >= CYCLE {
         true => 0.5 * (1.0 - (TAU * own / SWING).cos()),
         false => 0.0,
     };

@@ -78,7 +78,12 @@ impl Station {
         let parameters = parameters(&config, window);
         let whole_body = WholeBody::new(&model, &parameters).unwrap();
         let parts = joint_parts(&config);
-        let limit = |k: f64| parts.iter().map(|(e, _)| k * e.torque_limit).collect::<Vec<_>>();
+        let limit = |k: f64| {
+            parts
+                .iter()
+                .map(|(e, _)| k * e.torque_limit)
+                .collect::<Vec<_>>()
+        };
         let predictive = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {
             Predictive::new(PredictiveParameters {
                 sample_period: PERIOD,
@@ -94,12 +99,13 @@ impl Station {
         let check = CrossCheckParameters {
             sample_period: PERIOD,
             window,
-            average: 0.3,
-            hold: 0.5,
-            encoder_threshold: limit(0.08),
-            current_load: limit(0.2),
-            current_ratio: [0.65, 1.5],
-            residual_ratio: 20.0,
+            average: 0.25,
+            hold: 0.4,
+            encoder_threshold: limit(0.04),
+            current_load: limit(0.12),
+            current_ratio: [0.6, 1.5],
+            residual_ratio: 8.0,
+            residual_floor: [0.5, 0.05],
         };
         let n = parts.len();
         let unwrapped = |j: &robot_config::JointParameters| {
@@ -115,9 +121,16 @@ impl Station {
             check: CrossCheck::new(&whole_body, check),
             fault: Fault::default(),
             encoders: config.parameters.joints.iter().map(unwrapped).collect(),
-            compliance: parts.iter().map(|(e, _)| ComplianceEstimator::new(e.clone())).collect(),
-            current: parts.iter().map(|(_, c)| CurrentEstimator::new(*c)).collect(),
-            dq: SavitzkyGolayBank::new(n, SavitzkyGolayParameters::centred(20, 2, 1, PERIOD)).unwrap(),
+            compliance: parts
+                .iter()
+                .map(|(e, _)| ComplianceEstimator::new(e.clone()))
+                .collect(),
+            current: parts
+                .iter()
+                .map(|(_, c)| CurrentEstimator::new(*c))
+                .collect(),
+            dq: SavitzkyGolayBank::new(n, SavitzkyGolayParameters::centred(20, 2, 1, PERIOD))
+                .unwrap(),
             fast: vec![0.0; n],
             tau_now: vec![0.0; n],
             sources: vec![Sources::default(); n],
@@ -191,6 +204,7 @@ impl Station {
         for (c, result) in self.front.conditioning.iter_mut().zip(&results) {
             c.correct(&result.correction);
         }
+        self.check.reset();
         results
     }
 }
@@ -273,16 +287,16 @@ pub(crate) fn deviation(x: &[f64]) -> f64 {
 }
 
 /// The first cause that is named after a fault, and when; the fault (or a push on a link) comes in
-/// three seconds after stepping has begun.
+/// five seconds after stepping has begun.
 pub(crate) fn first_cause(fault: Fault, push: Option<(&str, [f64; 3])>) -> (String, String) {
     let mut sim = simulation(1);
-    let starts = 1.5 + 0.6 + 3.0;
+    let starts = 1.5 + 0.6 + 5.0;
     if let Some((link, force)) = push {
         sim.pushes.push(plant::parameters::PushParameters {
             link: link.into(),
             start: starts,
             // A half-wave: it must rise before it can be seen.
-            duration: 4.0,
+            duration: 3.0,
             force,
             torque: [0.0; 3],
         });
@@ -291,7 +305,7 @@ pub(crate) fn first_cause(fault: Fault, push: Option<(&str, [f64; 3])>) -> (Stri
     station.run(1.5);
     station.tare(in_the_air());
     station.walk.stepping_since = Some(station.walk.time());
-    station.run(3.0);
+    station.run(5.0);
     if let Some(cause) = station.check.found().first() {
         return (format!("{cause:?}"), "before the fault".into());
     }
@@ -299,7 +313,10 @@ pub(crate) fn first_cause(fault: Fault, push: Option<(&str, [f64; 3])>) -> (Stri
     for k in 1..=4000 {
         station.advance();
         if let Some(cause) = station.check.found().first() {
-            return (format!("{cause:?}"), format!("{:.2}", PERIOD * f64::from(k)));
+            return (
+                format!("{cause:?}"),
+                format!("{:.2}", PERIOD * f64::from(k)),
+            );
         }
     }
     ("nothing".into(), "-".into())
