@@ -2,11 +2,13 @@
 //!
 //!     cargo run --release -p whole-body --example results > docs/results/whole-body.md
 
+#![allow(clippy::disallowed_macros, reason = "prints a page")]
+
 #[allow(dead_code)] // tests use the rest
 #[path = "../tests/walk/mod.rs"]
 mod walk;
 
-use walk::station::{Fault, Station, Traces, deviation, error, in_the_air, lag};
+use walk::station::{Fault, Push, Station, Traces, deviation, error, in_the_air, lag};
 use walk::{PERIOD, WINDOW, largest, simulation};
 use whole_body::Cause;
 
@@ -131,7 +133,7 @@ fn faults() {
         drift: Some((sensor, by)),
         ..Fault::default()
     };
-    let cases: [(&str, Fault, Option<(&str, [f64; 3])>); 7] = [
+    let cases: [(&str, Fault, Option<Push>); 7] = [
         (
             "left knee's encoder slips by 0.05 degrees",
             slip(3, 9e-4),

@@ -35,6 +35,8 @@ pub struct MomentumObserver {
     last_mass: DMatrix<f64>,
     momentum: DVector<f64>,
     dq: DVector<f64>,
+    last_dq: Vec<f64>,
+    last_rate: Vec<f64>,
     state: [Vec<f64>; 3],
     beyond: Vec<f64>,
     contact: Vec<bool>,
@@ -62,6 +64,8 @@ impl MomentumObserver {
             last_mass: DMatrix::zeros(n, n),
             momentum: DVector::zeros(n),
             dq: DVector::zeros(n),
+            last_dq: vec![0.0; n],
+            last_rate: vec![0.0; n],
             state: [q, vec![0.0; nv], vec![0.0; nv]],
             beyond: vec![0.0; n],
             contact: vec![false; n],
@@ -114,23 +118,27 @@ impl MomentumObserver {
         let h = &rnea(&self.model, &mut self.data, full_q, v, a, known)[bv..];
         self.dq.copy_from_slice(&dq[..n]);
         self.momentum.gemv(1.0, &self.mass, &self.dq, 0.0);
-        if !self.started {
-            self.integral.copy_from(&self.momentum);
-            self.started = true;
-        } else {
-            let dt = self.parameters.sample_period;
-            for j in 0..n {
-                let rate = tau[j] - h[j] + self.tau_ext[j];
-                self.integral[j] += rate * dt;
-            }
+        let dt = self.parameters.sample_period;
+        for j in 0..n {
+            let rate = tau[j] - h[j];
+            // Trapezoids: what happens between two samples is the mean of both.
+            let mean = 0.5 * (rate + self.last_rate[j]);
+            self.integral[j] += (mean + self.tau_ext[j]) * dt;
+            self.last_rate[j] = rate;
+            self.dq[j] = 0.5 * (self.dq[j] + self.last_dq[j]);
+            self.last_dq[j] = dq[j];
+        }
+        if self.started {
             // dM/dt dq dt
             self.last_mass -= &self.mass;
             self.integral.gemv(-1.0, &self.last_mass, &self.dq, 1.0);
-            for (r, (p, i)) in
-                (self.tau_ext.iter_mut()).zip(self.momentum.iter().zip(&self.integral))
-            {
+            let errors = self.momentum.iter().zip(&self.integral);
+            for (r, (p, i)) in self.tau_ext.iter_mut().zip(errors) {
                 *r = self.parameters.gain * (p - i);
             }
+        } else {
+            self.integral.copy_from(&self.momentum);
+            self.started = true;
         }
         self.last_mass.copy_from(&self.mass);
         self.detect();

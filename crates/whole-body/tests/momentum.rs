@@ -60,7 +60,7 @@ fn external_torques_are_found() {
                 .to_vec();
             for (j, r) in tau_ext.iter().enumerate() {
                 let truth = if j == pushed { push } else { 0.0 };
-                if k < 200 || k > 600 {
+                if !(200..=600).contains(&k) {
                     assert!(
                         (r - truth).abs() < 0.4,
                         "seed {seed}, joint {j}, step {k}: {r} of {truth}"

@@ -149,7 +149,7 @@ fn a_tare_on_both_feet() {
 fn faults_are_named_and_health_is_not() {
     let mut station = tared(2, WINDOW);
     station.walk.stepping_since = Some(station.walk.time());
-    for _ in 0..10_000 {
+    for _ in 0..6_000 {
         station.advance();
         let found = station.check.found();
         assert!(found.is_empty(), "{found:?} at {} s", station.walk.time());
@@ -225,7 +225,7 @@ fn contacts_change_without_a_step() {
     station.walk.stepping_since = Some(station.walk.time());
     let (mut last, mut steps, mut jumps) = (Vec::<[f64; 3]>::new(), [0.0f64; 3], 0);
     let mut wrong = 0;
-    for k in 0..10_000 {
+    for k in 0..8_000 {
         let readings = station.walk.advance().clone();
         let input = station.front.update(&readings);
         let reference = station.whole_body.update(&input).tau.clone();
@@ -253,7 +253,7 @@ fn contacts_change_without_a_step() {
         }
         last = now;
     }
-    assert!((5..20).contains(&jumps), "{jumps} changes in four cycles");
+    assert!((3..16).contains(&jumps), "{jumps} changes in three cycles");
     // Filters, hysteresis and hold make it late by some 40 ms a change.
     assert!(
         wrong < 100 * jumps,

@@ -286,9 +286,12 @@ pub(crate) fn deviation(x: &[f64]) -> f64 {
     rms(&x.iter().map(|x| x - mean).collect::<Vec<_>>())
 }
 
+/// A link and the force that pushes it, N, in the world's axes.
+pub(crate) type Push = (&'static str, [f64; 3]);
+
 /// The first cause that is named after a fault, and when; the fault (or a push on a link) comes in
 /// five seconds after stepping has begun.
-pub(crate) fn first_cause(fault: Fault, push: Option<(&str, [f64; 3])>) -> (String, String) {
+pub(crate) fn first_cause(fault: Fault, push: Option<Push>) -> (String, String) {
     let mut sim = simulation(1);
     let starts = 1.5 + 0.6 + 5.0;
     if let Some((link, force)) = push {
