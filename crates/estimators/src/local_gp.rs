@@ -38,6 +38,8 @@ use std::fmt;
 pub const MAX_POINTS: usize = 256;
 /// A sample belongs to every model whose weight at it is at least this part of the largest.
 pub const NEIGHBOUR: f64 = 0.1;
+/// As many samples a point stands for at most: what the model lacks does not average out.
+pub const SUREST: f64 = 100.0;
 /// Most models.
 pub const MAX_MODELS: usize = 64;
 

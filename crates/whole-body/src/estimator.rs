@@ -7,9 +7,10 @@ use crate::least_squares::{Six, dot, quadratic};
 use crate::mechanics::Mechanics;
 use crate::parameters::{Residual, Weighting, WholeBodyParameters};
 use crate::sigma::{Sigma, contact_rows};
-use crate::solution::Solution;
+use crate::solution::{Solution, about};
+use crate::tare::units;
 use dynamics::{Force, ImuMotion, Model, Motion};
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 use robot_state::Wrench;
 
 /// One cycle's signals, in the orders of [`WholeBodyParameters`].
@@ -280,6 +281,53 @@ impl WholeBody {
         })
     }
 
+    /// Per sensor: the joints of the part before it that carry it alone, neither another sensor
+    /// nor a contact of the chosen hypothesis, nearest first; both in the parameters' order.
+    #[must_use]
+    pub fn sensor_limbs(&self) -> Vec<Vec<usize>> {
+        let mut limbs = vec![Vec::new(); self.layout.sensors.len()];
+        let contacts = &self.sets[self.chosen].contacts;
+        for (s, sensor) in self.layout.sensors.iter().enumerate() {
+            let others = || (self.layout.sensors.iter().enumerate()).filter(|(i, _)| *i != s);
+            let alone = |b: &&usize| {
+                !others().any(|(_, o)| o.before == sensor.before && o.carriers.contains(b))
+                    && !contacts.iter().any(|c| c.path.contains(b))
+            };
+            let own = sensor.carriers.iter().filter(alone);
+            let joint = |b: &usize| self.model.bodies()[*b].joint;
+            let place = |j: usize| self.layout.joints.iter().position(|&own| own == j);
+            limbs[sensor.input] = own.map(joint).filter_map(place).collect();
+        }
+        limbs
+    }
+
+    /// Parts that nothing touches under the chosen hypothesis.
+    pub(crate) fn untouched_parts(&self) -> Vec<usize> {
+        let parts = self.sets[self.chosen].parts.iter().enumerate();
+        parts
+            .filter(|(_, (_, n))| *n == 0)
+            .map(|(part, _)| part)
+            .collect()
+    }
+
+    /// A part's net wrench about its origin, its covariance, and how each sensor at its ends (the
+    /// caller's index) enters it: of the sensor's offset, in that sensor's components.
+    pub(crate) fn tare_equations(&self, part: usize) -> TareEquations {
+        let m = &self.mechanics;
+        let origin = m.origin(&self.model, &self.layout, part);
+        let covariance = self.sigma.covariance[part];
+        let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
+        let ends = self.layout.parts[part].boundary.iter().map(|&(s, sign)| {
+            let columns = units(&m.sensor_frame[s], &origin) * sign;
+            (self.layout.sensors[s].input, columns)
+        });
+        TareEquations {
+            net: about(m.net[part], &origin),
+            covariance,
+            ends: ends.collect(),
+        }
+    }
+
     /// Brings the joints into the model's order; false if something is missing or not finite.
     fn accept(&mut self, input: &WholeBodyInput) -> bool {
         let imu = &input.imu;
@@ -412,6 +460,13 @@ impl WholeBody {
             told.residual_sigma = wrench(Force::from_array(sigma));
         }
     }
+}
+
+/// `net + sum ends offset = 0` for a part that nothing touches.
+pub(crate) struct TareEquations {
+    pub(crate) net: Force,
+    pub(crate) covariance: Matrix6<f64>,
+    pub(crate) ends: Vec<(usize, Matrix6<f64>)>,
 }
 
 /// Index of the largest; the first of equals.

@@ -11,19 +11,31 @@
 #![deny(unsafe_code)]
 
 pub mod cases;
+mod conditioning;
 mod contacts;
+mod cross_check;
 mod error;
 mod estimator;
 mod layout;
 mod least_squares;
 mod mechanics;
+mod momentum;
 mod parameters;
+mod predictive;
 mod sigma;
 mod solution;
+mod switching;
+mod tare;
 
+pub use conditioning::FtConditioning;
+pub use cross_check::{Cause, CrossCheck, CrossCheckParameters, Sources};
 pub use error::{ContactProblem, WholeBodyError};
 pub use estimator::{ContactEstimate, PartEstimate, WholeBody, WholeBodyEstimate, WholeBodyInput};
+pub use momentum::{MomentumObserver, MomentumObserverParameters};
 pub use parameters::{
     ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
     Place, Residual, Weighting, WholeBodyParameters,
 };
+pub use predictive::{Predictive, PredictiveParameters};
+pub use switching::{ContactSwitch, ContactSwitchParameters, LoadRule};
+pub use tare::{Tare, TareError, TareParameters, TareResult};

@@ -2,7 +2,8 @@
 
 use super::prepare::{diagonal, factored, kernel, prepare};
 use super::{
-    Factor, LocalGp, LocalGpError, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS, NEIGHBOUR,
+    Factor, LocalGp, LocalGpError, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS,
+    NEIGHBOUR, SUREST,
 };
 use crate::features::MAX_FEATURES;
 use nalgebra::DMatrix;
@@ -153,12 +154,12 @@ impl LocalGpUpdater {
     }
 
     /// A point and a sample beside it: their mean, weighted by their variances. No point becomes
-    /// surer than a hundred samples, so that what changes is followed.
+    /// surer than [`SUREST`] samples, so that what changes is followed.
     fn merge(&mut self, i: usize, j: usize, residual: f64) -> Learned {
         let (model, fresh) = (&self.parameters.models[i], self.parameters.noise_variance);
         let d = self.parameters.features.len();
         let (known, old) = (model.noise[j], model.residuals[j]);
-        let noise = (known * fresh / (known + fresh)).max(0.01 * fresh);
+        let noise = (known * fresh / (known + fresh)).max(fresh / SUREST);
         let residual = old + noise / fresh * (residual - old);
         let x = model.points[j * d..(j + 1) * d].to_vec();
         self.take_out(i, j);

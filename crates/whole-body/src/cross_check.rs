@@ -1,0 +1,333 @@
+//! Three independent torques of every joint watch each other: from encoders, from F/T sensors, from
+//! the motor's current. A lasting disagreement is told with its likely cause.
+//!
+//! All three are brought to one instant by a filter of the F/T sensors' delay, and averaged. Then
+//!
+//! - the encoders' torque differs from the F/T sensors' on one joint of a limb alone, and the
+//!   current is nearer to the latter: an encoder has slipped;
+//! - the F/T sensors' differs on several joints that carry one sensor, those nearest to it among
+//!   them: the sensor has drifted;
+//! - it differs on joints farther in, but not on those nearest to the sensor: something touches the
+//!   limb between; or a part's residual is beyond what its sensors explain while the joints nearest
+//!   to it agree: something touches a part that was declared untouched;
+//! - under load the current's torque is another multiple of what the other two agree on: its torque
+//!   constant is wrong, or its sign.
+
+use crate::estimator::WholeBody;
+
+/// The likely cause of a disagreement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cause {
+    /// The encoders of a joint disagree with F/T sensors and current.
+    EncoderSlip {
+        /// The joint.
+        joint: usize,
+    },
+    /// An F/T sensor disagrees with the encoders of the joints that carry it.
+    FtDrift {
+        /// The sensor.
+        sensor: usize,
+    },
+    /// A joint's current tells another size of torque than encoders and F/T sensors do.
+    TorqueConstant {
+        /// The joint.
+        joint: usize,
+    },
+    /// A joint's current tells the opposite of what encoders and F/T sensors do.
+    TorqueSign {
+        /// The joint.
+        joint: usize,
+    },
+    /// Something touches the limb of an F/T sensor, and no contact was declared there.
+    MissingContact {
+        /// The sensor.
+        sensor: usize,
+    },
+}
+
+/// When sources disagree.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CrossCheckParameters {
+    /// T: time between updates, s.
+    pub sample_period: f64,
+    /// Samples that the late source's filters average.
+    pub window: usize,
+    /// Time over which differences are averaged, s.
+    pub average: f64,
+    /// How long a disagreement must last, s.
+    pub hold: f64,
+    /// Per joint: differences of encoders and F/T sensors that are normal, N·m.
+    pub encoder_threshold: Vec<f64>,
+    /// Per joint: torque from which on the current's can be judged, N·m: several
+    /// times the friction.
+    pub current_load: Vec<f64>,
+    /// Smallest and largest ratio of the current's torque to the others' that are normal.
+    pub current_ratio: [f64; 2],
+    /// Residual of a part that is normal, in its standard deviations.
+    pub residual_ratio: f64,
+    /// Standard deviation of residuals beside the one that is told, N and N·m: what filters of
+    /// vibrating signals leave.
+    pub residual_floor: [f64; 2],
+}
+
+/// One joint's torques in one cycle, N·m; none where a source is not valid.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Sources {
+    /// From encoders, now.
+    pub encoder: Option<f64>,
+    /// From F/T sensors, late.
+    pub whole_body: Option<f64>,
+    /// From current, now.
+    pub current: Option<f64>,
+}
+
+/// One joint's averages.
+#[derive(Debug, Clone)]
+struct Joint {
+    /// Encoder's and current's torque over the late source's window.
+    rings: [Vec<f64>; 2],
+    sums: [f64; 2],
+    filled: usize,
+    newest: usize,
+    /// Encoder - F/T.
+    difference: f64,
+    /// |current - F/T| - |current - encoder| / 2: below zero if the current clearly sides with the
+    /// F/T sensors.
+    aside: f64,
+    /// Current's torque times the mean of the others, and that mean squared.
+    /// Both while there is load.
+    product: f64,
+    square: f64,
+    loaded: bool,
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct CrossCheck {
+    parameters: CrossCheckParameters,
+    joints: Vec<Joint>,
+    /// Per sensor: joints that carry it and neither another sensor nor a contact, nearest first.
+    carriers: Vec<Vec<usize>>,
+    /// Per sensor: residual of the part beyond and its variance, averaged.
+    residual: Vec<[[f64; 6]; 2]>,
+    /// Causes and how long each has lasted.
+    suspects: Vec<(Cause, f64)>,
+    found: Vec<Cause>,
+    age: f64,
+}
+
+/// Ratio of torques below which the sign is wrong, not the size.
+const OPPOSITE: f64 = -0.25;
+/// Joints nearest to a sensor that must agree for its drift to be ruled out.
+const NEAREST: usize = 2;
+
+impl CrossCheck {
+    /// For the joints and sensors of an estimator, in their order.
+    #[must_use]
+    pub fn new(whole_body: &WholeBody, parameters: CrossCheckParameters) -> Self {
+        let joints = whole_body.estimate().tau.len();
+        let carriers = whole_body.sensor_limbs();
+        let window = parameters.window.max(1);
+        let joint = Joint {
+            rings: [vec![0.0; window], vec![0.0; window]],
+            sums: [0.0; 2],
+            filled: 0,
+            newest: 0,
+            difference: 0.0,
+            aside: 0.0,
+            product: 0.0,
+            square: 0.0,
+            loaded: false,
+        };
+        let mut suspects = Vec::new();
+        for j in 0..joints {
+            suspects.push((Cause::EncoderSlip { joint: j }, 0.0));
+            suspects.push((Cause::TorqueConstant { joint: j }, 0.0));
+            suspects.push((Cause::TorqueSign { joint: j }, 0.0));
+        }
+        for s in 0..carriers.len() {
+            suspects.push((Cause::FtDrift { sensor: s }, 0.0));
+            suspects.push((Cause::MissingContact { sensor: s }, 0.0));
+        }
+        Self {
+            found: Vec::with_capacity(suspects.len()),
+            suspects,
+            joints: vec![joint; joints],
+            residual: vec![[[0.0; 6]; 2]; carriers.len()],
+            carriers,
+            parameters,
+            age: 0.0,
+        }
+    }
+
+    /// Takes one cycle's torques; gives the causes that have lasted long enough.
+    pub fn update(&mut self, sources: &[Sources], whole_body: &WholeBody) -> &[Cause] {
+        let p = &self.parameters;
+        let share = (p.sample_period / p.average.max(p.sample_period)).min(1.0);
+        for (joint, (s, load)) in (self.joints.iter_mut()).zip(sources.iter().zip(&p.current_load))
+        {
+            joint.update(s, share, *load);
+        }
+        let parts = whole_body.estimate().parts.iter().skip(1);
+        for (mean, part) in self.residual.iter_mut().zip(parts) {
+            let free = part.unknowns < 6;
+            let told = [&part.residual, &part.residual_sigma];
+            for (k, (mean, w)) in mean.iter_mut().zip(told).enumerate() {
+                for (mean, x) in mean.iter_mut().zip(w.force.iter().chain(&w.torque)) {
+                    let x = if k == 0 { *x } else { x * x };
+                    *mean += share * (if free { x } else { 0.0 } - *mean);
+                }
+            }
+        }
+        self.age += p.sample_period;
+        self.found.clear();
+        // The averages must have forgotten the start.
+        if self.age < 3.0 * p.average {
+            return &self.found;
+        }
+        for k in 0..self.suspects.len() {
+            let (cause, lasted) = self.suspects[k];
+            let lasted = match self.suspected(cause) {
+                Some(true) => lasted + self.parameters.sample_period,
+                Some(false) => 0.0,
+                None => lasted,
+            };
+            self.suspects[k].1 = lasted;
+            if lasted > self.parameters.hold {
+                self.found.push(cause);
+            }
+        }
+        &self.found
+    }
+
+    /// Forgets everything seen: after a tare, which changes what the F/T sensors say.
+    pub fn reset(&mut self) {
+        self.age = 0.0;
+        self.residual.fill([[0.0; 6]; 2]);
+        self.suspects.iter_mut().for_each(|s| s.1 = 0.0);
+        self.found.clear();
+        for joint in &mut self.joints {
+            (joint.filled, joint.sums) = (0, [0.0; 2]);
+            (joint.difference, joint.aside) = (0.0, 0.0);
+            (joint.product, joint.square) = (0.0, 0.0);
+        }
+    }
+
+    /// Averaged difference of a joint's torques from encoders and F/T sensors, N·m.
+    #[must_use]
+    pub fn difference(&self, joint: usize) -> f64 {
+        self.joints.get(joint).map_or(0.0, |j| j.difference)
+    }
+
+    /// The causes that stand.
+    #[must_use]
+    pub fn found(&self) -> &[Cause] {
+        &self.found
+    }
+
+    /// Whether encoders and F/T sensors differ by more than a share of the joint's threshold.
+    fn differs(&self, joint: usize, share: f64) -> bool {
+        let all = &self.parameters.encoder_threshold;
+        let threshold = all.get(joint).copied().unwrap_or(f64::INFINITY);
+        (self.joints.get(joint)).is_some_and(|j| j.difference.abs() > share * threshold)
+    }
+
+    /// Joints of a sensor's limb whose encoders and F/T torque differ.
+    fn differing(&self, sensor: usize) -> usize {
+        let carriers = self.carriers[sensor].iter();
+        carriers.filter(|&&j| self.differs(j, 1.0)).count()
+    }
+
+    fn near_differs(&self, sensor: usize, share: f64) -> bool {
+        let near = self.carriers[sensor].iter().take(NEAREST);
+        near.into_iter().any(|&j| self.differs(j, share))
+    }
+
+    /// Whether the joint's disagreement is its own, or a matter of a sensor.
+    fn of_a_limb(&self, joint: usize) -> bool {
+        (0..self.carriers.len()).any(|s| self.carriers[s].contains(&joint) && self.differing(s) > 1)
+    }
+
+    /// None where nothing can be said now.
+    fn suspected(&self, cause: Cause) -> Option<bool> {
+        Some(match cause {
+            Cause::EncoderSlip { joint } => {
+                self.differs(joint, 1.0) && !self.of_a_limb(joint) && self.joints[joint].aside < 0.0
+            }
+            Cause::FtDrift { sensor } => {
+                self.differing(sensor) > 1 && self.near_differs(sensor, 1.0)
+            }
+            Cause::MissingContact { sensor } => {
+                // Half the threshold: a drift just below it must not pass for a contact.
+                let near = self.near_differs(sensor, 0.5);
+                !near && (self.residual_stands_out(sensor) || self.differing(sensor) > 1)
+            }
+            Cause::TorqueConstant { joint } => {
+                let [least, most] = self.parameters.current_ratio;
+                let ratio = self.current_ratio(joint)?;
+                ratio >= OPPOSITE && !(least..=most).contains(&ratio)
+            }
+            Cause::TorqueSign { joint } => self.current_ratio(joint)? < OPPOSITE,
+        })
+    }
+
+    fn residual_stands_out(&self, sensor: usize) -> bool {
+        let p = &self.parameters;
+        let [residual, variance] = &self.residual[sensor];
+        let pairs = residual.iter().zip(variance).enumerate();
+        let mut ratios = pairs.map(|(k, (r, v))| {
+            let floor = p.residual_floor[usize::from(k >= 3)];
+            r.abs() / (v + floor * floor).sqrt().max(f64::MIN_POSITIVE)
+        });
+        ratios.any(|ratio| ratio > p.residual_ratio)
+    }
+
+    /// What multiple of the others' torque the current's is, if they agree and there is load now.
+    fn current_ratio(&self, joint: usize) -> Option<f64> {
+        let j = self.joints.get(joint)?;
+        // A current that is wrong moves the encoders' torque too, by the wave generator's term.
+        let judged = j.loaded && j.square > 0.0 && !self.differs(joint, 3.0);
+        judged.then(|| j.product / j.square)
+    }
+}
+
+impl Joint {
+    fn update(&mut self, s: &Sources, share: f64, load: f64) {
+        let (Some(e), Some(w), Some(c)) = (s.encoder, s.whole_body, s.current) else {
+            // Averages need every sample of a window; differences stay as they are.
+            (self.filled, self.sums) = (0, [0.0; 2]);
+            return;
+        };
+        if !(e.is_finite() && w.is_finite() && c.is_finite()) {
+            (self.filled, self.sums) = (0, [0.0; 2]);
+            return;
+        }
+        let window = self.rings[0].len();
+        self.newest = (self.newest + 1) % window;
+        for (k, x) in [e, c].into_iter().enumerate() {
+            if self.filled == window {
+                self.sums[k] -= self.rings[k][self.newest];
+            }
+            self.rings[k][self.newest] = x;
+            self.sums[k] += x;
+        }
+        self.filled = (self.filled + 1).min(window);
+        if self.filled < window {
+            return;
+        }
+        if self.newest == 0 {
+            // Once a turn without the rounding of all the turns before.
+            self.sums = [0, 1].map(|k| self.rings[k].iter().sum());
+        }
+        let [e, c] = self.sums.map(|s| s / window as f64);
+        self.difference += share * (e - w - self.difference);
+        let nearer = (c - w).abs() - 0.5 * (c - e).abs();
+        self.aside += share * (nearer - self.aside);
+        let others = 0.5 * (e + w);
+        self.loaded = others.abs() > load;
+        if self.loaded {
+            self.product += share * (c * others - self.product);
+            self.square += share * (others * others - self.square);
+        }
+    }
+}

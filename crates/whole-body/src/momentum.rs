@@ -1,0 +1,176 @@
+//! External torque of every joint by generalised momentum, without accelerations of joints, and
+//! the contacts that it tells (De Luca and Mattone, ICRA 2005).
+//!
+//! With the base's motion known (IMU), the joints obey `M ddq + h = tau + tau_ext`, where `M` is
+//! the joints' block of the mass matrix and `h` holds velocities, gravity and the base's motion.
+//! The observer integrates `d(M dq)/dt = tau + tau_ext - h + dM/dt dq` and lets the error of the
+//! momentum be the external torque: `r = K (M dq - integral)`, a first-order lag of `tau_ext`.
+
+use dynamics::{Data, Force, Model, Motion, crba, rnea};
+use nalgebra::{DMatrix, DVector, Vector3};
+
+/// How external torques are observed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MomentumObserverParameters {
+    /// T: time between updates, s.
+    pub sample_period: f64,
+    /// K: bandwidth, 1/s; its inverse is how late the answer is.
+    pub gain: f64,
+    /// Per joint of the model: |tau_ext| that tells a contact, N·m; the sum of friction and model
+    /// errors must lie below.
+    pub threshold: Vec<f64>,
+    /// How long a threshold must be passed, s.
+    pub hold: f64,
+}
+
+/// Observer of one robot. Joints are in the model's order.
+#[derive(Debug, Clone)]
+pub struct MomentumObserver {
+    model: Model,
+    data: Data,
+    parameters: MomentumObserverParameters,
+    tau_ext: Vec<f64>,
+    integral: DVector<f64>,
+    mass: DMatrix<f64>,
+    last_mass: DMatrix<f64>,
+    momentum: DVector<f64>,
+    dq: DVector<f64>,
+    last_dq: Vec<f64>,
+    last_rate: Vec<f64>,
+    state: [Vec<f64>; 3],
+    beyond: Vec<f64>,
+    contact: Vec<bool>,
+    started: bool,
+}
+
+impl MomentumObserver {
+    /// `model` must have a floating base, moved by what `update` is told.
+    #[must_use]
+    pub fn new(model: &Model, parameters: MomentumObserverParameters) -> Self {
+        let mut model = model.clone();
+        // The base's proper acceleration holds gravity already.
+        model.set_gravity(Vector3::zeros());
+        let n = model.joint_count();
+        let mut q = vec![0.0; model.nq()];
+        if model.base_size().1 == 7 {
+            q[6] = 1.0;
+        }
+        let nv = model.nv();
+        Self {
+            data: Data::new(&model),
+            tau_ext: vec![0.0; n],
+            integral: DVector::zeros(n),
+            mass: DMatrix::zeros(n, n),
+            last_mass: DMatrix::zeros(n, n),
+            momentum: DVector::zeros(n),
+            dq: DVector::zeros(n),
+            last_dq: vec![0.0; n],
+            last_rate: vec![0.0; n],
+            state: [q, vec![0.0; nv], vec![0.0; nv]],
+            beyond: vec![0.0; n],
+            contact: vec![false; n],
+            started: false,
+            parameters,
+            model,
+        }
+    }
+
+    /// Forgets everything.
+    pub fn reset(&mut self) {
+        self.started = false;
+        self.tau_ext.fill(0.0);
+        self.beyond.fill(0.0);
+        self.contact.fill(false);
+    }
+
+    /// tau_ext, N·m, of every joint, from angles, velocities, torques, and the root's twist and
+    /// proper acceleration ([`crate::WholeBody::base_motion`]) at one instant. `known`: wrenches on
+    /// each body that are known (F/T sensors), which are then not external. Values that are not
+    /// finite leave the last answer.
+    pub fn update(
+        &mut self,
+        q: &[f64],
+        dq: &[f64],
+        tau: &[f64],
+        base: (Motion, Motion),
+        known: Option<&[Force]>,
+    ) -> &[f64] {
+        let n = self.tau_ext.len();
+        let finite = |x: &[f64]| x.len() >= n && x.iter().all(|x| x.is_finite());
+        let motions = [base.0.to_array(), base.1.to_array()];
+        if !(finite(q)
+            && finite(dq)
+            && finite(tau)
+            && motions.iter().flatten().all(|x| x.is_finite()))
+        {
+            return &self.tau_ext;
+        }
+        let (bv, bq) = self.model.base_size();
+        let [full_q, v, a] = &mut self.state;
+        full_q[bq..].copy_from_slice(&q[..n]);
+        v[bv..].copy_from_slice(&dq[..n]);
+        if bv == 6 {
+            v[..6].copy_from_slice(&motions[0]);
+            a[..6].copy_from_slice(&motions[1]);
+        }
+        let full = crba(&self.model, &mut self.data, full_q);
+        self.mass.copy_from(&full.view((bv, bv), (n, n)));
+        let h = &rnea(&self.model, &mut self.data, full_q, v, a, known)[bv..];
+        self.dq.copy_from_slice(&dq[..n]);
+        self.momentum.gemv(1.0, &self.mass, &self.dq, 0.0);
+        let dt = self.parameters.sample_period;
+        for j in 0..n {
+            let rate = tau[j] - h[j];
+            // Trapezoids: what happens between two samples is the mean of both.
+            let mean = 0.5 * (rate + self.last_rate[j]);
+            self.integral[j] += (mean + self.tau_ext[j]) * dt;
+            self.last_rate[j] = rate;
+            self.dq[j] = 0.5 * (self.dq[j] + self.last_dq[j]);
+            self.last_dq[j] = dq[j];
+        }
+        if self.started {
+            // dM/dt dq dt
+            self.last_mass -= &self.mass;
+            self.integral.gemv(-1.0, &self.last_mass, &self.dq, 1.0);
+            let errors = self.momentum.iter().zip(&self.integral);
+            for (r, (p, i)) in self.tau_ext.iter_mut().zip(errors) {
+                *r = self.parameters.gain * (p - i);
+            }
+        } else {
+            self.integral.copy_from(&self.momentum);
+            self.started = true;
+        }
+        self.last_mass.copy_from(&self.mass);
+        self.detect();
+        &self.tau_ext
+    }
+
+    /// Whether each joint's external torque tells a contact.
+    #[must_use]
+    pub fn contacts(&self) -> &[bool] {
+        &self.contact
+    }
+
+    fn detect(&mut self) {
+        let p = &self.parameters;
+        for (j, r) in self.tau_ext.iter().enumerate() {
+            let threshold = p.threshold.get(j).copied().unwrap_or(f64::INFINITY);
+            // Released at two thirds, so that it does not flicker.
+            let limit = if self.contact[j] {
+                threshold / 1.5
+            } else {
+                threshold
+            };
+            let against = (r.abs() > limit) != self.contact[j];
+            self.beyond[j] = if against {
+                self.beyond[j] + p.sample_period
+            } else {
+                0.0
+            };
+            if self.beyond[j] > p.hold {
+                self.contact[j] = !self.contact[j];
+                self.beyond[j] = 0.0;
+            }
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Changing contacts without a step: hypotheses blend over a set time, chosen by a client or by
+//! which feet carry load.
+
+use crate::estimator::WholeBody;
+
+/// When a sensor counts as loaded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadRule {
+    /// Force above which a sensor's part becomes loaded, N.
+    pub on: f64,
+    /// Force below which it is no longer so, N; below `on`.
+    pub off: f64,
+    /// How long the force must stay there, s.
+    pub hold: f64,
+}
+
+/// How contacts change.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContactSwitchParameters {
+    /// T: time between updates, s.
+    pub sample_period: f64,
+    /// Time over which a hypothesis gives way to another, s.
+    pub blend: f64,
+    /// The automatic rule; none: clients choose.
+    pub rule: Option<LoadRule>,
+    /// Per hypothesis: the state of load that it belongs to, as pairs of an F/T sensor's index and
+    /// whether it is loaded; the first that fits is chosen. An empty list is never chosen by itself.
+    pub loaded: Vec<Vec<(usize, bool)>>,
+}
+
+/// Whether a sensor is loaded, and for how long the force has said otherwise.
+#[derive(Debug, Clone, Copy, Default)]
+struct Load {
+    loaded: bool,
+    against: f64,
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct ContactSwitch {
+    parameters: ContactSwitchParameters,
+    weights: Vec<f64>,
+    target: usize,
+    loads: Vec<Load>,
+    automatic: bool,
+}
+
+impl ContactSwitch {
+    /// For an estimator with as many hypotheses; begins with the first, and automatic if there is a
+    /// rule.
+    #[must_use]
+    pub fn new(hypotheses: usize, sensors: usize, parameters: ContactSwitchParameters) -> Self {
+        let mut weights = vec![0.0; hypotheses.max(1)];
+        weights[0] = 1.0;
+        Self {
+            automatic: parameters.rule.is_some(),
+            weights,
+            target: 0,
+            loads: vec![Load::default(); sensors],
+            parameters,
+        }
+    }
+
+    /// A client chooses; the automatic rule is off from then on. None of that index: false.
+    pub fn choose(&mut self, hypothesis: usize) -> bool {
+        if hypothesis >= self.weights.len() {
+            return false;
+        }
+        (self.target, self.automatic) = (hypothesis, false);
+        true
+    }
+
+    /// Hands the choice back to the rule, if there is one.
+    pub fn automatic(&mut self) {
+        self.automatic = self.parameters.rule.is_some();
+    }
+
+    /// The hypothesis that is, or becomes, the only one.
+    #[must_use]
+    pub fn target(&self) -> usize {
+        self.target
+    }
+
+    /// Whether a sensor's part is loaded.
+    #[must_use]
+    pub fn loaded(&self, sensor: usize) -> bool {
+        self.loads.get(sensor).is_some_and(|l| l.loaded)
+    }
+
+    /// One period later: looks at the last estimate and sets the shares of the next.
+    ///
+    /// A part's net force needs no hypothesis, so a wrong one cannot keep itself alive.
+    pub fn update(&mut self, whole_body: &mut WholeBody) {
+        let dt = self.parameters.sample_period;
+        if whole_body.estimate().valid
+            && let Some(rule) = &self.parameters.rule
+        {
+            for (s, load) in self.loads.iter_mut().enumerate() {
+                let f = whole_body.net_at_sensor(s).force;
+                let force = f.iter().map(|x| x * x).sum::<f64>().sqrt();
+                let against = match load.loaded {
+                    true => force < rule.off,
+                    false => force > rule.on,
+                };
+                load.against = if against { load.against + dt } else { 0.0 };
+                if load.against > rule.hold {
+                    *load = Load {
+                        loaded: !load.loaded,
+                        against: 0.0,
+                    };
+                }
+            }
+            if self.automatic {
+                let fits = |pattern: &Vec<(usize, bool)>| {
+                    !pattern.is_empty()
+                        && pattern.iter().all(|&(s, loaded)| {
+                            self.loads.get(s).is_some_and(|l| l.loaded == loaded)
+                        })
+                };
+                let fitting = self.parameters.loaded.iter().position(fits);
+                let known = fitting.filter(|&h| h < self.weights.len());
+                self.target = known.unwrap_or(self.target);
+            }
+        }
+        self.shift(dt);
+        whole_body.blend(&self.weights);
+    }
+
+    /// Moves the shares towards the target's; those of the others shrink alike.
+    fn shift(&mut self, dt: f64) {
+        let step = match self.parameters.blend > dt {
+            true => dt / self.parameters.blend,
+            false => 1.0,
+        };
+        let own = self.weights[self.target];
+        let next = (own + step).min(1.0);
+        let others = if own < 1.0 {
+            (1.0 - next) / (1.0 - own)
+        } else {
+            0.0
+        };
+        for w in &mut self.weights {
+            *w *= others;
+        }
+        self.weights[self.target] = next;
+    }
+}

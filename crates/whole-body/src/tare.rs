@@ -1,0 +1,314 @@
+//! Tare of the F/T sensors: offsets from a robot at rest.
+//!
+//! Whoever tares says what touches the robot, as a set of contacts. A part that nothing touches must
+//! have no net wrench: six equations for the offsets of the sensors at its ends. So, with the robot
+//!
+//! - in the air, held by its harness at the root's part: each hand and foot gives its sensor's
+//!   whole offset;
+//! - on one foot: the root's part is untouched, and with the weight known in size, place and
+//!   direction (all of the robot but that foot hangs on its ankle) the standing foot's sensor has
+//!   its six equations too;
+//! - on both feet: those six hold for the sum of both. How the feet push against one another can
+//!   not be known at rest, so that part of the offsets stays as it was.
+//!
+//! Offsets that equations do not reach stay where they were, and those that they hardly reach move
+//! hardly, because each is held to its last value by how far it may have drifted since: the most
+//! probable correction of independent drifts, with its standard deviation.
+
+use crate::error::WholeBodyError;
+use crate::estimator::{WholeBody, WholeBodyInput};
+use crate::parameters::{MotionSource, WholeBodyParameters};
+use dynamics::{Force, ImuMotion, Model};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
+use robot_state::Wrench;
+use std::fmt;
+
+/// When a robot stands still enough, and how far offsets may have drifted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TareParameters {
+    /// Samples that are averaged, at least.
+    pub samples: usize,
+    /// Largest |dq| of any joint at rest, rad/s.
+    pub max_joint_velocity: f64,
+    /// Largest angular velocity at rest, rad/s: the gyro's bias must pass.
+    pub max_angular_velocity: f64,
+    /// Largest change of any reading while taring, N; and a tenth of it in N·m.
+    pub max_force_change: f64,
+    /// Standard deviation of how far an offset may have moved since the last tare, N and N·m.
+    pub drift: [f64; 2],
+    /// Standard deviation of the accelerometer's bias, m/s².
+    pub accelerometer_bias: f64,
+}
+
+impl Default for TareParameters {
+    fn default() -> Self {
+        Self {
+            samples: 500,
+            max_joint_velocity: 0.01,
+            max_angular_velocity: 0.02,
+            max_force_change: 5.0,
+            drift: [20.0, 2.0],
+            accelerometer_bias: 0.02,
+        }
+    }
+}
+
+/// Why there is no tare.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TareError {
+    /// Sensors and contacts do not fit the robot.
+    Setup(WholeBodyError),
+    /// Every part is touched by something: nothing is known.
+    NothingKnown,
+    /// A number was not finite, or a vector too short.
+    BadSample,
+    /// The robot moved: what, how fast, and what is allowed.
+    Moving(String),
+    /// Samples so far, and wanted.
+    TooFew(usize, usize),
+}
+
+impl fmt::Display for TareError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Setup(e) => e.fmt(f),
+            Self::NothingKnown => write!(
+                f,
+                "something touches every part of the robot, so that no offset can be known; \
+                 allowed: at least one part that nothing touches (contact type `none`)"
+            ),
+            Self::BadSample => write!(f, "a sample is not finite or lacks joints or sensors"),
+            Self::Moving(what) => write!(f, "the robot moves: {what}; allowed: a robot at rest"),
+            Self::TooFew(n, wanted) => write!(f, "{n} samples; allowed: at least {wanted}"),
+        }
+    }
+}
+impl std::error::Error for TareError {}
+
+/// What a tare found of one sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TareResult {
+    /// The sensor's name.
+    pub sensor: String,
+    /// What to add to its offset, N and N·m (6).
+    pub correction: [f64; 6],
+    /// Standard deviation of the offset now (6).
+    pub sigma: [f64; 6],
+    /// Whether the tare knows the component better than before by half.
+    pub known: [bool; 6],
+}
+
+/// Collects samples of a robot at rest.
+#[derive(Debug, Clone)]
+pub struct Tare {
+    whole_body: WholeBody,
+    parameters: TareParameters,
+    sensors: Vec<String>,
+    untouched: Vec<usize>,
+    samples: usize,
+    first_ft: Vec<[f64; 6]>,
+    sums: [Vec<f64>; 2],
+    accelerometer: Vector3<f64>,
+    gyro: Vector3<f64>,
+}
+
+impl Tare {
+    /// `p.hypotheses[0]` says what touches the robot; standard deviations of sensors are those of
+    /// single samples.
+    ///
+    /// # Errors
+    /// Sensors or contacts that do not fit, or nothing that is known.
+    pub fn new(
+        model: &Model,
+        p: &WholeBodyParameters,
+        parameters: TareParameters,
+    ) -> Result<Self, TareError> {
+        let mut p = p.clone();
+        if let MotionSource::Imu(imu) = &mut p.source {
+            imu.sigma_accelerometer = parameters.accelerometer_bias;
+            imu.sigma_angular_acceleration = 0.0;
+        }
+        p.sigma_ddq.fill(0.0);
+        let average = (parameters.samples.max(1) as f64).sqrt();
+        for s in &mut p.ft_sensors {
+            s.sigma_force /= average;
+            s.sigma_torque /= average;
+        }
+        let whole_body = WholeBody::new(model, &p).map_err(TareError::Setup)?;
+        let untouched = whole_body.untouched_parts();
+        if untouched.is_empty() {
+            return Err(TareError::NothingKnown);
+        }
+        Ok(Self {
+            whole_body,
+            parameters,
+            sensors: p.ft_sensors.iter().map(|s| s.name.clone()).collect(),
+            untouched,
+            samples: 0,
+            first_ft: Vec::new(),
+            sums: [vec![0.0; p.joints.len()], vec![0.0; 6 * p.ft_sensors.len()]],
+            accelerometer: Vector3::zeros(),
+            gyro: Vector3::zeros(),
+        })
+    }
+
+    /// Takes one sample, its F/T readings conditioned with the offsets so far.
+    ///
+    /// # Errors
+    /// A bad sample, or a moving robot: the tare is over.
+    pub fn add(&mut self, input: &WholeBodyInput) -> Result<(), TareError> {
+        let ft: Vec<[f64; 6]> = input.ft.iter().map(six).collect();
+        let all = [input.q, input.dq].concat();
+        let finite = all.iter().chain(ft.iter().flatten());
+        let imu = [input.imu.proper_acceleration, input.imu.angular_velocity];
+        let mut finite = finite.chain(imu.iter().flat_map(|v| v.iter()));
+        let [q_sum, ft_sum] = &mut self.sums;
+        if !finite.all(|x| x.is_finite())
+            || input.q.len() != q_sum.len()
+            || input.dq.len() != q_sum.len()
+            || 6 * ft.len() != ft_sum.len()
+        {
+            return Err(TareError::BadSample);
+        }
+        let p = &self.parameters;
+        for (j, dq) in input.dq.iter().enumerate() {
+            if dq.abs() > p.max_joint_velocity {
+                let limit = p.max_joint_velocity;
+                return Err(TareError::Moving(format!(
+                    "joint {j} turns at {dq:.4} rad/s, at most {limit} rad/s"
+                )));
+            }
+        }
+        self.first_ft.extend(ft.iter().skip(self.first_ft.len()));
+        for (s, (now, first)) in ft.iter().zip(&self.first_ft).enumerate() {
+            for k in 0..6 {
+                let limit = p.max_force_change * if k < 3 { 1.0 } else { 0.1 };
+                let change = now[k] - first[k];
+                if change.abs() > limit {
+                    let name = &self.sensors[s];
+                    return Err(TareError::Moving(format!(
+                        "component {k} of F/T sensor `{name}` changed by {change:.2}, at most {limit}"
+                    )));
+                }
+            }
+        }
+        q_sum.iter_mut().zip(input.q).for_each(|(s, x)| *s += x);
+        ft_sum
+            .iter_mut()
+            .zip(ft.iter().flatten())
+            .for_each(|(s, x)| *s += x);
+        self.accelerometer += input.imu.proper_acceleration;
+        self.gyro += input.imu.angular_velocity;
+        self.samples += 1;
+        Ok(())
+    }
+
+    /// Samples taken.
+    #[must_use]
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// The corrections, in the order of the sensors.
+    ///
+    /// # Errors
+    /// Too few samples, or a robot that turned.
+    pub fn finish(&self) -> Result<Vec<TareResult>, TareError> {
+        let p = &self.parameters;
+        if self.samples < p.samples.max(1) {
+            return Err(TareError::TooFew(self.samples, p.samples.max(1)));
+        }
+        let n = self.samples as f64;
+        let turning = (self.gyro / n).norm();
+        if turning > p.max_angular_velocity {
+            let limit = p.max_angular_velocity;
+            return Err(TareError::Moving(format!(
+                "the IMU turns at {turning:.4} rad/s, at most {limit} rad/s"
+            )));
+        }
+        let mean = |x: &[f64]| x.iter().map(|x| x / n).collect::<Vec<f64>>();
+        let [q, ft] = [mean(&self.sums[0]), mean(&self.sums[1])];
+        let readings: Vec<Wrench> = ft
+            .chunks_exact(6)
+            .map(|w| Wrench {
+                force: [w[0], w[1], w[2]],
+                torque: [w[3], w[4], w[5]],
+            })
+            .collect();
+        let still = vec![0.0; q.len()];
+        let mut whole_body = self.whole_body.clone();
+        let input = WholeBodyInput {
+            q: &q,
+            dq: &still,
+            ddq: &still,
+            ft: &readings,
+            imu: ImuMotion {
+                angular_velocity: Vector3::zeros(),
+                angular_acceleration: Vector3::zeros(),
+                proper_acceleration: self.accelerometer / n,
+            },
+        };
+        if !whole_body.update(&input).valid {
+            return Err(TareError::BadSample);
+        }
+        Ok(self.most_probable(&whole_body))
+    }
+
+    fn most_probable(&self, whole_body: &WholeBody) -> Vec<TareResult> {
+        let size = 6 * self.sensors.len();
+        let drift = |k: usize| self.parameters.drift[usize::from(k % 6 >= 3)].max(1e-9);
+        let mut information = DMatrix::from_fn(size, size, |i, j| match i == j {
+            true => drift(i).powi(-2),
+            false => 0.0,
+        });
+        let mut pull = DVector::zeros(size);
+        for &part in &self.untouched {
+            let equations = whole_body.tare_equations(part);
+            let mut a = DMatrix::zeros(6, size);
+            for (sensor, columns) in &equations.ends {
+                a.view_mut((0, 6 * sensor), (6, 6)).copy_from(columns);
+            }
+            // Masses known without error would make it infinite.
+            let floor = Matrix6::from_diagonal_element(1e-8);
+            let Some(weight) = (equations.covariance + floor).try_inverse() else {
+                continue;
+            };
+            let weighted = a.transpose() * weight;
+            information += &weighted * &a;
+            pull -= weighted * equations.net.to_vector();
+        }
+        let Some(covariance) = information.cholesky().map(|c| c.inverse()) else {
+            return Vec::new();
+        };
+        let correction = &covariance * pull;
+        let result = |(s, name): (usize, &String)| {
+            let sigma: [f64; 6] =
+                std::array::from_fn(|k| covariance[(6 * s + k, 6 * s + k)].sqrt());
+            TareResult {
+                sensor: name.clone(),
+                correction: std::array::from_fn(|k| correction[6 * s + k]),
+                known: std::array::from_fn(|k| sigma[k] < 0.5 * drift(k)),
+                sigma,
+            }
+        };
+        self.sensors.iter().enumerate().map(result).collect()
+    }
+}
+
+fn six(w: &Wrench) -> [f64; 6] {
+    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
+    [a, b, c, d, e, f]
+}
+
+/// Unit wrenches of a frame.
+pub(crate) fn units(frame: &dynamics::Se3, origin: &Vector3<f64>) -> Matrix6<f64> {
+    let mut columns = Matrix6::zeros();
+    for k in 0..6 {
+        let mut unit = [0.0; 6];
+        unit[k] = 1.0;
+        let f = frame.act_force(Force::from_array(unit));
+        let about = Force::new(f.linear, f.angular - origin.cross(&f.linear));
+        columns.set_column(k, &about.to_vector());
+    }
+    columns
+}
