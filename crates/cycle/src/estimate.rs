@@ -2,24 +2,25 @@
 
 use dynamics::{ImuMotion, Motion};
 use estimators::compliance::ComplianceEstimator;
-use estimators::joint::JointTorqueEstimator;
 use estimators::savitzky_golay::SavitzkyGolayBank;
 use estimators::whole_body::{
     FtSensorParameters, ImuParameters, WholeBody, WholeBodyInput, WholeBodyParameters,
 };
-use robot_config::{AngularAcceleration, Parameters, Robot};
+use identification::joint_file::AnyEstimator;
+use robot_config::{AngularAcceleration, JointParameters, Parameters, Robot};
 use robot_state::{
     CycleRecord, Event, TorqueEstimate, Wrench, measured_flags, torque_flags, torque_source,
 };
+
+use core::fmt;
 
 use crate::CycleError;
 use crate::events::Counts;
 use crate::measure::Measure;
 
 /// The estimators of all joints.
-#[derive(Debug)]
 pub(crate) struct Estimate {
-    joints: Vec<ComplianceEstimator>,
+    joints: Vec<AnyEstimator>,
     whole_body: WholeBody,
     angular_acceleration: AngularAcceleration,
     torque_limits: Vec<f64>,
@@ -27,6 +28,23 @@ pub(crate) struct Estimate {
     dq: Vec<f64>,
     ddq: Vec<f64>,
     ft: Vec<Wrench>,
+}
+
+impl fmt::Debug for Estimate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Estimate")
+            .field("joints", &self.joints.len())
+            .field("whole_body", &self.whole_body)
+            .finish_non_exhaustive()
+    }
+}
+
+/// All of a calibrated joint's estimators, fused; Z's compliance where there is no calibration.
+fn joint_estimator(joint: &JointParameters) -> Result<AnyEstimator, CycleError> {
+    Ok(match &joint.calibration {
+        Some(file) => Box::new(file.estimators().map_err(CycleError::Calibration)?),
+        None => Box::new(ComplianceEstimator::new(joint.estimator.clone())),
+    })
 }
 
 impl Estimate {
@@ -37,8 +55,8 @@ impl Estimate {
             joints: parameters
                 .joints
                 .iter()
-                .map(|joint| ComplianceEstimator::new(joint.estimator.clone()))
-                .collect(),
+                .map(joint_estimator)
+                .collect::<Result<_, _>>()?,
             whole_body: WholeBody::new(&robot.model, &whole_body_parameters(parameters)?)?,
             angular_acceleration: parameters.angular_acceleration,
             torque_limits: parameters.joints.iter().map(|j| j.limits.torque).collect(),

@@ -16,6 +16,7 @@ use can_codec::Frames;
 use core::fmt;
 use estimators::savitzky_golay::SavitzkyGolayError;
 use estimators::whole_body::WholeBodyError;
+use identification::FitError;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS};
 
@@ -125,6 +126,8 @@ pub enum CycleError {
     Filter(SavitzkyGolayError),
     /// Sensors from which the torques do not follow.
     WholeBody(WholeBodyError),
+    /// A joint file whose estimators cannot be built.
+    Calibration(FitError),
 }
 
 impl fmt::Display for CycleError {
@@ -137,6 +140,7 @@ impl fmt::Display for CycleError {
             ),
             Self::Filter(error) => write!(f, "filters: {error}"),
             Self::WholeBody(error) => write!(f, "whole_body: {error}"),
+            Self::Calibration(error) => write!(f, "calibration: {error}"),
         }
     }
 }

@@ -109,7 +109,13 @@ pub fn fit(
         };
         let mut inner = |part: f64, what: &str| progress(done + share * part, what);
         inner(0.0, name);
-        fitted.step(step, rows, &mut inner)?;
+        match (step, fitted.step(step, rows, &mut inner)) {
+            // The others stand without what is learned.
+            (Step::Network | Step::LocalGp, Err(e)) => {
+                fitted.note(format!("{name}: not fitted: {e}"));
+            }
+            (_, done) => done?,
+        }
         done += share;
     }
     progress(1.0, "done");

@@ -1,8 +1,10 @@
 //! `[[joint]]`.
 
+use crate::Files;
 use crate::drives::Drive;
 use crate::general::name;
 use crate::parameters::{JointParameters, Timing};
+use crate::paths;
 use crate::reader::{Allowed, Section};
 use crate::slots;
 use crate::units::Quantity;
@@ -12,6 +14,8 @@ use dynamics::Model;
 use estimators::encoder::EncoderParameters;
 use estimators::joint::JointEstimatorParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
+use identification::FitError;
+use identification::joint_file::JointFile;
 use robot_state::MAX_JOINTS;
 use std::collections::BTreeMap;
 
@@ -23,6 +27,7 @@ pub(crate) fn read(
     drives: &BTreeMap<&str, Option<Drive>>,
     model: Option<&Model>,
     timing: &Timing,
+    files: &Files<'_>,
     wiring: &mut Wiring<'_, '_>,
 ) -> Vec<JointParameters> {
     let mut sections = root.list("joint");
@@ -43,6 +48,7 @@ pub(crate) fn read(
             section: &section,
             index,
             timing,
+            files,
         };
         joints.extend(reader.joint(name.clone(), drives, model, wiring));
         section.finish();
@@ -69,6 +75,7 @@ struct Reader<'r, 'n, 't> {
     section: &'r Section<'n, 't>,
     index: usize,
     timing: &'r Timing,
+    files: &'r Files<'r>,
 }
 
 impl Reader<'_, '_, '_> {
@@ -89,6 +96,7 @@ impl Reader<'_, '_, '_> {
         let kinematic_error = self.kinematic_error();
         let longest = LONGEST_SKEW * self.timing.sample_period * 1e6;
         let skew = section.number_or("skew_us", 0.0, Allowed::Within(-longest, longest)) * 1e-6;
+        let calibration = self.calibration(drive);
         let bus = wiring.bus(section);
         // Without a drive or a bus the signals cannot be judged; their keys are known all the same.
         let signals = bus
@@ -113,7 +121,13 @@ impl Reader<'_, '_, '_> {
             max_velocity: drive.max_velocity,
             motor_wrap: motor_angle.wrap,
             link_wrap: link_angle.wrap,
-            skew,
+            skew: match &calibration {
+                Some(file) => file
+                    .encoders
+                    .as_ref()
+                    .map_or(skew, |encoders| encoders.skew),
+                None => skew,
+            },
         };
         let limits = limits?;
         self.wraps(&encoders, &limits);
@@ -139,10 +153,47 @@ impl Reader<'_, '_, '_> {
                 wave_generator: drive.wave_generator,
                 kinematic_error,
             },
+            calibration,
             motor: drive.motor,
             gains: gains?,
             limits,
         })
+    }
+
+    /// The joint file that `calibration` names, which must be of such a drive at such a rate.
+    fn calibration(&self, drive: Option<&Drive>) -> Option<JointFile> {
+        const ALLOWED: &str = "the path of a joint file that `torquectl fit` wrote";
+        let section = self.section;
+        let named = section.optional_text("calibration", ALLOWED)?;
+        let path = paths::resolved(self.files.config, named.value);
+        let problem = |what: String| section.problem("calibration", what, ALLOWED);
+        let file = match (self.files.read)(&path) {
+            Ok(text) => JointFile::parse(&text, &path, self.files.read),
+            Err(error) => Err(FitError(format!("{path}: {error}"))),
+        };
+        // What cannot be built is said here, not by the loop.
+        let file = file.and_then(|file| file.estimators().map(|_| file));
+        let file = match file {
+            Ok(file) => file,
+            Err(error) => {
+                problem(error.to_string());
+                return None;
+            }
+        };
+        let rate = 1.0 / self.timing.sample_period;
+        let ratio = drive.map_or(file.joint.gear_ratio, |drive| drive.gear_ratio);
+        for (what, theirs, ours) in [
+            ("sample_rate_hz", file.joint.sample_rate, rate),
+            ("gear_ratio", file.joint.gear_ratio, ratio),
+        ] {
+            if (theirs - ours).abs() > 1e-6 * ours.abs() {
+                problem(format!(
+                    "{path} is for {what} = {theirs}, this joint has {ours}"
+                ));
+                return None;
+            }
+        }
+        Some(file)
     }
 
     fn in_model(&self, name: &str, model: &Model) -> Option<usize> {

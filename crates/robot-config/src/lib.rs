@@ -65,6 +65,12 @@ impl core::error::Error for ConfigError {}
 /// Hands over a file's text.
 pub type Read<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
 
+/// Where files are that the configuration names.
+struct Files<'a> {
+    config: &'a str,
+    read: Read<'a>,
+}
+
 /// Loads the configuration at `path` and the files that it names, each through `read`.
 ///
 /// # Errors
@@ -104,7 +110,8 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
             .and_then(|urdf| model(notes, &urdf, &named.urdf_path, named.base))
     });
     let mut wiring = Wiring::read(notes, &root, &buses, read);
-    let joints = joints::read(&root, &drives, model.as_ref(), &timing, &mut wiring);
+    let files = Files { config: path, read };
+    let joints = joints::read(&root, &drives, model.as_ref(), &timing, &files, &mut wiring);
     let ft_sensors = sensors::ft_sensors(&root, &mut wiring);
     let imu = sensors::imu(&root, &mut wiring);
     let tables = wiring.compile();

@@ -6,6 +6,7 @@ use estimators::encoder::EncoderParameters;
 use estimators::joint::JointEstimatorParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use estimators::whole_body::FtSensorParameters;
+use identification::joint_file::JointFile;
 use robot_state::Wrench;
 
 /// Everything that a configuration says.
@@ -123,8 +124,10 @@ pub struct JointParameters {
     pub rotor_inertia: f64,
     /// How its encoders are read.
     pub encoders: EncoderParameters,
-    /// From encoders and current to torque.
+    /// From encoders and current to torque (Z), where there is no calibration.
     pub estimator: JointEstimatorParameters,
+    /// The joint file whose estimators give the torque from encoders and current.
+    pub calibration: Option<JointFile>,
     /// What its command means: position or current.
     pub motor: MotorModel,
     /// Feedback gains.

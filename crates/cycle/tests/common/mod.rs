@@ -12,7 +12,7 @@ use robot_state::{CycleRecord, JointReference, Reference, mode};
     reason = "a test may read the project's files"
 )]
 /// Reads a file of the project; configurations name theirs relative to themselves.
-fn read(path: &str) -> std::io::Result<String> {
+pub(crate) fn read(path: &str) -> std::io::Result<String> {
     std::fs::read_to_string(format!("{}/../../{path}", env!("CARGO_MANIFEST_DIR")))
 }
 
@@ -30,8 +30,13 @@ pub(crate) struct Bench {
 impl Bench {
     /// A robot of the project in front of its cycle.
     pub(crate) fn new(name: &str) -> Self {
+        Self::reading(name, &read)
+    }
+
+    /// The same with files that `read` gives.
+    pub(crate) fn reading(name: &str, read: &dyn Fn(&str) -> std::io::Result<String>) -> Self {
         let path = format!("config/{name}/robot.toml");
-        let robot = robot_config::load(&path, &read).unwrap();
+        let robot = robot_config::load(&path, read).unwrap();
         let sim_path = format!("config/{name}/sim.toml");
         let sim = SimParameters::parse(&read(&sim_path).unwrap(), &sim_path).unwrap();
         let urdf = read(&robot.parameters.urdf_path).unwrap();
