@@ -15,9 +15,9 @@ mod measure;
 use can_codec::Frames;
 use core::fmt;
 use estimators::savitzky_golay::SavitzkyGolayError;
-use estimators::whole_body::WholeBodyError;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS};
+use whole_body::WholeBodyError;
 
 use command::Command;
 use emit::Emit;
@@ -125,6 +125,8 @@ pub enum CycleError {
     Filter(SavitzkyGolayError),
     /// Sensors from which the torques do not follow.
     WholeBody(WholeBodyError),
+    /// A floating base without an IMU.
+    NoImu,
 }
 
 impl fmt::Display for CycleError {
@@ -137,6 +139,7 @@ impl fmt::Display for CycleError {
             ),
             Self::Filter(error) => write!(f, "filters: {error}"),
             Self::WholeBody(error) => write!(f, "whole_body: {error}"),
+            Self::NoImu => write!(f, "a floating base needs an IMU"),
         }
     }
 }
