@@ -3,16 +3,16 @@
 use dynamics::{ImuMotion, Motion};
 use estimators::compliance::ComplianceEstimator;
 use estimators::savitzky_golay::SavitzkyGolayBank;
-use estimators::whole_body::{
-    FtSensorParameters, ImuParameters, WholeBody, WholeBodyInput, WholeBodyParameters,
-};
 use identification::joint_file::AnyEstimator;
-use robot_config::{AngularAcceleration, JointParameters, Parameters, Robot};
+use robot_config::{
+    AngularAcceleration, FilterGains, JointParameters, Parameters, Robot, whole_body_parameters,
+};
 use robot_state::{
     CycleRecord, Event, TorqueEstimate, Wrench, measured_flags, torque_flags, torque_source,
 };
 
 use core::fmt;
+use whole_body::{WholeBody, WholeBodyInput};
 
 use crate::CycleError;
 use crate::events::Counts;
@@ -57,7 +57,7 @@ impl Estimate {
                 .iter()
                 .map(joint_estimator)
                 .collect::<Result<_, _>>()?,
-            whole_body: WholeBody::new(&robot.model, &whole_body_parameters(parameters)?)?,
+            whole_body: whole_body(robot)?,
             angular_acceleration: parameters.angular_acceleration,
             torque_limits: parameters.joints.iter().map(|j| j.limits.torque).collect(),
             q: vec![0.0; n],
@@ -151,11 +151,14 @@ impl Estimate {
             let joint = &mut record.joints[j];
             joint.tau_whole_body = checked(whole_body, joint.tau_whole_body, counts);
         }
-        for (sensor, contact) in record.ft.iter_mut().zip(&estimate.contact) {
-            sensor.contact = *contact;
+        // The last contact is the unknown wrench.
+        if let Some(unknown) = estimate.contacts.last() {
+            record.unknown_wrench = unknown.wrench;
+            record.unknown_wrench_sigma = unknown.sigma;
         }
-        record.unknown_wrench = estimate.unknown_wrench;
-        record.unknown_wrench_sigma = estimate.unknown_wrench_sigma;
+        for (s, sensor) in record.ft.iter_mut().take(self.ft.len()).enumerate() {
+            sensor.contact = self.whole_body.net_at_sensor(s);
+        }
     }
 }
 
@@ -175,32 +178,20 @@ fn checked(estimate: TorqueEstimate, last: TorqueEstimate, counts: &mut Counts) 
     estimate
 }
 
-/// Standard deviations of what reaches the whole-body estimator: those of the sensors after the
-/// filters.
-fn whole_body_parameters(parameters: &Parameters) -> Result<WholeBodyParameters, CycleError> {
-    let sensor_gain = SavitzkyGolayBank::new(1, parameters.sensor_filter)?.noise_gain(0);
+/// The whole-body estimator, with the standard deviations of sensors after the filters.
+fn whole_body(robot: &Robot) -> Result<WholeBody, CycleError> {
+    let parameters: &Parameters = &robot.parameters;
+    let sensors = SavitzkyGolayBank::new(1, parameters.sensor_filter)?;
     let ddq_gain = SavitzkyGolayBank::new(1, parameters.encoder_filter)?.noise_gain(2);
-    Ok(WholeBodyParameters {
-        joints: parameters.joints.iter().map(|j| j.name.clone()).collect(),
-        sigma_ddq: parameters
-            .joints
-            .iter()
-            // A count hides a uniform error whose variance is its square over 12.
+    let gains = FilterGains {
+        sensor: [sensors.noise_gain(0), sensors.noise_gain(1)],
+        // A count hides a uniform error whose variance is its square over 12.
+        sigma_ddq: (parameters.joints.iter())
             .map(|j| ddq_gain * j.estimator.link_resolution / 12f64.sqrt())
             .collect(),
-        ft_sensors: parameters
-            .ft_sensors
-            .iter()
-            .map(|ft| FtSensorParameters {
-                sigma_force: sensor_gain * ft.sensor.sigma_force,
-                sigma_torque: sensor_gain * ft.sensor.sigma_torque,
-                ..ft.sensor.clone()
-            })
-            .collect(),
-        imu: parameters.imu.as_ref().map(|imu| ImuParameters {
-            frame: imu.frame.clone(),
-            sigma_accelerometer: sensor_gain * imu.sigma_accelerometer,
-        }),
-        unknown_wrench_link: parameters.unknown_wrench_link.clone(),
-    })
+    };
+    let Some(parameters) = whole_body_parameters(parameters, &robot.model, &gains) else {
+        return Err(CycleError::NoImu);
+    };
+    Ok(WholeBody::new(&robot.model, &parameters)?)
 }

@@ -15,10 +15,10 @@ mod measure;
 use can_codec::Frames;
 use core::fmt;
 use estimators::savitzky_golay::SavitzkyGolayError;
-use estimators::whole_body::WholeBodyError;
 use identification::FitError;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS};
+use whole_body::WholeBodyError;
 
 use command::Command;
 use emit::Emit;
@@ -128,6 +128,8 @@ pub enum CycleError {
     WholeBody(WholeBodyError),
     /// A joint file whose estimators cannot be built.
     Calibration(FitError),
+    /// A floating base without an IMU.
+    NoImu,
 }
 
 impl fmt::Display for CycleError {
@@ -141,6 +143,7 @@ impl fmt::Display for CycleError {
             Self::Filter(error) => write!(f, "filters: {error}"),
             Self::WholeBody(error) => write!(f, "whole_body: {error}"),
             Self::Calibration(error) => write!(f, "calibration: {error}"),
+            Self::NoImu => write!(f, "a floating base needs an IMU"),
         }
     }
 }

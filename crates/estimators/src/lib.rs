@@ -22,4 +22,3 @@ pub mod savitzky_golay;
 pub mod set;
 pub mod tracking;
 pub mod wave_generator;
-pub mod whole_body;

@@ -15,15 +15,16 @@ mod sensors;
 pub mod slots;
 mod units;
 mod well_posed;
+mod whole_body;
 mod wiring;
 
 pub use can_codec::Problem;
 pub use parameters::*;
+pub use whole_body::{FilterGains, whole_body_parameters};
 
 use can_codec::{Frame, Table};
 use core::fmt;
 use dynamics::{Base, Model};
-use estimators::whole_body::{self, WholeBodyParameters};
 use reader::{Notes, Section};
 use toml::de::DeTable;
 use wiring::Wiring;
@@ -115,19 +116,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let ft_sensors = sensors::ft_sensors(&root, &mut wiring);
     let imu = sensors::imu(&root, &mut wiring);
     let tables = wiring.compile();
-    if let (Some(model), false) = (&model, notes.any()) {
-        let whole_body = WholeBodyParameters {
-            joints: joints.iter().map(|joint| joint.name.clone()).collect(),
-            sigma_ddq: vec![0.0; joints.len()],
-            ft_sensors: ft_sensors.iter().map(|ft| ft.sensor.clone()).collect(),
-            imu: imu.as_ref().map(|imu| whole_body::ImuParameters {
-                frame: imu.frame.clone(),
-                sigma_accelerometer: imu.sigma_accelerometer,
-            }),
-            unknown_wrench_link: estimation.unknown_wrench_link.clone(),
-        };
-        well_posed::check(&root, model, &whole_body);
-    }
+    let (readable, again) = (!notes.any(), root.again());
     root.finish();
 
     let (named, model) = (named?, model?);
@@ -149,6 +138,9 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
         ft_sensors,
         imu,
     };
+    if readable {
+        well_posed::check(&again, &model, &parameters);
+    }
     Some(Robot {
         parameters,
         model,

@@ -5,7 +5,6 @@ use dynamics::Base;
 use estimators::encoder::EncoderParameters;
 use estimators::joint::JointEstimatorParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
-use estimators::whole_body::FtSensorParameters;
 use identification::joint_file::JointFile;
 use robot_state::Wrench;
 
@@ -144,11 +143,27 @@ impl JointParameters {
     }
 }
 
+/// What the whole-body estimator needs to know of an F/T sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FtSensor {
+    /// The sensor's name.
+    pub name: String,
+    /// The link in whose frame it measures; it and all beyond it is the end-effector.
+    pub frame: String,
+    /// The link beyond the sensor that the environment touches; the sensor's own if none is
+    /// named.
+    pub contact_link: Option<String>,
+    /// Standard deviation of each force axis of a sample, N.
+    pub sigma_force: f64,
+    /// Standard deviation of each torque axis of a sample, N·m.
+    pub sigma_torque: f64,
+}
+
 /// One F/T sensor. Its sign and tare are already in the receive table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FtParameters {
     /// What the estimator needs; the standard deviations are those of single samples.
-    pub sensor: FtSensorParameters,
+    pub sensor: FtSensor,
     /// Index of its bus.
     pub bus: usize,
     /// 1: it measures the wrench that the part beyond applies to the part before; -1: the reverse.

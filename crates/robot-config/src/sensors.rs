@@ -1,12 +1,11 @@
 //! `[[ft_sensor]]` and `[imu]`.
 
 use crate::general::name;
-use crate::parameters::{FtParameters, ImuParameters};
+use crate::parameters::{FtParameters, FtSensor, ImuParameters};
 use crate::reader::{Allowed, Section};
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Use, Way, Wiring};
-use estimators::whole_body::FtSensorParameters;
 use robot_state::{MAX_FT_SENSORS, Wrench};
 
 const LINK: &str = "the name of a link of the URDF";
@@ -66,7 +65,7 @@ fn ft_sensor(
     }
     let [fx, fy, fz, tx, ty, tz] = tare;
     Some(FtParameters {
-        sensor: FtSensorParameters {
+        sensor: FtSensor {
             name,
             frame: frame?.value.to_owned(),
             contact_link: contact_link.map(|link| link.value.to_owned()),

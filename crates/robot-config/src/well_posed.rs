@@ -1,47 +1,112 @@
 //! Whether torques follow from the sensors, told where the configuration says otherwise.
 
+use crate::parameters::Parameters;
 use crate::reader::Section;
-use dynamics::Model;
-use estimators::whole_body::{WholeBody, WholeBodyError, WholeBodyParameters};
+use crate::whole_body::{FilterGains, whole_body_parameters};
+use dynamics::{Base, Model};
+use whole_body::{WholeBody, WholeBodyError, part_of_link};
 
 /// Notes why the whole-body estimator refuses the sensors, if it does.
-pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &WholeBodyParameters) {
-    use WholeBodyError as E;
-    let Err(error) = WholeBody::new(model, parameters) else {
+pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) {
+    let gains = FilterGains {
+        sensor: [1.0; 2],
+        sigma_ddq: vec![0.0; parameters.joints.len()],
+    };
+    let Some(whole_body) = whole_body_parameters(parameters, model, &gains) else {
+        let section = root.optional_section("robot");
+        section.as_ref().unwrap_or(root).problem(
+            "base",
+            "a floating base needs an IMU: without it acceleration and weight are unknown",
+            "\"fixed\", or a table [imu]",
+        );
         return;
     };
+    if contacts_elsewhere(root, model, parameters) {
+        return;
+    }
+    if let Err(error) = WholeBody::new(model, &whole_body) {
+        tell(root, model, &error);
+    }
+}
+
+/// Notes contact links that do not lie on the part they are meant for.
+fn contacts_elsewhere(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) -> bool {
+    let sensors = || parameters.ft_sensors.iter().map(|ft| &ft.sensor);
+    let cuts: Vec<&str> = sensors().map(|s| s.frame.as_str()).collect();
+    let cuts_off = |link: &&str| {
+        let link = model.frame_index(link);
+        link.is_some_and(|l| model.frames()[l].parent.is_some())
+    };
+    if !cuts.iter().all(cuts_off) {
+        // That is told by the estimator.
+        return false;
+    }
+    let mut any = false;
+    for (s, sensor) in sensors().enumerate() {
+        let Some(link) = &sensor.contact_link else {
+            continue;
+        };
+        if part_of_link(model, &cuts, link).is_some_and(|part| part != s + 1) {
+            let what = format!(
+                "link {link} is not beyond the sensor, or lies beyond another one, which has a \
+                 contact of its own"
+            );
+            let allowed = "its own link and those it carries, up to the next sensors";
+            at_sensor(root, &sensor.name).problem("contact_link", what, allowed);
+            any = true;
+        }
+    }
+    let Some(link) = &parameters.unknown_wrench_link else {
+        return any;
+    };
+    let moves = (model.frame_index(link)).is_some_and(|l| model.frames()[l].body != 0);
+    let section = root.optional_section("whole_body");
+    let section = section.as_ref().unwrap_or(root);
+    if let Some(part @ 1..) = part_of_link(model, &cuts, link) {
+        let name = sensors().nth(part - 1).map_or("", |s| &s.name);
+        let what = format!(
+            "link {link} lies beyond F/T sensor {name}, whose contact wrench is unknown too: the two \
+             cannot be told apart"
+        );
+        section.problem("unknown_wrench_link", what, "links before every F/T sensor");
+        any = true;
+    } else if model.base() == Base::Fixed && moves {
+        let what = format!(
+            "link {link} moves, but the base is fixed, and the wrench of its mounting is unknown \
+             already"
+        );
+        section.problem(
+            "unknown_wrench_link",
+            what,
+            "links that do not move, or none",
+        );
+        any = true;
+    }
+    any
+}
+
+fn tell(root: &Section<'_, '_>, model: &Model, error: &WholeBodyError) {
+    use WholeBodyError as E;
     let text = error.to_string();
     let (what, allowed) = text.split_once("; allowed: ").unwrap_or((&text, ""));
-    match &error {
-        E::UnknownLink(_, link) => match naming(root, link) {
-            Some((section, key)) => {
-                let what = format!("the URDF has no link {link}");
-                section.problem(key, what, links(model));
-            }
-            None => root.problem("", what, allowed),
-        },
-        E::SensorOnRoot(sensor) | E::SameCut(_, sensor) => {
+    let unknown_link = |link: &str| match naming(root, link) {
+        Some((section, key)) => {
+            let what = format!("the URDF has no link {link}");
+            section.problem(key, what, links(model));
+        }
+        None => root.problem("", what, allowed),
+    };
+    match error {
+        E::UnknownLink(_, link) => unknown_link(link),
+        E::Contacts {
+            problem: whole_body::ContactProblem::UnknownLink(link),
+            ..
+        } => unknown_link(link),
+        E::SensorOnRoot(sensor) | E::SameCut(_, sensor, _) | E::SensorNamedTwice(sensor) => {
             at_sensor(root, sensor).problem("frame", what, allowed);
         }
-        E::ContactNotBeyond(sensor, _) | E::ContactBeyondOther(sensor, ..) => {
-            at_sensor(root, sensor).problem("contact_link", what, allowed);
-        }
-        E::UnknownWrenchBeyondSensor(..) | E::UnknownWrenchWithFixedBase(_) => {
-            let section = root.optional_section("whole_body");
-            let section = section.as_ref().unwrap_or(root);
-            section.problem("unknown_wrench_link", what, allowed);
-        }
-        E::NoImu => {
-            let section = root.optional_section("robot");
-            let allowed = "\"fixed\", or a table [imu]";
-            section
-                .as_ref()
-                .unwrap_or(root)
-                .problem("base", what, allowed);
-        }
-        E::UnknownJoint(_) | E::JointNotNamedOnce(_) | E::BadSigma(_) => {
-            root.problem("joint", what, allowed);
-        }
+        E::UnknownJoint(_) | E::JointNotNamedOnce(_) => root.problem("joint", what, allowed),
+        _ => root.problem("", what, allowed),
     }
 }
 

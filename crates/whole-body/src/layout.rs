@@ -241,6 +241,18 @@ impl Layout {
     }
 }
 
+/// The part of a link: 0 before every cut, else one more than the index of the nearest of `cuts`
+/// (links just beyond sensors) towards the root. None for a link that the model lacks.
+#[must_use]
+pub fn part_of_link(model: &Model, cuts: &[&str], link: &str) -> Option<usize> {
+    let cuts = cuts.iter().enumerate();
+    let cuts: Vec<(usize, usize)> = cuts
+        .filter_map(|(s, cut)| Some((model.frame_index(cut)?, s)))
+        .collect();
+    let place = part_of(model, &cuts, model.frame_index(link)?);
+    Some(place.checked_sub(1).map_or(0, |i| cuts[i].1 + 1))
+}
+
 /// Index of a link.
 pub(crate) fn find(model: &Model, what: &str, link: &str) -> Result<usize, WholeBodyError> {
     let unknown = || WholeBodyError::UnknownLink(what.to_owned(), link.to_owned());

@@ -31,6 +31,7 @@ pub use conditioning::FtConditioning;
 pub use cross_check::{Cause, CrossCheck, CrossCheckParameters, Sources};
 pub use error::{ContactProblem, WholeBodyError};
 pub use estimator::{ContactEstimate, PartEstimate, WholeBody, WholeBodyEstimate, WholeBodyInput};
+pub use layout::part_of_link;
 pub use momentum::{MomentumObserver, MomentumObserverParameters};
 pub use parameters::{
     ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,

@@ -167,6 +167,12 @@ fn sensors_must_be_where_the_estimator_can_use_them() {
         "contact_link",
         &["ft_sensor.contact_link (ankle): ", "not beyond"],
     );
+    let files = leg_with("= \"base_link\"", "= \"ankle_ft\"");
+    let parts = [
+        "whole_body.unknown_wrench_link: ",
+        "beyond F/T sensor ankle",
+    ];
+    refused(&files, LEG, "unknown_wrench_link", &parts);
 }
 
 #[test]

@@ -58,6 +58,7 @@ fn joint_parts(config: &Robot) -> Vec<(JointEstimatorParameters, CurrentParamete
                 k_1: n * w.torque_constant,
                 k_2: n * n * w.viscous_friction,
                 k_3: n * w.friction,
+                k_4: 0.0,
                 inertia: n * n * j.rotor_inertia,
                 offset: 0.0,
                 sign_smoothing: 0.02,

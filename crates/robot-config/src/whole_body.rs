@@ -1,0 +1,84 @@
+//! What the whole-body estimator is to use, as the configuration says it.
+
+use crate::parameters::{AngularAcceleration, FtParameters, Parameters};
+use dynamics::{Base, Model};
+use whole_body::{
+    ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
+    Place, Residual, Weighting, WholeBodyParameters,
+};
+
+/// How noise of the sensors reaches the estimator through the filters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilterGains {
+    /// Of a sensor's value, and of its rate, per unit of noise.
+    pub sensor: [f64; 2],
+    /// Standard deviation of each joint's acceleration, rad/s².
+    pub sigma_ddq: Vec<f64>,
+}
+
+/// The estimator's parameters: a full wrench beyond each F/T sensor on its contact link, and the
+/// unknown wrench (D 2.4), last of the contacts. None for a floating base without an IMU.
+#[must_use]
+pub fn whole_body_parameters(
+    parameters: &Parameters,
+    model: &Model,
+    gains: &FilterGains,
+) -> Option<WholeBodyParameters> {
+    let [value, rate] = gains.sensor;
+    let ft_sensor = |ft: &FtParameters| FtSensorParameters {
+        name: ft.sensor.name.clone(),
+        cut: ft.sensor.frame.clone(),
+        frame: Place::link(&ft.sensor.frame),
+        sigma_force: value * ft.sensor.sigma_force,
+        sigma_torque: value * ft.sensor.sigma_torque,
+    };
+    let source = match (model.base(), &parameters.imu) {
+        (Base::Fixed, _) => MotionSource::Fixed {
+            link: root(model),
+            gravity: model.gravity(),
+        },
+        (Base::Floating, Some(imu)) => MotionSource::Imu(ImuParameters {
+            frame: Place::link(&imu.frame),
+            sigma_accelerometer: value * imu.sigma_accelerometer,
+            sigma_angular_acceleration: match parameters.angular_acceleration {
+                AngularAcceleration::Differentiate => rate * imu.sigma_gyro,
+                AngularAcceleration::Neglect => 0.0,
+            },
+        }),
+        (Base::Floating, None) => return None,
+    };
+    let touched = |ft: &FtParameters| {
+        ft.sensor
+            .contact_link
+            .clone()
+            .unwrap_or(ft.sensor.frame.clone())
+    };
+    let unknown = parameters
+        .unknown_wrench_link
+        .clone()
+        .unwrap_or_else(|| root(model));
+    let links = parameters.ft_sensors.iter().map(touched).chain([unknown]);
+    let contacts = links.map(|link| ContactParameters {
+        link,
+        point: [0.0; 3].into(),
+        kind: ContactKind::FullWrench,
+    });
+    Some(WholeBodyParameters {
+        joints: parameters.joints.iter().map(|j| j.name.clone()).collect(),
+        sigma_ddq: gains.sigma_ddq.clone(),
+        ft_sensors: parameters.ft_sensors.iter().map(ft_sensor).collect(),
+        source,
+        hypotheses: vec![Hypothesis {
+            name: String::new(),
+            contacts: contacts.collect(),
+        }],
+        weighting: Weighting::Unit,
+        residual: Residual::Stays,
+        sigma_model: 0.0,
+    })
+}
+
+fn root(model: &Model) -> String {
+    let root = model.frames().iter().find(|f| f.parent.is_none());
+    root.map_or(String::new(), |f| f.name.clone())
+}
