@@ -24,7 +24,7 @@ pub struct JointSample {
 
 /// A source of one joint's torque that is fed once a cycle.
 ///
-/// Every implementation passes the same conformance suite (`tests/conformance.rs`): finite output
+/// Every implementation passes the same conformance suite (`tests/conformance`): finite output
 /// for any input, saturation and never wrapping, recovery after a gap, the same output from the
 /// same samples, no allocation, sign symmetry, continuity.
 pub trait JointTorqueEstimator {
