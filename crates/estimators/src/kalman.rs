@@ -293,27 +293,34 @@ impl<const N: usize> Points<N> {
         })
     }
 
-    /// Every point with its weight.
-    fn each(&self, mut f: impl FnMut(f64, SVector<f64, N>)) {
-        for column in self.steps.column_iter() {
-            f(self.weight, self.centre + column);
-            f(self.weight, self.centre - column);
-        }
+    /// What a model makes of every point, each less its image of the centre: theta is large and its
+    /// spread small.
+    fn images<const M: usize>(
+        &self,
+        origin: &SVector<f64, M>,
+        model: impl Fn(&SVector<f64, N>) -> SVector<f64, M>,
+    ) -> [[SVector<f64, M>; N]; 2] {
+        [1.0, -1.0].map(|side| {
+            std::array::from_fn(|k| model(&(self.centre + self.steps.column(k) * side)) - origin)
+        })
     }
 
     fn through(
         &self,
         model: impl Fn(&SVector<f64, N>) -> SVector<f64, N>,
     ) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
-        // Relative to the centre's image: theta is large and its spread small.
         let origin = model(&self.centre);
+        let images = self.images(&origin, model);
         let mut mean = SVector::zeros();
-        self.each(|w, x| mean += (model(&x) - origin) * w);
+        images
+            .iter()
+            .flatten()
+            .for_each(|image| mean += image * self.weight);
         let mut covariance = SMatrix::zeros();
-        self.each(|w, x| {
-            let d = model(&x) - origin - mean;
-            covariance += d * d.transpose() * w;
-        });
+        for image in images.iter().flatten() {
+            let d = image - mean;
+            covariance += d * d.transpose() * self.weight;
+        }
         (origin + mean, covariance)
     }
 
@@ -322,14 +329,20 @@ impl<const N: usize> Points<N> {
         model: impl Fn(&SVector<f64, N>) -> Vector2<f64>,
     ) -> (Vector2<f64>, Matrix2<f64>, SMatrix<f64, N, 2>) {
         let origin = model(&self.centre);
+        let images = self.images(&origin, model);
         let mut mean = Vector2::zeros();
-        self.each(|w, x| mean += (model(&x) - origin) * w);
+        images
+            .iter()
+            .flatten()
+            .for_each(|image| mean += image * self.weight);
         let (mut covariance, mut cross) = (Matrix2::zeros(), SMatrix::zeros());
-        self.each(|w, x| {
-            let d = model(&x) - origin - mean;
-            covariance += d * d.transpose() * w;
-            cross += (x - self.centre) * d.transpose() * w;
-        });
+        for (side, images) in [1.0, -1.0].into_iter().zip(&images) {
+            for (step, image) in self.steps.column_iter().zip(images) {
+                let d = image - mean;
+                covariance += d * d.transpose() * self.weight;
+                cross += step * (d.transpose() * (side * self.weight));
+            }
+        }
         (origin + mean, covariance, cross)
     }
 }
