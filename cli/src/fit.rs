@@ -161,8 +161,16 @@ fn told(bar: &ProgressBar) -> impl FnMut(f64, &str) {
     }
 }
 
-/// The out file's name without `.toml`, from which trained files' names are made.
+/// The out file's name without `.toml`, from which trained files' names are made. Asked before the
+/// fit, which takes a while: nobody should lose it to a folder that is not there.
 fn stem(out: &Path) -> Result<String, String> {
+    let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        let (out, folder) = (out.display(), folder.display());
+        return Err(format!(
+            "--out {out}: {folder} is not a folder; allowed: one that is there"
+        ));
+    }
     let toml = out.extension().is_some_and(|extension| extension == "toml");
     match out.file_stem().and_then(|stem| stem.to_str()) {
         Some(stem) if toml => Ok(stem.to_owned()),

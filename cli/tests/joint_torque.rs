@@ -199,6 +199,8 @@ fn bad_input_is_named_with_file_and_line() {
         name.contains("--out out.csv: allowed: a name in .toml"),
         "{name}"
     );
+    let nowhere = message("fit current --joint joint.toml --log run.csv -o nowhere/out.toml");
+    assert!(nowhere.contains("nowhere is not a folder"), "{nowhere}");
     assert!(
         !folder.join("out.toml").exists(),
         "nothing is written that was not fitted"
