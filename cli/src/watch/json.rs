@@ -4,7 +4,8 @@ use super::words;
 use serde_json::{Map, Value, json};
 use torqued_client::Record;
 use torqued_client::robot_state::{
-    Description, Event, FtRecord, ImuRecord, JointRecord, LoopRecord, TorqueEstimate, Wrench,
+    CycleRecord, Description, Event, FtRecord, ImuRecord, JointRecord, LoopRecord, TorqueEstimate,
+    Wrench,
 };
 
 pub(super) fn object(description: &Description, record: &Record) -> Value {
@@ -23,6 +24,7 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
         "stamp_ns": cycle.stamp_ns,
         "mode": words::mode(cycle.mode),
         "fault": fault(cycle.fault),
+        "warning": warning(description, cycle),
         "filter_delay_s": cycle.filter_delay_s,
         "joints": joints.map(|(name, j)| joint(name.as_str(), j)).collect::<Vec<_>>(),
         "ft": sensors.map(|(name, s)| ft_sensor(name.as_str(), s)).collect::<Vec<_>>(),
@@ -45,6 +47,18 @@ fn fault(number: u32) -> Value {
         "cause": event.map(|e| e.cause()),
         "config_key": event.map(|e| e.config_key()),
     })
+}
+
+fn warning(description: &Description, cycle: &CycleRecord) -> Value {
+    match words::warning(description, cycle) {
+        None => Value::Null,
+        Some((event, subject)) => json!({
+            "number": event.number(),
+            "name": event.name(),
+            "cause": event.cause(),
+            "subject": subject,
+        }),
+    }
 }
 
 fn joint(name: &str, joint: &JointRecord) -> Value {

@@ -18,6 +18,15 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         words::mode(cycle.mode),
         fault(cycle.fault),
     );
+    if let Some((event, subject)) = words::warning(description, cycle) {
+        let _ = writeln!(
+            out,
+            "warning {} {} ({subject}): {}",
+            event.number(),
+            event.name(),
+            event.cause()
+        );
+    }
     let _ = writeln!(out, "{}", joints(description, cycle));
     if cycle.ft_count > 0 {
         let _ = writeln!(out, "{}", ft_sensors(description, cycle));

@@ -1,7 +1,8 @@
 //! Numbers of a record in words.
 
 use torqued_client::robot_state::{
-    Event, JointRecord, control_flags, measured_flags, mode, torque_flags, torque_source,
+    CycleRecord, Description, Event, JointRecord, control_flags, measured_flags, mode,
+    torque_flags, torque_source,
 };
 
 const MEASURED: &[(u32, &str)] = &[
@@ -21,6 +22,21 @@ const CONTROL: &[(u32, &str)] = &[
     (control_flags::TORQUE_LIMITED, "torque_limited"),
     (control_flags::DELTA_Q_LIMITED, "delta_q_limited"),
 ];
+
+/// The cross-check's warning that stands, and the joint or sensor that it is about.
+pub(super) fn warning<'a>(
+    description: &'a Description,
+    cycle: &CycleRecord,
+) -> Option<(Event, &'a str)> {
+    let event = Event::from_number(cycle.warning)?;
+    let of_sensor = matches!(event, Event::FtDrift | Event::MissingContact);
+    let names: &[_] = match of_sensor {
+        true => &description.ft_names,
+        false => &description.joint_names,
+    };
+    let name = names.get(cycle.warning_subject as usize);
+    Some((event, name.map_or("?", |name| name.as_str())))
+}
 
 pub(super) fn measured(flags: u32) -> Vec<String> {
     words(flags, MEASURED)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 20
+EVENT_COUNT = 25
 
 
 class Mode(IntEnum):
@@ -80,6 +80,11 @@ EVENTS = (
     Event(201, "torque_saturated", "An estimated torque reached the joint's limit and was saturated.", "joint.torque_limit_Nm", "count"),
     Event(202, "encoder_jump", "An encoder moved further in one cycle than its joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "count"),
     Event(203, "estimate_not_finite", "An estimator produced NaN or infinity; its output was marked invalid.", "-", "count"),
+    Event(204, "encoder_slip", "The encoders of one joint disagree with F/T sensors and current for longer than allowed: an encoder has probably slipped.", "cross_check.encoder_per_cent", "count"),
+    Event(205, "ft_drift", "An F/T sensor disagrees with the encoders of the joints that carry it: it has probably drifted.", "cross_check.encoder_per_cent", "count"),
+    Event(206, "torque_constant", "A joint's current tells another size of torque than encoders and F/T sensors: its torque constant is probably wrong.", "cross_check.current_ratio_min / cross_check.current_ratio_max", "count"),
+    Event(207, "torque_sign", "A joint's current tells the opposite of encoders and F/T sensors: its sign is probably wrong.", "cross_check.current_load_per_cent", "count"),
+    Event(208, "missing_contact", "Something touches the limb of an F/T sensor where no contact is declared.", "cross_check.residual_sigmas", "count"),
     Event(301, "reference_not_finite", "A client sent NaN or infinity.", "-", "hold"),
     Event(302, "reference_stale", "A client stopped sending references.", "loop.reference_timeout_ms", "hold"),
     Event(303, "reference_rejected", "A client asked for an unknown mode or sent the wrong number of joints.", "-", "hold"),
@@ -241,7 +246,7 @@ class ImuRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """17584 bytes."""
+    """17632 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -256,6 +261,10 @@ class CycleRecord(ctypes.Structure):
         ("joint_count", ctypes.c_uint32),
         # F/T sensors in use.
         ("ft_count", ctypes.c_uint32),
+        # Number of the cross-check's event that stands first, or 0.
+        ("warning", ctypes.c_uint32),
+        # The joint that `warning` is about, or the F/T sensor (events 205 and 208).
+        ("warning_subject", ctypes.c_uint32),
         # Delay of the filtered quantities, s.
         ("filter_delay_s", ctypes.c_double),
         # The joints, in config order.
@@ -269,7 +278,7 @@ class CycleRecord(ctypes.Structure):
         # Expected standard deviation of `unknown_wrench`.
         ("unknown_wrench_sigma", Wrench),
         # How often each event occurred since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 20),
+        ("events", ctypes.c_uint64 * 25),
     ]
 
 
@@ -299,7 +308,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """17656 bytes."""
+    """17704 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -367,6 +376,6 @@ class Reference(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#5bb287196f847b81")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#904906ecd41cfa74")
 Description.type_name = staticmethod(lambda: "torqued::Description#b073ea6d3f025046")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#97e2711f8c0f0ab1")

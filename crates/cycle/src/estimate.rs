@@ -15,6 +15,7 @@ use core::fmt;
 use whole_body::{WholeBody, WholeBodyInput};
 
 use crate::CycleError;
+use crate::cross_check::Watch;
 use crate::events::Counts;
 use crate::measure::Measure;
 
@@ -22,6 +23,7 @@ use crate::measure::Measure;
 pub(crate) struct Estimate {
     joints: Vec<AnyEstimator>,
     whole_body: WholeBody,
+    watch: Option<Watch>,
     angular_acceleration: AngularAcceleration,
     torque_limits: Vec<f64>,
     q: Vec<f64>,
@@ -51,13 +53,16 @@ impl Estimate {
     pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
         let parameters = &robot.parameters;
         let n = parameters.joints.len();
+        let whole_body = whole_body(robot)?;
         Ok(Self {
+            watch: (parameters.cross_check.as_ref())
+                .map(|settings| Watch::new(robot, &whole_body, settings)),
             joints: parameters
                 .joints
                 .iter()
                 .map(joint_estimator)
                 .collect::<Result<_, _>>()?,
-            whole_body: whole_body(robot)?,
+            whole_body,
             angular_acceleration: parameters.angular_acceleration,
             torque_limits: parameters.joints.iter().map(|j| j.limits.torque).collect(),
             q: vec![0.0; n],
@@ -88,6 +93,9 @@ impl Estimate {
             };
         }
         self.update_whole_body(measure, record, counts);
+        if let Some(watch) = &mut self.watch {
+            watch.update(measure.samples(), &self.whole_body, record, counts);
+        }
     }
 
     fn update_whole_body(

@@ -5,6 +5,7 @@
 #![deny(unsafe_code)]
 
 mod command;
+mod cross_check;
 mod decide;
 mod emit;
 mod estimate;

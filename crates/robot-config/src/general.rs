@@ -1,6 +1,8 @@
 //! `[robot] [loop] [[bus]] [filters] [whole_body] [control]`.
 
-use crate::parameters::{AngularAcceleration, BusParameters, RealTime, Timing, TorqueFeedback};
+use crate::parameters::{
+    AngularAcceleration, BusParameters, CrossCheckSettings, RealTime, Timing, TorqueFeedback,
+};
 use crate::reader::{Allowed, Notes, Section};
 use crate::{Read, paths, unreadable};
 use dynamics::Base;
@@ -252,6 +254,34 @@ pub(crate) fn estimation(root: &Section<'_, '_>) -> Estimation {
         section.finish();
     }
     estimation
+}
+
+/// `[cross_check]`.
+pub(crate) fn cross_check(root: &Section<'_, '_>) -> Option<CrossCheckSettings> {
+    let section = root.optional_section("cross_check")?;
+    let positive = |key, default| section.number_or(key, default, Allowed::Positive);
+    let settings = CrossCheckSettings {
+        encoder_share: 0.01 * positive("encoder_per_cent", 4.0),
+        current_load_share: 0.01 * positive("current_load_per_cent", 12.0),
+        current_ratio: [
+            positive("current_ratio_min", 0.6),
+            positive("current_ratio_max", 1.5),
+        ],
+        residual_ratio: positive("residual_sigmas", 8.0),
+        average: positive("average_s", 0.25),
+        hold: positive("hold_s", 0.4),
+    };
+    if settings.current_ratio[0] >= 1.0 || settings.current_ratio[1] <= 1.0 {
+        let what =
+            "the normal ratio of the current's torque to the others' must lie on both sides of 1";
+        section.problem(
+            "current_ratio_min",
+            what,
+            "current_ratio_min < 1 < current_ratio_max",
+        );
+    }
+    section.finish();
+    Some(settings)
 }
 
 /// The text of a file that the section names.

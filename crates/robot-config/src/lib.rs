@@ -104,6 +104,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let [encoder_filter, sensor_filter, control_filter] =
         general::filters(&root, timing.sample_period);
     let estimation = general::estimation(&root);
+    let cross_check = general::cross_check(&root);
     let drives = drives::read(&root);
 
     let model = named.as_ref().and_then(|named| {
@@ -132,6 +133,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
         control_filter,
         angular_acceleration: estimation.angular_acceleration,
         unknown_wrench_link: estimation.unknown_wrench_link,
+        cross_check,
         torque_feedback: estimation.torque_feedback,
         k_f: estimation.k_f,
         joints,

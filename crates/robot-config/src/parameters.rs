@@ -31,6 +31,8 @@ pub struct Parameters {
     pub angular_acceleration: AngularAcceleration,
     /// The link that an unknown wrench may act on (D 2.4); the root if none is named.
     pub unknown_wrench_link: Option<String>,
+    /// How torque sources watch each other; none: they do not.
+    pub cross_check: Option<CrossCheckSettings>,
     /// Which torque estimate is fed back.
     pub torque_feedback: TorqueFeedback,
     /// K_f: gain on the contact force error (D12), 1.
@@ -141,6 +143,23 @@ impl JointParameters {
     pub fn takes_position(&self) -> bool {
         matches!(self.motor, MotorModel::Position { .. })
     }
+}
+
+/// When torque sources of a joint disagree.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CrossCheckSettings {
+    /// Normal difference of encoders and F/T sensors, as a share of the torque limit, 1.
+    pub encoder_share: f64,
+    /// Torque from which on the current is judged, as a share of the torque limit, 1.
+    pub current_load_share: f64,
+    /// Smallest and largest normal ratio of the current's torque to the others'.
+    pub current_ratio: [f64; 2],
+    /// Normal residual of a part, in standard deviations.
+    pub residual_ratio: f64,
+    /// Time over which differences are averaged, s.
+    pub average: f64,
+    /// How long a disagreement must last, s.
+    pub hold: f64,
 }
 
 /// What the whole-body estimator needs to know of an F/T sensor.

@@ -90,6 +90,11 @@ events! {
     TorqueSaturated = 201, "torque_saturated", Count, "joint.torque_limit_Nm", "An estimated torque reached the joint's limit and was saturated.";
     EncoderJump = 202, "encoder_jump", Count, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than its joint can; the sample was not used.";
     EstimateNotFinite = 203, "estimate_not_finite", Count, "-", "An estimator produced NaN or infinity; its output was marked invalid.";
+    EncoderSlip = 204, "encoder_slip", Count, "cross_check.encoder_per_cent", "The encoders of one joint disagree with F/T sensors and current for longer than allowed: an encoder has probably slipped.";
+    FtDrift = 205, "ft_drift", Count, "cross_check.encoder_per_cent", "An F/T sensor disagrees with the encoders of the joints that carry it: it has probably drifted.";
+    TorqueConstant = 206, "torque_constant", Count, "cross_check.current_ratio_min / cross_check.current_ratio_max", "A joint's current tells another size of torque than encoders and F/T sensors: its torque constant is probably wrong.";
+    TorqueSign = 207, "torque_sign", Count, "cross_check.current_load_per_cent", "A joint's current tells the opposite of encoders and F/T sensors: its sign is probably wrong.";
+    MissingContact = 208, "missing_contact", Count, "cross_check.residual_sigmas", "Something touches the limb of an F/T sensor where no contact is declared.";
     ReferenceNotFinite = 301, "reference_not_finite", Hold, "-", "A client sent NaN or infinity.";
     ReferenceStale = 302, "reference_stale", Hold, "loop.reference_timeout_ms", "A client stopped sending references.";
     ReferenceRejected = 303, "reference_rejected", Hold, "-", "A client asked for an unknown mode or sent the wrong number of joints.";

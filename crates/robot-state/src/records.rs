@@ -247,6 +247,10 @@ record! {
         pub joint_count: u32,
         /// F/T sensors in use.
         pub ft_count: u32,
+        /// Number of the cross-check's event that stands first, or 0.
+        pub warning: u32,
+        /// The joint that `warning` is about, or the F/T sensor (events 205 and 208).
+        pub warning_subject: u32,
         /// Delay of the filtered quantities, s.
         pub filter_delay_s: f64,
         /// The joints, in config order.

@@ -10,8 +10,8 @@
 //! - it differs on joints farther in, but not on those nearest to the sensor: something touches the
 //!   limb between; or a part's residual is beyond what its sensors explain while the joints nearest
 //!   to it agree: something touches a part that was declared untouched;
-//! - under load the current's torque is another multiple of what the other two agree on: its torque
-//!   constant is wrong, or its sign.
+//! - under load the current's torque is another multiple of the F/T sensors', which the encoders
+//!   about confirm: its torque constant is wrong, or its sign.
 
 use crate::estimator::WholeBody;
 
@@ -61,7 +61,7 @@ pub struct CrossCheckParameters {
     /// Per joint: torque from which on the current's can be judged, N·m: several
     /// times the friction.
     pub current_load: Vec<f64>,
-    /// Smallest and largest ratio of the current's torque to the others' that are normal.
+    /// Smallest and largest ratio of the current's torque to the F/T sensors' that are normal.
     pub current_ratio: [f64; 2],
     /// Residual of a part that is normal, in its standard deviations.
     pub residual_ratio: f64,
@@ -94,7 +94,7 @@ struct Joint {
     /// |current - F/T| - |current - encoder| / 2: below zero if the current clearly sides with the
     /// F/T sensors.
     aside: f64,
-    /// Current's torque times the mean of the others, and that mean squared.
+    /// Current's torque times the F/T sensors', and that squared.
     /// Both while there is load.
     product: f64,
     square: f64,
@@ -282,11 +282,13 @@ impl CrossCheck {
         ratios.any(|ratio| ratio > p.residual_ratio)
     }
 
-    /// What multiple of the others' torque the current's is, if they agree and there is load now.
+    /// What multiple of the F/T sensors' torque the current's is, if those can be trusted and there
+    /// is load now.
     fn current_ratio(&self, joint: usize) -> Option<f64> {
         let j = self.joints.get(joint)?;
         // A current that is wrong moves the encoders' torque too, by the wave generator's term.
-        let judged = j.loaded && j.square > 0.0 && !self.differs(joint, 3.0);
+        let judged =
+            j.loaded && j.square > 0.0 && !self.differs(joint, 3.0) && !self.of_a_limb(joint);
         judged.then(|| j.product / j.square)
     }
 }
@@ -323,11 +325,10 @@ impl Joint {
         self.difference += share * (e - w - self.difference);
         let nearer = (c - w).abs() - 0.5 * (c - e).abs();
         self.aside += share * (nearer - self.aside);
-        let others = 0.5 * (e + w);
-        self.loaded = others.abs() > load;
+        self.loaded = w.abs() > load;
         if self.loaded {
-            self.product += share * (c * others - self.product);
-            self.square += share * (others * others - self.square);
+            self.product += share * (c * w - self.product);
+            self.square += share * (w * w - self.square);
         }
     }
 }

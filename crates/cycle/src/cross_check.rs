@@ -1,0 +1,125 @@
+//! Cross-check: torques from encoders, F/T sensors and current watch each other.
+
+use estimators::current_based::{CurrentEstimator, CurrentParameters};
+use estimators::joint::{JointSample, JointTorqueEstimator};
+use robot_config::{CrossCheckSettings, JointParameters, Robot};
+use robot_state::{CycleRecord, Event, TorqueEstimate, torque_flags};
+use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
+
+use crate::events::Counts;
+
+/// Low-pass of the current's torque.
+const POLE: f64 = 0.9;
+/// |dq| over which friction changes sign, rad/s.
+const SIGN_SMOOTHING: f64 = 0.02;
+
+/// The check and the current's torques that it needs.
+#[derive(Debug)]
+pub(crate) struct Watch {
+    check: CrossCheck,
+    currents: Vec<CurrentEstimator>,
+    sources: Vec<Sources>,
+    /// What was named in the cycle before.
+    named: Vec<Cause>,
+}
+
+impl Watch {
+    pub(crate) fn new(
+        robot: &Robot,
+        whole_body: &WholeBody,
+        settings: &CrossCheckSettings,
+    ) -> Self {
+        let p = &robot.parameters;
+        let limits = |share: f64| p.joints.iter().map(|j| share * j.limits.torque).collect();
+        let check = CrossCheckParameters {
+            sample_period: p.timing.sample_period,
+            window: p.sensor_filter.window,
+            average: settings.average,
+            hold: settings.hold,
+            encoder_threshold: limits(settings.encoder_share),
+            current_load: limits(settings.current_load_share),
+            current_ratio: settings.current_ratio,
+            residual_ratio: settings.residual_ratio,
+            residual_floor: [0.5, 0.05],
+        };
+        let n = p.joints.len();
+        Self {
+            check: CrossCheck::new(whole_body, check),
+            currents: (p.joints.iter())
+                .map(|j| CurrentEstimator::new(current(j, p.timing.sample_period)))
+                .collect(),
+            sources: vec![Sources::default(); n],
+            named: Vec::with_capacity(3 * n + 2 * p.ft_sensors.len()),
+        }
+    }
+
+    pub(crate) fn update(
+        &mut self,
+        samples: &[JointSample],
+        whole_body: &WholeBody,
+        record: &mut CycleRecord,
+        counts: &mut Counts,
+    ) {
+        let valid = |e: &TorqueEstimate| {
+            // A saturated torque says nothing but its sign.
+            let usable = torque_flags::VALID | torque_flags::SATURATED;
+            (e.flags & usable == torque_flags::VALID).then_some(e.tau)
+        };
+        for (j, sample) in samples.iter().enumerate() {
+            let joint = &record.joints[j];
+            let sample = JointSample {
+                dq: joint.measured.dq,
+                ..*sample
+            };
+            self.sources[j] = Sources {
+                encoder: valid(&joint.tau_encoder),
+                whole_body: valid(&joint.tau_whole_body),
+                current: valid(&self.currents[j].update(&sample)),
+            };
+        }
+        let found = self.check.update(&self.sources, whole_body);
+        for cause in found {
+            if !self.named.contains(cause) {
+                counts.add(event(*cause).0);
+            }
+        }
+        let (warning, subject) = found.first().map_or((0, 0), |cause| {
+            let (event, subject) = event(*cause);
+            (event.number(), subject as u32)
+        });
+        (record.warning, record.warning_subject) = (warning, subject);
+        self.named.clear();
+        self.named.extend_from_slice(found);
+    }
+}
+
+/// The event of a cause, and the joint or sensor that it is about.
+fn event(cause: Cause) -> (Event, usize) {
+    match cause {
+        Cause::EncoderSlip { joint } => (Event::EncoderSlip, joint),
+        Cause::FtDrift { sensor } => (Event::FtDrift, sensor),
+        Cause::TorqueConstant { joint } => (Event::TorqueConstant, joint),
+        Cause::TorqueSign { joint } => (Event::TorqueSign, joint),
+        Cause::MissingContact { sensor } => (Event::MissingContact, sensor),
+    }
+}
+
+/// The drive's data as the current's torque needs them, link side.
+fn current(joint: &JointParameters, sample_period: f64) -> CurrentParameters {
+    let e = &joint.estimator;
+    let (n, motor) = (e.gear_ratio, &e.wave_generator);
+    CurrentParameters {
+        k_1: n * motor.torque_constant,
+        k_2: n * n * motor.viscous_friction,
+        k_3: n * motor.friction,
+        k_4: 0.0,
+        inertia: n * n * joint.rotor_inertia,
+        offset: 0.0,
+        sign_smoothing: SIGN_SMOOTHING,
+        low_pass_pole: POLE,
+        sigma: 0.0,
+        sample_period,
+        // Not limited where a wrong constant takes it.
+        torque_limit: 10.0 * joint.limits.torque,
+    }
+}
