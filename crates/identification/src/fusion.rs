@@ -11,6 +11,9 @@ const BLEND_S: f64 = 0.03;
 /// Samples below which a regime's own variance is not believed.
 const FEW: f64 = 500.0;
 
+/// Part of the variance seen that is taken for a source's own at least.
+const LEAST_PART: f64 = 0.02;
+
 /// Runs all sources over a log with a torque sensor and gathers how far each is off.
 ///
 /// The sources run causally, as in the loop, so that what lags counts as an error here too.
@@ -54,6 +57,8 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
             sum[regime].1 += e.sigma * e.sigma;
         }
     }
+    // The sensor's noise is no error of any source, but would make all of them look alike.
+    let sensor_noise = record.noise(&record.tau);
     let all: f64 = counts.iter().sum::<f64>().max(1.0);
     for (source, sums) in sums.iter().enumerate() {
         let total = sums.iter().fold((0.0, 0.0), |t, s| (t.0 + s.0, t.1 + s.1));
@@ -63,8 +68,9 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
             let own = count / (count + FEW);
             let mean =
                 |sum: f64, total: f64| own * sum / count.max(1.0) + (1.0 - own) * total / all;
+            let seen = mean(sum.0, total.0);
             parameters.errors[regime][source] = SourceError {
-                variance: mean(sum.0, total.0),
+                variance: (seen - sensor_noise * sensor_noise).max(LEAST_PART * seen),
                 reported: mean(sum.1, total.1).sqrt(),
             };
         }

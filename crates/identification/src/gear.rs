@@ -274,9 +274,6 @@ impl GearData {
 const FAST: [f64; 4] = [0.3, 0.5, 0.65, 0.8];
 const SLOW: [f64; 4] = [0.9, 0.95, 0.98, 0.99];
 
-/// Standard deviation of a normal variable over the median of its absolute value.
-const MEDIAN_TO_SIGMA: f64 = 1.4826;
-
 /// Times the noise found that the filter may count with.
 const NOISE: [f64; 3] = [1.0, 1.4, 2.0];
 /// Samples of a block of [`Errors::typical`].
@@ -331,16 +328,7 @@ pub fn tracking(
     error: &KinematicErrorParameters,
     estimator: impl Fn(TrackingParameters) -> HysteresisEstimator,
 ) -> (TrackingParameters, Errors) {
-    let torsion = torsion(record, error);
-    let smooth = record.smooth(&torsion, 0);
-    let rows: Vec<usize> = record.spread(MOST).collect();
-    // By the median: sudden loads are no noise, but would dominate a mean of squares.
-    let mut rests: Vec<f64> = rows
-        .iter()
-        .map(|&i| (torsion[i] - smooth[i]).abs())
-        .collect();
-    rests.sort_by(f64::total_cmp);
-    let sigma = MEDIAN_TO_SIGMA * rests.get(rests.len() / 2).copied().unwrap_or(0.0);
+    let sigma = record.noise(&torsion(record, error));
     let attempt = |poles, sigma| {
         let parameters = TrackingParameters { poles, sigma };
         (parameters, errors(record, &mut estimator(parameters)))
