@@ -96,12 +96,7 @@ fn report(arguments: &EstimateArguments) -> Result<String, String> {
     let (mut count, mut last) = (0u64, None::<f64>);
     let mut timed = Vec::new();
     while let Some(row) = log.next_row().map_err(|e| e.to_string())? {
-        bridge(
-            &mut front_end,
-            last.replace(row.t),
-            row.t,
-            joint.sample_period(),
-        );
+        front_end.bridge(last.replace(row.t), row.t);
         let sample = front_end.update(row.theta, row.q, row.current);
         if timed.len() < TIMED {
             timed.push(sample);
@@ -153,16 +148,6 @@ fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) ->
         std::hint::black_box(estimator.update(std::hint::black_box(sample)));
     }
     start.elapsed().as_secs_f64() * 1e9 / samples.len().max(1) as f64
-}
-
-/// Tells the filters of samples that the log lacks.
-fn bridge(front_end: &mut estimators::front_end::FrontEnd, last: Option<f64>, t: f64, period: f64) {
-    /// A longer gap than this is filled no further: the filters hold by then.
-    const MOST: f64 = 10_000.0;
-    let missing = last.map_or(0.0, |last| ((t - last) / period).round() - 1.0);
-    for _ in 0..missing.clamp(0.0, MOST) as usize {
-        front_end.update(f64::NAN, f64::NAN, f64::NAN);
-    }
 }
 
 pub(crate) fn read_joint(path: &Path) -> Result<JointFile, String> {

@@ -27,9 +27,9 @@ Examples:
 Exit codes:
   0  done
   1  the daemon could not be reached, or went away
-  2  bad input: arguments, configuration, URDF or DBC";
+  2  bad input: arguments, configuration, URDF, DBC, joint file or log";
 
-/// Look at robots that torqued runs, and at their configurations.
+/// Check, watch and calibrate robots that torqued runs, and evaluate their models.
 #[derive(Parser)]
 #[command(name = "torquectl", version, after_help = AFTER_HELP)]
 struct Arguments {

@@ -11,6 +11,7 @@ pub struct FrontEnd {
     encoders: JointEncoders,
     velocity: SavitzkyGolayBank,
     current: f64,
+    sample_period: f64,
 }
 
 impl FrontEnd {
@@ -28,6 +29,7 @@ impl FrontEnd {
             encoders: JointEncoders::new(parameters),
             velocity: SavitzkyGolayBank::new(2, filter)?,
             current: 0.0,
+            sample_period: parameters.sample_period,
         })
     }
 
@@ -52,6 +54,19 @@ impl FrontEnd {
             omega: rates[0],
             current: self.current,
             flags,
+        }
+    }
+
+    /// Tells the filters of the samples that a log lacks between `last` and `now`, s; before the
+    /// first sample there is no last.
+    pub fn bridge(&mut self, last: Option<f64>, now: f64) {
+        /// A longer gap than this is filled no further: the filters hold by then.
+        const MOST: f64 = 10_000.0;
+        let missing = last.map_or(0.0, |last| {
+            ((now - last) / self.sample_period).round() - 1.0
+        });
+        for _ in 0..missing.clamp(0.0, MOST) as usize {
+            self.update(f64::NAN, f64::NAN, f64::NAN);
         }
     }
 

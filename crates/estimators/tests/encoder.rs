@@ -1,6 +1,7 @@
 //! Encoders: unwrapping, jumps, gaps and skew.
 
 use estimators::encoder::{EncoderParameters, JointEncoders};
+use estimators::front_end::FrontEnd;
 use proptest::prelude::*;
 use robot_state::measured_flags::{JUMP, MISSED, NEVER};
 use std::f64::consts::TAU;
@@ -176,4 +177,34 @@ fn reset_forgets_the_turn() {
     encoders.update(0.0, 0.0);
     encoders.reset();
     assert!((encoders.update(wrapped(150.0), 1.5).theta - 150.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_gap_in_a_log_is_missed_samples() {
+    let parameters = EncoderParameters {
+        motor_wrap: f64::INFINITY,
+        ..parameters()
+    };
+    // Long enough to go on over four samples.
+    let window = 32;
+    let mut bridged = FrontEnd::new(parameters, window).unwrap();
+    let mut told = FrontEnd::new(parameters, window).unwrap();
+    let n = parameters.gear_ratio;
+    let mut last = None;
+    for k in (0..100).filter(|k| !(50..54).contains(k)) {
+        let (t, q) = (f64::from(k) * parameters.sample_period, 1e-3 * f64::from(k));
+        if k == 54 {
+            for _ in 0..4 {
+                told.update(f64::NAN, f64::NAN, f64::NAN);
+            }
+        }
+        bridged.bridge(last.replace(t), t);
+        let sample = bridged.update(n * q, q, 0.1);
+        assert_eq!(sample, told.update(n * q, q, 0.1));
+        assert!(
+            k < 32 || (sample.dq - 1.0).abs() < 1e-9,
+            "{k}: {}",
+            sample.dq
+        );
+    }
 }

@@ -70,13 +70,6 @@ impl Step {
         (Self::LocalGp, "local-gp", 0.2),
         (Self::Fusion, "fusion", 0.02),
     ];
-
-    /// The step of that name.
-    #[must_use]
-    pub fn named(name: &str) -> Option<Self> {
-        let found = Self::ALL.iter().find(|(_, n, _)| *n == name);
-        found.map(|(step, ..)| *step)
-    }
 }
 
 /// A fitted joint, and what each step found, in words.
@@ -86,8 +79,6 @@ pub struct Fitted {
     pub joint: JointFile,
     /// One line per step.
     pub report: Vec<String>,
-    /// Standard deviation of the skew, s.
-    pub skew_sigma: f64,
 }
 
 /// Fits everything; `progress` is told how far it is.
@@ -146,7 +137,6 @@ impl Fitted {
         Self {
             joint: joint.clone(),
             report: Vec::new(),
-            skew_sigma: 0.0,
         }
     }
 
@@ -262,20 +252,20 @@ impl Fitted {
     /// What the compliance left of the skew; the gear's springs tell it from friction.
     fn skew(&mut self, train: &[LogRow]) -> Result<(), FitError> {
         let error = self.joint.kinematic_error_parameters();
+        let mut left = (0.0, 0.0);
         for _ in 0..2 {
             let record = Record::new(&self.joint, train)?;
-            let (skew, sigma) = gear::hysteresis(&record, &error)?.skew;
-            if skew.abs() <= SKEW_SIGNIFICANCE * sigma {
+            left = gear::hysteresis(&record, &error)?.skew;
+            if left.0.abs() <= SKEW_SIGNIFICANCE * left.1 {
                 break;
             }
-            self.add_skew(skew);
-            self.skew_sigma = sigma;
+            self.add_skew(left.0);
         }
         let skew = self.joint.encoders.as_ref().map_or(0.0, |e| e.skew);
         self.note(format!(
             "skew: motor-side encoder {:.4} ms later than the link-side one (95 % within ±{:.4} ms)",
             1e3 * skew,
-            1.96e3 * self.skew_sigma
+            1.96e3 * left.1
         ));
         Ok(())
     }
@@ -330,7 +320,9 @@ impl Fitted {
         });
         table.tracking_poles = tracking.poles;
         table.tracking_sigma = tracking.sigma;
-        table.torsion_sigma *= errors.rms / errors.sigma;
+        if errors.sigma > 0.0 {
+            table.torsion_sigma *= errors.rms / errors.sigma;
+        }
         self.note(format!(
             "hysteresis: {springs} springs, {width:.2} N·m wide, {:.4} N·m RMS left, in the loop \
              {:.4} N·m with poles {:.2?}",

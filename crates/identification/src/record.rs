@@ -37,15 +37,10 @@ impl Record {
     pub fn new(joint: &JointFile, rows: &[LogRow]) -> Result<Self, crate::FitError> {
         let mut front_end = joint.front_end()?;
         let sample_period = joint.sample_period();
-        let mut last = rows.first().map_or(0.0, |row| row.t - sample_period);
+        let mut last = None;
         let mut samples = Vec::with_capacity(rows.len());
         for row in rows {
-            // Rows that the log lacks are missed samples to the filters.
-            let missing = ((row.t - last) / sample_period).round() as usize;
-            for _ in 1..missing.clamp(1, 10_000) {
-                front_end.update(f64::NAN, f64::NAN, f64::NAN);
-            }
-            last = row.t;
+            front_end.bridge(last.replace(row.t), row.t);
             samples.push(front_end.update(row.theta, row.q, row.current));
         }
         let tau = rows.iter().map(|row| row.tau_sensor).collect();
