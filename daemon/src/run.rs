@@ -112,6 +112,7 @@ impl Looper {
                     .map_or_else(Wanted::default, |(reference, arrived_ns)| Wanted {
                         reference: Some(reference),
                         age_s: wake.woke_ns.saturating_sub(arrived_ns) as f64 * 1e-9,
+                        settings: None,
                     });
             let record = self.control_loop.run_cycle(&wake, &wanted);
             self.records.send(record);

@@ -178,7 +178,7 @@ class JointControl(ctypes.Structure):
 
 
 class JointRecord(ctypes.Structure):
-    """248 bytes."""
+    """328 bytes."""
 
     _fields_ = [
         # What the sensors saw.
@@ -187,6 +187,16 @@ class JointRecord(ctypes.Structure):
         ("tau_encoder", TorqueEstimate),
         # Torque from F/T sensors and IMU (D 2).
         ("tau_whole_body", TorqueEstimate),
+        # Torque from the current less friction (D3); not valid without `[cross_check]`.
+        ("tau_current", TorqueEstimate),
+        # tau_hat: torque now, from encoders, F/T sensors and rigid-body model.
+        ("tau_hat", TorqueEstimate),
+        # tau_ext: torque that the environment applies to the joint where no F/T sensor tells it, N·m; zero without `[external_torque]`.
+        ("tau_ext", ctypes.c_double),
+        # 1: `tau_ext` tells a contact.
+        ("contact", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
         # What is commanded.
         ("control", JointControl),
     ]
@@ -204,7 +214,7 @@ class Wrench(ctypes.Structure):
 
 
 class FtRecord(ctypes.Structure):
-    """160 bytes."""
+    """312 bytes."""
 
     _fields_ = [
         # Wrench that the part beyond the sensor applies to the part before it, in the sensor's frame, newest sample.
@@ -213,6 +223,14 @@ class FtRecord(ctypes.Structure):
         ("filtered", Wrench),
         # f_hat: wrench that the environment applies to the end-effector, at the sensor's frame, inertia and weight of the end-effector removed (D 2.2).
         ("contact", Wrench),
+        # What conditioning takes off the calibrated reading: config and tare.
+        ("offset", Wrench),
+        # What the contacts of the part beyond the sensor cannot explain, in the frame of the sensor's first link.
+        ("residual", Wrench),
+        # Expected standard deviation of `residual`; zero where the contacts explain anything.
+        ("residual_sigma", Wrench),
+        # Temperature, °C; zero if the sensor tells none.
+        ("temperature", ctypes.c_double),
         # Age of the newest sample, s.
         ("age_s", ctypes.c_double),
         # Bits of `measured_flags`.
@@ -246,7 +264,7 @@ class ImuRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """17632 bytes."""
+    """24072 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -265,6 +283,10 @@ class CycleRecord(ctypes.Structure):
         ("warning", ctypes.c_uint32),
         # The joint that `warning` is about, or the F/T sensor (events 205 and 208).
         ("warning_subject", ctypes.c_uint32),
+        # Place in `Description::contact_names` of the contacts that the robot is taken to have.
+        ("contacts", ctypes.c_uint32),
+        # 1: the automatic rule chooses contacts; 0: a client has chosen, or there is no rule.
+        ("contacts_automatic", ctypes.c_uint32),
         # Delay of the filtered quantities, s.
         ("filter_delay_s", ctypes.c_double),
         # The joints, in config order.
@@ -273,10 +295,14 @@ class CycleRecord(ctypes.Structure):
         ("ft", FtRecord * 8),
         # The IMU; zero if there is none.
         ("imu", ImuRecord),
-        # f_u: wrench not explained by the F/T sensors, at the unknown-wrench link (D 2.4).
+        # f_u: wrench not explained by the F/T sensors: that of the last contact of the set, by default at the unknown-wrench link (D 2.4).
         ("unknown_wrench", Wrench),
         # Expected standard deviation of `unknown_wrench`.
         ("unknown_wrench_sigma", Wrench),
+        # What the contacts of the part with the root cannot explain, in the root's frame.
+        ("residual", Wrench),
+        # Expected standard deviation of `residual`; zero where the contacts explain anything.
+        ("residual_sigma", Wrench),
         # How often each event occurred since start, in the order of `Event::ALL`.
         ("events", ctypes.c_uint64 * 25),
     ]
@@ -308,7 +334,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """17704 bytes."""
+    """24144 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -319,7 +345,7 @@ class SharedRecord(ctypes.Structure):
 
 
 class Description(ctypes.Structure):
-    """4032 bytes."""
+    """4808 bytes."""
 
     _fields_ = [
         # The robot's name.
@@ -336,6 +362,12 @@ class Description(ctypes.Structure):
         ("ft_names", ctypes.c_uint8 * 48 * 8),
         # The joints' torque limits, N·m.
         ("torque_limits", ctypes.c_double * 64),
+        # Sets of contacts in use.
+        ("contact_count", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+        # The names of the sets of contacts; the first holds at the start.
+        ("contact_names", ctypes.c_uint8 * 48 * 16),
     ]
 
 
@@ -376,6 +408,6 @@ class Reference(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#904906ecd41cfa74")
-Description.type_name = staticmethod(lambda: "torqued::Description#b073ea6d3f025046")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#a0ecd1e5e0daa484")
+Description.type_name = staticmethod(lambda: "torqued::Description#1b288cc78621cd6e")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#97e2711f8c0f0ab1")

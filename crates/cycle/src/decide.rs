@@ -11,18 +11,20 @@
 //!      └─── fault latched: until a client resets it ◄──────────────┘
 //! ```
 
-use robot_state::{Event, Reaction, Reference, mode};
+use robot_state::{Event, Reaction, Reference, Settings, mode};
 
 use crate::events::Counts;
 use crate::measure::Readiness;
 
-/// What the loop hands to a cycle besides frames: the newest reference of the commanding client.
+/// What the loop hands to a cycle besides frames: what clients want.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Wanted<'a> {
     /// The newest reference, if a client commands.
     pub reference: Option<&'a Reference>,
     /// How long ago it arrived, s.
     pub age_s: f64,
+    /// The settings that hold now; none: those of the configuration.
+    pub settings: Option<&'a Settings>,
 }
 
 /// The mode, and the memory that leads to it.

@@ -213,6 +213,7 @@ fn a_client_that_falls_silent_makes_the_robot_hold() {
         let wanted = Wanted {
             reference: Some(&reference),
             age_s: f64::from(age_ms) * 1e-3,
+            settings: None,
         };
         bench.step(&wanted);
     }

@@ -8,6 +8,8 @@ use crate::name::Name;
 pub const MAX_JOINTS: usize = 64;
 /// Force/torque sensors a record can hold.
 pub const MAX_FT_SENSORS: usize = 8;
+/// Sets of contacts a robot can have.
+pub const MAX_CONTACT_SETS: usize = 16;
 
 /// A value of all zeros, the start of every record.
 pub trait Zero {
@@ -185,6 +187,17 @@ record! {
         pub tau_encoder: TorqueEstimate,
         /// Torque from F/T sensors and IMU (D 2).
         pub tau_whole_body: TorqueEstimate,
+        /// Torque from the current less friction (D3); not valid without `[cross_check]`.
+        pub tau_current: TorqueEstimate,
+        /// tau_hat: torque now, from encoders, F/T sensors and rigid-body model.
+        pub tau_hat: TorqueEstimate,
+        /// tau_ext: torque that the environment applies to the joint where no F/T sensor tells it,
+        /// N·m; zero without `[external_torque]`.
+        pub tau_ext: f64,
+        /// 1: `tau_ext` tells a contact.
+        pub contact: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
         /// What is commanded.
         pub control: JointControl,
     }
@@ -201,6 +214,15 @@ record! {
         /// f_hat: wrench that the environment applies to the end-effector, at the sensor's frame,
         /// inertia and weight of the end-effector removed (D 2.2).
         pub contact: Wrench,
+        /// What conditioning takes off the calibrated reading: config and tare.
+        pub offset: Wrench,
+        /// What the contacts of the part beyond the sensor cannot explain, in the frame of the
+        /// sensor's first link.
+        pub residual: Wrench,
+        /// Expected standard deviation of `residual`; zero where the contacts explain anything.
+        pub residual_sigma: Wrench,
+        /// Temperature, °C; zero if the sensor tells none.
+        pub temperature: f64,
         /// Age of the newest sample, s.
         pub age_s: f64,
         /// Bits of `measured_flags`.
@@ -251,6 +273,10 @@ record! {
         pub warning: u32,
         /// The joint that `warning` is about, or the F/T sensor (events 205 and 208).
         pub warning_subject: u32,
+        /// Place in `Description::contact_names` of the contacts that the robot is taken to have.
+        pub contacts: u32,
+        /// 1: the automatic rule chooses contacts; 0: a client has chosen, or there is no rule.
+        pub contacts_automatic: u32,
         /// Delay of the filtered quantities, s.
         pub filter_delay_s: f64,
         /// The joints, in config order.
@@ -259,10 +285,15 @@ record! {
         pub ft: [FtRecord; MAX_FT_SENSORS],
         /// The IMU; zero if there is none.
         pub imu: ImuRecord,
-        /// f_u: wrench not explained by the F/T sensors, at the unknown-wrench link (D 2.4).
+        /// f_u: wrench not explained by the F/T sensors: that of the last contact of the set, by
+        /// default at the unknown-wrench link (D 2.4).
         pub unknown_wrench: Wrench,
         /// Expected standard deviation of `unknown_wrench`.
         pub unknown_wrench_sigma: Wrench,
+        /// What the contacts of the part with the root cannot explain, in the root's frame.
+        pub residual: Wrench,
+        /// Expected standard deviation of `residual`; zero where the contacts explain anything.
+        pub residual_sigma: Wrench,
         /// How often each event occurred since start, in the order of `Event::ALL`.
         pub events: [u64; EVENT_COUNT],
     }
@@ -319,6 +350,12 @@ record! {
         pub ft_names: [Name; MAX_FT_SENSORS],
         /// The joints' torque limits, N·m.
         pub torque_limits: [f64; MAX_JOINTS],
+        /// Sets of contacts in use.
+        pub contact_count: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
+        /// The names of the sets of contacts; the first holds at the start.
+        pub contact_names: [Name; MAX_CONTACT_SETS],
     }
 }
 
@@ -357,6 +394,21 @@ record! {
     }
 }
 
+record! {
+    /// What changes seldom, at the request of clients: the loop takes it over as it comes.
+    pub struct Settings {
+        /// Counts up with each change.
+        pub sequence: u64,
+        /// 0: the automatic rule chooses contacts, or the first set holds where there is none; else
+        /// the chosen set's place in `Description::contact_names`, plus one.
+        pub contacts: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
+        /// What a tare found: to be taken off each F/T sensor's reading besides the config's offset.
+        pub ft_offset: [Wrench; MAX_FT_SENSORS],
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -385,6 +437,7 @@ mod tests {
         assert_packed(&SharedRecord::SHAPE);
         assert_packed(&Description::SHAPE);
         assert_packed(&Reference::SHAPE);
+        assert_packed(&Settings::SHAPE);
     }
 
     #[test]

@@ -106,6 +106,7 @@ fn simulate(options: &DemoOptions) -> Result<Report, Failure> {
         let wanted = Wanted {
             reference: Some(client.reference()),
             age_s: 0.0,
+            settings: None,
         };
         let record = control_loop.run_cycle(&wake, &wanted);
         client.observe(record);

@@ -130,5 +130,6 @@ pub(crate) fn wanted(reference: &Reference) -> Wanted<'_> {
     Wanted {
         reference: Some(reference),
         age_s: 0.001,
+        settings: None,
     }
 }
