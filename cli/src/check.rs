@@ -356,13 +356,18 @@ fn gain_table(robot: &Robot) -> TextTable {
 }
 
 fn sensor_table(robot: &Robot) -> TextTable {
-    let mut rows = vec![row(["sensor", "frame", "bus", "sign", "sigma"])];
+    let mut rows = vec![row(["sensor", "frame", "bus", "temperature", "sigma"])];
     rows.extend(robot.parameters.ft_sensors.iter().map(|ft| {
         vec![
             ft.sensor.name.clone(),
             ft.sensor.frame.clone(),
             robot.parameters.buses[ft.bus].name.clone(),
-            format!("{}", ft.sign),
+            if ft.has_temperature {
+                "compensated"
+            } else {
+                "-"
+            }
+            .to_owned(),
             format!(
                 "{} N, {} N·m",
                 ft.sensor.sigma_force, ft.sensor.sigma_torque

@@ -10,6 +10,7 @@ mod decide;
 mod emit;
 mod estimate;
 mod events;
+mod ft_offset;
 mod limit;
 mod measure;
 
@@ -85,7 +86,7 @@ impl Cycle {
         record.sequence += 1;
         record.stamp_ns = now.0;
 
-        let readiness = self.measure.update(now, rx, record, counts);
+        let readiness = (self.measure).update(now, rx, wanted.settings, record, counts);
         self.estimate.update(&self.measure, record, counts);
         let reference = self.supervisor.decide(wanted, readiness, counts);
         let mode = self.supervisor.mode();

@@ -5,9 +5,10 @@ use estimators::encoder::JointEncoders;
 use estimators::joint::JointSample;
 use estimators::savitzky_golay::SavitzkyGolayBank;
 use robot_config::{Robot, slots};
-use robot_state::{CycleRecord, Event, Wrench, measured_flags};
+use robot_state::{CycleRecord, Event, Settings, Wrench, measured_flags};
 
 use crate::events::Counts;
+use crate::ft_offset::FtInput;
 use crate::{CycleError, Stamp};
 
 const SECONDS_PER_NS: f64 = 1e-9;
@@ -44,6 +45,7 @@ pub(crate) struct Measure {
     fresh: Vec<bool>,
     joints: Vec<Source>,
     sensors: Vec<Source>,
+    ft_inputs: Vec<FtInput>,
     imu: Option<Source>,
     stale_after_s: f64,
     sample_period: f64,
@@ -87,15 +89,18 @@ impl Measure {
             }
             source(needed)
         });
-        let sensors = 0..parameters.ft_sensors.len();
+        let sensors = parameters.ft_sensors.iter().enumerate().map(|(s, ft)| {
+            let temperature = ft.has_temperature.then(|| slots::ft_temperature(s));
+            let axes = (0..AXES).map(|axis| slots::ft(s, axis));
+            source(axes.chain(temperature).collect())
+        });
         Ok(Self {
             slots: vec![0.0; slots::receive_len(parameters)],
             stamps: vec![None; table.message_count()],
             fresh: vec![false; table.message_count()],
             joints: joints.collect(),
-            sensors: sensors
-                .map(|s| source((0..AXES).map(|axis| slots::ft(s, axis)).collect()))
-                .collect(),
+            sensors: sensors.collect(),
+            ft_inputs: parameters.ft_sensors.iter().map(FtInput::new).collect(),
             imu: parameters.imu.as_ref().map(|_| {
                 let gyro = (0..3).map(slots::gyro);
                 source(gyro.chain((0..3).map(slots::accelerometer)).collect())
@@ -135,11 +140,13 @@ impl Measure {
         &mut self,
         now: Stamp,
         rx: &Frames,
+        settings: Option<&Settings>,
         record: &mut CycleRecord,
         counts: &mut Counts,
     ) -> Readiness {
         self.decode(rx, counts);
         self.read_joints(now, record, counts);
+        self.take_offsets(settings);
         self.read_sensors(now, record, counts);
         self.filter_joints(record);
         self.filter_sensors(record);
@@ -287,6 +294,15 @@ impl Measure {
         }
     }
 
+    /// Offsets of F/T sensors move towards those that a tare has found.
+    fn take_offsets(&mut self, settings: Option<&Settings>) {
+        let (period_s, inputs) = (self.sample_period, &mut self.ft_inputs);
+        for (s, input) in inputs.iter_mut().enumerate() {
+            let tare = settings.map_or(Wrench::default(), |settings| settings.ft_offset[s]);
+            input.follow(&tare, period_s);
+        }
+    }
+
     fn read_sensors(&mut self, now: Stamp, record: &mut CycleRecord, counts: &mut Counts) {
         self.axes.fill(f64::NAN);
         for s in 0..self.sensors.len() {
@@ -294,10 +310,14 @@ impl Measure {
             let sensor = &mut record.ft[s];
             sensor.age_s = age;
             sensor.flags = flags;
+            let input = &mut self.ft_inputs[s];
+            sensor.offset = input.offset();
             if fresh {
-                let axes: [f64; AXES] = std::array::from_fn(|axis| self.slots[slots::ft(s, axis)]);
-                sensor.measured = wrench(&axes);
-                self.axes[AXES * s..][..AXES].copy_from_slice(&axes);
+                let raw: [f64; AXES] = std::array::from_fn(|axis| self.slots[slots::ft(s, axis)]);
+                sensor.temperature = self.slots[slots::ft_temperature(s)];
+                sensor.measured = input.wrench(&raw, sensor.temperature);
+                self.axes[AXES * s..][..3].copy_from_slice(&sensor.measured.force);
+                self.axes[AXES * s + 3..][..3].copy_from_slice(&sensor.measured.torque);
             } else {
                 counts.add(Event::SensorMissed);
             }

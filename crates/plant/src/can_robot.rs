@@ -6,7 +6,9 @@ use crate::robot::{JointPlan, Plan, SimRobot};
 use crate::transmission::KinematicError;
 use crate::truth::Truth;
 use can_codec::{Frame, Frames, Table};
-use robot_config::{JointParameters, Robot, slots};
+use nalgebra::{Matrix6, Vector6};
+use robot_config::{FtParameters, JointParameters, Robot, slots};
+use robot_state::Wrench;
 use std::f64::consts::TAU;
 
 /// Answers SYNC as drives, F/T sensors and IMU would, and obeys commands.
@@ -22,6 +24,8 @@ pub struct CanRobot {
     sync: Vec<Frame>,
     /// Buses that have been answered in this period.
     answered: Vec<bool>,
+    /// Per F/T sensor.
+    electronics: Vec<Electronics>,
     values: Vec<f64>,
     commands: Vec<f64>,
     unknown: u64,
@@ -51,6 +55,9 @@ impl CanRobot {
             send: robot.send.clone(),
             sync: robot.sync.clone(),
             answered: vec![true; parameters.buses.len()],
+            electronics: (parameters.ft_sensors.iter())
+                .map(Electronics::of)
+                .collect(),
             values: vec![0.0; slots::receive_len(parameters)],
             commands: vec![0.0; slots::send_len(parameters)],
             unknown: 0,
@@ -118,9 +125,10 @@ impl CanRobot {
             set(slots::velocity(j), joint.omega);
         }
         for (s, ft) in readings.ft.iter().enumerate() {
-            for (axis, value) in ft.force.iter().chain(&ft.torque).enumerate() {
+            for (axis, value) in self.electronics[s].raw(ft).iter().enumerate() {
                 set(slots::ft(s, axis), *value);
             }
+            set(slots::ft_temperature(s), readings.ft_temperature[s]);
         }
         for axis in 0..3 {
             set(slots::gyro(axis), readings.gyro[axis]);
@@ -144,6 +152,31 @@ impl CanRobot {
     #[must_use]
     pub fn unknown_frames(&self) -> u64 {
         self.unknown
+    }
+}
+
+/// What an F/T sensor sends for a wrench that it makes out: signals that its calibration sheet, which
+/// is the configuration, turns back into that wrench at the reference temperature.
+#[derive(Debug, Clone)]
+struct Electronics {
+    sheet: Matrix6<f64>,
+    unloaded: Vector6<f64>,
+}
+
+impl Electronics {
+    fn of(ft: &FtParameters) -> Self {
+        let rows = &ft.conditioning.calibration;
+        let calibration = Matrix6::from_fn(|i, j| rows[i][j]);
+        Self {
+            // The configuration has been found invertible.
+            sheet: (calibration.try_inverse()).unwrap_or_else(Matrix6::identity),
+            unloaded: ft.conditioning.offset.into(),
+        }
+    }
+
+    fn raw(&self, wrench: &Wrench) -> Vector6<f64> {
+        let felt = Vector6::from_iterator(wrench.force.into_iter().chain(wrench.torque));
+        self.sheet * (felt + self.unloaded)
     }
 }
 

@@ -173,6 +173,21 @@ pub struct FtParameters {
         deserialize_with = "non_negative"
     )]
     pub drift: f64,
+    /// What each force axis shows more for each degree above `neutral_temperature`, N/K.
+    #[serde(default, rename = "warmth_N_per_K", deserialize_with = "finite")]
+    pub warmth_force: f64,
+    /// What each torque axis shows more, N·m/K.
+    #[serde(default, rename = "warmth_Nm_per_K", deserialize_with = "finite")]
+    pub warmth_torque: f64,
+    /// Temperature at which warmth shows nothing, °C.
+    #[serde(default, rename = "neutral_temperature_C", deserialize_with = "finite")]
+    pub neutral_temperature: f64,
+    /// Temperature at the start, °C.
+    #[serde(default, rename = "temperature_C", deserialize_with = "finite")]
+    pub temperature: f64,
+    /// How fast the sensors become warmer, K a minute.
+    #[serde(default, rename = "warming_K_per_minute", deserialize_with = "finite")]
+    pub warming: f64,
     /// How much of each force axis is felt by the others, and of each torque axis likewise; drawn.
     #[serde(default, rename = "cross_talk_per_cent", deserialize_with = "per_cent")]
     pub cross_talk: f64,

@@ -45,6 +45,8 @@ pub struct Readings {
     pub joints: Vec<DriveReading>,
     /// F/T sensors: the wrench that what lies beyond applies to what lies before.
     pub ft: Vec<Wrench>,
+    /// Temperatures of the F/T sensors, °C.
+    pub ft_temperature: Vec<f64>,
     /// Gyro, rad/s.
     pub gyro: [f64; 3],
     /// Accelerometer, m/s².
@@ -129,6 +131,7 @@ impl SimRobot {
                     n
                 ],
                 ft: vec![Wrench::default(); sensors.len()],
+                ft_temperature: vec![sim.ft_sensor.temperature; sensors.len()],
                 gyro: [0.0; 3],
                 accelerometer: [0.0; 3],
             },
@@ -228,6 +231,9 @@ impl SimRobot {
         }
         for (reading, sensor) in self.readings.ft.iter_mut().zip(&mut self.ft) {
             *reading = sensor.sense(&self.dynamics, time);
+        }
+        for (reading, sensor) in self.readings.ft_temperature.iter_mut().zip(&self.ft) {
+            *reading = sensor.temperature(time);
         }
         if let Some(imu) = &mut self.imu {
             (self.readings.gyro, self.readings.accelerometer) = imu.sense(&self.dynamics);

@@ -49,16 +49,26 @@ impl FtSensor {
         }
     }
 
-    /// The same as measured `time` seconds after the start.
+    /// Its temperature `time` seconds after the start, °C.
+    #[must_use]
+    pub fn temperature(&self, time: f64) -> f64 {
+        self.parameters.temperature + self.parameters.warming * time / 60.0
+    }
+
+    /// The same wrench as measured `time` seconds after the start.
     pub fn sense(&mut self, dynamics: &Dynamics, time: f64) -> Wrench {
         let p = &self.parameters;
         let truth = self.truth(dynamics);
         let felt = Vector6::from_iterator(truth.force.into_iter().chain(truth.torque));
         let bias = self.bias * (1.0 + p.drift * time / 60.0);
+        let warmer = self.temperature(time) - p.neutral_temperature;
         let mut shown = self.mixing * felt + bias;
         for (i, x) in shown.iter_mut().enumerate() {
-            let noise = if i < 3 { p.noise_force } else { p.noise_torque };
-            *x += noise * self.random.normal();
+            let (noise, warmth) = match i < 3 {
+                true => (p.noise_force, p.warmth_force),
+                false => (p.noise_torque, p.warmth_torque),
+            };
+            *x += warmth * warmer + noise * self.random.normal();
         }
         Wrench {
             force: [shown[0], shown[1], shown[2]],

@@ -6,7 +6,7 @@ use estimators::encoder::EncoderParameters;
 use estimators::joint::JointEstimatorParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use identification::joint_file::JointFile;
-use robot_state::Wrench;
+use whole_body::FtConditioning;
 
 /// Everything that a configuration says.
 #[derive(Debug, Clone, PartialEq)]
@@ -178,17 +178,18 @@ pub struct FtSensor {
     pub sigma_torque: f64,
 }
 
-/// One F/T sensor. Its sign and tare are already in the receive table.
+/// One F/T sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FtParameters {
     /// What the estimator needs; the standard deviations are those of single samples.
     pub sensor: FtSensor,
     /// Index of its bus.
     pub bus: usize,
-    /// 1: it measures the wrench that the part beyond applies to the part before; -1: the reverse.
-    pub sign: f64,
-    /// What it reads without load, N and N·m, its own sign.
-    pub tare: Wrench,
+    /// From what comes over the bus to the wrench that the part beyond applies to the part before;
+    /// the sign is already in it.
+    pub conditioning: FtConditioning,
+    /// Whether a temperature comes over the bus.
+    pub has_temperature: bool,
 }
 
 /// The IMU.

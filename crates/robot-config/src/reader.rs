@@ -1,5 +1,7 @@
 //! A TOML file read key by key: every problem is noted with its line, none ends the reading.
 
+mod matrix;
+
 use can_codec::Problem;
 use core::cell::RefCell;
 use core::fmt;

@@ -6,7 +6,9 @@ use crate::reader::{Allowed, Section};
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Use, Way, Wiring};
-use robot_state::{MAX_FT_SENSORS, Wrench};
+use nalgebra::Matrix6;
+use robot_state::MAX_FT_SENSORS;
+use whole_body::FtConditioning;
 
 const LINK: &str = "the name of a link of the URDF";
 
@@ -42,10 +44,10 @@ fn ft_sensor(
 ) -> Option<FtParameters> {
     let frame = section.text("frame", LINK);
     let contact_link = section.optional_text("contact_link", LINK);
-    let sign = section.sign_or("sign", 1.0);
-    let tare = section.number_array_or::<6>("offset", [0.0; 6], Allowed::Finite);
     let sigma_force = section.number("sigma_N", Allowed::NonNegative);
     let sigma_torque = section.number("sigma_Nm", Allowed::NonNegative);
+    let calibrated = section.has("calibration");
+    let conditioning = conditioning(section);
     let bus = wiring.bus(section);
     for (key, first, quantity) in [
         ("force", 0, Quantity::Force),
@@ -57,13 +59,29 @@ fn ft_sensor(
                 way: Way::Receive,
                 bus,
                 slot: slots::ft(index, first + axis),
-                quantity,
-                sign,
-                offset: -sign * tare[first + axis],
+                // A matrix knows the signals' units.
+                quantity: if calibrated {
+                    Quantity::Status
+                } else {
+                    quantity
+                },
+                sign: 1.0,
+                offset: 0.0,
             });
         }
     }
-    let [fx, fy, fz, tx, ty, tz] = tare;
+    let temperature = section.optional_text("temperature", "a signal MESSAGE.signal");
+    if let (Some(path), Some(bus)) = (&temperature, bus) {
+        let how = Use {
+            way: Way::Receive,
+            bus,
+            slot: slots::ft_temperature(index),
+            quantity: Quantity::Temperature,
+            sign: 1.0,
+            offset: 0.0,
+        };
+        let _noted = wiring.connect(&section.path("temperature"), path, &how);
+    }
     Some(FtParameters {
         sensor: FtSensor {
             name,
@@ -73,12 +91,40 @@ fn ft_sensor(
             sigma_torque,
         },
         bus: bus?,
-        sign,
-        tare: Wrench {
-            force: [fx, fy, fz],
-            torque: [tx, ty, tz],
-        },
+        conditioning,
+        has_temperature: temperature.is_some(),
     })
+}
+
+/// `w = sign (C raw - offset + k_T (T - T0))`, the sign multiplied out.
+fn conditioning(section: &Section<'_, '_>) -> FtConditioning {
+    let sign = section.sign_or("sign", 1.0);
+    let identity = FtConditioning::default().calibration;
+    let calibration = section.matrix_or::<6>("calibration", identity);
+    let invertible = Matrix6::from_fn(|i, j| calibration[i][j]).try_inverse();
+    if invertible.is_none() && calibration.as_flattened().iter().all(|x| x.is_finite()) {
+        let what = "the matrix has no inverse: it cannot tell six components apart";
+        section.problem("calibration", what, "a matrix with an inverse");
+    }
+    let six = |key| section.number_array_or::<6>(key, [0.0; 6], Allowed::Finite);
+    let (offset, gain) = (six("offset"), six("temperature_gain_per_K"));
+    let mut reference = 0.0;
+    for key in ["temperature_gain_per_K", "reference_temperature_C"] {
+        let alone = section.has(key) && !section.has("temperature");
+        if alone {
+            let what = "there is no temperature to use it with";
+            section.problem(key, what, "only with the key temperature");
+        }
+    }
+    if section.has("temperature") {
+        reference = section.number("reference_temperature_C", Allowed::Within(-273.15, 1000.0));
+    }
+    FtConditioning {
+        calibration: calibration.map(|row| row.map(|x| sign * x)),
+        offset: offset.map(|x| sign * x),
+        temperature_gain: gain.map(|x| sign * x),
+        reference_temperature: reference,
+    }
 }
 
 pub(crate) fn imu(root: &Section<'_, '_>, wiring: &mut Wiring<'_, '_>) -> Option<ImuParameters> {

@@ -7,7 +7,9 @@ use crate::parameters::Parameters;
 use robot_state::MAX_FT_SENSORS;
 
 const AXES: usize = 6;
-const JOINTS: usize = AXES * (1 + MAX_FT_SENSORS);
+/// Six axes and a temperature.
+const PER_FT: usize = AXES + 1;
+const JOINTS: usize = AXES + PER_FT * MAX_FT_SENSORS;
 const PER_JOINT: usize = 5;
 
 /// Axis x y z of the IMU's angular velocity, rad/s.
@@ -22,10 +24,17 @@ pub const fn accelerometer(axis: usize) -> usize {
     3 + axis
 }
 
-/// Axis of an F/T sensor: force x y z in N, torque x y z in N·m, tare removed, sign applied.
+/// Axis of an F/T sensor as it comes over the bus: force x y z in N, torque x y z in N·m; in the
+/// signals' own units where the sensor has a calibration matrix.
 #[must_use]
 pub const fn ft(sensor: usize, axis: usize) -> usize {
-    AXES * (1 + sensor) + axis
+    AXES + PER_FT * sensor + axis
+}
+
+/// T: temperature of an F/T sensor, °C; stays as it is where the sensor sends none.
+#[must_use]
+pub const fn ft_temperature(sensor: usize) -> usize {
+    ft(sensor, AXES)
 }
 
 /// theta: motor-side angle modulo its wrap, rad.

@@ -15,7 +15,8 @@ pub(crate) enum Quantity {
     Force,
     Torque,
     Acceleration,
-    /// A number without a unit.
+    Temperature,
+    /// A number whose unit does not matter.
     Status,
 }
 
@@ -43,6 +44,7 @@ impl Quantity {
             Self::Force => &[("N", 1.0)],
             Self::Torque => &[("Nm", 1.0), ("N.m", 1.0), ("N*m", 1.0)],
             Self::Acceleration => &[("m/s2", 1.0), ("m/s^2", 1.0), ("g", STANDARD_GRAVITY)],
+            Self::Temperature => &[("degC", 1.0), ("°C", 1.0)],
             Self::Status => return Ok(1.0),
         };
         let found = table.iter().find(|(name, _)| *name == unit);

@@ -17,7 +17,7 @@
 
 use crate::error::WholeBodyError;
 use crate::estimator::{WholeBody, WholeBodyInput};
-use crate::parameters::{MotionSource, WholeBodyParameters};
+use crate::parameters::{FtSensorParameters, MotionSource, WholeBodyParameters};
 use dynamics::{Force, ImuMotion, Model};
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
 use robot_state::Wrench;
@@ -32,12 +32,15 @@ pub struct TareParameters {
     pub max_joint_velocity: f64,
     /// Largest angular velocity at rest, rad/s: the gyro's bias must pass.
     pub max_angular_velocity: f64,
-    /// Largest change of any reading while taring, N; and a tenth of it in N·m.
+    /// Largest change of any reading while taring, N; and a tenth of it in N·m. Ten standard
+    /// deviations of the reading are allowed anyway.
     pub max_force_change: f64,
     /// Standard deviation of how far an offset may have moved since the last tare, N and N·m.
     pub drift: [f64; 2],
     /// Standard deviation of the accelerometer's bias, m/s².
     pub accelerometer_bias: f64,
+    /// Relative standard deviation of the model's masses.
+    pub sigma_model: f64,
 }
 
 impl Default for TareParameters {
@@ -49,6 +52,7 @@ impl Default for TareParameters {
             max_force_change: 5.0,
             drift: [20.0, 2.0],
             accelerometer_bias: 0.02,
+            sigma_model: 0.01,
         }
     }
 }
@@ -103,7 +107,10 @@ pub struct TareResult {
 pub struct Tare {
     whole_body: WholeBody,
     parameters: TareParameters,
+    joints: Vec<String>,
     sensors: Vec<String>,
+    /// Largest change of each sensor's force and torque axes.
+    max_change: Vec<[f64; 2]>,
     untouched: Vec<usize>,
     samples: usize,
     first_ft: Vec<[f64; 6]>,
@@ -129,6 +136,15 @@ impl Tare {
             imu.sigma_angular_acceleration = 0.0;
         }
         p.sigma_ddq.fill(0.0);
+        p.sigma_model = parameters.sigma_model;
+        let max_change = |s: &FtSensorParameters| {
+            let limit = parameters.max_force_change;
+            [
+                limit.max(10.0 * s.sigma_force),
+                (0.1 * limit).max(10.0 * s.sigma_torque),
+            ]
+        };
+        let max_change = p.ft_sensors.iter().map(max_change).collect();
         let average = (parameters.samples.max(1) as f64).sqrt();
         for s in &mut p.ft_sensors {
             s.sigma_force /= average;
@@ -142,6 +158,8 @@ impl Tare {
         Ok(Self {
             whole_body,
             parameters,
+            max_change,
+            joints: p.joints.clone(),
             sensors: p.ft_sensors.iter().map(|s| s.name.clone()).collect(),
             untouched,
             samples: 0,
@@ -173,21 +191,22 @@ impl Tare {
         let p = &self.parameters;
         for (j, dq) in input.dq.iter().enumerate() {
             if dq.abs() > p.max_joint_velocity {
-                let limit = p.max_joint_velocity;
+                let (name, limit) = (&self.joints[j], p.max_joint_velocity);
                 return Err(TareError::Moving(format!(
-                    "joint {j} turns at {dq:.4} rad/s, at most {limit} rad/s"
+                    "joint `{name}` turns at {dq:.4} rad/s, at most {limit} rad/s"
                 )));
             }
         }
         self.first_ft.extend(ft.iter().skip(self.first_ft.len()));
         for (s, (now, first)) in ft.iter().zip(&self.first_ft).enumerate() {
             for k in 0..6 {
-                let limit = p.max_force_change * if k < 3 { 1.0 } else { 0.1 };
+                let limit = self.max_change[s][k / 3];
                 let change = now[k] - first[k];
                 if change.abs() > limit {
                     let name = &self.sensors[s];
+                    let axis = AXES[k];
                     return Err(TareError::Moving(format!(
-                        "component {k} of F/T sensor `{name}` changed by {change:.2}, at most {limit}"
+                        "{axis} of F/T sensor `{name}` changed by {change:.2}, at most {limit:.2}"
                     )));
                 }
             }
@@ -294,6 +313,8 @@ impl Tare {
         self.sensors.iter().enumerate().map(result).collect()
     }
 }
+
+const AXES: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
 
 fn six(w: &Wrench) -> [f64; 6] {
     let ([a, b, c], [d, e, f]) = (w.force, w.torque);

@@ -283,3 +283,50 @@ fn current_drives_take_a_current() {
     );
     refused(&files, LEG, "K6 = 1.0", &["takes currents, not positions"]);
 }
+
+#[test]
+fn conditioning_that_cannot_be() {
+    let sensor = "name = \"ankle\"\n";
+    let with = |keys: &str| leg_with(sensor, &format!("{sensor}{keys}\n"));
+    let row = "[1, 0, 0, 0, 0, 0]";
+    let singular = format!("calibration = [{}]", [row; 6].join(", "));
+    let nan = singular.replacen('1', "nan", 1);
+    for (keys, parts) in [
+        (
+            singular.as_str(),
+            ["ft_sensor.calibration (ankle)", "with an inverse"],
+        ),
+        (
+            &nan,
+            ["ft_sensor.calibration (ankle): NaN", "a finite number"],
+        ),
+        (
+            "calibration = [1, 2]",
+            ["ft_sensor.calibration (ankle): 2 values", "6 rows"],
+        ),
+        (
+            "calibration = [1, 2, 3, 4, 5, 6]",
+            ["ft_sensor.calibration (ankle): 1 is not", "6 rows"],
+        ),
+        (
+            "temperature_gain_per_K = [1, 1, 1, 1, 1, 1]",
+            ["there is no temperature", "only with the key temperature"],
+        ),
+        (
+            "temperature = \"ANKLE_FT_F.fx\"\nreference_temperature_C = 20",
+            ["signal ANKLE_FT_F.fx has unit \"N\"", "degC"],
+        ),
+        (
+            "temperature = \"ANKLE_FT_F.warmth\"",
+            [
+                "reference_temperature_C (ankle): the key is missing",
+                "a number from -273.15",
+            ],
+        ),
+    ] {
+        let text = with(keys).errors(LEG);
+        for part in parts {
+            assert!(text.contains(part), "{part} is missing in: {text}");
+        }
+    }
+}
