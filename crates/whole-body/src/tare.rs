@@ -32,9 +32,9 @@ pub struct TareParameters {
     pub max_joint_velocity: f64,
     /// Largest angular velocity at rest, rad/s: the gyro's bias must pass.
     pub max_angular_velocity: f64,
-    /// Largest change of any reading while taring, N; and a tenth of it in N·m. Ten standard
-    /// deviations of the reading are allowed anyway.
-    pub max_force_change: f64,
+    /// Largest change of any force and torque reading while taring, N and N·m: a robot on its feet
+    /// sways. Ten standard deviations of the reading are allowed anyway.
+    pub max_change: [f64; 2],
     /// Standard deviation of how far an offset may have moved since the last tare, N and N·m.
     pub drift: [f64; 2],
     /// Standard deviation of the accelerometer's bias, m/s².
@@ -49,7 +49,7 @@ impl Default for TareParameters {
             samples: 500,
             max_joint_velocity: 0.01,
             max_angular_velocity: 0.02,
-            max_force_change: 5.0,
+            max_change: [5.0, 3.0],
             drift: [20.0, 2.0],
             accelerometer_bias: 0.02,
             sigma_model: 0.01,
@@ -138,10 +138,10 @@ impl Tare {
         p.sigma_ddq.fill(0.0);
         p.sigma_model = parameters.sigma_model;
         let max_change = |s: &FtSensorParameters| {
-            let limit = parameters.max_force_change;
+            let [force, torque] = parameters.max_change;
             [
-                limit.max(10.0 * s.sigma_force),
-                (0.1 * limit).max(10.0 * s.sigma_torque),
+                force.max(10.0 * s.sigma_force),
+                torque.max(10.0 * s.sigma_torque),
             ]
         };
         let max_change = p.ft_sensors.iter().map(max_change).collect();
