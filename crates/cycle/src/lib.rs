@@ -16,7 +16,7 @@ mod measure;
 
 use can_codec::Frames;
 use core::fmt;
-use estimators::savitzky_golay::SavitzkyGolayError;
+use estimators::filter_bank::FilterError;
 use identification::FitError;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS};
@@ -125,7 +125,7 @@ pub enum CycleError {
         sensors: usize,
     },
     /// A filter that cannot be built.
-    Filter(SavitzkyGolayError),
+    Filter(FilterError),
     /// Sensors from which the torques do not follow.
     WholeBody(WholeBodyError),
     /// A joint file whose estimators cannot be built.
@@ -152,8 +152,8 @@ impl fmt::Display for CycleError {
 
 impl core::error::Error for CycleError {}
 
-impl From<SavitzkyGolayError> for CycleError {
-    fn from(error: SavitzkyGolayError) -> Self {
+impl From<FilterError> for CycleError {
+    fn from(error: FilterError) -> Self {
         Self::Filter(error)
     }
 }

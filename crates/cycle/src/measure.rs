@@ -2,8 +2,8 @@
 
 use can_codec::{DecodeError, Frames, Table};
 use estimators::encoder::JointEncoders;
+use estimators::filter_bank::FilterBank;
 use estimators::joint::JointSample;
-use estimators::savitzky_golay::SavitzkyGolayBank;
 use robot_config::{Robot, slots};
 use robot_state::{CycleRecord, Event, Settings, Wrench, measured_flags};
 
@@ -52,11 +52,11 @@ pub(crate) struct Measure {
     sends_velocity: Vec<bool>,
     encoders: Vec<JointEncoders>,
     /// q of every joint, late: value and two derivatives.
-    encoder_filter: SavitzkyGolayBank,
+    encoder_filter: FilterBank,
     /// q of every joint, then theta of every joint: first derivative.
-    control_filter: SavitzkyGolayBank,
+    control_filter: FilterBank,
     /// Every F/T sensor's axes, then the IMU's: value and first derivative.
-    sensor_filter: SavitzkyGolayBank,
+    sensor_filter: FilterBank,
     angles: Vec<f64>,
     both_angles: Vec<f64>,
     axes: Vec<f64>,
@@ -113,9 +113,9 @@ impl Measure {
                 .iter()
                 .map(|joint| JointEncoders::new(joint.encoders))
                 .collect(),
-            encoder_filter: SavitzkyGolayBank::new(n, parameters.encoder_filter)?,
-            control_filter: SavitzkyGolayBank::new(2 * n, parameters.control_filter)?,
-            sensor_filter: SavitzkyGolayBank::new(axes, parameters.sensor_filter)?,
+            encoder_filter: FilterBank::new(n, parameters.encoder_filter)?,
+            control_filter: FilterBank::new(2 * n, parameters.control_filter)?,
+            sensor_filter: FilterBank::new(axes, parameters.sensor_filter)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
             axes: vec![f64::NAN; axes],

@@ -1,15 +1,16 @@
 //! From one joint's raw readings to the sample that every estimator takes.
 
 use crate::encoder::{EncoderParameters, JointEncoders};
+use crate::filter_bank::{FilterBank, FilterError};
 use crate::joint::JointSample;
-use crate::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayError, SavitzkyGolayParameters};
+use crate::savitzky_golay::SavitzkyGolayParameters;
 use robot_state::measured_flags;
 
 /// Encoders, skew and velocities of one joint.
 #[derive(Debug, Clone)]
 pub struct FrontEnd {
     encoders: JointEncoders,
-    velocity: SavitzkyGolayBank,
+    velocity: FilterBank,
     current: f64,
     sample_period: f64,
 }
@@ -19,15 +20,12 @@ impl FrontEnd {
     ///
     /// # Errors
     /// A window or sample period that is not allowed.
-    pub fn new(
-        parameters: EncoderParameters,
-        velocity_window: usize,
-    ) -> Result<Self, SavitzkyGolayError> {
+    pub fn new(parameters: EncoderParameters, velocity_window: usize) -> Result<Self, FilterError> {
         let filter =
             SavitzkyGolayParameters::centred(velocity_window, 1, 1, parameters.sample_period);
         Ok(Self {
             encoders: JointEncoders::new(parameters),
-            velocity: SavitzkyGolayBank::new(2, filter)?,
+            velocity: FilterBank::new(2, filter)?,
             current: 0.0,
             sample_period: parameters.sample_period,
         })

@@ -1,6 +1,7 @@
 //! Savitzky-Golay filters against scipy and against polynomials they must reproduce.
 
-use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters, coefficients};
+use estimators::filter_bank::FilterBank;
+use estimators::savitzky_golay::{SavitzkyGolayParameters, coefficients};
 use proptest::prelude::*;
 
 #[test]
@@ -53,7 +54,7 @@ proptest! {
             delay_samples: delay * (window - 1) as f64,
             sample_period: 0.01,
         };
-        let mut bank = SavitzkyGolayBank::new(channels, parameters).unwrap();
+        let mut bank = FilterBank::new(channels, parameters).unwrap();
         let c = &c[..=order];
         let time = |i: usize| 0.01 * i as f64 + 1.0;
         for i in 0..2 * window + 3 {
@@ -76,8 +77,8 @@ proptest! {
     }
 }
 
-fn bank(channels: usize) -> SavitzkyGolayBank {
-    SavitzkyGolayBank::new(channels, SavitzkyGolayParameters::centred(80, 2, 2, 1e-3)).unwrap()
+fn bank(channels: usize) -> FilterBank {
+    FilterBank::new(channels, SavitzkyGolayParameters::centred(80, 2, 2, 1e-3)).unwrap()
 }
 
 #[test]
@@ -174,7 +175,7 @@ fn noise_gain_is_the_gain_for_white_noise() {
 #[test]
 fn what_cannot_be_built_says_what_is_allowed() {
     let good = SavitzkyGolayParameters::centred(10, 2, 2, 1e-3);
-    let message = |p| SavitzkyGolayBank::new(1, p).unwrap_err().to_string();
+    let message = |p| FilterBank::new(1, p).unwrap_err().to_string();
     let bad = [
         (
             SavitzkyGolayParameters { window: 0, ..good },

@@ -2,8 +2,9 @@
 
 use crate::joint_file::JointFile;
 use crate::log::LogRow;
+use estimators::filter_bank::FilterBank;
 use estimators::joint::JointSample;
-use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters};
+use estimators::savitzky_golay::SavitzkyGolayParameters;
 use robot_state::measured_flags;
 
 /// A log as the estimators see it, and the torque sensor beside it.
@@ -68,7 +69,7 @@ impl Record {
         let half = ((0.5 * WINDOW_S / self.sample_period) as usize).max(2);
         let parameters =
             SavitzkyGolayParameters::centred(2 * half + 1, 2, derivative, self.sample_period);
-        let Ok(mut bank) = SavitzkyGolayBank::new(1, parameters) else {
+        let Ok(mut bank) = FilterBank::new(1, parameters) else {
             return signal.to_vec();
         };
         let mut out = Vec::with_capacity(signal.len());

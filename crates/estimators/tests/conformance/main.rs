@@ -6,10 +6,11 @@ mod suite;
 use estimators::compliance::ComplianceEstimator;
 use estimators::deformation::AngularFrequency;
 use estimators::encoder::{EncoderParameters, JointEncoders};
+use estimators::filter_bank::FilterBank;
 use estimators::fusion::{Fusion, FusionParameters, SourceError};
 use estimators::joint::JointTorqueEstimator;
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
-use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters};
+use estimators::savitzky_golay::SavitzkyGolayParameters;
 use estimators::set::EstimatorSet;
 use estimators::wave_generator::FrictionRule;
 use std::cell::Cell;
@@ -140,7 +141,7 @@ fn fused_sources() {
 #[test]
 fn nothing_around_the_estimators_allocates_either() {
     let parameters = SavitzkyGolayParameters::centred(80, 2, 2, 1e-3);
-    let mut bank = SavitzkyGolayBank::new(30, parameters).unwrap();
+    let mut bank = FilterBank::new(30, parameters).unwrap();
     let mut encoders = JointEncoders::new(EncoderParameters {
         gear_ratio: 100.0,
         sample_period: 1e-3,

@@ -5,7 +5,8 @@
 pub(crate) mod station;
 
 use dynamics::{Base, ImuMotion, Model};
-use estimators::savitzky_golay::{SavitzkyGolayBank, SavitzkyGolayParameters};
+use estimators::filter_bank::FilterBank;
+use estimators::savitzky_golay::SavitzkyGolayParameters;
 use plant::parameters::HarnessParameters;
 use plant::{CanRobot, Readings, SimParameters, SimRobot, Truth};
 use robot_config::Robot;
@@ -177,8 +178,8 @@ pub(crate) fn contact(link: &str, kind: ContactKind) -> ContactParameters {
 /// Full wrenches on chest and feet, hands free, with the filters' standard deviations.
 pub(crate) fn parameters(config: &Robot, window: usize) -> WholeBodyParameters {
     let p = &config.parameters;
-    let sensors = SavitzkyGolayBank::new(1, sensor_filter(window)).unwrap();
-    let encoders = SavitzkyGolayBank::new(1, encoder_filter(window)).unwrap();
+    let sensors = FilterBank::new(1, sensor_filter(window)).unwrap();
+    let encoders = FilterBank::new(1, encoder_filter(window)).unwrap();
     let ft_sensor = |ft: &robot_config::FtParameters| FtSensorParameters {
         name: ft.sensor.name.clone(),
         cut: ft.sensor.frame.clone(),
@@ -224,8 +225,8 @@ pub(crate) fn sensor_filter(window: usize) -> SavitzkyGolayParameters {
 
 /// Filters of equal delay on everything that enters the estimator.
 pub(crate) struct Front {
-    encoders: SavitzkyGolayBank,
-    sensors: SavitzkyGolayBank,
+    encoders: FilterBank,
+    sensors: FilterBank,
     pub(crate) conditioning: Vec<FtConditioning>,
     q: Vec<f64>,
     axes: Vec<f64>,
@@ -236,8 +237,8 @@ impl Front {
     pub(crate) fn new(joints: usize, ft_sensors: usize, window: usize) -> Self {
         let axes = 6 * (ft_sensors + 1);
         Self {
-            encoders: SavitzkyGolayBank::new(joints, encoder_filter(window)).unwrap(),
-            sensors: SavitzkyGolayBank::new(axes, sensor_filter(window)).unwrap(),
+            encoders: FilterBank::new(joints, encoder_filter(window)).unwrap(),
+            sensors: FilterBank::new(axes, sensor_filter(window)).unwrap(),
             conditioning: vec![FtConditioning::default(); ft_sensors],
             q: vec![0.0; joints],
             axes: vec![0.0; axes],

@@ -33,7 +33,7 @@ pub(crate) struct Station {
     encoders: Vec<JointEncoders>,
     compliance: Vec<ComplianceEstimator>,
     current: Vec<CurrentEstimator>,
-    dq: SavitzkyGolayBank,
+    dq: FilterBank,
     pub(crate) fast: Vec<f64>,
     pub(crate) tau_now: Vec<f64>,
     sources: Vec<Sources>,
@@ -130,8 +130,7 @@ impl Station {
                 .iter()
                 .map(|(_, c)| CurrentEstimator::new(*c))
                 .collect(),
-            dq: SavitzkyGolayBank::new(n, SavitzkyGolayParameters::centred(20, 2, 1, PERIOD))
-                .unwrap(),
+            dq: FilterBank::new(n, SavitzkyGolayParameters::centred(20, 2, 1, PERIOD)).unwrap(),
             fast: vec![0.0; n],
             tau_now: vec![0.0; n],
             sources: vec![Sources::default(); n],

@@ -1,0 +1,317 @@
+//! Smoothing and differentiating filters on many channels at once: finite impulse responses, known
+//! beforehand, that bridge missed samples.
+
+use crate::matched_filter::MatchedFilterParameters;
+use crate::savitzky_golay::SavitzkyGolayParameters;
+use std::fmt;
+
+/// Which filter a bank is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FilterDesign {
+    /// Least noise, one derivative looked at; its derivatives see different bands.
+    SavitzkyGolay(SavitzkyGolayParameters),
+    /// Value and derivatives through one and the same smoothing.
+    Matched(MatchedFilterParameters),
+}
+
+impl From<SavitzkyGolayParameters> for FilterDesign {
+    fn from(p: SavitzkyGolayParameters) -> Self {
+        Self::SavitzkyGolay(p)
+    }
+}
+
+impl From<MatchedFilterParameters> for FilterDesign {
+    fn from(p: MatchedFilterParameters) -> Self {
+        Self::Matched(p)
+    }
+}
+
+/// A filter that cannot be built; says what was given and what is allowed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FilterError(String);
+
+impl FilterError {
+    pub(crate) fn new(filter: &str, what: &str) -> Self {
+        Self(format!("{filter}: {what}"))
+    }
+}
+
+impl fmt::Display for FilterError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+impl std::error::Error for FilterError {}
+
+const MAX_WINDOW: usize = 1 << 16;
+pub(crate) const MAX_DERIVATIVE: usize = 2;
+/// Channels that are summed at a time, so that all sums stay in registers.
+const LANES: usize = 4;
+
+pub(crate) fn check_window(window: usize, least: usize) -> Result<(), String> {
+    match (least..=MAX_WINDOW).contains(&window) {
+        true => Ok(()),
+        false => Err(format!("window {window}; allowed: {least} to {MAX_WINDOW}")),
+    }
+}
+
+pub(crate) fn check_period(sample_period: f64) -> Result<(), String> {
+    match sample_period > 0.0 && sample_period.is_finite() {
+        true => Ok(()),
+        false => Err(format!(
+            "sample period {sample_period} s; allowed: finite, above 0"
+        )),
+    }
+}
+
+/// A design worked out: weights of the samples, oldest first.
+pub(crate) struct Kernels {
+    /// Of the value and of each derivative wanted, per s^d.
+    pub(crate) taps: Vec<Vec<f64>>,
+    /// Of a polynomial fit, read one sample ahead of the newest.
+    pub(crate) ahead: Vec<f64>,
+    pub(crate) delay_s: f64,
+}
+
+/// The same filter on many channels at once.
+///
+/// A sample that is not finite counts as missed: the extrapolation of a polynomial fit stands in for it,
+/// and after an eighth of a window of them the last one is held.
+/// Before a channel's first sample its outputs are zero; the first sample fills the whole
+/// window, so that derivatives start at zero and nothing is extrapolated from a few noisy
+/// samples. Until the window holds real samples only, the channel is [`Self::settling`].
+#[derive(Debug, Clone)]
+pub struct FilterBank {
+    window: usize,
+    /// Derivatives beside the value.
+    derivatives: usize,
+    delay_s: f64,
+    channels: usize,
+    /// Channels rounded up to whole blocks.
+    stride: usize,
+    /// Samples, one row of channels per instant, a ring: row `newest` was written last.
+    ring: Vec<f64>,
+    newest: usize,
+    /// Coefficients of value and derivatives, each twice in a row: a slice of `window` starting
+    /// at the right place lies along the ring as it is stored, so nothing has to be moved.
+    taps: Vec<[f64; MAX_DERIVATIVE + 1]>,
+    /// Coefficients of the fit one sample ahead of the newest, for missed samples.
+    ahead: Vec<f64>,
+    /// Value, first and second derivative, a row of channels each.
+    outputs: [Vec<f64>; MAX_DERIVATIVE + 1],
+    state: Vec<ChannelState>,
+}
+
+/// What a channel has seen.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct ChannelState {
+    /// Real samples so far, at most the window.
+    seen: usize,
+    /// Samples missed in a row.
+    missed: usize,
+}
+
+impl FilterBank {
+    /// A bank of equal filters.
+    ///
+    /// # Errors
+    /// A design that is not allowed.
+    pub fn new(channels: usize, design: impl Into<FilterDesign>) -> Result<Self, FilterError> {
+        let kernels = match design.into() {
+            FilterDesign::SavitzkyGolay(p) => p.kernels(),
+            FilterDesign::Matched(p) => p.kernels(),
+        }?;
+        let window = kernels.ahead.len();
+        let mut taps = vec![[0.0; MAX_DERIVATIVE + 1]; 2 * window];
+        for (d, h) in kernels.taps.iter().enumerate() {
+            for (i, tap) in taps.iter_mut().enumerate() {
+                tap[d] = h[i % window];
+            }
+        }
+        let stride = channels.div_ceil(LANES) * LANES;
+        Ok(Self {
+            window,
+            derivatives: kernels.taps.len() - 1,
+            delay_s: kernels.delay_s,
+            channels,
+            stride,
+            ring: vec![0.0; stride * window],
+            newest: window - 1,
+            taps,
+            ahead: kernels.ahead,
+            outputs: std::array::from_fn(|_| vec![0.0; stride]),
+            state: vec![ChannelState::default(); channels],
+        })
+    }
+
+    /// Takes one sample of each channel; a channel without one, or whose sample is not finite, is
+    /// bridged.
+    pub fn update(&mut self, samples: &[f64]) {
+        let window = self.window;
+        let next = if self.newest + 1 < window {
+            self.newest + 1
+        } else {
+            0
+        };
+        for channel in 0..self.channels {
+            match samples.get(channel) {
+                Some(&sample) if sample.is_finite() => self.take(channel, next, sample),
+                _ => self.bridge(channel, next),
+            }
+        }
+        self.newest = next;
+        self.fit();
+    }
+
+    fn take(&mut self, channel: usize, row: usize, sample: f64) {
+        let (stride, window) = (self.stride, self.window);
+        let Some(state) = self.state.get_mut(channel) else {
+            return;
+        };
+        if state.seen == 0 {
+            self.ring
+                .iter_mut()
+                .skip(channel)
+                .step_by(stride)
+                .for_each(|x| *x = sample);
+        } else if let Some(x) = self.ring.get_mut(row * stride + channel) {
+            *x = sample;
+        }
+        state.seen = (state.seen + 1).min(window);
+        state.missed = 0;
+    }
+
+    fn bridge(&mut self, channel: usize, row: usize) {
+        let (stride, window) = (self.stride, self.window);
+        let Some(state) = self.state.get_mut(channel) else {
+            return;
+        };
+        state.missed = state.missed.saturating_add(1);
+        let column = |row: usize| {
+            self.ring
+                .get(row * stride + channel)
+                .copied()
+                .unwrap_or(0.0)
+        };
+        let bridged = if state.missed > window / 8 {
+            column(self.newest)
+        } else {
+            // The oldest sample stands in the row that is written next.
+            (0..window)
+                .zip(&self.ahead)
+                .map(|(i, h)| {
+                    h * column(if row + i < window {
+                        row + i
+                    } else {
+                        row + i - window
+                    })
+                })
+                .sum()
+        };
+        if let Some(x) = self.ring.get_mut(row * stride + channel) {
+            *x = bridged;
+        }
+    }
+
+    fn fit(&mut self) {
+        let (window, stride) = (self.window, self.stride);
+        let start = window - 1 - self.newest;
+        let taps = self.taps.get(start..start + window).unwrap_or(&[]);
+        let [values, firsts, seconds] = &mut self.outputs;
+        let blocks = values
+            .chunks_exact_mut(LANES)
+            .zip(firsts.chunks_exact_mut(LANES))
+            .zip(seconds.chunks_exact_mut(LANES));
+        for (block, ((value, first), second)) in blocks.enumerate() {
+            let sums = match self.derivatives {
+                0 => dot::<1>(taps, &self.ring, stride, block),
+                1 => dot::<2>(taps, &self.ring, stride, block),
+                _ => dot::<3>(taps, &self.ring, stride, block),
+            };
+            value.copy_from_slice(&sums[0]);
+            first.copy_from_slice(&sums[1]);
+            second.copy_from_slice(&sums[2]);
+        }
+    }
+
+    /// Forgets every sample.
+    pub fn reset(&mut self) {
+        self.ring.fill(0.0);
+        self.newest = self.window - 1;
+        self.outputs.iter_mut().for_each(|row| row.fill(0.0));
+        self.state.fill(ChannelState::default());
+    }
+
+    /// Filtered values, one per channel.
+    #[must_use]
+    pub fn values(&self) -> &[f64] {
+        &self.outputs[0][..self.channels]
+    }
+
+    /// First derivatives, per s, one per channel; zero if not asked for.
+    #[must_use]
+    pub fn first_derivatives(&self) -> &[f64] {
+        &self.outputs[1][..self.channels]
+    }
+
+    /// Second derivatives, per s², one per channel; zero if not asked for.
+    #[must_use]
+    pub fn second_derivatives(&self) -> &[f64] {
+        &self.outputs[2][..self.channels]
+    }
+
+    /// How late the outputs are against the newest sample, s.
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        self.delay_s
+    }
+
+    /// Whether the channel's window is not yet full of real samples.
+    #[must_use]
+    pub fn settling(&self, channel: usize) -> bool {
+        self.state.get(channel).is_none_or(|s| s.seen < self.window)
+    }
+
+    /// Samples the channel has missed in a row.
+    #[must_use]
+    pub fn missed(&self, channel: usize) -> usize {
+        self.state.get(channel).map_or(0, |s| s.missed)
+    }
+
+    /// Weights of the samples in the value, oldest first; they add up to one.
+    #[must_use]
+    pub fn kernel(&self) -> Vec<f64> {
+        let taps = self.taps.iter().take(self.window);
+        taps.map(|t| t[0]).collect()
+    }
+
+    /// Standard deviation of the output's `derivative` for white noise of 1 on the input.
+    #[must_use]
+    pub fn noise_gain(&self, derivative: usize) -> f64 {
+        let taps = self.taps.iter().take(self.window);
+        taps.map(|t| t.get(derivative).map_or(0.0, |h| h * h))
+            .sum::<f64>()
+            .sqrt()
+    }
+}
+
+/// The first `D` outputs of one block of channels.
+fn dot<const D: usize>(
+    taps: &[[f64; MAX_DERIVATIVE + 1]],
+    ring: &[f64],
+    stride: usize,
+    block: usize,
+) -> [[f64; LANES]; MAX_DERIVATIVE + 1] {
+    let mut sums = [[0.0; LANES]; MAX_DERIVATIVE + 1];
+    for (tap, row) in taps.iter().zip(ring.chunks_exact(stride)) {
+        let Some(row) = row[block * LANES..].first_chunk::<LANES>() else {
+            break;
+        };
+        for (sum, tap) in sums.iter_mut().zip(tap).take(D) {
+            for (sum, x) in sum.iter_mut().zip(row) {
+                *sum += tap * x;
+            }
+        }
+    }
+    sums
+}

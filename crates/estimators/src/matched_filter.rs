@@ -1,0 +1,83 @@
+//! Matched filters: value, first and second derivative of signals, all through one smoothing.
+//!
+//! Newton and Euler hold at every instant between force, acceleration and angle. After filters they
+//! hold only if all signals have lost the same: force and accelerometer through a smoothing `h`,
+//! gyro through `h` and `h'`, angles through `h`, `h'` and `h''`. Savitzky-Golay filters do not:
+//! second-order ones differentiate angles twice through another band than first-order ones average
+//! forces in, and what lies between is an error of the torque.
+//!
+//! The second derivative of a second-order Savitzky-Golay filter has the least noise of all that
+//! know a parabola. Summed twice, its coefficients are a smooth bell (the biweight,
+//! `(1 - x^2)^2`): this is `h`, spread by `(1, 10, 1)/12` as in Numerov's method, which makes the
+//! second difference a second derivative to the sixth power of frequency. Central differences of
+//! the bell are `h'`.
+
+use crate::filter_bank::{FilterError, Kernels, MAX_DERIVATIVE, check_period, check_window};
+use crate::savitzky_golay::coefficients;
+
+/// How signals that enter one equation are smoothed and differentiated; they must have the same
+/// window. Outputs are those of the window's middle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MatchedFilterParameters {
+    /// Samples that the filter covers, at least 3; even numbers are fine.
+    pub window: usize,
+    /// Derivatives wanted beside the value: 0, 1 or 2.
+    pub derivatives: usize,
+    /// T: time between samples, s.
+    pub sample_period: f64,
+}
+
+impl MatchedFilterParameters {
+    fn check(&self) -> Result<(), String> {
+        check_window(self.window, 3)?;
+        if self.derivatives > MAX_DERIVATIVE {
+            let derivatives = self.derivatives;
+            return Err(format!("derivative {derivatives}; allowed: 0, 1 or 2"));
+        }
+        check_period(self.sample_period)
+    }
+
+    pub(crate) fn kernels(&self) -> Result<Kernels, FilterError> {
+        self.check()
+            .map_err(|what| FilterError::new("matched filter", &what))?;
+        let (window, period) = (self.window, self.sample_period);
+        let middle = 0.5 * (window - 1) as f64;
+        let second = coefficients(window, 2, 2, middle);
+        let bell = bell(&second);
+        let at = |i: usize, by: isize| -> f64 {
+            (i.checked_add_signed(by)).map_or(0.0, |i| bell.get(i).copied().unwrap_or(0.0))
+        };
+        let value = (0..window).map(|i| (at(i, -1) + 10.0 * at(i, 0) + at(i, 1)) / 12.0);
+        // Oldest sample first: the newer one counts positive.
+        let first = (0..window).map(|i| (at(i, -1) - at(i, 1)) / (2.0 * period));
+        let mut taps = vec![
+            value.collect(),
+            first.collect(),
+            second.iter().map(|c| c / (period * period)).collect(),
+        ];
+        taps.truncate(self.derivatives + 1);
+        // Accelerations wander as velocities of gyros do: a parabola, or a line.
+        let order = self.derivatives.max(1);
+        Ok(Kernels {
+            taps,
+            ahead: coefficients(window, order, 0, -1.0),
+            delay_s: middle * period,
+        })
+    }
+}
+
+/// Whose second difference `c` is: `b[i - 1] - 2 b[i] + b[i + 1] = c[i]`, zero at both ends.
+fn bell(c: &[f64]) -> Vec<f64> {
+    let (mut slope, mut height) = (0.0, 0.0);
+    let mut bell = vec![0.0; c.len()];
+    for (next, c) in bell.iter_mut().skip(1).zip(c) {
+        slope += c;
+        height += slope;
+        *next = height;
+    }
+    // Zero but for rounding.
+    if let Some(last) = bell.last_mut() {
+        *last = 0.0;
+    }
+    bell
+}
