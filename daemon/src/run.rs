@@ -212,6 +212,10 @@ fn describe(robot: &Robot) -> Description {
         description.joint_names[j] = Name::new(&joint.name);
         description.torque_limits[j] = joint.limits.torque;
     }
+    for (i, name) in robot_config::contact_names(parameters).iter().enumerate() {
+        description.contact_names[i] = Name::new(name);
+        description.contact_count += 1;
+    }
     for (s, ft) in parameters.ft_sensors.iter().enumerate() {
         description.ft_names[s] = Name::new(&ft.sensor.name);
     }

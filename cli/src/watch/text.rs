@@ -11,11 +11,17 @@ use torqued_client::robot_state::{
 pub(super) fn screen(description: &Description, record: &Record) -> String {
     let cycle = &record.cycle;
     let mut out = format!(
-        "{}: cycle {} at {:.0} Hz, mode {}\n{}\n\n",
+        "{}: cycle {} at {:.0} Hz, mode {}, contacts {}{}\n{}\n\n",
         description.robot,
         cycle.sequence,
         description.rate_hz,
         words::mode(cycle.mode),
+        words::contacts(description, cycle),
+        if cycle.contacts_automatic == 1 {
+            " (automatic)"
+        } else {
+            ""
+        },
         fault(cycle.fault),
     );
     if let Some((event, subject)) = words::warning(description, cycle) {
@@ -60,6 +66,7 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
         "q deg",
         "encoder N·m",
         "whole-body N·m",
+        "now N·m",
         "wanted N·m",
         "commanded N·m",
         "age ms",
@@ -73,6 +80,7 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
             format!("{:.2}", joint.measured.q.to_degrees()),
             estimate(&joint.tau_encoder),
             estimate(&joint.tau_whole_body),
+            estimate(&joint.tau_hat),
             format!("{:.2}", joint.control.tau_d),
             format!("{:.2}", joint.control.tau_star),
             format!("{:.1}", joint.measured.age_s * 1e3),

@@ -38,6 +38,14 @@ pub(super) fn warning<'a>(
     Some((event, name.map_or("?", |name| name.as_str())))
 }
 
+/// The name of the set of contacts that holds.
+pub(super) fn contacts<'a>(description: &'a Description, cycle: &CycleRecord) -> &'a str {
+    let names = description.contact_names.iter();
+    let mut names = names.take(description.contact_count as usize);
+    let name = names.nth(cycle.contacts as usize);
+    name.map_or("?", |name| name.as_str())
+}
+
 pub(super) fn measured(flags: u32) -> Vec<String> {
     words(flags, MEASURED)
 }
@@ -73,6 +81,9 @@ pub(super) fn remarks(joint: &JointRecord) -> String {
         remarks.extend(torque(flags).iter().map(|word| format!("{of} {word}")));
     }
     remarks.extend(control(joint.control.flags));
+    if joint.contact == 1 {
+        remarks.push(format!("pushed by {:.1} N·m", joint.tau_ext));
+    }
     remarks.join(", ")
 }
 

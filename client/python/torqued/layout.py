@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 25
+EVENT_COUNT = 26
 
 
 class Mode(IntEnum):
@@ -85,6 +85,7 @@ EVENTS = (
     Event(206, "torque_constant", "A joint's current tells another size of torque than encoders and F/T sensors: its torque constant is probably wrong.", "cross_check.current_ratio_min / cross_check.current_ratio_max", "count"),
     Event(207, "torque_sign", "A joint's current tells the opposite of encoders and F/T sensors: its sign is probably wrong.", "cross_check.current_load_per_cent", "count"),
     Event(208, "missing_contact", "Something touches the limb of an F/T sensor where no contact is declared.", "cross_check.residual_sigmas", "count"),
+    Event(209, "external_contact", "The environment pushes a joint where no contact is declared.", "external_torque.threshold_per_cent", "count"),
     Event(301, "reference_not_finite", "A client sent NaN or infinity.", "-", "hold"),
     Event(302, "reference_stale", "A client stopped sending references.", "loop.reference_timeout_ms", "hold"),
     Event(303, "reference_rejected", "A client asked for an unknown mode or sent the wrong number of joints.", "-", "hold"),
@@ -264,7 +265,7 @@ class ImuRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """24072 bytes."""
+    """24080 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -304,7 +305,7 @@ class CycleRecord(ctypes.Structure):
         # Expected standard deviation of `residual`; zero where the contacts explain anything.
         ("residual_sigma", Wrench),
         # How often each event occurred since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 25),
+        ("events", ctypes.c_uint64 * 26),
     ]
 
 
@@ -334,7 +335,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """24144 bytes."""
+    """24152 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -408,6 +409,6 @@ class Reference(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#a0ecd1e5e0daa484")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#bec8925eed80ef65")
 Description.type_name = staticmethod(lambda: "torqued::Description#1b288cc78621cd6e")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#97e2711f8c0f0ab1")

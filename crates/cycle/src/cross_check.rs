@@ -53,6 +53,11 @@ impl Watch {
         }
     }
 
+    /// After a tare, which changes what the F/T sensors say.
+    pub(crate) fn reset(&mut self) {
+        self.check.reset();
+    }
+
     pub(crate) fn update(
         &mut self,
         samples: &[JointSample],
@@ -71,11 +76,13 @@ impl Watch {
                 dq: joint.measured.dq,
                 ..*sample
             };
+            let tau_current = self.currents[j].update(&sample);
             self.sources[j] = Sources {
                 encoder: valid(&joint.tau_encoder),
                 whole_body: valid(&joint.tau_whole_body),
-                current: valid(&self.currents[j].update(&sample)),
+                current: valid(&tau_current),
             };
+            record.joints[j].tau_current = tau_current;
         }
         let found = self.check.update(&self.sources, whole_body);
         for cause in found {

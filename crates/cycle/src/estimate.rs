@@ -8,22 +8,30 @@ use robot_config::{
     AngularAcceleration, FilterGains, JointParameters, Parameters, Robot, whole_body_parameters,
 };
 use robot_state::{
-    CycleRecord, Event, TorqueEstimate, Wrench, measured_flags, torque_flags, torque_source,
+    CycleRecord, Event, Settings, TorqueEstimate, Wrench, measured_flags, torque_flags,
+    torque_source,
 };
 
 use core::fmt;
-use whole_body::{WholeBody, WholeBodyInput};
+use whole_body::{ContactSwitch, ContactSwitchParameters, WholeBody, WholeBodyInput};
 
 use crate::CycleError;
 use crate::cross_check::Watch;
 use crate::events::Counts;
+use crate::external::External;
 use crate::measure::Measure;
 
 /// The estimators of all joints.
 pub(crate) struct Estimate {
     joints: Vec<AnyEstimator>,
     whole_body: WholeBody,
+    contacts: ContactSwitch,
+    /// How many contacts each set has.
+    contact_counts: Vec<usize>,
+    external: Option<External>,
     watch: Option<Watch>,
+    /// The settings that were taken over last.
+    settings: Settings,
     angular_acceleration: AngularAcceleration,
     torque_limits: Vec<f64>,
     q: Vec<f64>,
@@ -62,8 +70,14 @@ impl Estimate {
                 .iter()
                 .map(joint_estimator)
                 .collect::<Result<_, _>>()?,
+            contacts: contact_switch(robot, &whole_body),
+            contact_counts: whole_body.contact_counts(),
+            external: (parameters.external_torque.as_ref())
+                .map(|settings| External::new(robot, settings))
+                .transpose()?,
+            settings: Settings::default(),
             whole_body,
-            angular_acceleration: parameters.angular_acceleration,
+            angular_acceleration: parameters.whole_body.angular_acceleration,
             torque_limits: parameters.joints.iter().map(|j| j.limits.torque).collect(),
             q: vec![0.0; n],
             dq: vec![0.0; n],
@@ -80,9 +94,13 @@ impl Estimate {
     pub(crate) fn update(
         &mut self,
         measure: &Measure,
+        settings: Option<&Settings>,
         record: &mut CycleRecord,
         counts: &mut Counts,
     ) {
+        if let Some(settings) = settings {
+            self.take_over(settings);
+        }
         for (j, estimator) in self.joints.iter_mut().enumerate() {
             let sample = &measure.samples()[j];
             let joint = &mut record.joints[j];
@@ -93,9 +111,28 @@ impl Estimate {
             };
         }
         self.update_whole_body(measure, record, counts);
+        if let Some(external) = &mut self.external {
+            external.update(&self.whole_body, record, counts);
+        }
         if let Some(watch) = &mut self.watch {
             watch.update(measure.samples(), &self.whole_body, record, counts);
         }
+    }
+
+    /// Clients' choice of contacts; offsets are for those who condition.
+    fn take_over(&mut self, settings: &Settings) {
+        if settings.contacts != self.settings.contacts {
+            match settings.contacts.checked_sub(1) {
+                Some(set) => _ = self.contacts.choose(set as usize),
+                None => self.contacts.automatic(),
+            }
+        }
+        if settings.ft_offset != self.settings.ft_offset
+            && let Some(watch) = &mut self.watch
+        {
+            watch.reset();
+        }
+        self.settings = *settings;
     }
 
     fn update_whole_body(
@@ -159,15 +196,49 @@ impl Estimate {
             let joint = &mut record.joints[j];
             joint.tau_whole_body = checked(whole_body, joint.tau_whole_body, counts);
         }
+        self.tell_contacts(record);
+        self.contacts.update(&mut self.whole_body);
+        record.contacts = self.contacts.target() as u32;
+        record.contacts_automatic = u32::from(self.contacts.is_automatic());
+    }
+
+    fn tell_contacts(&self, record: &mut CycleRecord) {
+        let estimate = self.whole_body.estimate();
         // The last contact is the unknown wrench.
-        if let Some(unknown) = estimate.contacts.last() {
+        let last = self.contact_counts[self.whole_body.chosen()].saturating_sub(1);
+        if let Some(unknown) = estimate.contacts.get(last) {
             record.unknown_wrench = unknown.wrench;
             record.unknown_wrench_sigma = unknown.sigma;
         }
-        for (s, sensor) in record.ft.iter_mut().take(self.ft.len()).enumerate() {
+        let mut parts = estimate.parts.iter();
+        if let Some(root) = parts.next() {
+            record.residual = root.residual;
+            record.residual_sigma = root.residual_sigma;
+        }
+        let sensors = record.ft.iter_mut().zip(parts).enumerate();
+        for (s, (sensor, part)) in sensors {
             sensor.contact = self.whole_body.net_at_sensor(s);
+            sensor.residual = part.residual;
+            sensor.residual_sigma = part.residual_sigma;
         }
     }
+}
+
+/// Who chooses among the sets of contacts, and how they give way to one another.
+fn contact_switch(robot: &Robot, whole_body: &WholeBody) -> ContactSwitch {
+    let p = &robot.parameters;
+    let settings = &p.whole_body;
+    let parameters = ContactSwitchParameters {
+        sample_period: p.timing.sample_period,
+        blend: settings.blend,
+        rule: settings.load_rule.clone(),
+        loaded: settings.contacts.iter().map(|c| c.loaded.clone()).collect(),
+    };
+    ContactSwitch::new(
+        whole_body.hypotheses().len(),
+        p.ft_sensors.len(),
+        parameters,
+    )
 }
 
 /// The estimate, or the last one marked as not valid if it is not finite. Counts what is odd.

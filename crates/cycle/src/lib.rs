@@ -10,6 +10,7 @@ mod decide;
 mod emit;
 mod estimate;
 mod events;
+mod external;
 mod ft_offset;
 mod limit;
 mod measure;
@@ -87,7 +88,7 @@ impl Cycle {
         record.stamp_ns = now.0;
 
         let readiness = (self.measure).update(now, rx, wanted.settings, record, counts);
-        self.estimate.update(&self.measure, record, counts);
+        (self.estimate).update(&self.measure, wanted.settings, record, counts);
         let reference = self.supervisor.decide(wanted, readiness, counts);
         let mode = self.supervisor.mode();
         self.command.update(mode, reference, &self.estimate, record);

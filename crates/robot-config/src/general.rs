@@ -1,8 +1,6 @@
-//! `[robot] [loop] [[bus]] [filters] [whole_body] [control]`.
+//! `[robot] [loop] [[bus]] [filters] [control] [cross_check]`.
 
-use crate::parameters::{
-    AngularAcceleration, BusParameters, CrossCheckSettings, RealTime, Timing, TorqueFeedback,
-};
+use crate::parameters::{BusParameters, CrossCheckSettings, RealTime, Timing, TorqueFeedback};
 use crate::reader::{Allowed, Notes, Section};
 use crate::{Read, paths, unreadable};
 use dynamics::Base;
@@ -18,10 +16,8 @@ pub(crate) struct Named {
     pub(crate) base: Base,
 }
 
-/// `[whole_body]` and `[control]`.
-pub(crate) struct Estimation {
-    pub(crate) unknown_wrench_link: Option<String>,
-    pub(crate) angular_acceleration: AngularAcceleration,
+/// `[control]`.
+pub(crate) struct Feedback {
     pub(crate) torque_feedback: TorqueFeedback,
     pub(crate) k_f: f64,
 }
@@ -229,31 +225,19 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> [SavitzkyGo
     [filter(encoder, 2), filter(sensor, 1), control]
 }
 
-pub(crate) fn estimation(root: &Section<'_, '_>) -> Estimation {
-    use AngularAcceleration::{Differentiate, Neglect};
+pub(crate) fn feedback(root: &Section<'_, '_>) -> Feedback {
     use TorqueFeedback::{Encoder, WholeBody};
-    let mut estimation = Estimation {
-        unknown_wrench_link: None,
-        angular_acceleration: Differentiate,
+    let mut feedback = Feedback {
         torque_feedback: Encoder,
         k_f: 0.0,
     };
-    if let Some(section) = root.optional_section("whole_body") {
-        estimation.unknown_wrench_link = section
-            .optional_text("unknown_wrench_link", "the name of a link of the URDF")
-            .map(|text| text.value.to_owned());
-        let choices = [("differentiate", Differentiate), ("neglect", Neglect)];
-        estimation.angular_acceleration =
-            section.choice_or("angular_acceleration", Differentiate, &choices);
-        section.finish();
-    }
     if let Some(section) = root.section("control") {
         let choices = [("encoder", Encoder), ("whole_body", WholeBody)];
-        estimation.torque_feedback = section.choice("torque_feedback", &choices);
-        estimation.k_f = section.number_or("K_f", 0.0, Allowed::NonNegative);
+        feedback.torque_feedback = section.choice("torque_feedback", &choices);
+        feedback.k_f = section.number_or("K_f", 0.0, Allowed::NonNegative);
         section.finish();
     }
-    estimation
+    feedback
 }
 
 /// `[cross_check]`.

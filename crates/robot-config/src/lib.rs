@@ -5,6 +5,7 @@
 //! the reader that the caller hands over.
 #![deny(unsafe_code)]
 
+mod contacts;
 mod drives;
 mod general;
 mod joints;
@@ -20,7 +21,7 @@ mod wiring;
 
 pub use can_codec::Problem;
 pub use parameters::*;
-pub use whole_body::{FilterGains, whole_body_parameters};
+pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};
 use core::fmt;
@@ -103,7 +104,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let buses = general::buses(&root, path);
     let [encoder_filter, sensor_filter, control_filter] =
         general::filters(&root, timing.sample_period);
-    let estimation = general::estimation(&root);
+    let feedback = general::feedback(&root);
     let cross_check = general::cross_check(&root);
     let drives = drives::read(&root);
 
@@ -116,6 +117,8 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let joints = joints::read(&root, &drives, model.as_ref(), &timing, &files, &mut wiring);
     let ft_sensors = sensors::ft_sensors(&root, &mut wiring);
     let imu = sensors::imu(&root, &mut wiring);
+    let whole_body = contacts::whole_body(&root, &ft_sensors);
+    let external_torque = contacts::external_torque(&root);
     let tables = wiring.compile();
     let (readable, again) = (!notes.any(), root.again());
     root.finish();
@@ -131,11 +134,11 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
         encoder_filter,
         sensor_filter,
         control_filter,
-        angular_acceleration: estimation.angular_acceleration,
-        unknown_wrench_link: estimation.unknown_wrench_link,
+        whole_body,
+        external_torque,
         cross_check,
-        torque_feedback: estimation.torque_feedback,
-        k_f: estimation.k_f,
+        torque_feedback: feedback.torque_feedback,
+        k_f: feedback.k_f,
         joints,
         ft_sensors,
         imu,

@@ -6,7 +6,7 @@ use estimators::encoder::EncoderParameters;
 use estimators::joint::JointEstimatorParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use identification::joint_file::JointFile;
-use whole_body::FtConditioning;
+use whole_body::{FtConditioning, Hypothesis, LoadRule, Weighting};
 
 /// Everything that a configuration says.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,10 +27,10 @@ pub struct Parameters {
     pub sensor_filter: SavitzkyGolayParameters,
     /// Filter of the velocities that control uses: short, as delay costs stability.
     pub control_filter: SavitzkyGolayParameters,
-    /// Where the angular acceleration of the IMU comes from.
-    pub angular_acceleration: AngularAcceleration,
-    /// The link that an unknown wrench may act on (D 2.4); the root if none is named.
-    pub unknown_wrench_link: Option<String>,
+    /// Contacts, and how torques follow from F/T sensors and IMU.
+    pub whole_body: WholeBodySettings,
+    /// How external torques are observed; none: they are not.
+    pub external_torque: Option<ExternalTorqueSettings>,
     /// How torque sources watch each other; none: they do not.
     pub cross_check: Option<CrossCheckSettings>,
     /// Which torque estimate is fed back.
@@ -143,6 +143,47 @@ impl JointParameters {
     pub fn takes_position(&self) -> bool {
         matches!(self.motor, MotorModel::Position { .. })
     }
+}
+
+/// Contacts, and how torques follow from F/T sensors and IMU.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WholeBodySettings {
+    /// The link that an unknown wrench may act on (D 2.4); the root if none is named.
+    pub unknown_wrench_link: Option<String>,
+    /// Where the angular acceleration of the IMU comes from.
+    pub angular_acceleration: AngularAcceleration,
+    /// How equations weigh where there are fewer unknowns than equations.
+    pub weighting: Weighting,
+    /// Relative standard deviation of the model's masses, 1.
+    pub sigma_model: f64,
+    /// What may touch the robot; the first holds at the start. Empty: a full wrench beyond each
+    /// F/T sensor and one on `unknown_wrench_link`.
+    pub contacts: Vec<ContactSet>,
+    /// Time over which one set of contacts gives way to another, s.
+    pub blend: f64,
+    /// When an F/T sensor's part counts as loaded; none: only clients change contacts.
+    pub load_rule: Option<LoadRule>,
+}
+
+/// A set of contacts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContactSet {
+    /// Its name and its contacts.
+    pub hypothesis: Hypothesis,
+    /// The state of load at which the rule chooses it: indices of F/T sensors and whether each is
+    /// loaded. Empty: only clients choose it.
+    pub loaded: Vec<(usize, bool)>,
+}
+
+/// How external torques are observed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExternalTorqueSettings {
+    /// K: bandwidth of the observer, 1/s.
+    pub gain: f64,
+    /// External torque that tells a contact, as a share of the torque limit, 1.
+    pub threshold_share: f64,
+    /// How long it must last, s.
+    pub hold: f64,
 }
 
 /// When torque sources of a joint disagree.

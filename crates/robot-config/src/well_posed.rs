@@ -21,7 +21,7 @@ pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Paramete
         );
         return;
     };
-    if contacts_elsewhere(root, model, parameters) {
+    if parameters.whole_body.contacts.is_empty() && contacts_elsewhere(root, model, parameters) {
         return;
     }
     if let Err(error) = WholeBody::new(model, &whole_body) {
@@ -56,7 +56,7 @@ fn contacts_elsewhere(root: &Section<'_, '_>, model: &Model, parameters: &Parame
             any = true;
         }
     }
-    let Some(link) = &parameters.unknown_wrench_link else {
+    let Some(link) = &parameters.whole_body.unknown_wrench_link else {
         return any;
     };
     let moves = (model.frame_index(link)).is_some_and(|l| model.frames()[l].body != 0);
@@ -96,6 +96,17 @@ fn tell(root: &Section<'_, '_>, model: &Model, error: &WholeBodyError) {
         }
         None => root.problem("", what, allowed),
     };
+    if let E::Contacts {
+        hypothesis,
+        problem,
+    } = error
+        && let Some(section) = naming_set(root, hypothesis)
+    {
+        let text = problem.to_string();
+        let (what, allowed) = text.split_once("; allowed: ").unwrap_or((&text, ""));
+        section.problem("touch", what, allowed);
+        return;
+    }
     match error {
         E::UnknownLink(_, link) => unknown_link(link),
         E::Contacts {
@@ -108,6 +119,14 @@ fn tell(root: &Section<'_, '_>, model: &Model, error: &WholeBodyError) {
         E::UnknownJoint(_) | E::JointNotNamedOnce(_) => root.problem("joint", what, allowed),
         _ => root.problem("", what, allowed),
     }
+}
+
+/// The set of contacts of that name.
+fn naming_set<'n, 't>(root: &Section<'n, 't>, name: &str) -> Option<Section<'n, 't>> {
+    let mut sets = root.list("contacts").into_iter();
+    let mut section = sets.find(|section| section.is("name", name))?;
+    section.which = format!(" ({name})");
+    Some(section)
 }
 
 /// The table of the F/T sensor of that name, or the whole file.

@@ -4,7 +4,7 @@ use crate::parameters::{AngularAcceleration, FtParameters, Parameters};
 use dynamics::{Base, Model};
 use whole_body::{
     ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
-    Place, Residual, Weighting, WholeBodyParameters,
+    Place, Residual, WholeBodyParameters,
 };
 
 /// How noise of the sensors reaches the estimator through the filters.
@@ -16,8 +16,12 @@ pub struct FilterGains {
     pub sigma_ddq: Vec<f64>,
 }
 
-/// The estimator's parameters: a full wrench beyond each F/T sensor on its contact link, and the
-/// unknown wrench (D 2.4), last of the contacts. None for a floating base without an IMU.
+/// Name of the set of contacts that holds where the configuration names none.
+const DEFAULT_CONTACTS: &str = "default";
+
+/// The estimator's parameters, with the configured sets of contacts; where there are none, a full
+/// wrench beyond each F/T sensor on its contact link, and the unknown wrench (D 2.4). None for a
+/// floating base without an IMU.
 #[must_use]
 pub fn whole_body_parameters(
     parameters: &Parameters,
@@ -40,42 +44,59 @@ pub fn whole_body_parameters(
         (Base::Floating, Some(imu)) => MotionSource::Imu(ImuParameters {
             frame: Place::link(&imu.frame),
             sigma_accelerometer: value * imu.sigma_accelerometer,
-            sigma_angular_acceleration: match parameters.angular_acceleration {
+            sigma_angular_acceleration: match parameters.whole_body.angular_acceleration {
                 AngularAcceleration::Differentiate => rate * imu.sigma_gyro,
                 AngularAcceleration::Neglect => 0.0,
             },
         }),
         (Base::Floating, None) => return None,
     };
+    let settings = &parameters.whole_body;
+    let sets = settings.contacts.iter().map(|set| set.hypothesis.clone());
+    let mut hypotheses: Vec<Hypothesis> = sets.collect();
+    if hypotheses.is_empty() {
+        hypotheses.push(default_contacts(parameters, model));
+    }
+    Some(WholeBodyParameters {
+        joints: parameters.joints.iter().map(|j| j.name.clone()).collect(),
+        sigma_ddq: gains.sigma_ddq.clone(),
+        ft_sensors: parameters.ft_sensors.iter().map(ft_sensor).collect(),
+        source,
+        hypotheses,
+        weighting: settings.weighting,
+        residual: Residual::Stays,
+        sigma_model: settings.sigma_model,
+    })
+}
+
+/// Names of the sets of contacts, in the order of the estimator's hypotheses.
+#[must_use]
+pub fn contact_names(parameters: &Parameters) -> Vec<&str> {
+    let sets = &parameters.whole_body.contacts;
+    if sets.is_empty() {
+        return vec![DEFAULT_CONTACTS];
+    }
+    sets.iter().map(|c| c.hypothesis.name.as_str()).collect()
+}
+
+/// A full wrench beyond each F/T sensor, and the unknown wrench (D 2.4), last of all.
+fn default_contacts(parameters: &Parameters, model: &Model) -> Hypothesis {
     let touched = |ft: &FtParameters| {
-        ft.sensor
-            .contact_link
-            .clone()
-            .unwrap_or(ft.sensor.frame.clone())
+        let link = ft.sensor.contact_link.clone();
+        link.unwrap_or_else(|| ft.sensor.frame.clone())
     };
-    let unknown = parameters
-        .unknown_wrench_link
-        .clone()
-        .unwrap_or_else(|| root(model));
+    let unknown = parameters.whole_body.unknown_wrench_link.clone();
+    let unknown = unknown.unwrap_or_else(|| root(model));
     let links = parameters.ft_sensors.iter().map(touched).chain([unknown]);
     let contacts = links.map(|link| ContactParameters {
         link,
         point: [0.0; 3].into(),
         kind: ContactKind::FullWrench,
     });
-    Some(WholeBodyParameters {
-        joints: parameters.joints.iter().map(|j| j.name.clone()).collect(),
-        sigma_ddq: gains.sigma_ddq.clone(),
-        ft_sensors: parameters.ft_sensors.iter().map(ft_sensor).collect(),
-        source,
-        hypotheses: vec![Hypothesis {
-            name: String::new(),
-            contacts: contacts.collect(),
-        }],
-        weighting: Weighting::Unit,
-        residual: Residual::Stays,
-        sigma_model: 0.0,
-    })
+    Hypothesis {
+        name: DEFAULT_CONTACTS.to_owned(),
+        contacts: contacts.collect(),
+    }
 }
 
 fn root(model: &Model) -> String {

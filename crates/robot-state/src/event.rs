@@ -95,6 +95,7 @@ events! {
     TorqueConstant = 206, "torque_constant", Count, "cross_check.current_ratio_min / cross_check.current_ratio_max", "A joint's current tells another size of torque than encoders and F/T sensors: its torque constant is probably wrong.";
     TorqueSign = 207, "torque_sign", Count, "cross_check.current_load_per_cent", "A joint's current tells the opposite of encoders and F/T sensors: its sign is probably wrong.";
     MissingContact = 208, "missing_contact", Count, "cross_check.residual_sigmas", "Something touches the limb of an F/T sensor where no contact is declared.";
+    ExternalContact = 209, "external_contact", Count, "external_torque.threshold_per_cent", "The environment pushes a joint where no contact is declared.";
     ReferenceNotFinite = 301, "reference_not_finite", Hold, "-", "A client sent NaN or infinity.";
     ReferenceStale = 302, "reference_stale", Hold, "loop.reference_timeout_ms", "A client stopped sending references.";
     ReferenceRejected = 303, "reference_rejected", Hold, "-", "A client asked for an unknown mode or sent the wrong number of joints.";

@@ -1,12 +1,14 @@
 //! The estimator: one update a cycle.
 
+mod tell;
+
 use crate::contacts::ContactSet;
 use crate::error::WholeBodyError;
 use crate::layout::Layout;
-use crate::least_squares::{Six, dot, quadratic};
+use crate::least_squares::Six;
 use crate::mechanics::Mechanics;
 use crate::parameters::{Residual, Weighting, WholeBodyParameters};
-use crate::sigma::{Sigma, contact_rows};
+use crate::sigma::Sigma;
 use crate::solution::{Solution, about};
 use crate::tare::units;
 use dynamics::{Force, ImuMotion, Model, Motion};
@@ -301,6 +303,23 @@ impl WholeBody {
         limbs
     }
 
+    /// How many contacts each hypothesis has.
+    #[must_use]
+    pub fn contact_counts(&self) -> Vec<usize> {
+        self.sets.iter().map(|set| set.contacts.len()).collect()
+    }
+
+    /// Adds the wrench of every contact of the chosen hypothesis, as estimated last, to the forces
+    /// on the model's bodies, each in its body's frame.
+    pub fn add_contact_forces(&self, forces: &mut [Force]) {
+        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
+        for (contact, wrench) in set.contacts.iter().zip(&solution.local) {
+            if let Some(force) = forces.get_mut(contact.body) {
+                *force += contact.placement.act_force(*wrench);
+            }
+        }
+    }
+
     /// Parts that nothing touches under the chosen hypothesis.
     pub(crate) fn untouched_parts(&self) -> Vec<usize> {
         let parts = self.sets[self.chosen].parts.iter().enumerate();
@@ -383,82 +402,6 @@ impl WholeBody {
             told.unknowns = set.parts[part].1 as u32;
         }
         determined
-    }
-
-    fn tell_torques(&mut self) {
-        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
-        (self.sigma).torques(&self.model, &self.layout, &self.mechanics, set, solution);
-        for (i, &joint) in self.layout.joints.iter().enumerate() {
-            self.estimate.sigma[i] = self.sigma.variance[joint].sqrt();
-        }
-        // A mimic joint's torque adds to that of the joint it follows.
-        self.by_joint.fill(0.0);
-        for (body, tau) in self.model.bodies().iter().zip(&self.tau).skip(1) {
-            self.by_joint[body.joint] += tau;
-        }
-        for (tau, &joint) in self.estimate.tau.iter_mut().zip(&self.layout.joints) {
-            *tau = self.by_joint[joint];
-        }
-    }
-
-    fn tell_contacts(&mut self) {
-        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
-        self.estimate.contacts.fill(ContactEstimate::default());
-        for (part, (range, _)) in set.parts.iter().enumerate() {
-            let origin = self.mechanics.origin(&self.model, &self.layout, part);
-            let covariance = &self.sigma.covariance[part];
-            let full = set.single_full(part).is_some();
-            let mut first = 0;
-            for c in range.clone() {
-                let contact = &set.contacts[c];
-                let frame = self.mechanics.in_root[contact.body].compose(&contact.placement);
-                let n = contact.kind.unknowns();
-                let rows = &solution.rows[part][first..first + n];
-                let rows = contact_rows(&frame, &origin, full, rows);
-                first += n;
-                let x: Six = std::array::from_fn(|k| quadratic(covariance, &rows[k]).sqrt());
-                let mut sigma = wrench(contact.wrench(&x[..n]));
-                sigma.force = sigma.force.map(f64::abs);
-                let told = &mut self.estimate.contacts[contact.input];
-                told.wrench = wrench(solution.local[c]);
-                told.sigma = sigma;
-            }
-        }
-    }
-
-    fn tell_parts(&mut self) {
-        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
-        for (part, &output) in self.part_output.iter().enumerate() {
-            let frame = (self.mechanics).part_frame(&self.model, &self.layout, part);
-            let told = &mut self.estimate.parts[output];
-            told.net = wrench(frame.inverse_act_force(self.mechanics.net[part]));
-            told.residual = wrench(frame.inverse_act_force(solution.residual[part]));
-            let n = set.parts[part].1;
-            if n == 6 {
-                told.residual_sigma = Wrench::default();
-                continue;
-            }
-            let (columns, rows) = (&solution.columns[part], &solution.rows[part]);
-            let sigma: Six = std::array::from_fn(|k| {
-                let axis = frame.rotation.column(k % 3).into_owned();
-                let axis = match k < 3 {
-                    true => Force::new(axis, Vector3::zeros()),
-                    false => Force::new(Vector3::zeros(), axis),
-                };
-                // axis^T (1 - A A^+)
-                let mut row = axis.to_array();
-                for (column, inverse) in columns[..n].iter().zip(&rows[..n]) {
-                    let along = dot(&axis.to_array(), column);
-                    row.iter_mut()
-                        .zip(inverse)
-                        .for_each(|(r, i)| *r -= along * i);
-                }
-                quadratic(&self.sigma.covariance[part], &row)
-                    .max(0.0)
-                    .sqrt()
-            });
-            told.residual_sigma = wrench(Force::from_array(sigma));
-        }
     }
 }
 

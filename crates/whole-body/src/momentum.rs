@@ -6,7 +6,7 @@
 //! The observer integrates `d(M dq)/dt = tau + tau_ext - h + dM/dt dq` and lets the error of the
 //! momentum be the external torque: `r = K (M dq - integral)`, a first-order lag of `tau_ext`.
 
-use dynamics::{Data, Force, Model, Motion, crba, rnea};
+use dynamics::{Base, Data, Force, Model, Motion, crba, rnea};
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// How external torques are observed.
@@ -44,15 +44,15 @@ pub struct MomentumObserver {
 }
 
 impl MomentumObserver {
-    /// `model` must have a floating base, moved by what `update` is told.
+    /// A floating base moves as `update` is told; a fixed one stands still.
     #[must_use]
     pub fn new(model: &Model, parameters: MomentumObserverParameters) -> Self {
         let mut model = model.clone();
-        // The base's proper acceleration holds gravity already.
-        model.set_gravity(Vector3::zeros());
         let n = model.joint_count();
         let mut q = vec![0.0; model.nq()];
-        if model.base_size().1 == 7 {
+        if model.base() == Base::Floating {
+            // The base's proper acceleration holds gravity already.
+            model.set_gravity(Vector3::zeros());
             q[6] = 1.0;
         }
         let nv = model.nv();
@@ -84,9 +84,9 @@ impl MomentumObserver {
     }
 
     /// tau_ext, N·m, of every joint, from angles, velocities, torques, and the root's twist and
-    /// proper acceleration ([`crate::WholeBody::base_motion`]) at one instant. `known`: wrenches on
-    /// each body that are known (F/T sensors), which are then not external. Values that are not
-    /// finite leave the last answer.
+    /// proper acceleration ([`crate::WholeBody::base_motion`]) at one instant; the latter are not used
+    /// with a fixed base. `known`: wrenches on each body that are known (declared contacts), which are
+    /// then not external. Values that are not finite leave the last answer.
     pub fn update(
         &mut self,
         q: &[f64],

@@ -70,9 +70,18 @@ impl ContactSwitch {
         true
     }
 
-    /// Hands the choice back to the rule, if there is one.
+    /// Hands the choice back to the rule; where there is none, to the first hypothesis.
     pub fn automatic(&mut self) {
         self.automatic = self.parameters.rule.is_some();
+        if !self.automatic {
+            self.target = 0;
+        }
+    }
+
+    /// Whether the rule chooses.
+    #[must_use]
+    pub fn is_automatic(&self) -> bool {
+        self.automatic
     }
 
     /// The hypothesis that is, or becomes, the only one.

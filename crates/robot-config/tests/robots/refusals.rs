@@ -330,3 +330,54 @@ fn conditioning_that_cannot_be() {
         }
     }
 }
+
+#[test]
+fn contacts_must_say_what_touches_every_part() {
+    let humanoid = |from: &str, to: &str| Files::new().with(HUMANOID, from, to);
+    let files = humanoid(
+        "  { link = \"left_hand\", type = \"none\" },\n  { link = \"right_hand\", type = \"none\" },\n  \
+         { link = \"chest_pitch_link\", type = \"full_wrench\" },\n]\n\n[[contacts]]\nname = \"on_left_foot\"",
+        "  { link = \"right_hand\", type = \"none\" },\n  \
+         { link = \"chest_pitch_link\", type = \"full_wrench\" },\n]\n\n[[contacts]]\nname = \"on_left_foot\"",
+    );
+    let parts = [
+        "contacts.touch (standing): the part beyond F/T sensor `left_wrist`",
+        "has no contact",
+        "`none`",
+    ];
+    refused(&files, HUMANOID, "touch = [", &parts);
+    let files = humanoid(
+        "loaded = [\"left_ankle\"]\nunloaded = [\"right",
+        "loaded = [\"left_toe\"]\nunloaded = [\"right",
+    );
+    let parts = [
+        "contacts.loaded (on_left_foot): \"left_toe\" is no F/T sensor",
+        "left_ankle, right_ankle, left_wrist, right_wrist",
+    ];
+    refused(&files, HUMANOID, "loaded = [\"left_toe\"]", &parts);
+    let files = humanoid("name = \"unheld\"", "name = \"standing\"");
+    let text = files.errors(HUMANOID);
+    assert!(
+        text.contains("contacts.name (standing): \"standing\""),
+        "{text}"
+    );
+    let files = humanoid("off_N = 30.0", "off_N = 70.0");
+    refused(&files, HUMANOID, "off_N = 70.0", &["off_N < on_N"]);
+    let files = humanoid("[cross_check]", "[cross_chek]");
+    refused(&files, HUMANOID, "[cross_chek]", &["unknown key"]);
+    let files = humanoid(
+        "angular_acceleration = \"differentiate\"",
+        "unknown_wrench_link = \"base_link\"",
+    );
+    let parts = ["whole_body.unknown_wrench_link: ", "[[contacts]]"];
+    refused(&files, HUMANOID, "unknown_wrench_link", &parts);
+    let files = humanoid(
+        "{ link = \"left_foot\", type = \"full_wrench\" }",
+        "{ link = \"left_foot\", type = \"known_direction\" }",
+    );
+    let text = files.errors(HUMANOID);
+    assert!(
+        text.contains("contacts.touch.direction (standing): "),
+        "{text}"
+    );
+}
