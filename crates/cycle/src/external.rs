@@ -1,7 +1,7 @@
 //! External: what pushes the joints besides the declared contacts.
 
 use dynamics::Force;
-use estimators::savitzky_golay::SavitzkyGolayBank;
+use estimators::filter_bank::FilterBank;
 use robot_config::{ExternalTorqueSettings, Robot};
 use robot_state::{CycleRecord, Event, measured_flags};
 use whole_body::{MomentumObserver, MomentumObserverParameters, WholeBody};
@@ -14,7 +14,7 @@ use crate::events::Counts;
 pub(crate) struct External {
     observer: MomentumObserver,
     /// Torques of the encoders, late like everything else.
-    filter: SavitzkyGolayBank,
+    filter: FilterBank,
     /// Place of each joint, in config order, in the model.
     model_index: Vec<usize>,
     newest: Vec<f64>,
@@ -44,7 +44,7 @@ impl External {
         };
         Ok(Self {
             observer: MomentumObserver::new(&robot.model, parameters),
-            filter: SavitzkyGolayBank::new(joints, p.sensor_filter)?,
+            filter: FilterBank::new(joints, p.sensor_filter)?,
             model_index: p.joints.iter().map(|j| j.model_index).collect(),
             newest: vec![f64::NAN; joints],
             q: vec![0.0; n],
