@@ -33,7 +33,7 @@ impl Watch {
         let limits = |share: f64| p.joints.iter().map(|j| share * j.limits.torque).collect();
         let check = CrossCheckParameters {
             sample_period: p.timing.sample_period,
-            window: p.sensor_filter.window,
+            window: p.filters.window,
             average: settings.average,
             hold: settings.hold,
             encoder_threshold: limits(settings.encoder_share),

@@ -260,8 +260,8 @@ fn checked(estimate: TorqueEstimate, last: TorqueEstimate, counts: &mut Counts) 
 /// The whole-body estimator, with the standard deviations of sensors after the filters.
 fn whole_body(robot: &Robot) -> Result<WholeBody, CycleError> {
     let parameters: &Parameters = &robot.parameters;
-    let sensors = FilterBank::new(1, parameters.sensor_filter)?;
-    let ddq_gain = FilterBank::new(1, parameters.encoder_filter)?.noise_gain(2);
+    let sensors = FilterBank::new(1, parameters.filters.sensor)?;
+    let ddq_gain = FilterBank::new(1, parameters.filters.encoder)?.noise_gain(2);
     let gains = FilterGains {
         sensor: [sensors.noise_gain(0), sensors.noise_gain(1)],
         // A count hides a uniform error whose variance is its square over 12.

@@ -113,9 +113,9 @@ impl Measure {
                 .iter()
                 .map(|joint| JointEncoders::new(joint.encoders))
                 .collect(),
-            encoder_filter: FilterBank::new(n, parameters.encoder_filter)?,
-            control_filter: FilterBank::new(2 * n, parameters.control_filter)?,
-            sensor_filter: FilterBank::new(axes, parameters.sensor_filter)?,
+            encoder_filter: FilterBank::new(n, parameters.filters.encoder)?,
+            control_filter: FilterBank::new(2 * n, parameters.filters.control)?,
+            sensor_filter: FilterBank::new(axes, parameters.filters.sensor)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
             axes: vec![f64::NAN; axes],

@@ -1,10 +1,9 @@
-//! `[robot] [loop] [[bus]] [filters] [control] [cross_check]`.
+//! `[robot] [loop] [[bus]] [control] [cross_check]`.
 
 use crate::parameters::{BusParameters, CrossCheckSettings, RealTime, Timing, TorqueFeedback};
 use crate::reader::{Allowed, Notes, Section};
 use crate::{Read, paths, unreadable};
 use dynamics::Base;
-use estimators::savitzky_golay::SavitzkyGolayParameters;
 
 /// Letters of a [`robot_state::Name`].
 const NAME: &str = "a name of 1 to 48 letters, digits, _ or -";
@@ -176,53 +175,6 @@ fn interface(section: &Section<'_, '_>) -> String {
         );
     }
     name.to_owned()
-}
-
-/// The filters of encoders and of sensors: both read at the same instant, the middle of the
-/// longer window, because signals that enter one equation must be late by the same time.
-///
-/// The third filter is for control's velocity alone: it enters no such equation and is short.
-pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> [SavitzkyGolayParameters; 3] {
-    const MOST: u64 = 1000;
-    let section = root.optional_section("filters");
-    let read = |key, window: usize, order| {
-        let table = section
-            .as_ref()
-            .and_then(|section| section.optional_section(key));
-        let (window, order) = table.map_or((window as u64, order), |table| {
-            let window = table.integer("window", order + 1..MOST + 1);
-            let order = table.integer("order", order..window.clamp(order + 1, 6));
-            table.finish();
-            (window, order)
-        });
-        (window as usize, order as usize)
-    };
-    // Accelerations are second derivatives of angles, and first ones of the gyro.
-    let (encoder, sensor) = (read("encoder", 80, 2), read("sensor", 80, 1));
-    let (window, order) = read("control", 16, 2);
-    let control = SavitzkyGolayParameters::centred(window, order, 1, sample_period);
-    let delay_samples = 0.5 * (encoder.0.max(sensor.0) - 1) as f64;
-    let shortest = encoder.0.min(sensor.0);
-    if let Some(section) = section {
-        if delay_samples > (shortest - 1) as f64 {
-            let what = format!(
-                "windows of {} and {} samples have no instant in common",
-                encoder.0, sensor.0
-            );
-            let allowed =
-                "the longer window at most twice the shorter less one; equal windows are best";
-            section.problem("", what, allowed);
-        }
-        section.finish();
-    }
-    let filter = |(window, order), derivatives| SavitzkyGolayParameters {
-        window,
-        order,
-        derivatives,
-        delay_samples,
-        sample_period,
-    };
-    [filter(encoder, 2), filter(sensor, 1), control]
 }
 
 pub(crate) fn feedback(root: &Section<'_, '_>) -> Feedback {

@@ -7,6 +7,7 @@
 
 mod contacts;
 mod drives;
+mod filters;
 mod general;
 mod joints;
 mod parameters;
@@ -102,8 +103,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let named = general::robot(&root, path);
     let timing = general::timing(&root);
     let buses = general::buses(&root, path);
-    let [encoder_filter, sensor_filter, control_filter] =
-        general::filters(&root, timing.sample_period);
+    let filters = filters::filters(&root, timing.sample_period);
     let feedback = general::feedback(&root);
     let cross_check = general::cross_check(&root);
     let drives = drives::read(&root);
@@ -131,9 +131,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
         base: named.base,
         timing,
         buses: buses.into_iter().map(|bus| bus.parameters).collect(),
-        encoder_filter,
-        sensor_filter,
-        control_filter,
+        filters,
         whole_body,
         external_torque,
         cross_check,

@@ -3,6 +3,7 @@
 use control::{JointGains, JointLimits, MotorModel};
 use dynamics::Base;
 use estimators::encoder::EncoderParameters;
+use estimators::filter_bank::FilterDesign;
 use estimators::joint::JointEstimatorParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use identification::joint_file::JointFile;
@@ -21,12 +22,8 @@ pub struct Parameters {
     pub timing: Timing,
     /// The buses; a frame's `bus` is an index into them.
     pub buses: Vec<BusParameters>,
-    /// Filter of encoders: value and two derivatives.
-    pub encoder_filter: SavitzkyGolayParameters,
-    /// Filter of F/T sensors and IMU, late by as much as the encoders': value and one derivative.
-    pub sensor_filter: SavitzkyGolayParameters,
-    /// Filter of the velocities that control uses: short, as delay costs stability.
-    pub control_filter: SavitzkyGolayParameters,
+    /// Filters of the signals.
+    pub filters: Filters,
     /// Contacts, and how torques follow from F/T sensors and IMU.
     pub whole_body: WholeBodySettings,
     /// How external torques are observed; none: they are not.
@@ -43,6 +40,19 @@ pub struct Parameters {
     pub ft_sensors: Vec<FtParameters>,
     /// The IMU, if there is one.
     pub imu: Option<ImuParameters>,
+}
+
+/// Filters of the signals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Filters {
+    /// Of encoders: value and two derivatives.
+    pub encoder: FilterDesign,
+    /// Of F/T sensors and IMU, late by as much as the encoders': value and one derivative.
+    pub sensor: FilterDesign,
+    /// Of the velocities that control uses: short, as delay costs stability.
+    pub control: SavitzkyGolayParameters,
+    /// Samples of the longer of the first two.
+    pub window: usize,
 }
 
 /// The loop's timing.

@@ -2,6 +2,7 @@
 
 use crate::files::Files;
 use can_codec::Frames;
+use estimators::filter_bank::FilterDesign;
 use robot_config::{Robot, slots};
 
 fn robots() -> Vec<Robot> {
@@ -101,7 +102,11 @@ fn leg_is_what_its_configuration_says() {
     assert!((knee.encoders.link_wrap - core::f64::consts::TAU).abs() < 1e-12);
     assert!((knee.limits.delta_q - 3f64.to_radians()).abs() < 1e-12);
     assert_eq!(leg.parameters.timing.sample_period, 1e-3);
-    assert_eq!(leg.parameters.encoder_filter.delay_samples, 39.5);
+    assert_eq!(leg.parameters.filters.window, 80);
+    let FilterDesign::SavitzkyGolay(encoder) = leg.parameters.filters.encoder else {
+        panic!("{:?}", leg.parameters.filters.encoder);
+    };
+    assert_eq!(encoder.delay_samples, 39.5);
     assert_eq!(leg.sync[1].bus, 1);
     assert_eq!(leg.sync[1].id, 0x80);
 }

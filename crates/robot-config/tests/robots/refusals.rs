@@ -381,3 +381,16 @@ fn contacts_must_say_what_touches_every_part() {
         "{text}"
     );
 }
+
+#[test]
+fn filters_are_matched_or_not() {
+    let files = leg_with("sensor = { window = 80, order = 1 }", "matched = 40");
+    let parts = ["filters.encoder: ", "matched, or encoder and sensor"];
+    refused(&files, LEG, "encoder = { window", &parts);
+    let files = leg_with("sensor = { window = 80, order = 1 }", "matched = 2");
+    let text = files.errors(LEG);
+    assert!(
+        text.contains("filters.matched: 2 is not allowed; allowed: an integer from 3"),
+        "{text}"
+    );
+}

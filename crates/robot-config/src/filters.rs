@@ -1,0 +1,101 @@
+//! `[filters]`.
+
+use crate::parameters::Filters;
+use crate::reader::Section;
+use estimators::filter_bank::FilterDesign;
+use estimators::matched_filter::MatchedFilterParameters;
+use estimators::savitzky_golay::SavitzkyGolayParameters;
+
+/// Longest window, samples.
+const MOST: u64 = 1000;
+
+/// The filters of encoders and of sensors: both are read at the same instant, because signals that
+/// enter one equation must be late by the same time. The third filter is for control's velocity
+/// alone: it enters no such equation and is short.
+pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
+    let table = root.optional_section("filters");
+    let section = table.as_ref();
+    let read = |key, window: usize, order| {
+        let table = section.and_then(|section| section.optional_section(key));
+        let (window, order) = table.map_or((window as u64, order), |table| {
+            let window = table.integer("window", order + 1..MOST + 1);
+            let order = table.integer("order", order..window.clamp(order + 1, 6));
+            table.finish();
+            (window, order)
+        });
+        (window as usize, order as usize)
+    };
+    let (window, order) = read("control", 16, 2);
+    let control = SavitzkyGolayParameters::centred(window, order, 1, sample_period);
+    let matched = section.and_then(|section| section.optional_integer("matched", 3..MOST + 1));
+    let filters = match (section, matched) {
+        (Some(section), Some(window)) => {
+            for key in ["encoder", "sensor"] {
+                if section.has(key) {
+                    let what = "the matched filters are for encoders and sensors alike";
+                    section.problem(key, what, "matched, or encoder and sensor");
+                }
+            }
+            let window = window as usize;
+            let design = |derivatives| {
+                FilterDesign::Matched(MatchedFilterParameters {
+                    window,
+                    derivatives,
+                    sample_period,
+                })
+            };
+            Filters {
+                encoder: design(2),
+                sensor: design(1),
+                control,
+                window,
+            }
+        }
+        _ => {
+            // Accelerations are second derivatives of angles, and first ones of the gyro.
+            let (encoder, sensor) = (read("encoder", 80, 2), read("sensor", 80, 1));
+            savitzky_golay(section, encoder, sensor, control)
+        }
+    };
+    if let Some(table) = table {
+        table.finish();
+    }
+    filters
+}
+
+/// Window and order of two filters, both read in the middle of the longer window.
+fn savitzky_golay(
+    section: Option<&Section<'_, '_>>,
+    encoder: (usize, usize),
+    sensor: (usize, usize),
+    control: SavitzkyGolayParameters,
+) -> Filters {
+    let delay_samples = 0.5 * (encoder.0.max(sensor.0) - 1) as f64;
+    let shortest = encoder.0.min(sensor.0);
+    if let Some(section) = section
+        && delay_samples > (shortest - 1) as f64
+    {
+        let what = format!(
+            "windows of {} and {} samples have no instant in common",
+            encoder.0, sensor.0
+        );
+        let allowed =
+            "the longer window at most twice the shorter less one; equal windows are best";
+        section.problem("", what, allowed);
+    }
+    let design = |(window, order), derivatives| {
+        FilterDesign::SavitzkyGolay(SavitzkyGolayParameters {
+            window,
+            order,
+            derivatives,
+            delay_samples,
+            sample_period: control.sample_period,
+        })
+    };
+    Filters {
+        encoder: design(encoder, 2),
+        sensor: design(sensor, 1),
+        control,
+        window: encoder.0.max(sensor.0),
+    }
+}
