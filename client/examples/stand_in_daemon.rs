@@ -1,5 +1,6 @@
 //! Publishes made-up records, so that client programs can be tried without a robot: joint `j`'s
-//! torques are `j + sin t`, its measured position follows the last `q_d`.
+//! torques are `j + sin t`, its measured position follows the last `q_d`. It has contacts "in_the_air"
+//! and "standing", and a tare in the air "finds" an offset of 1 to 6.
 //!
 //!     cargo run -p torqued-client --example stand_in_daemon -- ROBOT [SECONDS]
 
@@ -9,11 +10,13 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use torqued_client::robot_state::{
-    Description, Event, Name, SharedRecord, mode, torque_flags, torque_source,
+    Answer, Description, Event, Name, Request, SharedRecord, Text, Wrench, answer_status, mode,
+    request, torque_flags, torque_source,
 };
 use torqued_client::{DaemonPorts, Location};
 
 const JOINTS: usize = 6;
+const CONTACTS: [&str; 2] = ["in_the_air", "standing"];
 const PERIOD: Duration = Duration::from_millis(1);
 const REFERENCE_TIMEOUT: Duration = Duration::from_millis(50);
 
@@ -31,6 +34,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     for j in 0..JOINTS {
         description.joint_names[j] = Name::new(&format!("joint_{j}"));
         description.torque_limits[j] = 100.0;
+    }
+    (description.ft_count, description.ft_names[0]) = (1, Name::new("ankle"));
+    description.contact_count = CONTACTS.len() as u32;
+    for (name, set) in description.contact_names.iter_mut().zip(CONTACTS) {
+        *name = Name::new(set);
     }
     let ports = DaemonPorts::create(&Location::find()?, &description)?;
     println!("publishing {robot}");
@@ -58,6 +66,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
             record.cycle.mode = mode::HOLD;
         }
+        while let Some(asked) = ports.next_request()? {
+            answer(&ports, &asked, &mut record)?;
+        }
         record.cycle.sequence = u64::from(cycle);
         record.cycle.stamp_ns = u64::from(cycle) * PERIOD.as_nanos() as u64;
         record.timing.cycles = record.cycle.sequence;
@@ -77,5 +88,50 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         sleep((start + PERIOD * cycle).saturating_duration_since(Instant::now()));
     }
+    Ok(())
+}
+
+/// Answers at once what a daemon would take a second for.
+fn answer(
+    ports: &DaemonPorts,
+    asked: &Request,
+    record: &mut SharedRecord,
+) -> Result<(), Box<dyn Error>> {
+    let mut answer = Answer {
+        id: asked.id,
+        ft_count: 1,
+        contacts: asked.contacts,
+        ..Answer::default()
+    };
+    let set = CONTACTS.iter().position(|c| *c == asked.contacts.as_str());
+    match (asked.kind, set) {
+        (request::TARE, Some(0)) => {
+            for step in 1..4 {
+                (answer.status, answer.progress) = (answer_status::WORKING, 0.25 * f64::from(step));
+                ports.answer(&answer)?;
+            }
+            answer.date_unix_s = 1_700_000_000.0;
+            answer.ft[0].known = 0b11_1111;
+            answer.ft[0].offset = Wrench {
+                force: [1.0, 2.0, 3.0],
+                torque: [4.0, 5.0, 6.0],
+            };
+            answer.status = answer_status::DONE;
+        }
+        (request::CHOOSE_CONTACTS, Some(set)) => {
+            (record.cycle.contacts, record.cycle.contacts_automatic) = (set as u32, 0);
+            answer.status = answer_status::DONE;
+        }
+        (request::AUTOMATIC_CONTACTS, _) => {
+            record.cycle.contacts_automatic = 1;
+            answer.status = answer_status::DONE;
+        }
+        _ => {
+            answer.status = answer_status::REFUSED;
+            let text = format!("no {}; allowed: {}", asked.contacts, CONTACTS.join(", "));
+            answer.text = Text::new(&text);
+        }
+    }
+    ports.answer(&answer)?;
     Ok(())
 }

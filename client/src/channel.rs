@@ -1,12 +1,15 @@
-//! The three services of a robot: what each carries, how much it buffers, how it is opened.
+//! The services of a robot: what each carries, how much it buffers, how it is opened.
 //!
 //! | service                        | publisher | carries                           |
 //! | ------------------------------ | --------- | --------------------------------- |
 //! | `torqued/<robot>/description`  | daemon    | names and constants, once         |
 //! | `torqued/<robot>/state`        | daemon    | every cycle's record              |
 //! | `torqued/<robot>/reference`    | a client  | what that client wants            |
+//! | `torqued/<robot>/request`      | clients   | what is asked for now and then    |
+//! | `torqued/<robot>/answer`       | daemon    | answers, found by their id        |
 //!
-//! Each has one publisher at most: a second daemon, or a second commanding client, is refused.
+//! All but requests have one publisher at most: a second daemon, or a second commanding client, is
+//! refused.
 
 use std::fmt::Debug;
 use std::thread::sleep;
@@ -19,7 +22,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as Factory;
-use robot_state::{Description, Layout, Reference, SharedRecord, layout_hash};
+use robot_state::{Answer, Description, Layout, Reference, Request, SharedRecord, layout_hash};
 
 use crate::error::Error;
 use crate::location::Location;
@@ -50,6 +53,8 @@ pub(crate) trait Message: ZeroCopySend + Debug + Copy + 'static {
     const BORROWED: usize;
     /// Subscribers.
     const SUBSCRIBERS: usize;
+    /// Publishers.
+    const PUBLISHERS: usize;
 }
 
 macro_rules! message {
@@ -88,7 +93,8 @@ message!(
     BUFFER = 128,
     HISTORY = 1,
     BORROWED = 4,
-    SUBSCRIBERS = MAX_CLIENTS
+    SUBSCRIBERS = MAX_CLIENTS,
+    PUBLISHERS = 1
 );
 message!(
     DescriptionMessage,
@@ -97,7 +103,8 @@ message!(
     BUFFER = 1,
     HISTORY = 1,
     BORROWED = 1,
-    SUBSCRIBERS = MAX_CLIENTS
+    SUBSCRIBERS = MAX_CLIENTS,
+    PUBLISHERS = 1
 );
 // Without history: a daemon that restarts must not take an old reference for a new one.
 message!(
@@ -107,7 +114,31 @@ message!(
     BUFFER = 1,
     HISTORY = 0,
     BORROWED = 1,
-    SUBSCRIBERS = 1
+    SUBSCRIBERS = 1,
+    PUBLISHERS = 1
+);
+
+// Each client has a buffer of its own: one that floods loses its own requests.
+message!(
+    RequestMessage,
+    Request,
+    "request",
+    BUFFER = 4,
+    HISTORY = 0,
+    BORROWED = 1,
+    SUBSCRIBERS = 1,
+    PUBLISHERS = MAX_CLIENTS
+);
+// Every asking client sees all answers, and takes its own.
+message!(
+    AnswerMessage,
+    Answer,
+    "answer",
+    BUFFER = 64,
+    HISTORY = 0,
+    BORROWED = 1,
+    SUBSCRIBERS = MAX_CLIENTS,
+    PUBLISHERS = 1
 );
 
 const TYPE_PREFIX: &str = "torqued::";
@@ -207,7 +238,7 @@ pub(crate) fn create<M: Message>(node: &Node<Transport>, robot: &str) -> Result<
         .subscriber_max_buffer_size(M::BUFFER)
         .subscriber_max_borrowed_samples(M::BORROWED)
         .history_size(M::HISTORY)
-        .max_publishers(1)
+        .max_publishers(M::PUBLISHERS)
         .max_subscribers(M::SUBSCRIBERS)
         .max_nodes(MAX_NODES);
     let until = Instant::now() + RETRY_FOR;
@@ -225,7 +256,7 @@ pub(crate) fn create<M: Message>(node: &Node<Transport>, robot: &str) -> Result<
     }
 }
 
-/// The service's only publisher; `None` if another living process is it.
+/// A publisher of the service; `None` if other living processes are all that there may be.
 pub(crate) fn sender<M: Message>(
     node: &Node<Transport>,
     service: &Channel<M>,
@@ -315,10 +346,14 @@ mod tests {
                 <RecordMessage as ZeroCopySend>::type_name(),
                 <DescriptionMessage as ZeroCopySend>::type_name(),
                 <ReferenceMessage as ZeroCopySend>::type_name(),
+                <RequestMessage as ZeroCopySend>::type_name(),
+                <AnswerMessage as ZeroCopySend>::type_name(),
             ]
         };
         assert_eq!(names[0], type_name::<SharedRecord>("SharedRecord"));
         assert_eq!(names[1], type_name::<Description>("Description"));
         assert_eq!(names[2], type_name::<Reference>("Reference"));
+        assert_eq!(names[3], type_name::<Request>("Request"));
+        assert_eq!(names[4], type_name::<Answer>("Answer"));
     }
 }

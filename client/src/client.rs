@@ -173,9 +173,9 @@ impl Client {
     }
 }
 
-type Held<M> = Sample<Transport, M, ()>;
+pub(crate) type Held<M> = Sample<Transport, M, ()>;
 
-fn take<M: Message>(receiver: &Receiver<M>) -> Result<Option<Held<M>>, Error> {
+pub(crate) fn take<M: Message>(receiver: &Receiver<M>) -> Result<Option<Held<M>>, Error> {
     receiver.receive().map_err(|e| match e {
         ReceiveError::ExceedsMaxBorrows => Error::TooManyRecordsHeld {
             allowed: M::BORROWED,

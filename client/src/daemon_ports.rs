@@ -2,10 +2,11 @@
 
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{Node, PortFactory};
-use robot_state::{Description, Reference, SharedRecord};
+use robot_state::{Answer, Description, Reference, Request, SharedRecord};
 
 use crate::channel::{
-    self, DescriptionMessage, Receiver, RecordMessage, ReferenceMessage, Sender, Transport,
+    self, AnswerMessage, DescriptionMessage, Message, Receiver, RecordMessage, ReferenceMessage,
+    RequestMessage, Sender, Transport,
 };
 use crate::error::Error;
 use crate::location::Location;
@@ -17,6 +18,8 @@ pub struct DaemonPorts {
     state: Sender<RecordMessage>,
     description: Sender<DescriptionMessage>,
     reference: Receiver<ReferenceMessage>,
+    request: Receiver<RequestMessage>,
+    answer: Sender<AnswerMessage>,
     node: Node<Transport>,
 }
 
@@ -42,10 +45,17 @@ impl DaemonPorts {
             .map_err(|e| Error::transport(service.name(), "publish on", &e))?;
         let reference = channel::create::<ReferenceMessage>(&node, robot)?;
         let reference = channel::receiver(&node, &reference)?;
+        // Answers first: who can ask can be answered.
+        let answer = channel::create::<AnswerMessage>(&node, robot)?;
+        let answer = channel::sender(&node, &answer)?.ok_or_else(taken)?;
+        let request = channel::create::<RequestMessage>(&node, robot)?;
+        let request = channel::receiver(&node, &request)?;
         Ok(Self {
             state,
             description: sender,
             reference,
+            request,
+            answer,
             node,
         })
     }
@@ -77,11 +87,33 @@ impl DaemonPorts {
         }
     }
 
+    /// The next request of any client, as it came: unchecked.
+    ///
+    /// # Errors
+    /// [`Error::Transport`] if an asking client could not be reached.
+    pub fn next_request(&self) -> Result<Option<Request>, Error> {
+        let received = self.request.receive();
+        received
+            .map(|message| message.map(|message| message.0))
+            .map_err(|e| Error::transport(RequestMessage::CHANNEL, "receive from", &e))
+    }
+
+    /// Answers a request; says how many clients listen to answers.
+    ///
+    /// # Errors
+    /// [`Error::Transport`] if a client could not be reached; the others have got the answer.
+    pub fn answer(&self, answer: &Answer) -> Result<usize, Error> {
+        self.answer
+            .send_copy(AnswerMessage(*answer))
+            .map_err(|e| Error::transport(AnswerMessage::CHANNEL, "publish on", &e))
+    }
+
     /// Frees what dead clients held, and connects new ones even if nothing is being published. To
     /// be called a few times a second; takes milliseconds when a client has died.
     pub fn keep_house(&self) {
         self.node.try_cleanup_dead_nodes();
         let _ = self.description.update_connections();
         let _ = self.state.update_connections();
+        let _ = self.answer.update_connections();
     }
 }

@@ -37,7 +37,7 @@ pub enum Error {
         /// How long was waited.
         waited: Duration,
     },
-    /// Nobody receives references any more.
+    /// Nobody receives references or requests any more.
     Gone {
         /// The robot.
         robot: String,
@@ -62,6 +62,23 @@ pub enum Error {
     AlreadyCommanded {
         /// The robot.
         robot: String,
+    },
+    /// As many clients as can are asking for something.
+    TooManyAsking {
+        /// The robot.
+        robot: String,
+    },
+    /// A request was not answered.
+    Unanswered {
+        /// The robot.
+        robot: String,
+        /// How long was waited since the last answer.
+        waited: Duration,
+    },
+    /// The daemon has refused a request, and nothing has changed.
+    Refused {
+        /// Why, and what is allowed.
+        reason: String,
     },
     /// Another daemon runs the robot.
     AlreadyRunning {
@@ -141,7 +158,7 @@ impl fmt::Display for Error {
             ),
             Self::Gone { robot } => write!(
                 f,
-                "robot \"{robot}\": nobody receives references; torqued has stopped or was killed: \
+                "robot \"{robot}\": nobody listens; torqued has stopped or was killed: \
                  look at its log and start it again"
             ),
             Self::WhichRobot { running, run_dir } if running.is_empty() => write!(
@@ -167,6 +184,17 @@ impl fmt::Display for Error {
                 "robot \"{robot}\" is commanded by another client; one at a time may command: stop \
                  that one first"
             ),
+            Self::TooManyAsking { robot } => write!(
+                f,
+                "robot \"{robot}\": as many clients as can are asking for something; try again \
+                 later"
+            ),
+            Self::Unanswered { robot, waited } => write!(
+                f,
+                "robot \"{robot}\": a request was not answered for {waited:?}; torqued has stopped \
+                 or was killed: look at its log and start it again"
+            ),
+            Self::Refused { reason } => f.write_str(reason),
             Self::AlreadyRunning { robot } => write!(
                 f,
                 "robot \"{robot}\" is already run by another torqued; stop that one first"

@@ -10,7 +10,8 @@
 //! # Ok(())
 //! # }
 //! ```
-//! A program that commands adds a [`Commander`]; there is one at a time per robot.
+//! A program that commands adds a [`Commander`]; there is one at a time per robot. Any program may
+//! ask for what is needed now and then: [`Client::tare`], [`Client::choose_contacts`].
 //!
 //! The daemon's end ([`DaemonPorts`]) lives here too, so that both ends are defined side by side.
 //! Everything waits at most for a stated time, and every error says what to do. Only processes of
@@ -23,6 +24,7 @@ mod daemon_ports;
 mod error;
 mod location;
 mod python_layout;
+mod requests;
 
 pub use client::{Client, Record};
 pub use commander::Commander;

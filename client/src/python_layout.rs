@@ -3,8 +3,9 @@
 use std::fmt::Write;
 
 use robot_state::{
-    Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS, Reference, Shape,
-    SharedRecord, control_flags, measured_flags, mode, torque_flags, torque_source,
+    Answer, Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS, Reference,
+    Request, Shape, SharedRecord, answer_status, control_flags, measured_flags, mode, request,
+    torque_flags, torque_source,
 };
 
 use crate::channel::type_name;
@@ -87,20 +88,50 @@ pub fn python_layout() -> String {
             ("DELTA_Q_LIMITED", control_flags::DELTA_Q_LIMITED),
         ],
     );
+    enumeration(
+        &mut out,
+        "IntEnum",
+        "RequestKind",
+        "What a request asks for.",
+        &[
+            ("TARE", request::TARE),
+            ("SHOW_TARE", request::SHOW_TARE),
+            ("FORGET_TARE", request::FORGET_TARE),
+            ("CHOOSE_CONTACTS", request::CHOOSE_CONTACTS),
+            ("AUTOMATIC_CONTACTS", request::AUTOMATIC_CONTACTS),
+        ],
+    );
+    enumeration(
+        &mut out,
+        "IntEnum",
+        "AnswerStatus",
+        "How far a request is.",
+        &[
+            ("WORKING", answer_status::WORKING),
+            ("DONE", answer_status::DONE),
+            ("REFUSED", answer_status::REFUSED),
+        ],
+    );
     events(&mut out);
     let mut done = Vec::new();
     record(&mut out, &mut done, &SharedRecord::SHAPE);
     record(&mut out, &mut done, &Description::SHAPE);
     record(&mut out, &mut done, &Reference::SHAPE);
+    record(&mut out, &mut done, &Request::SHAPE);
+    record(&mut out, &mut done, &Answer::SHAPE);
     let _ = write!(
         out,
         "\n\n# The types' names in shared memory: the layout's hash makes another version a stranger.\n\
          SharedRecord.type_name = staticmethod(lambda: \"{}\")\n\
          Description.type_name = staticmethod(lambda: \"{}\")\n\
-         Reference.type_name = staticmethod(lambda: \"{}\")\n",
+         Reference.type_name = staticmethod(lambda: \"{}\")\n\
+         Request.type_name = staticmethod(lambda: \"{}\")\n\
+         Answer.type_name = staticmethod(lambda: \"{}\")\n",
         type_name::<SharedRecord>("SharedRecord"),
         type_name::<Description>("Description"),
         type_name::<Reference>("Reference"),
+        type_name::<Request>("Request"),
+        type_name::<Answer>("Answer"),
     );
     out
 }

@@ -148,6 +148,47 @@ def test_a_killed_commander_makes_room(daemons):
     torqued.Commander(client).send()
 
 
+def test_a_tare_is_answered_with_offsets(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    assert client.contact_names == ["in_the_air", "standing"]
+    seen = []
+    kind = torqued.RequestKind.TARE
+    answer = client.request(kind, "in_the_air", lambda a: seen.append(a.progress))
+    assert seen == [0.25, 0.5, 0.75]
+    assert list(answer.ft[0].offset.force) == [1.0, 2.0, 3.0]
+    assert list(answer.ft[0].offset.torque) == [4.0, 5.0, 6.0]
+    assert answer.ft[0].known == 0b111111
+    assert answer.date_unix_s == 1.7e9
+    assert list(client.tare("in_the_air").ft[0].offset.torque) == [4.0, 5.0, 6.0]
+
+
+def test_a_refusal_is_raised_with_its_reason(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    with pytest.raises(torqued.RefusedError, match="no moon; allowed: in_the_air, standing"):
+        client.tare("moon")
+    with pytest.raises(torqued.RefusedError):
+        client.choose_contacts("ä" * 100)
+
+
+def test_contacts_are_chosen(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    client.choose_contacts("standing")
+    wait_for(client, lambda r: r.cycle.contacts == 1)
+    client.automatic_contacts()
+    wait_for(client, lambda r: r.cycle.contacts_automatic == 1)
+
+
+def test_a_request_to_a_daemon_that_is_gone_is_an_error(daemons):
+    daemon = daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    kill(daemon)
+    with pytest.raises(torqued.NoDaemonError):
+        client.tare("in_the_air")
+
+
 def test_a_client_goes_on_with_the_next_daemon(daemons):
     daemon = daemons()
     client = torqued.Client("leg", PATIENCE_S)

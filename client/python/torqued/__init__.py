@@ -11,6 +11,7 @@ from .client import (
     Commander,
     NoDaemonError,
     OtherLayoutError,
+    RefusedError,
     text,
 )
 from .layout import *  # noqa: F403  the records and their enumerations

@@ -1,6 +1,7 @@
 """Reading what the daemon publishes, and telling the robot what to do."""
 
 import ctypes
+import secrets
 import time
 from pathlib import Path
 from typing import Callable, Iterator, Optional
@@ -8,10 +9,21 @@ from typing import Callable, Iterator, Optional
 import iceoryx2 as iox2
 
 from . import location
-from .layout import Description, Mode, Reference, SharedRecord
+from .layout import (
+    Answer,
+    AnswerStatus,
+    Description,
+    Mode,
+    Reference,
+    Request,
+    RequestKind,
+    SharedRecord,
+)
 
 #: Between two looks into shared memory, s.
 POLL_S = 0.5e-3
+#: The daemon answers ten times a second as long as it works on a request, s.
+SILENCE_S = 2.0
 #: How long a refused step is tried again while dead processes are being cleaned up, s.
 RETRY_S = 0.5
 
@@ -29,6 +41,10 @@ class OtherLayoutError(RuntimeError):
 
 class AlreadyCommandedError(RuntimeError):
     """Another client commands the robot."""
+
+
+class RefusedError(RuntimeError):
+    """The daemon has refused a request, and nothing has changed."""
 
 
 class Client:
@@ -69,6 +85,80 @@ class Client:
     def ft_names(self) -> list[str]:
         """The F/T sensors' names, in config order."""
         return [text(name) for name in self.description.ft_names[: self.description.ft_count]]
+
+    @property
+    def contact_names(self) -> list[str]:
+        """The names of the sets of contacts; the first holds at the start."""
+        count = self.description.contact_count
+        return [text(name) for name in self.description.contact_names[:count]]
+
+    def tare(self, contacts: str) -> Answer:
+        """Tares the F/T sensors of a robot at rest in mode hold: `contacts` names the set of
+        contacts that says what touches it. Waits until it is done; the answer has the new offsets
+        and what they were before. Raises `RefusedError` with the reason."""
+        return self.request(RequestKind.TARE, contacts)
+
+    def last_tare(self) -> Answer:
+        """The offsets in use, and when and with which contacts they were found."""
+        return self.request(RequestKind.SHOW_TARE)
+
+    def forget_tare(self) -> Answer:
+        """Gives up what tares have found: offsets are those of the configuration."""
+        return self.request(RequestKind.FORGET_TARE)
+
+    def choose_contacts(self, contacts: str) -> Answer:
+        """From now on the robot has the contacts of that set, one of `contact_names`."""
+        return self.request(RequestKind.CHOOSE_CONTACTS, contacts)
+
+    def automatic_contacts(self) -> Answer:
+        """From now on the automatic rule chooses the set of contacts."""
+        return self.request(RequestKind.AUTOMATIC_CONTACTS)
+
+    def request(
+        self,
+        kind: RequestKind,
+        contacts: str = "",
+        progress: Optional[Callable[[Answer], None]] = None,
+    ) -> Answer:
+        """Sends a request and waits for its last answer; `progress` sees those before it. Several
+        clients may ask at once."""
+        # Whoever asks listens first.
+        answers = self._open("answer", Answer, time.monotonic()).subscriber_builder().create()
+        requests = self._open("request", Request, time.monotonic()).publisher_builder().create()
+        try:
+            asked = Request(id=secrets.randbits(64), kind=kind)
+            name = contacts.encode()[: ctypes.sizeof(asked.contacts)]
+            ctypes.memmove(asked.contacts, name, len(name))
+            if requests.loan_uninit().write_payload(asked).send() == 0:
+                raise NoDaemonError("nobody receives requests; torqued has stopped or was killed")
+            return self._answered(answers, asked.id, progress)
+        finally:
+            requests.delete()
+            answers.delete()
+
+    def _answered(self, answers, asked: int, progress) -> Answer:
+        heard = time.monotonic()
+        while True:
+            sample = answers.receive()
+            if sample is None:
+                if time.monotonic() > heard + SILENCE_S:
+                    raise NoDaemonError(
+                        f'robot "{self.robot}": a request was not answered for {SILENCE_S} s; '
+                        "torqued has stopped or was killed: look at its log and start it again"
+                    )
+                time.sleep(POLL_S)
+                continue
+            answer = Answer.from_buffer_copy(sample.payload().contents)
+            del sample  # one at a time may be held
+            if answer.id != asked:
+                continue
+            heard = time.monotonic()
+            if answer.status == AnswerStatus.DONE:
+                return answer
+            if answer.status == AnswerStatus.REFUSED:
+                raise RefusedError(text(answer.text))
+            if progress is not None:
+                progress(answer)
 
     def next_record(self, timeout_s: float = 1.0) -> SharedRecord:
         """The next record in order, a copy; raises `NoDaemonError` if none comes in time."""

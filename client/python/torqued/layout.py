@@ -56,6 +56,24 @@ class ControlFlags(IntFlag):
     DELTA_Q_LIMITED = 4
 
 
+class RequestKind(IntEnum):
+    """What a request asks for."""
+
+    TARE = 1
+    SHOW_TARE = 2
+    FORGET_TARE = 3
+    CHOOSE_CONTACTS = 4
+    AUTOMATIC_CONTACTS = 5
+
+
+class AnswerStatus(IntEnum):
+    """How far a request is."""
+
+    WORKING = 1
+    DONE = 2
+    REFUSED = 3
+
+
 class Event(NamedTuple):
     """A numbered event."""
 
@@ -408,7 +426,64 @@ class Reference(ctypes.Structure):
     ]
 
 
+class Request(ctypes.Structure):
+    """64 bytes."""
+
+    _fields_ = [
+        # Any number that no other request has: answers carry it.
+        ("id", ctypes.c_uint64),
+        # One of `request`.
+        ("kind", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+        # Name of a set of contacts, for a tare and for the choice of contacts.
+        ("contacts", ctypes.c_uint8 * 48),
+    ]
+
+
+class TaredSensor(ctypes.Structure):
+    """152 bytes."""
+
+    _fields_ = [
+        # What a tare takes off the sensor's reading besides the config's offset.
+        ("offset", Wrench),
+        # The same before this request.
+        ("before", Wrench),
+        # Standard deviation of `offset`; zero without a tare.
+        ("sigma", Wrench),
+        # Bit k: the pose has told component k (fx fy fz tx ty tz) of `offset`.
+        ("known", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
+class Answer(ctypes.Structure):
+    """2320 bytes."""
+
+    _fields_ = [
+        # The request's.
+        ("id", ctypes.c_uint64),
+        # One of `answer_status`.
+        ("status", ctypes.c_uint32),
+        # F/T sensors in use.
+        ("ft_count", ctypes.c_uint32),
+        # How much is done, 0 to 1.
+        ("progress", ctypes.c_double),
+        # When the tare was taken, seconds since 1970-01-01 UTC; zero: there is none.
+        ("date_unix_s", ctypes.c_double),
+        # The set of contacts of that tare.
+        ("contacts", ctypes.c_uint8 * 48),
+        # What is being done, was done, or keeps it from being done.
+        ("text", ctypes.c_uint8 * 1024),
+        # The F/T sensors, in config order; told by tares.
+        ("ft", TaredSensor * 8),
+    ]
+
+
 # The types' names in shared memory: the layout's hash makes another version a stranger.
 SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#bec8925eed80ef65")
 Description.type_name = staticmethod(lambda: "torqued::Description#1b288cc78621cd6e")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#97e2711f8c0f0ab1")
+Request.type_name = staticmethod(lambda: "torqued::Request#082b136210e8cf21")
+Answer.type_name = staticmethod(lambda: "torqued::Answer#6f24ced6c386cfbf")

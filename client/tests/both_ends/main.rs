@@ -4,3 +4,4 @@ mod common;
 mod exchange;
 mod layout_mismatch;
 mod processes;
+mod requests;

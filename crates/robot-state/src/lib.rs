@@ -9,8 +9,10 @@ mod event;
 mod layout;
 mod name;
 mod records;
+mod requests;
 
 pub use event::{EVENT_COUNT, Event, Reaction};
 pub use layout::{Field, Layout, Shape, layout_hash};
-pub use name::Name;
+pub use name::{Name, Text};
 pub use records::*;
+pub use requests::*;

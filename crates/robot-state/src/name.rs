@@ -1,52 +1,52 @@
-//! A name of fixed length, for records.
+//! Texts of fixed length, for records.
 
 use crate::layout::{Layout, Shape};
 use crate::records::Zero;
 
-/// Bytes a [`Name`] can hold.
-const NAME_LEN: usize = 48;
-
-/// UTF-8 text of at most 48 bytes, padded with zero bytes.
+/// UTF-8 text of at most `N` bytes, padded with zero bytes.
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub struct Name([u8; NAME_LEN]);
+pub struct Text<const N: usize>([u8; N]);
 
-impl Name {
-    /// The text as a name; a longer one is cut at a character's border.
+/// A name: at most 48 bytes.
+pub type Name = Text<48>;
+
+impl<const N: usize> Text<N> {
+    /// The text; a longer one is cut at a character's border.
     #[must_use]
     pub fn new(text: &str) -> Self {
-        let mut end = text.len().min(NAME_LEN);
+        let mut end = text.len().min(N);
         while !text.is_char_boundary(end) {
             end -= 1;
         }
-        let mut bytes = [0; NAME_LEN];
+        let mut bytes = [0; N];
         bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
         Self(bytes)
     }
 
-    /// The text; empty if the bytes are not UTF-8 (a name written by another process).
+    /// The text; empty if the bytes are not UTF-8 (written by another process).
     #[must_use]
     pub fn as_str(&self) -> &str {
-        let end = self.0.iter().position(|&b| b == 0).unwrap_or(NAME_LEN);
+        let end = self.0.iter().position(|&b| b == 0).unwrap_or(N);
         core::str::from_utf8(&self.0[..end]).unwrap_or_default()
     }
 }
 
-impl Layout for Name {
-    const SHAPE: Shape = <[u8; NAME_LEN]>::SHAPE;
+impl<const N: usize> Layout for Text<N> {
+    const SHAPE: Shape = <[u8; N]>::SHAPE;
 }
 
-impl Zero for Name {
-    const ZERO: Self = Self([0; NAME_LEN]);
+impl<const N: usize> Zero for Text<N> {
+    const ZERO: Self = Self([0; N]);
 }
 
-impl core::fmt::Debug for Name {
+impl<const N: usize> core::fmt::Debug for Text<N> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(f, "{:?}", self.as_str())
     }
 }
 
-impl core::fmt::Display for Name {
+impl<const N: usize> core::fmt::Display for Text<N> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.pad(self.as_str())
     }

@@ -438,6 +438,8 @@ mod tests {
         assert_packed(&Description::SHAPE);
         assert_packed(&Reference::SHAPE);
         assert_packed(&Settings::SHAPE);
+        assert_packed(&crate::Request::SHAPE);
+        assert_packed(&crate::Answer::SHAPE);
     }
 
     #[test]
