@@ -1,7 +1,7 @@
 //! One cycle around `Cycle::step`: SYNC, gather, compute, send.
 
 use can_codec::{Frames, Gather, MAX_FRAMES, Table};
-use cycle::{Cycle, CycleError, Stamp, Wanted};
+use cycle::{Cycle, CycleError, Instants, Stamp, Wanted};
 use robot_config::Robot;
 use robot_state::{Event, SharedRecord};
 
@@ -34,7 +34,7 @@ impl<B: Bus> ControlLoop<B> {
         }
         Ok(Self {
             cycle: Cycle::new(robot)?,
-            gather: Gather::new(robot.receive.message_count()),
+            gather: Gather::only(&robot.answers()),
             receive_table: robot.receive.clone(),
             gather_deadline_ns: (robot.parameters.timing.gather_deadline * 1e9) as u64,
             sync,
@@ -55,13 +55,16 @@ impl<B: Bus> ControlLoop<B> {
         self.receive_until(0);
         self.gather.begin();
         let synced = self.bus.send(&self.sync);
-        let until = self.bus.now_ns() + self.gather_deadline_ns;
-        self.receive_until(until);
+        let sync = Stamp(self.bus.now_ns());
+        self.receive_until(sync.0 + self.gather_deadline_ns);
 
         let gathered = monotonic_ns();
-        let now = Stamp(self.bus.now_ns());
+        let at = Instants {
+            sync,
+            now: Stamp(self.bus.now_ns()),
+        };
         self.note_events(wake, self.sync.len().saturating_sub(synced));
-        let record = self.cycle.step(now, &self.rx, wanted, &mut self.tx);
+        let record = self.cycle.step(at, &self.rx, wanted, &mut self.tx);
         self.record.cycle = *record;
         let computed = monotonic_ns();
 

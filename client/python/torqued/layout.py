@@ -90,7 +90,7 @@ EVENTS = (
     Event(102, "frame_wrong_length", "A frame arrived whose length differs from its message in the DBC.", "-", "count"),
     Event(103, "joint_missed", "A joint had not answered at the gather deadline; its last state bridges the gap.", "loop.gather_deadline_us", "count"),
     Event(104, "joint_stale", "A joint has been silent for longer than allowed.", "loop.stale_after_ms", "fault"),
-    Event(105, "sensor_missed", "An F/T sensor or the IMU had not answered at the gather deadline.", "loop.gather_deadline_us", "count"),
+    Event(105, "sensor_missed", "An F/T sensor or the IMU had not answered at the gather deadline, or was overdue by its own clock.", "loop.gather_deadline_us", "count"),
     Event(106, "bus_error_frame", "The CAN controller reported an error frame.", "-", "count"),
     Event(107, "send_failed", "A frame could not be handed to the bus.", "-", "count"),
     Event(108, "receive_overflow", "More frames arrived in a cycle than the receive buffer holds.", "-", "count"),

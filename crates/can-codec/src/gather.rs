@@ -6,6 +6,9 @@ use crate::table::Table;
 /// The messages that a cycle waits for, ticked off as they arrive.
 #[derive(Clone, Debug)]
 pub struct Gather {
+    /// Messages that come when they like.
+    unasked: Vec<bool>,
+    /// Messages that have arrived, or come when they like.
     seen: Vec<bool>,
     remaining: usize,
 }
@@ -14,16 +17,34 @@ impl Gather {
     /// Waits for `message_count` messages, none of which has arrived.
     #[must_use]
     pub fn new(message_count: usize) -> Self {
-        Self {
-            seen: vec![false; message_count],
-            remaining: message_count,
-        }
+        Self::only(&vec![true; message_count])
+    }
+
+    /// Waits for those messages that are `awaited`, none of which has arrived.
+    #[must_use]
+    pub fn only(awaited: &[bool]) -> Self {
+        let unasked: Vec<bool> = awaited.iter().map(|awaited| !awaited).collect();
+        let mut this = Self {
+            seen: unasked.clone(),
+            unasked,
+            remaining: 0,
+        };
+        this.begin();
+        this
     }
 
     /// A new cycle begins: nothing has arrived.
     pub fn begin(&mut self) {
-        self.seen.fill(false);
-        self.remaining = self.seen.len();
+        self.seen.copy_from_slice(&self.unasked);
+        self.remaining = self.seen.iter().filter(|seen| !**seen).count();
+    }
+
+    /// A new cycle begins, waiting for the messages that `other` waits for.
+    pub fn begin_like(&mut self, other: &Self) {
+        for (mine, theirs) in self.unasked.iter_mut().zip(&other.unasked) {
+            *mine = *theirs;
+        }
+        self.begin();
     }
 
     /// Ticks off the frame's message if it is well formed; true once every message has arrived.
@@ -39,7 +60,7 @@ impl Gather {
         self.complete()
     }
 
-    /// Every message has arrived.
+    /// Every message that is waited for has arrived.
     #[must_use]
     pub fn complete(&self) -> bool {
         self.remaining == 0

@@ -184,6 +184,15 @@ fn gather_waits_for_every_mapped_message() {
     gather.begin();
     assert_eq!(gather.missing().collect::<Vec<_>>(), [0, 1]);
     assert!(Gather::new(0).complete());
+    // Messages that come when they like are not waited for, and do no harm.
+    let mut only = Gather::only(&[false, true]);
+    assert!(!only.note(&table, &frame(1, &[0; 2])));
+    assert_eq!(only.missing().collect::<Vec<_>>(), [1]);
+    assert!(only.note(&table, &frame(2, &[0; 2])));
+    only.begin();
+    assert!(!only.complete());
+    gather.begin_like(&only);
+    assert_eq!(gather.missing().collect::<Vec<_>>(), [1]);
 }
 
 /// A signal somewhere in a frame of 64 bytes, as a DBC file numbers its bits.

@@ -4,6 +4,7 @@
 //! allocates after construction, and the same frames give the same bytes.
 #![deny(unsafe_code)]
 
+mod align;
 mod command;
 mod cross_check;
 mod decide;
@@ -35,6 +36,15 @@ pub use decide::Wanted;
 /// An instant, ns on the caller's clock. Only differences matter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub struct Stamp(pub u64);
+
+/// The instants of one cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Instants {
+    /// SYNC went out: what hears it sampled then.
+    pub sync: Stamp,
+    /// The answers are in: now.
+    pub now: Stamp,
+}
 
 /// The computation of one robot, with everything that it remembers from cycle to cycle.
 #[derive(Debug)]
@@ -78,16 +88,16 @@ impl Cycle {
     /// One cycle: what the frames say, what the torques are, what is wanted, what is commanded.
     pub fn step(
         &mut self,
-        now: Stamp,
+        at: Instants,
         rx: &Frames,
         wanted: &Wanted<'_>,
         tx: &mut Frames,
     ) -> &CycleRecord {
         let (record, counts) = (&mut self.record, &mut self.counts);
         record.sequence += 1;
-        record.stamp_ns = now.0;
+        record.stamp_ns = at.now.0;
 
-        let readiness = (self.measure).update(now, rx, wanted.settings, record, counts);
+        let readiness = (self.measure).update(at, rx, wanted.settings, record, counts);
         (self.estimate).update(&self.measure, wanted.settings, record, counts);
         let reference = self.supervisor.decide(wanted, readiness, counts);
         let mode = self.supervisor.mode();

@@ -2,14 +2,14 @@
 
 use can_codec::{DecodeError, Frames, Table};
 use estimators::encoder::JointEncoders;
-use estimators::filter_bank::FilterBank;
 use estimators::joint::JointSample;
-use robot_config::{Robot, slots};
+use robot_config::{Robot, Sampled, Sampling, slots};
 use robot_state::{CycleRecord, Event, Settings, Wrench, measured_flags};
 
+use crate::align::{AlignedBank, OVERDUE, signals};
 use crate::events::Counts;
 use crate::ft_offset::FtInput;
-use crate::{CycleError, Stamp};
+use crate::{CycleError, Instants};
 
 const SECONDS_PER_NS: f64 = 1e-9;
 /// Channels of one F/T sensor, and of the IMU.
@@ -32,6 +32,7 @@ struct Source {
     messages: Vec<usize>,
     /// Slots whose values must be finite.
     slots: Vec<usize>,
+    sampling: Sampling,
 }
 
 /// The joints and sensors of a robot, followed from cycle to cycle.
@@ -52,14 +53,16 @@ pub(crate) struct Measure {
     sends_velocity: Vec<bool>,
     encoders: Vec<JointEncoders>,
     /// q of every joint, late: value and two derivatives.
-    encoder_filter: FilterBank,
+    encoder_filter: AlignedBank,
     /// q of every joint, then theta of every joint: first derivative.
-    control_filter: FilterBank,
+    control_filter: AlignedBank,
     /// Every F/T sensor's axes, then the IMU's: value and first derivative.
-    sensor_filter: FilterBank,
+    sensor_filter: AlignedBank,
     angles: Vec<f64>,
     both_angles: Vec<f64>,
     axes: Vec<f64>,
+    /// Rate of the filtered gyro, rad/s².
+    gyro_rate: [f64; 3],
     samples: Vec<JointSample>,
 }
 
@@ -69,12 +72,20 @@ impl Measure {
         let table = robot.receive.clone();
         let n = parameters.joints.len();
         let axes = AXES * (parameters.ft_sensors.len() + 1);
-        let source = |needed: Vec<usize>| Source {
+        let source = |needed: Vec<usize>, sampling: Sampling| Source {
             messages: (0..table.message_count())
                 .filter(|&m| table.slots(m).any(|slot| needed.contains(&slot)))
                 .collect(),
             slots: needed,
+            sampling,
         };
+        let period = parameters.timing.sample_period;
+        let [encoders, control, sensed] = signals(robot);
+        let mut sensor_filter = parameters.filters.sensor;
+        if sensed.iter().any(|signal| !signal.sampling.is_at_sync()) {
+            // How a rate changes with age is told by the curvature.
+            sensor_filter = sensor_filter.with_derivatives(2);
+        }
         let joints = parameters.joints.iter().enumerate().map(|(j, joint)| {
             let mut needed = vec![
                 slots::motor_angle(j),
@@ -87,12 +98,12 @@ impl Measure {
             if joint.has_status {
                 needed.push(slots::status(j));
             }
-            source(needed)
+            source(needed, joint.sampling)
         });
         let sensors = parameters.ft_sensors.iter().enumerate().map(|(s, ft)| {
             let temperature = ft.has_temperature.then(|| slots::ft_temperature(s));
             let axes = (0..AXES).map(|axis| slots::ft(s, axis));
-            source(axes.chain(temperature).collect())
+            source(axes.chain(temperature).collect(), ft.sampling)
         });
         Ok(Self {
             slots: vec![0.0; slots::receive_len(parameters)],
@@ -101,24 +112,26 @@ impl Measure {
             joints: joints.collect(),
             sensors: sensors.collect(),
             ft_inputs: parameters.ft_sensors.iter().map(FtInput::new).collect(),
-            imu: parameters.imu.as_ref().map(|_| {
+            imu: parameters.imu.as_ref().map(|imu| {
                 let gyro = (0..3).map(slots::gyro);
-                source(gyro.chain((0..3).map(slots::accelerometer)).collect())
+                let axes = gyro.chain((0..3).map(slots::accelerometer));
+                source(axes.collect(), imu.sampling)
             }),
             stale_after_s: parameters.timing.stale_after,
-            sample_period: parameters.timing.sample_period,
+            sample_period: period,
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
             encoders: parameters
                 .joints
                 .iter()
                 .map(|joint| JointEncoders::new(joint.encoders))
                 .collect(),
-            encoder_filter: FilterBank::new(n, parameters.filters.encoder)?,
-            control_filter: FilterBank::new(2 * n, parameters.filters.control)?,
-            sensor_filter: FilterBank::new(axes, parameters.filters.sensor)?,
+            encoder_filter: AlignedBank::new(&encoders, parameters.filters.encoder, period)?,
+            control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
+            sensor_filter: AlignedBank::new(&sensed, sensor_filter, period)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
             axes: vec![f64::NAN; axes],
+            gyro_rate: [0.0; 3],
             samples: vec![JointSample::default(); n],
             table,
         })
@@ -131,25 +144,23 @@ impl Measure {
 
     /// Rate of the filtered gyro, rad/s².
     pub(crate) fn angular_acceleration(&self) -> [f64; 3] {
-        let imu = AXES * self.sensors.len();
-        let rates = self.sensor_filter.first_derivatives();
-        std::array::from_fn(|axis| rates.get(imu + axis).copied().unwrap_or(0.0))
+        self.gyro_rate
     }
 
     pub(crate) fn update(
         &mut self,
-        now: Stamp,
+        at: Instants,
         rx: &Frames,
         settings: Option<&Settings>,
         record: &mut CycleRecord,
         counts: &mut Counts,
     ) -> Readiness {
         self.decode(rx, counts);
-        self.read_joints(now, record, counts);
+        self.read_joints(at, record, counts);
         self.take_offsets(settings);
-        self.read_sensors(now, record, counts);
-        self.filter_joints(record);
-        self.filter_sensors(record);
+        self.read_sensors(at, record, counts);
+        self.filter_joints(at, record);
+        self.filter_sensors(at, record);
         let joints = record.joints.iter().take(self.joints.len());
         let mut flags = joints.fold(0, |all, joint| all | joint.measured.flags);
         let stale = flags & measured_flags::STALE != 0;
@@ -188,8 +199,8 @@ impl Measure {
         }
     }
 
-    /// Whether the source has a whole and finite sample in this cycle; its age and flags.
-    fn look(&self, source: &Source, now: Stamp, counts: &mut Counts) -> (bool, f64, u32) {
+    /// Whether the source has a whole and finite sample for this cycle; its age and flags.
+    fn look(&self, source: &Source, at: Instants, counts: &mut Counts) -> (bool, f64, u32) {
         let mut stamps = source
             .messages
             .iter()
@@ -203,7 +214,7 @@ impl Measure {
                 measured_flags::NEVER | measured_flags::MISSED,
             );
         };
-        let age = now.0.saturating_sub(oldest) as f64 * SECONDS_PER_NS;
+        let age = at.now.0.saturating_sub(oldest) as f64 * SECONDS_PER_NS;
         let all_fresh = source
             .messages
             .iter()
@@ -215,20 +226,27 @@ impl Measure {
         if all_fresh && !finite {
             counts.add(Event::SignalNotFinite);
         }
+        let there = match source.sampling.sampled {
+            Sampled::AtSync => all_fresh,
+            // It comes when it likes: until the next is overdue the last serves, at its age.
+            Sampled::WhenSent { period } => {
+                at.sync.0.abs_diff(oldest) as f64 * SECONDS_PER_NS <= OVERDUE * period
+            }
+        };
         let mut flags = 0;
-        if !(all_fresh && finite) {
+        if !(there && finite) {
             flags |= measured_flags::MISSED;
         }
         if age > self.stale_after_s {
             flags |= measured_flags::STALE;
         }
-        (all_fresh && finite, age, flags)
+        (there && finite, age, flags)
     }
 
-    fn read_joints(&mut self, now: Stamp, record: &mut CycleRecord, counts: &mut Counts) {
+    fn read_joints(&mut self, at: Instants, record: &mut CycleRecord, counts: &mut Counts) {
         let n = self.joints.len();
         for j in 0..n {
-            let (fresh, age, mut flags) = self.look(&self.joints[j], now, counts);
+            let (fresh, age, mut flags) = self.look(&self.joints[j], at, counts);
             let slot = |slot: usize| if fresh { self.slots[slot] } else { f64::NAN };
             let angles =
                 self.encoders[j].update(slot(slots::motor_angle(j)), slot(slots::link_angle(j)));
@@ -267,21 +285,18 @@ impl Measure {
         }
     }
 
-    fn filter_joints(&mut self, record: &mut CycleRecord) {
+    fn filter_joints(&mut self, at: Instants, record: &mut CycleRecord) {
         let n = self.joints.len();
-        self.encoder_filter.update(&self.angles);
-        self.control_filter.update(&self.both_angles);
-        record.filter_delay_s = self.encoder_filter.delay_s();
-        let late = &self.encoder_filter;
-        let quick = self.control_filter.first_derivatives();
+        let (late, quick) = (&mut self.encoder_filter, &mut self.control_filter);
+        late.update(&self.angles, &self.stamps, at.sync);
+        quick.update(&self.both_angles, &self.stamps, at.sync);
+        record.filter_delay_s = late.delay_s();
         for j in 0..n {
             let measured = &mut record.joints[j].measured;
-            measured.q_hat = late.values()[j];
-            measured.dq_hat = late.first_derivatives()[j];
-            measured.ddq_hat = late.second_derivatives()[j];
-            measured.dq = quick[j];
+            [measured.q_hat, measured.dq_hat, measured.ddq_hat] = late.outputs(j);
+            measured.dq = quick.outputs(j)[1];
             if !self.sends_velocity[j] {
-                measured.omega = quick[n + j];
+                measured.omega = quick.outputs(n + j)[1];
             }
             if late.settling(j) {
                 measured.flags |= measured_flags::SETTLING;
@@ -303,10 +318,10 @@ impl Measure {
         }
     }
 
-    fn read_sensors(&mut self, now: Stamp, record: &mut CycleRecord, counts: &mut Counts) {
+    fn read_sensors(&mut self, at: Instants, record: &mut CycleRecord, counts: &mut Counts) {
         self.axes.fill(f64::NAN);
         for s in 0..self.sensors.len() {
-            let (fresh, age, flags) = self.look(&self.sensors[s], now, counts);
+            let (fresh, age, flags) = self.look(&self.sensors[s], at, counts);
             let sensor = &mut record.ft[s];
             sensor.age_s = age;
             sensor.flags = flags;
@@ -325,7 +340,7 @@ impl Measure {
         let Some(source) = &self.imu else {
             return;
         };
-        let (fresh, age, flags) = self.look(source, now, counts);
+        let (fresh, age, flags) = self.look(source, at, counts);
         record.imu.age_s = age;
         record.imu.flags = flags;
         if fresh {
@@ -340,13 +355,14 @@ impl Measure {
         }
     }
 
-    fn filter_sensors(&mut self, record: &mut CycleRecord) {
-        self.sensor_filter.update(&self.axes);
-        let values = self.sensor_filter.values();
-        let axes = |first: usize| -> [f64; AXES] { std::array::from_fn(|i| values[first + i]) };
+    fn filter_sensors(&mut self, at: Instants, record: &mut CycleRecord) {
+        let filter = &mut self.sensor_filter;
+        filter.update(&self.axes, &self.stamps, at.sync);
+        let axes =
+            |first: usize| -> [f64; AXES] { std::array::from_fn(|i| filter.outputs(first + i)[0]) };
         for s in 0..self.sensors.len() {
             record.ft[s].filtered = wrench(&axes(AXES * s));
-            if self.sensor_filter.settling(AXES * s) {
+            if filter.settling(AXES * s) {
                 record.ft[s].flags |= measured_flags::SETTLING;
             }
         }
@@ -355,7 +371,8 @@ impl Measure {
             let imu = axes(first);
             record.imu.gyro_hat = [imu[0], imu[1], imu[2]];
             record.imu.accelerometer_hat = [imu[3], imu[4], imu[5]];
-            if self.sensor_filter.settling(first) {
+            self.gyro_rate = std::array::from_fn(|axis| filter.outputs(first + axis)[1]);
+            if filter.settling(first) {
                 record.imu.flags |= measured_flags::SETTLING;
             }
         }

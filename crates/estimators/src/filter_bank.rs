@@ -14,6 +14,18 @@ pub enum FilterDesign {
     Matched(MatchedFilterParameters),
 }
 
+impl FilterDesign {
+    /// The same filter with so many derivatives beside the value.
+    #[must_use]
+    pub fn with_derivatives(mut self, wanted: usize) -> Self {
+        match &mut self {
+            Self::SavitzkyGolay(p) => p.derivatives = wanted,
+            Self::Matched(p) => p.derivatives = wanted,
+        }
+        self
+    }
+}
+
 impl From<SavitzkyGolayParameters> for FilterDesign {
     fn from(p: SavitzkyGolayParameters) -> Self {
         Self::SavitzkyGolay(p)

@@ -14,7 +14,8 @@ pub struct SavitzkyGolayParameters {
     pub window: usize,
     /// Degree of the polynomial, below `window`.
     pub order: usize,
-    /// Derivatives wanted beside the value: 0, 1 or 2.
+    /// Derivatives wanted beside the value: 0, 1 or 2. One beyond `order` is that of a polynomial
+    /// of its own degree, as far as the window holds samples for one.
     pub derivatives: usize,
     /// How many samples before the newest the polynomial is read, 0 to `window - 1`; may be
     /// fractional. The window's middle is `(window - 1)/2`.
@@ -69,7 +70,7 @@ impl SavitzkyGolayParameters {
         let (window, order) = (self.window, self.order);
         let taps = (0..=self.derivatives).map(|d| {
             let rate = self.sample_period.powi(-(d as i32));
-            let h = coefficients(window, order, d, self.delay_samples);
+            let h = coefficients(window, order.max(d).min(window - 1), d, self.delay_samples);
             h.iter().map(|h| h * rate).collect()
         });
         Ok(Kernels {

@@ -1,6 +1,7 @@
 //! `[drive.NAME]`: kinds of drive.
 
 use crate::reader::{Allowed, Section};
+use crate::sampling::{self, Sampling};
 use control::MotorModel;
 use estimators::compliance::ComplianceParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
@@ -17,6 +18,7 @@ pub(crate) struct Drive {
     pub(crate) low_pass_pole: f64,
     pub(crate) torsion_sigma: f64,
     pub(crate) current_sigma: f64,
+    pub(crate) sampling: Sampling,
     pub(crate) compliance: ComplianceParameters,
     pub(crate) wave_generator: WaveGeneratorParameters,
     pub(crate) motor: MotorModel,
@@ -29,18 +31,21 @@ enum Command {
 }
 
 /// The drives by name; one that is incomplete counts as known, its problems are noted.
-pub(crate) fn read<'n>(root: &Section<'n, '_>) -> BTreeMap<&'n str, Option<Drive>> {
+pub(crate) fn read<'n>(
+    root: &Section<'n, '_>,
+    sample_period: f64,
+) -> BTreeMap<&'n str, Option<Drive>> {
     let Some(section) = root.section("drive") else {
         return BTreeMap::new();
     };
     let drives = section.named_sections();
     drives
         .into_iter()
-        .map(|(name, section)| (name, drive(section)))
+        .map(|(name, section)| (name, drive(section, sample_period)))
         .collect()
 }
 
-fn drive(section: Section<'_, '_>) -> Option<Drive> {
+fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
     let gear_ratio = section.number("gear_ratio", Allowed::Within(1.0, 10_000.0));
     let torque_constant = section.number("torque_constant_Nm_per_A", Allowed::Positive);
     let rotor_inertia = section.number("rotor_inertia_kg_m2", Allowed::Positive);
@@ -49,6 +54,7 @@ fn drive(section: Section<'_, '_>) -> Option<Drive> {
     let motor_counts_per_turn = section.optional_number("motor_counts_per_turn", counts);
     let link_counts_per_turn = section.optional_number("link_counts_per_turn", counts);
     let current_sigma = section.number_or("current_sigma_A", 0.0, Allowed::NonNegative);
+    let sampling = sampling::read(&section, sample_period);
     let command = section.choice(
         "command",
         &[
@@ -79,6 +85,7 @@ fn drive(section: Section<'_, '_>) -> Option<Drive> {
         low_pass_pole,
         torsion_sigma,
         current_sigma,
+        sampling,
         compliance,
         wave_generator: friction?,
         motor: motor?,

@@ -6,6 +6,7 @@ use crate::general::name;
 use crate::parameters::{JointParameters, Timing};
 use crate::paths;
 use crate::reader::{Allowed, Section};
+use crate::sampling;
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Reach, Use, Way, Wiring};
@@ -18,9 +19,6 @@ use identification::FitError;
 use identification::joint_file::JointFile;
 use robot_state::MAX_JOINTS;
 use std::collections::BTreeMap;
-
-/// Samples that the encoders' skew may span.
-const LONGEST_SKEW: f64 = 16.0;
 
 pub(crate) fn read(
     root: &Section<'_, '_>,
@@ -94,7 +92,7 @@ impl Reader<'_, '_, '_> {
         let limits = self.limits(torque_limit, drive, model.zip(model_index));
         let gains = self.gains(drive);
         let kinematic_error = self.kinematic_error();
-        let longest = LONGEST_SKEW * self.timing.sample_period * 1e6;
+        let longest = sampling::LONGEST * self.timing.sample_period * 1e6;
         let skew = section.number_or("skew_us", 0.0, Allowed::Within(-longest, longest)) * 1e-6;
         let calibration = self.calibration(drive);
         let bus = wiring.bus(section);
@@ -139,6 +137,7 @@ impl Reader<'_, '_, '_> {
             has_velocity: signals.has_velocity,
             has_status: signals.has_status,
             rotor_inertia: drive.rotor_inertia,
+            sampling: drive.sampling,
             encoders,
             estimator: JointEstimatorParameters {
                 gear_ratio: drive.gear_ratio,

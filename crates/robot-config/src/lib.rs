@@ -13,6 +13,7 @@ mod joints;
 mod parameters;
 mod paths;
 mod reader;
+mod sampling;
 mod sensors;
 pub mod slots;
 mod units;
@@ -22,6 +23,7 @@ mod wiring;
 
 pub use can_codec::Problem;
 pub use parameters::*;
+pub use sampling::{Sampled, Sampling};
 pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};
@@ -44,6 +46,23 @@ pub struct Robot {
     pub send: Table,
     /// The frame that starts a cycle, one for each bus.
     pub sync: Vec<Frame>,
+}
+
+impl Robot {
+    /// Which messages of the receive table a cycle waits for after SYNC: those that bring
+    /// something that is sampled then.
+    #[must_use]
+    pub fn answers(&self) -> Vec<bool> {
+        let p = &self.parameters;
+        let answered = |slot: usize| match slots::source(slot) {
+            slots::Source::Imu => p.imu.as_ref().is_none_or(|imu| imu.sampling.answers()),
+            slots::Source::Ft(s) => p.ft_sensors.get(s).is_none_or(|ft| ft.sampling.answers()),
+            slots::Source::Joint(j) => p.joints.get(j).is_none_or(|j| j.sampling.answers()),
+        };
+        (0..self.receive.message_count())
+            .map(|message| self.receive.slots(message).any(answered))
+            .collect()
+    }
 }
 
 /// Everything that is wrong with a configuration, in the order of files and lines.
@@ -106,7 +125,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let filters = filters::filters(&root, timing.sample_period);
     let feedback = general::feedback(&root);
     let cross_check = general::cross_check(&root);
-    let drives = drives::read(&root);
+    let drives = drives::read(&root, timing.sample_period);
 
     let model = named.as_ref().and_then(|named| {
         general::read_file(notes, &root, "robot", &named.urdf_path, read)
@@ -115,8 +134,8 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let mut wiring = Wiring::read(notes, &root, &buses, read);
     let files = Files { config: path, read };
     let joints = joints::read(&root, &drives, model.as_ref(), &timing, &files, &mut wiring);
-    let ft_sensors = sensors::ft_sensors(&root, &mut wiring);
-    let imu = sensors::imu(&root, &mut wiring);
+    let ft_sensors = sensors::ft_sensors(&root, timing.sample_period, &mut wiring);
+    let imu = sensors::imu(&root, timing.sample_period, &mut wiring);
     let whole_body = contacts::whole_body(&root, &ft_sensors);
     let external_torque = contacts::external_torque(&root);
     let tables = wiring.compile();

@@ -1,5 +1,6 @@
 //! What a configuration says, validated, in SI units.
 
+use crate::sampling::Sampling;
 use control::{JointGains, JointLimits, MotorModel};
 use dynamics::Base;
 use estimators::encoder::EncoderParameters;
@@ -133,6 +134,8 @@ pub struct JointParameters {
     pub has_status: bool,
     /// J: inertia of the rotor, motor side, kg·m².
     pub rotor_inertia: f64,
+    /// When its link encoder is sampled; the motor's is later by the encoders' skew.
+    pub sampling: Sampling,
     /// How its encoders are read.
     pub encoders: EncoderParameters,
     /// From encoders and current to torque (Z), where there is no calibration.
@@ -236,6 +239,8 @@ pub struct FtParameters {
     pub sensor: FtSensor,
     /// Index of its bus.
     pub bus: usize,
+    /// When it samples.
+    pub sampling: Sampling,
     /// From what comes over the bus to the wrench that the part beyond applies to the part before;
     /// the sign is already in it.
     pub conditioning: FtConditioning,
@@ -250,6 +255,8 @@ pub struct ImuParameters {
     pub frame: String,
     /// Index of its bus.
     pub bus: usize,
+    /// When it samples.
+    pub sampling: Sampling,
     /// Standard deviation of a sample of each gyro axis, rad/s.
     pub sigma_gyro: f64,
     /// Standard deviation of a sample of each accelerometer axis, m/s².

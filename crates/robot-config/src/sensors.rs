@@ -3,6 +3,7 @@
 use crate::general::name;
 use crate::parameters::{FtParameters, FtSensor, ImuParameters};
 use crate::reader::{Allowed, Section};
+use crate::sampling::{self, Sampling};
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Use, Way, Wiring};
@@ -12,7 +13,11 @@ use whole_body::FtConditioning;
 
 const LINK: &str = "the name of a link of the URDF";
 
-pub(crate) fn ft_sensors(root: &Section<'_, '_>, wiring: &mut Wiring<'_, '_>) -> Vec<FtParameters> {
+pub(crate) fn ft_sensors(
+    root: &Section<'_, '_>,
+    sample_period: f64,
+    wiring: &mut Wiring<'_, '_>,
+) -> Vec<FtParameters> {
     let mut sections = root.list("ft_sensor");
     if sections.len() > MAX_FT_SENSORS {
         let what = format!("{} F/T sensors are not allowed", sections.len());
@@ -30,7 +35,8 @@ pub(crate) fn ft_sensors(root: &Section<'_, '_>, wiring: &mut Wiring<'_, '_>) ->
                 "each sensor once",
             );
         }
-        sensors.extend(ft_sensor(&section, index, name, wiring));
+        let sampling = sampling::read(&section, sample_period);
+        sensors.extend(ft_sensor(&section, index, name, sampling, wiring));
         section.finish();
     }
     sensors
@@ -40,6 +46,7 @@ fn ft_sensor(
     section: &Section<'_, '_>,
     index: usize,
     name: String,
+    sampling: Sampling,
     wiring: &mut Wiring<'_, '_>,
 ) -> Option<FtParameters> {
     let frame = section.text("frame", LINK);
@@ -91,6 +98,7 @@ fn ft_sensor(
             sigma_torque,
         },
         bus: bus?,
+        sampling,
         conditioning,
         has_temperature: temperature.is_some(),
     })
@@ -127,11 +135,16 @@ fn conditioning(section: &Section<'_, '_>) -> FtConditioning {
     }
 }
 
-pub(crate) fn imu(root: &Section<'_, '_>, wiring: &mut Wiring<'_, '_>) -> Option<ImuParameters> {
+pub(crate) fn imu(
+    root: &Section<'_, '_>,
+    sample_period: f64,
+    wiring: &mut Wiring<'_, '_>,
+) -> Option<ImuParameters> {
     let section = root.optional_section("imu")?;
     let frame = section.text("frame", LINK);
     let sigma_gyro = section.number_or("sigma_rad_per_s", 0.005, Allowed::NonNegative);
     let sigma_accelerometer = section.number_or("sigma_m_per_s2", 0.05, Allowed::NonNegative);
+    let sampling = sampling::read(&section, sample_period);
     let bus = wiring.bus(&section);
     let axes = [
         ("gyro", slots::gyro(0), Quantity::Velocity),
@@ -158,6 +171,7 @@ pub(crate) fn imu(root: &Section<'_, '_>, wiring: &mut Wiring<'_, '_>) -> Option
     Some(ImuParameters {
         frame: frame?.value.to_owned(),
         bus: bus?,
+        sampling,
         sigma_gyro,
         sigma_accelerometer,
     })

@@ -12,6 +12,29 @@ const PER_FT: usize = AXES + 1;
 const JOINTS: usize = AXES + PER_FT * MAX_FT_SENSORS;
 const PER_JOINT: usize = 5;
 
+/// Whose value it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// The IMU.
+    Imu,
+    /// An F/T sensor, by its index.
+    Ft(usize),
+    /// A joint, by its index.
+    Joint(usize),
+}
+
+/// Whose value a receive slot holds.
+#[must_use]
+pub const fn source(slot: usize) -> Source {
+    if slot < AXES {
+        Source::Imu
+    } else if slot < JOINTS {
+        Source::Ft((slot - AXES) / PER_FT)
+    } else {
+        Source::Joint((slot - JOINTS) / PER_JOINT)
+    }
+}
+
 /// Axis x y z of the IMU's angular velocity, rad/s.
 #[must_use]
 pub const fn gyro(axis: usize) -> usize {

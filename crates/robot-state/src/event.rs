@@ -82,7 +82,7 @@ events! {
     FrameWrongLength = 102, "frame_wrong_length", Count, "-", "A frame arrived whose length differs from its message in the DBC.";
     JointMissed = 103, "joint_missed", Count, "loop.gather_deadline_us", "A joint had not answered at the gather deadline; its last state bridges the gap.";
     JointStale = 104, "joint_stale", Fault, "loop.stale_after_ms", "A joint has been silent for longer than allowed.";
-    SensorMissed = 105, "sensor_missed", Count, "loop.gather_deadline_us", "An F/T sensor or the IMU had not answered at the gather deadline.";
+    SensorMissed = 105, "sensor_missed", Count, "loop.gather_deadline_us", "An F/T sensor or the IMU had not answered at the gather deadline, or was overdue by its own clock.";
     BusErrorFrame = 106, "bus_error_frame", Count, "-", "The CAN controller reported an error frame.";
     SendFailed = 107, "send_failed", Count, "-", "A frame could not be handed to the bus.";
     ReceiveOverflow = 108, "receive_overflow", Count, "-", "More frames arrived in a cycle than the receive buffer holds.";

@@ -2,7 +2,7 @@
 #![allow(dead_code)]
 
 use can_codec::{Frame, Frames, MAX_FRAMES};
-use cycle::{Cycle, Stamp, Wanted};
+use cycle::{Cycle, Instants, Stamp, Wanted};
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 use robot_state::{CycleRecord, JointReference, Reference, mode};
@@ -66,12 +66,20 @@ impl Bench {
     /// Computes from what is in `rx`, and hands the commands to the robot.
     pub(crate) fn compute(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
         self.tx.clear();
-        self.cycle
-            .step(Stamp(self.now), &self.rx, wanted, &mut self.tx);
+        let at = self.instants();
+        self.cycle.step(at, &self.rx, wanted, &mut self.tx);
         let mut answers = Frames::default();
         self.plant.exchange(&self.tx, self.now, &mut answers);
         assert!(answers.is_empty(), "commands are not answered");
         self.cycle.record()
+    }
+
+    /// SYNC and its answers take no time here.
+    pub(crate) fn instants(&self) -> Instants {
+        Instants {
+            sync: Stamp(self.now),
+            now: Stamp(self.now),
+        }
     }
 
     /// One whole cycle.

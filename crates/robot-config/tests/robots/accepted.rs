@@ -110,3 +110,22 @@ fn leg_is_what_its_configuration_says() {
     assert_eq!(leg.sync[1].bus, 1);
     assert_eq!(leg.sync[1].id, 0x80);
 }
+
+#[test]
+fn every_slot_knows_whose_it_is() {
+    use slots::Source::{Ft, Imu, Joint};
+    for axis in 0..3 {
+        assert_eq!(slots::source(slots::gyro(axis)), Imu);
+        assert_eq!(slots::source(slots::accelerometer(axis)), Imu);
+    }
+    for s in 0..robot_state::MAX_FT_SENSORS {
+        for axis in 0..6 {
+            assert_eq!(slots::source(slots::ft(s, axis)), Ft(s));
+        }
+        assert_eq!(slots::source(slots::ft_temperature(s)), Ft(s));
+    }
+    for j in 0..3 {
+        assert_eq!(slots::source(slots::motor_angle(j)), Joint(j));
+        assert_eq!(slots::source(slots::status(j)), Joint(j));
+    }
+}

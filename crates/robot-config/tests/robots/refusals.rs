@@ -3,6 +3,7 @@
 
 use crate::files::Files;
 use control::MotorModel;
+use robot_config::{Sampled, slots};
 
 const LEG: &str = "config/leg/robot.toml";
 const HUMANOID: &str = "config/humanoid/robot.toml";
@@ -393,4 +394,37 @@ fn filters_are_matched_or_not() {
         text.contains("filters.matched: 2 is not allowed; allowed: an integer from 3"),
         "{text}"
     );
+}
+
+#[test]
+fn when_a_source_samples_must_be_possible() {
+    let drive = "gear_ratio = 100.0\n";
+    let with = |keys: &str| leg_with(drive, &format!("{drive}{keys}\n"));
+    let told = |keys: &str| with(keys).errors(LEG);
+    let sometimes = told("sampled = \"sometimes\"");
+    let choices = "is not allowed; allowed: \"at_sync\" or \"when_sent\"";
+    assert!(sometimes.contains(choices), "{sometimes}");
+    let late = told("latency_us = 16001");
+    assert!(
+        late.contains("allowed: a number from -16000 to 16000"),
+        "{late}"
+    );
+    let idle = told("period_us = 1000");
+    assert!(
+        idle.contains("drive.period_us (hip_yaw): a period of its own is not allowed"),
+        "{idle}"
+    );
+    let robot = with("sampled = \"when_sent\"\nlatency_us = -50\nperiod_us = 2500").load(LEG);
+    let robot = robot.unwrap_or_else(|e| panic!("{e}"));
+    let sampling = robot.parameters.joints[0].sampling;
+    assert_eq!(sampling.sampled, Sampled::WhenSent { period: 2.5e-3 });
+    assert!((sampling.latency + 5e-5).abs() < 1e-12);
+    // Nobody waits for a drive that sends by its own clock; sensors on its bus still answer.
+    let answers = robot.answers();
+    for (message, answers) in answers.iter().enumerate() {
+        let mut slots = robot.receive.slots(message);
+        let joint = slots.any(|slot| matches!(slots::source(slot), slots::Source::Joint(_)));
+        assert_eq!(*answers, !joint, "message {message}");
+    }
+    assert!(answers.contains(&true) && answers.contains(&false));
 }

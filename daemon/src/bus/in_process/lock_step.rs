@@ -7,7 +7,7 @@ use can_codec::{Frames, Gather, MAX_FRAMES, Table};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What answers frames: a simulated robot.
+/// What answers frames: a simulated robot. Its answers arrive now, or when their stamp says.
 pub trait Peer {
     /// Takes the frames and appends its answers to `out`.
     fn exchange(&mut self, frames: &Frames, now_ns: u64, out: &mut Frames);
@@ -114,7 +114,9 @@ impl<P: Peer> Bus for LockStep<P> {
         let stamp_ns = self.clock.now_ns();
         for answer in &self.answers {
             let mut frame = *answer;
-            frame.stamp_ns = stamp_ns;
+            if frame.stamp_ns == 0 {
+                frame.stamp_ns = stamp_ns;
+            }
             deliver(frame, rx, gather, table, &mut self.counters);
         }
         self.counters.dropped += self.answers.overflow();
