@@ -141,7 +141,7 @@ pub enum CycleError {
     WholeBody(WholeBodyError),
     /// A joint file whose estimators cannot be built.
     Calibration(FitError),
-    /// A floating base without an IMU.
+    /// A floating base without an IMU or a stand.
     NoImu,
 }
 
@@ -156,7 +156,7 @@ impl fmt::Display for CycleError {
             Self::Filter(error) => write!(f, "filters: {error}"),
             Self::WholeBody(error) => write!(f, "whole_body: {error}"),
             Self::Calibration(error) => write!(f, "calibration: {error}"),
-            Self::NoImu => write!(f, "a floating base needs an IMU"),
+            Self::NoImu => write!(f, "a floating base needs an IMU, or a stand"),
         }
     }
 }

@@ -3,8 +3,9 @@
 
 mod common;
 
+use can_codec::Frames;
 use common::{Bench, read};
-use cycle::Wanted;
+use cycle::{Cycle, Wanted};
 use robot_state::{CycleRecord, Event, Settings};
 
 const HUMANOID: &str = "config/humanoid/robot.toml";
@@ -153,4 +154,34 @@ fn a_push_on_the_elbow_is_told() {
     );
     let record = bench.cycle.record();
     assert_eq!(count(record, Event::ExternalContact), told.len() as u64);
+}
+
+/// A leg whose root is bolted down, and one that could move but hangs on a stand by that link: two
+/// ways to say the same.
+#[test]
+fn a_stand_is_a_fixed_base() {
+    let mut bench = Bench::new("leg");
+    let standing = robot_config::load("config/leg/robot.toml", &|path: &str| {
+        let text = read(path)?;
+        let stand = "base = \"floating\"\n\n[fixed_base]\nlink = \"base_link\"\n";
+        Ok(text.replace("base = \"fixed\"\n", stand))
+    })
+    .unwrap();
+    let mut cycle = Cycle::new(&standing).unwrap();
+    let mut tx = Frames::default();
+    for _ in 0..400 {
+        bench.step(&Wanted::default());
+        tx.clear();
+        let now = bench.instants();
+        let record = cycle.step(now, &bench.rx, &Wanted::default(), &mut tx);
+        let same = record.joints.iter().zip(&bench.cycle.record().joints);
+        for (a, b) in same.take(record.joint_count as usize) {
+            let difference = a.tau_whole_body.tau - b.tau_whole_body.tau;
+            assert!(difference.abs() < 1e-9, "{difference} N·m");
+            let difference = a.control.tau_d - b.control.tau_d;
+            assert!(difference.abs() < 1e-9, "{difference} N·m wanted");
+        }
+    }
+    let loads = bench.cycle.record().joints.map(|j| j.tau_whole_body.tau);
+    assert!(loads.iter().any(|tau| tau.abs() > 1.0), "{loads:?}");
 }

@@ -1,8 +1,8 @@
-//! `[whole_body]`, `[[contacts]]` and `[external_torque]`.
+//! `[whole_body]`, `[fixed_base]`, `[[contacts]]` and `[external_torque]`.
 
 use crate::general::name;
 use crate::parameters::{
-    AngularAcceleration, ContactSet, ExternalTorqueSettings, FtParameters, WholeBodySettings,
+    AngularAcceleration, ContactSet, ExternalTorqueSettings, FtParameters, Stand, WholeBodySettings,
 };
 use crate::reader::{Allowed, Section};
 use robot_state::MAX_CONTACT_SETS;
@@ -16,6 +16,7 @@ const AUTOMATIC: &str = "automatic";
 pub(crate) fn whole_body(root: &Section<'_, '_>, sensors: &[FtParameters]) -> WholeBodySettings {
     use AngularAcceleration::{Differentiate, Neglect};
     let mut settings = WholeBodySettings {
+        stand: stand(root),
         unknown_wrench_link: None,
         angular_acceleration: Differentiate,
         weighting: Weighting::Unit,
@@ -67,6 +68,30 @@ pub(crate) fn whole_body(root: &Section<'_, '_>, sensors: &[FtParameters]) -> Wh
         root.problem("contacts", what, "a table [whole_body.load]");
     }
     settings
+}
+
+/// `[fixed_base]`.
+fn stand(root: &Section<'_, '_>) -> Option<Stand> {
+    let section = root.optional_section("fixed_base")?;
+    let link = section.text("link", LINK);
+    let gravity = [0.0, 0.0, -dynamics::GRAVITY];
+    let gravity = section.number_array_or::<3>("gravity_m_per_s2", gravity, Allowed::Finite);
+    if root
+        .optional_section("robot")
+        .is_some_and(|robot| robot.is("base", "fixed"))
+    {
+        let what = "base = \"fixed\" bolts the root link down already";
+        section.problem(
+            "link",
+            what,
+            "base = \"floating\" with a link that a stand holds",
+        );
+    }
+    section.finish();
+    Some(Stand {
+        link: link?.value.to_owned(),
+        gravity,
+    })
 }
 
 fn load_rule(section: Section<'_, '_>) -> LoadRule {

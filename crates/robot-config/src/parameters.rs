@@ -161,6 +161,8 @@ impl JointParameters {
 /// Contacts, and how torques follow from F/T sensors and IMU.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WholeBodySettings {
+    /// The link of a floating robot that a stand holds; none: the IMU tells how it moves.
+    pub stand: Option<Stand>,
     /// The link that an unknown wrench may act on (D 2.4); the root if none is named.
     pub unknown_wrench_link: Option<String>,
     /// Where the angular acceleration of the IMU comes from.
@@ -176,6 +178,15 @@ pub struct WholeBodySettings {
     pub blend: f64,
     /// When an F/T sensor's part counts as loaded; none: only clients change contacts.
     pub load_rule: Option<LoadRule>,
+}
+
+/// What holds a robot whose root could move.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stand {
+    /// The link that stands still.
+    pub link: String,
+    /// g: acceleration of gravity in that link's axes, m/s² (3).
+    pub gravity: [f64; 3],
 }
 
 /// A set of contacts.

@@ -17,7 +17,7 @@ pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Paramete
         section.as_ref().unwrap_or(root).problem(
             "base",
             "a floating base needs an IMU: without it acceleration and weight are unknown",
-            "\"fixed\", or a table [imu]",
+            "\"fixed\", or a table [imu], or a stand: a table [fixed_base]",
         );
         return;
     };
@@ -147,8 +147,10 @@ fn naming<'n, 't>(root: &Section<'n, 't>, link: &str) -> Option<(Section<'n, 't>
     let sensors = root.list("ft_sensor").into_iter();
     let whole_body = root.optional_section("whole_body").into_iter();
     let imu = root.optional_section("imu").into_iter();
-    let keys = ["frame", "contact_link", "unknown_wrench_link"];
-    sensors.chain(imu).chain(whole_body).find_map(|section| {
+    let stand = root.optional_section("fixed_base").into_iter();
+    let keys = ["frame", "contact_link", "unknown_wrench_link", "link"];
+    let mut sections = sensors.chain(imu).chain(whole_body).chain(stand);
+    sections.find_map(|section| {
         let key = keys.into_iter().find(|key| section.is(key, link))?;
         Some((section, key))
     })

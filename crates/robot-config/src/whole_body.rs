@@ -21,7 +21,7 @@ const DEFAULT_CONTACTS: &str = "default";
 
 /// The estimator's parameters, with the configured sets of contacts; where there are none, a full
 /// wrench beyond each F/T sensor on its contact link, and the unknown wrench (D 2.4). None for a
-/// floating base without an IMU.
+/// floating base without an IMU or a stand.
 #[must_use]
 pub fn whole_body_parameters(
     parameters: &Parameters,
@@ -36,22 +36,26 @@ pub fn whole_body_parameters(
         sigma_force: value * ft.sensor.sigma_force,
         sigma_torque: value * ft.sensor.sigma_torque,
     };
-    let source = match (model.base(), &parameters.imu) {
-        (Base::Fixed, _) => MotionSource::Fixed {
+    let settings = &parameters.whole_body;
+    let source = match (model.base(), &settings.stand, &parameters.imu) {
+        (Base::Fixed, ..) => MotionSource::Fixed {
             link: root(model),
             gravity: model.gravity(),
         },
-        (Base::Floating, Some(imu)) => MotionSource::Imu(ImuParameters {
+        (Base::Floating, Some(stand), _) => MotionSource::Fixed {
+            link: stand.link.clone(),
+            gravity: stand.gravity.into(),
+        },
+        (Base::Floating, None, Some(imu)) => MotionSource::Imu(ImuParameters {
             frame: Place::link(&imu.frame),
             sigma_accelerometer: value * imu.sigma_accelerometer,
-            sigma_angular_acceleration: match parameters.whole_body.angular_acceleration {
+            sigma_angular_acceleration: match settings.angular_acceleration {
                 AngularAcceleration::Differentiate => rate * imu.sigma_gyro,
                 AngularAcceleration::Neglect => 0.0,
             },
         }),
-        (Base::Floating, None) => return None,
+        (Base::Floating, None, None) => return None,
     };
-    let settings = &parameters.whole_body;
     let sets = settings.contacts.iter().map(|set| set.hypothesis.clone());
     let mut hypotheses: Vec<Hypothesis> = sets.collect();
     if hypotheses.is_empty() {

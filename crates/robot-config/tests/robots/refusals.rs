@@ -428,3 +428,15 @@ fn when_a_source_samples_must_be_possible() {
     }
     assert!(answers.contains(&true) && answers.contains(&false));
 }
+
+#[test]
+fn a_stand_holds_what_could_move() {
+    let stand = |link: &str| format!("\n[fixed_base]\nlink = \"{link}\"\n\n[whole_body]\n");
+    let files = leg_with("[whole_body]\n", &stand("base_link"));
+    let parts = ["fixed_base.link: base = \"fixed\" bolts", "\"floating\""];
+    refused(&files, LEG, "link = \"base_link\"", &parts);
+    let files = leg_with("[whole_body]\n", &stand("no_link"));
+    let files = files.with(LEG, "base = \"fixed\"", "base = \"floating\"");
+    let parts = ["fixed_base.link: the URDF has no link no_link", "allowed: "];
+    refused(&files, LEG, "link = \"no_link\"", &parts);
+}
