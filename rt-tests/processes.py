@@ -6,6 +6,7 @@ import queue
 import re
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -14,6 +15,8 @@ ROOT = Path(__file__).resolve().parent.parent
 BINARIES = Path(os.environ.get("TORQUED_BINARIES", ROOT / "target" / "debug"))
 PYTHON = ROOT / ".venv" / "bin" / "python"
 CLIENT = ROOT / "client" / "python"
+# Offsets of tares that tests ask for; the user's own are left alone.
+STATE = tempfile.TemporaryDirectory(prefix="torqued-state-")
 LEG = ROOT / "config" / "leg" / "robot.toml"
 
 
@@ -27,7 +30,7 @@ class Process:
         self._popen = subprocess.Popen(
             self.command,
             cwd=ROOT,
-            env=os.environ | {"PYTHONPATH": str(CLIENT)},
+            env=os.environ | {"PYTHONPATH": str(CLIENT), "XDG_STATE_HOME": STATE.name},
             text=True,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -3,7 +3,9 @@
 pub mod bus;
 pub mod control_loop;
 pub mod demo;
+pub mod desk;
 pub mod failure;
+pub mod offsets;
 pub mod real_time;
 pub mod run;
 pub mod shared_memory;

@@ -12,9 +12,11 @@ use robot_state::{Description, Event, JointRecord, Name, SharedRecord, measured_
 
 use crate::bus::{Line, OpenError, SocketCan};
 use crate::control_loop::ControlLoop;
+use crate::desk::Desk;
 use crate::failure::Failure;
+use crate::offsets::Store;
 use crate::real_time::{self, Deadline, Pace, Settings};
-use crate::shared_memory::{self, RecordSender, ReferenceReceiver};
+use crate::shared_memory::{self, LoopEnds};
 use crate::summary::{PageFaults, Summary, Timing};
 
 /// How often the main thread looks at the loop.
@@ -34,13 +36,15 @@ pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result
         OpenError::NoCan(_) | OpenError::Socket(..) => Failure::environment(error),
     })?;
     let control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
-    let (records, references) =
-        shared_memory::start(&describe(robot)).map_err(Failure::environment)?;
+    let desk = Desk::new(robot, Store::find(&parameters.name)).map_err(Failure::bad_input)?;
+    if !parameters.ft_sensors.is_empty() {
+        eprintln!("{}", desk.about());
+    }
+    let clients = shared_memory::start(&describe(robot), desk).map_err(Failure::environment)?;
     let status = Arc::new(Status::default());
     let mut looper = Looper {
         control_loop,
-        records,
-        references,
+        clients,
         timing: Timing::new(),
         status: Arc::clone(&status),
         stop: Arc::clone(stop),
@@ -87,8 +91,7 @@ struct Status {
 
 struct Looper {
     control_loop: ControlLoop<SocketCan>,
-    records: RecordSender,
-    references: ReferenceReceiver,
+    clients: LoopEnds,
     timing: Timing,
     status: Arc<Status>,
     stop: Arc<AtomicBool>,
@@ -106,16 +109,14 @@ impl Looper {
         while starts < self.cycles && !self.stop.load(Ordering::Relaxed) {
             let wake = deadline.wait();
             starts += 1 + wake.skipped;
-            let wanted =
-                self.references
-                    .latest()
-                    .map_or_else(Wanted::default, |(reference, arrived_ns)| Wanted {
-                        reference: Some(reference),
-                        age_s: wake.woke_ns.saturating_sub(arrived_ns) as f64 * 1e-9,
-                        settings: None,
-                    });
+            let arrived = self.clients.references.latest();
+            let wanted = Wanted {
+                reference: arrived.map(|(reference, _)| reference),
+                age_s: arrived.map_or(0.0, |(_, at)| wake.woke_ns.saturating_sub(at) as f64 * 1e-9),
+                settings: Some(self.clients.settings.latest()),
+            };
             let record = self.control_loop.run_cycle(&wake, &wanted);
-            self.records.send(record);
+            self.clients.records.send(record);
             self.timing.take(&record.timing);
             self.status.show(record);
             last = *record;
@@ -125,7 +126,7 @@ impl Looper {
             minor: after.minor - before.minor,
             major: after.major - before.major,
         };
-        let dropped = self.records.overflow();
+        let dropped = self.clients.records.overflow();
         (last, std::mem::take(&mut self.timing), faults, dropped)
     }
 }

@@ -1,13 +1,14 @@
-//! Records to clients and references from them, without the loop's thread ever meeting iceoryx2:
+//! Records to clients, references and requests from them, without the loop's thread ever meeting iceoryx2:
 //! that one allocates when it sends, and maps files when a client comes, goes or dies.
 //!
 //! ```text
 //!  loop thread                        publisher thread                clients
 //!  RecordSender ──► ring of records ──────────────────► DaemonPorts ──► every record
 //!  ReferenceReceiver ◄── triple buffer ◄── arrival time ────┘      ◄── references, one client's
+//!  SettingsReceiver ◄─── triple buffer ◄── Desk ◄── records         ◄─► requests and answers
 //! ```
 //!
-//! Both ways are wait-free for the loop: it never waits for the publisher thread, not even when
+//! All ways are wait-free for the loop: it never waits for the publisher thread, not even when
 //! that is interrupted half-way (a multi-producer queue's `push` would then spin). The publisher
 //! looks into the ring every half millisecond instead of being woken, since waking it would cost
 //! the loop a system call; so a record or a reference is that much late at most, on an idle
@@ -19,7 +20,7 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use robot_state::{Description, Reference, SharedRecord};
+use robot_state::{Description, Reference, Settings, SharedRecord};
 use rtrb::{Consumer, Producer, RingBuffer};
 use thread_priority::ThreadPriority;
 use thread_priority::unix::{
@@ -28,14 +29,28 @@ use thread_priority::unix::{
 };
 use torqued_client::{DaemonPorts, Error, Location};
 
+use crate::desk::Desk;
 use crate::real_time::monotonic_ns;
 
 /// Records that the publisher thread may be behind: a quarter of a second at 1 kHz, 4.5 MB.
 const RING: usize = 256;
 /// Between two looks of the publisher thread.
 const POLL: Duration = Duration::from_micros(500);
+/// Requests that are begun in one round: whoever floods gets no more of the thread's time.
+const REQUESTS: usize = 4;
 /// Between two rounds of cleaning up after dead clients.
 const KEEP_HOUSE: Duration = Duration::from_millis(250);
+
+/// What the loop needs to meet clients.
+#[derive(Debug)]
+pub struct LoopEnds {
+    /// For records.
+    pub records: RecordSender,
+    /// For references.
+    pub references: ReferenceReceiver,
+    /// For settings.
+    pub settings: SettingsReceiver,
+}
 
 /// The loop's end for records.
 #[derive(Debug)]
@@ -52,6 +67,12 @@ pub struct ReferenceReceiver {
     references: triple_buffer::Output<Arrived>,
 }
 
+/// The loop's end for settings.
+#[derive(Debug)]
+pub struct SettingsReceiver {
+    settings: triple_buffer::Output<Settings>,
+}
+
 /// A reference with its time of arrival, ns on `CLOCK_MONOTONIC`; 0: none has arrived yet.
 #[derive(Debug, Clone, Default)]
 struct Arrived {
@@ -65,13 +86,14 @@ struct Shared {
     failures: AtomicU64,
 }
 
-/// Publishes `description` and starts the publisher thread, in the usual run directory. The thread
-/// inherits the caller's CPUs: to be called before the loop's thread is pinned to its own.
+/// Publishes `description` and starts the publisher thread, at which `desk` serves requests, in the
+/// usual run directory. The thread inherits the caller's CPUs: to be called before the loop's thread
+/// is pinned to its own.
 ///
 /// # Errors
 /// Whatever keeps the robot's services from being made: see [`DaemonPorts::create`].
-pub fn start(description: &Description) -> Result<(RecordSender, ReferenceReceiver), Error> {
-    start_at(&Location::find()?, description)
+pub fn start(description: &Description, desk: Desk) -> Result<LoopEnds, Error> {
+    start_at(&Location::find()?, description, desk)
 }
 
 /// [`start`] in another run directory.
@@ -81,16 +103,20 @@ pub fn start(description: &Description) -> Result<(RecordSender, ReferenceReceiv
 pub fn start_at(
     location: &Location,
     description: &Description,
-) -> Result<(RecordSender, ReferenceReceiver), Error> {
+    desk: Desk,
+) -> Result<LoopEnds, Error> {
     let ports = DaemonPorts::create(location, description)?;
     let (mut producer, mut consumer) = RingBuffer::new(RING);
     // Every page is written once now, so that the loop's first round through the ring faults none.
     while producer.push(SharedRecord::default()).is_ok() {}
     while consumer.pop().is_ok() {}
     let (arrived, references) = triple_buffer::triple_buffer(&Arrived::default());
+    let (input, settings) = triple_buffer::triple_buffer(desk.settings());
     let shared = Arc::new(Shared::default());
     let publisher = Publisher {
         ports,
+        desk,
+        settings: input,
         records: consumer,
         arrived,
         shared: Arc::clone(&shared),
@@ -108,13 +134,16 @@ pub fn start_at(
         })?;
     // The thread is on its own before the caller turns real-time.
     let _ = wait_started.recv();
-    let sender = RecordSender {
-        records: producer,
-        shared,
-        overflow: 0,
-        publisher: Some(publisher),
-    };
-    Ok((sender, ReferenceReceiver { references }))
+    Ok(LoopEnds {
+        records: RecordSender {
+            records: producer,
+            shared,
+            overflow: 0,
+            publisher: Some(publisher),
+        },
+        references: ReferenceReceiver { references },
+        settings: SettingsReceiver { settings },
+    })
 }
 
 impl RecordSender {
@@ -164,8 +193,17 @@ impl ReferenceReceiver {
     }
 }
 
+impl SettingsReceiver {
+    /// The settings that hold now. Neither waits nor allocates nor calls the system.
+    pub fn latest(&mut self) -> &Settings {
+        self.settings.read()
+    }
+}
+
 struct Publisher {
     ports: DaemonPorts,
+    desk: Desk,
+    settings: triple_buffer::Input<Settings>,
     records: Consumer<SharedRecord>,
     arrived: triple_buffer::Input<Arrived>,
     shared: Arc<Shared>,
@@ -182,6 +220,7 @@ impl Publisher {
                 return;
             }
             self.take_reference();
+            self.serve();
             if kept_house.elapsed() > KEEP_HOUSE {
                 self.ports.keep_house();
                 kept_house = Instant::now();
@@ -195,8 +234,29 @@ impl Publisher {
             let (records, _) = slot.as_slices();
             for record in records {
                 count_failure(&self.shared, &self.ports.publish(record));
+                self.desk.see(record, Instant::now());
             }
             slot.commit_all();
+        }
+    }
+
+    /// Requests and their answers; the loop gets new settings before a client is told of them.
+    fn serve(&mut self) {
+        let mut answers = Vec::new();
+        for _ in 0..REQUESTS {
+            let received = self.ports.next_request();
+            count_failure(&self.shared, &received);
+            let Ok(Some(asked)) = received else {
+                break;
+            };
+            answers.push(self.desk.ask(&asked, Instant::now()));
+        }
+        answers.extend(self.desk.work(Instant::now()));
+        if let Some(settings) = self.desk.changed_settings() {
+            self.settings.write(settings);
+        }
+        for answer in &answers {
+            count_failure(&self.shared, &self.ports.answer(answer));
         }
     }
 

@@ -7,8 +7,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use robot_state::{Description, Name, SharedRecord, mode};
+use torqued::desk::Desk;
 use torqued::real_time::monotonic_ns;
-use torqued::shared_memory::{self, RecordSender, ReferenceReceiver};
+use torqued::shared_memory::{self, LoopEnds};
 use torqued_client::{Client, Commander, Error, Location};
 
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -52,8 +53,8 @@ impl RunDir {
         Self(Location::at(path).expect("a run directory"))
     }
 
-    fn start(&self) -> (RecordSender, ReferenceReceiver) {
-        shared_memory::start_at(&self.0, &description()).expect("shared memory")
+    fn start(&self) -> LoopEnds {
+        shared_memory::start_at(&self.0, &description(), desk()).expect("shared memory")
     }
 
     fn client(&self) -> Client {
@@ -75,6 +76,13 @@ impl Drop for RunDir {
             }
         }
     }
+}
+
+/// A desk of the leg, which nobody asks for a tare here.
+fn desk() -> Desk {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/leg/robot.toml");
+    let leg = robot_config::load(path, &|path| std::fs::read_to_string(path)).expect("the leg");
+    Desk::new(&leg, Err("nowhere to keep offsets".to_owned())).expect("a desk")
 }
 
 fn description() -> Description {
@@ -108,7 +116,7 @@ fn wait_for<T>(mut step: impl FnMut() -> Option<T>) -> T {
 #[test]
 fn every_record_reaches_a_client_in_order() {
     let dir = RunDir::new("order");
-    let (mut sender, _references) = dir.start();
+    let mut sender = dir.start().records;
     let mut client = dir.client();
     let (arrived, arrivals) = std::sync::mpsc::channel();
     let reader = thread::spawn(move || {
@@ -135,7 +143,7 @@ fn every_record_reaches_a_client_in_order() {
 #[test]
 fn a_full_ring_refuses_and_counts_but_does_not_wait() {
     let dir = RunDir::new("full");
-    let (mut sender, _references) = dir.start();
+    let mut sender = dir.start().records;
     let mut client = dir.client();
     // Far faster than any publisher thread takes them.
     let accepted = (1..=20_000)
@@ -158,7 +166,8 @@ fn a_full_ring_refuses_and_counts_but_does_not_wait() {
 #[test]
 fn references_come_with_their_time_of_arrival() {
     let dir = RunDir::new("references");
-    let (_sender, mut references) = dir.start();
+    let ends = dir.start();
+    let (_sender, mut references) = (ends.records, ends.references);
     assert!(references.latest().is_none());
     let client = dir.client();
     let mut commander = Commander::connect(&client).expect("commander");
@@ -195,7 +204,7 @@ fn references_come_with_their_time_of_arrival() {
 #[test]
 fn the_loops_thread_does_not_allocate() {
     let dir = RunDir::new("allocation");
-    let (mut sender, mut references) = dir.start();
+    let mut ends = dir.start();
     let client = dir.client();
     let mut commander = Commander::connect(&client).expect("commander");
     let mut record = Box::new(record(0));
@@ -206,15 +215,21 @@ fn the_loops_thread_does_not_allocate() {
             let mut guest = Client::connect_at(&location, "leg", PATIENCE).expect("guest");
             guest.next_record(PATIENCE).expect("record");
             commander.send(|r| r.mode = mode::TORQUE).expect("sent");
+            guest.choose_contacts("default").expect("chosen");
         }
     });
-    let mut arrivals = 0;
-    let mut last_ns = 0;
-    while !others.is_finished() {
+    let (mut arrivals, mut changes) = (0, 0);
+    let first_sequence = ends.settings.latest().sequence;
+    let (mut last_ns, mut last_sequence) = (0, first_sequence);
+    // The newest of them may still be on their way.
+    while !others.is_finished() || arrivals == 0 {
         let before = allocations();
         record.cycle.sequence += 1;
-        sender.send(&record);
-        if let Some((_, at_ns)) = references.latest() {
+        ends.records.send(&record);
+        let sequence = ends.settings.latest().sequence;
+        changes += u32::from(sequence > last_sequence);
+        last_sequence = sequence;
+        if let Some((_, at_ns)) = ends.references.latest() {
             arrivals += u32::from(at_ns > last_ns);
             last_ns = at_ns;
         }
@@ -222,13 +237,16 @@ fn the_loops_thread_does_not_allocate() {
         thread::sleep(Duration::from_micros(200));
     }
     others.join().expect("served");
-    assert!(arrivals > 0 && record.cycle.sequence >= 5);
+    assert!(record.cycle.sequence >= 5);
+    assert!(changes > 0);
+    let choices = last_sequence - first_sequence;
+    assert_eq!(choices, 5, "each is with the loop before it is answered");
 }
 
 #[test]
 fn what_is_left_in_the_ring_is_published_before_the_end() {
     let dir = RunDir::new("end");
-    let (mut sender, _references) = dir.start();
+    let mut sender = dir.start().records;
     let mut client = dir.client();
     for sequence in 1..=100 {
         assert!(sender.send(&record(sequence)));
@@ -245,9 +263,9 @@ fn what_is_left_in_the_ring_is_published_before_the_end() {
 #[test]
 fn one_daemon_at_a_time_and_the_next_takes_over() {
     let dir = RunDir::new("takeover");
-    let (sender, _references) = dir.start();
+    let sender = dir.start().records;
     let mut client = dir.client();
-    let refused = shared_memory::start_at(&dir.0, &description()).err();
+    let refused = shared_memory::start_at(&dir.0, &description(), desk()).err();
     assert_eq!(
         refused,
         Some(Error::AlreadyRunning {
@@ -255,7 +273,7 @@ fn one_daemon_at_a_time_and_the_next_takes_over() {
         })
     );
     drop(sender);
-    let (mut sender, _references) = dir.start();
+    let mut sender = dir.start().records;
     assert!(sender.send(&record(7)));
     assert_eq!(
         client.next_record(PATIENCE).expect("record").cycle.sequence,

@@ -16,6 +16,7 @@ mod reader;
 mod sampling;
 mod sensors;
 pub mod slots;
+mod tare;
 mod units;
 mod well_posed;
 mod whole_body;
@@ -138,6 +139,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let imu = sensors::imu(&root, timing.sample_period, &mut wiring);
     let whole_body = contacts::whole_body(&root, &ft_sensors);
     let external_torque = contacts::external_torque(&root);
+    let tare = tare::tare(&root, timing.sample_period);
     let tables = wiring.compile();
     let (readable, again) = (!notes.any(), root.again());
     root.finish();
@@ -153,6 +155,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
         filters,
         whole_body,
         external_torque,
+        tare,
         cross_check,
         torque_feedback: feedback.torque_feedback,
         k_f: feedback.k_f,

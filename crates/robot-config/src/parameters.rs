@@ -8,7 +8,7 @@ use estimators::filter_bank::FilterDesign;
 use estimators::joint::JointEstimatorParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use identification::joint_file::JointFile;
-use whole_body::{FtConditioning, Hypothesis, LoadRule, Weighting};
+use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
 
 /// Everything that a configuration says.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +29,8 @@ pub struct Parameters {
     pub whole_body: WholeBodySettings,
     /// How external torques are observed; none: they are not.
     pub external_torque: Option<ExternalTorqueSettings>,
+    /// How F/T sensors are tared.
+    pub tare: TareParameters,
     /// How torque sources watch each other; none: they do not.
     pub cross_check: Option<CrossCheckSettings>,
     /// Which torque estimate is fed back.

@@ -1,0 +1,348 @@
+//! Where clients' requests are served, on an ordinary thread: a tare, other contacts.
+//!
+//! The desk sees every record and keeps the settings that the loop goes by. A tare averages records
+//! as they come; the offsets are computed and stored by a thread of their own, as a disk may take its
+//! time, and hold from the moment they are stored.
+
+mod fitness;
+mod taring;
+
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use dynamics::Model;
+use jiff::Timestamp;
+use robot_config::{Parameters, Robot, contact_names};
+use robot_state::{
+    Answer, MAX_FT_SENSORS, Name, Request, Settings, SharedRecord, TaredSensor, Text, Wrench,
+    answer_status, mode, request,
+};
+
+use crate::offsets::{Offsets, SensorOffset, Store};
+use taring::Taring;
+
+/// Between two answers to a client that waits.
+const PROGRESS: Duration = Duration::from_millis(100);
+
+/// Serves requests; see the module.
+pub struct Desk {
+    parameters: Parameters,
+    model: Model,
+    store: Result<Store, String>,
+    offsets: Option<Offsets>,
+    settings: Settings,
+    changed: bool,
+    /// The newest record, and when it came.
+    newest: Option<(Box<SharedRecord>, Instant)>,
+    job: Option<Job>,
+}
+
+/// What takes longer than an answer.
+struct Job {
+    request: Request,
+    stage: Stage,
+    answered: Instant,
+}
+
+enum Stage {
+    Taring(Box<Taring>),
+    /// The thread gives the offsets that hold from now on.
+    Storing(JoinHandle<Result<Option<Offsets>, String>>),
+    Failed(String),
+}
+
+impl Desk {
+    /// For a robot whose offsets are kept in `store`; without one there are no tares.
+    ///
+    /// # Errors
+    /// Stored offsets that cannot be used.
+    pub fn new(robot: &Robot, store: Result<Store, String>) -> Result<Self, String> {
+        let names = ft_names(&robot.parameters);
+        let offsets = match &store {
+            Ok(store) => store.load(&names)?,
+            Err(_) => None,
+        };
+        let mut desk = Self {
+            parameters: robot.parameters.clone(),
+            model: robot.model.clone(),
+            store,
+            offsets: None,
+            settings: Settings::default(),
+            changed: false,
+            newest: None,
+            job: None,
+        };
+        desk.adopt(offsets);
+        Ok(desk)
+    }
+
+    /// The settings that hold now.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The settings, if they have changed since the last call.
+    pub fn changed_settings(&mut self) -> Option<Settings> {
+        std::mem::take(&mut self.changed).then_some(self.settings)
+    }
+
+    /// What is known of the last tare, in a line.
+    #[must_use]
+    pub fn about(&self) -> String {
+        match (&self.offsets, &self.store) {
+            (Some(offsets), _) => format!("F/T offsets of {}", offsets.about(Timestamp::now())),
+            (None, Ok(_)) => "no tare: F/T offsets are those of the configuration".to_owned(),
+            (None, Err(why)) => format!(
+                "no tare: F/T offsets are those of the configuration, and none can be kept ({why})"
+            ),
+        }
+    }
+
+    /// Looks at a record; all of them, in order.
+    pub fn see(&mut self, record: &SharedRecord, now: Instant) {
+        if let Some(job) = &mut self.job
+            && let Stage::Taring(taring) = &mut job.stage
+            && let Err(why) = taring.see(record)
+        {
+            job.stage = Stage::Failed(why);
+        }
+        match &mut self.newest {
+            Some((newest, at)) => (**newest, *at) = (*record, now),
+            none => *none = Some((Box::new(*record), now)),
+        }
+    }
+
+    /// Serves a request, whatever stands in it, or begins to.
+    pub fn ask(&mut self, asked: &Request, now: Instant) -> Answer {
+        let served = match asked.kind {
+            request::TARE => self.begin_tare(asked, now),
+            request::SHOW_TARE => Ok(Some(self.about())),
+            request::FORGET_TARE => self.begin_to_forget(asked, now),
+            request::CHOOSE_CONTACTS => self.choose_contacts(asked.contacts.as_str()),
+            request::AUTOMATIC_CONTACTS => self.automatic_contacts(),
+            other => Err(format!("requests of kind {other} are not known")),
+        };
+        match served {
+            Ok(Some(text)) => self.answer(asked, answer_status::DONE, &text),
+            Ok(None) => self.answer(asked, answer_status::WORKING, ""),
+            Err(why) => self.answer(asked, answer_status::REFUSED, &why),
+        }
+    }
+
+    /// Goes on with what takes longer; an answer if one is due. To be called all the time.
+    pub fn work(&mut self, now: Instant) -> Option<Answer> {
+        let mut job = self.job.take()?;
+        let asked = job.request;
+        job.stage = match job.stage {
+            Stage::Failed(why) => return Some(self.answer(&asked, answer_status::REFUSED, &why)),
+            Stage::Taring(taring) if taring.complete() => self.store_tare(*taring),
+            Stage::Taring(taring) => match taring.too_slow(now) {
+                Some(why) => Stage::Failed(why),
+                None => Stage::Taring(taring),
+            },
+            Stage::Storing(thread) if thread.is_finished() => {
+                return Some(self.end(&asked, thread));
+            }
+            Stage::Storing(thread) => Stage::Storing(thread),
+        };
+        let due = now.duration_since(job.answered) >= PROGRESS;
+        let progress = match &job.stage {
+            Stage::Taring(taring) => taring.progress(),
+            Stage::Storing(_) | Stage::Failed(_) => 1.0,
+        };
+        if due {
+            job.answered = now;
+        }
+        self.job = Some(job);
+        due.then(|| Answer {
+            progress,
+            ..self.answer(&asked, answer_status::WORKING, "")
+        })
+    }
+
+    fn begin_tare(&mut self, asked: &Request, now: Instant) -> Result<Option<String>, String> {
+        if self.parameters.ft_sensors.is_empty() {
+            return Err("the robot has no F/T sensor to tare".to_owned());
+        }
+        let set = self.contact_set(asked.contacts.as_str())?;
+        if let Err(why) = &self.store {
+            return Err(format!("offsets could not be kept: {why}"));
+        }
+        self.free()?;
+        let record = self.newest_record(now)?;
+        fitness::judge(&self.parameters, record)?;
+        let taring = Taring::new(&self.parameters, &self.model, set, &self.settings, now)?;
+        self.begin(asked, Stage::Taring(Box::new(taring)), now);
+        Ok(None)
+    }
+
+    fn begin_to_forget(&mut self, asked: &Request, now: Instant) -> Result<Option<String>, String> {
+        let store = self.store.clone()?;
+        self.free()?;
+        let record = self.newest_record(now)?;
+        if record.cycle.mode != mode::HOLD {
+            return Err(fitness::not_holding(record.cycle.mode));
+        }
+        let stage = in_a_thread(move || store.forget().map(|()| None));
+        self.begin(asked, stage, now);
+        Ok(None)
+    }
+
+    fn begin(&mut self, asked: &Request, stage: Stage, now: Instant) {
+        self.job = Some(Job {
+            request: *asked,
+            stage,
+            answered: now,
+        });
+    }
+
+    fn choose_contacts(&mut self, name: &str) -> Result<Option<String>, String> {
+        let set = self.contact_set(name)?;
+        self.change(|settings| settings.contacts = 1 + set as u32);
+        Ok(Some(format!("contacts {name}")))
+    }
+
+    fn automatic_contacts(&mut self) -> Result<Option<String>, String> {
+        if self.parameters.whole_body.load_rule.is_none() {
+            return Err(
+                "the configuration has no automatic rule; allowed: choose one of the sets of \
+                 contacts, or add [whole_body.load] to it"
+                    .to_owned(),
+            );
+        }
+        self.change(|settings| settings.contacts = 0);
+        Ok(Some("contacts are chosen by the automatic rule".to_owned()))
+    }
+
+    /// The place of a set of contacts.
+    fn contact_set(&self, name: &str) -> Result<usize, String> {
+        let names = contact_names(&self.parameters);
+        let place = names.iter().position(|own| *own == name);
+        place.ok_or_else(|| {
+            let allowed = names.join(", ");
+            format!("there is no set of contacts {name:?}; allowed: {allowed}")
+        })
+    }
+
+    fn free(&self) -> Result<(), String> {
+        match self.job {
+            Some(_) => Err("another request is being served; try again when it is done".to_owned()),
+            None => Ok(()),
+        }
+    }
+
+    /// The newest record, if the loop runs.
+    fn newest_record(&self, now: Instant) -> Result<&SharedRecord, String> {
+        let newest = self.newest.as_ref();
+        let fresh = newest.filter(|(_, at)| now.duration_since(*at) < Duration::from_secs(1));
+        let record = fresh.map(|(record, _)| &**record);
+        record.ok_or_else(|| "no cycle has run for a second".to_owned())
+    }
+
+    fn store_tare(&self, taring: Taring) -> Stage {
+        let last: Vec<[f64; 6]> = self.settings.ft_offset.iter().map(six).collect();
+        let store = self.store.clone();
+        in_a_thread(move || {
+            let offsets = taring.finish(&last, Timestamp::now())?;
+            store?.save(&offsets)?;
+            Ok(Some(offsets))
+        })
+    }
+
+    /// Takes over what the thread gives.
+    fn end(
+        &mut self,
+        asked: &Request,
+        thread: JoinHandle<Result<Option<Offsets>, String>>,
+    ) -> Answer {
+        let given = thread.join();
+        let given = given.unwrap_or_else(|_| Err("the offsets could not be computed".to_owned()));
+        match given {
+            Err(why) => self.answer(asked, answer_status::REFUSED, &why),
+            Ok(offsets) => {
+                let before = self.settings.ft_offset;
+                self.adopt(offsets);
+                let mut answer = self.answer(asked, answer_status::DONE, &self.about());
+                answer.progress = 1.0;
+                for (sensor, before) in answer.ft.iter_mut().zip(before) {
+                    sensor.before = before;
+                }
+                answer
+            }
+        }
+    }
+
+    fn adopt(&mut self, offsets: Option<Offsets>) {
+        let mut taken = [Wrench::default(); MAX_FT_SENSORS];
+        for (wrench, sensor) in taken
+            .iter_mut()
+            .zip(offsets.iter().flat_map(|o| &o.sensors))
+        {
+            *wrench = wrench_of(&sensor.offset);
+        }
+        self.offsets = offsets;
+        self.change(|settings| settings.ft_offset = taken);
+    }
+
+    fn change(&mut self, change: impl FnOnce(&mut Settings)) {
+        change(&mut self.settings);
+        self.settings.sequence += 1;
+        self.changed = true;
+    }
+
+    fn answer(&self, asked: &Request, status: u32, text: &str) -> Answer {
+        let mut answer = Answer {
+            id: asked.id,
+            status,
+            ft_count: self.parameters.ft_sensors.len() as u32,
+            text: Text::new(text),
+            ..Answer::default()
+        };
+        if let Some(offsets) = &self.offsets {
+            answer.date_unix_s = offsets.date.as_second() as f64;
+            answer.contacts = Name::new(&offsets.contacts);
+            for (told, sensor) in answer.ft.iter_mut().zip(&offsets.sensors) {
+                *told = tared(sensor);
+            }
+        }
+        answer
+    }
+}
+
+fn in_a_thread(work: impl FnOnce() -> Result<Option<Offsets>, String> + Send + 'static) -> Stage {
+    let thread = std::thread::Builder::new().name("offsets".to_owned());
+    match thread.spawn(work) {
+        Ok(thread) => Stage::Storing(thread),
+        Err(e) => Stage::Failed(format!("a thread cannot be started ({e})")),
+    }
+}
+
+fn ft_names(parameters: &Parameters) -> Vec<&str> {
+    let sensors = parameters.ft_sensors.iter();
+    sensors.map(|ft| ft.sensor.name.as_str()).collect()
+}
+
+fn tared(sensor: &SensorOffset) -> TaredSensor {
+    let bits = sensor.known.iter().enumerate();
+    TaredSensor {
+        offset: wrench_of(&sensor.offset),
+        before: wrench_of(&sensor.offset),
+        sigma: wrench_of(&sensor.sigma),
+        known: bits.fold(0, |bits, (k, known)| bits | u32::from(*known) << k),
+        ..TaredSensor::default()
+    }
+}
+
+fn wrench_of(six: &[f64; 6]) -> Wrench {
+    let [fx, fy, fz, tx, ty, tz] = *six;
+    Wrench {
+        force: [fx, fy, fz],
+        torque: [tx, ty, tz],
+    }
+}
+
+fn six(w: &Wrench) -> [f64; 6] {
+    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
+    [a, b, c, d, e, f]
+}

@@ -1,0 +1,65 @@
+//! Whether a record tells a robot that may be tared.
+
+use robot_config::Parameters;
+use robot_state::{Event, SharedRecord, measured_flags, mode};
+
+/// What a tare cannot do with, ever.
+const UNFIT: [(u32, &str); 3] = [
+    (measured_flags::NEVER, "has never answered"),
+    (measured_flags::STALE, "is silent"),
+    (
+        measured_flags::SETTLING,
+        "is settling: its filters are not yet full",
+    ),
+];
+/// Samples that are passed over.
+const BRIDGED: u32 = measured_flags::MISSED | measured_flags::JUMP;
+
+/// Says why the robot cannot be tared.
+pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<(), String> {
+    let cycle = &record.cycle;
+    if cycle.fault != 0 {
+        let name = Event::from_number(cycle.fault).map_or("unknown", Event::name);
+        return Err(format!(
+            "fault {} {name} is latched; mend its cause and reset it first",
+            cycle.fault
+        ));
+    }
+    if cycle.mode != mode::HOLD {
+        return Err(not_holding(cycle.mode));
+    }
+    for (what, name, flags) in sources(parameters, record) {
+        if let Some((_, why)) = UNFIT.iter().find(|(bit, _)| flags & bit != 0) {
+            return Err(format!("{what} {name} {why}"));
+        }
+    }
+    Ok(())
+}
+
+/// Every source has sent a sample in this cycle.
+pub(super) fn whole(parameters: &Parameters, record: &SharedRecord) -> bool {
+    sources(parameters, record).all(|(_, _, flags)| flags & BRIDGED == 0)
+}
+
+pub(super) fn not_holding(mode: u32) -> String {
+    let name = match mode {
+        mode::TORQUE => "torque",
+        mode::INVERSE_DYNAMICS => "inverse_dynamics",
+        _ => "unknown",
+    };
+    format!("the robot is in mode {name}; allowed: mode hold, so that it stays where it is")
+}
+
+fn sources<'a>(
+    parameters: &'a Parameters,
+    record: &'a SharedRecord,
+) -> impl Iterator<Item = (&'static str, &'a str, u32)> {
+    let cycle = &record.cycle;
+    let joints = parameters.joints.iter().zip(&cycle.joints);
+    let joints = joints.map(|(j, seen)| ("joint", j.name.as_str(), seen.measured.flags));
+    let sensors = parameters.ft_sensors.iter().zip(&cycle.ft);
+    let sensors = sensors.map(|(s, seen)| ("F/T sensor", s.sensor.name.as_str(), seen.flags));
+    let imu = parameters.imu.iter();
+    let imu = imu.map(|imu| ("IMU", imu.frame.as_str(), cycle.imu.flags));
+    joints.chain(sensors).chain(imu)
+}

@@ -1,0 +1,401 @@
+//! Requests of clients to a daemon that runs the simulated leg, in one process: shared memory, desk,
+//! loop and CAN frames are the real ones, time is as fast as it goes.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use can_codec::Frames;
+use cycle::Wanted;
+use plant::parameters::PushParameters;
+use plant::{CanRobot, SimParameters};
+use robot_config::Robot;
+use robot_state::{Answer, Description, Name, Wrench, mode};
+use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
+use torqued::bus::{LockStep, Peer};
+use torqued::control_loop::ControlLoop;
+use torqued::desk::Desk;
+use torqued::offsets::Store;
+use torqued::real_time::Pace;
+use torqued::shared_memory;
+use torqued_client::{Client, Commander, Error, Location};
+
+const PATIENCE: Duration = Duration::from_secs(10);
+const CONTACTS: &str = r#"
+[[contacts]]
+name = "standing"
+touch = [{ link = "base_link", type = "full_wrench" }, { link = "ankle_ft", type = "full_wrench" }]
+[[contacts]]
+name = "in_the_air"
+touch = [{ link = "base_link", type = "full_wrench" }, { link = "ankle_ft", type = "none" }]
+[tare]
+time_s = 0.5
+"#;
+
+fn project(path: &str) -> String {
+    format!("{}/../{path}", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The leg with sets of contacts.
+fn leg() -> Robot {
+    let read = |path: &str| {
+        let text = std::fs::read_to_string(path)?;
+        let line = "unknown_wrench_link = \"base_link\"\n";
+        Ok(match path.ends_with("robot.toml") {
+            true => format!("{}{CONTACTS}", text.replace(line, "")),
+            false => text,
+        })
+    };
+    robot_config::load(&project("config/leg/robot.toml"), &read).expect("the leg")
+}
+
+/// What the leg is really like: its F/T sensor needs a tare.
+fn sim() -> SimParameters {
+    let path = project("config/leg/sim.toml");
+    let text = std::fs::read_to_string(&path).expect("readable");
+    let mut sim = SimParameters::parse(&text, &path).expect("parameters");
+    (sim.ft_sensor.bias_force, sim.ft_sensor.bias_torque) = (10.0, 1.0);
+    sim
+}
+
+/// Run directory and state directory of a test's own.
+struct Place {
+    run: Location,
+    state: PathBuf,
+}
+
+impl Place {
+    fn new(test: &str) -> Self {
+        let folder = |what: &str| {
+            let name = format!("torqued-tare-{}-{test}-{what}", std::process::id());
+            std::env::temp_dir().join(name)
+        };
+        let run = Location::at(folder("run")).expect("a run directory");
+        let state = folder("state");
+        Self { run, state }
+    }
+
+    fn store(&self) -> Store {
+        Store::at(&self.state, "leg")
+    }
+
+    fn client(&self) -> Client {
+        Client::connect_at(&self.run, "leg", PATIENCE).expect("a daemon runs")
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(self.run.path());
+        let _ = std::fs::remove_dir_all(&self.state);
+        let prefix = self.run.shared_memory_prefix();
+        let objects = std::fs::read_dir("/dev/shm")
+            .into_iter()
+            .flatten()
+            .flatten();
+        for file in objects {
+            if file.file_name().to_string_lossy().starts_with(&prefix) {
+                let _ = std::fs::remove_file(file.path());
+            }
+        }
+    }
+}
+
+struct Simulated(CanRobot);
+
+impl Peer for Simulated {
+    fn exchange(&mut self, frames: &Frames, now_ns: u64, out: &mut Frames) {
+        self.0.exchange(frames, now_ns, out);
+    }
+}
+
+/// A daemon that runs until it is stopped.
+struct Daemon {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<Wrench>>,
+}
+
+impl Daemon {
+    fn start(place: &Place, sim: &SimParameters) -> Self {
+        let robot = leg();
+        let urdf = std::fs::read_to_string(&robot.parameters.urdf_path).expect("readable");
+        let plant = CanRobot::new(&robot, &urdf, sim).expect("a plant");
+        let desk = Desk::new(&robot, Ok(place.store())).expect("a desk");
+        let mut description = Description {
+            robot: Name::new("leg"),
+            joint_count: 6,
+            ft_count: 1,
+            ..Description::default()
+        };
+        for (i, name) in robot_config::contact_names(&robot.parameters)
+            .iter()
+            .enumerate()
+        {
+            description.contact_names[i] = Name::new(name);
+            description.contact_count += 1;
+        }
+        let mut ends = shared_memory::start_at(&place.run, &description, desk).expect("ends");
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = thread::spawn(move || {
+            let clock = VirtualClock::new();
+            let bus = LockStep::new(Simulated(plant), &clock);
+            let mut control_loop = ControlLoop::new(&robot, bus).expect("a loop");
+            let mut deadline = VirtualDeadline::new(&clock, 1_000_000);
+            let (mut error, mut cycles) = ([0.0; 6], 0.0);
+            while !stopped.load(Ordering::Relaxed) {
+                let arrived = ends.references.latest();
+                let wanted = Wanted {
+                    // Time here is not the clients': their leases do not end.
+                    reference: arrived.map(|(reference, _)| reference),
+                    age_s: 0.0,
+                    settings: Some(ends.settings.latest()),
+                };
+                let record = control_loop.run_cycle(&deadline.wait(), &wanted);
+                while !ends.records.send(record) && !stopped.load(Ordering::Relaxed) {
+                    thread::sleep(Duration::from_micros(100));
+                }
+                let plant = &control_loop.bus().peer().0;
+                let (shown, truth) = (&plant.robot().readings().ft[0], &plant.truth().ft[0]);
+                let pairs = six(shown).into_iter().zip(six(truth));
+                error
+                    .iter_mut()
+                    .zip(pairs)
+                    .for_each(|(e, (s, t))| *e += s - t);
+                cycles += 1.0;
+            }
+            let [fx, fy, fz, tx, ty, tz] = error.map(|e| e / cycles);
+            Wrench {
+                force: [fx, fy, fz],
+                torque: [tx, ty, tz],
+            }
+        });
+        Self {
+            stop,
+            thread: Some(thread),
+        }
+    }
+
+    /// Ends it; the sensor's mean error, which a tare should find.
+    fn stop(mut self) -> Wrench {
+        self.stop.store(true, Ordering::Relaxed);
+        let thread = self.thread.take().expect("it runs");
+        thread.join().expect("it ran well")
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn six(w: &Wrench) -> [f64; 6] {
+    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
+    [a, b, c, d, e, f]
+}
+
+/// Waits until the filters are full.
+fn settled(client: &mut Client) {
+    for record in client.records(PATIENCE) {
+        if record.expect("a record").cycle.sequence > 200 {
+            return;
+        }
+    }
+}
+
+fn reason(result: Result<Answer, Error>) -> String {
+    match result {
+        Err(Error::Refused { reason }) => reason,
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+#[test]
+fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
+    let place = Place::new("air");
+    let daemon = Daemon::start(&place, &sim());
+    let mut client = place.client();
+    settled(&mut client);
+    let untared = client.last_tare().expect("answered");
+    assert_eq!(untared.date_unix_s, 0.0);
+    assert!(
+        untared.text.as_str().contains("no tare"),
+        "{}",
+        untared.text
+    );
+
+    let mut progress = Vec::new();
+    let kind = robot_state::request::TARE;
+    let answer = client.request(kind, "in_the_air", |a| progress.push(a.progress));
+    let answer = answer.expect("tared");
+    assert!(progress.is_sorted(), "{progress:?}");
+    let sensor = answer.ft[0];
+    assert_eq!((answer.ft_count, sensor.known), (1, 0b11_1111));
+    assert_eq!(sensor.before, Wrench::default());
+    assert!((answer.date_unix_s - unix_now()).abs() < 60.0);
+    assert_eq!(answer.contacts.as_str(), "in_the_air");
+
+    // The loop goes by it within a blending time, and a second tare has little to add.
+    client.latest().expect("records");
+    for record in client.records(PATIENCE).take(400) {
+        record.expect("a record");
+    }
+    let record = client.next_record(PATIENCE).expect("a record");
+    assert_eq!(record.cycle.ft[0].offset, sensor.offset);
+    drop(record);
+    let again = client.tare("in_the_air").expect("tared again");
+    assert_eq!(again.ft[0].before, sensor.offset);
+
+    let bias = daemon.stop();
+    for tare in [&sensor, &again.ft[0]] {
+        let parts = six(&tare.offset).into_iter().zip(six(&tare.sigma));
+        for ((offset, sigma), bias) in parts.zip(six(&bias)) {
+            let limit = 3.0 * sigma + 1e-3;
+            let error = (offset - bias).abs();
+            assert!(sigma > 0.0 && error < limit, "{error}, at most {limit}");
+        }
+    }
+    assert!(bias.force.iter().any(|f| f.abs() > 1.0), "{bias:?}");
+
+    // Another daemon begins with it.
+    let daemon = Daemon::start(&place, &sim());
+    let mut client = place.client();
+    let first = client.next_record(PATIENCE).expect("a record");
+    assert_eq!(first.cycle.ft[0].offset, again.ft[0].offset);
+    drop(first);
+    let kept = client.last_tare().expect("answered");
+    assert_eq!(kept.ft[0].offset, again.ft[0].offset);
+    assert_eq!(kept.ft[0].sigma, again.ft[0].sigma);
+    assert_eq!(kept.date_unix_s, again.date_unix_s);
+    client.forget_tare().expect("forgotten");
+    assert!(!place.store().file().exists());
+    assert_eq!(client.last_tare().expect("answered").date_unix_s, 0.0);
+    drop(daemon);
+}
+
+fn unix_now() -> f64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    since.expect("after 1970").as_secs_f64()
+}
+
+#[test]
+fn a_robot_that_is_pushed_is_not_tared() {
+    let place = Place::new("pushed");
+    let mut sim = sim();
+    sim.pushes.push(PushParameters {
+        link: "ankle_ft".to_owned(),
+        start: 0.0,
+        duration: 100.0,
+        // Rises by 60 N a second.
+        force: [2e3, 0.0, 0.0],
+        torque: [0.0; 3],
+    });
+    let _daemon = Daemon::start(&place, &sim);
+    let mut client = place.client();
+    settled(&mut client);
+    let why = reason(client.tare("in_the_air"));
+    assert!(why.contains("the robot moves"), "{why}");
+    assert!(!place.store().file().exists(), "nothing is kept");
+}
+
+#[test]
+fn only_a_robot_that_holds_its_position_is_tared() {
+    let place = Place::new("mode");
+    let _daemon = Daemon::start(&place, &sim());
+    let mut client = place.client();
+    settled(&mut client);
+    let other = place.client();
+    let mut commander = Commander::connect(&client).expect("commander");
+    let pose = client.next_record(PATIENCE).expect("a record").cycle.joints;
+    let mut seen = 0;
+    // Streams as a client does, and asks in between.
+    for record in client.records(PATIENCE) {
+        seen = record.expect("a record").cycle.mode;
+        let sent = commander.send(|r| {
+            r.mode = mode::INVERSE_DYNAMICS;
+            for (joint, now) in r.joints.iter_mut().zip(&pose) {
+                joint.q_d = now.measured.q;
+            }
+        });
+        sent.expect("sent");
+        if seen == mode::INVERSE_DYNAMICS {
+            break;
+        }
+    }
+    assert_eq!(seen, mode::INVERSE_DYNAMICS);
+    let asking = thread::spawn(move || {
+        let tare = reason(other.tare("in_the_air"));
+        (tare, reason(other.forget_tare()))
+    });
+    while !asking.is_finished() {
+        commander.send(|_| ()).expect("sent");
+        thread::sleep(Duration::from_millis(2));
+    }
+    let (tare, forget) = asking.join().expect("answered");
+    assert!(
+        tare.contains("mode inverse_dynamics; allowed: mode hold"),
+        "{tare}"
+    );
+    assert!(forget.contains("mode inverse_dynamics"), "{forget}");
+}
+
+#[test]
+fn what_cannot_be_is_refused_with_what_can() {
+    let place = Place::new("refused");
+    let _daemon = Daemon::start(&place, &sim());
+    let mut client = place.client();
+    settled(&mut client);
+    for strange in ["", "on_the_moon", &"é".repeat(60)] {
+        let why = reason(client.tare(strange));
+        assert!(why.contains("allowed: standing, in_the_air"), "{why}");
+        assert_eq!(why, reason(client.choose_contacts(strange)));
+    }
+    let why = reason(client.tare("standing"));
+    assert!(why.contains("touches every part"), "{why}");
+    let why = reason(client.automatic_contacts());
+    assert!(why.contains("no automatic rule"), "{why}");
+    let why = reason(client.request(99, "standing", |_| ()));
+    assert!(why.contains("kind 99"), "{why}");
+}
+
+#[test]
+fn of_two_who_ask_for_a_tare_one_is_served() {
+    let place = Place::new("two");
+    let _daemon = Daemon::start(&place, &sim());
+    let mut clients: Vec<Client> = (0..3).map(|_| place.client()).collect();
+    settled(&mut clients[0]);
+    let asking: Vec<_> = (clients.into_iter())
+        .map(|client| thread::spawn(move || client.tare("in_the_air")))
+        .collect();
+    let answers: Vec<_> = asking
+        .into_iter()
+        .map(|t| t.join().expect("answered"))
+        .collect();
+    let served: Vec<_> = answers.iter().flatten().collect();
+    assert!(!served.is_empty());
+    for refused in answers.iter().filter(|a| a.is_err()) {
+        let why = refused.as_ref().expect_err("refused").to_string();
+        assert!(why.contains("try again"), "{why}");
+    }
+}
+
+#[test]
+fn chosen_contacts_hold_and_are_told() {
+    let place = Place::new("contacts");
+    let _daemon = Daemon::start(&place, &sim());
+    let mut client = place.client();
+    assert_eq!(client.description().contact_count, 2);
+    for (index, name) in [(1, "in_the_air"), (0, "standing"), (1, "in_the_air")] {
+        client.choose_contacts(name).expect("chosen");
+        let holds = |r: &torqued_client::Record| r.cycle.contacts == index;
+        let found =
+            (client.records(PATIENCE).take(2000)).any(|record| holds(&record.expect("a record")));
+        assert!(found, "{name} does not hold");
+    }
+}
