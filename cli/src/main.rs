@@ -2,9 +2,12 @@
 
 mod bus_load;
 mod check;
+mod contacts;
 mod dynamics;
 mod estimate;
 mod fit;
+mod requests;
+mod tare;
 mod text_table;
 mod watch;
 mod whole_body;
@@ -21,12 +24,13 @@ const AFTER_HELP: &str = "\
 Examples:
   torquectl check config/leg/robot.toml
   torquectl watch --once
+  torquectl tare --contacts in_the_air
   torquectl estimate --joint elbow.toml --log run.csv
   torquectl help check
 
 Exit codes:
   0  done
-  1  the daemon could not be reached, or went away
+  1  the daemon could not be reached, went away, or refused what was asked
   2  bad input: arguments, configuration, URDF, DBC, joint file or log";
 
 /// Check, watch and calibrate robots that torqued runs, and evaluate their models.
@@ -40,10 +44,12 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Check(check::CheckArguments),
+    Contacts(contacts::ContactsArguments),
     Watch(watch::WatchArguments),
     Dynamics(dynamics::DynamicsArguments),
     Estimate(estimate::EstimateArguments),
     Fit(fit::FitArguments),
+    Tare(tare::TareArguments),
     WholeBody(whole_body::WholeBodyArguments),
 }
 
@@ -53,7 +59,9 @@ fn main() -> ExitCode {
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Dynamics(arguments) => dynamics::run(&arguments),
         Command::Estimate(arguments) => estimate::run(&arguments),
+        Command::Contacts(arguments) => contacts::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::Tare(arguments) => tare::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),
     }
 }

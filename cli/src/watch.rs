@@ -5,14 +5,13 @@ mod text;
 mod words;
 
 use crate::NO_DAEMON;
+use crate::requests::{PATIENCE, connect};
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
-use torqued_client::{Client, Error, Location, Record};
+use torqued_client::{Client, Error, Record};
 
-/// How long a record is waited for.
-const PATIENCE: Duration = Duration::from_secs(2);
 /// Clears the terminal and goes to its upper left corner.
 const CLEAR: &str = "\x1b[2J\x1b[H";
 
@@ -82,12 +81,7 @@ impl From<io::Error> for Failure {
 }
 
 fn watch(arguments: &WatchArguments) -> Result<(), Failure> {
-    let location = Location::find()?;
-    let robot = match &arguments.robot {
-        Some(robot) => robot.clone(),
-        None => location.only_robot()?,
-    };
-    let mut client = Client::connect_at(&location, &robot, PATIENCE)?;
+    let mut client = connect(arguments.robot.as_ref())?;
     let mut out = io::stdout().lock();
     let redraw = !arguments.once && !arguments.json && out.is_terminal();
     let period = Duration::from_secs_f64(1.0 / arguments.rate);

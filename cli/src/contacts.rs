@@ -1,0 +1,102 @@
+//! `torquectl contacts`: which contacts a running robot is taken to have.
+
+use crate::requests::{Failure, PATIENCE, check_contacts, connect, contact_names, end};
+use serde_json::json;
+use std::process::ExitCode;
+use torqued_client::Client;
+
+/// Leaves the choice to the rule.
+const AUTOMATIC: &str = "automatic";
+/// Records that may pass until a choice is told; the daemon has it already.
+const LOOKS: usize = 300;
+
+const HELP: &str = "\
+Sets of contacts are the tables [[contacts]] of robot.toml. Torques and contact wrenches of the old
+set give way to those of the new one over [whole_body] blend_ms.
+
+Examples:
+  torquectl contacts                  the sets, and which holds
+  torquectl contacts on_left_foot
+  torquectl contacts automatic        the rule [whole_body.load] chooses
+  torquectl contacts --json
+
+Exit codes:
+  0  done
+  1  torqued has refused, with the reason, or could not be reached
+  2  bad input: arguments, a set of contacts that the robot does not have";
+
+/// Show or choose what touches a running robot.
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub(crate) struct ContactsArguments {
+    /// The set of contacts from now on, or `automatic`; shows the sets if left out
+    #[arg(value_name = "NAME|automatic")]
+    name: Option<String>,
+    /// The robot's name; not needed where only one runs
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &ContactsArguments) -> ExitCode {
+    end(contacts(arguments))
+}
+
+fn contacts(arguments: &ContactsArguments) -> Result<(), Failure> {
+    let mut client = connect(arguments.robot.as_ref())?;
+    match arguments.name.as_deref() {
+        Some(AUTOMATIC) => _ = client.automatic_contacts()?,
+        Some(name) => {
+            check_contacts(&client, name, ", automatic")?;
+            client.choose_contacts(name)?;
+        }
+        None => {}
+    }
+    show(&mut client, arguments)?;
+    Ok(())
+}
+
+/// The sets, and which holds: after a choice, as soon as the records tell it.
+fn show(client: &mut Client, arguments: &ContactsArguments) -> Result<(), torqued_client::Error> {
+    let (mut holds, mut automatic) = (0, false);
+    let names: Vec<String> = contact_names(client)
+        .iter()
+        .map(|n| (*n).to_owned())
+        .collect();
+    for _ in 0..LOOKS {
+        let record = client.next_record(PATIENCE)?;
+        holds = record.cycle.contacts as usize;
+        automatic = record.cycle.contacts_automatic == 1;
+        match arguments.name.as_deref() {
+            Some(AUTOMATIC) if automatic => break,
+            Some(name) if !automatic && names.get(holds).is_some_and(|n| n == name) => break,
+            None => break,
+            Some(_) => {}
+        }
+    }
+    let chosen = names.get(holds);
+    if arguments.json {
+        let shown = json!({
+            "robot": client.robot(),
+            "contacts": chosen,
+            "automatic": automatic,
+            "sets": names,
+        });
+        println!("{shown}");
+        return Ok(());
+    }
+    for name in &names {
+        let mark = if Some(name) == chosen { "*" } else { " " };
+        println!("{mark} {name}");
+    }
+    println!(
+        "{}",
+        match automatic {
+            true => "chosen by the automatic rule",
+            false => "chosen by a client or the configuration",
+        }
+    );
+    Ok(())
+}

@@ -1,0 +1,84 @@
+//! What commands that talk to a running torqued share.
+
+use crate::{BAD_INPUT, NO_DAEMON};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::fmt::Display;
+use std::io::{self, IsTerminal};
+use std::process::ExitCode;
+use std::time::Duration;
+use torqued_client::robot_state::Answer;
+use torqued_client::{Client, Error, Location};
+
+/// How long a daemon, or a record, is waited for.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Why a command ends early.
+pub(crate) enum Failure {
+    /// The daemon could not be reached, or has refused.
+    Daemon(Error),
+    /// An argument is wrong.
+    Argument(String),
+}
+
+impl From<Error> for Failure {
+    fn from(e: Error) -> Self {
+        Self::Daemon(e)
+    }
+}
+
+/// Tells the end of a command.
+pub(crate) fn end(result: Result<(), Failure>) -> ExitCode {
+    let (why, code): (&dyn Display, u8) = match &result {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Daemon(e)) => (e, NO_DAEMON),
+        Err(Failure::Argument(what)) => (what, BAD_INPUT),
+    };
+    eprintln!("{why}");
+    ExitCode::from(code)
+}
+
+/// The daemon that runs the robot, or the only one.
+pub(crate) fn connect(robot: Option<&String>) -> Result<Client, Error> {
+    let location = Location::find()?;
+    let robot = match robot {
+        Some(robot) => robot.clone(),
+        None => location.only_robot()?,
+    };
+    Client::connect_at(&location, &robot, PATIENCE)
+}
+
+/// The robot's sets of contacts.
+pub(crate) fn contact_names(client: &Client) -> Vec<&str> {
+    let description = client.description();
+    let names = description.contact_names.iter().map(|name| name.as_str());
+    names.take(description.contact_count as usize).collect()
+}
+
+/// That the robot has the set of contacts.
+pub(crate) fn check_contacts(client: &Client, name: &str, more: &str) -> Result<(), Failure> {
+    let names = contact_names(client);
+    if names.contains(&name) {
+        return Ok(());
+    }
+    Err(Failure::Argument(format!(
+        "robot {:?} has no set of contacts {name:?}; allowed: {}{more}",
+        client.robot(),
+        names.join(", ")
+    )))
+}
+
+/// Asks, with a bar on a terminal for what takes its time.
+pub(crate) fn ask(client: &Client, kind: u32, contacts: &str) -> Result<Answer, Error> {
+    let bar = match io::stderr().is_terminal() {
+        true => ProgressBar::new(100),
+        false => ProgressBar::hidden(),
+    };
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent} %, keep the robot still") {
+        bar.set_style(style);
+    }
+    let answer = client.request(kind, contacts, |working| {
+        bar.set_position((100.0 * working.progress) as u64);
+    });
+    bar.finish_and_clear();
+    answer
+}

@@ -1,0 +1,149 @@
+//! `torquectl tare`: offsets of F/T sensors, found with the robot at rest.
+
+use crate::requests::{Failure, ask, check_contacts, connect, end};
+use crate::text_table::TextTable;
+use jiff::Timestamp;
+use serde_json::{Value, json};
+use std::process::ExitCode;
+use torqued_client::Client;
+use torqued_client::robot_state::{Answer, TaredSensor, Wrench, request};
+
+const AXES: [&str; 6] = ["fx N", "fy N", "fz N", "tx N·m", "ty N·m", "tz N·m"];
+
+const HELP: &str = "\
+The robot must run, hold its position and stand still. --contacts says what touches it: the name of
+a [[contacts]] table of robot.toml. Only parts that nothing touches (type \"none\") tell anything:
+  in the air, held by its harness   every offset beyond the harness's part
+  on one foot, nothing else         every offset
+  on both feet, nothing else        the hands, and of the feet the sum; a component that the pose
+                                    does not tell is shown as \"unknown\" and stays as it was
+The offsets hold at once, without a step, and after a restart too.
+
+Examples:
+  torquectl tare --contacts in_the_air
+  torquectl tare --robot humanoid --contacts in_the_air --json
+  torquectl tare --show
+  torquectl tare --forget
+
+Exit codes:
+  0  done
+  1  torqued has refused, with the reason (e.g. the robot moves), or could not be reached
+  2  bad input: arguments, a set of contacts that the robot does not have";
+
+/// Tare the F/T sensors of a running robot that stands still, or show the last tare.
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+#[group(skip)]
+pub(crate) struct TareArguments {
+    #[command(flatten)]
+    what: What,
+    /// The robot's name; not needed where only one runs
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args)]
+#[group(required = true, multiple = false)]
+struct What {
+    /// Tare with this set of contacts: what touches the robot
+    #[arg(long, value_name = "NAME")]
+    contacts: Option<String>,
+    /// Show the offsets in use, and when they were found
+    #[arg(long)]
+    show: bool,
+    /// Give up what tares have found: offsets are those of the configuration
+    #[arg(long)]
+    forget: bool,
+}
+
+pub(crate) fn run(arguments: &TareArguments) -> ExitCode {
+    end(tare(arguments))
+}
+
+fn tare(arguments: &TareArguments) -> Result<(), Failure> {
+    let client = connect(arguments.robot.as_ref())?;
+    let (answer, changed) = match &arguments.what.contacts {
+        Some(name) => {
+            check_contacts(&client, name, "")?;
+            (ask(&client, request::TARE, name)?, true)
+        }
+        None if arguments.what.show => (client.last_tare()?, false),
+        None => (client.forget_tare()?, true),
+    };
+    if arguments.json {
+        println!("{}", as_json(&client, &answer));
+    } else {
+        println!("{}", answer.text);
+        print!("{}", table(&client, &answer, changed));
+    }
+    Ok(())
+}
+
+fn sensors<'a>(
+    client: &'a Client,
+    answer: &'a Answer,
+) -> impl Iterator<Item = (&'a str, &'a TaredSensor)> {
+    let names = client.description().ft_names.iter().map(|n| n.as_str());
+    names.zip(&answer.ft).take(answer.ft_count as usize)
+}
+
+fn table(client: &Client, answer: &Answer, changed: bool) -> TextTable {
+    let mut heading = vec!["F/T sensor", "axis", "offset"];
+    if changed {
+        heading.push("before");
+    }
+    heading.push("±");
+    let mut rows = vec![heading.into_iter().map(str::to_owned).collect()];
+    let tared = answer.date_unix_s > 0.0;
+    for (name, sensor) in sensors(client, answer) {
+        let [offset, before, sigma] = [&sensor.offset, &sensor.before, &sensor.sigma].map(six);
+        for (k, axis) in AXES.iter().enumerate() {
+            let number = |x: f64| match k < 3 {
+                true => format!("{x:.2}"),
+                false => format!("{x:.3}"),
+            };
+            let first = if k == 0 { name } else { "" };
+            let mut row = vec![first.to_owned(), (*axis).to_owned(), number(offset[k])];
+            if changed {
+                row.push(number(before[k]));
+            }
+            row.push(match (tared, sensor.known >> k & 1) {
+                (false, _) => "-".to_owned(),
+                (true, 0) => "unknown".to_owned(),
+                (true, _) => number(sigma[k]),
+            });
+            rows.push(row);
+        }
+    }
+    TextTable(rows)
+}
+
+fn as_json(client: &Client, answer: &Answer) -> Value {
+    let date = (answer.date_unix_s > 0.0)
+        .then(|| Timestamp::from_second(answer.date_unix_s as i64).ok())
+        .flatten();
+    let wrench = |w: &Wrench| json!({ "force_N": w.force, "torque_Nm": w.torque });
+    let sensor = |(name, sensor): (&str, &TaredSensor)| {
+        json!({
+            "name": name,
+            "offset": wrench(&sensor.offset),
+            "before": wrench(&sensor.before),
+            "sigma": wrench(&sensor.sigma),
+            "known": (0..6).map(|k| sensor.known >> k & 1 == 1).collect::<Vec<_>>(),
+        })
+    };
+    json!({
+        "robot": client.robot(),
+        "date": date.map(|date| date.to_string()),
+        "contacts": date.map(|_| answer.contacts.as_str()),
+        "ft": sensors(client, answer).map(sensor).collect::<Vec<_>>(),
+    })
+}
+
+fn six(w: &Wrench) -> [f64; 6] {
+    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
+    [a, b, c, d, e, f]
+}

@@ -1,0 +1,222 @@
+//! `torquectl tare` and `torquectl contacts` as their own processes, beside a daemon's end of shared
+//! memory that answers like torqued.
+
+use serde_json::Value;
+use std::path::PathBuf;
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{scope, sleep};
+use std::time::Duration;
+use torqued_client::robot_state::{
+    Answer, Description, Name, Request, SharedRecord, Text, Wrench, answer_status, request,
+};
+use torqued_client::{DaemonPorts, Location};
+
+/// A run directory of a test's own.
+struct RunDir(Location);
+
+impl RunDir {
+    fn new(test: &str) -> Self {
+        let name = format!("torquectl-test-{}-{test}", std::process::id());
+        let path: PathBuf = std::env::temp_dir().join(name);
+        Self(Location::at(path).expect("a run directory"))
+    }
+
+    fn run(&self, arguments: &str) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_torquectl"));
+        command.args(arguments.split_whitespace());
+        command.env("TORQUED_RUN_DIR", self.0.path());
+        command.output().expect("torquectl starts")
+    }
+}
+
+impl Drop for RunDir {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(self.0.path());
+        let prefix = self.0.shared_memory_prefix();
+        let objects = std::fs::read_dir("/dev/shm")
+            .into_iter()
+            .flatten()
+            .flatten();
+        for file in objects {
+            if file.file_name().to_string_lossy().starts_with(&prefix) {
+                let _ = std::fs::remove_file(file.path());
+            }
+        }
+    }
+}
+
+fn description() -> Description {
+    let mut description = Description {
+        robot: Name::new("leg"),
+        rate_hz: 1000.0,
+        joint_count: 2,
+        ft_count: 2,
+        contact_count: 2,
+        ..Description::default()
+    };
+    description.ft_names[0] = Name::new("left");
+    description.ft_names[1] = Name::new("right");
+    description.contact_names[0] = Name::new("standing");
+    description.contact_names[1] = Name::new("in_the_air");
+    description
+}
+
+fn wrench(first: f64) -> Wrench {
+    Wrench {
+        force: [first, first + 1.0, first + 2.0],
+        torque: [0.5 * first, 0.0, -first],
+    }
+}
+
+/// What torqued would say; the right sensor's fz is not told by the pose.
+fn reply(asked: &Request, record: &mut SharedRecord) -> Answer {
+    let mut answer = Answer {
+        status: answer_status::DONE,
+        ft_count: 2,
+        date_unix_s: 1_795_245_606.0,
+        contacts: Name::new("in_the_air"),
+        text: Text::new("F/T offsets of then (3 days old), contacts in_the_air"),
+        ..Answer::default()
+    };
+    for (s, sensor) in answer.ft.iter_mut().take(2).enumerate() {
+        sensor.before = wrench(-1.5);
+        sensor.offset = wrench(2.25 + s as f64);
+        sensor.sigma = wrench(0.125);
+        sensor.known = if s == 0 { 0b11_1111 } else { 0b11_1011 };
+    }
+    match (asked.kind, asked.contacts.as_str()) {
+        (request::TARE, "standing") => {
+            answer.status = answer_status::REFUSED;
+            answer.text = Text::new("the robot moves: joint `knee` turns at 0.2 rad/s");
+        }
+        (request::FORGET_TARE, _) => {
+            answer.date_unix_s = 0.0;
+            answer.text = Text::new("no tare: F/T offsets are those of the configuration");
+            answer.ft = Answer::default().ft;
+        }
+        (request::CHOOSE_CONTACTS, name) => {
+            record.cycle.contacts = u32::from(name == "in_the_air");
+            record.cycle.contacts_automatic = 0;
+        }
+        (request::AUTOMATIC_CONTACTS, _) => record.cycle.contacts_automatic = 1,
+        _ => {}
+    }
+    answer
+}
+
+/// Runs torquectl beside a daemon's end.
+fn beside_daemon(dir: &RunDir, arguments: &str) -> Output {
+    let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
+    let done = AtomicBool::new(false);
+    scope(|threads| {
+        threads.spawn(|| {
+            let mut record = SharedRecord::default();
+            while !done.load(Ordering::Relaxed) {
+                record.cycle.sequence += 1;
+                ports.publish(&record).expect("published");
+                while let Some(asked) = ports.next_request().expect("received") {
+                    let mut answer = reply(&asked, &mut record);
+                    answer.id = asked.id;
+                    ports.answer(&answer).expect("answered");
+                }
+                sleep(Duration::from_millis(1));
+            }
+        });
+        let output = dir.run(arguments);
+        done.store(true, Ordering::Relaxed);
+        output
+    })
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("UTF-8")
+}
+
+#[test]
+fn a_tare_shows_offsets_before_and_after_and_what_is_unknown() {
+    let dir = RunDir::new("tare");
+    let output = beside_daemon(&dir, "tare --contacts in_the_air");
+    assert!(output.status.success(), "{output:?}");
+    let shown = text(&output.stdout);
+    assert!(shown.contains("3 days old"), "{shown}");
+    let cells = |line: &str| -> Vec<String> {
+        let found = shown.lines().find(|l| l.contains(line)).expect("a line");
+        found.split_whitespace().map(str::to_owned).collect()
+    };
+    assert_eq!(cells("left"), ["left", "fx", "N", "2.25", "-1.50", "0.12"]);
+    let right: Vec<&str> = shown.lines().skip_while(|l| !l.contains("right")).collect();
+    assert!(right[2].trim_start().starts_with("fz N"), "{shown}");
+    assert!(
+        right[2].contains("5.25") && right[2].ends_with("unknown"),
+        "{shown}"
+    );
+    assert_eq!(shown.matches("unknown").count(), 1);
+    assert!(text(&output.stderr).is_empty(), "no terminal, no bar");
+}
+
+#[test]
+fn json_is_for_programs() {
+    let dir = RunDir::new("json");
+    let output = beside_daemon(&dir, "tare --show --json");
+    let shown: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(shown["robot"], "leg");
+    assert_eq!(shown["date"], "2026-11-21T07:20:06Z");
+    assert_eq!(shown["ft"][1]["name"], "right");
+    assert_eq!(shown["ft"][1]["known"][2], false);
+    assert_eq!(shown["ft"][0]["offset"]["torque_Nm"][2], -2.25);
+    let output = beside_daemon(&dir, "tare --forget --json");
+    let shown: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(shown["date"], Value::Null);
+}
+
+#[test]
+fn refusals_and_wrong_arguments_have_their_exit_codes() {
+    let dir = RunDir::new("refused");
+    let output = beside_daemon(&dir, "tare --contacts standing");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        text(&output.stderr).contains("joint `knee` turns"),
+        "{output:?}"
+    );
+    assert!(output.stdout.is_empty());
+    for wrong in ["tare --contacts moon", "contacts moon"] {
+        let output = beside_daemon(&dir, wrong);
+        assert_eq!(output.status.code(), Some(2), "{wrong}");
+        let said = text(&output.stderr);
+        assert!(said.contains("allowed: standing, in_the_air"), "{said}");
+    }
+    for wrong in ["tare", "tare --show --forget", "tare --contacts"] {
+        assert_eq!(dir.run(wrong).status.code(), Some(2), "{wrong}");
+    }
+    for nobody in ["tare --show --robot leg", "contacts"] {
+        let output = dir.run(nobody);
+        assert_eq!(output.status.code(), Some(1), "{nobody}");
+        assert!(text(&output.stderr).contains("torqued run"), "{output:?}");
+    }
+}
+
+#[test]
+fn contacts_are_listed_and_chosen() {
+    let dir = RunDir::new("contacts");
+    let listed = beside_daemon(&dir, "contacts");
+    let shown = text(&listed.stdout);
+    assert!(
+        shown.contains("* standing") && shown.contains("  in_the_air"),
+        "{shown}"
+    );
+    assert!(
+        shown.contains("by a client or the configuration"),
+        "{shown}"
+    );
+    let chosen = beside_daemon(&dir, "contacts in_the_air");
+    let shown = text(&chosen.stdout);
+    assert!(
+        shown.contains("* in_the_air") && shown.contains("  standing"),
+        "{shown}"
+    );
+    let automatic = beside_daemon(&dir, "contacts automatic --json");
+    let shown: Value = serde_json::from_slice(&automatic.stdout).expect("JSON");
+    assert_eq!(shown["automatic"], true);
+    assert_eq!(shown["sets"], serde_json::json!(["standing", "in_the_air"]));
+}
