@@ -3,10 +3,12 @@
 use crate::joint::{Command, DriveSheet};
 use crate::parameters::SimParameters;
 use crate::robot::{JointPlan, Plan, SimRobot};
+use crate::sampling::six;
 use crate::transmission::KinematicError;
 use crate::truth::Truth;
 use can_codec::{Frame, Frames, Table};
 use nalgebra::{Matrix6, Vector6};
+use robot_config::slots::Source;
 use robot_config::{FtParameters, JointParameters, Robot, slots};
 use robot_state::Wrench;
 use std::f64::consts::TAU;
@@ -15,7 +17,8 @@ use std::f64::consts::TAU;
 ///
 /// Time passes by one period each cycle: at the first SYNC of a bus that has already been
 /// answered since the last period. So all buses answer from the same instant whatever the order
-/// of their SYNCs, and a SYNC lost on one bus does not stop the others.
+/// of their SYNCs, and a SYNC lost on one bus does not stop the others. What sensors with clocks of
+/// their own have sent meanwhile on any bus comes then too, with earlier stamps.
 #[derive(Debug, Clone)]
 pub struct CanRobot {
     robot: SimRobot,
@@ -83,6 +86,7 @@ impl CanRobot {
             self.robot.advance();
             self.fill_values();
             self.answered.fill(false);
+            self.tell_sent(now_ns, out);
         }
         if let Some(answered) = self.answered.get_mut(usize::from(bus)) {
             *answered = true;
@@ -90,9 +94,38 @@ impl CanRobot {
         let mut frame = Frame::zeroed(bus, 0, 0, false);
         for index in 0..self.receive.message_count() {
             let ours = (self.receive.message(index)).is_some_and(|entry| entry.bus == bus);
-            if ours && self.receive.encode(index, &self.values, &mut frame) {
+            if ours && self.answers(index) && self.receive.encode(index, &self.values, &mut frame) {
                 frame.stamp_ns = now_ns;
                 out.push(frame);
+            }
+        }
+    }
+
+    /// A message waits for SYNC if anything in it does.
+    fn answers(&self, message: usize) -> bool {
+        let mut slots = self.receive.slots(message);
+        slots.any(|slot| self.robot.answers(slots::source(slot)))
+    }
+
+    /// Frames of sensors with clocks of their own, up to now.
+    fn tell_sent(&mut self, now_ns: u64, out: &mut Frames) {
+        let now = self.robot.time();
+        let mut frame = Frame::zeroed(0, 0, 0, false);
+        for at in 0..self.robot.readings().sent.len() {
+            let sent = self.robot.readings().sent[at];
+            if sent.stamp > now {
+                continue;
+            }
+            self.set(sent.source, &sent.values);
+            for index in 0..self.receive.message_count() {
+                let mut slots = self.receive.slots(index);
+                let its = slots.any(|slot| slots::source(slot) == sent.source);
+                let sends = its && !self.answers(index);
+                if sends && self.receive.encode(index, &self.values, &mut frame) {
+                    let before_ns = ((now - sent.stamp) * 1e9).round() as u64;
+                    frame.stamp_ns = now_ns.saturating_sub(before_ns);
+                    out.push(frame);
+                }
             }
         }
     }
@@ -112,27 +145,53 @@ impl CanRobot {
     }
 
     fn fill_values(&mut self) {
+        for j in 0..self.robot.readings().joints.len() {
+            let joint = self.robot.readings().joints[j];
+            let values = [joint.theta, joint.q, joint.current, joint.omega, 0.0, 0.0];
+            self.set(Source::Joint(j), &values);
+        }
+        for s in 0..self.robot.readings().ft.len() {
+            let Wrench { force, torque } = self.robot.readings().ft[s];
+            let temperature = self.robot.readings().ft_temperature[s];
+            self.set(Source::Ft(s), &six(force, torque));
+            if let Some(place) = self.values.get_mut(slots::ft_temperature(s)) {
+                *place = temperature;
+            }
+        }
         let readings = self.robot.readings();
+        let imu = six(readings.gyro, readings.accelerometer);
+        self.set(Source::Imu, &imu);
+    }
+
+    /// Puts a source's readings where frames take them from.
+    fn set(&mut self, source: Source, values: &[f64; 6]) {
         let mut set = |slot: usize, value: f64| {
             if let Some(place) = self.values.get_mut(slot) {
                 *place = value;
             }
         };
-        for (j, joint) in readings.joints.iter().enumerate() {
-            set(slots::motor_angle(j), joint.theta);
-            set(slots::link_angle(j), joint.q);
-            set(slots::current(j), joint.current);
-            set(slots::velocity(j), joint.omega);
-        }
-        for (s, ft) in readings.ft.iter().enumerate() {
-            for (axis, value) in self.electronics[s].raw(ft).iter().enumerate() {
-                set(slots::ft(s, axis), *value);
+        match source {
+            Source::Joint(j) => {
+                let [theta, q, current, omega, ..] = *values;
+                set(slots::motor_angle(j), theta);
+                set(slots::link_angle(j), q);
+                set(slots::current(j), current);
+                set(slots::velocity(j), omega);
             }
-            set(slots::ft_temperature(s), readings.ft_temperature[s]);
-        }
-        for axis in 0..3 {
-            set(slots::gyro(axis), readings.gyro[axis]);
-            set(slots::accelerometer(axis), readings.accelerometer[axis]);
+            Source::Ft(s) => {
+                for (axis, value) in self.electronics[s].raw(values).iter().enumerate() {
+                    set(slots::ft(s, axis), *value);
+                }
+            }
+            Source::Imu => {
+                let [x, y, z, a, b, c] = *values;
+                for (axis, (gyro, accelerometer)) in
+                    [x, y, z].into_iter().zip([a, b, c]).enumerate()
+                {
+                    set(slots::gyro(axis), gyro);
+                    set(slots::accelerometer(axis), accelerometer);
+                }
+            }
         }
     }
 
@@ -174,9 +233,8 @@ impl Electronics {
         }
     }
 
-    fn raw(&self, wrench: &Wrench) -> Vector6<f64> {
-        let felt = Vector6::from_iterator(wrench.force.into_iter().chain(wrench.torque));
-        self.sheet * (felt + self.unloaded)
+    fn raw(&self, wrench: &[f64; 6]) -> Vector6<f64> {
+        self.sheet * (Vector6::from(*wrench) + self.unloaded)
     }
 }
 

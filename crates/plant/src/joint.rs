@@ -12,6 +12,7 @@ use crate::controller::Controller;
 use crate::friction::{Bristle, BristleConstants, stribeck};
 use crate::parameters::DriveParameters;
 use crate::random::Random;
+use crate::sampling::Past;
 use crate::transmission::{KinematicError, Transmission};
 use crate::truth::JointTruth;
 use std::f64::consts::TAU;
@@ -79,9 +80,8 @@ pub struct Joint {
     friction: Bristle,
     bearing: Bristle,
     controller: Controller,
-    /// Past motor angles, newest at `newest`, one a step.
-    past: Vec<f64>,
-    newest: usize,
+    /// Past theta and q, one pair a step.
+    past: Past<2>,
 
     step: Step,
     gear_torque: f64,
@@ -101,8 +101,8 @@ struct Step {
     bearing_slope: f64,
 }
 
-/// Motor angles kept, for encoders that are sampled at different instants.
-const PAST: usize = 128;
+/// Steps kept, for encoders that are sampled earlier or at different instants.
+const PAST: usize = 256;
 
 impl Joint {
     /// A joint with errors of its own drawn from `random`.
@@ -135,8 +135,7 @@ impl Joint {
             friction: Bristle::default(),
             bearing: Bristle::default(),
             controller: Controller::new(sheet, &p.controller),
-            past: vec![0.0; PAST],
-            newest: 0,
+            past: Past::new(PAST),
             step: Step::default(),
             gear_torque: 0.0,
             tau: 0.0,
@@ -157,7 +156,8 @@ impl Joint {
         self.omega = 0.0;
         self.current = tau / (n * self.torque_constant);
         (self.gear_torque, self.tau) = (tau, tau);
-        self.past.fill(self.theta);
+        self.past = Past::new(PAST);
+        self.past.push([self.theta, q]);
         let measured = self.current * self.current_gain + self.current_offset;
         self.controller.settle(self.theta, measured);
     }
@@ -231,8 +231,7 @@ impl Joint {
         (self.friction).advance(&self.motor_bristle, s.friction_level, self.omega, dt);
         let bearing_level = self.bearing_level();
         (self.bearing).advance(&self.bearing_bristle, bearing_level, dq_next, dt);
-        self.newest = (self.newest + 1) % PAST;
-        self.past[self.newest] = self.theta;
+        self.past.push([self.theta, q_next]);
     }
 
     fn run_current_loop(&mut self, dt: f64) {
@@ -258,13 +257,11 @@ impl Joint {
         self.parameters.bearing.coulomb.max(1e-12)
     }
 
-    /// What the sensors say of the state with the link at `q`, encoders quantised.
-    pub fn sense(&mut self, q: f64, dt: f64) -> DriveReading {
+    /// What the sensors say of the angles `ago` steps of `dt` before the last, encoders quantised.
+    pub fn sense(&mut self, ago: f64, dt: f64) -> DriveReading {
         let (s, random) = (&self.parameters.sensors, &mut self.random);
-        let steps = (s.motor_lead / dt).min((PAST - 2) as f64);
-        let (whole, part) = (steps.floor(), steps.fract());
-        let back = |k: usize| self.past[(self.newest + PAST - k) % PAST];
-        let earlier = back(whole as usize) * (1.0 - part) + back(whole as usize + 1) * part;
+        let [earlier, _] = self.past.ago(ago + s.motor_lead / dt);
+        let [_, q] = self.past.ago(ago);
         let round = |angle: f64, counts: f64, noise: f64| {
             (angle * counts / TAU + noise).round() * TAU / counts
         };

@@ -191,6 +191,9 @@ pub struct FtParameters {
     /// How much of each force axis is felt by the others, and of each torque axis likewise; drawn.
     #[serde(default, rename = "cross_talk_per_cent", deserialize_with = "per_cent")]
     pub cross_talk: f64,
+    /// When they are sampled.
+    #[serde(default)]
+    pub sampling: SamplingParameters,
 }
 
 /// `[imu]`: errors of the IMU.
@@ -225,6 +228,42 @@ pub struct ImuParameters {
         deserialize_with = "non_negative"
     )]
     pub accelerometer_bias: f64,
+    /// When it is sampled.
+    #[serde(default)]
+    pub sampling: SamplingParameters,
+}
+
+/// `[ft_sensor.sampling]`, `[imu.sampling]`, `[drive.NAME.sensors.sampling]`: when it is sampled.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SamplingParameters {
+    /// At SYNC, or by a clock of its own, whose phase is drawn for each sensor.
+    #[serde(default)]
+    pub sampled: Sampled,
+    /// How old what a sample shows is when it is taken, s; of a drive: both angles.
+    #[serde(default, rename = "latency_us", deserialize_with = "micro0")]
+    pub latency: f64,
+    /// Time between its own samples, s; the loop's period if left out.
+    #[serde(default, rename = "period_us", deserialize_with = "optional_micro")]
+    pub period: Option<f64>,
+    /// How much faster or slower its clock is, drawn up to this fraction.
+    #[serde(default, rename = "clock_error_ppm", deserialize_with = "per_million")]
+    pub clock_error: f64,
+    /// How much later than sampled its frames are stamped: waiting for the bus, drawn for each
+    /// up to this, s.
+    #[serde(default, rename = "stamp_jitter_us", deserialize_with = "micro0")]
+    pub stamp_jitter: f64,
+}
+
+/// What makes a sensor sample.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sampled {
+    /// SYNC.
+    #[default]
+    AtSync,
+    /// Its own clock: it samples and sends.
+    WhenSent,
 }
 
 /// `[drive.NAME]`: a kind of drive as it truly is.
@@ -384,6 +423,9 @@ pub struct DriveSensorParameters {
         deserialize_with = "per_cent"
     )]
     pub torque_constant: f64,
+    /// When all of them are sampled.
+    #[serde(default)]
+    pub sampling: SamplingParameters,
 }
 
 /// `[drive.NAME.controller]`: the drive's position loop (D5) and current loop.

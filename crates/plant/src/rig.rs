@@ -102,7 +102,7 @@ impl JointRig {
         }
         self.external = external;
         RigSample {
-            reading: self.joint.sense(self.q, dt),
+            reading: self.joint.sense(0.0, dt),
             truth,
         }
     }

@@ -5,11 +5,13 @@ use crate::contact::{Corner, Harness, Push};
 use crate::joint::{DriveReading, DriveSheet, Joint};
 use crate::parameters::SimParameters;
 use crate::random::Random;
+use crate::sampling::{Clock, Clocks, Sent, steps_kept};
 use crate::sensors::{FtSensor, Imu};
 use crate::tree::{Frame, State, Tree, integrate};
 use crate::truth::{ExternalTruth, Truth};
 use crate::urdf::Urdf;
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
+use robot_config::slots::Source;
 use robot_state::Wrench;
 
 /// A joint as its user knows it.
@@ -38,7 +40,7 @@ pub struct Plan {
     pub period: f64,
 }
 
-/// All sensors, sampled at the end of a period.
+/// All sensors as last sampled: at the end of a period, or before it by their own clocks.
 #[derive(Debug, Clone)]
 pub struct Readings {
     /// Drives, in the plan's order.
@@ -51,6 +53,8 @@ pub struct Readings {
     pub gyro: [f64; 3],
     /// Accelerometer, m/s².
     pub accelerometer: [f64; 3],
+    /// Samples of sensors with clocks of their own, up to the next period.
+    pub sent: Vec<Sent>,
 }
 
 /// The simulated robot.
@@ -62,11 +66,12 @@ pub struct SimRobot {
     /// In the tree's order.
     pub(crate) joints: Vec<Joint>,
     /// The tree's index of each joint of the plan.
-    order: Vec<usize>,
+    pub(crate) order: Vec<usize>,
     pub(crate) surroundings: Surroundings,
-    ft: Vec<FtSensor>,
-    imu: Option<Imu>,
-    dt: f64,
+    pub(crate) ft: Vec<FtSensor>,
+    pub(crate) imu: Option<Imu>,
+    pub(crate) clocks: Clocks,
+    pub(crate) dt: f64,
     substeps: usize,
     /// Steps between two turns of each drive's control loop.
     control_every: Vec<u64>,
@@ -74,7 +79,7 @@ pub struct SimRobot {
     tau: Vec<f64>,
     armature: Vec<f64>,
     pub(crate) ddq: Vec<f64>,
-    readings: Readings,
+    pub(crate) readings: Readings,
     truth: Truth,
 }
 
@@ -134,6 +139,7 @@ impl SimRobot {
                 ft_temperature: vec![sim.ft_sensor.temperature; sensors.len()],
                 gyro: [0.0; 3],
                 accelerometer: [0.0; 3],
+                sent: Vec::new(),
             },
             truth: Truth::new(n, sensors.len(), external),
             tree,
@@ -144,6 +150,7 @@ impl SimRobot {
             surroundings,
             ft: sensors,
             imu,
+            clocks: Clocks::new(plan, sim),
             dt,
             substeps,
             control_every,
@@ -174,10 +181,29 @@ impl SimRobot {
 
     /// Lets one period pass and samples all sensors at its end.
     pub fn advance(&mut self) -> &Readings {
+        let start = self.time();
+        self.readings.sent.retain(|sent| sent.stamp > start);
         for k in 1..=self.substeps {
             self.step(k == self.substeps);
         }
         &self.readings
+    }
+
+    /// Time since the start, s.
+    #[must_use]
+    pub fn time(&self) -> f64 {
+        self.steps_done as f64 * self.dt
+    }
+
+    /// The source answers SYNC; others send by their own clocks.
+    #[must_use]
+    pub fn answers(&self, source: Source) -> bool {
+        let clock = match source {
+            Source::Imu => Some(&self.clocks.imu),
+            Source::Ft(s) => self.clocks.ft.get(s),
+            Source::Joint(j) => self.clocks.joints.get(j),
+        };
+        clock.is_none_or(Clock::at_sync)
     }
 
     /// The sensors as last sampled.
@@ -214,29 +240,19 @@ impl SimRobot {
             joint.commit(self.state.q[i], self.state.dq[i], self.ddq[i], dt);
         }
         self.surroundings.commit(&mut self.dynamics, dt);
-        if last {
+        if last || self.clocks.all_steps {
             self.dynamics.wrenches(&self.tree);
+            self.ft.iter_mut().for_each(|ft| ft.feel(&self.dynamics));
+            self.imu.iter_mut().for_each(|imu| imu.feel(&self.dynamics));
+        }
+        if last {
             self.tell_truth(time, &base);
         }
         integrate(&self.tree, &mut self.state, &base, &self.ddq, dt);
         self.steps_done += 1;
+        self.sample_own(time);
         if last {
             self.sample(time);
-        }
-    }
-
-    fn sample(&mut self, time: f64) {
-        for (reading, &dof) in self.readings.joints.iter_mut().zip(&self.order) {
-            *reading = self.joints[dof].sense(self.state.q[dof], self.dt);
-        }
-        for (reading, sensor) in self.readings.ft.iter_mut().zip(&mut self.ft) {
-            *reading = sensor.sense(&self.dynamics, time);
-        }
-        for (reading, sensor) in self.readings.ft_temperature.iter_mut().zip(&self.ft) {
-            *reading = sensor.temperature(time);
-        }
-        if let Some(imu) = &mut self.imu {
-            (self.readings.gyro, self.readings.accelerometer) = imu.sense(&self.dynamics);
         }
     }
 
@@ -373,13 +389,20 @@ fn build_sensors(
                 find(tree, name, "ft_sensor.frame")?,
                 &sim.ft_sensor,
                 random,
+                steps_kept(&sim.ft_sensor.sampling, sim),
             ))
         })
         .collect::<Result<Vec<_>, String>>()?;
     let imu = match &plan.imu {
         Some(name) => {
             let random = Random::new(sim.seed, 50);
-            Some(Imu::new(find(tree, name, "imu.frame")?, &sim.imu, random))
+            let steps = steps_kept(&sim.imu.sampling, sim);
+            Some(Imu::new(
+                find(tree, name, "imu.frame")?,
+                &sim.imu,
+                random,
+                steps,
+            ))
         }
         None => None,
     };

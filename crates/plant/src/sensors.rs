@@ -3,6 +3,7 @@
 use crate::articulated::Dynamics;
 use crate::parameters::{FtParameters, ImuParameters};
 use crate::random::Random;
+use crate::sampling::Past;
 use crate::tree::Frame;
 use nalgebra::{Matrix6, Vector3, Vector6};
 use robot_state::Wrench;
@@ -15,12 +16,13 @@ pub struct FtSensor {
     bias: Vector6<f64>,
     mixing: Matrix6<f64>,
     random: Random,
+    past: Past<6>,
 }
 
 impl FtSensor {
-    /// A sensor with errors of its own drawn from `random`.
+    /// A sensor with errors of its own drawn from `random`, which remembers so many steps.
     #[must_use]
-    pub fn new(frame: &Frame, parameters: &FtParameters, mut random: Random) -> Self {
+    pub fn new(frame: &Frame, parameters: &FtParameters, mut random: Random, steps: usize) -> Self {
         let p = parameters;
         let limits = [p.bias_force; 3].into_iter().chain([p.bias_torque; 3]);
         let bias = Vector6::from_iterator(limits.map(|limit| limit * random.symmetric()));
@@ -35,6 +37,7 @@ impl FtSensor {
             bias,
             mixing,
             random,
+            past: Past::new(steps),
         }
     }
 
@@ -55,11 +58,17 @@ impl FtSensor {
         self.parameters.temperature + self.parameters.warming * time / 60.0
     }
 
-    /// The same wrench as measured `time` seconds after the start.
-    pub fn sense(&mut self, dynamics: &Dynamics, time: f64) -> Wrench {
+    /// Feels the wrench of this step.
+    pub fn feel(&mut self, dynamics: &Dynamics) {
+        let Wrench { force, torque } = self.truth(dynamics);
+        let ([x, y, z], [a, b, c]) = (force, torque);
+        self.past.push([x, y, z, a, b, c]);
+    }
+
+    /// What was felt `ago` steps before the last one, as measured `time` seconds after the start.
+    pub fn sense(&mut self, ago: f64, time: f64) -> Wrench {
         let p = &self.parameters;
-        let truth = self.truth(dynamics);
-        let felt = Vector6::from_iterator(truth.force.into_iter().chain(truth.torque));
+        let felt = Vector6::from(self.past.ago(ago));
         let bias = self.bias * (1.0 + p.drift * time / 60.0);
         let warmer = self.temperature(time) - p.neutral_temperature;
         let mut shown = self.mixing * felt + bias;
@@ -85,12 +94,18 @@ pub struct Imu {
     gyro_bias: Vector3<f64>,
     accelerometer_bias: Vector3<f64>,
     random: Random,
+    past: Past<6>,
 }
 
 impl Imu {
-    /// An IMU with errors of its own drawn from `random`.
+    /// An IMU with errors of its own drawn from `random`, which remembers so many steps.
     #[must_use]
-    pub fn new(frame: &Frame, parameters: &ImuParameters, mut random: Random) -> Self {
+    pub fn new(
+        frame: &Frame,
+        parameters: &ImuParameters,
+        mut random: Random,
+        steps: usize,
+    ) -> Self {
         let mut draw = |limit: f64| Vector3::from_fn(|_, _| limit * random.symmetric());
         Self {
             frame: frame.clone(),
@@ -98,16 +113,27 @@ impl Imu {
             accelerometer_bias: draw(parameters.accelerometer_bias),
             parameters: parameters.clone(),
             random,
+            past: Past::new(steps),
         }
     }
 
-    /// Angular velocity (rad/s) and proper acceleration (m/s²) in the sensor's frame, measured.
-    pub fn sense(&mut self, dynamics: &Dynamics) -> ([f64; 3], [f64; 3]) {
+    /// Feels angular velocity and proper acceleration of this step.
+    pub fn feel(&mut self, dynamics: &Dynamics) {
         let (rotation, position) = dynamics.placement(&self.frame);
         let omega = rotation.tr_mul(&dynamics.angular_velocity(self.frame.body));
         let felt = dynamics.proper_acceleration(self.frame.body, &position);
+        let felt = rotation.tr_mul(&felt);
+        self.past
+            .push([omega.x, omega.y, omega.z, felt.x, felt.y, felt.z]);
+    }
+
+    /// Angular velocity (rad/s) and proper acceleration (m/s²) in the sensor's frame `ago` steps
+    /// before the last one, measured.
+    pub fn sense(&mut self, ago: f64) -> ([f64; 3], [f64; 3]) {
+        let [x, y, z, a, b, c] = self.past.ago(ago);
+        let omega = Vector3::new(x, y, z);
         let gyro = omega + self.gyro_bias + self.random.normal3(self.parameters.gyro_noise);
-        let accelerometer = rotation.tr_mul(&felt)
+        let accelerometer = Vector3::new(a, b, c)
             + self.accelerometer_bias
             + self.random.normal3(self.parameters.accelerometer_noise);
         (gyro.into(), accelerometer.into())

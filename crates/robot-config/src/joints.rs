@@ -113,10 +113,12 @@ impl Reader<'_, '_, '_> {
 
         let (drive, signals) = (drive?, signals?);
         let (motor_angle, link_angle) = (signals.motor_angle?, signals.link_angle?);
+        let gap = drive.sampling.longest_gap(self.timing.sample_period);
         let encoders = EncoderParameters {
             gear_ratio: drive.gear_ratio,
             sample_period: self.timing.sample_period,
-            max_velocity: drive.max_velocity,
+            // What it may move from one cycle's sample to the next, told per period.
+            max_velocity: drive.max_velocity * gap / self.timing.sample_period,
             motor_wrap: motor_angle.wrap,
             link_wrap: link_angle.wrap,
             skew: match &calibration {

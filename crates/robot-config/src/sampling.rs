@@ -39,6 +39,15 @@ impl Sampling {
         self.sampled == Sampled::AtSync && self.latency == 0.0
     }
 
+    /// Longest time between the samples of two cycles, s: the first may be almost one of its own
+    /// periods old, the second new.
+    pub(crate) fn longest_gap(&self, sample_period: f64) -> f64 {
+        match self.sampled {
+            Sampled::AtSync => sample_period,
+            Sampled::WhenSent { period } => sample_period + period,
+        }
+    }
+
     /// The sensor waits for SYNC before it sends.
     #[must_use]
     pub fn answers(&self) -> bool {

@@ -419,6 +419,11 @@ fn when_a_source_samples_must_be_possible() {
     let sampling = robot.parameters.joints[0].sampling;
     assert_eq!(sampling.sampled, Sampled::WhenSent { period: 2.5e-3 });
     assert!((sampling.latency + 5e-5).abs() < 1e-12);
+    // From one cycle to the next it may move for 3.5 ms.
+    let reach = robot.parameters.joints[0].encoders.max_velocity;
+    let synced = Files::new().load(LEG).unwrap_or_else(|e| panic!("{e}"));
+    let ratio = reach / synced.parameters.joints[0].encoders.max_velocity;
+    assert!((ratio - 3.5).abs() < 1e-12, "{ratio}");
     // Nobody waits for a drive that sends by its own clock; sensors on its bus still answer.
     let answers = robot.answers();
     for (message, answers) in answers.iter().enumerate() {
