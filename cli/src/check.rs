@@ -2,6 +2,7 @@
 
 use crate::BAD_INPUT;
 use crate::bus_load::{Bitrate, Shape};
+use crate::output::finish;
 use crate::text_table::TextTable;
 use can_codec::{EXTENDED_ID, Frame, Table};
 use control::MotorModel;
@@ -58,12 +59,10 @@ pub(crate) fn run(arguments: &CheckArguments) -> ExitCode {
     };
     let buses = buses(&robot, rate);
     let warnings = warnings(&robot, &buses);
-    if arguments.json {
-        println!("{:#}", as_json(&robot, &buses, &warnings));
-    } else {
-        print!("{}", as_text(&robot, &buses, &warnings));
-    }
-    ExitCode::SUCCESS
+    finish(&match arguments.json {
+        true => format!("{:#}\n", as_json(&robot, &buses, &warnings)),
+        false => as_text(&robot, &buses, &warnings),
+    })
 }
 
 /// What a bus carries in a cycle.

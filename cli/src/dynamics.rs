@@ -2,6 +2,7 @@
 //! library.
 
 use crate::BAD_INPUT;
+use crate::output::finish;
 use clap::Args;
 use dynamics::Base;
 use dynamics::cases::{Cases, CasesError, evaluate};
@@ -47,10 +48,7 @@ Examples:
 
 pub(crate) fn run(arguments: &DynamicsArguments) -> ExitCode {
     match report(arguments) {
-        Ok(json) => {
-            println!("{json}");
-            ExitCode::SUCCESS
-        }
+        Ok(json) => finish(&format!("{json}\n")),
         Err(message) => {
             eprintln!("torquectl dynamics: {message}");
             ExitCode::from(BAD_INPUT)

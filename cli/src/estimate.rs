@@ -1,6 +1,7 @@
 //! `torquectl estimate`: every configured estimator over a recorded log.
 
 use crate::BAD_INPUT;
+use crate::output::finish;
 use crate::text_table::TextTable;
 use clap::Args;
 use estimators::joint::{JointSample, JointTorqueEstimator};
@@ -66,10 +67,7 @@ impl Row {
 
 pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
     match report(arguments) {
-        Ok(text) => {
-            print!("{text}");
-            ExitCode::SUCCESS
-        }
+        Ok(text) => finish(&text),
         Err(message) => {
             eprintln!("torquectl estimate: {message}");
             ExitCode::from(BAD_INPUT)

@@ -2,6 +2,7 @@
 
 use crate::BAD_INPUT;
 use crate::estimate::{open_log, read_joint};
+use crate::output::finish;
 use clap::{Args, Subcommand};
 use identification::all::{self, Fitted, Step};
 use identification::log::LogRow;
@@ -112,10 +113,7 @@ pub(crate) fn run(arguments: &FitArguments) -> ExitCode {
         (_, None) => Ok(String::new()),
     };
     match done {
-        Ok(report) => {
-            print!("{report}");
-            ExitCode::SUCCESS
-        }
+        Ok(report) => finish(&report),
         Err(message) => {
             eprintln!("torquectl fit: {message}");
             ExitCode::from(BAD_INPUT)

@@ -6,6 +6,7 @@ mod contacts;
 mod dynamics;
 mod estimate;
 mod fit;
+mod output;
 mod requests;
 mod tare;
 mod text_table;

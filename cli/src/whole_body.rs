@@ -2,6 +2,7 @@
 //! estimator against another library.
 
 use crate::BAD_INPUT;
+use crate::output::finish;
 use ::whole_body::cases::{Cases, SensorsFile, evaluate};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -55,10 +56,7 @@ docs/whole-body.md tells all of this at length."#;
 
 pub(crate) fn run(arguments: &WholeBodyArguments) -> ExitCode {
     match report(arguments) {
-        Ok(json) => {
-            println!("{json}");
-            ExitCode::SUCCESS
-        }
+        Ok(json) => finish(&format!("{json}\n")),
         Err(message) => {
             eprintln!("torquectl whole-body: {message}");
             ExitCode::from(BAD_INPUT)

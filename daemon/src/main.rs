@@ -9,6 +9,7 @@ use clap::{Parser, Subcommand};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use torqued::demo::{self, DemoOptions};
 use torqued::failure::Failure;
+use torqued::output::print;
 
 /// Joint torques for robots without joint-torque sensors.
 ///
@@ -91,12 +92,10 @@ fn run(config: &std::path::Path, seconds: Option<f64>, json: bool) -> Result<Exi
     }
     let summary = torqued::run::run(&robot, cycles, &stop)?;
     if json {
-        println!(
-            "{}",
-            serde_json::to_string(&summary).map_err(Failure::environment)?
-        );
+        let json = serde_json::to_string(&summary).map_err(Failure::environment)?;
+        print(&format!("{json}\n"))?;
     } else {
-        print!("{summary}");
+        print(&summary.to_string())?;
     }
     Ok(ExitCode::from(u8::from(summary.fault != 0)))
 }

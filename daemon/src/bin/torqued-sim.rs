@@ -14,6 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use torqued::bus::{Bus, Line, OpenError, SocketCan};
 use torqued::failure::Failure;
+use torqued::output::print;
 use torqued::real_time::{self, RealTime, Settings};
 
 /// Frames that it reads at once: one batch of the bus.
@@ -90,9 +91,9 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let summary = Simulation::new(&robot, plant, bus).run(&stop, end_ns);
     if arguments.json {
         let json = serde_json::to_string(&summary).map_err(Failure::environment)?;
-        println!("{json}");
+        print(&format!("{json}\n"))?;
     } else {
-        print!("{summary}");
+        print(&summary.to_string())?;
     }
     Ok(())
 }

@@ -27,6 +27,7 @@ use crate::bus::LockStep;
 use crate::bus::in_process::{VirtualClock, VirtualDeadline};
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
+use crate::output::print;
 use crate::real_time::{Deadline, Pace};
 use client::DemoClient;
 use motion::Motion;
@@ -72,9 +73,9 @@ pub fn run(options: &DemoOptions) -> Result<ExitCode, Failure> {
     }
     if options.json {
         let json = serde_json::to_string(&report).map_err(Failure::environment)?;
-        println!("{json}");
+        print(&format!("{json}\n"))?;
     } else {
-        print!("{report}");
+        print(&report.to_string())?;
     }
     Ok(ExitCode::from(u8::from(report.summary.fault != 0)))
 }
