@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use proptest::prelude::*;
 use robot_config::Robot;
 use robot_state::{
     Answer, Event, Name, Request, SharedRecord, answer_status, measured_flags, mode, request,
@@ -247,6 +248,28 @@ fn offsets_that_cannot_be_kept_are_not_used() {
     homeless.see(&still(), from);
     let answer = homeless.ask(&asked(request::TARE), from);
     assert!(answer.text.as_str().contains("no HOME"), "{}", answer.text);
+}
+
+proptest! {
+    #[test]
+    fn whatever_a_client_asks_it_gets_an_answer(kinds in prop::collection::vec((any::<u32>(), 0_u32..8, ".{0,30}"), 1..40)) {
+        let mut desk = Desk::new(&leg(), Err("nowhere".to_owned())).expect("a desk");
+        let now = Instant::now();
+        desk.see(&still(), now);
+        for (wild, near, name) in kinds {
+            for kind in [wild, near] {
+                let asked = Request { id: u64::from(wild), kind, contacts: Name::new(&name), ..Request::default() };
+                let answer = desk.ask(&asked, now);
+                prop_assert_eq!(answer.id, asked.id);
+                let shown = kind == request::SHOW_TARE;
+                let expected = if shown { answer_status::DONE } else { answer_status::REFUSED };
+                prop_assert_eq!(answer.status, expected, "{} {}", kind, answer.text);
+                prop_assert!(!answer.text.as_str().is_empty());
+            }
+            prop_assert!(desk.work(now).is_none());
+            prop_assert!(desk.settings().contacts == 0);
+        }
+    }
 }
 
 #[test]

@@ -12,7 +12,7 @@ use cycle::Wanted;
 use plant::parameters::PushParameters;
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
-use robot_state::{Answer, Description, Name, Wrench, mode};
+use robot_state::{Answer, Description, Name, TaredSensor, Wrench, mode};
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::bus::{LockStep, Peer};
 use torqued::control_loop::ControlLoop;
@@ -114,19 +114,23 @@ impl Peer for Simulated {
 /// A daemon that runs until it is stopped.
 struct Daemon {
     stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<Wrench>>,
+    thread: Option<JoinHandle<Vec<[f64; 6]>>>,
 }
 
 impl Daemon {
     fn start(place: &Place, sim: &SimParameters) -> Self {
-        let robot = leg();
+        Self::start_robot(place, leg(), sim)
+    }
+
+    fn start_robot(place: &Place, robot: Robot, sim: &SimParameters) -> Self {
         let urdf = std::fs::read_to_string(&robot.parameters.urdf_path).expect("readable");
         let plant = CanRobot::new(&robot, &urdf, sim).expect("a plant");
         let desk = Desk::new(&robot, Ok(place.store())).expect("a desk");
         let mut description = Description {
+            // Its only robot, whatever it is.
             robot: Name::new("leg"),
-            joint_count: 6,
-            ft_count: 1,
+            joint_count: robot.parameters.joints.len() as u32,
+            ft_count: robot.parameters.ft_sensors.len() as u32,
             ..Description::default()
         };
         for (i, name) in robot_config::contact_names(&robot.parameters)
@@ -144,7 +148,8 @@ impl Daemon {
             let bus = LockStep::new(Simulated(plant), &clock);
             let mut control_loop = ControlLoop::new(&robot, bus).expect("a loop");
             let mut deadline = VirtualDeadline::new(&clock, 1_000_000);
-            let (mut error, mut cycles) = ([0.0; 6], 0.0);
+            let mut errors = vec![[0.0; 6]; robot.parameters.ft_sensors.len()];
+            let mut cycles = 0.0;
             while !stopped.load(Ordering::Relaxed) {
                 let arrived = ends.references.latest();
                 let wanted = Wanted {
@@ -158,19 +163,18 @@ impl Daemon {
                     thread::sleep(Duration::from_micros(100));
                 }
                 let plant = &control_loop.bus().peer().0;
-                let (shown, truth) = (&plant.robot().readings().ft[0], &plant.truth().ft[0]);
-                let pairs = six(shown).into_iter().zip(six(truth));
-                error
-                    .iter_mut()
-                    .zip(pairs)
-                    .for_each(|(e, (s, t))| *e += s - t);
+                let sensors = plant.robot().readings().ft.iter().zip(&plant.truth().ft);
+                for (error, (shown, truth)) in errors.iter_mut().zip(sensors) {
+                    let pairs = six(shown).into_iter().zip(six(truth));
+                    error
+                        .iter_mut()
+                        .zip(pairs)
+                        .for_each(|(e, (s, t))| *e += s - t);
+                }
                 cycles += 1.0;
             }
-            let [fx, fy, fz, tx, ty, tz] = error.map(|e| e / cycles);
-            Wrench {
-                force: [fx, fy, fz],
-                torque: [tx, ty, tz],
-            }
+            let mean = |error: [f64; 6]| error.map(|e| e / cycles);
+            errors.into_iter().map(mean).collect()
         });
         Self {
             stop,
@@ -178,8 +182,8 @@ impl Daemon {
         }
     }
 
-    /// Ends it; the sensor's mean error, which a tare should find.
-    fn stop(mut self) -> Wrench {
+    /// Ends it; the mean errors of its sensors, which a tare should find.
+    fn stop(mut self) -> Vec<[f64; 6]> {
         self.stop.store(true, Ordering::Relaxed);
         let thread = self.thread.take().expect("it runs");
         thread.join().expect("it ran well")
@@ -242,26 +246,16 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     assert_eq!(answer.contacts.as_str(), "in_the_air");
 
     // The loop goes by it within a blending time, and a second tare has little to add.
-    client.latest().expect("records");
-    for record in client.records(PATIENCE).take(400) {
-        record.expect("a record");
-    }
-    let record = client.next_record(PATIENCE).expect("a record");
-    assert_eq!(record.cycle.ft[0].offset, sensor.offset);
-    drop(record);
+    let taken = |r: &torqued_client::Record| r.cycle.ft[0].offset == sensor.offset;
+    let found = (client.records(PATIENCE).take(2000)).any(|r| taken(&r.expect("a record")));
+    assert!(found, "the loop does not go by it");
     let again = client.tare("in_the_air").expect("tared again");
     assert_eq!(again.ft[0].before, sensor.offset);
 
-    let bias = daemon.stop();
-    for tare in [&sensor, &again.ft[0]] {
-        let parts = six(&tare.offset).into_iter().zip(six(&tare.sigma));
-        for ((offset, sigma), bias) in parts.zip(six(&bias)) {
-            let limit = 3.0 * sigma + 1e-3;
-            let error = (offset - bias).abs();
-            assert!(sigma > 0.0 && error < limit, "{error}, at most {limit}");
-        }
-    }
-    assert!(bias.force.iter().any(|f| f.abs() > 1.0), "{bias:?}");
+    let bias = daemon.stop()[0];
+    assert_found(&sensor, &bias);
+    assert_found(&again.ft[0], &bias);
+    assert!(bias[..3].iter().any(|f| f.abs() > 1.0), "{bias:?}");
 
     // Another daemon begins with it.
     let daemon = Daemon::start(&place, &sim());
@@ -279,9 +273,50 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     drop(daemon);
 }
 
+/// The tare has found the sensor's error.
+fn assert_found(tare: &TaredSensor, bias: &[f64; 6]) {
+    let parts = six(&tare.offset).into_iter().zip(six(&tare.sigma));
+    for ((offset, sigma), bias) in parts.zip(bias) {
+        let (error, limit) = ((offset - bias).abs(), 3.0 * sigma + 1e-3);
+        assert!(sigma > 0.0 && error < limit, "{error}, at most {limit}");
+    }
+}
+
 fn unix_now() -> f64 {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     since.expect("after 1970").as_secs_f64()
+}
+
+/// The humanoid on both feet: its hands become known, and of its feet the sum.
+#[test]
+fn a_humanoid_that_stands_is_tared() {
+    let place = Place::new("humanoid");
+    let read = |path: &str| std::fs::read_to_string(path);
+    let robot = robot_config::load(&project("config/humanoid/robot.toml"), &read);
+    let path = project("config/humanoid/sim.toml");
+    let text = std::fs::read_to_string(&path).expect("readable");
+    let mut sim = SimParameters::parse(&text, &path).expect("parameters");
+    (sim.ft_sensor.bias_force, sim.ft_sensor.bias_torque) = (10.0, 1.0);
+    let daemon = Daemon::start_robot(&place, robot.expect("the humanoid"), &sim);
+    let mut client = place.client();
+    settled(&mut client);
+    let answer = client.tare("unheld").expect("tared");
+    let known: Vec<u32> = answer.ft[..4].iter().map(|s| s.known).collect();
+    assert_eq!(known[2..], [0b11_1111; 2]);
+    assert_eq!(
+        known[0] & 0b100,
+        0,
+        "how the feet share the weight is not told"
+    );
+    // Feet are parallel: their vertical axes too.
+    let sum = answer.ft[0].offset.force[2] + answer.ft[1].offset.force[2];
+    let bias = daemon.stop();
+    let error = sum - bias[0][2] - bias[1][2];
+    assert!(error.abs() < 6.0, "{error} N: 1 % of the weight");
+    assert!((bias[0][2] + bias[1][2]).abs() > 1.0, "nothing to find");
+    for hand in [2, 3] {
+        assert_found(&answer.ft[hand], &bias[hand]);
+    }
 }
 
 #[test]

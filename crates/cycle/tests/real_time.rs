@@ -7,7 +7,7 @@ use std::cell::Cell;
 
 use common::{Bench, wanted};
 use cycle::Wanted;
-use robot_state::{Event, mode};
+use robot_state::{Event, Settings, mode};
 
 thread_local! {
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
@@ -60,10 +60,20 @@ fn no_cycle_allocates_whatever_happens_in_it() {
             if cycle % 90 == 89 {
                 reference.joints[1].dq_d = f64::NAN;
             }
-            let wanted = if cycle % 70 < 60 {
-                wanted(&reference)
-            } else {
-                Wanted::default()
+            // Offsets and contacts change too, sometimes to what cannot be.
+            let mut settings = Settings {
+                sequence: cycle,
+                contacts: [0, 2, 1, 99][cycle as usize / 30 % 4],
+                ..Settings::default()
+            };
+            settings.ft_offset[0].force[2] = [0.0, 5.0, f64::NAN][cycle as usize / 40 % 3];
+            let wanted = Wanted {
+                settings: Some(&settings),
+                ..if cycle % 70 < 60 {
+                    wanted(&reference)
+                } else {
+                    Wanted::default()
+                }
             };
             bench.tx.clear();
             let at = bench.instants();
