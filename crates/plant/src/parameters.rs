@@ -459,6 +459,21 @@ pub struct ControllerParameters {
 }
 
 impl SimParameters {
+    /// The first table of a sensor that keeps its own time.
+    #[must_use]
+    pub fn free_running(&self) -> Option<String> {
+        let drives = self.drives.iter();
+        let drives = drives.map(|(name, d)| (format!("drive.{name}.sensors"), &d.sensors.sampling));
+        let mut all = [
+            ("ft_sensor".to_owned(), &self.ft_sensor.sampling),
+            ("imu".to_owned(), &self.imu.sampling),
+        ]
+        .into_iter()
+        .chain(drives);
+        let own = all.find(|(_, sampling)| sampling.sampled == Sampled::WhenSent);
+        own.map(|(name, _)| format!("{name}.sampling"))
+    }
+
     /// Reads a `sim.toml`.
     ///
     /// # Errors

@@ -107,6 +107,12 @@ fn load(arguments: &Arguments) -> Result<(Robot, CanRobot), Failure> {
     let sim_name = sim_path.to_string_lossy();
     let mut sim = SimParameters::parse(&text(&sim_path)?, &sim_name).map_err(Failure::bad_input)?;
     sim.seed = arguments.seed.unwrap_or(sim.seed);
+    if let Some(table) = sim.free_running() {
+        return Err(Failure::bad_input(format!(
+            "{sim_name}: {table}.sampled: on a CAN bus a frame is stamped when it comes, and all \
+             frames come after SYNC; allowed: \"at_sync\""
+        )));
+    }
     let urdf = text(Path::new(&robot.parameters.urdf_path))?;
     let plant = CanRobot::new(&robot, &urdf, &sim)
         .map_err(|error| Failure::bad_input(format!("{sim_name}: {error}")))?;

@@ -3,6 +3,8 @@
 use crate::common::{can_robot, parameters, robot};
 use can_codec::{Frame, Frames};
 use plant::CanRobot;
+use plant::parameters::Sampled;
+use robot_config::slots::Source;
 use robot_config::{Robot, slots};
 
 struct Rig {
@@ -191,4 +193,108 @@ fn frames_that_no_drive_knows_are_counted_and_nothing_moves() {
     assert_eq!(rig.can.unknown_frames(), 3);
     let after: Vec<f64> = (0..6).map(|j| rig.can.robot().set_point(j)).collect();
     assert_eq!(before, after);
+}
+
+#[test]
+fn sensors_with_clocks_of_their_own_stamp_their_frames() {
+    let mut sim = parameters("humanoid");
+    sim.imu.sampling.sampled = Sampled::WhenSent;
+    sim.imu.sampling.period = Some(0.7e-3);
+    sim.imu.sampling.clock_error = 0.02;
+    let robot = robot("humanoid");
+    let mut can = can_robot("humanoid", &sim).unwrap();
+    let its = |frame: &Frame| {
+        let message = robot.receive.classify(frame).unwrap();
+        let mut slots = robot.receive.slots(message);
+        slots.any(|slot| slots::source(slot) == Source::Imu)
+    };
+    let mut sync = Frames::new(8);
+    for frame in &robot.sync {
+        sync.push(*frame);
+    }
+    let (mut stamps, mut others) = (Vec::new(), 0);
+    for k in 1..=1000_u64 {
+        let now_ns = 1_000_000 * k;
+        let mut out = Frames::new(can_codec::MAX_FRAMES);
+        can.exchange(&sync, now_ns, &mut out);
+        for frame in &out {
+            if its(frame) {
+                assert!((now_ns - 1_000_000..=now_ns).contains(&frame.stamp_ns));
+                stamps.push(frame.stamp_ns);
+            } else {
+                assert_eq!(frame.stamp_ns, now_ns);
+                others += 1;
+            }
+        }
+    }
+    assert_eq!(others, 1000 * (robot.receive.message_count() - 1));
+    // Neither lost nor doubled at SYNCs: an even pace, which the seed has drawn.
+    let pace = (stamps[stamps.len() - 1] - stamps[0]) as f64 / (stamps.len() - 1) as f64;
+    assert!(
+        (pace / 0.7e6 - 1.0).abs() < 0.02 && (pace - 0.7e6).abs() > 100.0,
+        "{pace}"
+    );
+    for pair in stamps.windows(2) {
+        assert!(((pair[1] - pair[0]) as f64 - pace).abs() < 2.0, "{pair:?}");
+    }
+}
+
+#[test]
+fn late_sensors_show_what_was_so() {
+    let mut sim = parameters("humanoid");
+    let latency = 4e-3;
+    sim.ft_sensor.sampling.latency = latency;
+    sim.drives
+        .values_mut()
+        .for_each(|d| d.sensors.sampling.latency = latency);
+    let robot = robot("humanoid");
+    let mut can = can_robot("humanoid", &sim).unwrap();
+    let mut sync = Frames::new(8);
+    for frame in &robot.sync {
+        sync.push(*frame);
+    }
+    let start: Vec<f64> = (0..robot.parameters.joints.len())
+        .map(|j| can.robot().set_point(j))
+        .collect();
+    let knee = robot
+        .parameters
+        .joints
+        .iter()
+        .position(|j| j.name == "left_knee");
+    let knee = knee.unwrap();
+    // Differences of the left ankle's vertical force and the knee's angle to the truth now and
+    // `latency` before.
+    let mut sums = [[0.0; 2]; 2];
+    let mut past = Vec::new();
+    for k in 0..1500 {
+        let squat = 0.15 * (1.0 - (9.0 * 1e-3 * f64::from(k)).cos());
+        let mut set_points = start.clone();
+        for (x, joint) in set_points.iter_mut().zip(&robot.parameters.joints) {
+            match joint.name.rsplit_once('_') {
+                Some((name, "knee")) if !name.is_empty() => *x += 2.0 * squat,
+                Some((_, "pitch")) if !joint.name.contains("shoulder") => *x -= squat,
+                _ => {}
+            }
+        }
+        let mut commands = sync.clone();
+        robot.send.encode_all(&set_points, &mut commands);
+        can.exchange(
+            &commands,
+            1_000_000_000,
+            &mut Frames::new(can_codec::MAX_FRAMES),
+        );
+        past.push([can.truth().ft[0].force[2], can.truth().joints[knee].q]);
+        let readings = can.robot().readings();
+        let shown = [readings.ft[0].force[2], readings.joints[knee].q];
+        if k > 100 {
+            for (i, sums) in sums.iter_mut().enumerate() {
+                for (sum, ago) in sums.iter_mut().zip([0, 4]) {
+                    *sum += (shown[i] - past[past.len() - 1 - ago][i]).powi(2);
+                }
+            }
+        }
+    }
+    for [now, then] in sums {
+        assert!(then < 0.2 * now, "{then} {now}");
+    }
 }
