@@ -3,7 +3,7 @@
 use crate::requests::{Failure, PATIENCE, check_contacts, connect, contact_names, end};
 use serde_json::json;
 use std::process::ExitCode;
-use torqued_client::Client;
+use torqued_client::{Client, Error};
 
 /// Leaves the choice to the rule.
 const AUTOMATIC: &str = "automatic";
@@ -44,7 +44,7 @@ pub(crate) fn run(arguments: &ContactsArguments) -> ExitCode {
     end(contacts(arguments))
 }
 
-fn contacts(arguments: &ContactsArguments) -> Result<(), Failure> {
+fn contacts(arguments: &ContactsArguments) -> Result<String, Failure> {
     let mut client = connect(arguments.robot.as_ref())?;
     match arguments.name.as_deref() {
         Some(AUTOMATIC) => _ = client.automatic_contacts()?,
@@ -54,12 +54,11 @@ fn contacts(arguments: &ContactsArguments) -> Result<(), Failure> {
         }
         None => {}
     }
-    show(&mut client, arguments)?;
-    Ok(())
+    Ok(show(&mut client, arguments)?)
 }
 
 /// The sets, and which holds: after a choice, as soon as the records tell it.
-fn show(client: &mut Client, arguments: &ContactsArguments) -> Result<(), torqued_client::Error> {
+fn show(client: &mut Client, arguments: &ContactsArguments) -> Result<String, Error> {
     let (mut holds, mut automatic) = (0, false);
     let names: Vec<String> = contact_names(client)
         .iter()
@@ -84,19 +83,13 @@ fn show(client: &mut Client, arguments: &ContactsArguments) -> Result<(), torque
             "automatic": automatic,
             "sets": names,
         });
-        println!("{shown}");
-        return Ok(());
+        return Ok(format!("{shown}\n"));
     }
-    for name in &names {
-        let mark = if Some(name) == chosen { "*" } else { " " };
-        println!("{mark} {name}");
-    }
-    println!(
-        "{}",
-        match automatic {
-            true => "chosen by the automatic rule",
-            false => "chosen by a client or the configuration",
-        }
-    );
-    Ok(())
+    let mark = |name: &String| if Some(name) == chosen { "*" } else { " " };
+    let lines = names.iter().map(|name| format!("{} {name}\n", mark(name)));
+    let who = match automatic {
+        true => "chosen by the automatic rule\n",
+        false => "chosen by a client or the configuration\n",
+    };
+    Ok(lines.collect::<String>() + who)
 }

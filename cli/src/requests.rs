@@ -1,5 +1,6 @@
 //! What commands that talk to a running torqued share.
 
+use crate::output::finish;
 use crate::{BAD_INPUT, NO_DAEMON};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::Display;
@@ -26,10 +27,10 @@ impl From<Error> for Failure {
     }
 }
 
-/// Tells the end of a command.
-pub(crate) fn end(result: Result<(), Failure>) -> ExitCode {
+/// Prints what a command has to say, or why it ends early.
+pub(crate) fn end(result: Result<String, Failure>) -> ExitCode {
     let (why, code): (&dyn Display, u8) = match &result {
-        Ok(()) => return ExitCode::SUCCESS,
+        Ok(text) => return finish(text),
         Err(Failure::Daemon(e)) => (e, NO_DAEMON),
         Err(Failure::Argument(what)) => (what, BAD_INPUT),
     };

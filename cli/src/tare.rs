@@ -63,7 +63,7 @@ pub(crate) fn run(arguments: &TareArguments) -> ExitCode {
     end(tare(arguments))
 }
 
-fn tare(arguments: &TareArguments) -> Result<(), Failure> {
+fn tare(arguments: &TareArguments) -> Result<String, Failure> {
     let client = connect(arguments.robot.as_ref())?;
     let (answer, changed) = match &arguments.what.contacts {
         Some(name) => {
@@ -73,13 +73,10 @@ fn tare(arguments: &TareArguments) -> Result<(), Failure> {
         None if arguments.what.show => (client.last_tare()?, false),
         None => (client.forget_tare()?, true),
     };
-    if arguments.json {
-        println!("{}", as_json(&client, &answer));
-    } else {
-        println!("{}", answer.text);
-        print!("{}", table(&client, &answer, changed));
-    }
-    Ok(())
+    Ok(match arguments.json {
+        true => format!("{}\n", as_json(&client, &answer)),
+        false => format!("{}\n{}", answer.text, table(&client, &answer, changed)),
+    })
 }
 
 fn sensors<'a>(
