@@ -1,6 +1,14 @@
-//! `torqued-sim` where no CAN is needed: what it refuses.
+//! Simulated sensors that keep their own time: in lock-step with the loop, and refused on CAN.
 
+use can_codec::Frames;
+use cycle::Wanted;
+use plant::{CanRobot, SimParameters};
+use robot_state::measured_flags;
 use std::process::Command;
+use torqued::bus::LockStep;
+use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
+use torqued::control_loop::ControlLoop;
+use torqued::real_time::Pace;
 
 #[test]
 fn sensors_that_keep_their_own_time_are_refused_on_can() {
@@ -23,4 +31,60 @@ fn sensors_that_keep_their_own_time_are_refused_on_can() {
         "{said}"
     );
     assert!(said.contains("allowed: \"at_sync\""), "{said}");
+}
+
+/// The plant as a peer of the bus.
+struct Peer(CanRobot);
+
+impl torqued::bus::Peer for Peer {
+    fn exchange(&mut self, frames: &Frames, now_ns: u64, out: &mut Frames) {
+        self.0.exchange(frames, now_ns, out);
+    }
+}
+
+#[test]
+fn a_cycle_does_not_wait_for_sensors_that_keep_their_own_time() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let read = |path: &str| {
+        let text = std::fs::read_to_string(path)?;
+        let own = "[imu]\nsampled = \"when_sent\"\nperiod_us = 1500\n";
+        let it_is = path.ends_with("humanoid/robot.toml");
+        Ok(if it_is {
+            text.replace("[imu]\n", own)
+        } else {
+            text
+        })
+    };
+    let config = format!("{root}/config/humanoid");
+    let robot = robot_config::load(&format!("{config}/robot.toml"), &read).expect("a robot");
+    let sim = std::fs::read_to_string(format!("{config}/sim.toml")).expect("sim.toml");
+    let mut sim = SimParameters::parse(&sim, "sim.toml").expect("parameters");
+    sim.imu.sampling.sampled = plant::parameters::Sampled::WhenSent;
+    sim.imu.sampling.period = Some(1.5e-3);
+    let urdf = std::fs::read_to_string(&robot.parameters.urdf_path).expect("URDF");
+    let plant = CanRobot::new(&robot, &urdf, &sim).expect("a plant");
+
+    let clock = VirtualClock::new();
+    clock.advance_to(1_000_000_000);
+    let mut pace = VirtualDeadline::new(&clock, 1_000_000);
+    let bus = LockStep::new(Peer(plant), &clock);
+    let mut control_loop = ControlLoop::new(&robot, bus).expect("a loop");
+    let mut ages = Vec::new();
+    for cycle in 0..300 {
+        let wake = pace.wait();
+        let record = control_loop.run_cycle(&wake, &Wanted::default());
+        // With all answers there, no time passes in lock-step.
+        assert_eq!(record.cycle.stamp_ns, wake.scheduled_ns);
+        if cycle > 2 {
+            assert_eq!(record.cycle.imu.flags & measured_flags::MISSED, 0);
+            ages.push(record.cycle.imu.age_s);
+        }
+    }
+    // Two samples in three cycles, with phases of 0 to 1.5 ms against SYNC.
+    let newest = ages.iter().copied().fold(f64::INFINITY, f64::min);
+    let oldest = ages.iter().copied().fold(0.0, f64::max);
+    assert!(
+        newest < 0.6e-3 && (0.9e-3..1.5e-3).contains(&oldest),
+        "{newest} {oldest}"
+    );
 }

@@ -14,7 +14,8 @@
 //! signal. No single sample is extrapolated, which would cost noise. With `F_1[x] = a` and
 //! `F_2[x] = b` (kernels that differentiate a parabola exactly) a and b follow from two equations.
 //! The error left is of third order: for a constant age `delta³/6` of the third derivative in the
-//! value, `delta²/2` in the first derivative, `delta` in the second.
+//! value, `delta²/2` in the first derivative, `delta` in the second. Filters whose value and
+//! derivatives see different bands (Savitzky-Golay) leave the share by which they differ.
 
 use estimators::filter_bank::{FilterBank, FilterDesign, FilterError};
 use robot_config::slots::{self, Source};
