@@ -15,6 +15,7 @@ use std::fmt::Debug;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
@@ -274,6 +275,16 @@ pub(crate) fn sender<M: Message>(
         Err(PublisherCreateError::ExceedsMaxSupportedPublishers) => Ok(None),
         Err(e) => Err(Error::transport(service.name(), "publish on", &e)),
     }
+}
+
+/// Who publishes on the service now.
+pub(crate) fn publishers<M: Message>(service: &Channel<M>) -> Vec<UniquePublisherId> {
+    let mut found = Vec::new();
+    service.dynamic_config().list_publishers(|publisher| {
+        found.push(publisher.publisher_id);
+        CallbackProgression::Continue
+    });
+    found
 }
 
 /// A subscriber of the service.

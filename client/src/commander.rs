@@ -9,6 +9,9 @@ use crate::error::Error;
 /// The right to command a robot: one client has it at a time, and gives it back by being dropped
 /// (the robot then holds its position) or by dying (the daemon notices after
 /// `loop.reference_timeout_ms`, and the robot holds its position).
+///
+/// Where a daemon takes over from another, a commander that streams on is not obeyed until it has
+/// asked for hold: until then the records show mode hold.
 #[derive(Debug)]
 pub struct Commander {
     robot: String,

@@ -1,13 +1,16 @@
 //! The daemon's end of the services.
 
+use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{Node, PortFactory};
-use robot_state::{Answer, Description, Reference, Request, SharedRecord};
+use robot_state::{Answer, Description, Reference, Request, SharedRecord, mode};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::channel::{
     self, AnswerMessage, DescriptionMessage, Message, Receiver, RecordMessage, ReferenceMessage,
     RequestMessage, Sender, Transport,
 };
+use crate::client::Held;
 use crate::error::Error;
 use crate::location::Location;
 
@@ -18,6 +21,10 @@ pub struct DaemonPorts {
     state: Sender<RecordMessage>,
     description: Sender<DescriptionMessage>,
     reference: Receiver<ReferenceMessage>,
+    /// Who commanded before this daemon was there: not obeyed until it has asked for hold once. It
+    /// may be streaming on without knowing that the robot was let go meanwhile.
+    heirs: Vec<UniquePublisherId>,
+    heirs_hold: AtomicBool,
     request: Receiver<RequestMessage>,
     answer: Sender<AnswerMessage>,
     node: Node<Transport>,
@@ -44,6 +51,7 @@ impl DaemonPorts {
             .send_copy(DescriptionMessage(*description))
             .map_err(|e| Error::transport(service.name(), "publish on", &e))?;
         let reference = channel::create::<ReferenceMessage>(&node, robot)?;
+        let heirs = channel::publishers(&reference);
         let reference = channel::receiver(&node, &reference)?;
         // Answers first: who can ask can be answered.
         let answer = channel::create::<AnswerMessage>(&node, robot)?;
@@ -54,6 +62,8 @@ impl DaemonPorts {
             state,
             description: sender,
             reference,
+            heirs,
+            heirs_hold: AtomicBool::new(false),
             request,
             answer,
             node,
@@ -72,7 +82,8 @@ impl DaemonPorts {
             .map_err(|e| Error::transport("state", "publish on", &e))
     }
 
-    /// The newest reference that has arrived since the last call.
+    /// The newest reference that has arrived since the last call. Those of a client that commanded
+    /// an earlier daemon are passed over until one of them asks for hold.
     ///
     /// # Errors
     /// [`Error::Transport`] if the commanding client could not be reached.
@@ -80,11 +91,19 @@ impl DaemonPorts {
         let mut newest = None;
         loop {
             match self.reference.receive() {
-                Ok(Some(message)) => newest = Some(message.0),
+                Ok(Some(message)) if self.obeys(&message) => newest = Some(message.0),
+                Ok(Some(_)) => {}
                 Ok(None) => return Ok(newest),
                 Err(e) => return Err(Error::transport("reference", "receive from", &e)),
             }
         }
+    }
+
+    fn obeys(&self, message: &Held<ReferenceMessage>) -> bool {
+        if message.0.mode == mode::HOLD {
+            self.heirs_hold.store(true, Ordering::Relaxed);
+        }
+        self.heirs_hold.load(Ordering::Relaxed) || !self.heirs.contains(&message.origin())
     }
 
     /// The next request of any client, as it came: unchecked.

@@ -1,6 +1,8 @@
 """A client that commands the robot to stay where it is, and never stops.
 
-    python command.py ROBOT [nan]     with NaN for the first joint's wanted torque
+    python command.py ROBOT [nan | stubborn]
+
+nan: with NaN for the first joint's wanted torque; stubborn: even where nobody listens.
 """
 
 import math
@@ -22,4 +24,8 @@ commander.send()
 print("commanding", flush=True)
 while True:
     time.sleep(0.005)
-    commander.send()
+    try:
+        commander.send()
+    except torqued.NoDaemonError:
+        if sys.argv[2:] != ["stubborn"]:
+            raise

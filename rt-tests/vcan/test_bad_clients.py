@@ -73,3 +73,21 @@ def test_killed_client_leaves_the_robot_holding(robot):
         next_one.send()
     report = process.terminate()
     assert report["fault"] == 0
+
+
+def test_client_that_streams_on_is_not_obeyed_by_the_next_daemon(leg):
+    with simulator(leg):
+        with daemon(leg) as first:
+            client = torqued.Client("leg", timeout_s=10.0)
+            with Process(PYTHON, "rt-tests/vcan/command.py", "leg", "stubborn") as commander:
+                commander.wait_for("commanding")
+                record_where(client, lambda r: r.cycle.mode == torqued.Mode.INVERSE_DYNAMICS)
+                first.send(signal.SIGKILL)
+                first.wait()
+                with daemon(leg) as second:
+                    client = torqued.Client("leg", timeout_s=10.0)
+                    # Its filters are full long before that.
+                    record_where(client, lambda r: r.cycle.sequence > 300)
+                    modes = {client.next_record(timeout_s=5.0).cycle.mode for _ in range(200)}
+                    assert modes == {torqued.Mode.HOLD}
+                    second.terminate()

@@ -226,7 +226,10 @@ class Client:
 class Commander:
     """The right to command a robot: one client has it at a time. Used in a `with` block, which
     leaves the robot holding its position; so does the death of this program, once
-    `loop.reference_timeout_ms` have passed."""
+    `loop.reference_timeout_ms` have passed.
+
+    Where a daemon takes over from another, a commander that streams on is not obeyed until it has
+    asked for hold: until then the records show mode hold."""
 
     def __init__(self, client: Client):
         """Takes the command of the client's robot."""

@@ -184,9 +184,27 @@ fn a_client_goes_on_with_the_next_daemon() {
         5,
         "the description is the new daemon's"
     );
-    commander.send(|r| r.joints[0].q_d = 0.5).expect("sent");
+    // It commanded the daemon before: this one does not obey it before it has asked for hold.
+    let mut ask = |wanted: u32| {
+        let change = |r: &mut Reference| (r.mode, r.joints[0].q_d) = (wanted, 0.5);
+        commander.send(change).expect("sent");
+        let newest = ports.newest_reference().expect("received");
+        newest.map(|r| (r.mode, r.joints[0].q_d))
+    };
+    assert_eq!(ask(mode::TORQUE), None);
+    assert_eq!(ask(99), None);
+    assert_eq!(ask(mode::HOLD), Some((mode::HOLD, 0.5)));
+    assert_eq!(ask(mode::TORQUE), Some((mode::TORQUE, 0.5)));
+    drop(commander);
+    ports.newest_reference().expect("received");
+    let mut newcomer = Commander::connect(&client).expect("another commander");
+    newcomer.send(|r| r.mode = mode::TORQUE).expect("sent");
     let reference = ports.newest_reference().expect("received").expect("some");
-    assert_eq!(reference.joints[0].q_d.to_bits(), 0.5_f64.to_bits());
+    assert_eq!(
+        reference.mode,
+        mode::TORQUE,
+        "who comes later is obeyed at once"
+    );
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;
 
 use crate::common::RunDir;
-use torqued_client::robot_state::mode;
+use torqued_client::robot_state::{Reference, mode};
 use torqued_client::{Client, Commander, Record};
 
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -106,9 +106,17 @@ fn clients_go_on_when_the_daemon_is_killed_and_started_again() {
     daemon.kill();
     let _daemon = Process::daemon(&dir);
     wait_for(&mut client, |r| r.cycle.sequence < 200);
-    commander
-        .send(|r| r.mode = mode::TORQUE)
-        .expect("the new daemon listens");
+    let torque = |r: &mut Reference| r.mode = mode::TORQUE;
+    for record in client.records(PATIENCE).take(100) {
+        commander.send(torque).expect("the new daemon listens");
+        assert_eq!(record.expect("record").cycle.mode, mode::HOLD);
+    }
+    // Obeyed again once it has asked for hold.
+    for record in client.records(PATIENCE).take(20) {
+        commander.send(|r| r.mode = mode::HOLD).expect("sent");
+        record.expect("record");
+    }
+    commander.send(torque).expect("sent");
     wait_for(&mut client, |r| r.cycle.mode == mode::TORQUE);
     let mut newcomer = connect(&dir);
     newcomer
