@@ -37,6 +37,6 @@ pub use parameters::{
     ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
     Place, Residual, Weighting, WholeBodyParameters,
 };
-pub use predictive::{Predictive, PredictiveParameters};
+pub use predictive::{LateTorque, Predictive, PredictiveParameters};
 pub use switching::{ContactSwitch, ContactSwitchParameters, LoadRule};
 pub use tare::{Tare, TareError, TareParameters, TareResult};

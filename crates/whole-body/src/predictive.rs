@@ -1,15 +1,23 @@
 //! One joint's torque now: the fast source's changes, the late source's level.
 //!
-//! The torque from encoders knows every change at once but drifts (hysteresis, kinematic error,
-//! slipped counts); the torque from F/T sensors and the rigid-body model is right but late by its
-//! filters. The fast one, sent through the same filter, is compared with the late one: their
-//! difference is the fast one's bias, which changes slowly (a random walk, by a Kalman filter).
-//! What is left is followed by three Kalman filters side by side, each with the probability that the
-//! measurements give it (interacting multiple models: Blom and Bar-Shalom, IEEE Trans. Automatic
-//! Control 33, 1988): a load at rest, which the late source knows best; a load of nearly steady
-//! rate; and one whose rate changes. So a load at rest is as quiet as the late source, and a load
-//! that changes is followed at once.
+//! The torque `e` from encoders knows every change at once but drifts (hysteresis, kinematic error,
+//! slipped counts) and tells too small or too large a change; the torque `l` from F/T sensors and
+//! rigid-body model is right but late by its filters, whose smoothing is `h`. So
+//!
+//! ```text
+//! tau_hat = g e + c        c: what is left of l - g h*e, now
+//! ```
+//!
+//! The gain `g` is the regression of `l` on `h*e` where both change quickly: inside a hysteresis
+//! loop a gear is stiffer than its catalogue says, and an encoder that shows mostly noise gets a
+//! small gain. What is left changes slowly for a strong encoder signal and is nearly the torque
+//! itself for a weak one: [`Remainder`] follows it with several filters at once and trusts those
+//! that proved right. A joint at rest is told by `l` alone, averaged: rest is where neither source
+//! leaves that average by more than its noise.
 
+mod remainder;
+
+use remainder::Remainder;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
 
 /// How a joint's sources are joined.
@@ -17,43 +25,70 @@ use robot_state::{TorqueEstimate, torque_flags, torque_source};
 pub struct PredictiveParameters {
     /// T: time between samples, s.
     pub sample_period: f64,
-    /// Samples over which the late source's filters average; its delay is half of them.
-    pub window: usize,
-    /// Standard deviation of a sample of the fast source, its bias apart, N·m.
+    /// h: weights of the samples in the late source's filters, oldest first, adding up to one.
+    pub kernel: Vec<f64>,
+    /// Standard deviation of the fast source's samples that its resolution alone explains, N·m;
+    /// what goes beyond is found.
     pub fast_sigma: f64,
-    /// Standard deviation of the late source, N·m.
-    pub late_sigma: f64,
-    /// How fast the fast source's bias wanders, N·m/√s.
-    pub bias_walk: f64,
-    /// How fast a torque at rest wanders, N·m/√s.
-    pub rest_walk: f64,
-    /// How fast the torque's rate wanders, steady and changing, N·m/s/√s.
-    pub rate_walk: [f64; 2],
     /// Largest |tau| that is ever reported, N·m.
     pub torque_limit: f64,
 }
 
-/// How often a load goes from one of the three kinds to a certain other, 1/s.
-const SWITCHES_PER_SECOND: f64 = 2.0;
-/// The tracks.
-const REST: usize = 0;
-const CHANGING: usize = 2;
-/// The late source's samples share most of their window with the last ones.
-const FORGETTING: f64 = 1e12;
+/// The late source's newest torque, valid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LateTorque {
+    /// tau: N·m.
+    pub tau: f64,
+    /// sigma: its standard deviation, N·m.
+    pub sigma: f64,
+}
+
+/// The fast source's newest samples are averaged over this time, s.
+const SMOOTHING: f64 = 3e-3;
+/// Changes quicker than this tell the gain, s; and how long they are remembered, s.
+const QUICK: f64 = 25e-3;
+const GAIN_MEMORY: f64 = 1.5;
+/// Largest gain.
+const MOST: f64 = 2.0;
+/// Time over which the fast source's noise is found, s.
+const NOISE_MEMORY: f64 = 0.5;
+/// Over which a joint at rest is averaged, s.
+const REST: f64 = 0.2;
+/// How long motion is remembered, s.
+const ACTIVITY: f64 = 0.3;
+/// Standard deviations beyond which a joint is not at rest: in one sample of either source, and in
+/// the fast one's root mean square over a time, s.
+const PEAK: f64 = 6.0;
+const LASTING: f64 = 2.0;
+const LASTING_TIME: f64 = 0.05;
+/// How many times the mean square error is still better than the late source's delay.
+const WORTH: f64 = 4.0;
+/// Share of the remainder's error that is its own noise and not its judge's.
+const NOISY: f64 = 0.2;
 
 /// See the module. One joint.
 #[derive(Debug, Clone)]
 pub struct Predictive {
     parameters: PredictiveParameters,
-    /// The fast source over the late source's window.
-    ring: Vec<f64>,
-    newest: usize,
-    filled: usize,
-    sum: f64,
-    /// Bias and its variance.
-    bias: f64,
-    bias_variance: f64,
-    tracks: [Track; 3],
+    /// Samples of `SMOOTHING`.
+    smoothing: usize,
+    /// Sum of the kernel's squares.
+    power: f64,
+    fast: Ring,
+    missed: usize,
+    noise: Noise,
+    gain: Gain,
+    remainder: Remainder,
+    /// Newest of the late source, and cycles since.
+    late: Option<LateTorque>,
+    late_missed: usize,
+    /// Average of a joint at rest; mean square of the fast source's distance from it, in its noise;
+    /// square of how far beyond noise the sources have left it.
+    rest: f64,
+    lasting: f64,
+    activity: f64,
+    /// 0: at rest, 1: in motion.
+    moving: f64,
     output: TorqueEstimate,
 }
 
@@ -61,273 +96,276 @@ impl Predictive {
     /// Nothing seen yet.
     #[must_use]
     pub fn new(parameters: PredictiveParameters) -> Self {
-        let mut predictive = Self {
-            ring: vec![0.0; parameters.window.max(1)],
-            newest: 0,
-            filled: 0,
-            sum: 0.0,
-            bias: 0.0,
-            bias_variance: FORGETTING,
-            tracks: [Track::default(); 3],
+        let dt = parameters.sample_period;
+        let smoothing = ((SMOOTHING / dt).round() as usize).max(1);
+        let window = parameters.kernel.len().max(1);
+        let power: f64 = parameters.kernel.iter().map(|h| h * h).sum();
+        Self {
+            smoothing,
+            fast: Ring::new(window.max(smoothing)),
+            missed: usize::MAX,
+            noise: Noise::new(parameters.fast_sigma.powi(2)),
+            gain: Gain::new(),
+            power,
+            remainder: Remainder::new(window, dt),
+            late: None,
+            late_missed: 0,
+            rest: 0.0,
+            lasting: 0.0,
+            activity: 0.0,
+            moving: 0.0,
             output: TorqueEstimate::default(),
             parameters,
-        };
-        predictive.reset();
-        predictive
+        }
     }
 
     /// Forgets every sample.
     pub fn reset(&mut self) {
-        (self.newest, self.filled, self.sum) = (0, 0, 0.0);
-        (self.bias, self.bias_variance) = (0.0, FORGETTING);
-        self.tracks = [Track::default(); 3];
-        self.output = TorqueEstimate::default();
+        *self = Self::new(self.parameters.clone());
     }
 
     /// Takes the sources' newest torques, none where one is not valid; gives the torque now.
-    pub fn update(&mut self, fast: Option<f64>, late: Option<f64>) -> TorqueEstimate {
-        let p = &self.parameters;
-        let dt = p.sample_period;
+    ///
+    /// Without the fast source the late one is followed alone; without the late one, the fast one's
+    /// changes from where it was last known.
+    pub fn update(&mut self, fast: Option<f64>, late: Option<LateTorque>) -> TorqueEstimate {
         let fast = fast.filter(|x| x.is_finite());
-        let late = late.filter(|x| x.is_finite());
-        self.bias_variance = (self.bias_variance + p.bias_walk.powi(2) * dt).min(FORGETTING);
-        match fast {
-            Some(fast) => self.remember(fast),
-            // The window must be without gaps.
-            None => (self.filled, self.sum) = (0, 0.0),
+        let late = late.filter(|l| l.tau.is_finite() && l.sigma.is_finite());
+        self.take_fast(fast);
+        match late {
+            Some(late) => self.take_late(late),
+            None => self.late_missed = self.late_missed.saturating_add(1),
         }
-        if let (Some(late), true) = (late, self.filled == self.ring.len()) {
-            self.learn_bias(late - self.sum / self.ring.len() as f64);
-        }
-        self.follow(fast, late);
-        self.tell(fast.is_some(), late.is_some());
+        self.tell(fast.is_some() && late.is_some());
         self.output
     }
 
-    /// The fast source's bias, N·m: what the late source says it is wrong by.
+    /// g: torque by torque of the fast source.
     #[must_use]
-    pub fn bias(&self) -> f64 {
-        -self.bias
+    pub fn gain(&self) -> f64 {
+        self.gain.value
     }
 
-    fn remember(&mut self, fast: f64) {
-        self.newest = (self.newest + 1) % self.ring.len();
-        if self.filled == self.ring.len() {
-            self.sum -= self.ring[self.newest];
+    fn take_fast(&mut self, fast: Option<f64>) {
+        let Some(fast) = fast else {
+            // Held: a lost sample must not step the torque.
+            self.fast.push(self.fast.newest());
+            self.missed = self.missed.saturating_add(1);
+            return;
+        };
+        if self.missed > self.parameters.kernel.len() / 4 {
+            // What happened meanwhile has come by the late source.
+            self.fast.fill(fast);
+            self.noise.restart(fast);
+            self.gain.quick = None;
+            if let Some(late) = self.late {
+                self.remainder.restart([late.tau, fast], self.gain.value);
+            }
         } else {
-            self.filled += 1;
+            self.fast.push(fast);
+            self.noise.update(fast, self.parameters.sample_period);
         }
-        self.ring[self.newest] = fast;
-        self.sum += fast;
-        if self.newest == 0 && self.filled == self.ring.len() {
-            // Once a turn without the rounding of all the turns before.
-            self.sum = self.ring.iter().sum();
-        }
+        self.missed = 0;
     }
 
-    fn learn_bias(&mut self, difference: f64) {
+    fn take_late(&mut self, late: LateTorque) {
+        let dt = self.parameters.sample_period;
+        let fast = self.fast.through(&self.parameters.kernel);
+        let noise = self.power * self.noise.variance;
+        self.gain.update([fast, late.tau], noise, self.moving, dt);
+        let gain = self.gain.value;
+        if self.late.is_none() {
+            self.remainder.restart([late.tau, fast], gain);
+            self.rest = late.tau;
+        } else {
+            self.remainder.update([late.tau, fast], gain);
+        }
+        self.late = Some(late);
+        self.late_missed = 0;
+    }
+
+    fn tell(&mut self, whole: bool) {
+        let Some(late) = self.late else {
+            return;
+        };
+        let gain = self.gain.value;
+        let noise = gain * gain * self.noise.variance / self.smoothing as f64;
+        let (with, without) = (&self.remainder.with, &self.remainder.without);
+        // What can be told with the fast source, and what without.
+        let quick = gain * self.fast.mean(self.smoothing) + with.value;
+        let apart = quick - without.value;
+        let doubt = noise + with.variance;
+        let beyond = apart * apart / (PEAK.powi(2) * (noise + NOISY * with.variance));
+        let trust = share_of(WORTH * without.variance, doubt, 2).max(share_of(beyond, 1.0, 6));
+        let moving = without.value + trust * apart;
+        let doubt = trust * doubt + (1.0 - trust) * without.variance;
+
+        let share = self.moving_share(quick, late, noise + NOISY * with.variance);
+        self.moving = share;
         let p = &self.parameters;
-        // Neighbouring differences have all but two of their samples in common: only as many as
-        // windows are independent. The bias has wandered since, too.
-        let window = self.ring.len() as f64;
-        let delay = 0.5 * window * p.sample_period;
-        let variance =
-            p.fast_sigma.powi(2) / window + p.late_sigma.powi(2) + p.bias_walk.powi(2) * delay;
-        let gain = self.bias_variance / (self.bias_variance + variance * window);
-        self.bias += gain * (difference - self.bias);
-        self.bias_variance *= 1.0 - gain;
-        if self.bias_variance > 0.5 * FORGETTING {
-            // The first difference is all that is known.
-            (self.bias, self.bias_variance) = (difference, variance);
-        }
-    }
+        let tau = self.rest + share * (moving - self.rest);
+        let resting = (1.0 - share) * late.tau + share * moving;
+        self.rest += (p.sample_period / REST).min(1.0) * (resting - self.rest);
 
-    fn follow(&mut self, fast: Option<f64>, late: Option<f64>) {
-        let p = &self.parameters;
-        let dt = p.sample_period;
-        mix(&mut self.tracks, (SWITCHES_PER_SECOND * dt).min(0.3));
-        self.tracks[REST].rest(p.rest_walk.powi(2) * dt);
-        for (track, walk) in self.tracks[REST + 1..].iter_mut().zip(p.rate_walk) {
-            track.predict(dt, walk * walk);
-        }
-        if let Some(fast) = fast {
-            let corrected = fast + self.bias;
-            let variance = p.fast_sigma.powi(2).max(1e-12);
-            for (kind, track) in self.tracks.iter_mut().enumerate() {
-                track.correct(corrected, variance, kind != REST);
-            }
-            let sum: f64 = self.tracks.iter().map(|t| t.weight).sum();
-            for track in &mut self.tracks {
-                track.weight = if sum > 0.0 {
-                    track.weight / sum
-                } else {
-                    1.0 / 3.0
-                };
-            }
-        }
-        if let (Some(late), true) = (late, self.filled == self.ring.len()) {
-            // What it tells is half a window old: as much as the load has changed since, it is wrong.
-            let mean = self.sum / self.ring.len() as f64;
-            let since = self.tracks[CHANGING].tau - self.bias - mean;
-            let window = self.ring.len() as f64;
-            let variance = (p.late_sigma.powi(2) + since * since) * window;
-            self.tracks[REST].learn(late, variance);
-        }
-    }
-
-    fn tell(&mut self, fast: bool, late: bool) {
-        let limit = self.parameters.torque_limit;
-        // Squared: the track that is clearly right is not disturbed by the others' noise.
-        let squares = self.tracks.map(|t| t.weight * t.weight);
-        let sum = squares.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let share = squares.map(|s| s / sum);
-        let tracks = || share.iter().zip(&self.tracks);
-        let tau: f64 = tracks().map(|(s, t)| s * t.tau).sum();
-        let own: f64 = tracks()
-            .map(|(s, t)| s * (t.variance[0] + (t.tau - tau).powi(2)))
-            .sum();
-        let known = self.bias_variance < 0.5 * FORGETTING;
-        let mut flags = 0;
-        if known && self.tracks[REST].seen && tau.is_finite() {
-            flags |= torque_flags::VALID;
-        }
-        if !fast || !late {
+        // While the late source is silent its last word ages by as much again each window.
+        let age = 1.0 + self.late_missed as f64 / p.kernel.len() as f64;
+        let variance = late.sigma.powi(2) + share * doubt * age;
+        let mut flags = torque_flags::VALID;
+        if !whole {
             flags |= torque_flags::DEGRADED;
         }
-        if tau.abs() > limit {
+        if tau.abs() > p.torque_limit {
             flags |= torque_flags::SATURATED;
         }
-        let sigma = (own + if known { self.bias_variance } else { 0.0 }).sqrt();
+        // The part of a change that the fast source shows, and the part that the late one does.
+        let shown = gain.min(1.0) * trust;
+        let samples = 0.5
+            * (shown * (self.smoothing - 1) as f64 + (1.0 - shown) * (p.kernel.len() as f64 - 1.0));
         self.output = TorqueEstimate {
-            tau: tau.clamp(-limit, limit),
-            sigma,
-            delay_s: self.tracks[CHANGING].half_time() * self.parameters.sample_period,
+            tau: tau.clamp(-p.torque_limit, p.torque_limit),
+            sigma: variance.sqrt(),
+            delay_s: samples * p.sample_period,
             source: torque_source::FUSED,
             flags,
         };
     }
+
+    /// 0: at rest, 1: in motion.
+    fn moving_share(&mut self, moving: f64, late: LateTorque, noise: f64) -> f64 {
+        let dt = self.parameters.sample_period;
+        let beyond = |x: f64, variance: f64| {
+            let square = (x - self.rest).powi(2) / variance.max(f64::MIN_POSITIVE);
+            square.min(100.0)
+        };
+        let fast = beyond(moving, noise);
+        self.lasting += (dt / LASTING_TIME).min(1.0) * (fast - self.lasting);
+        let late = beyond(late.tau, late.sigma.powi(2));
+        let now = (fast / PEAK.powi(2))
+            .max(late / PEAK.powi(2))
+            .max(self.lasting / LASTING.powi(2));
+        let kept = 1.0 - (dt / ACTIVITY).min(1.0);
+        // Not so high that rest would be long in coming.
+        self.activity = (self.activity * kept).max(now.min(4.0));
+        share_of(self.activity, 1.0, 6)
+    }
 }
 
-/// One Kalman filter of torque and rate.
-#[derive(Debug, Clone, Copy)]
-struct Track {
-    tau: f64,
-    rate: f64,
-    /// Of torque, of both, of rate.
-    variance: [f64; 3],
-    /// Gains of the last correction.
-    gain: [f64; 2],
-    weight: f64,
-    seen: bool,
+/// `a^n / (a^n + b^n)`, of positive numbers.
+fn share_of(a: f64, b: f64, n: i32) -> f64 {
+    let ratio = (b / a.max(f64::MIN_POSITIVE)).min(1e6);
+    1.0 / (1.0 + ratio.powi(n))
 }
 
-impl Default for Track {
-    fn default() -> Self {
+/// The fast source's last samples.
+#[derive(Debug, Clone)]
+struct Ring {
+    samples: Vec<f64>,
+    newest: usize,
+}
+
+impl Ring {
+    fn new(length: usize) -> Self {
         Self {
-            tau: 0.0,
-            rate: 0.0,
-            variance: [0.0; 3],
-            gain: [1.0, 0.0],
-            weight: 1.0 / 3.0,
-            seen: false,
+            samples: vec![0.0; length],
+            newest: 0,
         }
+    }
+
+    fn newest(&self) -> f64 {
+        self.samples[self.newest]
+    }
+
+    fn fill(&mut self, x: f64) {
+        self.samples.fill(x);
+    }
+
+    fn push(&mut self, x: f64) {
+        self.newest = (self.newest + 1) % self.samples.len();
+        self.samples[self.newest] = x;
+    }
+
+    /// Weighted sum; the kernel's last weight is the newest sample's.
+    fn through(&self, kernel: &[f64]) -> f64 {
+        let (new, old) = self.samples.split_at(self.newest + 1);
+        let backwards = new.iter().rev().chain(old.iter().rev());
+        backwards.zip(kernel.iter().rev()).map(|(x, h)| x * h).sum()
+    }
+
+    fn mean(&self, count: usize) -> f64 {
+        let (new, old) = self.samples.split_at(self.newest + 1);
+        let backwards = new.iter().rev().chain(old.iter().rev());
+        backwards.take(count).sum::<f64>() / count as f64
     }
 }
 
-impl Track {
-    fn predict(&mut self, dt: f64, walk: f64) {
-        if !self.seen {
-            return;
+/// The fast source's white noise: what third differences show, in which motion hardly counts.
+#[derive(Debug, Clone)]
+struct Noise {
+    least: f64,
+    variance: f64,
+    last: [f64; 3],
+}
+
+impl Noise {
+    fn new(least: f64) -> Self {
+        Self {
+            least,
+            variance: least,
+            last: [0.0; 3],
         }
-        self.tau += dt * self.rate;
-        let [a, b, c] = self.variance;
-        self.variance = [
-            a + 2.0 * dt * b + dt * dt * c + walk * dt.powi(3) / 3.0,
-            b + dt * c + 0.5 * walk * dt * dt,
-            c + walk * dt,
-        ];
     }
 
-    /// `use_it`: false if the measurement tells how likely the track is and nothing else.
-    fn correct(&mut self, measured: f64, variance: f64, use_it: bool) {
-        if !self.seen {
-            // Any rate is possible at first.
-            *self = Self {
-                tau: measured,
-                variance: [variance, 0.0, 1e6],
-                seen: true,
-                ..*self
-            };
-            return;
-        }
-        let [a, b, c] = self.variance;
-        let spread = a + variance;
-        let innovation = measured - self.tau;
-        if use_it {
-            self.gain = [a / spread, b / spread];
-            self.tau += self.gain[0] * innovation;
-            self.rate += self.gain[1] * innovation;
-            self.variance = [
-                a * (1.0 - self.gain[0]),
-                b * (1.0 - self.gain[0]),
-                c - self.gain[1] * b,
-            ];
-        }
-        let likelihood = (-0.5 * innovation * innovation / spread).exp() / spread.sqrt();
-        // Neither may die out: it could not come back.
-        self.weight *= likelihood.max(1e-30);
+    fn restart(&mut self, x: f64) {
+        self.last = [x; 3];
     }
 
-    /// Nothing but rest: no rate.
-    fn rest(&mut self, walk: f64) {
-        self.rate = 0.0;
-        self.variance = [self.variance[0] + walk, 0.0, 0.0];
-    }
-
-    /// A measurement that does not tell the kind of load.
-    fn learn(&mut self, measured: f64, variance: f64) {
-        let gain = self.variance[0] / (self.variance[0] + variance).max(f64::MIN_POSITIVE);
-        self.tau += gain * (measured - self.tau);
-        self.variance[0] *= 1.0 - gain;
-    }
-
-    /// Samples until half of a sudden change is in the output.
-    fn half_time(&self) -> f64 {
-        let kept = 1.0 - self.gain[0];
-        if kept > 0.0 && kept < 1.0 {
-            0.5f64.ln() / kept.ln()
-        } else {
-            0.0
-        }
+    fn update(&mut self, x: f64, dt: f64) {
+        let [a, b, c] = self.last;
+        self.last = [x, a, b];
+        // 1 + 9 + 9 + 1 = 20; a jolt is no noise.
+        let square = (x - 3.0 * a + 3.0 * b - c).powi(2) / 20.0;
+        let square = square.min(9.0 * self.variance);
+        let next = self.variance + (dt / NOISE_MEMORY).min(1.0) * (square - self.variance);
+        self.variance = next.max(self.least);
     }
 }
 
-/// Mixes the tracks by the chance that the load has gone from one kind to another.
-fn mix(tracks: &mut [Track; 3], change: f64) {
-    let before = *tracks;
-    if !before[REST].seen {
-        return;
-    }
-    for (i, track) in tracks.iter_mut().enumerate() {
-        let from: [f64; 3] = std::array::from_fn(|j| {
-            let chance = if i == j { 1.0 - 2.0 * change } else { change };
-            chance * before[j].weight
-        });
-        let weight: f64 = from.iter().sum();
-        let share = from.map(|f| f / weight.max(f64::MIN_POSITIVE));
-        let mean = |f: fn(&Track) -> f64| share.iter().zip(&before).map(|(s, t)| s * f(t)).sum();
-        track.tau = mean(|t| t.tau);
-        track.rate = mean(|t| t.rate);
-        track.weight = weight.max(1e-9);
-        track.variance = [0.0; 3];
-        for (share, t) in share.iter().zip(&before) {
-            let (d, e) = (t.tau - track.tau, t.rate - track.rate);
-            let spread = [d * d, d * e, e * e];
-            for (sum, (own, spread)) in
-                (track.variance.iter_mut()).zip(t.variance.iter().zip(spread))
-            {
-                *sum += share * (own + spread);
-            }
+/// Regression of the late source's quick changes on the fast source's.
+#[derive(Debug, Clone)]
+struct Gain {
+    value: f64,
+    /// Averages of both sources.
+    quick: Option<[f64; 2]>,
+    /// Of products and squares of what is left.
+    product: f64,
+    square: f64,
+}
+
+impl Gain {
+    fn new() -> Self {
+        Self {
+            value: 1.0,
+            quick: None,
+            product: 0.0,
+            square: 0.0,
         }
+    }
+
+    /// At rest there is nothing to learn: `moving` is 0. The gain is one as long as changes do not
+    /// stand out of `noise`: the variance of the fast source after the filter.
+    fn update(&mut self, [fast, late]: [f64; 2], noise: f64, moving: f64, dt: f64) {
+        let Some(means) = &mut self.quick else {
+            self.quick = Some([fast, late]);
+            return;
+        };
+        let share = (dt / QUICK).min(1.0);
+        means[0] += share * (fast - means[0]);
+        means[1] += share * (late - means[1]);
+        let (x, y) = (fast - means[0], late - means[1]);
+        let share = moving * (dt / GAIN_MEMORY).min(1.0);
+        self.product += share * (x * y - self.product);
+        self.square += share * (x * x - self.square);
+        let noise = noise.max(f64::MIN_POSITIVE);
+        self.value = ((self.product + noise) / (self.square + noise)).clamp(0.0, MOST);
     }
 }

@@ -6,7 +6,9 @@ mod common;
 use common::{Robot, Scene};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use whole_body::{Weighting, WholeBody, WholeBodyParameters};
+use whole_body::{
+    LateTorque, Predictive, PredictiveParameters, Weighting, WholeBody, WholeBodyParameters,
+};
 
 struct Counting;
 static COUNT: AtomicUsize = AtomicUsize::new(0);
@@ -52,4 +54,19 @@ fn nothing_allocates() {
             assert_eq!(COUNT.load(Ordering::Relaxed) - before, 0, "allocations");
         }
     }
+    let mut predictive = Predictive::new(PredictiveParameters {
+        sample_period: 1e-3,
+        kernel: vec![0.1; 10],
+        fast_sigma: 0.1,
+        torque_limit: 100.0,
+    });
+    let before = COUNT.load(Ordering::Relaxed);
+    for k in 0..100 {
+        let late = LateTorque {
+            tau: f64::from(k),
+            sigma: 0.1,
+        };
+        predictive.update((k % 20 < 10).then_some(1.0), (k % 7 > 0).then_some(late));
+    }
+    assert_eq!(COUNT.load(Ordering::Relaxed) - before, 0, "allocations");
 }

@@ -6,7 +6,7 @@ mod walk;
 use plant::SimParameters;
 use std::cell::Cell;
 use walk::station::Station;
-use walk::{CHEST, WINDOW, contact, largest, simulation};
+use walk::{CHEST, OURS, contact, largest, simulation};
 use whole_body::{ContactKind, ContactParameters, Tare, TareParameters, TareResult};
 
 /// Samples of which errors are averages.
@@ -60,7 +60,7 @@ fn standing(seed: u64) -> Station {
     STAGE.set([0.0; 2]);
     let mut sim: SimParameters = simulation(seed);
     (sim.harness, sim.start.on_ground) = (None, true);
-    let mut station = Station::new(&sim, WINDOW);
+    let mut station = Station::new(&sim, OURS);
     station.walk.pose = on_the_left;
     station.run(0.5);
     rise(&mut station, 0, 3.0);

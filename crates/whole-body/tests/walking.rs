@@ -7,7 +7,7 @@ mod walk;
 
 use plant::SimParameters;
 use walk::station::{Fault, Station, deviation, error, first_cause, in_the_air, lag};
-use walk::{CHEST, WINDOW, contact, largest, rms, simulation};
+use walk::{CHEST, Filters, OURS, PAPER, contact, largest, rms, simulation};
 use whole_body::{
     ContactKind, ContactSwitch, ContactSwitchParameters, Hypothesis, LoadRule, Tare, TareError,
     TareParameters, WholeBody,
@@ -15,58 +15,77 @@ use whole_body::{
 
 /// Joints of both legs.
 const LEGS: std::ops::Range<usize> = 0..12;
+/// Joints of legs and chest.
+const TRUNK: usize = 14;
+const CHEST_PITCH: usize = 13;
 
-fn tared(seed: u64, window: usize) -> Station {
-    let mut station = Station::new(&simulation(seed), window);
+fn tared(seed: u64, filters: Filters) -> Station {
+    let mut station = Station::new(&simulation(seed), filters);
     station.run(1.5);
     station.tare(in_the_air());
-    station.run(0.5);
+    station.run(1.2);
     station
 }
 
+/// Joints whose late torque is off by more than 2 % of its largest, and by how many per cent: the
+/// chest carries the noise of all the legs' accelerations; for head and wrists 2 % are a few mN·m,
+/// less than the sensors' noise, and a part of the head's torque vibrates beyond the filters' band.
+const NOISIER: [(&str, f64); 4] = [
+    ("chest_pitch", 5.0),
+    ("head", 6.5),
+    ("shoulder", 3.0),
+    ("wrist", 4.0),
+];
+
 #[test]
 fn torques_while_stepping() {
-    let mut station = tared(2, WINDOW);
-    let rest = station.record(0.7);
-    station.walk.stepping_since = Some(station.walk.time());
-    station.run(3.0);
-    let t = station.record(5.0);
-    for j in LEGS {
-        let name = &station.walk.joints[j];
-        let (truth, most) = (&t.truth[j], largest(&t.truth[j]));
-        let late_now = error(&t.late[j], truth, 0.0);
-        let now = error(&t.now[j], truth, 0.0);
-        assert!(error(&t.late[j], truth, 39.5) < 0.06 * most, "{name}");
-        assert!(
-            now < 0.06 * most && now < 0.7 * late_now,
-            "{name}: {now} of {most}"
-        );
-        assert!(
-            now < 1.05 * error(&t.fast[j], truth, 0.0),
-            "{name}: worse than encoders"
-        );
-        assert!(lag(&t.late[j], truth) > 30.0, "{name}");
-        assert!(lag(&t.now[j], truth) < 4.0, "{name}");
-        assert!(
-            deviation(&rest.now[j]) < 2.0 * deviation(&rest.late[j]),
-            "{name}"
-        );
-    }
-    // With shorter filters: no more than the model's errors.
-    let mut station = tared(2, 30);
-    station.walk.stepping_since = Some(station.walk.time());
-    station.run(3.0);
-    let t = station.record(5.0);
-    for j in LEGS {
-        let e = error(&t.late[j], &t.truth[j], 14.5) / largest(&t.truth[j]);
-        assert!(e < 0.03, "{}: {e}", station.walk.joints[j]);
+    for seed in [2, 5] {
+        let mut paper = tared(seed, PAPER);
+        let paper_rest = paper.record(1.0);
+        let mut station = tared(seed, OURS);
+        let rest = station.record(1.0);
+        station.walk.stepping_since = Some(station.walk.time());
+        station.run(3.0);
+        let t = station.record(7.0);
+        for j in 0..station.joints() {
+            let name = &station.walk.joints[j];
+            let truth = &t.truth[j];
+            let per_cent = |estimate: &[f64], delay: f64| {
+                100.0 * error(estimate, truth, delay) / largest(truth)
+            };
+            let late = per_cent(&t.late[j], OURS.delay());
+            let noisier = NOISIER.iter().find(|(part, _)| name.contains(part));
+            let limit = noisier.map_or(2.0, |(_, limit)| *limit);
+            assert!(late < limit, "{name}: {late} %");
+            let now = per_cent(&t.now[j], 0.0);
+            let before = per_cent(&t.fast[j], 0.0).min(per_cent(&t.late[j], 0.0));
+            // For less delay a little more error is taken.
+            assert!(
+                now < 1.2 * before,
+                "{name}: {now} % now, {before} % without"
+            );
+            assert!(
+                now < if j < TRUNK { 3.0 } else { 10.0 },
+                "{name}: {now} % now"
+            );
+            // A wrist's yaw is known by the F/T sensor alone: encoders have 0.04 N·m of noise.
+            let limit = if name.contains("wrist_yaw") {
+                12.0
+            } else {
+                3.0
+            };
+            let delay = lag(&t.now[j], truth);
+            assert!(delay < limit, "{name}: {delay} ms");
+            let noise = deviation(&rest.now[j]) / deviation(&paper_rest.late[j]);
+            assert!(noise < 1.0, "{name}: {noise} times the noise");
+        }
     }
 }
 
 #[test]
 fn a_tare_in_the_air_holds_in_other_poses() {
     let run = |pose: fn(&str) -> f64, tare: bool| {
-        let mut station = Station::new(&simulation(3), 30);
+        let mut station = Station::new(&simulation(3), OURS);
         station.walk.pose = pose;
         station.run(2.5);
         if tare {
@@ -75,7 +94,9 @@ fn a_tare_in_the_air_holds_in_other_poses() {
         station.walk.pose = |_| 0.0;
         station.run(1.0);
         let t = station.record(0.5);
-        let legs: Vec<f64> = LEGS.map(|j| error(&t.late[j], &t.truth[j], 14.5)).collect();
+        let legs: Vec<f64> = LEGS
+            .map(|j| error(&t.late[j], &t.truth[j], OURS.delay()))
+            .collect();
         rms(&legs)
     };
     let same = run(|_| 0.0, true);
@@ -86,7 +107,7 @@ fn a_tare_in_the_air_holds_in_other_poses() {
 
 #[test]
 fn a_moving_robot_is_not_tared() {
-    let mut station = tared(1, WINDOW);
+    let mut station = tared(1, OURS);
     station.walk.stepping_since = Some(station.walk.time());
     station.run(1.0);
     let mut p = station.parameters.clone();
@@ -106,7 +127,7 @@ fn a_moving_robot_is_not_tared() {
 fn a_tare_on_both_feet() {
     let mut sim: SimParameters = simulation(1);
     (sim.harness, sim.start.on_ground) = (None, true);
-    let mut station = Station::new(&sim, WINDOW);
+    let mut station = Station::new(&sim, OURS);
     station.run(2.0);
     let standing = vec![
         contact(CHEST, ContactKind::Nothing),
@@ -147,7 +168,7 @@ fn a_tare_on_both_feet() {
 
 #[test]
 fn faults_are_named_and_health_is_not() {
-    let mut station = tared(2, WINDOW);
+    let mut station = tared(2, OURS);
     station.walk.stepping_since = Some(station.walk.time());
     for _ in 0..6_000 {
         station.advance();
@@ -155,7 +176,7 @@ fn faults_are_named_and_health_is_not() {
         assert!(found.is_empty(), "{found:?} at {} s", station.walk.time());
     }
     let fault = |fault: Fault, expected: &str| {
-        let (cause, after) = first_cause(fault, None);
+        let (cause, after) = first_cause(1, fault, None);
         assert_eq!(cause, expected);
         assert!(
             after.parse::<f64>().unwrap() < 2.0,
@@ -186,15 +207,16 @@ fn faults_are_named_and_health_is_not() {
         },
         "TorqueSign { joint: 3 }",
     );
-    let (cause, _) = first_cause(Fault::default(), Some(("right_hand", [0.0, 30.0, 0.0])));
+    let (cause, _) = first_cause(1, Fault::default(), Some(("right_hand", [0.0, 30.0, 0.0])));
     assert_eq!(cause, "MissingContact { sensor: 3 }");
 }
 
 /// Hypotheses that explain the harness by different links give different torques of the trunk;
-/// the change from one to the other, at every foot-fall, is spread over the blending time.
+/// the change from one to the other, at every foot-fall, is spread over the blending time. (Filters
+/// are long lest the chest's noise pass for a step.)
 #[test]
 fn contacts_change_without_a_step() {
-    let mut station = tared(1, 30);
+    let mut station = tared(1, Filters::Matched(80));
     let mut p = station.parameters.clone();
     let mut other = p.hypotheses[0].contacts.clone();
     other[0] = contact("chest_yaw_link", ContactKind::FullWrench);
@@ -223,7 +245,10 @@ fn contacts_change_without_a_step() {
     };
     let (mut smooth, mut hard) = (switch(0.3), switch(0.0));
     station.walk.stepping_since = Some(station.walk.time());
-    let (mut last, mut steps, mut jumps) = (Vec::<[f64; 3]>::new(), [0.0f64; 3], 0);
+    // What blended and abrupt changes add to the torque, and by how much from cycle to cycle.
+    let joints = station.joints();
+    let (mut last, mut jumps) = (Vec::<[f64; 2]>::new(), 0);
+    let (mut steps, mut most) = (vec![[0.0f64; 2]; joints], vec![0.0f64; joints]);
     let mut wrong = 0;
     for k in 0..8_000 {
         let readings = station.walk.advance().clone();
@@ -235,18 +260,17 @@ fn contacts_change_without_a_step() {
         smooth.update(&mut blended);
         hard.update(&mut abrupt);
         jumps += usize::from(hard.target() != before);
-        let tau = |j: usize| {
-            [
-                reference[j],
-                blended.estimate().tau[j],
-                abrupt.estimate().tau[j],
-            ]
-        };
-        let now: Vec<[f64; 3]> = (0..reference.len()).map(tau).collect();
+        let now: Vec<[f64; 2]> = (reference.iter().enumerate())
+            .map(|(j, r)| [&blended, &abrupt].map(|w| w.estimate().tau[j] - r))
+            .collect();
         if k > 3000 {
-            // Chest pitch carries what the two hypotheses do not agree on.
-            for (step, (a, b)) in steps.iter_mut().zip(now[13].iter().zip(&last[13])) {
-                *step = step.max((a - b).abs());
+            for (j, (now, last)) in now.iter().zip(&last).enumerate() {
+                for (step, (now, last)) in steps[j].iter_mut().zip(now.iter().zip(last)) {
+                    *step = step.max((now - last).abs());
+                }
+            }
+            for (most, truth) in most.iter_mut().zip(&station.walk.truth().joints) {
+                *most = most.max(truth.tau.abs());
             }
             let down = station.walk.truth().external[0].wrench.force[2] > 100.0;
             wrong += usize::from(down != smooth.loaded(0));
@@ -259,14 +283,17 @@ fn contacts_change_without_a_step() {
         wrong < 100 * jumps,
         "{wrong} ms wrong about the foot in {jumps} changes"
     );
-    let [alone, smooth, hard] = steps;
-    let limit = 0.02 * 110.0;
+    for (j, ([smooth, _], most)) in steps.iter().zip(&most).enumerate() {
+        let name = &station.walk.joints[j];
+        assert!(
+            *smooth < 0.02 * most,
+            "{name}: step of {smooth} of {most} N·m"
+        );
+    }
+    // Chest pitch carries what the two hypotheses do not agree on.
+    let [smooth, hard] = steps[CHEST_PITCH];
     assert!(
-        smooth < alone + limit,
-        "step of {smooth} N·m, {alone} without a change"
-    );
-    assert!(
-        hard > 3.0 * smooth,
+        hard > 3.0 * smooth && hard > 0.02 * most[CHEST_PITCH],
         "{hard} N·m at once: nothing was blended"
     );
 }

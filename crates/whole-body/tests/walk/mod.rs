@@ -5,7 +5,8 @@
 pub(crate) mod station;
 
 use dynamics::{Base, ImuMotion, Model};
-use estimators::filter_bank::FilterBank;
+use estimators::filter_bank::{FilterBank, FilterDesign};
+use estimators::matched_filter::MatchedFilterParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use plant::parameters::HarnessParameters;
 use plant::{CanRobot, Readings, SimParameters, SimRobot, Truth};
@@ -18,8 +19,61 @@ use whole_body::{
 };
 
 pub(crate) const PERIOD: f64 = 1e-3;
-/// D 5.1: samples of every filter.
-pub(crate) const WINDOW: usize = 80;
+
+/// The filters of encoders, F/T sensors and IMU, by their samples.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Filters {
+    /// As in D 5.1: of second order for encoders, of first order for the rest.
+    SavitzkyGolay(usize),
+    /// One smoothing for all.
+    Matched(usize),
+}
+
+/// D 5.1.
+pub(crate) const PAPER: Filters = Filters::SavitzkyGolay(80);
+/// What the loop would use.
+pub(crate) const OURS: Filters = Filters::Matched(16);
+
+impl Filters {
+    pub(crate) fn window(self) -> usize {
+        let (Self::SavitzkyGolay(window) | Self::Matched(window)) = self;
+        window
+    }
+
+    /// How late the estimate is, samples.
+    pub(crate) fn delay(self) -> f64 {
+        0.5 * (self.window() - 1) as f64
+    }
+
+    fn bank(self, channels: usize, derivatives: usize) -> FilterBank {
+        let design: FilterDesign = match self {
+            Self::SavitzkyGolay(window) => {
+                let order = derivatives;
+                SavitzkyGolayParameters::centred(window, order, derivatives, PERIOD).into()
+            }
+            Self::Matched(window) => MatchedFilterParameters {
+                window,
+                derivatives,
+                sample_period: PERIOD,
+            }
+            .into(),
+        };
+        FilterBank::new(channels, design).unwrap()
+    }
+
+    fn encoders(self, joints: usize) -> FilterBank {
+        self.bank(joints, 2)
+    }
+
+    fn sensors(self, axes: usize) -> FilterBank {
+        self.bank(axes, 1)
+    }
+
+    /// Weights of the samples in a torque.
+    pub(crate) fn kernel(self) -> Vec<f64> {
+        self.sensors(1).kernel()
+    }
+}
 /// The harness's link.
 pub(crate) const CHEST: &str = "chest_pitch_link";
 
@@ -176,22 +230,24 @@ pub(crate) fn contact(link: &str, kind: ContactKind) -> ContactParameters {
 }
 
 /// Full wrenches on chest and feet, hands free, with the filters' standard deviations.
-pub(crate) fn parameters(config: &Robot, window: usize) -> WholeBodyParameters {
+pub(crate) fn parameters(config: &Robot, filters: Filters) -> WholeBodyParameters {
     let p = &config.parameters;
-    let sensors = FilterBank::new(1, sensor_filter(window)).unwrap();
-    let encoders = FilterBank::new(1, encoder_filter(window)).unwrap();
+    let (sensors, encoders) = (filters.sensors(1), filters.encoders(1));
+    // As a look at resting sensors tells; the data sheets in robot.toml promise less for the hands.
+    let noise = simulation(1).ft_sensor;
     let ft_sensor = |ft: &robot_config::FtParameters| FtSensorParameters {
         name: ft.sensor.name.clone(),
         cut: ft.sensor.frame.clone(),
         frame: Place::link(&ft.sensor.frame),
-        sigma_force: sensors.noise_gain(0) * ft.sensor.sigma_force,
-        sigma_torque: sensors.noise_gain(0) * ft.sensor.sigma_torque,
+        sigma_force: sensors.noise_gain(0) * noise.noise_force,
+        sigma_torque: sensors.noise_gain(0) * noise.noise_torque,
     };
     let imu = p.imu.as_ref().unwrap();
     WholeBodyParameters {
         joints: p.joints.iter().map(|j| j.name.clone()).collect(),
+        // Rounding and noise of the encoders: 0.29 and 0.5 counts.
         sigma_ddq: (p.joints.iter())
-            .map(|j| encoders.noise_gain(2) * j.estimator.link_resolution)
+            .map(|j| encoders.noise_gain(2) * 0.58 * j.estimator.link_resolution)
             .collect(),
         ft_sensors: p.ft_sensors.iter().map(ft_sensor).collect(),
         source: MotionSource::Imu(ImuParameters {
@@ -215,14 +271,6 @@ pub(crate) fn parameters(config: &Robot, window: usize) -> WholeBodyParameters {
     }
 }
 
-pub(crate) fn encoder_filter(window: usize) -> SavitzkyGolayParameters {
-    SavitzkyGolayParameters::centred(window, 2, 2, PERIOD)
-}
-
-pub(crate) fn sensor_filter(window: usize) -> SavitzkyGolayParameters {
-    SavitzkyGolayParameters::centred(window, 1, 1, PERIOD)
-}
-
 /// Filters of equal delay on everything that enters the estimator.
 pub(crate) struct Front {
     encoders: FilterBank,
@@ -234,11 +282,11 @@ pub(crate) struct Front {
 }
 
 impl Front {
-    pub(crate) fn new(joints: usize, ft_sensors: usize, window: usize) -> Self {
+    pub(crate) fn new(joints: usize, ft_sensors: usize, filters: Filters) -> Self {
         let axes = 6 * (ft_sensors + 1);
         Self {
-            encoders: FilterBank::new(joints, encoder_filter(window)).unwrap(),
-            sensors: FilterBank::new(axes, sensor_filter(window)).unwrap(),
+            encoders: filters.encoders(joints),
+            sensors: filters.sensors(axes),
             conditioning: vec![FtConditioning::default(); ft_sensors],
             q: vec![0.0; joints],
             axes: vec![0.0; axes],

@@ -6,7 +6,7 @@ use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::encoder::JointEncoders;
 use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use whole_body::{
-    CrossCheck, CrossCheckParameters, Predictive, PredictiveParameters, Sources, Tare,
+    CrossCheck, CrossCheckParameters, LateTorque, Predictive, PredictiveParameters, Sources, Tare,
     TareParameters, TareResult, WholeBody,
 };
 
@@ -36,6 +36,7 @@ pub(crate) struct Station {
     dq: FilterBank,
     pub(crate) fast: Vec<f64>,
     pub(crate) tau_now: Vec<f64>,
+    pub(crate) sigma_now: Vec<f64>,
     sources: Vec<Sources>,
 }
 
@@ -73,10 +74,10 @@ fn joint_parts(config: &Robot) -> Vec<(JointEstimatorParameters, CurrentParamete
 }
 
 impl Station {
-    pub(crate) fn new(sim: &SimParameters, window: usize) -> Self {
+    pub(crate) fn new(sim: &SimParameters, filters: Filters) -> Self {
         let config = config();
         let model = model(&config);
-        let parameters = parameters(&config, window);
+        let parameters = parameters(&config, filters);
         let whole_body = WholeBody::new(&model, &parameters).unwrap();
         let parts = joint_parts(&config);
         let limit = |k: f64| {
@@ -88,18 +89,14 @@ impl Station {
         let predictive = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {
             Predictive::new(PredictiveParameters {
                 sample_period: PERIOD,
-                window,
-                fast_sigma: 1.3 * fast_sigma(e),
-                late_sigma: 0.0005 * e.torque_limit,
-                bias_walk: 0.02 * e.torque_limit,
-                rest_walk: 0.0005 * e.torque_limit,
-                rate_walk: [e.torque_limit, 200.0 * e.torque_limit],
+                kernel: filters.kernel(),
+                fast_sigma: fast_sigma(e),
                 torque_limit: e.torque_limit,
             })
         };
         let check = CrossCheckParameters {
             sample_period: PERIOD,
-            window,
+            window: filters.window(),
             average: 0.25,
             hold: 0.4,
             encoder_threshold: limit(0.04),
@@ -117,7 +114,7 @@ impl Station {
         };
         Self {
             walk: Walk::new(&config, sim),
-            front: Front::new(n, parameters.ft_sensors.len(), window),
+            front: Front::new(n, parameters.ft_sensors.len(), filters),
             predictive: parts.iter().map(predictive).collect(),
             check: CrossCheck::new(&whole_body, check),
             fault: Fault::default(),
@@ -133,6 +130,7 @@ impl Station {
             dq: FilterBank::new(n, SavitzkyGolayParameters::centred(20, 2, 1, PERIOD)).unwrap(),
             fast: vec![0.0; n],
             tau_now: vec![0.0; n],
+            sigma_now: vec![0.0; n],
             sources: vec![Sources::default(); n],
             whole_body,
             model,
@@ -174,11 +172,15 @@ impl Station {
                 flags: angles.flags,
             };
             self.fast[j] = self.compliance[j].update(&sample).tau;
-            let late = late.valid.then_some(late.tau[j]);
-            self.tau_now[j] = self.predictive[j].update(Some(self.fast[j]), late).tau;
+            let late = late.valid.then_some(LateTorque {
+                tau: late.tau[j],
+                sigma: late.sigma[j],
+            });
+            let now = self.predictive[j].update(Some(self.fast[j]), late);
+            (self.tau_now[j], self.sigma_now[j]) = (now.tau, now.sigma);
             self.sources[j] = Sources {
                 encoder: Some(self.fast[j]),
-                whole_body: late,
+                whole_body: late.map(|l| l.tau),
                 current: Some(self.current[j].update(&sample).tau),
             };
         }
@@ -226,6 +228,8 @@ pub(crate) struct Traces {
     pub(crate) late: Vec<Vec<f64>>,
     pub(crate) now: Vec<Vec<f64>>,
     pub(crate) fast: Vec<Vec<f64>>,
+    /// Of `now`.
+    pub(crate) sigma: Vec<Vec<f64>>,
 }
 
 impl Station {
@@ -236,6 +240,7 @@ impl Station {
             late: empty(),
             now: empty(),
             fast: empty(),
+            sigma: empty(),
         };
         for _ in 0..(seconds / PERIOD).round() as usize {
             self.advance();
@@ -244,6 +249,7 @@ impl Station {
                 t.late[j].push(self.whole_body.estimate().tau[j]);
                 t.now[j].push(self.tau_now[j]);
                 t.fast[j].push(self.fast[j]);
+                t.sigma[j].push(self.sigma_now[j]);
             }
         }
         t
@@ -291,8 +297,8 @@ pub(crate) type Push = (&'static str, [f64; 3]);
 
 /// The first cause that is named after a fault, and when; the fault (or a push on a link) comes in
 /// five seconds after stepping has begun.
-pub(crate) fn first_cause(fault: Fault, push: Option<Push>) -> (String, String) {
-    let mut sim = simulation(1);
+pub(crate) fn first_cause(seed: u64, fault: Fault, push: Option<Push>) -> (String, String) {
+    let mut sim = simulation(seed);
     let starts = 1.5 + 0.6 + 5.0;
     if let Some((link, force)) = push {
         sim.pushes.push(plant::parameters::PushParameters {
@@ -304,7 +310,7 @@ pub(crate) fn first_cause(fault: Fault, push: Option<Push>) -> (String, String) 
             torque: [0.0; 3],
         });
     }
-    let mut station = Station::new(&sim, WINDOW);
+    let mut station = Station::new(&sim, OURS);
     station.run(1.5);
     station.tare(in_the_air());
     station.walk.stepping_since = Some(station.walk.time());
