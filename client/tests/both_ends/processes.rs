@@ -137,6 +137,22 @@ fn a_daemon_starts_over_what_a_killed_one_left() {
 }
 
 #[test]
+fn the_example_tares() {
+    let dir = RunDir::new();
+    let _daemon = Process::daemon(&dir);
+    let mut example = Process::start("03_tare", &dir);
+    let mut printed = String::new();
+    while let line @ 1.. = example.output.read_line(&mut printed).expect("text") {
+        assert!(line < 200);
+    }
+    assert!(
+        printed.contains("ankle") && printed.contains("3.00 N"),
+        "{printed}"
+    );
+    assert!(example.end().0.success());
+}
+
+#[test]
 fn killed_clients_make_room_for_others() {
     let dir = RunDir::new();
     let _daemon = Process::daemon(&dir);
