@@ -28,15 +28,21 @@ pub(crate) struct Station {
     pub(crate) front: Front,
     pub(crate) whole_body: WholeBody,
     pub(crate) predictive: Vec<Predictive>,
+    /// The same with the current's torque for that from encoders, as a robot without encoders on
+    /// its links must.
+    without_torsion: Vec<Predictive>,
     pub(crate) check: CrossCheck,
     pub(crate) fault: Fault,
     encoders: Vec<JointEncoders>,
     compliance: Vec<ComplianceEstimator>,
     current: Vec<CurrentEstimator>,
+    quick_current: Vec<CurrentEstimator>,
+    gear_ratios: Vec<f64>,
     dq: FilterBank,
     pub(crate) fast: Vec<f64>,
     pub(crate) tau_now: Vec<f64>,
     pub(crate) sigma_now: Vec<f64>,
+    pub(crate) current_now: Vec<f64>,
     sources: Vec<Sources>,
 }
 
@@ -86,13 +92,19 @@ impl Station {
                 .map(|(e, _)| k * e.torque_limit)
                 .collect::<Vec<_>>()
         };
-        let predictive = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {
+        let joined = |fast_sigma: f64, torque_limit: f64| {
             Predictive::new(PredictiveParameters {
                 sample_period: PERIOD,
                 kernel: filters.kernel(),
-                fast_sigma: fast_sigma(e),
-                torque_limit: e.torque_limit,
+                fast_sigma,
+                torque_limit,
             })
+        };
+        let predictive = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {
+            joined(fast_sigma(e), e.torque_limit)
+        };
+        let without_torsion = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {
+            joined(1e-3 * e.torque_limit, e.torque_limit)
         };
         let check = CrossCheckParameters {
             sample_period: PERIOD,
@@ -116,6 +128,7 @@ impl Station {
             walk: Walk::new(&config, sim),
             front: Front::new(n, parameters.ft_sensors.len(), filters),
             predictive: parts.iter().map(predictive).collect(),
+            without_torsion: parts.iter().map(without_torsion).collect(),
             check: CrossCheck::new(&whole_body, check),
             fault: Fault::default(),
             encoders: config.parameters.joints.iter().map(unwrapped).collect(),
@@ -127,10 +140,20 @@ impl Station {
                 .iter()
                 .map(|(_, c)| CurrentEstimator::new(*c))
                 .collect(),
+            quick_current: (parts.iter())
+                .map(|(_, c)| {
+                    CurrentEstimator::new(CurrentParameters {
+                        low_pass_pole: 0.5,
+                        ..*c
+                    })
+                })
+                .collect(),
+            gear_ratios: parts.iter().map(|(e, _)| e.gear_ratio).collect(),
             dq: FilterBank::new(n, SavitzkyGolayParameters::centred(20, 2, 1, PERIOD)).unwrap(),
             fast: vec![0.0; n],
             tau_now: vec![0.0; n],
             sigma_now: vec![0.0; n],
+            current_now: vec![0.0; n],
             sources: vec![Sources::default(); n],
             whole_body,
             model,
@@ -178,10 +201,15 @@ impl Station {
             });
             let now = self.predictive[j].update(Some(self.fast[j]), late);
             (self.tau_now[j], self.sigma_now[j]) = (now.tau, now.sigma);
+            let current = self.current[j].update(&sample).tau;
+            let dq = reading.omega / self.gear_ratios[j];
+            let quick = self.quick_current[j].update(&JointSample { dq, ..sample });
+            let now = self.without_torsion[j].update(Some(quick.tau), late);
+            self.current_now[j] = now.tau;
             self.sources[j] = Sources {
                 encoder: Some(self.fast[j]),
                 whole_body: late.map(|l| l.tau),
-                current: Some(self.current[j].update(&sample).tau),
+                current: Some(current),
             };
         }
         self.check.update(&self.sources, &self.whole_body);
@@ -230,6 +258,8 @@ pub(crate) struct Traces {
     pub(crate) fast: Vec<Vec<f64>>,
     /// Of `now`.
     pub(crate) sigma: Vec<Vec<f64>>,
+    /// Without torsion.
+    pub(crate) current: Vec<Vec<f64>>,
 }
 
 impl Station {
@@ -241,6 +271,7 @@ impl Station {
             now: empty(),
             fast: empty(),
             sigma: empty(),
+            current: empty(),
         };
         for _ in 0..(seconds / PERIOD).round() as usize {
             self.advance();
@@ -250,6 +281,7 @@ impl Station {
                 t.now[j].push(self.tau_now[j]);
                 t.fast[j].push(self.fast[j]);
                 t.sigma[j].push(self.sigma_now[j]);
+                t.current[j].push(self.current_now[j]);
             }
         }
         t
