@@ -3,10 +3,11 @@
 use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use robot_config::{CrossCheckSettings, JointParameters, Robot};
-use robot_state::{CycleRecord, Event, TorqueEstimate, torque_flags};
+use robot_state::{CycleRecord, Event, TorqueEstimate};
 use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
 
 use crate::events::Counts;
+use crate::predict::valid;
 
 /// Low-pass of the current's torque.
 const POLE: f64 = 0.9;
@@ -65,11 +66,7 @@ impl Watch {
         record: &mut CycleRecord,
         counts: &mut Counts,
     ) {
-        let valid = |e: &TorqueEstimate| {
-            // A saturated torque says nothing but its sign.
-            let usable = torque_flags::VALID | torque_flags::SATURATED;
-            (e.flags & usable == torque_flags::VALID).then_some(e.tau)
-        };
+        let valid = |e: &TorqueEstimate| valid(e).map(|e| e.tau);
         for (j, sample) in samples.iter().enumerate() {
             let joint = &record.joints[j];
             let sample = JointSample {

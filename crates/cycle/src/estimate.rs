@@ -20,6 +20,7 @@ use crate::cross_check::Watch;
 use crate::events::Counts;
 use crate::external::External;
 use crate::measure::Measure;
+use crate::predict::Predict;
 
 /// The estimators of all joints.
 pub(crate) struct Estimate {
@@ -28,6 +29,7 @@ pub(crate) struct Estimate {
     contacts: ContactSwitch,
     /// How many contacts each set has.
     contact_counts: Vec<usize>,
+    predict: Predict,
     external: Option<External>,
     watch: Option<Watch>,
     /// The settings that were taken over last.
@@ -72,6 +74,7 @@ impl Estimate {
                 .collect::<Result<_, _>>()?,
             contacts: contact_switch(robot, &whole_body),
             contact_counts: whole_body.contact_counts(),
+            predict: Predict::new(robot)?,
             external: (parameters.external_torque.as_ref())
                 .map(|settings| External::new(robot, settings))
                 .transpose()?,
@@ -111,6 +114,7 @@ impl Estimate {
             };
         }
         self.update_whole_body(measure, record, counts);
+        (self.predict).update(measure.samples(), record, counts);
         if let Some(external) = &mut self.external {
             external.update(&self.whole_body, record, counts);
         }

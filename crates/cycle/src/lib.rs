@@ -15,6 +15,7 @@ mod external;
 mod ft_offset;
 mod limit;
 mod measure;
+mod predict;
 
 use can_codec::Frames;
 use core::fmt;

@@ -1,4 +1,4 @@
-//! The demo's result: true, encoder-based and F/T-based torque of every joint.
+//! The demo's result: the true torque of every joint, the encoder-based, the F/T-based, and that now.
 
 use std::fmt;
 use std::path::Path;
@@ -28,6 +28,8 @@ pub(super) struct JointReport {
     pub(super) encoder: Option<ErrorStatistics>,
     /// Error of the torque from F/T sensors and IMU; none if it was never valid.
     pub(super) whole_body: Option<ErrorStatistics>,
+    /// Error of the torque now; none if it was never valid.
+    pub(super) now: Option<ErrorStatistics>,
 }
 
 /// The result of a demo.
@@ -38,8 +40,8 @@ pub(super) struct Report {
     /// Timing, frames, events.
     #[serde(flatten)]
     pub(super) summary: Summary,
-    /// Known delays removed before comparing, s: encoders, F/T.
-    pub(super) delays_s: [f64; 2],
+    /// Known delays removed before comparing, s: encoders, F/T, now.
+    pub(super) delays_s: [f64; 3],
     /// Frames that the simulated robot could not decode.
     pub(super) frames_undecoded_by_robot: u64,
     #[serde(skip)]
@@ -47,7 +49,7 @@ pub(super) struct Report {
 }
 
 struct Collected {
-    comparisons: Vec<[DelayedComparison; 2]>,
+    comparisons: Vec<[DelayedComparison; 3]>,
     traces: Vec<Trace>,
     timing: Timing,
     last: SharedRecord,
@@ -69,10 +71,11 @@ impl Report {
                     largest_torque: 0.0,
                     encoder: None,
                     whole_body: None,
+                    now: None,
                 })
                 .collect(),
             summary: Summary::new(&parameters.name, &last, &timing, PageFaults::default(), 0),
-            delays_s: [0.0; 2],
+            delays_s: [0.0; 3],
             frames_undecoded_by_robot: 0,
             collected: Collected {
                 comparisons: names
@@ -112,11 +115,15 @@ impl Report {
         let joints = last.cycle.joints.iter().zip(&truth.joints);
         for ((joint, truth), (comparison, trace)) in joints.zip(comparisons.iter_mut().zip(traces))
         {
-            let estimates = [&joint.tau_encoder, &joint.tau_whole_body];
-            for (comparison, estimate) in comparison.iter_mut().zip(estimates) {
-                comparison.push(truth.tau, usable(estimate), estimate.delay_s / *period);
+            let estimates = [&joint.tau_encoder, &joint.tau_whole_body, &joint.tau_hat];
+            // What tells the torque now is compared with the torque now.
+            let delays = [joint.tau_encoder.delay_s, joint.tau_whole_body.delay_s, 0.0];
+            for (comparison, (estimate, delay)) in
+                (comparison.iter_mut()).zip(estimates.into_iter().zip(delays))
+            {
+                comparison.push(truth.tau, usable(estimate), delay / *period);
             }
-            self.delays_s = estimates.map(|estimate| estimate.delay_s);
+            self.delays_s = delays;
             if drawn {
                 trace.t.push(last.cycle.sequence as f64 * *period);
                 trace.truth.push(truth.tau);
@@ -134,10 +141,11 @@ impl Report {
             last,
             ..
         } = &self.collected;
-        for (joint, [encoder, whole_body]) in self.joints.iter_mut().zip(comparisons) {
+        for (joint, [encoder, whole_body, now]) in self.joints.iter_mut().zip(comparisons) {
             joint.largest_torque = encoder.largest_truth();
             joint.encoder = encoder.statistics();
             joint.whole_body = whole_body.statistics();
+            joint.now = now.statistics();
         }
         let name = self.summary.robot.clone();
         self.summary = Summary::new(&name, last, timing, PageFaults::default(), 0);
@@ -164,24 +172,27 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "{}: joint torque, N·m; errors against the simulated robot's true torque, after removing\n\
-             the known delay of {:.1} ms (encoders + current) and {:.1} ms (F/T + IMU); % of the largest torque\n",
+             the known delay of {:.1} ms (encoders + current) and {:.1} ms (F/T + IMU), and none from that\n\
+             now (all of them); % of the largest torque\n",
             self.summary.robot,
             1e3 * self.delays_s[0],
             1e3 * self.delays_s[1]
         )?;
         writeln!(
             f,
-            "{:22} {:>8}   {:>24}   {:>24}",
-            "", "true", "encoders + current", "F/T + IMU"
+            "{:22} {:>8}   {:>24}   {:>24}   {:>24}",
+            "", "true", "encoders + current", "F/T + IMU", "now"
         )?;
         writeln!(
             f,
-            "{:22} {:>8}   {:>8} {:>7} {:>7}   {:>8} {:>7} {:>7}",
-            "joint", "largest", "max", "RMS", "RMS %", "max", "RMS", "RMS %"
+            "{:22} {:>8}{}",
+            "joint",
+            "largest",
+            format!("   {:>8} {:>7} {:>7}", "max", "RMS", "RMS %").repeat(3)
         )?;
         for joint in &self.joints {
             write!(f, "{:22} {:>8.3}", joint.name, joint.largest_torque)?;
-            for error in [joint.encoder, joint.whole_body] {
+            for error in [joint.encoder, joint.whole_body, joint.now] {
                 match error {
                     Some(error) => {
                         let percent = 100.0 * error.rms / joint.largest_torque;

@@ -1,0 +1,86 @@
+//! Predict: every joint's torque now, from a fast source that drifts and a late one that does not.
+
+use estimators::compliance::ComplianceEstimator;
+use estimators::filter_bank::FilterBank;
+use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use robot_config::{JointParameters, Robot};
+use robot_state::{CycleRecord, Event, TorqueEstimate, torque_flags};
+use whole_body::{LateTorque, Predictive, PredictiveParameters};
+
+use crate::CycleError;
+use crate::events::Counts;
+
+/// The torque now of all joints.
+#[derive(Debug)]
+pub(crate) struct Predict {
+    joints: Vec<Joint>,
+}
+
+#[derive(Debug)]
+struct Joint {
+    /// The compliance without its low-pass, which would be late; none where a joint file's
+    /// estimators are as fast as they can.
+    fast: Option<ComplianceEstimator>,
+    predictive: Predictive,
+}
+
+impl Predict {
+    pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
+        let p = &robot.parameters;
+        let kernel = FilterBank::new(1, p.filters.sensor)?.kernel();
+        let joint = |joint: &JointParameters| Joint {
+            fast: joint.calibration.is_none().then(|| {
+                ComplianceEstimator::new(JointEstimatorParameters {
+                    low_pass_pole: 0.0,
+                    ..joint.estimator.clone()
+                })
+            }),
+            predictive: Predictive::new(PredictiveParameters {
+                sample_period: p.timing.sample_period,
+                kernel: kernel.clone(),
+                fast_sigma: resolution(&joint.estimator),
+                torque_limit: joint.limits.torque,
+            }),
+        };
+        Ok(Self {
+            joints: p.joints.iter().map(joint).collect(),
+        })
+    }
+
+    pub(crate) fn update(
+        &mut self,
+        samples: &[JointSample],
+        record: &mut CycleRecord,
+        counts: &mut Counts,
+    ) {
+        for ((own, sample), joint) in (self.joints.iter_mut().zip(samples)).zip(&mut record.joints)
+        {
+            let fast = match &mut own.fast {
+                Some(compliance) => compliance.update(sample),
+                None => joint.tau_encoder,
+            };
+            let late = valid(&joint.tau_whole_body).map(|late| LateTorque {
+                tau: late.tau,
+                sigma: late.sigma,
+            });
+            let fast = valid(&fast).map(|fast| fast.tau);
+            joint.tau_hat = own.predictive.update(fast, late);
+            if joint.tau_hat.flags & torque_flags::SATURATED != 0 {
+                counts.add(Event::TorqueSaturated);
+            }
+        }
+    }
+}
+
+/// A saturated torque says nothing but its sign.
+pub(crate) fn valid(estimate: &TorqueEstimate) -> Option<&TorqueEstimate> {
+    let usable = torque_flags::VALID | torque_flags::SATURATED;
+    (estimate.flags & usable == torque_flags::VALID).then_some(estimate)
+}
+
+/// Standard deviation of the compliance's torque that counts of the encoders explain: a count hides a
+/// uniform error whose variance is its square over 12.
+fn resolution(e: &JointEstimatorParameters) -> f64 {
+    let counts = (e.motor_resolution / e.gear_ratio).hypot(e.link_resolution);
+    e.compliance.k_fs0 * counts / 12f64.sqrt()
+}
