@@ -1,19 +1,18 @@
 //! Estimate: every joint's torque, twice, and the contact wrenches.
 
-use dynamics::{ImuMotion, Motion};
+use dynamics::Motion;
 use estimators::compliance::ComplianceEstimator;
 use estimators::filter_bank::FilterBank;
 use identification::joint_file::AnyEstimator;
 use robot_config::{
-    AngularAcceleration, FilterGains, JointParameters, Parameters, Robot, whole_body_parameters,
+    FilterGains, JointParameters, Parameters, Robot, SignalFilters, whole_body_parameters,
 };
 use robot_state::{
-    CycleRecord, Event, Settings, TorqueEstimate, Wrench, measured_flags, torque_flags,
-    torque_source,
+    CycleRecord, Event, Settings, TorqueEstimate, measured_flags, torque_flags, torque_source,
 };
 
 use core::fmt;
-use whole_body::{ContactSwitch, ContactSwitchParameters, WholeBody, WholeBodyInput};
+use whole_body::{ContactSwitch, ContactSwitchParameters, WholeBody};
 
 use crate::CycleError;
 use crate::cross_check::Watch;
@@ -34,12 +33,7 @@ pub(crate) struct Estimate {
     watch: Option<Watch>,
     /// The settings that were taken over last.
     settings: Settings,
-    angular_acceleration: AngularAcceleration,
     torque_limits: Vec<f64>,
-    q: Vec<f64>,
-    dq: Vec<f64>,
-    ddq: Vec<f64>,
-    ft: Vec<Wrench>,
 }
 
 impl fmt::Debug for Estimate {
@@ -62,8 +56,7 @@ fn joint_estimator(joint: &JointParameters) -> Result<AnyEstimator, CycleError> 
 impl Estimate {
     pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
         let parameters = &robot.parameters;
-        let n = parameters.joints.len();
-        let whole_body = whole_body(robot)?;
+        let whole_body = whole_body(robot, parameters.filters.slow)?;
         Ok(Self {
             watch: (parameters.cross_check.as_ref())
                 .map(|settings| Watch::new(robot, &whole_body, settings)),
@@ -80,12 +73,7 @@ impl Estimate {
                 .transpose()?,
             settings: Settings::default(),
             whole_body,
-            angular_acceleration: parameters.whole_body.angular_acceleration,
             torque_limits: parameters.joints.iter().map(|j| j.limits.torque).collect(),
-            q: vec![0.0; n],
-            dq: vec![0.0; n],
-            ddq: vec![0.0; n],
-            ft: vec![Wrench::default(); parameters.ft_sensors.len()],
         })
     }
 
@@ -114,7 +102,7 @@ impl Estimate {
             };
         }
         self.update_whole_body(measure, record, counts);
-        (self.predict).update(measure.samples(), record, counts);
+        (self.predict).update(measure, self.contacts.weights(), record, counts);
         if let Some(external) = &mut self.external {
             external.update(&self.whole_body, record, counts);
         }
@@ -146,31 +134,8 @@ impl Estimate {
         counts: &mut Counts,
     ) {
         let n = self.joints.len();
-        let mut flags = record.imu.flags;
-        for (j, joint) in record.joints.iter().take(n).enumerate() {
-            self.q[j] = joint.measured.q_hat;
-            self.dq[j] = joint.measured.dq_hat;
-            self.ddq[j] = joint.measured.ddq_hat;
-            flags |= joint.measured.flags;
-        }
-        for (wrench, sensor) in self.ft.iter_mut().zip(&record.ft) {
-            *wrench = sensor.filtered;
-            flags |= sensor.flags;
-        }
-        if self.angular_acceleration == AngularAcceleration::Differentiate {
-            record.imu.angular_acceleration_hat = measure.angular_acceleration();
-        }
-        let estimate = self.whole_body.update(&WholeBodyInput {
-            q: &self.q,
-            dq: &self.dq,
-            ddq: &self.ddq,
-            ft: &self.ft,
-            imu: ImuMotion {
-                angular_velocity: record.imu.gyro_hat.into(),
-                angular_acceleration: record.imu.angular_acceleration_hat.into(),
-                proper_acceleration: record.imu.accelerometer_hat.into(),
-            },
-        });
+        let estimate = self.whole_body.update(&measure.slow().input());
+        let flags = all_flags(record);
         // One silent sensor spoils the sum for all joints: whose share it is cannot be told.
         let unusable = measured_flags::NEVER | measured_flags::SETTLING | measured_flags::STALE;
         let degraded = flags & (measured_flags::MISSED | measured_flags::JUMP) != 0;
@@ -245,6 +210,14 @@ fn contact_switch(robot: &Robot, whole_body: &WholeBody) -> ContactSwitch {
     )
 }
 
+/// What is odd about any signal that enters the equations of motion.
+pub(crate) fn all_flags(record: &CycleRecord) -> u32 {
+    let joints = record.joints.iter().take(record.joint_count as usize);
+    let sensors = record.ft.iter().take(record.ft_count as usize);
+    let joints = joints.fold(0, |all, joint| all | joint.measured.flags);
+    sensors.fold(joints | record.imu.flags, |all, sensor| all | sensor.flags)
+}
+
 /// The estimate, or the last one marked as not valid if it is not finite. Counts what is odd.
 fn checked(estimate: TorqueEstimate, last: TorqueEstimate, counts: &mut Counts) -> TorqueEstimate {
     if !(estimate.tau.is_finite() && estimate.sigma.is_finite()) {
@@ -262,10 +235,10 @@ fn checked(estimate: TorqueEstimate, last: TorqueEstimate, counts: &mut Counts) 
 }
 
 /// The whole-body estimator, with the standard deviations of sensors after the filters.
-fn whole_body(robot: &Robot) -> Result<WholeBody, CycleError> {
+pub(crate) fn whole_body(robot: &Robot, filters: SignalFilters) -> Result<WholeBody, CycleError> {
     let parameters: &Parameters = &robot.parameters;
-    let sensors = FilterBank::new(1, parameters.filters.sensor)?;
-    let ddq_gain = FilterBank::new(1, parameters.filters.encoder)?.noise_gain(2);
+    let sensors = FilterBank::new(1, filters.sensor)?;
+    let ddq_gain = FilterBank::new(1, filters.encoder)?.noise_gain(2);
     let gains = FilterGains {
         sensor: [sensors.noise_gain(0), sensors.noise_gain(1)],
         // A count hides a uniform error whose variance is its square over 12.

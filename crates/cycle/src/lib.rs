@@ -12,6 +12,7 @@ mod emit;
 mod estimate;
 mod events;
 mod external;
+mod filtered;
 mod ft_offset;
 mod limit;
 mod measure;

@@ -8,12 +8,11 @@ use robot_state::{CycleRecord, Event, Settings, Wrench, measured_flags};
 
 use crate::align::{AlignedBank, OVERDUE, signals};
 use crate::events::Counts;
+use crate::filtered::{AXES, Filtered};
 use crate::ft_offset::FtInput;
 use crate::{CycleError, Instants};
 
 const SECONDS_PER_NS: f64 = 1e-9;
-/// Channels of one F/T sensor, and of the IMU.
-const AXES: usize = 6;
 
 /// What the joints and sensors say about themselves in this cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,17 +51,15 @@ pub(crate) struct Measure {
     sample_period: f64,
     sends_velocity: Vec<bool>,
     encoders: Vec<JointEncoders>,
-    /// q of every joint, late: value and two derivatives.
-    encoder_filter: AlignedBank,
+    /// For the torque from F/T sensors and IMU, contacts and feedback.
+    slow: Filtered,
+    /// For the torque now.
+    quick: Filtered,
     /// q of every joint, then theta of every joint: first derivative.
     control_filter: AlignedBank,
-    /// Every F/T sensor's axes, then the IMU's: value and first derivative.
-    sensor_filter: AlignedBank,
     angles: Vec<f64>,
     both_angles: Vec<f64>,
     axes: Vec<f64>,
-    /// Rate of the filtered gyro, rad/s².
-    gyro_rate: [f64; 3],
     samples: Vec<JointSample>,
 }
 
@@ -80,12 +77,7 @@ impl Measure {
             sampling,
         };
         let period = parameters.timing.sample_period;
-        let [encoders, control, sensed] = signals(robot);
-        let mut sensor_filter = parameters.filters.sensor;
-        if sensed.iter().any(|signal| !signal.sampling.is_at_sync()) {
-            // How a rate changes with age is told by the curvature.
-            sensor_filter = sensor_filter.with_derivatives(2);
-        }
+        let [_, control, _] = signals(robot);
         let joints = parameters.joints.iter().enumerate().map(|(j, joint)| {
             let mut needed = vec![
                 slots::motor_angle(j),
@@ -125,13 +117,12 @@ impl Measure {
                 .iter()
                 .map(|joint| JointEncoders::new(joint.encoders))
                 .collect(),
-            encoder_filter: AlignedBank::new(&encoders, parameters.filters.encoder, period)?,
+            slow: Filtered::new(robot, parameters.filters.slow)?,
+            quick: Filtered::new(robot, parameters.filters.quick)?,
             control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
-            sensor_filter: AlignedBank::new(&sensed, sensor_filter, period)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
             axes: vec![f64::NAN; axes],
-            gyro_rate: [0.0; 3],
             samples: vec![JointSample::default(); n],
             table,
         })
@@ -142,9 +133,14 @@ impl Measure {
         &self.samples
     }
 
-    /// Rate of the filtered gyro, rad/s².
-    pub(crate) fn angular_acceleration(&self) -> [f64; 3] {
-        self.gyro_rate
+    /// The filtered signals, as late as `filter_delay_s` of the record says.
+    pub(crate) fn slow(&self) -> &Filtered {
+        &self.slow
+    }
+
+    /// The same through short filters.
+    pub(crate) fn quick(&self) -> &Filtered {
+        &self.quick
     }
 
     pub(crate) fn update(
@@ -159,8 +155,11 @@ impl Measure {
         self.read_joints(at, record, counts);
         self.take_offsets(settings);
         self.read_sensors(at, record, counts);
-        self.filter_joints(at, record);
-        self.filter_sensors(at, record);
+        (self.slow).update(&self.angles, &self.axes, &self.stamps, at.sync);
+        (self.quick).update(&self.angles, &self.axes, &self.stamps, at.sync);
+        (self.control_filter).update(&self.both_angles, &self.stamps, at.sync);
+        self.tell_joints(record);
+        self.tell_sensors(record);
         let joints = record.joints.iter().take(self.joints.len());
         let mut flags = joints.fold(0, |all, joint| all | joint.measured.flags);
         let stale = flags & measured_flags::STALE != 0;
@@ -285,20 +284,19 @@ impl Measure {
         }
     }
 
-    fn filter_joints(&mut self, at: Instants, record: &mut CycleRecord) {
+    fn tell_joints(&mut self, record: &mut CycleRecord) {
         let n = self.joints.len();
-        let (late, quick) = (&mut self.encoder_filter, &mut self.control_filter);
-        late.update(&self.angles, &self.stamps, at.sync);
-        quick.update(&self.both_angles, &self.stamps, at.sync);
-        record.filter_delay_s = late.delay_s();
+        let (late, quick) = (self.slow.input(), &self.control_filter);
+        record.filter_delay_s = self.slow.delay_s();
         for j in 0..n {
             let measured = &mut record.joints[j].measured;
-            [measured.q_hat, measured.dq_hat, measured.ddq_hat] = late.outputs(j);
+            (measured.q_hat, measured.dq_hat) = (late.q[j], late.dq[j]);
+            measured.ddq_hat = late.ddq[j];
             measured.dq = quick.outputs(j)[1];
             if !self.sends_velocity[j] {
                 measured.omega = quick.outputs(n + j)[1];
             }
-            if late.settling(j) {
+            if self.slow.joint_settling(j) {
                 measured.flags |= measured_flags::SETTLING;
             }
             let sample = &mut self.samples[j];
@@ -355,33 +353,21 @@ impl Measure {
         }
     }
 
-    fn filter_sensors(&mut self, at: Instants, record: &mut CycleRecord) {
-        let filter = &mut self.sensor_filter;
-        filter.update(&self.axes, &self.stamps, at.sync);
-        let axes =
-            |first: usize| -> [f64; AXES] { std::array::from_fn(|i| filter.outputs(first + i)[0]) };
-        for s in 0..self.sensors.len() {
-            record.ft[s].filtered = wrench(&axes(AXES * s));
-            if filter.settling(AXES * s) {
+    fn tell_sensors(&self, record: &mut CycleRecord) {
+        let late = self.slow.input();
+        for (s, filtered) in late.ft.iter().enumerate() {
+            record.ft[s].filtered = *filtered;
+            if self.slow.sensor_settling(s) {
                 record.ft[s].flags |= measured_flags::SETTLING;
             }
         }
         if self.imu.is_some() {
-            let first = AXES * self.sensors.len();
-            let imu = axes(first);
-            record.imu.gyro_hat = [imu[0], imu[1], imu[2]];
-            record.imu.accelerometer_hat = [imu[3], imu[4], imu[5]];
-            self.gyro_rate = std::array::from_fn(|axis| filter.outputs(first + axis)[1]);
-            if filter.settling(first) {
+            record.imu.gyro_hat = late.imu.angular_velocity.into();
+            record.imu.accelerometer_hat = late.imu.proper_acceleration.into();
+            record.imu.angular_acceleration_hat = late.imu.angular_acceleration.into();
+            if self.slow.sensor_settling(self.sensors.len()) {
                 record.imu.flags |= measured_flags::SETTLING;
             }
         }
-    }
-}
-
-fn wrench(axes: &[f64; AXES]) -> Wrench {
-    Wrench {
-        force: [axes[0], axes[1], axes[2]],
-        torque: [axes[3], axes[4], axes[5]],
     }
 }

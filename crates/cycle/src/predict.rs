@@ -2,17 +2,21 @@
 
 use estimators::compliance::ComplianceEstimator;
 use estimators::filter_bank::FilterBank;
-use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use estimators::joint::{JointEstimatorParameters, JointTorqueEstimator};
 use robot_config::{JointParameters, Robot};
-use robot_state::{CycleRecord, Event, TorqueEstimate, torque_flags};
-use whole_body::{LateTorque, Predictive, PredictiveParameters};
+use robot_state::{CycleRecord, Event, TorqueEstimate, measured_flags, torque_flags};
+use whole_body::{LateTorque, Predictive, PredictiveParameters, WholeBody};
 
 use crate::CycleError;
+use crate::estimate::{all_flags, whole_body};
 use crate::events::Counts;
+use crate::measure::Measure;
 
 /// The torque now of all joints.
 #[derive(Debug)]
 pub(crate) struct Predict {
+    /// From F/T sensors and IMU through short filters.
+    whole_body: WholeBody,
     joints: Vec<Joint>,
 }
 
@@ -22,12 +26,13 @@ struct Joint {
     /// estimators are as fast as they can.
     fast: Option<ComplianceEstimator>,
     predictive: Predictive,
+    torque_limit: f64,
 }
 
 impl Predict {
     pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
         let p = &robot.parameters;
-        let kernel = FilterBank::new(1, p.filters.sensor)?.kernel();
+        let kernel = FilterBank::new(1, p.filters.quick.sensor)?.kernel();
         let joint = |joint: &JointParameters| Joint {
             fast: joint.calibration.is_none().then(|| {
                 ComplianceEstimator::new(JointEstimatorParameters {
@@ -41,28 +46,38 @@ impl Predict {
                 fast_sigma: resolution(&joint.estimator),
                 torque_limit: joint.limits.torque,
             }),
+            torque_limit: joint.limits.torque,
         };
         Ok(Self {
+            whole_body: whole_body(robot, p.filters.quick)?,
             joints: p.joints.iter().map(joint).collect(),
         })
     }
 
+    /// `contacts`: shares of the sets of contacts.
     pub(crate) fn update(
         &mut self,
-        samples: &[JointSample],
+        measure: &Measure,
+        contacts: &[f64],
         record: &mut CycleRecord,
         counts: &mut Counts,
     ) {
-        for ((own, sample), joint) in (self.joints.iter_mut().zip(samples)).zip(&mut record.joints)
+        self.whole_body.blend(contacts);
+        let late = self.whole_body.update(&measure.quick().input());
+        // Short filters have settled when the long ones, which the flags are about, have.
+        let unusable = measured_flags::NEVER | measured_flags::SETTLING | measured_flags::STALE;
+        let usable = late.valid && all_flags(record) & unusable == 0;
+        let samples = measure.samples().iter().enumerate();
+        for ((own, (j, sample)), joint) in
+            (self.joints.iter_mut().zip(samples)).zip(&mut record.joints)
         {
             let fast = match &mut own.fast {
                 Some(compliance) => compliance.update(sample),
                 None => joint.tau_encoder,
             };
-            let late = valid(&joint.tau_whole_body).map(|late| LateTorque {
-                tau: late.tau,
-                sigma: late.sigma,
-            });
+            let (tau, sigma) = (late.tau[j], late.sigma[j]);
+            let believed = usable && tau.abs() <= own.torque_limit;
+            let late = believed.then_some(LateTorque { tau, sigma });
             let fast = valid(&fast).map(|fast| fast.tau);
             joint.tau_hat = own.predictive.update(fast, late);
             if joint.tau_hat.flags & torque_flags::SATURATED != 0 {

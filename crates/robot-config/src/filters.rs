@@ -1,6 +1,6 @@
 //! `[filters]`.
 
-use crate::parameters::Filters;
+use crate::parameters::{Filters, SignalFilters};
 use crate::reader::Section;
 use estimators::filter_bank::FilterDesign;
 use estimators::matched_filter::MatchedFilterParameters;
@@ -8,6 +8,8 @@ use estimators::savitzky_golay::SavitzkyGolayParameters;
 
 /// Longest window, samples.
 const MOST: u64 = 1000;
+/// Window of the filters for the torque now, samples.
+const NOW: u64 = 24;
 
 /// The filters of encoders and of sensors: both are read at the same instant, because signals that
 /// enter one equation must be late by the same time. The third filter is for control's velocity
@@ -27,8 +29,9 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
     };
     let (window, order) = read("control", 16, 2);
     let control = SavitzkyGolayParameters::centred(window, order, 1, sample_period);
-    let matched = section.and_then(|section| section.optional_integer("matched", 3..MOST + 1));
-    let filters = match (section, matched) {
+    let window = |key| section.and_then(|section| section.optional_integer(key, 3..MOST + 1));
+    let (whole, now) = (window("matched"), window("now").unwrap_or(NOW));
+    let (slow, window) = match (section, whole) {
         (Some(section), Some(window)) => {
             for key in ["encoder", "sensor"] {
                 if section.has(key) {
@@ -36,26 +39,19 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
                     section.problem(key, what, "matched, or encoder and sensor");
                 }
             }
-            let window = window as usize;
-            let design = |derivatives| {
-                FilterDesign::Matched(MatchedFilterParameters {
-                    window,
-                    derivatives,
-                    sample_period,
-                })
-            };
-            Filters {
-                encoder: design(2),
-                sensor: design(1),
-                control,
-                window,
-            }
+            (matched(window as usize, sample_period), window as usize)
         }
         _ => {
             // Accelerations are second derivatives of angles, and first ones of the gyro.
             let (encoder, sensor) = (read("encoder", 80, 2), read("sensor", 80, 1));
-            savitzky_golay(section, encoder, sensor, control)
+            savitzky_golay(section, encoder, sensor, sample_period)
         }
+    };
+    let filters = Filters {
+        slow,
+        window,
+        quick: matched(now as usize, sample_period),
+        control,
     };
     if let Some(table) = table {
         table.finish();
@@ -63,13 +59,27 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
     filters
 }
 
+fn matched(window: usize, sample_period: f64) -> SignalFilters {
+    let design = |derivatives| {
+        FilterDesign::Matched(MatchedFilterParameters {
+            window,
+            derivatives,
+            sample_period,
+        })
+    };
+    SignalFilters {
+        encoder: design(2),
+        sensor: design(1),
+    }
+}
+
 /// Window and order of two filters, both read in the middle of the longer window.
 fn savitzky_golay(
     section: Option<&Section<'_, '_>>,
     encoder: (usize, usize),
     sensor: (usize, usize),
-    control: SavitzkyGolayParameters,
-) -> Filters {
+    sample_period: f64,
+) -> (SignalFilters, usize) {
     let delay_samples = 0.5 * (encoder.0.max(sensor.0) - 1) as f64;
     let shortest = encoder.0.min(sensor.0);
     if let Some(section) = section
@@ -89,13 +99,12 @@ fn savitzky_golay(
             order,
             derivatives,
             delay_samples,
-            sample_period: control.sample_period,
+            sample_period,
         })
     };
-    Filters {
+    let filters = SignalFilters {
         encoder: design(encoder, 2),
         sensor: design(sensor, 1),
-        control,
-        window: encoder.0.max(sensor.0),
-    }
+    };
+    (filters, encoder.0.max(sensor.0))
 }

@@ -48,14 +48,23 @@ pub struct Parameters {
 /// Filters of the signals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filters {
-    /// Of encoders: value and two derivatives.
-    pub encoder: FilterDesign,
-    /// Of F/T sensors and IMU, late by as much as the encoders': value and one derivative.
-    pub sensor: FilterDesign,
+    /// For the torque from F/T sensors and IMU, contacts and feedback.
+    pub slow: SignalFilters,
+    /// Samples of the longer of these.
+    pub window: usize,
+    /// For the torque now: short.
+    pub quick: SignalFilters,
     /// Of the velocities that control uses: short, as delay costs stability.
     pub control: SavitzkyGolayParameters,
-    /// Samples of the longer of the first two.
-    pub window: usize,
+}
+
+/// Filters of all signals of the equations of motion, equally late.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SignalFilters {
+    /// Of encoders: value and two derivatives.
+    pub encoder: FilterDesign,
+    /// Of F/T sensors and IMU: value and one derivative.
+    pub sensor: FilterDesign,
 }
 
 /// The loop's timing.

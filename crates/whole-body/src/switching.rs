@@ -90,6 +90,12 @@ impl ContactSwitch {
         self.target
     }
 
+    /// Share of each hypothesis in the next update, for another estimator with the same ones.
+    #[must_use]
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
     /// Whether a sensor's part is loaded.
     #[must_use]
     pub fn loaded(&self, sensor: usize) -> bool {

@@ -1,0 +1,112 @@
+//! Filtered: all signals of the equations of motion through filters of one delay.
+
+use dynamics::ImuMotion;
+use nalgebra::Vector3;
+use robot_config::{AngularAcceleration, Robot, SignalFilters};
+use robot_state::Wrench;
+use whole_body::WholeBodyInput;
+
+use crate::align::{AlignedBank, signals};
+use crate::{CycleError, Stamp};
+
+/// Channels of one F/T sensor, and of the IMU.
+pub(crate) const AXES: usize = 6;
+
+/// Angles, wrenches and the IMU's motion at one instant, with the derivatives that they need.
+#[derive(Debug)]
+pub(crate) struct Filtered {
+    /// q of every joint: value and two derivatives.
+    encoders: AlignedBank,
+    /// Every F/T sensor's axes, then the IMU's: value and first derivative.
+    sensors: AlignedBank,
+    /// The gyro's derivative is used, not neglected.
+    differentiate: bool,
+    q: Vec<f64>,
+    dq: Vec<f64>,
+    ddq: Vec<f64>,
+    ft: Vec<Wrench>,
+    imu: ImuMotion,
+}
+
+impl Filtered {
+    pub(crate) fn new(robot: &Robot, filters: SignalFilters) -> Result<Self, CycleError> {
+        let p = &robot.parameters;
+        let period = p.timing.sample_period;
+        let [encoders, _, sensors] = signals(robot);
+        let mut sensor = filters.sensor;
+        if sensors.iter().any(|signal| !signal.sampling.is_at_sync()) {
+            // How a rate changes with age is told by the curvature.
+            sensor = sensor.with_derivatives(2);
+        }
+        let n = p.joints.len();
+        Ok(Self {
+            encoders: AlignedBank::new(&encoders, filters.encoder, period)?,
+            sensors: AlignedBank::new(&sensors, sensor, period)?,
+            differentiate: p.whole_body.angular_acceleration == AngularAcceleration::Differentiate,
+            q: vec![0.0; n],
+            dq: vec![0.0; n],
+            ddq: vec![0.0; n],
+            ft: vec![Wrench::default(); p.ft_sensors.len()],
+            imu: ImuMotion {
+                angular_velocity: Vector3::zeros(),
+                angular_acceleration: Vector3::zeros(),
+                proper_acceleration: Vector3::zeros(),
+            },
+        })
+    }
+
+    /// Takes one sample of every angle and axis, not finite where there is none.
+    pub(crate) fn update(
+        &mut self,
+        angles: &[f64],
+        axes: &[f64],
+        stamps: &[Option<u64>],
+        sync: Stamp,
+    ) {
+        self.encoders.update(angles, stamps, sync);
+        self.sensors.update(axes, stamps, sync);
+        for j in 0..self.q.len() {
+            [self.q[j], self.dq[j], self.ddq[j]] = self.encoders.outputs(j);
+        }
+        let sensors = &self.sensors;
+        let three =
+            |first: usize| -> [f64; 3] { std::array::from_fn(|i| sensors.outputs(first + i)[0]) };
+        for (s, wrench) in self.ft.iter_mut().enumerate() {
+            wrench.force = three(AXES * s);
+            wrench.torque = three(AXES * s + 3);
+        }
+        let imu = AXES * self.ft.len();
+        self.imu.angular_velocity = three(imu).into();
+        self.imu.proper_acceleration = three(imu + 3).into();
+        if self.differentiate {
+            let rate: [f64; 3] = std::array::from_fn(|i| sensors.outputs(imu + i)[1]);
+            self.imu.angular_acceleration = rate.into();
+        }
+    }
+
+    /// What whole-body estimators take.
+    pub(crate) fn input(&self) -> WholeBodyInput<'_> {
+        WholeBodyInput {
+            q: &self.q,
+            dq: &self.dq,
+            ddq: &self.ddq,
+            ft: &self.ft,
+            imu: self.imu,
+        }
+    }
+
+    /// How late everything is, s.
+    pub(crate) fn delay_s(&self) -> f64 {
+        self.encoders.delay_s()
+    }
+
+    /// Whether a joint's window is not yet full of real samples.
+    pub(crate) fn joint_settling(&self, joint: usize) -> bool {
+        self.encoders.settling(joint)
+    }
+
+    /// The same of an F/T sensor, by its index, or of the IMU, which follows them.
+    pub(crate) fn sensor_settling(&self, sensor: usize) -> bool {
+        self.sensors.settling(AXES * sensor)
+    }
+}
