@@ -11,9 +11,10 @@
 //! The gain `g` is the regression of `l` on `h*e` where both change quickly: inside a hysteresis
 //! loop a gear is stiffer than its catalogue says, and an encoder that shows mostly noise gets a
 //! small gain. What is left changes slowly for a strong encoder signal and is nearly the torque
-//! itself for a weak one: [`Remainder`] follows it with several filters at once and trusts those
-//! that proved right. A joint at rest is told by `l` alone, averaged: rest is where neither source
-//! leaves that average by more than its noise.
+//! itself for a weak one: `remainder.rs` predicts it in several ways at once and trusts those that
+//! proved right. So it does with `l` alone (`g = 0`), which is told instead where the fast source's
+//! noise costs more than it is worth. A joint at rest is told by `l` averaged: rest is where neither
+//! source leaves that average by more than its noise.
 
 mod remainder;
 
@@ -208,7 +209,8 @@ impl Predictive {
         self.rest += (p.sample_period / REST).min(1.0) * (resting - self.rest);
 
         // While the late source is silent its last word ages by as much again each window.
-        let age = 1.0 + self.late_missed as f64 / p.kernel.len() as f64;
+        let window = p.kernel.len().max(1) as f64;
+        let age = 1.0 + self.late_missed as f64 / window;
         let variance = late.sigma.powi(2) + share * doubt * age;
         let mut flags = torque_flags::VALID;
         if !whole {
@@ -219,8 +221,7 @@ impl Predictive {
         }
         // The part of a change that the fast source shows, and the part that the late one does.
         let shown = gain.min(1.0) * trust;
-        let samples = 0.5
-            * (shown * (self.smoothing - 1) as f64 + (1.0 - shown) * (p.kernel.len() as f64 - 1.0));
+        let samples = 0.5 * (shown * (self.smoothing - 1) as f64 + (1.0 - shown) * (window - 1.0));
         self.output = TorqueEstimate {
             tau: tau.clamp(-p.torque_limit, p.torque_limit),
             sigma: variance.sqrt(),
@@ -231,13 +232,13 @@ impl Predictive {
     }
 
     /// 0: at rest, 1: in motion.
-    fn moving_share(&mut self, moving: f64, late: LateTorque, noise: f64) -> f64 {
+    fn moving_share(&mut self, quick: f64, late: LateTorque, noise: f64) -> f64 {
         let dt = self.parameters.sample_period;
         let beyond = |x: f64, variance: f64| {
             let square = (x - self.rest).powi(2) / variance.max(f64::MIN_POSITIVE);
             square.min(100.0)
         };
-        let fast = beyond(moving, noise);
+        let fast = beyond(quick, noise);
         self.lasting += (dt / LASTING_TIME).min(1.0) * (fast - self.lasting);
         let late = beyond(late.tau, late.sigma.powi(2));
         let now = (fast / PEAK.powi(2))
