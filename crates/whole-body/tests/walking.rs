@@ -84,6 +84,31 @@ fn torques_while_stepping() {
     }
 }
 
+/// The late source is 40 ms late then; the torque now is not.
+#[test]
+fn torque_now_with_filters_of_80_samples() {
+    let filters = Filters::Matched(80);
+    let mut station = tared(3, filters);
+    let rest = station.record(1.0);
+    station.walk.stepping_since = Some(station.walk.time());
+    station.run(3.0);
+    let t = station.record(5.0);
+    for j in 0..TRUNK {
+        let name = &station.walk.joints[j];
+        let truth = &t.truth[j];
+        let per_cent = |estimate: &[f64]| 100.0 * error(estimate, truth, 0.0) / largest(truth);
+        let (now, late) = (per_cent(&t.now[j]), per_cent(&t.late[j]));
+        assert!(
+            now < 5.0 && now < 0.5 * late,
+            "{name}: {now} %, {late} % late"
+        );
+        let delay = lag(&t.now[j], truth);
+        assert!(delay < 3.0, "{name}: {delay} ms");
+        let noise = deviation(&rest.now[j]) / deviation(&rest.late[j]);
+        assert!(noise < 1.0, "{name}: {noise} times the noise");
+    }
+}
+
 #[test]
 fn a_tare_in_the_air_holds_in_other_poses() {
     // Of the legs' joints, and of the arms'.
