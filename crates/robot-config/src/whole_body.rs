@@ -16,8 +16,9 @@ pub struct FilterGains {
     pub sigma_ddq: Vec<f64>,
 }
 
-/// Name of the set of contacts that holds where the configuration names none.
-const DEFAULT_CONTACTS: &str = "default";
+/// Names of the sets of contacts where the configuration names none: anything may touch the ends, or
+/// nothing does, to tare in. The first holds at the start.
+const DEFAULT_CONTACTS: [&str; 2] = ["default", "in_the_air"];
 
 /// The estimator's parameters, with the configured sets of contacts; where there are none, a full
 /// wrench beyond each F/T sensor on its contact link, and the unknown wrench (D 2.4). None for a
@@ -59,7 +60,7 @@ pub fn whole_body_parameters(
     let sets = settings.contacts.iter().map(|set| set.hypothesis.clone());
     let mut hypotheses: Vec<Hypothesis> = sets.collect();
     if hypotheses.is_empty() {
-        hypotheses.push(default_contacts(parameters, model));
+        hypotheses.extend(default_contacts(parameters, model));
     }
     Some(WholeBodyParameters {
         joints: parameters.joints.iter().map(|j| j.name.clone()).collect(),
@@ -78,29 +79,43 @@ pub fn whole_body_parameters(
 pub fn contact_names(parameters: &Parameters) -> Vec<&str> {
     let sets = &parameters.whole_body.contacts;
     if sets.is_empty() {
-        return vec![DEFAULT_CONTACTS];
+        let sets = if parameters.ft_sensors.is_empty() {
+            1
+        } else {
+            2
+        };
+        return DEFAULT_CONTACTS[..sets].to_vec();
     }
     sets.iter().map(|c| c.hypothesis.name.as_str()).collect()
 }
 
-/// A full wrench beyond each F/T sensor, and the unknown wrench (D 2.4), last of all.
-fn default_contacts(parameters: &Parameters, model: &Model) -> Hypothesis {
+/// Beyond each F/T sensor a full wrench, or nothing, and the unknown wrench (D 2.4), last of all.
+fn default_contacts(parameters: &Parameters, model: &Model) -> Vec<Hypothesis> {
     let touched = |ft: &FtParameters| {
         let link = ft.sensor.contact_link.clone();
         link.unwrap_or_else(|| ft.sensor.frame.clone())
     };
     let unknown = parameters.whole_body.unknown_wrench_link.clone();
     let unknown = unknown.unwrap_or_else(|| root(model));
-    let links = parameters.ft_sensors.iter().map(touched).chain([unknown]);
-    let contacts = links.map(|link| ContactParameters {
+    let contact = |link: String, kind: ContactKind| ContactParameters {
         link,
         point: [0.0; 3].into(),
-        kind: ContactKind::FullWrench,
-    });
-    Hypothesis {
-        name: DEFAULT_CONTACTS.to_owned(),
-        contacts: contacts.collect(),
-    }
+        kind,
+    };
+    let names = contact_names(parameters).into_iter();
+    let kinds = [ContactKind::FullWrench, ContactKind::Nothing];
+    names
+        .zip(kinds)
+        .map(|(name, kind)| {
+            let sensors = parameters.ft_sensors.iter();
+            let ends = sensors.map(|ft| contact(touched(ft), kind));
+            let unknown = contact(unknown.clone(), ContactKind::FullWrench);
+            Hypothesis {
+                name: name.to_owned(),
+                contacts: ends.chain([unknown]).collect(),
+            }
+        })
+        .collect()
 }
 
 fn root(model: &Model) -> String {
