@@ -246,8 +246,8 @@ fn faults() {
     println!("## Cross-check\n");
     println!(
         "A fault comes in while the robot steps; what is named first, and after how many seconds, \
-         for seeds {SEEDS:?}. The thresholds were chosen on seeds 1 to 3. A current is judged only \
-         under load (12 % of the joint's limit), so that a knee that is drawn up must first stand.\n"
+         for seeds {SEEDS:?}. The thresholds were chosen on seeds 1 to 3. A current's size is judged \
+         under load only (12 % of the joint's limit), its sign from half of that on.\n"
     );
     println!("| fault | named | after, s |\n| --- | --- | --- |");
     for (what, fault, push) in cases() {

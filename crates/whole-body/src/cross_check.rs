@@ -58,8 +58,8 @@ pub struct CrossCheckParameters {
     pub hold: f64,
     /// Per joint: differences of encoders and F/T sensors that are normal, N·m.
     pub encoder_threshold: Vec<f64>,
-    /// Per joint: torque from which on the current's can be judged, N·m: several
-    /// times the friction.
+    /// Per joint: torque from which on the size of the current's can be judged, N·m: several times
+    /// the friction. From half of it on its sign can.
     pub current_load: Vec<f64>,
     /// Smallest and largest ratio of the current's torque to the F/T sensors' that are normal.
     pub current_ratio: [f64; 2],
@@ -94,6 +94,13 @@ struct Joint {
     /// |current - F/T| - |current - encoder| / 2: below zero if the current clearly sides with the
     /// F/T sensors.
     aside: f64,
+    /// The current's torque, for its size and for its sign.
+    current: [Ratio; 2],
+}
+
+/// What multiple of the F/T sensors' torque the current's is.
+#[derive(Debug, Clone, Copy, Default)]
+struct Ratio {
     /// Current's torque times the F/T sensors', and that squared.
     /// Both while there is load.
     product: f64,
@@ -118,6 +125,11 @@ pub struct CrossCheck {
 
 /// Ratio of torques below which the sign is wrong, not the size.
 const OPPOSITE: f64 = -0.25;
+/// Places of the ratios by which the current's size and sign are judged, and from which part of
+/// `current_load` on: friction that is not quite known hides a size before it hides a sign.
+const SIZE: usize = 0;
+const SIGN: usize = 1;
+const LOADS: [f64; 2] = [1.0, 0.5];
 /// Joints nearest to a sensor that must agree for its drift to be ruled out.
 const NEAREST: usize = 2;
 
@@ -135,9 +147,7 @@ impl CrossCheck {
             newest: 0,
             difference: 0.0,
             aside: 0.0,
-            product: 0.0,
-            square: 0.0,
-            loaded: false,
+            current: [Ratio::default(); 2],
         };
         let mut suspects = Vec::new();
         for j in 0..joints {
@@ -209,7 +219,7 @@ impl CrossCheck {
         for joint in &mut self.joints {
             (joint.filled, joint.sums) = (0, [0.0; 2]);
             (joint.difference, joint.aside) = (0.0, 0.0);
-            (joint.product, joint.square) = (0.0, 0.0);
+            joint.current = [Ratio::default(); 2];
         }
     }
 
@@ -264,10 +274,10 @@ impl CrossCheck {
             }
             Cause::TorqueConstant { joint } => {
                 let [least, most] = self.parameters.current_ratio;
-                let ratio = self.current_ratio(joint)?;
+                let ratio = self.current_ratio(joint, SIZE)?;
                 ratio >= OPPOSITE && !(least..=most).contains(&ratio)
             }
-            Cause::TorqueSign { joint } => self.current_ratio(joint)? < OPPOSITE,
+            Cause::TorqueSign { joint } => self.current_ratio(joint, SIGN)? < OPPOSITE,
         })
     }
 
@@ -284,12 +294,14 @@ impl CrossCheck {
 
     /// What multiple of the F/T sensors' torque the current's is, if those can be trusted and there
     /// is load now.
-    fn current_ratio(&self, joint: usize) -> Option<f64> {
-        let j = self.joints.get(joint)?;
+    fn current_ratio(&self, joint: usize, kind: usize) -> Option<f64> {
+        let ratio = self.joints.get(joint)?.current[kind];
         // A current that is wrong moves the encoders' torque too, by the wave generator's term.
-        let judged =
-            j.loaded && j.square > 0.0 && !self.differs(joint, 3.0) && !self.of_a_limb(joint);
-        judged.then(|| j.product / j.square)
+        let judged = ratio.loaded
+            && ratio.square > 0.0
+            && !self.differs(joint, 3.0)
+            && !self.of_a_limb(joint);
+        judged.then(|| ratio.product / ratio.square)
     }
 }
 
@@ -325,10 +337,12 @@ impl Joint {
         self.difference += share * (e - w - self.difference);
         let nearer = (c - w).abs() - 0.5 * (c - e).abs();
         self.aside += share * (nearer - self.aside);
-        self.loaded = w.abs() > load;
-        if self.loaded {
-            self.product += share * (c * w - self.product);
-            self.square += share * (w * w - self.square);
+        for (ratio, part) in self.current.iter_mut().zip(LOADS) {
+            ratio.loaded = w.abs() > part * load;
+            if ratio.loaded {
+                ratio.product += share * (c * w - ratio.product);
+                ratio.square += share * (w * w - ratio.square);
+            }
         }
     }
 }
