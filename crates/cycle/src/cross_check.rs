@@ -7,7 +7,7 @@ use robot_state::{CycleRecord, Event, TorqueEstimate};
 use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
 
 use crate::events::Counts;
-use crate::predict::valid;
+use crate::usable::valid;
 
 /// Low-pass of the current's torque.
 const POLE: f64 = 0.9;

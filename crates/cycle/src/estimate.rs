@@ -2,11 +2,8 @@
 
 use dynamics::Motion;
 use estimators::compliance::ComplianceEstimator;
-use estimators::filter_bank::FilterBank;
 use identification::joint_file::AnyEstimator;
-use robot_config::{
-    FilterGains, JointParameters, Parameters, Robot, SignalFilters, whole_body_parameters,
-};
+use robot_config::{JointParameters, Robot};
 use robot_state::{
     CycleRecord, Event, Settings, TorqueEstimate, measured_flags, torque_flags, torque_source,
 };
@@ -18,8 +15,10 @@ use crate::CycleError;
 use crate::cross_check::Watch;
 use crate::events::Counts;
 use crate::external::External;
+use crate::filtered::whole_body;
 use crate::measure::Measure;
 use crate::predict::Predict;
+use crate::usable::all_flags;
 
 /// The estimators of all joints.
 pub(crate) struct Estimate {
@@ -210,14 +209,6 @@ fn contact_switch(robot: &Robot, whole_body: &WholeBody) -> ContactSwitch {
     )
 }
 
-/// What is odd about any signal that enters the equations of motion.
-pub(crate) fn all_flags(record: &CycleRecord) -> u32 {
-    let joints = record.joints.iter().take(record.joint_count as usize);
-    let sensors = record.ft.iter().take(record.ft_count as usize);
-    let joints = joints.fold(0, |all, joint| all | joint.measured.flags);
-    sensors.fold(joints | record.imu.flags, |all, sensor| all | sensor.flags)
-}
-
 /// The estimate, or the last one marked as not valid if it is not finite. Counts what is odd.
 fn checked(estimate: TorqueEstimate, last: TorqueEstimate, counts: &mut Counts) -> TorqueEstimate {
     if !(estimate.tau.is_finite() && estimate.sigma.is_finite()) {
@@ -232,22 +223,4 @@ fn checked(estimate: TorqueEstimate, last: TorqueEstimate, counts: &mut Counts) 
         counts.add(Event::TorqueSaturated);
     }
     estimate
-}
-
-/// The whole-body estimator, with the standard deviations of sensors after the filters.
-pub(crate) fn whole_body(robot: &Robot, filters: SignalFilters) -> Result<WholeBody, CycleError> {
-    let parameters: &Parameters = &robot.parameters;
-    let sensors = FilterBank::new(1, filters.sensor)?;
-    let ddq_gain = FilterBank::new(1, filters.encoder)?.noise_gain(2);
-    let gains = FilterGains {
-        sensor: [sensors.noise_gain(0), sensors.noise_gain(1)],
-        // A count hides a uniform error whose variance is its square over 12.
-        sigma_ddq: (parameters.joints.iter())
-            .map(|j| ddq_gain * j.estimator.link_resolution / 12f64.sqrt())
-            .collect(),
-    };
-    let Some(parameters) = whole_body_parameters(parameters, &robot.model, &gains) else {
-        return Err(CycleError::NoImu);
-    };
-    Ok(WholeBody::new(&robot.model, &parameters)?)
 }

@@ -1,10 +1,13 @@
 //! Filtered: all signals of the equations of motion through filters of one delay.
 
 use dynamics::ImuMotion;
+use estimators::filter_bank::FilterBank;
 use nalgebra::Vector3;
-use robot_config::{AngularAcceleration, Robot, SignalFilters};
+use robot_config::{
+    AngularAcceleration, FilterGains, Parameters, Robot, SignalFilters, whole_body_parameters,
+};
 use robot_state::Wrench;
-use whole_body::WholeBodyInput;
+use whole_body::{WholeBody, WholeBodyInput};
 
 use crate::align::{AlignedBank, signals};
 use crate::{CycleError, Stamp};
@@ -109,4 +112,22 @@ impl Filtered {
     pub(crate) fn sensor_settling(&self, sensor: usize) -> bool {
         self.sensors.settling(AXES * sensor)
     }
+}
+
+/// The whole-body estimator, with the standard deviations of sensors after the filters.
+pub(crate) fn whole_body(robot: &Robot, filters: SignalFilters) -> Result<WholeBody, CycleError> {
+    let parameters: &Parameters = &robot.parameters;
+    let sensors = FilterBank::new(1, filters.sensor)?;
+    let ddq_gain = FilterBank::new(1, filters.encoder)?.noise_gain(2);
+    let gains = FilterGains {
+        sensor: [sensors.noise_gain(0), sensors.noise_gain(1)],
+        // A count hides a uniform error whose variance is its square over 12.
+        sigma_ddq: (parameters.joints.iter())
+            .map(|j| ddq_gain * j.estimator.link_resolution / 12f64.sqrt())
+            .collect(),
+    };
+    let Some(parameters) = whole_body_parameters(parameters, &robot.model, &gains) else {
+        return Err(CycleError::NoImu);
+    };
+    Ok(WholeBody::new(&robot.model, &parameters)?)
 }

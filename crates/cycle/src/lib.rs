@@ -17,6 +17,7 @@ mod ft_offset;
 mod limit;
 mod measure;
 mod predict;
+mod usable;
 
 use can_codec::Frames;
 use core::fmt;

@@ -4,13 +4,14 @@ use estimators::compliance::ComplianceEstimator;
 use estimators::filter_bank::FilterBank;
 use estimators::joint::{JointEstimatorParameters, JointTorqueEstimator};
 use robot_config::{JointParameters, Robot};
-use robot_state::{CycleRecord, Event, TorqueEstimate, measured_flags, torque_flags};
+use robot_state::{CycleRecord, Event, measured_flags, torque_flags};
 use whole_body::{LateTorque, Predictive, PredictiveParameters, WholeBody};
 
 use crate::CycleError;
-use crate::estimate::{all_flags, whole_body};
 use crate::events::Counts;
+use crate::filtered::whole_body;
 use crate::measure::Measure;
+use crate::usable::{all_flags, valid};
 
 /// The torque now of all joints.
 #[derive(Debug)]
@@ -85,12 +86,6 @@ impl Predict {
             }
         }
     }
-}
-
-/// A saturated torque says nothing but its sign.
-pub(crate) fn valid(estimate: &TorqueEstimate) -> Option<&TorqueEstimate> {
-    let usable = torque_flags::VALID | torque_flags::SATURATED;
-    (estimate.flags & usable == torque_flags::VALID).then_some(estimate)
 }
 
 /// Standard deviation of the compliance's torque that counts of the encoders explain: a count hides a
