@@ -5,10 +5,11 @@ use std::path::Path;
 
 use plotters::prelude::*;
 
-/// A colour each: truth, encoders, F/T.
+/// A colour each: truth, encoders, F/T, now.
 const TRUTH: RGBColor = RGBColor(30, 30, 30);
 const ENCODER: RGBColor = RGBColor(230, 120, 30);
 const WHOLE_BODY: RGBColor = RGBColor(40, 110, 200);
+const NOW: RGBColor = RGBColor(40, 150, 70);
 
 /// Torque over time of one joint, all at the same instants.
 #[derive(Debug, Clone, Default)]
@@ -23,13 +24,16 @@ pub(super) struct Trace {
     pub(super) encoder: Vec<f64>,
     /// Torque from F/T sensors and IMU, N·m; NaN where not valid.
     pub(super) whole_body: Vec<f64>,
+    /// Torque now, N·m; NaN where not valid.
+    pub(super) now: Vec<f64>,
 }
 
 impl Trace {
-    fn lines(&self) -> [(&[f64], RGBColor, &'static str); 3] {
+    fn lines(&self) -> [(&[f64], RGBColor, &'static str); 4] {
         [
             (&self.encoder, ENCODER, "encoders + current"),
             (&self.whole_body, WHOLE_BODY, "F/T + IMU"),
+            (&self.now, NOW, "now"),
             (&self.truth, TRUTH, "true"),
         ]
     }

@@ -130,6 +130,7 @@ impl Report {
                 let values = estimates.map(|e| usable(e).unwrap_or(f64::NAN));
                 trace.encoder.push(values[0]);
                 trace.whole_body.push(values[1]);
+                trace.now.push(values[2]);
             }
         }
     }
