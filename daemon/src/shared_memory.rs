@@ -32,7 +32,7 @@ use torqued_client::{DaemonPorts, Error, Location};
 use crate::desk::Desk;
 use crate::real_time::monotonic_ns;
 
-/// Records that the publisher thread may be behind: a quarter of a second at 1 kHz, 4.5 MB.
+/// Records that the publisher thread may be behind: a quarter of a second at 1 kHz, 6 MB.
 const RING: usize = 256;
 /// Between two looks of the publisher thread.
 const POLL: Duration = Duration::from_micros(500);
