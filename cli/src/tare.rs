@@ -96,7 +96,8 @@ fn table(client: &Client, answer: &Answer, changed: bool) -> TextTable {
     let mut rows = vec![heading.into_iter().map(str::to_owned).collect()];
     let tared = answer.date_unix_s > 0.0;
     for (name, sensor) in sensors(client, answer) {
-        let [offset, before, sigma] = [&sensor.offset, &sensor.before, &sensor.sigma].map(six);
+        let [offset, before, sigma] =
+            [&sensor.offset, &sensor.before, &sensor.sigma].map(Wrench::to_array);
         for (k, axis) in AXES.iter().enumerate() {
             let number = |x: f64| match k < 3 {
                 true => format!("{x:.2}"),
@@ -138,9 +139,4 @@ fn as_json(client: &Client, answer: &Answer) -> Value {
         "contacts": date.map(|_| answer.contacts.as_str()),
         "ft": sensors(client, answer).map(sensor).collect::<Vec<_>>(),
     })
-}
-
-fn six(w: &Wrench) -> [f64; 6] {
-    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
-    [a, b, c, d, e, f]
 }

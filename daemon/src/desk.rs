@@ -241,7 +241,12 @@ impl Desk {
     }
 
     fn store_tare(&self, taring: Taring) -> Stage {
-        let last: Vec<[f64; 6]> = self.settings.ft_offset.iter().map(six).collect();
+        let last: Vec<[f64; 6]> = self
+            .settings
+            .ft_offset
+            .iter()
+            .map(Wrench::to_array)
+            .collect();
         let store = self.store.clone();
         in_a_thread(move || {
             let offsets = taring.finish(&last, Timestamp::now())?;
@@ -279,7 +284,7 @@ impl Desk {
             .iter_mut()
             .zip(offsets.iter().flat_map(|o| &o.sensors))
         {
-            *wrench = wrench_of(&sensor.offset);
+            *wrench = Wrench::from_array(sensor.offset);
         }
         self.offsets = offsets;
         self.change(|settings| settings.ft_offset = taken);
@@ -326,23 +331,10 @@ fn ft_names(parameters: &Parameters) -> Vec<&str> {
 fn tared(sensor: &SensorOffset) -> TaredSensor {
     let bits = sensor.known.iter().enumerate();
     TaredSensor {
-        offset: wrench_of(&sensor.offset),
-        before: wrench_of(&sensor.offset),
-        sigma: wrench_of(&sensor.sigma),
+        offset: Wrench::from_array(sensor.offset),
+        before: Wrench::from_array(sensor.offset),
+        sigma: Wrench::from_array(sensor.sigma),
         known: bits.fold(0, |bits, (k, known)| bits | u32::from(*known) << k),
         ..TaredSensor::default()
     }
-}
-
-fn wrench_of(six: &[f64; 6]) -> Wrench {
-    let [fx, fy, fz, tx, ty, tz] = *six;
-    Wrench {
-        force: [fx, fy, fz],
-        torque: [tx, ty, tz],
-    }
-}
-
-fn six(w: &Wrench) -> [f64; 6] {
-    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
-    [a, b, c, d, e, f]
 }

@@ -165,7 +165,7 @@ impl Daemon {
                 let plant = &control_loop.bus().peer().0;
                 let sensors = plant.robot().readings().ft.iter().zip(&plant.truth().ft);
                 for (error, (shown, truth)) in errors.iter_mut().zip(sensors) {
-                    let pairs = six(shown).into_iter().zip(six(truth));
+                    let pairs = shown.to_array().into_iter().zip(truth.to_array());
                     error
                         .iter_mut()
                         .zip(pairs)
@@ -197,11 +197,6 @@ impl Drop for Daemon {
             let _ = thread.join();
         }
     }
-}
-
-fn six(w: &Wrench) -> [f64; 6] {
-    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
-    [a, b, c, d, e, f]
 }
 
 /// Waits until the filters are full.
@@ -275,7 +270,11 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
 
 /// The tare has found the sensor's error.
 fn assert_found(tare: &TaredSensor, bias: &[f64; 6]) {
-    let parts = six(&tare.offset).into_iter().zip(six(&tare.sigma));
+    let parts = tare
+        .offset
+        .to_array()
+        .into_iter()
+        .zip(tare.sigma.to_array());
     for ((offset, sigma), bias) in parts.zip(bias) {
         let (error, limit) = ((offset - bias).abs(), 3.0 * sigma + 1e-3);
         assert!(sigma > 0.0 && error < limit, "{error}, at most {limit}");

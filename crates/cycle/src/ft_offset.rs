@@ -41,7 +41,7 @@ impl FtInput {
 
     /// One period later: moves towards what a tare found; at once where nothing was measured yet.
     pub(crate) fn follow(&mut self, tare: &Wrench, period_s: f64) {
-        let wanted = six(tare);
+        let wanted = tare.to_array();
         if wanted != self.to && wanted.iter().all(|x| x.is_finite()) {
             (self.from, self.to, self.share) = (self.tare(), wanted, 0.0);
         }
@@ -65,11 +65,7 @@ impl FtInput {
 
     /// What is taken off in this cycle.
     pub(crate) fn offset(&self) -> Wrench {
-        let [fx, fy, fz, tx, ty, tz] = self.conditioning.offset;
-        Wrench {
-            force: [fx, fy, fz],
-            torque: [tx, ty, tz],
-        }
+        Wrench::from_array(self.conditioning.offset)
     }
 
     fn tare(&self) -> [f64; 6] {
@@ -78,9 +74,4 @@ impl FtInput {
         }
         std::array::from_fn(|k| self.from[k] + self.share * (self.to[k] - self.from[k]))
     }
-}
-
-fn six(w: &Wrench) -> [f64; 6] {
-    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
-    [a, b, c, d, e, f]
 }

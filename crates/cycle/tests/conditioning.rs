@@ -25,13 +25,8 @@ fn leg(changes: &[(&str, &str, &str)]) -> Bench {
     })
 }
 
-fn six(w: &Wrench) -> [f64; 6] {
-    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
-    [a, b, c, d, e, f]
-}
-
 fn worst(a: &Wrench, b: &Wrench) -> f64 {
-    let pairs = six(a).into_iter().zip(six(b));
+    let pairs = a.to_array().into_iter().zip(b.to_array());
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
@@ -45,7 +40,7 @@ fn calibration_sign_and_offset_are_undone() {
         bench.cycle.record().ft[0].measured
     };
     let plain = measured(&[]);
-    assert!(six(&plain)[2].abs() > 1.0, "the foot has a weight");
+    assert!(plain.to_array()[2].abs() > 1.0, "the foot has a weight");
     let sheet = format!(
         "{SENSOR}calibration = [[1.1, 0.02, 0, 0, 0.3, 0], [0, 0.9, 0, 0.1, 0, 0], \
          [0.03, 0, 1.2, 0, 0, 0], [0, 0.01, 0, 1, 0, 0], [0, 0, 0, 0, -1, 0], [0, 0, 0, 0, 0, 2]]\n"
@@ -154,7 +149,7 @@ fn an_offset_that_is_not_finite_is_not_taken() {
     }
     let ft = bench.cycle.record().ft[0];
     assert_eq!(ft.offset, Wrench::default());
-    assert!(six(&ft.filtered).iter().all(|x| x.is_finite()));
+    assert!(ft.filtered.to_array().iter().all(|x| x.is_finite()));
 }
 
 fn shifted(newtons: f64) -> Settings {

@@ -185,3 +185,35 @@ fn a_stand_is_a_fixed_base() {
     let loads = bench.cycle.record().joints.map(|j| j.tau_whole_body.tau);
     assert!(loads.iter().any(|tau| tau.abs() > 1.0), "{loads:?}");
 }
+
+/// A bolted robot's weight is no push, and a push on its knee is one.
+#[test]
+fn a_push_on_a_bolted_leg_is_told() {
+    const LEG: &str = "config/leg/robot.toml";
+    let pushed = "\n[[push]]\nlink = \"ankle_pitch_link\"\nstart_s = 0.6\nduration_s = 0.8\n\
+                  force_N = [80.0, 0.0, 0.0]\n";
+    let mut bench = Bench::reading("leg", &|path: &str| {
+        let text = read(path)?;
+        Ok(match path {
+            "config/leg/sim.toml" => text + pushed,
+            LEG => text.replace("[control]", "[external_torque]\n\n[control]"),
+            _ => text,
+        })
+    });
+    bench.run(600);
+    let record = bench.cycle.record();
+    assert_eq!(count(record, Event::ExternalContact), 0);
+    let weight = record.joints.map(|j| j.tau_whole_body.tau.abs());
+    assert!(weight.iter().any(|tau| *tau > 1.0), "{weight:?}");
+    let mut most = 0.0f64;
+    for _ in 0..600 {
+        let record = bench.step(&Wanted::default());
+        most = record
+            .joints
+            .iter()
+            .map(|j| j.tau_ext.abs())
+            .fold(most, f64::max);
+    }
+    assert!(most > 10.0, "{most} N·m");
+    assert!(count(bench.cycle.record(), Event::ExternalContact) > 0);
+}

@@ -100,6 +100,24 @@ record! {
     }
 }
 
+impl Wrench {
+    /// Force, then torque.
+    #[must_use]
+    pub const fn to_array(&self) -> [f64; 6] {
+        let ([fx, fy, fz], [tx, ty, tz]) = (self.force, self.torque);
+        [fx, fy, fz, tx, ty, tz]
+    }
+
+    /// Of force, then torque.
+    #[must_use]
+    pub const fn from_array([fx, fy, fz, tx, ty, tz]: [f64; 6]) -> Self {
+        Self {
+            force: [fx, fy, fz],
+            torque: [tx, ty, tz],
+        }
+    }
+}
+
 record! {
     /// A joint as its sensors saw it, brought to link-side SI units.
     pub struct JointMeasured {

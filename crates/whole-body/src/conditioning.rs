@@ -42,10 +42,7 @@ impl FtConditioning {
                 .sum();
             calibrated - self.offset[i] + self.temperature_gain[i] * warmer
         });
-        Wrench {
-            force: [w[0], w[1], w[2]],
-            torque: [w[3], w[4], w[5]],
-        }
+        Wrench::from_array(w)
     }
 
     /// Takes a tare's correction into the offset.

@@ -5,7 +5,6 @@ mod tell;
 use crate::contacts::ContactSet;
 use crate::error::WholeBodyError;
 use crate::layout::Layout;
-use crate::least_squares::Six;
 use crate::mechanics::Mechanics;
 use crate::parameters::{Residual, Weighting, WholeBodyParameters};
 use crate::sigma::Sigma;
@@ -64,7 +63,7 @@ impl PartEstimate {
         if self.unknowns >= 6 {
             return None;
         }
-        let (r, s) = (six(&self.residual), six(&self.residual_sigma));
+        let (r, s) = (self.residual.to_array(), self.residual_sigma.to_array());
         let ratios = r.iter().zip(&s).map(|(r, s)| match *s > 0.0 {
             true => r.abs() / s,
             false => 0.0,
@@ -359,7 +358,7 @@ impl WholeBody {
             || vectors.iter().all(|x| x.iter().all(|x| x.is_finite()));
         let n = self.layout.sensors.len();
         finite &= input.ft.len() >= n
-            && (input.ft.iter().take(n)).all(|w| six(w).iter().all(|x| x.is_finite()));
+            && (input.ft.iter().take(n)).all(|w| w.to_array().iter().all(|x| x.is_finite()));
         for (i, &joint) in self.layout.joints.iter().enumerate() {
             let signals = [input.q.get(i), input.dq.get(i), input.ddq.get(i)];
             for (own, signal) in self.motion.iter_mut().zip(signals) {
@@ -421,11 +420,6 @@ fn largest(x: &[f64]) -> usize {
         }
     }
     best
-}
-
-fn six(w: &Wrench) -> Six {
-    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
-    [a, b, c, d, e, f]
 }
 
 pub(crate) fn wrench(f: Force) -> Wrench {

@@ -223,7 +223,8 @@ impl Predictive {
         let shown = gain.min(1.0) * trust;
         let samples = 0.5 * (shown * (self.smoothing - 1) as f64 + (1.0 - shown) * (window - 1.0));
         self.output = TorqueEstimate {
-            tau: tau.clamp(-p.torque_limit, p.torque_limit),
+            // max and min, not clamp: they cannot panic.
+            tau: tau.max(-p.torque_limit).min(p.torque_limit),
             sigma: variance.sqrt(),
             delay_s: samples * p.sample_period,
             source: torque_source::FUSED,

@@ -175,7 +175,7 @@ impl Tare {
     /// # Errors
     /// A bad sample, or a moving robot: the tare is over.
     pub fn add(&mut self, input: &WholeBodyInput) -> Result<(), TareError> {
-        let ft: Vec<[f64; 6]> = input.ft.iter().map(six).collect();
+        let ft: Vec<[f64; 6]> = input.ft.iter().map(Wrench::to_array).collect();
         let all = [input.q, input.dq].concat();
         let finite = all.iter().chain(ft.iter().flatten());
         let imu = [input.imu.proper_acceleration, input.imu.angular_velocity];
@@ -315,11 +315,6 @@ impl Tare {
 }
 
 const AXES: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
-
-fn six(w: &Wrench) -> [f64; 6] {
-    let ([a, b, c], [d, e, f]) = (w.force, w.torque);
-    [a, b, c, d, e, f]
-}
 
 /// Unit wrenches of a frame.
 pub(crate) fn units(frame: &dynamics::Se3, origin: &Vector3<f64>) -> Matrix6<f64> {

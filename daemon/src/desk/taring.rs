@@ -8,7 +8,7 @@ use robot_config::{FilterGains, Parameters, contact_names, whole_body_parameters
 use robot_state::{Settings, SharedRecord, Wrench};
 use whole_body::{Tare, TareError, WholeBodyInput};
 
-use super::{fitness, six, wrench_of};
+use super::fitness;
 use crate::offsets::{Offsets, SensorOffset};
 
 /// Records of a robot at rest, averaged as they come.
@@ -48,7 +48,7 @@ impl Taring {
             .ft_sensors
             .iter()
             .map(|ft| ft.conditioning.offset);
-        let sums = configured.zip(settings.ft_offset.iter().map(six));
+        let sums = configured.zip(settings.ft_offset.iter().map(Wrench::to_array));
         let seconds = parameters.tare.samples as f64 * parameters.timing.sample_period;
         Ok(Self {
             tare,
@@ -84,8 +84,8 @@ impl Taring {
         }
         for ((ft, sensor), offset) in self.ft.iter_mut().zip(&cycle.ft).zip(&self.offsets) {
             // An earlier change may still be on its way: what it will take off in the end counts.
-            let (shown, taken) = (six(&sensor.measured), six(&sensor.offset));
-            *ft = wrench_of(&std::array::from_fn(|k| shown[k] + taken[k] - offset[k]));
+            let (shown, taken) = (sensor.measured.to_array(), sensor.offset.to_array());
+            *ft = Wrench::from_array(std::array::from_fn(|k| shown[k] + taken[k] - offset[k]));
         }
         let input = WholeBodyInput {
             q: &self.q,

@@ -31,7 +31,7 @@ pub(crate) enum Filters {
 
 /// D 5.1.
 pub(crate) const PAPER: Filters = Filters::SavitzkyGolay(80);
-/// What the loop would use.
+/// Short ones, for the torque now.
 pub(crate) const OURS: Filters = Filters::Matched(16);
 
 impl Filters {
@@ -233,14 +233,12 @@ pub(crate) fn contact(link: &str, kind: ContactKind) -> ContactParameters {
 pub(crate) fn parameters(config: &Robot, filters: Filters) -> WholeBodyParameters {
     let p = &config.parameters;
     let (sensors, encoders) = (filters.sensors(1), filters.encoders(1));
-    // As a look at resting sensors tells; the data sheets in robot.toml promise less for the hands.
-    let noise = simulation(1).ft_sensor;
     let ft_sensor = |ft: &robot_config::FtParameters| FtSensorParameters {
         name: ft.sensor.name.clone(),
         cut: ft.sensor.frame.clone(),
         frame: Place::link(&ft.sensor.frame),
-        sigma_force: sensors.noise_gain(0) * noise.noise_force,
-        sigma_torque: sensors.noise_gain(0) * noise.noise_torque,
+        sigma_force: sensors.noise_gain(0) * ft.sensor.sigma_force,
+        sigma_torque: sensors.noise_gain(0) * ft.sensor.sigma_torque,
     };
     let imu = p.imu.as_ref().unwrap();
     WholeBodyParameters {
