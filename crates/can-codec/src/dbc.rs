@@ -3,8 +3,8 @@
 use crate::frame::{EXTENDED_ID, Frame, MAX_DATA};
 use crate::line_index::{MessageLines, message_lines};
 use crate::packing::{Coding, Packing, covered_bits};
-use crate::problem::{DbcError, Problem};
 use can_dbc::{ByteOrder, MultiplexIndicator, SignalExtendedValueType, ValueType};
+use problem::{Problem, Problems};
 
 /// A file is refused unread above this size: it is no description of a robot.
 const MAX_TEXT: usize = 16 << 20;
@@ -72,7 +72,7 @@ impl Dbc {
     ///
     /// # Errors
     /// Text that is no DBC file, and messages or signals that no frame could carry.
-    pub fn parse(text: &str, file: &str) -> Result<Self, DbcError> {
+    pub fn parse(text: &str, file: &str) -> Result<Self, Problems> {
         let mut check = Check {
             file,
             problems: Vec::new(),
@@ -162,11 +162,9 @@ impl Check<'_> {
         });
     }
 
-    fn into_error(mut self) -> DbcError {
+    fn into_error(mut self) -> Problems {
         self.problems.sort_by_key(|problem| problem.line);
-        DbcError {
-            problems: self.problems,
-        }
+        Problems(self.problems)
     }
 
     fn syntax(&mut self, error: &can_dbc::DbcError) {

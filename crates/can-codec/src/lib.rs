@@ -12,12 +12,10 @@ mod frame;
 mod gather;
 mod line_index;
 mod packing;
-mod problem;
 mod table;
 
 pub use dbc::{Dbc, Message, Signal};
 pub use frame::{EXTENDED_ID, Frame, Frames, MAX_DATA, MAX_FRAMES};
 pub use gather::Gather;
 pub use packing::Coding;
-pub use problem::{DbcError, Problem};
 pub use table::{BusDbc, DecodeError, Entry, SignalMap, Table, TableError, TableProblem};

@@ -22,13 +22,12 @@ mod well_posed;
 mod whole_body;
 mod wiring;
 
-pub use can_codec::Problem;
 pub use parameters::*;
+pub use problem::{Problem, Problems};
 pub use sampling::{Sampled, Sampling};
 pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};
-use core::fmt;
 use dynamics::{Base, Model};
 use reader::{Notes, Section};
 use toml::de::DeTable;
@@ -66,25 +65,6 @@ impl Robot {
     }
 }
 
-/// Everything that is wrong with a configuration, in the order of files and lines.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ConfigError {
-    /// The problems, at least one.
-    pub problems: Vec<Problem>,
-}
-
-impl fmt::Display for ConfigError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, problem) in self.problems.iter().enumerate() {
-            let separator = if i == 0 { "" } else { "\n" };
-            write!(f, "{separator}{problem}")?;
-        }
-        Ok(())
-    }
-}
-
-impl core::error::Error for ConfigError {}
-
 /// Hands over a file's text.
 pub type Read<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
 
@@ -97,11 +77,9 @@ struct Files<'a> {
 /// Loads the configuration at `path` and the files that it names, each through `read`.
 ///
 /// # Errors
-/// Whatever keeps the robot from being described completely: see [`ConfigError`].
-pub fn load(path: &str, read: Read<'_>) -> Result<Robot, ConfigError> {
-    let text = read(path).map_err(|error| ConfigError {
-        problems: vec![unreadable(path, &error)],
-    })?;
+/// Whatever keeps the robot from being described completely: every problem, in the order of files and lines.
+pub fn load(path: &str, read: Read<'_>) -> Result<Robot, Problems> {
+    let text = read(path).map_err(|error| unreadable(path, &error))?;
     let notes = Notes::new(path, &text);
     let (table, errors) = DeTable::parse_recoverable(&text);
     for error in &errors {
@@ -114,9 +92,9 @@ pub fn load(path: &str, read: Read<'_>) -> Result<Robot, ConfigError> {
         None
     };
     let any = notes.any();
-    robot.filter(|_| !any).ok_or_else(|| ConfigError {
-        problems: notes.into_problems(),
-    })
+    robot
+        .filter(|_| !any)
+        .ok_or_else(|| Problems(notes.into_problems()))
 }
 
 fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -> Option<Robot> {

@@ -3,7 +3,8 @@
 mod matrix;
 mod notes;
 
-pub(crate) use notes::{Allowed, Notes};
+pub(crate) use notes::Notes;
+pub(crate) use problem::Allowed;
 
 use core::cell::RefCell;
 use core::fmt;

@@ -4,7 +4,8 @@ use crate::general::Bus;
 use crate::reader::{At, Notes, Section};
 use crate::units::Quantity;
 use crate::{Read, paths, unreadable};
-use can_codec::{BusDbc, Dbc, Frame, MAX_FRAMES, Problem, Signal, SignalMap, Table, TableError};
+use can_codec::{BusDbc, Dbc, Frame, MAX_FRAMES, Signal, SignalMap, Table, TableError};
+use problem::Problem;
 use std::collections::BTreeMap;
 
 /// Which way a signal goes.
@@ -65,7 +66,7 @@ impl<'n, 't> Wiring<'n, 't> {
                     );
                 });
                 Dbc::parse(&text.ok()?, &paths::shown(path))
-                    .map_err(|error| error.problems.into_iter().for_each(|p| notes.note(p)))
+                    .map_err(|error| error.0.into_iter().for_each(|p| notes.note(p)))
                     .ok()
             })
             .collect()

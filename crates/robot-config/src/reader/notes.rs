@@ -1,8 +1,7 @@
-//! Problems of a file, and which numbers a key may have.
+//! Problems of a file.
 
-use can_codec::Problem;
 use core::cell::RefCell;
-use core::fmt;
+use problem::{Problem, line_at};
 
 /// The file and what is wrong with it so far.
 pub(crate) struct Notes<'t> {
@@ -31,8 +30,7 @@ impl<'t> Notes<'t> {
     }
 
     pub(super) fn line(&self, place: usize) -> usize {
-        let before = self.text.as_bytes().iter().take(place);
-        1 + before.filter(|&&byte| byte == b'\n').count()
+        line_at(self.text, place)
     }
 
     /// Notes a problem of another file.
@@ -50,42 +48,5 @@ impl<'t> Notes<'t> {
         problems.sort_by(|a, b| (&a.file, a.line, &a.reason).cmp(&(&b.file, b.line, &b.reason)));
         problems.dedup();
         problems
-    }
-}
-
-/// Numbers that a key may have.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Allowed {
-    Finite,
-    Positive,
-    NonNegative,
-    /// Both ends allowed.
-    Within(f64, f64),
-    /// The second end not allowed.
-    Below(f64, f64),
-}
-
-impl Allowed {
-    pub(super) fn admits(self, x: f64) -> bool {
-        x.is_finite()
-            && match self {
-                Self::Finite => true,
-                Self::Positive => x > 0.0,
-                Self::NonNegative => x >= 0.0,
-                Self::Within(min, max) => (min..=max).contains(&x),
-                Self::Below(min, end) => (min..end).contains(&x),
-            }
-    }
-}
-
-impl fmt::Display for Allowed {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Finite => f.write_str("a finite number"),
-            Self::Positive => f.write_str("a finite number > 0"),
-            Self::NonNegative => f.write_str("a finite number >= 0"),
-            Self::Within(min, max) => write!(f, "a number from {min} to {max}"),
-            Self::Below(min, end) => write!(f, "a number from {min} to below {end}"),
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! Files held in memory: the repository's robots, and changes to them.
 
-use robot_config::{ConfigError, Robot};
+use robot_config::{Problems, Robot};
 use std::collections::BTreeMap;
 use std::io;
 
@@ -53,7 +53,7 @@ impl Files {
         1 + self.0[path][..place].matches('\n').count()
     }
 
-    pub(crate) fn load(&self, path: &str) -> Result<Robot, ConfigError> {
+    pub(crate) fn load(&self, path: &str) -> Result<Robot, Problems> {
         robot_config::load(path, &|path| {
             let mut parts: Vec<&str> = Vec::new();
             for part in path.split('/') {

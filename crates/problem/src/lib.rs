@@ -1,0 +1,140 @@
+//! What is wrong with an input, where it stands, and what is allowed instead.
+//!
+//! Every refusal of a file, a request or a parameter is a [`Problem`], or [`Problems`] where all
+//! of them are reported at once. A layer that knows the file or the line adds it to the problem
+//! it passes on ([`Problem::or_at`]); no layer reads another's printed text.
+#![deny(unsafe_code)]
+
+mod range;
+
+use core::fmt;
+
+pub use range::Allowed;
+
+/// One thing that is wrong, and what is allowed instead.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Problem {
+    /// The file's name as it was given; empty where there is none.
+    pub file: String,
+    /// Line in the file, from 1; 0 if the problem has no place.
+    pub line: usize,
+    /// What is wrong.
+    pub reason: String,
+    /// What is allowed instead; empty where `reason` implies it.
+    pub allowed: String,
+}
+
+impl Problem {
+    /// A problem without a place.
+    #[must_use]
+    pub fn new(reason: impl Into<String>, allowed: impl Into<String>) -> Self {
+        Self {
+            file: String::new(),
+            line: 0,
+            reason: reason.into(),
+            allowed: allowed.into(),
+        }
+    }
+
+    /// The same problem at a place; line 0 means the whole file.
+    #[must_use]
+    pub fn at(mut self, file: impl Into<String>, line: usize) -> Self {
+        self.file = file.into();
+        self.line = line;
+        self
+    }
+
+    /// The same problem, at this place unless it has one already.
+    #[must_use]
+    pub fn or_at(self, file: &str, line: usize) -> Self {
+        if self.file.is_empty() {
+            self.at(file, line)
+        } else {
+            self
+        }
+    }
+
+    /// The same problem of a named part: `part: reason`.
+    #[must_use]
+    pub fn of(mut self, part: impl fmt::Display) -> Self {
+        self.reason = format!("{part}: {}", self.reason);
+        self
+    }
+}
+
+/// `file:line: reason; allowed: allowed`, without the parts that are empty.
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.file.is_empty() {
+            f.write_str(&self.file)?;
+            if self.line > 0 {
+                write!(f, ":{}", self.line)?;
+            }
+            f.write_str(": ")?;
+        }
+        f.write_str(&self.reason)?;
+        if !self.allowed.is_empty() {
+            write!(f, "; allowed: {}", self.allowed)?;
+        }
+        Ok(())
+    }
+}
+
+impl core::error::Error for Problem {}
+
+/// Everything that is wrong with an input, at least one problem.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Problems(pub Vec<Problem>);
+
+/// One problem a line.
+impl fmt::Display for Problems {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, problem) in self.0.iter().enumerate() {
+            let separator = if i == 0 { "" } else { "\n" };
+            write!(f, "{separator}{problem}")?;
+        }
+        Ok(())
+    }
+}
+
+impl core::error::Error for Problems {}
+
+impl From<Problem> for Problems {
+    fn from(problem: Problem) -> Self {
+        Self(vec![problem])
+    }
+}
+
+/// The line of a text, from 1, in which the byte at `place` stands.
+#[must_use]
+pub fn line_at(text: &str, place: usize) -> usize {
+    let before = text.as_bytes().iter().take(place);
+    1 + before.filter(|&&byte| byte == b'\n').count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prints_the_parts_that_there_are() {
+        let bare = Problem::new("rate is -1", "a finite number > 0");
+        assert_eq!(bare.to_string(), "rate is -1; allowed: a finite number > 0");
+        let placed = bare.clone().of("[loop]").or_at("a.toml", 3);
+        let text = "a.toml:3: [loop]: rate is -1; allowed: a finite number > 0";
+        assert_eq!(placed.to_string(), text);
+        let again = placed.clone().or_at("b.toml", 9);
+        assert_eq!(again, placed, "a place once known stays");
+        let whole_file = Problem::new("cannot be read", "").at("a.toml", 0);
+        assert_eq!(whole_file.to_string(), "a.toml: cannot be read");
+        let both = Problems(vec![bare, whole_file]);
+        assert_eq!(both.to_string().lines().count(), 2);
+    }
+
+    #[test]
+    fn lines_count_from_one() {
+        let text = "a\nbc\n";
+        let lines: Vec<usize> = (0..7).map(|place| line_at(text, place)).collect();
+        assert_eq!(lines, [1, 1, 2, 2, 2, 3, 3]);
+    }
+}
