@@ -55,7 +55,7 @@ fn joint_estimator(joint: &JointParameters) -> Result<AnyEstimator, CycleError> 
 impl Estimate {
     pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
         let parameters = &robot.parameters;
-        let whole_body = whole_body(robot, parameters.filters.slow)?;
+        let whole_body = whole_body(robot, parameters.filters.long)?;
         Ok(Self {
             watch: (parameters.cross_check.as_ref())
                 .map(|settings| Watch::new(robot, &whole_body, settings)),

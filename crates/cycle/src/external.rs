@@ -44,7 +44,7 @@ impl External {
         };
         Ok(Self {
             observer: MomentumObserver::new(&robot.model, parameters),
-            filter: FilterBank::new(joints, p.filters.slow.sensor)?,
+            filter: FilterBank::new(joints, p.filters.long.sensor)?,
             model_index: p.joints.iter().map(|j| j.model_index).collect(),
             newest: vec![f64::NAN; joints],
             q: vec![0.0; n],

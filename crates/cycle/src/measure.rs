@@ -117,8 +117,8 @@ impl Measure {
                 .iter()
                 .map(|joint| JointEncoders::new(joint.encoders))
                 .collect(),
-            slow: Filtered::new(robot, parameters.filters.slow)?,
-            quick: Filtered::new(robot, parameters.filters.quick)?,
+            slow: Filtered::new(robot, parameters.filters.long)?,
+            quick: Filtered::new(robot, parameters.filters.short)?,
             control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],

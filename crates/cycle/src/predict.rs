@@ -33,7 +33,7 @@ struct Joint {
 impl Predict {
     pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
         let p = &robot.parameters;
-        let kernel = FilterBank::new(1, p.filters.quick.sensor)?.kernel();
+        let kernel = FilterBank::new(1, p.filters.short.sensor)?.kernel();
         let joint = |joint: &JointParameters| Joint {
             fast: joint.calibration.is_none().then(|| {
                 ComplianceEstimator::new(JointEstimatorParameters {
@@ -50,7 +50,7 @@ impl Predict {
             torque_limit: joint.limits.torque,
         };
         Ok(Self {
-            whole_body: whole_body(robot, p.filters.quick)?,
+            whole_body: whole_body(robot, p.filters.short)?,
             joints: p.joints.iter().map(joint).collect(),
         })
     }

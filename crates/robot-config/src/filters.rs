@@ -7,9 +7,9 @@ use estimators::matched_filter::MatchedFilterParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 
 /// Longest window, samples.
-const MOST: u64 = 1000;
-/// Window of the filters for the torque now, samples.
-const NOW: u64 = 24;
+const MAX_WINDOW: u64 = 1000;
+/// Default window of the short filters, samples: the one that the demo's figures are taken with.
+const DELAY_COMPENSATION: u64 = 24;
 
 /// The filters of encoders and of sensors: both are read at the same instant, because signals that
 /// enter one equation must be late by the same time. The third filter is for control's velocity
@@ -20,7 +20,7 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
     let read = |key, window: usize, order| {
         let table = section.and_then(|section| section.optional_section(key));
         let (window, order) = table.map_or((window as u64, order), |table| {
-            let window = table.integer("window", order + 1..MOST + 1);
+            let window = table.integer("window", order + 1..MAX_WINDOW + 1);
             let order = table.integer("order", order..window.clamp(order + 1, 6));
             table.finish();
             (window, order)
@@ -29,9 +29,9 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
     };
     let (window, order) = read("control", 16, 2);
     let control = SavitzkyGolayParameters::centred(window, order, 1, sample_period);
-    let window = |key| section.and_then(|section| section.optional_integer(key, 3..MOST + 1));
-    let (whole, now) = (window("matched"), window("now").unwrap_or(NOW));
-    let (slow, window) = match (section, whole) {
+    let window = |key| section.and_then(|section| section.optional_integer(key, 3..MAX_WINDOW + 1));
+    let short = window("delay_compensation").unwrap_or(DELAY_COMPENSATION);
+    let (long, window) = match (section, window("matched")) {
         (Some(section), Some(window)) => {
             for key in ["encoder", "sensor"] {
                 if section.has(key) {
@@ -48,9 +48,9 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
         }
     };
     let filters = Filters {
-        slow,
+        long,
         window,
-        quick: matched(now as usize, sample_period),
+        short: matched(short as usize, sample_period),
         control,
     };
     if let Some(table) = table {

@@ -48,12 +48,12 @@ pub struct Parameters {
 /// Filters of the signals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filters {
-    /// For the torque from F/T sensors and IMU, contacts and feedback.
-    pub slow: SignalFilters,
-    /// Samples of the longer of these.
+    /// The long filters: for the torque from F/T sensors and IMU, contact wrenches and feedback.
+    pub long: SignalFilters,
+    /// Samples of the longer of the long filters' windows.
     pub window: usize,
-    /// For the torque now: short.
-    pub quick: SignalFilters,
+    /// The short filters: for the delay-compensated torque.
+    pub short: SignalFilters,
     /// Of the velocities that control uses: short, as delay costs stability.
     pub control: SavitzkyGolayParameters,
 }

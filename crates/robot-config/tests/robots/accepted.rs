@@ -103,8 +103,8 @@ fn leg_is_what_its_configuration_says() {
     assert!((knee.limits.delta_q - 3f64.to_radians()).abs() < 1e-12);
     assert_eq!(leg.parameters.timing.sample_period, 1e-3);
     assert_eq!(leg.parameters.filters.window, 80);
-    let FilterDesign::SavitzkyGolay(encoder) = leg.parameters.filters.slow.encoder else {
-        panic!("{:?}", leg.parameters.filters.slow.encoder);
+    let FilterDesign::SavitzkyGolay(encoder) = leg.parameters.filters.long.encoder else {
+        panic!("{:?}", leg.parameters.filters.long.encoder);
     };
     assert_eq!(encoder.delay_samples, 39.5);
     assert_eq!(leg.sync[1].bus, 1);
