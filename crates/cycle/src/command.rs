@@ -7,9 +7,17 @@ use robot_state::{
     TorqueEstimate, Wrench, mode, torque_flags,
 };
 
+mod decide;
+mod emit;
+mod limit;
+
 use crate::estimate::Estimate;
 use crate::events::Counts;
-use crate::limit::limit;
+use limit::limit;
+
+pub(crate) use decide::Supervisor;
+pub use decide::Wanted;
+pub(crate) use emit::Emit;
 
 /// Time over which a change of mode is blended, s. A step in the command would be a step in torque.
 const BLEND_S: f64 = 0.3;

@@ -11,14 +11,18 @@ use robot_state::{
 use core::fmt;
 use whole_body::{ContactSwitch, ContactSwitchParameters, WholeBody};
 
-use crate::CycleError;
-use crate::cross_check::Watch;
+mod cross_check;
+mod delay_compensation;
+mod external_torque;
+mod usable;
+
+use crate::error::CycleError;
 use crate::events::Counts;
-use crate::external::External;
-use crate::filtered::whole_body;
-use crate::measure::Measure;
-use crate::predict::Predict;
-use crate::usable::all_flags;
+use crate::measure::{Measure, whole_body};
+use cross_check::Watch;
+use delay_compensation::Predict;
+use external_torque::External;
+use usable::all_flags;
 
 /// The estimators of all joints.
 pub(crate) struct Estimate {

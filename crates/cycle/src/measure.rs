@@ -6,13 +6,18 @@ use estimators::joint::JointSample;
 use robot_config::{Robot, Sampled, Sampling, slots};
 use robot_state::{CycleRecord, Event, Settings, Wrench, measured_flags};
 
-use crate::align::{AlignedBank, OVERDUE, signals};
-use crate::events::Counts;
-use crate::filtered::{AXES, Filtered};
-use crate::ft_offset::FtInput;
-use crate::{CycleError, Instants};
+mod align;
+mod filtered;
+mod ft_offset;
 
-const SECONDS_PER_NS: f64 = 1e-9;
+use crate::error::CycleError;
+use crate::events::Counts;
+use crate::time::{Instants, SECONDS_PER_NS};
+use align::{AlignedBank, OVERDUE, signals};
+use filtered::{AXES, Filtered};
+use ft_offset::FtInput;
+
+pub(crate) use filtered::whole_body;
 
 /// What the joints and sensors say about themselves in this cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use can_codec::{Frames, Table};
 use robot_config::{Robot, slots};
 use robot_state::Event;
 
-use crate::command::Command;
+use super::Command;
 use crate::events::Counts;
 
 /// The frames that carry the commands.

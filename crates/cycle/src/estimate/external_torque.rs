@@ -6,7 +6,7 @@ use robot_config::{ExternalTorqueSettings, Robot};
 use robot_state::{CycleRecord, Event, measured_flags};
 use whole_body::{MomentumObserver, MomentumObserverParameters, WholeBody};
 
-use crate::CycleError;
+use crate::error::CycleError;
 use crate::events::Counts;
 
 /// The observer of all joints, fed with signals of one instant: that of the filters.

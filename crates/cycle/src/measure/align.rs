@@ -21,9 +21,8 @@ use estimators::filter_bank::{FilterBank, FilterDesign, FilterError};
 use robot_config::slots::{self, Source};
 use robot_config::{Robot, Sampled, Sampling};
 
-use crate::Stamp;
+use crate::time::{SECONDS_PER_NS, Stamp};
 
-const SECONDS_PER_NS: f64 = 1e-9;
 /// Its own periods after which the next sample of a source that comes when it likes is missed.
 pub(crate) const OVERDUE: f64 = 2.0;
 /// Value, first and second derivative.

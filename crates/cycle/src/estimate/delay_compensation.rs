@@ -7,11 +7,10 @@ use robot_config::{JointParameters, Robot};
 use robot_state::{CycleRecord, Event, measured_flags, torque_flags};
 use whole_body::{LateTorque, Predictive, PredictiveParameters, WholeBody};
 
-use crate::CycleError;
+use super::usable::{all_flags, valid};
+use crate::error::CycleError;
 use crate::events::Counts;
-use crate::filtered::whole_body;
-use crate::measure::Measure;
-use crate::usable::{all_flags, valid};
+use crate::measure::{Measure, whole_body};
 
 /// The torque now of all joints.
 #[derive(Debug)]

@@ -9,8 +9,9 @@ use robot_config::{
 use robot_state::Wrench;
 use whole_body::{WholeBody, WholeBodyInput};
 
-use crate::align::{AlignedBank, signals};
-use crate::{CycleError, Stamp};
+use super::align::{AlignedBank, signals};
+use crate::error::CycleError;
+use crate::time::Stamp;
 
 /// Channels of one F/T sensor, and of the IMU.
 pub(crate) const AXES: usize = 6;

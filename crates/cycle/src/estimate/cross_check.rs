@@ -6,8 +6,8 @@ use robot_config::{CrossCheckSettings, JointParameters, Robot};
 use robot_state::{CycleRecord, Event, TorqueEstimate};
 use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
 
+use super::usable::valid;
 use crate::events::Counts;
-use crate::usable::valid;
 
 /// Low-pass of the current's torque.
 const POLE: f64 = 0.9;

@@ -1,7 +1,7 @@
 //! Filtered samples of any ages beside filtered samples taken at SYNC, of signals that are known.
 
-use super::{AlignedBank, Outputs, SECONDS_PER_NS, Signal};
-use crate::Stamp;
+use super::{AlignedBank, Outputs, Signal};
+use crate::time::{SECONDS_PER_NS, Stamp};
 use estimators::filter_bank::FilterDesign;
 use estimators::matched_filter::MatchedFilterParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
