@@ -1,22 +1,20 @@
 //! Articulated bodies: the acceleration that joint torques cause.
 //!
-//! Runs on the model's plan, four bodies at a time. Accelerations are those of the origins of plan
-//! frames minus gravity; an articulated inertia maps them to a wrench:
+//! Runs on the model's lane schedule, four bodies at a time. Accelerations are those of the
+//! origins of lane frames minus gravity; an articulated inertia maps them to a wrench:
 //! `f = M a + H^T alpha + p_f`, `n = H a + I alpha + p_n`.
 
 use crate::cholesky::{cholesky_decompose, cholesky_solve};
 use crate::crba::crba;
 use crate::data::Data;
 use crate::kinematics::{at, base_placement, six};
-use crate::lanes::{
-    Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos, store_all,
-};
+use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
-use crate::plan::{Plan, Step};
 use crate::rnea::rnea;
 use crate::rows::AbaRow;
 use crate::spatial::{Force, Motion};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos, store_all};
 
 /// `ddq = M^-1 (tau - nle + sum J^T f)` (nv); `f_ext` as in `rnea`.
 ///
@@ -45,7 +43,7 @@ pub fn aba<'d>(
     };
     set_root(&mut data.aba[0], omega);
     let mut kernel = Aba {
-        plan: &model.plan,
+        schedule: &model.schedule,
         rows: &mut data.aba,
         q: &q[bq.min(q.len())..],
         v: &v[bv.min(v.len())..],
@@ -149,7 +147,7 @@ enum Phase {
 }
 
 struct Aba<'a> {
-    plan: &'a Plan,
+    schedule: &'a LaneSchedule,
     rows: &'a mut [AbaRow],
     q: &'a [f64],
     v: &'a [f64],
@@ -174,21 +172,21 @@ impl Kernel for &mut Aba<'_> {
 impl Aba<'_> {
     #[inline(always)]
     fn inward<L: Lanes>(&mut self) {
-        for (i, step) in self.plan.steps.iter().enumerate() {
+        for (i, step) in self.schedule.steps.iter().enumerate() {
             let (before, rest) = self.rows.split_at_mut(i + 1);
             let Some(row) = rest.first_mut() else { return };
             let (q, rate) = (gather(self.q, &step.joints), gather(self.v, &step.joints));
             velocities::<L>(step, before, row, q, rate);
         }
         if let Some(f_ext) = self.f_ext {
-            self.plan.for_each_wrench(f_ext, |row, lane, f, n| {
+            self.schedule.for_each_wrench(f_ext, |row, lane, f, n| {
                 for k in 0..3 {
                     self.rows[row].f[k].0[lane] -= f[k];
                     self.rows[row].n[k].0[lane] -= n[k];
                 }
             });
         }
-        for (i, step) in self.plan.steps.iter().enumerate().rev() {
+        for (i, step) in self.schedule.steps.iter().enumerate().rev() {
             let (before, rest) = self.rows.split_at_mut(i + 1);
             let Some(row) = rest.first_mut() else { return };
             let tau = gather(self.tau, &step.joints);
@@ -199,7 +197,7 @@ impl Aba<'_> {
 
     #[inline(always)]
     fn outward<L: Lanes>(&mut self) {
-        for (i, step) in self.plan.steps.iter().enumerate() {
+        for (i, step) in self.schedule.steps.iter().enumerate() {
             let (before, rest) = self.rows.split_at_mut(i + 1);
             let Some(row) = rest.first_mut() else { return };
             let ddq = accelerations::<L>(step, before, row).to_array();
@@ -210,46 +208,46 @@ impl Aba<'_> {
     }
 }
 
-/// Rotation from a row's plan frames to their parents'.
+/// Rotation from a row's lane frames to their parents'.
 #[derive(Clone, Copy)]
-enum Turn<L> {
+enum Rotation<L> {
     /// About z, then about x.
     Straight { cx: L, sx: L, c: L, s: L },
     /// About z, then the constant rotation.
     General { rotation: M3<L>, c: L, s: L },
 }
 
-impl<L: Lanes> Turn<L> {
+impl<L: Lanes> Rotation<L> {
     #[inline(always)]
     fn load(step: &Step, row: &AbaRow) -> Self {
         let (c, s) = (L::load(&row.cos), L::load(&row.sin));
         if step.straight {
-            let (cx, sx) = (L::load(&step.turn_x[0]), L::load(&step.turn_x[1]));
-            Turn::Straight { cx, sx, c, s }
+            let (cx, sx) = (L::load(&step.rotation_x[0]), L::load(&step.rotation_x[1]));
+            Rotation::Straight { cx, sx, c, s }
         } else {
             let rotation = M3::load(&step.rotation);
-            Turn::General { rotation, c, s }
+            Rotation::General { rotation, c, s }
         }
     }
     #[inline(always)]
-    fn back(&self, x: V3<L>) -> V3<L> {
+    fn rotate_back(&self, x: V3<L>) -> V3<L> {
         match *self {
-            Turn::Straight { cx, sx, c, s } => x.turn_back_x(cx, sx).turn_back_z(c, s),
-            Turn::General { rotation, c, s } => rotation.tr_mul(x).turn_back_z(c, s),
+            Rotation::Straight { cx, sx, c, s } => x.rotate_back_x(cx, sx).rotate_back_z(c, s),
+            Rotation::General { rotation, c, s } => rotation.tr_mul(x).rotate_back_z(c, s),
         }
     }
     #[inline(always)]
-    fn forth(&self, x: V3<L>) -> V3<L> {
+    fn rotate(&self, x: V3<L>) -> V3<L> {
         match *self {
-            Turn::Straight { cx, sx, c, s } => x.turn_z(c, s).turn_x(cx, sx),
-            Turn::General { rotation, c, s } => rotation.mul(x.turn_z(c, s)),
+            Rotation::Straight { cx, sx, c, s } => x.rotate_z(c, s).rotate_x(cx, sx),
+            Rotation::General { rotation, c, s } => rotation.times_vector(x.rotate_z(c, s)),
         }
     }
     #[inline(always)]
     fn forth_matrix(&self, m: M3<L>) -> M3<L> {
         match *self {
-            Turn::Straight { cx, sx, c, s } => m.turned_z(c, s).turned_x(cx, sx),
-            Turn::General { rotation, c, s } => m.turned_z(c, s).turned(rotation),
+            Rotation::Straight { cx, sx, c, s } => m.rotated_z(c, s).rotated_x(cx, sx),
+            Rotation::General { rotation, c, s } => m.rotated_z(c, s).rotated(rotation),
         }
     }
 }
@@ -273,33 +271,36 @@ fn of_parents<L: Lanes>(step: &Step, before: &[AbaRow], part: fn(&AbaRow) -> &[P
 /// Twists, bias accelerations, and the rigid bodies' own inertias and bias wrenches.
 #[inline(always)]
 fn velocities<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow, q: L, rate: L) {
-    let (turning, sliding) = (L::load(&step.turning), L::load(&step.sliding));
-    let (sin, cos) = sin_cos(q.mul_add(turning, L::load(&step.angle_offset)));
+    let (revolute, prismatic) = (
+        L::load(&step.revolute_ratio),
+        L::load(&step.prismatic_ratio),
+    );
+    let (sin, cos) = sin_cos(q.mul_add(revolute, L::load(&step.angle_offset)));
     sin.store(&mut row.sin);
     cos.store(&mut row.cos);
-    let turn = Turn::<L>::load(step, row);
+    let to_parent = Rotation::<L>::load(step, row);
     let mut arm = V3::load(&step.origin);
-    if let Turn::General { rotation, .. } = turn {
-        let shift = q.mul_add(sliding, L::load(&step.shift_offset));
+    if let Rotation::General { rotation, .. } = to_parent {
+        let shift = q.mul_add(prismatic, L::load(&step.shift_offset));
         arm = arm.add_scaled(shift, rotation.third_column());
     }
     arm.store(&mut row.arm);
     let parent = of_parents::<L>(step, before, |r| &r.omega);
-    let mut w = turn.back(parent);
-    let a = turn.back(parent.cross(parent.cross(arm)));
-    let (turn_rate, slide_rate) = (rate * turning, rate * sliding);
-    let twice = slide_rate + slide_rate;
+    let mut w = to_parent.rotate_back(parent);
+    let a = to_parent.rotate_back(parent.cross(parent.cross(arm)));
+    let (angular_rate, linear_rate) = (rate * revolute, rate * prismatic);
+    let twice = linear_rate + linear_rate;
     let (wx, wy) = (w.x, w.y);
     V3::new(wy.mul_add(twice, a.x), wx.neg_mul_add(twice, a.y), a.z).store(&mut row.bias_a);
-    V3::new(wy * turn_rate, -(wx * turn_rate), L::splat(0.0)).store(&mut row.bias_alpha);
-    w.z = w.z + turn_rate;
+    V3::new(wy * angular_rate, -(wx * angular_rate), L::splat(0.0)).store(&mut row.bias_alpha);
+    w.z = w.z + angular_rate;
     w.store(&mut row.omega);
     let [m, hx, hy, hz, s @ ..] = &step.inertia;
     let h = V3::new(L::load(hx), L::load(hy), L::load(hz));
     let s = M3::<L>::load_symmetric(s);
     w.cross(w.cross(h)).store(&mut row.f);
     // omega × (I omega) with I = trace 1 - S
-    s.mul(w).cross(w).store(&mut row.n);
+    s.times_vector(w).cross(w).store(&mut row.n);
     let (zero, m) = (L::splat(0.0), L::load(m));
     store_all([m, zero, zero, m, zero, m], &mut row.m);
     M3(
@@ -314,7 +315,10 @@ fn velocities<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow, q: L, 
 /// Articulated inertia and bias of a row, handed to the parents.
 #[inline(always)]
 fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, tau: L, armature: L) {
-    let (t, s) = (L::load(&step.turning), L::load(&step.sliding));
+    let (t, s) = (
+        L::load(&step.revolute_ratio),
+        L::load(&step.prismatic_ratio),
+    );
     let (m, h, i) = (
         M3::load_symmetric(&row.m),
         M3::load(&row.h),
@@ -339,23 +343,26 @@ fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, ta
     let h = h.sub_outer(over_n, u_f);
     let i = i.sub_outer(over_n, u_n);
     let (a, alpha) = (V3::load(&row.bias_a), V3::load(&row.bias_alpha));
-    let f = m.mul_add(a, f).add(h.tr_mul(alpha)).add_scaled(u, over_f);
-    let n = h.mul_add(a, n).add(i.mul(alpha)).add_scaled(u, over_n);
+    let f = m.mul_add(a, f).plus(h.tr_mul(alpha)).add_scaled(u, over_f);
+    let n = h
+        .mul_add(a, n)
+        .plus(i.times_vector(alpha))
+        .add_scaled(u, over_n);
 
-    let turn = Turn::<L>::load(step, row);
+    let to_parent = Rotation::<L>::load(step, row);
     let r = V3::load(&row.arm);
     let (m, h, i) = (
-        turn.forth_matrix(m),
-        turn.forth_matrix(h),
-        turn.forth_matrix(i),
+        to_parent.forth_matrix(m),
+        to_parent.forth_matrix(h),
+        to_parent.forth_matrix(i),
     );
-    let f = turn.forth(f);
-    let n = r.cross_add(f, turn.forth(n));
-    let moved = h.add(m.cross_columns(r));
+    let f = to_parent.rotate(f);
+    let n = r.cross_add(f, to_parent.rotate(n));
+    let moved = h.plus(m.cross_columns(r));
     // I + [r] H^T - (H + [r] M) [r]
     let i = i
-        .add(h.transpose().cross_columns(r))
-        .add(moved.transpose().cross_columns(r).transpose());
+        .plus(h.transpose().cross_columns(r))
+        .plus(moved.transpose().cross_columns(r).transpose());
     hand_over(step, before, [m, moved, i], f, n);
 }
 
@@ -370,13 +377,13 @@ fn hand_over<L: Lanes>(
 ) {
     if step.same_lane {
         let parent = &mut before[step.parent_row];
-        let sum = m.add(M3::load_symmetric(&parent.m));
+        let sum = m.plus(M3::load_symmetric(&parent.m));
         store_all(sum.upper(), &mut parent.m);
-        h.add(M3::load(&parent.h)).store(&mut parent.h);
-        let sum = i.add(M3::load_symmetric(&parent.i));
+        h.plus(M3::load(&parent.h)).store(&mut parent.h);
+        let sum = i.plus(M3::load_symmetric(&parent.i));
         store_all(sum.upper(), &mut parent.i);
-        f.add(V3::load(&parent.f)).store(&mut parent.f);
-        n.add(V3::load(&parent.n)).store(&mut parent.n);
+        f.plus(V3::load(&parent.f)).store(&mut parent.f);
+        n.plus(V3::load(&parent.n)).store(&mut parent.n);
         return;
     }
     let places = &step.parents;
@@ -393,16 +400,16 @@ fn hand_over<L: Lanes>(
 /// Accelerations of a row's joints, and of its bodies.
 #[inline(always)]
 fn accelerations<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow) -> L {
-    let turn = Turn::<L>::load(step, row);
+    let to_parent = Rotation::<L>::load(step, row);
     let alpha = of_parents::<L>(step, before, |r| &r.alpha);
     let a = of_parents::<L>(step, before, |r| &r.a);
     let a = alpha.cross_add(V3::load(&row.arm), a);
-    let mut a = turn.back(a).add(V3::load(&row.bias_a));
-    let mut alpha = turn.back(alpha).add(V3::load(&row.bias_alpha));
+    let mut a = to_parent.rotate_back(a).plus(V3::load(&row.bias_a));
+    let mut alpha = to_parent.rotate_back(alpha).plus(V3::load(&row.bias_alpha));
     let u = L::load(&row.u) - V3::load(&row.u_f).dot(a) - V3::load(&row.u_n).dot(alpha);
     let ddq = u * L::load(&row.inverse_d);
-    a.z = ddq.mul_add(L::load(&step.sliding), a.z);
-    alpha.z = ddq.mul_add(L::load(&step.turning), alpha.z);
+    a.z = ddq.mul_add(L::load(&step.prismatic_ratio), a.z);
+    alpha.z = ddq.mul_add(L::load(&step.revolute_ratio), alpha.z);
     a.store(&mut row.a);
     alpha.store(&mut row.alpha);
     ddq

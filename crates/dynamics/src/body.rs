@@ -16,7 +16,7 @@ pub enum JointKind {
 
 impl JointKind {
     /// True for joints that turn.
-    pub fn turns(self) -> bool {
+    pub fn is_revolute(self) -> bool {
         !matches!(self, JointKind::Prismatic)
     }
 }
@@ -50,7 +50,7 @@ impl Body {
     /// `S`: twist of the body, in its frame, for unit speed of its own joint axis.
     #[inline]
     pub fn subspace(&self) -> Motion {
-        if self.kind.turns() {
+        if self.kind.is_revolute() {
             Motion::new(Vector3::zeros(), self.axis)
         } else {
             Motion::new(self.axis, Vector3::zeros())
@@ -60,7 +60,7 @@ impl Body {
     #[inline]
     pub fn placement_at(&self, q: f64) -> Se3 {
         let p = &self.placement;
-        if self.kind.turns() {
+        if self.kind.is_revolute() {
             Se3::new(p.rotation * axis_angle(&self.axis, q), p.translation)
         } else {
             Se3::new(p.rotation, p.translation + p.rotation * (self.axis * q))
@@ -69,7 +69,7 @@ impl Body {
     /// Component of a wrench along the joint axis, N·m or N.
     #[inline]
     pub fn along_axis(&self, f: Force) -> f64 {
-        if self.kind.turns() {
+        if self.kind.is_revolute() {
             self.axis.dot(&f.angular)
         } else {
             self.axis.dot(&f.linear)

@@ -4,12 +4,12 @@
 //! sums, and an entry of `M` is the product of an axis with the momentum of another.
 
 use crate::data::Data;
-use crate::lanes::{Kernel, Lanes, M3, Pack, V3, gather, run, scatter_add, sin_cos, store_all};
+use crate::lane_schedule::{LaneSchedule, NOWHERE, Step};
 use crate::model::{Base, Model};
-use crate::plan::{NOWHERE, Plan, Step};
 use crate::rows::CrbaRow;
 use crate::spatial::{Inertia, Motion};
 use nalgebra::{DMatrix, Matrix3, Vector3};
+use simd::{Kernel, Lanes, M3, Pack, V3, gather, run, scatter_add, sin_cos, store_all};
 
 /// `M(q)` (nv × nv), symmetric, armature included.
 pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64> {
@@ -17,7 +17,7 @@ pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64
     debug_assert!(q.len() >= model.nq());
     let m = &mut data.mass_matrix;
     let kernel = Crba {
-        plan: &model.plan,
+        schedule: &model.schedule,
         rows: &mut data.crba,
         q: &q[bq.min(q.len())..],
         floating: model.base == Base::Floating,
@@ -58,7 +58,7 @@ fn root_inertia(root: &CrbaRow, own: &Inertia) -> Inertia {
 }
 
 struct Crba<'a> {
-    plan: &'a Plan,
+    schedule: &'a LaneSchedule,
     rows: &'a mut [CrbaRow],
     q: &'a [f64],
     floating: bool,
@@ -71,7 +71,7 @@ impl Kernel for Crba<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let steps = &self.plan.steps;
+        let steps = &self.schedule.steps;
         let rows = self.rows;
         for (i, step) in steps.iter().enumerate() {
             let (before, rest) = rows.split_at_mut(i + 1);
@@ -100,7 +100,7 @@ impl Kernel for Crba<'_> {
 /// Placement in the root's frame, and the body's own inertia there.
 #[inline(always)]
 fn outward<L: Lanes>(step: &Step, before: &[CrbaRow], row: &mut CrbaRow, q: L) {
-    let angle = q.mul_add(L::load(&step.turning), L::load(&step.angle_offset));
+    let angle = q.mul_add(L::load(&step.revolute_ratio), L::load(&step.angle_offset));
     let (sin, cos) = sin_cos(angle);
     let (parent, origin) = if step.same_lane {
         let parent = &before[step.parent_row];
@@ -122,17 +122,17 @@ fn outward<L: Lanes>(step: &Step, before: &[CrbaRow], row: &mut CrbaRow, q: L) {
     };
     let arm = V3::load(&step.origin);
     let (r, p) = if step.straight {
-        let (cx, sx) = (L::load(&step.turn_x[0]), L::load(&step.turn_x[1]));
+        let (cx, sx) = (L::load(&step.rotation_x[0]), L::load(&step.rotation_x[1]));
         (
-            parent.times_turn_x(cx, sx).times_turn_z(cos, sin),
+            parent.times_rotation_x(cx, sx).times_rotation_z(cos, sin),
             parent.mul_add(arm, origin),
         )
     } else {
         let rotation = M3::load(&step.rotation);
-        let shift = q.mul_add(L::load(&step.sliding), L::load(&step.shift_offset));
+        let shift = q.mul_add(L::load(&step.prismatic_ratio), L::load(&step.shift_offset));
         let arm = arm.add_scaled(shift, rotation.third_column());
         (
-            parent.times(rotation).times_turn_z(cos, sin),
+            parent.times(rotation).times_rotation_z(cos, sin),
             parent.mul_add(arm, origin),
         )
     };
@@ -141,12 +141,12 @@ fn outward<L: Lanes>(step: &Step, before: &[CrbaRow], row: &mut CrbaRow, q: L) {
     let [m, hx, hy, hz, s @ ..] = &step.inertia;
     let m = L::load(m);
     m.store(&mut row.mass);
-    let h = r.mul(V3::new(L::load(hx), L::load(hy), L::load(hz)));
+    let h = r.times_vector(V3::new(L::load(hx), L::load(hy), L::load(hz)));
     let at_root = h.add_scaled(m, p);
     at_root.store(&mut row.h);
     let s = M3::load_symmetric(s);
     // S + h p^T + p (h + m p)^T
-    let s = s.turned(r);
+    let s = s.rotated(r);
     let s = s.add_outer(h, p).add_outer(p, at_root).upper();
     store_all(s, &mut row.s);
 }
@@ -156,12 +156,12 @@ fn outward<L: Lanes>(step: &Step, before: &[CrbaRow], row: &mut CrbaRow, q: L) {
 fn axis_and_momentum<L: Lanes>(step: &Step, row: &mut CrbaRow) {
     let z = M3::<L>::load(&row.rotation).third_column();
     let p = V3::load(&row.translation);
-    let w = z.scale(L::load(&step.turning));
-    let v = p.cross_add(w, z.scale(L::load(&step.sliding)));
+    let w = z.scale(L::load(&step.revolute_ratio));
+    let v = p.cross_add(w, z.scale(L::load(&step.prismatic_ratio)));
     let h = V3::load(&row.h);
     let s = M3::load_symmetric(&row.s);
     let f = w.cross_add(h, v.scale(L::load(&row.mass)));
-    let n = h.cross_add(v, s.trace_minus().mul(w));
+    let n = h.cross_add(v, s.trace_minus().times_vector(w));
     store_all([v.x, v.y, v.z, w.x, w.y, w.z], &mut row.twist);
     store_all([f.x, f.y, f.z, n.x, n.y, n.z], &mut row.momentum);
 }
@@ -264,7 +264,7 @@ fn fill_with_mimic(model: &Model, rows: &[CrbaRow], m: &mut DMatrix<f64>) {
     let base = model.base_size().0;
     m.fill(0.0);
     let of = |b: usize, part: fn(&CrbaRow) -> &[Pack; 6]| {
-        let (row, lane) = model.plan.place[b];
+        let (row, lane) = model.schedule.place[b];
         part(&rows[row]).each_ref().map(|p| p.0[lane])
     };
     for (i, body) in model.bodies.iter().enumerate().skip(1) {

@@ -1,10 +1,10 @@
 //! Memory of the algorithms, allocated once per model.
 
-use crate::lanes::Instructions;
 use crate::model::Model;
 use crate::rows::{AbaRow, CrbaRow, RneaRow};
 use crate::spatial::{Force, Inertia, Motion, Se3};
 use nalgebra::DMatrix;
+use simd::Instructions;
 
 /// Results and intermediate values of every algorithm, for one model.
 #[derive(Clone, Debug)]
@@ -39,7 +39,7 @@ impl Data {
     pub fn new(model: &Model) -> Self {
         let n = model.bodies.len();
         let nv = model.nv();
-        let rows = model.plan.steps.len() + 1;
+        let rows = model.schedule.steps.len() + 1;
         Self {
             instructions: Instructions::detect(),
             rnea: vec![RneaRow::default(); rows],

@@ -78,7 +78,7 @@ pub fn frame_classical_acceleration(
 ) -> Motion {
     let v = frame_velocity(model, data, frame, reference);
     let mut a = frame_acceleration(model, data, frame, reference);
-    let turning: Vector3<f64> = v.angular.cross(&v.linear);
-    a.linear += turning;
+    let rotating: Vector3<f64> = v.angular.cross(&v.linear);
+    a.linear += rotating;
     a
 }

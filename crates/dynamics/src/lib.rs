@@ -23,9 +23,8 @@ mod energy;
 mod frames;
 mod jacobian;
 mod kinematics;
-pub mod lanes;
+mod lane_schedule;
 mod model;
-mod plan;
 mod regressor;
 mod rnea;
 mod rows;
@@ -51,9 +50,9 @@ pub use kinematics::{
     BaseMotion, ImuMotion, base_motion_from_imu, forward_kinematics,
     forward_kinematics_acceleration, forward_kinematics_velocity, joint_wrenches, propagate,
 };
-pub use lanes::Instructions;
 pub use model::{Base, Cut, Frame, GRAVITY, Joint, JointLimits, Model};
 pub use regressor::{PARAMETERS, joint_torque_regressor};
 pub use rnea::{gravity, nle, rnea};
+pub use simd::Instructions;
 pub use spatial::{Force, Inertia, Motion, Se3};
 pub use urdf::{UrdfError, UrdfOptions};

@@ -1,7 +1,7 @@
 //! The immutable description of a robot: bodies, joints and frames.
 
 use crate::body::{Body, JointKind};
-use crate::plan::{Plan, Skeleton};
+use crate::lane_schedule::{LaneSchedule, Skeleton};
 use crate::spatial::{Inertia, Se3};
 use nalgebra::{Unit, Vector3};
 
@@ -95,7 +95,7 @@ pub struct Model {
     /// The nearest component of `v` that supports each component (all before it, with mimic joints).
     pub(crate) dof_parent: Vec<Option<usize>>,
     pub(crate) warnings: Vec<String>,
-    pub(crate) plan: Plan,
+    pub(crate) schedule: LaneSchedule,
 }
 
 /// Standard gravity as Pinocchio takes it, m/s².
@@ -265,7 +265,7 @@ impl Model {
     /// Fills in what follows from bodies and joints.
     pub(crate) fn finish(&mut self) {
         let base = self.base_size().0;
-        self.plan = Plan::new(Skeleton {
+        self.schedule = LaneSchedule::new(Skeleton {
             bodies: &self.bodies,
             joint_count: self.joints.len(),
             base_size: base,

@@ -1,18 +1,18 @@
 //! Recursive Newton-Euler: the joint torques of a motion.
 //!
-//! Runs on the model's plan, four bodies at a time. The acceleration of a point `r` of a body is
+//! Runs on the model's lane schedule, four bodies at a time. The acceleration of a point `r` of a body is
 //! `a + U r` with `U = [alpha] + [omega][omega]`; with the second moments `S = ∫ r r^T dm` the net
 //! moment about the origin is `h × a + 2 axial(U S)`, with `h` the first moment (Khalil and Dombre,
 //! Modeling, Identification and Control of Robots, 9.5).
 
 use crate::data::Data;
 use crate::kinematics::{at, base_placement, six};
-use crate::lanes::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos};
+use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
-use crate::plan::{Plan, Step};
 use crate::rows::RneaRow;
 use crate::spatial::Force;
 use nalgebra::Vector3;
+use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos};
 
 /// `tau = M(q) a + nle(q, v) - sum J^T f` (nv).
 ///
@@ -31,7 +31,7 @@ pub fn rnea<'d>(
     set_root(model, &mut data.rnea[0], q, v, a);
     let tail = |x: &'_ [f64], n: usize| n.min(x.len())..x.len();
     let kernel = Rnea {
-        plan: &model.plan,
+        schedule: &model.schedule,
         rows: &mut data.rnea,
         q: &q[tail(q, bq)],
         v: &v[tail(v, bv)],
@@ -87,7 +87,7 @@ fn set_root(model: &Model, root: &mut RneaRow, q: &[f64], v: &[f64], a: &[f64]) 
     root.u = std::array::from_fn(|k| Pack([u[(k / 3, k % 3)]; WIDTH]));
 }
 
-/// Adds the root's own wrench and what its children left in the lanes.
+/// Adds the root's own wrench and the sum of its children's, which stands in the lanes.
 fn finish_root(model: &Model, data: &mut Data, f_ext: Option<&[Force]>) {
     let root = &data.rnea[0];
     let one = |p: &[Pack; 3]| Vector3::from(p.each_ref().map(|p| p.0[0]));
@@ -105,7 +105,7 @@ fn finish_root(model: &Model, data: &mut Data, f_ext: Option<&[Force]>) {
 }
 
 struct Rnea<'a> {
-    plan: &'a Plan,
+    schedule: &'a LaneSchedule,
     rows: &'a mut [RneaRow],
     q: &'a [f64],
     v: &'a [f64],
@@ -118,14 +118,14 @@ impl Kernel for Rnea<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        for (step, row) in self.plan.steps.iter().zip(&mut self.rows[1..]) {
+        for (step, row) in self.schedule.steps.iter().zip(&mut self.rows[1..]) {
             let q: L = gather(self.q, &step.joints);
-            let angle = q.mul_add(L::load(&step.turning), L::load(&step.angle_offset));
+            let angle = q.mul_add(L::load(&step.revolute_ratio), L::load(&step.angle_offset));
             let (sin, cos) = sin_cos(angle);
             sin.store(&mut row.sin);
             cos.store(&mut row.cos);
         }
-        for (i, step) in self.plan.steps.iter().enumerate() {
+        for (i, step) in self.schedule.steps.iter().enumerate() {
             let (before, rest) = self.rows.split_at_mut(i + 1);
             let Some(row) = rest.first_mut() else { return };
             let rate: L = gather(self.v, &step.joints);
@@ -138,7 +138,7 @@ impl Kernel for Rnea<'_> {
             }
         }
         if let Some(f_ext) = self.f_ext {
-            self.plan.for_each_wrench(f_ext, |row, lane, f, n| {
+            self.schedule.for_each_wrench(f_ext, |row, lane, f, n| {
                 for k in 0..3 {
                     self.rows[row].f[k].0[lane] -= f[k];
                     self.rows[row].n[k].0[lane] -= n[k];
@@ -146,7 +146,7 @@ impl Kernel for Rnea<'_> {
             });
         }
         self.tau.fill(0.0);
-        for (i, step) in self.plan.steps.iter().enumerate().rev() {
+        for (i, step) in self.schedule.steps.iter().enumerate().rev() {
             let (before, rest) = self.rows.split_at_mut(i + 1);
             let Some(row) = rest.first() else { return };
             let torque = if step.straight {
@@ -204,13 +204,13 @@ fn outward_straight<L: Lanes>(
     rate: L,
     rate_change: L,
 ) {
-    let turning = L::load(&step.turning);
-    let (rate, rate_change) = (rate * turning, rate_change * turning);
-    let turn = Turn::<L>::load(step, row);
+    let revolute = L::load(&step.revolute_ratio);
+    let (rate, rate_change) = (rate * revolute, rate_change * revolute);
+    let to_parent = Rotation::<L>::load(step, row);
     let u = M3::load(&parent.u);
-    let mut w = turn.back(V3::load(&parent.omega));
-    let al = turn.back(V3::load(&parent.alpha));
-    let a = turn.back(u.mul_add(V3::load(&step.origin), V3::load(&parent.a)));
+    let mut w = to_parent.rotate_back(V3::load(&parent.omega));
+    let al = to_parent.rotate_back(V3::load(&parent.alpha));
+    let a = to_parent.rotate_back(u.mul_add(V3::load(&step.origin), V3::load(&parent.a)));
     let al = V3::new(
         w.y.mul_add(rate, al.x),
         w.x.neg_mul_add(rate, al.y),
@@ -220,32 +220,33 @@ fn outward_straight<L: Lanes>(
     finish_row(step, row, w, al, a);
 }
 
-/// A turn about z, then one about x.
-struct Turn<L> {
+/// A rotation about z, then one about x.
+struct Rotation<L> {
     cos_x: L,
     sin_x: L,
     cos: L,
     sin: L,
 }
 
-impl<L: Lanes> Turn<L> {
+impl<L: Lanes> Rotation<L> {
     #[inline(always)]
     fn load(step: &Step, row: &RneaRow) -> Self {
-        Turn {
-            cos_x: L::load(&step.turn_x[0]),
-            sin_x: L::load(&step.turn_x[1]),
+        Rotation {
+            cos_x: L::load(&step.rotation_x[0]),
+            sin_x: L::load(&step.rotation_x[1]),
             cos: L::load(&row.cos),
             sin: L::load(&row.sin),
         }
     }
     #[inline(always)]
-    fn back(&self, x: V3<L>) -> V3<L> {
-        x.turn_back_x(self.cos_x, self.sin_x)
-            .turn_back_z(self.cos, self.sin)
+    fn rotate_back(&self, x: V3<L>) -> V3<L> {
+        x.rotate_back_x(self.cos_x, self.sin_x)
+            .rotate_back_z(self.cos, self.sin)
     }
     #[inline(always)]
-    fn forth(&self, x: V3<L>) -> V3<L> {
-        x.turn_z(self.cos, self.sin).turn_x(self.cos_x, self.sin_x)
+    fn rotate(&self, x: V3<L>) -> V3<L> {
+        x.rotate_z(self.cos, self.sin)
+            .rotate_x(self.cos_x, self.sin_x)
     }
 }
 
@@ -261,28 +262,31 @@ fn outward<L: Lanes>(
 ) {
     let (w, al, pa) = parents_motion(step, before);
     let u = u_matrix(w, al);
-    let (turning, sliding) = (L::load(&step.turning), L::load(&step.sliding));
+    let (revolute, prismatic) = (
+        L::load(&step.revolute_ratio),
+        L::load(&step.prismatic_ratio),
+    );
     let rotation = M3::load(&step.rotation);
-    let shift = q.mul_add(sliding, L::load(&step.shift_offset));
+    let shift = q.mul_add(prismatic, L::load(&step.shift_offset));
     let r = V3::load(&step.origin).add_scaled(shift, rotation.third_column());
     r.store(&mut row.arm);
     let b = u.mul_add(r, pa);
     let (c, s) = (L::load(&row.cos), L::load(&row.sin));
-    let mut w = rotation.tr_mul(w).turn_back_z(c, s);
-    let al = rotation.tr_mul(al).turn_back_z(c, s);
-    let a = rotation.tr_mul(b).turn_back_z(c, s);
-    let (turn_rate, slide_rate) = (rate * turning, rate * sliding);
+    let mut w = rotation.tr_mul(w).rotate_back_z(c, s);
+    let al = rotation.tr_mul(al).rotate_back_z(c, s);
+    let a = rotation.tr_mul(b).rotate_back_z(c, s);
+    let (angular_rate, linear_rate) = (rate * revolute, rate * prismatic);
     let al = V3::new(
-        w.y.mul_add(turn_rate, al.x),
-        w.x.neg_mul_add(turn_rate, al.y),
-        rate_change.mul_add(turning, al.z),
+        w.y.mul_add(angular_rate, al.x),
+        w.x.neg_mul_add(angular_rate, al.y),
+        rate_change.mul_add(revolute, al.z),
     );
-    w.z = w.z + turn_rate;
-    let twice = slide_rate + slide_rate;
+    w.z = w.z + angular_rate;
+    let twice = linear_rate + linear_rate;
     let a = V3::new(
         w.y.mul_add(twice, a.x),
         w.x.neg_mul_add(twice, a.y),
-        rate_change.mul_add(sliding, a.z),
+        rate_change.mul_add(prismatic, a.z),
     );
     finish_row(step, row, w, al, a);
 }
@@ -310,13 +314,13 @@ fn parents_motion<L: Lanes>(step: &Step, before: &[RneaRow]) -> (V3<L>, V3<L>, V
 /// Torque of the joints of a row, whose wrenches move to their parents.
 #[inline(always)]
 fn inward_straight<L: Lanes>(step: &Step, parent: &mut RneaRow, row: &RneaRow) -> L {
-    let turn = Turn::<L>::load(step, row);
+    let to_parent = Rotation::<L>::load(step, row);
     let n: V3<L> = V3::load(&row.n);
-    let torque = n.z * L::load(&step.turning);
-    let f = turn.forth(V3::load(&row.f));
-    let n = turn.forth(n).add(V3::load(&parent.n));
+    let torque = n.z * L::load(&step.revolute_ratio);
+    let f = to_parent.rotate(V3::load(&row.f));
+    let n = to_parent.rotate(n).plus(V3::load(&parent.n));
     V3::load(&step.origin).cross_add(f, n).store(&mut parent.n);
-    f.add(V3::load(&parent.f)).store(&mut parent.f);
+    f.plus(V3::load(&parent.f)).store(&mut parent.f);
     torque
 }
 
@@ -325,15 +329,17 @@ fn inward<L: Lanes>(step: &Step, before: &mut [RneaRow], row: &RneaRow) -> L {
     let (c, s) = (L::load(&row.cos), L::load(&row.sin));
     let rotation = M3::load(&step.rotation);
     let (f, n): (V3<L>, V3<L>) = (V3::load(&row.f), V3::load(&row.n));
-    let torque =
-        f.z.mul_add(L::load(&step.sliding), n.z * L::load(&step.turning));
-    let f = rotation.mul(f.turn_z(c, s));
-    let n = rotation.mul(n.turn_z(c, s));
+    let torque = f.z.mul_add(
+        L::load(&step.prismatic_ratio),
+        n.z * L::load(&step.revolute_ratio),
+    );
+    let f = rotation.times_vector(f.rotate_z(c, s));
+    let n = rotation.times_vector(n.rotate_z(c, s));
     let n = V3::load(&row.arm).cross_add(f, n);
     if step.same_lane {
         let parent = &mut before[step.parent_row];
-        f.add(V3::load(&parent.f)).store(&mut parent.f);
-        n.add(V3::load(&parent.n)).store(&mut parent.n);
+        f.plus(V3::load(&parent.f)).store(&mut parent.f);
+        n.plus(V3::load(&parent.n)).store(&mut parent.n);
         return torque;
     }
     let wrench = [f.x, f.y, f.z, n.x, n.y, n.z];

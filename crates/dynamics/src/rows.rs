@@ -1,8 +1,9 @@
-//! Intermediate values of the algorithms that run on the plan, four bodies a row; the root has row 0.
+//! Intermediate values of the algorithms that run on the lane schedule, four bodies a row; the
+//! root has row 0.
 
-use crate::lanes::{Pack, WIDTH};
+use simd::{Pack, WIDTH};
 
-/// `rnea`: motion and wrench of four bodies, in their plan frames.
+/// `rnea`: motion and wrench of four bodies, in their lane frames.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RneaRow {
     pub(crate) omega: [Pack; 3],
@@ -16,17 +17,17 @@ pub(crate) struct RneaRow {
     pub(crate) n: [Pack; 3],
     pub(crate) cos: Pack,
     pub(crate) sin: Pack,
-    /// Origin in the parent's plan frame, where a joint may slide.
+    /// Origin in the parent's lane frame, where a joint may be prismatic.
     pub(crate) arm: [Pack; 3],
 }
 
-/// `aba`: four bodies, in their plan frames.
+/// `aba`: four bodies, in their lane frames.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AbaRow {
     pub(crate) cos: Pack,
     pub(crate) sin: Pack,
     pub(crate) omega: [Pack; 3],
-    /// Origin in the parent's plan frame.
+    /// Origin in the parent's lane frame.
     pub(crate) arm: [Pack; 3],
     /// Acceleration at `ddq = 0` of a body whose parent does not accelerate.
     pub(crate) bias_a: [Pack; 3],
@@ -39,7 +40,7 @@ pub(crate) struct AbaRow {
     pub(crate) f: [Pack; 3],
     pub(crate) n: [Pack; 3],
     /// Wrench for unit acceleration of the joint, the inverse of its part along the joint's axis,
-    /// and the torque left over for acceleration.
+    /// and the torque that accelerates it.
     pub(crate) u_f: [Pack; 3],
     pub(crate) u_n: [Pack; 3],
     pub(crate) inverse_d: Pack,
@@ -51,7 +52,7 @@ pub(crate) struct AbaRow {
 /// `crba`: four bodies, in the root's axes and at its origin.
 #[derive(Clone, Debug)]
 pub(crate) struct CrbaRow {
-    /// From the plan frame to the root's, by rows.
+    /// From the lane frame to the root's, by rows.
     pub(crate) rotation: [Pack; 9],
     pub(crate) translation: [Pack; 3],
     /// Of the sub-tree: mass, first and second moments.

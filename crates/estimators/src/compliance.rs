@@ -10,8 +10,8 @@ use crate::exponential::exp;
 use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use crate::low_pass::LowPass;
 use crate::wave_generator::{WaveGenerator, WaveGeneratorTorque};
-use dynamics::lanes::{self, Instructions, Kernel, Lanes};
 use robot_state::{TorqueEstimate, measured_flags, torque_flags, torque_source};
+use simd::{Instructions, Kernel, Lanes};
 use std::f64::consts::FRAC_PI_2;
 
 /// Constants of the compliance model (Z Table II).
@@ -139,7 +139,7 @@ impl Kernel for Curves<'_> {
             ..
         } = self.parameters;
         let phases = L::set([error.w_link * self.q, error.w_motor * self.theta, 0.0, 0.0]);
-        let (sin, cos) = lanes::sin_cos(phases);
+        let (sin, cos) = simd::sin_cos(phases);
         let (sin, cos) = (sin.to_array(), cos.to_array());
         let err = error.error_of((sin[0], cos[0]), (sin[1], cos[1]));
         // A difference and not a derivative: the interval is wider than the curve is straight.
@@ -239,7 +239,7 @@ impl JointTorqueEstimator for ComplianceEstimator {
             tau_wg,
             tau_wg_sigma: variance.sqrt(),
         };
-        let (err, torsion_wg, torsion_wg_sigma) = lanes::run(self.instructions, curves);
+        let (err, torsion_wg, torsion_wg_sigma) = simd::run(self.instructions, curves);
         //= Z19: torsion_fs = torsion - torsion_wg/N - err
         let torsion_fs = torsion - torsion_wg / p.gear_ratio - err;
         let Saturated { tau, saturated } =

@@ -1,6 +1,6 @@
 //! The exponential of four numbers at a time.
 
-use dynamics::lanes::{Lanes, SingleLanes};
+use simd::{Lanes, SingleLanes};
 
 /// Beyond, the exponential is held: 1e-304 and 1e304.
 const LARGEST: f64 = 700.0;
@@ -78,7 +78,7 @@ pub(crate) fn sigmoid<L: Lanes>(x: L) -> L {
 #[cfg(test)]
 mod tests {
     use super::{exp, sigmoid, single_exp_of_minus_half};
-    use dynamics::lanes::{Instructions, Kernel, Lanes, SingleLanes, run};
+    use simd::{Instructions, Kernel, Lanes, SingleLanes, run};
 
     struct Both([f64; 4]);
     impl Kernel for Both {

@@ -30,8 +30,8 @@ pub use updater::{Learned, LocalGpUpdater};
 use crate::exponential::exp;
 use crate::features::{FeatureSet, MAX_FEATURES};
 use crate::regimes::Regimes;
-use dynamics::lanes::{Instructions, Kernel, Lanes, WIDTH};
 use evaluate::{Points, Room};
+use simd::{Instructions, Kernel, Lanes, WIDTH};
 use std::fmt;
 
 /// Most points of one model.
@@ -133,7 +133,7 @@ impl LocalGp {
     /// The residual at inputs of the parameters' feature set.
     #[must_use]
     pub fn predict(&self, inputs: &[f64; MAX_FEATURES]) -> Prediction {
-        dynamics::lanes::run(self.instructions, Predict(self, inputs))
+        simd::run(self.instructions, Predict(self, inputs))
     }
 }
 

@@ -6,8 +6,8 @@ use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::low_pass::LowPass;
 use crate::output::Output;
 use crate::regimes::{Motion, Regimes};
-use dynamics::lanes::{Instructions, Kernel, Lanes, Pack, WIDTH};
 use robot_state::{TorqueEstimate, torque_source};
+use simd::{Instructions, Kernel, Lanes, Pack, WIDTH};
 use std::fmt;
 
 /// Scalar Kalman filter with F = H = 1 (S 29-35).
@@ -150,7 +150,7 @@ impl Forward {
     }
 
     fn run(&mut self) -> f64 {
-        dynamics::lanes::run(self.instructions, Propagate(self))
+        simd::run(self.instructions, Propagate(self))
     }
 }
 

@@ -206,7 +206,7 @@ impl Reader<'_, '_, '_> {
                 self.section.problem("name", what, names());
                 None
             }
-            Some(joint) if !model.joints().get(joint)?.kind.turns() => {
+            Some(joint) if !model.joints().get(joint)?.kind.is_revolute() => {
                 let what = format!("the URDF's joint {name} does not turn");
                 self.section
                     .problem("name", what, "revolute and continuous joints");

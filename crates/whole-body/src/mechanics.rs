@@ -57,7 +57,7 @@ impl Mechanics {
             let angle = q[body.joint] * body.ratio + body.offset;
             let placement = self.in_root[body.parent].compose(&body.placement_at(angle));
             let axis = placement.rotation * (body.axis * body.ratio);
-            self.axis[i] = if body.kind.turns() {
+            self.axis[i] = if body.kind.is_revolute() {
                 Motion::new(placement.translation.cross(&axis), axis)
             } else {
                 Motion::new(axis, Vector3::zeros())

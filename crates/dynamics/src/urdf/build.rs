@@ -24,7 +24,7 @@ pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, C
             gravity: Vector3::new(0.0, 0.0, -GRAVITY),
             dof_parent: Vec::new(),
             warnings: tree.warnings.clone(),
-            plan: Default::default(),
+            schedule: Default::default(),
         },
     };
     build.walk()?;

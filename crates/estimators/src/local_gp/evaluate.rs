@@ -3,7 +3,7 @@
 use super::{MAX_POINTS, Prepared};
 use crate::exponential::{exp, single_exp_of_minus_half};
 use crate::features::MAX_FEATURES;
-use dynamics::lanes::{Lanes, Pack, SINGLE_WIDTH, SingleLanes, SinglePack, WIDTH};
+use simd::{Lanes, Pack, SINGLE_WIDTH, SingleLanes, SinglePack, WIDTH};
 
 /// What single precision adds to the mean is below this times the sum of |sigma_f² alpha|: the
 /// kernel's own error (5e-7), and as many roundings as packs of points.

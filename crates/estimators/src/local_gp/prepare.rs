@@ -6,8 +6,8 @@ use super::{
     Factor, LocalGp, LocalGpError, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS, Prepared,
 };
 use crate::features::MAX_FEATURES;
-use dynamics::lanes::{Instructions, Pack, SINGLE_WIDTH, SinglePack, WIDTH};
 use nalgebra::DMatrix;
+use simd::{Instructions, Pack, SINGLE_WIDTH, SinglePack, WIDTH};
 
 /// Noise of a point is at least this part of the signal's variance, so that a model can be factored.
 const LEAST_NOISE: f64 = 1e-8;

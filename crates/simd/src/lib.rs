@@ -1,8 +1,9 @@
 //! Four numbers side by side: one code for AVX2 and for any processor.
 //!
-//! The algorithms are written once over [`Lanes`]. `run` picks the fastest implementation that
-//! the processor has; all of them compute the same expressions and differ only in rounding
-//! (a fused multiply-add rounds once).
+//! The algorithms are written once over [`Lanes`], as a [`Kernel`]. [`run`] executes it with the
+//! instructions that [`Instructions::detect`] found; all implementations compute the same
+//! expressions and differ only in rounding (a fused multiply-add rounds once).
+#![deny(unsafe_code)]
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -11,9 +12,9 @@ mod portable;
 mod sin_cos;
 mod vector;
 
-pub(crate) use matrix::M3;
+pub use matrix::M3;
 pub use sin_cos::sin_cos;
-pub(crate) use vector::{Places, V3, scatter_add, store_all};
+pub use vector::{Places, V3, scatter_add, store_all};
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -90,7 +91,7 @@ impl SinglePack {
     pub const ZERO: SinglePack = SinglePack([0.0; SINGLE_WIDTH]);
 }
 
-/// 1.5 * 2^23: what [`ROUNDS`] is for doubles.
+/// 1.5 * 2^23: the counterpart of [`ROUNDS`] in single precision.
 const SINGLE_ROUNDS: f32 = 12_582_912.0;
 
 /// Eight numbers of single precision in registers.
@@ -122,10 +123,10 @@ pub trait SingleLanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Outp
     }
 }
 
-/// Components of four joints; zero for idle lanes.
+/// Four components of `x`; zero where an index is beyond its end (an idle lane).
 #[inline(always)]
-pub(crate) fn gather<L: Lanes>(x: &[f64], joints: &[usize; WIDTH]) -> L {
-    let [a, b, c, d] = *joints;
+pub fn gather<L: Lanes>(x: &[f64], indices: &[usize; WIDTH]) -> L {
+    let [a, b, c, d] = *indices;
     L::set([or_zero(x, a), or_zero(x, b), or_zero(x, c), or_zero(x, d)])
 }
 
@@ -139,9 +140,9 @@ fn or_zero(x: &[f64], i: usize) -> f64 {
 
 /// Code over any implementation of [`Lanes`].
 pub trait Kernel {
-    /// What it returns.
+    /// Its result.
     type Output;
-    /// Does it.
+    /// Computes it.
     fn run<L: Lanes>(self) -> Self::Output;
 }
 

@@ -1,21 +1,22 @@
-//! The model compiled for four lanes: which bodies are computed side by side, and their constants.
+//! The model compiled for four lanes: the order in which bodies are computed side by side, and
+//! their constants.
 //!
-//! Each body gets a plan frame: its own origin, `z` along its joint axis, turned about `z` so that
-//! the frame of its first child differs by one turn about the common normal (Denavit and
+//! Each body gets a lane frame: its own origin, `z` along its joint axis, rotated about `z` so
+//! that the frame of its first child differs by one rotation about the common normal (Denavit and
 //! Hartenberg). Bodies are scheduled in steps of four, parents before children, the longest limbs
 //! first. A limb stays in its lane, so that most steps take each lane's parent from the same lane
 //! of an earlier step ([`Step::straight`]); the others gather.
 
 use crate::body::Body;
-use crate::lanes::{Pack, Places, WIDTH};
 use crate::spatial::{Force, Se3};
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use simd::{Pack, Places, WIDTH};
 
 /// Four bodies side by side; a lane may be idle.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Step {
-    /// True if every lane's parent is in the same lane of `parent_step`, differs from it by a turn
-    /// about x only, and every joint turns.
+    /// True if every lane's parent is in the same lane of `parent_step`, differs from it by a rotation
+    /// about x only, and every joint is revolute.
     pub(crate) straight: bool,
     /// True if every lane's parent is in the same lane of `parent_step`.
     pub(crate) same_lane: bool,
@@ -27,22 +28,22 @@ pub(crate) struct Step {
     pub(crate) idle: Pack,
     /// Index of each lane's joint, or `joint_count` where idle.
     pub(crate) joints: [usize; WIDTH],
-    /// Cosine and sine of the turn about x, where `straight`.
-    pub(crate) turn_x: [Pack; 2],
-    /// Rotation from the plan frame, at angle zero, to the parent's, by rows; where not `straight`.
+    /// Cosine and sine of the rotation about x, where `straight`.
+    pub(crate) rotation_x: [Pack; 2],
+    /// Rotation from the lane frame, at angle zero, to the parent's, by rows; where not `straight`.
     pub(crate) rotation: [Pack; 9],
-    /// Origin in the parent's plan frame.
+    /// Origin in the parent's lane frame.
     pub(crate) origin: [Pack; 3],
-    /// `angle = turning q + angle_offset`.
-    pub(crate) turning: Pack,
-    /// See `turning`.
+    /// `angle = revolute_ratio q + angle_offset`.
+    pub(crate) revolute_ratio: Pack,
+    /// See `revolute_ratio`.
     pub(crate) angle_offset: Pack,
-    /// `shift = sliding q + shift_offset`.
-    pub(crate) sliding: Pack,
-    /// See `sliding`.
+    /// `shift = prismatic_ratio q + shift_offset`.
+    pub(crate) prismatic_ratio: Pack,
+    /// See `prismatic_ratio`.
     pub(crate) shift_offset: Pack,
-    /// Mass, first moment, and second moments about the origin (xx xy xz yy yz zz), in the plan
-    /// frame.
+    /// Mass, first moment, and second moments about the origin (xx xy xz yy yz zz), in the
+    /// lane frame.
     pub(crate) inertia: [Pack; 10],
     /// Columns of the lanes' joints in `M`, or `NOWHERE`.
     pub(crate) columns: [usize; WIDTH],
@@ -51,7 +52,7 @@ pub(crate) struct Step {
     pub(crate) ancestors: Vec<Ancestors>,
 }
 
-/// Stands for an entry that is not there: beyond the end of any matrix.
+/// Index of an absent entry: beyond the end of any matrix.
 pub(crate) const NOWHERE: usize = usize::MAX;
 
 /// An ancestor of each lane's body, and the entries of `M` that couple the two.
@@ -66,15 +67,15 @@ pub(crate) struct Ancestors {
 
 /// See the module.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Plan {
+pub(crate) struct LaneSchedule {
     pub(crate) steps: Vec<Step>,
     /// Row (step + 1; the root's is 0) and lane of each body.
     pub(crate) place: Vec<(usize, usize)>,
-    /// Rotation from each body's plan frame to its own.
+    /// Rotation from each body's lane frame to its own.
     pub(crate) to_body: Vec<Matrix3<f64>>,
 }
 
-/// What of a model its plan is made from.
+/// Parts of a model from which its schedule is made.
 #[derive(Clone, Copy)]
 pub(crate) struct Skeleton<'a> {
     /// The root first, each after its parent.
@@ -85,31 +86,31 @@ pub(crate) struct Skeleton<'a> {
     pub(crate) base_size: usize,
 }
 
-impl Plan {
-    pub(crate) fn new(model: Skeleton) -> Plan {
+impl LaneSchedule {
+    pub(crate) fn new(model: Skeleton) -> LaneSchedule {
         let first_child = first_children(model.bodies);
         let rows = schedule(model.bodies, &first_child);
-        let mut plan = Plan {
+        let mut schedule = LaneSchedule {
             steps: Vec::new(),
             place: vec![(0, 0); model.bodies.len()],
-            to_body: plan_frames(model.bodies, &first_child),
+            to_body: lane_frames(model.bodies, &first_child),
         };
         for (step, lanes) in rows.iter().enumerate() {
             for (lane, body) in lanes.iter().enumerate() {
                 if let Some(body) = body {
-                    plan.place[*body] = (step + 1, lane);
+                    schedule.place[*body] = (step + 1, lane);
                 }
             }
         }
         for lanes in &rows {
-            let step = plan.step(model, lanes, &first_child);
-            plan.steps.push(step);
+            let step = schedule.step(model, lanes, &first_child);
+            schedule.steps.push(step);
         }
-        plan
+        schedule
     }
 
-    /// Hands out the external wrenches of all bodies but the root: row, lane, force and moment in
-    /// the plan frame.
+    /// Passes on the external wrenches of all bodies but the root: row, lane, force and moment in
+    /// the lane frame.
     #[inline]
     pub(crate) fn for_each_wrench(
         &self,
@@ -146,9 +147,9 @@ impl Plan {
         let straight = same_lane
             && parent_row > 0
             && real().all(|(_, b)| {
-                bodies[b].kind.turns()
+                bodies[b].kind.is_revolute()
                     && first_child[bodies[b].parent] == Some(b)
-                    && turn_x(&self.rotation(bodies, b)).1 < 1e-12
+                    && split_rotation_x(&self.rotation(bodies, b)).1 < 1e-12
             });
         let mut step = Step {
             straight,
@@ -157,12 +158,12 @@ impl Plan {
             parents: [row_of(first); WIDTH],
             idle: Pack([1.0; WIDTH]),
             joints: [model.joint_count; WIDTH],
-            turn_x: [Pack([1.0; WIDTH]), Pack::ZERO],
+            rotation_x: [Pack([1.0; WIDTH]), Pack::ZERO],
             rotation: [Pack::ZERO; 9],
             origin: [Pack::ZERO; 3],
-            turning: Pack::ZERO,
+            revolute_ratio: Pack::ZERO,
             angle_offset: Pack::ZERO,
-            sliding: Pack::ZERO,
+            prismatic_ratio: Pack::ZERO,
             shift_offset: Pack::ZERO,
             inertia: [Pack::ZERO; 10],
             columns: [NOWHERE; WIDTH],
@@ -207,7 +208,7 @@ impl Plan {
         levels
     }
 
-    /// From a body's plan frame, at angle zero, to its parent's.
+    /// From a body's lane frame, at angle zero, to its parent's.
     fn rotation(&self, bodies: &[Body], b: usize) -> Matrix3<f64> {
         let body = &bodies[b];
         self.to_body[body.parent].tr_mul(&(body.placement.rotation * self.to_body[b]))
@@ -220,11 +221,11 @@ impl Plan {
         let origin = self.to_body[body.parent].tr_mul(&body.placement.translation);
         let mut angle_offset = 0.0;
         if step.straight {
-            let (turn, _) = turn_x(&rotation);
+            let (turn, _) = split_rotation_x(&rotation);
             let about_z = turn.tr_mul(&rotation);
             angle_offset = about_z[(1, 0)].atan2(about_z[(0, 0)]);
-            step.turn_x[0].0[lane] = turn[(1, 1)];
-            step.turn_x[1].0[lane] = turn[(2, 1)];
+            step.rotation_x[0].0[lane] = turn[(1, 1)];
+            step.rotation_x[1].0[lane] = turn[(2, 1)];
             rotation = turn;
         }
         step.idle.0[lane] = 0.0;
@@ -237,11 +238,11 @@ impl Plan {
         for (k, pack) in step.origin.iter_mut().enumerate() {
             pack.0[lane] = origin[k];
         }
-        if body.kind.turns() {
-            step.turning.0[lane] = body.ratio;
+        if body.kind.is_revolute() {
+            step.revolute_ratio.0[lane] = body.ratio;
             step.angle_offset.0[lane] = body.offset + angle_offset;
         } else {
-            step.sliding.0[lane] = body.ratio;
+            step.prismatic_ratio.0[lane] = body.ratio;
             step.shift_offset.0[lane] = body.offset;
         }
         let back = Se3::new(self.to_body[b].transpose(), Vector3::zeros());
@@ -266,8 +267,8 @@ impl Plan {
     }
 }
 
-/// The turn about x in `Rx(alpha) Rz(delta)`, and how far the rotation is from that form.
-fn turn_x(rotation: &Matrix3<f64>) -> (Matrix3<f64>, f64) {
+/// The rotation about x in `Rx(alpha) Rz(delta)`, and how far the rotation is from that form.
+fn split_rotation_x(rotation: &Matrix3<f64>) -> (Matrix3<f64>, f64) {
     let turn = *Rotation3::from_axis_angle(
         &Vector3::x_axis(),
         (-rotation[(1, 2)]).atan2(rotation[(2, 2)]),
@@ -338,8 +339,8 @@ fn schedule(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Lanes> {
     rows
 }
 
-/// Rotations from plan frames to body frames.
-fn plan_frames(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Matrix3<f64>> {
+/// Rotations from lane frames to body frames.
+fn lane_frames(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Matrix3<f64>> {
     let frame = |(i, body): (usize, &Body)| {
         if i == 0 {
             return Matrix3::identity();

@@ -1,41 +1,49 @@
 //! Three-vectors of lanes.
 
-use super::{Lanes, Pack, WIDTH};
+use crate::{Lanes, Pack, WIDTH};
 
 /// One three-vector per lane.
 #[derive(Clone, Copy)]
-pub(crate) struct V3<L> {
-    pub(crate) x: L,
-    pub(crate) y: L,
-    pub(crate) z: L,
+pub struct V3<L> {
+    /// First component.
+    pub x: L,
+    /// Second component.
+    pub y: L,
+    /// Third component.
+    pub z: L,
 }
 
 impl<L: Lanes> V3<L> {
+    /// From components.
     #[inline(always)]
-    pub(crate) fn new(x: L, y: L, z: L) -> Self {
+    pub fn new(x: L, y: L, z: L) -> Self {
         Self { x, y, z }
     }
+    /// From memory.
     #[inline(always)]
-    pub(crate) fn load(p: &[Pack; 3]) -> Self {
+    pub fn load(p: &[Pack; 3]) -> Self {
         Self::new(L::load(&p[0]), L::load(&p[1]), L::load(&p[2]))
     }
+    /// To memory.
     #[inline(always)]
-    pub(crate) fn store(self, p: &mut [Pack; 3]) {
+    pub fn store(self, p: &mut [Pack; 3]) {
         self.x.store(&mut p[0]);
         self.y.store(&mut p[1]);
         self.z.store(&mut p[2]);
     }
+    /// `self + o`.
     #[inline(always)]
-    pub(crate) fn add(self, o: Self) -> Self {
+    pub fn plus(self, o: Self) -> Self {
         Self::new(self.x + o.x, self.y + o.y, self.z + o.z)
     }
+    /// `k self`.
     #[inline(always)]
-    pub(crate) fn scale(self, k: L) -> Self {
+    pub fn scale(self, k: L) -> Self {
         Self::new(self.x * k, self.y * k, self.z * k)
     }
     /// `self + k o`.
     #[inline(always)]
-    pub(crate) fn add_scaled(self, k: L, o: Self) -> Self {
+    pub fn add_scaled(self, k: L, o: Self) -> Self {
         Self::new(
             k.mul_add(o.x, self.x),
             k.mul_add(o.y, self.y),
@@ -44,25 +52,27 @@ impl<L: Lanes> V3<L> {
     }
     /// `self - k o`.
     #[inline(always)]
-    pub(crate) fn sub_scaled(self, k: L, o: Self) -> Self {
+    pub fn sub_scaled(self, k: L, o: Self) -> Self {
         Self::new(
             k.neg_mul_add(o.x, self.x),
             k.neg_mul_add(o.y, self.y),
             k.neg_mul_add(o.z, self.z),
         )
     }
+    /// `self · o`.
     #[inline(always)]
-    pub(crate) fn dot(self, o: Self) -> L {
+    pub fn dot(self, o: Self) -> L {
         self.x.mul_add(o.x, self.y.mul_add(o.y, self.z * o.z))
     }
     /// `b + self · o`.
     #[inline(always)]
-    pub(crate) fn dot_add(self, o: Self, b: L) -> L {
+    pub fn dot_add(self, o: Self, b: L) -> L {
         self.x
             .mul_add(o.x, self.y.mul_add(o.y, self.z.mul_add(o.z, b)))
     }
+    /// `self × o`.
     #[inline(always)]
-    pub(crate) fn cross(self, o: Self) -> Self {
+    pub fn cross(self, o: Self) -> Self {
         Self::new(
             self.z.neg_mul_add(o.y, self.y * o.z),
             self.x.neg_mul_add(o.z, self.z * o.x),
@@ -71,43 +81,43 @@ impl<L: Lanes> V3<L> {
     }
     /// `b + self × o`.
     #[inline(always)]
-    pub(crate) fn cross_add(self, o: Self, b: Self) -> Self {
+    pub fn cross_add(self, o: Self, b: Self) -> Self {
         Self::new(
             self.z.neg_mul_add(o.y, self.y.mul_add(o.z, b.x)),
             self.x.neg_mul_add(o.z, self.z.mul_add(o.x, b.y)),
             self.y.neg_mul_add(o.x, self.x.mul_add(o.y, b.z)),
         )
     }
-    /// Turned about x by the angle of cosine `c` and sine `s`.
+    /// Rotated about x by the angle of cosine `c` and sine `s`.
     #[inline(always)]
-    pub(crate) fn turn_x(self, c: L, s: L) -> Self {
+    pub fn rotate_x(self, c: L, s: L) -> Self {
         Self::new(
             self.x,
             s.neg_mul_add(self.z, c * self.y),
             s.mul_add(self.y, c * self.z),
         )
     }
-    /// Turned back about x.
+    /// Rotated back about x.
     #[inline(always)]
-    pub(crate) fn turn_back_x(self, c: L, s: L) -> Self {
+    pub fn rotate_back_x(self, c: L, s: L) -> Self {
         Self::new(
             self.x,
             s.mul_add(self.z, c * self.y),
             s.neg_mul_add(self.y, c * self.z),
         )
     }
-    /// Turned about z by the angle of cosine `c` and sine `s`.
+    /// Rotated about z by the angle of cosine `c` and sine `s`.
     #[inline(always)]
-    pub(crate) fn turn_z(self, c: L, s: L) -> Self {
+    pub fn rotate_z(self, c: L, s: L) -> Self {
         Self::new(
             s.neg_mul_add(self.y, c * self.x),
             s.mul_add(self.x, c * self.y),
             self.z,
         )
     }
-    /// Turned back about z.
+    /// Rotated back about z.
     #[inline(always)]
-    pub(crate) fn turn_back_z(self, c: L, s: L) -> Self {
+    pub fn rotate_back_z(self, c: L, s: L) -> Self {
         Self::new(
             s.mul_add(self.y, c * self.x),
             s.neg_mul_add(self.x, c * self.y),
@@ -116,13 +126,13 @@ impl<L: Lanes> V3<L> {
     }
 }
 
-/// Where four values stand: row and lane of each.
-pub(crate) type Places = [(usize, usize); WIDTH];
+/// Places of four values: row and lane of each.
+pub type Places = [(usize, usize); WIDTH];
 
 impl<L: Lanes> V3<L> {
     /// One vector from each of four places; `vectors` are those of the four rows.
     #[inline(always)]
-    pub(crate) fn pick(vectors: [&[Pack; 3]; WIDTH], places: &Places) -> Self {
+    pub fn pick(vectors: [&[Pack; 3]; WIDTH], places: &Places) -> Self {
         Self::new(
             pick(vectors[0], vectors[1], vectors[2], vectors[3], places, 0),
             pick(vectors[0], vectors[1], vectors[2], vectors[3], places, 1),
@@ -134,7 +144,7 @@ impl<L: Lanes> V3<L> {
 impl<L: Lanes> V3<L> {
     /// Two vectors, linear then angular, from each of four places.
     #[inline(always)]
-    pub(crate) fn pick_pair(six: [&[Pack; 6]; WIDTH], places: &Places) -> (Self, Self) {
+    pub fn pick_pair(six: [&[Pack; 6]; WIDTH], places: &Places) -> (Self, Self) {
         let [a, b, c, d] = six;
         (
             Self::new(
@@ -153,7 +163,7 @@ impl<L: Lanes> V3<L> {
 
 /// Number `k` of each of four places.
 #[inline(always)]
-pub(super) fn pick<L: Lanes, const N: usize>(
+pub(crate) fn pick<L: Lanes, const N: usize>(
     a: &[Pack; N],
     b: &[Pack; N],
     c: &[Pack; N],
@@ -171,7 +181,7 @@ pub(super) fn pick<L: Lanes, const N: usize>(
 
 /// Adds the lanes of `values` to four places of a row's numbers.
 #[inline(always)]
-pub(crate) fn scatter_add<L: Lanes, R, const N: usize>(
+pub fn scatter_add<L: Lanes, R, const N: usize>(
     values: [L; N],
     rows: &mut [R],
     places: &Places,
@@ -188,7 +198,7 @@ pub(crate) fn scatter_add<L: Lanes, R, const N: usize>(
 
 /// Several numbers to memory. (By index: iterators would leave the instruction set.)
 #[inline(always)]
-pub(crate) fn store_all<L: Lanes, const N: usize>(x: [L; N], p: &mut [Pack; N]) {
+pub fn store_all<L: Lanes, const N: usize>(x: [L; N], p: &mut [Pack; N]) {
     let mut k = 0;
     while k < N {
         x[k].store(&mut p[k]);

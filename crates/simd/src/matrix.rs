@@ -1,23 +1,25 @@
 //! Three-by-three matrices of lanes.
 
-use super::vector::pick;
-use super::{Lanes, Pack, Places, V3, WIDTH};
+use crate::vector::pick;
+use crate::{Lanes, Pack, Places, V3, WIDTH};
 
 /// Three by three numbers per lane, by rows.
 #[derive(Clone, Copy)]
-pub(crate) struct M3<L>(pub(crate) V3<L>, pub(crate) V3<L>, pub(crate) V3<L>);
+pub struct M3<L>(pub V3<L>, pub V3<L>, pub V3<L>);
 
 impl<L: Lanes> M3<L> {
+    /// From memory, by rows.
     #[inline(always)]
-    pub(crate) fn load(p: &[Pack; 9]) -> Self {
+    pub fn load(p: &[Pack; 9]) -> Self {
         M3(
             V3::new(L::load(&p[0]), L::load(&p[1]), L::load(&p[2])),
             V3::new(L::load(&p[3]), L::load(&p[4]), L::load(&p[5])),
             V3::new(L::load(&p[6]), L::load(&p[7]), L::load(&p[8])),
         )
     }
+    /// To memory, by rows.
     #[inline(always)]
-    pub(crate) fn store(self, p: &mut [Pack; 9]) {
+    pub fn store(self, p: &mut [Pack; 9]) {
         let [a, b, c, d, e, f, g, h, i] = p;
         self.0.x.store(a);
         self.0.y.store(b);
@@ -31,7 +33,7 @@ impl<L: Lanes> M3<L> {
     }
     /// One matrix from each of four places; `matrices` are those of the four rows.
     #[inline(always)]
-    pub(crate) fn pick(matrices: [&[Pack; 9]; WIDTH], places: &Places) -> Self {
+    pub fn pick(matrices: [&[Pack; 9]; WIDTH], places: &Places) -> Self {
         let [a, b, c, d] = matrices;
         M3(
             V3::new(
@@ -53,7 +55,7 @@ impl<L: Lanes> M3<L> {
     }
     /// A symmetric matrix, from xx xy xz yy yz zz.
     #[inline(always)]
-    pub(crate) fn load_symmetric(p: &[Pack; 6]) -> Self {
+    pub fn load_symmetric(p: &[Pack; 6]) -> Self {
         let (xy, xz, yz) = (L::load(&p[1]), L::load(&p[2]), L::load(&p[4]));
         M3(
             V3::new(L::load(&p[0]), xy, xz),
@@ -63,20 +65,21 @@ impl<L: Lanes> M3<L> {
     }
     /// xx xy xz yy yz zz.
     #[inline(always)]
-    pub(crate) fn upper(self) -> [L; 6] {
+    pub fn upper(self) -> [L; 6] {
         [self.0.x, self.0.y, self.0.z, self.1.y, self.1.z, self.2.z]
     }
     /// `trace 1 - self`.
     #[inline(always)]
-    pub(crate) fn trace_minus(self) -> Self {
+    pub fn trace_minus(self) -> Self {
         M3(
             V3::new(self.1.y + self.2.z, -self.0.y, -self.0.z),
             V3::new(-self.1.x, self.0.x + self.2.z, -self.1.z),
             V3::new(-self.2.x, -self.2.y, self.0.x + self.1.y),
         )
     }
+    /// `self^T`.
     #[inline(always)]
-    pub(crate) fn transpose(self) -> Self {
+    pub fn transpose(self) -> Self {
         M3(
             V3::new(self.0.x, self.1.x, self.2.x),
             V3::new(self.0.y, self.1.y, self.2.y),
@@ -85,16 +88,17 @@ impl<L: Lanes> M3<L> {
     }
     /// `self m`.
     #[inline(always)]
-    pub(crate) fn times(self, m: Self) -> Self {
+    pub fn times(self, m: Self) -> Self {
         M3(m.tr_mul(self.0), m.tr_mul(self.1), m.tr_mul(self.2))
     }
+    /// `self + m`.
     #[inline(always)]
-    pub(crate) fn add(self, m: Self) -> Self {
-        M3(self.0.add(m.0), self.1.add(m.1), self.2.add(m.2))
+    pub fn plus(self, m: Self) -> Self {
+        M3(self.0.plus(m.0), self.1.plus(m.1), self.2.plus(m.2))
     }
     /// `self - a b^T`.
     #[inline(always)]
-    pub(crate) fn sub_outer(self, a: V3<L>, b: V3<L>) -> Self {
+    pub fn sub_outer(self, a: V3<L>, b: V3<L>) -> Self {
         M3(
             self.0.sub_scaled(a.x, b),
             self.1.sub_scaled(a.y, b),
@@ -103,7 +107,7 @@ impl<L: Lanes> M3<L> {
     }
     /// `self + a b^T`.
     #[inline(always)]
-    pub(crate) fn add_outer(self, a: V3<L>, b: V3<L>) -> Self {
+    pub fn add_outer(self, a: V3<L>, b: V3<L>) -> Self {
         M3(
             self.0.add_scaled(a.x, b),
             self.1.add_scaled(a.y, b),
@@ -112,7 +116,7 @@ impl<L: Lanes> M3<L> {
     }
     /// `[r] self`: `r ×` each column.
     #[inline(always)]
-    pub(crate) fn cross_columns(self, r: V3<L>) -> Self {
+    pub fn cross_columns(self, r: V3<L>) -> Self {
         M3(
             self.2.scale(r.y).sub_scaled(r.z, self.1),
             self.0.scale(r.z).sub_scaled(r.x, self.2),
@@ -121,55 +125,55 @@ impl<L: Lanes> M3<L> {
     }
     /// `self Rz`.
     #[inline(always)]
-    pub(crate) fn times_turn_z(self, c: L, s: L) -> Self {
+    pub fn times_rotation_z(self, c: L, s: L) -> Self {
         M3(
-            self.0.turn_back_z(c, s),
-            self.1.turn_back_z(c, s),
-            self.2.turn_back_z(c, s),
+            self.0.rotate_back_z(c, s),
+            self.1.rotate_back_z(c, s),
+            self.2.rotate_back_z(c, s),
         )
     }
     /// `self Rx`.
     #[inline(always)]
-    pub(crate) fn times_turn_x(self, c: L, s: L) -> Self {
+    pub fn times_rotation_x(self, c: L, s: L) -> Self {
         M3(
-            self.0.turn_back_x(c, s),
-            self.1.turn_back_x(c, s),
-            self.2.turn_back_x(c, s),
+            self.0.rotate_back_x(c, s),
+            self.1.rotate_back_x(c, s),
+            self.2.rotate_back_x(c, s),
         )
     }
     /// `Rz self Rz^T`.
     #[inline(always)]
-    pub(crate) fn turned_z(self, c: L, s: L) -> Self {
+    pub fn rotated_z(self, c: L, s: L) -> Self {
         let m = M3(
             self.0.scale(c).sub_scaled(s, self.1),
             self.1.scale(c).add_scaled(s, self.0),
             self.2,
         );
-        M3(m.0.turn_z(c, s), m.1.turn_z(c, s), m.2.turn_z(c, s))
+        M3(m.0.rotate_z(c, s), m.1.rotate_z(c, s), m.2.rotate_z(c, s))
     }
     /// `Rx self Rx^T`.
     #[inline(always)]
-    pub(crate) fn turned_x(self, c: L, s: L) -> Self {
+    pub fn rotated_x(self, c: L, s: L) -> Self {
         let m = M3(
             self.0,
             self.1.scale(c).sub_scaled(s, self.2),
             self.2.scale(c).add_scaled(s, self.1),
         );
-        M3(m.0.turn_x(c, s), m.1.turn_x(c, s), m.2.turn_x(c, s))
+        M3(m.0.rotate_x(c, s), m.1.rotate_x(c, s), m.2.rotate_x(c, s))
     }
     /// `r self r^T`.
     #[inline(always)]
-    pub(crate) fn turned(self, r: Self) -> Self {
+    pub fn rotated(self, r: Self) -> Self {
         r.times(self).times(r.transpose())
     }
     /// `self x`.
     #[inline(always)]
-    pub(crate) fn mul(self, x: V3<L>) -> V3<L> {
+    pub fn times_vector(self, x: V3<L>) -> V3<L> {
         V3::new(self.0.dot(x), self.1.dot(x), self.2.dot(x))
     }
     /// `b + self x`.
     #[inline(always)]
-    pub(crate) fn mul_add(self, x: V3<L>, b: V3<L>) -> V3<L> {
+    pub fn mul_add(self, x: V3<L>, b: V3<L>) -> V3<L> {
         V3::new(
             self.0.dot_add(x, b.x),
             self.1.dot_add(x, b.y),
@@ -178,7 +182,7 @@ impl<L: Lanes> M3<L> {
     }
     /// `self^T x`.
     #[inline(always)]
-    pub(crate) fn tr_mul(self, x: V3<L>) -> V3<L> {
+    pub fn tr_mul(self, x: V3<L>) -> V3<L> {
         self.0
             .scale(x.x)
             .add_scaled(x.y, self.1)
@@ -186,7 +190,7 @@ impl<L: Lanes> M3<L> {
     }
     /// The last column.
     #[inline(always)]
-    pub(crate) fn third_column(self) -> V3<L> {
+    pub fn third_column(self) -> V3<L> {
         V3::new(self.0.z, self.1.z, self.2.z)
     }
 }

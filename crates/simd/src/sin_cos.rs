@@ -3,7 +3,7 @@
 // The digits are fdlibm's.
 #![allow(clippy::excessive_precision)]
 
-use super::Lanes;
+use crate::Lanes;
 use std::f64::consts::FRAC_2_PI;
 
 /// Largest angle for which the reduction below keeps full precision, rad.

@@ -1,11 +1,11 @@
 //! AVX2 and FMA.
 #![allow(unsafe_code)]
 
-use super::{Kernel, Lanes, Pack, ROUNDS, SINGLE_ROUNDS, SingleLanes, SinglePack, WIDTH};
+use crate::{Kernel, Lanes, Pack, ROUNDS, SINGLE_ROUNDS, SingleLanes, SinglePack, WIDTH};
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// A vector register. Only `run` makes code that uses it, and only where the processor has AVX2
+/// A vector register. Only `run` generates code that uses it, and only where the processor has AVX2
 /// and FMA: `Instructions::Avx2` comes from `detect`, or from `run`'s own check.
 #[derive(Clone, Copy)]
 pub(super) struct Avx2(__m256d);
@@ -17,7 +17,7 @@ pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
         // SAFETY: both features were just detected.
         unsafe { with_features(kernel) }
     } else {
-        kernel.run::<super::portable::Portable>()
+        kernel.run::<crate::portable::Portable>()
     }
 }
 

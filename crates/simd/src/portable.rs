@@ -1,6 +1,6 @@
-//! Any processor: four numbers in an array, which the compiler turns into what it finds.
+//! Any processor: four numbers in an array, which the compiler vectorises where it can.
 
-use super::{Lanes, Pack, ROUNDS, SINGLE_ROUNDS, SINGLE_WIDTH, SingleLanes, SinglePack, WIDTH};
+use crate::{Lanes, Pack, ROUNDS, SINGLE_ROUNDS, SINGLE_WIDTH, SingleLanes, SinglePack, WIDTH};
 use std::ops::{Add, Mul, Neg, Sub};
 
 #[derive(Clone, Copy)]
