@@ -1,7 +1,7 @@
 //! `[robot] [loop] [[bus]] [control] [cross_check]`.
 
 use crate::parameters::{BusParameters, CrossCheckSettings, RealTime, Timing, TorqueFeedback};
-use crate::reader::{Allowed, Notes, Section};
+use crate::reader::{Allowed, Diagnostics, Section};
 use crate::{Read, paths, unreadable};
 use dynamics::Base;
 
@@ -222,7 +222,7 @@ pub(crate) fn cross_check(root: &Section<'_, '_>) -> Option<CrossCheckSettings> 
 
 /// The text of a file that the section names.
 pub(crate) fn read_file(
-    notes: &Notes<'_>,
+    diagnostics: &Diagnostics<'_>,
     root: &Section<'_, '_>,
     key: &'static str,
     path: &str,
@@ -234,7 +234,7 @@ pub(crate) fn read_file(
             let named_in = section.map_or_else(String::new, |section| section.path("urdf"));
             let mut problem = unreadable(path, &error);
             problem.reason.push_str(&format!(" ({named_in})"));
-            notes.note(problem);
+            diagnostics.note(problem);
         })
         .ok()
 }

@@ -1,5 +1,9 @@
 //! `[[joint]]`.
 
+mod gains;
+mod limits;
+mod signals;
+
 use crate::Files;
 use crate::drives::Drive;
 use crate::general::name;
@@ -7,10 +11,7 @@ use crate::parameters::{JointParameters, Timing};
 use crate::paths;
 use crate::reader::{Allowed, Section};
 use crate::sampling;
-use crate::slots;
-use crate::units::Quantity;
-use crate::wiring::{Reach, Use, Way, Wiring};
-use control::{EquivalentGains, JointGains, JointLimits, MotorModel};
+use crate::wiring::Wiring;
 use dynamics::Model;
 use estimators::encoder::EncoderParameters;
 use estimators::joint::JointEstimatorParameters;
@@ -227,81 +228,6 @@ impl Reader<'_, '_, '_> {
         drive?.as_ref()
     }
 
-    fn limits(
-        &self,
-        torque_limit: f64,
-        drive: Option<&Drive>,
-        joint: Option<(&Model, usize)>,
-    ) -> Option<JointLimits> {
-        let section = self.section;
-        let delta_q = section.number("delta_q_limit_deg", Allowed::Within(0.0, 90.0));
-        let (min_deg, max_deg) = ("position_min_deg", "position_max_deg");
-        // Without a model the limits cannot be judged; the keys are known all the same.
-        let given = [min_deg, max_deg].map(|key| section.optional_number(key, Allowed::Finite));
-        let (model, index) = joint?;
-        let urdf = model.joint_limits(index)?;
-        let min = given[0].map_or(urdf.lower, f64::to_radians);
-        let max = given[1].map_or(urdf.upper, f64::to_radians);
-        // A rounded degree may lie a hair outside.
-        let hair = 1e-6;
-        let allowed = format!(
-            "{:.3} to {:.3}, the URDF's limits",
-            urdf.lower.to_degrees(),
-            urdf.upper.to_degrees()
-        );
-        for (key, value) in [(min_deg, min), (max_deg, max)] {
-            if value < urdf.lower - hair || value > urdf.upper + hair {
-                let what = format!("{:.3} is not allowed", value.to_degrees());
-                section.problem(key, what, &allowed);
-            }
-        }
-        if min >= max {
-            let what = format!("{:.3} is not above {min_deg}", max.to_degrees());
-            section.problem(max_deg, what, allowed);
-        }
-        Some(JointLimits {
-            position_min: min,
-            position_max: max,
-            torque: torque_limit.min(urdf.effort),
-            delta_q: delta_q.to_radians(),
-            current: drive?.current_limit,
-        })
-    }
-
-    /// Either `K_s` and `K_d`, or for position-commanded drives `K6` and `K7` (D13-14).
-    fn gains(&self, drive: Option<&Drive>) -> Option<JointGains> {
-        let section = self.section.section("gains")?;
-        let k_p = section.number("K_p", Allowed::NonNegative);
-        let k_i = section.number_or("K_i_per_s", 0.0, Allowed::NonNegative);
-        let equivalent = section.has("K6") || section.has("K7_s");
-        let gains = if equivalent {
-            let gains = EquivalentGains {
-                k6: section.number("K6", Allowed::NonNegative),
-                k7: section.number("K7_s", Allowed::NonNegative),
-            };
-            match drive.map(|drive| drive.motor) {
-                Some(MotorModel::Position { k_tau, .. }) => {
-                    Some(JointGains::from_equivalent(gains, k_tau, k_p, k_i))
-                }
-                Some(MotorModel::Current { .. }) => {
-                    let what = "the drive takes currents, not positions";
-                    section.problem("K6", what, "K_s_Nm_per_rad and K_d_Nms_per_rad");
-                    None
-                }
-                None => None,
-            }
-        } else {
-            Some(JointGains {
-                k_p,
-                k_i,
-                k_s: section.number("K_s_Nm_per_rad", Allowed::NonNegative),
-                k_d: section.number("K_d_Nms_per_rad", Allowed::NonNegative),
-            })
-        };
-        section.finish();
-        gains
-    }
-
     fn kinematic_error(&self) -> KinematicErrorParameters {
         let Some(section) = self.section.optional_section("kinematic_error") else {
             return KinematicErrorParameters::default();
@@ -324,125 +250,4 @@ impl Reader<'_, '_, '_> {
         section.finish();
         parameters
     }
-
-    fn signals(&self, bus: usize, drive: &Drive, wiring: &mut Wiring<'_, '_>) -> Signals {
-        let joint = self.index;
-        let motor_counts = Quantity::Angle {
-            counts_per_turn: drive.motor_counts_per_turn,
-            key: "motor_counts_per_turn",
-        };
-        let link_counts = Quantity::Angle {
-            counts_per_turn: drive.link_counts_per_turn,
-            key: "link_counts_per_turn",
-        };
-        let set_point = match drive.motor {
-            MotorModel::Position { .. } => link_counts,
-            MotorModel::Current { .. } => Quantity::Current,
-        };
-        let mut signal = |key, way, slot, quantity| {
-            let section = self.section.section(key)?;
-            let sign = match quantity {
-                Quantity::Status => 1.0,
-                _ => section.sign_or("direction", 1.0),
-            };
-            let offset = match quantity {
-                Quantity::Angle { .. } => section.number_or("offset_deg", 0.0, Allowed::Finite),
-                _ => 0.0,
-            };
-            let how = Use {
-                way,
-                bus,
-                slot,
-                quantity,
-                sign,
-                offset: offset.to_radians(),
-            };
-            let path = section.text("signal", "MESSAGE.signal");
-            let reach = path.and_then(|path| wiring.connect(&section.path("signal"), &path, &how));
-            section.finish();
-            reach
-        };
-        let _noted = signal(
-            "current",
-            Way::Receive,
-            slots::current(joint),
-            Quantity::Current,
-        );
-        let _noted = signal("set_point", Way::Send, slots::command(joint), set_point);
-        let [has_velocity, has_status] = ["velocity", "status"].map(|key| self.section.has(key));
-        if has_velocity {
-            signal(
-                "velocity",
-                Way::Receive,
-                slots::velocity(joint),
-                Quantity::Velocity,
-            );
-        }
-        if has_status {
-            signal(
-                "status",
-                Way::Receive,
-                slots::status(joint),
-                Quantity::Status,
-            );
-        }
-        Signals {
-            motor_angle: signal(
-                "motor_angle",
-                Way::Receive,
-                slots::motor_angle(joint),
-                motor_counts,
-            ),
-            link_angle: signal(
-                "link_angle",
-                Way::Receive,
-                slots::link_angle(joint),
-                link_counts,
-            ),
-            has_velocity,
-            has_status,
-        }
-    }
-
-    /// Encoders whose turns cannot be told apart.
-    fn wraps(&self, encoders: &EncoderParameters, limits: &JointLimits) {
-        let travel = encoders.max_velocity * encoders.sample_period;
-        let sides = [
-            (
-                "motor_angle",
-                encoders.motor_wrap,
-                travel * encoders.gear_ratio,
-            ),
-            ("link_angle", encoders.link_wrap, travel),
-        ];
-        for (key, wrap, travel) in sides {
-            if wrap <= 2.0 * travel {
-                let what = format!(
-                    "the signal starts again after {wrap:.4} rad, and the joint can move {travel:.4} rad in a cycle"
-                );
-                let allowed = "a range of more than twice that, see drive.max_velocity_rad_per_s";
-                self.section.problem(key, what, allowed);
-            }
-        }
-        let range = (limits.position_min, limits.position_max);
-        let half = 0.5 * encoders.link_wrap;
-        if range.0.is_finite() && range.1.is_finite() && (range.0 < -half || range.1 > half) {
-            let what = format!(
-                "the signal starts again after {:.3} deg, and the joint moves from {:.3} to {:.3} deg",
-                encoders.link_wrap.to_degrees(),
-                range.0.to_degrees(),
-                range.1.to_degrees()
-            );
-            let allowed = "position limits within half the signal's range on either side of zero";
-            self.section.problem("link_angle", what, allowed);
-        }
-    }
-}
-
-/// What came of a joint's signals.
-struct Signals {
-    motor_angle: Option<Reach>,
-    link_angle: Option<Reach>,
-    has_velocity: bool,
-    has_status: bool,
 }

@@ -29,7 +29,7 @@ pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};
 use dynamics::{Base, Model};
-use reader::{Notes, Section};
+use reader::{Diagnostics, Section};
 use toml::de::DeTable;
 use wiring::Wiring;
 
@@ -80,24 +80,34 @@ struct Files<'a> {
 /// Whatever keeps the robot from being described completely: every problem, in the order of files and lines.
 pub fn load(path: &str, read: Read<'_>) -> Result<Robot, Problems> {
     let text = read(path).map_err(|error| unreadable(path, &error))?;
-    let notes = Notes::new(path, &text);
+    let diagnostics = Diagnostics::new(path, &text);
     let (table, errors) = DeTable::parse_recoverable(&text);
     for error in &errors {
         let place = error.span().map_or(0, |span| span.start);
-        notes.at(place, error.message().replace('\n', ", "), "TOML");
+        diagnostics.at(place, error.message().replace('\n', ", "), "TOML");
     }
     let robot = if errors.is_empty() {
-        robot(&notes, Section::root(&notes, table.get_ref()), path, read)
+        robot(
+            &diagnostics,
+            Section::root(&diagnostics, table.get_ref()),
+            path,
+            read,
+        )
     } else {
         None
     };
-    let any = notes.any();
+    let any = diagnostics.any();
     robot
         .filter(|_| !any)
-        .ok_or_else(|| Problems(notes.into_problems()))
+        .ok_or_else(|| Problems(diagnostics.into_problems()))
 }
 
-fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -> Option<Robot> {
+fn robot(
+    diagnostics: &Diagnostics<'_>,
+    root: Section<'_, '_>,
+    path: &str,
+    read: Read<'_>,
+) -> Option<Robot> {
     let named = general::robot(&root, path);
     let timing = general::timing(&root);
     let buses = general::buses(&root, path);
@@ -107,10 +117,10 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let drives = drives::read(&root, timing.sample_period);
 
     let model = named.as_ref().and_then(|named| {
-        general::read_file(notes, &root, "robot", &named.urdf_path, read)
-            .and_then(|urdf| model(notes, &urdf, &named.urdf_path, named.base))
+        general::read_file(diagnostics, &root, "robot", &named.urdf_path, read)
+            .and_then(|urdf| model(diagnostics, &urdf, &named.urdf_path, named.base))
     });
-    let mut wiring = Wiring::read(notes, &root, &buses, read);
+    let mut wiring = Wiring::read(diagnostics, &root, &buses, read);
     let files = Files { config: path, read };
     let joints = joints::read(&root, &drives, model.as_ref(), &timing, &files, &mut wiring);
     let ft_sensors = sensors::ft_sensors(&root, timing.sample_period, &mut wiring);
@@ -119,7 +129,7 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     let external_torque = contacts::external_torque(&root);
     let tare = tare::tare(&root, timing.sample_period);
     let tables = wiring.compile();
-    let (readable, again) = (!notes.any(), root.again());
+    let (readable, again) = (!diagnostics.any(), root.again());
     root.finish();
 
     let (named, model) = (named?, model?);
@@ -153,10 +163,10 @@ fn robot(notes: &Notes<'_>, root: Section<'_, '_>, path: &str, read: Read<'_>) -
     })
 }
 
-fn model(notes: &Notes<'_>, urdf: &str, path: &str, base: Base) -> Option<Model> {
+fn model(diagnostics: &Diagnostics<'_>, urdf: &str, path: &str, base: Base) -> Option<Model> {
     Model::from_urdf(urdf, &paths::shown(path), base)
         .map_err(|error| {
-            notes.note(Problem {
+            diagnostics.note(Problem {
                 file: error.file,
                 line: error.line as usize,
                 reason: error.reason,

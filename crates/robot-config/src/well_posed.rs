@@ -6,7 +6,7 @@ use crate::whole_body::{FilterGains, whole_body_parameters};
 use dynamics::{Base, Model};
 use whole_body::{WholeBody, WholeBodyError, part_of_link};
 
-/// Notes why the whole-body estimator refuses the sensors, if it does.
+/// Diagnostics why the whole-body estimator refuses the sensors, if it does.
 pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) {
     let gains = FilterGains {
         sensor: [1.0; 2],
@@ -29,7 +29,7 @@ pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Paramete
     }
 }
 
-/// Notes contact links that do not lie on the part they are meant for.
+/// Diagnostics contact links that do not lie on the part they are meant for.
 fn contacts_elsewhere(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) -> bool {
     let sensors = || parameters.ft_sensors.iter().map(|ft| &ft.sensor);
     let cuts: Vec<&str> = sensors().map(|s| s.frame.as_str()).collect();

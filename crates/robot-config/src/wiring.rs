@@ -1,7 +1,7 @@
 //! Signals of the buses, and what they are used for.
 
 use crate::general::Bus;
-use crate::reader::{At, Notes, Section};
+use crate::reader::{At, Diagnostics, Section};
 use crate::units::Quantity;
 use crate::{Read, paths, unreadable};
 use can_codec::{BusDbc, Dbc, Frame, MAX_FRAMES, Signal, SignalMap, Table, TableError};
@@ -36,7 +36,7 @@ pub(crate) struct Reach {
 
 /// The DBC files of every bus, and the signals that are used.
 pub(crate) struct Wiring<'n, 't> {
-    notes: &'n Notes<'t>,
+    diagnostics: &'n Diagnostics<'t>,
     buses: &'n [Bus],
     /// Per bus; nothing where a file was noted as wrong.
     dbcs: Vec<Option<Vec<Dbc>>>,
@@ -48,7 +48,7 @@ pub(crate) struct Wiring<'n, 't> {
 
 impl<'n, 't> Wiring<'n, 't> {
     pub(crate) fn read(
-        notes: &'n Notes<'t>,
+        diagnostics: &'n Diagnostics<'t>,
         root: &Section<'_, '_>,
         buses: &'n [Bus],
         read: Read<'_>,
@@ -59,20 +59,20 @@ impl<'n, 't> Wiring<'n, 't> {
                 let text = read(path).map_err(|error| {
                     let key = root.path("bus.dbc");
                     let what = unreadable(path, &error);
-                    notes.at(
+                    diagnostics.at(
                         place,
                         format!("{key}: {} {}", what.file, what.reason),
                         what.allowed,
                     );
                 });
                 Dbc::parse(&text.ok()?, &paths::shown(path))
-                    .map_err(|error| error.0.into_iter().for_each(|p| notes.note(p)))
+                    .map_err(|error| error.0.into_iter().for_each(|p| diagnostics.note(p)))
                     .ok()
             })
             .collect()
         };
         Self {
-            notes,
+            diagnostics,
             buses,
             dbcs: buses.iter().map(read_bus).collect(),
             receive: Vec::new(),
@@ -99,7 +99,8 @@ impl<'n, 't> Wiring<'n, 't> {
     /// Uses a signal, given as `MESSAGE.signal`; nothing if a problem was noted, here or before.
     pub(crate) fn connect(&mut self, key: &str, path: &At<&str>, how: &Use) -> Option<Reach> {
         let reject = |what: String, allowed: String| {
-            self.notes.at(path.place, format!("{key}: {what}"), allowed);
+            self.diagnostics
+                .at(path.place, format!("{key}: {what}"), allowed);
         };
         let Some((message, name)) = path.value.split_once('.') else {
             reject(
@@ -200,7 +201,8 @@ impl<'n, 't> Wiring<'n, 't> {
                         "bus.sync ({}): no DBC file of the bus has a message {}",
                         bus.parameters.name, bus.sync
                     );
-                    self.notes.at(bus.sync_place, what, message_names(of_bus));
+                    self.diagnostics
+                        .at(bus.sync_place, what, message_names(of_bus));
                 }
             }
         }
@@ -215,7 +217,8 @@ impl<'n, 't> Wiring<'n, 't> {
             let count = table.message_count() + sync.len();
             if count > MAX_FRAMES {
                 let what = format!("bus: {count} frames are {way} in a cycle");
-                self.notes.at(0, what, format!("at most {MAX_FRAMES}"));
+                self.diagnostics
+                    .at(0, what, format!("at most {MAX_FRAMES}"));
             }
         }
         Some((receive, send, sync))
@@ -234,9 +237,9 @@ impl<'n, 't> Wiring<'n, 't> {
             match used {
                 Some((key, place)) => {
                     let reason = format!("{key}: {}", problem.reason);
-                    self.notes.at(*place, reason, problem.allowed);
+                    self.diagnostics.at(*place, reason, problem.allowed);
                 }
-                None => self.notes.note(Problem {
+                None => self.diagnostics.note(Problem {
                     file: problem.file,
                     line: problem.line,
                     reason: problem.reason,

@@ -1,16 +1,16 @@
-//! Problems of a file.
+//! The problems found so far.
 
 use core::cell::RefCell;
 use problem::{Problem, line_at};
 
 /// The file and what is wrong with it so far.
-pub(crate) struct Notes<'t> {
+pub(crate) struct Diagnostics<'t> {
     pub(super) file: &'t str,
     text: &'t str,
     problems: RefCell<Vec<Problem>>,
 }
 
-impl<'t> Notes<'t> {
+impl<'t> Diagnostics<'t> {
     pub(crate) fn new(file: &'t str, text: &'t str) -> Self {
         Self {
             file,
@@ -19,7 +19,7 @@ impl<'t> Notes<'t> {
         }
     }
 
-    /// Notes a problem at a place of the file.
+    /// Diagnostics a problem at a place of the file.
     pub(crate) fn at(&self, place: usize, reason: impl Into<String>, allowed: impl Into<String>) {
         self.note(Problem {
             file: self.file.to_owned(),
@@ -33,7 +33,7 @@ impl<'t> Notes<'t> {
         line_at(self.text, place)
     }
 
-    /// Notes a problem of another file.
+    /// Diagnostics a problem of another file.
     pub(crate) fn note(&self, problem: Problem) {
         self.problems.borrow_mut().push(problem);
     }

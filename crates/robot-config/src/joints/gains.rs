@@ -1,0 +1,42 @@
+//! `[joint.gains]`.
+
+use super::Reader;
+use crate::drives::Drive;
+use crate::reader::Allowed;
+use control::{EquivalentGains, JointGains, MotorModel};
+
+impl Reader<'_, '_, '_> {
+    /// Either `K_s` and `K_d`, or for position-commanded drives `K6` and `K7` (D13-14).
+    pub(super) fn gains(&self, drive: Option<&Drive>) -> Option<JointGains> {
+        let section = self.section.section("gains")?;
+        let k_p = section.number("K_p", Allowed::NonNegative);
+        let k_i = section.number_or("K_i_per_s", 0.0, Allowed::NonNegative);
+        let equivalent = section.has("K6") || section.has("K7_s");
+        let gains = if equivalent {
+            let gains = EquivalentGains {
+                k6: section.number("K6", Allowed::NonNegative),
+                k7: section.number("K7_s", Allowed::NonNegative),
+            };
+            match drive.map(|drive| drive.motor) {
+                Some(MotorModel::Position { k_tau, .. }) => {
+                    Some(JointGains::from_equivalent(gains, k_tau, k_p, k_i))
+                }
+                Some(MotorModel::Current { .. }) => {
+                    let what = "the drive takes currents, not positions";
+                    section.problem("K6", what, "K_s_Nm_per_rad and K_d_Nms_per_rad");
+                    None
+                }
+                None => None,
+            }
+        } else {
+            Some(JointGains {
+                k_p,
+                k_i,
+                k_s: section.number("K_s_Nm_per_rad", Allowed::NonNegative),
+                k_d: section.number("K_d_Nms_per_rad", Allowed::NonNegative),
+            })
+        };
+        section.finish();
+        gains
+    }
+}

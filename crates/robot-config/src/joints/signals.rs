@@ -1,0 +1,138 @@
+//! Signals of a joint on its bus, and whether its encoders' turns can be counted.
+
+use super::Reader;
+use crate::drives::Drive;
+use crate::reader::Allowed;
+use crate::slots;
+use crate::units::Quantity;
+use crate::wiring::{Reach, Use, Way, Wiring};
+use control::{JointLimits, MotorModel};
+use estimators::encoder::EncoderParameters;
+
+/// What came of a joint's signals.
+pub(super) struct Signals {
+    pub(super) motor_angle: Option<Reach>,
+    pub(super) link_angle: Option<Reach>,
+    pub(super) has_velocity: bool,
+    pub(super) has_status: bool,
+}
+
+impl Reader<'_, '_, '_> {
+    pub(super) fn signals(
+        &self,
+        bus: usize,
+        drive: &Drive,
+        wiring: &mut Wiring<'_, '_>,
+    ) -> Signals {
+        let joint = self.index;
+        let motor_counts = Quantity::Angle {
+            counts_per_turn: drive.motor_counts_per_turn,
+            key: "motor_counts_per_turn",
+        };
+        let link_counts = Quantity::Angle {
+            counts_per_turn: drive.link_counts_per_turn,
+            key: "link_counts_per_turn",
+        };
+        let set_point = match drive.motor {
+            MotorModel::Position { .. } => link_counts,
+            MotorModel::Current { .. } => Quantity::Current,
+        };
+        let mut signal = |key, way, slot, quantity| {
+            let section = self.section.section(key)?;
+            let sign = match quantity {
+                Quantity::Status => 1.0,
+                _ => section.sign_or("direction", 1.0),
+            };
+            let offset = match quantity {
+                Quantity::Angle { .. } => section.number_or("offset_deg", 0.0, Allowed::Finite),
+                _ => 0.0,
+            };
+            let how = Use {
+                way,
+                bus,
+                slot,
+                quantity,
+                sign,
+                offset: offset.to_radians(),
+            };
+            let path = section.text("signal", "MESSAGE.signal");
+            let reach = path.and_then(|path| wiring.connect(&section.path("signal"), &path, &how));
+            section.finish();
+            reach
+        };
+        let _noted = signal(
+            "current",
+            Way::Receive,
+            slots::current(joint),
+            Quantity::Current,
+        );
+        let _noted = signal("set_point", Way::Send, slots::command(joint), set_point);
+        let [has_velocity, has_status] = ["velocity", "status"].map(|key| self.section.has(key));
+        if has_velocity {
+            signal(
+                "velocity",
+                Way::Receive,
+                slots::velocity(joint),
+                Quantity::Velocity,
+            );
+        }
+        if has_status {
+            signal(
+                "status",
+                Way::Receive,
+                slots::status(joint),
+                Quantity::Status,
+            );
+        }
+        Signals {
+            motor_angle: signal(
+                "motor_angle",
+                Way::Receive,
+                slots::motor_angle(joint),
+                motor_counts,
+            ),
+            link_angle: signal(
+                "link_angle",
+                Way::Receive,
+                slots::link_angle(joint),
+                link_counts,
+            ),
+            has_velocity,
+            has_status,
+        }
+    }
+
+    /// Encoders whose turns cannot be told apart.
+    pub(super) fn wraps(&self, encoders: &EncoderParameters, limits: &JointLimits) {
+        let travel = encoders.max_velocity * encoders.sample_period;
+        let sides = [
+            (
+                "motor_angle",
+                encoders.motor_wrap,
+                travel * encoders.gear_ratio,
+            ),
+            ("link_angle", encoders.link_wrap, travel),
+        ];
+        for (key, wrap, travel) in sides {
+            if wrap <= 2.0 * travel {
+                let what = format!(
+                    "the signal starts again after {wrap:.4} rad, and the joint can move {travel:.4} rad in a cycle"
+                );
+                let allowed = "a range of more than twice that, see drive.max_velocity_rad_per_s";
+                self.section.problem(key, what, allowed);
+            }
+        }
+        let range = (limits.position_min, limits.position_max);
+        let half = 0.5 * encoders.link_wrap;
+        if range.0.is_finite() && range.1.is_finite() && (range.0 < -half || range.1 > half) {
+            let what = format!(
+                "the signal starts again after {:.3} deg, and the joint moves from {:.3} to {:.3} deg",
+                encoders.link_wrap.to_degrees(),
+                range.0.to_degrees(),
+                range.1.to_degrees()
+            );
+            let allowed = "position limits within half the signal's range on either side of zero";
+            self.section.problem("link_angle", what, allowed);
+        }
+    }
+}

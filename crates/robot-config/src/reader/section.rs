@@ -1,0 +1,200 @@
+//! One table of a TOML file: its keys, its tables, and problems with either.
+
+use super::{Diagnostics, show};
+use core::cell::RefCell;
+use core::fmt;
+use std::collections::BTreeSet;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// One table of the file.
+pub(crate) struct Section<'n, 't> {
+    diagnostics: &'n Diagnostics<'t>,
+    table: &'n DeTable<'t>,
+    place: usize,
+    /// The table's path in the schema: `joint.gains`.
+    path: String,
+    /// Which of several such tables: ` (hip_yaw)`.
+    pub(crate) which: String,
+    known: RefCell<BTreeSet<&'static str>>,
+}
+
+impl<'n, 't> Section<'n, 't> {
+    pub(crate) fn root(diagnostics: &'n Diagnostics<'t>, table: &'n DeTable<'t>) -> Self {
+        Self::new(diagnostics, table, 0, String::new())
+    }
+
+    fn new(
+        diagnostics: &'n Diagnostics<'t>,
+        table: &'n DeTable<'t>,
+        place: usize,
+        path: String,
+    ) -> Self {
+        Self {
+            diagnostics,
+            table,
+            place,
+            path,
+            which: String::new(),
+            known: RefCell::new(BTreeSet::new()),
+        }
+    }
+
+    pub(crate) fn place(&self) -> usize {
+        self.place
+    }
+
+    /// The same table once more.
+    pub(crate) fn again(&self) -> Self {
+        let which = self.which.clone();
+        let same = Self::new(self.diagnostics, self.table, self.place, self.path.clone());
+        Self { which, ..same }
+    }
+
+    /// The key has that text.
+    pub(crate) fn is(&self, key: &str, text: &str) -> bool {
+        let value = self.table.get(key).map(Spanned::get_ref);
+        value.and_then(DeValue::as_str) == Some(text)
+    }
+
+    /// The key's path in the schema, with the name of the section it belongs to.
+    pub(crate) fn path(&self, key: &str) -> String {
+        let dot = if self.path.is_empty() || key.is_empty() {
+            ""
+        } else {
+            "."
+        };
+        format!("{}{dot}{key}{}", self.path, self.which)
+    }
+
+    /// Diagnostics a problem with a key: at its value, or at the section if it is missing.
+    pub(crate) fn problem(&self, key: &str, what: impl fmt::Display, allowed: impl fmt::Display) {
+        let place = self
+            .table
+            .get(key)
+            .map_or(self.place, |value| value.span().start);
+        let colon = if key.is_empty() { "" } else { ":" };
+        let reason = format!("{}{colon} {what}", self.path(key));
+        self.diagnostics.at(place, reason, allowed.to_string());
+    }
+
+    /// `file:line: key`, for a problem that shows only later.
+    pub(crate) fn place_of(&self, key: &str) -> String {
+        let value = self.table.get(key);
+        let place = value.map_or(self.place, |value| value.span().start);
+        let line = self.diagnostics.line(place);
+        format!("{}:{line}: {}", self.diagnostics.file, self.path(key))
+    }
+
+    pub(super) fn find(&self, key: &'static str) -> Option<&'n Spanned<DeValue<'t>>> {
+        self.known.borrow_mut().insert(key);
+        self.table.get(key)
+    }
+
+    pub(crate) fn has(&self, key: &'static str) -> bool {
+        self.find(key).is_some()
+    }
+
+    pub(super) fn missing(&self, key: &'static str, allowed: impl fmt::Display) {
+        self.problem(key, "the key is missing", allowed);
+    }
+
+    pub(super) fn wrong(
+        &self,
+        key: &str,
+        value: &Spanned<DeValue<'t>>,
+        allowed: &dyn fmt::Display,
+    ) {
+        let what = format!("{} is not allowed", show(value.get_ref()));
+        let reason = format!("{}: {what}", self.path(key));
+        self.diagnostics
+            .at(value.span().start, reason, allowed.to_string());
+    }
+
+    /// A table inside this one.
+    pub(crate) fn section(&self, key: &'static str) -> Option<Section<'n, 't>> {
+        let section = self.optional_section(key);
+        if section.is_none() && !self.table.contains_key(key) {
+            self.missing(key, format!("a table [{}]", self.schema_path(key)));
+        }
+        section
+    }
+
+    pub(crate) fn optional_section(&self, key: &'static str) -> Option<Section<'n, 't>> {
+        let value = self.find(key)?;
+        self.as_section(key, value)
+    }
+
+    fn as_section(&self, key: &str, value: &'n Spanned<DeValue<'t>>) -> Option<Section<'n, 't>> {
+        match value.get_ref() {
+            DeValue::Table(table) => Some(Section {
+                which: self.which.clone(),
+                ..Section::new(
+                    self.diagnostics,
+                    table,
+                    value.span().start,
+                    self.schema_path(key),
+                )
+            }),
+            _ => {
+                self.wrong(key, value, &"a table");
+                None
+            }
+        }
+    }
+
+    fn schema_path(&self, key: &str) -> String {
+        if self.path.is_empty() {
+            key.to_owned()
+        } else {
+            format!("{}.{key}", self.path)
+        }
+    }
+
+    /// The tables of a list `[[key]]`; none if the key is missing.
+    pub(crate) fn list(&self, key: &'static str) -> Vec<Section<'n, 't>> {
+        let Some(value) = self.find(key) else {
+            return Vec::new();
+        };
+        match value.get_ref() {
+            DeValue::Array(items) => items
+                .iter()
+                .filter_map(|item| self.as_section(key, item))
+                .collect(),
+            _ => {
+                self.wrong(
+                    key,
+                    value,
+                    &format!("a list of tables [[{}]]", self.schema_path(key)),
+                );
+                Vec::new()
+            }
+        }
+    }
+
+    /// The tables inside this one, whatever they are called.
+    pub(crate) fn named_sections(&self) -> Vec<(&'n str, Section<'n, 't>)> {
+        self.table
+            .iter()
+            .filter_map(|(name, value)| {
+                let mut section = self.as_section(name.get_ref(), value)?;
+                section.path.clone_from(&self.path);
+                section.which = format!(" ({})", name.get_ref());
+                Some((&**name.get_ref(), section))
+            })
+            .collect()
+    }
+
+    /// Diagnostics every key that nobody asked for.
+    pub(crate) fn finish(self) {
+        let known = self.known.borrow();
+        let allowed = known.iter().copied().collect::<Vec<_>>().join(", ");
+        for key in self.table.keys() {
+            if !known.contains(&**key.get_ref()) {
+                let reason = format!("{}: unknown key", self.path(key.get_ref()));
+                self.diagnostics
+                    .at(key.span().start, reason, allowed.clone());
+            }
+        }
+    }
+}
