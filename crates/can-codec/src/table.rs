@@ -6,10 +6,10 @@ use crate::dbc::Dbc;
 use crate::frame::{EXTENDED_ID, Frame, Frames};
 use crate::packing::Packing;
 use compile::Compiler;
-use core::fmt;
 use core::ops::Range;
+use problem::{Problem, Problems};
 
-/// Standard (11-bit) identifiers there are.
+/// Number of standard (11-bit) identifiers.
 const STANDARD_IDS: usize = 1 << 11;
 
 /// A DBC file on a bus.
@@ -55,38 +55,22 @@ pub enum DecodeError {
 pub struct TableProblem {
     /// Index of the mapped signal it is about; none if it is about the DBC files alone.
     pub map: Option<usize>,
-    /// The DBC file it is about, if it is about one.
-    pub file: String,
-    /// Line in that file; 0 without one.
-    pub line: usize,
-    /// What is wrong.
-    pub reason: String,
-    /// What is allowed instead.
-    pub allowed: String,
+    /// What is wrong; its place is the DBC file's, where it is about one.
+    pub problem: Problem,
 }
 
 /// Everything that keeps the signals from being compiled.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct TableError {
-    /// The problems, at least one.
-    pub problems: Vec<TableProblem>,
-}
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}", self.problems())]
+pub struct TableError(pub Vec<TableProblem>);
 
-impl fmt::Display for TableError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, p) in self.problems.iter().enumerate() {
-            let separator = if i == 0 { "" } else { "\n" };
-            write!(
-                f,
-                "{separator}{}:{}: {}; allowed: {}",
-                p.file, p.line, p.reason, p.allowed
-            )?;
-        }
-        Ok(())
+impl TableError {
+    /// The problems without their signals.
+    #[must_use]
+    pub fn problems(&self) -> Problems {
+        Problems(self.0.iter().map(|p| p.problem.clone()).collect())
     }
 }
-
-impl core::error::Error for TableError {}
 
 /// A message of the table.
 #[derive(Clone, Debug, PartialEq)]
@@ -213,7 +197,7 @@ impl Table {
             .is_some_and(|entry| entry.len == frame.len)
     }
 
-    /// Puts the frame's mapped signals into their slots and tells which message it is.
+    /// Puts the frame's mapped signals into their slots; the result is its message's index.
     ///
     /// `Ok(None)`: a message of the bus that carries no mapped signal. Slots beyond the end of
     /// `slots` are left out.
@@ -254,8 +238,8 @@ impl Table {
         true
     }
 
-    /// Appends the frame of every message that carries a mapped signal; tells how many were
-    /// appended. Those with values that are not finite, and those that find no room, are not.
+    /// Appends the frame of every message that carries a mapped signal, except those with values
+    /// that are not finite and those that find no room. The result is the number appended.
     pub fn encode_all(&self, slots: &[f64], frames: &mut Frames) -> usize {
         let mut frame = Frame::zeroed(0, 0, 0, false);
         (0..self.mapped)

@@ -103,7 +103,7 @@ fn text_that_is_no_dbc_file_is_refused_with_its_line() {
     refused(
         "BO_ 1 M: 8 A\n SG_ a : 0|8 (1,0) [0|0] \"\" B",
         1,
-        &["not a DBC file"],
+        &["not a DBC file: expected"],
     );
     assert!(Dbc::parse("<html>", "x.dbc").is_err());
 }
@@ -157,8 +157,8 @@ fn multiplexed_signals_may_overlap_but_not_be_used() {
         dbc: &file,
     };
     let error = Table::compile(&[on_bus], &[(0, map)]).unwrap_err();
-    assert_eq!(error.problems[0].map, Some(0));
-    assert!(error.problems[0].reason.contains("M.b is multiplexed"));
+    assert_eq!(error.0[0].map, Some(0));
+    assert!(error.0[0].problem.reason.contains("M.b is multiplexed"));
     refused(
         "BO_ 1 M: 8 A\n SG_ which M : 0|8@1+ (1,0) [0|0] \"\" B\n SG_ a m1 : 8|8@1+ (1,0) [0|0] \"\" B\n SG_ b m1 : 8|8@1+ (1,0) [0|0] \"\" B",
         3,
@@ -175,12 +175,9 @@ fn fd_messages_need_an_fd_bus() {
         dbc: &file,
     };
     let error = Table::compile(&[on_bus], &[]).unwrap_err();
-    assert_eq!(error.problems[0].line, FIRST_LINE);
-    assert!(
-        error.problems[0]
-            .reason
-            .contains("CAN FD frame on a classic bus")
-    );
+    let problem = &error.0[0].problem;
+    assert_eq!(problem.line, FIRST_LINE);
+    assert!(problem.reason.contains("CAN FD frame on a classic bus"));
     let named = dbc(
         "BO_ 1 M: 8 A\n\nBA_DEF_ BO_ \"VFrameFormat\" ENUM \"StandardCAN\",\"ExtendedCAN\";\nBA_DEF_DEF_ \"VFrameFormat\" \"StandardCAN\";\nBA_ \"VFrameFormat\" BO_ 1 14;",
     );

@@ -4,8 +4,9 @@ use crate::general::Bus;
 use crate::reader::{At, Diagnostics, Section};
 use crate::units::Quantity;
 use crate::{Read, paths, unreadable};
-use can_codec::{BusDbc, Dbc, Frame, MAX_FRAMES, Signal, SignalMap, Table, TableError};
-use problem::Problem;
+use can_codec::{
+    BusDbc, Dbc, Frame, MAX_FRAMES, Signal, SignalMap, Table, TableError, TableProblem,
+};
 use std::collections::BTreeMap;
 
 /// Which way a signal goes.
@@ -224,27 +225,17 @@ impl<'n, 't> Wiring<'n, 't> {
         Some((receive, send, sync))
     }
 
-    /// Problems of signals are told where the configuration names them.
+    /// Notes problems of signals at the keys that name them.
     fn note_all(&self, error: TableError, maps: &[(u8, SignalMap)]) {
-        for problem in error.problems {
-            let used = problem
-                .map
-                .and_then(|map| maps.get(map))
-                .and_then(|(bus, map)| {
-                    let path = format!("{}.{}", map.message, map.signal);
-                    self.used.get(&(usize::from(*bus), path))
-                });
+        for TableProblem { map, problem } in error.0 {
+            let map = map.and_then(|map| maps.get(map));
+            let used = map.and_then(|(bus, map)| {
+                let path = format!("{}.{}", map.message, map.signal);
+                self.used.get(&(usize::from(*bus), path))
+            });
             match used {
-                Some((key, place)) => {
-                    let reason = format!("{key}: {}", problem.reason);
-                    self.diagnostics.at(*place, reason, problem.allowed);
-                }
-                None => self.diagnostics.note(Problem {
-                    file: problem.file,
-                    line: problem.line,
-                    reason: problem.reason,
-                    allowed: problem.allowed,
-                }),
+                Some((key, place)) => self.diagnostics.note_at(*place, problem.of(key)),
+                None => self.diagnostics.note(problem),
             }
         }
     }

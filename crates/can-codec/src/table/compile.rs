@@ -1,12 +1,13 @@
-//! From DBC files and the signals in use to a table, with all that is wrong told at once.
+//! From DBC files and the signals in use to a table, with every problem that is found on the way.
 
 use super::{
     BusDbc, BusIndex, Compiled, Entry, STANDARD_IDS, SignalMap, Table, TableError, TableProblem,
 };
 use crate::dbc::{Message, show_id};
 use crate::frame::EXTENDED_ID;
+use problem::Problem;
 
-/// The messages of all buses, and what is wrong with them.
+/// The messages of all buses, and the problems found so far.
 pub(super) struct Compiler<'a> {
     pub(super) messages: Vec<(BusDbc<'a>, &'a Message)>,
     pub(super) problems: Vec<TableProblem>,
@@ -50,10 +51,7 @@ impl<'a> Compiler<'a> {
             let reason = format!("the DBC files hold {} messages", self.messages.len());
             self.problems.push(TableProblem {
                 map: None,
-                file: String::new(),
-                line: 0,
-                reason,
-                allowed: "at most 65534".to_owned(),
+                problem: Problem::new(reason, "at most 65534"),
             });
         }
     }
@@ -65,13 +63,8 @@ impl<'a> Compiler<'a> {
         reason: String,
         allowed: &str,
     ) {
-        self.problems.push(TableProblem {
-            map: None,
-            file: on_bus.dbc.file.clone(),
-            line: message.line,
-            reason,
-            allowed: allowed.to_owned(),
-        });
+        let problem = Problem::new(reason, allowed).at(&on_bus.dbc.file, message.line);
+        self.problems.push(TableProblem { map: None, problem });
     }
 
     /// Each map's message, as an index into `messages`, with its compiled signal.
@@ -85,20 +78,14 @@ impl<'a> Compiler<'a> {
                     mapped_before(&maps[..i], *bus, map)
                 }
             };
-            if let Some((reason, allowed)) = problem {
-                self.problems.push(TableProblem {
-                    map: Some(i),
-                    file: String::new(),
-                    line: 0,
-                    reason,
-                    allowed,
-                });
-            }
+            let map = Some(i);
+            let problem = problem.map(|problem| TableProblem { map, problem });
+            self.problems.extend(problem);
         }
         resolved
     }
 
-    fn resolve_one(&self, bus: u8, map: &SignalMap) -> Result<(usize, Compiled), (String, String)> {
+    fn resolve_one(&self, bus: u8, map: &SignalMap) -> Result<(usize, Compiled), Problem> {
         let on_this_bus = || self.messages.iter().filter(|(on_bus, _)| on_bus.bus == bus);
         let path = format!("{}.{}", map.message, map.signal);
         let found = self
@@ -106,36 +93,36 @@ impl<'a> Compiler<'a> {
             .iter()
             .position(|(on_bus, message)| on_bus.bus == bus && message.name == map.message);
         let Some(index) = found else {
-            return Err((
+            return Err(Problem::new(
                 format!("no DBC file of the bus has a message {}", map.message),
                 list(on_this_bus().map(|(_, message)| message.name.as_str())),
             ));
         };
         let message = self.messages[index].1;
         let Some(signal) = message.signal(&map.signal) else {
-            return Err((
+            return Err(Problem::new(
                 format!("message {} has no signal {}", map.message, map.signal),
                 list(message.signals.iter().map(|signal| signal.name.as_str())),
             ));
         };
         if signal.multiplexed {
-            return Err((
+            return Err(Problem::new(
                 format!("signal {path} is multiplexed"),
-                "signals that are in every frame of their message".to_owned(),
+                "signals that are in every frame of their message",
             ));
         }
         let scale = signal.scale * map.scale;
         let offset = signal.offset * map.scale + map.offset;
         if !(scale.is_normal() && offset.is_finite()) {
-            return Err((
+            return Err(Problem::new(
                 format!("signal {path} would be scaled by {scale} and shifted by {offset}"),
-                "finite numbers, a scale other than 0".to_owned(),
+                "finite numbers, a scale other than 0",
             ));
         }
         if map.wraps && !signal.coding.is_integer() {
-            return Err((
+            return Err(Problem::new(
                 format!("signal {path} is a float and cannot wrap"),
-                "integer signals".to_owned(),
+                "integer signals",
             ));
         }
         let ends = [signal.min, signal.max].map(|value| (value - signal.offset) / signal.scale);
@@ -157,9 +144,7 @@ impl<'a> Compiler<'a> {
 
     pub(super) fn finish(self, mut resolved: Vec<(usize, Compiled)>) -> Result<Table, TableError> {
         if !self.problems.is_empty() {
-            return Err(TableError {
-                problems: self.problems,
-            });
+            return Err(TableError(self.problems));
         }
         resolved.sort_by_key(|&(message, signal)| (message, signal.slot));
         let carries = |message: usize| resolved.iter().any(|&(owner, _)| owner == message);
@@ -220,26 +205,26 @@ impl Table {
     }
 }
 
-fn mapped_before(before: &[(u8, SignalMap)], bus: u8, map: &SignalMap) -> Option<(String, String)> {
+fn mapped_before(before: &[(u8, SignalMap)], bus: u8, map: &SignalMap) -> Option<Problem> {
     let twice = before.iter().any(|(other_bus, other)| {
         *other_bus == bus && other.message == map.message && other.signal == map.signal
     });
     if twice {
-        return Some((
+        return Some(Problem::new(
             format!("signal {}.{} is used twice", map.message, map.signal),
-            "one use of each signal".to_owned(),
+            "one use of each signal",
         ));
     }
     before
         .iter()
         .find(|(_, other)| other.slot == map.slot)
         .map(|(_, other)| {
-            (
+            Problem::new(
                 format!(
                     "signals {}.{} and {}.{} fill one slot",
                     other.message, other.signal, map.message, map.signal
                 ),
-                "one signal for each slot".to_owned(),
+                "one signal for each slot",
             )
         })
 }

@@ -21,12 +21,12 @@ impl<'t> Diagnostics<'t> {
 
     /// Diagnostics a problem at a place of the file.
     pub(crate) fn at(&self, place: usize, reason: impl Into<String>, allowed: impl Into<String>) {
-        self.note(Problem {
-            file: self.file.to_owned(),
-            line: self.line(place),
-            reason: reason.into(),
-            allowed: allowed.into(),
-        });
+        self.note_at(place, Problem::new(reason, allowed));
+    }
+
+    /// Notes a problem at a place of the file.
+    pub(crate) fn note_at(&self, place: usize, problem: Problem) {
+        self.note(problem.at(self.file, self.line(place)));
     }
 
     pub(super) fn line(&self, place: usize) -> usize {
