@@ -1,7 +1,7 @@
 //! The joints on the bench, as their users know them and as they are.
 
-use identification::joint_file::{JointFile, no_files};
 use identification::log::LogRow;
+use joint_file::{JointFile, no_files};
 use plant::parameters::DriveParameters;
 use plant::random::Random;
 use plant::{Command, DriveSheet, JointRig, KinematicError, RigLoad, RigTiming, SimParameters};

@@ -2,7 +2,7 @@
 
 use core::fmt;
 use estimators::filter_bank::FilterError;
-use identification::FitError;
+use problem::Problem;
 use robot_state::{MAX_FT_SENSORS, MAX_JOINTS};
 use whole_body::WholeBodyError;
 
@@ -21,7 +21,7 @@ pub enum CycleError {
     /// Sensors from which the torques do not follow.
     WholeBody(WholeBodyError),
     /// A joint file whose estimators cannot be built.
-    Calibration(FitError),
+    Calibration(Problem),
     /// A floating base without an IMU or a stand.
     NoImu,
 }

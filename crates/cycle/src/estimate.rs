@@ -2,7 +2,7 @@
 
 use dynamics::Motion;
 use estimators::compliance::ComplianceEstimator;
-use identification::joint_file::AnyEstimator;
+use estimators::joint::AnyEstimator;
 use robot_config::{JointParameters, Robot};
 use robot_state::{
     CycleRecord, Event, Settings, TorqueEstimate, measured_flags, torque_flags, torque_source,

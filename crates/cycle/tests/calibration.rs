@@ -111,10 +111,10 @@ fn a_joint_file_of_another_joint_is_refused() {
     for (joint, expected) in cases {
         let message = message(&joint);
         assert!(
-            message.contains(expected) && message.contains("robot.toml:"),
+            message.contains(expected) && message.contains(".toml:"),
             "{message}"
         );
-        assert!(message.contains("calibration"), "{message}");
+        assert!(message.contains("joint.calibration (joint)"), "{message}");
     }
     let missing = |path: &str| match path {
         "config/test-joint/calibration/joint.toml" => Err(std::io::ErrorKind::NotFound.into()),

@@ -34,6 +34,9 @@ pub trait JointTorqueEstimator {
     fn reset(&mut self);
 }
 
+/// An estimator of any kind.
+pub type AnyEstimator = Box<dyn JointTorqueEstimator + Send>;
+
 /// Everything that leads from a joint's encoders and current to its torque.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointEstimatorParameters {

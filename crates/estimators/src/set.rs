@@ -1,13 +1,13 @@
 //! All configured sources of one joint's torque, and what they amount to together.
 
 use crate::fusion::{Fusion, MAX_SOURCES};
-use crate::joint::{JointSample, JointTorqueEstimator};
+use crate::joint::{AnyEstimator, JointSample, JointTorqueEstimator};
 use robot_state::{TorqueEstimate, torque_flags};
 
 /// Sources with their names, and their fusion if there is one.
 pub struct EstimatorSet {
     names: Vec<String>,
-    sources: Vec<Box<dyn JointTorqueEstimator + Send>>,
+    sources: Vec<AnyEstimator>,
     estimates: Vec<TorqueEstimate>,
     fusion: Option<Fusion>,
     fused: TorqueEstimate,
@@ -17,10 +17,7 @@ impl EstimatorSet {
     /// A set of named sources, at most [`MAX_SOURCES`]; `fusion` must be of the same sources in the same
     /// order.
     #[must_use]
-    pub fn new(
-        sources: Vec<(String, Box<dyn JointTorqueEstimator + Send>)>,
-        fusion: Option<Fusion>,
-    ) -> Self {
+    pub fn new(sources: Vec<(String, AnyEstimator)>, fusion: Option<Fusion>) -> Self {
         debug_assert!(sources.len() <= MAX_SOURCES);
         let (names, sources): (Vec<_>, Vec<_>) = sources.into_iter().unzip();
         let estimates = vec![TorqueEstimate::default(); sources.len()];

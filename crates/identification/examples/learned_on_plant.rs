@@ -8,16 +8,17 @@
 mod bench;
 
 use estimators::features::FeatureSet;
+use estimators::joint::AnyEstimator;
 use estimators::joint::JointTorqueEstimator;
 use estimators::local_gp::{LocalGp, LocalGpEstimator};
 use estimators::network::NetworkEstimator;
 use identification::all;
 use identification::evaluate::Score;
 use identification::gaussian_process::{self, GpOptions};
-use identification::joint_file::{AnyEstimator, JointFile};
 use identification::log::LogRow;
 use identification::network::{self, NetworkOptions};
 use identification::record::Record;
+use joint_file::JointFile;
 use std::error::Error;
 use std::io::{Write, stdout};
 

@@ -8,19 +8,20 @@
 //! ```
 
 use crate::gaussian_process::{self, GpOptions};
-use crate::joint_file::{
-    ComplianceTable, CurrentTable, DeformationTable, EncodersTable, FrictionTable, FusionTable,
-    HysteresisTable, JointFile, KalmanTable, SourceTable, TrainedTable,
-};
 use crate::learned::Progress;
 use crate::log::LogRow;
 use crate::network::{self, NetworkOptions};
 use crate::record::Record;
-use crate::{FitError, current, deformation, fusion, gear, kinematic, noise};
+use crate::{current, deformation, fusion, gear, kinematic, noise};
 use estimators::deformation::AngularFrequency;
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::set::EstimatorSet;
+use joint_file::{
+    ComplianceTable, CurrentTable, DeformationTable, EncodersTable, FrictionTable, FusionTable,
+    HysteresisTable, JointFile, KalmanTable, SourceTable, TrainedTable,
+};
+use problem::Problem;
 
 /// Time constant of Z's low-pass (0.95 at 1 kHz), s.
 const Z_TIME_CONSTANT_S: f64 = 0.0195;
@@ -90,7 +91,7 @@ pub fn fit(
     turn: &[LogRow],
     train: &[LogRow],
     progress: Progress<'_>,
-) -> Result<Fitted, FitError> {
+) -> Result<Fitted, Problem> {
     let mut fitted = Fitted::new(joint);
     let mut done = 0.0;
     for (step, name, share) in Step::ALL {
@@ -123,7 +124,7 @@ pub fn fit_one(
     step: Step,
     rows: &[LogRow],
     progress: Progress<'_>,
-) -> Result<Fitted, FitError> {
+) -> Result<Fitted, Problem> {
     let mut fitted = Fitted::new(joint);
     fitted.step(step, rows, progress)?;
     if fitted.joint.fusion.is_some() && rows.iter().all(|row| row.tau_sensor.is_finite()) {
@@ -145,7 +146,7 @@ impl Fitted {
     ///
     /// # Errors
     /// Numbers that TOML cannot hold.
-    pub fn files(&self, stem: &str) -> Result<Vec<(String, String)>, FitError> {
+    pub fn files(&self, stem: &str) -> Result<Vec<(String, String)>, Problem> {
         let mut joint = self.joint.clone();
         let mut files = Vec::new();
         if let Some(network) = &joint.trained.network {
@@ -162,15 +163,11 @@ impl Fitted {
         Ok(files)
     }
 
-    fn step(
-        &mut self,
-        step: Step,
-        rows: &[LogRow],
-        progress: Progress<'_>,
-    ) -> Result<(), FitError> {
+    fn step(&mut self, step: Step, rows: &[LogRow], progress: Progress<'_>) -> Result<(), Problem> {
         if step != Step::KinematicError && !rows.iter().all(|row| row.tau_sensor.is_finite()) {
-            return Err(FitError(
-                "training log: column `tau_sensor` is needed".to_owned(),
+            return Err(Problem::new(
+                "training log: column `tau_sensor` is needed",
+                "",
             ));
         }
         let record = Record::new(&self.joint, rows)?;
@@ -195,7 +192,7 @@ impl Fitted {
         (-self.joint.sample_period() / time_constant_s).exp()
     }
 
-    fn kinematic_error(&mut self, record: &Record) -> Result<(), FitError> {
+    fn kinematic_error(&mut self, record: &Record) -> Result<(), Problem> {
         let fit = kinematic::fit(record)?;
         self.note(format!(
             "kinematic error: largest {:.1} urad, {:.2} urad RMS left",
@@ -207,7 +204,7 @@ impl Fitted {
     }
 
     /// Z's constants with the skew; once more with the skew removed.
-    fn compliance(&mut self, train: &[LogRow]) -> Result<(), FitError> {
+    fn compliance(&mut self, train: &[LogRow]) -> Result<(), Problem> {
         for pass in 0..2 {
             let record = Record::new(&self.joint, train)?;
             let error = self.joint.kinematic_error_parameters();
@@ -250,7 +247,7 @@ impl Fitted {
     }
 
     /// What the compliance left of the skew; the gear's springs tell it from friction.
-    fn skew(&mut self, train: &[LogRow]) -> Result<(), FitError> {
+    fn skew(&mut self, train: &[LogRow]) -> Result<(), Problem> {
         let error = self.joint.kinematic_error_parameters();
         let mut left = (0.0, 0.0);
         for _ in 0..2 {
@@ -271,7 +268,7 @@ impl Fitted {
     }
 
     /// D3 on the link side; Z's friction is the same on the motor side.
-    fn current(&mut self, record: &Record) -> Result<(), FitError> {
+    fn current(&mut self, record: &Record) -> Result<(), Problem> {
         let p = current::fit(record, self.joint.torque_limit())?;
         let n = self.joint.joint.gear_ratio;
         self.joint.friction = Some(FrictionTable {
@@ -303,7 +300,7 @@ impl Fitted {
         Ok(())
     }
 
-    fn hysteresis(&mut self, record: &Record) -> Result<(), FitError> {
+    fn hysteresis(&mut self, record: &Record) -> Result<(), Problem> {
         let error: KinematicErrorParameters = self.joint.kinematic_error_parameters();
         let fit = gear::hysteresis(record, &error)?;
         let p = fit.parameters;
@@ -332,7 +329,7 @@ impl Fitted {
         Ok(())
     }
 
-    fn deformation(&mut self, record: &Record) -> Result<(), FitError> {
+    fn deformation(&mut self, record: &Record) -> Result<(), Problem> {
         let (rated, limit) = (self.joint.joint.rated_torque, self.joint.torque_limit());
         let pole = self.pole(SHORT_TIME_CONSTANT_S);
         let p = deformation::fit(record, rated, limit, AngularFrequency::Spatial, pole)?;
@@ -350,7 +347,7 @@ impl Fitted {
         Ok(())
     }
 
-    fn kalman(&mut self, record: &Record) -> Result<(), FitError> {
+    fn kalman(&mut self, record: &Record) -> Result<(), Problem> {
         let j = &self.joint.joint;
         let count = std::f64::consts::TAU / j.motor_counts_per_turn;
         let torsion = self
@@ -375,7 +372,7 @@ impl Fitted {
                 true => noise::fit::<ADDED_STATES>(record, &parameters, transform),
                 false => noise::fit::<STATES>(record, &parameters, transform),
             };
-            Ok::<_, FitError>(KalmanTable {
+            Ok::<_, Problem>(KalmanTable {
                 process: tuned.process,
                 measurement: tuned.measurement,
                 hysteresis: table.hysteresis,
@@ -391,7 +388,7 @@ impl Fitted {
         Ok(())
     }
 
-    fn network(&mut self, record: &Record, progress: Progress<'_>) -> Result<(), FitError> {
+    fn network(&mut self, record: &Record, progress: Progress<'_>) -> Result<(), Problem> {
         let options = NetworkOptions::new(self.joint.torque_limit());
         let trained = network::train(record, &options, progress)?;
         self.note(format!(
@@ -402,12 +399,13 @@ impl Fitted {
         Ok(())
     }
 
-    fn local_gp(&mut self, record: &Record, progress: Progress<'_>) -> Result<(), FitError> {
+    fn local_gp(&mut self, record: &Record, progress: Progress<'_>) -> Result<(), Problem> {
         for (k, base) in ["compliance", "hysteresis"].into_iter().enumerate() {
             let Some(mut model) = self.joint.gp_base(base)? else {
-                return Err(FitError(format!(
-                    "local Gaussian processes: needs a table `[{base}]`; fit it first"
-                )));
+                return Err(Problem::new(
+                    format!("local Gaussian processes correct {base:?}, which is not fitted"),
+                    format!("a table [{base}]"),
+                ));
             };
             let options = GpOptions::new(base, self.joint.joint.rated_torque);
             let mut half = |part: f64, what: &str| progress(0.5 * (k as f64 + part), what);
@@ -432,7 +430,7 @@ impl Fitted {
         Ok(())
     }
 
-    fn fusion(&mut self, record: &Record) -> Result<(), FitError> {
+    fn fusion(&mut self, record: &Record) -> Result<(), Problem> {
         let mut sources = EstimatorSet::new(self.joint.sources()?, None);
         let p = fusion::fit(record, &mut sources, self.joint.torque_limit());
         let table = |i: usize| SourceTable {

@@ -1,10 +1,10 @@
 //! The motor's constants from loaded motion beside a torque sensor (D3, D7).
 
-use crate::FitError;
 use crate::least_squares::Batch;
 use crate::record::Record;
 use estimators::current_based::CurrentParameters;
 use estimators::low_pass::LowPass;
+use problem::Problem;
 
 /// Time constant of the low-pass on current, s.
 const TIME_CONSTANT_S: f64 = 0.005;
@@ -20,7 +20,7 @@ const SLOWEST: f64 = 0.005;
 ///
 /// # Errors
 /// A log without torque sensor or without motion.
-pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, FitError> {
+pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, Problem> {
     let tau = record.smooth(&record.tau, 0);
     let current = record.smooth(&record.current(), 0);
     let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
@@ -45,10 +45,9 @@ pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, FitE
         .min_by(|a, b| a.0.rms.total_cmp(&b.0.rms))
         .filter(|(solution, _)| solution.x[0] > 0.0);
     let Some((solution, smoothing)) = best else {
-        return Err(FitError(
-            "training log: torque does not grow with the current; needed: `tau_sensor` and motion \
-             under load"
-                .to_owned(),
+        return Err(Problem::new(
+            "training log: torque does not grow with the current",
+            "`tau_sensor` and motion under load",
         ));
     };
     let x = &solution.x;

@@ -1,12 +1,12 @@
 //! S's coefficients by least squares (S 15-17), all segments at once.
 
-use crate::FitError;
 use crate::least_squares::{Batch, Recursive};
 use crate::record::Record;
 use estimators::deformation::{
     AngularFrequency, COEFFICIENTS, DeformationParameters, SEGMENTS, regressor,
 };
 use estimators::joint::JointSample;
+use problem::Problem;
 
 /// Samples used at most.
 const MOST: usize = 60_000;
@@ -21,7 +21,7 @@ pub fn fit(
     torque_limit: f64,
     frequency: AngularFrequency,
     low_pass_pole: f64,
-) -> Result<DeformationParameters, FitError> {
+) -> Result<DeformationParameters, Problem> {
     let tau = record.smooth(&record.tau, 0);
     let current = record.smooth(&record.current(), 0);
     let mut batch = Batch::new(COEFFICIENTS);
@@ -39,10 +39,9 @@ pub fn fit(
         .solve_bounded(1e-9, |i| i < SEGMENTS)
         .filter(|s| s.x[0] > 0.0);
     let Some(solution) = solution else {
-        return Err(FitError(
-            "training log: the middle segment's stiffness is not determined; needed: \
-             `tau_sensor` and loads of both signs"
-                .to_owned(),
+        return Err(Problem::new(
+            "training log: the middle segment's stiffness is not determined",
+            "`tau_sensor` and loads of both signs",
         ));
     };
     let mut coefficients: [f64; COEFFICIENTS] = std::array::from_fn(|i| solution.x[i]);

@@ -8,12 +8,10 @@
 //! ```
 
 mod clustering;
-mod file;
 mod hyper_parameters;
 
 pub use hyper_parameters::{HyperParameters, log_marginal_likelihood};
 
-use crate::FitError;
 use crate::learned::{Judged, Progress, Use, judge, motion, of_use, uses, zero_phase};
 use crate::record::Record;
 use clustering::Sample;
@@ -21,6 +19,8 @@ use estimators::features::{FeatureSet, MAX_FEATURES};
 use estimators::joint::JointTorqueEstimator;
 use estimators::local_gp::{LocalGp, LocalGpParameters, MAX_MODELS, MAX_POINTS};
 use estimators::regimes::Regimes;
+use joint_file::TrainedLocalGp;
+use problem::Problem;
 use robot_state::torque_flags;
 
 /// How local Gaussian processes are trained.
@@ -58,17 +58,6 @@ impl GpOptions {
     }
 }
 
-/// Trained local Gaussian processes and how they did.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TrainedLocalGp {
-    /// Name of the model that is corrected.
-    pub base: String,
-    /// What the estimator runs on.
-    pub parameters: LocalGpParameters,
-    /// Root mean square of the residual on held-out blocks before and after the correction, N·m.
-    pub held_out_rms: (f64, f64),
-}
-
 /// Trains on loaded motion and rest beside a torque sensor; `base` is the model whose residual is
 /// learned.
 ///
@@ -79,15 +68,16 @@ pub fn train(
     options: &GpOptions,
     base: &mut dyn JointTorqueEstimator,
     progress: Progress<'_>,
-) -> Result<TrainedLocalGp, FitError> {
+) -> Result<TrainedLocalGp, Problem> {
     for (what, value, most) in [
         ("models", options.models, MAX_MODELS),
         ("points", options.points, MAX_POINTS),
     ] {
         if value == 0 || value > most {
-            return Err(FitError(format!(
-                "local Gaussian processes: {value} {what}; allowed: 1 to {most}"
-            )));
+            return Err(Problem::new(
+                format!("local Gaussian processes: {value} {what}"),
+                format!("1 to {most}"),
+            ));
         }
     }
     progress(0.0, "local Gaussian processes: residual of the model");
@@ -109,10 +99,10 @@ pub fn train(
     let held_out = of_use(&uses, Use::HeldOut, 20_000);
     if subsample.len() < options.subsample / 2 || held_out.len() < 100 {
         let (count, needed) = (subsample.len(), options.subsample);
-        return Err(FitError(format!(
-            "training log: {count} samples to train on; needed: at least {needed} with \
-             `tau_sensor`, over several seconds"
-        )));
+        return Err(Problem::new(
+            format!("training log: {count} samples to train on"),
+            format!("at least {needed} with `tau_sensor`, over several seconds"),
+        ));
     }
     let inputs: Vec<[f64; MAX_FEATURES]> = subsample.iter().map(|&i| raw(i)).collect();
     let outputs: Vec<f64> = subsample.iter().map(|&i| residual[i]).collect();
@@ -144,7 +134,7 @@ pub fn train(
         "local Gaussian processes: models without the held-out blocks",
     );
     let judged_on = assemble(&|used| used == Use::Train, regimes);
-    let gp = LocalGp::new(&judged_on).map_err(|e| FitError(e.to_string()))?;
+    let gp = LocalGp::new(&judged_on).map_err(|e| Problem::new(e.to_string(), ""))?;
     let judged: Vec<Judged> = held_out
         .iter()
         .map(|&i| (shares[i], gp.predict(&raw(i)).mean, left[i]))

@@ -1,7 +1,6 @@
 //! The gear's constants from loaded motion beside a torque sensor: Z's compliance with the skew,
 //! and the elastic curve with slipping springs.
 
-use crate::FitError;
 use crate::least_squares::{Batch, Solution};
 use crate::record::Record;
 use estimators::compliance::ComplianceParameters;
@@ -10,6 +9,7 @@ use estimators::joint::JointTorqueEstimator;
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{WaveGenerator, WaveGeneratorParameters};
+use problem::Problem;
 
 /// Samples used at most by fits that look at each sample by itself.
 const MOST: usize = 20_000;
@@ -40,10 +40,11 @@ pub struct GearFit {
 }
 
 /// Torsion less kinematic error, smoothed; torque, smoothed.
-fn signals(record: &Record, error: &KinematicErrorParameters) -> Result<[Vec<f64>; 2], FitError> {
+fn signals(record: &Record, error: &KinematicErrorParameters) -> Result<[Vec<f64>; 2], Problem> {
     if !record.tau.iter().all(|tau| tau.is_finite()) {
-        return Err(FitError(
-            "training log: column `tau_sensor` is needed".to_owned(),
+        return Err(Problem::new(
+            "training log: column `tau_sensor` is needed",
+            "",
         ));
     }
     // The error goes before smoothing: fast motion would smear its harmonics.
@@ -76,7 +77,7 @@ pub fn compliance(
     record: &Record,
     error: &KinematicErrorParameters,
     motor: WaveGeneratorParameters,
-) -> Result<ComplianceFit, FitError> {
+) -> Result<ComplianceFit, Problem> {
     let [torsion, tau] = signals(record, error)?;
     let tau_max = largest(&tau);
     let mut wave_generator = WaveGenerator::new(motor);
@@ -121,10 +122,12 @@ pub fn compliance(
         .min_by(|a, b| a.0.rms.total_cmp(&b.0.rms))
         .filter(|(solution, ..)| solution.x[0] > 0.0);
     let Some((solution, c_fs, c_wg)) = best else {
-        return Err(FitError(format!(
-            "training log: torsion does not grow with the torque (largest torque {tau_max:.3} \
-             N·m); needed: loaded motion, and `theta/N - q > 0` for positive torque"
-        )));
+        return Err(Problem::new(
+            format!(
+                "training log: torsion does not grow with the torque (largest torque {tau_max:.3} N·m)"
+            ),
+            "loaded motion, and `theta/N - q > 0` for positive torque",
+        ));
     };
     let k_fs0 = 1.0 / solution.x[0];
     // A wave generator that the data do not show is rigid.
@@ -155,7 +158,7 @@ const BEARING_SLIP: [f64; 4] = [3e-5, 1e-4, 4e-4, 2e-3];
 ///
 /// # Errors
 /// A log without torque sensor or without load.
-pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<GearFit, FitError> {
+pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<GearFit, Problem> {
     let [torsion, tau] = signals(record, error)?;
     let q: Vec<f64> = record.samples.iter().map(|s| s.q).collect();
     let data = GearData {
@@ -189,7 +192,7 @@ const SKEW: usize = VISCOUS + 2;
 
 impl GearData {
     /// One pass; `rough` is the gear whose stiffness turns skew into torque.
-    fn fit(&self, record: &Record, rough: Option<&GearParameters>) -> Result<GearFit, FitError> {
+    fn fit(&self, record: &Record, rough: Option<&GearParameters>) -> Result<GearFit, Problem> {
         let unit = |limit| SlipElement {
             limit,
             stiffness: 1.0,
@@ -232,7 +235,7 @@ impl GearData {
             .solve_bounded(1e-7, bounded)
             .filter(|s| s.x[0] > 0.0)
             .ok_or_else(|| {
-                FitError("training log: the gear's stiffness is not determined".to_owned())
+                Problem::new("training log: the gear's stiffness is not determined", "")
             })?;
         Ok(self.parameters(&solution))
     }

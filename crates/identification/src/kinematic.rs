@@ -6,10 +6,10 @@
 //! wave generator, skew, inertia of what hangs there) falls out the same, without a grid, with
 //! every sample used once and whatever the speed does on the way.
 
-use crate::FitError;
 use crate::least_squares::Batch;
 use crate::record::Record;
 use estimators::kinematic_error::KinematicErrorParameters;
+use problem::Problem;
 use std::f64::consts::TAU;
 
 /// Harmonics of the link-side angle that are fitted.
@@ -37,7 +37,7 @@ pub struct KinematicFit {
 ///
 /// # Errors
 /// Data that do not cover half a turn, or go one way only.
-pub fn fit(record: &Record) -> Result<KinematicFit, FitError> {
+pub fn fit(record: &Record) -> Result<KinematicFit, Problem> {
     let speeds: Vec<f64> = record.motion.iter().map(|m| m[0].abs()).collect();
     let fastest = speeds.iter().fold(0.0f64, |m, v| m.max(*v));
     let moving: Vec<usize> = record
@@ -51,14 +51,14 @@ pub fn fit(record: &Record) -> Result<KinematicFit, FitError> {
         });
         if high - low < 0.5 * TAU {
             let covered = (high - low).max(0.0);
-            return Err(FitError(format!(
-                "no-load turn: the {name} direction covers {covered:.2} rad of q; needed: at \
-                 least half a turn each way, better a whole one"
-            )));
+            return Err(Problem::new(
+                format!("no-load turn: the {name} direction covers {covered:.2} rad of q"),
+                "at least half a turn each way, better a whole one",
+            ));
         }
     }
     let one = series(record, &moving, 1.0)
-        .ok_or_else(|| FitError("no-load turn: the Fourier series is not determined".to_owned()))?;
+        .ok_or_else(|| Problem::new("no-load turn: the Fourier series is not determined", ""))?;
     // Z prints 0.9935 periods a turn for the motor side: looked for, and only believed if the
     // data say so clearly, as a gear has a whole number of lobes.
     let candidates = (-40..=40)

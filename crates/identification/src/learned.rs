@@ -1,11 +1,8 @@
-//! What network and Gaussian processes share: held-out blocks, regimes, their tables in files.
+//! Held-out blocks and regimes of motion, as network and Gaussian processes share them.
 
-use crate::FitError;
 use crate::record::Record;
-use estimators::features::FeatureSet;
 use estimators::low_pass::LowPass;
 use estimators::regimes::{Motion, Regime, Regimes};
-use serde::{Deserialize, Serialize};
 
 /// Told how far a training is, 0 to 1, and what it does.
 pub type Progress<'a> = &'a mut dyn FnMut(f64, &str);
@@ -126,93 +123,4 @@ pub fn judge(judged: &[Judged], moving: bool, fixed_gain: Option<f64>, unseen: f
         gain,
         sigma: (left / own.len() as f64).sqrt(),
     }
-}
-
-/// Names of the sets of inputs in files.
-const FEATURES: [(FeatureSet, &str); 4] = [
-    (FeatureSet::Phase, "phase"),
-    (FeatureSet::Published, "published"),
-    (FeatureSet::Position, "position"),
-    (FeatureSet::Load, "load"),
-];
-
-pub(crate) fn feature_name(set: FeatureSet) -> String {
-    let named = FEATURES.iter().find(|(s, _)| *s == set);
-    named.map_or("phase", |(_, name)| name).to_owned()
-}
-
-pub(crate) fn feature_set(name: &str) -> Result<FeatureSet, FitError> {
-    let named = FEATURES.iter().find(|(_, n)| *n == name);
-    named.map(|(set, _)| *set).ok_or_else(|| {
-        let allowed = FEATURES.map(|(_, name)| name).join(", ");
-        FitError(format!("features = {name:?}; allowed: {allowed}"))
-    })
-}
-
-/// [`Regimes`] in a file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RegimesTable {
-    speed_rad_per_s: f64,
-    time_constant_s: f64,
-    sample_period_s: f64,
-    rest_gain: f64,
-    #[serde(rename = "rest_sigma_Nm")]
-    rest_sigma: f64,
-    moving_gain: f64,
-    #[serde(rename = "moving_sigma_Nm")]
-    moving_sigma: f64,
-}
-
-impl From<&Regimes> for RegimesTable {
-    fn from(r: &Regimes) -> Self {
-        Self {
-            speed_rad_per_s: r.speed,
-            time_constant_s: r.time_constant,
-            sample_period_s: r.sample_period,
-            rest_gain: r.rest.gain,
-            rest_sigma: r.rest.sigma,
-            moving_gain: r.moving.gain,
-            moving_sigma: r.moving.sigma,
-        }
-    }
-}
-
-impl RegimesTable {
-    pub(crate) fn regimes(&self) -> Result<Regimes, FitError> {
-        for (key, value, most) in [
-            ("speed_rad_per_s", self.speed_rad_per_s, f64::MAX),
-            ("time_constant_s", self.time_constant_s, f64::MAX),
-            ("sample_period_s", self.sample_period_s, f64::MAX),
-            ("rest_sigma_Nm", self.rest_sigma, f64::MAX),
-            ("moving_sigma_Nm", self.moving_sigma, f64::MAX),
-            ("rest_gain", self.rest_gain, 1.0),
-            ("moving_gain", self.moving_gain, 1.0),
-        ] {
-            let bounded = (0.0..=most).contains(&value);
-            if !bounded || (value == 0.0 && !key.ends_with("gain")) {
-                let allowed = if most == 1.0 {
-                    "0 to 1"
-                } else {
-                    "a finite number > 0"
-                };
-                return Err(FitError(format!(
-                    "regimes.{key} = {value}; allowed: {allowed}"
-                )));
-            }
-        }
-        let regime = |gain, sigma| Regime { gain, sigma };
-        Ok(Regimes {
-            speed: self.speed_rad_per_s,
-            time_constant: self.time_constant_s,
-            sample_period: self.sample_period_s,
-            rest: regime(self.rest_gain, self.rest_sigma),
-            moving: regime(self.moving_gain, self.moving_sigma),
-        })
-    }
-}
-
-/// Reads a trained file's table; `what` it should be, `file` what messages call it.
-pub(crate) fn read<T: serde::de::DeserializeOwned>(text: &str, file: &str) -> Result<T, FitError> {
-    toml::from_str(text).map_err(|e| FitError(format!("{file}: {}", e.to_string().trim_end())))
 }

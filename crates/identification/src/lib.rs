@@ -10,7 +10,6 @@ pub mod evaluate;
 pub mod fusion;
 pub mod gaussian_process;
 pub mod gear;
-pub mod joint_file;
 pub mod kinematic;
 pub mod learned;
 pub mod least_squares;
@@ -19,16 +18,3 @@ pub mod network;
 pub mod noise;
 pub mod quasi_newton;
 pub mod record;
-
-use std::fmt;
-
-/// A fit that its data do not allow: what, why, what is needed.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FitError(pub String);
-
-impl fmt::Display for FitError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-impl std::error::Error for FitError {}

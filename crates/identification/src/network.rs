@@ -5,9 +5,7 @@
 //! would teach the network its delay.
 
 mod back_propagation;
-mod file;
 
-use crate::FitError;
 use crate::learned::{Judged, Progress, Use, judge, motion, of_use, uses, zero_phase};
 use crate::quasi_newton::minimise;
 use crate::record::Record;
@@ -15,6 +13,8 @@ use back_propagation::{Batch, Perceptron};
 use estimators::features::FeatureSet;
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use estimators::network::{NetworkEstimator, NetworkParameters, ScalarKalman};
+use joint_file::TrainedNetwork;
+use problem::Problem;
 
 /// How a network is trained.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,15 +57,6 @@ impl NetworkOptions {
     }
 }
 
-/// A trained network and how it did.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TrainedNetwork {
-    /// What the estimator runs on.
-    pub parameters: NetworkParameters,
-    /// Root mean square error on held-out blocks, without the low-pass, N·m.
-    pub held_out_rms: f64,
-}
-
 /// Samples in a mini-batch.
 const MINI_BATCH: usize = 128;
 /// Adam's rate at the start; it falls to a hundredth along half a cosine.
@@ -81,12 +72,13 @@ pub fn train(
     record: &Record,
     options: &NetworkOptions,
     progress: Progress<'_>,
-) -> Result<TrainedNetwork, FitError> {
+) -> Result<TrainedNetwork, Problem> {
     if options.hidden.is_empty() || options.hidden.contains(&0) || options.hidden.len() > 8 {
         let hidden = &options.hidden;
-        return Err(FitError(format!(
-            "hidden layers {hidden:?}; allowed: 1 to 8 layers of at least one unit"
-        )));
+        return Err(Problem::new(
+            format!("hidden layers {hidden:?}"),
+            "1 to 8 layers of at least one unit",
+        ));
     }
     let uses = uses(record);
     let tau = zero_phase(record, &record.tau);
@@ -96,10 +88,10 @@ pub fn train(
     let needed = 10 * MINI_BATCH;
     if train.len() < needed || held_out.len() < MINI_BATCH {
         let count = train.len();
-        return Err(FitError(format!(
-            "training log: {count} samples to train on; needed: at least {needed} with \
-             `tau_sensor`, over several seconds"
-        )));
+        return Err(Problem::new(
+            format!("training log: {count} samples to train on"),
+            format!("at least {needed} with `tau_sensor`, over several seconds"),
+        ));
     }
     let torque = mean_and_spread(train.iter().map(|&i| tau[i]));
     let target = |i: usize| (tau[i] - torque.0) / torque.1;
@@ -121,7 +113,7 @@ pub fn train(
     };
     // As the loop will run it, low-pass, delay and all.
     let mut estimator =
-        NetworkEstimator::new(parameters.clone()).map_err(|e| FitError(e.to_string()))?;
+        NetworkEstimator::new(parameters.clone()).map_err(|e| Problem::new(e.to_string(), ""))?;
     let estimates: Vec<f64> = record
         .samples
         .iter()

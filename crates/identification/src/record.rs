@@ -1,10 +1,10 @@
 //! A log brought to the instants and forms that fits compare.
 
-use crate::joint_file::JointFile;
 use crate::log::LogRow;
 use estimators::filter_bank::FilterBank;
 use estimators::joint::JointSample;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
+use joint_file::JointFile;
 use robot_state::measured_flags;
 
 /// A log as the estimators see it, and the torque sensor beside it.
@@ -35,7 +35,7 @@ impl Record {
     ///
     /// # Errors
     /// A joint file from which no front end can be built.
-    pub fn new(joint: &JointFile, rows: &[LogRow]) -> Result<Self, crate::FitError> {
+    pub fn new(joint: &JointFile, rows: &[LogRow]) -> Result<Self, problem::Problem> {
         let mut front_end = joint.front_end()?;
         let sample_period = joint.sample_period();
         let mut last = None;

@@ -3,8 +3,8 @@
 use estimators::joint::JointTorqueEstimator;
 use identification::all;
 use identification::evaluate::Score;
-use identification::joint_file::{JointFile, no_files};
 use identification::log::LogRow;
+use joint_file::{JointFile, no_files};
 use robot_state::torque_flags::VALID;
 use std::collections::BTreeMap;
 
@@ -223,45 +223,4 @@ fn data_that_do_not_suffice_are_refused_with_what_is_needed() {
         .iter_mut()
         .for_each(|row| row.tau_sensor = -row.tau_sensor);
     assert!(message(&turn, &reversed).contains("torque does not grow"));
-}
-
-#[test]
-fn joint_files_are_checked_key_by_key() {
-    let message = |text: &str| {
-        JointFile::parse(text, "joint.toml", &no_files)
-            .unwrap_err()
-            .to_string()
-    };
-    let with = |from: &str, to: &str| JOINT.replace(from, to);
-    let cases = [
-        (
-            with("gear_ratio = 100", "gear_ratio = -1"),
-            "joint.toml: joint.gear_ratio = -1",
-        ),
-        (with("gear_ratio = 100", ""), "missing field `gear_ratio`"),
-        (
-            with("gear_ratio", "gear_ration"),
-            "unknown field `gear_ration`",
-        ),
-        (
-            with("= 16", "= nan"),
-            "joint.rated_torque_Nm = NaN; allowed: a finite number > 0",
-        ),
-        (
-            format!("{JOINT}\n[encoders]\nskew_s = 1"),
-            "encoders.skew_s = 1; allowed: within",
-        ),
-        (
-            format!("{JOINT}\n[kinematic_error]\nlink_rad = [[1e-5, inf]]"),
-            "kinematic_error.link_rad[0][1] = inf",
-        ),
-        (format!("{JOINT}\n[moon]\nx = 1"), "unknown field `moon`"),
-    ];
-    for (text, expected) in cases {
-        let message = message(&text);
-        assert!(message.contains(expected), "{message}");
-    }
-    // The smallest file runs: torque from current alone.
-    let joint = JointFile::parse(JOINT, "joint.toml", &no_files).unwrap();
-    assert_eq!(joint.estimators().unwrap().names(), ["current"]);
 }

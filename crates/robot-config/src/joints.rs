@@ -16,8 +16,7 @@ use dynamics::Model;
 use estimators::encoder::EncoderParameters;
 use estimators::joint::JointEstimatorParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
-use identification::FitError;
-use identification::joint_file::JointFile;
+use joint_file::JointFile;
 use robot_state::MAX_JOINTS;
 use std::collections::BTreeMap;
 
@@ -169,16 +168,21 @@ impl Reader<'_, '_, '_> {
         let named = section.optional_text("calibration", ALLOWED)?;
         let path = paths::resolved(self.files.config, named.value);
         let problem = |what: String| section.problem("calibration", what, ALLOWED);
-        let file = match (self.files.read)(&path) {
-            Ok(text) => JointFile::parse(&text, &path, self.files.read),
-            Err(error) => Err(FitError(format!("{path}: {error}"))),
+        let text = match (self.files.read)(&path) {
+            Ok(text) => text,
+            Err(error) => {
+                problem(format!("{path}: {error}"));
+                return None;
+            }
         };
-        // What cannot be built is said here, not by the loop.
-        let file = file.and_then(|file| file.estimators().map(|_| file));
+        // Estimators that cannot be built are refused here, not by the loop.
+        let file = JointFile::parse(&text, &path, self.files.read)
+            .and_then(|file| file.estimators().map(|_| file));
         let file = match file {
             Ok(file) => file,
             Err(error) => {
-                problem(error.to_string());
+                let key = section.path("calibration");
+                section.note(error.or_at(&path, 0).of(key));
                 return None;
             }
         };

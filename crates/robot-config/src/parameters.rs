@@ -7,7 +7,7 @@ use estimators::encoder::EncoderParameters;
 use estimators::filter_bank::FilterDesign;
 use estimators::joint::JointEstimatorParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
-use identification::joint_file::JointFile;
+use joint_file::JointFile;
 use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
 
 /// Everything that a configuration says.

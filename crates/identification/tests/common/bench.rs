@@ -1,8 +1,8 @@
 //! Logs from the plant's test bench for one joint: Z's 16 N·m joint, as simulated for the robot of
 //! `config/test-joint`, all its disturbances on.
 
-use identification::joint_file::{JointFile, no_files};
 use identification::log::LogRow;
+use joint_file::{JointFile, no_files};
 use plant::parameters::DriveParameters;
 use plant::{Command, DriveSheet, JointRig, KinematicError, RigLoad, RigTiming, SimParameters};
 

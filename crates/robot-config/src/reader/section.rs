@@ -3,6 +3,7 @@
 use super::{Diagnostics, show};
 use core::cell::RefCell;
 use core::fmt;
+use problem::Problem;
 use std::collections::BTreeSet;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -76,6 +77,11 @@ impl<'n, 't> Section<'n, 't> {
         let colon = if key.is_empty() { "" } else { ":" };
         let reason = format!("{}{colon} {what}", self.path(key));
         self.diagnostics.at(place, reason, allowed.to_string());
+    }
+
+    /// Notes a problem of another file.
+    pub(crate) fn note(&self, problem: Problem) {
+        self.diagnostics.note(problem);
     }
 
     /// `file:line: key`, for a problem that shows only later.

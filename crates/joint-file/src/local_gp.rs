@@ -1,10 +1,21 @@
 //! Trained local Gaussian processes as a file.
 
-use super::TrainedLocalGp;
-use crate::FitError;
-use crate::learned::{RegimesTable, feature_name, feature_set, read};
+use crate::learned::{RegimesTable, feature_name, feature_set};
+use crate::source::Source;
 use estimators::local_gp::{LocalGp, LocalGpParameters, LocalModel};
+use problem::Problem;
 use serde::{Deserialize, Serialize};
+
+/// Trained local Gaussian processes and their errors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainedLocalGp {
+    /// Name of the model that is corrected.
+    pub base: String,
+    /// Parameters of the correction.
+    pub parameters: LocalGpParameters,
+    /// Root mean square of the residual on held-out blocks before and after the correction, N·m.
+    pub held_out_rms: (f64, f64),
+}
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -46,7 +57,7 @@ impl TrainedLocalGp {
     ///
     /// # Errors
     /// Numbers that TOML cannot hold.
-    pub fn to_text(&self) -> Result<String, FitError> {
+    pub fn to_text(&self) -> Result<String, Problem> {
         let p = &self.parameters;
         let file = File {
             base: self.base.clone(),
@@ -68,22 +79,17 @@ impl TrainedLocalGp {
                 })
                 .collect(),
         };
-        toml::to_string(&file).map_err(|e| FitError(format!("local Gaussian processes: {e}")))
+        toml::to_string(&file)
+            .map_err(|e| Problem::new(format!("local Gaussian processes: {e}"), ""))
     }
 
-    /// Reads trained local Gaussian processes; `file` is what messages call it.
+    /// Reads trained local Gaussian processes; `file` is its name in messages.
     ///
     /// # Errors
     /// Text that is not such a file, or numbers from which no prediction can be made.
-    pub fn from_text(text: &str, file: &str) -> Result<Self, FitError> {
-        let table: File = read(text, file)?;
-        let fail = |message: String| FitError(format!("{file}: {message}"));
-        let (before, after) = table.held_out_rms;
-        if !(before.is_finite() && after.is_finite()) {
-            return Err(fail(format!(
-                "held_out_rms_Nm = [{before}, {after}]; allowed: finite numbers"
-            )));
-        }
+    pub fn from_text(text: &str, file: &str) -> Result<Self, Problem> {
+        let source = Source { text, file };
+        let table: File = source.table()?;
         let model = |m: ModelTable| LocalModel {
             centre: m.centre,
             points: m.points,
@@ -91,17 +97,17 @@ impl TrainedLocalGp {
             noise: m.noise,
         };
         let parameters = LocalGpParameters {
-            features: feature_set(&table.features).map_err(|e| fail(e.0))?,
+            features: feature_set(source, &table.features)?,
             inputs: table.inputs,
             signal_variance: table.signal_variance,
             noise_variance: table.noise_variance,
             models: table.model.into_iter().map(model).collect(),
             directions: table.directions,
             tolerance: table.tolerance,
-            regimes: table.regimes.regimes().map_err(|e| fail(e.0))?,
+            regimes: table.regimes.regimes(source)?,
             gear_ratio: table.gear_ratio,
         };
-        LocalGp::new(&parameters).map_err(|e| fail(e.to_string()))?;
+        LocalGp::new(&parameters).map_err(|e| Problem::new(e.to_string(), "").at(file, 0))?;
         Ok(Self {
             base: table.base,
             parameters,

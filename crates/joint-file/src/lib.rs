@@ -3,15 +3,19 @@
 //! The smallest that works is the table `[joint]`: torque from current alone. Every further table
 //! switches an estimator on; `torquectl fit` writes them. Units stand in the keys.
 
-mod sources;
+#![deny(unsafe_code)]
+
+mod building;
+mod learned;
+mod local_gp;
+mod network;
+mod source;
 mod tables;
 
-pub use sources::AnyEstimator;
+pub use local_gp::TrainedLocalGp;
+pub use network::TrainedNetwork;
 pub use tables::*;
 
-use crate::FitError;
-use crate::gaussian_process::TrainedLocalGp;
-use crate::network::TrainedNetwork;
 use estimators::current_based::CurrentParameters;
 use estimators::deformation::{AngularFrequency, DeformationParameters};
 use estimators::encoder::EncoderParameters;
@@ -19,7 +23,9 @@ use estimators::front_end::FrontEnd;
 use estimators::joint::JointEstimatorParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
+use problem::{Allowed, Problem};
 use serde::{Deserialize, Serialize};
+use source::Source;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -86,27 +92,28 @@ impl JointFile {
         text: &str,
         file: &str,
         read: &dyn Fn(&str) -> std::io::Result<String>,
-    ) -> Result<Self, FitError> {
-        let mut joint: Self = toml::from_str(text)
-            .map_err(|e| FitError(format!("{file}: {}", e.to_string().trim_end())))?;
-        joint
-            .check()
-            .map_err(|e| FitError(format!("{file}: {e}")))?;
-        joint.trained = joint.read_trained(file, read)?;
+    ) -> Result<Self, Problem> {
+        let source = Source { text, file };
+        let mut joint: Self = source.table()?;
+        joint.check(source)?;
+        joint.trained = joint.read_trained(source, read)?;
         Ok(joint)
     }
 
     fn read_trained(
         &self,
-        file: &str,
+        source: Source<'_>,
         read: &dyn Fn(&str) -> std::io::Result<String>,
-    ) -> Result<Trained, FitError> {
-        let folder = Path::new(file).parent().unwrap_or(Path::new(""));
+    ) -> Result<Trained, Problem> {
+        let folder = Path::new(source.file).parent().unwrap_or(Path::new(""));
         let text = |key: &str, table: &TrainedTable| {
             let path = folder.join(&table.file).display().to_string();
             match read(&path) {
                 Ok(text) => Ok((text, path)),
-                Err(e) => Err(FitError(format!("{file}: {key}.file: {path}: {e}"))),
+                Err(e) => {
+                    let key = format!("{key}.file");
+                    Err(source.refusal(&key, format!("{key}: {path}: {e}"), ""))
+                }
             }
         };
         let mut trained = Trained::default();
@@ -126,11 +133,11 @@ impl JointFile {
     ///
     /// # Errors
     /// Numbers that TOML cannot hold.
-    pub fn to_toml(&self) -> Result<String, FitError> {
-        toml::to_string(self).map_err(|e| FitError(format!("joint file: {e}")))
+    pub fn to_toml(&self) -> Result<String, Problem> {
+        toml::to_string(self).map_err(|e| Problem::new(format!("joint file: {e}"), ""))
     }
 
-    fn check(&self) -> Result<(), String> {
+    fn check(&self, source: Source<'_>) -> Result<(), Problem> {
         let j = &self.joint;
         let positive = [
             ("gear_ratio", j.gear_ratio),
@@ -144,23 +151,11 @@ impl JointFile {
             ("max_velocity_rad_per_s", j.max_velocity),
         ];
         for (key, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(format!(
-                    "joint.{key} = {value}; allowed: a finite number > 0"
-                ));
-            }
+            source.require(&format!("joint.{key}"), value, Allowed::Positive)?;
         }
-        if let Some(e) = &self.encoders {
-            let longest = 16.0 * self.sample_period();
-            if e.skew.is_nan() || e.skew.abs() > longest {
-                let skew = e.skew;
-                return Err(format!(
-                    "encoders.skew_s = {skew}; allowed: within ±{longest}"
-                ));
-            }
-        }
-        let tables = toml::Value::try_from(self).map_err(|e| e.to_string())?;
-        finite(&tables, "")
+        let longest = 16.0 * self.sample_period();
+        let skew = self.encoders.as_ref().map_or(0.0, |e| e.skew);
+        source.require("encoders.skew_s", skew, Allowed::Within(-longest, longest))
     }
 
     /// T: time between samples, s.
@@ -181,7 +176,7 @@ impl JointFile {
     ///
     /// # Errors
     /// A velocity window that no filter can have.
-    pub fn front_end(&self) -> Result<FrontEnd, FitError> {
+    pub fn front_end(&self) -> Result<FrontEnd, Problem> {
         let window = (VELOCITY_WINDOW_S * self.joint.sample_rate)
             .round()
             .max(3.0) as usize;
@@ -195,7 +190,7 @@ impl JointFile {
             skew: encoders.skew,
         };
         let window = encoders.velocity_window.unwrap_or(window);
-        FrontEnd::new(parameters, window).map_err(|e| FitError(format!("encoders: {e}")))
+        FrontEnd::new(parameters, window).map_err(|e| Problem::new(format!("encoders: {e}"), ""))
     }
 
     /// Z18 in this joint; none: no error.
@@ -288,22 +283,4 @@ impl JointFile {
 /// Always.
 pub fn no_files(_path: &str) -> std::io::Result<String> {
     Err(std::io::ErrorKind::NotFound.into())
-}
-
-/// Names the first number that is not finite.
-fn finite(value: &toml::Value, key: &str) -> Result<(), String> {
-    let dot = if key.is_empty() { "" } else { "." };
-    match value {
-        toml::Value::Float(x) if !x.is_finite() => {
-            Err(format!("{key} = {x}; allowed: a finite number"))
-        }
-        toml::Value::Array(items) => items
-            .iter()
-            .enumerate()
-            .try_for_each(|(i, item)| finite(item, &format!("{key}[{i}]"))),
-        toml::Value::Table(table) => table
-            .iter()
-            .try_for_each(|(k, v)| finite(v, &format!("{key}{dot}{k}"))),
-        _ => Ok(()),
-    }
 }

@@ -1,10 +1,19 @@
 //! A trained network as a file.
 
-use super::TrainedNetwork;
-use crate::FitError;
-use crate::learned::{RegimesTable, feature_name, feature_set, read};
+use crate::learned::{RegimesTable, feature_name, feature_set};
+use crate::source::Source;
 use estimators::network::{Layer, NetworkEstimator, NetworkParameters};
+use problem::{Allowed, Problem};
 use serde::{Deserialize, Serialize};
+
+/// A trained network and its error.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainedNetwork {
+    /// Parameters of the estimator.
+    pub parameters: NetworkParameters,
+    /// Root mean square error on held-out blocks, without the low-pass, N·m.
+    pub held_out_rms: f64,
+}
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -40,7 +49,7 @@ impl TrainedNetwork {
     ///
     /// # Errors
     /// Numbers that TOML cannot hold.
-    pub fn to_text(&self) -> Result<String, FitError> {
+    pub fn to_text(&self) -> Result<String, Problem> {
         let p = &self.parameters;
         let file = File {
             features: feature_name(p.features),
@@ -60,59 +69,46 @@ impl TrainedNetwork {
                 })
                 .collect(),
         };
-        toml::to_string(&file).map_err(|e| FitError(format!("network: {e}")))
+        toml::to_string(&file).map_err(|e| Problem::new(format!("network: {e}"), ""))
     }
 
-    /// Reads a trained network; `file` is what messages call it.
+    /// Reads a trained network; `file` is its name in messages.
     ///
     /// # Errors
-    /// Text that is not such a file, or numbers from which no estimator can be made.
-    pub fn from_text(text: &str, file: &str) -> Result<Self, FitError> {
-        let table: File = read(text, file)?;
-        let fail = |message: String| FitError(format!("{file}: {message}"));
+    /// Text that is not such a file, or numbers from which no estimator can be built.
+    pub fn from_text(text: &str, file: &str) -> Result<Self, Problem> {
+        let source = Source { text, file };
+        let table: File = source.table()?;
         for (key, value) in [
             ("gear_ratio", table.gear_ratio),
             ("torque_limit_Nm", table.torque_limit),
             ("torque_spread_Nm", table.torque_spread),
             ("held_out_rms_Nm", table.held_out_rms),
-            ("current_filter_A2[0]", table.current_filter[0]),
-            ("current_filter_A2[1]", table.current_filter[1]),
-            ("current_filter_A2[2]", table.current_filter[2]),
+            ("current_filter_A2", table.current_filter[0]),
+            ("current_filter_A2", table.current_filter[1]),
+            ("current_filter_A2", table.current_filter[2]),
         ] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(fail(format!(
-                    "{key} = {value}; allowed: a finite number > 0"
-                )));
-            }
-        }
-        let mean = table.torque_mean;
-        if !mean.is_finite() {
-            return Err(fail(format!(
-                "torque_mean_Nm = {mean}; allowed: a finite number"
-            )));
+            source.require(key, value, Allowed::Positive)?;
         }
         let pole = table.low_pass_pole;
-        if !(0.0..1.0).contains(&pole) {
-            return Err(fail(format!(
-                "low_pass_pole = {pole}; allowed: 0 to below 1"
-            )));
-        }
+        source.require("low_pass_pole", pole, Allowed::Below(0.0, 1.0))?;
         let layer = |l: LayerTable| Layer {
             weights: l.weights,
             bias: l.bias,
         };
         let parameters = NetworkParameters {
-            features: feature_set(&table.features).map_err(|e| fail(e.0))?,
+            features: feature_set(source, &table.features)?,
             inputs: table.inputs,
-            torque: (mean, table.torque_spread),
+            torque: (table.torque_mean, table.torque_spread),
             layers: table.layer.into_iter().map(layer).collect(),
-            regimes: table.regimes.regimes().map_err(|e| fail(e.0))?,
+            regimes: table.regimes.regimes(source)?,
             low_pass_pole: pole,
             current_filter: table.current_filter,
             gear_ratio: table.gear_ratio,
             torque_limit: table.torque_limit,
         };
-        NetworkEstimator::new(parameters.clone()).map_err(|e| fail(e.to_string()))?;
+        NetworkEstimator::new(parameters.clone())
+            .map_err(|e| Problem::new(e.to_string(), "").at(file, 0))?;
         Ok(Self {
             parameters,
             held_out_rms: table.held_out_rms,

@@ -1,22 +1,19 @@
 //! The estimators that a joint file switches on.
 
-use super::{ComplianceTable, HysteresisTable, JointFile, KalmanTable};
-use crate::FitError;
+use crate::{ComplianceTable, HysteresisTable, JointFile, KalmanTable};
 use estimators::compliance::ComplianceEstimator;
 use estimators::current_based::CurrentEstimator;
 use estimators::deformation::DeformationEstimator;
 use estimators::fusion::{Fusion, FusionParameters, SourceError};
 use estimators::hysteresis::{HysteresisEstimator, HysteresisParameters};
-use estimators::joint::JointTorqueEstimator;
+use estimators::joint::AnyEstimator;
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::local_gp::{LocalGp, LocalGpEstimator};
 use estimators::network::NetworkEstimator;
 use estimators::set::EstimatorSet;
 use estimators::tracking::TrackingParameters;
+use problem::Problem;
 use std::collections::BTreeSet;
-
-/// An estimator of any kind.
-pub type AnyEstimator = Box<dyn JointTorqueEstimator + Send>;
 
 /// Models that stand for themselves, in the order in which they are shown.
 const MODELS: [&str; 6] = [
@@ -47,8 +44,13 @@ impl JointFile {
     ///
     /// # Errors
     /// No table `[compliance]`; `hysteresis` asked for without its table.
-    pub fn kalman_parameters(&self, table: &KalmanTable) -> Result<KalmanParameters, FitError> {
-        let needs = |what: &str| FitError(format!("a Kalman filter needs a table `[{what}]`"));
+    pub fn kalman_parameters(&self, table: &KalmanTable) -> Result<KalmanParameters, Problem> {
+        let needs = |table: &str| {
+            Problem::new(
+                "a Kalman filter needs the model of another table",
+                format!("a table [{table}]"),
+            )
+        };
         let compliance = self
             .compliance
             .as_ref()
@@ -80,7 +82,7 @@ impl JointFile {
     ///
     /// # Errors
     /// A name that no model has; tables that need others.
-    pub fn model(&self, name: &str) -> Result<Option<AnyEstimator>, FitError> {
+    pub fn model(&self, name: &str) -> Result<Option<AnyEstimator>, Problem> {
         let kalman = |table: &Option<KalmanTable>, transform, added: bool| {
             let Some(table) = table else { return Ok(None) };
             let p = self.kalman_parameters(table)?;
@@ -108,10 +110,8 @@ impl JointFile {
             "unscented" => kalman(&self.unscented, Transform::Unscented, false)?,
             "unscented_added" => kalman(&self.unscented_added, Transform::Unscented, true)?,
             other => {
-                return Err(FitError(format!(
-                    "model {other:?} is unknown; allowed: {}",
-                    MODELS.join(", ")
-                )));
+                let reason = format!("model {other:?} is unknown");
+                return Err(Problem::new(reason, MODELS.join(", ")));
             }
         })
     }
@@ -121,7 +121,7 @@ impl JointFile {
     ///
     /// # Errors
     /// As [`Self::model`].
-    pub fn gp_base(&self, name: &str) -> Result<Option<AnyEstimator>, FitError> {
+    pub fn gp_base(&self, name: &str) -> Result<Option<AnyEstimator>, Problem> {
         match (name, &self.compliance) {
             ("compliance", Some(table)) => {
                 let pole = (-self.sample_period() / GP_TIME_CONSTANT_S).exp();
@@ -139,7 +139,7 @@ impl JointFile {
     ///
     /// # Errors
     /// Tables that need others.
-    pub fn sources(&self) -> Result<Vec<(String, AnyEstimator)>, FitError> {
+    pub fn sources(&self) -> Result<Vec<(String, AnyEstimator)>, Problem> {
         let mut sources = Vec::new();
         for name in MODELS {
             if let Some(model) = self.model(name)? {
@@ -148,23 +148,21 @@ impl JointFile {
         }
         if let Some(trained) = &self.trained.network {
             let network = NetworkEstimator::new(trained.parameters.clone())
-                .map_err(|e| FitError(format!("network: {e}")))?;
+                .map_err(|e| Problem::new(format!("network: {e}"), ""))?;
             sources.push(("network".to_owned(), Box::new(network)));
         }
         for (name, trained) in &self.trained.local_gp {
             if sources.iter().any(|(other, _)| other == name) || name == CURRENT || name == FUSED {
-                return Err(FitError(format!(
-                    "local_gp.{name}: another source has that name"
-                )));
+                let reason = format!("local_gp.{name}: another source has that name");
+                return Err(Problem::new(reason, "each name once"));
             }
             let base = self.gp_base(&trained.base)?.ok_or_else(|| {
                 let base = &trained.base;
-                FitError(format!(
-                    "local_gp.{name} corrects `{base}`: needs a table `[{base}]`"
-                ))
+                let reason = format!("local_gp.{name} corrects {base:?}, which is switched off");
+                Problem::new(reason, format!("a table [{base}]"))
             })?;
             let gp = LocalGp::new(&trained.parameters)
-                .map_err(|e| FitError(format!("local_gp.{name}: {e}")))?;
+                .map_err(|e| Problem::new(format!("local_gp.{name}: {e}"), ""))?;
             let estimator = LocalGpEstimator::new(base, &gp, self.torque_limit());
             sources.push((name.clone(), Box::new(estimator)));
         }
@@ -177,18 +175,18 @@ impl JointFile {
     ///
     /// # Errors
     /// Tables that need others; a fusion of other sources than are switched on.
-    pub fn estimators(&self) -> Result<EstimatorSet, FitError> {
+    pub fn estimators(&self) -> Result<EstimatorSet, Problem> {
         let sources = self.sources()?;
         let Some(table) = &self.fusion else {
             return Ok(EstimatorSet::new(sources, None));
         };
         let names: BTreeSet<&String> = sources.iter().map(|(name, _)| name).collect();
         if !names.iter().copied().eq(table.sources.keys()) {
-            return Err(FitError(format!(
-                "fusion.sources has {:?}, switched on are {names:?}; allowed: the same; fit the \
-                 fusion again after switching estimators on or off",
-                table.sources.keys()
-            )));
+            let fused: Vec<&String> = table.sources.keys().collect();
+            return Err(Problem::new(
+                format!("fusion.sources has {fused:?}, and {names:?} are switched on"),
+                "the same; fit the fusion again after switching estimators on or off",
+            ));
         }
         let error = |regime: usize, name: &String| SourceError {
             variance: table.sources[name].rms[regime].powi(2),
