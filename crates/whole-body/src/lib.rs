@@ -14,6 +14,7 @@ pub mod cases;
 mod conditioning;
 mod contacts;
 mod cross_check;
+mod delay_compensation;
 mod error;
 mod estimator;
 mod layout;
@@ -21,7 +22,6 @@ mod least_squares;
 mod mechanics;
 mod momentum;
 mod parameters;
-mod predictive;
 mod sigma;
 mod solution;
 mod switching;
@@ -29,6 +29,7 @@ mod tare;
 
 pub use conditioning::FtConditioning;
 pub use cross_check::{Cause, CrossCheck, CrossCheckParameters, Sources};
+pub use delay_compensation::{DelayCompensator, DelayCompensatorParameters, DelayedTorque};
 pub use error::{ContactProblem, WholeBodyError};
 pub use estimator::{ContactEstimate, PartEstimate, WholeBody, WholeBodyEstimate, WholeBodyInput};
 pub use layout::part_of_link;
@@ -37,6 +38,5 @@ pub use parameters::{
     ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
     Place, Residual, Weighting, WholeBodyParameters,
 };
-pub use predictive::{LateTorque, Predictive, PredictiveParameters};
 pub use switching::{ContactSwitch, ContactSwitchParameters, LoadRule};
 pub use tare::{Tare, TareError, TareParameters, TareResult};

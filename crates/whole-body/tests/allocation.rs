@@ -7,7 +7,8 @@ use common::{Robot, Scene};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use whole_body::{
-    LateTorque, Predictive, PredictiveParameters, Weighting, WholeBody, WholeBodyParameters,
+    DelayCompensator, DelayCompensatorParameters, DelayedTorque, Weighting, WholeBody,
+    WholeBodyParameters,
 };
 
 struct Counting;
@@ -54,7 +55,7 @@ fn nothing_allocates() {
             assert_eq!(COUNT.load(Ordering::Relaxed) - before, 0, "allocations");
         }
     }
-    let mut predictive = Predictive::new(PredictiveParameters {
+    let mut compensator = DelayCompensator::new(DelayCompensatorParameters {
         sample_period: 1e-3,
         kernel: vec![0.1; 10],
         fast_sigma: 0.1,
@@ -62,11 +63,11 @@ fn nothing_allocates() {
     });
     let before = COUNT.load(Ordering::Relaxed);
     for k in 0..100 {
-        let late = LateTorque {
+        let late = DelayedTorque {
             tau: f64::from(k),
             sigma: 0.1,
         };
-        predictive.update((k % 20 < 10).then_some(1.0), (k % 7 > 0).then_some(late));
+        compensator.update((k % 20 < 10).then_some(1.0), (k % 7 > 0).then_some(late));
     }
     assert_eq!(COUNT.load(Ordering::Relaxed) - before, 0, "allocations");
 }

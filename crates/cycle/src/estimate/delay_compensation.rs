@@ -5,7 +5,7 @@ use estimators::filter_bank::FilterBank;
 use estimators::joint::{JointEstimatorParameters, JointTorqueEstimator};
 use robot_config::{JointParameters, Robot};
 use robot_state::{CycleRecord, Event, measured_flags, torque_flags};
-use whole_body::{LateTorque, Predictive, PredictiveParameters, WholeBody};
+use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};
 
 use super::usable::{all_flags, valid};
 use crate::error::CycleError;
@@ -25,7 +25,7 @@ struct Joint {
     /// The compliance without its low-pass, which would be late; none where a joint file's
     /// estimators are as fast as they can.
     fast: Option<ComplianceEstimator>,
-    predictive: Predictive,
+    compensator: DelayCompensator,
     torque_limit: f64,
 }
 
@@ -40,7 +40,7 @@ impl Predict {
                     ..joint.estimator.clone()
                 })
             }),
-            predictive: Predictive::new(PredictiveParameters {
+            compensator: DelayCompensator::new(DelayCompensatorParameters {
                 sample_period: p.timing.sample_period,
                 kernel: kernel.clone(),
                 fast_sigma: resolution(&joint.estimator),
@@ -77,9 +77,9 @@ impl Predict {
             };
             let (tau, sigma) = (late.tau[j], late.sigma[j]);
             let believed = usable && tau.abs() <= own.torque_limit;
-            let late = believed.then_some(LateTorque { tau, sigma });
+            let late = believed.then_some(DelayedTorque { tau, sigma });
             let fast = valid(&fast).map(|fast| fast.tau);
-            joint.tau_hat = own.predictive.update(fast, late);
+            joint.tau_hat = own.compensator.update(fast, late);
             if joint.tau_hat.flags & torque_flags::SATURATED != 0 {
                 counts.add(Event::TorqueSaturated);
             }

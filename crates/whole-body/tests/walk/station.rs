@@ -6,8 +6,8 @@ use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::encoder::JointEncoders;
 use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
 use whole_body::{
-    CrossCheck, CrossCheckParameters, LateTorque, Predictive, PredictiveParameters, Sources, Tare,
-    TareParameters, TareResult, WholeBody,
+    CrossCheck, CrossCheckParameters, DelayCompensator, DelayCompensatorParameters, DelayedTorque,
+    Sources, Tare, TareParameters, TareResult, WholeBody,
 };
 
 /// What is wrong with the sensors from a certain time on.
@@ -27,10 +27,10 @@ pub(crate) struct Station {
     pub(crate) parameters: WholeBodyParameters,
     pub(crate) front: Front,
     pub(crate) whole_body: WholeBody,
-    pub(crate) predictive: Vec<Predictive>,
+    pub(crate) compensator: Vec<DelayCompensator>,
     /// The same with the current's torque for that from encoders, as a robot without encoders on
     /// its links must.
-    without_torsion: Vec<Predictive>,
+    without_torsion: Vec<DelayCompensator>,
     pub(crate) check: CrossCheck,
     pub(crate) fault: Fault,
     encoders: Vec<JointEncoders>,
@@ -57,7 +57,7 @@ fn joint_parts(config: &Robot) -> Vec<(JointEstimatorParameters, CurrentParamete
     joints
         .map(|j| {
             let mut e = j.estimator.clone();
-            // Predictive does the smoothing.
+            // DelayCompensator does the smoothing.
             e.low_pass_pole = 0.0;
             let w = &e.wave_generator;
             let n = e.gear_ratio;
@@ -93,14 +93,14 @@ impl Station {
                 .collect::<Vec<_>>()
         };
         let joined = |fast_sigma: f64, torque_limit: f64| {
-            Predictive::new(PredictiveParameters {
+            DelayCompensator::new(DelayCompensatorParameters {
                 sample_period: PERIOD,
                 kernel: filters.kernel(),
                 fast_sigma,
                 torque_limit,
             })
         };
-        let predictive = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {
+        let compensator = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {
             joined(fast_sigma(e), e.torque_limit)
         };
         let without_torsion = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {
@@ -127,7 +127,7 @@ impl Station {
         Self {
             walk: Walk::new(&config, sim),
             front: Front::new(n, parameters.ft_sensors.len(), filters),
-            predictive: parts.iter().map(predictive).collect(),
+            compensator: parts.iter().map(compensator).collect(),
             without_torsion: parts.iter().map(without_torsion).collect(),
             check: CrossCheck::new(&whole_body, check),
             fault: Fault::default(),
@@ -195,11 +195,11 @@ impl Station {
                 flags: angles.flags,
             };
             self.fast[j] = self.compliance[j].update(&sample).tau;
-            let late = late.valid.then_some(LateTorque {
+            let late = late.valid.then_some(DelayedTorque {
                 tau: late.tau[j],
                 sigma: late.sigma[j],
             });
-            let now = self.predictive[j].update(Some(self.fast[j]), late);
+            let now = self.compensator[j].update(Some(self.fast[j]), late);
             (self.tau_now[j], self.sigma_now[j]) = (now.tau, now.sigma);
             let current = self.current[j].update(&sample).tau;
             let dq = reading.omega / self.gear_ratios[j];

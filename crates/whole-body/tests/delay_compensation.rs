@@ -4,7 +4,7 @@ use estimators::filter_bank::FilterBank;
 use estimators::matched_filter::MatchedFilterParameters;
 use robot_state::{TorqueEstimate, torque_flags};
 use std::f64::consts::TAU;
-use whole_body::{LateTorque, Predictive, PredictiveParameters};
+use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque};
 
 const PERIOD: f64 = 1e-3;
 const WINDOW: usize = 16;
@@ -29,7 +29,7 @@ impl Noise {
 /// A joint with both sources: encoders of a certain gain and noise that drift; F/T sensors of a
 /// certain noise, filtered.
 struct Joint {
-    predictive: Predictive,
+    compensator: DelayCompensator,
     filter: FilterBank,
     noise: Noise,
     fast: [f64; 2],
@@ -48,7 +48,7 @@ impl Joint {
         };
         let filter = FilterBank::new(1, p).unwrap();
         Self {
-            predictive: Predictive::new(PredictiveParameters {
+            compensator: DelayCompensator::new(DelayCompensatorParameters {
                 sample_period: PERIOD,
                 kernel: filter.kernel(),
                 fast_sigma: 0.7 * fast_noise,
@@ -63,22 +63,22 @@ impl Joint {
         }
     }
 
-    fn sources(&mut self, truth: f64) -> (f64, LateTorque) {
+    fn sources(&mut self, truth: f64) -> (f64, DelayedTorque) {
         let [gain, noise] = self.fast;
         let drift = 3.0 + 2.0 * (TAU * 0.3 * self.time).sin();
         let fast = gain * truth + drift + noise * self.noise.next();
         self.filter.update(&[truth + self.late * self.noise.next()]);
         let tau = self.filter.values()[0];
         let sigma = self.sigma;
-        (fast, LateTorque { tau, sigma })
+        (fast, DelayedTorque { tau, sigma })
     }
 
     fn advance(&mut self, truth: f64) -> TorqueEstimate {
         let (fast, late) = self.sources(truth);
-        self.predictive.update(Some(fast), Some(late))
+        self.compensator.update(Some(fast), Some(late))
     }
 
-    fn moving(&mut self, truth: f64) -> (f64, LateTorque) {
+    fn moving(&mut self, truth: f64) -> (f64, DelayedTorque) {
         self.time += PERIOD;
         self.sources(truth)
     }
@@ -106,7 +106,7 @@ fn swinging(mut joint: Joint) -> (f64, f64, f64, Joint) {
     for k in 0..8000 {
         let truth = swing(PERIOD * f64::from(k));
         let (fast, late_now) = joint.moving(truth);
-        let e = joint.predictive.update(Some(fast), Some(late_now));
+        let e = joint.compensator.update(Some(fast), Some(late_now));
         assert!(e.flags == torque_flags::VALID && e.sigma > 0.0);
         if k > 3000 {
             errors.push(e.tau - truth);
@@ -120,7 +120,7 @@ fn swinging(mut joint: Joint) -> (f64, f64, f64, Joint) {
 #[test]
 fn encoders_that_show_too_little_are_scaled() {
     let (now, late, normed, joint) = swinging(Joint::new(0.75, 0.1, 0.1));
-    let gain = joint.predictive.gain();
+    let gain = joint.compensator.gain();
     assert!((gain * 0.75 - 1.0).abs() < 0.05, "{gain}");
     assert!(now < 0.3 && now < 0.2 * late, "{now} after {late}");
     assert!((0.5..2.0).contains(&normed), "{normed}");
@@ -129,7 +129,7 @@ fn encoders_that_show_too_little_are_scaled() {
 #[test]
 fn noisy_encoders_are_not_believed() {
     let (now, late, normed, joint) = swinging(Joint::new(1.0, 8.0, 0.1));
-    let gain = joint.predictive.gain();
+    let gain = joint.compensator.gain();
     assert!(gain < 0.75, "{gain}");
     // Samples averaged over 3 ms would have noise of 4.6 N·m.
     assert!(now < 2.0 * late && now < 2.8, "{now} after {late}");
@@ -157,7 +157,7 @@ fn a_step_is_seen_at_once() {
         told.iter().skip(2).all(|t| (t - 20.0).abs() < 2.5),
         "{told:?}"
     );
-    let delay = joint.predictive.update(None, None).delay_s;
+    let delay = joint.compensator.update(None, None).delay_s;
     assert!(delay < 2e-3, "{delay}");
 }
 
@@ -184,7 +184,7 @@ fn lost_samples_do_not_step_the_torque() {
         let lost = k % 50 == 7 || (1000..2000).contains(&k);
         let slipped = if k >= 2000 { fast - 30.0 } else { fast };
         let late = (k % 70 != 8).then_some(late);
-        let e = joint.predictive.update((!lost).then_some(slipped), late);
+        let e = joint.compensator.update((!lost).then_some(slipped), late);
         let complete = !lost && late.is_some();
         assert_eq!(e.flags & torque_flags::DEGRADED == 0, complete);
         assert!(e.flags & torque_flags::VALID != 0);
@@ -202,20 +202,20 @@ fn lost_samples_do_not_step_the_torque() {
 fn without_the_late_source_changes_go_on_and_doubt_grows() {
     let mut joint = Joint::new(1.0, 0.1, 0.1);
     joint.rest(5.0, 2.0);
-    let before = joint.predictive.update(None, None).sigma;
+    let before = joint.compensator.update(None, None).sigma;
     let mut last = TorqueEstimate::default();
     for k in 0..300 {
         let truth = 5.0 + 0.05 * f64::from(k);
         let (fast, _) = joint.sources(truth);
-        last = joint.predictive.update(Some(fast), None);
+        last = joint.compensator.update(Some(fast), None);
         assert!((last.tau - truth).abs() < 1.5, "{} for {truth}", last.tau);
     }
     assert!(last.sigma > 1.5 * before, "{} after {before}", last.sigma);
-    let nan = LateTorque {
+    let nan = DelayedTorque {
         tau: f64::NAN,
         sigma: 1.0,
     };
-    let e = joint.predictive.update(Some(f64::INFINITY), Some(nan));
+    let e = joint.compensator.update(Some(f64::INFINITY), Some(nan));
     assert!(e.tau.is_finite() && e.flags & torque_flags::DEGRADED != 0);
 }
 
@@ -224,7 +224,7 @@ fn nothing_is_valid_before_the_late_source_and_limits_hold() {
     let mut joint = Joint::new(1.0, 0.1, 0.1);
     for _ in 0..10 {
         let (fast, _) = joint.sources(3.0);
-        let e = joint.predictive.update(Some(fast), None);
+        let e = joint.compensator.update(Some(fast), None);
         assert_eq!(e, TorqueEstimate::default());
     }
     let e = joint.advance(3.0);
@@ -232,7 +232,7 @@ fn nothing_is_valid_before_the_late_source_and_limits_hold() {
     let e = joint.rest(LIMIT + 5.0, 0.5);
     assert_eq!(e.tau, LIMIT);
     assert!(e.flags & torque_flags::SATURATED != 0);
-    joint.predictive.reset();
-    let e = joint.predictive.update(Some(1.0), None);
+    joint.compensator.reset();
+    let e = joint.compensator.update(Some(1.0), None);
     assert_eq!(e, TorqueEstimate::default());
 }

@@ -1,0 +1,392 @@
+//! One joint's delay-compensated torque `tau_hat`: changes of a fast source, level of a delayed one.
+//!
+//! In: the torque `e` from encoders (or motor current), which shows every change at once but drifts
+//! (hysteresis, kinematic error, slipped counts) and scales changes wrongly; and the torque `l` from
+//! F/T sensors and rigid-body model, which is right but delayed by its filters, whose smoothing is
+//! `h`. Out:
+//!
+//! ```text
+//! tau_hat = g e + r        r: the residual l - g h*e, predicted from half a window ago to now
+//! ```
+//!
+//! The gain `g` is the regression of `l` on `h*e` over fast changes: inside a hysteresis loop a gear
+//! is stiffer than its catalogue value, and an encoder that shows mostly noise gets a small gain.
+//! The residual changes slowly for a strong encoder signal and is nearly the torque itself for a
+//! weak one: `residual.rs` runs several predictors side by side and weights each by its past errors.
+//! The same predictors run on `l` alone (`g = 0`); that prediction is used instead where the fast
+//! source's noise costs more than the delay it saves. A joint at rest gets `l` averaged: rest means
+//! that neither source leaves that average by more than its noise.
+//!
+//! A complementary filter, but for two departures: it assumes neither that the fast source's scale is
+//! right nor that its errors are slow.
+
+mod residual;
+
+use residual::ResidualPredictor;
+use robot_state::{TorqueEstimate, torque_flags, torque_source};
+
+/// Parameters of a joint's [`DelayCompensator`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct DelayCompensatorParameters {
+    /// T: time between samples, s.
+    pub sample_period: f64,
+    /// h: weights of the samples in the delayed source's filters, oldest first, adding up to one.
+    pub kernel: Vec<f64>,
+    /// Standard deviation of the fast source's samples due to its resolution alone, N·m; a lower
+    /// bound of the noise that is estimated.
+    pub fast_sigma: f64,
+    /// Largest |tau_hat| that is reported, N·m.
+    pub torque_limit: f64,
+}
+
+/// The delayed source's newest valid torque.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DelayedTorque {
+    /// tau: N·m.
+    pub tau: f64,
+    /// sigma: its standard deviation, N·m.
+    pub sigma: f64,
+}
+
+/// The fast source's newest samples are averaged over this time, s.
+const SMOOTHING_TIME: f64 = 3e-3;
+/// Time constant of the high-pass that selects the changes for the gain's regression, s.
+const GAIN_HIGH_PASS_TIME: f64 = 25e-3;
+/// Averaging time of that regression, s.
+const GAIN_AVERAGING_TIME: f64 = 1.5;
+/// Largest gain.
+const MAX_GAIN: f64 = 2.0;
+/// Averaging time of the fast source's noise, s.
+const NOISE_AVERAGING_TIME: f64 = 0.5;
+/// Averaging time of the torque of a joint at rest, s.
+const REST_AVERAGING_TIME: f64 = 0.2;
+/// Time constant with which the motion statistic decays, s.
+const MOTION_DECAY_TIME: f64 = 0.3;
+/// Standard deviations by which one sample of either source leaves the average of a joint at rest
+/// before it counts as in motion.
+const PEAK_GATE: f64 = 6.0;
+/// The same for the fast source's root mean square over `REST_STATISTIC_TIME`.
+const RMS_GATE: f64 = 2.0;
+/// Averaging time of the rest statistic, s.
+const REST_STATISTIC_TIME: f64 = 0.05;
+/// Ratio of mean square errors up to which `g e + r` is preferred to the prediction from `l` alone:
+/// less delay is worth more noise.
+const MAX_VARIANCE_RATIO: f64 = 4.0;
+/// Share of the residual's mean square error that is its own noise; the rest is noise of the
+/// measurement by which it is judged.
+const RESIDUAL_NOISE_SHARE: f64 = 0.2;
+
+/// See the module. One joint.
+#[derive(Debug, Clone)]
+pub struct DelayCompensator {
+    parameters: DelayCompensatorParameters,
+    /// Samples in `SMOOTHING_TIME`.
+    smoothing: usize,
+    /// Sum of the kernel's squares.
+    power: f64,
+    fast: Ring,
+    missed: usize,
+    noise: Noise,
+    gain: Gain,
+    residual: ResidualPredictor,
+    /// Newest torque of the delayed source, and samples since.
+    delayed: Option<DelayedTorque>,
+    delayed_missed: usize,
+    /// Average of a joint at rest, N·m.
+    rest: f64,
+    /// Mean square of the fast source's distance from `rest`, over its variance.
+    rest_statistic: f64,
+    /// Largest recent distance of either source from `rest`, squared, over its gate.
+    motion_statistic: f64,
+    /// 0: at rest, 1: in motion.
+    moving: f64,
+    output: TorqueEstimate,
+}
+
+impl DelayCompensator {
+    /// Before the first sample.
+    #[must_use]
+    pub fn new(parameters: DelayCompensatorParameters) -> Self {
+        let dt = parameters.sample_period;
+        let smoothing = ((SMOOTHING_TIME / dt).round() as usize).max(1);
+        let window = parameters.kernel.len().max(1);
+        let power: f64 = parameters.kernel.iter().map(|h| h * h).sum();
+        Self {
+            smoothing,
+            fast: Ring::new(window.max(smoothing)),
+            missed: usize::MAX,
+            noise: Noise::new(parameters.fast_sigma.powi(2)),
+            gain: Gain::new(),
+            power,
+            residual: ResidualPredictor::new(window, dt),
+            delayed: None,
+            delayed_missed: 0,
+            rest: 0.0,
+            rest_statistic: 0.0,
+            motion_statistic: 0.0,
+            moving: 0.0,
+            output: TorqueEstimate::default(),
+            parameters,
+        }
+    }
+
+    /// Forgets every sample.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.parameters.clone());
+    }
+
+    /// `tau_hat` from the sources' newest torques; `None` where one is not valid.
+    ///
+    /// Without the fast source the output follows the delayed one alone; without the delayed one it
+    /// follows the fast one's changes from the last known level.
+    pub fn update(&mut self, fast: Option<f64>, delayed: Option<DelayedTorque>) -> TorqueEstimate {
+        let fast = fast.filter(|x| x.is_finite());
+        let delayed = delayed.filter(|l| l.tau.is_finite() && l.sigma.is_finite());
+        self.take_fast(fast);
+        match delayed {
+            Some(delayed) => self.take_delayed(delayed),
+            None => self.delayed_missed = self.delayed_missed.saturating_add(1),
+        }
+        self.estimate(fast.is_some() && delayed.is_some());
+        self.output
+    }
+
+    /// g: torque per torque of the fast source.
+    #[must_use]
+    pub fn gain(&self) -> f64 {
+        self.gain.value
+    }
+
+    fn take_fast(&mut self, fast: Option<f64>) {
+        let Some(fast) = fast else {
+            // Held: a lost sample must not step the torque.
+            self.fast.push(self.fast.newest());
+            self.missed = self.missed.saturating_add(1);
+            return;
+        };
+        if self.missed > self.parameters.kernel.len() / 4 {
+            // Changes during the gap have arrived by the delayed source.
+            self.fast.fill(fast);
+            self.noise.restart(fast);
+            self.gain.means = None;
+            if let Some(delayed) = self.delayed {
+                self.residual.restart([delayed.tau, fast], self.gain.value);
+            }
+        } else {
+            self.fast.push(fast);
+            self.noise.update(fast, self.parameters.sample_period);
+        }
+        self.missed = 0;
+    }
+
+    fn take_delayed(&mut self, delayed: DelayedTorque) {
+        let dt = self.parameters.sample_period;
+        let fast = self.fast.through(&self.parameters.kernel);
+        let noise = self.power * self.noise.variance;
+        self.gain
+            .update([fast, delayed.tau], noise, self.moving, dt);
+        let gain = self.gain.value;
+        if self.delayed.is_none() {
+            self.residual.restart([delayed.tau, fast], gain);
+            self.rest = delayed.tau;
+        } else {
+            self.residual.update([delayed.tau, fast], gain);
+        }
+        self.delayed = Some(delayed);
+        self.delayed_missed = 0;
+    }
+
+    fn estimate(&mut self, complete: bool) {
+        let Some(delayed) = self.delayed else {
+            return;
+        };
+        let gain = self.gain.value;
+        let noise = gain * gain * self.noise.variance / self.smoothing as f64;
+        let (with, without) = (&self.residual.with, &self.residual.without);
+        // Prediction with the fast source, and without.
+        let compensated = gain * self.fast.mean(self.smoothing) + with.value;
+        let innovation = compensated - without.value;
+        let variance = noise + with.variance;
+        let gate = innovation * innovation
+            / (PEAK_GATE.powi(2) * (noise + RESIDUAL_NOISE_SHARE * with.variance));
+        let trust = share_of(MAX_VARIANCE_RATIO * without.variance, variance, 2)
+            .max(share_of(gate, 1.0, 6));
+        let moving = without.value + trust * innovation;
+        let variance = trust * variance + (1.0 - trust) * without.variance;
+
+        let share = self.moving_share(
+            compensated,
+            delayed,
+            noise + RESIDUAL_NOISE_SHARE * with.variance,
+        );
+        self.moving = share;
+        let p = &self.parameters;
+        let tau = self.rest + share * (moving - self.rest);
+        let resting = (1.0 - share) * delayed.tau + share * moving;
+        self.rest += (p.sample_period / REST_AVERAGING_TIME).min(1.0) * (resting - self.rest);
+
+        // Without samples of the delayed source its last one ages: once more each window.
+        let window = p.kernel.len().max(1) as f64;
+        let age = 1.0 + self.delayed_missed as f64 / window;
+        let variance = delayed.sigma.powi(2) + share * variance * age;
+        let mut flags = torque_flags::VALID;
+        if !complete {
+            flags |= torque_flags::DEGRADED;
+        }
+        if tau.abs() > p.torque_limit {
+            flags |= torque_flags::SATURATED;
+        }
+        // Share of a change that comes by the fast source; the rest comes by the delayed one.
+        let fast_share = gain.min(1.0) * trust;
+        let samples =
+            0.5 * (fast_share * (self.smoothing - 1) as f64 + (1.0 - fast_share) * (window - 1.0));
+        self.output = TorqueEstimate {
+            // max and min, not clamp: they cannot panic.
+            tau: tau.max(-p.torque_limit).min(p.torque_limit),
+            sigma: variance.sqrt(),
+            delay_s: samples * p.sample_period,
+            source: torque_source::FUSED,
+            flags,
+        };
+    }
+
+    /// 0: at rest, 1: in motion.
+    fn moving_share(&mut self, compensated: f64, delayed: DelayedTorque, noise: f64) -> f64 {
+        let dt = self.parameters.sample_period;
+        let distance = |x: f64, variance: f64| {
+            let square = (x - self.rest).powi(2) / variance.max(f64::MIN_POSITIVE);
+            square.min(100.0)
+        };
+        let fast = distance(compensated, noise);
+        self.rest_statistic += (dt / REST_STATISTIC_TIME).min(1.0) * (fast - self.rest_statistic);
+        let delayed = distance(delayed.tau, delayed.sigma.powi(2));
+        let newest = (fast / PEAK_GATE.powi(2))
+            .max(delayed / PEAK_GATE.powi(2))
+            .max(self.rest_statistic / RMS_GATE.powi(2));
+        let kept = 1.0 - (dt / MOTION_DECAY_TIME).min(1.0);
+        // Bounded, so that the return to rest takes no longer after a large motion.
+        self.motion_statistic = (self.motion_statistic * kept).max(newest.min(4.0));
+        share_of(self.motion_statistic, 1.0, 6)
+    }
+}
+
+/// `a^n / (a^n + b^n)`, of positive numbers.
+fn share_of(a: f64, b: f64, n: i32) -> f64 {
+    let ratio = (b / a.max(f64::MIN_POSITIVE)).min(1e6);
+    1.0 / (1.0 + ratio.powi(n))
+}
+
+/// The fast source's last samples.
+#[derive(Debug, Clone)]
+struct Ring {
+    samples: Vec<f64>,
+    newest: usize,
+}
+
+impl Ring {
+    fn new(length: usize) -> Self {
+        Self {
+            samples: vec![0.0; length],
+            newest: 0,
+        }
+    }
+
+    fn newest(&self) -> f64 {
+        self.samples[self.newest]
+    }
+
+    fn fill(&mut self, x: f64) {
+        self.samples.fill(x);
+    }
+
+    fn push(&mut self, x: f64) {
+        self.newest = (self.newest + 1) % self.samples.len();
+        self.samples[self.newest] = x;
+    }
+
+    /// Weighted sum; the kernel's last weight is the newest sample's.
+    fn through(&self, kernel: &[f64]) -> f64 {
+        let (new, old) = self.samples.split_at(self.newest + 1);
+        let backwards = new.iter().rev().chain(old.iter().rev());
+        backwards.zip(kernel.iter().rev()).map(|(x, h)| x * h).sum()
+    }
+
+    fn mean(&self, count: usize) -> f64 {
+        let (new, old) = self.samples.split_at(self.newest + 1);
+        let backwards = new.iter().rev().chain(old.iter().rev());
+        backwards.take(count).sum::<f64>() / count as f64
+    }
+}
+
+/// The fast source's white noise, from third differences, to which motion hardly contributes.
+#[derive(Debug, Clone)]
+struct Noise {
+    /// Lower bound of the variance.
+    min_variance: f64,
+    variance: f64,
+    last: [f64; 3],
+}
+
+impl Noise {
+    fn new(min_variance: f64) -> Self {
+        Self {
+            min_variance,
+            variance: min_variance,
+            last: [0.0; 3],
+        }
+    }
+
+    fn restart(&mut self, x: f64) {
+        self.last = [x; 3];
+    }
+
+    fn update(&mut self, x: f64, dt: f64) {
+        let [a, b, c] = self.last;
+        self.last = [x, a, b];
+        // 1 + 9 + 9 + 1 = 20. Bounded, because a jolt is not noise.
+        let square = (x - 3.0 * a + 3.0 * b - c).powi(2) / 20.0;
+        let square = square.min(9.0 * self.variance);
+        let next = self.variance + (dt / NOISE_AVERAGING_TIME).min(1.0) * (square - self.variance);
+        self.variance = next.max(self.min_variance);
+    }
+}
+
+/// Regression of the delayed source's fast changes on the filtered fast source's.
+#[derive(Debug, Clone)]
+struct Gain {
+    value: f64,
+    /// Averages of both sources.
+    means: Option<[f64; 2]>,
+    /// Average product of both sources' changes, and average square of the fast one's.
+    product: f64,
+    square: f64,
+}
+
+impl Gain {
+    fn new() -> Self {
+        Self {
+            value: 1.0,
+            means: None,
+            product: 0.0,
+            square: 0.0,
+        }
+    }
+
+    /// At rest (`moving` = 0) the gain stays. It is one as long as changes do not exceed `noise`, the
+    /// variance of the filtered fast source.
+    fn update(&mut self, [fast, delayed]: [f64; 2], noise: f64, moving: f64, dt: f64) {
+        let Some(means) = &mut self.means else {
+            self.means = Some([fast, delayed]);
+            return;
+        };
+        let share = (dt / GAIN_HIGH_PASS_TIME).min(1.0);
+        means[0] += share * (fast - means[0]);
+        means[1] += share * (delayed - means[1]);
+        let (x, y) = (fast - means[0], delayed - means[1]);
+        let share = moving * (dt / GAIN_AVERAGING_TIME).min(1.0);
+        self.product += share * (x * y - self.product);
+        self.square += share * (x * x - self.square);
+        let noise = noise.max(f64::MIN_POSITIVE);
+        self.value = ((self.product + noise) / (self.square + noise)).clamp(0.0, MAX_GAIN);
+    }
+}

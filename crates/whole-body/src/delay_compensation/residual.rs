@@ -1,0 +1,132 @@
+//! The residual `r = l - g h*e` of the delayed torque, predicted over the filters' delay.
+
+/// Predictors: the newest value; averages of it over three times; straight lines through the last
+/// half window, extrapolated by half of the filters' delay and by all of it.
+const PREDICTORS: usize = 6;
+/// Averaging times of the three averages, s.
+const AVERAGING_TIMES: [f64; 3] = [0.015, 0.05, 0.2];
+/// Averaging time of the predictors' squared errors, s.
+const ERROR_AVERAGING_TIME: f64 = 0.5;
+
+/// Delayed torque `l`, and fast torque through the same filter, `h*e`. The residual is formed only
+/// when it is needed, so that a change of the gain does not act on stored values.
+type Pair = [f64; 2];
+
+/// The predicted residual for one gain.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Prediction {
+    /// Residual, N·m.
+    pub(super) value: f64,
+    /// Its mean square error, (N·m)².
+    pub(super) variance: f64,
+    /// Mean square error of each predictor.
+    errors: [f64; PREDICTORS],
+}
+
+/// Several predictors side by side, each weighted by the errors of its predictions of three quarters
+/// of a window ago: younger ones share noise with the value against which they are judged.
+#[derive(Debug, Clone)]
+pub(super) struct ResidualPredictor {
+    /// With the gain, and with gain 0: without the fast source.
+    pub(super) with: Prediction,
+    pub(super) without: Prediction,
+    /// The filters' delay, samples.
+    delay: f64,
+    dt: f64,
+    /// Rings of the last inputs and predictions.
+    inputs: Vec<Pair>,
+    newest: usize,
+    predictions: Vec<[Pair; PREDICTORS]>,
+    oldest: usize,
+    means: [Pair; 3],
+    /// Number of predictions since the start, and of those that have been judged.
+    made: usize,
+    judged: f64,
+}
+
+impl ResidualPredictor {
+    pub(super) fn new(window: usize, dt: f64) -> Self {
+        Self {
+            with: Prediction::default(),
+            without: Prediction::default(),
+            delay: 0.5 * (window.max(1) - 1) as f64,
+            dt,
+            inputs: vec![[0.0; 2]; window / 2 + 1],
+            newest: 0,
+            predictions: vec![[[0.0; 2]; PREDICTORS]; (3 * window / 4).max(1)],
+            oldest: 0,
+            means: [[0.0; 2]; 3],
+            made: 0,
+            judged: 0.0,
+        }
+    }
+
+    /// Sets all past values to the present ones; the predictors' errors are kept.
+    pub(super) fn restart(&mut self, pair: Pair, gain: f64) {
+        self.inputs.fill(pair);
+        self.means = [pair; 3];
+        self.made = 0;
+        self.with.value = residual(pair, gain);
+        self.without.value = residual(pair, 0.0);
+    }
+
+    pub(super) fn update(&mut self, pair: Pair, gain: f64) {
+        if self.made >= self.predictions.len() {
+            self.judged += 1.0;
+            let share = (self.dt / ERROR_AVERAGING_TIME)
+                .max(1.0 / self.judged)
+                .min(1.0);
+            let predictions = &self.predictions[self.oldest];
+            self.with.judge(predictions, pair, gain, share);
+            self.without.judge(predictions, pair, 0.0, share);
+        }
+        let before = self.inputs.len() - 1;
+        self.newest = (self.newest + 1) % self.inputs.len();
+        self.inputs[self.newest] = pair;
+        let first = self.inputs[(self.newest + 1) % self.inputs.len()];
+        let ahead = self.delay / before.max(1) as f64;
+        for (mean, time) in self.means.iter_mut().zip(AVERAGING_TIMES) {
+            let share = (self.dt / time).min(1.0);
+            *mean = [0, 1].map(|k| mean[k] + share * (pair[k] - mean[k]));
+        }
+        let [a, b, c] = self.means;
+        let line = |times: f64| [0, 1].map(|k| pair[k] + times * ahead * (pair[k] - first[k]));
+        let predictions = [pair, a, b, c, line(0.5), line(1.0)];
+        self.predictions[self.oldest] = predictions;
+        self.oldest = (self.oldest + 1) % self.predictions.len();
+        self.made = self.made.saturating_add(1);
+        self.with.combine(&predictions, gain);
+        self.without.combine(&predictions, 0.0);
+    }
+}
+
+impl Prediction {
+    /// Compares past predictions with the present residual.
+    fn judge(&mut self, predictions: &[Pair; PREDICTORS], pair: Pair, gain: f64, share: f64) {
+        let observed = residual(pair, gain);
+        for (error, prediction) in self.errors.iter_mut().zip(predictions) {
+            *error += share * ((observed - residual(*prediction, gain)).powi(2) - *error);
+        }
+    }
+
+    /// Mean of the predictors, weighted by the inverse cubes of their mean square errors.
+    fn combine(&mut self, predictions: &[Pair; PREDICTORS], gain: f64) {
+        let best = self.errors.iter().copied().fold(f64::INFINITY, f64::min);
+        let weights = self.errors.map(|error| match error > best {
+            true => (best / error).powi(3),
+            false => 1.0,
+        });
+        let sum: f64 = weights.iter().sum();
+        let weighted = weights.iter().zip(predictions);
+        self.value = weighted
+            .map(|(w, prediction)| w * residual(*prediction, gain))
+            .sum::<f64>()
+            / sum;
+        let errors = weights.iter().zip(&self.errors);
+        self.variance = errors.map(|(w, error)| w * error).sum::<f64>() / sum;
+    }
+}
+
+fn residual([delayed, fast]: Pair, gain: f64) -> f64 {
+    delayed - gain * fast
+}
