@@ -10,9 +10,10 @@ usage() {
 usage: rt-tests/fuzz.sh [--keep] [SECONDS [TARGET...]]
 
 Fuzzes each target for SECONDS (60): $(echo "${targets[@]##*:}")
-Starts from the corpus in crates/*/fuzz/corpus; what finds new paths collects in
+Starts from the corpus in crates/*/fuzz/corpus: TARGET/ holds inputs with a name (seeds,
+regressions), TARGET.tar.gz those that the fuzzer found. Inputs that find new paths collect in
 target/fuzz/corpus. Exit code 0 if nothing crashed; else the input is in target/fuzz/crashes.
-  --keep     adds to the corpus one input for each edge of the program that was found anew
+  --keep     adds to the archive one input for each edge of the program that was found anew
 Examples:
   rt-tests/fuzz.sh
   rt-tests/fuzz.sh --keep 600 urdf
@@ -50,21 +51,30 @@ for target in "$@"; do
     # With --target the flags do not reach build scripts.
     RUSTFLAGS="${coverage[*]}" cargo build --release --locked --quiet --manifest-path "$fuzz/Cargo.toml" \
         --bin "$target" --target "$host" --target-dir target/fuzz
+    named=$fuzz/corpus/$target archive=$fuzz/corpus/$target.tar.gz
     found=target/fuzz/corpus/$target crashes=target/fuzz/crashes/$target
     program=target/fuzz/$host/release/$target
     options=(-max_len=4096 -timeout=10 -rss_limit_mb=2048 -print_final_stats=1)
     [ ! -e "$fuzz/$target.dict" ] || options+=(-dict="$fuzz/$target.dict")
-    mkdir -p "$found" "$crashes"
+    unpacked=target/fuzz/unpacked/$target
+    rm -rf "$unpacked"
+    mkdir -p "$found" "$crashes" "$unpacked"
+    [ ! -e "$archive" ] || tar -xzf "$archive" -C "$unpacked"
     echo "== fuzz $target, $seconds s"
     log=target/fuzz/$target.log
     if ! "$program" "${options[@]}" -max_total_time="$seconds" -artifact_prefix="$crashes/" \
-        "$found" "$fuzz/corpus/$target" >"$log" 2>&1; then
+        "$found" "$unpacked" "$named" >"$log" 2>&1; then
         tail -n 40 "$log"
         echo "fuzz: $target failed; input in $crashes, log in $log" >&2
         exit 1
     fi
     grep -E '^(Done|stat::number_of_executed_units|stat::new_units_added)' "$log"
-    # One input for each new edge; how often an edge is taken would keep three times as many.
-    [ $keep = no ] || "$program" -merge=1 -use_cmp=0 -use_counters=0 "${options[@]}" \
-        "$fuzz/corpus/$target" "$found" 2>&1 | tail -n 1
+    [ $keep = no ] || {
+        # One input for each new edge; how often an edge is taken would keep three times as many.
+        "$program" -merge=1 -use_cmp=0 -use_counters=0 "${options[@]}" "$unpacked" "$named" "$found" 2>&1 |
+            tail -n 1
+        # The same inputs make the same archive.
+        tar -C "$unpacked" --sort=name --mtime=@0 --owner=0 --group=0 --numeric-owner -cf - . |
+            gzip -9n >"$archive"
+    }
 done

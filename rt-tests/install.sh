@@ -12,8 +12,9 @@ usage: rt-tests/install.sh [--python] [--vm] [--bench] [--fuzz]
 
 Installs what ./test needs; without options, --python and --vm.
   --python   the Python environment .venv (rt-tests/python/requirements.txt)
-  --vm       Debian packages for the virtual machines, and the PREEMPT_RT kernel
-             that the timing test boots (unpacked into target/vm, not installed)
+  --vm       Debian packages for the virtual machines, the PREEMPT_RT kernel
+             that the timing test boots (unpacked into target/vm, not installed), and what
+             User-Mode Linux needs on processors with AMX (compiled into target/vm)
   --bench    Debian packages for benches/dynamics/run.sh
   --fuzz     Debian packages for rt-tests/fuzz.sh
 END
@@ -54,8 +55,13 @@ apt_lists() {
 }
 
 install_vm() {
-    packages user-mode-linux qemu-system-x86 busybox-static cpio kmod iproute2 procps
+    packages user-mode-linux qemu-system-x86 busybox-static cpio kmod iproute2 procps gcc libc6-dev
     local folder=$root/target/vm
+    mkdir -p "$folder"
+    if ! [ "$folder/xstate_shim.so" -nt rt-tests/vm/xstate_shim.c ]; then
+        step "shim for User-Mode Linux into target/vm"
+        gcc -O2 -Wall -Wextra -shared -fPIC rt-tests/vm/xstate_shim.c -o "$folder/xstate_shim.so" -ldl
+    fi
     # Made anew when the first process, which is in it, has changed.
     ! [ "$folder/rt-kernel/initramfs" -nt rt-tests/vm/qemu_init.sh ] || return 0
     step "PREEMPT_RT kernel (70 MB) into target/vm/rt-kernel"
