@@ -1,10 +1,11 @@
-//! Whether torques follow from the sensors, told where the configuration says otherwise.
+//! Checks that torques can be determined from the sensors, and notes at which key they cannot.
 
 use crate::parameters::Parameters;
 use crate::reader::Section;
 use crate::whole_body::{FilterGains, whole_body_parameters};
 use dynamics::{Base, Model};
-use whole_body::{WholeBody, WholeBodyError, part_of_link};
+use problem::Problem;
+use whole_body::{ContactProblem, WholeBody, WholeBodyError, part_of_link};
 
 /// Diagnostics why the whole-body estimator refuses the sensors, if it does.
 pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) {
@@ -21,16 +22,16 @@ pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Paramete
         );
         return;
     };
-    if parameters.whole_body.contacts.is_empty() && contacts_elsewhere(root, model, parameters) {
+    if parameters.whole_body.contacts.is_empty() && contacts_misplaced(root, model, parameters) {
         return;
     }
     if let Err(error) = WholeBody::new(model, &whole_body) {
-        tell(root, model, &error);
+        note(root, model, &error);
     }
 }
 
 /// Diagnostics contact links that do not lie on the part they are meant for.
-fn contacts_elsewhere(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) -> bool {
+fn contacts_misplaced(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) -> bool {
     let sensors = || parameters.ft_sensors.iter().map(|ft| &ft.sensor);
     let cuts: Vec<&str> = sensors().map(|s| s.frame.as_str()).collect();
     let cuts_off = |link: &&str| {
@@ -38,7 +39,7 @@ fn contacts_elsewhere(root: &Section<'_, '_>, model: &Model, parameters: &Parame
         link.is_some_and(|l| model.frames()[l].parent.is_some())
     };
     if !cuts.iter().all(cuts_off) {
-        // That is told by the estimator.
+        // The estimator refuses these itself.
         return false;
     }
     let mut any = false;
@@ -49,10 +50,10 @@ fn contacts_elsewhere(root: &Section<'_, '_>, model: &Model, parameters: &Parame
         if part_of_link(model, &cuts, link).is_some_and(|part| part != s + 1) {
             let what = format!(
                 "link {link} is not beyond the sensor, or lies beyond another one, which has a \
-                 contact of its own"
+                 contact link of its own"
             );
-            let allowed = "its own link and those it carries, up to the next sensors";
-            at_sensor(root, &sensor.name).problem("contact_link", what, allowed);
+            let allowed = "the sensor's frame and the links beyond it, up to the next sensors";
+            ft_sensor(root, &sensor.name).problem("contact_link", what, allowed);
             any = true;
         }
     }
@@ -66,7 +67,7 @@ fn contacts_elsewhere(root: &Section<'_, '_>, model: &Model, parameters: &Parame
         let name = sensors().nth(part - 1).map_or("", |s| &s.name);
         let what = format!(
             "link {link} lies beyond F/T sensor {name}, whose contact wrench is unknown too: the two \
-             cannot be told apart"
+             cannot be distinguished"
         );
         section.problem("unknown_wrench_link", what, "links before every F/T sensor");
         any = true;
@@ -78,51 +79,54 @@ fn contacts_elsewhere(root: &Section<'_, '_>, model: &Model, parameters: &Parame
         section.problem(
             "unknown_wrench_link",
             what,
-            "links that do not move, or none",
+            "a link that does not move, or no such key",
         );
         any = true;
     }
     any
 }
 
-fn tell(root: &Section<'_, '_>, model: &Model, error: &WholeBodyError) {
+/// Notes the estimator's refusal at the table and the key that it is about.
+fn note(root: &Section<'_, '_>, model: &Model, error: &WholeBodyError) {
     use WholeBodyError as E;
-    let text = error.to_string();
-    let (what, allowed) = text.split_once("; allowed: ").unwrap_or((&text, ""));
-    let unknown_link = |link: &str| match naming(root, link) {
-        Some((section, key)) => {
-            let what = format!("the URDF has no link {link}");
-            section.problem(key, what, links(model));
-        }
-        None => root.problem("", what, allowed),
-    };
-    if let E::Contacts {
-        hypothesis,
-        problem,
-    } = error
-        && let Some(section) = naming_set(root, hypothesis)
-    {
-        let text = problem.to_string();
-        let (what, allowed) = text.split_once("; allowed: ").unwrap_or((&text, ""));
-        section.problem("touch", what, allowed);
-        return;
-    }
+    let Problem {
+        reason, allowed, ..
+    } = error.problem();
+    let at = |section: &Section<'_, '_>, key: &str| section.problem(key, &reason, &allowed);
     match error {
-        E::UnknownLink(_, link) => unknown_link(link),
         E::Contacts {
-            problem: whole_body::ContactProblem::UnknownLink(link),
-            ..
-        } => unknown_link(link),
-        E::SensorOnRoot(sensor) | E::SameCut(_, sensor, _) | E::SensorNamedTwice(sensor) => {
-            at_sensor(root, sensor).problem("frame", what, allowed);
+            hypothesis,
+            problem,
+        } if let Some(section) = contact_set(root, hypothesis) => {
+            // The table's name stands in the message already.
+            let Problem {
+                reason, allowed, ..
+            } = problem.problem();
+            section.problem("touch", reason, allowed);
         }
-        E::UnknownJoint(_) | E::JointNotNamedOnce(_) => root.problem("joint", what, allowed),
-        _ => root.problem("", what, allowed),
+        E::UnknownLink(_, link)
+        | E::Contacts {
+            problem: ContactProblem::UnknownLink(link),
+            ..
+        } => match naming(root, link) {
+            Some((section, key)) => {
+                let what = format!("the URDF has no link {link}");
+                section.problem(key, what, links(model));
+            }
+            None => at(root, ""),
+        },
+        E::SensorOnRoot(sensor) | E::SameCut(_, sensor, _) | E::SensorNamedTwice(sensor) => {
+            at(&ft_sensor(root, sensor), "frame");
+        }
+        E::UnknownJoint(_) | E::JointNotNamedOnce(_) => at(root, "joint"),
+        E::Contacts { .. } | E::NoHypothesis | E::HypothesisNamedTwice(_) | E::BadNumber(_) => {
+            at(root, "");
+        }
     }
 }
 
 /// The set of contacts of that name.
-fn naming_set<'n, 't>(root: &Section<'n, 't>, name: &str) -> Option<Section<'n, 't>> {
+fn contact_set<'n, 't>(root: &Section<'n, 't>, name: &str) -> Option<Section<'n, 't>> {
     let mut sets = root.list("contacts").into_iter();
     let mut section = sets.find(|section| section.is("name", name))?;
     section.which = format!(" ({name})");
@@ -130,7 +134,7 @@ fn naming_set<'n, 't>(root: &Section<'n, 't>, name: &str) -> Option<Section<'n, 
 }
 
 /// The table of the F/T sensor of that name, or the whole file.
-fn at_sensor<'n, 't>(root: &Section<'n, 't>, name: &str) -> Section<'n, 't> {
+fn ft_sensor<'n, 't>(root: &Section<'n, 't>, name: &str) -> Section<'n, 't> {
     let mut sensors = root.list("ft_sensor").into_iter();
     let found = sensors.find(|section| section.is("name", name));
     match found {
@@ -156,7 +160,7 @@ fn naming<'n, 't>(root: &Section<'n, 't>, link: &str) -> Option<(Section<'n, 't>
     })
 }
 
-/// The URDF's links, cut where there are many.
+/// The URDF's links, the first of them where there are many.
 fn links(model: &Model) -> String {
     const SHOWN: usize = 60;
     let names: Vec<&str> = model

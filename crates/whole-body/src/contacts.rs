@@ -7,6 +7,7 @@ use crate::mechanics::Mechanics;
 use crate::parameters::{ContactKind, ContactParameters, Hypothesis, WholeBodyParameters};
 use dynamics::{Force, Model, Random, Se3};
 use nalgebra::Vector3;
+use problem::Problem;
 
 /// A contact with unknowns.
 #[derive(Debug, Clone)]
@@ -181,16 +182,19 @@ impl Check<'_> {
         link: usize,
         c: &ContactParameters,
     ) -> Result<Contact, ContactProblem> {
-        let bad = |what: &str| ContactProblem::BadGeometry(format!("{}: {what}", self.name(input)));
+        let bad = |what: &str, allowed: &str| {
+            ContactProblem::BadGeometry(Problem::new(what, allowed).of(self.name(input)))
+        };
         if !c.point.iter().all(|x| x.is_finite()) {
-            return Err(bad("point; allowed: three finite numbers"));
+            return Err(bad("point is not finite", "three finite numbers"));
         }
         let kind = match c.kind {
             ContactKind::KnownDirection(d) => {
                 let length = d.norm();
                 if !(length.is_finite() && length > 1e-6) {
                     return Err(bad(
-                        "direction; allowed: three finite numbers, not all zero",
+                        "direction is not allowed",
+                        "three finite numbers, not all zero",
                     ));
                 }
                 ContactKind::KnownDirection(d / length)

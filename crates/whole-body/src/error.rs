@@ -1,15 +1,16 @@
-//! Why the torques would not follow from the sensors.
+//! Refusals of sensors, contacts, links and joints.
 
-use std::fmt;
+use problem::Problem;
 
 /// A set of sensors, contacts, links and joints from which the torques do not follow.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}", self.problem())]
 pub enum WholeBodyError {
     /// A joint was named that the model lacks.
     UnknownJoint(String),
     /// A joint of the model was not named, or was named more than once.
     JointNotNamedOnce(String),
-    /// What named a link, and the link that the model lacks.
+    /// The part of the input that names a link, and the link, which the model lacks.
     UnknownLink(String, String),
     /// An F/T sensor on the root link, which cuts nothing off.
     SensorOnRoot(String),
@@ -25,20 +26,21 @@ pub enum WholeBodyError {
     Contacts {
         /// The set.
         hypothesis: String,
-        /// What is wrong with it.
+        /// The reason.
         problem: ContactProblem,
     },
-    /// What should be a finite number of at least zero, or a direction, and is not.
-    BadNumber(String),
+    /// A number that is not finite, or a standard deviation below zero.
+    BadNumber(Problem),
 }
 
-/// What is wrong with a set of contacts. Parts are described by their sensors and links.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// Why a set of contacts is refused. Parts are described by their sensors and links.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}", self.problem())]
 pub enum ContactProblem {
     /// A contact on a link that the model lacks.
     UnknownLink(String),
-    /// A contact's direction or point that is none.
-    BadGeometry(String),
+    /// A contact's point that is not finite, or a direction of no length.
+    BadGeometry(Problem),
     /// One contact, listed twice.
     Twice(String),
     /// A part without any contact: the part.
@@ -66,118 +68,126 @@ pub enum ContactProblem {
         /// Its contacts.
         contacts: String,
     },
-    /// Contacts on one part whose wrenches can not be told apart.
+    /// Contacts on one part whose wrenches cannot be distinguished.
     Dependent {
         /// The part.
         part: String,
         /// Unknowns.
         unknowns: usize,
-        /// Unknowns that can be found.
+        /// Unknowns that can be determined.
         rank: usize,
         /// Its contacts.
         contacts: String,
     },
 }
 
-impl fmt::Display for WholeBodyError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl WholeBodyError {
+    /// The refusal and its remedy, without a place.
+    #[must_use]
+    pub fn problem(&self) -> Problem {
         match self {
-            Self::UnknownJoint(joint) => write!(
-                f,
-                "joint `{joint}` is not in the robot model; allowed: its moving joints"
+            Self::UnknownJoint(joint) => Problem::new(
+                format!("joint `{joint}` is not in the robot model"),
+                "its moving joints",
             ),
-            Self::JointNotNamedOnce(joint) => write!(
-                f,
-                "joint `{joint}` must be listed exactly once: its motion enters every torque"
+            Self::JointNotNamedOnce(joint) => Problem::new(
+                format!(
+                    "joint `{joint}` must be listed exactly once: its motion enters every torque"
+                ),
+                "",
             ),
-            Self::UnknownLink(what, link) => write!(
-                f,
-                "{what}: link `{link}` is not in the robot model; allowed: its links"
+            Self::UnknownLink(part, link) => Problem::new(
+                format!("{part}: link `{link}` is not in the robot model"),
+                "its links",
             ),
-            Self::SensorOnRoot(sensor) => write!(
-                f,
-                "F/T sensor `{sensor}` is on the root link and cuts nothing off; allowed: any \
-                 other link"
+            Self::SensorOnRoot(sensor) => Problem::new(
+                format!("F/T sensor `{sensor}` is on the root link and separates no part"),
+                "any other link",
             ),
-            Self::SensorNamedTwice(sensor) => write!(
-                f,
-                "F/T sensor `{sensor}` is named twice; allowed: each sensor once"
+            Self::SensorNamedTwice(sensor) => Problem::new(
+                format!("F/T sensor `{sensor}` is named twice"),
+                "each sensor once",
             ),
-            Self::SameCut(a, b, link) => write!(
-                f,
-                "F/T sensors `{a}` and `{b}` cut the tree at the same place, just before link \
-                 `{link}`; allowed: one each"
+            Self::SameCut(a, b, link) => Problem::new(
+                format!(
+                    "F/T sensors `{a}` and `{b}` cut the tree at the same place, just before link \
+                     `{link}`"
+                ),
+                "one sensor for each cut",
             ),
-            Self::NoHypothesis => write!(f, "no contacts; allowed: at least one set of contacts"),
-            Self::HypothesisNamedTwice(name) => write!(
-                f,
-                "contact hypothesis `{name}` is named twice; allowed: each name once"
+            Self::NoHypothesis => Problem::new("no contacts", "at least one set of contacts"),
+            Self::HypothesisNamedTwice(name) => Problem::new(
+                format!("contact set `{name}` is named twice"),
+                "each name once",
             ),
             Self::Contacts {
                 hypothesis,
                 problem,
-            } if hypothesis.is_empty() => write!(f, "{problem}"),
-            Self::Contacts {
-                hypothesis,
-                problem,
-            } => write!(f, "contact hypothesis `{hypothesis}`: {problem}"),
-            Self::BadNumber(what) => write!(f, "{what}"),
+            } => match hypothesis.as_str() {
+                "" => problem.problem(),
+                name => problem.problem().of(format!("contact set `{name}`")),
+            },
+            Self::BadNumber(problem) => problem.clone(),
         }
     }
 }
 
-impl fmt::Display for ContactProblem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl ContactProblem {
+    /// The refusal and its remedy, without the name of the set.
+    #[must_use]
+    pub fn problem(&self) -> Problem {
         match self {
-            Self::UnknownLink(link) => write!(
-                f,
-                "contact on link `{link}`, which is not in the robot model; allowed: its links"
+            Self::UnknownLink(link) => Problem::new(
+                format!("contact on link `{link}`, which is not in the robot model"),
+                "its links",
             ),
-            Self::BadGeometry(what) => write!(f, "{what}"),
-            Self::Twice(contact) => write!(
-                f,
-                "{contact} is listed twice: the two cannot be told apart; allowed: once"
+            Self::BadGeometry(problem) => problem.clone(),
+            Self::Twice(contact) => Problem::new(
+                format!("{contact} is listed twice, and the two cannot be distinguished"),
+                "each contact once",
             ),
-            Self::NoneDeclared { part, link } => write!(
-                f,
-                "{part} has no contact, and what touches it must be known or unknown; allowed: a \
-                 contact on one of its links, or one of type `none` (on link `{link}`, say) if \
-                 nothing touches it"
+            Self::NoneDeclared { part, link } => Problem::new(
+                format!("{part} has no contact"),
+                format!(
+                    "a contact on one of its links, or one of type `none` (on link `{link}`, for \
+                     example) if nothing touches it"
+                ),
             ),
-            Self::NothingAndSomething { part, contact } => write!(
-                f,
-                "{part}: a contact of type `none` says that nothing touches it, and {contact} \
-                 says otherwise; allowed: one or the other"
+            Self::NothingAndSomething { part, contact } => Problem::new(
+                format!(
+                    "{part} has a contact of type `none`, which means that nothing touches it, \
+                     and also {contact}"
+                ),
+                "one or the other",
             ),
-            Self::StandTouches(part) => write!(
-                f,
-                "{part} is held by a stand, so something touches it; allowed: a contact with \
-                 unknowns, a full wrench on the fixed link say"
+            Self::StandTouches(part) => Problem::new(
+                format!("{part} is held by a stand, so it cannot be free of contacts"),
+                "a contact with unknowns, for example a full wrench on the fixed link",
             ),
             Self::TooMany {
                 part,
                 unknowns,
                 contacts,
-            } => write!(
-                f,
-                "{part} has {unknowns} unknowns ({contacts}), and Newton and Euler give 6 \
-                 equations for it; allowed: at most 6, or another F/T sensor between the contacts"
+            } => Problem::new(
+                format!(
+                    "{part} has {unknowns} unknowns ({contacts}), and Newton and Euler give 6 \
+                     equations for it"
+                ),
+                "at most 6, or another F/T sensor between the contacts",
             ),
             Self::Dependent {
                 part,
                 unknowns,
                 rank,
                 contacts,
-            } => write!(
-                f,
-                "{part}: {contacts} depend on one another: of {unknowns} unknowns only {rank} can \
-                 be told apart (two forces along the line through both points cancel, and so do \
-                 forces of one direction at one point); allowed: fewer or other contacts, or an \
-                 F/T sensor between them"
+            } => Problem::new(
+                format!(
+                    "{part}: {contacts} are linearly dependent: of {unknowns} unknowns only \
+                     {rank} can be determined (two forces along the line through both points \
+                     cancel, and so do forces of one direction at one point)"
+                ),
+                "fewer or other contacts, or an F/T sensor between them",
             ),
         }
     }
 }
-
-impl std::error::Error for WholeBodyError {}
-impl std::error::Error for ContactProblem {}

@@ -8,6 +8,7 @@ use crate::error::WholeBodyError;
 use crate::parameters::{FtSensorParameters, MotionSource, Place, WholeBodyParameters};
 use dynamics::{Inertia, Model, Se3};
 use nalgebra::Vector3;
+use problem::{Allowed, Problem};
 
 /// What of a body belongs to one part.
 #[derive(Debug, Clone)]
@@ -266,9 +267,8 @@ fn resolve(model: &Model, what: &str, place: &Place) -> Result<(usize, Se3), Who
     let mut numbers = numbers.chain(place.placement.rotation.iter());
     if !numbers.all(|x| x.is_finite()) {
         let what = format!("{what}: placement on link `{}`", place.link);
-        return Err(WholeBodyError::BadNumber(format!(
-            "{what}; allowed: finite numbers"
-        )));
+        let problem = Problem::new(format!("{what} is not finite"), "finite numbers");
+        return Err(WholeBodyError::BadNumber(problem));
     }
     Ok((link.body, link.placement.compose(&place.placement)))
 }
@@ -291,8 +291,9 @@ fn joints(model: &Model, p: &WholeBodyParameters) -> Result<Vec<usize>, WholeBod
 fn sigmas(p: &WholeBodyParameters) -> Result<(), WholeBodyError> {
     let check = |what: String, sigma: Option<&f64>| match sigma {
         Some(s) if s.is_finite() && *s >= 0.0 => Ok(()),
-        _ => Err(WholeBodyError::BadNumber(format!(
-            "standard deviation of {what}; allowed: a finite number >= 0"
+        _ => Err(WholeBodyError::BadNumber(Problem::new(
+            format!("standard deviation of {what} is not allowed"),
+            Allowed::NonNegative.to_string(),
         ))),
     };
     for (i, name) in p.joints.iter().enumerate() {
@@ -311,9 +312,8 @@ fn sigmas(p: &WholeBodyParameters) -> Result<(), WholeBodyError> {
         }
         MotionSource::Fixed { gravity, .. } => {
             if !gravity.iter().all(|x| x.is_finite()) {
-                return Err(WholeBodyError::BadNumber(
-                    "gravity; allowed: three finite numbers".into(),
-                ));
+                let problem = Problem::new("gravity is not finite", "three finite numbers");
+                return Err(WholeBodyError::BadNumber(problem));
             }
         }
     }

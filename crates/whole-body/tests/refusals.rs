@@ -108,7 +108,7 @@ fn contacts_that_do_not_follow() {
     refused(&with(&[contact("moon", FORCE)]), &["link `moon`"]);
     refused(&with(&[contact("ankle", FULL)]), &["listed twice"]);
     let nothing = contact("toe", ContactKind::Nothing);
-    refused(&with(&[nothing]), &["says otherwise", beyond]);
+    refused(&with(&[nothing]), &["one or the other", beyond]);
     let two_forces = [
         contact("hip", FULL),
         contact("ankle", FORCE),
