@@ -1,4 +1,5 @@
-//! Articulated bodies: the acceleration that joint torques cause.
+//! Articulated bodies: the acceleration that joint torques cause (F: R. Featherstone, Rigid Body
+//! Dynamics Algorithms, 2008, Table 7.1).
 //!
 //! Runs on the model's lane schedule, four bodies at a time. Accelerations are those of the
 //! origins of lane frames minus gravity; an articulated inertia maps them to a wrench:
@@ -132,6 +133,7 @@ fn root_acceleration(
     if let Some(f) = f_ext.and_then(|f| f.first()) {
         wrench += f.to_vector();
     }
+    //= F Section 9.4: a_0 = (I_0^A)^-1 (f_0 - p_0^A)
     let x = match inertia.cholesky() {
         Some(c) => c.solve(&wrench),
         None => Vector6::repeat(f64::NAN),
@@ -244,7 +246,7 @@ impl<L: Lanes> Rotation<L> {
         }
     }
     #[inline(always)]
-    fn forth_matrix(&self, m: M3<L>) -> M3<L> {
+    fn rotate_matrix(&self, m: M3<L>) -> M3<L> {
         match *self {
             Rotation::Straight { cx, sx, c, s } => m.rotated_z(c, s).rotated_x(cx, sx),
             Rotation::General { rotation, c, s } => m.rotated_z(c, s).rotated(rotation),
@@ -291,6 +293,7 @@ fn velocities<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow, q: L, 
     let (angular_rate, linear_rate) = (rate * revolute, rate * prismatic);
     let twice = linear_rate + linear_rate;
     let (wx, wy) = (w.x, w.y);
+    //= F Table 7.1: c_i = v_i x v_J, here with iX_lambda (omega x (omega x r)): a_i is of the origin
     V3::new(wy.mul_add(twice, a.x), wx.neg_mul_add(twice, a.y), a.z).store(&mut row.bias_a);
     V3::new(wy * angular_rate, -(wx * angular_rate), L::splat(0.0)).store(&mut row.bias_alpha);
     w.z = w.z + angular_rate;
@@ -298,6 +301,7 @@ fn velocities<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow, q: L, 
     let [m, hx, hy, hz, s @ ..] = &step.inertia;
     let h = V3::new(L::load(hx), L::load(hy), L::load(hz));
     let s = M3::<L>::load_symmetric(s);
+    //= F Table 7.1: I_i^A = I_i; p_i^A = v_i x* I_i v_i - f_i^x
     w.cross(w.cross(h)).store(&mut row.f);
     // omega × (I omega) with I = trace 1 - S
     s.times_vector(w).cross(w).store(&mut row.n);
@@ -312,7 +316,7 @@ fn velocities<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow, q: L, 
     store_all(s.trace_minus().upper(), &mut row.i);
 }
 
-/// Articulated inertia and bias of a row, handed to the parents.
+/// Articulated inertia and bias of a row, passed to the parents.
 #[inline(always)]
 fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, tau: L, armature: L) {
     let (t, s) = (
@@ -325,11 +329,13 @@ fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, ta
         M3::load_symmetric(&row.i),
     );
     let (f, n) = (V3::load(&row.f), V3::load(&row.n));
+    //= F Table 7.1: U_i = I_i^A S_i
     let (mut u_f, mut u_n) = (h.2.scale(t), i.2.scale(t));
     if !step.straight {
         u_f = u_f.add_scaled(s, m.2);
         u_n = u_n.add_scaled(s, h.third_column());
     }
+    //= F Table 7.1: D_i = S_i^T U_i (plus the armature); u_i = tau_i - S_i^T p_i^A
     let d = t.mul_add(u_n.z, s.mul_add(u_f.z, armature));
     let inverse_d = d.recip();
     let u = t.neg_mul_add(n.z, s.neg_mul_add(f.z, tau));
@@ -338,11 +344,13 @@ fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, ta
     inverse_d.store(&mut row.inverse_d);
     u.store(&mut row.u);
 
+    //= F Table 7.1: I_i^a = I_i^A - U_i D_i^-1 U_i^T
     let (over_f, over_n) = (u_f.scale(inverse_d), u_n.scale(inverse_d));
     let m = m.sub_outer(over_f, u_f);
     let h = h.sub_outer(over_n, u_f);
     let i = i.sub_outer(over_n, u_n);
     let (a, alpha) = (V3::load(&row.bias_a), V3::load(&row.bias_alpha));
+    //= F Table 7.1: p_i^a = p_i^A + I_i^a c_i + U_i D_i^-1 u_i
     let f = m.mul_add(a, f).plus(h.tr_mul(alpha)).add_scaled(u, over_f);
     let n = h
         .mul_add(a, n)
@@ -351,10 +359,11 @@ fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, ta
 
     let to_parent = Rotation::<L>::load(step, row);
     let r = V3::load(&row.arm);
+    //= F Table 7.1: I_lambda^A = I_lambda^A + lambdaX*_i I_i^a iX_lambda; p_lambda^A = p_lambda^A + lambdaX*_i p_i^a
     let (m, h, i) = (
-        to_parent.forth_matrix(m),
-        to_parent.forth_matrix(h),
-        to_parent.forth_matrix(i),
+        to_parent.rotate_matrix(m),
+        to_parent.rotate_matrix(h),
+        to_parent.rotate_matrix(i),
     );
     let f = to_parent.rotate(f);
     let n = r.cross_add(f, to_parent.rotate(n));
@@ -363,12 +372,12 @@ fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, ta
     let i = i
         .plus(h.transpose().cross_columns(r))
         .plus(moved.transpose().cross_columns(r).transpose());
-    hand_over(step, before, [m, moved, i], f, n);
+    add_to_parents(step, before, [m, moved, i], f, n);
 }
 
 /// Adds articulated inertias and biases to those of the parents.
 #[inline(always)]
-fn hand_over<L: Lanes>(
+fn add_to_parents<L: Lanes>(
     step: &Step,
     before: &mut [AbaRow],
     [m, h, i]: [M3<L>; 3],
@@ -403,6 +412,7 @@ fn accelerations<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow) -> 
     let to_parent = Rotation::<L>::load(step, row);
     let alpha = of_parents::<L>(step, before, |r| &r.alpha);
     let a = of_parents::<L>(step, before, |r| &r.a);
+    //= F Table 7.1: a'_i = iX_lambda a_lambda + c_i; ddq_i = D_i^-1 (u_i - U_i^T a'_i); a_i = a'_i + S_i ddq_i
     let a = alpha.cross_add(V3::load(&row.arm), a);
     let mut a = to_parent.rotate_back(a).plus(V3::load(&row.bias_a));
     let mut alpha = to_parent.rotate_back(alpha).plus(V3::load(&row.bias_alpha));

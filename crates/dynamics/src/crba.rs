@@ -1,4 +1,5 @@
-//! Composite rigid bodies: the joint-space mass matrix.
+//! Composite rigid bodies: the joint-space mass matrix (F: R. Featherstone, Rigid Body Dynamics
+//! Algorithms, 2008, Table 6.2).
 //!
 //! Inertias and joint axes are expressed at the root's origin, in its axes: there composites are
 //! sums, and an entry of `M` is the product of an axis with the momentum of another.
@@ -44,7 +45,7 @@ pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64
     &data.mass_matrix
 }
 
-/// Of the whole robot, at the root.
+/// Composite inertia of the whole robot, at the root.
 fn root_inertia(root: &CrbaRow, own: &Inertia) -> Inertia {
     let sum = |p: &Pack| p.0.iter().sum::<f64>();
     let [xx, xy, xz, yy, yz, zz] = root.s.each_ref().map(sum);
@@ -160,6 +161,7 @@ fn axis_and_momentum<L: Lanes>(step: &Step, row: &mut CrbaRow) {
     let v = p.cross_add(w, z.scale(L::load(&step.prismatic_ratio)));
     let h = V3::load(&row.h);
     let s = M3::load_symmetric(&row.s);
+    //= F Table 6.2: F_i = I_i^c S_i
     let f = w.cross_add(h, v.scale(L::load(&row.mass)));
     let n = h.cross_add(v, s.trace_minus().times_vector(w));
     store_all([v.x, v.y, v.z, w.x, w.y, w.z], &mut row.twist);
@@ -169,6 +171,7 @@ fn axis_and_momentum<L: Lanes>(step: &Step, row: &mut CrbaRow) {
 /// Adds sub-trees to those of their parents.
 #[inline(always)]
 fn inward<L: Lanes>(step: &Step, before: &mut [CrbaRow], row: &CrbaRow) {
+    //= F Table 6.2: I_lambda^c = I_lambda^c + lambdaX*_i I_i^c iX_lambda (X = 1 in the root's axes)
     if step.same_lane {
         let parent = &mut before[step.parent_row];
         add::<L>(&row.mass, &mut parent.mass);
@@ -248,6 +251,7 @@ fn couple_with_ancestors<L: Lanes>(step: &Step, rows: &[CrbaRow], own: usize, m:
                 V3::pick_pair([a, b, c, d], &level.places)
             }
         };
+        //= F Table 6.2: H_ij = H_ji = F_i^T S_j, j = i and all that carry i
         let products = f.dot_add(v, n.dot(w)).to_array();
         for entries in &level.entries {
             for (entry, x) in entries.iter().zip(&products) {

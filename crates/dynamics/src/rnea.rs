@@ -1,6 +1,8 @@
-//! Recursive Newton-Euler: the joint torques of a motion.
+//! Recursive Newton-Euler: the joint torques of a motion (F: R. Featherstone, Rigid Body Dynamics
+//! Algorithms, 2008, Table 5.1).
 //!
-//! Runs on the model's lane schedule, four bodies at a time. The acceleration of a point `r` of a body is
+//! Runs on the model's lane schedule, four bodies at a time; tests/support/textbook.rs has the
+//! algorithm as printed. The acceleration of a point `r` of a body is
 //! `a + U r` with `U = [alpha] + [omega][omega]`; with the second moments `S = ∫ r r^T dm` the net
 //! moment about the origin is `h × a + 2 axial(U S)`, with `h` the first moment (Khalil and Dombre,
 //! Modeling, Identification and Control of Robots, 9.5).
@@ -77,6 +79,7 @@ fn set_root(model: &Model, root: &mut RneaRow, q: &[f64], v: &[f64], a: &[f64]) 
         let (v, a) = (six(v), six(a));
         (omega, alpha) = (v.angular, a.angular);
         let up = base_placement(model, q).rotation.tr_mul(&linear);
+        //= F Table 5.1: a_0 = -a_g, of a floating base a_0 = a - a_g
         linear = up + a.linear + omega.cross(&v.linear);
     }
     root.omega = all(omega);
@@ -95,6 +98,7 @@ fn finish_root(model: &Model, data: &mut Data, f_ext: Option<&[Force]>) {
     let (omega, alpha, a) = (one(&root.omega), one(&root.alpha), one(&root.a));
     let inertia = &model.bodies[0].inertia;
     let h = &inertia.first_moment;
+    //= F Table 5.1: f_0 = I_0 a_0 + v_0 x* I_0 v_0 - f_0^x + sum f_i, of a floating base
     let f = a * inertia.mass + alpha.cross(h) + omega.cross(&omega.cross(h));
     let n = inertia.rotational * alpha + omega.cross(&(inertia.rotational * omega)) + h.cross(&a);
     let mut total = Force::new(f + sum(&root.f), n + sum(&root.n));
@@ -183,6 +187,7 @@ fn finish_row<L: Lanes>(step: &Step, row: &mut RneaRow, w: V3<L>, al: V3<L>, a: 
     u.store(&mut row.u);
     let [m, hx, hy, hz, xx, xy, xz, yy, yz, zz] = &step.inertia;
     let h = V3::new(L::load(hx), L::load(hy), L::load(hz));
+    //= F Table 5.1: f_i = I_i a_i + v_i x* I_i v_i: force m a + U h, moment h x a + 2 axial(U S)
     u.mul_add(h, a.scale(L::load(m))).store(&mut row.f);
     let (xy, xz, yz) = (L::load(xy), L::load(xz), L::load(yz));
     let sx = V3::new(L::load(xx), xy, xz);
@@ -208,6 +213,7 @@ fn outward_straight<L: Lanes>(
     let (rate, rate_change) = (rate * revolute, rate_change * revolute);
     let to_parent = Rotation::<L>::load(step, row);
     let u = M3::load(&parent.u);
+    //= F Table 5.1: v_i = iX_lambda v_lambda + S_i dq_i; a_i = iX_lambda a_lambda + S_i ddq_i + v_i x S_i dq_i
     let mut w = to_parent.rotate_back(V3::load(&parent.omega));
     let al = to_parent.rotate_back(V3::load(&parent.alpha));
     let a = to_parent.rotate_back(u.mul_add(V3::load(&step.origin), V3::load(&parent.a)));
@@ -272,6 +278,7 @@ fn outward<L: Lanes>(
     r.store(&mut row.arm);
     let b = u.mul_add(r, pa);
     let (c, s) = (L::load(&row.cos), L::load(&row.sin));
+    //= F Table 5.1: v_i = iX_lambda v_lambda + S_i dq_i; a_i = iX_lambda a_lambda + S_i ddq_i + v_i x S_i dq_i
     let mut w = rotation.tr_mul(w).rotate_back_z(c, s);
     let al = rotation.tr_mul(al).rotate_back_z(c, s);
     let a = rotation.tr_mul(b).rotate_back_z(c, s);
@@ -316,6 +323,7 @@ fn parents_motion<L: Lanes>(step: &Step, before: &[RneaRow]) -> (V3<L>, V3<L>, V
 fn inward_straight<L: Lanes>(step: &Step, parent: &mut RneaRow, row: &RneaRow) -> L {
     let to_parent = Rotation::<L>::load(step, row);
     let n: V3<L> = V3::load(&row.n);
+    //= F Table 5.1: tau_i = S_i^T f_i; f_lambda = f_lambda + lambdaX*_i f_i
     let torque = n.z * L::load(&step.revolute_ratio);
     let f = to_parent.rotate(V3::load(&row.f));
     let n = to_parent.rotate(n).plus(V3::load(&parent.n));
@@ -329,6 +337,7 @@ fn inward<L: Lanes>(step: &Step, before: &mut [RneaRow], row: &RneaRow) -> L {
     let (c, s) = (L::load(&row.cos), L::load(&row.sin));
     let rotation = M3::load(&step.rotation);
     let (f, n): (V3<L>, V3<L>) = (V3::load(&row.f), V3::load(&row.n));
+    //= F Table 5.1: tau_i = S_i^T f_i; f_lambda = f_lambda + lambdaX*_i f_i
     let torque = f.z.mul_add(
         L::load(&step.prismatic_ratio),
         n.z * L::load(&step.revolute_ratio),

@@ -5,7 +5,7 @@ mod support;
 use dynamics::*;
 use nalgebra::{DVector, Matrix6xX, Vector3, Vector6};
 use proptest::prelude::*;
-use support::{Kind, error, random_model, random_state};
+use support::{Kind, error, random_model, random_state, textbook};
 
 fn kinds() -> impl Strategy<Value = (u64, Kind)> {
     (any::<u32>(), 1..24usize, any::<bool>(), any::<bool>()).prop_map(
@@ -28,6 +28,21 @@ fn wrenches(seed: u64, model: &Model) -> Vec<Force> {
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+
+    /// The fast rnea against the textbook's, external wrenches and armatures included.
+    #[test]
+    fn fast_and_textbook_inverse_dynamics_agree((seed, kind) in kinds()) {
+        let mut model = random_model(seed, kind);
+        for joint in 0..model.joint_count() {
+            model.set_armature(joint, 0.01 * (joint % 3) as f64);
+        }
+        let [q, v, a] = random_state(seed, &model);
+        let f = wrenches(seed, &model);
+        let expected = textbook::inverse_dynamics(&model, [&q, &v, &a], &f);
+        let mut data = Data::new(&model);
+        let tau = rnea(&model, &mut data, &q, &v, &a, Some(&f));
+        prop_assert!(error(tau, &expected) < 1e-12, "{}", error(tau, &expected));
+    }
 
     /// M a + nle = rnea; M is symmetric.
     #[test]

@@ -1,8 +1,9 @@
-//! Motion of every piece and what it takes: no contact is known here yet.
+//! Motion of every piece and the wrench that it needs, before any contact is known.
 //!
-//! Everything is told in the root link's axes about the root link's origin, at one instant: spatial
-//! vectors of different bodies then simply add up. The velocity of the whole robot does not matter
-//! to any wrench and is taken as zero at the root's origin.
+//! In: motion of joints and IMU, readings of F/T sensors. Out: per part, the wrench that its contacts
+//! must apply. Method: D's algorithm 1. All spatial vectors are in the root link's axes, about the
+//! root link's origin, at one instant: vectors of different bodies then add up. The velocity of the
+//! whole robot has no effect on any wrench and is set to zero at the root's origin.
 
 use crate::layout::Layout;
 use dynamics::{Force, ImuMotion, Inertia, Model, Motion, Se3};
@@ -93,6 +94,7 @@ impl Mechanics {
         self.base(model, layout, dq, ddq, source);
         for (i, body) in model.bodies().iter().enumerate().skip(1) {
             let rate = self.axis[i] * dq[body.joint];
+            //= D Algorithm 1: v_i = v_p + S_i dq_i; a_i = a_p + S_i ddq_i + v_i x S_i dq_i
             let velocity = self.velocity[body.parent] + rate;
             self.acceleration[i] = self.acceleration[body.parent]
                 + self.axis[i] * ddq[body.joint]
@@ -101,6 +103,7 @@ impl Mechanics {
         }
         for (i, piece) in layout.pieces.iter().enumerate() {
             let inertia = piece.inertia.transformed(&self.in_root[piece.body]);
+            //= D Algorithm 1: f_i = I_i a_i + v_i x* I_i v_i
             let wrench = inertia.wrench(self.velocity[piece.body], self.acceleration[piece.body]);
             self.composite[i] = inertia;
             self.inertial[i] = wrench;
@@ -126,7 +129,7 @@ impl Mechanics {
         let relative = rates.fold(Vector3::zeros(), |sum, &b| {
             sum + self.axis[b].angular * dq[bodies[b].joint]
         });
-        //= D Algorithm 1, lines 4-5: from the IMU to its link and from there to the root
+        //= D Algorithm 1, lines 4-5: v_0, a_0 from omega, alpha, a - g of the IMU and the joints between
         let base = Motion::new(Vector3::zeros(), omega - relative);
         let (mut velocity, mut acceleration) = (base, Motion::zero());
         for &b in &layout.source_path {
@@ -165,6 +168,7 @@ impl Mechanics {
             let carrier = layout.carrier[i];
             let (needed, inertial, composite) =
                 (self.needed[i], self.inertial[i], self.composite[i]);
+            //= D Algorithm 1: tau_i = S_i^T f_i; f_p = f_p + f_i
             self.tau[i] = self.axis[i].dot(needed);
             self.needed[carrier] += needed;
             self.inertial[carrier] += inertial;

@@ -1,5 +1,6 @@
 //! External torque of every joint by generalised momentum, without accelerations of joints, and
-//! the contacts that it tells (De Luca and Mattone, ICRA 2005).
+//! a contact flag from it (L: A. De Luca, R. Mattone: Sensorless robot collision detection and hybrid
+//! force/motion control, ICRA 2005).
 //!
 //! With the base's motion known (IMU), the joints obey `M ddq + h = tau + tau_ext`, where `M` is
 //! the joints' block of the mass matrix and `h` holds velocities, gravity and the base's motion.
@@ -115,6 +116,7 @@ impl MomentumObserver {
         }
         let full = crba(&self.model, &mut self.data, full_q);
         self.mass.copy_from(&full.view((bv, bv), (n, n)));
+        //= L: h = C dq + g, with the base's motion, less the known contacts
         let h = &rnea(&self.model, &mut self.data, full_q, v, a, known)[bv..];
         self.dq.copy_from_slice(&dq[..n]);
         self.momentum.gemv(1.0, &self.mass, &self.dq, 0.0);
@@ -123,6 +125,7 @@ impl MomentumObserver {
             let rate = tau[j] - h[j];
             // Trapezoids: what happens between two samples is the mean of both.
             let mean = 0.5 * (rate + self.last_rate[j]);
+            //= L: p_hat = int (tau + C^T dq - g + r) dt, C^T dq = dM/dt dq - C dq
             self.integral[j] += (mean + self.tau_ext[j]) * dt;
             self.last_rate[j] = rate;
             self.dq[j] = 0.5 * (self.dq[j] + self.last_dq[j]);
@@ -134,6 +137,7 @@ impl MomentumObserver {
             self.integral.gemv(-1.0, &self.last_mass, &self.dq, 1.0);
             let errors = self.momentum.iter().zip(&self.integral);
             for (r, (p, i)) in self.tau_ext.iter_mut().zip(errors) {
+                //= L: r = K (M dq - p_hat)
                 *r = self.parameters.gain * (p - i);
             }
         } else {

@@ -69,6 +69,7 @@ impl Solution {
             }
             let origin = mechanics.origin(model, layout, part);
             self.columns[part] = set.columns(mechanics, part, &origin);
+            //= D 2.4: x = A^+ b (weighted by the covariance of b where asked)
             let (columns, rows) = (&self.columns[part], &mut self.rows[part]);
             self.rank[part] = weighted_inverse(columns, *unknowns, covariance, part, rows);
             let b = about(net, &origin).to_array();

@@ -1,6 +1,8 @@
 //! Random robots as URDF texts.
 #![allow(dead_code)]
 
+pub(crate) mod textbook;
+
 use dynamics::{Base, Model, Random};
 use std::fmt::Write;
 
