@@ -1,6 +1,7 @@
 //! Calibrates a joint from its calibration runs and judges every estimator in every scenario.
 
 use crate::joint::BenchJoint;
+use crate::run::run;
 use crate::scenario::{self, Scenario};
 use estimators::joint::JointTorqueEstimator;
 use identification::all::{self, Fitted};
@@ -54,7 +55,7 @@ const EVERY: usize = 10;
 /// What the fit says.
 pub fn calibrate(joint: &BenchJoint) -> Result<Fitted, String> {
     let rows =
-        |s: Scenario| -> Vec<LogRow> { joint.run(&s).into_iter().map(|(row, _)| row).collect() };
+        |s: Scenario| -> Vec<LogRow> { run(joint, &s).into_iter().map(|(row, _)| row).collect() };
     let (turn, train) = (rows(scenario::turn(joint)), rows(scenario::train(joint)));
     all::fit(&joint.file, &turn, &train, &mut |_, _| ()).map_err(|e| e.to_string())
 }
@@ -82,7 +83,7 @@ fn outcome(joint: &BenchJoint, fitted: &Fitted, scenario: &Scenario) -> Result<O
     names.push(FUSED.to_owned());
     let mut scores = vec![Score::new(file.sample_period()); names.len()];
     let mut trace = Vec::new();
-    for (i, (row, tau)) in joint.run(scenario).iter().enumerate() {
+    for (i, (row, tau)) in run(joint, scenario).iter().enumerate() {
         let sample = front_end.update(row.theta, row.q, row.current);
         let fused = set.update(&sample);
         if row.t < scenario.judged_from {

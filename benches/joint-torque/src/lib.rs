@@ -10,4 +10,5 @@ pub mod judge;
 pub mod lara8;
 pub mod page;
 pub mod plot;
+pub mod run;
 pub mod scenario;

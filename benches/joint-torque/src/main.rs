@@ -7,6 +7,7 @@ use joint_torque_bench::judge::{Outcome, calibrate, judge};
 use joint_torque_bench::lara8::lara8;
 use joint_torque_bench::page::{Results, page};
 use joint_torque_bench::plot::draw;
+use joint_torque_bench::run::run;
 use joint_torque_bench::scenario::{self, Scenario};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -163,7 +164,7 @@ fn logs(name: &str, seed: u64, out: &Path) -> Result<(), String> {
     let calibration = [scenario::turn(&joint), scenario::train(&joint)];
     for scenario in calibration.into_iter().chain(scenarios(&joint)) {
         let mut text = "t,theta,q,i,tau_sensor\n".to_owned();
-        for (row, _) in joint.run(&scenario) {
+        for (row, _) in run(&joint, &scenario) {
             let [t, theta, q, i, tau] = [row.t, row.theta, row.q, row.current, row.tau_sensor];
             text += &format!("{t:.3},{theta},{q},{i},{tau}\n");
         }

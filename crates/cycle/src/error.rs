@@ -1,7 +1,6 @@
 //! Reasons why a cycle cannot be prepared.
 
 use core::fmt;
-use estimators::filter_bank::FilterError;
 use problem::Problem;
 use robot_state::{MAX_FT_SENSORS, MAX_JOINTS};
 use whole_body::WholeBodyError;
@@ -17,7 +16,7 @@ pub enum CycleError {
         sensors: usize,
     },
     /// A filter that cannot be built.
-    Filter(FilterError),
+    Filter(Problem),
     /// Sensors from which the torques do not follow.
     WholeBody(WholeBodyError),
     /// A joint file whose estimators cannot be built.
@@ -44,8 +43,8 @@ impl fmt::Display for CycleError {
 
 impl core::error::Error for CycleError {}
 
-impl From<FilterError> for CycleError {
-    fn from(error: FilterError) -> Self {
+impl From<Problem> for CycleError {
+    fn from(error: Problem) -> Self {
         Self::Filter(error)
     }
 }

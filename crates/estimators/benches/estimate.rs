@@ -2,6 +2,7 @@
 //!
 //! `cargo bench -p estimators`
 
+use estimators::compliance::JointEstimatorParameters;
 use estimators::compliance::{ComplianceEstimator, ComplianceParameters};
 use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::deformation::{
@@ -11,7 +12,7 @@ use estimators::features::{FeatureSet, MAX_FEATURES};
 use estimators::hysteresis::{
     GearParameters, HysteresisEstimator, HysteresisParameters, SlipElement,
 };
-use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use estimators::joint::{JointSample, JointTorqueEstimator};
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::local_gp::{LocalGp, LocalGpEstimator, LocalGpParameters, LocalModel};
@@ -312,7 +313,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let d = features.len();
         let name = format!("local GP, 20 x 200, {d} inputs, width {width}, {used:.1} models near");
         let base = Box::new(ComplianceEstimator::new(joint()));
-        show(&name, &mut LocalGpEstimator::new(base, &gp, LIMIT))?;
+        show(&name, &mut LocalGpEstimator::new(base, gp, LIMIT))?;
     }
     Ok(())
 }

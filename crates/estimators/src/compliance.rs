@@ -7,9 +7,10 @@
 //! ```
 
 use crate::exponential::exp;
-use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use crate::joint::{JointSample, JointTorqueEstimator};
+use crate::kinematic_error::KinematicErrorParameters;
 use crate::low_pass::LowPass;
-use crate::wave_generator::{WaveGenerator, WaveGeneratorTorque};
+use crate::wave_generator::{WaveGenerator, WaveGeneratorParameters, WaveGeneratorTorque};
 use robot_state::{TorqueEstimate, measured_flags, torque_flags, torque_source};
 use simd::{Instructions, Kernel, Lanes};
 use std::f64::consts::FRAC_PI_2;
@@ -25,6 +26,34 @@ pub struct ComplianceParameters {
     pub k_wg0: f64,
     /// C_wg: growth of the wave generator's stiffness, 1/(N·m).
     pub c_wg: f64,
+}
+
+/// Parameters of a joint whose torque follows from encoders and current by Z's compliance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointEstimatorParameters {
+    /// N: gear ratio, 1.
+    pub gear_ratio: f64,
+    /// Largest |tau| that is ever reported, N·m.
+    pub torque_limit: f64,
+    /// T: time between samples, s.
+    pub sample_period: f64,
+    /// Pole of the torque's low-pass, 0 (none) to below 1 (Z prints 0.95 at 1 kHz).
+    pub low_pass_pole: f64,
+    /// One count of the link-side encoder, rad, link side.
+    pub link_resolution: f64,
+    /// One count of the motor-side encoder, rad, motor side.
+    pub motor_resolution: f64,
+    /// Standard deviation of the torsion that the model does not explain (hysteresis, residual
+    /// kinematic error), rad, link side; identified, 0 if unknown.
+    pub torsion_sigma: f64,
+    /// Standard deviation of the current, A; 0 if unknown.
+    pub current_sigma: f64,
+    /// Compliance of flexspline and wave generator.
+    pub compliance: ComplianceParameters,
+    /// From current to the wave generator's torque.
+    pub wave_generator: WaveGeneratorParameters,
+    /// Kinematic error.
+    pub kinematic_error: KinematicErrorParameters,
 }
 
 /// A torque and whether the torsion asked for more than may be reported.

@@ -1,9 +1,10 @@
 //! Smoothing and differentiating filters on many channels at once: finite impulse responses, known
 //! beforehand, that bridge missed samples.
 
+use crate::fir::MAX_DERIVATIVE;
 use crate::matched_filter::MatchedFilterParameters;
 use crate::savitzky_golay::SavitzkyGolayParameters;
-use std::fmt;
+use problem::Problem;
 
 /// Which filter a bank is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,52 +39,8 @@ impl From<MatchedFilterParameters> for FilterDesign {
     }
 }
 
-/// A filter that cannot be built; says what was given and what is allowed.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FilterError(String);
-
-impl FilterError {
-    pub(crate) fn new(filter: &str, what: &str) -> Self {
-        Self(format!("{filter}: {what}"))
-    }
-}
-
-impl fmt::Display for FilterError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-impl std::error::Error for FilterError {}
-
-const MAX_WINDOW: usize = 1 << 16;
-pub(crate) const MAX_DERIVATIVE: usize = 2;
 /// Channels that are summed at a time, so that all sums stay in registers.
 const LANES: usize = 4;
-
-pub(crate) fn check_window(window: usize, least: usize) -> Result<(), String> {
-    match (least..=MAX_WINDOW).contains(&window) {
-        true => Ok(()),
-        false => Err(format!("window {window}; allowed: {least} to {MAX_WINDOW}")),
-    }
-}
-
-pub(crate) fn check_period(sample_period: f64) -> Result<(), String> {
-    match sample_period > 0.0 && sample_period.is_finite() {
-        true => Ok(()),
-        false => Err(format!(
-            "sample period {sample_period} s; allowed: finite, above 0"
-        )),
-    }
-}
-
-/// A design worked out: weights of the samples, oldest first.
-pub(crate) struct Kernels {
-    /// Of the value and of each derivative wanted, per s^d.
-    pub(crate) taps: Vec<Vec<f64>>,
-    /// Of a polynomial fit, read one sample ahead of the newest.
-    pub(crate) ahead: Vec<f64>,
-    pub(crate) delay_s: f64,
-}
 
 /// The same filter on many channels at once.
 ///
@@ -128,7 +85,7 @@ impl FilterBank {
     ///
     /// # Errors
     /// A design that is not allowed.
-    pub fn new(channels: usize, design: impl Into<FilterDesign>) -> Result<Self, FilterError> {
+    pub fn new(channels: usize, design: impl Into<FilterDesign>) -> Result<Self, Problem> {
         let kernels = match design.into() {
             FilterDesign::SavitzkyGolay(p) => p.kernels(),
             FilterDesign::Matched(p) => p.kernels(),

@@ -1,9 +1,10 @@
 //! From one joint's raw readings to the sample that every estimator takes.
 
 use crate::encoder::{EncoderParameters, JointEncoders};
-use crate::filter_bank::{FilterBank, FilterError};
+use crate::filter_bank::FilterBank;
 use crate::joint::JointSample;
 use crate::savitzky_golay::SavitzkyGolayParameters;
+use problem::Problem;
 use robot_state::measured_flags;
 
 /// Encoders, skew and velocities of one joint.
@@ -20,7 +21,7 @@ impl FrontEnd {
     ///
     /// # Errors
     /// A window or sample period that is not allowed.
-    pub fn new(parameters: EncoderParameters, velocity_window: usize) -> Result<Self, FilterError> {
+    pub fn new(parameters: EncoderParameters, velocity_window: usize) -> Result<Self, Problem> {
         let filter =
             SavitzkyGolayParameters::centred(velocity_window, 1, 1, parameters.sample_period);
         Ok(Self {

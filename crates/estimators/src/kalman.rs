@@ -15,8 +15,9 @@
 //! their states follow from the torsion's past, so the gear's torque itself is what is measured,
 //! `z2 = gear(torsion - err)`, and the bearing's friction is taken off what comes out.
 
+use crate::compliance::JointEstimatorParameters;
 use crate::hysteresis::{Gear, GearParameters};
-use crate::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::output::Output;
 use crate::tracking::{Tracking, TrackingParameters};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};

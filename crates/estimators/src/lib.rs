@@ -8,6 +8,7 @@ pub mod encoder;
 mod exponential;
 pub mod features;
 pub mod filter_bank;
+mod fir;
 pub mod front_end;
 pub mod fusion;
 pub mod hysteresis;

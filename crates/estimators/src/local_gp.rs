@@ -10,36 +10,31 @@
 //! | --- | --- |
 //! | `local_gp.rs` | parameters, prediction |
 //! | `local_gp/prepare.rs` | from points to what a prediction needs |
-//! | `local_gp/fewer.rs` | the same mean from fewer points |
+//! | `local_gp/sparsify.rs` | the same mean from fewer points |
 //! | `local_gp/evaluate.rs` | one model's prediction, in double or, where that is enough, single precision |
-//! | `local_gp/factor.rs` | Cholesky factor that grows and shrinks by a point |
-//! | `local_gp/updater.rs` | learns on, off the loop's thread, and hands finished models over |
+//! | `local_gp/factor.rs` | Cholesky factor that grows by a point |
 //! | `local_gp/estimator.rs` | the estimator: a model corrected by the residual |
 
 mod estimator;
 mod evaluate;
 mod factor;
-mod fewer;
 mod prepare;
-mod updater;
+mod sparsify;
 
 pub use estimator::LocalGpEstimator;
-pub use factor::Factor;
-pub use updater::{Learned, LocalGpUpdater};
 
 use crate::exponential::exp;
 use crate::features::{FeatureSet, MAX_FEATURES};
 use crate::regimes::Regimes;
 use evaluate::{Points, Room};
 use simd::{Instructions, Kernel, Lanes, WIDTH};
-use std::fmt;
 
 /// Most points of one model.
 pub const MAX_POINTS: usize = 256;
 /// A sample belongs to every model whose weight at it is at least this part of the largest.
 pub const NEIGHBOUR: f64 = 0.1;
-/// As many samples a point stands for at most: what the model lacks does not average out.
-pub const SUREST: f64 = 100.0;
+/// Samples that a point stands for at most: misfit of the model does not average out.
+pub const MAX_SAMPLES_PER_POINT: f64 = 100.0;
 /// Most models.
 pub const MAX_MODELS: usize = 64;
 
@@ -81,17 +76,6 @@ pub struct LocalGpParameters {
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
 }
-
-/// Parameters from which no prediction can be made.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LocalGpError(String);
-
-impl fmt::Display for LocalGpError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "local Gaussian processes: {}", self.0)
-    }
-}
-impl std::error::Error for LocalGpError {}
 
 /// A residual and its variance.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -12,8 +12,9 @@
 //! second difference a second derivative to the sixth power of frequency. Central differences of
 //! the bell are `h'`.
 
-use crate::filter_bank::{FilterError, Kernels, MAX_DERIVATIVE, check_period, check_window};
+use crate::fir::{Kernels, check_period, check_shape};
 use crate::savitzky_golay::coefficients;
+use problem::Problem;
 
 /// How signals that enter one equation are smoothed and differentiated; they must have the same
 /// window. Outputs are those of the window's middle.
@@ -28,18 +29,13 @@ pub struct MatchedFilterParameters {
 }
 
 impl MatchedFilterParameters {
-    fn check(&self) -> Result<(), String> {
-        check_window(self.window, 3)?;
-        if self.derivatives > MAX_DERIVATIVE {
-            let derivatives = self.derivatives;
-            return Err(format!("derivative {derivatives}; allowed: 0, 1 or 2"));
-        }
+    fn check(&self) -> Result<(), Problem> {
+        check_shape(self.window, 3, self.derivatives)?;
         check_period(self.sample_period)
     }
 
-    pub(crate) fn kernels(&self) -> Result<Kernels, FilterError> {
-        self.check()
-            .map_err(|what| FilterError::new("matched filter", &what))?;
+    pub(crate) fn kernels(&self) -> Result<Kernels, Problem> {
+        self.check().map_err(|p| p.of("matched filter"))?;
         let (window, period) = (self.window, self.sample_period);
         let middle = 0.5 * (window - 1) as f64;
         let second = coefficients(window, 2, 2, middle);

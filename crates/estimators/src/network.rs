@@ -6,9 +6,9 @@ use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::low_pass::LowPass;
 use crate::output::Output;
 use crate::regimes::{Motion, Regimes};
+use problem::Problem;
 use robot_state::{TorqueEstimate, torque_source};
 use simd::{Instructions, Kernel, Lanes, Pack, WIDTH};
-use std::fmt;
 
 /// Scalar Kalman filter with F = H = 1 (S 29-35).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,17 +79,6 @@ pub struct NetworkParameters {
     pub torque_limit: f64,
 }
 
-/// Layers that do not fit together.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct NetworkError(String);
-
-impl fmt::Display for NetworkError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "network: {}", self.0)
-    }
-}
-impl std::error::Error for NetworkError {}
-
 /// Packs of outputs that are summed side by side: one alone would wait for itself.
 const GROUP: usize = 4;
 
@@ -105,7 +94,7 @@ struct Forward {
 }
 
 impl Forward {
-    fn new(inputs: usize, layers: &[Layer]) -> Result<Self, NetworkError> {
+    fn new(inputs: usize, layers: &[Layer]) -> Result<Self, Problem> {
         let mut weights = Vec::new();
         let mut sizes = Vec::new();
         let mut width = inputs;
@@ -113,8 +102,10 @@ impl Forward {
             let outputs = layer.bias.len();
             let fits = outputs == layer.weights.len() && outputs > 0;
             if !fits || layer.weights.iter().any(|row| row.len() != width) {
-                let message = format!("layer {i} must have {outputs} rows of {width} weights");
-                return Err(NetworkError(message));
+                let rows = layer.weights.len();
+                let reason = format!("layer {i} has {rows} rows of weights and {outputs} biases");
+                let allowed = format!("as many rows as biases, each of {width} weights");
+                return Err(Problem::new(reason, allowed));
             }
             let pack = |first: usize, of: &dyn Fn(usize) -> f64| {
                 let lane = |o: usize| if o < outputs { of(o) } else { 0.0 };
@@ -132,12 +123,12 @@ impl Forward {
             width = outputs;
         }
         if width != 1 || layers.is_empty() {
-            return Err(NetworkError(
-                "the last layer must have one output".to_owned(),
-            ));
+            let reason = format!("the last layer has {width} outputs");
+            return Err(Problem::new(reason, "one output"));
         }
         if weights.iter().flat_map(|p| p.0).any(|w| !w.is_finite()) {
-            return Err(NetworkError("weights must be finite".to_owned()));
+            let reason = "a weight is not finite";
+            return Err(Problem::new(reason, "finite numbers"));
         }
         let widest = sizes.iter().fold(inputs.div_ceil(WIDTH), |w, s| w.max(s.1));
         let activations = [vec![Pack::ZERO; widest], vec![Pack::ZERO; widest]];
@@ -228,17 +219,17 @@ impl NetworkEstimator {
     ///
     /// # Errors
     /// Layers whose sizes do not fit together, or numbers that are not finite.
-    pub fn new(parameters: NetworkParameters) -> Result<Self, NetworkError> {
+    pub fn new(parameters: NetworkParameters) -> Result<Self, Problem> {
         let inputs = parameters.features.len();
         if parameters.inputs.len() != inputs {
-            let message = format!("{inputs} inputs must be scaled");
-            return Err(NetworkError(message));
+            let reason = format!("network: {} inputs are scaled", parameters.inputs.len());
+            return Err(Problem::new(reason, inputs.to_string()));
         }
         let mut scales = [(0.0, 0.0); MAX_FEATURES];
         for (scale, (mean, half)) in scales.iter_mut().zip(&parameters.inputs) {
             if !(mean.is_finite() && half.is_finite() && *half > 0.0) {
-                let message = format!("inputs are scaled by ({mean}, {half}); allowed: > 0");
-                return Err(NetworkError(message));
+                let reason = format!("network: an input is scaled by ({mean}, {half})");
+                return Err(Problem::new(reason, "half ranges > 0"));
             }
             *scale = (*mean, 1.0 / half);
         }
@@ -248,7 +239,7 @@ impl NetworkEstimator {
         let output = Output::new(torque_source::ENCODER, parameters.torque_limit, delay_s);
         Ok(Self {
             scales,
-            forward: Forward::new(inputs, &parameters.layers)?,
+            forward: Forward::new(inputs, &parameters.layers).map_err(|p| p.of("network"))?,
             current: ScalarKalman::new(q, r, p),
             low_pass,
             motion: Motion::default(),

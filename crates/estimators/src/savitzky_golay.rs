@@ -5,7 +5,8 @@
 //! A polynomial of the filter's order passes unchanged but for the delay, which is therefore
 //! exact: every signal of one equation filtered with the same window is late by the same time.
 
-use crate::filter_bank::{FilterError, Kernels, MAX_DERIVATIVE, check_period, check_window};
+use crate::fir::{Kernels, check_period, check_shape};
+use problem::Problem;
 
 /// How a signal is smoothed and differentiated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +39,7 @@ impl SavitzkyGolayParameters {
         }
     }
 
-    fn check(&self) -> Result<(), String> {
+    fn check(&self) -> Result<(), Problem> {
         let Self {
             window,
             order,
@@ -46,27 +47,20 @@ impl SavitzkyGolayParameters {
             delay_samples,
             sample_period,
         } = *self;
-        check_window(window, 1)?;
+        check_shape(window, 1, derivatives)?;
         if order >= window {
-            return Err(format!(
-                "order {order}; allowed: below the window of {window}"
-            ));
-        }
-        if derivatives > MAX_DERIVATIVE {
-            return Err(format!("derivative {derivatives}; allowed: 0, 1 or 2"));
+            let allowed = format!("below the window of {window}");
+            return Err(Problem::new(format!("order {order}"), allowed));
         }
         if !(0.0..=(window - 1) as f64).contains(&delay_samples) {
-            let last = window - 1;
-            return Err(format!(
-                "evaluation {delay_samples} samples ago; allowed: 0 to {last}"
-            ));
+            let reason = format!("evaluation {delay_samples} samples ago");
+            return Err(Problem::new(reason, format!("0 to {}", window - 1)));
         }
         check_period(sample_period)
     }
 
-    pub(crate) fn kernels(&self) -> Result<Kernels, FilterError> {
-        self.check()
-            .map_err(|what| FilterError::new("Savitzky-Golay filter", &what))?;
+    pub(crate) fn kernels(&self) -> Result<Kernels, Problem> {
+        self.check().map_err(|p| p.of("Savitzky-Golay filter"))?;
         let (window, order) = (self.window, self.order);
         let taps = (0..=self.derivatives).map(|d| {
             let rate = self.sample_period.powi(-(d as i32));

@@ -1,7 +1,8 @@
 //! Z's model: its curves, its inverse, its cases, its low-pass.
 
+use estimators::compliance::JointEstimatorParameters;
 use estimators::compliance::{ComplianceEstimator, ComplianceParameters};
-use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use estimators::joint::{JointSample, JointTorqueEstimator};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::low_pass::LowPass;
 use estimators::wave_generator::{FrictionRule, WaveGenerator, WaveGeneratorParameters};

@@ -1,7 +1,8 @@
 //! Kalman filters on motion made by their own model, where their promises can be checked.
 
 use estimators::compliance::ComplianceParameters;
-use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use estimators::compliance::JointEstimatorParameters;
+use estimators::joint::{JointSample, JointTorqueEstimator};
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::tracking::TrackingParameters;

@@ -6,8 +6,9 @@
 //! stdout: an object with the answers.
 
 use estimators::compliance::ComplianceParameters;
+use estimators::compliance::JointEstimatorParameters;
 use estimators::features::{FeatureSet, MAX_FEATURES};
-use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use estimators::joint::{JointSample, JointTorqueEstimator};
 use estimators::kalman::{KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::local_gp::{LocalGp, LocalGpParameters, LocalModel};

@@ -83,7 +83,8 @@ fn main() -> Result<(), Box<dyn Error>> {
                 start.elapsed().as_secs_f64()
             )?;
             let gp = LocalGp::new(p)?;
-            let estimator = LocalGpEstimator::new(source(&joint, base)?, &gp, joint.torque_limit());
+            let estimator =
+                LocalGpEstimator::new(source(&joint, base)?, gp.clone(), joint.torque_limit());
             let (mean, used) = time_and_use(&gp, &record, features);
             writeln!(out, "  {mean:.0} ns per prediction, {used:.1} models near")?;
             estimators.push((format!("GP {features:?} on {base}"), Box::new(estimator)));

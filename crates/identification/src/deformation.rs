@@ -1,6 +1,6 @@
 //! S's coefficients by least squares (S 15-17), all segments at once.
 
-use crate::least_squares::{Batch, Recursive};
+use crate::least_squares::Batch;
 use crate::record::Record;
 use estimators::deformation::{
     AngularFrequency, COEFFICIENTS, DeformationParameters, SEGMENTS, regressor,
@@ -62,64 +62,4 @@ pub fn fit(
         sample_period: record.sample_period,
         torque_limit,
     })
-}
-
-/// Keeps S's coefficients up to date sample by sample (S 20-25), off the real-time thread.
-#[derive(Debug, Clone)]
-pub struct Tracker {
-    parameters: DeformationParameters,
-    recursive: Recursive,
-}
-
-impl Tracker {
-    /// Starts from fitted parameters; `spread` is how far, relative to the largest of their kind,
-    /// coefficients may have moved; `forgetting` as in [`Recursive::new`].
-    #[must_use]
-    pub fn new(parameters: DeformationParameters, spread: f64, forgetting: f64) -> Self {
-        let c = &parameters.coefficients;
-        let scale =
-            |from: usize, to: usize| c[from..to].iter().fold(1e-12f64, |m, x| m.max(x.abs()));
-        let sigma = |i: usize| {
-            let kind = match i {
-                0..SEGMENTS => scale(0, SEGMENTS),
-                _ if i <= SEGMENTS + 6 => scale(i, i + 1),
-                _ => scale(SEGMENTS + 7, COEFFICIENTS),
-            };
-            // In units of the torsion's own error, which the rows are divided by.
-            spread * kind / parameters.torsion_sigma.max(1e-12)
-        };
-        let sigma: Vec<f64> = (0..COEFFICIENTS).map(sigma).collect();
-        let x: Vec<f64> = c
-            .iter()
-            .map(|x| x / parameters.torsion_sigma.max(1e-12))
-            .collect();
-        Self {
-            recursive: Recursive::new(&x, &sigma, forgetting),
-            parameters,
-        }
-    }
-
-    /// Takes one sample with its torque.
-    pub fn update(&mut self, s: &JointSample, tau: f64) {
-        let p = &self.parameters;
-        let row = regressor(s, tau, p.rated_torque, p.gear_ratio, p.frequency);
-        let torsion = s.theta / p.gear_ratio - s.q;
-        self.recursive
-            .update(&row, torsion / p.torsion_sigma.max(1e-12));
-    }
-
-    /// The parameters with the present coefficients.
-    #[must_use]
-    pub fn parameters(&self) -> DeformationParameters {
-        let mut parameters = self.parameters.clone();
-        let scale = parameters.torsion_sigma.max(1e-12);
-        for (c, x) in parameters
-            .coefficients
-            .iter_mut()
-            .zip(self.recursive.coefficients())
-        {
-            *c = x * scale;
-        }
-        parameters
-    }
 }

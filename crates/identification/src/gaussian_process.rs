@@ -134,7 +134,7 @@ pub fn train(
         "local Gaussian processes: models without the held-out blocks",
     );
     let judged_on = assemble(&|used| used == Use::Train, regimes);
-    let gp = LocalGp::new(&judged_on).map_err(|e| Problem::new(e.to_string(), ""))?;
+    let gp = LocalGp::new(&judged_on)?;
     let judged: Vec<Judged> = held_out
         .iter()
         .map(|&i| (shares[i], gp.predict(&raw(i)).mean, left[i]))

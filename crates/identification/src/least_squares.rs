@@ -1,4 +1,4 @@
-//! Linear least squares: all at once (S 15-17, D7), and row by row (S 20-25).
+//! Linear least squares (S 15-17, D7).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -120,86 +120,5 @@ impl Batch {
                 None => return Some(solution),
             }
         }
-    }
-}
-
-/// Recursive least squares with a covariance that stays positive definite.
-///
-/// The same updates as S 20-25 (Sherman-Morrison), but on the factors of `P = U D U'` (Bierman):
-/// subtracting `P a a' P / (1 + a' P a)` from P itself loses symmetry and sign to rounding within
-/// some 10^5 rows, the factors cannot.
-#[derive(Debug, Clone)]
-pub struct Recursive {
-    x: DVector<f64>,
-    /// Unit upper triangle, and D on the diagonal.
-    factors: DMatrix<f64>,
-    forgetting: f64,
-    /// Largest D: with forgetting, what is not excited would grow without bound.
-    largest: f64,
-    gain: DVector<f64>,
-}
-
-impl Recursive {
-    /// Starts from `x` with standard deviations `sigma`, for rows whose error has a standard
-    /// deviation of 1; `forgetting` is 1 (none) or a little less.
-    #[must_use]
-    pub fn new(x: &[f64], sigma: &[f64], forgetting: f64) -> Self {
-        debug_assert!(x.len() == sigma.len() && forgetting > 0.0 && forgetting <= 1.0);
-        let variances = DVector::from_iterator(x.len(), sigma.iter().map(|s| s * s));
-        Self {
-            x: DVector::from_column_slice(x),
-            largest: variances.max(),
-            factors: DMatrix::from_diagonal(&variances),
-            forgetting,
-            gain: DVector::zeros(x.len()),
-        }
-    }
-
-    /// Takes one row `a x = b`; what it changes.
-    pub fn update(&mut self, a: &[f64], b: f64) {
-        let n = self.x.len();
-        if a.len() != n || !b.is_finite() || a.iter().any(|x| !x.is_finite()) {
-            return;
-        }
-        let error = b - self.x.iter().zip(a).map(|(x, a)| x * a).sum::<f64>();
-        // Bierman's update: column by column of U, with f = U' a and v = D f.
-        let u = &mut self.factors;
-        let mut alpha = self.forgetting;
-        for j in 0..n {
-            let f = a[j] + (0..j).map(|i| u[(i, j)] * a[i]).sum::<f64>();
-            let v = u[(j, j)] * f;
-            let next = alpha + v * f;
-            u[(j, j)] = (u[(j, j)] * alpha / (next * self.forgetting)).min(self.largest);
-            self.gain[j] = v;
-            let p = -f / alpha;
-            for i in 0..j {
-                let old = u[(i, j)];
-                u[(i, j)] = old + self.gain[i] * p;
-                self.gain[i] += v * old;
-            }
-            alpha = next;
-        }
-        for (x, gain) in self.x.iter_mut().zip(self.gain.iter()) {
-            *x += gain * error / alpha;
-        }
-    }
-
-    /// x: coefficients.
-    #[must_use]
-    pub fn coefficients(&self) -> &[f64] {
-        self.x.as_slice()
-    }
-
-    /// P: covariance of the coefficients.
-    #[must_use]
-    pub fn covariance(&self) -> DMatrix<f64> {
-        let n = self.x.len();
-        let d = DMatrix::from_diagonal(&self.factors.diagonal());
-        let u = DMatrix::from_fn(n, n, |i, j| match i.cmp(&j) {
-            std::cmp::Ordering::Less => self.factors[(i, j)],
-            std::cmp::Ordering::Equal => 1.0,
-            std::cmp::Ordering::Greater => 0.0,
-        });
-        &u * d * u.transpose()
     }
 }

@@ -112,8 +112,7 @@ pub fn train(
         torque_limit: options.torque_limit,
     };
     // As the loop will run it, low-pass, delay and all.
-    let mut estimator =
-        NetworkEstimator::new(parameters.clone()).map_err(|e| Problem::new(e.to_string(), ""))?;
+    let mut estimator = NetworkEstimator::new(parameters.clone())?;
     let estimates: Vec<f64> = record
         .samples
         .iter()

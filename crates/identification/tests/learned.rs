@@ -102,7 +102,7 @@ fn both_learn_what_a_spring_does_not_know() {
     for name in ["slow", "rest"] {
         let rows = scenario(name);
         let (bare, _) = errors(&joint, &mut SPRING.clone(), &rows);
-        let mut corrected = LocalGpEstimator::new(Box::new(SPRING), &gp, 40.0);
+        let mut corrected = LocalGpEstimator::new(Box::new(SPRING), gp.clone(), 40.0);
         let (corrected, gp_honest) = errors(&joint, &mut corrected, &rows);
         let mut network = NetworkEstimator::new(network.clone()).unwrap();
         let (learned, network_honest) = errors(&joint, &mut network, &rows);
@@ -130,7 +130,7 @@ fn learned_in_motion_alone_they_do_not_claim_to_know_rest() {
     let rows = scenario("rest");
     let (bare, _) = errors(&joint, &mut SPRING.clone(), &rows);
     let gp = LocalGp::new(&gp.parameters).unwrap();
-    let mut corrected = LocalGpEstimator::new(Box::new(SPRING), &gp, 40.0);
+    let mut corrected = LocalGpEstimator::new(Box::new(SPRING), gp.clone(), 40.0);
     let (corrected, honest) = errors(&joint, &mut corrected, &rows);
     assert!(corrected < 1.05 * bare, "GP {corrected}, spring {bare}");
     assert!(honest < 1.5, "error over sigma {honest}");
@@ -232,7 +232,7 @@ fn the_same_seed_gives_the_same_network_and_files_hold_everything() {
         (
             "bias = [",
             "bias = [0.5, ",
-            "layer 0 must have 9 rows of 9 weights",
+            "network.toml: network: layer 0 has 8 rows of weights and 9 biases",
         ),
     ] {
         assert!(text.contains(from), "{from}");
@@ -253,7 +253,7 @@ fn the_same_seed_gives_the_same_network_and_files_hold_everything() {
         (
             "centre = [",
             "centre = [0.1, ",
-            "gp.toml: local Gaussian processes: model 0 must have 9",
+            "gp.toml: local Gaussian processes: model 0 has 10",
         ),
         ("directions = 12", "directions = -1", "gp.toml:6: "),
         ("noise_Nm2 = [", "noise_Nm2 = [nan, ", "noise_Nm2[0] = NaN"),

@@ -1,6 +1,6 @@
-//! Batch and recursive least squares against each other and against their own promises.
+//! Coefficients and standard deviations of least squares against the truth that made the data.
 
-use identification::least_squares::{Batch, Recursive};
+use identification::least_squares::Batch;
 
 struct Random(u64);
 
@@ -71,57 +71,4 @@ fn bounded_coefficients_are_not_negative() {
     }
     let solution = batch.solve_bounded(0.0, |i| i == 1).unwrap();
     assert!(solution.x[1] == 0.0 && (solution.x[3] - 0.7).abs() < 0.1);
-}
-
-#[test]
-fn recursive_agrees_with_batch() {
-    let (mut batch, mut random) = (Batch::new(4), Random(3));
-    let mut recursive = Recursive::new(&[0.0; 4], &[1e6, 1e6, 1e9, 1e6], 1.0);
-    for i in 0..5000 {
-        let (a, b) = row(&mut random);
-        let b = b + 0.1 * random.next();
-        batch.add(&a, b);
-        recursive.update(&a, b);
-        if i == 10 {
-            recursive.update(&a, f64::NAN);
-        }
-    }
-    let solution = batch.solve(0.0).unwrap();
-    let covariance = recursive.covariance();
-    for i in 0..4 {
-        let (x, y) = (solution.x[i], recursive.coefficients()[i]);
-        assert!((x - y).abs() < 1e-7 * x.abs(), "{x} {y}");
-        // P is for rows with an error of 1; the batch scales by the error that it found.
-        let sigma = covariance[(i, i)].sqrt() * solution.rms;
-        assert!((sigma / solution.sigma[i] - 1.0).abs() < 1e-2);
-    }
-}
-
-/// The 10^7 updates, on columns that are badly scaled and nearly dependent, with
-/// forgetting: coefficients follow and the covariance stays positive definite.
-#[test]
-fn ten_million_updates_stay_sound() {
-    let mut random = Random(4);
-    let mut recursive = Recursive::new(&[0.0; 3], &[1e3, 1e3, 1e3], 0.9999);
-    let mut drift = 0.0;
-    for i in 0..10_000_000u32 {
-        let a = random.next();
-        // The third column is excited for one part in ten only.
-        let c = if i / 100_000 % 10 == 0 {
-            random.next()
-        } else {
-            0.0
-        };
-        let row = [a, a + 1e-5 * random.next(), c];
-        drift = f64::from(i) * 1e-8;
-        recursive.update(&row, drift * a + 0.5 * row[2]);
-    }
-    let covariance = recursive.covariance();
-    assert!(covariance.clone().cholesky().is_some(), "{covariance}");
-    assert!((covariance.transpose() - &covariance).norm() == 0.0);
-    let x = recursive.coefficients();
-    assert!(
-        (x[0] + x[1] - drift).abs() < 2e-3 && (x[2] - 0.5).abs() < 1e-3,
-        "{x:?}"
-    );
 }

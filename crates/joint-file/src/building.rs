@@ -147,8 +147,7 @@ impl JointFile {
             }
         }
         if let Some(trained) = &self.trained.network {
-            let network = NetworkEstimator::new(trained.parameters.clone())
-                .map_err(|e| Problem::new(format!("network: {e}"), ""))?;
+            let network = NetworkEstimator::new(trained.parameters.clone())?;
             sources.push(("network".to_owned(), Box::new(network)));
         }
         for (name, trained) in &self.trained.local_gp {
@@ -161,9 +160,9 @@ impl JointFile {
                 let reason = format!("local_gp.{name} corrects {base:?}, which is switched off");
                 Problem::new(reason, format!("a table [{base}]"))
             })?;
-            let gp = LocalGp::new(&trained.parameters)
-                .map_err(|e| Problem::new(format!("local_gp.{name}: {e}"), ""))?;
-            let estimator = LocalGpEstimator::new(base, &gp, self.torque_limit());
+            let gp =
+                LocalGp::new(&trained.parameters).map_err(|p| p.of(format!("local_gp.{name}")))?;
+            let estimator = LocalGpEstimator::new(base, gp, self.torque_limit());
             sources.push((name.clone(), Box::new(estimator)));
         }
         let current = CurrentEstimator::new(self.current_parameters());

@@ -16,11 +16,11 @@ pub use local_gp::TrainedLocalGp;
 pub use network::TrainedNetwork;
 pub use tables::*;
 
+use estimators::compliance::JointEstimatorParameters;
 use estimators::current_based::CurrentParameters;
 use estimators::deformation::{AngularFrequency, DeformationParameters};
 use estimators::encoder::EncoderParameters;
 use estimators::front_end::FrontEnd;
-use estimators::joint::JointEstimatorParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use problem::{Allowed, Problem};
@@ -190,7 +190,7 @@ impl JointFile {
             skew: encoders.skew,
         };
         let window = encoders.velocity_window.unwrap_or(window);
-        FrontEnd::new(parameters, window).map_err(|e| Problem::new(format!("encoders: {e}"), ""))
+        FrontEnd::new(parameters, window).map_err(|p| p.of("encoders"))
     }
 
     /// Z18 in this joint; none: no error.

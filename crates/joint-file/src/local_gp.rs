@@ -107,7 +107,7 @@ impl TrainedLocalGp {
             regimes: table.regimes.regimes(source)?,
             gear_ratio: table.gear_ratio,
         };
-        LocalGp::new(&parameters).map_err(|e| Problem::new(e.to_string(), "").at(file, 0))?;
+        LocalGp::new(&parameters).map_err(|p| p.at(file, 0))?;
         Ok(Self {
             base: table.base,
             parameters,

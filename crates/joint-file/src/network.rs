@@ -107,8 +107,7 @@ impl TrainedNetwork {
             gear_ratio: table.gear_ratio,
             torque_limit: table.torque_limit,
         };
-        NetworkEstimator::new(parameters.clone())
-            .map_err(|e| Problem::new(e.to_string(), "").at(file, 0))?;
+        NetworkEstimator::new(parameters.clone()).map_err(|p| p.at(file, 0))?;
         Ok(Self {
             parameters,
             held_out_rms: table.held_out_rms,

@@ -37,7 +37,7 @@ fn joint_files_are_checked_key_by_key() {
         ),
         (
             with("= 16", "= nan"),
-            "joint.rated_torque_Nm = NaN; allowed: a finite number > 0",
+            "joint.toml:7: joint.rated_torque_Nm = NaN; allowed: a finite number",
         ),
         (
             format!("{JOINT}\n[encoders]\nskew_s = 1"),

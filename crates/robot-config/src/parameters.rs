@@ -3,9 +3,9 @@
 use crate::sampling::Sampling;
 use control::{JointGains, JointLimits, MotorModel};
 use dynamics::Base;
+use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::filter_bank::FilterDesign;
-use estimators::joint::JointEstimatorParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
 use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};

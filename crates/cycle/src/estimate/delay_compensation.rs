@@ -1,8 +1,9 @@
 //! Predict: every joint's torque now, from a fast source that drifts and a late one that does not.
 
 use estimators::compliance::ComplianceEstimator;
+use estimators::compliance::JointEstimatorParameters;
 use estimators::filter_bank::FilterBank;
-use estimators::joint::{JointEstimatorParameters, JointTorqueEstimator};
+use estimators::joint::JointTorqueEstimator;
 use robot_config::{JointParameters, Robot};
 use robot_state::{CycleRecord, Event, measured_flags, torque_flags};
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};

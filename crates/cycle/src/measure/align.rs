@@ -17,7 +17,8 @@
 //! value, `delta²/2` in the first derivative, `delta` in the second. Filters whose value and
 //! derivatives see different bands (Savitzky-Golay) leave the share by which they differ.
 
-use estimators::filter_bank::{FilterBank, FilterDesign, FilterError};
+use estimators::filter_bank::{FilterBank, FilterDesign};
+use problem::Problem;
 use robot_config::slots::{self, Source};
 use robot_config::{Robot, Sampled, Sampling};
 
@@ -197,7 +198,7 @@ impl AlignedBank {
         signals: &[Signal],
         design: impl Into<FilterDesign>,
         sample_period: f64,
-    ) -> Result<Self, FilterError> {
+    ) -> Result<Self, Problem> {
         let alignment = Alignment::new(signals, sample_period);
         Ok(Self {
             bank: FilterBank::new(alignment.channels(), design)?,

@@ -1,40 +1,23 @@
 //! A model (G: the compliance model) corrected by local Gaussian processes.
 
 use super::{LocalGp, Prediction};
-use crate::joint::{JointSample, JointTorqueEstimator};
+use crate::joint::{AnyEstimator, JointSample, JointTorqueEstimator};
 use crate::output::Output;
 use crate::regimes::Motion;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
 
-/// The correction of a model by a residual that may be learned on.
+/// The correction of a model by its learned residual.
 pub struct LocalGpEstimator {
-    base: Box<dyn JointTorqueEstimator + Send>,
-    residual: triple_buffer::Output<LocalGp>,
+    base: AnyEstimator,
+    residual: LocalGp,
     motion: Motion,
     output: Output,
 }
 
 impl LocalGpEstimator {
-    /// The correction of `base` by a residual that stays as it is.
+    /// The correction of `base` by its residual; `torque_limit` in N·m.
     #[must_use]
-    pub fn new(
-        base: Box<dyn JointTorqueEstimator + Send>,
-        residual: &LocalGp,
-        torque_limit: f64,
-    ) -> Self {
-        Self::learning(base, triple_buffer::triple_buffer(residual).1, torque_limit)
-    }
-
-    /// The correction of `base` by the newest residual that an updater has finished.
-    ///
-    /// The newest one is taken at each sample by an exchange of two indices: the loop never waits
-    /// for the updater and never frees what that one allocated.
-    #[must_use]
-    pub fn learning(
-        base: Box<dyn JointTorqueEstimator + Send>,
-        residual: triple_buffer::Output<LocalGp>,
-        torque_limit: f64,
-    ) -> Self {
+    pub fn new(base: AnyEstimator, residual: LocalGp, torque_limit: f64) -> Self {
         Self {
             base,
             residual,
@@ -50,7 +33,7 @@ impl JointTorqueEstimator for LocalGpEstimator {
         if model.flags & torque_flags::VALID == 0 || !Output::usable(sample) {
             return self.output.held();
         }
-        let gp = self.residual.read();
+        let gp = &self.residual;
         let x = gp.features.of(sample, sample.current, gp.gear_ratio);
         let regime = gp.regimes.mix(self.motion.update(sample, &gp.regimes));
         let Prediction { mean, variance, .. } = gp.predict(&x);

@@ -1,12 +1,12 @@
 //! From points to what a prediction needs: weights of the mean, directions of the variance, bound.
 
 use super::evaluate::{Columns, Points, SINGLE_ERROR};
-use super::fewer::{fewer, part};
-use super::{
-    Factor, LocalGp, LocalGpError, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS, Prepared,
-};
+use super::factor::Factor;
+use super::sparsify::{part, sparsify};
+use super::{LocalGp, LocalGpParameters, LocalModel, MAX_MODELS, MAX_POINTS, Prepared};
 use crate::features::MAX_FEATURES;
 use nalgebra::DMatrix;
+use problem::{Allowed, Problem};
 use simd::{Instructions, Pack, SINGLE_WIDTH, SinglePack, WIDTH};
 
 /// Noise of a point is at least this part of the signal's variance, so that a model can be factored.
@@ -20,116 +20,100 @@ impl LocalGp {
     ///
     /// # Errors
     /// Sizes that do not fit together, numbers that are not allowed, too many models or points.
-    pub fn new(parameters: &LocalGpParameters) -> Result<Self, LocalGpError> {
-        check(parameters)?;
-        let mut gp = Self::empty(parameters);
-        for model in &parameters.models {
-            let (kernel, factor) = factored(parameters, model)?;
-            gp.models.push(prepare(parameters, model, &kernel, &factor));
-        }
-        Ok(gp)
-    }
-
-    /// No models yet.
-    pub(super) fn empty(parameters: &LocalGpParameters) -> Self {
+    pub fn new(parameters: &LocalGpParameters) -> Result<Self, Problem> {
+        check(parameters).map_err(|p| p.of("local Gaussian processes"))?;
         let mut scales = [(0.0, 0.0); MAX_FEATURES];
         for (scale, (mean, width)) in scales.iter_mut().zip(&parameters.inputs) {
             *scale = (*mean, 1.0 / width);
         }
-        Self {
+        let models = parameters.models.iter().map(|model| {
+            let (kernel, factor) = factored(parameters, model)?;
+            Ok(prepare(parameters, model, &kernel, &factor))
+        });
+        Ok(Self {
             features: parameters.features,
             scales,
             signal_variance: parameters.signal_variance,
             tolerance: parameters.tolerance,
             regimes: parameters.regimes,
             gear_ratio: parameters.gear_ratio,
-            models: Vec::new(),
+            models: models.collect::<Result<_, Problem>>()?,
             negligible_variance: NEGLIGIBLE_NOISE * parameters.noise_variance,
             instructions: Instructions::detect(),
-        }
-    }
-
-    /// Puts a newly prepared model in place of model `i`, or at the end.
-    pub(super) fn put(&mut self, i: usize, model: Prepared) {
-        match self.models.get_mut(i) {
-            Some(place) => *place = model,
-            None => self.models.push(model),
-        }
+        })
     }
 }
 
-fn check(p: &LocalGpParameters) -> Result<(), LocalGpError> {
-    let fail = |message: String| Err(LocalGpError(message));
+fn check(p: &LocalGpParameters) -> Result<(), Problem> {
+    let fail = |reason: String, allowed: &str| Err(Problem::new(reason, allowed));
     let d = p.features.len();
     if p.inputs.len() != d {
-        return fail(format!("{d} inputs must be scaled"));
+        return fail(
+            format!("{} inputs are scaled", p.inputs.len()),
+            &d.to_string(),
+        );
     }
-    let positive = |x: f64| x.is_finite() && x > 0.0;
+    let positive = |x: f64| Allowed::Positive.admits(x);
     if let Some((mean, width)) = p
         .inputs
         .iter()
         .find(|i| !(i.0.is_finite() && positive(i.1)))
     {
-        return fail(format!(
-            "an input is scaled by ({mean}, {width}); allowed: widths > 0"
-        ));
+        return fail(
+            format!("an input is scaled by ({mean}, {width})"),
+            "widths > 0",
+        );
     }
-    for (name, value) in [
-        ("signal variance", p.signal_variance),
-        ("noise variance", p.noise_variance),
-        ("gear ratio", p.gear_ratio),
+    for (name, value, allowed) in [
+        ("signal variance", p.signal_variance, Allowed::Positive),
+        ("noise variance", p.noise_variance, Allowed::Positive),
+        ("gear ratio", p.gear_ratio, Allowed::Positive),
+        ("tolerance", p.tolerance, Allowed::NonNegative),
     ] {
-        if !positive(value) {
-            return fail(format!("{name} is {value}; allowed: a finite number > 0"));
+        if !allowed.admits(value) {
+            return fail(format!("{name} is {value}"), &allowed.to_string());
         }
-    }
-    if !(p.tolerance.is_finite() && p.tolerance >= 0.0) {
-        let tolerance = p.tolerance;
-        return fail(format!(
-            "tolerance is {tolerance}; allowed: a finite number >= 0"
-        ));
     }
     let count = p.models.len();
     if count > MAX_MODELS {
-        return fail(format!("{count} models; allowed: at most {MAX_MODELS}"));
+        return fail(format!("{count} models"), &format!("at most {MAX_MODELS}"));
     }
     for (i, m) in p.models.iter().enumerate() {
         let n = m.residuals.len();
         if n > MAX_POINTS {
-            return fail(format!(
-                "model {i} has {n} points; allowed: at most {MAX_POINTS}"
-            ));
+            let allowed = format!("at most {MAX_POINTS}");
+            return fail(format!("model {i} has {n} points"), &allowed);
         }
         if m.centre.len() != d || m.points.len() != n * d || m.noise.len() != n {
-            return fail(format!(
-                "model {i} must have {d} numbers in its centre, {} in its {n} points, {n} noises",
-                n * d
-            ));
+            let (centre, points, noise) = (m.centre.len(), m.points.len(), m.noise.len());
+            return fail(
+                format!(
+                    "model {i} has {centre}, {points} and {noise} numbers in its centre, {n} points and noise"
+                ),
+                &format!("{d}, {} and {n}", n * d),
+            );
         }
         let mut numbers = m.centre.iter().chain(&m.points).chain(&m.residuals);
         if !numbers.all(|x| x.is_finite()) || m.noise.iter().any(|x| !positive(*x)) {
-            return fail(format!("model {i}: numbers must be finite, noise > 0"));
+            return fail(format!("numbers of model {i}"), "finite numbers, noise > 0");
         }
     }
     Ok(())
 }
 
 /// sigma_f² times the Gaussian kernel of two scaled points (G9).
-pub(super) fn kernel(p: &LocalGpParameters, a: &[f64], b: &[f64]) -> f64 {
+fn kernel(p: &LocalGpParameters, a: &[f64], b: &[f64]) -> f64 {
     let square: f64 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
     p.signal_variance * (-0.5 * square).exp()
 }
 
 /// A point's own variance in K + D.
-pub(super) fn diagonal(p: &LocalGpParameters, noise: f64) -> f64 {
+fn diagonal(p: &LocalGpParameters, noise: f64) -> f64 {
     p.signal_variance + noise.max(LEAST_NOISE * p.signal_variance)
 }
 
 /// K + D of a model's points, and its factor.
-pub(super) fn factored(
-    p: &LocalGpParameters,
-    model: &LocalModel,
-) -> Result<(DMatrix<f64>, Factor), LocalGpError> {
+fn factored(p: &LocalGpParameters, model: &LocalModel) -> Result<(DMatrix<f64>, Factor), Problem> {
     let points: Vec<&[f64]> = model.points.chunks_exact(p.features.len()).collect();
     let n = points.len();
     let mut a = DMatrix::zeros(n, n);
@@ -144,16 +128,15 @@ pub(super) fn factored(
         }
         a[(i, i)] = diagonal(p, model.noise[i]);
         if !factor.push(&column, a[(i, i)]) {
-            return Err(LocalGpError(format!(
-                "point {i} of a model cannot be factored"
-            )));
+            let reason = format!("point {i} of a model cannot be factored");
+            return Err(Problem::new(reason, "points that differ, or more noise"));
         }
     }
     Ok((a, factor))
 }
 
 /// What a prediction needs of a model with matrix `a` = K + D.
-pub(super) fn prepare(
+fn prepare(
     p: &LocalGpParameters,
     model: &LocalModel,
     a: &DMatrix<f64>,
@@ -175,9 +158,9 @@ pub(super) fn prepare(
     let mut centre = [0.0; MAX_FEATURES];
     centre[..d].copy_from_slice(&model.centre);
     let s = p.signal_variance;
-    let fewer = fewer(p, a, &alpha, 0.25 * p.tolerance)
+    let sparse = sparsify(p, a, &alpha, 0.25 * p.tolerance)
         .and_then(|(chosen, weights)| part(a, &chosen).map(|part| (chosen, weights, part)));
-    let (chosen, directions) = match fewer {
+    let (chosen, directions) = match sparse {
         Some((chosen, weights, (a, factor))) => {
             alpha = weights;
             (chosen, directions(&a, &factor, p.directions))

@@ -1,6 +1,7 @@
 //! One of each implementation, with parameters that are odd in their inputs.
 
 use crate::suite::LIMIT;
+use estimators::compliance::JointEstimatorParameters;
 use estimators::compliance::{ComplianceEstimator, ComplianceParameters};
 use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::deformation::{
@@ -10,7 +11,6 @@ use estimators::features::FeatureSet;
 use estimators::hysteresis::{
     GearParameters, HysteresisEstimator, HysteresisParameters, SlipElement,
 };
-use estimators::joint::JointEstimatorParameters;
 use estimators::kalman::{KalmanEstimator, KalmanParameters, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::local_gp::{LocalGp, LocalGpEstimator, LocalGpParameters, LocalModel};
@@ -213,7 +213,7 @@ pub(crate) fn local_gp() -> LocalGpEstimator {
         gear_ratio: 100.0,
     })
     .unwrap();
-    LocalGpEstimator::new(Box::new(compliance()), &residual, LIMIT)
+    LocalGpEstimator::new(Box::new(compliance()), residual, LIMIT)
 }
 
 pub(crate) fn kalman<const N: usize>(

@@ -8,7 +8,7 @@
 
 use super::{GpOptions, HyperParameters};
 use estimators::features::MAX_FEATURES;
-use estimators::local_gp::{LocalModel, NEIGHBOUR, SUREST};
+use estimators::local_gp::{LocalModel, MAX_SAMPLES_PER_POINT, NEIGHBOUR};
 
 /// One sample: scaled inputs, residual, its place in the log.
 #[derive(Debug, Clone, Copy)]
@@ -201,7 +201,7 @@ fn gathered(
         residuals: cells.iter().map(|c| c.y).collect(),
         noise: cells
             .iter()
-            .map(|c| hyper.noise_variance / c.independent.min(SUREST))
+            .map(|c| hyper.noise_variance / c.independent.min(MAX_SAMPLES_PER_POINT))
             .collect(),
     }
 }

@@ -2,9 +2,10 @@
 
 use super::*;
 use estimators::compliance::ComplianceEstimator;
+use estimators::compliance::JointEstimatorParameters;
 use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::encoder::JointEncoders;
-use estimators::joint::{JointEstimatorParameters, JointSample, JointTorqueEstimator};
+use estimators::joint::{JointSample, JointTorqueEstimator};
 use whole_body::{
     CrossCheck, CrossCheckParameters, DelayCompensator, DelayCompensatorParameters, DelayedTorque,
     Sources, Tare, TareParameters, TareResult, WholeBody,

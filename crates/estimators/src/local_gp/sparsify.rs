@@ -4,7 +4,8 @@
 //! the mean is a vector m, and its projection P m onto the kernels of some of the points is the
 //! nearest to it that these can make. At any input the two differ by at most `|m - P m| sigma_f`.
 
-use super::{Factor, LocalGpParameters};
+use super::LocalGpParameters;
+use super::factor::Factor;
 use nalgebra::DMatrix;
 
 /// Points that the others tell to this part of the signal's variance would make weights without
@@ -13,7 +14,7 @@ const TOLD: f64 = 1e-7;
 
 /// Indices of the points that make the mean to within `error` (N·m) at any input, and their
 /// weights; None if it takes all of them. `a` = K + D.
-pub(super) fn fewer(
+pub(super) fn sparsify(
     p: &LocalGpParameters,
     a: &DMatrix<f64>,
     alpha: &[f64],
