@@ -1,12 +1,12 @@
 //! `torquectl dynamics`: rigid-body dynamics of given states, to check a model against another
 //! library.
 
-use crate::BAD_INPUT;
-use crate::output::finish;
+use crate::output::{finish_or_refuse, read_input};
 use clap::Args;
 use dynamics::Base;
 use dynamics::cases::{Cases, CasesError, evaluate};
-use std::path::{Path, PathBuf};
+use problem::Problem;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Print rigid-body dynamics of given states as JSON
@@ -47,48 +47,39 @@ Examples:
   torquectl dynamics --urdf robot-models/leg/robot.urdf --floating leg.json"#;
 
 pub(crate) fn run(arguments: &DynamicsArguments) -> ExitCode {
-    match report(arguments) {
-        Ok(json) => finish(&format!("{json}\n")),
-        Err(message) => {
-            eprintln!("torquectl dynamics: {message}");
-            ExitCode::from(BAD_INPUT)
-        }
-    }
+    finish_or_refuse(report(arguments))
 }
 
-fn report(arguments: &DynamicsArguments) -> Result<String, String> {
-    let urdf = read(&arguments.urdf)?;
-    let file = arguments.cases.display();
-    let text = read(&arguments.cases)?;
-    let cases: Cases = parse(&text).map_err(|e| format!("{file}: {e}"))?;
-    let base = if arguments.floating {
-        Base::Floating
-    } else {
-        Base::Fixed
+fn report(arguments: &DynamicsArguments) -> Result<String, Problem> {
+    let urdf = read_input(&arguments.urdf)?;
+    let file = arguments.cases.display().to_string();
+    let text = read_input(&arguments.cases)?;
+    let in_cases = |problem: Problem| problem.or_at(&file, 0);
+    let cases = parse(&text).map_err(in_cases)?;
+    let base = match arguments.floating {
+        true => Base::Floating,
+        false => Base::Fixed,
     };
     let name = arguments.urdf.display().to_string();
     let report = evaluate(&urdf, &name, base, &cases).map_err(|e| match e {
-        CasesError::Urdf(e) => e.to_string(),
-        CasesError::Request(e) => format!("{file}: {e}"),
+        CasesError::Urdf(e) => Problem::new(e.reason, "").at(e.file, e.line as usize),
+        CasesError::Request(e) => in_cases(Problem::new(e, "")),
     })?;
     for warning in &report.warnings {
-        eprintln!("torquectl dynamics: warning: {warning}");
+        eprintln!("warning: {warning}");
     }
-    serde_json::to_string(&report).map_err(|e| e.to_string())
+    let json = serde_json::to_string(&report).map_err(|e| Problem::new(e.to_string(), ""))?;
+    Ok(json + "\n")
 }
 
-/// Names the key in which the text is wrong, beside line and column.
-fn parse(text: &str) -> Result<Cases, String> {
+/// The request; a problem names the key that is wrong, beside line and column.
+fn parse(text: &str) -> Result<Cases, Problem> {
     let mut json = serde_json::Deserializer::from_str(text);
     let cases =
         serde_path_to_error::deserialize(&mut json).map_err(|e| match e.path().iter().next() {
-            Some(_) => e.to_string(),
-            None => e.inner().to_string(),
+            Some(_) => Problem::new(e.to_string(), ""),
+            None => Problem::new(e.inner().to_string(), ""),
         })?;
-    json.end().map_err(|e| e.to_string())?;
+    (json.end()).map_err(|e| Problem::new(e.to_string(), ""))?;
     Ok(cases)
-}
-
-fn read(path: &Path) -> Result<String, String> {
-    std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
 }

@@ -2,7 +2,6 @@
 
 use crate::BAD_INPUT;
 use crate::output::finish;
-use crate::text_table::TextTable;
 use clap::Args;
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use identification::evaluate::{Figures, Score};
@@ -13,6 +12,7 @@ use std::io::{BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
+use terminal::TextTable;
 
 /// Run every estimator of a joint over a recorded log
 #[derive(Args)]

@@ -1,6 +1,5 @@
 //! `torquectl`: the operator's tool.
 
-mod bus_load;
 mod check;
 mod contacts;
 mod dynamics;
@@ -9,7 +8,6 @@ mod fit;
 mod output;
 mod requests;
 mod tare;
-mod text_table;
 mod watch;
 mod whole_body;
 

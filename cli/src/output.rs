@@ -1,17 +1,42 @@
-//! Standard output.
+//! End of a command: its result or its problems are printed, and the exit code follows.
 
-use std::io::{self, ErrorKind, Write};
+use crate::BAD_INPUT;
+use problem::{Problem, Problems};
+use std::path::Path;
 use std::process::ExitCode;
 
-/// Prints a command's result. Whoever has read enough of it, e.g. `head`, may leave.
+/// Prints a command's result.
 pub(crate) fn finish(text: &str) -> ExitCode {
-    let mut out = io::stdout().lock();
-    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
-    match written {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
-            eprintln!("cannot print: {e}");
+    match terminal::print(text) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("{e}");
             ExitCode::FAILURE
         }
-        _ => ExitCode::SUCCESS,
     }
+}
+
+/// Prints a command's result, or every problem of its input.
+pub(crate) fn finish_or_refuse(result: Result<String, impl Into<Problems>>) -> ExitCode {
+    match result {
+        Ok(text) => finish(&text),
+        Err(problems) => {
+            eprintln!("{}", problems.into());
+            ExitCode::from(BAD_INPUT)
+        }
+    }
+}
+
+/// The text of a file that an argument names.
+///
+/// # Errors
+/// The file cannot be read.
+pub(crate) fn read_input(path: &Path) -> Result<String, Problem> {
+    std::fs::read_to_string(path).map_err(|error| {
+        let problem = Problem::new(
+            format!("cannot be read: {error}"),
+            "a readable text file in UTF-8",
+        );
+        problem.at(path.display().to_string(), 0)
+    })
 }

@@ -1,10 +1,10 @@
 //! `torquectl tare`: offsets of F/T sensors, found with the robot at rest.
 
 use crate::requests::{Failure, ask, check_contacts, connect, end};
-use crate::text_table::TextTable;
 use jiff::Timestamp;
 use serde_json::{Value, json};
 use std::process::ExitCode;
+use terminal::TextTable;
 use torqued_client::Client;
 use torqued_client::robot_state::{Answer, TaredSensor, Wrench, request};
 

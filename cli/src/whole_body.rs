@@ -1,11 +1,11 @@
 //! `torquectl whole-body`: torques and contact wrenches of given instants, to check sensors and
 //! estimator against another library.
 
-use crate::BAD_INPUT;
-use crate::output::finish;
+use crate::output::{finish_or_refuse, read_input};
 use ::whole_body::cases::{Cases, SensorsFile, evaluate};
 use clap::Args;
-use std::path::{Path, PathBuf};
+use problem::Problem;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Print joint torques and contact wrenches that F/T sensors and IMU tell, as JSON
@@ -55,31 +55,24 @@ Exit codes: 0 done; 2 bad input, or contacts from which the wrenches do not foll
 docs/whole-body.md tells all of this at length."#;
 
 pub(crate) fn run(arguments: &WholeBodyArguments) -> ExitCode {
-    match report(arguments) {
-        Ok(json) => finish(&format!("{json}\n")),
-        Err(message) => {
-            eprintln!("torquectl whole-body: {message}");
-            ExitCode::from(BAD_INPUT)
-        }
-    }
+    finish_or_refuse(report(arguments))
 }
 
-fn report(arguments: &WholeBodyArguments) -> Result<String, String> {
-    let urdf = read(&arguments.urdf)?;
+fn report(arguments: &WholeBodyArguments) -> Result<String, Problem> {
+    let urdf = read_input(&arguments.urdf)?;
     let sensors_file = arguments.sensors.display().to_string();
-    let sensors = SensorsFile::parse(&read(&arguments.sensors)?, &sensors_file)?;
-    let file = arguments.cases.display();
-    let text = read(&arguments.cases)?;
-    let cases: Cases = serde_json::from_str(&text).map_err(|e| format!("{file}: {e}"))?;
+    let sensors = SensorsFile::parse(&read_input(&arguments.sensors)?, &sensors_file)
+        .map_err(|e| Problem::new(e, ""))?;
+    let file = arguments.cases.display().to_string();
+    let text = read_input(&arguments.cases)?;
+    let cases: Cases =
+        serde_json::from_str(&text).map_err(|e| Problem::new(e.to_string(), "").at(&file, 0))?;
     let urdf_file = arguments.urdf.display().to_string();
     let report = evaluate(&urdf, &urdf_file, &sensors, &cases).map_err(|e| match e {
         // The URDF's messages name their file themselves.
-        e if e.starts_with(&urdf_file) => e,
-        e => format!("{file}: {e}"),
+        e if e.starts_with(&urdf_file) => Problem::new(e, ""),
+        e => Problem::new(e, "").at(&file, 0),
     })?;
-    serde_json::to_string(&report).map_err(|e| e.to_string())
-}
-
-fn read(path: &Path) -> Result<String, String> {
-    std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
+    let json = serde_json::to_string(&report).map_err(|e| Problem::new(e.to_string(), ""))?;
+    Ok(json + "\n")
 }

@@ -236,7 +236,7 @@ fn bad_input_is_refused_by_file_and_key() {
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{cases}: {message}");
         assert!(output.stdout.is_empty(), "{cases}");
-        let place = "torquectl dynamics: cases.json: ";
+        let place = "cases.json: ";
         assert!(message.starts_with(place), "{cases}: {message}");
         assert!(message.contains(reason), "{cases}: {message}");
     }

@@ -6,7 +6,6 @@ pub mod demo;
 pub mod desk;
 pub mod failure;
 pub mod offsets;
-pub mod output;
 pub mod real_time;
 pub mod run;
 pub mod shared_memory;

@@ -7,9 +7,9 @@ use std::sync::atomic::AtomicBool;
 
 use clap::{Parser, Subcommand};
 use signal_hook::consts::{SIGINT, SIGTERM};
+use terminal::print;
 use torqued::demo::{self, DemoOptions};
 use torqued::failure::Failure;
-use torqued::output::print;
 
 /// Joint torques for robots without joint-torque sensors.
 ///
@@ -93,9 +93,9 @@ fn run(config: &std::path::Path, seconds: Option<f64>, json: bool) -> Result<Exi
     let summary = torqued::run::run(&robot, cycles, &stop)?;
     if json {
         let json = serde_json::to_string(&summary).map_err(Failure::environment)?;
-        print(&format!("{json}\n"))?;
+        print(&format!("{json}\n")).map_err(Failure::environment)?;
     } else {
-        print(&summary.to_string())?;
+        print(&summary.to_string()).map_err(Failure::environment)?;
     }
     Ok(ExitCode::from(u8::from(summary.fault != 0)))
 }

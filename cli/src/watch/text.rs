@@ -1,8 +1,8 @@
 //! A record for the eye.
 
 use super::words;
-use crate::text_table::TextTable;
 use std::fmt::Write;
+use terminal::TextTable;
 use torqued_client::Record;
 use torqued_client::robot_state::{
     CycleRecord, Description, Event, LoopRecord, TorqueEstimate, torque_flags,

@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use terminal::print;
 use torqued::bus::{Bus, Line, OpenError, SocketCan};
 use torqued::failure::Failure;
-use torqued::output::print;
 use torqued::real_time::{self, RealTime, Settings};
 
 /// Frames that it reads at once: one batch of the bus.
@@ -91,9 +91,9 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let summary = Simulation::new(&robot, plant, bus).run(&stop, end_ns);
     if arguments.json {
         let json = serde_json::to_string(&summary).map_err(Failure::environment)?;
-        print(&format!("{json}\n"))?;
+        print(&format!("{json}\n")).map_err(Failure::environment)?;
     } else {
-        print(&summary.to_string())?;
+        print(&summary.to_string()).map_err(Failure::environment)?;
     }
     Ok(())
 }

@@ -27,11 +27,11 @@ use crate::bus::LockStep;
 use crate::bus::in_process::{VirtualClock, VirtualDeadline};
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
-use crate::output::print;
 use crate::real_time::{Deadline, Pace};
 use client::DemoClient;
 use motion::Motion;
 use report::Report;
+use terminal::print;
 
 /// What `torqued demo` can be told.
 #[derive(Debug, Clone, Args)]
@@ -73,9 +73,9 @@ pub fn run(options: &DemoOptions) -> Result<ExitCode, Failure> {
     }
     if options.json {
         let json = serde_json::to_string(&report).map_err(Failure::environment)?;
-        print(&format!("{json}\n"))?;
+        print(&format!("{json}\n")).map_err(Failure::environment)?;
     } else {
-        print(&report.to_string())?;
+        print(&report.to_string()).map_err(Failure::environment)?;
     }
     Ok(ExitCode::from(u8::from(report.summary.fault != 0)))
 }

@@ -1,25 +1,28 @@
-//! How long frames occupy a bus, at worst.
+//! Time that frames occupy a bus in the worst case.
+
+use can_codec::{EXTENDED_ID, Frame, Table};
+use robot_config::Robot;
 
 /// Bits a second of a bus.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Bitrate {
+pub(super) struct Bitrate {
     /// Classic frames, and the arbitration of CAN FD frames.
-    pub(crate) nominal: f64,
+    pub(super) nominal: f64,
     /// The data of CAN FD frames.
-    pub(crate) data: f64,
+    pub(super) data: f64,
 }
 
 /// A frame on the wire.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Shape {
-    pub(crate) extended: bool,
-    pub(crate) fd: bool,
-    pub(crate) len: u8,
+struct Shape {
+    extended: bool,
+    fd: bool,
+    len: u8,
 }
 
 impl Shape {
     /// Time on the bus with as many stuff bits as there can be and the gap that follows, s.
-    pub(crate) fn worst_case_s(self, rate: Bitrate) -> f64 {
+    fn worst_case_s(self, rate: Bitrate) -> f64 {
         let data = 8 * u32::from(self.len);
         if !self.fd {
             // Start to CRC may be stuffed; delimiters, acknowledgement, end and gap may not.
@@ -34,6 +37,53 @@ impl Shape {
         let fast = 5 + data + (5 + data) / 4 + 4 + crc + fixed;
         f64::from(nominal) / rate.nominal + f64::from(fast) / rate.data
     }
+}
+
+/// Frames of a bus in one cycle.
+pub(super) struct BusLoad {
+    pub(super) received: usize,
+    pub(super) sent: usize,
+    /// From SYNC to the last answer, s.
+    pub(super) answers_s: f64,
+    /// Commands, s.
+    pub(super) commands_s: f64,
+    /// Share of the period, 1.
+    pub(super) load: f64,
+}
+
+/// The load of every bus, in config order.
+pub(super) fn bus_loads(robot: &Robot, rate: Bitrate) -> Vec<BusLoad> {
+    let messages = |table: &Table, bus: usize| -> Vec<Shape> {
+        (0..table.message_count())
+            .filter_map(|index| table.message(index))
+            .filter(|message| usize::from(message.bus) == bus)
+            .map(|message| Shape {
+                extended: message.id & EXTENDED_ID != 0,
+                fd: message.fd,
+                len: message.len,
+            })
+            .collect()
+    };
+    let sync_shape = |frame: &Frame| Shape {
+        extended: frame.id & EXTENDED_ID != 0,
+        fd: frame.fd,
+        len: frame.len,
+    };
+    let total = |shapes: &[Shape]| shapes.iter().map(|s| s.worst_case_s(rate)).sum::<f64>();
+    let of_bus = |(bus, sync): (usize, &Frame)| {
+        let received = messages(&robot.receive, bus);
+        let sent = messages(&robot.send, bus);
+        let answers_s = sync_shape(sync).worst_case_s(rate) + total(&received);
+        let commands_s = total(&sent);
+        BusLoad {
+            received: received.len(),
+            sent: sent.len(),
+            answers_s,
+            commands_s,
+            load: (answers_s + commands_s) / robot.parameters.timing.sample_period,
+        }
+    };
+    robot.sync.iter().enumerate().map(of_bus).collect()
 }
 
 #[cfg(test)]

@@ -2,9 +2,10 @@
 
 use std::fmt;
 
-/// Rows of cells, shown in aligned columns; the first row is the heading. Columns after the first
-/// are aligned to the right where every cell below the heading begins like a number.
-pub(crate) struct TextTable(pub(crate) Vec<Vec<String>>);
+/// Rows of cells, shown in aligned columns; the first row is the heading. A column is aligned to
+/// the right where every cell below its heading begins like a number.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TextTable(pub Vec<Vec<String>>);
 
 impl fmt::Display for TextTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -1,0 +1,65 @@
+//! The configuration as JSON.
+
+use super::bus_load::BusLoad;
+use super::gains::equivalent;
+use super::{command, torque_per_count};
+use robot_config::{JointParameters, Robot};
+use serde_json::{Value, json};
+
+pub(super) fn object(robot: &Robot, buses: &[BusLoad], warnings: &[String]) -> Value {
+    let parameters = &robot.parameters;
+    let bus = |(bus, load): (&robot_config::BusParameters, &BusLoad)| {
+        json!({
+            "name": bus.name,
+            "interface": bus.interface,
+            "fd": bus.fd,
+            "frames_received_per_cycle": load.received,
+            "frames_sent_per_cycle": load.sent + 1,
+            "answers_us": load.answers_s * 1e6,
+            "commands_us": load.commands_s * 1e6,
+            "load_percent": load.load * 100.0,
+        })
+    };
+    let joint = |joint: &JointParameters| {
+        let same = equivalent(joint, parameters.k_f);
+        json!({
+            "name": joint.name,
+            "bus": parameters.buses[joint.bus].name,
+            "drive": joint.drive,
+            "command": command(joint),
+            "gear_ratio": joint.encoders.gear_ratio,
+            "torque_limit_Nm": joint.limits.torque,
+            "position_min_deg": joint.limits.position_min.to_degrees(),
+            "position_max_deg": joint.limits.position_max.to_degrees(),
+            "delta_q_limit_deg": joint.limits.delta_q.to_degrees(),
+            "torque_per_count_Nm": torque_per_count(joint),
+            "gains": {
+                "K_p": joint.gains.k_p,
+                "K_i_per_s": joint.gains.k_i,
+                "K_s_Nm_per_rad": joint.gains.k_s,
+                "K_d_Nms_per_rad": joint.gains.k_d,
+                "K_f": parameters.k_f,
+            },
+            "equivalent_gains": same.map(|same| json!({
+                "K6": same.k6,
+                "K7_s": same.k7,
+                "K8_per_M_rad_per_Nm": same.k8_per_m,
+                "K9_per_JT_rad_per_Nm": same.k9_per_jt,
+            })),
+        })
+    };
+    json!({
+        "robot": parameters.name,
+        "urdf": parameters.urdf_path,
+        "rate_hz": 1.0 / parameters.timing.sample_period,
+        "total_mass_kg": robot.model.total_mass(),
+        "buses": parameters.buses.iter().zip(buses).map(bus).collect::<Vec<_>>(),
+        "joints": parameters.joints.iter().map(joint).collect::<Vec<_>>(),
+        "ft_sensors": parameters.ft_sensors.iter().map(|ft| json!({
+            "name": ft.sensor.name,
+            "frame": ft.sensor.frame,
+        })).collect::<Vec<_>>(),
+        "imu_frame": parameters.imu.as_ref().map(|imu| &imu.frame),
+        "warnings": warnings,
+    })
+}

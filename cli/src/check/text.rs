@@ -1,0 +1,211 @@
+//! The configuration as text.
+
+use super::bus_load::BusLoad;
+use super::gains::equivalent;
+use super::{command, torque_per_count};
+use control::MotorModel;
+use dynamics::Base;
+use robot_config::{JointParameters, Robot};
+use terminal::TextTable;
+
+fn row<const N: usize>(cells: [&str; N]) -> Vec<String> {
+    cells.map(str::to_owned).to_vec()
+}
+
+pub(super) fn page(robot: &Robot, buses: &[BusLoad], warnings: &[String]) -> String {
+    let parameters = &robot.parameters;
+    let base = match parameters.base {
+        Base::Fixed => "fixed",
+        Base::Floating => "floating",
+    };
+    let mut text = format!(
+        "{}: {} joints, {} buses, {} F/T sensors, {}, {} base, {:.2} kg, {} Hz\n",
+        parameters.name,
+        parameters.joints.len(),
+        buses.len(),
+        parameters.ft_sensors.len(),
+        parameters.imu.as_ref().map_or("no IMU", |_| "IMU"),
+        base,
+        robot.model.total_mass(),
+        1.0 / parameters.timing.sample_period
+    );
+    text += "\nBuses: frames a cycle, time and load with the most stuff bits\n";
+    text += &bus_table(robot, buses).to_string();
+    text += "\nJoints: N gear ratio; count: one link-side count as torque\n";
+    text += &joint_table(robot).to_string();
+    text += "\nDrives\n";
+    text += &drive_table(robot).to_string();
+    text += "\nGains (D11-12) and the same in the commanded position (D13-14); K_f = ";
+    text += &format!("{}\n", parameters.k_f);
+    text += &gain_table(robot).to_string();
+    if !parameters.ft_sensors.is_empty() {
+        text += "\nF/T sensors\n";
+        text += &sensor_table(robot).to_string();
+    }
+    for warning in warnings {
+        text += &format!("\nwarning: {warning}");
+    }
+    if !warnings.is_empty() {
+        text.push('\n');
+    }
+    text
+}
+
+fn bus_table(robot: &Robot, buses: &[BusLoad]) -> TextTable {
+    let mut rows = vec![row([
+        "bus",
+        "interface",
+        "kind",
+        "received",
+        "sent",
+        "SYNC to last answer",
+        "commands",
+        "load",
+    ])];
+    rows.extend(robot.parameters.buses.iter().zip(buses).map(|(bus, load)| {
+        vec![
+            bus.name.clone(),
+            bus.interface.clone(),
+            if bus.fd { "FD" } else { "classic" }.to_owned(),
+            load.received.to_string(),
+            format!("{} + SYNC", load.sent),
+            format!("{:.0} us", load.answers_s * 1e6),
+            format!("{:.0} us", load.commands_s * 1e6),
+            format!("{:.0} %", load.load * 100.0),
+        ]
+    }));
+    TextTable(rows)
+}
+
+fn joint_table(robot: &Robot) -> TextTable {
+    let mut rows = vec![row([
+        "joint", "bus", "drive", "command", "N", "torque", "position", "delta_q", "count",
+    ])];
+    rows.extend(robot.parameters.joints.iter().map(|joint| {
+        let limits = &joint.limits;
+        vec![
+            joint.name.clone(),
+            robot.parameters.buses[joint.bus].name.clone(),
+            joint.drive.clone(),
+            command(joint).to_owned(),
+            joint.encoders.gear_ratio.to_string(),
+            format!("±{} N·m", limits.torque),
+            format!(
+                "{:.1} to {:.1} deg",
+                limits.position_min.to_degrees(),
+                limits.position_max.to_degrees()
+            ),
+            format!("±{:.2} deg", limits.delta_q.to_degrees()),
+            format!("{:.3} N·m", torque_per_count(joint)),
+        ]
+    }));
+    TextTable(rows)
+}
+
+/// The drives that joints use, each once.
+fn drives(robot: &Robot) -> Vec<&JointParameters> {
+    let mut drives: Vec<&JointParameters> = Vec::new();
+    for joint in &robot.parameters.joints {
+        if !drives.iter().any(|other| other.drive == joint.drive) {
+            drives.push(joint);
+        }
+    }
+    drives
+}
+
+fn drive_table(robot: &Robot) -> TextTable {
+    let mut rows = vec![row([
+        "drive",
+        "K_t Nm/A",
+        "rotor kg·m²",
+        "K_fs0 Nm/rad",
+        "C_fs 1/Nm",
+        "K_wg0 Nm/rad",
+        "C_wg 1/Nm",
+        "friction Nm",
+        "motor model",
+    ])];
+    rows.extend(drives(robot).iter().map(|joint| {
+        let estimator = &joint.estimator;
+        let compliance = &estimator.compliance;
+        let motor = match joint.motor {
+            MotorModel::Position {
+                k_tau, k_v, k_c, ..
+            } => {
+                format!("K_tau {k_tau} rad/Nm, K_v {k_v} s, K_c {k_c} rad")
+            }
+            MotorModel::Current { k1, k2, k3, .. } => {
+                format!("K_1 {k1} Nm/A, K_2 {k2} Nms/rad, K_3 {k3} Nm")
+            }
+        };
+        vec![
+            joint.drive.clone(),
+            estimator.wave_generator.torque_constant.to_string(),
+            format!("{:e}", joint.rotor_inertia),
+            compliance.k_fs0.to_string(),
+            compliance.c_fs.to_string(),
+            compliance.k_wg0.to_string(),
+            compliance.c_wg.to_string(),
+            estimator.wave_generator.friction.to_string(),
+            motor,
+        ]
+    }));
+    TextTable(rows)
+}
+
+fn gain_table(robot: &Robot) -> TextTable {
+    let mut rows = vec![row([
+        "joint",
+        "K_p",
+        "K_i 1/s",
+        "K_s Nm/rad",
+        "K_d Nms/rad",
+        "K6",
+        "K7 s",
+        "K8/M rad/Nm",
+        "K9/J^T rad/Nm",
+    ])];
+    rows.extend(robot.parameters.joints.iter().map(|joint| {
+        let gains = &joint.gains;
+        let mut cells = vec![
+            joint.name.clone(),
+            gains.k_p.to_string(),
+            gains.k_i.to_string(),
+            format!("{:.1}", gains.k_s),
+            format!("{:.2}", gains.k_d),
+        ];
+        match equivalent(joint, robot.parameters.k_f) {
+            Some(same) => cells.extend([
+                format!("{:.3}", same.k6),
+                format!("{:.4}", same.k7),
+                format!("{:.3e}", same.k8_per_m),
+                format!("{:.3e}", same.k9_per_jt),
+            ]),
+            None => cells.extend(row(["-"; 4])),
+        }
+        cells
+    }));
+    TextTable(rows)
+}
+
+fn sensor_table(robot: &Robot) -> TextTable {
+    let mut rows = vec![row(["sensor", "frame", "bus", "temperature", "sigma"])];
+    rows.extend(robot.parameters.ft_sensors.iter().map(|ft| {
+        vec![
+            ft.sensor.name.clone(),
+            ft.sensor.frame.clone(),
+            robot.parameters.buses[ft.bus].name.clone(),
+            if ft.has_temperature {
+                "compensated"
+            } else {
+                "-"
+            }
+            .to_owned(),
+            format!(
+                "{} N, {} N·m",
+                ft.sensor.sigma_force, ft.sensor.sigma_torque
+            ),
+        ]
+    }));
+    TextTable(rows)
+}
