@@ -62,8 +62,9 @@ install_vm() {
         step "shim for User-Mode Linux into target/vm"
         gcc -O2 -Wall -Wextra -shared -fPIC rt-tests/vm/xstate_shim.c -o "$folder/xstate_shim.so" -ldl
     fi
-    # Made anew when the first process, which is in it, has changed.
-    ! [ "$folder/rt-kernel/initramfs" -nt rt-tests/vm/qemu_init.sh ] || return 0
+    # Made anew when the first process, which is in it, or what makes it has changed.
+    local made=$folder/rt-kernel/initramfs
+    ! [[ $made -nt rt-tests/vm/qemu_init.sh && $made -nt rt-tests/vm/make_initramfs.sh ]] || return 0
     step "PREEMPT_RT kernel (70 MB) into target/vm/rt-kernel"
     apt_lists
     rm -rf "$folder/rt-kernel" "$folder/new"

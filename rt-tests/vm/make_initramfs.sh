@@ -1,6 +1,6 @@
 #!/bin/bash
 # make_initramfs.sh TREE OUT: from an unpacked Debian kernel package, OUT/vmlinuz and
-# OUT/initramfs, which holds busybox, the modules for the host's files and for CAN, and
+# OUT/initramfs, which holds busybox, the modules for the host's files, for CAN and for slow queues, and
 # qemu_init.sh.
 set -eu
 tree=$(realpath "$1")
@@ -20,7 +20,7 @@ cp "$vm_dir/qemu_init.sh" "$stage/init"
 
 # Each with what it depends on, in the order of loading: 00-name.ko, 01-name.ko, ...
 number=0
-for module in virtio_pci 9pnet_virtio 9p overlay can-raw vcan; do
+for module in virtio_pci 9pnet_virtio 9p overlay can-raw vcan sch_tbf; do
     modprobe -d "$tree" -S "$version" --show-depends "$module" | while read -r kind file _; do
         [ "$kind" = insmod ] && echo "$file"
     done
