@@ -1,8 +1,9 @@
 //! Measure: from frames to joint angles, currents, wrenches and motion, in SI units.
 
 use can_codec::{DecodeError, Frames, Table};
-use estimators::encoder::JointEncoders;
+use estimators::front_end::FrontEnd;
 use estimators::joint::JointSample;
+use joint_file::JointFile;
 use robot_config::{Robot, Sampled, Sampling, slots};
 use robot_state::{CycleRecord, Event, Settings, Wrench, measured_flags};
 
@@ -55,7 +56,8 @@ pub(crate) struct Measure {
     stale_after_s: f64,
     sample_period: f64,
     sends_velocity: Vec<bool>,
-    encoders: Vec<JointEncoders>,
+    /// Every joint's readings made the sample of its estimators.
+    front_ends: Vec<FrontEnd>,
     /// For the torque from F/T sensors and IMU, contacts and feedback.
     slow: Filtered,
     /// For the torque now.
@@ -117,11 +119,12 @@ impl Measure {
             stale_after_s: parameters.timing.stale_after,
             sample_period: period,
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
-            encoders: parameters
-                .joints
-                .iter()
-                .map(|joint| JointEncoders::new(joint.encoders))
-                .collect(),
+            front_ends: (parameters.joints.iter())
+                .map(|joint| {
+                    let window = joint.calibration.as_ref().map(JointFile::velocity_window);
+                    FrontEnd::new(joint.encoders, window)
+                })
+                .collect::<Result<_, _>>()?,
             slow: Filtered::new(robot, parameters.filters.long)?,
             quick: Filtered::new(robot, parameters.filters.short)?,
             control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
@@ -252,8 +255,12 @@ impl Measure {
         for j in 0..n {
             let (fresh, age, mut flags) = self.look(&self.joints[j], at, counts);
             let slot = |slot: usize| if fresh { self.slots[slot] } else { f64::NAN };
-            let angles =
-                self.encoders[j].update(slot(slots::motor_angle(j)), slot(slots::link_angle(j)));
+            self.samples[j] = self.front_ends[j].update(
+                slot(slots::motor_angle(j)),
+                slot(slots::link_angle(j)),
+                slot(slots::current(j)),
+            );
+            let angles = *self.front_ends[j].angles();
             flags |= angles.flags;
             if flags & measured_flags::MISSED != 0 {
                 counts.add(Event::JointMissed);
@@ -284,8 +291,6 @@ impl Measure {
             self.angles[j] = if unused { f64::NAN } else { angles.q };
             self.both_angles[j] = self.angles[j];
             self.both_angles[n + j] = if unused { f64::NAN } else { angles.theta };
-            self.samples[j].q = angles.aligned_q;
-            self.samples[j].theta = angles.aligned_theta;
         }
     }
 
@@ -305,9 +310,9 @@ impl Measure {
                 measured.flags |= measured_flags::SETTLING;
             }
             let sample = &mut self.samples[j];
-            sample.dq = measured.dq;
-            sample.omega = measured.omega;
-            sample.current = measured.current;
+            if !self.front_ends[j].has_velocities() {
+                (sample.dq, sample.omega) = (measured.dq, measured.omega);
+            }
             sample.flags = measured.flags;
         }
     }

@@ -3,6 +3,9 @@
 mod common;
 
 use common::{Bench, read};
+use estimators::joint::JointTorqueEstimator;
+use joint_file::{JointFile, no_files};
+use robot_state::measured_flags::{MISSED, NEVER};
 use robot_state::{torque_flags, torque_source};
 
 const JOINT: &str = "\
@@ -81,6 +84,34 @@ fn the_fused_torque_is_published() {
     }
 }
 
+/// The loop and whoever reads the same log build the same samples, whatever the velocity window.
+#[test]
+fn the_loop_estimates_as_an_evaluation_of_its_log_does() {
+    let current = "[current]\nK_1_Nm_per_A = 5.0\nK_2_Nms_per_rad = 40.0\nK_3_Nm = 1.0\n\
+        inertia_kg_m2 = 0.1\noffset_A = 0.0\nsign_smoothing_rad_per_s = 0.02\n\
+        low_pass_pole = 0.5\nsigma_Nm = 1.0\n";
+    for window in [5, 33] {
+        let encoders = format!("skew_s = 7e-4\nvelocity_window = {window}");
+        let text = JOINT.replace("skew_s = 0.0", &encoders) + current;
+        let mut bench = Bench::reading("test-joint", &calibrated(&text));
+        let file = JointFile::parse(&text, "joint.toml", &no_files).unwrap();
+        let mut front_end = file.front_end().unwrap();
+        let mut set = file.estimators().unwrap();
+        let mut largest = 0.0f64;
+        for _ in 0..400 {
+            bench.run(1);
+            let joint = bench.cycle.record().joints[0];
+            let measured = joint.measured;
+            assert_eq!(measured.flags & (MISSED | NEVER), 0);
+            let sample = front_end.update(measured.theta, measured.q, measured.current);
+            let tau = set.update(&sample).tau;
+            assert_eq!(joint.tau_encoder.tau, tau);
+            largest = largest.max(sample.dq.abs());
+        }
+        assert!(largest > 1e-4, "the joint moves: {largest}");
+    }
+}
+
 #[test]
 fn a_joint_file_of_another_joint_is_refused() {
     let message = |joint: &str| {
@@ -98,6 +129,22 @@ fn a_joint_file_of_another_joint_is_refused() {
         (
             JOINT.replace("= 1000.0", "= 500.0"),
             "is for sample_rate_hz = 500",
+        ),
+        (
+            JOINT.replace("= 0.05", "= 0.06"),
+            "is for torque_constant_Nm_per_A = 0.06, this joint has 0.05",
+        ),
+        (
+            JOINT.replace("= 524288", "= 262144"),
+            "is for link_counts_per_turn = 262144, this joint has 524288",
+        ),
+        (
+            JOINT.replace("= 4096", "= 8192"),
+            "is for motor_counts_per_turn = 8192, this joint has 4096",
+        ),
+        (
+            JOINT.replace("= 16.0", "= 1.0"),
+            "is for torque_limit_Nm = 2.5, this joint has",
         ),
         (
             JOINT.replace("[compliance]", "[complaint]"),

@@ -178,6 +178,12 @@ impl JointEncoders {
         *self = Self::new(self.parameters);
     }
 
+    /// The angles after the last readings.
+    #[must_use]
+    pub fn angles(&self) -> &JointAngles {
+        &self.last
+    }
+
     /// Takes one reading of each encoder; NaN where there is none.
     pub fn update(&mut self, motor_reading: f64, link_reading: f64) -> JointAngles {
         let n = self.parameters.gear_ratio;

@@ -1,6 +1,10 @@
 //! From one joint's raw readings to the sample that every estimator takes.
+//!
+//! Fits, evaluation and the loop all build samples here, so that an estimator runs on samples made
+//! as those that it was fitted to. A joint without a joint file has no window for its velocities:
+//! there the loop takes those of its control filter, which knows the ages of the readings.
 
-use crate::encoder::{EncoderParameters, JointEncoders};
+use crate::encoder::{EncoderParameters, JointAngles, JointEncoders};
 use crate::filter_bank::FilterBank;
 use crate::joint::JointSample;
 use crate::savitzky_golay::SavitzkyGolayParameters;
@@ -11,22 +15,29 @@ use robot_state::measured_flags;
 #[derive(Debug, Clone)]
 pub struct FrontEnd {
     encoders: JointEncoders,
-    velocity: FilterBank,
+    /// theta and q: first derivative; none where velocities come from elsewhere.
+    velocity: Option<FilterBank>,
     current: f64,
     sample_period: f64,
 }
 
 impl FrontEnd {
-    /// Velocities come from straight lines through `velocity_window` samples.
+    /// Velocities are the slopes of straight lines through `velocity_window` samples; without a
+    /// window they are left at zero, for the caller to fill in.
     ///
     /// # Errors
     /// A window or sample period that is not allowed.
-    pub fn new(parameters: EncoderParameters, velocity_window: usize) -> Result<Self, Problem> {
-        let filter =
-            SavitzkyGolayParameters::centred(velocity_window, 1, 1, parameters.sample_period);
+    pub fn new(
+        parameters: EncoderParameters,
+        velocity_window: Option<usize>,
+    ) -> Result<Self, Problem> {
+        let bank = |window| {
+            let filter = SavitzkyGolayParameters::centred(window, 1, 1, parameters.sample_period);
+            FilterBank::new(2, filter)
+        };
         Ok(Self {
             encoders: JointEncoders::new(parameters),
-            velocity: FilterBank::new(2, filter)?,
+            velocity: velocity_window.map(bank).transpose()?,
             current: 0.0,
             sample_period: parameters.sample_period,
         })
@@ -43,42 +54,52 @@ impl FrontEnd {
         }
         let fresh = angles.flags == 0;
         let or_nan = |x: f64| if fresh { x } else { f64::NAN };
-        self.velocity
-            .update(&[or_nan(angles.aligned_theta), or_nan(angles.aligned_q)]);
-        let rates = self.velocity.first_derivatives();
+        let (omega, dq) = self.velocity.as_mut().map_or((0.0, 0.0), |velocity| {
+            velocity.update(&[or_nan(angles.aligned_theta), or_nan(angles.aligned_q)]);
+            let rates = velocity.first_derivatives();
+            (rates[0], rates[1])
+        });
         JointSample {
             q: angles.aligned_q,
             theta: angles.aligned_theta,
-            dq: rates[1],
-            omega: rates[0],
+            dq,
+            omega,
             current: self.current,
             flags,
         }
     }
 
-    /// Tells the filters of the samples that a log lacks between `last` and `now`, s; before the
-    /// first sample there is no last.
+    /// Takes the samples that a log lacks between `last` and `now`, s, as missed; before the first
+    /// sample there is no last.
     pub fn bridge(&mut self, last: Option<f64>, now: f64) {
-        /// A longer gap than this is filled no further: the filters hold by then.
-        const MOST: f64 = 10_000.0;
+        /// Missed samples after which every filter holds, with a wide margin.
+        const MAX_MISSED: f64 = 10_000.0;
         let missing = last.map_or(0.0, |last| {
             ((now - last) / self.sample_period).round() - 1.0
         });
-        for _ in 0..missing.clamp(0.0, MOST) as usize {
+        for _ in 0..missing.clamp(0.0, MAX_MISSED) as usize {
             self.update(f64::NAN, f64::NAN, f64::NAN);
         }
     }
 
-    /// How late the velocities are, s.
+    /// Whether samples have velocities of their own.
     #[must_use]
-    pub fn velocity_delay_s(&self) -> f64 {
-        self.velocity.delay_s()
+    pub fn has_velocities(&self) -> bool {
+        self.velocity.is_some()
+    }
+
+    /// The angles after the last readings.
+    #[must_use]
+    pub fn angles(&self) -> &JointAngles {
+        self.encoders.angles()
     }
 
     /// Forgets every reading.
     pub fn reset(&mut self) {
         self.encoders.reset();
-        self.velocity.reset();
+        if let Some(velocity) = &mut self.velocity {
+            velocity.reset();
+        }
         self.current = 0.0;
     }
 }

@@ -186,7 +186,7 @@ fn a_gap_in_a_log_is_missed_samples() {
         ..parameters()
     };
     // Long enough to go on over four samples.
-    let window = 32;
+    let window = Some(32);
     let mut bridged = FrontEnd::new(parameters, window).unwrap();
     let mut told = FrontEnd::new(parameters, window).unwrap();
     let n = parameters.gear_ratio;

@@ -172,14 +172,21 @@ impl JointFile {
             .unwrap_or(OVERLOAD * self.joint.rated_torque)
     }
 
+    /// Samples of the straight line whose slope is a velocity.
+    #[must_use]
+    pub fn velocity_window(&self) -> usize {
+        let window = self.encoders.as_ref().and_then(|e| e.velocity_window);
+        let samples = (VELOCITY_WINDOW_S * self.joint.sample_rate)
+            .round()
+            .max(3.0);
+        window.unwrap_or(samples as usize)
+    }
+
     /// Encoders and velocities of this joint.
     ///
     /// # Errors
     /// A velocity window that no filter can have.
     pub fn front_end(&self) -> Result<FrontEnd, Problem> {
-        let window = (VELOCITY_WINDOW_S * self.joint.sample_rate)
-            .round()
-            .max(3.0) as usize;
         let encoders = self.encoders.clone().unwrap_or_default();
         let parameters = EncoderParameters {
             gear_ratio: self.joint.gear_ratio,
@@ -189,8 +196,7 @@ impl JointFile {
             link_wrap: f64::INFINITY,
             skew: encoders.skew,
         };
-        let window = encoders.velocity_window.unwrap_or(window);
-        FrontEnd::new(parameters, window).map_err(|p| p.of("encoders"))
+        FrontEnd::new(parameters, Some(self.velocity_window())).map_err(|p| p.of("encoders"))
     }
 
     /// Z18 in this joint; none: no error.

@@ -94,7 +94,7 @@ impl Reader<'_, '_, '_> {
         let kinematic_error = self.kinematic_error();
         let longest = sampling::LONGEST * self.timing.sample_period * 1e6;
         let skew = section.number_or("skew_us", 0.0, Allowed::Within(-longest, longest)) * 1e-6;
-        let calibration = self.calibration(drive);
+        let calibration = self.calibration(drive, torque_limit);
         let bus = wiring.bus(section);
         // Without a drive or a bus the signals cannot be judged; their keys are known all the same.
         let signals = bus
@@ -162,7 +162,7 @@ impl Reader<'_, '_, '_> {
     }
 
     /// The joint file that `calibration` names, which must be of such a drive at such a rate.
-    fn calibration(&self, drive: Option<&Drive>) -> Option<JointFile> {
+    fn calibration(&self, drive: Option<&Drive>, torque_limit: f64) -> Option<JointFile> {
         const ALLOWED: &str = "the path of a joint file that `torquectl fit` wrote";
         let section = self.section;
         let named = section.optional_text("calibration", ALLOWED)?;
@@ -186,20 +186,62 @@ impl Reader<'_, '_, '_> {
                 return None;
             }
         };
-        let rate = 1.0 / self.timing.sample_period;
-        let ratio = drive.map_or(file.joint.gear_ratio, |drive| drive.gear_ratio);
-        for (what, theirs, ours) in [
-            ("sample_rate_hz", file.joint.sample_rate, rate),
-            ("gear_ratio", file.joint.gear_ratio, ratio),
+        self.matches(&file, &path, drive, torque_limit)
+            .then_some(file)
+    }
+
+    /// Whether the joint file is of a joint like this one; notes each difference.
+    fn matches(
+        &self,
+        file: &JointFile,
+        path: &str,
+        drive: Option<&Drive>,
+        torque_limit: f64,
+    ) -> bool {
+        let theirs = &file.joint;
+        let counts = |of: fn(&Drive) -> Option<f64>| drive.and_then(of);
+        let mut matches = true;
+        for (key, theirs, ours) in [
+            (
+                "sample_rate_hz",
+                theirs.sample_rate,
+                Some(1.0 / self.timing.sample_period),
+            ),
+            ("gear_ratio", theirs.gear_ratio, drive.map(|d| d.gear_ratio)),
+            (
+                "torque_constant_Nm_per_A",
+                theirs.torque_constant,
+                drive.map(|d| d.wave_generator.torque_constant),
+            ),
+            (
+                "motor_counts_per_turn",
+                theirs.motor_counts_per_turn,
+                counts(|d| d.motor_counts_per_turn),
+            ),
+            (
+                "link_counts_per_turn",
+                theirs.link_counts_per_turn,
+                counts(|d| d.link_counts_per_turn),
+            ),
         ] {
+            let Some(ours) = ours else { continue };
             if (theirs - ours).abs() > 1e-6 * ours.abs() {
-                problem(format!(
-                    "{path} is for {what} = {theirs}, this joint has {ours}"
-                ));
-                return None;
+                let what = format!("{path} is for {key} = {theirs}, this joint has {ours}");
+                let allowed = "a joint file of such a joint at such a rate";
+                self.section.problem("calibration", what, allowed);
+                matches = false;
             }
         }
-        Some(file)
+        // Estimates end at the file's limit: one below the joint's would hide its largest torques.
+        let limit = file.torque_limit();
+        if limit < torque_limit {
+            let what =
+                format!("{path} is for torque_limit_Nm = {limit}, this joint has {torque_limit}");
+            let allowed = format!("a torque_limit_Nm of at least {torque_limit} in the joint file");
+            self.section.problem("calibration", what, allowed);
+            matches = false;
+        }
+        matches
     }
 
     fn in_model(&self, name: &str, model: &Model) -> Option<usize> {
