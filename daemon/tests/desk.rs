@@ -8,6 +8,7 @@ use robot_config::Robot;
 use robot_state::{
     Answer, Event, Name, Request, SharedRecord, answer_status, measured_flags, mode, request,
 };
+use test_support::read_project_file;
 use torqued::desk::Desk;
 use torqued::offsets::Store;
 
@@ -18,16 +19,15 @@ touch = [{ link = "base_link", type = "full_wrench" }, { link = "ankle_ft", type
 "#;
 
 fn leg() -> Robot {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/leg/robot.toml");
     let line = "unknown_wrench_link = \"base_link\"\n";
     let read = |path: &str| {
-        let text = std::fs::read_to_string(path)?;
+        let text = read_project_file(path)?;
         Ok(match path.ends_with("robot.toml") {
             true => format!("{}{CONTACTS}", text.replace(line, "")),
             false => text,
         })
     };
-    robot_config::load(path, &read).expect("the leg")
+    robot_config::load("config/leg/robot.toml", &read).expect("the leg")
 }
 
 struct State(PathBuf);

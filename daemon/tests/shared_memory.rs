@@ -1,47 +1,17 @@
 //! The daemon's hand-over to clients, seen from both sides.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::path::PathBuf;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use robot_state::{Description, Name, SharedRecord, mode};
+use test_support::{allocations, read_project_file};
 use torqued::desk::Desk;
 use torqued::real_time::monotonic_ns;
 use torqued::shared_memory::{self, LoopEnds};
 use torqued_client::{Client, Commander, Error, Location};
 
 const PATIENCE: Duration = Duration::from_secs(10);
-
-/// Counts what each thread allocates: the publisher's may, the loop's may not.
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-// SAFETY: every call is passed on to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.with(|n| n.set(n.get() + 1));
-        // SAFETY: the caller's promises.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        ALLOCATIONS.with(|n| n.set(n.get() + 1));
-        // SAFETY: the caller's promises.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-fn allocations() -> u64 {
-    ALLOCATIONS.with(Cell::get)
-}
 
 /// A run directory of a test's own.
 struct RunDir(Location);
@@ -80,8 +50,7 @@ impl Drop for RunDir {
 
 /// A desk of the leg, which nobody asks for a tare here.
 fn desk() -> Desk {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/leg/robot.toml");
-    let leg = robot_config::load(path, &|path| std::fs::read_to_string(path)).expect("the leg");
+    let leg = robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg");
     Desk::new(&leg, Err("nowhere to keep offsets".to_owned())).expect("a desk")
 }
 

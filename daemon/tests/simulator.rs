@@ -1,10 +1,10 @@
 //! Simulated sensors that keep their own time: in lock-step with the loop, and refused on CAN.
 
-use can_codec::Frames;
 use cycle::Wanted;
 use plant::{CanRobot, SimParameters};
 use robot_state::measured_flags;
 use std::process::Command;
+use test_support::{project_path, read_project_file};
 use torqued::bus::LockStep;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::control_loop::ControlLoop;
@@ -12,13 +12,12 @@ use torqued::real_time::Pace;
 
 #[test]
 fn sensors_that_keep_their_own_time_are_refused_on_can() {
-    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
-    let sim = std::fs::read_to_string(format!("{root}/config/leg/sim.toml")).expect("sim.toml");
+    let sim = read_project_file("config/leg/sim.toml").expect("sim.toml");
     let path = std::env::temp_dir().join(format!("torqued-sim-{}.toml", std::process::id()));
     let own = "[ft_sensor.sampling]\nsampled = \"when_sent\"\n";
     std::fs::write(&path, format!("{sim}\n{own}")).expect("written");
     let out = Command::new(env!("CARGO_BIN_EXE_torqued-sim"))
-        .arg(format!("{root}/config/leg/robot.toml"))
+        .arg(project_path("config/leg/robot.toml"))
         .arg("--sim")
         .arg(&path)
         .output()
@@ -33,20 +32,10 @@ fn sensors_that_keep_their_own_time_are_refused_on_can() {
     assert!(said.contains("allowed: \"at_sync\""), "{said}");
 }
 
-/// The plant as a peer of the bus.
-struct Peer(CanRobot);
-
-impl torqued::bus::Peer for Peer {
-    fn exchange(&mut self, frames: &Frames, now_ns: u64, out: &mut Frames) {
-        self.0.exchange(frames, now_ns, out);
-    }
-}
-
 #[test]
 fn a_cycle_does_not_wait_for_sensors_that_keep_their_own_time() {
-    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
     let read = |path: &str| {
-        let text = std::fs::read_to_string(path)?;
+        let text = read_project_file(path)?;
         let own = "[imu]\nsampled = \"when_sent\"\nperiod_us = 1500\n";
         let it_is = path.ends_with("humanoid/robot.toml");
         Ok(if it_is {
@@ -55,19 +44,18 @@ fn a_cycle_does_not_wait_for_sensors_that_keep_their_own_time() {
             text
         })
     };
-    let config = format!("{root}/config/humanoid");
-    let robot = robot_config::load(&format!("{config}/robot.toml"), &read).expect("a robot");
-    let sim = std::fs::read_to_string(format!("{config}/sim.toml")).expect("sim.toml");
+    let robot = robot_config::load("config/humanoid/robot.toml", &read).expect("a robot");
+    let sim = read_project_file("config/humanoid/sim.toml").expect("sim.toml");
     let mut sim = SimParameters::parse(&sim, "sim.toml").expect("parameters");
     sim.imu.sampling.sampled = plant::parameters::Sampled::WhenSent;
     sim.imu.sampling.period = Some(1.5e-3);
-    let urdf = std::fs::read_to_string(&robot.parameters.urdf_path).expect("URDF");
+    let urdf = read_project_file(&robot.parameters.urdf_path).expect("URDF");
     let plant = CanRobot::new(&robot, &urdf, &sim).expect("a plant");
 
     let clock = VirtualClock::new();
     clock.advance_to(1_000_000_000);
     let mut pace = VirtualDeadline::new(&clock, 1_000_000);
-    let bus = LockStep::new(Peer(plant), &clock);
+    let bus = LockStep::new(plant, &clock);
     let mut control_loop = ControlLoop::new(&robot, bus).expect("a loop");
     let mut ages = Vec::new();
     for cycle in 0..300 {

@@ -7,14 +7,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use can_codec::Frames;
 use cycle::Wanted;
 use plant::parameters::PushParameters;
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 use robot_state::{Answer, Description, Name, TaredSensor, Wrench, mode};
+use test_support::read_project_file;
+use torqued::bus::LockStep;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
-use torqued::bus::{LockStep, Peer};
 use torqued::control_loop::ControlLoop;
 use torqued::desk::Desk;
 use torqued::offsets::Store;
@@ -34,28 +34,24 @@ touch = [{ link = "base_link", type = "full_wrench" }, { link = "ankle_ft", type
 time_s = 0.5
 "#;
 
-fn project(path: &str) -> String {
-    format!("{}/../{path}", env!("CARGO_MANIFEST_DIR"))
-}
-
 /// The leg with sets of contacts.
 fn leg() -> Robot {
     let read = |path: &str| {
-        let text = std::fs::read_to_string(path)?;
+        let text = read_project_file(path)?;
         let line = "unknown_wrench_link = \"base_link\"\n";
         Ok(match path.ends_with("robot.toml") {
             true => format!("{}{CONTACTS}", text.replace(line, "")),
             false => text,
         })
     };
-    robot_config::load(&project("config/leg/robot.toml"), &read).expect("the leg")
+    robot_config::load("config/leg/robot.toml", &read).expect("the leg")
 }
 
 /// What the leg is really like: its F/T sensor needs a tare.
 fn sim() -> SimParameters {
-    let path = project("config/leg/sim.toml");
-    let text = std::fs::read_to_string(&path).expect("readable");
-    let mut sim = SimParameters::parse(&text, &path).expect("parameters");
+    let path = "config/leg/sim.toml";
+    let text = read_project_file(path).expect("readable");
+    let mut sim = SimParameters::parse(&text, path).expect("parameters");
     (sim.ft_sensor.bias_force, sim.ft_sensor.bias_torque) = (10.0, 1.0);
     sim
 }
@@ -103,14 +99,6 @@ impl Drop for Place {
     }
 }
 
-struct Simulated(CanRobot);
-
-impl Peer for Simulated {
-    fn exchange(&mut self, frames: &Frames, now_ns: u64, out: &mut Frames) {
-        self.0.exchange(frames, now_ns, out);
-    }
-}
-
 /// A daemon that runs until it is stopped.
 struct Daemon {
     stop: Arc<AtomicBool>,
@@ -123,7 +111,7 @@ impl Daemon {
     }
 
     fn start_robot(place: &Place, robot: Robot, sim: &SimParameters) -> Self {
-        let urdf = std::fs::read_to_string(&robot.parameters.urdf_path).expect("readable");
+        let urdf = read_project_file(&robot.parameters.urdf_path).expect("readable");
         let plant = CanRobot::new(&robot, &urdf, sim).expect("a plant");
         let desk = Desk::new(&robot, Ok(place.store())).expect("a desk");
         let mut description = Description {
@@ -145,7 +133,7 @@ impl Daemon {
         let stopped = Arc::clone(&stop);
         let thread = thread::spawn(move || {
             let clock = VirtualClock::new();
-            let bus = LockStep::new(Simulated(plant), &clock);
+            let bus = LockStep::new(plant, &clock);
             let mut control_loop = ControlLoop::new(&robot, bus).expect("a loop");
             let mut deadline = VirtualDeadline::new(&clock, 1_000_000);
             let mut errors = vec![[0.0; 6]; robot.parameters.ft_sensors.len()];
@@ -162,7 +150,7 @@ impl Daemon {
                 while !ends.records.send(record) && !stopped.load(Ordering::Relaxed) {
                     thread::sleep(Duration::from_micros(100));
                 }
-                let plant = &control_loop.bus().peer().0;
+                let plant = &control_loop.bus().peer();
                 let sensors = plant.robot().readings().ft.iter().zip(&plant.truth().ft);
                 for (error, (shown, truth)) in errors.iter_mut().zip(sensors) {
                     let pairs = shown.to_array().into_iter().zip(truth.to_array());
@@ -290,11 +278,10 @@ fn unix_now() -> f64 {
 #[test]
 fn a_humanoid_that_stands_is_tared() {
     let place = Place::new("humanoid");
-    let read = |path: &str| std::fs::read_to_string(path);
-    let robot = robot_config::load(&project("config/humanoid/robot.toml"), &read);
-    let path = project("config/humanoid/sim.toml");
-    let text = std::fs::read_to_string(&path).expect("readable");
-    let mut sim = SimParameters::parse(&text, &path).expect("parameters");
+    let robot = robot_config::load("config/humanoid/robot.toml", &read_project_file);
+    let path = "config/humanoid/sim.toml";
+    let text = read_project_file(path).expect("readable");
+    let mut sim = SimParameters::parse(&text, path).expect("parameters");
     (sim.ft_sensor.bias_force, sim.ft_sensor.bias_torque) = (10.0, 1.0);
     let daemon = Daemon::start_robot(&place, robot.expect("the humanoid"), &sim);
     let mut client = place.client();

@@ -7,17 +7,11 @@ use dynamics::{
 };
 use nalgebra::{DMatrix, DVector, Matrix6xX, Vector3, Vector6};
 use robot_state::Wrench;
+use test_support::read_project_file;
 
-#[expect(
-    clippy::disallowed_methods,
-    reason = "a test may read the project's files"
-)]
 fn robot(name: &str, base: Base) -> Model {
-    let file = format!(
-        "{}/../../robot-models/{name}/robot.urdf",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    let text = std::fs::read_to_string(&file).expect("the robot's URDF is part of the project");
+    let file = format!("robot-models/{name}/robot.urdf");
+    let text = read_project_file(&file).expect("the robot's URDF is part of the project");
     Model::from_urdf(&text, &file, base).expect("valid")
 }
 

@@ -2,27 +2,7 @@
 
 use dynamics::*;
 use nalgebra::{DMatrix, Matrix3xX, Matrix6xX};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
-
-struct Counting;
-static COUNT: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: hands everything to the system's allocator.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promises are the system's.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, p: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promises are the system's.
-        unsafe { System.dealloc(p, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+use test_support::allocations;
 
 mod support;
 
@@ -61,7 +41,7 @@ fn nothing_allocates() {
             angular_acceleration: m.gravity(),
             proper_acceleration: m.gravity(),
         };
-        let before = COUNT.load(Ordering::Relaxed);
+        let before = allocations();
         for instructions in [Instructions::Portable, Instructions::detect()] {
             d.set_instructions(instructions);
             rnea(m, d, &q, &v, &a, Some(&f));
@@ -98,10 +78,10 @@ fn nothing_allocates() {
         potential_energy(m, d);
         joint_torque_regressor(m, d, &q, &v, &a, &mut y);
         integrate(m, &mut q, &v, 1e-3);
-        let after = COUNT.load(Ordering::Relaxed);
+        let after = allocations();
         assert_eq!(after - before, 0, "allocations");
         drop(Data::new(m));
-        assert!(COUNT.load(Ordering::Relaxed) > after, "the counter counts");
+        assert!(allocations() > after, "the counter counts");
         assert!(x.iter().all(|x| x.is_finite()));
     }
 }

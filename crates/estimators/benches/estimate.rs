@@ -24,6 +24,7 @@ use std::error::Error;
 use std::hint::black_box;
 use std::io::Write;
 use std::time::{Duration, Instant};
+use test_support::Random;
 
 /// Samples of the log that each estimator runs over, again and again.
 const SAMPLES: usize = 4000;
@@ -34,13 +35,8 @@ const LIMIT: f64 = 40.0;
 
 /// Loaded motion to and fro over some turns of the motor, with rest, noise on everything.
 fn motion() -> Vec<JointSample> {
-    let mut state = 1u64;
-    let mut noise = move || {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut random = Random::new(1);
+    let mut noise = move || random.symmetric();
     (0..SAMPLES)
         .map(|i| {
             let t = 1e-3 * i as f64;

@@ -172,17 +172,7 @@ fn mean(states: [State; MODELS]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn noise(seed: &mut u64) -> f64 {
-        // Twelve uniform numbers: normal enough.
-        let uniform = |seed: &mut u64| {
-            *seed = seed
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (*seed >> 11) as f64 / (1u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform(seed)).sum::<f64>() - 6.0
-    }
+    use test_support::Random;
 
     const PARAMETERS: TrackingParameters = TrackingParameters {
         poles: [0.5, 0.8, 0.97],
@@ -226,10 +216,10 @@ mod tests {
     #[test]
     fn quiet_at_rest_and_quick_at_a_step() {
         let mut filter = Tracking::new(PARAMETERS, 1e-3);
-        let mut seed = 1;
+        let mut random = Random::new(1);
         let (mut sum, mut count) = (0.0, 0.0);
         for i in 0..4000 {
-            let x = filter.update(noise(&mut seed)).0;
+            let x = filter.update(random.normal()).0;
             if i > 500 {
                 sum += x * x;
                 count += 1.0;
@@ -238,9 +228,9 @@ mod tests {
         let sigma = f64::sqrt(sum / count);
         assert!(sigma < 0.35, "the short model alone leaves 0.8: {sigma}");
         for _ in 0..6 {
-            filter.update(30.0 + noise(&mut seed));
+            filter.update(30.0 + random.normal());
         }
-        let (x, _) = filter.update(30.0 + noise(&mut seed));
+        let (x, _) = filter.update(30.0 + random.normal());
         assert!((x - 30.0).abs() < 5.0, "{x}");
     }
 }

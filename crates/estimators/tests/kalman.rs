@@ -7,6 +7,7 @@ use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
+use test_support::Random;
 
 const N: f64 = 100.0;
 const T: f64 = 1e-3;
@@ -47,22 +48,6 @@ fn parameters() -> KalmanParameters {
     }
 }
 
-/// Standard normal numbers.
-struct Normal(u64);
-
-impl Normal {
-    fn next(&mut self) -> f64 {
-        let mut uniform = || {
-            self.0 = self
-                .0
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-        };
-        (-2.0 * uniform().ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos()
-    }
-}
-
 /// RMS error, mean sigma, mean normalised innovation.
 struct Outcome {
     rms: f64,
@@ -75,7 +60,7 @@ struct Outcome {
 fn run<const S: usize>(transform: Transform, offset: f64) -> Outcome {
     let p = parameters();
     let mut filter = KalmanEstimator::<S>::new(p.clone(), transform);
-    let mut normal = Normal(5);
+    let mut random = Random::new(5);
     let (mut theta, mut omega, mut tau) = (3.0, 0.0, 2.0);
     let (mut square, mut sigma, mut innovation) = (0.0, 0.0, 0.0);
     let count = 20_000;
@@ -85,12 +70,12 @@ fn run<const S: usize>(transform: Transform, offset: f64) -> Outcome {
         let tau_m = tau / N + 0.02 * (4.0 * t).sin() - 2e-4 * omega;
         let friction = 1e-5 * omega + 0.02 * omega.tanh();
         theta += T * omega;
-        omega += T / 1.14e-5 * (tau_m - friction - tau / N) + 1e-2 * normal.next();
-        tau += -T * tau + 0.02 * normal.next();
+        omega += T / 1.14e-5 * (tau_m - friction - tau / N) + 1e-2 * random.normal();
+        tau += -T * tau + 0.02 * random.normal();
         let c = &p.joint.compliance;
         let torsion = c.flexspline_torsion(tau) + c.wave_generator_torsion(tau / N) / N;
-        let theta_read = theta + 1e-3 * normal.next();
-        let torsion_read = torsion + 2e-5 * normal.next();
+        let theta_read = theta + 1e-3 * random.normal();
+        let torsion_read = torsion + 2e-5 * random.normal();
         let sample = JointSample {
             theta: theta_read,
             q: theta_read / N - torsion_read,

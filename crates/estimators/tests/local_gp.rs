@@ -4,19 +4,7 @@ use estimators::features::{FeatureSet, MAX_FEATURES};
 use estimators::local_gp::{LocalGp, LocalGpParameters, LocalModel};
 use estimators::regimes::{Regime, Regimes};
 use proptest::prelude::*;
-
-struct Random(u64);
-
-impl Random {
-    /// Between -1 and 1.
-    fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-}
+use test_support::Random;
 
 fn regimes() -> Regimes {
     let regime = Regime {
@@ -45,19 +33,19 @@ fn parameters(
     spread: f64,
     noise: f64,
 ) -> LocalGpParameters {
-    let mut random = Random(seed);
+    let mut random = Random::new(seed);
     let model = |_| {
-        let centre: Vec<f64> = (0..3).map(|_| spread * random.next()).collect();
+        let centre: Vec<f64> = (0..3).map(|_| spread * random.symmetric()).collect();
         let points: Vec<f64> = (0..points)
-            .flat_map(|_| [0, 1, 2].map(|c| centre[c] + 1.5 * random.next()))
+            .flat_map(|_| [0, 1, 2].map(|c| centre[c] + 1.5 * random.symmetric()))
             .collect();
         LocalModel {
             residuals: points
                 .chunks_exact(3)
-                .map(|x| truth(x) + noise.sqrt() * random.next())
+                .map(|x| truth(x) + noise.sqrt() * random.symmetric())
                 .collect(),
             noise: (0..points.len() / 3)
-                .map(|_| noise * (1.1 + random.next()))
+                .map(|_| noise * (1.1 + random.symmetric()))
                 .collect(),
             centre,
             points,
@@ -101,10 +89,10 @@ proptest! {
         let tolerance = 10f64.powf(tolerance);
         let exact = with_tolerance(&parameters, 0.0, usize::MAX);
         let quick = with_tolerance(&parameters, tolerance, 8);
-        let mut random = Random(seed ^ 1);
+        let mut random = Random::new(seed ^ 1);
         for _ in 0..200 {
             let mut x = [0.0; MAX_FEATURES];
-            x[..3].fill_with(|| 1.3 * (spread + 1.0) * random.next());
+            x[..3].fill_with(|| 1.3 * (spread + 1.0) * random.symmetric());
             let (exact, quick) = (exact.predict(&x), quick.predict(&x));
             prop_assert!((exact.mean - quick.mean).abs() <= tolerance);
             // A mixture's spread of means moves with the means.

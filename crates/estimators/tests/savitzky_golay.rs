@@ -3,6 +3,7 @@
 use estimators::filter_bank::FilterBank;
 use estimators::savitzky_golay::{SavitzkyGolayParameters, coefficients};
 use proptest::prelude::*;
+use test_support::Random;
 
 #[test]
 fn coefficients_agree_with_scipy() {
@@ -151,17 +152,11 @@ fn a_long_gap_ends_in_holding() {
 #[test]
 fn noise_gain_is_the_gain_for_white_noise() {
     let bank = bank(1);
-    let mut state = 1u64;
-    let mut uniform = || {
-        state = state
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
-        (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-    };
+    let mut random = Random::new(1);
     let mut filter = bank.clone();
     let (mut in_square, mut out_square) = (0.0, 0.0);
     for i in 0..200_000 {
-        let x = uniform();
+        let x = random.symmetric();
         filter.update(&[x]);
         if i > 100 {
             in_square += x * x;

@@ -7,6 +7,7 @@ use identification::log::LogRow;
 use joint_file::{JointFile, no_files};
 use robot_state::torque_flags::VALID;
 use std::collections::BTreeMap;
+use test_support::Random;
 
 const N: f64 = 100.0;
 const T: f64 = 1e-3;
@@ -24,19 +25,6 @@ link_counts_per_turn = 524288
 motor_counts_per_turn = 4096
 sample_rate_hz = 1000
 "#;
-
-struct Random(u64);
-
-impl Random {
-    /// Between -1 and 1.
-    fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-}
 
 fn kinematic_error(q: f64, theta: f64) -> f64 {
     2e-5 + 7e-5 * (q + 0.3).sin() + 3e-5 * (2.0 * theta - 1.0).cos() + 1e-5 * theta.sin()
@@ -59,7 +47,7 @@ impl Gear {
 
 /// A log along a path `q(t)` with torque `tau(t)`.
 fn log(seconds: f64, seed: u64, q: impl Fn(f64) -> f64, tau: impl Fn(f64) -> f64) -> Vec<LogRow> {
-    let mut random = Random(seed);
+    let mut random = Random::new(seed);
     let mut gear = Gear { z: 0.0 };
     let count = (seconds / T) as usize;
     let dq = |t: f64| (q(t + 1e-5) - q(t - 1e-5)) / 2e-5;
@@ -86,8 +74,8 @@ fn log(seconds: f64, seed: u64, q: impl Fn(f64) -> f64, tau: impl Fn(f64) -> f64
                 t,
                 theta: read(theta, 4096.0),
                 q: read(q(t), 524_288.0),
-                current: (load + friction) / 5.2 + 0.03 + 0.02 * random.next(),
-                tau_sensor: load + 0.01 * random.next(),
+                current: (load + friction) / 5.2 + 0.03 + 0.02 * random.symmetric(),
+                tau_sensor: load + 0.01 * random.symmetric(),
             }
         })
         .collect()

@@ -1,28 +1,16 @@
 //! Coefficients and standard deviations of least squares against the truth that made the data.
 
 use identification::least_squares::Batch;
-
-struct Random(u64);
-
-impl Random {
-    /// Between -1 and 1.
-    fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-}
+use test_support::Random;
 
 const TRUTH: [f64; 4] = [2.0, -3e-4, 5e3, 0.7];
 
 fn row(random: &mut Random) -> ([f64; 4], f64) {
     let a = [
         1.0,
-        1e3 * random.next(),
-        1e-3 * random.next(),
-        random.next(),
+        1e3 * random.symmetric(),
+        1e-3 * random.symmetric(),
+        random.symmetric(),
     ];
     let b = a.iter().zip(TRUTH).map(|(a, x)| a * x).sum();
     (a, b)
@@ -30,7 +18,7 @@ fn row(random: &mut Random) -> ([f64; 4], f64) {
 
 #[test]
 fn batch_finds_the_coefficients_and_their_errors() {
-    let (mut exact, mut noisy, mut random) = (Batch::new(4), Batch::new(4), Random(1));
+    let (mut exact, mut noisy, mut random) = (Batch::new(4), Batch::new(4), Random::new(1));
     let mut spread = [0.0; 4];
     for _ in 0..2000 {
         let (a, b) = row(&mut random);
@@ -46,7 +34,7 @@ fn batch_finds_the_coefficients_and_their_errors() {
         noisy = Batch::new(4);
         for _ in 0..400 {
             let (a, b) = row(&mut random);
-            noisy.add(&a, b + random.next());
+            noisy.add(&a, b + random.symmetric());
         }
         let solution = noisy.solve(0.0).unwrap();
         for i in 0..4 {
@@ -64,7 +52,7 @@ fn batch_finds_the_coefficients_and_their_errors() {
 
 #[test]
 fn bounded_coefficients_are_not_negative() {
-    let (mut batch, mut random) = (Batch::new(4), Random(2));
+    let (mut batch, mut random) = (Batch::new(4), Random::new(2));
     for _ in 0..500 {
         let (a, b) = row(&mut random);
         batch.add(&a, b);

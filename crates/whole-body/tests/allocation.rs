@@ -4,31 +4,11 @@
 mod common;
 
 use common::{Robot, Scene};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use test_support::allocations;
 use whole_body::{
     DelayCompensator, DelayCompensatorParameters, DelayedTorque, Weighting, WholeBody,
     WholeBodyParameters,
 };
-
-struct Counting;
-static COUNT: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: hands everything to the system's allocator.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promises are the system's.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, p: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promises are the system's.
-        unsafe { System.dealloc(p, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn nothing_allocates() {
@@ -44,7 +24,7 @@ fn nothing_allocates() {
             second.name = "the same".into();
             parameters.hypotheses.push(second);
             let mut whole_body = WholeBody::new(&robot.model, &parameters).unwrap();
-            let before = COUNT.load(Ordering::Relaxed);
+            let before = allocations();
             assert!(whole_body.update(&scene.input()).valid);
             whole_body.blend(&[0.3, 0.7]);
             assert!(whole_body.update(&scene.input()).valid);
@@ -52,7 +32,7 @@ fn nothing_allocates() {
             let mut broken = scene.input();
             broken.q = &[];
             assert!(!whole_body.update(&broken).valid);
-            assert_eq!(COUNT.load(Ordering::Relaxed) - before, 0, "allocations");
+            assert_eq!(allocations() - before, 0, "allocations");
         }
     }
     let mut compensator = DelayCompensator::new(DelayCompensatorParameters {
@@ -61,7 +41,7 @@ fn nothing_allocates() {
         fast_sigma: 0.1,
         torque_limit: 100.0,
     });
-    let before = COUNT.load(Ordering::Relaxed);
+    let before = allocations();
     for k in 0..100 {
         let late = DelayedTorque {
             tau: f64::from(k),
@@ -69,5 +49,5 @@ fn nothing_allocates() {
         };
         compensator.update((k % 20 < 10).then_some(1.0), (k % 7 > 0).then_some(late));
     }
-    assert_eq!(COUNT.load(Ordering::Relaxed) - before, 0, "allocations");
+    assert_eq!(allocations() - before, 0, "allocations");
 }

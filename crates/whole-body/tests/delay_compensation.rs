@@ -4,34 +4,19 @@ use estimators::filter_bank::FilterBank;
 use estimators::matched_filter::MatchedFilterParameters;
 use robot_state::{TorqueEstimate, torque_flags};
 use std::f64::consts::TAU;
+use test_support::Random;
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque};
 
 const PERIOD: f64 = 1e-3;
 const WINDOW: usize = 16;
 const LIMIT: f64 = 100.0;
 
-/// Gaussian noise, near enough: twelve uniform numbers.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut sum = -6.0;
-        for _ in 0..12 {
-            self.0 = (self.0)
-                .wrapping_mul(6364136223846793005)
-                .wrapping_add(1442695040888963407);
-            sum += (self.0 >> 11) as f64 / (1u64 << 53) as f64;
-        }
-        sum
-    }
-}
-
 /// A joint with both sources: encoders of a certain gain and noise that drift; F/T sensors of a
 /// certain noise, filtered.
 struct Joint {
     compensator: DelayCompensator,
     filter: FilterBank,
-    noise: Noise,
+    random: Random,
     fast: [f64; 2],
     late: f64,
     sigma: f64,
@@ -56,7 +41,7 @@ impl Joint {
             }),
             sigma: late_noise * filter.noise_gain(0),
             filter,
-            noise: Noise(7),
+            random: Random::new(7),
             fast: [gain, fast_noise],
             late: late_noise,
             time: 0.0,
@@ -66,8 +51,9 @@ impl Joint {
     fn sources(&mut self, truth: f64) -> (f64, DelayedTorque) {
         let [gain, noise] = self.fast;
         let drift = 3.0 + 2.0 * (TAU * 0.3 * self.time).sin();
-        let fast = gain * truth + drift + noise * self.noise.next();
-        self.filter.update(&[truth + self.late * self.noise.next()]);
+        let fast = gain * truth + drift + noise * self.random.normal();
+        self.filter
+            .update(&[truth + self.late * self.random.normal()]);
         let tau = self.filter.values()[0];
         let sigma = self.sigma;
         (fast, DelayedTorque { tau, sigma })

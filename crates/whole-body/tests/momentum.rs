@@ -4,8 +4,9 @@
 #[allow(dead_code)] // each test uses a part of it
 mod common;
 
-use common::{Random, Robot};
+use common::Robot;
 use dynamics::{Data, Force, Motion, aba, forward_kinematics_acceleration, integrate};
+use test_support::Random;
 use whole_body::{MomentumObserver, MomentumObserverParameters};
 
 const DT: f64 = 1e-4;
@@ -18,12 +19,12 @@ fn external_torques_are_found() {
         let robot = Robot::random(seed);
         let model = &robot.model;
         let n = model.joint_count();
-        let mut random = Random(seed ^ 7);
+        let mut random = Random::new(seed ^ 7);
         let mut data = Data::new(model);
         let mut q = dynamics::neutral(model);
-        q[7..].iter_mut().for_each(|x| *x = random.signed());
+        q[7..].iter_mut().for_each(|x| *x = random.symmetric());
         let mut v = vec![0.0; model.nv()];
-        v.iter_mut().for_each(|x| *x = 0.3 * random.signed());
+        v.iter_mut().for_each(|x| *x = 0.3 * random.symmetric());
         let pushed = random.below(n);
         let mut observer = MomentumObserver::new(
             model,

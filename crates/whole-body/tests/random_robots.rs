@@ -3,10 +3,11 @@
 #[allow(dead_code)] // each test uses a part of it
 mod common;
 
-use common::{Random, Robot, Scene};
+use common::{Robot, Scene};
 use dynamics::Se3;
 use proptest::prelude::*;
 use robot_state::Wrench;
+use test_support::Random;
 use whole_body::{
     ContactKind, MotionSource, Place, Residual, Weighting, WholeBody, WholeBodyEstimate,
     WholeBodyParameters,
@@ -73,7 +74,7 @@ proptest! {
         }
         let parameters = WholeBodyParameters { weighting: Weighting::Expected, ..robot.parameters() };
         let reference = estimate(&robot, &scene, &parameters);
-        let mut random = Random(seed ^ 3);
+        let mut random = Random::new(seed ^ 3);
         let mut other = parameters.clone();
         let contacts = &mut other.hypotheses[0].contacts;
         let (shift, turn) = (random.below(contacts.len()), random.below(scene.ft.len()));

@@ -88,7 +88,7 @@ fn simulate(options: &DemoOptions) -> Result<Report, Failure> {
     let mut simulated = VirtualDeadline::new(&clock, (period * 1e9) as u64);
     let mut client = DemoClient::new(&robot, motion);
     let mut report = Report::new(&robot, cycles);
-    let bus = LockStep::new(SimulatedRobot(plant), &clock);
+    let bus = LockStep::new(plant, &clock);
     let mut control_loop = ControlLoop::new(&robot, bus).map_err(Failure::bad_input)?;
     let progress = progress_bar(cycles, options.json);
     let mut real = Deadline::new((period * 1e9) as u64);
@@ -112,21 +112,12 @@ fn simulate(options: &DemoOptions) -> Result<Report, Failure> {
         let record = control_loop.run_cycle(&wake, &wanted);
         client.observe(record);
         report.take(record);
-        report.compare(control_loop.bus().peer().0.truth());
+        report.compare(control_loop.bus().peer().truth());
         progress.set_position(cycle);
     }
     progress.finish_and_clear();
-    report.finish(&control_loop.bus().peer().0);
+    report.finish(control_loop.bus().peer());
     Ok(report)
-}
-
-/// The plant as a peer of the bus.
-struct SimulatedRobot(CanRobot);
-
-impl crate::bus::Peer for SimulatedRobot {
-    fn exchange(&mut self, frames: &can_codec::Frames, now_ns: u64, out: &mut can_codec::Frames) {
-        self.0.exchange(frames, now_ns, out);
-    }
 }
 
 fn load(name: &str, seed: Option<u64>) -> Result<(Robot, CanRobot, Motion), Failure> {

@@ -7,14 +7,8 @@ use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 use robot_state::{CycleRecord, JointReference, Reference, mode};
 
-#[expect(
-    clippy::disallowed_methods,
-    reason = "a test may read the project's files"
-)]
-/// Reads a file of the project; configurations name theirs relative to themselves.
-pub(crate) fn read(path: &str) -> std::io::Result<String> {
-    std::fs::read_to_string(format!("{}/../../{path}", env!("CARGO_MANIFEST_DIR")))
-}
+/// Files of the project; configurations name theirs relative to themselves.
+pub(crate) use test_support::read_project_file as read;
 
 /// The cycle, the robot, and the frames between them.
 pub(crate) struct Bench {

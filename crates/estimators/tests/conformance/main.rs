@@ -13,9 +13,9 @@ use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use estimators::set::EstimatorSet;
 use estimators::wave_generator::FrictionRule;
-use std::cell::Cell;
 use subjects::*;
 use suite::*;
+use test_support::allocations;
 
 #[test]
 fn compliance_physical() {
@@ -150,7 +150,7 @@ fn nothing_around_the_estimators_allocates_either() {
         link_wrap: f64::INFINITY,
         skew: 1e-3,
     });
-    let before = ALLOCATIONS.with(Cell::get);
+    let before = allocations();
     for i in 0..200 {
         let missed = if i % 9 == 0 { f64::NAN } else { 0.1 };
         encoders.update(missed, missed);
@@ -158,5 +158,5 @@ fn nothing_around_the_estimators_allocates_either() {
     }
     bank.reset();
     encoders.reset();
-    assert_eq!(ALLOCATIONS.with(Cell::get), before);
+    assert_eq!(allocations(), before);
 }

@@ -3,31 +3,7 @@
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use robot_state::torque_flags::{DEGRADED, SATURATED, VALID};
 use robot_state::{TorqueEstimate, measured_flags};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
-/// Counts this thread's allocations.
-pub(crate) struct Counting;
-
-thread_local! {
-    pub(crate) static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-// SAFETY: hands every request on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.with(|n| n.set(n.get() + 1));
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the pointer came from `alloc` above, which is the system's.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+use test_support::{Random, allocations};
 
 pub(crate) const LIMIT: f64 = 30.0;
 
@@ -78,14 +54,9 @@ pub(crate) fn any_input_gives_finite_output(new: &dyn Fn() -> Box<dyn JointTorqu
         f64::NAN,
     ];
     let mut estimator = new();
-    let mut state = 7usize;
+    let mut random = Random::new(7);
     for i in 0..20_000 {
-        let mut next = || {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            odd[(state >> 33) % odd.len()]
-        };
+        let mut next = || odd[random.below(odd.len())];
         let wild = JointSample {
             q: next(),
             theta: next(),
@@ -177,12 +148,12 @@ pub(crate) fn same_samples_give_the_same_output_without_allocation(
     new: &dyn Fn() -> Box<dyn JointTorqueEstimator>,
 ) {
     let (mut a, mut b) = (new(), new());
-    let before = ALLOCATIONS.with(Cell::get);
+    let before = allocations();
     for i in 0..2000 {
         assert!(a.update(&motion(i)) == b.update(&motion(i)));
     }
     a.reset();
-    assert_eq!(ALLOCATIONS.with(Cell::get), before);
+    assert_eq!(allocations(), before);
 }
 
 pub(crate) fn signs_are_symmetric(new: &dyn Fn() -> Box<dyn JointTorqueEstimator>) {

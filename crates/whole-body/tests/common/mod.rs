@@ -6,33 +6,11 @@ use dynamics::{
 };
 use nalgebra::{DMatrix, Vector3};
 use robot_state::Wrench;
+use test_support::Random;
 use whole_body::{
     ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
     Place, Residual, Weighting, WholeBodyInput, WholeBodyParameters,
 };
-
-/// Splitmix64.
-#[derive(Clone)]
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ (x >> 31)
-    }
-    /// Between -1 and 1.
-    pub(crate) fn signed(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-    pub(crate) fn below(&mut self, n: usize) -> usize {
-        (self.bits() % n as u64) as usize
-    }
-    fn three(&mut self) -> [f64; 3] {
-        [(); 3].map(|()| self.signed())
-    }
-}
 
 /// A random tree of links `link0`..; sensor `s` is the link `ft<s>` fixed to some link, which
 /// carries the link `beyond<s>` and perhaps moving ones.
@@ -44,8 +22,8 @@ pub(crate) struct Robot {
 }
 
 fn link(name: &str, random: &mut Random) -> String {
-    let [x, y, z] = random.three().map(|c| 0.1 * c);
-    let mass = 2.0 + random.signed();
+    let [x, y, z] = random.array().map(|c| 0.1 * c);
+    let mass = 2.0 + random.symmetric();
     format!(
         "<link name='{name}'><inertial><origin xyz='{x} {y} {z}' rpy='{x} {z} {y}'/>\
          <mass value='{mass}'/><inertia ixx='0.03' iyy='0.04' izz='0.05' ixy='0.001' \
@@ -54,9 +32,9 @@ fn link(name: &str, random: &mut Random) -> String {
 }
 
 fn joint(name: &str, kind: &str, parent: &str, child: &str, random: &mut Random) -> String {
-    let [x, y, z] = random.three().map(|c| 0.3 * c);
-    let [r, p, w] = random.three();
-    let [a, b, c] = random.three();
+    let [x, y, z] = random.array().map(|c| 0.3 * c);
+    let [r, p, w] = random.array();
+    let [a, b, c] = random.array();
     format!(
         "<joint name='{name}' type='{kind}'><origin xyz='{x} {y} {z}' rpy='{r} {p} {w}'/>\
          <parent link='{parent}'/><child link='{child}'/><axis xyz='{a} {b} {c}'/>\
@@ -67,7 +45,7 @@ fn joint(name: &str, kind: &str, parent: &str, child: &str, random: &mut Random)
 impl Robot {
     pub(crate) fn random(seed: u64) -> Self {
         let base = Base::Floating;
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let mut text = link("link0", &mut random);
         // Links that carry more, with the sensor they lie beyond.
         let mut carriers: Vec<(String, Option<usize>)> = vec![("link0".into(), None)];
@@ -120,11 +98,11 @@ impl Robot {
             let links = links_of(s);
             let one = |random: &mut Random, kind| ContactParameters {
                 link: links[random.below(links.len())].clone(),
-                point: Vector3::from(random.three()) * 0.1,
+                point: Vector3::from(random.array()) * 0.1,
                 kind,
             };
             let direction =
-                |random: &mut Random| ContactKind::KnownDirection(Vector3::from(random.three()));
+                |random: &mut Random| ContactKind::KnownDirection(Vector3::from(random.array()));
             // The part with the root needs all six: what else would hold the robot?
             let choice = if s.is_none() {
                 random.below(2)
@@ -161,7 +139,7 @@ impl Robot {
                 cut: format!("ft{s}"),
                 frame: Place {
                     link: format!("ft{s}"),
-                    placement: Se3::from_xyz_rpy(random.three(), random.three()),
+                    placement: Se3::from_xyz_rpy(random.array(), random.array()),
                 },
                 sigma_force: 0.3,
                 sigma_torque: 0.02,
@@ -176,7 +154,7 @@ impl Robot {
             source: MotionSource::Imu(ImuParameters {
                 frame: Place {
                     link: carriers[random.below(carriers.len())].0.clone(),
-                    placement: Se3::from_xyz_rpy(random.three(), random.three()),
+                    placement: Se3::from_xyz_rpy(random.array(), random.array()),
                 },
                 sigma_accelerometer: 0.05,
                 sigma_angular_acceleration: 0.1,
@@ -287,27 +265,27 @@ fn push(model: &Model, f_ext: &mut [Force], c: &ContactParameters, f: Force) {
 
 impl Scene {
     pub(crate) fn random(robot: &Robot, seed: u64) -> Self {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let (oracle, p) = (&robot.oracle, &robot.parameters);
         let (bv, bq) = oracle.base_size();
         let mut q = vec![0.0; oracle.nq()];
         let mut v = vec![0.0; oracle.nv()];
         let mut a = vec![0.0; oracle.nv()];
         if bq > 0 {
-            q[..7].iter_mut().for_each(|x| *x = random.signed());
+            q[..7].iter_mut().for_each(|x| *x = random.symmetric());
             let norm = q[3..7].iter().map(|x| x * x).sum::<f64>().sqrt();
             q[3..7].iter_mut().for_each(|x| *x /= norm);
             v[..6]
                 .iter_mut()
                 .chain(&mut a[..6])
-                .for_each(|x| *x = random.signed());
+                .for_each(|x| *x = random.symmetric());
         }
         let index = |name: &String| oracle.joint_index(name).unwrap();
         for j in p.joints.iter().map(index) {
             (q[bq + j], v[bv + j], a[bv + j]) = (
-                2.0 * random.signed(),
-                random.signed(),
-                3.0 * random.signed(),
+                2.0 * random.symmetric(),
+                random.symmetric(),
+                3.0 * random.symmetric(),
             );
         }
         let mut data = Data::new(oracle);
@@ -320,7 +298,7 @@ impl Scene {
         let contacts = &p.hypotheses[0].contacts;
         let root_part = robot.contacts_of_root();
         for (i, c) in contacts.iter().enumerate() {
-            let f = value(c, std::array::from_fn(|_| 10.0 * random.signed()));
+            let f = value(c, std::array::from_fn(|_| 10.0 * random.symmetric()));
             if !root_part.contains(&i) {
                 push(oracle, &mut f_ext, c, f);
             }

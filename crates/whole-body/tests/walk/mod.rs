@@ -1,6 +1,5 @@
 //! The humanoid plant, stepping on the spot in a springy harness, and the signals of its sensors
 //! brought to one instant. Shared by tests and by the results page.
-#![allow(clippy::disallowed_methods, reason = "reads the repository's files")]
 
 pub(crate) mod station;
 
@@ -13,6 +12,7 @@ use plant::{CanRobot, Readings, SimParameters, SimRobot, Truth};
 use robot_config::Robot;
 use robot_state::Wrench;
 use std::f64::consts::TAU;
+use test_support::read_project_file;
 use whole_body::{
     ContactKind, ContactParameters, FtConditioning, FtSensorParameters, Hypothesis, ImuParameters,
     MotionSource, Place, Residual, Weighting, WholeBodyInput, WholeBodyParameters,
@@ -77,34 +77,22 @@ impl Filters {
 /// The harness's link.
 pub(crate) const CHEST: &str = "chest_pitch_link";
 
-fn path(file: &str) -> String {
-    format!(
-        "{}/../../config/humanoid/{file}",
-        env!("CARGO_MANIFEST_DIR")
-    )
-}
-
 /// The humanoid's configuration.
 pub(crate) fn config() -> Robot {
-    robot_config::load(&path("robot.toml"), &|p: &str| std::fs::read_to_string(p)).unwrap()
+    robot_config::load("config/humanoid/robot.toml", &read_project_file).unwrap()
 }
 
 /// Its model with a free base.
 pub(crate) fn model(robot: &Robot) -> Model {
     let file = &robot.parameters.urdf_path;
-    Model::from_urdf(
-        &std::fs::read_to_string(file).unwrap(),
-        file,
-        Base::Floating,
-    )
-    .unwrap()
+    Model::from_urdf(&read_project_file(file).unwrap(), file, Base::Floating).unwrap()
 }
 
 /// The simulation's parameters: F/T sensors that need a tare, a harness that lets the feet carry
 /// most of the weight, soles some millimetres above the floor at the start.
 pub(crate) fn simulation(seed: u64) -> SimParameters {
-    let file = path("sim.toml");
-    let mut sim = SimParameters::parse(&std::fs::read_to_string(&file).unwrap(), &file).unwrap();
+    let file = "config/humanoid/sim.toml";
+    let mut sim = SimParameters::parse(&read_project_file(file).unwrap(), file).unwrap();
     sim.seed = seed;
     sim.ft_sensor.bias_force = 10.0;
     sim.ft_sensor.bias_torque = 1.0;
@@ -135,7 +123,7 @@ pub(crate) struct Walk {
 
 impl Walk {
     pub(crate) fn new(config: &Robot, sim: &SimParameters) -> Self {
-        let urdf = std::fs::read_to_string(&config.parameters.urdf_path).unwrap();
+        let urdf = read_project_file(&config.parameters.urdf_path).unwrap();
         let robot = CanRobot::new(config, &urdf, sim).unwrap().robot().clone();
         let joints: Vec<String> = config
             .parameters

@@ -4,13 +4,20 @@
 use super::super::{Bus, BusCounters, deliver};
 use crate::real_time::{Pace, Schedule, WakeReport};
 use can_codec::{Frames, Gather, MAX_FRAMES, Table};
+use plant::CanRobot;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What answers frames: a simulated robot. Its answers arrive now, or when their stamp says.
+/// The other end of a bus: a simulated robot. Its answers arrive at once, or at their stamp.
 pub trait Peer {
-    /// Takes the frames and appends its answers to `out`.
+    /// Takes the frames and appends the answers to `out`.
     fn exchange(&mut self, frames: &Frames, now_ns: u64, out: &mut Frames);
+}
+
+impl Peer for CanRobot {
+    fn exchange(&mut self, frames: &Frames, now_ns: u64, out: &mut Frames) {
+        Self::exchange(self, frames, now_ns, out);
+    }
 }
 
 /// A clock that stands still but when it is moved; clones are the same clock.

@@ -8,6 +8,7 @@ use estimators::savitzky_golay::SavitzkyGolayParameters;
 use proptest::prelude::*;
 use robot_config::slots::Source;
 use robot_config::{Sampled, Sampling};
+use test_support::Random;
 
 const PERIOD: f64 = 1e-3;
 const PERIOD_NS: u64 = 1_000_000;
@@ -181,12 +182,7 @@ proptest! {
 
 #[test]
 fn alignment_costs_hardly_any_noise() {
-    let noise = |k: u64| {
-        let mut z = k.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ (z >> 31)) as f64 / u64::MAX as f64 - 0.5
-    };
+    let noise = |k: u64| Random::new(k).symmetric() / 2.0;
     let power = |sampling: Sampling, design: FilterDesign| {
         let mut bank = bank(sampling, design);
         let mut sums = [0.0; 3];

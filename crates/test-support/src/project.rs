@@ -1,0 +1,28 @@
+//! Files of the project: robots, configurations.
+
+use std::io::Result;
+
+/// Path of a project file that is given relative to the project's root.
+#[must_use]
+pub fn project_path(file: &str) -> String {
+    format!("{}/../../{file}", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Text of a project file that is given relative to the project's root: `config/leg/robot.toml`.
+///
+/// # Errors
+/// No such file.
+#[expect(clippy::disallowed_methods, reason = "for tests")]
+pub fn read_project_file(file: &str) -> Result<String> {
+    std::fs::read_to_string(project_path(file))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn reads_a_robot_and_what_it_names() {
+        let read = |file| super::read_project_file(file).unwrap_or_default();
+        assert!(read("config/leg/robot.toml").contains("robot.urdf"));
+        assert!(read("config/leg/../../robot-models/leg/robot.urdf").contains("<robot"));
+    }
+}
