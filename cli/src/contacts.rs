@@ -47,10 +47,10 @@ pub(crate) fn run(arguments: &ContactsArguments) -> ExitCode {
 fn contacts(arguments: &ContactsArguments) -> Result<String, Failure> {
     let mut client = connect(arguments.robot.as_ref())?;
     match arguments.name.as_deref() {
-        Some(AUTOMATIC) => _ = client.automatic_contacts()?,
+        Some(AUTOMATIC) => _ = client.automatic_contact_set()?,
         Some(name) => {
             check_contacts(&client, name, ", automatic")?;
-            client.choose_contacts(name)?;
+            client.choose_contact_set(name)?;
         }
         None => {}
     }
@@ -66,8 +66,8 @@ fn show(client: &mut Client, arguments: &ContactsArguments) -> Result<String, Er
         .collect();
     for _ in 0..LOOKS {
         let record = client.next_record(PATIENCE)?;
-        holds = record.cycle.contacts as usize;
-        automatic = record.cycle.contacts_automatic == 1;
+        holds = record.cycle.estimated.contact_set as usize;
+        automatic = record.cycle.estimated.contact_set_automatic == 1;
         match arguments.name.as_deref() {
             Some(AUTOMATIC) if automatic => break,
             Some(name) if !automatic && names.get(holds).is_some_and(|n| n == name) => break,

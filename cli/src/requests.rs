@@ -51,8 +51,11 @@ pub(crate) fn connect(robot: Option<&String>) -> Result<Client, Error> {
 /// The robot's sets of contacts.
 pub(crate) fn contact_names(client: &Client) -> Vec<&str> {
     let description = client.description();
-    let names = description.contact_names.iter().map(|name| name.as_str());
-    names.take(description.contact_count as usize).collect()
+    let names = description
+        .contact_set_names
+        .iter()
+        .map(|name| name.as_str());
+    names.take(description.contact_set_count as usize).collect()
 }
 
 /// That the robot has the set of contacts.

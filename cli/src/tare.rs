@@ -136,7 +136,7 @@ fn as_json(client: &Client, answer: &Answer) -> Value {
     json!({
         "robot": client.robot(),
         "date": date.map(|date| date.to_string()),
-        "contacts": date.map(|_| answer.contacts.as_str()),
+        "contacts": date.map(|_| answer.contact_set.as_str()),
         "ft": sensors(client, answer).map(sensor).collect::<Vec<_>>(),
     })
 }

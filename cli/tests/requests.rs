@@ -52,13 +52,13 @@ fn description() -> Description {
         rate_hz: 1000.0,
         joint_count: 2,
         ft_count: 2,
-        contact_count: 2,
+        contact_set_count: 2,
         ..Description::default()
     };
     description.ft_names[0] = Name::new("left");
     description.ft_names[1] = Name::new("right");
-    description.contact_names[0] = Name::new("standing");
-    description.contact_names[1] = Name::new("in_the_air");
+    description.contact_set_names[0] = Name::new("standing");
+    description.contact_set_names[1] = Name::new("in_the_air");
     description
 }
 
@@ -75,7 +75,7 @@ fn reply(asked: &Request, record: &mut SharedRecord) -> Answer {
         status: answer_status::DONE,
         ft_count: 2,
         date_unix_s: 1_795_245_606.0,
-        contacts: Name::new("in_the_air"),
+        contact_set: Name::new("in_the_air"),
         text: Text::new("F/T offsets of then (3 days old), contacts in_the_air"),
         ..Answer::default()
     };
@@ -85,7 +85,7 @@ fn reply(asked: &Request, record: &mut SharedRecord) -> Answer {
         sensor.sigma = wrench(0.125);
         sensor.known = if s == 0 { 0b11_1111 } else { 0b11_1011 };
     }
-    match (asked.kind, asked.contacts.as_str()) {
+    match (asked.kind, asked.contact_set.as_str()) {
         (request::TARE, "standing") => {
             answer.status = answer_status::REFUSED;
             answer.text = Text::new("the robot moves: joint `knee` turns at 0.2 rad/s");
@@ -95,11 +95,11 @@ fn reply(asked: &Request, record: &mut SharedRecord) -> Answer {
             answer.text = Text::new("no tare: F/T offsets are those of the configuration");
             answer.ft = Answer::default().ft;
         }
-        (request::CHOOSE_CONTACTS, name) => {
-            record.cycle.contacts = u32::from(name == "in_the_air");
-            record.cycle.contacts_automatic = 0;
+        (request::CHOOSE_CONTACT_SET, name) => {
+            record.cycle.estimated.contact_set = u32::from(name == "in_the_air");
+            record.cycle.estimated.contact_set_automatic = 0;
         }
-        (request::AUTOMATIC_CONTACTS, _) => record.cycle.contacts_automatic = 1,
+        (request::AUTOMATIC_CONTACT_SET, _) => record.cycle.estimated.contact_set_automatic = 1,
         _ => {}
     }
     answer

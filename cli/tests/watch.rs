@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
 use std::time::Duration;
 use torqued_client::robot_state::{
-    Description, Event, Name, SharedRecord, control_flags, measured_flags, mode, torque_flags,
+    Description, Event, Mode, Name, SharedRecord, command_flags, measured_flags, torque_flags,
     torque_source,
 };
 use torqued_client::{DaemonPorts, Location};
@@ -64,21 +64,22 @@ fn record() -> SharedRecord {
     let mut record = SharedRecord::default();
     let cycle = &mut record.cycle;
     (cycle.joint_count, cycle.ft_count) = (2, 1);
-    cycle.mode = mode::TORQUE;
+    cycle.mode = Mode::Torque.number();
     cycle.fault = Event::JointStale.number();
     cycle.events[Event::JointMissed.index()] = 3;
-    cycle.ft[0].contact.force = [1.0, -2.0, 640.5];
-    let hip = &mut cycle.joints[0];
+    cycle.estimated.ft[0].contact_wrench.force = [1.0, -2.0, 640.5];
+    let hip = &mut cycle.estimated.joints[0];
     hip.tau_encoder.tau = 12.345;
     hip.tau_encoder.sigma = 1.5;
     hip.tau_encoder.source = torque_source::ENCODER;
     hip.tau_encoder.flags = torque_flags::VALID | torque_flags::SATURATED;
     hip.tau_whole_body.tau = f64::NAN;
-    hip.control.tau_d = -7.25;
-    hip.control.flags = control_flags::TORQUE_LIMITED | 1 << 9;
-    let knee = &mut cycle.joints[1];
-    knee.measured.flags = measured_flags::MISSED | measured_flags::STALE;
-    knee.measured.age_s = 0.025;
+    let hip = &mut cycle.commanded.joints[0];
+    hip.tau_d = -7.25;
+    hip.flags = command_flags::TORQUE_LIMITED | 1 << 9;
+    let knee = &mut cycle.measured.joints[1];
+    knee.flags = measured_flags::MISSED | measured_flags::STALE;
+    knee.age_s = 0.025;
     record.timing.late_cycles = 4;
     record.timing.gather_ns = 310_000;
     record
@@ -166,7 +167,7 @@ fn json_is_one_object_a_line() {
     );
     assert_eq!(joints[0]["tau_whole_body"]["tau_Nm"], Value::Null, "NaN");
     assert_eq!(joints[1]["flags"], serde_json::json!(["missed", "stale"]));
-    assert_eq!(record["ft"][0]["contact"]["force_N"][2], 640.5);
+    assert_eq!(record["ft"][0]["contact_wrench"]["force_N"][2], 640.5);
     assert_eq!(record["events"], serde_json::json!({ "joint_missed": 3 }));
     assert_eq!(record["timing"]["late_cycles"], 4);
 }

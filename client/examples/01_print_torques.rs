@@ -40,7 +40,7 @@ fn run() -> Result<(), Box<dyn Error>> {
         next_print = Instant::now() + PERIOD;
         println!("cycle {} ({lost} records lost)", record.cycle.sequence);
         let names = description.joint_names.iter();
-        for (name, joint) in names.zip(&record.cycle.joints).take(joints) {
+        for (name, joint) in names.zip(&record.cycle.estimated.joints).take(joints) {
             println!(
                 "  {name:24} encoder {:8.2} ± {:5.2} N·m, whole-body {:8.2} ± {:5.2} N·m",
                 joint.tau_encoder.tau,

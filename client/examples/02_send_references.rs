@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use torqued_client::robot_state::mode;
+use torqued_client::robot_state::Mode;
 use torqued_client::{Client, Commander, Location};
 
 const AMPLITUDE: f64 = 2.0 * TAU / 360.0;
@@ -48,9 +48,13 @@ fn run() -> Result<(), Box<dyn Error>> {
             break;
         }
         commander.send(|reference| {
-            reference.mode = mode::INVERSE_DYNAMICS;
-            for (wanted, joint) in reference.joints.iter_mut().zip(&start.cycle.joints) {
-                wanted.q_d = joint.measured.q;
+            reference.mode = Mode::InverseDynamics.number();
+            for (wanted, joint) in reference
+                .joints
+                .iter_mut()
+                .zip(&start.cycle.measured.joints)
+            {
+                wanted.q_d = joint.q;
             }
             // 1 - cos: begins at rest, and smoothly.
             let (w, half) = (TAU * FREQUENCY_HZ, AMPLITUDE / 2.0);

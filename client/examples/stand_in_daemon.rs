@@ -10,7 +10,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use torqued_client::robot_state::{
-    Answer, Description, Event, Name, Request, SharedRecord, Text, Wrench, answer_status, mode,
+    Answer, Description, Event, Mode, Name, Request, SharedRecord, Text, Wrench, answer_status,
     request, torque_flags, torque_source,
 };
 use torqued_client::{DaemonPorts, Location};
@@ -36,8 +36,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         description.torque_limits[j] = 100.0;
     }
     (description.ft_count, description.ft_names[0]) = (1, Name::new("ankle"));
-    description.contact_count = CONTACTS.len() as u32;
-    for (name, set) in description.contact_names.iter_mut().zip(CONTACTS) {
+    description.contact_set_count = CONTACTS.len() as u32;
+    for (name, set) in description.contact_set_names.iter_mut().zip(CONTACTS) {
         *name = Name::new(set);
     }
     let ports = DaemonPorts::create(&Location::find()?, &description)?;
@@ -55,16 +55,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         if let Some(reference) = ports.newest_reference()? {
             record.cycle.mode = reference.mode;
-            for (joint, wanted) in record.cycle.joints.iter_mut().zip(&reference.joints) {
-                joint.measured.q = wanted.q_d;
-                joint.control.tau_d = wanted.tau_d;
+            for (j, desired) in reference.joints.iter().enumerate() {
+                record.cycle.measured.joints[j].q = desired.q_d;
+                record.cycle.commanded.joints[j].tau_d = desired.tau_d;
             }
             last_reference = Some(Instant::now());
         } else if last_reference.is_some_and(|at: Instant| at.elapsed() > REFERENCE_TIMEOUT) {
-            if record.cycle.mode != mode::HOLD {
+            if record.cycle.mode != Mode::Hold.number() {
                 record.cycle.events[Event::ReferenceStale.index()] += 1;
             }
-            record.cycle.mode = mode::HOLD;
+            record.cycle.mode = Mode::Hold.number();
         }
         while let Some(asked) = ports.next_request()? {
             answer(&ports, &asked, &mut record)?;
@@ -72,7 +72,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         record.cycle.sequence = u64::from(cycle);
         record.cycle.stamp_ns = u64::from(cycle) * PERIOD.as_nanos() as u64;
         record.timing.cycles = record.cycle.sequence;
-        for (j, joint) in record.cycle.joints.iter_mut().take(JOINTS).enumerate() {
+        for (j, joint) in record.cycle.estimated.joints[..JOINTS]
+            .iter_mut()
+            .enumerate()
+        {
             let tau = j as f64 + t.sin();
             for (estimate, source) in [
                 (&mut joint.tau_encoder, torque_source::ENCODER),
@@ -100,10 +103,12 @@ fn answer(
     let mut answer = Answer {
         id: asked.id,
         ft_count: 1,
-        contacts: asked.contacts,
+        contact_set: asked.contact_set,
         ..Answer::default()
     };
-    let set = CONTACTS.iter().position(|c| *c == asked.contacts.as_str());
+    let set = CONTACTS
+        .iter()
+        .position(|c| *c == asked.contact_set.as_str());
     match (asked.kind, set) {
         (request::TARE, Some(0)) => {
             for step in 1..4 {
@@ -118,17 +123,18 @@ fn answer(
             };
             answer.status = answer_status::DONE;
         }
-        (request::CHOOSE_CONTACTS, Some(set)) => {
-            (record.cycle.contacts, record.cycle.contacts_automatic) = (set as u32, 0);
+        (request::CHOOSE_CONTACT_SET, Some(set)) => {
+            let estimated = &mut record.cycle.estimated;
+            (estimated.contact_set, estimated.contact_set_automatic) = (set as u32, 0);
             answer.status = answer_status::DONE;
         }
-        (request::AUTOMATIC_CONTACTS, _) => {
-            record.cycle.contacts_automatic = 1;
+        (request::AUTOMATIC_CONTACT_SET, _) => {
+            record.cycle.estimated.contact_set_automatic = 1;
             answer.status = answer_status::DONE;
         }
         _ => {
             answer.status = answer_status::REFUSED;
-            let text = format!("no {}; allowed: {}", asked.contacts, CONTACTS.join(", "));
+            let text = format!("no {}; allowed: {}", asked.contact_set, CONTACTS.join(", "));
             answer.text = Text::new(&text);
         }
     }

@@ -1,6 +1,6 @@
 //! Telling the robot what to do.
 
-use robot_state::{Reference, mode};
+use robot_state::{Mode, Reference};
 
 use crate::channel::{self, ReferenceMessage, Sender};
 use crate::client::Client;
@@ -70,6 +70,6 @@ impl Commander {
 impl Drop for Commander {
     fn drop(&mut self) {
         // If this does not arrive, the daemon notices the silence.
-        let _ = self.send(|reference| reference.mode = mode::HOLD);
+        let _ = self.send(|reference| reference.mode = Mode::Hold.number());
     }
 }

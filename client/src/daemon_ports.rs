@@ -3,7 +3,7 @@
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{Node, PortFactory};
-use robot_state::{Answer, Description, Reference, Request, SharedRecord, mode};
+use robot_state::{Answer, Description, Mode, Reference, Request, SharedRecord};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::channel::{
@@ -100,7 +100,7 @@ impl DaemonPorts {
     }
 
     fn obeys(&self, message: &Held<ReferenceMessage>) -> bool {
-        if message.0.mode == mode::HOLD {
+        if message.0.mode == Mode::Hold.number() {
             self.heirs_hold.store(true, Ordering::Relaxed);
         }
         self.heirs_hold.load(Ordering::Relaxed) || !self.heirs.contains(&message.origin())

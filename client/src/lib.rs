@@ -6,12 +6,12 @@
 //! let mut client = torqued_client::Client::connect("leg")?;
 //! let names = client.description().joint_names;
 //! let record = client.next_record(std::time::Duration::from_secs(1))?;
-//! println!("{}: {:.2} N·m", names[0], record.cycle.joints[0].tau_whole_body.tau);
+//! println!("{}: {:.2} N·m", names[0], record.cycle.estimated.joints[0].tau_whole_body.tau);
 //! # Ok(())
 //! # }
 //! ```
 //! A program that commands adds a [`Commander`]; there is one at a time per robot. Any program may
-//! ask for what is needed now and then: [`Client::tare`], [`Client::choose_contacts`].
+//! ask for what is needed now and then: [`Client::tare`], [`Client::choose_contact_set`].
 //!
 //! The daemon's end ([`DaemonPorts`]) lives here too, so that both ends are defined side by side.
 //! Everything waits at most for a stated time, and every error says what to do. Only processes of

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use robot_state::{
-    Answer, Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS, Reference,
-    Request, Shape, SharedRecord, answer_status, control_flags, measured_flags, mode, request,
+    Answer, Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS, Mode, Reference,
+    Request, Shape, SharedRecord, answer_status, command_flags, measured_flags, request,
     torque_flags, torque_source,
 };
 
@@ -33,18 +33,14 @@ pub fn python_layout() -> String {
         &mut out,
         "IntEnum",
         "Mode",
-        "What the robot is asked to do.",
-        &[
-            ("HOLD", mode::HOLD),
-            ("TORQUE", mode::TORQUE),
-            ("INVERSE_DYNAMICS", mode::INVERSE_DYNAMICS),
-        ],
+        "Mode of the robot.",
+        &Mode::ALL.map(|mode| (mode.name(), mode.number())),
     );
     enumeration(
         &mut out,
         "IntEnum",
         "TorqueSource",
-        "Where a torque estimate comes from.",
+        "Source of a torque estimate.",
         &[
             ("NONE", torque_source::NONE),
             ("ENCODER", torque_source::ENCODER),
@@ -80,32 +76,32 @@ pub fn python_layout() -> String {
     enumeration(
         &mut out,
         "IntFlag",
-        "ControlFlags",
+        "CommandFlags",
         "Flag bits of a joint's command.",
         &[
-            ("POSITION_LIMITED", control_flags::POSITION_LIMITED),
-            ("TORQUE_LIMITED", control_flags::TORQUE_LIMITED),
-            ("DELTA_Q_LIMITED", control_flags::DELTA_Q_LIMITED),
+            ("POSITION_LIMITED", command_flags::POSITION_LIMITED),
+            ("TORQUE_LIMITED", command_flags::TORQUE_LIMITED),
+            ("DELTA_Q_LIMITED", command_flags::DELTA_Q_LIMITED),
         ],
     );
     enumeration(
         &mut out,
         "IntEnum",
         "RequestKind",
-        "What a request asks for.",
+        "Kind of a request.",
         &[
             ("TARE", request::TARE),
             ("SHOW_TARE", request::SHOW_TARE),
             ("FORGET_TARE", request::FORGET_TARE),
-            ("CHOOSE_CONTACTS", request::CHOOSE_CONTACTS),
-            ("AUTOMATIC_CONTACTS", request::AUTOMATIC_CONTACTS),
+            ("CHOOSE_CONTACT_SET", request::CHOOSE_CONTACT_SET),
+            ("AUTOMATIC_CONTACT_SET", request::AUTOMATIC_CONTACT_SET),
         ],
     );
     enumeration(
         &mut out,
         "IntEnum",
         "AnswerStatus",
-        "How far a request is.",
+        "Progress of a request.",
         &[
             ("WORKING", answer_status::WORKING),
             ("DONE", answer_status::DONE),
@@ -139,7 +135,7 @@ pub fn python_layout() -> String {
 fn enumeration(out: &mut String, base: &str, name: &str, doc: &str, values: &[(&str, u32)]) {
     let _ = write!(out, "\n\nclass {name}({base}):\n    \"\"\"{doc}\"\"\"\n\n");
     for (value_name, value) in values {
-        let _ = writeln!(out, "    {value_name} = {value}");
+        let _ = writeln!(out, "    {} = {value}", value_name.to_uppercase());
     }
 }
 

@@ -17,14 +17,14 @@ const SILENCE: Duration = Duration::from_secs(2);
 const POLL: Duration = Duration::from_millis(1);
 
 impl Client {
-    /// Tares the F/T sensors of a robot at rest in mode hold: `contacts` names the set of contacts
+    /// Tares the F/T sensors of a robot at rest in mode hold: `contact_set` names the set of contacts
     /// that says what touches it. Waits until it is done; the answer has the new offsets and what
     /// they were before.
     ///
     /// # Errors
     /// [`Error::Refused`] with the reason, and what [`Client::request`] says.
-    pub fn tare(&self, contacts: &str) -> Result<Answer, Error> {
-        self.request(request::TARE, contacts, |_| ())
+    pub fn tare(&self, contact_set: &str) -> Result<Answer, Error> {
+        self.request(request::TARE, contact_set, |_| ())
     }
 
     /// The offsets in use, and when and with which contacts they were found.
@@ -44,20 +44,20 @@ impl Client {
     }
 
     /// From now on the robot has the contacts of that set, one of
-    /// `Description::contact_names`.
+    /// `Description::contact_set_names`.
     ///
     /// # Errors
     /// As [`Client::tare`].
-    pub fn choose_contacts(&self, contacts: &str) -> Result<Answer, Error> {
-        self.request(request::CHOOSE_CONTACTS, contacts, |_| ())
+    pub fn choose_contact_set(&self, name: &str) -> Result<Answer, Error> {
+        self.request(request::CHOOSE_CONTACT_SET, name, |_| ())
     }
 
     /// From now on the automatic rule chooses the set of contacts.
     ///
     /// # Errors
     /// As [`Client::tare`].
-    pub fn automatic_contacts(&self) -> Result<Answer, Error> {
-        self.request(request::AUTOMATIC_CONTACTS, "", |_| ())
+    pub fn automatic_contact_set(&self) -> Result<Answer, Error> {
+        self.request(request::AUTOMATIC_CONTACT_SET, "", |_| ())
     }
 
     /// Sends a request, one of [`request`], and waits for its last answer; `progress` sees those
@@ -69,7 +69,7 @@ impl Client {
     pub fn request(
         &self,
         kind: u32,
-        contacts: &str,
+        contact_set: &str,
         mut progress: impl FnMut(&Answer),
     ) -> Result<Answer, Error> {
         let robot = || self.robot().to_owned();
@@ -83,7 +83,7 @@ impl Client {
             // Random: unlike that of any other client.
             id: RandomState::new().build_hasher().finish(),
             kind,
-            contacts: Name::new(contacts),
+            contact_set: Name::new(contact_set),
             ..Request::default()
         };
         let listeners = requests

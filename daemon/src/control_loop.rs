@@ -1,7 +1,7 @@
 //! One cycle around `Cycle::step`: SYNC, gather, compute, send.
 
 use can_codec::{Frames, Gather, MAX_FRAMES, Table};
-use cycle::{Cycle, CycleError, Instants, Stamp, Wanted};
+use cycle::{ClientInput, Cycle, CycleError, Instants, Stamp};
 use robot_config::Robot;
 use robot_state::{Event, SharedRecord};
 
@@ -47,7 +47,7 @@ impl<B: Bus> ControlLoop<B> {
     }
 
     /// Runs the cycle that begins with `wake`.
-    pub fn run_cycle(&mut self, wake: &WakeReport, wanted: &Wanted<'_>) -> &SharedRecord {
+    pub fn run_cycle(&mut self, wake: &WakeReport, wanted: &ClientInput<'_>) -> &SharedRecord {
         let started = monotonic_ns();
         self.rx.clear();
         self.tx.clear();

@@ -14,8 +14,8 @@ use dynamics::Model;
 use jiff::Timestamp;
 use robot_config::{Parameters, Robot, contact_names};
 use robot_state::{
-    Answer, MAX_FT_SENSORS, Name, Request, Settings, SharedRecord, TaredSensor, Text, Wrench,
-    answer_status, mode, request,
+    Answer, MAX_FT_SENSORS, Mode, Name, Request, Settings, SharedRecord, TaredSensor, Text, Wrench,
+    answer_status, request,
 };
 
 use crate::offsets::{Offsets, SensorOffset, Store};
@@ -119,8 +119,8 @@ impl Desk {
             request::TARE => self.begin_tare(asked, now),
             request::SHOW_TARE => Ok(Some(self.about())),
             request::FORGET_TARE => self.begin_to_forget(asked, now),
-            request::CHOOSE_CONTACTS => self.choose_contacts(asked.contacts.as_str()),
-            request::AUTOMATIC_CONTACTS => self.automatic_contacts(),
+            request::CHOOSE_CONTACT_SET => self.choose_contacts(asked.contact_set.as_str()),
+            request::AUTOMATIC_CONTACT_SET => self.automatic_contacts(),
             other => Err(format!("requests of kind {other} are not known")),
         };
         match served {
@@ -165,7 +165,7 @@ impl Desk {
         if self.parameters.ft_sensors.is_empty() {
             return Err("the robot has no F/T sensor to tare".to_owned());
         }
-        let set = self.contact_set(asked.contacts.as_str())?;
+        let set = self.contact_set(asked.contact_set.as_str())?;
         if let Err(why) = &self.store {
             return Err(format!("offsets could not be kept: {why}"));
         }
@@ -181,7 +181,7 @@ impl Desk {
         let store = self.store.clone()?;
         self.free()?;
         let record = self.newest_record(now)?;
-        if record.cycle.mode != mode::HOLD {
+        if record.cycle.mode != Mode::Hold.number() {
             return Err(fitness::not_holding(record.cycle.mode));
         }
         let stage = in_a_thread(move || store.forget().map(|()| None));
@@ -199,7 +199,7 @@ impl Desk {
 
     fn choose_contacts(&mut self, name: &str) -> Result<Option<String>, String> {
         let set = self.contact_set(name)?;
-        self.change(|settings| settings.contacts = 1 + set as u32);
+        self.change(|settings| settings.contact_set = 1 + set as u32);
         Ok(Some(format!("contacts {name}")))
     }
 
@@ -211,7 +211,7 @@ impl Desk {
                     .to_owned(),
             );
         }
-        self.change(|settings| settings.contacts = 0);
+        self.change(|settings| settings.contact_set = 0);
         Ok(Some("contacts are chosen by the automatic rule".to_owned()))
     }
 
@@ -306,7 +306,7 @@ impl Desk {
         };
         if let Some(offsets) = &self.offsets {
             answer.date_unix_s = offsets.date.as_second() as f64;
-            answer.contacts = Name::new(&offsets.contacts);
+            answer.contact_set = Name::new(&offsets.contacts);
             for (told, sensor) in answer.ft.iter_mut().zip(&offsets.sensors) {
                 *told = tared(sensor);
             }

@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use cycle::Wanted;
+use cycle::ClientInput;
 use nix::sys::resource::{UsageWho, getrusage};
 use robot_config::{RealTime, Robot};
-use robot_state::{Description, Event, JointRecord, Name, SharedRecord, measured_flags};
+use robot_state::{Description, Event, JointMeasured, Name, SharedRecord, measured_flags};
 
 use crate::bus::{Line, OpenError, SocketCan};
 use crate::control_loop::ControlLoop;
@@ -110,7 +110,7 @@ impl Looper {
             let wake = deadline.wait();
             starts += 1 + wake.skipped;
             let arrived = self.clients.references.latest();
-            let wanted = Wanted {
+            let wanted = ClientInput {
                 reference: arrived.map(|(reference, _)| reference),
                 age_s: arrived.map_or(0.0, |(_, at)| wake.woke_ns.saturating_sub(at) as f64 * 1e-9),
                 settings: Some(self.clients.settings.latest()),
@@ -135,10 +135,11 @@ impl Status {
     fn show(&self, record: &SharedRecord) {
         let joints = record
             .cycle
+            .measured
             .joints
             .iter()
             .take(record.cycle.joint_count as usize);
-        let never = |joint: &JointRecord| joint.measured.flags & measured_flags::NEVER != 0;
+        let never = |joint: &JointMeasured| joint.flags & measured_flags::NEVER != 0;
         let silent = joints.enumerate().filter(|(_, joint)| never(joint));
         let silent = silent.fold(0, |bits, (j, _)| bits | 1u64 << j);
         self.silent.store(silent, Ordering::Relaxed);
@@ -214,8 +215,8 @@ fn describe(robot: &Robot) -> Description {
         description.torque_limits[j] = joint.limits.torque;
     }
     for (i, name) in robot_config::contact_names(parameters).iter().enumerate() {
-        description.contact_names[i] = Name::new(name);
-        description.contact_count += 1;
+        description.contact_set_names[i] = Name::new(name);
+        description.contact_set_count += 1;
     }
     for (s, ft) in parameters.ft_sensors.iter().enumerate() {
         description.ft_names[s] = Name::new(&ft.sensor.name);

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use proptest::prelude::*;
 use robot_config::Robot;
 use robot_state::{
-    Answer, Event, Name, Request, SharedRecord, answer_status, measured_flags, mode, request,
+    Answer, Event, Mode, Name, Request, SharedRecord, answer_status, measured_flags, request,
 };
 use test_support::read_project_file;
 use torqued::desk::Desk;
@@ -53,7 +53,7 @@ fn desk(state: &State) -> Desk {
 fn still() -> Box<SharedRecord> {
     let mut record = Box::<SharedRecord>::default();
     (record.cycle.joint_count, record.cycle.ft_count) = (6, 1);
-    record.cycle.ft[0].measured.force = [1.0, 2.0, -20.0];
+    record.cycle.measured.ft[0].wrench.force = [1.0, 2.0, -20.0];
     record
 }
 
@@ -61,7 +61,7 @@ fn asked(kind: u32) -> Request {
     Request {
         id: 7,
         kind,
-        contacts: Name::new("in_the_air"),
+        contact_set: Name::new("in_the_air"),
         ..Request::default()
     }
 }
@@ -103,20 +103,22 @@ fn a_robot_that_is_not_fit_is_refused_with_the_reason() {
     };
     let fault = told(&mut desk, &|r| r.cycle.fault = Event::JointStale.number());
     assert!(fault.contains("fault 104 joint_stale"), "{fault}");
-    let torque = told(&mut desk, &|r| r.cycle.mode = mode::TORQUE);
+    let torque = told(&mut desk, &|r| r.cycle.mode = Mode::Torque.number());
     assert!(torque.contains("mode torque"), "{torque}");
     let stale = told(&mut desk, &|r| {
-        r.cycle.joints[3].measured.flags = measured_flags::STALE;
+        r.cycle.measured.joints[3].flags = measured_flags::STALE;
     });
     assert!(stale.contains("joint knee is silent"), "{stale}");
     let settling = told(&mut desk, &|r| {
-        r.cycle.ft[0].flags = measured_flags::SETTLING;
+        r.cycle.measured.ft[0].flags = measured_flags::SETTLING;
     });
     assert!(
         settling.contains("F/T sensor ankle is settling"),
         "{settling}"
     );
-    let never = told(&mut desk, &|r| r.cycle.ft[0].flags = measured_flags::NEVER);
+    let never = told(&mut desk, &|r| {
+        r.cycle.measured.ft[0].flags = measured_flags::NEVER
+    });
     assert!(never.contains("ankle has never answered"), "{never}");
     // An old record tells nothing.
     let later = now + Duration::from_secs(5);
@@ -132,20 +134,20 @@ fn what_happens_during_a_tare_ends_it() {
     let from = Instant::now();
     let changes: [(Change, &str); 5] = [
         (
-            |r| r.cycle.mode = mode::INVERSE_DYNAMICS,
+            |r| r.cycle.mode = Mode::InverseDynamics.number(),
             "mode inverse_dynamics",
         ),
         (|r| r.cycle.fault = 403, "fault 403 command_not_finite"),
         (
-            |r| r.cycle.joints[2].measured.dq_hat = 0.1,
+            |r| r.cycle.measured.joints[2].dq_hat = 0.1,
             "joint `hip_pitch` turns",
         ),
         (
-            |r| r.cycle.ft[0].measured.force[1] = 9.0,
+            |r| r.cycle.measured.ft[0].wrench.force[1] = 9.0,
             "fy of F/T sensor `ankle`",
         ),
         (
-            |r| r.cycle.ft[0].measured.torque[2] = f64::NAN,
+            |r| r.cycle.measured.ft[0].wrench.torque[2] = f64::NAN,
             "not finite",
         ),
     ];
@@ -177,9 +179,9 @@ fn bridged_samples_do_not_count_and_a_tare_without_samples_ends() {
         move |k: usize| {
             let mut record = still();
             if !k.is_multiple_of(every) {
-                record.cycle.ft[0].flags = measured_flags::MISSED;
+                record.cycle.measured.ft[0].flags = measured_flags::MISSED;
                 // What is bridged is not looked at.
-                record.cycle.ft[0].measured.force[0] = 1e6;
+                record.cycle.measured.ft[0].wrench.force[0] = 1e6;
             }
             record
         }
@@ -213,8 +215,8 @@ fn a_tare_right_after_another_is_not_misled_by_blending() {
             let share = (k as f64 / 250.0).min(1.0);
             for (axis, taken) in taken.iter().enumerate() {
                 let now = taken * share;
-                record.cycle.ft[0].offset.force[axis] = now;
-                record.cycle.ft[0].measured.force[axis] -= now;
+                record.cycle.measured.ft[0].offset.force[axis] = now;
+                record.cycle.measured.ft[0].wrench.force[axis] -= now;
             }
             record
         });
@@ -258,7 +260,7 @@ proptest! {
         desk.see(&still(), now);
         for (wild, near, name) in kinds {
             for kind in [wild, near] {
-                let asked = Request { id: u64::from(wild), kind, contacts: Name::new(&name), ..Request::default() };
+                let asked = Request { id: u64::from(wild), kind, contact_set: Name::new(&name), ..Request::default() };
                 let answer = desk.ask(&asked, now);
                 prop_assert_eq!(answer.id, asked.id);
                 let shown = kind == request::SHOW_TARE;
@@ -267,7 +269,7 @@ proptest! {
                 prop_assert!(!answer.text.as_str().is_empty());
             }
             prop_assert!(desk.work(now).is_none());
-            prop_assert!(desk.settings().contacts == 0);
+            prop_assert!(desk.settings().contact_set == 0);
         }
     }
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use robot_state::{Description, Name, SharedRecord, mode};
+use robot_state::{Description, Mode, Name, SharedRecord};
 use test_support::{allocations, read_project_file};
 use torqued::desk::Desk;
 use torqued::real_time::monotonic_ns;
@@ -65,7 +65,7 @@ fn description() -> Description {
 fn record(sequence: u64) -> SharedRecord {
     let mut record = SharedRecord::default();
     record.cycle.sequence = sequence;
-    record.cycle.joints[5].tau_encoder.tau = sequence as f64;
+    record.cycle.estimated.joints[5].tau_encoder.tau = sequence as f64;
     record.timing.frames_sent = !sequence;
     record
 }
@@ -144,13 +144,13 @@ fn references_come_with_their_time_of_arrival() {
     let odd = f64::from_bits(0x7ff8_dead_beef_0001);
     commander
         .send(|r| {
-            r.mode = mode::TORQUE;
+            r.mode = Mode::Torque.number();
             r.joints[2].tau_d = odd;
         })
         .expect("sent");
     let (reference, first_ns) = wait_for(|| references.latest().map(|(r, at)| (*r, at)));
     assert!((before..=monotonic_ns()).contains(&first_ns));
-    assert_eq!(reference.mode, mode::TORQUE);
+    assert_eq!(reference.mode, Mode::Torque.number());
     assert_eq!(
         reference.joints[2].tau_d.to_bits(),
         odd.to_bits(),
@@ -165,7 +165,7 @@ fn references_come_with_their_time_of_arrival() {
     drop(commander);
     let last_ns = wait_for(|| {
         let (reference, at) = references.latest()?;
-        (reference.mode == mode::HOLD).then_some(at)
+        (reference.mode == Mode::Hold.number()).then_some(at)
     });
     assert!(last_ns > first_ns);
 }
@@ -183,8 +183,10 @@ fn the_loops_thread_does_not_allocate() {
         for _ in 0..5 {
             let mut guest = Client::connect_at(&location, "leg", PATIENCE).expect("guest");
             guest.next_record(PATIENCE).expect("record");
-            commander.send(|r| r.mode = mode::TORQUE).expect("sent");
-            guest.choose_contacts("default").expect("chosen");
+            commander
+                .send(|r| r.mode = Mode::Torque.number())
+                .expect("sent");
+            guest.choose_contact_set("default").expect("chosen");
         }
     });
     let (mut arrivals, mut changes) = (0, 0);

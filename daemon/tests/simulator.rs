@@ -1,6 +1,6 @@
 //! Simulated sensors that keep their own time: in lock-step with the loop, and refused on CAN.
 
-use cycle::Wanted;
+use cycle::ClientInput;
 use plant::{CanRobot, SimParameters};
 use robot_state::measured_flags;
 use std::process::Command;
@@ -60,12 +60,12 @@ fn a_cycle_does_not_wait_for_sensors_that_keep_their_own_time() {
     let mut ages = Vec::new();
     for cycle in 0..300 {
         let wake = pace.wait();
-        let record = control_loop.run_cycle(&wake, &Wanted::default());
+        let record = control_loop.run_cycle(&wake, &ClientInput::default());
         // With all answers there, no time passes in lock-step.
         assert_eq!(record.cycle.stamp_ns, wake.scheduled_ns);
         if cycle > 2 {
-            assert_eq!(record.cycle.imu.flags & measured_flags::MISSED, 0);
-            ages.push(record.cycle.imu.age_s);
+            assert_eq!(record.cycle.measured.imu.flags & measured_flags::MISSED, 0);
+            ages.push(record.cycle.measured.imu.age_s);
         }
     }
     // Two samples in three cycles, with phases of 0 to 1.5 ms against SYNC.

@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use cycle::Wanted;
+use cycle::ClientInput;
 use plant::parameters::PushParameters;
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
-use robot_state::{Answer, Description, Name, TaredSensor, Wrench, mode};
+use robot_state::{Answer, Description, Mode, Name, TaredSensor, Wrench};
 use test_support::read_project_file;
 use torqued::bus::LockStep;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
@@ -125,8 +125,8 @@ impl Daemon {
             .iter()
             .enumerate()
         {
-            description.contact_names[i] = Name::new(name);
-            description.contact_count += 1;
+            description.contact_set_names[i] = Name::new(name);
+            description.contact_set_count += 1;
         }
         let mut ends = shared_memory::start_at(&place.run, &description, desk).expect("ends");
         let stop = Arc::new(AtomicBool::new(false));
@@ -140,7 +140,7 @@ impl Daemon {
             let mut cycles = 0.0;
             while !stopped.load(Ordering::Relaxed) {
                 let arrived = ends.references.latest();
-                let wanted = Wanted {
+                let wanted = ClientInput {
                     // Time here is not the clients': their leases do not end.
                     reference: arrived.map(|(reference, _)| reference),
                     age_s: 0.0,
@@ -226,10 +226,10 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     assert_eq!((answer.ft_count, sensor.known), (1, 0b11_1111));
     assert_eq!(sensor.before, Wrench::default());
     assert!((answer.date_unix_s - unix_now()).abs() < 60.0);
-    assert_eq!(answer.contacts.as_str(), "in_the_air");
+    assert_eq!(answer.contact_set.as_str(), "in_the_air");
 
     // The loop goes by it within a blending time, and a second tare has little to add.
-    let taken = |r: &torqued_client::Record| r.cycle.ft[0].offset == sensor.offset;
+    let taken = |r: &torqued_client::Record| r.cycle.measured.ft[0].offset == sensor.offset;
     let found = (client.records(PATIENCE).take(2000)).any(|r| taken(&r.expect("a record")));
     assert!(found, "the loop does not go by it");
     let again = client.tare("in_the_air").expect("tared again");
@@ -244,7 +244,7 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     let daemon = Daemon::start(&place, &sim());
     let mut client = place.client();
     let first = client.next_record(PATIENCE).expect("a record");
-    assert_eq!(first.cycle.ft[0].offset, again.ft[0].offset);
+    assert_eq!(first.cycle.measured.ft[0].offset, again.ft[0].offset);
     drop(first);
     let kept = client.last_tare().expect("answered");
     assert_eq!(kept.ft[0].offset, again.ft[0].offset);
@@ -333,23 +333,28 @@ fn only_a_robot_that_holds_its_position_is_tared() {
     settled(&mut client);
     let other = place.client();
     let mut commander = Commander::connect(&client).expect("commander");
-    let pose = client.next_record(PATIENCE).expect("a record").cycle.joints;
+    let pose = client
+        .next_record(PATIENCE)
+        .expect("a record")
+        .cycle
+        .measured
+        .joints;
     let mut seen = 0;
     // Streams as a client does, and asks in between.
     for record in client.records(PATIENCE) {
         seen = record.expect("a record").cycle.mode;
         let sent = commander.send(|r| {
-            r.mode = mode::INVERSE_DYNAMICS;
+            r.mode = Mode::InverseDynamics.number();
             for (joint, now) in r.joints.iter_mut().zip(&pose) {
-                joint.q_d = now.measured.q;
+                joint.q_d = now.q;
             }
         });
         sent.expect("sent");
-        if seen == mode::INVERSE_DYNAMICS {
+        if seen == Mode::InverseDynamics.number() {
             break;
         }
     }
-    assert_eq!(seen, mode::INVERSE_DYNAMICS);
+    assert_eq!(seen, Mode::InverseDynamics.number());
     let asking = thread::spawn(move || {
         let tare = reason(other.tare("in_the_air"));
         (tare, reason(other.forget_tare()))
@@ -375,11 +380,11 @@ fn what_cannot_be_is_refused_with_what_can() {
     for strange in ["", "on_the_moon", &"é".repeat(60)] {
         let why = reason(client.tare(strange));
         assert!(why.contains("allowed: standing, in_the_air"), "{why}");
-        assert_eq!(why, reason(client.choose_contacts(strange)));
+        assert_eq!(why, reason(client.choose_contact_set(strange)));
     }
     let why = reason(client.tare("standing"));
     assert!(why.contains("touches every part"), "{why}");
-    let why = reason(client.automatic_contacts());
+    let why = reason(client.automatic_contact_set());
     assert!(why.contains("no automatic rule"), "{why}");
     let why = reason(client.request(99, "standing", |_| ()));
     assert!(why.contains("kind 99"), "{why}");
@@ -411,10 +416,10 @@ fn chosen_contacts_hold_and_are_told() {
     let place = Place::new("contacts");
     let _daemon = Daemon::start(&place, &sim());
     let mut client = place.client();
-    assert_eq!(client.description().contact_count, 2);
+    assert_eq!(client.description().contact_set_count, 2);
     for (index, name) in [(1, "in_the_air"), (0, "standing"), (1, "in_the_air")] {
-        client.choose_contacts(name).expect("chosen");
-        let holds = |r: &torqued_client::Record| r.cycle.contacts == index;
+        client.choose_contact_set(name).expect("chosen");
+        let holds = |r: &torqued_client::Record| r.cycle.estimated.contact_set == index;
         let found =
             (client.records(PATIENCE).take(2000)).any(|record| holds(&record.expect("a record")));
         assert!(found, "{name} does not hold");

@@ -85,7 +85,7 @@ def test_every_record_arrives_as_it_was_sent(daemons):
         assert record.cycle.sequence == sequence
         # The record's far end too: a field in the wrong place would be seen.
         assert record.timing.cycles == sequence
-        for j, joint in enumerate(record.cycle.joints[:JOINTS]):
+        for j, joint in enumerate(record.cycle.estimated.joints[:JOINTS]):
             assert joint.tau_whole_body.tau == pytest.approx(j + math.sin(sequence * 1e-3), abs=1e-12)
             assert torqued.TorqueSource(joint.tau_whole_body.source) == torqued.TorqueSource.WHOLE_BODY
             assert joint.tau_whole_body.flags & torqued.TorqueFlags.VALID
@@ -95,7 +95,7 @@ def test_every_record_arrives_as_it_was_sent(daemons):
 def test_numpy_reads_all_joints_at_once(daemons):
     daemons()
     record = torqued.Client("leg", PATIENCE_S).next_record(PATIENCE_S)
-    tau = np.ctypeslib.as_array(record.cycle.joints)["tau_encoder"]["tau"][:JOINTS]
+    tau = np.ctypeslib.as_array(record.cycle.estimated.joints)["tau_encoder"]["tau"][:JOINTS]
     assert np.allclose(np.diff(tau), 1.0)
 
 
@@ -126,8 +126,8 @@ def test_references_move_the_robot_until_the_block_ends(daemons):
 
         commander.send(change)
         record = wait_for(client, lambda r: r.cycle.mode == torqued.Mode.INVERSE_DYNAMICS)
-        assert record.cycle.joints[3].measured.q == 0.75
-        assert record.cycle.joints[5].control.tau_d == -4.5
+        assert record.cycle.measured.joints[3].q == 0.75
+        assert record.cycle.commanded.joints[5].tau_d == -4.5
         with pytest.raises(torqued.AlreadyCommandedError, match="another client"):
             torqued.Commander(torqued.Client("leg", PATIENCE_S))
     wait_for(client, lambda r: r.cycle.mode == torqued.Mode.HOLD)
@@ -151,7 +151,7 @@ def test_a_killed_commander_makes_room(daemons):
 def test_a_tare_is_answered_with_offsets(daemons):
     daemons()
     client = torqued.Client("leg", PATIENCE_S)
-    assert client.contact_names == ["in_the_air", "standing"]
+    assert client.contact_set_names == ["in_the_air", "standing"]
     seen = []
     kind = torqued.RequestKind.TARE
     answer = client.request(kind, "in_the_air", lambda a: seen.append(a.progress))
@@ -169,16 +169,16 @@ def test_a_refusal_is_raised_with_its_reason(daemons):
     with pytest.raises(torqued.RefusedError, match="no moon; allowed: in_the_air, standing"):
         client.tare("moon")
     with pytest.raises(torqued.RefusedError):
-        client.choose_contacts("ä" * 100)
+        client.choose_contact_set("ä" * 100)
 
 
 def test_contacts_are_chosen(daemons):
     daemons()
     client = torqued.Client("leg", PATIENCE_S)
-    client.choose_contacts("standing")
-    wait_for(client, lambda r: r.cycle.contacts == 1)
-    client.automatic_contacts()
-    wait_for(client, lambda r: r.cycle.contacts_automatic == 1)
+    client.choose_contact_set("standing")
+    wait_for(client, lambda r: r.cycle.estimated.contact_set == 1)
+    client.automatic_contact_set()
+    wait_for(client, lambda r: r.cycle.estimated.contact_set_automatic == 1)
 
 
 def test_a_request_to_a_daemon_that_is_gone_is_an_error(daemons):

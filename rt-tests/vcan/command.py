@@ -15,8 +15,8 @@ client = torqued.Client(sys.argv[1], timeout_s=10.0)
 commander = torqued.Commander(client)
 wanted = commander.reference
 wanted.mode = torqued.Mode.INVERSE_DYNAMICS
-for joint, seen in zip(wanted.joints, client.next_record().cycle.joints):
-    joint.q_d = seen.measured.q
+for joint, seen in zip(wanted.joints, client.next_record().cycle.measured.joints):
+    joint.q_d = seen.q
 if sys.argv[2:] == ["nan"]:
     wanted.mode = torqued.Mode.TORQUE
     wanted.joints[0].tau_d = math.nan

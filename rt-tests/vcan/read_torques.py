@@ -17,7 +17,7 @@ joints = {
 records = 0
 for record in client.records(timeout_s=10.0):
     records += 1
-    for name, joint in zip(joints, record.cycle.joints):
+    for name, joint in zip(joints, record.cycle.estimated.joints):
         for source, seen in joints[name].items():
             estimate = getattr(joint, source)
             seen["valid"] += bool(estimate.flags & torqued.TorqueFlags.VALID)

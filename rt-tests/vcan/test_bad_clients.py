@@ -34,9 +34,9 @@ def assert_holds(client, seconds=0.5):
         now = client.next_record(timeout_s=5.0).cycle
         assert now.mode == torqued.Mode.HOLD
         for j in range(JOINTS):
-            stepped = now.joints[j].control.q_c - first.joints[j].control.q_c
+            stepped = now.commanded.joints[j].q_c - first.commanded.joints[j].q_c
             assert abs(stepped) < 1e-9, f"set-point of joint {j} changed by {stepped} rad"
-            moved = now.joints[j].measured.q - first.joints[j].measured.q
+            moved = now.measured.joints[j].q - first.measured.joints[j].q
             assert abs(moved) < 2e-3, f"joint {j} moved by {moved} rad"
 
 

@@ -54,7 +54,7 @@ def test_a_tare_holds_and_is_kept(hanging):
         with daemon(hanging) as process:
             client = torqued.Client("leg", timeout_s=10.0)
             before = settled(client)
-            assert client.contact_names == ["standing", "in_the_air"]
+            assert client.contact_set_names == ["standing", "in_the_air"]
             with pytest.raises(torqued.RefusedError, match="touches every part"):
                 client.tare("standing")
             sensor = client.tare("in_the_air").ft[0]
@@ -69,18 +69,18 @@ def test_a_tare_holds_and_is_kept(hanging):
             rate = client.description.rate_hz
             for _, record in zip(range(int(0.5 * rate)), client.records(10.0)):
                 pass
-            assert list(record.cycle.ft[0].offset.force) == offset
+            assert list(record.cycle.measured.ft[0].offset.force) == offset
             for axis in range(3):
-                moved = before.cycle.ft[0].filtered.force[axis] - record.cycle.ft[0].filtered.force[axis]
+                moved = before.cycle.measured.ft[0].wrench_hat.force[axis] - record.cycle.measured.ft[0].wrench_hat.force[axis]
                 assert abs(moved - offset[axis]) < 0.5
-            client.choose_contacts("in_the_air")
+            client.choose_contact_set("in_the_air")
             code, shown, _ = torquectl("contacts")
             assert (code, json.loads(shown)["contacts"]) == (0, "in_the_air")
             assert process.terminate()["fault"] == 0
         assert "no tare" in process.output()
         with daemon(hanging) as process:
             client = torqued.Client("leg", timeout_s=10.0)
-            assert list(client.next_record(10.0).cycle.ft[0].offset.force) == offset
+            assert list(client.next_record(10.0).cycle.measured.ft[0].offset.force) == offset
             assert re.search(r"F/T offsets of 20\S+Z \(.* old\), contacts in_the_air", process.output())
             code, _, said = torquectl("tare", "--contacts", "moon")
             assert code == 2 and "standing, in_the_air" in said

@@ -4,15 +4,14 @@ use super::words;
 use serde_json::{Map, Value, json};
 use torqued_client::Record;
 use torqued_client::robot_state::{
-    CycleRecord, Description, Event, FtRecord, ImuRecord, JointRecord, LoopRecord, TorqueEstimate,
-    Wrench,
+    CycleRecord, Description, Event, ImuMeasured, LoopRecord, TorqueEstimate, Wrench,
 };
 
 pub(super) fn object(description: &Description, record: &Record) -> Value {
     let cycle = &record.cycle;
-    let joints = description.joint_names.iter().zip(&cycle.joints);
+    let joints = description.joint_names.iter().enumerate();
     let joints = joints.take(cycle.joint_count as usize);
-    let sensors = description.ft_names.iter().zip(&cycle.ft);
+    let sensors = description.ft_names.iter().enumerate();
     let sensors = sensors.take(cycle.ft_count as usize);
     let events: Map<String, Value> = words::occurred(&cycle.events)
         .map(|(event, count)| (event.name().to_owned(), count.into()))
@@ -25,16 +24,16 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
         "mode": words::mode(cycle.mode),
         "fault": fault(cycle.fault),
         "warning": warning(description, cycle),
-        "contacts": words::contacts(description, cycle),
-        "contacts_automatic": cycle.contacts_automatic == 1,
-        "filter_delay_s": cycle.filter_delay_s,
-        "joints": joints.map(|(name, j)| joint(name.as_str(), j)).collect::<Vec<_>>(),
-        "ft": sensors.map(|(name, s)| ft_sensor(name.as_str(), s)).collect::<Vec<_>>(),
-        "imu": imu(&cycle.imu),
-        "unknown_wrench": wrench(&cycle.unknown_wrench),
-        "unknown_wrench_sigma": wrench(&cycle.unknown_wrench_sigma),
-        "residual": wrench(&cycle.residual),
-        "residual_sigma": wrench(&cycle.residual_sigma),
+        "contact_set": words::contact_set(description, cycle),
+        "contact_set_automatic": cycle.estimated.contact_set_automatic == 1,
+        "filter_delay_s": cycle.measured.filter_delay_s,
+        "joints": joints.map(|(j, name)| joint(name.as_str(), cycle, j)).collect::<Vec<_>>(),
+        "ft": sensors.map(|(s, name)| ft_sensor(name.as_str(), cycle, s)).collect::<Vec<_>>(),
+        "imu": imu(&cycle.measured.imu),
+        "unknown_wrench": wrench(&cycle.estimated.unknown_wrench),
+        "unknown_wrench_sigma": wrench(&cycle.estimated.unknown_wrench_sigma),
+        "residual": wrench(&cycle.estimated.residual),
+        "residual_sigma": wrench(&cycle.estimated.residual_sigma),
         "events": events,
         "timing": timing(&record.timing),
     })
@@ -65,8 +64,10 @@ fn warning(description: &Description, cycle: &CycleRecord) -> Value {
     }
 }
 
-fn joint(name: &str, joint: &JointRecord) -> Value {
-    let (measured, control) = (&joint.measured, &joint.control);
+fn joint(name: &str, cycle: &CycleRecord, joint: usize) -> Value {
+    let measured = &cycle.measured.joints[joint];
+    let estimated = &cycle.estimated.joints[joint];
+    let commanded = &cycle.commanded.joints[joint];
     json!({
         "name": name,
         "q_rad": measured.q,
@@ -81,19 +82,19 @@ fn joint(name: &str, joint: &JointRecord) -> Value {
         "age_s": measured.age_s,
         "status": measured.status,
         "flags": words::measured(measured.flags),
-        "tau_encoder": estimate(&joint.tau_encoder),
-        "tau_whole_body": estimate(&joint.tau_whole_body),
-        "tau_current": estimate(&joint.tau_current),
-        "tau_hat": estimate(&joint.tau_hat),
-        "tau_ext_Nm": joint.tau_ext,
-        "contact": joint.contact == 1,
-        "control": {
-            "tau_d_Nm": control.tau_d,
-            "tau_star_Nm": control.tau_star,
-            "delta_q_rad": control.delta_q,
-            "q_c_rad": control.q_c,
-            "current_c_A": control.current_c,
-            "flags": words::control(control.flags),
+        "tau_encoder": estimate(&estimated.tau_encoder),
+        "tau_whole_body": estimate(&estimated.tau_whole_body),
+        "tau_current": estimate(&estimated.tau_current),
+        "tau_hat": estimate(&estimated.tau_hat),
+        "tau_ext_Nm": estimated.tau_ext,
+        "contact_flag": estimated.contact_flag == 1,
+        "commanded": {
+            "tau_d_Nm": commanded.tau_d,
+            "tau_star_Nm": commanded.tau_star,
+            "delta_q_rad": commanded.delta_q,
+            "q_c_rad": commanded.q_c,
+            "current_c_A": commanded.current_c,
+            "flags": words::command(commanded.flags),
         },
     })
 }
@@ -112,22 +113,23 @@ fn wrench(wrench: &Wrench) -> Value {
     json!({ "force_N": wrench.force, "torque_Nm": wrench.torque })
 }
 
-fn ft_sensor(name: &str, sensor: &FtRecord) -> Value {
+fn ft_sensor(name: &str, cycle: &CycleRecord, sensor: usize) -> Value {
+    let (measured, estimated) = (&cycle.measured.ft[sensor], &cycle.estimated.ft[sensor]);
     json!({
         "name": name,
-        "measured": wrench(&sensor.measured),
-        "filtered": wrench(&sensor.filtered),
-        "contact": wrench(&sensor.contact),
-        "offset": wrench(&sensor.offset),
-        "residual": wrench(&sensor.residual),
-        "residual_sigma": wrench(&sensor.residual_sigma),
-        "temperature_C": sensor.temperature,
-        "age_s": sensor.age_s,
-        "flags": words::measured(sensor.flags),
+        "wrench": wrench(&measured.wrench),
+        "wrench_hat": wrench(&measured.wrench_hat),
+        "contact_wrench": wrench(&estimated.contact_wrench),
+        "offset": wrench(&measured.offset),
+        "residual": wrench(&estimated.residual),
+        "residual_sigma": wrench(&estimated.residual_sigma),
+        "temperature_C": measured.temperature,
+        "age_s": measured.age_s,
+        "flags": words::measured(measured.flags),
     })
 }
 
-fn imu(imu: &ImuRecord) -> Value {
+fn imu(imu: &ImuMeasured) -> Value {
     json!({
         "gyro_rad_per_s": imu.gyro,
         "accelerometer_m_per_s2": imu.accelerometer,

@@ -11,13 +11,13 @@ use torqued_client::robot_state::{
 pub(super) fn screen(description: &Description, record: &Record) -> String {
     let cycle = &record.cycle;
     let mut out = format!(
-        "{}: cycle {} at {:.0} Hz, mode {}, contacts {}{}\n{}\n\n",
+        "{}: cycle {} at {:.0} Hz, mode {}, contact set {}{}\n{}\n\n",
         description.robot,
         cycle.sequence,
         description.rate_hz,
         words::mode(cycle.mode),
-        words::contacts(description, cycle),
-        if cycle.contacts_automatic == 1 {
+        words::contact_set(description, cycle),
+        if cycle.estimated.contact_set_automatic == 1 {
             " (automatic)"
         } else {
             ""
@@ -41,7 +41,7 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         out,
         "{}\n{}",
         events(&cycle.events),
-        timing(&record.timing, cycle.filter_delay_s)
+        timing(&record.timing, cycle.measured.filter_delay_s)
     );
     out
 }
@@ -66,25 +66,28 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
         "q deg",
         "encoder N·m",
         "whole-body N·m",
-        "now N·m",
-        "wanted N·m",
+        "tau_hat N·m",
+        "desired N·m",
         "commanded N·m",
         "age ms",
         "remarks",
     ];
     let mut rows = vec![heading.map(str::to_owned).to_vec()];
-    let named = description.joint_names.iter().zip(&cycle.joints);
-    for (name, joint) in named.take(cycle.joint_count as usize) {
+    let names = description.joint_names.iter();
+    for (j, name) in names.enumerate().take(cycle.joint_count as usize) {
+        let measured = &cycle.measured.joints[j];
+        let estimated = &cycle.estimated.joints[j];
+        let commanded = &cycle.commanded.joints[j];
         rows.push(vec![
             name.to_string(),
-            format!("{:.2}", joint.measured.q.to_degrees()),
-            estimate(&joint.tau_encoder),
-            estimate(&joint.tau_whole_body),
-            estimate(&joint.tau_hat),
-            format!("{:.2}", joint.control.tau_d),
-            format!("{:.2}", joint.control.tau_star),
-            format!("{:.1}", joint.measured.age_s * 1e3),
-            words::remarks(joint),
+            format!("{:.2}", measured.q.to_degrees()),
+            estimate(&estimated.tau_encoder),
+            estimate(&estimated.tau_whole_body),
+            estimate(&estimated.tau_hat),
+            format!("{:.2}", commanded.tau_d),
+            format!("{:.2}", commanded.tau_star),
+            format!("{:.1}", measured.age_s * 1e3),
+            words::remarks(cycle, j),
         ]);
     }
     TextTable(rows)
@@ -107,15 +110,19 @@ fn ft_sensors(description: &Description, cycle: &CycleRecord) -> TextTable {
         "remarks",
     ];
     let mut rows = vec![heading.map(str::to_owned).to_vec()];
-    let named = description.ft_names.iter().zip(&cycle.ft);
-    for (name, sensor) in named.take(cycle.ft_count as usize) {
+    let named = description
+        .ft_names
+        .iter()
+        .zip(&cycle.estimated.ft)
+        .zip(&cycle.measured.ft);
+    for ((name, estimated), measured) in named.take(cycle.ft_count as usize) {
         let axes = |[x, y, z]: [f64; 3]| format!("{x:.1} {y:.1} {z:.1}");
         rows.push(vec![
             name.to_string(),
-            axes(sensor.contact.force),
-            axes(sensor.contact.torque),
-            format!("{:.1}", sensor.age_s * 1e3),
-            words::measured(sensor.flags).join(", "),
+            axes(estimated.contact_wrench.force),
+            axes(estimated.contact_wrench.torque),
+            format!("{:.1}", measured.age_s * 1e3),
+            words::measured(measured.flags).join(", "),
         ]);
     }
     TextTable(rows)

@@ -1,8 +1,8 @@
 //! Numbers of a record in words.
 
 use torqued_client::robot_state::{
-    CycleRecord, Description, Event, JointRecord, control_flags, measured_flags, mode,
-    torque_flags, torque_source,
+    CycleRecord, Description, Event, Mode, command_flags, measured_flags, torque_flags,
+    torque_source,
 };
 
 const MEASURED: &[(u32, &str)] = &[
@@ -17,10 +17,10 @@ const TORQUE: &[(u32, &str)] = &[
     (torque_flags::SATURATED, "saturated"),
     (torque_flags::DEGRADED, "degraded"),
 ];
-const CONTROL: &[(u32, &str)] = &[
-    (control_flags::POSITION_LIMITED, "position_limited"),
-    (control_flags::TORQUE_LIMITED, "torque_limited"),
-    (control_flags::DELTA_Q_LIMITED, "delta_q_limited"),
+const COMMAND: &[(u32, &str)] = &[
+    (command_flags::POSITION_LIMITED, "position_limited"),
+    (command_flags::TORQUE_LIMITED, "torque_limited"),
+    (command_flags::DELTA_Q_LIMITED, "delta_q_limited"),
 ];
 
 /// The cross-check's warning that stands, and the joint or sensor that it is about.
@@ -28,21 +28,21 @@ pub(super) fn warning<'a>(
     description: &'a Description,
     cycle: &CycleRecord,
 ) -> Option<(Event, &'a str)> {
-    let event = Event::from_number(cycle.warning)?;
+    let event = Event::from_number(cycle.estimated.warning)?;
     let of_sensor = matches!(event, Event::FtDrift | Event::MissingContact);
     let names: &[_] = match of_sensor {
         true => &description.ft_names,
         false => &description.joint_names,
     };
-    let name = names.get(cycle.warning_subject as usize);
+    let name = names.get(cycle.estimated.warning_subject as usize);
     Some((event, name.map_or("?", |name| name.as_str())))
 }
 
-/// The name of the set of contacts that holds.
-pub(super) fn contacts<'a>(description: &'a Description, cycle: &CycleRecord) -> &'a str {
-    let names = description.contact_names.iter();
-    let mut names = names.take(description.contact_count as usize);
-    let name = names.nth(cycle.contacts as usize);
+/// The name of the contact set in use.
+pub(super) fn contact_set<'a>(description: &'a Description, cycle: &CycleRecord) -> &'a str {
+    let names = description.contact_set_names.iter();
+    let mut names = names.take(description.contact_set_count as usize);
+    let name = names.nth(cycle.estimated.contact_set as usize);
     name.map_or("?", |name| name.as_str())
 }
 
@@ -54,8 +54,8 @@ pub(super) fn torque(flags: u32) -> Vec<String> {
     words(flags, TORQUE)
 }
 
-pub(super) fn control(flags: u32) -> Vec<String> {
-    words(flags, CONTROL)
+pub(super) fn command(flags: u32) -> Vec<String> {
+    words(flags, COMMAND)
 }
 
 /// The names of the bits that are set; one that has no name shows as its number.
@@ -70,30 +70,30 @@ fn words(flags: u32, names: &[(u32, &str)]) -> Vec<String> {
     .collect()
 }
 
-/// Everything about a joint that is not as it should be.
-pub(super) fn remarks(joint: &JointRecord) -> String {
-    let mut remarks = measured(joint.measured.flags);
+/// Everything about a joint that an operator should notice.
+pub(super) fn remarks(cycle: &CycleRecord, joint: usize) -> String {
+    let estimated = &cycle.estimated.joints[joint];
+    let mut remarks = measured(cycle.measured.joints[joint].flags);
     for (estimate, of) in [
-        (&joint.tau_encoder, "encoder"),
-        (&joint.tau_whole_body, "whole-body"),
+        (&estimated.tau_encoder, "encoder"),
+        (&estimated.tau_whole_body, "whole-body"),
     ] {
         let flags = estimate.flags & !torque_flags::VALID;
         remarks.extend(torque(flags).iter().map(|word| format!("{of} {word}")));
     }
-    remarks.extend(control(joint.control.flags));
-    if joint.contact == 1 {
-        remarks.push(format!("pushed by {:.1} N·m", joint.tau_ext));
+    remarks.extend(command(cycle.commanded.joints[joint].flags));
+    if estimated.contact_flag == 1 {
+        remarks.push(format!(
+            "contact: external torque {:.1} N·m",
+            estimated.tau_ext
+        ));
     }
     remarks.join(", ")
 }
 
 pub(super) fn mode(number: u32) -> String {
-    match number {
-        mode::HOLD => "hold".to_owned(),
-        mode::TORQUE => "torque".to_owned(),
-        mode::INVERSE_DYNAMICS => "inverse_dynamics".to_owned(),
-        other => format!("mode_{other}"),
-    }
+    Mode::from_number(number)
+        .map_or_else(|| format!("mode_{number}"), |mode| mode.name().to_owned())
 }
 
 pub(super) fn source(number: u32) -> String {

@@ -24,7 +24,7 @@ def main() -> None:
             continue
         next_print = now + PERIOD_S
         print(f"cycle {record.cycle.sequence} ({client.lost} records lost)")
-        for name, joint in zip(client.joint_names, record.cycle.joints):
+        for name, joint in zip(client.joint_names, record.cycle.estimated.joints):
             encoder, whole_body = joint.tau_encoder, joint.tau_whole_body
             print(
                 f"  {name:24} encoder {encoder.tau:8.2f} ± {encoder.sigma:5.2f} N·m,"

@@ -2,7 +2,7 @@
 
     client = torqued.Client("leg")
     for record in client.records():
-        print(record.cycle.joints[0].tau_whole_body.tau)
+        print(record.cycle.estimated.joints[0].tau_whole_body.tau)
 """
 
 from .client import (

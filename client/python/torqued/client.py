@@ -87,10 +87,10 @@ class Client:
         return [text(name) for name in self.description.ft_names[: self.description.ft_count]]
 
     @property
-    def contact_names(self) -> list[str]:
+    def contact_set_names(self) -> list[str]:
         """The names of the sets of contacts; the first holds at the start."""
-        count = self.description.contact_count
-        return [text(name) for name in self.description.contact_names[:count]]
+        count = self.description.contact_set_count
+        return [text(name) for name in self.description.contact_set_names[:count]]
 
     def tare(self, contacts: str) -> Answer:
         """Tares the F/T sensors of a robot at rest in mode hold: `contacts` names the set of
@@ -106,13 +106,13 @@ class Client:
         """Gives up what tares have found: offsets are those of the configuration."""
         return self.request(RequestKind.FORGET_TARE)
 
-    def choose_contacts(self, contacts: str) -> Answer:
-        """From now on the robot has the contacts of that set, one of `contact_names`."""
-        return self.request(RequestKind.CHOOSE_CONTACTS, contacts)
+    def choose_contact_set(self, contacts: str) -> Answer:
+        """From now on the robot has the contacts of that set, one of `contact_set_names`."""
+        return self.request(RequestKind.CHOOSE_CONTACT_SET, contacts)
 
-    def automatic_contacts(self) -> Answer:
+    def automatic_contact_set(self) -> Answer:
         """From now on the automatic rule chooses the set of contacts."""
-        return self.request(RequestKind.AUTOMATIC_CONTACTS)
+        return self.request(RequestKind.AUTOMATIC_CONTACT_SET)
 
     def request(
         self,
@@ -127,8 +127,8 @@ class Client:
         requests = self._open("request", Request, time.monotonic()).publisher_builder().create()
         try:
             asked = Request(id=secrets.randbits(64), kind=kind)
-            name = contacts.encode()[: ctypes.sizeof(asked.contacts)]
-            ctypes.memmove(asked.contacts, name, len(name))
+            name = contacts.encode()[: ctypes.sizeof(asked.contact_set)]
+            ctypes.memmove(asked.contact_set, name, len(name))
             if requests.loan_uninit().write_payload(asked).send() == 0:
                 raise NoDaemonError("nobody receives requests; torqued has stopped or was killed")
             return self._answered(answers, asked.id, progress)

@@ -13,7 +13,7 @@ EVENT_COUNT = 26
 
 
 class Mode(IntEnum):
-    """What the robot is asked to do."""
+    """Mode of the robot."""
 
     HOLD = 0
     TORQUE = 1
@@ -21,7 +21,7 @@ class Mode(IntEnum):
 
 
 class TorqueSource(IntEnum):
-    """Where a torque estimate comes from."""
+    """Source of a torque estimate."""
 
     NONE = 0
     ENCODER = 1
@@ -48,7 +48,7 @@ class TorqueFlags(IntFlag):
     DEGRADED = 4
 
 
-class ControlFlags(IntFlag):
+class CommandFlags(IntFlag):
     """Flag bits of a joint's command."""
 
     POSITION_LIMITED = 1
@@ -57,17 +57,17 @@ class ControlFlags(IntFlag):
 
 
 class RequestKind(IntEnum):
-    """What a request asks for."""
+    """Kind of a request."""
 
     TARE = 1
     SHOW_TARE = 2
     FORGET_TARE = 3
-    CHOOSE_CONTACTS = 4
-    AUTOMATIC_CONTACTS = 5
+    CHOOSE_CONTACT_SET = 4
+    AUTOMATIC_CONTACT_SET = 5
 
 
 class AnswerStatus(IntEnum):
-    """How far a request is."""
+    """Progress of a request."""
 
     WORKING = 1
     DONE = 2
@@ -119,105 +119,30 @@ class JointMeasured(ctypes.Structure):
     """88 bytes."""
 
     _fields_ = [
-        # q: link-side angle, rad, newest sample.
+        # q: joint angle, rad, newest sample.
         ("q", ctypes.c_double),
         # theta: motor-side angle, rad, unwrapped over many turns, newest sample.
         ("theta", ctypes.c_double),
-        # torsion: theta/N - q, rad.
+        # torsion: theta/N - q, rad; positive when the motor drives the joint.
         ("torsion", ctypes.c_double),
-        # i: motor current, A.
+        # i: motor current, A, newest sample.
         ("current", ctypes.c_double),
-        # dq: link-side velocity from a short filter, rad/s; what control uses.
+        # dq: joint velocity, rad/s, from a short filter; used by control.
         ("dq", ctypes.c_double),
-        # q: filtered link-side angle, rad, late by `filter_delay_s`.
+        # q_hat: filtered joint angle, rad, delayed by `filter_delay_s`.
         ("q_hat", ctypes.c_double),
-        # dq: filtered link-side velocity, rad/s, late by `filter_delay_s`.
+        # dq_hat: filtered joint velocity, rad/s, delayed by `filter_delay_s`.
         ("dq_hat", ctypes.c_double),
-        # ddq: filtered link-side acceleration, rad/s², late by `filter_delay_s`.
+        # ddq_hat: filtered joint acceleration, rad/s², delayed by `filter_delay_s`.
         ("ddq_hat", ctypes.c_double),
-        # omega: motor-side velocity, rad/s.
+        # omega: motor-side velocity, rad/s: the drive's own, or from a short filter.
         ("omega", ctypes.c_double),
         # Age of the newest sample, s.
         ("age_s", ctypes.c_double),
-        # The drive's status word as received.
+        # Status word of the drive, as received.
         ("status", ctypes.c_uint32),
         # Bits of `measured_flags`.
         ("flags", ctypes.c_uint32),
-    ]
-
-
-class TorqueEstimate(ctypes.Structure):
-    """32 bytes."""
-
-    _fields_ = [
-        # tau: torque that the transmission applies to the child link along +q, N·m.
-        ("tau", ctypes.c_double),
-        # sigma: standard deviation of tau, N·m.
-        ("sigma", ctypes.c_double),
-        # How late the estimate is against the newest sample, s.
-        ("delay_s", ctypes.c_double),
-        # One of `torque_source`.
-        ("source", ctypes.c_uint32),
-        # Bits of `torque_flags`.
-        ("flags", ctypes.c_uint32),
-    ]
-
-
-class JointControl(ctypes.Structure):
-    """96 bytes."""
-
-    _fields_ = [
-        # tau_d: wanted torque, N·m (D12).
-        ("tau_d", ctypes.c_double),
-        # tau*: wanted torque with feedback on the estimated torque, N·m (D11).
-        ("tau_star", ctypes.c_double),
-        # delta_q: commanded offset to the measured position, rad (D10).
-        ("delta_q", ctypes.c_double),
-        # q_c: commanded position after all limits, rad.
-        ("q_c", ctypes.c_double),
-        # i_c: commanded current after all limits, A (current-commanded drives).
-        ("current_c", ctypes.c_double),
-        # Contribution to delta_q of the torque feed-forward, rad (D 5.5).
-        ("feedforward_torque", ctypes.c_double),
-        # Contribution to delta_q of the friction feed-forward, rad.
-        ("feedforward_friction", ctypes.c_double),
-        # Contribution to delta_q of the position error, rad.
-        ("feedback_position", ctypes.c_double),
-        # Contribution to delta_q of the velocity error, rad.
-        ("feedback_velocity", ctypes.c_double),
-        # Contribution to delta_q of the acceleration error, rad.
-        ("feedback_acceleration", ctypes.c_double),
-        # Contribution to delta_q of the contact force error, rad.
-        ("feedback_force", ctypes.c_double),
-        # Bits of `control_flags`.
-        ("flags", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
-    ]
-
-
-class JointRecord(ctypes.Structure):
-    """328 bytes."""
-
-    _fields_ = [
-        # What the sensors saw.
-        ("measured", JointMeasured),
-        # Torque from encoders and current (Z).
-        ("tau_encoder", TorqueEstimate),
-        # Torque from F/T sensors and IMU (D 2).
-        ("tau_whole_body", TorqueEstimate),
-        # Torque from the current less friction (D3); not valid without `[cross_check]`.
-        ("tau_current", TorqueEstimate),
-        # tau_hat: torque now, from encoders, F/T sensors and rigid-body model.
-        ("tau_hat", TorqueEstimate),
-        # tau_ext: torque that the environment applies to the joint where no F/T sensor tells it, N·m; zero without `[external_torque]`.
-        ("tau_ext", ctypes.c_double),
-        # 1: `tau_ext` tells a contact.
-        ("contact", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
-        # What is commanded.
-        ("control", JointControl),
     ]
 
 
@@ -232,23 +157,17 @@ class Wrench(ctypes.Structure):
     ]
 
 
-class FtRecord(ctypes.Structure):
-    """312 bytes."""
+class FtMeasured(ctypes.Structure):
+    """168 bytes."""
 
     _fields_ = [
-        # Wrench that the part beyond the sensor applies to the part before it, in the sensor's frame, newest sample.
-        ("measured", Wrench),
-        # The same, filtered.
-        ("filtered", Wrench),
-        # f_hat: wrench that the environment applies to the end-effector, at the sensor's frame, inertia and weight of the end-effector removed (D 2.2).
-        ("contact", Wrench),
-        # What conditioning takes off the calibrated reading: config and tare.
+        # Wrench that the part beyond the sensor applies to the part before it, newest sample, calibrated, `offset` subtracted.
+        ("wrench", Wrench),
+        # The same, filtered, delayed by `filter_delay_s`.
+        ("wrench_hat", Wrench),
+        # Offset that is subtracted from the calibrated reading: configuration and tare.
         ("offset", Wrench),
-        # What the contacts of the part beyond the sensor cannot explain, in the frame of the sensor's first link.
-        ("residual", Wrench),
-        # Expected standard deviation of `residual`; zero where the contacts explain anything.
-        ("residual_sigma", Wrench),
-        # Temperature, °C; zero if the sensor tells none.
+        # Temperature, °C; zero if the sensor does not measure it.
         ("temperature", ctypes.c_double),
         # Age of the newest sample, s.
         ("age_s", ctypes.c_double),
@@ -259,19 +178,19 @@ class FtRecord(ctypes.Structure):
     ]
 
 
-class ImuRecord(ctypes.Structure):
+class ImuMeasured(ctypes.Structure):
     """136 bytes."""
 
     _fields_ = [
-        # Angular velocity in the sensor's frame, rad/s, newest sample.
+        # Angular velocity, rad/s, newest sample.
         ("gyro", ctypes.c_double * 3),
-        # Acceleration minus gravity in the sensor's frame, m/s², newest sample.
+        # Acceleration minus gravity, m/s², newest sample.
         ("accelerometer", ctypes.c_double * 3),
-        # Filtered angular velocity, rad/s.
+        # Filtered angular velocity, rad/s, delayed by `filter_delay_s`.
         ("gyro_hat", ctypes.c_double * 3),
-        # Filtered acceleration minus gravity, m/s².
+        # Filtered acceleration minus gravity, m/s², delayed by `filter_delay_s`.
         ("accelerometer_hat", ctypes.c_double * 3),
-        # Angular acceleration from the filtered gyro, rad/s²; zero if neglected.
+        # Angular acceleration from the filtered gyro, rad/s²; zero if it is neglected.
         ("angular_acceleration_hat", ctypes.c_double * 3),
         # Age of the newest sample, s.
         ("age_s", ctypes.c_double),
@@ -279,6 +198,141 @@ class ImuRecord(ctypes.Structure):
         ("flags", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
         ("reserved", ctypes.c_uint32),
+    ]
+
+
+class MeasuredRecord(ctypes.Structure):
+    """7120 bytes."""
+
+    _fields_ = [
+        # Delay of the filtered quantities, s.
+        ("filter_delay_s", ctypes.c_double),
+        # The joints, in config order.
+        ("joints", JointMeasured * 64),
+        # The F/T sensors, in config order.
+        ("ft", FtMeasured * 8),
+        # The IMU; zero if there is none.
+        ("imu", ImuMeasured),
+    ]
+
+
+class TorqueEstimate(ctypes.Structure):
+    """32 bytes."""
+
+    _fields_ = [
+        # tau: torque that the transmission applies to the child link along +q, N·m.
+        ("tau", ctypes.c_double),
+        # sigma: standard deviation of tau, N·m.
+        ("sigma", ctypes.c_double),
+        # Delay of the estimate against the newest sample, s.
+        ("delay_s", ctypes.c_double),
+        # One of `torque_source`.
+        ("source", ctypes.c_uint32),
+        # Bits of `torque_flags`.
+        ("flags", ctypes.c_uint32),
+    ]
+
+
+class JointEstimated(ctypes.Structure):
+    """144 bytes."""
+
+    _fields_ = [
+        # Torque from encoders and current (Z): without delay, but with slow errors of the deformation model.
+        ("tau_encoder", TorqueEstimate),
+        # Torque from F/T sensors and IMU (D 2): independent of the joint's gear and motor, but delayed by the filters.
+        ("tau_whole_body", TorqueEstimate),
+        # Torque from the motor current less friction (D3), a third opinion for the cross-check; not valid without `[cross_check]`.
+        ("tau_current", TorqueEstimate),
+        # tau_hat: delay-compensated torque: the present torque, from the changes of `tau_encoder` and the level of F/T sensors and rigid-body model.
+        ("tau_hat", TorqueEstimate),
+        # tau_ext: torque of the environment on the joint apart from the contact wrenches that the F/T sensors determine, N·m; zero without `[external_torque]`.
+        ("tau_ext", ctypes.c_double),
+        # 1: contact detected, `tau_ext` exceeds its threshold.
+        ("contact_flag", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
+class FtEstimated(ctypes.Structure):
+    """144 bytes."""
+
+    _fields_ = [
+        # f_hat: wrench that the environment applies to the end-effector, at the sensor's frame, inertia and weight of the end-effector removed (D 2.2).
+        ("contact_wrench", Wrench),
+        # Residual of the part beyond the sensor: the wrench that its contacts cannot explain, in the frame of the sensor's first link.
+        ("residual", Wrench),
+        # Expected standard deviation of `residual`; zero where the contacts explain any wrench.
+        ("residual_sigma", Wrench),
+    ]
+
+
+class EstimatedRecord(ctypes.Structure):
+    """10576 bytes."""
+
+    _fields_ = [
+        # The joints, in config order.
+        ("joints", JointEstimated * 64),
+        # The F/T sensors, in config order.
+        ("ft", FtEstimated * 8),
+        # f_u: wrench that no F/T sensor measures: that of the last contact of the contact set, by default at the unknown-wrench link (D 2.4).
+        ("unknown_wrench", Wrench),
+        # Expected standard deviation of `unknown_wrench`.
+        ("unknown_wrench_sigma", Wrench),
+        # Residual of the part with the root: the wrench that its contacts cannot explain, in the root's frame.
+        ("residual", Wrench),
+        # Expected standard deviation of `residual`; zero where the contacts explain any wrench.
+        ("residual_sigma", Wrench),
+        # The contact set in use, an index of `Description::contact_set_names`.
+        ("contact_set", ctypes.c_uint32),
+        # 1: the automatic rule chooses the contact set; 0: a client or the configuration does.
+        ("contact_set_automatic", ctypes.c_uint32),
+        # Number of the cross-check's first active event (204 to 208), or 0.
+        ("warning", ctypes.c_uint32),
+        # The joint that `warning` is about, or the F/T sensor (events 205 and 208).
+        ("warning_subject", ctypes.c_uint32),
+    ]
+
+
+class JointCommanded(ctypes.Structure):
+    """96 bytes."""
+
+    _fields_ = [
+        # tau_d: desired torque, N·m (D12).
+        ("tau_d", ctypes.c_double),
+        # tau*: desired torque plus feedback on the estimated torque, N·m (D11).
+        ("tau_star", ctypes.c_double),
+        # delta_q: commanded offset to the measured position, rad (D10).
+        ("delta_q", ctypes.c_double),
+        # q_c: commanded position after all limits, rad (position-commanded drives).
+        ("q_c", ctypes.c_double),
+        # i_c: commanded current after all limits, A (current-commanded drives).
+        ("current_c", ctypes.c_double),
+        # Contribution to the command of the torque feed-forward, rad or A (D 5.5).
+        ("feedforward_torque", ctypes.c_double),
+        # Contribution to the command of the friction feed-forward, rad or A.
+        ("feedforward_friction", ctypes.c_double),
+        # Contribution to the command of the position error, rad or A.
+        ("feedback_position", ctypes.c_double),
+        # Contribution to the command of the velocity error, rad or A.
+        ("feedback_velocity", ctypes.c_double),
+        # Contribution to the command of the acceleration error, rad or A.
+        ("feedback_acceleration", ctypes.c_double),
+        # Contribution to the command of the contact force error, rad or A.
+        ("feedback_force", ctypes.c_double),
+        # Bits of `command_flags`.
+        ("flags", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
+class CommandedRecord(ctypes.Structure):
+    """6144 bytes."""
+
+    _fields_ = [
+        # The joints, in config order.
+        ("joints", JointCommanded * 64),
     ]
 
 
@@ -290,7 +344,7 @@ class CycleRecord(ctypes.Structure):
         ("sequence", ctypes.c_uint64),
         # Instant of the cycle, ns on the caller's clock.
         ("stamp_ns", ctypes.c_uint64),
-        # One of `mode`: what the robot is doing now.
+        # Number of a `Mode`, that of this cycle: 0 hold, 1 torque, 2 inverse dynamics.
         ("mode", ctypes.c_uint32),
         # Number of the latched fault's event, or 0.
         ("fault", ctypes.c_uint32),
@@ -298,31 +352,13 @@ class CycleRecord(ctypes.Structure):
         ("joint_count", ctypes.c_uint32),
         # F/T sensors in use.
         ("ft_count", ctypes.c_uint32),
-        # Number of the cross-check's event that stands first, or 0.
-        ("warning", ctypes.c_uint32),
-        # The joint that `warning` is about, or the F/T sensor (events 205 and 208).
-        ("warning_subject", ctypes.c_uint32),
-        # Place in `Description::contact_names` of the contacts that the robot is taken to have.
-        ("contacts", ctypes.c_uint32),
-        # 1: the automatic rule chooses contacts; 0: a client has chosen, or there is no rule.
-        ("contacts_automatic", ctypes.c_uint32),
-        # Delay of the filtered quantities, s.
-        ("filter_delay_s", ctypes.c_double),
-        # The joints, in config order.
-        ("joints", JointRecord * 64),
-        # The F/T sensors, in config order.
-        ("ft", FtRecord * 8),
-        # The IMU; zero if there is none.
-        ("imu", ImuRecord),
-        # f_u: wrench not explained by the F/T sensors: that of the last contact of the set, by default at the unknown-wrench link (D 2.4).
-        ("unknown_wrench", Wrench),
-        # Expected standard deviation of `unknown_wrench`.
-        ("unknown_wrench_sigma", Wrench),
-        # What the contacts of the part with the root cannot explain, in the root's frame.
-        ("residual", Wrench),
-        # Expected standard deviation of `residual`; zero where the contacts explain anything.
-        ("residual_sigma", Wrench),
-        # How often each event occurred since start, in the order of `Event::ALL`.
+        # What the sensors measured.
+        ("measured", MeasuredRecord),
+        # Torques and contact wrenches that follow.
+        ("estimated", EstimatedRecord),
+        # What the drives are commanded.
+        ("commanded", CommandedRecord),
+        # Count of each event since start, in the order of `Event::ALL`.
         ("events", ctypes.c_uint64 * 26),
     ]
 
@@ -335,11 +371,11 @@ class LoopRecord(ctypes.Structure):
         ("cycles", ctypes.c_uint64),
         # Cycles that ended after the next one should have begun.
         ("late_cycles", ctypes.c_uint64),
-        # Cycles whose start was passed over.
+        # Cycles that were left out because an earlier one ended too late.
         ("skipped_cycles", ctypes.c_uint64),
-        # How late the thread woke, ns.
+        # Lateness of the thread's wake-up, ns.
         ("wake_late_ns", ctypes.c_uint64),
-        # From SYNC until every joint had answered or the deadline had passed, ns.
+        # Time from SYNC until every joint had answered or the deadline had passed, ns.
         ("gather_ns", ctypes.c_uint64),
         # Computing time of the cycle, ns.
         ("compute_ns", ctypes.c_uint64),
@@ -375,18 +411,18 @@ class Description(ctypes.Structure):
         ("joint_count", ctypes.c_uint32),
         # F/T sensors in use.
         ("ft_count", ctypes.c_uint32),
-        # The joints' names, in the order of `CycleRecord::joints`.
+        # Names of the joints, in the order of every record's `joints`.
         ("joint_names", ctypes.c_uint8 * 48 * 64),
-        # The F/T sensors' names, in the order of `CycleRecord::ft`.
+        # Names of the F/T sensors, in the order of every record's `ft`.
         ("ft_names", ctypes.c_uint8 * 48 * 8),
-        # The joints' torque limits, N·m.
+        # Torque limits of the joints, N·m.
         ("torque_limits", ctypes.c_double * 64),
-        # Sets of contacts in use.
-        ("contact_count", ctypes.c_uint32),
+        # Contact sets in use.
+        ("contact_set_count", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
         ("reserved", ctypes.c_uint32),
-        # The names of the sets of contacts; the first holds at the start.
-        ("contact_names", ctypes.c_uint8 * 48 * 16),
+        # Names of the contact sets; the first is in use at the start.
+        ("contact_set_names", ctypes.c_uint8 * 48 * 16),
     ]
 
 
@@ -394,13 +430,13 @@ class JointReference(ctypes.Structure):
     """32 bytes."""
 
     _fields_ = [
-        # q_d: wanted link-side angle, rad.
+        # q_d: desired joint angle, rad (mode inverse dynamics).
         ("q_d", ctypes.c_double),
-        # dq_d: wanted velocity, rad/s.
+        # dq_d: desired velocity, rad/s (mode inverse dynamics).
         ("dq_d", ctypes.c_double),
-        # ddq_d: wanted acceleration, rad/s².
+        # ddq_d: desired acceleration, rad/s² (mode inverse dynamics).
         ("ddq_d", ctypes.c_double),
-        # tau_d: wanted torque, N·m (mode torque; not used by inverse dynamics).
+        # tau_d: desired torque, N·m (mode torque).
         ("tau_d", ctypes.c_double),
     ]
 
@@ -409,18 +445,18 @@ class Reference(ctypes.Structure):
     """2456 bytes."""
 
     _fields_ = [
-        # Counts up with each message of the client.
+        # Count of the client's references, this one included.
         ("sequence", ctypes.c_uint64),
-        # One of `mode`.
+        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics.
         ("mode", ctypes.c_uint32),
         # Joints in use; must equal the robot's.
         ("joint_count", ctypes.c_uint32),
-        # The joints, in the order of `CycleRecord::joints`.
+        # The joints, in config order.
         ("joints", JointReference * 64),
-        # f_d: wrench that the environment shall apply to each end-effector, at its F/T sensor's frame, in the order of `CycleRecord::ft`.
-        ("contact", Wrench * 8),
-        # 1 where `contact` is meant; 0: the estimated contact wrench is used as it is.
-        ("contact_given", ctypes.c_uint32),
+        # f_d: desired wrench of the environment on each end-effector, at the frame of its F/T sensor, in config order (mode inverse dynamics).
+        ("contact_wrench", Wrench * 8),
+        # 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
+        ("contact_wrench_given", ctypes.c_uint32),
         # 1 asks for the reset of a latched fault.
         ("reset_fault", ctypes.c_uint32),
     ]
@@ -430,14 +466,14 @@ class Request(ctypes.Structure):
     """64 bytes."""
 
     _fields_ = [
-        # Any number that no other request has: answers carry it.
+        # Any number that no other request has: the answers repeat it.
         ("id", ctypes.c_uint64),
         # One of `request`.
         ("kind", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
         ("reserved", ctypes.c_uint32),
-        # Name of a set of contacts, for a tare and for the choice of contacts.
-        ("contacts", ctypes.c_uint8 * 48),
+        # Name of a contact set, for a tare and for the choice of a contact set.
+        ("contact_set", ctypes.c_uint8 * 48),
     ]
 
 
@@ -445,13 +481,13 @@ class TaredSensor(ctypes.Structure):
     """152 bytes."""
 
     _fields_ = [
-        # What a tare takes off the sensor's reading besides the config's offset.
+        # Offset of the tare; it is subtracted from the reading in addition to the configuration's offset.
         ("offset", Wrench),
         # The same before this request.
         ("before", Wrench),
         # Standard deviation of `offset`; zero without a tare.
         ("sigma", Wrench),
-        # Bit k: the pose has told component k (fx fy fz tx ty tz) of `offset`.
+        # Bit k: the tare's pose determined component k (fx fy fz tx ty tz) of `offset`.
         ("known", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
         ("reserved", ctypes.c_uint32),
@@ -462,28 +498,28 @@ class Answer(ctypes.Structure):
     """2320 bytes."""
 
     _fields_ = [
-        # The request's.
+        # The request's `id`.
         ("id", ctypes.c_uint64),
         # One of `answer_status`.
         ("status", ctypes.c_uint32),
         # F/T sensors in use.
         ("ft_count", ctypes.c_uint32),
-        # How much is done, 0 to 1.
+        # Share of the work that is done, 0 to 1.
         ("progress", ctypes.c_double),
-        # When the tare was taken, seconds since 1970-01-01 UTC; zero: there is none.
+        # Date of the last tare, seconds since 1970-01-01 UTC; zero if there is none.
         ("date_unix_s", ctypes.c_double),
-        # The set of contacts of that tare.
-        ("contacts", ctypes.c_uint8 * 48),
-        # What is being done, was done, or keeps it from being done.
+        # Contact set of that tare.
+        ("contact_set", ctypes.c_uint8 * 48),
+        # A sentence about what is being done, was done, or was refused and why.
         ("text", ctypes.c_uint8 * 1024),
-        # The F/T sensors, in config order; told by tares.
+        # The F/T sensors, in config order; filled in answers about tares.
         ("ft", TaredSensor * 8),
     ]
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#bec8925eed80ef65")
-Description.type_name = staticmethod(lambda: "torqued::Description#1b288cc78621cd6e")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#97e2711f8c0f0ab1")
-Request.type_name = staticmethod(lambda: "torqued::Request#082b136210e8cf21")
-Answer.type_name = staticmethod(lambda: "torqued::Answer#6f24ced6c386cfbf")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#f9d8e4f66ac9404a")
+Description.type_name = staticmethod(lambda: "torqued::Description#953c34181f4ec17c")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#6997824c22282143")
+Request.type_name = staticmethod(lambda: "torqued::Request#5878ef8792a6e307")
+Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

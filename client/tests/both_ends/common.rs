@@ -54,7 +54,7 @@ pub(crate) fn description(robot: &str, joints: u32) -> Description {
 pub(crate) fn record(sequence: u64) -> SharedRecord {
     let mut record = SharedRecord::default();
     record.cycle.sequence = sequence;
-    record.cycle.joints[5].tau_whole_body.tau = sequence as f64 * 0.25;
+    record.cycle.estimated.joints[5].tau_whole_body.tau = sequence as f64 * 0.25;
     record.timing.frames_sent = !sequence;
     record
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::common::{RunDir, connect, description, record};
-use torqued_client::robot_state::{Reference, mode};
+use torqued_client::robot_state::{Mode, Reference};
 use torqued_client::{Client, Commander, DaemonPorts, Error, Location};
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -96,7 +96,7 @@ fn references_arrive_newest_first_and_bit_for_bit() {
     let odd = f64::from_bits(0x7ff8_dead_beef_0001);
     for q_d in [1.0, 2.0, odd] {
         let change = |r: &mut Reference| {
-            r.mode = mode::INVERSE_DYNAMICS;
+            r.mode = Mode::InverseDynamics.number();
             r.joints[3].q_d = q_d;
         };
         commander.send(change).expect("sent");
@@ -110,7 +110,7 @@ fn references_arrive_newest_first_and_bit_for_bit() {
     let last = ports.newest_reference().expect("received").expect("some");
     assert_eq!(
         last.mode,
-        mode::HOLD,
+        Mode::Hold.number(),
         "a commander that goes leaves the robot holding"
     );
 }
@@ -191,18 +191,23 @@ fn a_client_goes_on_with_the_next_daemon() {
         let newest = ports.newest_reference().expect("received");
         newest.map(|r| (r.mode, r.joints[0].q_d))
     };
-    assert_eq!(ask(mode::TORQUE), None);
+    assert_eq!(ask(Mode::Torque.number()), None);
     assert_eq!(ask(99), None);
-    assert_eq!(ask(mode::HOLD), Some((mode::HOLD, 0.5)));
-    assert_eq!(ask(mode::TORQUE), Some((mode::TORQUE, 0.5)));
+    assert_eq!(ask(Mode::Hold.number()), Some((Mode::Hold.number(), 0.5)));
+    assert_eq!(
+        ask(Mode::Torque.number()),
+        Some((Mode::Torque.number(), 0.5))
+    );
     drop(commander);
     ports.newest_reference().expect("received");
     let mut newcomer = Commander::connect(&client).expect("another commander");
-    newcomer.send(|r| r.mode = mode::TORQUE).expect("sent");
+    newcomer
+        .send(|r| r.mode = Mode::Torque.number())
+        .expect("sent");
     let reference = ports.newest_reference().expect("received").expect("some");
     assert_eq!(
         reference.mode,
-        mode::TORQUE,
+        Mode::Torque.number(),
         "who comes later is obeyed at once"
     );
 }

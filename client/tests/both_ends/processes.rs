@@ -6,7 +6,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;
 
 use crate::common::RunDir;
-use torqued_client::robot_state::{Reference, mode};
+use torqued_client::robot_state::{Mode, Reference};
 use torqued_client::{Client, Commander, Record};
 
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -91,7 +91,7 @@ fn every_cycle_reaches_a_client_in_another_process() {
         let record = client.next_record(PATIENCE).expect("record");
         assert_eq!((record.cycle.sequence, record.lost), (sequence, 0));
         let t = sequence as f64 * 1e-3;
-        let tau = record.cycle.joints[2].tau_whole_body.tau;
+        let tau = record.cycle.estimated.joints[2].tau_whole_body.tau;
         assert!((tau - (2.0 + t.sin())).abs() < 1e-12, "{tau} at {t}");
     }
 }
@@ -106,18 +106,20 @@ fn clients_go_on_when_the_daemon_is_killed_and_started_again() {
     daemon.kill();
     let _daemon = Process::daemon(&dir);
     wait_for(&mut client, |r| r.cycle.sequence < 200);
-    let torque = |r: &mut Reference| r.mode = mode::TORQUE;
+    let torque = |r: &mut Reference| r.mode = Mode::Torque.number();
     for record in client.records(PATIENCE).take(100) {
         commander.send(torque).expect("the new daemon listens");
-        assert_eq!(record.expect("record").cycle.mode, mode::HOLD);
+        assert_eq!(record.expect("record").cycle.mode, Mode::Hold.number());
     }
     // Obeyed again once it has asked for hold.
     for record in client.records(PATIENCE).take(20) {
-        commander.send(|r| r.mode = mode::HOLD).expect("sent");
+        commander
+            .send(|r| r.mode = Mode::Hold.number())
+            .expect("sent");
         record.expect("record");
     }
     commander.send(torque).expect("sent");
-    wait_for(&mut client, |r| r.cycle.mode == mode::TORQUE);
+    wait_for(&mut client, |r| r.cycle.mode == Mode::Torque.number());
     let mut newcomer = connect(&dir);
     newcomer
         .next_record(PATIENCE)
@@ -173,13 +175,17 @@ fn the_command_passes_on_when_its_holder_is_killed() {
     let mut client = connect(&dir);
     for _ in 0..3 {
         let holder = Process::start("02_send_references", &dir);
-        wait_for(&mut client, |r| r.cycle.mode == mode::INVERSE_DYNAMICS);
+        wait_for(&mut client, |r| {
+            r.cycle.mode == Mode::InverseDynamics.number()
+        });
         holder.kill();
-        wait_for(&mut client, |r| r.cycle.mode == mode::HOLD);
+        wait_for(&mut client, |r| r.cycle.mode == Mode::Hold.number());
     }
     let mut commander = Commander::connect(&client).expect("the command is free again");
-    commander.send(|r| r.mode = mode::TORQUE).expect("sent");
-    wait_for(&mut client, |r| r.cycle.mode == mode::TORQUE);
+    commander
+        .send(|r| r.mode = Mode::Torque.number())
+        .expect("sent");
+    wait_for(&mut client, |r| r.cycle.mode == Mode::Torque.number());
 }
 
 #[test]
@@ -188,7 +194,9 @@ fn one_client_commands_and_a_second_is_refused() {
     let _daemon = Process::daemon(&dir);
     let mut client = connect(&dir);
     let first = Process::start("02_send_references", &dir);
-    wait_for(&mut client, |r| r.cycle.mode == mode::INVERSE_DYNAMICS);
+    wait_for(&mut client, |r| {
+        r.cycle.mode == Mode::InverseDynamics.number()
+    });
     let (status, error) = Process::start("02_send_references", &dir).end();
     assert!(
         !status.success() && error.contains("commanded by another client"),
@@ -196,5 +204,5 @@ fn one_client_commands_and_a_second_is_refused() {
     );
     let (status, error) = first.end();
     assert!(status.success(), "{error}");
-    wait_for(&mut client, |r| r.cycle.mode == mode::HOLD);
+    wait_for(&mut client, |r| r.cycle.mode == Mode::Hold.number());
 }

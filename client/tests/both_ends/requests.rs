@@ -27,7 +27,7 @@ fn serve(ports: &DaemonPorts, count: usize, reply: impl Fn(&str) -> Answer) {
             };
             ports.answer(&answer).expect("answered");
         }
-        let mut answer = reply(asked.contacts.as_str());
+        let mut answer = reply(asked.contact_set.as_str());
         answer.id = asked.id;
         ports.answer(&answer).expect("answered");
     }
@@ -74,7 +74,7 @@ fn refusals_are_errors_with_their_reason_and_progress_is_seen() {
                 ..Answer::default()
             });
         });
-        let refused = client.choose_contacts("standing");
+        let refused = client.choose_contact_set("standing");
         let reason = "the robot moves".to_owned();
         assert_eq!(refused.err(), Some(Error::Refused { reason }));
     });

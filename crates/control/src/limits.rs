@@ -1,6 +1,6 @@
 //! The limits that are applied last, whatever came before.
 
-use robot_state::control_flags;
+use robot_state::command_flags;
 
 /// Limits of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,7 +22,7 @@ pub struct JointLimits {
 pub struct Limited {
     /// The value within its limits.
     pub value: f64,
-    /// Bits of `control_flags`.
+    /// Bits of `command_flags`.
     pub flags: u32,
 }
 
@@ -34,7 +34,7 @@ impl JointLimits {
             tau,
             -self.torque,
             self.torque,
-            control_flags::TORQUE_LIMITED,
+            command_flags::TORQUE_LIMITED,
         )
     }
 
@@ -45,7 +45,7 @@ impl JointLimits {
             delta_q,
             -self.delta_q,
             self.delta_q,
-            control_flags::DELTA_Q_LIMITED,
+            command_flags::DELTA_Q_LIMITED,
         )
     }
 
@@ -56,7 +56,7 @@ impl JointLimits {
             q,
             self.position_min,
             self.position_max,
-            control_flags::POSITION_LIMITED,
+            command_flags::POSITION_LIMITED,
         )
     }
 
@@ -67,7 +67,7 @@ impl JointLimits {
             current,
             -self.current,
             self.current,
-            control_flags::TORQUE_LIMITED,
+            command_flags::TORQUE_LIMITED,
         )
     }
 }

@@ -4,7 +4,7 @@ use can_codec::Frames;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS};
 
-use crate::command::{Command, Emit, Supervisor, Wanted};
+use crate::command::{ClientInput, Command, Emit, Supervisor};
 use crate::error::CycleError;
 use crate::estimate::Estimate;
 use crate::events::Counts;
@@ -50,35 +50,44 @@ impl Cycle {
         })
     }
 
-    /// One cycle: what the frames say, what the torques are, what is wanted, what is commanded.
+    /// One cycle: measure, estimate, decide, command, limit, emit.
+    ///
+    /// Each stage reads the groups of the record that stand before its own, and writes its own.
     pub fn step(
         &mut self,
         at: Instants,
         rx: &Frames,
-        wanted: &Wanted<'_>,
+        client: &ClientInput<'_>,
         tx: &mut Frames,
     ) -> &CycleRecord {
-        let (record, counts) = (&mut self.record, &mut self.counts);
-        record.sequence += 1;
-        record.stamp_ns = at.now.0;
+        let CycleRecord {
+            measured,
+            estimated,
+            commanded,
+            ..
+        } = &mut self.record;
+        let counts = &mut self.counts;
 
-        let readiness = (self.measure).update(at, rx, wanted.settings, record, counts);
-        (self.estimate).update(&self.measure, wanted.settings, record, counts);
-        let reference = self.supervisor.decide(wanted, readiness, counts);
-        let mode = self.supervisor.mode();
-        self.command.update(mode, reference, &self.estimate, record);
-        if let Err(event) = self.command.limit(record, counts) {
+        let readiness = (self.measure).update(at, rx, client.settings, measured, counts);
+        (self.estimate).update(&self.measure, client.settings, measured, estimated, counts);
+        let goal = self.supervisor.decide(client, readiness, counts);
+        let base_motion = self.estimate.base_motion();
+        (self.command).update(&goal, base_motion, measured, estimated, commanded);
+        if let Err(event) = self.command.limit(measured, commanded, counts) {
             self.supervisor.report(event, counts);
         }
         self.emit.update(&self.command, readiness.seen, tx, counts);
 
-        record.mode = self.supervisor.mode();
+        let record = &mut self.record;
+        record.sequence += 1;
+        record.stamp_ns = at.now.0;
+        record.mode = self.supervisor.mode().number();
         record.fault = self.supervisor.fault_number();
         record.events = counts.as_array();
         record
     }
 
-    /// Counts an event that the loop around the cycle has seen: bus errors, late cycles.
+    /// Counts an event of the loop around the cycle: a bus error, a late cycle.
     pub fn note(&mut self, event: Event, times: u64) {
         self.counts.add_many(event, times);
     }

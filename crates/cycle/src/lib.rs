@@ -13,7 +13,7 @@ mod events;
 mod measure;
 mod time;
 
-pub use command::Wanted;
+pub use command::ClientInput;
 pub use cycle::Cycle;
 pub use error::CycleError;
 pub use time::{Instants, Stamp};

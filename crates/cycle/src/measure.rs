@@ -1,88 +1,73 @@
 //! Measure: from frames to joint angles, currents, wrenches and motion, in SI units.
-
-use can_codec::{DecodeError, Frames, Table};
-use estimators::front_end::FrontEnd;
-use estimators::joint::JointSample;
-use joint_file::JointFile;
-use robot_config::{Robot, Sampled, Sampling, slots};
-use robot_state::{CycleRecord, Event, Settings, Wrench, measured_flags};
+//!
+//! In: the frames of one cycle. Out: [`MeasuredRecord`], one sample of each joint for the joint
+//! estimators, and all signals of the equations of motion through filters of one delay: long ones
+//! for feedback, short ones for the delay-compensated torque.
 
 mod align;
 mod filtered;
 mod ft_offset;
+mod reception;
+
+use can_codec::Frames;
+use estimators::front_end::FrontEnd;
+use estimators::joint::JointSample;
+use joint_file::JointFile;
+use robot_config::{Robot, slots};
+use robot_state::{
+    Event, FtMeasured, JointMeasured, MeasuredRecord, Settings, Wrench, measured_flags,
+};
 
 use crate::error::CycleError;
 use crate::events::Counts;
-use crate::time::{Instants, SECONDS_PER_NS};
-use align::{AlignedBank, OVERDUE, signals};
+use crate::time::Instants;
+use align::{AlignedBank, signals};
 use filtered::{AXES, Filtered};
 use ft_offset::FtInput;
+use reception::{Reception, Source};
 
-pub(crate) use filtered::whole_body;
-
-/// What the joints and sensors say about themselves in this cycle.
+/// What the measured values of this cycle allow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Readiness {
     /// Every joint has answered at least once.
     pub(crate) seen: bool,
-    /// Moreover, every filter is full.
+    /// Every joint and sensor has answered, and every filter is full.
     pub(crate) ready: bool,
-    /// Some joint has been silent for longer than allowed.
+    /// Some joint has sent no sample for longer than allowed.
     pub(crate) stale: bool,
-}
-
-/// The messages that one joint or sensor needs.
-#[derive(Debug)]
-struct Source {
-    messages: Vec<usize>,
-    /// Slots whose values must be finite.
-    slots: Vec<usize>,
-    sampling: Sampling,
 }
 
 /// The joints and sensors of a robot, followed from cycle to cycle.
 #[derive(Debug)]
 pub(crate) struct Measure {
-    table: Table,
-    slots: Vec<f64>,
-    /// Instant of each message's last frame; none before the first.
-    stamps: Vec<Option<u64>>,
-    /// The message has come since the last cycle.
-    fresh: Vec<bool>,
+    reception: Reception,
     joints: Vec<Source>,
     sensors: Vec<Source>,
     ft_inputs: Vec<FtInput>,
     imu: Option<Source>,
-    stale_after_s: f64,
     sample_period: f64,
     sends_velocity: Vec<bool>,
     /// Every joint's readings made the sample of its estimators.
     front_ends: Vec<FrontEnd>,
     /// For the torque from F/T sensors and IMU, contacts and feedback.
-    slow: Filtered,
-    /// For the torque now.
-    quick: Filtered,
+    long: Filtered,
+    /// For the delay-compensated torque.
+    short: Filtered,
     /// q of every joint, then theta of every joint: first derivative.
     control_filter: AlignedBank,
     angles: Vec<f64>,
     both_angles: Vec<f64>,
     axes: Vec<f64>,
     samples: Vec<JointSample>,
+    flags: u32,
 }
 
 impl Measure {
     pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
         let parameters = &robot.parameters;
-        let table = robot.receive.clone();
+        let reception = Reception::new(robot);
         let n = parameters.joints.len();
         let axes = AXES * (parameters.ft_sensors.len() + 1);
-        let source = |needed: Vec<usize>, sampling: Sampling| Source {
-            messages: (0..table.message_count())
-                .filter(|&m| table.slots(m).any(|slot| needed.contains(&slot)))
-                .collect(),
-            slots: needed,
-            sampling,
-        };
         let period = parameters.timing.sample_period;
         let [_, control, _] = signals(robot);
         let joints = parameters.joints.iter().enumerate().map(|(j, joint)| {
@@ -97,26 +82,22 @@ impl Measure {
             if joint.has_status {
                 needed.push(slots::status(j));
             }
-            source(needed, joint.sampling)
+            reception.source(needed, joint.sampling)
         });
         let sensors = parameters.ft_sensors.iter().enumerate().map(|(s, ft)| {
             let temperature = ft.has_temperature.then(|| slots::ft_temperature(s));
             let axes = (0..AXES).map(|axis| slots::ft(s, axis));
-            source(axes.chain(temperature).collect(), ft.sampling)
+            reception.source(axes.chain(temperature).collect(), ft.sampling)
         });
         Ok(Self {
-            slots: vec![0.0; slots::receive_len(parameters)],
-            stamps: vec![None; table.message_count()],
-            fresh: vec![false; table.message_count()],
             joints: joints.collect(),
             sensors: sensors.collect(),
             ft_inputs: parameters.ft_sensors.iter().map(FtInput::new).collect(),
             imu: parameters.imu.as_ref().map(|imu| {
                 let gyro = (0..3).map(slots::gyro);
                 let axes = gyro.chain((0..3).map(slots::accelerometer));
-                source(axes.collect(), imu.sampling)
+                reception.source(axes.collect(), imu.sampling)
             }),
-            stale_after_s: parameters.timing.stale_after,
             sample_period: period,
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
             front_ends: (parameters.joints.iter())
@@ -125,30 +106,36 @@ impl Measure {
                     FrontEnd::new(joint.encoders, window)
                 })
                 .collect::<Result<_, _>>()?,
-            slow: Filtered::new(robot, parameters.filters.long)?,
-            quick: Filtered::new(robot, parameters.filters.short)?,
+            long: Filtered::new(robot, parameters.filters.long)?,
+            short: Filtered::new(robot, parameters.filters.short)?,
             control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
             axes: vec![f64::NAN; axes],
             samples: vec![JointSample::default(); n],
-            table,
+            flags: measured_flags::NEVER,
+            reception,
         })
     }
 
-    /// Every joint's sample of this cycle, as the joint estimators want it.
+    /// Every joint's sample of this cycle, the input of the joint estimators.
     pub(crate) fn samples(&self) -> &[JointSample] {
         &self.samples
     }
 
-    /// The filtered signals, as late as `filter_delay_s` of the record says.
-    pub(crate) fn slow(&self) -> &Filtered {
-        &self.slow
+    /// The signals through the long filters, delayed by `filter_delay_s` of the record.
+    pub(crate) fn long(&self) -> &Filtered {
+        &self.long
     }
 
-    /// The same through short filters.
-    pub(crate) fn quick(&self) -> &Filtered {
-        &self.quick
+    /// The signals through the short filters.
+    pub(crate) fn short(&self) -> &Filtered {
+        &self.short
+    }
+
+    /// All `measured_flags` of the signals that enter the equations of motion, in one word.
+    pub(crate) fn flags(&self) -> u32 {
+        self.flags
     }
 
     pub(crate) fn update(
@@ -156,136 +143,75 @@ impl Measure {
         at: Instants,
         rx: &Frames,
         settings: Option<&Settings>,
-        record: &mut CycleRecord,
+        measured: &mut MeasuredRecord,
         counts: &mut Counts,
     ) -> Readiness {
-        self.decode(rx, counts);
-        self.read_joints(at, record, counts);
+        self.reception.decode(rx, counts);
+        self.read_joints(at, &mut measured.joints, counts);
         self.take_offsets(settings);
-        self.read_sensors(at, record, counts);
-        (self.slow).update(&self.angles, &self.axes, &self.stamps, at.sync);
-        (self.quick).update(&self.angles, &self.axes, &self.stamps, at.sync);
-        (self.control_filter).update(&self.both_angles, &self.stamps, at.sync);
-        self.tell_joints(record);
-        self.tell_sensors(record);
-        let joints = record.joints.iter().take(self.joints.len());
-        let mut flags = joints.fold(0, |all, joint| all | joint.measured.flags);
-        let stale = flags & measured_flags::STALE != 0;
-        let seen = flags & measured_flags::NEVER == 0;
-        let sensors = record.ft.iter().take(self.sensors.len());
-        flags |= sensors.fold(0, |all, sensor| all | sensor.flags) | record.imu.flags;
+        self.read_ft_sensors(at, &mut measured.ft, counts);
+        self.read_imu(at, measured, counts);
+        let stamps = self.reception.stamps();
+        (self.long).update(&self.angles, &self.axes, stamps, at.sync);
+        (self.short).update(&self.angles, &self.axes, stamps, at.sync);
+        (self.control_filter).update(&self.both_angles, stamps, at.sync);
+        self.publish_joints(measured);
+        self.publish_sensors(measured);
+        self.readiness(measured)
+    }
+
+    fn readiness(&mut self, measured: &MeasuredRecord) -> Readiness {
+        let joints = measured.joints.iter().take(self.joints.len());
+        let joint_flags = joints.fold(0, |all, joint| all | joint.flags);
+        let sensors = measured.ft.iter().take(self.sensors.len());
+        let sensor_flags = sensors.fold(measured.imu.flags, |all, sensor| all | sensor.flags);
+        self.flags = joint_flags | sensor_flags;
         let unready = measured_flags::NEVER | measured_flags::SETTLING;
         Readiness {
-            seen,
-            ready: flags & unready == 0,
-            stale,
+            seen: joint_flags & measured_flags::NEVER == 0,
+            ready: self.flags & unready == 0,
+            stale: joint_flags & measured_flags::STALE != 0,
         }
     }
 
-    fn decode(&mut self, rx: &Frames, counts: &mut Counts) {
-        self.fresh.fill(false);
-        counts.add_many(Event::ReceiveOverflow, rx.overflow());
-        for frame in rx {
-            if frame.error {
-                counts.add(Event::BusErrorFrame);
-                continue;
-            }
-            match self.table.decode(frame, &mut self.slots) {
-                Ok(Some(message)) => {
-                    if let Some(fresh) = self.fresh.get_mut(message) {
-                        *fresh = true;
-                    }
-                    if let Some(stamp) = self.stamps.get_mut(message) {
-                        *stamp = Some(frame.stamp_ns);
-                    }
-                }
-                Ok(None) => {}
-                Err(DecodeError::UnknownId) => counts.add(Event::FrameUnknownId),
-                Err(DecodeError::WrongLength) => counts.add(Event::FrameWrongLength),
-            }
-        }
-    }
-
-    /// Whether the source has a whole and finite sample for this cycle; its age and flags.
-    fn look(&self, source: &Source, at: Instants, counts: &mut Counts) -> (bool, f64, u32) {
-        let mut stamps = source
-            .messages
-            .iter()
-            .map(|&m| self.stamps.get(m).copied().flatten());
-        // The oldest message counts: the sample is whole only with all of them.
-        let oldest = stamps.try_fold(u64::MAX, |oldest, stamp| Some(oldest.min(stamp?)));
-        let Some(oldest) = oldest else {
-            return (
-                false,
-                f64::INFINITY,
-                measured_flags::NEVER | measured_flags::MISSED,
-            );
-        };
-        let age = at.now.0.saturating_sub(oldest) as f64 * SECONDS_PER_NS;
-        let all_fresh = source
-            .messages
-            .iter()
-            .all(|&m| self.fresh.get(m).copied().unwrap_or(false));
-        let finite = source
-            .slots
-            .iter()
-            .all(|&slot| self.slots.get(slot).is_some_and(|x| x.is_finite()));
-        if all_fresh && !finite {
-            counts.add(Event::SignalNotFinite);
-        }
-        let there = match source.sampling.sampled {
-            Sampled::AtSync => all_fresh,
-            // It comes when it likes: until the next is overdue the last serves, at its age.
-            Sampled::WhenSent { period } => {
-                at.sync.0.abs_diff(oldest) as f64 * SECONDS_PER_NS <= OVERDUE * period
-            }
-        };
-        let mut flags = 0;
-        if !(there && finite) {
-            flags |= measured_flags::MISSED;
-        }
-        if age > self.stale_after_s {
-            flags |= measured_flags::STALE;
-        }
-        (there && finite, age, flags)
-    }
-
-    fn read_joints(&mut self, at: Instants, record: &mut CycleRecord, counts: &mut Counts) {
+    fn read_joints(&mut self, at: Instants, joints: &mut [JointMeasured], counts: &mut Counts) {
         let n = self.joints.len();
-        for j in 0..n {
-            let (fresh, age, mut flags) = self.look(&self.joints[j], at, counts);
-            let slot = |slot: usize| if fresh { self.slots[slot] } else { f64::NAN };
+        for (j, measured) in joints.iter_mut().enumerate().take(n) {
+            let reading = (self.reception).reading(&self.joints[j], at, counts);
+            let slot = |slot: usize| match reading.usable {
+                true => self.reception.slot(slot),
+                false => f64::NAN,
+            };
             self.samples[j] = self.front_ends[j].update(
                 slot(slots::motor_angle(j)),
                 slot(slots::link_angle(j)),
                 slot(slots::current(j)),
             );
             let angles = *self.front_ends[j].angles();
-            flags |= angles.flags;
+            let flags = reading.flags | angles.flags;
             if flags & measured_flags::MISSED != 0 {
                 counts.add(Event::JointMissed);
             }
             if flags & measured_flags::JUMP != 0 {
                 counts.add(Event::EncoderJump);
             }
-            let measured = &mut record.joints[j].measured;
             if angles.flags == 0 {
                 measured.q = angles.q;
                 measured.theta = angles.theta;
                 measured.torsion = angles.torsion;
             } else if flags & (measured_flags::NEVER | measured_flags::STALE) == 0 {
-                // Bridged: the joint goes on as it went. A lost reply must not step the torque.
+                // Bridged at the last velocity: a lost reply must not step the torque.
                 measured.q += measured.dq * self.sample_period;
                 measured.theta += measured.omega * self.sample_period;
             }
-            if fresh {
-                measured.current = self.slots[slots::current(j)];
-                measured.status = self.slots[slots::status(j)] as u32;
+            if reading.usable {
+                measured.current = self.reception.slot(slots::current(j));
+                measured.status = self.reception.slot(slots::status(j)) as u32;
                 if self.sends_velocity[j] {
-                    measured.omega = self.slots[slots::velocity(j)];
+                    measured.omega = self.reception.slot(slots::velocity(j));
                 }
             }
-            measured.age_s = age;
+            measured.age_s = reading.age_s;
             measured.flags = flags;
             let unused = angles.flags != 0;
             self.angles[j] = if unused { f64::NAN } else { angles.q };
@@ -294,19 +220,18 @@ impl Measure {
         }
     }
 
-    fn tell_joints(&mut self, record: &mut CycleRecord) {
+    fn publish_joints(&mut self, measured: &mut MeasuredRecord) {
         let n = self.joints.len();
-        let (late, quick) = (self.slow.input(), &self.control_filter);
-        record.filter_delay_s = self.slow.delay_s();
-        for j in 0..n {
-            let measured = &mut record.joints[j].measured;
-            (measured.q_hat, measured.dq_hat) = (late.q[j], late.dq[j]);
-            measured.ddq_hat = late.ddq[j];
-            measured.dq = quick.outputs(j)[1];
+        let (long, control) = (self.long.input(), &self.control_filter);
+        measured.filter_delay_s = self.long.delay_s();
+        for (j, measured) in measured.joints.iter_mut().enumerate().take(n) {
+            (measured.q_hat, measured.dq_hat) = (long.q[j], long.dq[j]);
+            measured.ddq_hat = long.ddq[j];
+            measured.dq = control.outputs(j)[1];
             if !self.sends_velocity[j] {
-                measured.omega = quick.outputs(n + j)[1];
+                measured.omega = control.outputs(n + j)[1];
             }
-            if self.slow.joint_settling(j) {
+            if self.long.joint_settling(j) {
                 measured.flags |= measured_flags::SETTLING;
             }
             let sample = &mut self.samples[j];
@@ -317,7 +242,7 @@ impl Measure {
         }
     }
 
-    /// Offsets of F/T sensors move towards those that a tare has found.
+    /// Offsets of F/T sensors move towards those of the last tare.
     fn take_offsets(&mut self, settings: Option<&Settings>) {
         let (period_s, inputs) = (self.sample_period, &mut self.ft_inputs);
         for (s, input) in inputs.iter_mut().enumerate() {
@@ -326,57 +251,61 @@ impl Measure {
         }
     }
 
-    fn read_sensors(&mut self, at: Instants, record: &mut CycleRecord, counts: &mut Counts) {
+    fn read_ft_sensors(&mut self, at: Instants, ft: &mut [FtMeasured], counts: &mut Counts) {
         self.axes.fill(f64::NAN);
-        for s in 0..self.sensors.len() {
-            let (fresh, age, flags) = self.look(&self.sensors[s], at, counts);
-            let sensor = &mut record.ft[s];
-            sensor.age_s = age;
-            sensor.flags = flags;
+        for (s, sensor) in ft.iter_mut().enumerate().take(self.sensors.len()) {
+            let reading = (self.reception).reading(&self.sensors[s], at, counts);
+            sensor.age_s = reading.age_s;
+            sensor.flags = reading.flags;
             let input = &mut self.ft_inputs[s];
             sensor.offset = input.offset();
-            if fresh {
-                let raw: [f64; AXES] = std::array::from_fn(|axis| self.slots[slots::ft(s, axis)]);
-                sensor.temperature = self.slots[slots::ft_temperature(s)];
-                sensor.measured = input.wrench(&raw, sensor.temperature);
-                self.axes[AXES * s..][..3].copy_from_slice(&sensor.measured.force);
-                self.axes[AXES * s + 3..][..3].copy_from_slice(&sensor.measured.torque);
+            if reading.usable {
+                let slot = |slot: usize| self.reception.slot(slot);
+                let raw: [f64; AXES] = std::array::from_fn(|axis| slot(slots::ft(s, axis)));
+                sensor.temperature = slot(slots::ft_temperature(s));
+                sensor.wrench = input.wrench(&raw, sensor.temperature);
+                self.axes[AXES * s..][..AXES].copy_from_slice(&sensor.wrench.to_array());
             } else {
                 counts.add(Event::SensorMissed);
             }
         }
+    }
+
+    fn read_imu(&mut self, at: Instants, measured: &mut MeasuredRecord, counts: &mut Counts) {
         let Some(source) = &self.imu else {
             return;
         };
-        let (fresh, age, flags) = self.look(source, at, counts);
-        record.imu.age_s = age;
-        record.imu.flags = flags;
-        if fresh {
-            record.imu.gyro = std::array::from_fn(|axis| self.slots[slots::gyro(axis)]);
-            record.imu.accelerometer =
-                std::array::from_fn(|axis| self.slots[slots::accelerometer(axis)]);
-            let imu = AXES * self.sensors.len();
-            self.axes[imu..][..3].copy_from_slice(&record.imu.gyro);
-            self.axes[imu + 3..][..3].copy_from_slice(&record.imu.accelerometer);
+        let reading = (self.reception).reading(source, at, counts);
+        let imu = &mut measured.imu;
+        imu.age_s = reading.age_s;
+        imu.flags = reading.flags;
+        if reading.usable {
+            let slot = |slot: usize| self.reception.slot(slot);
+            imu.gyro = std::array::from_fn(|axis| slot(slots::gyro(axis)));
+            imu.accelerometer = std::array::from_fn(|axis| slot(slots::accelerometer(axis)));
+            let first = AXES * self.sensors.len();
+            self.axes[first..][..3].copy_from_slice(&imu.gyro);
+            self.axes[first + 3..][..3].copy_from_slice(&imu.accelerometer);
         } else {
             counts.add(Event::SensorMissed);
         }
     }
 
-    fn tell_sensors(&self, record: &mut CycleRecord) {
-        let late = self.slow.input();
-        for (s, filtered) in late.ft.iter().enumerate() {
-            record.ft[s].filtered = *filtered;
-            if self.slow.sensor_settling(s) {
-                record.ft[s].flags |= measured_flags::SETTLING;
+    fn publish_sensors(&self, measured: &mut MeasuredRecord) {
+        let long = self.long.input();
+        for (s, (sensor, filtered)) in measured.ft.iter_mut().zip(long.ft).enumerate() {
+            sensor.wrench_hat = *filtered;
+            if self.long.sensor_settling(s) {
+                sensor.flags |= measured_flags::SETTLING;
             }
         }
         if self.imu.is_some() {
-            record.imu.gyro_hat = late.imu.angular_velocity.into();
-            record.imu.accelerometer_hat = late.imu.proper_acceleration.into();
-            record.imu.angular_acceleration_hat = late.imu.angular_acceleration.into();
-            if self.slow.sensor_settling(self.sensors.len()) {
-                record.imu.flags |= measured_flags::SETTLING;
+            let imu = &mut measured.imu;
+            imu.gyro_hat = long.imu.angular_velocity.into();
+            imu.accelerometer_hat = long.imu.proper_acceleration.into();
+            imu.angular_acceleration_hat = long.imu.angular_acceleration.into();
+            if self.long.sensor_settling(self.sensors.len()) {
+                imu.flags |= measured_flags::SETTLING;
             }
         }
     }

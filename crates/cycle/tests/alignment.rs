@@ -4,7 +4,7 @@ mod common;
 
 use can_codec::{Frame, Frames};
 use common::{Bench, read};
-use cycle::Wanted;
+use cycle::ClientInput;
 use estimators::filter_bank::FilterBank;
 use estimators::matched_filter::MatchedFilterParameters;
 use robot_config::slots::{self, Source};
@@ -49,19 +49,19 @@ impl Run {
             bench.gather();
             bench.tx.clear();
             let at = bench.instants();
-            (bench.cycle).step(at, &bench.rx, &Wanted::default(), &mut bench.tx);
+            (bench.cycle).step(at, &bench.rx, &ClientInput::default(), &mut bench.tx);
             move_on(bench, &start, 1e-3 * f64::from(k));
             if k == 1000 {
                 run.oddities = oddities(bench);
             }
             let record = bench.cycle.record();
-            let late = record.filter_delay_s / 1e-3;
+            let late = record.measured.filter_delay_s / 1e-3;
             let (whole, part) = (late.floor() as usize, late.fract());
             for (j, joint) in bench.plant.truth().joints.iter().enumerate() {
                 truth[j].push(joint.tau);
                 if k >= 1000 {
                     let was = |back: usize| truth[j][truth[j].len() - 1 - back];
-                    run.estimated[j].push(record.joints[j].tau_whole_body.tau);
+                    run.estimated[j].push(record.estimated.joints[j].tau_whole_body.tau);
                     run.truth[j].push(was(whole) * (1.0 - part) + was(whole + 1) * part);
                 }
             }
@@ -269,7 +269,7 @@ fn analytic_cycle(bench: &mut Bench, k: u32, age: f64) {
         }
         bench.rx.push(frame);
     }
-    bench.compute(&Wanted::default());
+    bench.compute(&ClientInput::default());
 }
 
 #[test]
@@ -282,7 +282,7 @@ fn a_filtered_sensor_tells_what_was_so_when_it_says() {
         for k in 0..1500 {
             analytic_cycle(&mut bench, k, age(k));
             let record = bench.cycle.record();
-            let t = 1e-3 * f64::from(k) - record.filter_delay_s;
+            let t = 1e-3 * f64::from(k) - record.measured.filter_delay_s;
             // What the filter makes of samples taken at SYNC.
             let smooth = |i: usize, hz: f64| {
                 let (h, w) = (1e-3, TAU * hz);
@@ -301,10 +301,10 @@ fn a_filtered_sensor_tells_what_was_so_when_it_says() {
             let gain = (smooth(1, 1.1) - 1.0) / (analytic(t)[1] - 1.0);
             let rate = gain * -5.0 * (TAU * 1.1) * (TAU * 1.1 * t).sin();
             let told = [
-                record.ft[0].filtered.force[0] - smooth(0, 1.5),
-                record.imu.gyro_hat[0] - smooth(1, 1.1),
-                record.imu.accelerometer_hat[0] - smooth(2, 0.9),
-                record.imu.angular_acceleration_hat[0] - rate,
+                record.measured.ft[0].wrench_hat.force[0] - smooth(0, 1.5),
+                record.measured.imu.gyro_hat[0] - smooth(1, 1.1),
+                record.measured.imu.accelerometer_hat[0] - smooth(2, 0.9),
+                record.measured.imu.angular_acceleration_hat[0] - rate,
             ];
             if k > 200 {
                 for (worst, told) in worst.iter_mut().zip(told) {
@@ -338,7 +338,7 @@ fn a_free_running_sensor_is_missed_when_it_is_overdue() {
         // A sample each third cycle.
         let age = if k % 3 == 0 { 0.4e-3 } else { f64::NAN };
         analytic_cycle(&mut bench, k, age);
-        let imu = bench.cycle.record().imu;
+        let imu = bench.cycle.record().measured.imu;
         let expected = 1e-3 * f64::from(k % 3) + 0.4e-3;
         assert!((imu.age_s - expected).abs() < 1e-9, "{}", imu.age_s);
         assert_eq!(imu.flags & measured_flags::MISSED, 0, "cycle {k}");
@@ -347,7 +347,7 @@ fn a_free_running_sensor_is_missed_when_it_is_overdue() {
     for (k, silent) in (300..).zip(3..10) {
         analytic_cycle(&mut bench, k, f64::NAN);
         let overdue = 1e-3 * f64::from(silent) + 0.4e-3 > 6e-3;
-        let flagged = bench.cycle.record().imu.flags & measured_flags::MISSED != 0;
+        let flagged = bench.cycle.record().measured.imu.flags & measured_flags::MISSED != 0;
         assert_eq!(flagged, overdue, "silent for {silent} cycles");
     }
     assert!(missed(&bench) > before);

@@ -4,17 +4,21 @@ mod common;
 
 use can_codec::{EXTENDED_ID, Frame};
 use common::{Bench, wanted};
-use cycle::Wanted;
+use cycle::ClientInput;
 use proptest::prelude::*;
-use robot_state::{CycleRecord, Event, Reference, measured_flags, mode, torque_flags};
+use robot_state::{CycleRecord, Event, Mode, Reference, measured_flags, torque_flags};
 
 fn count(record: &CycleRecord, event: Event) -> u64 {
     record.events[event.index()]
 }
 
 fn q_c(record: &CycleRecord) -> Vec<f64> {
-    let joints = record.joints.iter().take(record.joint_count as usize);
-    joints.map(|j| j.control.q_c).collect()
+    let joints = record
+        .commanded
+        .joints
+        .iter()
+        .take(record.joint_count as usize);
+    joints.map(|j| j.q_c).collect()
 }
 
 /// How far the joints are from where they were, rad.
@@ -37,7 +41,7 @@ fn holds_still_without_a_client() {
     let start = pose(&bench);
     bench.run(500);
     assert!(moved(&bench, &start) < 1e-4, "{}", moved(&bench, &start));
-    assert_eq!(bench.cycle.record().mode, mode::HOLD);
+    assert_eq!(bench.cycle.record().mode, Mode::Hold.number());
     assert_eq!(bench.cycle.record().fault, 0);
 }
 
@@ -58,7 +62,7 @@ fn frames_that_nobody_knows_or_of_wrong_length_are_counted_and_nothing_else() {
             error: true,
             ..first
         });
-        bench.compute(&Wanted::default());
+        bench.compute(&ClientInput::default());
     }
     let record = bench.cycle.record();
     assert_eq!(count(record, Event::FrameUnknownId), 200);
@@ -87,13 +91,19 @@ fn a_lost_answer_is_bridged_without_a_step_in_torque_or_command() {
     bench.drop_answers(|f| (f.bus, f.id) == knee);
     let after = *bench.compute(&wanted(&reference));
     assert_eq!(count(&after, Event::JointMissed), 1);
-    assert_eq!(after.mode, mode::INVERSE_DYNAMICS);
+    assert_eq!(after.mode, Mode::InverseDynamics.number());
     let silent = after
+        .measured
         .joints
         .iter()
-        .filter(|j| j.measured.flags & measured_flags::MISSED != 0);
+        .filter(|j| j.flags & measured_flags::MISSED != 0);
     assert_eq!(silent.count(), 1);
-    for (before, after) in before.joints.iter().zip(&after.joints).take(6) {
+    for (before, after) in q_c(&before).iter().zip(q_c(&after)) {
+        let step = after - before;
+        assert!(step.abs() < 1e-4, "command steps by {step}");
+    }
+    let [before, after] = [before.estimated.joints, after.estimated.joints];
+    for (before, after) in before.iter().zip(&after).take(6) {
         let limit = 0.01 * (1.0 + before.tau_whole_body.tau.abs());
         let step = after.tau_whole_body.tau - before.tau_whole_body.tau;
         assert!(step.abs() < limit, "whole-body torque steps by {step}");
@@ -102,8 +112,6 @@ fn a_lost_answer_is_bridged_without_a_step_in_torque_or_command() {
             step.abs() < 0.05 * (1.0 + before.tau_encoder.tau.abs()),
             "{step}"
         );
-        let step = after.control.q_c - before.control.q_c;
-        assert!(step.abs() < 1e-4, "command steps by {step}");
     }
 }
 
@@ -125,14 +133,16 @@ fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_a_client_resets_it() 
     }
     let record = *bench.cycle.record();
     assert_eq!(record.fault, Event::JointStale.number());
-    assert_eq!(record.mode, mode::HOLD);
+    assert_eq!(record.mode, Mode::Hold.number());
     assert_eq!(count(&record, Event::JointStale), 1);
     let stale = record
+        .measured
         .joints
         .iter()
-        .any(|j| j.measured.flags & measured_flags::STALE != 0);
+        .any(|j| j.flags & measured_flags::STALE != 0);
     assert!(stale);
-    let valid = |r: &CycleRecord| r.joints[0].tau_whole_body.flags & torque_flags::VALID != 0;
+    let valid =
+        |r: &CycleRecord| r.estimated.joints[0].tau_whole_body.flags & torque_flags::VALID != 0;
     assert!(!valid(&record));
     let held = q_c(&record);
 
@@ -153,12 +163,15 @@ fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_a_client_resets_it() 
     // Reset, hold, and follow again.
     reference.sequence += 1;
     reference.reset_fault = 1;
-    reference.mode = mode::HOLD;
+    reference.mode = Mode::Hold.number();
     assert_eq!(bench.step(&wanted(&reference)).fault, 0);
     reference.sequence += 1;
     reference.reset_fault = 0;
-    reference.mode = mode::INVERSE_DYNAMICS;
-    assert_eq!(bench.step(&wanted(&reference)).mode, mode::INVERSE_DYNAMICS);
+    reference.mode = Mode::InverseDynamics.number();
+    assert_eq!(
+        bench.step(&wanted(&reference)).mode,
+        Mode::InverseDynamics.number()
+    );
 }
 
 /// After `flaw` the robot holds, and follows again only after the client has asked for hold.
@@ -171,7 +184,7 @@ fn assert_holds(flaw: impl Fn(&mut Reference), event: Event) {
     flaw(&mut flawed);
     for _ in 0..200 {
         let record = bench.step(&wanted(&flawed));
-        assert_eq!(record.mode, mode::HOLD);
+        assert_eq!(record.mode, Mode::Hold.number());
         assert!(q_c(record).iter().all(|q| q.is_finite()));
     }
     // Once for the message, not once for each cycle.
@@ -179,20 +192,23 @@ fn assert_holds(flaw: impl Fn(&mut Reference), event: Event) {
     assert_eq!(bench.cycle.record().fault, 0);
     assert!(moved(&bench, &start) < 2e-3);
     reference.sequence += 1;
-    assert_eq!(bench.step(&wanted(&reference)).mode, mode::HOLD);
+    assert_eq!(bench.step(&wanted(&reference)).mode, Mode::Hold.number());
     reference.sequence += 1;
-    reference.mode = mode::HOLD;
+    reference.mode = Mode::Hold.number();
     bench.step(&wanted(&reference));
     reference.sequence += 1;
-    reference.mode = mode::INVERSE_DYNAMICS;
-    assert_eq!(bench.step(&wanted(&reference)).mode, mode::INVERSE_DYNAMICS);
+    reference.mode = Mode::InverseDynamics.number();
+    assert_eq!(
+        bench.step(&wanted(&reference)).mode,
+        Mode::InverseDynamics.number()
+    );
 }
 
 #[test]
 fn nan_from_a_client_makes_the_robot_hold() {
     assert_holds(|r| r.joints[2].q_d = f64::NAN, Event::ReferenceNotFinite);
     assert_holds(
-        |r| r.contact[0].force[1] = f64::INFINITY,
+        |r| r.contact_wrench[0].force[1] = f64::INFINITY,
         Event::ReferenceNotFinite,
     );
 }
@@ -210,14 +226,14 @@ fn a_client_that_falls_silent_makes_the_robot_hold() {
     let reference = bench.follow();
     let start = pose(&bench);
     for age_ms in 0..300 {
-        let wanted = Wanted {
+        let wanted = ClientInput {
             reference: Some(&reference),
             age_s: f64::from(age_ms) * 1e-3,
             settings: None,
         };
         bench.step(&wanted);
     }
-    assert_eq!(bench.cycle.record().mode, mode::HOLD);
+    assert_eq!(bench.cycle.record().mode, Mode::Hold.number());
     assert_eq!(count(bench.cycle.record(), Event::ReferenceStale), 1);
     assert!(moved(&bench, &start) < 2e-3);
 }
@@ -235,7 +251,7 @@ proptest! {
     ) {
         let mut bench = Bench::new("leg");
         let mut reference = bench.follow();
-        reference.mode = if torque_mode { mode::TORQUE } else { mode::INVERSE_DYNAMICS };
+        reference.mode = if torque_mode { Mode::Torque.number() } else { Mode::InverseDynamics.number() };
         for (j, (q_d, tau_d)) in q_d.iter().zip(&tau_d).enumerate() {
             reference.joints[j].q_d = *q_d;
             reference.joints[j].tau_d = *tau_d;
@@ -259,11 +275,12 @@ proptest! {
             }
             reference.sequence += 1;
             let record = *bench.compute(&wanted(&reference));
-            for (joint, parameters) in record.joints.iter().zip(&bench.robot.parameters.joints) {
+            for (j, parameters) in bench.robot.parameters.joints.iter().enumerate() {
                 let limits = parameters.limits;
-                prop_assert!(joint.control.q_c.is_finite());
-                prop_assert!(joint.control.q_c >= limits.position_min);
-                prop_assert!(joint.control.q_c <= limits.position_max);
+                let (joint, q_c) = (&record.estimated.joints[j], record.commanded.joints[j].q_c);
+                prop_assert!(q_c.is_finite());
+                prop_assert!(q_c >= limits.position_min);
+                prop_assert!(q_c <= limits.position_max);
                 prop_assert!(joint.tau_encoder.tau.abs() <= limits.torque);
                 prop_assert!(joint.tau_whole_body.tau.abs() <= limits.torque);
             }

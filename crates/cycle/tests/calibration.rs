@@ -67,12 +67,12 @@ fn the_fused_torque_is_published() {
     for cycle in 0..600 {
         plain.run(1);
         bench.run(1);
-        let tau = bench.cycle.record().joints[0].tau_encoder;
+        let tau = bench.cycle.record().estimated.joints[0].tau_encoder;
         if cycle > 100 {
             assert_eq!(tau.source, torque_source::FUSED);
             assert!(tau.flags & torque_flags::VALID != 0);
             // Only the compliance is close enough to count, and it is the same gear.
-            let other = plain.cycle.record().joints[0].tau_encoder;
+            let other = plain.cycle.record().estimated.joints[0].tau_encoder;
             assert_eq!(other.source, torque_source::ENCODER);
             assert!(
                 (tau.tau - other.tau).abs() < 0.5,
@@ -100,12 +100,12 @@ fn the_loop_estimates_as_an_evaluation_of_its_log_does() {
         let mut largest = 0.0f64;
         for _ in 0..400 {
             bench.run(1);
-            let joint = bench.cycle.record().joints[0];
-            let measured = joint.measured;
+            let record = bench.cycle.record();
+            let measured = &record.measured.joints[0];
             assert_eq!(measured.flags & (MISSED | NEVER), 0);
             let sample = front_end.update(measured.theta, measured.q, measured.current);
             let tau = set.update(&sample).tau;
-            assert_eq!(joint.tau_encoder.tau, tau);
+            assert_eq!(record.estimated.joints[0].tau_encoder.tau, tau);
             largest = largest.max(sample.dq.abs());
         }
         assert!(largest > 1e-4, "the joint moves: {largest}");

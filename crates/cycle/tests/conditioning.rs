@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Bench, read};
-use cycle::Wanted;
+use cycle::ClientInput;
 use robot_state::{Settings, Wrench, measured_flags};
 
 const ROBOT: &str = "config/leg/robot.toml";
@@ -37,7 +37,7 @@ fn calibration_sign_and_offset_are_undone() {
     let measured = |changes: &[(&str, &str, &str)]| {
         let mut bench = leg(changes);
         bench.run(50);
-        bench.cycle.record().ft[0].measured
+        bench.cycle.record().measured.ft[0].wrench
     };
     let plain = measured(&[]);
     assert!(plain.to_array()[2].abs() > 1.0, "the foot has a weight");
@@ -77,15 +77,15 @@ fn warmth_is_compensated() {
         }
         let mut bench = leg(&changes);
         bench.run(150);
-        let cold = bench.cycle.record().ft[0].filtered;
+        let cold = bench.cycle.record().measured.ft[0].wrench_hat;
         bench.run(1000);
         let record = bench.cycle.record();
         if compensated {
             // 1.15 s after the start, but for a count.
-            let told = record.ft[0].temperature;
+            let told = record.measured.ft[0].temperature;
             assert!((told - 31.9).abs() < 0.05, "{told} degC");
         }
-        worst(&record.ft[0].filtered, &cold)
+        worst(&record.measured.ft[0].wrench_hat, &cold)
     };
     let (without, with) = (drift(false), drift(true));
     assert!(without > 10.0, "{without} N");
@@ -98,9 +98,9 @@ fn stored_offsets_hold_from_the_first_sample() {
     let mut bench = leg(&[]);
     let settings = shifted(10.0);
     bench.step(&with(&settings));
-    let ft = bench.cycle.record().ft[0];
+    let ft = bench.cycle.record().measured.ft[0];
     assert_eq!(ft.offset, settings.ft_offset[0]);
-    assert!((bench.plant.truth().ft[0].force[2] - 10.0 - ft.measured.force[2]).abs() < 3.0);
+    assert!((bench.plant.truth().ft[0].force[2] - 10.0 - ft.wrench.force[2]).abs() < 3.0);
 }
 
 /// An offset that changes while the robot stands is spread over a quarter of a second: from cycle to
@@ -115,11 +115,13 @@ fn a_new_offset_is_no_step_of_torque() {
         let own = "encoder = { window = 80, order = 2 }\nsensor = { window = 80, order = 1 }";
         let mut bench = leg(&[(ROBOT, own, filters)]);
         bench.run(400);
-        let mut last = bench.cycle.record().joints[2].tau_whole_body.tau;
+        let mut last = bench.cycle.record().estimated.joints[2].tau_whole_body.tau;
         let mut largest = |bench: &mut Bench, settings: &Settings| {
             let mut most: f64 = 0.0;
             for _ in 0..600 {
-                let tau = bench.step(&with(settings)).joints[2].tau_whole_body.tau;
+                let tau = bench.step(&with(settings)).estimated.joints[2]
+                    .tau_whole_body
+                    .tau;
                 most = most.max((tau - last).abs());
                 last = tau;
             }
@@ -133,7 +135,7 @@ fn a_new_offset_is_no_step_of_torque() {
             changing < quiet + 0.015 * moved,
             "{changing} N·m in a cycle, {quiet} before, of {moved}"
         );
-        let flags = bench.cycle.record().ft[0].flags;
+        let flags = bench.cycle.record().measured.ft[0].flags;
         assert_eq!(flags & measured_flags::SETTLING, 0, "filters go on");
     }
 }
@@ -147,9 +149,9 @@ fn an_offset_that_is_not_finite_is_not_taken() {
     for _ in 0..400 {
         bench.step(&with(&settings));
     }
-    let ft = bench.cycle.record().ft[0];
+    let ft = bench.cycle.record().measured.ft[0];
     assert_eq!(ft.offset, Wrench::default());
-    assert!(ft.filtered.to_array().iter().all(|x| x.is_finite()));
+    assert!(ft.wrench_hat.to_array().iter().all(|x| x.is_finite()));
 }
 
 fn shifted(newtons: f64) -> Settings {
@@ -158,9 +160,9 @@ fn shifted(newtons: f64) -> Settings {
     settings
 }
 
-fn with(settings: &Settings) -> Wanted<'_> {
-    Wanted {
+fn with(settings: &Settings) -> ClientInput<'_> {
+    ClientInput {
         settings: Some(settings),
-        ..Wanted::default()
+        ..ClientInput::default()
     }
 }

@@ -5,7 +5,7 @@ mod common;
 
 use can_codec::Frames;
 use common::{Bench, read};
-use cycle::{Cycle, Wanted};
+use cycle::{ClientInput, Cycle};
 use robot_state::{CycleRecord, Event, Settings};
 
 const HUMANOID: &str = "config/humanoid/robot.toml";
@@ -42,26 +42,35 @@ fn clients_choose_contacts() {
     let mut bench = humanoid("");
     bench.run(300);
     let record = bench.cycle.record();
-    assert_eq!((record.contacts, record.contacts_automatic), (0, 1));
+    assert_eq!(
+        (
+            record.estimated.contact_set,
+            record.estimated.contact_set_automatic
+        ),
+        (0, 1)
+    );
     let mut settings = Settings {
         sequence: 1,
-        contacts: 6,
+        contact_set: 6,
         ..Settings::default()
     };
     let ask = |bench: &mut Bench, settings: &Settings| {
         for _ in 0..200 {
-            bench.step(&Wanted {
+            bench.step(&ClientInput {
                 settings: Some(settings),
-                ..Wanted::default()
+                ..ClientInput::default()
             });
         }
         let record = bench.cycle.record();
-        (record.contacts, record.contacts_automatic)
+        (
+            record.estimated.contact_set,
+            record.estimated.contact_set_automatic,
+        )
     };
     assert_eq!(ask(&mut bench, &settings), (5, 0));
-    settings.contacts = 99;
+    settings.contact_set = 99;
     assert_eq!(ask(&mut bench, &settings), (5, 0), "there is no such set");
-    settings.contacts = 0;
+    settings.contact_set = 0;
     assert_eq!(ask(&mut bench, &settings), (0, 1));
 }
 
@@ -78,23 +87,29 @@ fn torques_do_not_step_with_the_contacts() {
         bench.run(900);
         let settings = Settings {
             sequence: 1,
-            contacts: 5,
+            contact_set: 5,
             ..Settings::default()
         };
-        let mut last = bench.cycle.record().joints.map(|j| j.tau_whole_body.tau);
+        let mut last = bench
+            .cycle
+            .record()
+            .estimated
+            .joints
+            .map(|j| j.tau_whole_body.tau);
         let (mut step, before) = (0.0f64, last);
         for _ in 0..150 {
-            let record = bench.step(&Wanted {
+            let record = bench.step(&ClientInput {
                 settings: Some(&settings),
-                ..Wanted::default()
+                ..ClientInput::default()
             });
-            let now = record.joints.map(|j| j.tau_whole_body.tau);
+            let now = record.estimated.joints.map(|j| j.tau_whole_body.tau);
             let steps = now.iter().zip(&last).map(|(a, b)| (a - b).abs());
             step = steps.fold(step, f64::max);
             last = now;
         }
         let record = bench.cycle.record();
-        let ratios = (record.residual.torque.iter()).zip(&record.residual_sigma.torque);
+        let ratios =
+            (record.estimated.residual.torque.iter()).zip(&record.estimated.residual_sigma.torque);
         let residual = ratios.map(|(r, s)| r.abs() / s).fold(0.0, f64::max);
         assert!(residual > 5.0, "a missing contact shows: {residual} sigmas");
         let change = last.iter().zip(&before).map(|(a, b)| (a - b).abs());
@@ -114,12 +129,12 @@ fn the_rule_follows_the_feet() {
                   force_N = [0.0, 0.0, 900.0]\n";
     let mut bench = humanoid(lifted);
     bench.run(400);
-    assert_eq!(bench.cycle.record().contacts, 0, "standing");
+    assert_eq!(bench.cycle.record().estimated.contact_set, 0, "standing");
     let mut seen = Vec::new();
     for _ in 0..500 {
-        let record = bench.step(&Wanted::default());
-        if seen.last() != Some(&record.contacts) {
-            seen.push(record.contacts);
+        let record = bench.step(&ClientInput::default());
+        if seen.last() != Some(&record.estimated.contact_set) {
+            seen.push(record.estimated.contact_set);
         }
     }
     assert_eq!(seen.last(), Some(&3), "in the air: {seen:?}");
@@ -137,9 +152,9 @@ fn a_push_on_the_elbow_is_told() {
     assert_eq!(count(record, Event::ExternalContact), 0);
     let mut told = Vec::new();
     for _ in 0..600 {
-        let record = bench.step(&Wanted::default());
-        for (j, joint) in record.joints.iter().enumerate() {
-            if joint.contact == 1 && !told.contains(&j) {
+        let record = bench.step(&ClientInput::default());
+        for (j, joint) in record.estimated.joints.iter().enumerate() {
+            if joint.contact_flag == 1 && !told.contains(&j) {
                 told.push(j);
             }
         }
@@ -170,19 +185,28 @@ fn a_stand_is_a_fixed_base() {
     let mut cycle = Cycle::new(&standing).unwrap();
     let mut tx = Frames::default();
     for _ in 0..400 {
-        bench.step(&Wanted::default());
+        bench.step(&ClientInput::default());
         tx.clear();
         let now = bench.instants();
-        let record = cycle.step(now, &bench.rx, &Wanted::default(), &mut tx);
-        let same = record.joints.iter().zip(&bench.cycle.record().joints);
-        for (a, b) in same.take(record.joint_count as usize) {
-            let difference = a.tau_whole_body.tau - b.tau_whole_body.tau;
-            assert!(difference.abs() < 1e-9, "{difference} N·m");
-            let difference = a.control.tau_d - b.control.tau_d;
-            assert!(difference.abs() < 1e-9, "{difference} N·m wanted");
+        let record = cycle.step(now, &bench.rx, &ClientInput::default(), &mut tx);
+        let tau = |r: &CycleRecord| r.estimated.joints.map(|j| j.tau_whole_body.tau);
+        let tau_d = |r: &CycleRecord| r.commanded.joints.map(|j| j.tau_d);
+        let bolted = bench.cycle.record();
+        for (what, a, b) in [
+            ("estimated", tau(record), tau(bolted)),
+            ("desired", tau_d(record), tau_d(bolted)),
+        ] {
+            for (a, b) in a.iter().zip(b) {
+                assert!((a - b).abs() < 1e-9, "{what}: {a} and {b} N·m");
+            }
         }
     }
-    let loads = bench.cycle.record().joints.map(|j| j.tau_whole_body.tau);
+    let loads = bench
+        .cycle
+        .record()
+        .estimated
+        .joints
+        .map(|j| j.tau_whole_body.tau);
     assert!(loads.iter().any(|tau| tau.abs() > 1.0), "{loads:?}");
 }
 
@@ -203,12 +227,13 @@ fn a_push_on_a_bolted_leg_is_told() {
     bench.run(600);
     let record = bench.cycle.record();
     assert_eq!(count(record, Event::ExternalContact), 0);
-    let weight = record.joints.map(|j| j.tau_whole_body.tau.abs());
+    let weight = record.estimated.joints.map(|j| j.tau_whole_body.tau.abs());
     assert!(weight.iter().any(|tau| *tau > 1.0), "{weight:?}");
     let mut most = 0.0f64;
     for _ in 0..600 {
-        let record = bench.step(&Wanted::default());
+        let record = bench.step(&ClientInput::default());
         most = record
+            .estimated
             .joints
             .iter()
             .map(|j| j.tau_ext.abs())

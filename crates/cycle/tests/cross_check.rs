@@ -29,8 +29,8 @@ fn standing(change: impl Fn(&mut Parameters)) -> (Vec<Event>, u32, u32) {
     let own = counted.filter(|e| (204..=208).contains(&e.number()));
     (
         own.copied().collect(),
-        record.warning,
-        record.warning_subject,
+        record.estimated.warning,
+        record.estimated.warning_subject,
     )
 }
 

@@ -3,8 +3,8 @@
 mod common;
 
 use common::{Bench, read, wanted};
-use cycle::Wanted;
-use robot_state::{Event, Settings, mode};
+use cycle::ClientInput;
+use robot_state::{Event, Mode, Settings};
 use test_support::allocations;
 
 #[test]
@@ -39,25 +39,28 @@ fn no_cycle_allocates_whatever_happens_in_it() {
                 frame.id = 0x7fe;
                 bench.rx.push(frame);
             }
-            let mut reference = bench.reference(mode::INVERSE_DYNAMICS, cycle);
-            reference.mode =
-                [mode::HOLD, mode::TORQUE, mode::INVERSE_DYNAMICS][cycle as usize / 20 % 3];
+            let mut reference = bench.reference(Mode::InverseDynamics.number(), cycle);
+            reference.mode = [
+                Mode::Hold.number(),
+                Mode::Torque.number(),
+                Mode::InverseDynamics.number(),
+            ][cycle as usize / 20 % 3];
             if cycle % 90 == 89 {
                 reference.joints[1].dq_d = f64::NAN;
             }
             // Offsets and contacts change too, sometimes to what cannot be.
             let mut settings = Settings {
                 sequence: cycle,
-                contacts: [0, 2, 1, 99][cycle as usize / 30 % 4],
+                contact_set: [0, 2, 1, 99][cycle as usize / 30 % 4],
                 ..Settings::default()
             };
             settings.ft_offset[0].force[2] = [0.0, 5.0, f64::NAN][cycle as usize / 40 % 3];
-            let wanted = Wanted {
+            let wanted = ClientInput {
                 settings: Some(&settings),
                 ..if cycle % 70 < 60 {
                     wanted(&reference)
                 } else {
-                    Wanted::default()
+                    ClientInput::default()
                 }
             };
             bench.tx.clear();

@@ -33,7 +33,7 @@ fn the_torque_now_beats_its_sources() {
         let truth = moved.map(|(j, _)| bench.plant.robot().truth().joints[j].tau);
         let record = bench.compute(&wanted(&reference));
         for ((sums, (j, _)), truth) in sums.iter_mut().zip(moved).zip(truth) {
-            let joint = &record.joints[j];
+            let joint = &record.estimated.joints[j];
             let sources = [&joint.tau_hat, &joint.tau_encoder, &joint.tau_whole_body];
             for (sum, source) in sums.iter_mut().zip(sources) {
                 assert!(source.flags & torque_flags::VALID != 0);

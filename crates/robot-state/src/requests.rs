@@ -1,58 +1,59 @@
-//! What clients ask for now and then, and what the daemon answers.
+//! Requests of clients, the daemon's answers, and the settings that follow from them.
 
 use crate::layout::record;
 use crate::name::{Name, Text};
 use crate::records::{MAX_FT_SENSORS, Wrench};
 
-/// What a request asks for.
+/// Kinds of request.
 pub mod request {
-    /// Averages the robot at rest and takes the F/T sensors' offsets over; `contacts` says what
-    /// touches the robot.
+    /// Determine the F/T sensors' offsets from the robot at rest, touched by the contacts of the
+    /// named contact set, and use them.
     pub const TARE: u32 = 1;
-    /// Tells the last tare.
+    /// Show the last tare.
     pub const SHOW_TARE: u32 = 2;
-    /// Offsets of the configuration alone, as if there had never been a tare.
+    /// Use the offsets of the configuration alone, as if there had never been a tare.
     pub const FORGET_TARE: u32 = 3;
-    /// From now on the robot has the contacts of the set `contacts`.
-    pub const CHOOSE_CONTACTS: u32 = 4;
-    /// From now on the automatic rule chooses the set of contacts.
-    pub const AUTOMATIC_CONTACTS: u32 = 5;
+    /// Use the named contact set from now on.
+    pub const CHOOSE_CONTACT_SET: u32 = 4;
+    /// Let the automatic rule choose the contact set from now on.
+    pub const AUTOMATIC_CONTACT_SET: u32 = 5;
 }
 
-/// How far a request is.
+/// Progress of a request.
 pub mod answer_status {
     /// Another answer follows.
     pub const WORKING: u32 = 1;
     /// Done; the last answer.
     pub const DONE: u32 = 2;
-    /// Nothing was changed; `text` says why. The last answer.
+    /// Refused, nothing was changed; `text` gives the reason. The last answer.
     pub const REFUSED: u32 = 3;
 }
 
 record! {
-    /// What a client asks for; any client may, at any time.
+    /// A request; any client may send one at any time.
     pub struct Request {
-        /// Any number that no other request has: answers carry it.
+        /// Any number that no other request has: the answers repeat it.
         pub id: u64,
         /// One of `request`.
         pub kind: u32,
         /// Fills the record to a multiple of eight bytes.
         pub reserved: u32,
-        /// Name of a set of contacts, for a tare and for the choice of contacts.
-        pub contacts: Name,
+        /// Name of a contact set, for a tare and for the choice of a contact set.
+        pub contact_set: Name,
     }
 }
 
 record! {
-    /// The offset of one F/T sensor.
+    /// The tare of one F/T sensor.
     pub struct TaredSensor {
-        /// What a tare takes off the sensor's reading besides the config's offset.
+        /// Offset of the tare; it is subtracted from the reading in addition to the
+        /// configuration's offset.
         pub offset: Wrench,
         /// The same before this request.
         pub before: Wrench,
         /// Standard deviation of `offset`; zero without a tare.
         pub sigma: Wrench,
-        /// Bit k: the pose has told component k (fx fy fz tx ty tz) of `offset`.
+        /// Bit k: the tare's pose determined component k (fx fy fz tx ty tz) of `offset`.
         pub known: u32,
         /// Fills the record to a multiple of eight bytes.
         pub reserved: u32,
@@ -60,23 +61,38 @@ record! {
 }
 
 record! {
-    /// What the daemon answers: as long as it works ten times a second, and once at the end.
+    /// An answer of the daemon: ten a second while it works on the request, and one at the end.
     pub struct Answer {
-        /// The request's.
+        /// The request's `id`.
         pub id: u64,
         /// One of `answer_status`.
         pub status: u32,
         /// F/T sensors in use.
         pub ft_count: u32,
-        /// How much is done, 0 to 1.
+        /// Share of the work that is done, 0 to 1.
         pub progress: f64,
-        /// When the tare was taken, seconds since 1970-01-01 UTC; zero: there is none.
+        /// Date of the last tare, seconds since 1970-01-01 UTC; zero if there is none.
         pub date_unix_s: f64,
-        /// The set of contacts of that tare.
-        pub contacts: Name,
-        /// What is being done, was done, or keeps it from being done.
+        /// Contact set of that tare.
+        pub contact_set: Name,
+        /// A sentence about what is being done, was done, or was refused and why.
         pub text: Text<1024>,
-        /// The F/T sensors, in config order; told by tares.
+        /// The F/T sensors, in config order; filled in answers about tares.
         pub ft: [TaredSensor; MAX_FT_SENSORS],
+    }
+}
+
+record! {
+    /// Settings that clients' requests change; the loop uses them as soon as they arrive.
+    pub struct Settings {
+        /// Count of changes.
+        pub sequence: u64,
+        /// 0: the automatic rule chooses the contact set, or the first one is used where there is
+        /// no rule; else the chosen set's index of `Description::contact_set_names`, plus one.
+        pub contact_set: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
+        /// Offset of the last tare for each F/T sensor, in addition to the configuration's offset.
+        pub ft_offset: [Wrench; MAX_FT_SENSORS],
     }
 }

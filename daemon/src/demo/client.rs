@@ -1,7 +1,7 @@
 //! What a client would send: the demo's references, cycle by cycle.
 
 use robot_config::Robot;
-use robot_state::{Reference, SharedRecord, measured_flags, mode};
+use robot_state::{Mode, Reference, SharedRecord, measured_flags};
 
 use super::motion::Motion;
 use super::stance::Stance;
@@ -42,9 +42,9 @@ impl DemoClient {
             cycle: None,
             q_model: vec![0.0; robot.model.joint_count()],
             reference: Reference {
-                mode: mode::HOLD,
+                mode: Mode::Hold.number(),
                 joint_count: parameters.joints.len() as u32,
-                contact_given: 1,
+                contact_wrench_given: 1,
                 ..Reference::default()
             },
         }
@@ -58,13 +58,13 @@ impl DemoClient {
     /// Looks at the last cycle and prepares the next reference.
     pub(crate) fn observe(&mut self, record: &SharedRecord) {
         let n = self.model_index.len();
-        let joints = &record.cycle.joints[..n];
+        let joints = &record.cycle.measured.joints[..n];
         let unready = measured_flags::NEVER | measured_flags::SETTLING;
-        let ready = joints.iter().all(|j| j.measured.flags & unready == 0);
+        let ready = joints.iter().all(|j| j.flags & unready == 0);
         let Some(cycle) = self.cycle else {
             if ready {
                 // From where the robot stands.
-                let start: Vec<f64> = joints.iter().map(|j| j.measured.q).collect();
+                let start: Vec<f64> = joints.iter().map(|j| j.q).collect();
                 self.motion.start_from(&start);
                 self.cycle = Some(0);
             }
@@ -73,14 +73,14 @@ impl DemoClient {
         let t = cycle as f64 * self.sample_period;
         self.cycle = Some(cycle + 1);
         self.reference.sequence += 1;
-        self.reference.mode = mode::INVERSE_DYNAMICS;
+        self.reference.mode = Mode::InverseDynamics.number();
         for (j, &place) in self.model_index.iter().enumerate() {
             self.reference.joints[j] = self.motion.at(j, t);
             self.q_model[place] = self.reference.joints[j].q_d;
         }
         if let Some(stance) = &mut self.stance {
-            stance.wrenches(&self.q_model, &mut self.reference.contact);
-            for (wrench, name) in self.reference.contact.iter_mut().zip(&self.ft_names) {
+            stance.wrenches(&self.q_model, &mut self.reference.contact_wrench);
+            for (wrench, name) in self.reference.contact_wrench.iter_mut().zip(&self.ft_names) {
                 wrench.torque[2] += self.motion.contact_torque(name, t);
             }
         }

@@ -18,7 +18,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
-use cycle::Wanted;
+use cycle::ClientInput;
 use indicatif::{ProgressBar, ProgressStyle};
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
@@ -104,7 +104,7 @@ fn simulate(options: &DemoOptions) -> Result<Report, Failure> {
                 real = Deadline::new((period * 1e9) as u64);
             }
         }
-        let wanted = Wanted {
+        let wanted = ClientInput {
             reference: Some(client.reference()),
             age_s: 0.0,
             settings: None,

@@ -112,7 +112,7 @@ impl Report {
             ..
         } = &mut self.collected;
         let drawn = last.cycle.sequence % *every == 0;
-        let joints = last.cycle.joints.iter().zip(&truth.joints);
+        let joints = last.cycle.estimated.joints.iter().zip(&truth.joints);
         for ((joint, truth), (comparison, trace)) in joints.zip(comparisons.iter_mut().zip(traces))
         {
             let estimates = [&joint.tau_encoder, &joint.tau_whole_body, &joint.tau_hat];

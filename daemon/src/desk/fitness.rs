@@ -1,7 +1,7 @@
 //! Whether a record tells a robot that may be tared.
 
 use robot_config::Parameters;
-use robot_state::{Event, SharedRecord, measured_flags, mode};
+use robot_state::{Event, Mode, SharedRecord, measured_flags};
 
 /// What a tare cannot do with, ever.
 const UNFIT: [(u32, &str); 3] = [
@@ -25,7 +25,7 @@ pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<()
             cycle.fault
         ));
     }
-    if cycle.mode != mode::HOLD {
+    if cycle.mode != Mode::Hold.number() {
         return Err(not_holding(cycle.mode));
     }
     for (what, name, flags) in sources(parameters, record) {
@@ -42,11 +42,7 @@ pub(super) fn whole(parameters: &Parameters, record: &SharedRecord) -> bool {
 }
 
 pub(super) fn not_holding(mode: u32) -> String {
-    let name = match mode {
-        mode::TORQUE => "torque",
-        mode::INVERSE_DYNAMICS => "inverse_dynamics",
-        _ => "unknown",
-    };
+    let name = Mode::from_number(mode).map_or("unknown", Mode::name);
     format!("the robot is in mode {name}; allowed: mode hold, so that it stays where it is")
 }
 
@@ -55,11 +51,11 @@ fn sources<'a>(
     record: &'a SharedRecord,
 ) -> impl Iterator<Item = (&'static str, &'a str, u32)> {
     let cycle = &record.cycle;
-    let joints = parameters.joints.iter().zip(&cycle.joints);
-    let joints = joints.map(|(j, seen)| ("joint", j.name.as_str(), seen.measured.flags));
-    let sensors = parameters.ft_sensors.iter().zip(&cycle.ft);
+    let joints = parameters.joints.iter().zip(&cycle.measured.joints);
+    let joints = joints.map(|(j, seen)| ("joint", j.name.as_str(), seen.flags));
+    let sensors = parameters.ft_sensors.iter().zip(&cycle.measured.ft);
     let sensors = sensors.map(|(s, seen)| ("F/T sensor", s.sensor.name.as_str(), seen.flags));
     let imu = parameters.imu.iter();
-    let imu = imu.map(|imu| ("IMU", imu.frame.as_str(), cycle.imu.flags));
+    let imu = imu.map(|imu| ("IMU", imu.frame.as_str(), cycle.measured.imu.flags));
     joints.chain(sensors).chain(imu)
 }

@@ -77,14 +77,14 @@ impl Taring {
         if !fitness::whole(&self.parameters, record) {
             return Ok(());
         }
-        let cycle = &record.cycle;
+        let measured = &record.cycle.measured;
         let angles = self.q.iter_mut().zip(&mut self.dq);
-        for ((q, dq), joint) in angles.zip(&cycle.joints) {
-            (*q, *dq) = (joint.measured.q_hat, joint.measured.dq_hat);
+        for ((q, dq), joint) in angles.zip(&measured.joints) {
+            (*q, *dq) = (joint.q_hat, joint.dq_hat);
         }
-        for ((ft, sensor), offset) in self.ft.iter_mut().zip(&cycle.ft).zip(&self.offsets) {
+        for ((ft, sensor), offset) in self.ft.iter_mut().zip(&measured.ft).zip(&self.offsets) {
             // An earlier change may still be on its way: what it will take off in the end counts.
-            let (shown, taken) = (sensor.measured.to_array(), sensor.offset.to_array());
+            let (shown, taken) = (sensor.wrench.to_array(), sensor.offset.to_array());
             *ft = Wrench::from_array(std::array::from_fn(|k| shown[k] + taken[k] - offset[k]));
         }
         let input = WholeBodyInput {
@@ -93,9 +93,9 @@ impl Taring {
             ddq: &self.still,
             ft: &self.ft,
             imu: ImuMotion {
-                angular_velocity: cycle.imu.gyro.into(),
+                angular_velocity: measured.imu.gyro.into(),
                 angular_acceleration: [0.0; 3].into(),
-                proper_acceleration: cycle.imu.accelerometer.into(),
+                proper_acceleration: measured.imu.accelerometer.into(),
             },
         };
         self.tare.add(&input).map_err(told)

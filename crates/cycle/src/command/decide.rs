@@ -1,4 +1,4 @@
-//! Decide: which mode the robot is in, and whether a client's reference is trusted.
+//! Decide: the mode of the robot, and whether a client's reference is followed.
 //!
 //! ```text
 //!            reference asks for a mode, joints ready
@@ -11,20 +11,45 @@
 //!      └─── fault latched: until a client resets it ◄──────────────┘
 //! ```
 
-use robot_state::{Event, Reaction, Reference, Settings, mode};
+use robot_state::{Event, Mode, Reaction, Reference, Settings};
 
 use crate::events::Counts;
 use crate::measure::Readiness;
 
-/// What the loop hands to a cycle besides frames: what clients want.
+/// Clients' input to one cycle, as it arrived: unchecked.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Wanted<'a> {
+pub struct ClientInput<'a> {
     /// The newest reference, if a client commands.
     pub reference: Option<&'a Reference>,
-    /// How long ago it arrived, s.
+    /// Age of that reference, s.
     pub age_s: f64,
-    /// The settings that hold now; none: those of the configuration.
+    /// The settings in use; none: those of the configuration.
     pub settings: Option<&'a Settings>,
+}
+
+/// The goal of one cycle: a mode, with the checked reference that it follows.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Goal<'a> {
+    Hold,
+    Torque(&'a Reference),
+    InverseDynamics(&'a Reference),
+}
+
+impl<'a> Goal<'a> {
+    pub(crate) fn mode(&self) -> Mode {
+        match self {
+            Self::Hold => Mode::Hold,
+            Self::Torque(_) => Mode::Torque,
+            Self::InverseDynamics(_) => Mode::InverseDynamics,
+        }
+    }
+
+    pub(crate) fn reference(&self) -> Option<&'a Reference> {
+        match *self {
+            Self::Hold => None,
+            Self::Torque(reference) | Self::InverseDynamics(reference) => Some(reference),
+        }
+    }
 }
 
 /// The mode, and the memory that leads to it.
@@ -32,7 +57,7 @@ pub struct Wanted<'a> {
 pub(crate) struct Supervisor {
     joint_count: u32,
     reference_timeout_s: f64,
-    mode: u32,
+    mode: Mode,
     fault: Option<Event>,
     blocked: bool,
     last_sequence: Option<u64>,
@@ -43,14 +68,14 @@ impl Supervisor {
         Self {
             joint_count: joint_count as u32,
             reference_timeout_s,
-            mode: mode::HOLD,
+            mode: Mode::Hold,
             fault: None,
             blocked: false,
             last_sequence: None,
         }
     }
 
-    pub(crate) fn mode(&self) -> u32 {
+    pub(crate) fn mode(&self) -> Mode {
         self.mode
     }
 
@@ -59,32 +84,33 @@ impl Supervisor {
         self.fault.map_or(0, Event::number)
     }
 
-    /// Settles the mode of this cycle and gives the reference if it is to be followed.
+    /// Settles the mode of this cycle, and the reference that it follows.
     pub(crate) fn decide<'a>(
         &mut self,
-        wanted: &Wanted<'a>,
+        client: &ClientInput<'a>,
         readiness: Readiness,
         counts: &mut Counts,
-    ) -> Option<&'a Reference> {
+    ) -> Goal<'a> {
         if readiness.stale && self.fault.is_none() {
             self.report(Event::JointStale, counts);
         }
-        let reference = self.trusted(wanted, counts);
-        if let Some(reference) = reference {
+        let mut goal = Goal::Hold;
+        if let Some((asked, reference)) = self.checked(client, counts) {
             if reference.reset_fault == 1 && !readiness.stale {
                 self.fault = None;
             }
-            if reference.mode == mode::HOLD {
+            if asked.mode() == Mode::Hold {
                 self.blocked = false;
             }
+            if self.fault.is_none() && !self.blocked && readiness.ready {
+                goal = asked;
+            }
         }
-        let allowed = self.fault.is_none() && !self.blocked && readiness.ready;
-        let followed = reference.filter(|r| allowed && r.mode != mode::HOLD);
-        self.mode = followed.map_or(mode::HOLD, |r| r.mode);
-        followed
+        self.mode = goal.mode();
+        goal
     }
 
-    /// Counts an event and does what it asks for.
+    /// Counts an event and reacts to it.
     pub(crate) fn report(&mut self, event: Event, counts: &mut Counts) {
         counts.add(event);
         match event.reaction() {
@@ -99,46 +125,55 @@ impl Supervisor {
 
     fn block(&mut self) {
         self.blocked = true;
-        self.mode = mode::HOLD;
+        self.mode = Mode::Hold;
     }
 
-    /// The reference, unless something about it forbids to follow it. A flaw is counted once for
-    /// each message, not once for each cycle in which the message is the newest.
-    fn trusted<'a>(&mut self, wanted: &Wanted<'a>, counts: &mut Counts) -> Option<&'a Reference> {
-        let Some(reference) = wanted.reference else {
-            if self.mode != mode::HOLD {
+    /// The reference and the goal that it asks for, unless a flaw forbids to follow it. A flaw is
+    /// counted once for each message, not once for each cycle in which the message is the newest.
+    fn checked<'a>(
+        &mut self,
+        client: &ClientInput<'a>,
+        counts: &mut Counts,
+    ) -> Option<(Goal<'a>, &'a Reference)> {
+        let too_old = client.age_s.is_nan() || client.age_s > self.reference_timeout_s;
+        let Some(reference) = client.reference.filter(|_| !too_old) else {
+            if self.mode != Mode::Hold {
                 self.report(Event::ReferenceStale, counts);
             }
             return None;
         };
-        if wanted.age_s.is_nan() || wanted.age_s > self.reference_timeout_s {
-            if self.mode != mode::HOLD {
-                self.report(Event::ReferenceStale, counts);
-            }
-            return None;
-        }
         let is_new = self.last_sequence != Some(reference.sequence);
         self.last_sequence = Some(reference.sequence);
-        let Some(flaw) = self.flaw(reference) else {
-            return Some(reference);
-        };
-        if is_new {
-            self.report(flaw, counts);
+        match self.decode(reference) {
+            Ok(goal) => Some((goal, reference)),
+            Err(flaw) => {
+                if is_new {
+                    self.report(flaw, counts);
+                }
+                self.block();
+                None
+            }
         }
-        self.block();
-        None
     }
 
-    /// What forbids to follow the reference.
-    fn flaw(&self, reference: &Reference) -> Option<Event> {
-        let known = matches!(
-            reference.mode,
-            mode::HOLD | mode::TORQUE | mode::INVERSE_DYNAMICS
-        );
-        if !known || reference.joint_count != self.joint_count {
-            return Some(Event::ReferenceRejected);
+    /// The goal that a reference asks for; the only place where a mode's number is read.
+    ///
+    /// # Errors
+    /// The flaw that forbids to follow the reference.
+    fn decode<'a>(&self, reference: &'a Reference) -> Result<Goal<'a>, Event> {
+        let goal = match Mode::from_number(reference.mode) {
+            Some(Mode::Hold) => Goal::Hold,
+            Some(Mode::Torque) => Goal::Torque(reference),
+            Some(Mode::InverseDynamics) => Goal::InverseDynamics(reference),
+            None => return Err(Event::ReferenceRejected),
+        };
+        if reference.joint_count != self.joint_count {
+            return Err(Event::ReferenceRejected);
         }
-        (!is_finite(reference)).then_some(Event::ReferenceNotFinite)
+        match is_finite(reference) {
+            true => Ok(goal),
+            false => Err(Event::ReferenceNotFinite),
+        }
     }
 }
 
@@ -147,7 +182,7 @@ fn is_finite(reference: &Reference) -> bool {
     let joints_finite = joints
         .flat_map(|j| [j.q_d, j.dq_d, j.ddq_d, j.tau_d])
         .all(f64::is_finite);
-    let wrenches = reference.contact.iter();
+    let wrenches = reference.contact_wrench.iter();
     joints_finite
         && wrenches
             .flat_map(|w| w.force.iter().chain(&w.torque))

@@ -23,8 +23,8 @@ impl Emit {
         }
     }
 
-    /// Appends this cycle's command frames. While any joint has never been seen, none are sent:
-    /// the drives hold by themselves, and nobody knows where they stand.
+    /// Appends this cycle's command frames. None are sent until every joint has answered once: the
+    /// drives hold by themselves, and their positions are not yet known.
     pub(crate) fn update(
         &mut self,
         command: &Command,
@@ -35,9 +35,9 @@ impl Emit {
         if !all_seen {
             return;
         }
-        for (j, joint) in command.joints().iter().enumerate() {
+        for (j, last) in command.last().enumerate() {
             if let Some(slot) = self.slots.get_mut(slots::command(j)) {
-                *slot = joint.last().unwrap_or(f64::NAN);
+                *slot = last.unwrap_or(f64::NAN);
             }
         }
         let encoded = self.table.encode_all(&self.slots, tx);

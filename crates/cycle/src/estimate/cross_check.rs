@@ -1,30 +1,33 @@
-//! Cross-check: torques from encoders, F/T sensors and current watch each other.
+//! Cross-check: comparison of the torques from encoders, F/T sensors and current.
+//!
+//! In: the estimates of the cycle. Out: `tau_current`, and the warnings 204 to 208, each naming the
+//! joint or sensor that is probably wrong.
 
 use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use robot_config::{CrossCheckSettings, JointParameters, Robot};
-use robot_state::{CycleRecord, Event, TorqueEstimate};
+use robot_state::{EstimatedRecord, Event, JointMeasured, TorqueEstimate};
 use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
 
 use super::usable::valid;
 use crate::events::Counts;
 
-/// Low-pass of the current's torque.
+/// Pole of the low-pass of the torque from current.
 const POLE: f64 = 0.9;
 /// |dq| over which friction changes sign, rad/s.
 const SIGN_SMOOTHING: f64 = 0.02;
 
-/// The check and the current's torques that it needs.
+/// The cross-check of a robot, with the torque from current that it needs.
 #[derive(Debug)]
-pub(crate) struct Watch {
+pub(crate) struct CrossCheckStage {
     check: CrossCheck,
     currents: Vec<CurrentEstimator>,
     sources: Vec<Sources>,
-    /// What was named in the cycle before.
-    named: Vec<Cause>,
+    /// Causes that were found in the cycle before.
+    reported: Vec<Cause>,
 }
 
-impl Watch {
+impl CrossCheckStage {
     pub(crate) fn new(
         robot: &Robot,
         whole_body: &WholeBody,
@@ -50,11 +53,11 @@ impl Watch {
                 .map(|j| CurrentEstimator::new(current(j, p.timing.sample_period)))
                 .collect(),
             sources: vec![Sources::default(); n],
-            named: Vec::with_capacity(3 * n + 2 * p.ft_sensors.len()),
+            reported: Vec::with_capacity(3 * n + 2 * p.ft_sensors.len()),
         }
     }
 
-    /// After a tare, which changes what the F/T sensors say.
+    /// Starts again after a tare, which changes the F/T sensors' readings.
     pub(crate) fn reset(&mut self) {
         self.check.reset();
     }
@@ -62,28 +65,28 @@ impl Watch {
     pub(crate) fn update(
         &mut self,
         samples: &[JointSample],
+        measured: &[JointMeasured],
         whole_body: &WholeBody,
-        record: &mut CycleRecord,
+        estimated: &mut EstimatedRecord,
         counts: &mut Counts,
     ) {
         let valid = |e: &TorqueEstimate| valid(e).map(|e| e.tau);
         for (j, sample) in samples.iter().enumerate() {
-            let joint = &record.joints[j];
+            let joint = &mut estimated.joints[j];
             let sample = JointSample {
-                dq: joint.measured.dq,
+                dq: measured[j].dq,
                 ..*sample
             };
-            let tau_current = self.currents[j].update(&sample);
+            joint.tau_current = self.currents[j].update(&sample);
             self.sources[j] = Sources {
                 encoder: valid(&joint.tau_encoder),
                 whole_body: valid(&joint.tau_whole_body),
-                current: valid(&tau_current),
+                current: valid(&joint.tau_current),
             };
-            record.joints[j].tau_current = tau_current;
         }
         let found = self.check.update(&self.sources, whole_body);
         for cause in found {
-            if !self.named.contains(cause) {
+            if !self.reported.contains(cause) {
                 counts.add(event(*cause).0);
             }
         }
@@ -91,9 +94,9 @@ impl Watch {
             let (event, subject) = event(*cause);
             (event.number(), subject as u32)
         });
-        (record.warning, record.warning_subject) = (warning, subject);
-        self.named.clear();
-        self.named.extend_from_slice(found);
+        (estimated.warning, estimated.warning_subject) = (warning, subject);
+        self.reported.clear();
+        self.reported.extend_from_slice(found);
     }
 }
 
@@ -108,7 +111,7 @@ fn event(cause: Cause) -> (Event, usize) {
     }
 }
 
-/// The drive's data as the current's torque needs them, link side.
+/// Parameters of the torque from current, link side.
 fn current(joint: &JointParameters, sample_period: f64) -> CurrentParameters {
     let e = &joint.estimator;
     let (n, motor) = (e.gear_ratio, &e.wave_generator);
@@ -123,7 +126,7 @@ fn current(joint: &JointParameters, sample_period: f64) -> CurrentParameters {
         low_pass_pole: POLE,
         sigma: 0.0,
         sample_period,
-        // Not limited where a wrong constant takes it.
+        // A wrong torque constant must show, not saturate.
         torque_limit: 10.0 * joint.limits.torque,
     }
 }

@@ -1,21 +1,25 @@
-//! Predict: every joint's torque now, from a fast source that drifts and a late one that does not.
+//! Delay compensation: the present torque of every joint.
+//!
+//! In: the torque from encoders, fast but drifting, and the torque from F/T sensors, accurate but
+//! delayed by the short filters. Out: `tau_hat`.
 
 use estimators::compliance::ComplianceEstimator;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::filter_bank::FilterBank;
 use estimators::joint::JointTorqueEstimator;
 use robot_config::{JointParameters, Robot};
-use robot_state::{CycleRecord, Event, measured_flags, torque_flags};
+use robot_state::{Event, JointEstimated, torque_flags};
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};
 
-use super::usable::{all_flags, valid};
+use super::usable::{UNUSABLE, valid};
+use super::whole_body::estimator;
 use crate::error::CycleError;
 use crate::events::Counts;
-use crate::measure::{Measure, whole_body};
+use crate::measure::Measure;
 
-/// The torque now of all joints.
+/// The delay compensation of all joints.
 #[derive(Debug)]
-pub(crate) struct Predict {
+pub(crate) struct DelayCompensation {
     /// From F/T sensors and IMU through short filters.
     whole_body: WholeBody,
     joints: Vec<Joint>,
@@ -30,7 +34,7 @@ struct Joint {
     torque_limit: f64,
 }
 
-impl Predict {
+impl DelayCompensation {
     pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
         let p = &robot.parameters;
         let kernel = FilterBank::new(1, p.filters.short.sensor)?.kernel();
@@ -50,28 +54,25 @@ impl Predict {
             torque_limit: joint.limits.torque,
         };
         Ok(Self {
-            whole_body: whole_body(robot, p.filters.short)?,
+            whole_body: estimator(robot, p.filters.short)?,
             joints: p.joints.iter().map(joint).collect(),
         })
     }
 
-    /// `contacts`: shares of the sets of contacts.
+    /// `contact_set_shares`: shares of the contact sets, in config order.
     pub(crate) fn update(
         &mut self,
         measure: &Measure,
-        contacts: &[f64],
-        record: &mut CycleRecord,
+        contact_set_shares: &[f64],
+        joints: &mut [JointEstimated],
         counts: &mut Counts,
     ) {
-        self.whole_body.blend(contacts);
-        let late = self.whole_body.update(&measure.quick().input());
+        self.whole_body.blend(contact_set_shares);
+        let late = self.whole_body.update(&measure.short().input());
         // Short filters have settled when the long ones, which the flags are about, have.
-        let unusable = measured_flags::NEVER | measured_flags::SETTLING | measured_flags::STALE;
-        let usable = late.valid && all_flags(record) & unusable == 0;
+        let usable = late.valid && measure.flags() & UNUSABLE == 0;
         let samples = measure.samples().iter().enumerate();
-        for ((own, (j, sample)), joint) in
-            (self.joints.iter_mut().zip(samples)).zip(&mut record.joints)
-        {
+        for ((own, (j, sample)), joint) in (self.joints.iter_mut().zip(samples)).zip(joints) {
             let fast = match &mut own.fast {
                 Some(compliance) => compliance.update(sample),
                 None => joint.tau_encoder,

@@ -1,19 +1,23 @@
-//! External: what pushes the joints besides the declared contacts.
+//! External torque: joint torques of the environment apart from the declared contacts.
+//!
+//! In: joint motion, torque from encoders, contact wrenches that the F/T sensors determine. Out:
+//! `tau_ext` and a contact flag for each joint, by a generalised-momentum observer.
 
 use dynamics::Force;
 use estimators::filter_bank::FilterBank;
 use robot_config::{ExternalTorqueSettings, Robot};
-use robot_state::{CycleRecord, Event, measured_flags};
+use robot_state::{Event, JointEstimated, JointMeasured};
 use whole_body::{MomentumObserver, MomentumObserverParameters, WholeBody};
 
+use super::usable::UNUSABLE;
 use crate::error::CycleError;
 use crate::events::Counts;
 
-/// The observer of all joints, fed with signals of one instant: that of the filters.
+/// The observer of all joints; its inputs all have the delay of the long filters.
 #[derive(Debug)]
-pub(crate) struct External {
+pub(crate) struct ExternalTorque {
     observer: MomentumObserver,
-    /// Torques of the encoders, late like everything else.
+    /// Delays the torque from encoders like the other inputs.
     filter: FilterBank,
     /// Place of each joint, in config order, in the model.
     model_index: Vec<usize>,
@@ -22,10 +26,11 @@ pub(crate) struct External {
     dq: Vec<f64>,
     tau: Vec<f64>,
     forces: Vec<Force>,
-    contact: Vec<bool>,
+    /// Contact flags of the cycle before.
+    contact_flags: Vec<bool>,
 }
 
-impl External {
+impl ExternalTorque {
     pub(crate) fn new(
         robot: &Robot,
         settings: &ExternalTorqueSettings,
@@ -51,35 +56,34 @@ impl External {
             dq: vec![0.0; n],
             tau: vec![0.0; n],
             forces: vec![Force::zero(); robot.model.bodies().len()],
-            contact: vec![false; joints],
+            contact_flags: vec![false; joints],
         })
     }
 
     pub(crate) fn update(
         &mut self,
         whole_body: &WholeBody,
-        record: &mut CycleRecord,
+        measured: &[JointMeasured],
+        joints: &mut [JointEstimated],
         counts: &mut Counts,
     ) {
-        let joints = self.model_index.len();
-        for (newest, joint) in self.newest.iter_mut().zip(&record.joints) {
+        for (newest, joint) in self.newest.iter_mut().zip(&*joints) {
             *newest = joint.tau_encoder.tau;
         }
         self.filter.update(&self.newest);
-        let unready = measured_flags::NEVER | measured_flags::SETTLING | measured_flags::STALE;
         let mut flags = 0;
-        for (j, (&place, joint)) in self.model_index.iter().zip(&record.joints).enumerate() {
-            self.q[place] = joint.measured.q_hat;
-            self.dq[place] = joint.measured.dq_hat;
+        for (j, (&place, joint)) in self.model_index.iter().zip(measured).enumerate() {
+            self.q[place] = joint.q_hat;
+            self.dq[place] = joint.dq_hat;
             self.tau[place] = self.filter.values()[j];
-            flags |= joint.measured.flags;
+            flags |= joint.flags;
         }
-        if flags & unready != 0 || !whole_body.estimate().valid || self.filter.settling(0) {
+        if flags & UNUSABLE != 0 || !whole_body.estimate().valid || self.filter.settling(0) {
             self.observer.reset();
-            for joint in record.joints.iter_mut().take(joints) {
-                (joint.tau_ext, joint.contact) = (0.0, 0);
+            for joint in joints.iter_mut().take(self.model_index.len()) {
+                (joint.tau_ext, joint.contact_flag) = (0.0, 0);
             }
-            self.contact.fill(false);
+            self.contact_flags.fill(false);
             return;
         }
         self.forces.fill(Force::zero());
@@ -87,16 +91,17 @@ impl External {
         let base = whole_body.base_motion();
         let forces = Some(self.forces.as_slice());
         let tau_ext = (self.observer).update(&self.q, &self.dq, &self.tau, base, forces);
-        for (joint, &place) in record.joints.iter_mut().zip(&self.model_index) {
+        for (joint, &place) in joints.iter_mut().zip(&self.model_index) {
             joint.tau_ext = tau_ext[place];
         }
-        let contacts = self.observer.contacts();
-        for (j, &place) in self.model_index.iter().enumerate() {
-            if contacts[place] && !self.contact[j] {
+        let detected = self.observer.contacts();
+        let before = self.contact_flags.iter_mut().zip(&self.model_index);
+        for (joint, (before, &place)) in joints.iter_mut().zip(before) {
+            if detected[place] && !*before {
                 counts.add(Event::ExternalContact);
             }
-            self.contact[j] = contacts[place];
-            record.joints[j].contact = u32::from(contacts[place]);
+            *before = detected[place];
+            joint.contact_flag = u32::from(detected[place]);
         }
     }
 }

@@ -1,16 +1,12 @@
-//! Usable: what of a record may be relied on.
+//! Usable: which measured values and estimates others may rely on.
 
-use robot_state::{CycleRecord, TorqueEstimate, torque_flags};
+use robot_state::{TorqueEstimate, measured_flags, torque_flags};
 
-/// What is odd about any signal that enters the equations of motion.
-pub(crate) fn all_flags(record: &CycleRecord) -> u32 {
-    let joints = record.joints.iter().take(record.joint_count as usize);
-    let sensors = record.ft.iter().take(record.ft_count as usize);
-    let joints = joints.fold(0, |all, joint| all | joint.measured.flags);
-    sensors.fold(joints | record.imu.flags, |all, sensor| all | sensor.flags)
-}
+/// Flags of measured values from which no torque follows.
+pub(crate) const UNUSABLE: u32 =
+    measured_flags::NEVER | measured_flags::SETTLING | measured_flags::STALE;
 
-/// A saturated torque says nothing but its sign.
+/// The estimate, if it may be used: of a saturated torque only the sign is known.
 pub(crate) fn valid(estimate: &TorqueEstimate) -> Option<&TorqueEstimate> {
     let usable = torque_flags::VALID | torque_flags::SATURATED;
     (estimate.flags & usable == torque_flags::VALID).then_some(estimate)

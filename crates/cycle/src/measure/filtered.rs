@@ -1,13 +1,13 @@
 //! Filtered: all signals of the equations of motion through filters of one delay.
+//!
+//! In: one sample of every angle, wrench and IMU axis. Out: their filtered values, and those
+//! derivatives that the equations need, at one common instant.
 
 use dynamics::ImuMotion;
-use estimators::filter_bank::FilterBank;
 use nalgebra::Vector3;
-use robot_config::{
-    AngularAcceleration, FilterGains, Parameters, Robot, SignalFilters, whole_body_parameters,
-};
+use robot_config::{AngularAcceleration, Robot, SignalFilters};
 use robot_state::Wrench;
-use whole_body::{WholeBody, WholeBodyInput};
+use whole_body::WholeBodyInput;
 
 use super::align::{AlignedBank, signals};
 use crate::error::CycleError;
@@ -16,7 +16,7 @@ use crate::time::Stamp;
 /// Channels of one F/T sensor, and of the IMU.
 pub(crate) const AXES: usize = 6;
 
-/// Angles, wrenches and the IMU's motion at one instant, with the derivatives that they need.
+/// Angles, wrenches and the IMU's motion at one instant, with derivatives.
 #[derive(Debug)]
 pub(crate) struct Filtered {
     /// q of every joint: value and two derivatives.
@@ -39,7 +39,7 @@ impl Filtered {
         let [encoders, _, sensors] = signals(robot);
         let mut sensor = filters.sensor;
         if sensors.iter().any(|signal| !signal.sampling.is_at_sync()) {
-            // How a rate changes with age is told by the curvature.
+            // The effect of age on a rate follows from the curvature.
             sensor = sensor.with_derivatives(2);
         }
         let n = p.joints.len();
@@ -88,7 +88,7 @@ impl Filtered {
         }
     }
 
-    /// What whole-body estimators take.
+    /// The input of whole-body estimators.
     pub(crate) fn input(&self) -> WholeBodyInput<'_> {
         WholeBodyInput {
             q: &self.q,
@@ -99,7 +99,7 @@ impl Filtered {
         }
     }
 
-    /// How late everything is, s.
+    /// Delay of all outputs, s.
     pub(crate) fn delay_s(&self) -> f64 {
         self.encoders.delay_s()
     }
@@ -113,22 +113,4 @@ impl Filtered {
     pub(crate) fn sensor_settling(&self, sensor: usize) -> bool {
         self.sensors.settling(AXES * sensor)
     }
-}
-
-/// The whole-body estimator, with the standard deviations of sensors after the filters.
-pub(crate) fn whole_body(robot: &Robot, filters: SignalFilters) -> Result<WholeBody, CycleError> {
-    let parameters: &Parameters = &robot.parameters;
-    let sensors = FilterBank::new(1, filters.sensor)?;
-    let ddq_gain = FilterBank::new(1, filters.encoder)?.noise_gain(2);
-    let gains = FilterGains {
-        sensor: [sensors.noise_gain(0), sensors.noise_gain(1)],
-        // A count hides a uniform error whose variance is its square over 12.
-        sigma_ddq: (parameters.joints.iter())
-            .map(|j| ddq_gain * j.estimator.link_resolution / 12f64.sqrt())
-            .collect(),
-    };
-    let Some(parameters) = whole_body_parameters(parameters, &robot.model, &gains) else {
-        return Err(CycleError::NoImu);
-    };
-    Ok(WholeBody::new(&robot.model, &parameters)?)
 }

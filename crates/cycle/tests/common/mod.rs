@@ -2,10 +2,10 @@
 #![allow(dead_code)]
 
 use can_codec::{Frame, Frames, MAX_FRAMES};
-use cycle::{Cycle, Instants, Stamp, Wanted};
+use cycle::{ClientInput, Cycle, Instants, Stamp};
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
-use robot_state::{CycleRecord, JointReference, Reference, mode};
+use robot_state::{CycleRecord, JointReference, Mode, Reference};
 
 /// Files of the project; configurations name theirs relative to themselves.
 pub(crate) use test_support::read_project_file as read;
@@ -58,7 +58,7 @@ impl Bench {
     }
 
     /// Computes from what is in `rx`, and hands the commands to the robot.
-    pub(crate) fn compute(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
+    pub(crate) fn compute(&mut self, wanted: &ClientInput<'_>) -> &CycleRecord {
         self.tx.clear();
         let at = self.instants();
         self.cycle.step(at, &self.rx, wanted, &mut self.tx);
@@ -77,7 +77,7 @@ impl Bench {
     }
 
     /// One whole cycle.
-    pub(crate) fn step(&mut self, wanted: &Wanted<'_>) -> &CycleRecord {
+    pub(crate) fn step(&mut self, wanted: &ClientInput<'_>) -> &CycleRecord {
         self.gather();
         self.compute(wanted)
     }
@@ -85,7 +85,7 @@ impl Bench {
     /// Cycles without a client.
     pub(crate) fn run(&mut self, cycles: usize) {
         for _ in 0..cycles {
-            self.step(&Wanted::default());
+            self.step(&ClientInput::default());
         }
     }
 
@@ -105,12 +105,12 @@ impl Bench {
             sequence,
             mode,
             joint_count: record.joint_count,
-            contact_given: 1,
+            contact_wrench_given: 1,
             ..Reference::default()
         };
-        for (wanted, joint) in reference.joints.iter_mut().zip(&record.joints) {
+        for (wanted, joint) in reference.joints.iter_mut().zip(&record.measured.joints) {
             *wanted = JointReference {
-                q_d: joint.measured.q,
+                q_d: joint.q,
                 ..JointReference::default()
             };
         }
@@ -120,16 +120,16 @@ impl Bench {
     /// Runs until the filters are full and the robot follows the client.
     pub(crate) fn follow(&mut self) -> Reference {
         self.run(200);
-        let reference = self.reference(mode::INVERSE_DYNAMICS, 1);
+        let reference = self.reference(Mode::InverseDynamics.number(), 1);
         let wanted = wanted(&reference);
-        assert_eq!(self.step(&wanted).mode, mode::INVERSE_DYNAMICS);
+        assert_eq!(self.step(&wanted).mode, Mode::InverseDynamics.number());
         reference
     }
 }
 
 /// A fresh reference.
-pub(crate) fn wanted(reference: &Reference) -> Wanted<'_> {
-    Wanted {
+pub(crate) fn wanted(reference: &Reference) -> ClientInput<'_> {
+    ClientInput {
         reference: Some(reference),
         age_s: 0.001,
         settings: None,

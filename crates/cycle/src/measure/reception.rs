@@ -1,0 +1,151 @@
+//! Reception: the newest signals of all messages, and the age of each sample.
+
+use can_codec::{DecodeError, Frames, Table};
+use robot_config::{Robot, Sampled, Sampling, slots};
+use robot_state::{Event, measured_flags};
+
+use super::align::OVERDUE;
+use crate::events::Counts;
+use crate::time::{Instants, SECONDS_PER_NS};
+
+/// The messages that bring one joint's or sensor's sample.
+#[derive(Debug)]
+pub(crate) struct Source {
+    messages: Vec<usize>,
+    /// Slots whose values must be finite.
+    slots: Vec<usize>,
+    sampling: Sampling,
+}
+
+/// A source's sample in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Reading {
+    /// The sample is complete, finite and not overdue.
+    pub(crate) usable: bool,
+    /// Age of the oldest message of the sample, s; infinite before the first.
+    pub(crate) age_s: f64,
+    /// Bits of `measured_flags`.
+    pub(crate) flags: u32,
+}
+
+/// Decoded signals and the instants at which their messages arrived.
+#[derive(Debug)]
+pub(crate) struct Reception {
+    table: Table,
+    slots: Vec<f64>,
+    /// Instant of each message's last frame; none before the first.
+    stamps: Vec<Option<u64>>,
+    /// The message has arrived since the last cycle.
+    fresh: Vec<bool>,
+    stale_after_s: f64,
+}
+
+impl Reception {
+    pub(crate) fn new(robot: &Robot) -> Self {
+        let table = robot.receive.clone();
+        Self {
+            slots: vec![0.0; slots::receive_len(&robot.parameters)],
+            stamps: vec![None; table.message_count()],
+            fresh: vec![false; table.message_count()],
+            stale_after_s: robot.parameters.timing.stale_after,
+            table,
+        }
+    }
+
+    /// The source of the signals in these slots.
+    pub(crate) fn source(&self, slots: Vec<usize>, sampling: Sampling) -> Source {
+        let table = &self.table;
+        Source {
+            messages: (0..table.message_count())
+                .filter(|&m| table.slots(m).any(|slot| slots.contains(&slot)))
+                .collect(),
+            slots,
+            sampling,
+        }
+    }
+
+    /// Instant of each message's last frame, ns.
+    pub(crate) fn stamps(&self) -> &[Option<u64>] {
+        &self.stamps
+    }
+
+    /// The newest value of a signal.
+    pub(crate) fn slot(&self, slot: usize) -> f64 {
+        self.slots[slot]
+    }
+
+    /// Takes the frames of one cycle.
+    pub(crate) fn decode(&mut self, rx: &Frames, counts: &mut Counts) {
+        self.fresh.fill(false);
+        counts.add_many(Event::ReceiveOverflow, rx.overflow());
+        for frame in rx {
+            if frame.error {
+                counts.add(Event::BusErrorFrame);
+                continue;
+            }
+            match self.table.decode(frame, &mut self.slots) {
+                Ok(Some(message)) => {
+                    if let Some(fresh) = self.fresh.get_mut(message) {
+                        *fresh = true;
+                    }
+                    if let Some(stamp) = self.stamps.get_mut(message) {
+                        *stamp = Some(frame.stamp_ns);
+                    }
+                }
+                Ok(None) => {}
+                Err(DecodeError::UnknownId) => counts.add(Event::FrameUnknownId),
+                Err(DecodeError::WrongLength) => counts.add(Event::FrameWrongLength),
+            }
+        }
+    }
+
+    /// The source's sample of this cycle.
+    pub(crate) fn reading(&self, source: &Source, at: Instants, counts: &mut Counts) -> Reading {
+        let mut stamps = source
+            .messages
+            .iter()
+            .map(|&m| self.stamps.get(m).copied().flatten());
+        // The oldest message counts: the sample is complete only with all of them.
+        let oldest = stamps.try_fold(u64::MAX, |oldest, stamp| Some(oldest.min(stamp?)));
+        let Some(oldest) = oldest else {
+            return Reading {
+                usable: false,
+                age_s: f64::INFINITY,
+                flags: measured_flags::NEVER | measured_flags::MISSED,
+            };
+        };
+        let age_s = at.now.0.saturating_sub(oldest) as f64 * SECONDS_PER_NS;
+        let all_fresh = source
+            .messages
+            .iter()
+            .all(|&m| self.fresh.get(m).copied().unwrap_or(false));
+        let finite = source
+            .slots
+            .iter()
+            .all(|&slot| self.slots.get(slot).is_some_and(|x| x.is_finite()));
+        if all_fresh && !finite {
+            counts.add(Event::SignalNotFinite);
+        }
+        let present = match source.sampling.sampled {
+            Sampled::AtSync => all_fresh,
+            // A source with a clock of its own: the last sample serves, at its age, until the next
+            // one is overdue.
+            Sampled::WhenSent { period } => {
+                at.sync.0.abs_diff(oldest) as f64 * SECONDS_PER_NS <= OVERDUE * period
+            }
+        };
+        let usable = present && finite;
+        let mut flags = 0;
+        if !usable {
+            flags |= measured_flags::MISSED;
+        }
+        if age_s > self.stale_after_s {
+            flags |= measured_flags::STALE;
+        }
+        Reading {
+            usable,
+            age_s,
+            flags,
+        }
+    }
+}

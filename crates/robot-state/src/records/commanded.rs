@@ -1,0 +1,54 @@
+//! Commanded values: written by the stage `command` from estimated and measured ones.
+
+use super::MAX_JOINTS;
+use crate::layout::record;
+
+/// Flag bits of a joint's command.
+pub mod command_flags {
+    /// The position limit is active.
+    pub const POSITION_LIMITED: u32 = 1;
+    /// The torque limit is active.
+    pub const TORQUE_LIMITED: u32 = 2;
+    /// `|delta_q|` is at its limit.
+    pub const DELTA_Q_LIMITED: u32 = 4;
+}
+
+record! {
+    /// Command of one joint and its contributions.
+    pub struct JointCommanded {
+        /// tau_d: desired torque, N·m (D12).
+        pub tau_d: f64,
+        /// tau*: desired torque plus feedback on the estimated torque, N·m (D11).
+        pub tau_star: f64,
+        /// delta_q: commanded offset to the measured position, rad (D10).
+        pub delta_q: f64,
+        /// q_c: commanded position after all limits, rad (position-commanded drives).
+        pub q_c: f64,
+        /// i_c: commanded current after all limits, A (current-commanded drives).
+        pub current_c: f64,
+        /// Contribution to the command of the torque feed-forward, rad or A (D 5.5).
+        pub feedforward_torque: f64,
+        /// Contribution to the command of the friction feed-forward, rad or A.
+        pub feedforward_friction: f64,
+        /// Contribution to the command of the position error, rad or A.
+        pub feedback_position: f64,
+        /// Contribution to the command of the velocity error, rad or A.
+        pub feedback_velocity: f64,
+        /// Contribution to the command of the acceleration error, rad or A.
+        pub feedback_acceleration: f64,
+        /// Contribution to the command of the contact force error, rad or A.
+        pub feedback_force: f64,
+        /// Bits of `command_flags`.
+        pub flags: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
+    }
+}
+
+record! {
+    /// Commanded values of one cycle.
+    pub struct CommandedRecord {
+        /// The joints, in config order.
+        pub joints: [JointCommanded; MAX_JOINTS],
+    }
+}

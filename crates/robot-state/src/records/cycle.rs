@@ -1,0 +1,66 @@
+//! The record of one cycle, and what shared memory carries of it.
+
+use super::{CommandedRecord, EstimatedRecord, MeasuredRecord};
+use crate::event::EVENT_COUNT;
+use crate::layout::record;
+
+record! {
+    /// Everything that one cycle measured, estimated and commanded: one group for each stage of the
+    /// loop, written by that stage alone.
+    pub struct CycleRecord {
+        /// Cycle number since start.
+        pub sequence: u64,
+        /// Instant of the cycle, ns on the caller's clock.
+        pub stamp_ns: u64,
+        /// Number of a `Mode`, that of this cycle: 0 hold, 1 torque, 2 inverse dynamics.
+        pub mode: u32,
+        /// Number of the latched fault's event, or 0.
+        pub fault: u32,
+        /// Joints in use.
+        pub joint_count: u32,
+        /// F/T sensors in use.
+        pub ft_count: u32,
+        /// What the sensors measured.
+        pub measured: MeasuredRecord,
+        /// Torques and contact wrenches that follow.
+        pub estimated: EstimatedRecord,
+        /// What the drives are commanded.
+        pub commanded: CommandedRecord,
+        /// Count of each event since start, in the order of `Event::ALL`.
+        pub events: [u64; EVENT_COUNT],
+    }
+}
+
+record! {
+    /// Timing and traffic of the loop around the cycle.
+    pub struct LoopRecord {
+        /// Cycles run.
+        pub cycles: u64,
+        /// Cycles that ended after the next one should have begun.
+        pub late_cycles: u64,
+        /// Cycles that were left out because an earlier one ended too late.
+        pub skipped_cycles: u64,
+        /// Lateness of the thread's wake-up, ns.
+        pub wake_late_ns: u64,
+        /// Time from SYNC until every joint had answered or the deadline had passed, ns.
+        pub gather_ns: u64,
+        /// Computing time of the cycle, ns.
+        pub compute_ns: u64,
+        /// Time to hand the commands to the bus, ns.
+        pub send_ns: u64,
+        /// Frames received since start.
+        pub frames_received: u64,
+        /// Frames sent since start.
+        pub frames_sent: u64,
+    }
+}
+
+record! {
+    /// The record that shared memory carries each cycle.
+    pub struct SharedRecord {
+        /// The cycle.
+        pub cycle: CycleRecord,
+        /// The loop around it.
+        pub timing: LoopRecord,
+    }
+}

@@ -1,0 +1,31 @@
+//! Names and constants of a robot.
+
+use super::{MAX_CONTACT_SETS, MAX_FT_SENSORS, MAX_JOINTS};
+use crate::layout::record;
+use crate::name::Name;
+
+record! {
+    /// Names and constants of the robot, published once.
+    pub struct Description {
+        /// The robot's name.
+        pub robot: Name,
+        /// Cycles a second, Hz.
+        pub rate_hz: f64,
+        /// Joints in use.
+        pub joint_count: u32,
+        /// F/T sensors in use.
+        pub ft_count: u32,
+        /// Names of the joints, in the order of every record's `joints`.
+        pub joint_names: [Name; MAX_JOINTS],
+        /// Names of the F/T sensors, in the order of every record's `ft`.
+        pub ft_names: [Name; MAX_FT_SENSORS],
+        /// Torque limits of the joints, N·m.
+        pub torque_limits: [f64; MAX_JOINTS],
+        /// Contact sets in use.
+        pub contact_set_count: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
+        /// Names of the contact sets; the first is in use at the start.
+        pub contact_set_names: [Name; MAX_CONTACT_SETS],
+    }
+}

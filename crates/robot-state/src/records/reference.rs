@@ -1,0 +1,79 @@
+//! References: what a commanding client sends each cycle.
+
+use super::{MAX_FT_SENSORS, MAX_JOINTS, Wrench};
+use crate::layout::record;
+
+/// A mode of the robot. Records carry its number.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// Hold the present position.
+    #[default]
+    Hold = 0,
+    /// Follow `tau_d` of the client.
+    Torque = 1,
+    /// Follow `q_d dq_d ddq_d` and contact wrenches of the client by inverse dynamics.
+    InverseDynamics = 2,
+}
+
+impl Mode {
+    /// Every mode.
+    pub const ALL: [Self; 3] = [Self::Hold, Self::Torque, Self::InverseDynamics];
+
+    /// The mode's number in records.
+    #[must_use]
+    pub const fn number(self) -> u32 {
+        self as u32
+    }
+
+    /// The mode with that number.
+    #[must_use]
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|mode| mode.number() == number)
+    }
+
+    /// The mode's name in snake case.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Hold => "hold",
+            Self::Torque => "torque",
+            Self::InverseDynamics => "inverse_dynamics",
+        }
+    }
+}
+
+record! {
+    /// Reference of one joint.
+    pub struct JointReference {
+        /// q_d: desired joint angle, rad (mode inverse dynamics).
+        pub q_d: f64,
+        /// dq_d: desired velocity, rad/s (mode inverse dynamics).
+        pub dq_d: f64,
+        /// ddq_d: desired acceleration, rad/s² (mode inverse dynamics).
+        pub ddq_d: f64,
+        /// tau_d: desired torque, N·m (mode torque).
+        pub tau_d: f64,
+    }
+}
+
+record! {
+    /// Reference of the robot.
+    pub struct Reference {
+        /// Count of the client's references, this one included.
+        pub sequence: u64,
+        /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics.
+        pub mode: u32,
+        /// Joints in use; must equal the robot's.
+        pub joint_count: u32,
+        /// The joints, in config order.
+        pub joints: [JointReference; MAX_JOINTS],
+        /// f_d: desired wrench of the environment on each end-effector, at the frame of its F/T
+        /// sensor, in config order (mode inverse dynamics).
+        pub contact_wrench: [Wrench; MAX_FT_SENSORS],
+        /// 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
+        pub contact_wrench_given: u32,
+        /// 1 asks for the reset of a latched fault.
+        pub reset_fault: u32,
+    }
+}
