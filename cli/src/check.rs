@@ -64,7 +64,8 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
 
 /// What is odd but does not keep the robot from running.
 fn warnings(robot: &Robot, buses: &[BusLoad]) -> Vec<String> {
-    let mut warnings: Vec<String> = robot.model.warnings().to_vec();
+    let of_model = robot.model.warnings().iter();
+    let mut warnings: Vec<String> = of_model.map(ToString::to_string).collect();
     let timing = &robot.parameters.timing;
     for (bus, load) in robot.parameters.buses.iter().zip(buses) {
         if load.load > 1.0 {

@@ -1,11 +1,16 @@
 //! `torquectl dynamics`: rigid-body dynamics of given states, to check a model against another
 //! library.
 
+mod evaluation;
+mod report;
+mod request;
+
 use crate::output::{finish_or_refuse, read_input};
 use clap::Args;
 use dynamics::Base;
-use dynamics::cases::{Cases, CasesError, evaluate};
+use evaluation::evaluate;
 use problem::Problem;
+use request::Cases;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -54,17 +59,13 @@ fn report(arguments: &DynamicsArguments) -> Result<String, Problem> {
     let urdf = read_input(&arguments.urdf)?;
     let file = arguments.cases.display().to_string();
     let text = read_input(&arguments.cases)?;
-    let in_cases = |problem: Problem| problem.or_at(&file, 0);
-    let cases = parse(&text).map_err(in_cases)?;
+    let cases = parse(&text).map_err(|problem| problem.or_at(&file, 0))?;
     let base = match arguments.floating {
         true => Base::Floating,
         false => Base::Fixed,
     };
-    let name = arguments.urdf.display().to_string();
-    let report = evaluate(&urdf, &name, base, &cases).map_err(|e| match e {
-        CasesError::Urdf(e) => Problem::new(e.reason, "").at(e.file, e.line as usize),
-        CasesError::Request(e) => in_cases(Problem::new(e, "")),
-    })?;
+    let urdf_file = arguments.urdf.display().to_string();
+    let report = evaluate((&urdf, &urdf_file), base, (&cases, &file))?;
     for warning in &report.warnings {
         eprintln!("warning: {warning}");
     }

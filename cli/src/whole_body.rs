@@ -1,14 +1,21 @@
-//! `torquectl whole-body`: torques and contact wrenches of given instants, to check sensors and
-//! estimator against another library.
+//! `torquectl whole-body`: torques and contact wrenches of given instants, to check the estimator
+//! against another library.
+
+mod evaluation;
+mod report;
+mod request;
+mod sensors_file;
 
 use crate::output::{finish_or_refuse, read_input};
-use ::whole_body::cases::{Cases, SensorsFile, evaluate};
 use clap::Args;
+use evaluation::evaluate;
 use problem::Problem;
+use request::Cases;
+use sensors_file::SensorsFile;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Print joint torques and contact wrenches that F/T sensors and IMU tell, as JSON
+/// Print joint torques and contact wrenches from F/T sensors and IMU, as JSON
 #[derive(Args)]
 #[command(after_long_help = FORMAT)]
 pub(crate) struct WholeBodyArguments {
@@ -29,7 +36,7 @@ const FORMAT: &str = r#"SENSORS, where * marks what is required; lengths in m, a
   angular_acceleration = "given" | "neglect"
   [[ft_sensor]]
   name* = "NAME"
-  frame* = "LINK"       # measures in this link's frame, moved by xyz_m, turned by rpy_deg
+  frame* = "LINK"       # measures in this link's frame, displaced by xyz_m, rotated by rpy_deg
   cut = "LINK"          # the first link beyond the sensor; by default the frame's
   sign = 1              # 1: wrench of the part beyond on the part before; -1: the reverse
   sigma_N, sigma_Nm     # and sigma_m_per_s2, sigma_rad_per_s2 of [imu]; zero by default
@@ -43,7 +50,7 @@ CASES:
      "ft":{"NAME":[fx,fy,fz,tx,ty,tz]},
      "contacts":[{"link":"LINK", "type":"full_wrench", "point_m":[3], "direction":[3]}]}]}
   type: full_wrench (6 unknowns), pure_force (3), known_direction (1; needs direction),
-  none (nothing touches that part). F/T sensors cut the robot into parts: each needs a contact.
+  none (no contact on that part). F/T sensors cut the robot into parts: each needs a contact.
 Prints {"joints":[], "cases":[{"tau":[], "sigma":[], "contacts":[{..., "wrench":[6], "sigma":[6]}],
   "parts":[{"beyond", "first_link", "links", "unknowns", "net":[6], "residual":[6],
   "residual_sigma":[6]}]}]}, wrenches force first, on the robot, in the link's axes at the point.
@@ -52,7 +59,7 @@ Example:
   torquectl whole-body --urdf robot.urdf --sensors sensors.toml cases.json | jq '.cases[0].tau'
 
 Exit codes: 0 done; 2 bad input, or contacts from which the wrenches do not follow.
-docs/whole-body.md tells all of this at length."#;
+docs/whole-body-files.md describes the formats."#;
 
 pub(crate) fn run(arguments: &WholeBodyArguments) -> ExitCode {
     finish_or_refuse(report(arguments))
@@ -61,18 +68,12 @@ pub(crate) fn run(arguments: &WholeBodyArguments) -> ExitCode {
 fn report(arguments: &WholeBodyArguments) -> Result<String, Problem> {
     let urdf = read_input(&arguments.urdf)?;
     let sensors_file = arguments.sensors.display().to_string();
-    let sensors = SensorsFile::parse(&read_input(&arguments.sensors)?, &sensors_file)
-        .map_err(|e| Problem::new(e, ""))?;
+    let sensors = SensorsFile::parse(&read_input(&arguments.sensors)?, &sensors_file)?;
     let file = arguments.cases.display().to_string();
-    let text = read_input(&arguments.cases)?;
-    let cases: Cases =
-        serde_json::from_str(&text).map_err(|e| Problem::new(e.to_string(), "").at(&file, 0))?;
+    let cases: Cases = serde_json::from_str(&read_input(&arguments.cases)?)
+        .map_err(|e| Problem::new(e.to_string(), "").at(&file, 0))?;
     let urdf_file = arguments.urdf.display().to_string();
-    let report = evaluate(&urdf, &urdf_file, &sensors, &cases).map_err(|e| match e {
-        // The URDF's messages name their file themselves.
-        e if e.starts_with(&urdf_file) => Problem::new(e, ""),
-        e => Problem::new(e, "").at(&file, 0),
-    })?;
+    let report = evaluate((&urdf, &urdf_file), &sensors, (&cases, &file))?;
     let json = serde_json::to_string(&report).map_err(|e| Problem::new(e.to_string(), ""))?;
     Ok(json + "\n")
 }

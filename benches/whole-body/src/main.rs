@@ -5,18 +5,42 @@
 //! An update is all there is: kinematics, every part's contacts, every joint's torque, and the
 //! standard deviations of all of it.
 
-use dynamics::{Base, ImuMotion, Model, Random};
+use dynamics::{Base, ImuMotion, Model, Random, Se3};
 use robot_state::Wrench;
+use serde::Deserialize;
 use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant;
-use whole_body::cases::SensorsFile;
 use whole_body::{
-    ContactKind, ContactParameters, Hypothesis, Weighting, WholeBody, WholeBodyInput,
+    ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
+    Place, Residual, Weighting, WholeBody, WholeBodyInput, WholeBodyParameters,
 };
 
 const STATES: usize = 64;
 const ROUNDS: usize = 2000;
+
+/// A robot's sensors: those keys of the sensors' file (docs/whole-body-files.md) that matter here.
+#[derive(Deserialize)]
+struct Sensors {
+    sigma_ddq_rad_per_s2: f64,
+    imu: Imu,
+    ft_sensor: Vec<FtSensor>,
+}
+
+#[derive(Deserialize)]
+struct Imu {
+    frame: String,
+    sigma_m_per_s2: f64,
+}
+
+#[derive(Deserialize)]
+#[allow(non_snake_case)]
+struct FtSensor {
+    name: String,
+    frame: String,
+    sigma_N: f64,
+    sigma_Nm: f64,
+}
 
 struct State {
     q: Vec<f64>,
@@ -47,25 +71,20 @@ fn main() -> ExitCode {
 fn run(urdf: &str, sensors: &str, root: &str) -> Result<String, String> {
     let read = |path: &str| std::fs::read_to_string(path).map_err(|e| format!("{path}: {e}"));
     let model = Model::from_urdf(&read(urdf)?, urdf, Base::Floating).map_err(|e| e.to_string())?;
-    let file = SensorsFile::parse(&read(sensors)?, sensors)?;
+    let file: Sensors = toml::from_str(&read(sensors)?).map_err(|e| format!("{sensors}: {e}"))?;
     let joints: Vec<String> = model.joint_names().map(Into::into).collect();
     let contacts = |kind: ContactKind| {
-        let none = Hypothesis {
-            name: String::new(),
-            contacts: Vec::new(),
-        };
-        let sensors = file.parameters(&joints, none)?.ft_sensors;
-        let beyond = sensors.into_iter().map(|s| (s.cut, kind));
+        let beyond = file.ft_sensor.iter().map(|s| (s.frame.clone(), kind));
         let all = std::iter::once((root.to_owned(), ContactKind::FullWrench)).chain(beyond);
         let contacts = all.map(|(link, kind)| ContactParameters {
             link,
             point: [0.0; 3].into(),
             kind,
         });
-        Ok::<_, String>(Hypothesis {
+        Hypothesis {
             name: "bench".into(),
             contacts: contacts.collect(),
-        })
+        }
     };
     let mut line = format!("{}", joints.len());
     for (kind, weighting) in [
@@ -73,13 +92,45 @@ fn run(urdf: &str, sensors: &str, root: &str) -> Result<String, String> {
         (ContactKind::PureForce, Weighting::Unit),
         (ContactKind::PureForce, Weighting::Expected),
     ] {
-        let mut parameters = file.parameters(&joints, contacts(kind)?)?;
-        parameters.weighting = weighting;
+        let parameters = parameters(&file, &joints, contacts(kind), weighting);
         let whole_body = WholeBody::new(&model, &parameters).map_err(|e| e.to_string())?;
         let ft = parameters.ft_sensors.len();
         line += &format!(" {:.0}", median(whole_body, &states(&model, ft)));
     }
     Ok(line)
+}
+
+fn parameters(
+    file: &Sensors,
+    joints: &[String],
+    contacts: Hypothesis,
+    weighting: Weighting,
+) -> WholeBodyParameters {
+    let place = |link: &str| Place {
+        link: link.to_owned(),
+        placement: Se3::identity(),
+    };
+    let ft_sensor = |s: &FtSensor| FtSensorParameters {
+        name: s.name.clone(),
+        cut: s.frame.clone(),
+        frame: place(&s.frame),
+        sigma_force: s.sigma_N,
+        sigma_torque: s.sigma_Nm,
+    };
+    WholeBodyParameters {
+        joints: joints.to_vec(),
+        sigma_ddq: vec![file.sigma_ddq_rad_per_s2; joints.len()],
+        ft_sensors: file.ft_sensor.iter().map(ft_sensor).collect(),
+        source: MotionSource::Imu(ImuParameters {
+            frame: place(&file.imu.frame),
+            sigma_accelerometer: file.imu.sigma_m_per_s2,
+            sigma_angular_acceleration: 0.0,
+        }),
+        hypotheses: vec![contacts],
+        weighting,
+        residual: Residual::Stays,
+        sigma_model: 0.0,
+    }
 }
 
 fn states(model: &Model, sensors: usize) -> Vec<State> {

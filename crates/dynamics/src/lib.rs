@@ -12,7 +12,6 @@
 
 mod aba;
 mod body;
-pub mod cases;
 mod centroidal;
 mod cholesky;
 mod configuration;
@@ -55,4 +54,4 @@ pub use regressor::{PARAMETERS, joint_torque_regressor};
 pub use rnea::{gravity, nle, rnea};
 pub use simd::Instructions;
 pub use spatial::{Force, Inertia, Motion, Se3};
-pub use urdf::{UrdfError, UrdfOptions};
+pub use urdf::UrdfOptions;

@@ -4,6 +4,7 @@ use crate::body::{Body, JointKind};
 use crate::lane_schedule::{LaneSchedule, Skeleton};
 use crate::spatial::{Inertia, Se3};
 use nalgebra::{Unit, Vector3};
+use problem::Problem;
 
 /// How the root link is attached to the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +95,7 @@ pub struct Model {
     pub(crate) gravity: Vector3<f64>,
     /// The nearest component of `v` that supports each component (all before it, with mimic joints).
     pub(crate) dof_parent: Vec<Option<usize>>,
-    pub(crate) warnings: Vec<String>,
+    pub(crate) warnings: Vec<Problem>,
     pub(crate) schedule: LaneSchedule,
 }
 
@@ -205,8 +206,8 @@ impl Model {
     pub fn total_mass(&self) -> f64 {
         self.bodies.iter().map(|b| b.inertia.mass).sum()
     }
-    /// What the reader found odd but usable, each with file and line.
-    pub fn warnings(&self) -> &[String] {
+    /// Odd but usable parts of the URDF, each with file and line.
+    pub fn warnings(&self) -> &[Problem] {
         &self.warnings
     }
     /// Adds a frame fixed to a link; returns its index. For use at set-up.

@@ -50,7 +50,11 @@ fn limits_and_warnings_are_kept() {
     assert_eq!(model.joint_limits(1).unwrap().upper, f64::INFINITY);
     assert_eq!(model.joint_limits(2), None);
     assert_eq!(
-        model.warnings(),
+        model
+            .warnings()
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>(),
         ["arm.urdf:11: joint \"grip\" has no <limit>: none is assumed"]
     );
 }

@@ -1,6 +1,7 @@
 //! What is wrong with a URDF is said with its line, and what is allowed.
 
 use dynamics::{Base, Model};
+use problem::Problem;
 
 /// A sound robot, one element a line; tests replace one of them.
 const LINES: [&str; 12] = [
@@ -199,7 +200,7 @@ fn odd_but_usable_input_is_a_warning() {
         let mut lines = LINES;
         lines[line - 1] = replacement;
         let model = read(&lines).expect(replacement);
-        let warnings = model.warnings().join("\n");
+        let warnings: String = model.warnings().iter().map(Problem::to_string).collect();
         assert!(warnings.contains(reason), "{replacement}: {warnings}");
     }
 }

@@ -28,7 +28,7 @@ fn read(extension: &str) -> Result<Model, String> {
 /// Gear ratios of `j` and `k`.
 fn ratios(extension: &str) -> [Option<f64>; 2] {
     let model = read(extension).unwrap();
-    assert_eq!(model.warnings(), [""; 0], "{extension}");
+    assert!(model.warnings().is_empty(), "{extension}");
     [0, 1].map(|i| model.joints()[i].gear_ratio)
 }
 
@@ -135,7 +135,11 @@ fn bad_numbers_are_refused_and_unknown_joints_are_a_warning() {
     let stranger = r#"<transmission name="t"><joint name="x"/><actuator name="m"/></transmission>"#;
     let model = read(stranger).unwrap();
     assert_eq!(
-        model.warnings(),
+        model
+            .warnings()
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>(),
         ["r.urdf:8: transmission of an unknown joint \"x\""]
     );
 }

@@ -165,14 +165,7 @@ fn robot(
 
 fn model(diagnostics: &Diagnostics<'_>, urdf: &str, path: &str, base: Base) -> Option<Model> {
     Model::from_urdf(urdf, &paths::shown(path), base)
-        .map_err(|error| {
-            diagnostics.note(Problem {
-                file: error.file,
-                line: error.line as usize,
-                reason: error.reason,
-                allowed: String::new(),
-            });
-        })
+        .map_err(|problem| diagnostics.note(problem))
         .ok()
 }
 

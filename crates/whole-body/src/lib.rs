@@ -10,7 +10,6 @@
 //! Signals that enter together must be late by the same time.
 #![deny(unsafe_code)]
 
-pub mod cases;
 mod conditioning;
 mod contacts;
 mod cross_check;

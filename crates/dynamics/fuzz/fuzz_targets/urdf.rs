@@ -13,7 +13,7 @@ fuzz_target!(|text: &str| {
         };
         match Model::from_urdf_with(text, "fuzz.urdf", &options) {
             Err(error) => {
-                assert!(error.line > 0 && error.line as usize <= text.split('\n').count());
+                assert!(error.line > 0 && error.line <= text.split('\n').count());
                 assert!(!error.reason.is_empty());
             }
             Ok(mut model) => {

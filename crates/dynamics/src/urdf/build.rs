@@ -2,14 +2,15 @@
 
 use super::text::Source;
 use super::tree::Tree;
-use super::{Complaint, inertia};
+use super::{inertia, problem_at};
 use crate::body::{Body, JointKind};
 use crate::model::{Base, Frame, GRAVITY, Joint, JointLimits, Model};
 use crate::spatial::{Inertia, Se3};
 use nalgebra::Vector3;
+use problem::Problem;
 use urdf_rs::JointType;
 
-pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, Complaint> {
+pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, Problem> {
     let mut build = Build {
         source,
         tree,
@@ -48,7 +49,7 @@ struct Build<'a> {
 
 impl Build<'_> {
     /// Depth first, children sorted by name.
-    fn walk(&mut self) -> Result<(), Complaint> {
+    fn walk(&mut self) -> Result<(), Problem> {
         let root = self.tree.root;
         self.model.bodies.push(Body {
             name: self.source.robot.links[root].name.clone(),
@@ -83,7 +84,7 @@ impl Build<'_> {
         placement: Se3,
         parent: Option<usize>,
         rigid: bool,
-    ) -> Result<(), Complaint> {
+    ) -> Result<(), Problem> {
         let lines = &self.source.links[link];
         let own = &self.source.robot.links[link];
         let inertia = inertia::of_link(own, lines, &mut self.model.warnings)?;
@@ -100,7 +101,7 @@ impl Build<'_> {
         Ok(())
     }
 
-    fn joint(&mut self, index: usize, frame: usize) -> Result<(), Complaint> {
+    fn joint(&mut self, index: usize, frame: usize) -> Result<(), Problem> {
         let joint = &self.source.robot.joints[index];
         let lines = &self.source.joints[index];
         let on = &self.model.frames[frame];
@@ -114,14 +115,15 @@ impl Build<'_> {
             JointType::Revolute => JointKind::Revolute,
             JointType::Continuous => JointKind::Continuous,
             JointType::Prismatic => JointKind::Prismatic,
-            ref other => return Err((lines.own(), format!("joint type {other:?} is not known"))),
+            ref other => {
+                let reason = format!("joint type {other:?} is not known");
+                return Err(problem_at(lines.own(), reason, ""));
+            }
         };
         let Some(axis) = Model::unit_axis(Vector3::from(*joint.axis.xyz)) else {
-            let reason = format!(
-                "joint \"{}\": axis {:?} has no direction; allowed: any vector but zero",
-                joint.name, *joint.axis.xyz
-            );
-            return Err((lines.of("axis"), reason));
+            let (name, axis) = (&joint.name, *joint.axis.xyz);
+            let reason = format!("joint \"{name}\": axis {axis:?} has no direction");
+            return Err(problem_at(lines.of("axis"), reason, "any vector but zero"));
         };
         let driver = self.tree.driver[index];
         let body = self.model.bodies.len();
@@ -156,7 +158,7 @@ impl Build<'_> {
         self.link(child, body, Se3::identity(), Some(frame), false)
     }
 
-    fn limits(&mut self, index: usize, kind: JointKind) -> Result<JointLimits, Complaint> {
+    fn limits(&mut self, index: usize, kind: JointKind) -> Result<JointLimits, Problem> {
         let joint = &self.source.robot.joints[index];
         let lines = &self.source.joints[index];
         let (name, line) = (&joint.name, lines.of("limit"));
@@ -168,18 +170,18 @@ impl Build<'_> {
         };
         if !lines.has("limit") {
             if kind != JointKind::Continuous {
-                let what = format!("{line}: joint \"{name}\" has no <limit>: none is assumed");
-                self.model.warnings.push(what);
+                let what = format!("joint \"{name}\" has no <limit>: none is assumed");
+                self.model.warnings.push(problem_at(line, what, ""));
             }
             return Ok(limits);
         }
         let given = &joint.limit;
         if given.effort < 0.0 || given.velocity < 0.0 {
             let reason = format!(
-                "joint \"{name}\": effort {} velocity {}; allowed: numbers >= 0",
+                "joint \"{name}\": effort {} velocity {}",
                 given.effort, given.velocity
             );
-            return Err((line, reason));
+            return Err(problem_at(line, reason, "numbers >= 0"));
         }
         (limits.effort, limits.velocity) = (given.effort, given.velocity);
         if kind == JointKind::Continuous {
@@ -187,10 +189,10 @@ impl Build<'_> {
         }
         if given.lower > given.upper {
             let reason = format!(
-                "joint \"{name}\": lower {} above upper {}; allowed: lower <= upper",
+                "joint \"{name}\": lower {} above upper {}",
                 given.lower, given.upper
             );
-            return Err((line, reason));
+            return Err(problem_at(line, reason, "lower <= upper"));
         }
         (limits.lower, limits.upper) = (given.lower, given.upper);
         Ok(limits)
@@ -203,7 +205,7 @@ impl Build<'_> {
         }
     }
 
-    /// A joint that moves nothing has no acceleration: forward dynamics is undefined.
+    /// Warns of joints that move no mass: their forward dynamics is undefined.
     fn warn_of_massless(&mut self) {
         let bodies = &self.model.bodies;
         let mut moves: Vec<bool> = bodies
@@ -216,11 +218,13 @@ impl Build<'_> {
         for joint in self.model.joints.iter().filter(|j| !moves[j.body]) {
             let all = &self.source.robot.joints;
             let index = all.iter().position(|j| j.name == joint.name).unwrap_or(0);
-            self.model.warnings.push(format!(
-                "{}: joint \"{}\" moves no mass: forward dynamics has no finite answer unless its motor adds inertia",
-                self.source.joints[index].own(),
+            let what = format!(
+                "joint \"{}\" moves no mass: forward dynamics has no finite result unless its motor \
+                 adds inertia",
                 joint.name
-            ));
+            );
+            let line = self.source.joints[index].own();
+            self.model.warnings.push(problem_at(line, what, ""));
         }
     }
 
@@ -229,11 +233,8 @@ impl Build<'_> {
             let Some(index) = self.model.joint_index(&t.joint) else {
                 // Transmissions of mimic joints are common and mean nothing here.
                 if !self.source.robot.joints.iter().any(|j| j.name == t.joint) {
-                    let what = format!(
-                        "{}: transmission of an unknown joint \"{}\"",
-                        t.line, t.joint
-                    );
-                    self.model.warnings.push(what);
+                    let what = format!("transmission of an unknown joint \"{}\"", t.joint);
+                    self.model.warnings.push(problem_at(t.line, what, ""));
                 }
                 continue;
             };
@@ -243,17 +244,17 @@ impl Build<'_> {
         }
     }
 
-    /// Points at the link of a body that spoils it most.
-    fn check_bodies(&self) -> Result<(), Complaint> {
+    /// Refuses bodies with a negative moment of inertia, at the line of the link with the smallest one.
+    fn check_bodies(&self) -> Result<(), Problem> {
         let frames = &self.model.frames;
         for (body, frame) in frames.iter().filter(|f| !f.rigid).map(|f| (f.body, f)) {
             inertia::check_body(&frame.name, &self.model.bodies[body].inertia).map_err(
-                |reason| {
+                |problem| {
                     let parts = (0..frames.len()).filter(|f| frames[*f].body == body);
                     let moment = |f: &usize| inertia::smallest_moment(&frames[*f].inertia);
                     let worst = parts.min_by(|a, b| moment(a).total_cmp(&moment(b)));
                     let link = self.link_of[worst.unwrap_or(0)];
-                    (self.source.links[link].of("inertia"), reason)
+                    problem.at("", self.source.links[link].of("inertia"))
                 },
             )?;
         }

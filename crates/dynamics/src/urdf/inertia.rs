@@ -1,9 +1,10 @@
-//! Is this inertia that of some distribution of mass?
+//! Inertias of links and bodies: refused or warned of where no distribution of mass has them.
 
-use super::Complaint;
+use super::problem_at;
 use super::text::Lines;
 use crate::spatial::{Inertia, Se3};
 use nalgebra::{Matrix3, Vector3};
+use problem::Problem;
 
 /// Share of the largest principal moment that rounding in a file may cost.
 const ROUNDING: f64 = 1e-6;
@@ -12,18 +13,15 @@ const ROUNDING: f64 = 1e-6;
 pub(super) fn of_link(
     link: &urdf_rs::Link,
     lines: &Lines,
-    warnings: &mut Vec<String>,
-) -> Result<Inertia, Complaint> {
+    warnings: &mut Vec<Problem>,
+) -> Result<Inertia, Problem> {
     if !lines.has("inertial") {
         return Ok(Inertia::zero());
     }
     let mass = link.inertial.mass.value;
     if mass < 0.0 {
-        let reason = format!(
-            "link \"{}\": mass {mass} kg; allowed: a finite number >= 0",
-            link.name
-        );
-        return Err((lines.of("mass"), reason));
+        let reason = format!("link \"{}\": mass {mass} kg", link.name);
+        return Err(problem_at(lines.of("mass"), reason, "a finite number >= 0"));
     }
     let i = &link.inertial.inertia;
     let tensor = Matrix3::new(
@@ -35,31 +33,33 @@ pub(super) fn of_link(
     let numbers = inertia.rotational.iter().chain(&inertia.first_moment);
     if !numbers.copied().all(f64::is_finite) {
         let reason = format!("link \"{}\": its inertia overflows", link.name);
-        return Err((lines.of("inertial"), reason));
+        return Err(problem_at(lines.of("inertial"), reason, ""));
     }
     let m = sorted_moments(&tensor);
     if m[0] < -ROUNDING * m[2].abs() || m[0] + m[1] < m[2] * (1.0 - ROUNDING) {
-        warnings.push(format!(
-            "{}: link \"{}\": principal moments of inertia {:.6e} {:.6e} {:.6e} belong to no distribution of mass (each at most the sum of the others, none negative)",
-            lines.of("inertia"), link.name, m[0], m[1], m[2]
-        ));
+        let what = format!(
+            "link \"{}\": principal moments of inertia {:.6e} {:.6e} {:.6e} belong to no distribution of mass (each at most the sum of the others, none negative)",
+            link.name, m[0], m[1], m[2]
+        );
+        warnings.push(problem_at(lines.of("inertia"), what, ""));
     }
     Ok(inertia)
 }
 
 /// Refuses a body whose kinetic energy could be negative: nothing can be built that moves so, and
 /// forward dynamics would answer a torque with acceleration the other way.
-pub(super) fn check_body(name: &str, inertia: &Inertia) -> Result<(), String> {
+pub(super) fn check_body(name: &str, inertia: &Inertia) -> Result<(), Problem> {
     let m = sorted_moments(&inertia.central());
     // Parallel axes subtract large numbers: allow for their rounding too.
     let scale = m[2].abs().max(inertia.rotational.trace() * 1e-6);
     if m[0] >= -ROUNDING * scale {
         return Ok(());
     }
-    Err(format!(
-        "the body of link \"{name}\" (with what is fixed to it) has the principal moments of inertia {:.6e} {:.6e} {:.6e} kg m^2 about its centre of mass; allowed: none negative",
+    let reason = format!(
+        "the body of link \"{name}\" (with what is fixed to it) has the principal moments of inertia {:.6e} {:.6e} {:.6e} kg m^2 about its centre of mass",
         m[0], m[1], m[2]
-    ))
+    );
+    Err(Problem::new(reason, "none negative"))
 }
 
 /// Smallest principal moment about the centre of mass.

@@ -1,4 +1,4 @@
-//! URDF to [`Model`], strictly: what is physically unusable is refused with file, line and reason.
+//! URDF to [`Model`], strictly: physically unusable input is refused with file, line and reason.
 //!
 //! `text` checks the XML and its numbers and hands `urdf-rs` a copy without visuals, collisions and
 //! extensions (it stumbles over some of them); `tree` checks the topology; `inertia` the physics;
@@ -11,25 +11,7 @@ mod transmission;
 mod tree;
 
 use crate::model::{Base, Model};
-
-/// Why a URDF was refused: `file:line: reason; allowed: ...`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct UrdfError {
-    /// Name of the file, as given.
-    pub file: String,
-    /// Line, from 1.
-    pub line: u32,
-    /// What is wrong and what is allowed.
-    pub reason: String,
-}
-
-impl std::fmt::Display for UrdfError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}:{}: {}", self.file, self.line, self.reason)
-    }
-}
-
-impl std::error::Error for UrdfError {}
+use problem::Problem;
 
 /// How to read a URDF.
 #[derive(Clone, Debug)]
@@ -40,12 +22,17 @@ pub struct UrdfOptions {
     pub independent: Vec<String>,
 }
 
-/// A complaint before it knows its file.
-pub(crate) type Complaint = (u32, String);
+/// A problem on a line; the file's name is added at the end.
+fn problem_at(line: usize, reason: impl Into<String>, allowed: impl Into<String>) -> Problem {
+    Problem::new(reason, allowed).at("", line)
+}
 
 impl Model {
     /// Reads a URDF. `file_name` is only used in messages.
-    pub fn from_urdf(text: &str, file_name: &str, base: Base) -> Result<Model, UrdfError> {
+    ///
+    /// # Errors
+    /// The first problem, with file and line.
+    pub fn from_urdf(text: &str, file_name: &str, base: Base) -> Result<Model, Problem> {
         let options = UrdfOptions {
             base,
             independent: Vec::new(),
@@ -54,22 +41,22 @@ impl Model {
     }
 
     /// Reads a URDF with options. `file_name` is only used in messages.
+    ///
+    /// # Errors
+    /// The first problem, with file and line.
     pub fn from_urdf_with(
         text: &str,
         file_name: &str,
         options: &UrdfOptions,
-    ) -> Result<Model, UrdfError> {
-        let refuse = |(line, reason): Complaint| UrdfError {
-            file: file_name.to_owned(),
-            line,
-            reason,
+    ) -> Result<Model, Problem> {
+        let in_file = |problem: Problem| {
+            let line = problem.line;
+            problem.at(file_name, line)
         };
-        let source = text::read(text).map_err(refuse)?;
-        let tree = tree::Tree::new(&source, &options.independent).map_err(refuse)?;
-        let mut model = build::model(&source, &tree, options.base).map_err(refuse)?;
-        for warning in &mut model.warnings {
-            warning.insert_str(0, &format!("{file_name}:"));
-        }
+        let source = text::read(text).map_err(in_file)?;
+        let tree = tree::Tree::new(&source, &options.independent).map_err(in_file)?;
+        let mut model = build::model(&source, &tree, options.base).map_err(in_file)?;
+        model.warnings = model.warnings.into_iter().map(in_file).collect();
         Ok(model)
     }
 }

@@ -1,15 +1,16 @@
 //! The XML: numbers are checked where their line is known, then `urdf-rs` reads a clean copy.
 
-use super::Complaint;
+use super::problem_at;
 use super::transmission::{self, Transmission};
+use problem::Problem;
 use roxmltree::{Document, Node};
 use std::fmt::Write;
 
-/// What `urdf-rs` read, and the line on which each element stands.
+/// The robot as `urdf-rs` read it, and the line of each element.
 pub(super) struct Source {
     pub(super) robot: urdf_rs::Robot,
     /// Line of `<robot>`.
-    pub(super) line: u32,
+    pub(super) line: usize,
     pub(super) links: Vec<Lines>,
     pub(super) joints: Vec<Lines>,
     pub(super) transmissions: Vec<Transmission>,
@@ -17,17 +18,17 @@ pub(super) struct Source {
 
 /// Lines of a link or joint and of its child elements, by tag.
 pub(super) struct Lines {
-    own: u32,
-    parts: Vec<(&'static str, u32)>,
+    own: usize,
+    parts: Vec<(&'static str, usize)>,
 }
 
 impl Lines {
     /// Line of the element itself.
-    pub(super) fn own(&self) -> u32 {
+    pub(super) fn own(&self) -> usize {
         self.own
     }
     /// Line of a child element, or of the element where it has none such.
-    pub(super) fn of(&self, tag: &str) -> u32 {
+    pub(super) fn of(&self, tag: &str) -> usize {
         let part = self.parts.iter().find(|p| p.0 == tag);
         part.map_or(self.own, |p| p.1)
     }
@@ -37,7 +38,7 @@ impl Lines {
     }
 }
 
-/// What an attribute must hold.
+/// Allowed value of an attribute.
 enum Kind {
     Text,
     /// That many finite numbers.
@@ -145,16 +146,15 @@ const JOINT: Rule = Rule {
 };
 
 /// Reads the text of a URDF.
-pub(super) fn read(text: &str) -> Result<Source, Complaint> {
-    let document = Document::parse(text).map_err(|e| (e.pos().row, format!("not XML: {e}")))?;
+pub(super) fn read(text: &str) -> Result<Source, Problem> {
+    let document = Document::parse(text)
+        .map_err(|e| problem_at(e.pos().row as usize, format!("not XML: {e}"), ""))?;
     let root = document.root_element();
-    let line = |n: Node| document.text_pos_at(n.range().start).row;
+    let line = |n: Node| document.text_pos_at(n.range().start).row as usize;
     if root.tag_name().name() != "robot" {
         let tag = root.tag_name().name();
-        return Err((
-            line(root),
-            format!("the root element is <{tag}>; allowed: <robot>"),
-        ));
+        let reason = format!("the root element is <{tag}>");
+        return Err(problem_at(line(root), reason, "<robot>"));
     }
     let mut copy = String::from("<robot");
     for name in ["name", "version"] {
@@ -178,9 +178,14 @@ pub(super) fn read(text: &str) -> Result<Source, Complaint> {
         });
     }
     copy.push_str("</robot>");
-    let robot = urdf_rs::read_from_string(&copy).map_err(|e| (line(root), e.to_string()))?;
+    let robot =
+        urdf_rs::read_from_string(&copy).map_err(|e| problem_at(line(root), e.to_string(), ""))?;
     if robot.links.len() != links.len() || robot.joints.len() != joints.len() {
-        return Err((line(root), "links or joints were lost in reading".into()));
+        return Err(problem_at(
+            line(root),
+            "links or joints were lost in reading",
+            "",
+        ));
     }
     Ok(Source {
         robot,
@@ -195,28 +200,26 @@ pub(super) fn read(text: &str) -> Result<Source, Complaint> {
 fn element(
     rule: &Rule,
     node: Node,
-    line: &dyn Fn(Node) -> u32,
+    line: &dyn Fn(Node) -> usize,
     copy: &mut String,
-    parts: &mut Vec<(&'static str, u32)>,
-) -> Result<(), Complaint> {
+    parts: &mut Vec<(&'static str, usize)>,
+) -> Result<(), Problem> {
     let _ = write!(copy, "<{}", rule.tag);
     for (name, kind, default) in rule.attributes {
         let value = match (node.attribute(*name), default) {
             (Some(given), _) => {
-                check(kind, given).map_err(|allowed| {
-                    let tag = rule.tag;
-                    (
-                        line(node),
-                        format!("<{tag} {name}=\"{given}\">: allowed: {allowed}"),
-                    )
-                })?;
+                if let Some(allowed) = allowed_instead(kind, given) {
+                    let reason = format!("<{} {name}=\"{given}\">", rule.tag);
+                    return Err(problem_at(line(node), reason, allowed));
+                }
                 given
             }
             (None, Some("")) => continue,
             (None, Some(default)) => default,
             (None, None) => {
                 let tag = rule.tag;
-                return Err((line(node), format!("<{tag}> lacks the attribute {name}")));
+                let reason = format!("<{tag}> lacks the attribute {name}");
+                return Err(problem_at(line(node), reason, ""));
             }
         };
         attribute(copy, name, value);
@@ -233,42 +236,40 @@ fn element(
             }
             None if rule.required.contains(&child.tag) => {
                 let reason = format!("<{}> lacks <{}>", rule.tag, child.tag);
-                return Err((line(node), reason));
+                return Err(problem_at(line(node), reason, ""));
             }
             None => {}
         }
         if let Some(second) = found.next() {
             let reason = format!("<{}> holds a second <{}>", rule.tag, child.tag);
-            return Err((line(second), reason));
+            return Err(problem_at(line(second), reason, "one"));
         }
     }
     let _ = write!(copy, "</{}>", rule.tag);
     Ok(())
 }
 
-/// What is allowed, if `value` is not.
-fn check(kind: &Kind, value: &str) -> Result<(), String> {
-    match kind {
-        Text if value.trim().is_empty() => Err("a name".into()),
-        Text => Ok(()),
-        JointType if JOINT_TYPES.contains(&value) => Ok(()),
-        JointType => Err(JOINT_TYPES.join(", ")),
-        Bound => match value.trim().parse::<f64>() {
-            Ok(x) if !x.is_nan() => Ok(()),
-            _ => Err("a number".into()),
-        },
+/// Description of the allowed values, unless `value` is one of them.
+fn allowed_instead(kind: &Kind, value: &str) -> Option<String> {
+    let (is_allowed, allowed) = match kind {
+        Text => (!value.trim().is_empty(), "a name".into()),
+        JointType => (JOINT_TYPES.contains(&value), JOINT_TYPES.join(", ")),
+        Bound => {
+            let number = value.trim().parse::<f64>();
+            (number.is_ok_and(|x| !x.is_nan()), "a number".into())
+        }
         Numbers(n) => {
             let finite = |t: &str| t.parse::<f64>().is_ok_and(f64::is_finite);
             let mut tokens = value.split_whitespace();
-            if tokens.clone().count() == *n && tokens.all(finite) {
-                return Ok(());
-            }
-            Err(match n {
+            let all = tokens.clone().count() == *n && tokens.all(finite);
+            let allowed = match n {
                 1 => "a finite number".into(),
                 n => format!("{n} finite numbers"),
-            })
+            };
+            (all, allowed)
         }
-    }
+    };
+    (!is_allowed).then_some(allowed)
 }
 
 fn attribute(copy: &mut String, name: &str, value: &str) {

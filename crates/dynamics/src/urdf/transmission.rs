@@ -1,12 +1,13 @@
 //! Gear ratios and rotor inertias in `<transmission>` and `<ros2_control>`.
 
-use super::Complaint;
+use super::problem_at;
+use problem::Problem;
 use roxmltree::Node;
 
-/// What one element says of one joint.
+/// Gear and rotor of one joint, as one element gives them.
 pub(super) struct Transmission {
     pub(super) joint: String,
-    pub(super) line: u32,
+    pub(super) line: usize,
     pub(super) gear_ratio: Option<f64>,
     pub(super) rotor_inertia: Option<f64>,
 }
@@ -19,11 +20,11 @@ const REDUCTION: [&str; 4] = [
 ];
 const ROTOR: [&str; 2] = ["rotorInertia", "rotor_inertia"];
 
-/// All that the robot's extensions say of gears and rotors.
+/// All gears and rotors in the robot's extensions.
 pub(super) fn read(
     robot: Node,
-    line: &dyn Fn(Node) -> u32,
-) -> Result<Vec<Transmission>, Complaint> {
+    line: &dyn Fn(Node) -> usize,
+) -> Result<Vec<Transmission>, Problem> {
     let mut found = Vec::new();
     for node in robot.children().filter(Node::is_element) {
         match node.tag_name().name() {
@@ -47,9 +48,9 @@ pub(super) fn read(
 /// itself and of its only actuator multiply; else each joint has its own.
 fn transmission(
     node: Node,
-    line: &dyn Fn(Node) -> u32,
+    line: &dyn Fn(Node) -> usize,
     found: &mut Vec<Transmission>,
-) -> Result<(), Complaint> {
+) -> Result<(), Problem> {
     let parts = |tag: &str| -> Vec<Node> {
         let children = node.children().filter(Node::is_element);
         children.filter(|n| n.tag_name().name() == tag).collect()
@@ -77,7 +78,7 @@ fn transmission(
     Ok(())
 }
 
-fn joint(node: Node, line: &dyn Fn(Node) -> u32) -> Result<Option<Transmission>, Complaint> {
+fn joint(node: Node, line: &dyn Fn(Node) -> usize) -> Result<Option<Transmission>, Problem> {
     let Some(name) = node.attribute("name") else {
         return Ok(None);
     };
@@ -89,13 +90,13 @@ fn joint(node: Node, line: &dyn Fn(Node) -> u32) -> Result<Option<Transmission>,
     }))
 }
 
-fn gear_ratio(node: Node, line: &dyn Fn(Node) -> u32) -> Result<Option<f64>, Complaint> {
+fn gear_ratio(node: Node, line: &dyn Fn(Node) -> usize) -> Result<Option<f64>, Problem> {
     number(node, &REDUCTION, line, "a finite number, not 0", |x| {
         x != 0.0
     })
 }
 
-fn rotor_inertia(node: Node, line: &dyn Fn(Node) -> u32) -> Result<Option<f64>, Complaint> {
+fn rotor_inertia(node: Node, line: &dyn Fn(Node) -> usize) -> Result<Option<f64>, Problem> {
     number(node, &ROTOR, line, "a finite number >= 0", |x| x >= 0.0)
 }
 
@@ -104,10 +105,10 @@ fn rotor_inertia(node: Node, line: &dyn Fn(Node) -> u32) -> Result<Option<f64>, 
 fn number(
     node: Node,
     names: &[&str],
-    line: &dyn Fn(Node) -> u32,
+    line: &dyn Fn(Node) -> usize,
     allowed: &str,
     is_allowed: impl Fn(f64) -> bool,
-) -> Result<Option<f64>, Complaint> {
+) -> Result<Option<f64>, Problem> {
     let is_it = |n: &Node| match n.tag_name().name() {
         "param" => n.attribute("name").is_some_and(|a| names.contains(&a)),
         tag => names.contains(&tag),
@@ -120,8 +121,8 @@ fn number(
         Ok(x) if x.is_finite() && is_allowed(x) => Ok(Some(x)),
         _ => {
             let tag = child.tag_name().name();
-            let reason = format!("<{tag}> holds \"{}\"; allowed: {allowed}", text.trim());
-            Err((line(child), reason))
+            let reason = format!("<{tag}> holds \"{}\"", text.trim());
+            Err(problem_at(line(child), reason, allowed))
         }
     }
 }

@@ -1,7 +1,8 @@
-//! Topology: names, who carries whom, one root, no loop; mimic joints resolved.
+//! Topology: unique names, parents and children, one root, no loop; mimic joints resolved.
 
-use super::Complaint;
+use super::problem_at;
 use super::text::Source;
+use problem::Problem;
 use std::collections::HashMap;
 use urdf_rs::JointType;
 
@@ -16,7 +17,7 @@ pub(super) struct Tree {
     /// For each joint the one that drives it, and `q = ratio q_driver + offset`.
     pub(super) driver: Vec<Driver>,
     /// What is odd but usable, each with its line.
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Problem>,
 }
 
 /// See `Tree::driver`.
@@ -28,7 +29,7 @@ pub(super) struct Driver {
 }
 
 impl Tree {
-    pub(super) fn new(source: &Source, independent: &[String]) -> Result<Tree, Complaint> {
+    pub(super) fn new(source: &Source, independent: &[String]) -> Result<Tree, Problem> {
         let robot = &source.robot;
         let links = by_name("link", robot.links.iter().map(|l| l.name.as_str()), |i| {
             source.links[i].own()
@@ -43,11 +44,9 @@ impl Tree {
             let lines = &source.joints[i];
             let find = |tag: &str, link: &str| {
                 links.get(link).copied().ok_or_else(|| {
-                    let reason = format!(
-                        "joint \"{}\": <{tag} link=\"{link}\">: no such link",
-                        joint.name
-                    );
-                    (lines.of(tag), reason)
+                    let name = &joint.name;
+                    let reason = format!("joint \"{name}\": <{tag} link=\"{link}\">: no such link");
+                    problem_at(lines.of(tag), reason, "")
                 })
             };
             let p = find("parent", &joint.parent.link)?;
@@ -55,10 +54,10 @@ impl Tree {
             if let Some(other) = carrier[c] {
                 let other: &urdf_rs::Joint = &robot.joints[other];
                 let reason = format!(
-                    "link \"{}\" is carried by joint \"{}\" and by joint \"{}\"; allowed: one (loops are not)",
+                    "link \"{}\" is carried by joint \"{}\" and by joint \"{}\"",
                     joint.child.link, other.name, joint.name
                 );
-                return Err((lines.of("child"), reason));
+                return Err(problem_at(lines.of("child"), reason, "one (loops are not)"));
             }
             carrier[c] = Some(i);
             children[p].push(i);
@@ -81,8 +80,8 @@ impl Tree {
         Ok(tree)
     }
 
-    /// With one carrier per link, what the root does not reach is a loop.
-    fn refuse_loops(&self, source: &Source) -> Result<(), Complaint> {
+    /// With one carrier per link, a link that the root does not reach is in a loop.
+    fn refuse_loops(&self, source: &Source) -> Result<(), Problem> {
         let mut reached = vec![false; self.children.len()];
         let mut stack = vec![self.root];
         while let Some(link) = stack.pop() {
@@ -93,10 +92,8 @@ impl Tree {
             None => Ok(()),
             Some(link) => {
                 let name = &source.robot.links[link].name;
-                let reason = format!(
-                    "link \"{name}\" is in a loop of joints or carried by one; allowed: a tree"
-                );
-                Err((source.links[link].own(), reason))
+                let reason = format!("link \"{name}\" is in a loop of joints or carried by one");
+                Err(problem_at(source.links[link].own(), reason, "a tree"))
             }
         }
     }
@@ -105,39 +102,40 @@ impl Tree {
 fn by_name<'a>(
     what: &str,
     names: impl Iterator<Item = &'a str>,
-    line: impl Fn(usize) -> u32,
-) -> Result<HashMap<&'a str, usize>, Complaint> {
+    line: impl Fn(usize) -> usize,
+) -> Result<HashMap<&'a str, usize>, Problem> {
     let mut map = HashMap::new();
     for (i, name) in names.enumerate() {
         if let Some(first) = map.insert(name, i) {
-            let reason = format!(
-                "{what} \"{name}\" is already on line {}; allowed: each name once",
-                line(first)
-            );
-            return Err((line(i), reason));
+            let reason = format!("{what} \"{name}\" is already on line {}", line(first));
+            return Err(problem_at(line(i), reason, "each name once"));
         }
     }
     Ok(map)
 }
 
-fn root(source: &Source, carrier: &[Option<usize>]) -> Result<usize, Complaint> {
+fn root(source: &Source, carrier: &[Option<usize>]) -> Result<usize, Problem> {
     let mut roots = (0..carrier.len()).filter(|i| carrier[*i].is_none());
     let Some(root) = roots.next() else {
-        let reason = match source.links.first() {
-            None => "the robot has no <link>; allowed: at least one".into(),
-            Some(_) => {
-                "every link has a parent joint; allowed: exactly one has none (the root)".into()
-            }
-        };
-        let line = source.links.first().map_or(source.line, |l| l.own());
-        return Err((line, reason));
+        return Err(match source.links.first() {
+            None => problem_at(source.line, "the robot has no <link>", "at least one"),
+            Some(first) => problem_at(
+                first.own(),
+                "every link has a parent joint",
+                "exactly one has none (the root)",
+            ),
+        });
     };
     if let Some(second) = roots.next() {
         let reason = format!(
-            "links \"{}\" and \"{}\" both have no parent joint; allowed: exactly one (the root)",
+            "links \"{}\" and \"{}\" both have no parent joint",
             source.robot.links[root].name, source.robot.links[second].name
         );
-        return Err((source.links[second].own(), reason));
+        return Err(problem_at(
+            source.links[second].own(),
+            reason,
+            "exactly one (the root)",
+        ));
     }
     Ok(root)
 }
@@ -147,8 +145,8 @@ fn drivers(
     source: &Source,
     joints: &HashMap<&str, usize>,
     independent: &[String],
-    warnings: &mut Vec<String>,
-) -> Result<Vec<Driver>, Complaint> {
+    warnings: &mut Vec<Problem>,
+) -> Result<Vec<Driver>, Problem> {
     let all = &source.robot.joints;
     let mut drivers = Vec::with_capacity(all.len());
     for start in 0..all.len() {
@@ -164,10 +162,11 @@ fn drivers(
             let next = joints.get(mimic.joint.as_str()).copied();
             let Some(next) = next.filter(|n| all[*n].joint_type != JointType::Fixed) else {
                 if steps == 0 {
-                    warnings.push(format!(
-                        "{line}: joint \"{name}\" mimics \"{}\", which is no moving joint: taken as independent",
+                    let what = format!(
+                        "joint \"{name}\" mimics \"{}\", which is no moving joint: taken as independent",
                         mimic.joint
-                    ));
+                    );
+                    warnings.push(problem_at(line, what, ""));
                 }
                 break;
             };
@@ -176,11 +175,12 @@ fn drivers(
             d.joint = next;
             steps += 1;
             if steps > all.len() {
-                return Err((line, format!("joint \"{name}\" mimics itself in the end")));
+                let reason = format!("joint \"{name}\" mimics itself in the end");
+                return Err(problem_at(line, reason, ""));
             }
         }
         if !(d.ratio.is_finite() && d.offset.is_finite()) {
-            return Err((line, "mimic ratios multiply to infinity".into()));
+            return Err(problem_at(line, "mimic ratios multiply to infinity", ""));
         }
         drivers.push(d);
     }

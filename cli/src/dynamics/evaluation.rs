@@ -1,18 +1,75 @@
-//! The algorithms run on one state after another.
+//! The algorithms run on one state after another: from a request to its report.
 
-use super::report::{CaseReport, FrameMotion, FrameReport, More, Rows};
+use super::report::{CaseReport, FrameMotion, FrameReport, More, Report, Rows};
 use super::request::{BaseState, Case, Cases};
-use crate::*;
+use dynamics::*;
 use nalgebra::{DMatrix, Dim, Matrix, Matrix3xX, Matrix6xX, RawStorage};
+use problem::Problem;
 use std::collections::BTreeMap;
 
-/// A model and what is asked of it.
-pub(super) struct Evaluation<'a> {
+/// Evaluates cases on a URDF: texts or records, each with the name of its file.
+pub(super) fn evaluate(
+    (urdf, urdf_file): (&str, &str),
+    base: Base,
+    (request, request_file): (&Cases, &str),
+) -> Result<Report, Problem> {
+    let options = UrdfOptions {
+        base,
+        independent: request.joints.clone().unwrap_or_default(),
+    };
+    let mut model = Model::from_urdf_with(urdf, urdf_file, &options)?;
+    let in_request = |problem: Problem| problem.or_at(request_file, 0);
+    set_armatures(&mut model, request).map_err(in_request)?;
+    let evaluation = Evaluation::new(&model, request).map_err(in_request)?;
+    let mut data = Data::new(&model);
+    let mut cases = Vec::new();
+    for (index, case) in request.cases.iter().enumerate() {
+        let report = evaluation.case(&mut data, case);
+        cases.push(report.map_err(|mut problem| {
+            problem.reason = format!("cases[{index}].{}", problem.reason);
+            in_request(problem)
+        })?);
+    }
+    let bodies = model.bodies().iter().map(|b| b.name.clone());
+    Ok(Report {
+        joints: evaluation.names(),
+        warnings: model.warnings().to_vec(),
+        bodies: match request.more {
+            true => bodies.skip(usize::from(base == Base::Fixed)).collect(),
+            false => Vec::new(),
+        },
+        cases,
+    })
+}
+
+fn set_armatures(model: &mut Model, request: &Cases) -> Result<(), Problem> {
+    for (name, armature) in &request.armature {
+        let joint = model.joint_index(name);
+        let joint = joint.ok_or_else(|| no_joint("armature", name))?;
+        if *armature < 0.0 {
+            let reason = format!("armature.{name}: {armature}");
+            return Err(Problem::new(reason, "a number >= 0"));
+        }
+        model.set_armature(joint, *armature);
+    }
+    Ok(())
+}
+
+fn no_joint(key: &str, name: &str) -> Problem {
+    Problem::new(format!("{key}: \"{name}\" is no moving joint"), "")
+}
+
+fn no_link(key: &str, name: &str) -> Problem {
+    Problem::new(format!("{key}: no link \"{name}\""), "")
+}
+
+/// A model and a request.
+struct Evaluation<'a> {
     model: &'a Model,
     request: &'a Cases,
-    /// Component of `v` of each of the answer's components.
+    /// Component of `v` of each of the report's components.
     order: Vec<usize>,
-    /// Index and name of each frame asked for.
+    /// Index and name of each requested frame.
     frames: Vec<(usize, &'a str)>,
 }
 
@@ -25,10 +82,10 @@ struct State {
 }
 
 impl<'a> Evaluation<'a> {
-    pub(super) fn new(model: &'a Model, request: &'a Cases) -> Result<Self, String> {
+    fn new(model: &'a Model, request: &'a Cases) -> Result<Self, Problem> {
         let find = |name: &'a String| {
             let frame = model.frame_index(name);
-            let frame = frame.ok_or_else(|| format!("frames: no link \"{name}\""))?;
+            let frame = frame.ok_or_else(|| no_link("frames", name))?;
             Ok((frame, name.as_str()))
         };
         let frames = request.frames.iter().map(find);
@@ -36,17 +93,17 @@ impl<'a> Evaluation<'a> {
             model,
             request,
             order: order(model, request)?,
-            frames: frames.collect::<Result<_, String>>()?,
+            frames: frames.collect::<Result<_, Problem>>()?,
         })
     }
 
-    pub(super) fn names(&self) -> Vec<String> {
+    fn names(&self) -> Vec<String> {
         let base = self.model.base_size().0;
         let name = |k: &usize| self.model.joints()[k - base].name.clone();
         self.order[base..].iter().map(name).collect()
     }
 
-    pub(super) fn case(&self, data: &mut Data, case: &Case) -> Result<CaseReport, String> {
+    fn case(&self, data: &mut Data, case: &Case) -> Result<CaseReport, Problem> {
         let state = self.state(case)?;
         let State { q, v, a, f_ext } = &state;
         let model = self.model;
@@ -70,18 +127,19 @@ impl<'a> Evaluation<'a> {
         if numbers.copied().all(f64::is_finite) {
             Ok(report)
         } else {
-            Err("q, dq, ddq, base, f_ext: too large, the result is not finite".into())
+            let reason = "q, dq, ddq, base, f_ext: too large, the result is not finite";
+            Err(Problem::new(reason, ""))
         }
     }
 
-    fn state(&self, case: &Case) -> Result<State, String> {
+    fn state(&self, case: &Case) -> Result<State, Problem> {
         let fixed = self.model.base() == Base::Fixed;
         let base = case.base.unwrap_or(BaseState::REST);
         if fixed && base != BaseState::REST {
-            return Err(
-                "base: the root link is fixed to the world's origin; allowed: no base, or --floating"
-                    .into(),
-            );
+            return Err(Problem::new(
+                "base: the root link is fixed to the world's origin",
+                "no base, or --floating",
+            ));
         }
         Ok(State {
             q: self.vector("q", &base.pose()?, Some(&case.q))?,
@@ -92,7 +150,7 @@ impl<'a> Evaluation<'a> {
     }
 
     /// The model's vector: base part, then joints put in the model's order.
-    fn vector(&self, key: &str, base: &[f64], joints: Option<&[f64]>) -> Result<Vec<f64>, String> {
+    fn vector(&self, key: &str, base: &[f64], joints: Option<&[f64]>) -> Result<Vec<f64>, Problem> {
         let joint_count = self.model.joint_count();
         let mut x = match self.model.base() {
             Base::Fixed => Vec::new(),
@@ -102,9 +160,9 @@ impl<'a> Evaluation<'a> {
         x.resize(bx + joint_count, 0.0);
         let Some(joints) = joints else { return Ok(x) };
         if joints.len() != joint_count {
-            return Err(format!(
-                "{key}: {} numbers; allowed: {joint_count}, one per joint",
-                joints.len()
+            return Err(Problem::new(
+                format!("{key}: {} numbers", joints.len()),
+                format!("{joint_count}, one per joint"),
             ));
         }
         for (k, value) in self.order[bv..].iter().zip(joints) {
@@ -114,11 +172,11 @@ impl<'a> Evaluation<'a> {
     }
 
     /// External wrenches moved from links to their bodies.
-    fn wrenches(&self, case: &Case) -> Result<Vec<Force>, String> {
+    fn wrenches(&self, case: &Case) -> Result<Vec<Force>, Problem> {
         let mut all = vec![Force::zero(); self.model.bodies().len()];
         for (name, f) in &case.f_ext {
             let frame = self.model.frame_index(name);
-            let frame = frame.ok_or_else(|| format!("f_ext: no link \"{name}\""))?;
+            let frame = frame.ok_or_else(|| no_link("f_ext", name))?;
             let frame = &self.model.frames()[frame];
             all[frame.body] += frame.placement.act_force(Force::from_array(*f));
         }
@@ -207,8 +265,8 @@ impl<'a> Evaluation<'a> {
     }
 }
 
-/// Component of `v` of each of the answer's components: the base's, then the joints as named.
-fn order(model: &Model, request: &Cases) -> Result<Vec<usize>, String> {
+/// Component of `v` of each of the report's components: the base's, then the joints as named.
+fn order(model: &Model, request: &Cases) -> Result<Vec<usize>, Problem> {
     let base = model.base_size().0;
     let Some(names) = &request.joints else {
         return Ok((0..model.nv()).collect());
@@ -217,9 +275,10 @@ fn order(model: &Model, request: &Cases) -> Result<Vec<usize>, String> {
     for name in names {
         let joint = model
             .joint_index(name)
-            .ok_or_else(|| format!("joints: \"{name}\" is no moving joint"))?;
+            .ok_or_else(|| no_joint("joints", name))?;
         if order.contains(&(base + joint)) {
-            return Err(format!("joints: \"{name}\" is named twice"));
+            let reason = format!("joints: \"{name}\" is named twice");
+            return Err(Problem::new(reason, "each joint once"));
         }
         order.push(base + joint);
     }
@@ -227,8 +286,9 @@ fn order(model: &Model, request: &Cases) -> Result<Vec<usize>, String> {
         None => Ok(order),
         Some(k) => {
             let name = &model.joints()[k - base].name;
-            Err(format!(
-                "joints: \"{name}\" is missing; allowed: all moving joints (mimic joints as wished), in any order"
+            Err(Problem::new(
+                format!("joints: \"{name}\" is missing"),
+                "all moving joints (mimic joints as required), in any order",
             ))
         }
     }

@@ -1,44 +1,45 @@
 //! The sensors' file: TOML.
 
-use super::ContactRecord;
-use crate::parameters::{
+use super::request::ContactRecord;
+use dynamics::Se3;
+use problem::{Problem, line_at};
+use serde::Deserialize;
+use whole_body::{
     FtSensorParameters, Hypothesis, ImuParameters, MotionSource, Place, Residual, Weighting,
     WholeBodyParameters,
 };
-use dynamics::Se3;
-use serde::Deserialize;
 
-/// Which sensors a robot has, and where. See docs/whole-body.md.
+/// Sensors of a robot and their places; docs/whole-body-files.md describes the format.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct SensorsFile {
+pub(super) struct SensorsFile {
     /// The IMU; this or `fixed_base`.
     #[serde(default)]
-    pub imu: Option<ImuRecord>,
-    /// A link that a stand holds; this or `imu`.
+    pub(super) imu: Option<ImuRecord>,
+    /// A link held by a stand; this or `imu`.
     #[serde(default)]
-    pub fixed_base: Option<FixedBaseRecord>,
+    pub(super) fixed_base: Option<FixedBaseRecord>,
     /// The F/T sensors.
     #[serde(default, rename = "ft_sensor")]
-    pub ft_sensors: Vec<FtSensorRecord>,
+    pub(super) ft_sensors: Vec<FtSensorRecord>,
     /// Contacts of cases that give none.
     #[serde(default, rename = "contact")]
-    pub contacts: Vec<ContactRecord>,
+    pub(super) contacts: Vec<ContactRecord>,
     /// Least squares.
     #[serde(default)]
-    pub least_squares: LeastSquaresRecord,
+    pub(super) least_squares: LeastSquaresRecord,
     /// Standard deviation of every joint's acceleration, rad/s².
     #[serde(default)]
     pub sigma_ddq_rad_per_s2: f64,
     /// Standard deviation of the model's masses, per cent.
     #[serde(default)]
-    pub model_sigma_per_cent: f64,
+    pub(super) model_sigma_per_cent: f64,
 }
 
 /// `[imu]`
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ImuRecord {
+pub(super) struct ImuRecord {
     frame: String,
     #[serde(default)]
     xyz_m: [f64; 3],
@@ -55,7 +56,7 @@ pub struct ImuRecord {
 impl ImuRecord {
     /// Whether the gyro's derivative is taken as zero.
     #[must_use]
-    pub fn neglects_angular_acceleration(&self) -> bool {
+    pub(super) fn neglects_angular_acceleration(&self) -> bool {
         self.angular_acceleration == AngularAcceleration::Neglect
     }
 }
@@ -71,7 +72,7 @@ enum AngularAcceleration {
 /// `[fixed_base]`
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FixedBaseRecord {
+pub(super) struct FixedBaseRecord {
     link: String,
     #[serde(default = "standard_gravity")]
     gravity_m_per_s2: [f64; 3],
@@ -84,9 +85,9 @@ fn standard_gravity() -> [f64; 3] {
 /// `[[ft_sensor]]`
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FtSensorRecord {
+pub(super) struct FtSensorRecord {
     /// The sensor's name.
-    pub name: String,
+    pub(super) name: String,
     frame: String,
     #[serde(default)]
     cut: Option<String>,
@@ -94,9 +95,9 @@ pub struct FtSensorRecord {
     xyz_m: [f64; 3],
     #[serde(default)]
     rpy_deg: [f64; 3],
-    /// 1: it measures what the part beyond applies to the part before; -1: the reverse.
+    /// 1: it measures the wrench of the part beyond on the part before; -1: the reverse.
     #[serde(default = "one", deserialize_with = "sign")]
-    pub sign: i8,
+    pub(super) sign: i8,
     #[serde(default, rename = "sigma_N")]
     sigma_force: f64,
     #[serde(default, rename = "sigma_Nm")]
@@ -120,7 +121,7 @@ fn sign<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<i8, D::Erro
 /// `[least_squares]`
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LeastSquaresRecord {
+pub(super) struct LeastSquaresRecord {
     #[serde(default)]
     weights: Weights,
     #[serde(default)]
@@ -147,34 +148,32 @@ impl SensorsFile {
     /// Reads the file. `file` is only used in messages.
     ///
     /// # Errors
-    /// What is wrong, with the line.
-    pub fn parse(text: &str, file: &str) -> Result<Self, String> {
+    /// The first problem, with file and line.
+    pub(super) fn parse(text: &str, file: &str) -> Result<Self, Problem> {
         let parsed: Self = toml::from_str(text).map_err(|e| {
-            let before = e.span().map_or(0, |span| span.start);
-            let line = 1 + text[..before.min(text.len())].matches('\n').count();
-            format!("{file}:{line}: {}", e.message())
+            let start = e.span().map_or(0, |span| span.start);
+            Problem::new(e.message(), "").at(file, line_at(text, start))
         })?;
-        match (&parsed.imu, &parsed.fixed_base) {
-            (Some(_), Some(_)) => Err("[imu] and [fixed_base] are both given; allowed: one"),
-            (None, None) => Err(
-                "neither [imu] nor [fixed_base]; allowed: one of them: without, \
-                                 acceleration and weight are unknown",
+        let problem = match (&parsed.imu, &parsed.fixed_base) {
+            (Some(_), Some(_)) => Problem::new("[imu] and [fixed_base] are both given", "one"),
+            (None, None) => Problem::new(
+                "neither [imu] nor [fixed_base]",
+                "one of them: without, acceleration and weight are unknown",
             ),
-            _ => Ok(()),
-        }
-        .map_err(|e| format!("{file}: {e}"))?;
-        Ok(parsed)
+            _ => return Ok(parsed),
+        };
+        Err(problem.at(file, 0))
     }
 
-    /// What the estimator is to use.
+    /// The estimator's parameters.
     ///
     /// # Errors
-    /// Numbers that are none.
-    pub fn parameters(
+    /// Neither IMU nor fixed base.
+    pub(super) fn parameters(
         &self,
         joints: &[String],
         hypothesis: Hypothesis,
-    ) -> Result<WholeBodyParameters, String> {
+    ) -> Result<WholeBodyParameters, Problem> {
         let place = |link: &str, xyz: [f64; 3], rpy_deg: [f64; 3]| Place {
             link: link.to_owned(),
             placement: Se3::from_xyz_rpy(xyz, rpy_deg.map(f64::to_radians)),
@@ -196,7 +195,12 @@ impl SensorsFile {
                 link: fixed.link.clone(),
                 gravity: fixed.gravity_m_per_s2.into(),
             },
-            (None, None) => return Err("neither [imu] nor [fixed_base]".to_owned()),
+            (None, None) => {
+                return Err(Problem::new(
+                    "neither [imu] nor [fixed_base]",
+                    "one of them",
+                ));
+            }
         };
         Ok(WholeBodyParameters {
             joints: joints.to_vec(),
