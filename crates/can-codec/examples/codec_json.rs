@@ -54,9 +54,9 @@ fn answer(request: &Value, dbc: &Dbc) -> Result<Value, Box<dyn Error>> {
     let requests = |key: &str| request[key].as_array().cloned().unwrap_or_default();
     let decoded: Result<Vec<Value>, Box<dyn Error>> = requests("decode")
         .iter()
-        .map(|wanted| {
-            let bytes: Vec<u8> = serde_json::from_value(wanted["data"].clone())?;
-            let id = u32::try_from(wanted["id"].as_u64().ok_or("no id")?)?;
+        .map(|request| {
+            let bytes: Vec<u8> = serde_json::from_value(request["data"].clone())?;
+            let id = u32::try_from(request["id"].as_u64().ok_or("no id")?)?;
             let mut frame = Frame::zeroed(0, id, u8::try_from(bytes.len())?, true);
             frame
                 .data
@@ -77,11 +77,11 @@ fn answer(request: &Value, dbc: &Dbc) -> Result<Value, Box<dyn Error>> {
         .collect();
     let encoded: Result<Vec<Value>, Box<dyn Error>> = requests("encode")
         .iter()
-        .map(|wanted| {
-            let message = wanted["message"].as_str().ok_or("no message")?;
+        .map(|request| {
+            let message = request["message"].as_str().ok_or("no message")?;
             let slots: Vec<f64> = names
                 .iter()
-                .map(|(of, signal)| match wanted["values"][signal].as_f64() {
+                .map(|(of, signal)| match request["values"][signal].as_f64() {
                     Some(value) if *of == message => value,
                     _ => 0.0,
                 })

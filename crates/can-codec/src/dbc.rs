@@ -24,7 +24,7 @@ pub struct Message {
     pub id: u32,
     /// Length of its data, bytes.
     pub len: u8,
-    /// It travels as a CAN FD frame: longer than 8 bytes, or its `VFrameFormat` says so.
+    /// It travels as a CAN FD frame: longer than 8 bytes, or of such a `VFrameFormat`.
     pub fd: bool,
     /// Line in the file, from 1.
     pub line: usize,
@@ -39,7 +39,7 @@ pub struct Signal {
     pub name: String,
     /// Unit as written.
     pub unit: String,
-    /// What the bits are.
+    /// Meaning of the bits.
     pub coding: Coding,
     /// Bits.
     pub size: u8,
@@ -47,7 +47,7 @@ pub struct Signal {
     pub scale: f64,
     /// Value of count zero.
     pub offset: f64,
-    /// Least value that the signal may have: what is written, or else what its bits can hold.
+    /// Least value that the signal may have: as written, or else the least that its bits can hold.
     pub min: f64,
     /// Greatest value that the signal may have.
     pub max: f64,
@@ -102,7 +102,7 @@ impl Signal {
     }
 }
 
-/// An identifier as people write it: decimal and hexadecimal, without the extended bit.
+/// An identifier for messages: decimal and hexadecimal, without the extended bit.
 pub(crate) fn show_id(id: u32) -> String {
     let bare = id & !EXTENDED_ID;
     let kind = if id & EXTENDED_ID == 0 {

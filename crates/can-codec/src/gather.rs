@@ -1,4 +1,4 @@
-//! Which messages of a cycle have arrived.
+//! The messages of a cycle that have arrived.
 
 use crate::frame::Frame;
 use crate::table::Table;
@@ -6,9 +6,9 @@ use crate::table::Table;
 /// The messages that a cycle waits for, ticked off as they arrive.
 #[derive(Clone, Debug)]
 pub struct Gather {
-    /// Messages that come when they like.
+    /// Messages that are not awaited.
     unasked: Vec<bool>,
-    /// Messages that have arrived, or come when they like.
+    /// Messages that have arrived, or are not awaited.
     seen: Vec<bool>,
     remaining: usize,
 }
@@ -39,7 +39,7 @@ impl Gather {
         self.remaining = self.seen.iter().filter(|seen| !**seen).count();
     }
 
-    /// A new cycle begins, waiting for the messages that `other` waits for.
+    /// A new cycle begins, which waits for the messages that `other` waits for.
     pub fn begin_like(&mut self, other: &Self) {
         for (mine, theirs) in self.unasked.iter_mut().zip(&other.unasked) {
             *mine = *theirs;
@@ -60,7 +60,7 @@ impl Gather {
         self.complete()
     }
 
-    /// Every message that is waited for has arrived.
+    /// Every awaited message has arrived.
     #[must_use]
     pub fn complete(&self) -> bool {
         self.remaining == 0

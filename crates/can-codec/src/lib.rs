@@ -1,10 +1,9 @@
 //! CAN frames to signals and back.
 //!
-//! A DBC file says where each signal lies in which frame. [`Dbc`] reads and validates it,
+//! A DBC file describes the place of each signal in its frame. [`Dbc`] reads and validates it,
 //! [`Table`] compiles the signals that are used to shifts, masks and one linear map each, and
-//! [`Gather`] tells when every message that is waited for has arrived. The tables work both ways:
-//! what one side decodes the other side encodes, so a simulated robot uses the same two tables as
-//! the daemon.
+//! [`Gather`] determines when every awaited message has arrived. A table both decodes and encodes,
+//! so a simulated robot uses the same two tables as the daemon.
 #![deny(unsafe_code)]
 
 mod dbc;

@@ -1,4 +1,4 @@
-//! Lines of a DBC file's messages and signals: the parser that is used keeps none.
+//! Lines of a DBC file's messages and signals, which the parser does not keep.
 
 /// A message's line and the lines of its signals, in the file's order.
 pub(crate) struct MessageLines {

@@ -1,11 +1,11 @@
-//! Where a signal's bits lie in a frame, and what they mean.
+//! Place and coding of a signal's bits in a frame.
 
 use crate::frame::MAX_DATA;
 
 /// Bytes read at once: nine would do for 64 bits that begin inside a byte.
 const WINDOW: usize = 16;
 
-/// What a signal's bits are.
+/// Meaning of a signal's bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coding {
     /// Unsigned integer.

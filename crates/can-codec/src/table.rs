@@ -55,7 +55,7 @@ pub enum DecodeError {
 pub struct TableProblem {
     /// Index of the mapped signal it is about; none if it is about the DBC files alone.
     pub map: Option<usize>,
-    /// What is wrong; its place is the DBC file's, where it is about one.
+    /// The problem; its place is in the DBC file, where it is about one.
     pub problem: Problem,
 }
 

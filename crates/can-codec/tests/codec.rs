@@ -31,7 +31,7 @@ fn a_frame_of_another_library_means_the_same() {
 }
 
 #[test]
-fn a_frame_of_the_leg_means_what_its_dbc_file_says() {
+fn a_frame_of_the_leg_decodes_as_packed_by_hand() {
     // link_angle 0|19, motor_angle 19|16, current 35|16 signed, status 51|8: counts 262144 + 1,
     // 0xABCD, -1000 and 3, packed by hand.
     let packed: u64 = 262_145 | 0xABCD << 19 | (0x1_0000 - 1000) << 35 | 3 << 51;
@@ -49,7 +49,7 @@ fn a_frame_of_the_leg_means_what_its_dbc_file_says() {
 }
 
 #[test]
-fn frames_that_fit_no_message_are_told_apart() {
+fn frames_of_no_message_are_refused_by_kind() {
     let file = dbc(
         "BO_ 1 USED: 8 A\n SG_ a : 0|8@1+ (1,0) [0|0] \"\" B\n\nBO_ 2 IDLE: 8 A\n\nBO_ 2147483649 EXTENDED: 4 A\n SG_ a : 0|8@1+ (1,0) [0|0] \"\" B",
     );

@@ -1,4 +1,4 @@
-//! What the DBC reader refuses, and how it says so.
+//! Refusals of the DBC reader, and their messages.
 
 mod common;
 
@@ -109,7 +109,7 @@ fn text_that_is_no_dbc_file_is_refused_with_its_line() {
 }
 
 #[test]
-fn every_problem_of_a_file_is_told() {
+fn every_problem_of_a_file_is_reported() {
     let text = refusal(
         "BO_ 1 M: 8 A\n SG_ a : 0|0@1+ (1,0) [0|0] \"\" B\n SG_ b : 0|8@1+ (0,0) [0|0] \"\" B\n\nBO_ 1 N: 9 A",
     );
@@ -117,7 +117,7 @@ fn every_problem_of_a_file_is_told() {
 }
 
 #[test]
-fn floats_take_the_size_that_their_type_says() {
+fn floats_have_the_size_of_their_type() {
     let float = |size: u32, kind: u32| {
         format!(
             "BO_ 1 M: 8 A\n SG_ a : 0|{size}@1- (1,0) [0|0] \"\" B\n\nSIG_VALTYPE_ 1 a : {kind};"

@@ -1,8 +1,8 @@
-//! What is wrong with an input, where it stands, and what is allowed instead.
+//! Refusals of inputs: what is wrong, in which file and line, and what is allowed instead.
 //!
 //! Every refusal of a file, a request or a parameter is a [`Problem`], or [`Problems`] where all
 //! of them are reported at once. A layer that knows the file or the line adds it to the problem
-//! it passes on ([`Problem::or_at`]); no layer reads another's printed text.
+//! that it passes on ([`Problem::or_at`]); no layer parses another's printed text.
 #![deny(unsafe_code)]
 
 mod range;
@@ -105,6 +105,20 @@ impl From<Problem> for Problems {
     }
 }
 
+/// Names to choose from, for [`Problem::allowed`]; of many names the first ones and the number of
+/// the others.
+#[must_use]
+pub fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const SHOWN: usize = 60;
+    let names: Vec<&str> = names.into_iter().collect();
+    let shown = names[..names.len().min(SHOWN)].join(", ");
+    match names.len() {
+        0 => "none: there are no names to choose from".to_owned(),
+        n if n > SHOWN => format!("{shown} and {} more", n - SHOWN),
+        _ => shown,
+    }
+}
+
 /// The line of a text, from 1, in which the byte at `place` stands.
 #[must_use]
 pub fn line_at(text: &str, place: usize) -> usize {
@@ -129,6 +143,14 @@ mod tests {
         assert_eq!(whole_file.to_string(), "a.toml: cannot be read");
         let both = Problems(vec![bare, whole_file]);
         assert_eq!(both.to_string().lines().count(), 2);
+    }
+
+    #[test]
+    fn long_lists_of_names_are_shortened() {
+        assert_eq!(listed(["a", "b"]), "a, b");
+        let shortened = listed(core::iter::repeat_n("x", 70));
+        assert!(shortened.ends_with("x, x and 10 more"), "{shortened}");
+        assert!(listed([]).starts_with("none"));
     }
 
     #[test]

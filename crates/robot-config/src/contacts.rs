@@ -9,7 +9,7 @@ use robot_state::MAX_CONTACT_SETS;
 use whole_body::{ContactKind, ContactParameters, Hypothesis, LoadRule, Weighting};
 
 const LINK: &str = "the name of a link of the URDF";
-/// What a client asks for that leaves the choice to the rule.
+/// The name by which clients ask for the automatic rule.
 const AUTOMATIC: &str = "automatic";
 
 /// `[whole_body]` and `[[contacts]]`.
@@ -42,29 +42,33 @@ pub(crate) fn whole_body(root: &Section<'_, '_>, sensors: &[FtParameters]) -> Wh
         section.finish();
     }
     settings.contacts = contact_sets(root, sensors);
-    let nobody = settings.contacts.iter().all(|set| set.loaded.is_empty());
+    let without_load = settings.contacts.iter().all(|set| set.loaded.is_empty());
     if let Some(section) = root.optional_section("whole_body") {
-        if settings.load_rule.is_some() && nobody {
-            let allowed = "a table [[contacts]] with `loaded` or `unloaded`, or no rule";
-            section.problem("load", "no set of contacts follows the rule", allowed);
+        if settings.load_rule.is_some() && without_load {
+            let allowed =
+                "a table [[contacts]] with `loaded` or `unloaded`, or no table [whole_body.load]";
+            section.problem(
+                "load",
+                "no contact set has `loaded` or `unloaded`, so the rule chooses none",
+                allowed,
+            );
         }
         if settings.unknown_wrench_link.is_some() && !settings.contacts.is_empty() {
-            let allowed = "[[contacts]] that name every contact, or unknown_wrench_link alone";
-            let what = "the tables [[contacts]] say what touches the robot";
+            let allowed = "tables [[contacts]], or unknown_wrench_link, not both";
+            let what = "the tables [[contacts]] name the contacts already";
             section.problem("unknown_wrench_link", what, allowed);
         }
     }
     let contact_link = sensors.iter().find(|ft| ft.sensor.contact_link.is_some());
     if let (Some(ft), false) = (contact_link, settings.contacts.is_empty()) {
         let what = format!(
-            "the tables [[contacts]] say what touches the robot, and F/T sensor {} has a \
-             contact_link",
+            "the tables [[contacts]] name the contacts, and F/T sensor {} has a contact_link too",
             ft.sensor.name
         );
         root.problem("contacts", what, "one or the other");
     }
-    if settings.load_rule.is_none() && !nobody {
-        let what = "`loaded` and `unloaded` need a rule that says when a sensor is loaded";
+    if settings.load_rule.is_none() && !without_load {
+        let what = "`loaded` and `unloaded` need the rule that determines when a sensor is loaded";
         root.problem("contacts", what, "a table [whole_body.load]");
     }
     settings
@@ -80,11 +84,11 @@ fn stand(root: &Section<'_, '_>) -> Option<Stand> {
         .optional_section("robot")
         .is_some_and(|robot| robot.is("base", "fixed"))
     {
-        let what = "base = \"fixed\" bolts the root link down already";
+        let what = "base = \"fixed\" holds the root link already";
         section.problem(
             "link",
             what,
-            "base = \"floating\" with a link that a stand holds",
+            "base = \"floating\" in [robot], and here the link that the stand holds",
         );
     }
     section.finish();
@@ -101,7 +105,7 @@ fn load_rule(section: Section<'_, '_>) -> LoadRule {
         hold: 1e-3 * section.number_or("hold_ms", 20.0, Allowed::Within(0.0, 10_000.0)),
     };
     if rule.off >= rule.on {
-        let what = "a force between the two must leave the sensor as it is";
+        let what = "off_N is not below on_N, so the rule has no hysteresis";
         section.problem("off_N", what, "off_N < on_N");
     }
     section.finish();
@@ -111,7 +115,7 @@ fn load_rule(section: Section<'_, '_>) -> LoadRule {
 fn contact_sets(root: &Section<'_, '_>, sensors: &[FtParameters]) -> Vec<ContactSet> {
     let mut sections = root.list("contacts");
     if sections.len() > MAX_CONTACT_SETS {
-        let what = format!("{} sets of contacts are not allowed", sections.len());
+        let what = format!("{} contact sets are not allowed", sections.len());
         root.problem("contacts", what, format!("at most {MAX_CONTACT_SETS}"));
         sections.truncate(MAX_CONTACT_SETS);
     }
@@ -186,7 +190,7 @@ fn contact(section: Section<'_, '_>) -> ContactParameters {
     if directed == (direction == [0.0; 3]) {
         let what = match directed {
             true => "a force of known direction needs its direction",
-            false => "only a force of known direction has one",
+            false => "only a force of known direction has a direction",
         };
         let allowed = "type = \"known_direction\" with direction = [x, y, z], not all zero";
         section.problem("direction", what, allowed);

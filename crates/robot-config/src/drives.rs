@@ -30,7 +30,7 @@ enum Command {
     Current,
 }
 
-/// The drives by name; one that is incomplete counts as known, its problems are noted.
+/// The drives by name; nothing stands for one with a problem.
 pub(crate) fn read<'n>(
     root: &Section<'n, '_>,
     sample_period: f64,
@@ -92,7 +92,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
     })
 }
 
-/// The model, the low-pass's pole, and the torsion that the model leaves unexplained.
+/// The model, the low-pass's pole, and the standard deviation of the unmodelled torsion.
 fn compliance(section: Section<'_, '_>) -> (ComplianceParameters, f64, f64) {
     let parameters = ComplianceParameters {
         k_fs0: section.number("K_fs0_Nm_per_rad", Allowed::Positive),

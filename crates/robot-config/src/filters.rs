@@ -11,9 +11,9 @@ const MAX_WINDOW: u64 = 1000;
 /// Default window of the short filters, samples: the one that the demo's figures are taken with.
 const DELAY_COMPENSATION: u64 = 24;
 
-/// The filters of encoders and of sensors: both are read at the same instant, because signals that
-/// enter one equation must be late by the same time. The third filter is for control's velocity
-/// alone: it enters no such equation and is short.
+/// The long filters of encoders and sensors have one delay, because signals that enter one equation
+/// must belong to one instant; so have the short ones. The filter of control's velocities enters no
+/// such equation and is short by itself.
 pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
     let table = root.optional_section("filters");
     let section = table.as_ref();
@@ -35,8 +35,8 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
         (Some(section), Some(window)) => {
             for key in ["encoder", "sensor"] {
                 if section.has(key) {
-                    let what = "the matched filters are for encoders and sensors alike";
-                    section.problem(key, what, "matched, or encoder and sensor");
+                    let what = "matched filters take the place of the filter of encoders and that of sensors";
+                    section.problem(key, what, "matched, or encoder and sensor, not both");
                 }
             }
             (matched(window as usize, sample_period), window as usize)
@@ -73,7 +73,7 @@ fn matched(window: usize, sample_period: f64) -> SignalFilters {
     }
 }
 
-/// Window and order of two filters, both read in the middle of the longer window.
+/// Two filters, each given by window and order, with the delay of half the longer window.
 fn savitzky_golay(
     section: Option<&Section<'_, '_>>,
     encoder: (usize, usize),
@@ -86,7 +86,7 @@ fn savitzky_golay(
         && delay_samples > (shortest - 1) as f64
     {
         let what = format!(
-            "windows of {} and {} samples have no instant in common",
+            "windows of {} and {} samples cannot have one delay",
             encoder.0, sensor.0
         );
         let allowed =

@@ -5,7 +5,7 @@ use crate::reader::{Allowed, Diagnostics, Section};
 use crate::{Read, paths, unreadable};
 use dynamics::Base;
 
-/// Letters of a [`robot_state::Name`].
+/// Names that a [`robot_state::Name`] can hold.
 const NAME: &str = "a name of 1 to 48 letters, digits, _ or -";
 
 /// `[robot]`.
@@ -45,7 +45,7 @@ pub(crate) fn robot(root: &Section<'_, '_>, config: &str) -> Option<Named> {
     })
 }
 
-/// A name that fits into a record; empty if it was noted as wrong.
+/// A name that fits into a record; empty if a problem was noted.
 pub(crate) fn name(section: &Section<'_, '_>, key: &'static str) -> String {
     let Some(name) = section.text(key, NAME).map(|text| text.value) else {
         return String::new();
@@ -71,7 +71,7 @@ pub(crate) fn timing(root: &Section<'_, '_>) -> Timing {
         return timing;
     };
     timing.sample_period = 1.0 / section.number("rate_hz", Allowed::Within(1.0, 10_000.0));
-    // While the rate is unknown the others are judged against the slowest one.
+    // While the rate is unknown the other keys are checked against the lowest rate.
     let period = if timing.sample_period.is_nan() {
         1.0
     } else {
@@ -108,11 +108,11 @@ pub(crate) fn timing(root: &Section<'_, '_>) -> Timing {
 }
 
 pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
-    const MOST: usize = 32;
+    const MAX_BUSES: usize = 32;
     let sections = root.list("bus");
-    if sections.is_empty() || sections.len() > MOST {
+    if sections.is_empty() || sections.len() > MAX_BUSES {
         let what = format!("{} buses are not allowed", sections.len());
-        root.problem("bus", what, format!("1 to {MOST} tables [[bus]]"));
+        root.problem("bus", what, format!("1 to {MAX_BUSES} tables [[bus]]"));
     }
     let mut buses = Vec::<Bus>::new();
     for mut section in sections {
@@ -209,7 +209,7 @@ pub(crate) fn cross_check(root: &Section<'_, '_>) -> Option<CrossCheckSettings> 
     };
     if settings.current_ratio[0] >= 1.0 || settings.current_ratio[1] <= 1.0 {
         let what =
-            "the normal ratio of the current's torque to the others' must lie on both sides of 1";
+            "the range of the ratio of the current's torque to the others' does not contain 1";
         section.problem(
             "current_ratio_min",
             what,

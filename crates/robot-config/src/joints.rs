@@ -92,11 +92,11 @@ impl Reader<'_, '_, '_> {
         let limits = self.limits(torque_limit, drive, model.zip(model_index));
         let gains = self.gains(drive);
         let kinematic_error = self.kinematic_error();
-        let longest = sampling::LONGEST * self.timing.sample_period * 1e6;
+        let longest = sampling::MAX_PERIODS * self.timing.sample_period * 1e6;
         let skew = section.number_or("skew_us", 0.0, Allowed::Within(-longest, longest)) * 1e-6;
         let calibration = self.calibration(drive, torque_limit);
         let bus = wiring.bus(section);
-        // Without a drive or a bus the signals cannot be judged; their keys are known all the same.
+        // Without a drive or a bus the signals cannot be checked, but their keys are known.
         let signals = bus
             .zip(drive)
             .map(|(bus, drive)| self.signals(bus, drive, wiring));
@@ -117,7 +117,7 @@ impl Reader<'_, '_, '_> {
         let encoders = EncoderParameters {
             gear_ratio: drive.gear_ratio,
             sample_period: self.timing.sample_period,
-            // What it may move from one cycle's sample to the next, told per period.
+            // Travel from one cycle's sample to the next, divided by the period.
             max_velocity: drive.max_velocity * gap / self.timing.sample_period,
             motor_wrap: motor_angle.wrap,
             link_wrap: link_angle.wrap,
@@ -254,7 +254,7 @@ impl Reader<'_, '_, '_> {
                 None
             }
             Some(joint) if !model.joints().get(joint)?.kind.is_revolute() => {
-                let what = format!("the URDF's joint {name} does not turn");
+                let what = format!("the URDF's joint {name} is prismatic");
                 self.section
                     .problem("name", what, "revolute and continuous joints");
                 None

@@ -1,8 +1,8 @@
 //! A robot's configuration: TOML, URDF and DBC files to validated parameters in SI units.
 //!
-//! Degrees, counts and file names end here. Every problem is reported with its file, its line,
-//! its key and what is allowed, as many at once as can be told apart. Nothing is read but through
-//! the reader that the caller hands over.
+//! Inside there are no degrees, counts or file names. Every problem is reported with its file, its
+//! line, its key and what is allowed, as many at once as are independent. Files are read through
+//! the function that the caller hands over, and in no other way.
 #![deny(unsafe_code)]
 
 mod contacts;
@@ -36,21 +36,21 @@ use wiring::Wiring;
 /// A robot, ready to run.
 #[derive(Debug, Clone)]
 pub struct Robot {
-    /// What the configuration says, in SI units.
+    /// The configuration's parameters, in SI units.
     pub parameters: Parameters,
     /// The rigid bodies.
     pub model: Model,
-    /// What is received: fills the receive [`slots`].
+    /// From received frames to the receive [`slots`].
     pub receive: Table,
-    /// What is sent: takes the send [`slots`].
+    /// From the send [`slots`] to sent frames.
     pub send: Table,
-    /// The frame that starts a cycle, one for each bus.
+    /// The frames that start a cycle, one for each bus.
     pub sync: Vec<Frame>,
 }
 
 impl Robot {
-    /// Which messages of the receive table a cycle waits for after SYNC: those that bring
-    /// something that is sampled then.
+    /// Whether a cycle waits for each message of the receive table after SYNC: it does if the
+    /// message carries a signal that is sampled at SYNC.
     #[must_use]
     pub fn answers(&self) -> Vec<bool> {
         let p = &self.parameters;
@@ -65,10 +65,10 @@ impl Robot {
     }
 }
 
-/// Hands over a file's text.
+/// Reads the text of the file at a path.
 pub type Read<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
 
-/// Where files are that the configuration names.
+/// Access to the files that the configuration names.
 struct Files<'a> {
     config: &'a str,
     read: Read<'a>,
@@ -77,7 +77,8 @@ struct Files<'a> {
 /// Loads the configuration at `path` and the files that it names, each through `read`.
 ///
 /// # Errors
-/// Whatever keeps the robot from being described completely: every problem, in the order of files and lines.
+/// Every problem that keeps the robot from being described completely, in the order of files and
+/// lines.
 pub fn load(path: &str, read: Read<'_>) -> Result<Robot, Problems> {
     let text = read(path).map_err(|error| unreadable(path, &error))?;
     let diagnostics = Diagnostics::new(path, &text);

@@ -1,4 +1,4 @@
-//! What a configuration says, validated, in SI units.
+//! Parameters of a robot, validated, in SI units.
 
 use crate::sampling::Sampling;
 use control::{JointGains, JointLimits, MotorModel};
@@ -10,7 +10,7 @@ use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
 use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
 
-/// Everything that a configuration says.
+/// All parameters of a configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
     /// The robot's name, at most 48 bytes.
@@ -25,13 +25,13 @@ pub struct Parameters {
     pub buses: Vec<BusParameters>,
     /// Filters of the signals.
     pub filters: Filters,
-    /// Contacts, and how torques follow from F/T sensors and IMU.
+    /// Contacts, and the estimation of torques from F/T sensors and IMU.
     pub whole_body: WholeBodySettings,
-    /// How external torques are observed; none: they are not.
+    /// Observer of external torques; none: they are not observed.
     pub external_torque: Option<ExternalTorqueSettings>,
-    /// How F/T sensors are tared.
+    /// Parameters of a tare of the F/T sensors.
     pub tare: TareParameters,
-    /// How torque sources watch each other; none: they do not.
+    /// Cross-check of the torque sources; none: they are not compared.
     pub cross_check: Option<CrossCheckSettings>,
     /// Which torque estimate is fed back.
     pub torque_feedback: TorqueFeedback,
@@ -72,11 +72,11 @@ pub struct SignalFilters {
 pub struct Timing {
     /// T: time between cycles, s.
     pub sample_period: f64,
-    /// How long after SYNC answers are waited for, s.
+    /// How long the cycle waits for answers after SYNC, s.
     pub gather_deadline: f64,
-    /// A joint that is silent for longer is a fault, s.
+    /// A joint without a new sample for longer is a fault, s.
     pub stale_after: f64,
-    /// A client that is silent for longer has lost control, s.
+    /// A client without a new reference for longer loses control, s.
     pub reference_timeout: f64,
     /// Whether to start without real-time scheduling.
     pub real_time: RealTime,
@@ -89,7 +89,7 @@ pub struct Timing {
 /// Whether to start without real-time scheduling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RealTime {
-    /// Start anyway, and say what is missing.
+    /// Start anyway, and report what is missing.
     Try,
     /// Refuse to start.
     Require,
@@ -102,7 +102,7 @@ pub struct BusParameters {
     pub name: String,
     /// Name of the network interface.
     pub interface: String,
-    /// Where the configuration names it, as `file:line: key`.
+    /// Place in the configuration that names the interface, as `file:line: key`.
     pub interface_place: String,
     /// Paths of the DBC files, resolved against the configuration's folder.
     pub dbc_paths: Vec<String>,
@@ -110,7 +110,7 @@ pub struct BusParameters {
     pub fd: bool,
 }
 
-/// Where the angular acceleration of the IMU comes from (D 2.1).
+/// Source of the IMU's angular acceleration (D 2.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AngularAcceleration {
     /// The filtered gyro's derivative.
@@ -145,15 +145,15 @@ pub struct JointParameters {
     pub has_status: bool,
     /// J: inertia of the rotor, motor side, kg·m².
     pub rotor_inertia: f64,
-    /// When its link encoder is sampled; the motor's is later by the encoders' skew.
+    /// Sampling of its link encoder; the motor's is later by the encoders' skew.
     pub sampling: Sampling,
-    /// How its encoders are read.
+    /// Ranges, gear and timing of its encoders.
     pub encoders: EncoderParameters,
     /// From encoders and current to torque (Z), where there is no calibration.
     pub estimator: JointEstimatorParameters,
     /// The joint file whose estimators give the torque from encoders and current.
     pub calibration: Option<JointFile>,
-    /// What its command means: position or current.
+    /// Its motor model, which also determines whether commands are positions or currents.
     pub motor: MotorModel,
     /// Feedback gains.
     pub gains: JointGains,
@@ -169,29 +169,29 @@ impl JointParameters {
     }
 }
 
-/// Contacts, and how torques follow from F/T sensors and IMU.
+/// Contacts, and the estimation of torques from F/T sensors and IMU.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WholeBodySettings {
-    /// The link of a floating robot that a stand holds; none: the IMU tells how it moves.
+    /// The link of a floating robot that a stand holds; none: the IMU measures the motion.
     pub stand: Option<Stand>,
     /// The link that an unknown wrench may act on (D 2.4); the root if none is named.
     pub unknown_wrench_link: Option<String>,
-    /// Where the angular acceleration of the IMU comes from.
+    /// Source of the IMU's angular acceleration.
     pub angular_acceleration: AngularAcceleration,
-    /// How equations weigh where there are fewer unknowns than equations.
+    /// Weights of the equations where there are fewer unknowns than equations.
     pub weighting: Weighting,
     /// Relative standard deviation of the model's masses, 1.
     pub sigma_model: f64,
-    /// What may touch the robot; the first holds at the start. Empty: a full wrench beyond each
+    /// The contact sets; the first holds at the start. Empty: a full wrench beyond each
     /// F/T sensor and one on `unknown_wrench_link`.
     pub contacts: Vec<ContactSet>,
-    /// Time over which one set of contacts gives way to another, s.
+    /// Time over which one contact set is blended into the next, s.
     pub blend: f64,
-    /// When an F/T sensor's part counts as loaded; none: only clients change contacts.
+    /// Forces at which an F/T sensor's part counts as loaded; none: only clients choose contact sets.
     pub load_rule: Option<LoadRule>,
 }
 
-/// What holds a robot whose root could move.
+/// A stand that holds a robot with a floating base.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stand {
     /// The link that stands still.
@@ -200,7 +200,7 @@ pub struct Stand {
     pub gravity: [f64; 3],
 }
 
-/// A set of contacts.
+/// A contact set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContactSet {
     /// Its name and its contacts.
@@ -210,18 +210,19 @@ pub struct ContactSet {
     pub loaded: Vec<(usize, bool)>,
 }
 
-/// How external torques are observed.
+/// Observer of external torques.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExternalTorqueSettings {
     /// K: bandwidth of the observer, 1/s.
     pub gain: f64,
-    /// External torque that tells a contact, as a share of the torque limit, 1.
+    /// External torque from which on the joint's contact flag is set, as a share of the torque limit,
+    /// 1.
     pub threshold_share: f64,
     /// How long it must last, s.
     pub hold: f64,
 }
 
-/// When torque sources of a joint disagree.
+/// Thresholds from which on torque sources of a joint disagree.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CrossCheckSettings {
     /// Normal difference of encoders and F/T sensors, as a share of the torque limit, 1.
@@ -238,7 +239,7 @@ pub struct CrossCheckSettings {
     pub hold: f64,
 }
 
-/// What the whole-body estimator needs to know of an F/T sensor.
+/// Place and noise of an F/T sensor, for the whole-body estimator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FtSensor {
     /// The sensor's name.
@@ -257,14 +258,14 @@ pub struct FtSensor {
 /// One F/T sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FtParameters {
-    /// What the estimator needs; the standard deviations are those of single samples.
+    /// Place and noise; the standard deviations are those of single samples.
     pub sensor: FtSensor,
     /// Index of its bus.
     pub bus: usize,
-    /// When it samples.
+    /// Sampling of its signals.
     pub sampling: Sampling,
-    /// From what comes over the bus to the wrench that the part beyond applies to the part before;
-    /// the sign is already in it.
+    /// From the raw signals to the wrench that the part beyond applies to the part before; includes
+    /// the sign.
     pub conditioning: FtConditioning,
     /// Whether a temperature comes over the bus.
     pub has_temperature: bool,
@@ -277,7 +278,7 @@ pub struct ImuParameters {
     pub frame: String,
     /// Index of its bus.
     pub bus: usize,
-    /// When it samples.
+    /// Sampling of its signals.
     pub sampling: Sampling,
     /// Standard deviation of a sample of each gyro axis, rad/s.
     pub sigma_gyro: f64,

@@ -66,7 +66,7 @@ fn ft_sensor(
                 way: Way::Receive,
                 bus,
                 slot: slots::ft(index, first + axis),
-                // A matrix knows the signals' units.
+                // The matrix includes the signals' units.
                 quantity: if calibrated {
                     Quantity::Status
                 } else {
@@ -111,7 +111,8 @@ fn conditioning(section: &Section<'_, '_>) -> FtConditioning {
     let calibration = section.matrix_or::<6>("calibration", identity);
     let invertible = Matrix6::from_fn(|i, j| calibration[i][j]).try_inverse();
     if invertible.is_none() && calibration.as_flattened().iter().all(|x| x.is_finite()) {
-        let what = "the matrix has no inverse: it cannot tell six components apart";
+        let what =
+            "the matrix has no inverse, so the six components do not follow from the signals";
         section.problem("calibration", what, "a matrix with an inverse");
     }
     let six = |key| section.number_array_or::<6>(key, [0.0; 6], Allowed::Finite);
@@ -120,8 +121,8 @@ fn conditioning(section: &Section<'_, '_>) -> FtConditioning {
     for key in ["temperature_gain_per_K", "reference_temperature_C"] {
         let alone = section.has(key) && !section.has("temperature");
         if alone {
-            let what = "there is no temperature to use it with";
-            section.problem(key, what, "only with the key temperature");
+            let what = "the sensor has no key temperature";
+            section.problem(key, what, "the key temperature too, or neither");
         }
     }
     if section.has("temperature") {

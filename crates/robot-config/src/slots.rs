@@ -1,4 +1,4 @@
-//! Places of the quantities among the values that the tables fill and take.
+//! Indices of the quantities among the values that the tables decode and encode.
 //!
 //! Receive: IMU, then the F/T sensors that a record can hold, then the joints. Send: one value for
 //! each joint.
@@ -12,7 +12,7 @@ const PER_FT: usize = AXES + 1;
 const JOINTS: usize = AXES + PER_FT * MAX_FT_SENSORS;
 const PER_JOINT: usize = 5;
 
-/// Whose value it is.
+/// The source of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// The IMU.
@@ -23,7 +23,7 @@ pub enum Source {
     Joint(usize),
 }
 
-/// Whose value a receive slot holds.
+/// The source of a receive slot's value.
 #[must_use]
 pub const fn source(slot: usize) -> Source {
     if slot < AXES {
@@ -47,7 +47,7 @@ pub const fn accelerometer(axis: usize) -> usize {
     3 + axis
 }
 
-/// Axis of an F/T sensor as it comes over the bus: force x y z in N, torque x y z in N·m; in the
+/// Axis of an F/T sensor before conditioning: force x y z in N, torque x y z in N·m; in the
 /// signals' own units where the sensor has a calibration matrix.
 #[must_use]
 pub const fn ft(sensor: usize, axis: usize) -> usize {

@@ -3,10 +3,10 @@
 use crate::reader::{Allowed, Section};
 use whole_body::TareParameters;
 
-/// When a robot stands still enough to be tared, and how sure model and sensors are.
+/// Motion below which a robot counts as at rest, and standard deviations of model and sensors.
 pub(crate) fn tare(root: &Section<'_, '_>, sample_period: f64) -> TareParameters {
     let defaults = TareParameters::default();
-    // A robot on its feet sways once a second or so.
+    // A robot on its feet sways with a period of about 1 s: the mean covers two of them.
     let mut time = 2.0;
     let mut tare = defaults.clone();
     if let Some(section) = root.optional_section("tare") {
@@ -17,7 +17,10 @@ pub(crate) fn tare(root: &Section<'_, '_>, sample_period: f64) -> TareParameters
         tare = TareParameters {
             samples: 0,
             max_joint_velocity: number("max_velocity_rad_per_s", defaults.max_joint_velocity),
-            max_angular_velocity: number("max_turning_rad_per_s", defaults.max_angular_velocity),
+            max_angular_velocity: number(
+                "max_angular_velocity_rad_per_s",
+                defaults.max_angular_velocity,
+            ),
             max_change: [
                 number("max_change_N", force),
                 number("max_change_Nm", torque),

@@ -1,11 +1,12 @@
 //! Units of signals, as DBC files write them.
 
 use core::f64::consts::TAU;
+use problem::Problem;
 
-/// What a signal measures or commands.
+/// Quantity that a signal measures or commands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Quantity {
-    /// An angle; counts need to know how many make a turn, and with which key that is said.
+    /// An angle; the unit `count` needs the counts of a turn, which `key` of the drive gives.
     Angle {
         counts_per_turn: Option<f64>,
         key: &'static str,
@@ -20,22 +21,24 @@ pub(crate) enum Quantity {
     Status,
 }
 
-/// Standard gravity, m/s²: what `g` means as a unit.
+/// Standard gravity (CGPM 1901), m/s²: the unit `g`.
 const STANDARD_GRAVITY: f64 = 9.80665;
 
 impl Quantity {
-    /// SI units per unit, or what is allowed.
-    pub(crate) fn si_per(self, unit: &str) -> Result<f64, String> {
+    /// SI units per `unit`.
+    pub(crate) fn si_per(self, unit: &str) -> Result<f64, Problem> {
         let degree = TAU / 360.0;
+        let refused = |allowed| Problem::new(format!("unit {unit:?} is not allowed"), allowed);
         let table: &[(&str, f64)] = match self {
             Self::Angle {
                 counts_per_turn,
                 key,
             } => {
                 if matches!(unit, "count" | "counts") {
-                    return counts_per_turn
-                        .map(|counts| TAU / counts)
-                        .ok_or_else(|| format!("rad, deg, or count with {key} of the drive"));
+                    return counts_per_turn.map(|counts| TAU / counts).ok_or_else(|| {
+                        let allowed = format!("rad, deg, or count with {key} of the drive");
+                        refused(allowed)
+                    });
                 }
                 &[("rad", 1.0), ("deg", degree)]
             }
@@ -53,7 +56,7 @@ impl Quantity {
             if let Self::Angle { .. } = self {
                 names.push("count");
             }
-            names.join(", ")
+            refused(names.join(", "))
         })
     }
 }

@@ -4,10 +4,10 @@ use crate::parameters::Parameters;
 use crate::reader::Section;
 use crate::whole_body::{FilterGains, whole_body_parameters};
 use dynamics::{Base, Model};
-use problem::Problem;
+use problem::{Problem, listed};
 use whole_body::{ContactProblem, WholeBody, WholeBodyError, part_of_link};
 
-/// Diagnostics why the whole-body estimator refuses the sensors, if it does.
+/// Notes the whole-body estimator's refusal of sensors and contacts, if it refuses them.
 pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) {
     let gains = FilterGains {
         sensor: [1.0; 2],
@@ -30,7 +30,7 @@ pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Paramete
     }
 }
 
-/// Diagnostics contact links that do not lie on the part they are meant for.
+/// Notes contact links that lie on another part than the one they are for; true if there are any.
 fn contacts_misplaced(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) -> bool {
     let sensors = || parameters.ft_sensors.iter().map(|ft| &ft.sensor);
     let cuts: Vec<&str> = sensors().map(|s| s.frame.as_str()).collect();
@@ -111,7 +111,11 @@ fn note(root: &Section<'_, '_>, model: &Model, error: &WholeBodyError) {
         } => match naming(root, link) {
             Some((section, key)) => {
                 let what = format!("the URDF has no link {link}");
-                section.problem(key, what, links(model));
+                section.problem(
+                    key,
+                    what,
+                    listed(model.frames().iter().map(|frame| frame.name.as_str())),
+                );
             }
             None => at(root, ""),
         },
@@ -158,19 +162,4 @@ fn naming<'n, 't>(root: &Section<'n, 't>, link: &str) -> Option<(Section<'n, 't>
         let key = keys.into_iter().find(|key| section.is(key, link))?;
         Some((section, key))
     })
-}
-
-/// The URDF's links, the first of them where there are many.
-fn links(model: &Model) -> String {
-    const SHOWN: usize = 60;
-    let names: Vec<&str> = model
-        .frames()
-        .iter()
-        .map(|frame| frame.name.as_str())
-        .collect();
-    let more = match names.len().saturating_sub(SHOWN) {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    names[..names.len().min(SHOWN)].join(", ") + &more
 }

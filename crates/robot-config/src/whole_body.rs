@@ -1,4 +1,4 @@
-//! What the whole-body estimator is to use, as the configuration says it.
+//! From the configuration to the whole-body estimator's parameters.
 
 use crate::parameters::{AngularAcceleration, FtParameters, Parameters};
 use dynamics::{Base, Model};
@@ -7,22 +7,22 @@ use whole_body::{
     Place, Residual, WholeBodyParameters,
 };
 
-/// How noise of the sensors reaches the estimator through the filters.
+/// Gains of the filters for sensor noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilterGains {
-    /// Of a sensor's value, and of its rate, per unit of noise.
+    /// Standard deviations of a sensor's filtered value and rate per standard deviation of a sample,
+    /// 1 and 1/s.
     pub sensor: [f64; 2],
     /// Standard deviation of each joint's acceleration, rad/s².
     pub sigma_ddq: Vec<f64>,
 }
 
-/// Names of the sets of contacts where the configuration names none: anything may touch the ends, or
-/// nothing does, to tare in. The first holds at the start.
+/// Names of the contact sets where the configuration has none: a full wrench on every end, or no
+/// contact at the ends, for a tare. The first holds at the start.
 const DEFAULT_CONTACTS: [&str; 2] = ["default", "in_the_air"];
 
-/// The estimator's parameters, with the configured sets of contacts; where there are none, a full
-/// wrench beyond each F/T sensor on its contact link, and the unknown wrench (D 2.4). None for a
-/// floating base without an IMU or a stand.
+/// The estimator's parameters, with the configured contact sets, or else the default ones. None for
+/// a floating base without an IMU or a stand.
 #[must_use]
 pub fn whole_body_parameters(
     parameters: &Parameters,
@@ -74,7 +74,7 @@ pub fn whole_body_parameters(
     })
 }
 
-/// Names of the sets of contacts, in the order of the estimator's hypotheses.
+/// Names of the contact sets, in the order of the estimator's hypotheses.
 #[must_use]
 pub fn contact_names(parameters: &Parameters) -> Vec<&str> {
     let sets = &parameters.whole_body.contacts;
@@ -89,7 +89,7 @@ pub fn contact_names(parameters: &Parameters) -> Vec<&str> {
     sets.iter().map(|c| c.hypothesis.name.as_str()).collect()
 }
 
-/// Beyond each F/T sensor a full wrench, or nothing, and the unknown wrench (D 2.4), last of all.
+/// Beyond each F/T sensor a full wrench, or no contact; last of all the unknown wrench (D 2.4).
 fn default_contacts(parameters: &Parameters, model: &Model) -> Vec<Hypothesis> {
     let touched = |ft: &FtParameters| {
         let link = ft.sensor.contact_link.clone();

@@ -1,4 +1,4 @@
-//! Signals of the buses, and what they are used for.
+//! Signals of the buses and their uses.
 
 use crate::general::Bus;
 use crate::reader::{At, Diagnostics, Section};
@@ -7,9 +7,10 @@ use crate::{Read, paths, unreadable};
 use can_codec::{
     BusDbc, Dbc, Frame, MAX_FRAMES, Signal, SignalMap, Table, TableError, TableProblem,
 };
+use problem::{Problem, listed};
 use std::collections::BTreeMap;
 
-/// Which way a signal goes.
+/// Direction of a signal, seen from the loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
     Receive,
@@ -26,7 +27,7 @@ pub(crate) struct Use {
     pub(crate) offset: f64,
 }
 
-/// What a signal can express, in SI units of its slot.
+/// Resolution and range of a signal, in SI units of its slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reach {
     /// One count; 0 for floats.
@@ -39,11 +40,11 @@ pub(crate) struct Reach {
 pub(crate) struct Wiring<'n, 't> {
     diagnostics: &'n Diagnostics<'t>,
     buses: &'n [Bus],
-    /// Per bus; nothing where a file was noted as wrong.
+    /// The files of each bus; nothing where a file has a problem.
     dbcs: Vec<Option<Vec<Dbc>>>,
     receive: Vec<(u8, SignalMap)>,
     send: Vec<(u8, SignalMap)>,
-    /// Which key uses a signal of a bus, and where it does.
+    /// The key that uses each signal of a bus, and the place of that key.
     used: BTreeMap<(usize, String), (String, usize)>,
 }
 
@@ -58,13 +59,14 @@ impl<'n, 't> Wiring<'n, 't> {
             let dbcs = bus.parameters.dbc_paths.iter().zip(&bus.dbc_places);
             dbcs.map(|(path, &place)| {
                 let text = read(path).map_err(|error| {
-                    let key = root.path("bus.dbc");
-                    let what = unreadable(path, &error);
-                    diagnostics.at(
-                        place,
-                        format!("{key}: {} {}", what.file, what.reason),
-                        what.allowed,
-                    );
+                    let Problem {
+                        file,
+                        reason,
+                        allowed,
+                        ..
+                    } = unreadable(path, &error);
+                    let reason = format!("{}: {file} {reason}", root.path("bus.dbc"));
+                    diagnostics.at(place, reason, allowed);
                 });
                 Dbc::parse(&text.ok()?, &paths::shown(path))
                     .map_err(|error| error.0.into_iter().for_each(|p| diagnostics.note(p)))
@@ -97,42 +99,26 @@ impl<'n, 't> Wiring<'n, 't> {
         bus
     }
 
-    /// Uses a signal, given as `MESSAGE.signal`; nothing if a problem was noted, here or before.
+    /// Maps a signal, given as `MESSAGE.signal`, to its slot; nothing if there is a problem with it.
     pub(crate) fn connect(&mut self, key: &str, path: &At<&str>, how: &Use) -> Option<Reach> {
-        let reject = |what: String, allowed: String| {
-            self.diagnostics
-                .at(path.place, format!("{key}: {what}"), allowed);
-        };
+        let diagnostics = self.diagnostics;
+        let reject = |problem: Problem| diagnostics.note_at(path.place, problem.of(key));
         let Some((message, name)) = path.value.split_once('.') else {
-            reject(
-                format!("{:?} is not allowed", path.value),
-                "MESSAGE.signal".to_owned(),
-            );
+            let what = format!("{:?} is not allowed", path.value);
+            reject(Problem::new(what, "MESSAGE.signal"));
             return None;
         };
         let dbcs = self.dbcs.get(how.bus)?.as_ref()?;
-        let signal = match find(dbcs, message, name) {
-            Ok(signal) => signal,
-            Err((what, allowed)) => {
-                reject(what, allowed);
-                return None;
-            }
-        };
-        let factor = match how.quantity.si_per(&signal.unit) {
-            Ok(factor) => factor,
-            Err(allowed) => {
-                reject(
-                    format!("signal {} has unit {:?}", path.value, signal.unit),
-                    allowed,
-                );
-                return None;
-            }
-        };
+        let signal = find(dbcs, message, name).map_err(reject).ok()?;
+        let factor = how.quantity.si_per(&signal.unit);
+        let factor = factor
+            .map_err(|problem| reject(problem.of(format!("signal {}", path.value))))
+            .ok()?;
         let place = (key.to_owned(), path.place);
         let used_by = self.used.insert((how.bus, path.value.to_owned()), place);
         if let Some((other, _)) = used_by {
             let what = format!("signal {} is used by {other} already", path.value);
-            reject(what, "one use of each signal".to_owned());
+            reject(Problem::new(what, "one use of each signal"));
             return None;
         }
         if !how.offset.is_finite() {
@@ -147,7 +133,7 @@ impl<'n, 't> Wiring<'n, 't> {
             signal: name.to_owned(),
             scale: how.sign * factor,
             offset: how.offset,
-            // What is commanded is limited, never wrapped.
+            // Commands are limited, never wrapped.
             wraps: wraps && how.way == Way::Receive,
         };
         let reach = Reach {
@@ -166,7 +152,7 @@ impl<'n, 't> Wiring<'n, 't> {
         Some(reach)
     }
 
-    /// Uses three signals, for the axes x y z, in consecutive slots.
+    /// Maps three signals, for the axes x y z, to their slots.
     pub(crate) fn connect_axes(
         &mut self,
         section: &Section<'_, '_>,
@@ -241,34 +227,27 @@ impl<'n, 't> Wiring<'n, 't> {
     }
 }
 
-fn find<'d>(dbcs: &'d [Dbc], message: &str, name: &str) -> Result<&'d Signal, (String, String)> {
+fn find<'d>(dbcs: &'d [Dbc], message: &str, name: &str) -> Result<&'d Signal, Problem> {
     let Some(found) = dbcs.iter().find_map(|dbc| dbc.message(message)) else {
         let files = dbcs.iter().map(|dbc| dbc.file.as_str()).collect::<Vec<_>>();
         let what = format!("{} has no message {message}", files.join(", "));
-        return Err((what, message_names(dbcs)));
+        return Err(Problem::new(what, message_names(dbcs)));
     };
     found.signal(name).ok_or_else(|| {
         let file = dbcs.iter().find(|dbc| dbc.message(message).is_some());
         let file = file.map_or("", |dbc| dbc.file.as_str());
         let names = found.signals.iter().map(|signal| signal.name.as_str());
-        (
+        Problem::new(
             format!(
                 "message {message} of {file}:{} has no signal {name}",
                 found.line
             ),
-            names.collect::<Vec<_>>().join(", "),
+            listed(names),
         )
     })
 }
 
-/// Names to choose from, cut where there are many.
 fn message_names(dbcs: &[Dbc]) -> String {
-    const SHOWN: usize = 40;
     let messages = dbcs.iter().flat_map(|dbc| &dbc.messages);
-    let names: Vec<&str> = messages.map(|message| message.name.as_str()).collect();
-    let more = match names.len().saturating_sub(SHOWN) {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    names[..names.len().min(SHOWN)].join(", ") + &more
+    listed(messages.map(|message| message.name.as_str()))
 }

@@ -5,7 +5,7 @@ use super::{
 };
 use crate::dbc::{Message, show_id};
 use crate::frame::EXTENDED_ID;
-use problem::Problem;
+use problem::{Problem, listed};
 
 /// The messages of all buses, and the problems found so far.
 pub(super) struct Compiler<'a> {
@@ -95,14 +95,14 @@ impl<'a> Compiler<'a> {
         let Some(index) = found else {
             return Err(Problem::new(
                 format!("no DBC file of the bus has a message {}", map.message),
-                list(on_this_bus().map(|(_, message)| message.name.as_str())),
+                listed(on_this_bus().map(|(_, message)| message.name.as_str())),
             ));
         };
         let message = self.messages[index].1;
         let Some(signal) = message.signal(&map.signal) else {
             return Err(Problem::new(
                 format!("message {} has no signal {}", map.message, map.signal),
-                list(message.signals.iter().map(|signal| signal.name.as_str())),
+                listed(message.signals.iter().map(|signal| signal.name.as_str())),
             ));
         };
         if signal.multiplexed {
@@ -227,16 +227,4 @@ fn mapped_before(before: &[(u8, SignalMap)], bus: u8, map: &SignalMap) -> Option
                 "one signal for each slot",
             )
         })
-}
-
-/// Names to choose from, shortened where there are many.
-fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    const SHOWN: usize = 40;
-    let names: Vec<&str> = names.collect();
-    let shown = names[..names.len().min(SHOWN)].join(", ");
-    match names.len() {
-        0 => "none: it has no entries".to_owned(),
-        n if n > SHOWN => format!("{shown} and {} more", n - SHOWN),
-        _ => shown,
-    }
 }

@@ -16,21 +16,21 @@ impl Reader<'_, '_, '_> {
         let section = self.section;
         let delta_q = section.number("delta_q_limit_deg", Allowed::Within(0.0, 90.0));
         let (min_deg, max_deg) = ("position_min_deg", "position_max_deg");
-        // Without a model the limits cannot be judged; the keys are known all the same.
+        // Without a model the limits cannot be checked, but the keys are known.
         let given = [min_deg, max_deg].map(|key| section.optional_number(key, Allowed::Finite));
         let (model, index) = joint?;
         let urdf = model.joint_limits(index)?;
         let min = given[0].map_or(urdf.lower, f64::to_radians);
         let max = given[1].map_or(urdf.upper, f64::to_radians);
-        // A rounded degree may lie a hair outside.
-        let hair = 1e-6;
+        // Limits in degrees may exceed the URDF's by their rounding, rad.
+        let rounding = 1e-6;
         let allowed = format!(
             "{:.3} to {:.3}, the URDF's limits",
             urdf.lower.to_degrees(),
             urdf.upper.to_degrees()
         );
         for (key, value) in [(min_deg, min), (max_deg, max)] {
-            if value < urdf.lower - hair || value > urdf.upper + hair {
+            if value < urdf.lower - rounding || value > urdf.upper + rounding {
                 let what = format!("{:.3} is not allowed", value.to_degrees());
                 section.problem(key, what, &allowed);
             }

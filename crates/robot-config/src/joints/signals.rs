@@ -9,7 +9,7 @@ use crate::wiring::{Reach, Use, Way, Wiring};
 use control::{JointLimits, MotorModel};
 use estimators::encoder::EncoderParameters;
 
-/// What came of a joint's signals.
+/// The ranges of a joint's encoders, and which optional signals it has.
 pub(super) struct Signals {
     pub(super) motor_angle: Option<Reach>,
     pub(super) link_angle: Option<Reach>,
@@ -102,7 +102,7 @@ impl Reader<'_, '_, '_> {
         }
     }
 
-    /// Encoders whose turns cannot be told apart.
+    /// Notes encoders whose turns cannot be counted.
     pub(super) fn wraps(&self, encoders: &EncoderParameters, limits: &JointLimits) {
         let travel = encoders.max_velocity * encoders.sample_period;
         let sides = [

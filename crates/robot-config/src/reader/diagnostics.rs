@@ -19,7 +19,7 @@ impl<'t> Diagnostics<'t> {
         }
     }
 
-    /// Diagnostics a problem at a place of the file.
+    /// Notes a problem at a place of the file.
     pub(crate) fn at(&self, place: usize, reason: impl Into<String>, allowed: impl Into<String>) {
         self.note_at(place, Problem::new(reason, allowed));
     }
@@ -33,7 +33,7 @@ impl<'t> Diagnostics<'t> {
         line_at(self.text, place)
     }
 
-    /// Diagnostics a problem of another file.
+    /// Notes a problem of another file.
     pub(crate) fn note(&self, problem: Problem) {
         self.problems.borrow_mut().push(problem);
     }

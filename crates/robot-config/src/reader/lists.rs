@@ -5,7 +5,7 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 impl<'n, 't> Section<'n, 't> {
-    /// `N` texts, or nothing if they were noted as wrong.
+    /// `N` texts, or nothing if there was a problem.
     pub(crate) fn text_array<const N: usize>(
         &self,
         key: &'static str,
@@ -19,7 +19,7 @@ impl<'n, 't> Section<'n, 't> {
         texts.try_into().ok()
     }
 
-    /// `N` numbers; NaN stands for those that were noted as wrong.
+    /// `N` numbers; NaN stands for those with a problem.
     pub(crate) fn number_array_or<const N: usize>(
         &self,
         key: &'static str,
@@ -111,8 +111,8 @@ impl<'n, 't> Section<'n, 't> {
         }
     }
 
-    /// An `N` by `N` matrix of finite numbers, a list of rows; NaN stands for numbers that were
-    /// noted as wrong.
+    /// An `N` by `N` matrix of finite numbers, a list of rows; NaN stands for numbers
+    /// with a problem.
     pub(crate) fn matrix_or<const N: usize>(
         &self,
         key: &'static str,

@@ -68,7 +68,7 @@ impl<'n, 't> Section<'n, 't> {
         format!("{}{dot}{key}{}", self.path, self.which)
     }
 
-    /// Diagnostics a problem with a key: at its value, or at the section if it is missing.
+    /// Notes a problem with a key: at its value, or at the section if it is missing.
     pub(crate) fn problem(&self, key: &str, what: impl fmt::Display, allowed: impl fmt::Display) {
         let place = self
             .table
@@ -191,7 +191,7 @@ impl<'n, 't> Section<'n, 't> {
             .collect()
     }
 
-    /// Diagnostics every key that nobody asked for.
+    /// Notes every key that was never read.
     pub(crate) fn finish(self) {
         let known = self.known.borrow();
         let allowed = known.iter().copied().collect::<Vec<_>>().join(", ");

@@ -6,7 +6,7 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 impl<'n, 't> Section<'n, 't> {
-    /// A number; NaN stands for one that was noted as wrong.
+    /// A number; NaN stands for one with a problem.
     pub(crate) fn number(&self, key: &'static str, allowed: Allowed) -> f64 {
         match self.find(key) {
             Some(value) => self.as_number(key, value, allowed),
@@ -49,7 +49,7 @@ impl<'n, 't> Section<'n, 't> {
         }
     }
 
-    /// An integer; `min` stands for one that was noted as wrong.
+    /// An integer; `min` stands for one with a problem.
     pub(crate) fn integer(&self, key: &'static str, allowed: Range<u64>) -> u64 {
         match self.find(key) {
             Some(value) => self.as_integer(key, value, &allowed),
@@ -105,7 +105,7 @@ impl<'n, 't> Section<'n, 't> {
         }
     }
 
-    /// A text that is not empty; nothing stands for one that was noted as wrong.
+    /// A text that is not empty; nothing stands for one with a problem.
     pub(crate) fn text(&self, key: &'static str, allowed: &str) -> Option<At<&'n str>> {
         let text = self.optional_text(key, allowed);
         if text.is_none() && !self.has(key) {
@@ -137,7 +137,7 @@ impl<'n, 't> Section<'n, 't> {
         }
     }
 
-    /// One of several words; the first stands for one that was noted as wrong.
+    /// One of several words; the first stands for one with a problem.
     pub(crate) fn choice<T: Copy>(&self, key: &'static str, choices: &[(&str, T)]) -> T {
         let words: Vec<String> = choices
             .iter()

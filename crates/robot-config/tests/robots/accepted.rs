@@ -1,4 +1,4 @@
-//! The repository's robots load, and their tables carry what the configuration says.
+//! The repository's robots load, and their tables carry every configured signal.
 
 use crate::files::Files;
 use can_codec::Frames;
@@ -93,7 +93,7 @@ fn values_survive_the_bus_to_half_a_count() {
 }
 
 #[test]
-fn leg_is_what_its_configuration_says() {
+fn leg_has_the_parameters_of_its_configuration() {
     let leg = &robots()[1];
     let knee = &leg.parameters.joints[3];
     assert_eq!(knee.name, "knee");

@@ -1,4 +1,4 @@
-//! Configurations of whole robots: those of the repository, and spoilt ones.
+//! Configurations of whole robots: those of the repository, and faulty ones.
 
 mod accepted;
 mod files;

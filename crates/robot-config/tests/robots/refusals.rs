@@ -1,5 +1,4 @@
-//! What a configuration may not say beyond what `torquectl check` is tested with, and the other
-//! kind of drive.
+//! Refusals beyond those that `torquectl check` is tested with, and drives that take currents.
 
 use crate::files::Files;
 use control::MotorModel;
@@ -30,7 +29,7 @@ fn units_must_suit_the_quantity() {
     let text = files.errors(LEG);
     assert!(text.contains("joint.current.signal (knee)"), "{text}");
     assert!(
-        text.contains("has unit \"count\"; allowed: A, mA"),
+        text.contains("unit \"count\" is not allowed; allowed: A, mA"),
         "{text}"
     );
     let counts = leg_with("motor_counts_per_turn = 4096\n", "");
@@ -89,7 +88,7 @@ fn position_limits_lie_within_the_urdf() {
 }
 
 #[test]
-fn filters_need_an_instant_in_common() {
+fn long_filters_need_one_delay() {
     let files = leg_with("sensor = { window = 80", "sensor = { window = 30");
     refused(&files, LEG, "[filters]", &["windows of 80 and 30 samples"]);
     let files = leg_with(
@@ -192,7 +191,7 @@ fn a_floating_base_needs_an_imu() {
 }
 
 #[test]
-fn wrong_types_are_told_with_what_was_written() {
+fn wrong_types_are_refused_with_the_written_value() {
     let files = leg_with("rate_hz = 1000.0", "rate_hz = \"fast\"");
     let text = files.errors(LEG);
     assert!(
@@ -286,7 +285,7 @@ fn current_drives_take_a_current() {
 }
 
 #[test]
-fn conditioning_that_cannot_be() {
+fn impossible_conditioning_is_refused() {
     let sensor = "name = \"ankle\"\n";
     let with = |keys: &str| leg_with(sensor, &format!("{sensor}{keys}\n"));
     let row = "[1, 0, 0, 0, 0, 0]";
@@ -311,11 +310,11 @@ fn conditioning_that_cannot_be() {
         ),
         (
             "temperature_gain_per_K = [1, 1, 1, 1, 1, 1]",
-            ["there is no temperature", "only with the key temperature"],
+            ["has no key temperature", "or neither"],
         ),
         (
             "temperature = \"ANKLE_FT_F.fx\"\nreference_temperature_C = 20",
-            ["signal ANKLE_FT_F.fx has unit \"N\"", "degC"],
+            ["signal ANKLE_FT_F.fx: unit \"N\" is not allowed", "degC"],
         ),
         (
             "temperature = \"ANKLE_FT_F.warmth\"",
@@ -333,7 +332,7 @@ fn conditioning_that_cannot_be() {
 }
 
 #[test]
-fn contacts_must_say_what_touches_every_part() {
+fn contacts_must_cover_every_part() {
     let humanoid = |from: &str, to: &str| Files::new().with(HUMANOID, from, to);
     let files = humanoid(
         "  { link = \"left_hand\", type = \"none\" },\n  { link = \"right_hand\", type = \"none\" },\n  \
@@ -397,21 +396,21 @@ fn filters_are_matched_or_not() {
 }
 
 #[test]
-fn when_a_source_samples_must_be_possible() {
+fn impossible_sampling_is_refused() {
     let drive = "gear_ratio = 100.0\n";
     let with = |keys: &str| leg_with(drive, &format!("{drive}{keys}\n"));
-    let told = |keys: &str| with(keys).errors(LEG);
-    let sometimes = told("sampled = \"sometimes\"");
+    let refusal = |keys: &str| with(keys).errors(LEG);
+    let sometimes = refusal("sampled = \"sometimes\"");
     let choices = "is not allowed; allowed: \"at_sync\" or \"when_sent\"";
     assert!(sometimes.contains(choices), "{sometimes}");
-    let late = told("latency_us = 16001");
+    let late = refusal("latency_us = 16001");
     assert!(
         late.contains("allowed: a number from -16000 to 16000"),
         "{late}"
     );
-    let idle = told("period_us = 1000");
+    let idle = refusal("period_us = 1000");
     assert!(
-        idle.contains("drive.period_us (hip_yaw): a period of its own is not allowed"),
+        idle.contains("drive.period_us (hip_yaw): a source that is sampled at SYNC has no period"),
         "{idle}"
     );
     let robot = with("sampled = \"when_sent\"\nlatency_us = -50\nperiod_us = 2500").load(LEG);
@@ -424,7 +423,7 @@ fn when_a_source_samples_must_be_possible() {
     let synced = Files::new().load(LEG).unwrap_or_else(|e| panic!("{e}"));
     let ratio = reach / synced.parameters.joints[0].encoders.max_velocity;
     assert!((ratio - 3.5).abs() < 1e-12, "{ratio}");
-    // Nobody waits for a drive that sends by its own clock; sensors on its bus still answer.
+    // A cycle does not wait for a drive that sends by its own clock; sensors on its bus still answer.
     let answers = robot.answers();
     for (message, answers) in answers.iter().enumerate() {
         let mut slots = robot.receive.slots(message);
@@ -438,7 +437,7 @@ fn when_a_source_samples_must_be_possible() {
 fn a_stand_holds_what_could_move() {
     let stand = |link: &str| format!("\n[fixed_base]\nlink = \"{link}\"\n\n[whole_body]\n");
     let files = leg_with("[whole_body]\n", &stand("base_link"));
-    let parts = ["fixed_base.link: base = \"fixed\" bolts", "\"floating\""];
+    let parts = ["fixed_base.link: base = \"fixed\" holds", "\"floating\""];
     refused(&files, LEG, "link = \"base_link\"", &parts);
     let files = leg_with("[whole_body]\n", &stand("no_link"));
     let files = files.with(LEG, "base = \"fixed\"", "base = \"floating\"");
