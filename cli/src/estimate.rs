@@ -7,6 +7,7 @@ use estimators::joint::{JointSample, JointTorqueEstimator};
 use identification::evaluate::{Figures, Score};
 use identification::log::{LogReader, LogRow};
 use joint_file::JointFile;
+use problem::Problem;
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -68,18 +69,18 @@ impl Row {
 pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
     match report(arguments) {
         Ok(text) => finish(&text),
-        Err(message) => {
-            eprintln!("torquectl estimate: {message}");
+        Err(problem) => {
+            eprintln!("torquectl estimate: {problem}");
             ExitCode::from(BAD_INPUT)
         }
     }
 }
 
-fn report(arguments: &EstimateArguments) -> Result<String, String> {
+fn report(arguments: &EstimateArguments) -> Result<String, Problem> {
     let joint = read_joint(&arguments.joint)?;
     let mut log = open_log(&arguments.log)?;
-    let mut set = joint.estimators().map_err(|e| e.to_string())?;
-    let mut front_end = joint.front_end().map_err(|e| e.to_string())?;
+    let mut set = joint.estimators()?;
+    let mut front_end = joint.front_end()?;
     let mut names: Vec<String> = set.names().to_vec();
     if set.fuses() {
         names.push("fused".to_owned());
@@ -93,7 +94,7 @@ fn report(arguments: &EstimateArguments) -> Result<String, String> {
         .transpose()?;
     let (mut count, mut last) = (0u64, None::<f64>);
     let mut timed = Vec::new();
-    while let Some(row) = log.next_row().map_err(|e| e.to_string())? {
+    while let Some(row) = log.next_row()? {
         front_end.bridge(last.replace(row.t), row.t);
         let sample = front_end.update(row.theta, row.q, row.current);
         if timed.len() < TIMED {
@@ -118,12 +119,12 @@ fn report(arguments: &EstimateArguments) -> Result<String, String> {
         }
     }
     if count == 0 {
-        return Err(log.error("the log has no rows".to_owned()).to_string());
+        return Err(log.problem("the log has no rows", "at least one"));
     }
     if let Some(out) = out {
         out.finish()?;
     }
-    let sources = joint.sources().map_err(|e| e.to_string())?;
+    let sources = joint.sources()?;
     for (row, (_, mut source)) in rows.iter_mut().zip(sources) {
         row.time_ns = time_ns(source.as_mut(), &timed);
     }
@@ -148,16 +149,21 @@ fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) ->
     start.elapsed().as_secs_f64() * 1e9 / samples.len().max(1) as f64
 }
 
-pub(crate) fn read_joint(path: &Path) -> Result<JointFile, String> {
-    let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|e| format!("{name}: {e}"))?;
-    JointFile::parse(&text, &name, &|path| std::fs::read_to_string(path)).map_err(|e| e.to_string())
+/// A file that cannot be opened, read or written.
+fn of_file(name: &str, error: &std::io::Error) -> Problem {
+    Problem::new(error.to_string(), "").at(name, 0)
 }
 
-pub(crate) fn open_log(path: &Path) -> Result<LogReader<BufReader<File>>, String> {
+pub(crate) fn read_joint(path: &Path) -> Result<JointFile, Problem> {
     let name = path.display().to_string();
-    let file = File::open(path).map_err(|e| format!("{name}: {e}"))?;
-    LogReader::new(BufReader::new(file), &name).map_err(|e| e.to_string())
+    let text = std::fs::read_to_string(path).map_err(|e| of_file(&name, &e))?;
+    JointFile::parse(&text, &name, &|path| std::fs::read_to_string(path))
+}
+
+pub(crate) fn open_log(path: &Path) -> Result<LogReader<BufReader<File>>, Problem> {
+    let name = path.display().to_string();
+    let file = File::open(path).map_err(|e| of_file(&name, &e))?;
+    LogReader::new(BufReader::new(file), &name)
 }
 
 /// The CSV file of all estimates.
@@ -167,9 +173,9 @@ struct Output {
 }
 
 impl Output {
-    fn create(path: &Path, names: &[String]) -> Result<Self, String> {
+    fn create(path: &Path, names: &[String]) -> Result<Self, Problem> {
         let name = path.display().to_string();
-        let file = File::create(path).map_err(|e| format!("{name}: {e}"))?;
+        let file = File::create(path).map_err(|e| of_file(&name, &e))?;
         let mut out = Self {
             file: BufWriter::new(file),
             name,
@@ -183,7 +189,7 @@ impl Output {
         &mut self,
         row: &LogRow,
         estimates: &[robot_state::TorqueEstimate],
-    ) -> Result<(), String> {
+    ) -> Result<(), Problem> {
         let sensor = if row.tau_sensor.is_finite() {
             row.tau_sensor.to_string()
         } else {
@@ -193,12 +199,12 @@ impl Output {
         self.line(&format!("{},{sensor}{}", row.t, values.collect::<String>()))
     }
 
-    fn line(&mut self, line: &str) -> Result<(), String> {
-        writeln!(self.file, "{line}").map_err(|e| format!("{}: {e}", self.name))
+    fn line(&mut self, line: &str) -> Result<(), Problem> {
+        writeln!(self.file, "{line}").map_err(|e| of_file(&self.name, &e))
     }
 
-    fn finish(mut self) -> Result<(), String> {
-        self.file.flush().map_err(|e| format!("{}: {e}", self.name))
+    fn finish(mut self) -> Result<(), Problem> {
+        self.file.flush().map_err(|e| of_file(&self.name, &e))
     }
 }
 

@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use identification::all::{self, Fitted, Step};
 use identification::log::LogRow;
 use indicatif::{ProgressBar, ProgressStyle};
+use problem::Problem;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -114,75 +115,78 @@ pub(crate) fn run(arguments: &FitArguments) -> ExitCode {
     };
     match done {
         Ok(report) => finish(&report),
-        Err(message) => {
-            eprintln!("torquectl fit: {message}");
+        Err(problem) => {
+            eprintln!("torquectl fit: {problem}");
             ExitCode::from(BAD_INPUT)
         }
     }
 }
 
-fn fit_all(arguments: &AllArguments) -> Result<String, String> {
+fn fit_all(arguments: &AllArguments) -> Result<String, Problem> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
     let turn = rows(&arguments.no_load, false)?;
     let train = rows(&arguments.training, true)?;
     let bar = bar();
-    let fitted = all::fit(&joint, &turn, &train, &mut told(&bar));
+    let fitted = all::fit(&joint, &turn, &train, &mut progress(&bar));
     bar.finish_and_clear();
     let logs = [&arguments.no_load, &arguments.training].map(|path| path.display().to_string());
-    let fitted = fitted.map_err(|e| format!("{}: {e}", logs.join(", ")))?;
+    let fitted = fitted.map_err(|p| p.or_at(&logs.join(", "), 0))?;
     write(&fitted, &arguments.out, &stem)
 }
 
-fn fit_one(step: Step, arguments: &StepArguments) -> Result<String, String> {
+fn fit_one(step: Step, arguments: &StepArguments) -> Result<String, Problem> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
     let rows = rows(&arguments.log, step != Step::KinematicError)?;
     let bar = bar();
-    let fitted = all::fit_one(&joint, step, &rows, &mut told(&bar));
+    let fitted = all::fit_one(&joint, step, &rows, &mut progress(&bar));
     bar.finish_and_clear();
-    let fitted = fitted.map_err(|e| format!("{}: {e}", arguments.log.display()))?;
+    let fitted = fitted.map_err(|p| p.or_at(&arguments.log.display().to_string(), 0))?;
     write(&fitted, &arguments.out, &stem)
 }
 
-/// Progress on stderr, where somebody looks at it.
+/// Progress on stderr, if that is a terminal.
 fn bar() -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:30} {percent:>3} % {elapsed} {msg}");
     let bar = ProgressBar::new(1000);
     style.map_or(bar.clone(), |style| bar.with_style(style))
 }
 
-fn told(bar: &ProgressBar) -> impl FnMut(f64, &str) {
+fn progress(bar: &ProgressBar) -> impl FnMut(f64, &str) {
     |part, what| {
         bar.set_position((1000.0 * part) as u64);
         bar.set_message(what.to_owned());
     }
 }
 
-/// The out file's name without `.toml`, from which trained files' names are made. Asked before the
-/// fit, which takes a while: nobody should lose it to a folder that is not there.
-fn stem(out: &Path) -> Result<String, String> {
+/// The out file's name without `.toml`, from which trained files' names are made. Checked before
+/// the fit, which takes a while and would be lost to a folder that does not exist.
+fn stem(out: &Path) -> Result<String, Problem> {
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         let (out, folder) = (out.display(), folder.display());
-        return Err(format!(
-            "--out {out}: {folder} is not a folder; allowed: one that is there"
-        ));
+        let reason = format!("--out {out}: {folder} is not a folder");
+        return Err(Problem::new(reason, "a folder that exists"));
     }
     let toml = out.extension().is_some_and(|extension| extension == "toml");
     match out.file_stem().and_then(|stem| stem.to_str()) {
         Some(stem) if toml => Ok(stem.to_owned()),
-        _ => Err(format!("--out {}: allowed: a name in .toml", out.display())),
+        _ => {
+            let reason = format!("--out {}: no name of a joint file", out.display());
+            Err(Problem::new(reason, "a name in .toml"))
+        }
     }
 }
 
-fn write(fitted: &Fitted, out: &OutArguments, stem: &str) -> Result<String, String> {
-    let files = fitted.files(stem).map_err(|e| e.to_string())?;
+fn write(fitted: &Fitted, out: &OutArguments, stem: &str) -> Result<String, Problem> {
+    let files = fitted.files(stem)?;
     let mut written = Vec::new();
     for (name, text) in &files {
         let path = out.out.with_file_name(name);
         let shown = path.display().to_string();
-        std::fs::write(&path, text).map_err(|e| format!("{shown}: {e}"))?;
+        std::fs::write(&path, text)
+            .map_err(|e| Problem::new(e.to_string(), "").at(shown.as_str(), 0))?;
         written.push(shown);
     }
     Ok(match out.json {
@@ -198,11 +202,11 @@ fn write(fitted: &Fitted, out: &OutArguments, stem: &str) -> Result<String, Stri
     })
 }
 
-fn rows(path: &Path, torque: bool) -> Result<Vec<LogRow>, String> {
+fn rows(path: &Path, torque: bool) -> Result<Vec<LogRow>, Problem> {
     let log = open_log(path)?;
     if torque && !log.has_torque() {
-        let reason = "column `tau_sensor` is missing; needed for training".to_owned();
-        return Err(log.error(reason).to_string());
+        let reason = "column `tau_sensor` is missing";
+        return Err(log.problem(reason, "a log with it: training needs the torque"));
     }
-    log.rows().map_err(|e| e.to_string())
+    log.rows()
 }

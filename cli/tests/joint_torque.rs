@@ -157,7 +157,7 @@ fn bad_input_is_named_with_file_and_line() {
         (replaced(7, "0.0055,1,oops,0,0"), "run.csv:7: `q` is `oops`"),
         (
             replaced(7, "0.0055,1"),
-            "run.csv:7: column `q` is missing here",
+            "run.csv:7: the field of column `q` is missing",
         ),
         (
             replaced(7, "0.002,1,1,1,1"),
@@ -196,7 +196,7 @@ fn bad_input_is_named_with_file_and_line() {
     assert!(nowhere.contains("nowhere.toml: No such file"), "{nowhere}");
     let name = message("fit current --joint joint.toml --log run.csv -o out.csv");
     assert!(
-        name.contains("--out out.csv: allowed: a name in .toml"),
+        name.contains("--out out.csv: no name of a joint file; allowed: a name in .toml"),
         "{name}"
     );
     let nowhere = message("fit current --joint joint.toml --log run.csv -o nowhere/out.toml");

@@ -58,7 +58,7 @@ pub struct DeformationParameters {
 #[must_use]
 pub fn segment_shares(tau: f64, rated_torque: f64) -> [f64; SEGMENTS] {
     let third = rated_torque / 3.0;
-    //= S7
+    //= S7: torsion_fs = sum_n k_n share_n(tau), breaks at thirds of tau_0
     [
         tau.clamp(-third, third),
         (tau + third).clamp(-third, 0.0),
@@ -83,7 +83,7 @@ pub fn regressor(
     let (constant, rest) = rest.split_at_mut(1);
     constant[0] = 1.0;
     let (powers, harmonics) = rest.split_at_mut(CURRENT_ORDER);
-    //= S8, over N as in S10
+    //= S8, S10: torsion_wg / N = (1/N) sum_n w_n i^n, n = 1..6
     let mut power = 1.0 / gear_ratio;
     for p in powers {
         power *= sample.current;
@@ -93,7 +93,8 @@ pub fn regressor(
         AngularFrequency::Spatial => (1.0, 1.0),
         AngularFrequency::Published => (sample.dq, sample.omega),
     };
-    //= S9
+    //= S9: err = a_0 + sum_n a_n cos(n w_l q) + b_n sin(n w_l q)
+    //=     + c_n cos(n w_w theta) + d_n sin(n w_w theta)
     let ((sl, cl), (sm, cm)) = (
         (sample.q * w_link).sin_cos(),
         (sample.theta * w_motor).sin_cos(),
@@ -130,7 +131,7 @@ impl DeformationParameters {
             [k(0), k(3), k(4)]
         };
         let torsion = torsion_fs.abs();
-        //= S27, its breaks from S7
+        //= S27: tau = (torsion_fs - breaks of the inner segments) / k_n + their torque
         let (first, second) = (side[0] * third, (side[0] + side[1]) * third);
         let (tau, k) = if torsion < first {
             (torsion / side[0], side[0])
@@ -175,7 +176,7 @@ impl JointTorqueEstimator for DeformationEstimator {
         let current = sample.current.clamp(-p.current_limit, p.current_limit);
         let bounded = JointSample { current, ..*sample };
         let row = regressor(&bounded, 0.0, p.rated_torque, p.gear_ratio, p.frequency);
-        //= S26: what is left of the torsion is the flexspline's
+        //= S26: torsion_fs = torsion - err - k_0 - (1/N) sum_n w_n i^n
         let h: f64 = row.iter().zip(&p.coefficients).map(|(a, x)| a * x).sum();
         let torsion_fs = sample.theta / p.gear_ratio - sample.q - h;
         let (tau, k) = p.torque(torsion_fs);

@@ -1,7 +1,8 @@
 //! Hysteresis of the gear: Coulomb-limited springs in parallel (Maxwell slip), independent of rate.
 //!
-//! Each element follows the torsion until its stretch reaches its limit, and slips from then on
-//! (the stop operator). The torque is that of the elastic gear plus those of the elements, so it
+//! Each element follows the torsion until its stretch reaches its limit, and slips from then on: the
+//! stop operator of M. A. Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis (Springer
+//! 1989), a weighted sum of which is a Prandtl-Ishlinskii operator. The torque is that of the elastic gear plus those of the elements, so it
 //! follows from the torsion without solving for anything, and its stiffnesses follow from slow
 //! loading loops by linear least squares. Beyond the papers: Z, G and U have no such state.
 
@@ -47,6 +48,7 @@ impl Hysteresis {
             return self.torque();
         }
         self.last = Some(torsion);
+        //= H Stop: s_j = min(max(s_j + x - x_last, -r_j), r_j)
         for (element, stretch) in &mut self.elements {
             *stretch = (*stretch + moved).clamp(-element.limit, element.limit);
         }
@@ -56,6 +58,7 @@ impl Hysteresis {
     /// What all elements carry, N·m.
     #[must_use]
     pub fn torque(&self) -> f64 {
+        //= H Prandtl-Ishlinskii: tau = sum_j k_j s_j
         self.elements
             .iter()
             .map(|(element, stretch)| element.stiffness * stretch)

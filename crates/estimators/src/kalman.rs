@@ -1,4 +1,4 @@
-//! Compliance model behind a Kalman filter, linear or unscented (U; models.md 5).
+//! Compliance model behind a Kalman filter, linear or unscented (U).
 //!
 //! ```text
 //! state        x = [theta, omega, tau]                       CM-KF, CM-UKF
@@ -8,7 +8,7 @@
 //!              tau'   = tau (+ T dtau),   dtau' = dtau,   d' = d
 //! measurement  z1 = theta,   z2 = torsion - err(q, theta) = torsion_fs(tau) + torsion_wg(tau/N)/N
 //! ```
-//! U's own filter equations are lost; this is the reconstruction. The kinematic error is taken at
+//! U prints the steps of its filter without their equations; these are a reconstruction. The kinematic error is taken at
 //! the measured angles: it moves by less than the encoder's noise between those and the state's.
 //! Added beyond U: the torque's rate against lag, a slow motor torque `d` for the current's offset
 //! and the friction that the model lacks, and a gear with slipping springs and an output bearing:
@@ -160,6 +160,9 @@ impl<const N: usize> KalmanEstimator<N> {
         let friction = motor.viscous_friction * x[1]
             + level * (x[1] / sign_smoothing.max(f64::MIN_POSITIVE)).tanh();
         let mut next = *x;
+        //= U Process: theta' = theta + T omega
+        //= U Process: omega' = omega + T/J (tau_m + d - B omega - tau_fm(omega) - tau/N)
+        //= U Process: tau' = tau + T dtau
         next[0] += t * x[1];
         next[1] += t / rotor_inertia * (tau_m + slow - friction - x[2] / joint.gear_ratio);
         next[2] += t * rate;
@@ -173,6 +176,7 @@ impl<const N: usize> KalmanEstimator<N> {
         if self.gear.is_some() {
             return Vector2::new(x[0], x[2]);
         }
+        //= U Measurement: z_1 = theta, z_2 = torsion_fs(tau) + torsion_wg(tau/N)/N
         let torsion = match self.transform {
             Transform::Linear => x[2] / compliance.k_fs0,
             Transform::Unscented => {
@@ -224,6 +228,7 @@ impl<const N: usize> KalmanEstimator<N> {
         });
         match self.transform {
             Transform::Linear => {
+                //= U Step iv: x^- = f(x), P^- = F P F' + Q
                 let f = self.process_jacobian(&s.x);
                 let p = f * s.p * f.transpose() + q;
                 Some(State {
@@ -232,6 +237,8 @@ impl<const N: usize> KalmanEstimator<N> {
                 })
             }
             Transform::Unscented => {
+                //= U Step iv: x^- = sum_k w f(chi_k),
+                //=     P^- = sum_k w (f(chi_k) - x^-) (f(chi_k) - x^-)' + Q
                 let around = Points::new(s)?;
                 let (x, p) = around.through(|x| self.process(x, tau_m));
                 Some(State { x, p: p + q })
@@ -259,12 +266,14 @@ impl<const N: usize> KalmanEstimator<N> {
         let innovation = z - expected;
         let covariance = covariance + Matrix2::from_diagonal(r);
         let inverse = covariance.try_inverse()?;
+        //= U Step vii: K = P_xz P_zz^-1
         let gain: SMatrix<f64, N, 2> = cross * inverse;
         let squared = (innovation.transpose() * inverse * innovation)[(0, 0)];
         let second = (1.0 / self.parameters.joint.sample_period).max(1.0);
         self.innovation.0 = squared;
         self.log_likelihood = -0.5 * (squared + covariance.determinant().max(1e-300).ln());
         self.innovation.1 += (squared.min(1e6) - self.innovation.1) / second;
+        //= U Step vii: x = x^- + K (z - z^-), P = P^- - K P_zz K'
         let p = s.p - gain * covariance * gain.transpose();
         // Rounding makes it lopsided, and a lopsided covariance soon is none.
         Some(State {
@@ -284,6 +293,7 @@ struct Points<const N: usize> {
 
 impl<const N: usize> Points<N> {
     fn new(s: &State<N>) -> Option<Self> {
+        //= U Step ii: chi = x, x +- columns of chol(N P), w = 1/(2 N)
         // kappa = 0: no weight on the centre and none below zero, whatever the number of states,
         // so that covariances stay positive; with three states the points are at sqrt(3) sigma.
         let steps = s.p.cholesky()?.l() * (N as f64).sqrt();
@@ -339,6 +349,8 @@ impl<const N: usize> Points<N> {
         let (mut covariance, mut cross) = (Matrix2::zeros(), SMatrix::zeros());
         for (side, images) in [1.0, -1.0].into_iter().zip(&images) {
             for (step, image) in self.steps.column_iter().zip(images) {
+                //= U Step vi: P_zz = sum_k w (z_k - z^-) (z_k - z^-)' + R,
+                //=     P_xz = sum_k w (chi_k - x^-) (z_k - z^-)'
                 let d = image - mean;
                 covariance += d * d.transpose() * self.weight;
                 cross += step * (d.transpose() * (side * self.weight));

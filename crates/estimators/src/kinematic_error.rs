@@ -20,7 +20,7 @@ impl KinematicErrorParameters {
     #[must_use]
     pub fn error(&self, q: f64, theta: f64) -> f64 {
         //= Z18: err = a0 + a_l1 cos(w_l q) + b_l1 sin(w_l q)
-        //=      + a_w1 cos(w_w theta) + b_w1 sin(w_w theta) + a_w2 cos(2 w_w theta) + ...
+        //=     + a_w1 cos(w_w theta) + b_w1 sin(w_w theta) + a_w2 cos(2 w_w theta) + ...
         let (link, motor) = (self.w_link * q, self.w_motor * theta);
         self.error_of(link.sin_cos(), motor.sin_cos())
     }

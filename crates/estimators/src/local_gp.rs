@@ -141,7 +141,8 @@ impl Kernel for Predict<'_> {
             *distance = differences.sum();
             nearest = nearest.min(*distance);
         }
-        //= G13, relative to the nearest model: G14 looks at ratios, and all may be far
+        // Relative to the nearest model: G14 takes ratios, and all models may be far.
+        //= G13: w_k = exp(-1/2 (x - c_k)' W (x - c_k))
         let mut weights = [0.0; MAX_MODELS];
         let mut total = 0.0;
         for (to, from) in weights
@@ -175,7 +176,7 @@ impl Kernel for Predict<'_> {
                 6 => model.evaluate::<L, 6>(&x, counts, &mut room),
                 _ => model.evaluate::<L, MAX_FEATURES>(&x, counts, &mut room),
             };
-            //= G14: the weighted mean of the local predictions
+            //= G14: y = sum_k w_k y_k / sum_k w_k
             mean += weight * m;
             // The variance of a mixture: where models differ, one of them is wrong.
             square += weight * m * m;

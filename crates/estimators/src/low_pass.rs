@@ -27,7 +27,7 @@ impl LowPass {
         if !x.is_finite() {
             return if self.last.is_some() { y_last } else { 0.0 };
         }
-        //= Z after 22: tau_hat[i] = 0.95 tau_hat[i-1] + 0.025 tau[i] + 0.025 tau[i-1]
+        //= Z Section IV-A: tau_hat[i] = 0.95 tau_hat[i-1] + 0.025 tau[i] + 0.025 tau[i-1]
         let y = if self.pole > 0.0 {
             self.pole * y_last + 0.5 * (1.0 - self.pole) * (x + x_last)
         } else {

@@ -37,7 +37,10 @@ impl ScalarKalman {
     /// Takes one sample; the first one is the first value.
     pub fn update(&mut self, z: f64) -> f64 {
         let value = self.value.unwrap_or(z);
-        //= S31-35
+        //= S32: P^- = P + Q
+        //= S33: K = P^- / (P^- + R)
+        //= S35: P = (1 - K) P^-
+        //= S34: x = x^- + K (z - x^-)
         let predicted = self.variance + self.process;
         let gain = predicted / (predicted + self.measurement);
         self.variance = (1.0 - gain) * predicted;

@@ -72,10 +72,10 @@ impl WaveGenerator {
             epsilon,
             rule,
         } = self.parameters;
-        //= Z: tau_m = K_t i
+        //= Z Section III: tau_m = K_t i
         let tau_m = torque_constant * current;
         let tau_fm = friction + viscous_friction * omega.abs();
-        //= Z22 and the cases after
+        //= Z22: tau_wg = tau_m - tau_fm; tau/N where |tau_m| < tau_fm, held where |omega| <= eps
         let (tau_wg, unknown) = if omega.abs() <= epsilon {
             // Below eps it is held: nothing tells which way friction points.
             (self.held, tau_fm)

@@ -1,22 +1,7 @@
 //! Recorded logs of one joint: CSV with a header, read line by line in constant memory.
 
-use std::fmt;
+use problem::{Allowed, Problem};
 use std::io::BufRead;
-
-/// A log that cannot be used: file, line, reason.
-#[derive(Debug)]
-pub struct LogError {
-    file: String,
-    line: usize,
-    reason: String,
-}
-
-impl fmt::Display for LogError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:{}: {}", self.file, self.line, self.reason)
-    }
-}
-impl std::error::Error for LogError {}
 
 /// One line of a log.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,7 +39,7 @@ impl<R: BufRead> LogReader<R> {
     ///
     /// # Errors
     /// An empty log, or a column missing or named twice.
-    pub fn new(input: R, file: &str) -> Result<Self, LogError> {
+    pub fn new(input: R, file: &str) -> Result<Self, Problem> {
         let mut reader = Self {
             input,
             file: file.to_owned(),
@@ -65,8 +50,8 @@ impl<R: BufRead> LogReader<R> {
         };
         if !reader.next_line()? {
             reader.line = 1;
-            let columns = COLUMNS[..4].join(",");
-            return Err(reader.error(format!("the log is empty; allowed: a header `{columns}`")));
+            let allowed = format!("a header `{}`", COLUMNS[..4].join(","));
+            return Err(reader.problem("the log is empty", allowed));
         }
         let names: Vec<&str> = reader
             .text
@@ -82,14 +67,14 @@ impl<R: BufRead> LogReader<R> {
                 .map(|(i, _)| i);
             reader.places[place] = found.next();
             if found.next().is_some() {
-                return Err(reader.error(format!("column `{column}` stands there twice")));
+                let reason = format!("column `{column}` is named twice");
+                return Err(reader.problem(reason, "each column once"));
             }
             if place < 4 && reader.places[place].is_none() {
                 let names = names.join(",");
-                return Err(reader.error(format!(
-                    "column `{column}` is missing among `{names}`; allowed: \
-                     `t,theta,q,i[,tau_sensor]` and any others"
-                )));
+                let reason = format!("column `{column}` is missing among `{names}`");
+                let allowed = "`t,theta,q,i[,tau_sensor]` and any others";
+                return Err(reader.problem(reason, allowed));
             }
         }
         Ok(reader)
@@ -106,7 +91,7 @@ impl<R: BufRead> LogReader<R> {
     /// # Errors
     /// A line with too few fields, a field that is not a finite number, or time that does not
     /// advance.
-    pub fn next_row(&mut self) -> Result<Option<LogRow>, LogError> {
+    pub fn next_row(&mut self) -> Result<Option<LogRow>, Problem> {
         loop {
             if !self.next_line()? {
                 return Ok(None);
@@ -119,26 +104,23 @@ impl<R: BufRead> LogReader<R> {
         for (value, (place, column)) in values.iter_mut().zip(self.places.iter().zip(COLUMNS)) {
             let Some(place) = place else { continue };
             let Some(field) = self.text.split(',').nth(*place) else {
-                let needed = place + 1;
-                return Err(self.error(format!(
-                    "column `{column}` is missing here; allowed: at least {needed} fields"
-                )));
+                let reason = format!("the field of column `{column}` is missing");
+                return Err(self.problem(reason, format!("at least {} fields", place + 1)));
             };
             let field = field.trim();
             match field.parse::<f64>() {
                 Ok(number) if number.is_finite() => *value = number,
                 _ => {
-                    let reason = format!("`{column}` is `{field}`; allowed: a finite number");
-                    return Err(self.error(reason));
+                    let reason = format!("`{column}` is `{field}`");
+                    return Err(self.problem(reason, Allowed::Finite.to_string()));
                 }
             }
         }
         let [t, theta, q, current, tau_sensor] = values;
         if t <= self.last_t {
             let last = self.last_t;
-            return Err(self.error(format!(
-                "time {t} s follows {last} s; allowed: time that increases from line to line"
-            )));
+            let reason = format!("time {t} s follows {last} s");
+            return Err(self.problem(reason, "time that increases from line to line"));
         }
         self.last_t = t;
         Ok(Some(LogRow {
@@ -154,42 +136,39 @@ impl<R: BufRead> LogReader<R> {
     ///
     /// # Errors
     /// As [`Self::next_row`]; a log without any row.
-    pub fn rows(mut self) -> Result<Vec<LogRow>, LogError> {
+    pub fn rows(mut self) -> Result<Vec<LogRow>, Problem> {
         let mut rows = Vec::new();
         while let Some(row) = self.next_row()? {
             rows.push(row);
         }
         if rows.is_empty() {
-            return Err(self.error("the log has no rows".to_owned()));
+            return Err(self.problem("the log has no rows", "at least one"));
         }
         Ok(rows)
     }
 
-    /// An error at the line that was read last.
+    /// A problem at the line that was read last.
     #[must_use]
-    pub fn error(&self, reason: String) -> LogError {
-        LogError {
-            file: self.file.clone(),
-            line: self.line,
-            reason,
-        }
+    pub fn problem(&self, reason: impl Into<String>, allowed: impl Into<String>) -> Problem {
+        Problem::new(reason, allowed).at(self.file.as_str(), self.line)
     }
 
-    fn next_line(&mut self) -> Result<bool, LogError> {
+    fn next_line(&mut self) -> Result<bool, Problem> {
         self.text.clear();
         self.line += 1;
         let mut limited = std::io::Read::take(&mut self.input, LONGEST_LINE);
         match limited.read_line(&mut self.text) {
             Ok(0) => Ok(false),
             Ok(read) if read as u64 >= LONGEST_LINE && !self.text.ends_with('\n') => {
-                Err(self.error(format!("the line is longer than {LONGEST_LINE} bytes")))
+                let allowed = format!("at most {LONGEST_LINE} bytes");
+                Err(self.problem("the line is too long", allowed))
             }
             Ok(_) => {
                 let kept = self.text.trim_end_matches(['\n', '\r']).len();
                 self.text.truncate(kept);
                 Ok(true)
             }
-            Err(e) => Err(self.error(format!("cannot be read: {e}"))),
+            Err(e) => Err(self.problem(format!("cannot be read: {e}"), "")),
         }
     }
 }

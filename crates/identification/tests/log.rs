@@ -39,13 +39,10 @@ fn bad_logs_are_refused_with_their_line() {
             "t,theta,q\n1,2,3\n",
             "run.csv:1: column `i` is missing among `t,theta,q`",
         ),
-        (
-            "t,theta,q,i,t\n",
-            "run.csv:1: column `t` stands there twice",
-        ),
+        ("t,theta,q,i,t\n", "run.csv:1: column `t` is named twice"),
         (
             "t,theta,q,i\n0,1,2,3\n1,2,3\n",
-            "run.csv:3: column `i` is missing here",
+            "run.csv:3: the field of column `i` is missing",
         ),
         (
             "t,theta,q,i\n0,1,NaN,3\n",
@@ -70,7 +67,7 @@ fn bad_logs_are_refused_with_their_line() {
         assert!(message.contains(expected), "{message}");
     }
     let endless = "t,theta,q,i\n".to_owned() + &"1".repeat(100_000);
-    assert!(message(&endless).contains("run.csv:2: the line is longer than"));
+    assert!(message(&endless).contains("run.csv:2: the line is too long"));
 }
 
 /// Rows made while they are read: a log larger than memory.

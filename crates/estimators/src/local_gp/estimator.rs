@@ -40,7 +40,7 @@ impl JointTorqueEstimator for LocalGpEstimator {
         // What is not taken of the correction leaves the model's own doubt.
         let own = (1.0 - regime.gain) * model.sigma;
         let doubt = regime.sigma * regime.sigma + regime.gain.powi(2) * variance + own * own;
-        //= G: tau = tau_model + y
+        //= G6: tau = tau_model + f(q, theta, i)
         let tau = model.tau + regime.gain * mean;
         let mut estimate = self.output.give(sample, tau, doubt.sqrt());
         estimate.flags |= model.flags & torque_flags::SATURATED;

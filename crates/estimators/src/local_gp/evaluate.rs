@@ -86,7 +86,7 @@ fn double<L: Lanes, const D: usize>(
             let d = L::load(column) - x;
             square = d.mul_add(d, square);
         }
-        //= G9, the widths being in the scaled inputs
+        //= G9: k(x, x_n) = sigma_f^2 exp(-1/2 |x - x_n|^2), inputs scaled by their widths
         let value = exp(L::splat(-0.5) * square);
         mean = value.mul_add(L::load(alpha), mean);
         value.store(k);
@@ -94,7 +94,7 @@ fn double<L: Lanes, const D: usize>(
     if !counts {
         return (sum(mean), 0.0);
     }
-    //= G12, along the directions that were kept
+    //= G12: V(x) = k(x, x) - k' (K + sigma_n^2 I)^-1 k, along the directions that are kept
     let kernel = &room[..columns.alpha.len().min(MAX_POINTS / WIDTH)];
     let mut explained = 0.0;
     for direction in columns.directions.chunks_exact(kernel.len().max(1)) {
@@ -123,7 +123,7 @@ fn single<S: SingleLanes, const D: usize>(
             let d = S::load(column) - x;
             square = d.mul_add(d, square);
         }
-        //= G9, the widths being in the scaled inputs
+        //= G9: k(x, x_n) = sigma_f^2 exp(-1/2 |x - x_n|^2), inputs scaled by their widths
         let value = single_exp_of_minus_half(square);
         mean = value.mul_add(S::load(alpha), mean);
         value.store(k);
@@ -131,7 +131,7 @@ fn single<S: SingleLanes, const D: usize>(
     if !counts {
         return (sum(mean), 0.0);
     }
-    //= G12, along the directions that were kept
+    //= G12: V(x) = k(x, x) - k' (K + sigma_n^2 I)^-1 k, along the directions that are kept
     let kernel = &room[..columns.alpha.len().min(MAX_POINTS / SINGLE_WIDTH)];
     let mut explained = 0.0;
     let mut four = columns.directions.chunks_exact(4 * kernel.len().max(1));

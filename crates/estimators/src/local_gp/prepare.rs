@@ -144,7 +144,7 @@ fn prepare(
 ) -> Prepared {
     let d = p.features.len();
     let n = model.residuals.len();
-    //= G10: alpha = (K + sigma_n² I)^-1 y
+    //= G11: alpha = (K + sigma_n^2 I)^-1 y
     let mut alpha = model.residuals.clone();
     factor.solve(&mut alpha);
     // |mean(x)| = |<m, k(x, .)>| <= |m| sigma_f in the kernel's own space, |m|² = alpha' K alpha,

@@ -102,7 +102,7 @@ fn found(samples: &[&Sample], distance: f64, most: usize) -> Vec<[f64; MAX_FEATU
     let mut centres: Vec<[f64; MAX_FEATURES]> = Vec::new();
     let mut counts: Vec<f64> = Vec::new();
     for sample in samples {
-        //= G13
+        //= G13: a point joins the centre of the largest w_k, or founds one below a threshold
         match nearest(&sample.x, centres.iter()) {
             Some((i, square)) if square <= distance * distance => {
                 counts[i] += 1.0;

@@ -49,7 +49,7 @@ pub fn log_marginal_likelihood(
     // Points in columns: kernels run over neighbours in memory.
     let scaled = DMatrix::from_fn(d, n, |c, i| x[(i, c)] / widths[c]);
     let square = |i: usize, j: usize| (scaled.column(i) - scaled.column(j)).norm_squared();
-    //= G9
+    //= G9: k(x_p, x_q) = sigma_f^2 exp(-1/2 (x_p - x_q)' W (x_p - x_q))
     let mut kernel = DMatrix::zeros(n, n);
     for j in 0..n {
         for i in j..n {

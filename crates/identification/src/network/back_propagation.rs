@@ -142,7 +142,7 @@ impl Batch {
             for (l, &(inputs, outputs)) in network.sizes.iter().enumerate().rev() {
                 let start = end - outputs * (inputs + 1);
                 let (dw, db) = gradient[start..end].split_at_mut(inputs * outputs);
-                //= S41-46: what a weight changes is its output's error times its input
+                //= S43-44: dE/dw_ih = delta_h x_i
                 DMatrixViewMut::from_slice(dw, outputs, inputs).gemm(
                     1.0,
                     &delta,
