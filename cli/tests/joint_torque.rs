@@ -151,7 +151,7 @@ fn bad_input_is_named_with_file_and_line() {
         ),
         (
             replaced(1, "t,q,q,i,theta"),
-            "run.csv:1: column `q` stands there twice",
+            "run.csv:1: column `q` is named twice",
         ),
         (replaced(7, "0.0055,1,NaN,0,0"), "run.csv:7: `q` is `NaN`"),
         (replaced(7, "0.0055,1,oops,0,0"), "run.csv:7: `q` is `oops`"),
@@ -167,7 +167,7 @@ fn bad_input_is_named_with_file_and_line() {
         ("t,theta,q,i\n".to_owned(), "run.csv:2: the log has no rows"),
         (
             format!("t,theta,q,i\n{}", "7".repeat(70_000)),
-            "run.csv:2: the line is longer",
+            "run.csv:2: the line is too long",
         ),
     ];
     for (text, expected) in cases {
@@ -191,7 +191,7 @@ fn bad_input_is_named_with_file_and_line() {
     let one_way = message("fit kinematic-error --joint joint.toml --log run.csv -o out.toml");
     assert!(one_way.contains("run.csv: no-load turn: the"), "{one_way}");
     let early = message("fit kalman --joint joint.toml --log run.csv -o out.toml");
-    assert!(early.contains("needs a table `[compliance]`"), "{early}");
+    assert!(early.contains("allowed: a table [compliance]"), "{early}");
     let nowhere = message("estimate --joint nowhere.toml --log run.csv");
     assert!(nowhere.contains("nowhere.toml: No such file"), "{nowhere}");
     let name = message("fit current --joint joint.toml --log run.csv -o out.csv");

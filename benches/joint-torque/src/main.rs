@@ -1,4 +1,4 @@
-//! Makes docs/results/joint-torque.md, or the logs that it stands on.
+//! Writes docs/results/joint-torque.md, or the logs that it rests on.
 
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -146,14 +146,16 @@ fn results(out: &Path, seeds: u64) -> Result<(), String> {
         let path = out.join(format!("joint-torque-{name}.svg"));
         draw(&path, title, outcomes).map_err(|e| format!("{}: {e}", path.display()))?;
     }
-    let text = page(&Results {
+    let results = Results {
         z,
         s,
         reports: [z_report, s_report],
         redrawn: [z_redrawn, s_redrawn],
         lara8: lara8()?,
-    });
-    write(&out.join("joint-torque.md"), &text)
+    };
+    let path = out.join("joint-torque.md");
+    let last = std::fs::read_to_string(&path).unwrap_or_default();
+    write(&path, &page(&results, &last))
 }
 
 fn logs(name: &str, seed: u64, out: &Path) -> Result<(), String> {

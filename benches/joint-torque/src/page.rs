@@ -4,13 +4,13 @@ use crate::judge::{FUSED, Outcome};
 use crate::lara8::Lara8;
 use std::fmt::Write as _;
 
-/// What the joints showed.
+/// Figures of all joints.
 pub struct Results {
     /// Z's joint (and G's, and U's at its size): nominal.
     pub z: Vec<Outcome>,
     /// S's joint: nominal.
     pub s: Vec<Outcome>,
-    /// What each fit found on Z's joint and on S's.
+    /// Report of each fit on Z's joint and on S's.
     pub reports: [Vec<String>; 2],
     /// Redrawn joints of Z's kind, then of S's: seed and outcomes.
     pub redrawn: [Vec<(u64, Vec<Outcome>)>; 2],
@@ -55,7 +55,7 @@ fn rms(outcomes: &[Outcome], scenario: &str, estimator: &str) -> f64 {
     found.map_or(f64::NAN, |f| f.rms)
 }
 
-/// How far CM-UKF (with the added states) is below CM, per cent.
+/// RMS error of CM-UKF (with the added states) below that of CM, per cent.
 fn below(outcomes: &[Outcome], scenario: &str, estimator: &str) -> f64 {
     let cm = rms(outcomes, scenario, "compliance");
     100.0 * (1.0 - rms(outcomes, scenario, estimator) / cm)
@@ -97,16 +97,19 @@ fn table(text: &mut String, outcomes: &[Outcome]) {
 }
 
 fn report(text: &mut String, lines: &[String]) {
-    text.push_str("What `fit all` found:\n\n```text\n");
+    text.push_str("Report of `fit all`:\n\n```text\n");
     for line in lines {
         let _ = writeln!(text, "{line}");
     }
     text.push_str("```\n\n");
 }
 
-/// The whole page.
+/// Heading of the part that is written by hand.
+const CONCLUSIONS: &str = "## Conclusions\n";
+
+/// The whole page: figures anew, conclusions as `last`, the page so far, has them.
 #[must_use]
-pub fn page(r: &Results) -> String {
+pub fn page(r: &Results, last: &str) -> String {
     let mut text = HEAD.to_owned();
     for o in &r.z {
         let _ = writeln!(text, "- **{}**: {}.", o.name, o.about);
@@ -127,6 +130,8 @@ pub fn page(r: &Results) -> String {
     redrawn(&mut text, r);
     real(&mut text, &r.lara8);
     text.push_str(TAIL);
+    let conclusions = last.find(CONCLUSIONS).map_or(CONCLUSIONS, |at| &last[at..]);
+    text.push_str(conclusions);
     text
 }
 
@@ -145,10 +150,7 @@ fn beside_g(text: &mut String, z: &[Outcome]) {
             "| {name} | {reported} | {gp:.2} | {fused:.2} | {reached} |"
         );
     }
-    text.push_str(
-        "\nCM-GP alone does not come near the hysteresis models: its inputs are the present angles \
-         and current, and the torque of a gear with hysteresis depends on the past.\n\n",
-    );
+    text.push('\n');
 }
 
 fn beside_u(text: &mut String, z: &[Outcome]) {
@@ -197,9 +199,7 @@ fn beside_s(text: &mut String, s: &[Outcome]) {
     let _ = writeln!(
         text,
         "\nAim: the network below the piecewise model by S's ratio in the fast scenario, \
-         {theirs:.2}: {}, {ours:.2}. Both of ours are below S's network to begin with. With skew and kinematic \
-         error removed, what the piecewise model leaves is hysteresis and noise, and a network \
-         without memory cannot see either.\n",
+         {theirs:.2}: {}, {ours:.2}.\n",
         verdict(ours >= theirs)
     );
 }
@@ -212,10 +212,7 @@ fn fused(text: &mut String, r: &Results) {
     let _ = writeln!(
         text,
         "## Fused against its best source\n\nAim: in no scenario worse than {FUSED_AIM} times the best \
-         source. Worst of both joints: {ratio:.3} in \"{}\": {}. Where it is above, here and on the \
-         redrawn joints below, two sources that nearly tie in the calibration runs differ in the \
-         scenario, and the weights cannot know which way; at rest the whole error is one constant, \
-         which a poor source may hit by chance.\n",
+         source. Worst of both joints: {ratio:.3} in \"{}\": {}.\n",
         worst.name,
         verdict(ratio <= FUSED_AIM)
     );
@@ -310,13 +307,7 @@ fn real(text: &mut String, l: &Lara8) {
          | motor current less feed-forward | {:.2} N·m |\n\
          | network of the data's source, trained on far more | 2.67 N·m |\n\
          | plain regression on torsion, velocity, feed-forward | 2.0 N·m |\n\n\
-         Intervals: 95 %, by leaving out half-second blocks. Aim: below 1.5 N·m, {}. Two thirds of \
-         the error arise between 4 and 6 s, where the F/T sensor shows the payload swinging with \
-         ±5 N at some 4 Hz beyond the joint; torsion, current and feed-forward do not show it. \
-         Tried without a lasting gain: slipping springs along torsion, feed-forward and angle, \
-         harmonics of the motor's angle, lags of every signal, acceleration, Stribeck friction, \
-         products of torsion and velocity. Harmonics of q alone cannot be told from the load in \
-         one sweep and were left out.\n",
+         Intervals: 95 %, by leaving out half-second blocks. Aim: below 1.5 N·m, {}.\n",
         1e3 * l.skew.0,
         1e3 * l.skew.1,
         1e-3 * l.stiffness.0,
@@ -329,7 +320,7 @@ fn real(text: &mut String, l: &Lara8) {
 const HEAD: &str = "\
 # Joint torque: every estimator side by side
 
-Made by `cargo run --release -p joint-torque-bench -- results`. **All but the last section is simulated** (`crates/plant`, which shares no model with the estimators); the papers' figures come from their own hardware, a different rig.
+Made by `cargo run --release -p joint-torque-bench -- results`, but for the [conclusions](#conclusions), which are written by hand and kept when the figures are made anew. **All but the last section is simulated** (`crates/plant`, which shares no model with the estimators); the papers' figures come from their own hardware, a different rig.
 
 Each joint is calibrated from two separate runs only, by `torquectl fit all`'s own code: one unloaded output turn each way, and 150 s of loaded motion and rest beside a torque sensor with noise. Hysteresis, wind-up, stiffening, position-dependent and load-dependent friction with stiction, friction of the output bearing, kinematic harmonics that Z does not have, gain and offset errors of the current, encoder noise and quantisation, and a skew of 0.25 ms between the encoders are always on. Estimates are causal; nothing is taken off for their delay.
 
@@ -351,4 +342,5 @@ const TAIL: &str = "\
 ## Time
 
 `cargo bench -p estimators` measures the time per estimate; `torquectl estimate` shows it for a joint's own parameters.
+
 ";
