@@ -39,7 +39,7 @@ impl BenchJoint {
             other => return Err(format!("joint `{other}` is unknown; allowed: z, s")),
         };
         let file = JointFile::parse(joint, name, &no_files).map_err(|e| e.to_string())?;
-        let mut sim = SimParameters::parse(sim, name)?;
+        let mut sim = SimParameters::parse(sim, name).map_err(|e| e.to_string())?;
         let drive = sim.drives.remove("joint");
         let drive = drive.ok_or("the simulated drive `joint` is missing")?;
         let sensor_noise = 5e-4 * file.joint.rated_torque;

@@ -1,13 +1,15 @@
 //! The simulated robot behind its CAN buses.
 
-use crate::joint::{Command, DriveSheet};
+use crate::drive::{Command, DriveSheet};
+use crate::kinematic_error::KinematicError;
 use crate::parameters::SimParameters;
-use crate::robot::{JointPlan, Plan, SimRobot};
-use crate::sampling::six;
-use crate::transmission::KinematicError;
+use crate::plan::{JointPlan, Plan};
+use crate::readings::six;
+use crate::robot::SimRobot;
 use crate::truth::Truth;
 use can_codec::{Frame, Frames, Table};
 use nalgebra::{Matrix6, Vector6};
+use problem::Problem;
 use robot_config::slots::Source;
 use robot_config::{FtParameters, JointParameters, Robot, slots};
 use robot_state::Wrench;
@@ -38,8 +40,8 @@ impl CanRobot {
     /// A robot in balance at the pose of `sim.toml`, its drives holding it.
     ///
     /// # Errors
-    /// What does not fit together, with the key that says so.
-    pub fn new(robot: &Robot, urdf_text: &str, sim: &SimParameters) -> Result<Self, String> {
+    /// Parts that do not fit together, with their key.
+    pub fn new(robot: &Robot, urdf_text: &str, sim: &SimParameters) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
         let plan = Plan {
             floating: parameters.base == dynamics::Base::Floating,

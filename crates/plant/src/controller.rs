@@ -1,6 +1,6 @@
 //! The drive's own control loop: PD on the motor's angle with a dead zone (D5, D 3.2.1).
 
-use crate::joint::{Command, DriveSheet};
+use crate::drive::{Command, DriveSheet};
 use crate::parameters::ControllerParameters;
 use std::f64::consts::TAU;
 

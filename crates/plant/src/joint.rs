@@ -9,54 +9,14 @@
 //! An estimator that looks at torsion sees `T`; one that looks from outside sees `tau`.
 
 use crate::controller::Controller;
+use crate::drive::{DriveReading, DriveSheet};
 use crate::friction::{Bristle, BristleConstants, stribeck};
 use crate::parameters::DriveParameters;
+use crate::past::Past;
 use crate::random::Random;
-use crate::sampling::Past;
-use crate::transmission::{KinematicError, Transmission};
+use crate::transmission::Transmission;
 use crate::truth::JointTruth;
 use std::f64::consts::TAU;
-
-/// What a drive's set point means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Command {
-    /// Position, rad link side.
-    Position,
-    /// Motor current, A.
-    Current,
-}
-
-/// What everybody knows of a drive: its data sheet.
-#[derive(Debug, Clone)]
-pub struct DriveSheet {
-    /// N: gear ratio.
-    pub gear_ratio: f64,
-    /// K_t: torque constant, motor side, N·m/A.
-    pub torque_constant: f64,
-    /// J_m: rotor inertia, kg·m².
-    pub rotor_inertia: f64,
-    /// Counts a turn of the motor encoder.
-    pub motor_counts_per_turn: f64,
-    /// Counts a turn of the link encoder.
-    pub link_counts_per_turn: f64,
-    /// What set points mean.
-    pub command: Command,
-    /// The kinematic error that calibration found; the true one has more to it.
-    pub kinematic_error: KinematicError,
-}
-
-/// What a drive's sensors say.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DriveReading {
-    /// theta: motor angle over many turns, rad.
-    pub theta: f64,
-    /// q: link angle, rad.
-    pub q: f64,
-    /// i: current, A.
-    pub current: f64,
-    /// omega: motor velocity as the drive filters it, rad/s.
-    pub omega: f64,
-}
 
 /// A joint's drive and gear.
 #[derive(Debug, Clone)]

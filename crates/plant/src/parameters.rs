@@ -1,6 +1,7 @@
 //! `sim.toml`: what the simulated robot is like beyond what its user knows.
 
-use crate::transmission::KinematicError;
+use crate::kinematic_error::KinematicError;
+use problem::Problem;
 use read::*;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -478,16 +479,16 @@ impl SimParameters {
     ///
     /// # Errors
     /// What is wrong and what is allowed, with file, line and key.
-    pub fn parse(text: &str, file: &str) -> Result<Self, String> {
+    pub fn parse(text: &str, file: &str) -> Result<Self, Problem> {
         let parameters: Self = toml::from_str(text).map_err(|e| locate(text, file, &e))?;
         if parameters.substep > 1e-3 {
-            return Err(format!("{file}: substep_us: at most 1000 is allowed"));
+            let us = 1e6 * parameters.substep;
+            return Err(Problem::new(format!("substep_us: {us}"), "at most 1000").at(file, 0));
         }
         if parameters.start.on_ground && (parameters.ground.is_none() || parameters.feet.is_empty())
         {
-            return Err(format!(
-                "{file}: start.on_ground: needs [ground] and at least one [[foot]]"
-            ));
+            let reason = "start.on_ground: needs [ground] and at least one [[foot]]";
+            return Err(Problem::new(reason, "").at(file, 0));
         }
         Ok(parameters)
     }

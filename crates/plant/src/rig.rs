@@ -1,7 +1,8 @@
 //! A test bench for one joint: a pendulum on the gear's output and a torque from outside on it.
 
 use crate::articulated::GRAVITY;
-use crate::joint::{DriveReading, DriveSheet, Joint};
+use crate::drive::{DriveReading, DriveSheet};
+use crate::joint::Joint;
 use crate::parameters::DriveParameters;
 use crate::random::Random;
 use crate::truth::JointTruth;

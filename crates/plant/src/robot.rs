@@ -1,61 +1,25 @@
 //! The simulated robot: bodies, drives, surroundings and sensors together.
 
+mod sampling;
+mod start;
+
 use crate::articulated::Dynamics;
-use crate::contact::{Corner, Harness, Push};
-use crate::joint::{DriveReading, DriveSheet, Joint};
+use crate::clock::{Clock, Clocks, steps_kept};
+use crate::drive::DriveReading;
+use crate::joint::Joint;
 use crate::parameters::SimParameters;
+use crate::plan::Plan;
 use crate::random::Random;
-use crate::sampling::{Clock, Clocks, Sent, steps_kept};
+use crate::readings::Readings;
 use crate::sensors::{FtSensor, Imu};
-use crate::tree::{Frame, State, Tree, integrate};
-use crate::truth::{ExternalTruth, Truth};
+use crate::surroundings::Surroundings;
+use crate::tree::{State, Tree, integrate};
+use crate::truth::Truth;
 use crate::urdf::Urdf;
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
+use problem::Problem;
 use robot_config::slots::Source;
 use robot_state::Wrench;
-
-/// A joint as its user knows it.
-#[derive(Debug, Clone)]
-pub struct JointPlan {
-    /// The joint's name in the URDF.
-    pub name: String,
-    /// The kind of drive, `[drive.NAME]` in `sim.toml`.
-    pub drive: String,
-    /// The drive's data sheet.
-    pub sheet: DriveSheet,
-}
-
-/// The robot as its user knows it.
-#[derive(Debug, Clone)]
-pub struct Plan {
-    /// Whether the base moves freely.
-    pub floating: bool,
-    /// Joints in the user's order.
-    pub joints: Vec<JointPlan>,
-    /// Frames of the F/T sensors.
-    pub ft_sensors: Vec<String>,
-    /// Frame of the IMU.
-    pub imu: Option<String>,
-    /// Time between two samples of the sensors, s.
-    pub period: f64,
-}
-
-/// All sensors as last sampled: at the end of a period, or before it by their own clocks.
-#[derive(Debug, Clone)]
-pub struct Readings {
-    /// Drives, in the plan's order.
-    pub joints: Vec<DriveReading>,
-    /// F/T sensors: the wrench that what lies beyond applies to what lies before.
-    pub ft: Vec<Wrench>,
-    /// Temperatures of the F/T sensors, °C.
-    pub ft_temperature: Vec<f64>,
-    /// Gyro, rad/s.
-    pub gyro: [f64; 3],
-    /// Accelerometer, m/s².
-    pub accelerometer: [f64; 3],
-    /// Samples of sensors with clocks of their own, up to the next period.
-    pub sent: Vec<Sent>,
-}
 
 /// The simulated robot.
 #[derive(Debug, Clone)]
@@ -83,33 +47,22 @@ pub struct SimRobot {
     truth: Truth,
 }
 
-/// All that touches the robot.
-#[derive(Debug, Clone)]
-pub(crate) struct Surroundings {
-    pub(crate) ground: Option<crate::parameters::GroundParameters>,
-    /// Corners with the foot they belong to.
-    pub(crate) corners: Vec<(usize, Corner)>,
-    pub(crate) feet: Vec<Frame>,
-    pub(crate) harness: Option<(Frame, Harness)>,
-    pub(crate) pushes: Vec<(Frame, Push)>,
-}
-
 impl SimRobot {
     /// A robot in balance at the pose of `[start]`.
     ///
     /// # Errors
-    /// What does not fit together, with the key that says so.
+    /// Parts that do not fit together, with their key.
     pub fn new(
         plan: &Plan,
         urdf_text: &str,
         urdf_file: &str,
         sim: &SimParameters,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, Problem> {
         let mut urdf = Urdf::parse(urdf_text, urdf_file)?;
         urdf.perturb(sim.inertia_error, &mut Random::new(sim.seed, 1));
         let cuts: Vec<&str> = plan.ft_sensors.iter().map(String::as_str).collect();
         let tree =
-            Tree::new(&urdf, plan.floating, &cuts).map_err(|e| format!("{urdf_file}: {e}"))?;
+            Tree::new(&urdf, plan.floating, &cuts).map_err(|problem| problem.at(urdf_file, 0))?;
         let (order, joints) = build_joints(plan, &tree, sim)?;
         let mut state = tree.rest();
         place(&mut state, &tree, sim)?;
@@ -246,7 +199,7 @@ impl SimRobot {
             self.imu.iter_mut().for_each(|imu| imu.feel(&self.dynamics));
         }
         if last {
-            self.tell_truth(time, &base);
+            self.record_truth(time, &base);
         }
         integrate(&self.tree, &mut self.state, &base, &self.ddq, dt);
         self.steps_done += 1;
@@ -256,7 +209,7 @@ impl SimRobot {
         }
     }
 
-    fn tell_truth(&mut self, time: f64, base: &Vector6<f64>) {
+    fn record_truth(&mut self, time: f64, base: &Vector6<f64>) {
         let truth = &mut self.truth;
         truth.time = time;
         for (t, &dof) in truth.joints.iter_mut().zip(&self.order) {
@@ -267,103 +220,30 @@ impl SimRobot {
         for (wrench, sensor) in truth.ft.iter_mut().zip(&self.ft) {
             *wrench = sensor.truth(&self.dynamics);
         }
-        self.surroundings.tell(&self.dynamics, &mut truth.external);
+        self.surroundings
+            .record(&self.dynamics, &mut truth.external);
     }
 }
 
-impl Surroundings {
-    fn new(tree: &Tree, dynamics: &Dynamics, sim: &SimParameters) -> Result<Self, String> {
-        let (mut feet, mut corners) = (Vec::new(), Vec::new());
-        for (i, foot) in sim.feet.iter().enumerate() {
-            let frame = find(tree, &foot.link, "foot.link")?;
-            feet.push(frame.clone());
-            corners.extend(foot.corners.iter().map(|c| (i, Corner::new(frame, c))));
-        }
-        let harness = match &sim.harness {
-            Some(p) => {
-                let frame = find(tree, &p.link, "harness.link")?;
-                Some((frame.clone(), Harness::new(p, frame, dynamics)))
-            }
-            None => None,
-        };
-        let mut pushes = Vec::new();
-        for push in &sim.pushes {
-            let frame = find(tree, &push.link, "push.link")?;
-            pushes.push((frame.clone(), Push::new(push, frame)));
-        }
-        Ok(Self {
-            ground: sim.ground.clone(),
-            corners,
-            feet,
-            harness,
-            pushes,
-        })
-    }
-
-    pub(crate) fn prepare(&mut self, dynamics: &mut Dynamics, time: f64, dt: f64) {
-        if let Some(ground) = &self.ground {
-            for (_, corner) in &mut self.corners {
-                corner.prepare(ground, dynamics, dt);
-            }
-        }
-        if let Some((_, harness)) = &mut self.harness {
-            harness.prepare(dynamics, dt);
-        }
-        for (_, push) in &mut self.pushes {
-            push.prepare(dynamics, time);
-        }
-    }
-
-    pub(crate) fn commit(&mut self, dynamics: &mut Dynamics, dt: f64) {
-        dynamics.clear_external();
-        for (_, corner) in &mut self.corners {
-            corner.commit(dynamics, dt);
-        }
-        if let Some((_, harness)) = &mut self.harness {
-            harness.commit(dynamics, dt);
-        }
-        for (_, push) in &self.pushes {
-            push.commit(dynamics);
-        }
-    }
-
-    /// Wrenches from outside at the links' origins in the links' axes: feet, harness, pushes.
-    fn tell(&self, dynamics: &Dynamics, external: &mut [ExternalTruth]) {
-        let feet = self.feet.iter().enumerate().map(|(i, frame)| {
-            let corners = self.corners.iter().filter(move |(foot, _)| *foot == i);
-            let sum = corners.fold(Vector6::zeros(), |sum, (_, c)| sum + c.wrench());
-            (frame, sum)
-        });
-        let harness = (self.harness.iter()).map(|(frame, h)| (frame, h.wrench()));
-        let pushes = self.pushes.iter().map(|(frame, p)| (frame, p.wrench()));
-        for (told, (frame, wrench)) in external.iter_mut().zip(feet.chain(harness).chain(pushes)) {
-            told.set(frame, dynamics, &wrench);
-        }
-    }
-}
-
-fn find<'a>(tree: &'a Tree, name: &str, key: &str) -> Result<&'a Frame, String> {
-    (tree.frame(name)).ok_or_else(|| format!("{key}: the URDF has no link {name}"))
+fn no_joint(place: &str) -> Problem {
+    Problem::new(format!("{place}: not a moving joint of the URDF"), "")
 }
 
 fn build_joints(
     plan: &Plan,
     tree: &Tree,
     sim: &SimParameters,
-) -> Result<(Vec<usize>, Vec<Joint>), String> {
+) -> Result<(Vec<usize>, Vec<Joint>), Problem> {
     let mut order = Vec::new();
     let mut joints: Vec<Option<Joint>> = vec![None; tree.joint_names().len()];
     for (i, joint) in plan.joints.iter().enumerate() {
         let dof = (tree.joint_names().iter().position(|n| *n == joint.name))
-            .ok_or_else(|| format!("joint {}: not a moving joint of the URDF", joint.name))?;
+            .ok_or_else(|| no_joint(&format!("joint {}", joint.name)))?;
         let drive = sim.drives.get(&joint.drive).ok_or_else(|| {
             let known: Vec<&str> = sim.drives.keys().map(String::as_str).collect();
-            format!(
-                "drive.{}: missing, joint {} uses it; present: {}",
-                joint.drive,
-                joint.name,
-                known.join(", ")
-            )
+            let (drive, joint, known) = (&joint.drive, &joint.name, known.join(", "));
+            let reason = format!("drive.{drive}: missing, joint {joint} uses it; present: {known}");
+            Problem::new(reason, "")
         })?;
         let random = Random::new(sim.seed, 100 + i as u64);
         joints[dof] = Some(Joint::new(&joint.sheet, drive, random));
@@ -372,7 +252,8 @@ fn build_joints(
     let missing = joints.iter().position(Option::is_none);
     if let Some(dof) = missing {
         let name = &tree.joint_names()[dof];
-        return Err(format!("joint {name} of the URDF has no drive"));
+        let reason = format!("joint {name} of the URDF has no drive");
+        return Err(Problem::new(reason, ""));
     }
     Ok((order, joints.into_iter().flatten().collect()))
 }
@@ -381,24 +262,24 @@ fn build_sensors(
     plan: &Plan,
     tree: &Tree,
     sim: &SimParameters,
-) -> Result<(Vec<FtSensor>, Option<Imu>), String> {
+) -> Result<(Vec<FtSensor>, Option<Imu>), Problem> {
     let sensors = (plan.ft_sensors.iter().zip(2_u64..))
         .map(|(name, stream)| {
             let random = Random::new(sim.seed, stream);
             Ok(FtSensor::new(
-                find(tree, name, "ft_sensor.frame")?,
+                tree.frame_of("ft_sensor.frame", name)?,
                 &sim.ft_sensor,
                 random,
                 steps_kept(&sim.ft_sensor.sampling, sim),
             ))
         })
-        .collect::<Result<Vec<_>, String>>()?;
+        .collect::<Result<Vec<_>, Problem>>()?;
     let imu = match &plan.imu {
         Some(name) => {
             let random = Random::new(sim.seed, 50);
             let steps = steps_kept(&sim.imu.sampling, sim);
             Some(Imu::new(
-                find(tree, name, "imu.frame")?,
+                tree.frame_of("imu.frame", name)?,
                 &sim.imu,
                 random,
                 steps,
@@ -409,13 +290,13 @@ fn build_sensors(
     Ok((sensors, imu))
 }
 
-fn place(state: &mut State, tree: &Tree, sim: &SimParameters) -> Result<(), String> {
+fn place(state: &mut State, tree: &Tree, sim: &SimParameters) -> Result<(), Problem> {
     state.position = Vector3::from(sim.start.base_position);
     let [roll, pitch, yaw] = sim.start.base_rpy;
     state.orientation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
     for (name, angle) in &sim.start.joints {
         let dof = (tree.joint_names().iter().position(|n| n == name))
-            .ok_or_else(|| format!("start.joints_deg.{name}: no moving joint of the URDF"))?;
+            .ok_or_else(|| no_joint(&format!("start.joints_deg.{name}")))?;
         state.q[dof] = *angle;
     }
     Ok(())

@@ -2,8 +2,8 @@
 
 use crate::articulated::Dynamics;
 use crate::parameters::{FtParameters, ImuParameters};
+use crate::past::Past;
 use crate::random::Random;
-use crate::sampling::Past;
 use crate::tree::Frame;
 use nalgebra::{Matrix6, Vector3, Vector6};
 use robot_state::Wrench;

@@ -3,6 +3,7 @@
 use crate::spatial::split;
 use crate::urdf::Urdf;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3, Vector6};
+use problem::Problem;
 
 /// A rigid body: a URDF link with all that is fixed to it.
 #[derive(Debug, Clone)]
@@ -62,10 +63,10 @@ impl Tree {
     ///
     /// # Errors
     /// If links are not all connected, or a cut names no link.
-    pub fn new(urdf: &Urdf, floating: bool, cuts: &[&str]) -> Result<Self, String> {
+    pub fn new(urdf: &Urdf, floating: bool, cuts: &[&str]) -> Result<Self, Problem> {
         for cut in cuts {
             if urdf.links.iter().all(|l| l.name != *cut) {
-                return Err(format!("no link is called {cut}"));
+                return Err(Problem::new(format!("there is no link {cut}"), ""));
             }
         }
         let mut tree = Self {
@@ -84,7 +85,7 @@ impl Tree {
             cuts,
         );
         if tree.frames.len() != urdf.links.len() {
-            return Err("the links form a loop".into());
+            return Err(Problem::new("the links form a loop", ""));
         }
         Ok(tree)
     }
@@ -177,6 +178,12 @@ impl Tree {
     #[must_use]
     pub fn frame(&self, name: &str) -> Option<&Frame> {
         self.frames.iter().find(|f| f.name == name)
+    }
+
+    /// The frame of the link that a key of a file names.
+    pub(crate) fn frame_of(&self, key: &str, link: &str) -> Result<&Frame, Problem> {
+        let reason = || Problem::new(format!("{key}: the URDF has no link {link}"), "");
+        self.frame(link).ok_or_else(reason)
     }
 
     /// Total mass, kg.

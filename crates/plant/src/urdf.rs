@@ -4,6 +4,7 @@
 
 use crate::random::Random;
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use problem::Problem;
 
 /// A link and its inertia.
 #[derive(Debug, Clone)]
@@ -42,7 +43,7 @@ pub struct Urdf {
     pub links: Vec<Link>,
     /// Joints in the file's order.
     pub joints: Vec<Joint>,
-    /// Index of the link that is nobody's child.
+    /// Index of the root link: no joint's child.
     pub root: usize,
 }
 
@@ -51,11 +52,11 @@ impl Urdf {
     ///
     /// # Errors
     /// What is wrong, with file and line.
-    pub fn parse(text: &str, file: &str) -> Result<Self, String> {
-        let document = roxmltree::Document::parse(text).map_err(|e| format!("{file}: {e}"))?;
-        let at = |node: roxmltree::Node, message: String| {
-            let line = document.text_pos_at(node.range().start).row;
-            format!("{file}:{line}: {message}")
+    pub fn parse(text: &str, file: &str) -> Result<Self, Problem> {
+        let document = roxmltree::Document::parse(text)
+            .map_err(|e| problem(e.to_string()).at(file, e.pos().row as usize))?;
+        let at = |node: roxmltree::Node, problem: Problem| {
+            problem.at(file, document.text_pos_at(node.range().start).row as usize)
         };
         let robot = document.root_element();
         let mut links = Vec::new();
@@ -68,7 +69,7 @@ impl Urdf {
         }
         let mut roots = (0..links.len()).filter(|i| joints.iter().all(|j: &Joint| j.child != *i));
         let (Some(root), None) = (roots.next(), roots.next()) else {
-            return Err(format!("{file}: exactly one link must be nobody's child"));
+            return Err(problem("not exactly one link is the root").at(file, 0));
         };
         Ok(Self {
             links,
@@ -89,7 +90,11 @@ impl Urdf {
     }
 }
 
-fn link(node: roxmltree::Node) -> Result<Link, String> {
+fn problem(reason: impl Into<String>) -> Problem {
+    Problem::new(reason, "")
+}
+
+fn link(node: roxmltree::Node) -> Result<Link, Problem> {
     let name = attribute(node, "name")?.to_owned();
     let mut link = Link {
         name,
@@ -101,8 +106,8 @@ fn link(node: roxmltree::Node) -> Result<Link, String> {
         return Ok(link);
     };
     let (rotation, com) = origin(inertial)?;
-    let mass = child(inertial, "mass").ok_or("inertial without mass")?;
-    let inertia = child(inertial, "inertia").ok_or("inertial without inertia")?;
+    let mass = child(inertial, "mass").ok_or_else(|| problem("inertial without mass"))?;
+    let inertia = child(inertial, "inertia").ok_or_else(|| problem("inertial without inertia"))?;
     let i = |key| number(attribute(inertia, key)?);
     let (xx, xy, xz) = (i("ixx")?, i("ixy")?, i("ixz")?);
     let (yy, yz, zz) = (i("iyy")?, i("iyz")?, i("izz")?);
@@ -113,14 +118,13 @@ fn link(node: roxmltree::Node) -> Result<Link, String> {
     Ok(link)
 }
 
-fn joint(node: roxmltree::Node, links: &[Link]) -> Result<Joint, String> {
+fn joint(node: roxmltree::Node, links: &[Link]) -> Result<Joint, Problem> {
     let name = attribute(node, "name")?.to_owned();
     let find = |tag| {
-        let wanted = attribute(child(node, tag).ok_or(format!("no {tag}"))?, "link")?;
-        links
-            .iter()
-            .position(|l| l.name == wanted)
-            .ok_or(format!("joint {name}: no link is called {wanted}"))
+        let element = child(node, tag).ok_or_else(|| problem(format!("joint {name}: no {tag}")))?;
+        let link = attribute(element, "link")?;
+        let place = links.iter().position(|l| l.name == link);
+        place.ok_or_else(|| problem(format!("joint {name}: there is no link {link}")))
     };
     let (parent, child_link) = (find("parent")?, find("child")?);
     let (rotation, offset) = origin(node)?;
@@ -132,11 +136,12 @@ fn joint(node: roxmltree::Node, links: &[Link]) -> Result<Joint, String> {
                 None => Vector3::x(),
             };
             let unit = axis.try_normalize(1e-9);
-            Some(unit.ok_or(format!("joint {name}: zero axis"))?)
+            Some(unit.ok_or_else(|| problem(format!("joint {name}: zero axis")))?)
         }
         other => {
-            return Err(format!(
-                "joint {name}: type {other} cannot be simulated; allowed: revolute, continuous, fixed"
+            return Err(Problem::new(
+                format!("joint {name}: type {other} cannot be simulated"),
+                "revolute, continuous, fixed",
             ));
         }
     };
@@ -154,32 +159,30 @@ fn child<'a>(node: roxmltree::Node<'a, 'a>, tag: &str) -> Option<roxmltree::Node
     node.children().find(|n| n.has_tag_name(tag))
 }
 
-fn attribute<'a>(node: roxmltree::Node<'a, 'a>, name: &str) -> Result<&'a str, String> {
-    node.attribute(name).ok_or(format!(
-        "<{}> without attribute {name}",
-        node.tag_name().name()
-    ))
+fn attribute<'a>(node: roxmltree::Node<'a, 'a>, name: &str) -> Result<&'a str, Problem> {
+    let tag = node.tag_name().name();
+    (node.attribute(name)).ok_or_else(|| problem(format!("<{tag}> without attribute {name}")))
 }
 
-fn number(text: &str) -> Result<f64, String> {
+fn number(text: &str) -> Result<f64, Problem> {
     match text.trim().parse::<f64>() {
         Ok(x) if x.is_finite() => Ok(x),
-        _ => Err(format!("{text:?} is not a finite number")),
+        _ => Err(problem(format!("{text:?} is not a finite number"))),
     }
 }
 
-fn triple(text: &str) -> Result<Vector3<f64>, String> {
+fn triple(text: &str) -> Result<Vector3<f64>, Problem> {
     let numbers = text
         .split_whitespace()
         .map(number)
         .collect::<Result<Vec<_>, _>>()?;
     match numbers[..] {
         [x, y, z] => Ok(Vector3::new(x, y, z)),
-        _ => Err(format!("{text:?} is not three numbers")),
+        _ => Err(problem(format!("{text:?} is not three numbers"))),
     }
 }
 
-fn origin(node: roxmltree::Node) -> Result<(Matrix3<f64>, Vector3<f64>), String> {
+fn origin(node: roxmltree::Node) -> Result<(Matrix3<f64>, Vector3<f64>), Problem> {
     let Some(origin) = child(node, "origin") else {
         return Ok((Matrix3::identity(), Vector3::zeros()));
     };

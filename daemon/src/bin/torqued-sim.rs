@@ -115,7 +115,7 @@ fn load(arguments: &Arguments) -> Result<(Robot, CanRobot), Failure> {
     }
     let urdf = text(Path::new(&robot.parameters.urdf_path))?;
     let plant = CanRobot::new(&robot, &urdf, &sim)
-        .map_err(|error| Failure::bad_input(format!("{sim_name}: {error}")))?;
+        .map_err(|problem| Failure::bad_input(problem.or_at(&sim_name, 0)))?;
     Ok((robot, plant))
 }
 

@@ -1,22 +1,23 @@
 //! Numbers as `sim.toml` writes them: checked, and brought to SI units while they are read.
 
-use crate::transmission::KinematicError;
+use crate::kinematic_error::KinematicError;
+use problem::{Problem, line_at};
 use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 
-/// `file:line: key: message`.
-pub(super) fn locate(text: &str, file: &str, error: &toml::de::Error) -> String {
-    let message = error.message();
+/// The problem of a key, with file and line.
+pub(super) fn locate(text: &str, file: &str, error: &toml::de::Error) -> Problem {
+    let problem = Problem::new(error.message(), "");
     let Some(span) = error.span() else {
-        return format!("{file}: {message}");
+        return problem.at(file, 0);
     };
-    let before = text.get(..span.start).unwrap_or("");
-    let line = before.matches('\n').count() + 1;
+    let line = line_at(text, span.start);
     let key = text.lines().nth(line - 1).and_then(|l| l.split_once('='));
-    match key {
-        Some((key, _)) => format!("{file}:{line}: {}: {message}", key.trim()),
-        None => format!("{file}:{line}: {message}"),
-    }
+    let problem = match key {
+        Some((key, _)) => problem.of(key.trim()),
+        None => problem,
+    };
+    problem.at(file, line)
 }
 
 type Read<T, E> = Result<T, E>;

@@ -1,6 +1,7 @@
 //! The robots of `config/`.
 
 use plant::{CanRobot, SimParameters};
+use problem::Problem;
 use robot_config::Robot;
 use test_support::read_project_file;
 
@@ -13,7 +14,7 @@ pub(crate) fn parameters(name: &str) -> SimParameters {
     SimParameters::parse(&read_project_file(&path).unwrap(), &path).unwrap()
 }
 
-pub(crate) fn can_robot(name: &str, sim: &SimParameters) -> Result<CanRobot, String> {
+pub(crate) fn can_robot(name: &str, sim: &SimParameters) -> Result<CanRobot, Problem> {
     let robot = robot(name);
     let urdf = read_project_file(&robot.parameters.urdf_path).unwrap();
     CanRobot::new(&robot, &urdf, sim)

@@ -6,7 +6,8 @@ use plant::SimParameters;
 const GOOD: &str = "substep_us = 100.0\n[start]\njoints_deg = { knee = 10.0 }\n";
 
 fn error(text: &str) -> String {
-    SimParameters::parse(text, "sim.toml").unwrap_err()
+    let error = SimParameters::parse(text, "sim.toml").unwrap_err();
+    error.to_string()
 }
 
 #[test]
@@ -58,11 +59,11 @@ fn missing_things_are_named() {
 
     let mut sim = parameters("leg");
     sim.drives.remove("knee");
-    let e = can_robot("leg", &sim).unwrap_err();
+    let e = can_robot("leg", &sim).unwrap_err().to_string();
     assert!(e.contains("drive.knee") && e.contains("ankle_roll"), "{e}");
 
     let mut sim = parameters("leg");
     sim.start.joints.insert("elbow".into(), 0.1);
-    let e = can_robot("leg", &sim).unwrap_err();
+    let e = can_robot("leg", &sim).unwrap_err().to_string();
     assert!(e.contains("start.joints_deg.elbow"), "{e}");
 }

@@ -115,7 +115,7 @@ fn nothing_to_stand_on_is_refused() {
     sim.start.joints.insert("chest_pitch".into(), 1.4);
     sim.start.joints.insert("left_hip_pitch".into(), -1.5);
     sim.start.joints.insert("right_hip_pitch".into(), -1.5);
-    let error = can_robot("humanoid", &sim).unwrap_err();
+    let error = can_robot("humanoid", &sim).unwrap_err().to_string();
     assert!(
         error.contains("start") && error.contains("carries"),
         "{error}"

@@ -1,15 +1,16 @@
 //! The start: a pose in static balance, so that nothing bangs when time begins.
 
+use super::SimRobot;
 use crate::parameters::SimParameters;
-use crate::robot::SimRobot;
 use crate::spatial::split;
 use crate::tree::State;
 use nalgebra::{Matrix6, UnitQuaternion, Vector6};
+use problem::Problem;
 
 impl SimRobot {
     /// Moves a floating base until floor and harness carry the weight, then winds every gear up
     /// and sets every current so that the joints carry theirs.
-    pub(crate) fn balance(&mut self, sim: &SimParameters) -> Result<(), String> {
+    pub(crate) fn balance(&mut self, sim: &SimParameters) -> Result<(), Problem> {
         if let (true, Some(ground)) = (sim.start.on_ground, &sim.ground) {
             let heights = self.surroundings.corners.iter();
             let lowest = heights
@@ -29,7 +30,7 @@ impl SimRobot {
     }
 
     /// Newton's method on the six directions of the base.
-    fn balance_base(&mut self) -> Result<(), String> {
+    fn balance_base(&mut self) -> Result<(), Problem> {
         let weight = self.tree.mass() * crate::articulated::GRAVITY;
         for _ in 0..200 {
             let residual = self.load();
@@ -58,11 +59,10 @@ impl SimRobot {
             let stride = by.norm();
             shift(&mut self.state, &(by * (2e-3 / stride).min(1.0)));
         }
-        Err(
-            "start: nothing carries the robot at this pose; allowed: a pose whose centre of \
-             mass is above the soles with on_ground = true, or a [harness]"
-                .into(),
-        )
+        Err(Problem::new(
+            "start: nothing carries the robot at this pose",
+            "a pose whose centre of mass is above the soles with on_ground = true, or a [harness]",
+        ))
     }
 
     /// Forces at rest in the current pose. Returns the wrench about the world's origin that is

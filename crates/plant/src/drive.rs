@@ -1,0 +1,44 @@
+//! A drive as its user knows it: data sheet, set point, reading.
+
+use crate::kinematic_error::KinematicError;
+
+/// What a drive's set point means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// Position, rad link side.
+    Position,
+    /// Motor current, A.
+    Current,
+}
+
+/// What everybody knows of a drive: its data sheet.
+#[derive(Debug, Clone)]
+pub struct DriveSheet {
+    /// N: gear ratio.
+    pub gear_ratio: f64,
+    /// K_t: torque constant, motor side, N·m/A.
+    pub torque_constant: f64,
+    /// J_m: rotor inertia, kg·m².
+    pub rotor_inertia: f64,
+    /// Counts a turn of the motor encoder.
+    pub motor_counts_per_turn: f64,
+    /// Counts a turn of the link encoder.
+    pub link_counts_per_turn: f64,
+    /// What set points mean.
+    pub command: Command,
+    /// The kinematic error that calibration found; the true one has more to it.
+    pub kinematic_error: KinematicError,
+}
+
+/// What a drive's sensors say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveReading {
+    /// theta: motor angle over many turns, rad.
+    pub theta: f64,
+    /// q: link angle, rad.
+    pub q: f64,
+    /// i: current, A.
+    pub current: f64,
+    /// omega: motor velocity as the drive filters it, rad/s.
+    pub omega: f64,
+}

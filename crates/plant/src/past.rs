@@ -1,0 +1,42 @@
+//! A delay line: what a sensor felt over the last steps.
+
+/// What a sensor felt over the last steps, newest last.
+#[derive(Debug, Clone)]
+pub struct Past<const N: usize> {
+    ring: Vec<[f64; N]>,
+    newest: usize,
+    started: bool,
+}
+
+impl<const N: usize> Past<N> {
+    /// Room for `steps` steps before the newest.
+    #[must_use]
+    pub fn new(steps: usize) -> Self {
+        Self {
+            ring: vec![[0.0; N]; steps + 2],
+            newest: 0,
+            started: false,
+        }
+    }
+
+    /// What is felt at the end of a step; before the first one it was always so.
+    pub fn push(&mut self, felt: [f64; N]) {
+        if !self.started {
+            self.started = true;
+            self.ring.fill(felt);
+        }
+        self.newest = (self.newest + 1) % self.ring.len();
+        self.ring[self.newest] = felt;
+    }
+
+    /// What was felt that many steps before the newest, on straight lines between steps.
+    #[must_use]
+    pub fn ago(&self, steps: f64) -> [f64; N] {
+        let len = self.ring.len();
+        let steps = steps.clamp(0.0, (len - 2) as f64);
+        let (whole, part) = (steps.floor() as usize, steps.fract());
+        let at = |back: usize| &self.ring[(self.newest + len - back % len) % len];
+        let (newer, older) = (at(whole), at(whole + 1));
+        std::array::from_fn(|i| newer[i] * (1.0 - part) + older[i] * part)
+    }
+}

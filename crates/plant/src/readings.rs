@@ -1,0 +1,37 @@
+//! What the robot's sensors show.
+
+use crate::drive::DriveReading;
+use robot_config::slots::Source;
+use robot_state::Wrench;
+
+/// All sensors as last sampled: at the end of a period, or before it by their own clocks.
+#[derive(Debug, Clone)]
+pub struct Readings {
+    /// Drives, in the plan's order.
+    pub joints: Vec<DriveReading>,
+    /// F/T sensors: the wrench that what lies beyond applies to what lies before.
+    pub ft: Vec<Wrench>,
+    /// Temperatures of the F/T sensors, °C.
+    pub ft_temperature: Vec<f64>,
+    /// Gyro, rad/s.
+    pub gyro: [f64; 3],
+    /// Accelerometer, m/s².
+    pub accelerometer: [f64; 3],
+    /// Samples of sensors with clocks of their own, up to the next period.
+    pub sent: Vec<Sent>,
+}
+
+/// A sample that a sensor has sent by its own clock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sent {
+    /// Whose it is.
+    pub source: Source,
+    /// Its frame's stamp, s since the start.
+    pub stamp: f64,
+    /// F/T sensor: force, torque; IMU: gyro, accelerometer; drive: theta, q, current, omega.
+    pub values: [f64; 6],
+}
+
+pub(crate) fn six([x, y, z]: [f64; 3], [a, b, c]: [f64; 3]) -> [f64; 6] {
+    [x, y, z, a, b, c]
+}

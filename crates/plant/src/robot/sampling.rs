@@ -1,0 +1,76 @@
+//! Sampling of the robot's sensors, at SYNC or by their own clocks.
+
+use super::SimRobot;
+use crate::clock::Instant;
+use crate::drive::DriveReading;
+use crate::readings::{Sent, six};
+use robot_config::slots::Source;
+use robot_state::Wrench;
+
+impl SimRobot {
+    /// Samples what is sampled at SYNC.
+    pub(crate) fn sample(&mut self, time: f64) {
+        for j in 0..self.order.len() {
+            if self.clocks.joints[j].at_sync() {
+                self.sense_joint(j, self.clocks.joints[j].latency() / self.dt);
+            }
+        }
+        for s in 0..self.ft.len() {
+            if self.clocks.ft[s].at_sync() {
+                self.sense_ft(s, self.clocks.ft[s].latency() / self.dt, time);
+            }
+        }
+        if self.clocks.imu.at_sync() {
+            self.sense_imu(self.clocks.imu.latency() / self.dt);
+        }
+    }
+
+    /// Samples what its own clock says.
+    pub(crate) fn sample_own(&mut self, time: f64) {
+        let (now, dt) = (self.time(), self.dt);
+        for j in 0..self.order.len() {
+            while let Some(Instant { shown, stamp }) = self.clocks.joints[j].due(now) {
+                let r = self.sense_joint(j, (now - shown) / dt);
+                let values = [r.theta, r.q, r.current, r.omega, 0.0, 0.0];
+                self.send(Source::Joint(j), stamp, values);
+            }
+        }
+        for s in 0..self.ft.len() {
+            while let Some(Instant { shown, stamp }) = self.clocks.ft[s].due(now) {
+                let Wrench { force, torque } = self.sense_ft(s, (now - shown) / dt, time);
+                self.send(Source::Ft(s), stamp, six(force, torque));
+            }
+        }
+        while let Some(Instant { shown, stamp }) = self.clocks.imu.due(now) {
+            let (gyro, accelerometer) = self.sense_imu((now - shown) / dt);
+            self.send(Source::Imu, stamp, six(gyro, accelerometer));
+        }
+    }
+
+    fn send(&mut self, source: Source, stamp: f64, values: [f64; 6]) {
+        self.readings.sent.push(Sent {
+            source,
+            stamp,
+            values,
+        });
+    }
+
+    fn sense_joint(&mut self, j: usize, ago: f64) -> DriveReading {
+        let reading = self.joints[self.order[j]].sense(ago, self.dt);
+        self.readings.joints[j] = reading;
+        reading
+    }
+
+    fn sense_ft(&mut self, s: usize, ago: f64, time: f64) -> Wrench {
+        self.readings.ft_temperature[s] = self.ft[s].temperature(time);
+        self.readings.ft[s] = self.ft[s].sense(ago, time);
+        self.readings.ft[s]
+    }
+
+    fn sense_imu(&mut self, ago: f64) -> ([f64; 3], [f64; 3]) {
+        if let Some(imu) = &mut self.imu {
+            (self.readings.gyro, self.readings.accelerometer) = imu.sense(ago);
+        }
+        (self.readings.gyro, self.readings.accelerometer)
+    }
+}
