@@ -221,7 +221,7 @@ pub(crate) fn open<M: Message>(
             }
             Err(_) if Instant::now() < until => back_off(&mut pause),
             Err(PublishSubscribeOpenError::DoesNotExist) => {
-                return Err(Error::no_daemon(robot, node, name, wait));
+                return Err(no_daemon(robot, node, name, wait));
             }
             Err(e) => return Err(Error::transport(&name, "open", &e)),
         }
@@ -300,6 +300,21 @@ pub(crate) fn receiver<M: Message>(
         created
     })
     .map_err(|e| Error::transport(service.name(), "subscribe to", &e))
+}
+
+/// The error where no daemon offers `service`.
+pub(crate) fn no_daemon(
+    robot: &str,
+    node: &Node<Transport>,
+    service: String,
+    waited: Duration,
+) -> Error {
+    Error::NoDaemon {
+        robot: robot.to_owned(),
+        service,
+        run_dir: node.config().global.root_path().to_string(),
+        waited,
+    }
 }
 
 fn parse_name(name: &str) -> Result<ServiceName, Error> {

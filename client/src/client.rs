@@ -72,7 +72,7 @@ impl Client {
                 None if Instant::now() < until => sleep(POLL),
                 None => {
                     let service = service.name().to_string();
-                    return Err(Error::no_daemon(robot, &node, service, timeout));
+                    return Err(channel::no_daemon(robot, &node, service, timeout));
                 }
             }
         };

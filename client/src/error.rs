@@ -1,107 +1,142 @@
-//! What can go wrong between a client and the daemon, and what to do about it.
+//! Errors between a client and the daemon, each with its remedy.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use iceoryx2::prelude::Node;
-
-use crate::channel::Transport;
-
-/// Why a client or the daemon could not use shared memory.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// An error of a client's or the daemon's use of shared memory.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// The run directory cannot be used.
+    #[error("run directory {}: {reason}; set TORQUED_RUN_DIR to a directory of this user, the same for \
+             daemon and clients", path.display())]
     RunDirectory {
         /// The directory.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The defect.
         reason: String,
     },
     /// No daemon runs for that robot.
+    #[error(
+        "no torqued runs robot \"{robot}\": service {service} was not offered in {run_dir} for \
+             {waited:?}; start `torqued run CONFIG` as this user (or set TORQUED_RUN_DIR to the \
+             daemon's directory)"
+    )]
     NoDaemon {
         /// The robot asked for.
         robot: String,
-        /// The service that was looked for.
+        /// The service that a daemon would offer.
         service: String,
-        /// Where it was looked for.
+        /// The run directory.
         run_dir: String,
-        /// How long was waited.
+        /// The time waited.
         waited: Duration,
     },
     /// The daemon is there but no record arrives.
+    #[error(
+        "robot \"{robot}\": no record for {waited:?}; torqued has stopped or was killed: look at \
+             its log and start it again"
+    )]
     Silent {
         /// The robot.
         robot: String,
-        /// How long was waited.
+        /// The time waited.
         waited: Duration,
     },
-    /// Nobody receives references or requests any more.
+    /// References or requests have no receiver any more.
+    #[error(
+        "robot \"{robot}\": its services have no receiver; torqued has stopped or was killed: look \
+             at its log and start it again"
+    )]
     Gone {
         /// The robot.
         robot: String,
     },
-    /// No robot was named, and not exactly one runs.
+    /// No robot was named, and none or several run.
+    #[error("{}", which_robot(running, run_dir))]
     WhichRobot {
         /// The robots that run.
         running: Vec<String>,
-        /// Where they were looked for.
+        /// The run directory.
         run_dir: PathBuf,
     },
     /// The two ends were built with different records.
+    #[error(
+        "service {service} carries {theirs}, but this program was built for {ours}: use a daemon \
+             and a client of the same version"
+    )]
     OtherLayout {
         /// The service.
         service: String,
-        /// The type that the service carries.
+        /// Type that the service carries.
         theirs: String,
-        /// The type that this program knows.
+        /// Type that this program was built for.
         ours: String,
     },
     /// Another client commands the robot.
+    #[error(
+        "robot \"{robot}\" is commanded by another client; one at a time may command: stop that \
+             one first"
+    )]
     AlreadyCommanded {
         /// The robot.
         robot: String,
     },
-    /// As many clients as can are asking for something.
+    /// The greatest number of clients have requests open.
+    #[error(
+        "robot \"{robot}\": the greatest number of clients have requests open; try again later"
+    )]
     TooManyAsking {
         /// The robot.
         robot: String,
     },
     /// A request was not answered.
+    #[error(
+        "robot \"{robot}\": a request was not answered for {waited:?}; torqued has stopped or was \
+             killed: look at its log and start it again"
+    )]
     Unanswered {
         /// The robot.
         robot: String,
-        /// How long was waited since the last answer.
+        /// The time waited since the last answer.
         waited: Duration,
     },
     /// The daemon has refused a request, and nothing has changed.
+    #[error("{reason}")]
     Refused {
-        /// Why, and what is allowed.
+        /// Reason, and what is allowed.
         reason: String,
     },
     /// Another daemon runs the robot.
+    #[error("robot \"{robot}\" is already run by another torqued; stop that one first")]
     AlreadyRunning {
         /// The robot.
         robot: String,
     },
     /// A client holds more records than it may.
+    #[error(
+        "this client holds {allowed} records, the greatest number allowed: drop or copy earlier ones \
+             before asking for the next"
+    )]
     TooManyRecordsHeld {
-        /// How many it may hold.
+        /// The greatest number allowed.
         allowed: usize,
     },
     /// The daemon's publisher thread could not be started.
+    #[error("cannot start the publisher thread: {reason}")]
     Thread {
-        /// The system's own words.
+        /// Message of the operating system.
         reason: String,
     },
     /// Shared memory failed in a way that has no better explanation.
+    #[error("cannot {doing} service {service}: {reason}")]
     Transport {
         /// The service.
         service: String,
-        /// What was tried.
+        /// The operation that failed.
         doing: &'static str,
-        /// The transport's own words.
+        /// Message of the transport.
         reason: String,
     },
 }
@@ -114,106 +149,15 @@ impl Error {
             reason: format!("{reason:?}"),
         }
     }
-
-    pub(crate) fn no_daemon(
-        robot: &str,
-        node: &Node<Transport>,
-        service: String,
-        waited: Duration,
-    ) -> Self {
-        let run_dir = node.config().global.root_path().to_string();
-        Self::NoDaemon {
-            robot: robot.to_owned(),
-            service,
-            run_dir,
-            waited,
-        }
-    }
 }
 
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::RunDirectory { path, reason } => write!(
-                f,
-                "run directory {}: {reason}; set TORQUED_RUN_DIR to a directory of this user, the \
-                 same for daemon and clients",
-                path.display()
-            ),
-            Self::NoDaemon {
-                robot,
-                service,
-                run_dir,
-                waited,
-            } => write!(
-                f,
-                "no torqued runs robot \"{robot}\": nobody offered service {service} in {run_dir} \
-                 for {waited:?}; start `torqued run CONFIG` as this user (or set TORQUED_RUN_DIR \
-                 to the daemon's directory)"
-            ),
-            Self::Silent { robot, waited } => write!(
-                f,
-                "robot \"{robot}\": no record for {waited:?}; torqued has stopped or was killed: \
-                 look at its log and start it again"
-            ),
-            Self::Gone { robot } => write!(
-                f,
-                "robot \"{robot}\": nobody listens; torqued has stopped or was killed: \
-                 look at its log and start it again"
-            ),
-            Self::WhichRobot { running, run_dir } if running.is_empty() => write!(
-                f,
-                "no torqued runs: no service torqued/<robot>/state in {}; start `torqued run \
-                 CONFIG` as this user (or set TORQUED_RUN_DIR to the daemon's directory)",
-                run_dir.display()
-            ),
-            Self::WhichRobot { running, .. } => {
-                write!(f, "several robots run; name one of: {}", running.join(", "))
-            }
-            Self::OtherLayout {
-                service,
-                theirs,
-                ours,
-            } => write!(
-                f,
-                "service {service} carries {theirs}, but this program was built for {ours}: use a \
-                 daemon and a client of the same version"
-            ),
-            Self::AlreadyCommanded { robot } => write!(
-                f,
-                "robot \"{robot}\" is commanded by another client; one at a time may command: stop \
-                 that one first"
-            ),
-            Self::TooManyAsking { robot } => write!(
-                f,
-                "robot \"{robot}\": as many clients as can are asking for something; try again \
-                 later"
-            ),
-            Self::Unanswered { robot, waited } => write!(
-                f,
-                "robot \"{robot}\": a request was not answered for {waited:?}; torqued has stopped \
-                 or was killed: look at its log and start it again"
-            ),
-            Self::Refused { reason } => f.write_str(reason),
-            Self::AlreadyRunning { robot } => write!(
-                f,
-                "robot \"{robot}\" is already run by another torqued; stop that one first"
-            ),
-            Self::TooManyRecordsHeld { allowed } => write!(
-                f,
-                "{allowed} records are held at once, which is all that is allowed: drop or copy \
-                 earlier ones before asking for the next"
-            ),
-            Self::Thread { reason } => write!(f, "cannot start the publisher thread: {reason}"),
-            Self::Transport {
-                service,
-                doing,
-                reason,
-            } => {
-                write!(f, "cannot {doing} service {service}: {reason}")
-            }
-        }
+fn which_robot(running: &[String], run_dir: &Path) -> String {
+    if running.is_empty() {
+        return format!(
+            "no torqued runs: no service torqued/<robot>/state in {}; start `torqued run CONFIG` as \
+             this user (or set TORQUED_RUN_DIR to the daemon's directory)",
+            run_dir.display()
+        );
     }
+    format!("several robots run; name one of: {}", running.join(", "))
 }
-
-impl std::error::Error for Error {}

@@ -21,6 +21,7 @@ mod channel;
 mod client;
 mod commander;
 mod daemon_ports;
+mod discovery;
 mod error;
 mod location;
 mod python_layout;

@@ -1,7 +1,8 @@
 //! One cycle around `Cycle::step`: SYNC, gather, compute, send.
 
 use can_codec::{Frames, Gather, MAX_FRAMES, Table};
-use cycle::{ClientInput, Cycle, CycleError, Instants, Stamp};
+use cycle::{ClientInput, Cycle, Instants, Stamp};
+use problem::Problem;
 use robot_config::Robot;
 use robot_state::{Event, SharedRecord};
 
@@ -27,7 +28,7 @@ impl<B: Bus> ControlLoop<B> {
     ///
     /// # Errors
     /// As [`Cycle::new`].
-    pub fn new(robot: &Robot, bus: B) -> Result<Self, CycleError> {
+    pub fn new(robot: &Robot, bus: B) -> Result<Self, Problem> {
         let mut sync = Frames::new(robot.sync.len());
         for frame in &robot.sync {
             sync.push(*frame);

@@ -1,11 +1,11 @@
 //! One cycle of the loop.
 
 use can_codec::Frames;
+use problem::Problem;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS};
 
 use crate::command::{ClientInput, Command, Emit, Supervisor};
-use crate::error::CycleError;
 use crate::estimate::Estimate;
 use crate::events::Counts;
 use crate::measure::Measure;
@@ -28,11 +28,14 @@ impl Cycle {
     ///
     /// # Errors
     /// A robot too large for the records, a filter or a set of sensors that cannot be used.
-    pub fn new(robot: &Robot) -> Result<Self, CycleError> {
+    pub fn new(robot: &Robot) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
         let (joints, sensors) = (parameters.joints.len(), parameters.ft_sensors.len());
         if joints > MAX_JOINTS || sensors > MAX_FT_SENSORS {
-            return Err(CycleError::TooLarge { joints, sensors });
+            return Err(Problem::new(
+                format!("the robot has {joints} joints and {sensors} F/T sensors"),
+                format!("at most {MAX_JOINTS} and {MAX_FT_SENSORS}"),
+            ));
         }
         let record = CycleRecord {
             joint_count: joints as u32,
@@ -40,7 +43,7 @@ impl Cycle {
             ..CycleRecord::default()
         };
         Ok(Self {
-            measure: Measure::new(robot)?,
+            measure: Measure::new(robot).map_err(|problem| problem.of("[filters]"))?,
             estimate: Estimate::new(robot)?,
             supervisor: Supervisor::new(joints, parameters.timing.reference_timeout),
             command: Command::new(robot),

@@ -23,13 +23,13 @@ use core::fmt;
 use dynamics::Motion;
 use estimators::compliance::ComplianceEstimator;
 use estimators::joint::AnyEstimator;
+use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{
     EstimatedRecord, Event, JointEstimated, MeasuredRecord, Settings, TorqueEstimate,
     measured_flags, torque_flags,
 };
 
-use crate::error::CycleError;
 use crate::events::Counts;
 use crate::measure::Measure;
 use cross_check::CrossCheckStage;
@@ -58,15 +58,18 @@ impl fmt::Debug for Estimate {
 }
 
 /// All of a calibrated joint's estimators, fused; Z's compliance where there is no calibration.
-fn joint_estimator(joint: &JointParameters) -> Result<AnyEstimator, CycleError> {
+fn joint_estimator(joint: &JointParameters) -> Result<AnyEstimator, Problem> {
     Ok(match &joint.calibration {
-        Some(file) => Box::new(file.estimators().map_err(CycleError::Calibration)?),
+        Some(file) => Box::new(
+            file.estimators()
+                .map_err(|problem| problem.of(&joint.name))?,
+        ),
         None => Box::new(ComplianceEstimator::new(joint.estimator.clone())),
     })
 }
 
 impl Estimate {
-    pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
+    pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
         let whole_body = WholeBodyStage::new(robot)?;
         Ok(Self {

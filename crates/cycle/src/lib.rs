@@ -7,7 +7,6 @@
 
 mod command;
 mod cycle;
-mod error;
 mod estimate;
 mod events;
 mod measure;
@@ -15,5 +14,4 @@ mod time;
 
 pub use command::ClientInput;
 pub use cycle::Cycle;
-pub use error::CycleError;
 pub use time::{Instants, Stamp};

@@ -13,12 +13,12 @@ use can_codec::Frames;
 use estimators::front_end::FrontEnd;
 use estimators::joint::JointSample;
 use joint_file::JointFile;
+use problem::Problem;
 use robot_config::{Robot, slots};
 use robot_state::{
     Event, FtMeasured, JointMeasured, MeasuredRecord, Settings, Wrench, measured_flags,
 };
 
-use crate::error::CycleError;
 use crate::events::Counts;
 use crate::time::Instants;
 use align::{AlignedBank, signals};
@@ -63,7 +63,7 @@ pub(crate) struct Measure {
 }
 
 impl Measure {
-    pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
+    pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
         let reception = Reception::new(robot);
         let n = parameters.joints.len();

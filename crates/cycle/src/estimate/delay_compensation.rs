@@ -7,13 +7,13 @@ use estimators::compliance::ComplianceEstimator;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::filter_bank::FilterBank;
 use estimators::joint::JointTorqueEstimator;
+use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{Event, JointEstimated, torque_flags};
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};
 
 use super::usable::{UNUSABLE, valid};
 use super::whole_body::estimator;
-use crate::error::CycleError;
 use crate::events::Counts;
 use crate::measure::Measure;
 
@@ -35,7 +35,7 @@ struct Joint {
 }
 
 impl DelayCompensation {
-    pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
+    pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let p = &robot.parameters;
         let kernel = FilterBank::new(1, p.filters.short.sensor)?.kernel();
         let joint = |joint: &JointParameters| Joint {

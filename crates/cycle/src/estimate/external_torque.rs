@@ -5,12 +5,12 @@
 
 use dynamics::Force;
 use estimators::filter_bank::FilterBank;
+use problem::Problem;
 use robot_config::{ExternalTorqueSettings, Robot};
 use robot_state::{Event, JointEstimated, JointMeasured};
 use whole_body::{MomentumObserver, MomentumObserverParameters, WholeBody};
 
 use super::usable::UNUSABLE;
-use crate::error::CycleError;
 use crate::events::Counts;
 
 /// The observer of all joints; its inputs all have the delay of the long filters.
@@ -31,10 +31,7 @@ pub(crate) struct ExternalTorque {
 }
 
 impl ExternalTorque {
-    pub(crate) fn new(
-        robot: &Robot,
-        settings: &ExternalTorqueSettings,
-    ) -> Result<Self, CycleError> {
+    pub(crate) fn new(robot: &Robot, settings: &ExternalTorqueSettings) -> Result<Self, Problem> {
         let p = &robot.parameters;
         let (n, joints) = (robot.model.joint_count(), p.joints.len());
         let mut threshold = vec![f64::INFINITY; n];

@@ -1,18 +1,18 @@
 //! Whole body: torques, contact wrenches and residuals from F/T sensors and IMU (D 2).
 
 use estimators::filter_bank::FilterBank;
+use problem::Problem;
 use robot_config::{FilterGains, Robot, SignalFilters, whole_body_parameters};
 use robot_state::{EstimatedRecord, TorqueEstimate, measured_flags, torque_flags, torque_source};
 use whole_body::{ContactSwitch, ContactSwitchParameters, WholeBody};
 
 use super::checked;
 use super::usable::UNUSABLE;
-use crate::error::CycleError;
 use crate::events::Counts;
 use crate::measure::Measure;
 
 /// The whole-body estimator with standard deviations as they are behind these filters.
-pub(crate) fn estimator(robot: &Robot, filters: SignalFilters) -> Result<WholeBody, CycleError> {
+pub(crate) fn estimator(robot: &Robot, filters: SignalFilters) -> Result<WholeBody, Problem> {
     let parameters = &robot.parameters;
     let sensors = FilterBank::new(1, filters.sensor)?;
     let ddq_gain = FilterBank::new(1, filters.encoder)?.noise_gain(2);
@@ -24,9 +24,10 @@ pub(crate) fn estimator(robot: &Robot, filters: SignalFilters) -> Result<WholeBo
             .collect(),
     };
     let Some(parameters) = whole_body_parameters(parameters, &robot.model, &gains) else {
-        return Err(CycleError::NoImu);
+        let reason = "the robot's floating base has neither an IMU nor a stand";
+        return Err(Problem::new(reason, "[imu], or [fixed_base]"));
     };
-    Ok(WholeBody::new(&robot.model, &parameters)?)
+    WholeBody::new(&robot.model, &parameters).map_err(|error| error.problem().of("[whole_body]"))
 }
 
 /// The estimator behind the long filters, and the choice among contact sets.
@@ -40,7 +41,7 @@ pub(crate) struct WholeBodyStage {
 }
 
 impl WholeBodyStage {
-    pub(crate) fn new(robot: &Robot) -> Result<Self, CycleError> {
+    pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
         let estimator = estimator(robot, parameters.filters.long)?;
         Ok(Self {

@@ -5,12 +5,12 @@
 
 use dynamics::ImuMotion;
 use nalgebra::Vector3;
+use problem::Problem;
 use robot_config::{AngularAcceleration, Robot, SignalFilters};
 use robot_state::Wrench;
 use whole_body::WholeBodyInput;
 
 use super::align::{AlignedBank, signals};
-use crate::error::CycleError;
 use crate::time::Stamp;
 
 /// Channels of one F/T sensor, and of the IMU.
@@ -33,7 +33,7 @@ pub(crate) struct Filtered {
 }
 
 impl Filtered {
-    pub(crate) fn new(robot: &Robot, filters: SignalFilters) -> Result<Self, CycleError> {
+    pub(crate) fn new(robot: &Robot, filters: SignalFilters) -> Result<Self, Problem> {
         let p = &robot.parameters;
         let period = p.timing.sample_period;
         let [encoders, _, sensors] = signals(robot);
