@@ -2,7 +2,7 @@
 
 use crate::model::Model;
 use crate::rows::{AbaRow, CrbaRow, RneaRow};
-use crate::spatial::{Force, Inertia, Motion, Se3};
+use crate::spatial::{Inertia, Motion, Se3};
 use nalgebra::DMatrix;
 use simd::Instructions;
 
@@ -20,8 +20,6 @@ pub struct Data {
     pub(crate) velocity: Vec<Motion>,
     /// Spatial acceleration of each body, in its frame.
     pub(crate) acceleration: Vec<Motion>,
-    /// Wrench of each body's joint, in its frame.
-    pub(crate) force: Vec<Force>,
     pub(crate) aba: Vec<AbaRow>,
     pub(crate) armature: Vec<f64>,
     /// Inertia of each body's sub-tree, in the world.
@@ -48,7 +46,6 @@ impl Data {
             in_world: vec![Se3::identity(); n],
             velocity: vec![Motion::zero(); n],
             acceleration: vec![Motion::zero(); n],
-            force: vec![Force::zero(); n],
             aba: vec![AbaRow::default(); rows],
             armature: vec![0.0; model.joints.len()],
             subtree: vec![Inertia::zero(); n],

@@ -2,30 +2,19 @@
 
 use crate::data::Data;
 use crate::model::{Base, Model};
-use crate::spatial::{Force, Motion, Se3};
+use crate::spatial::{Motion, Se3};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// Motion of the root, given from outside instead of by `q`, `v` and `a`.
+/// Motion of the root, where it is not that of `q`, `v` and `a`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BaseMotion {
+pub(crate) struct BaseMotion {
     /// Placement of the root in the world.
-    pub placement: Se3,
+    pub(crate) placement: Se3,
     /// Twist of the root, in its frame.
-    pub velocity: Motion,
+    pub(crate) velocity: Motion,
     /// Spatial acceleration of the root, in its frame; proper (`a - g`) if its wrenches shall
     /// contain weight.
-    pub acceleration: Motion,
-}
-
-impl BaseMotion {
-    /// At the world's origin, at rest, without gravity.
-    pub fn rest() -> Self {
-        Self {
-            placement: Se3::identity(),
-            velocity: Motion::zero(),
-            acceleration: Motion::zero(),
-        }
-    }
+    pub(crate) acceleration: Motion,
 }
 
 /// Component `i`, or zero where the caller's vector is too short.
@@ -113,7 +102,7 @@ pub fn forward_kinematics_acceleration(
 /// (`joint_count` components each), whatever the model's base.
 ///
 /// With the proper acceleration of an IMU the result needs neither the base's pose nor gravity.
-pub fn propagate(
+pub(crate) fn propagate(
     model: &Model,
     data: &mut Data,
     base: &BaseMotion,
@@ -138,27 +127,7 @@ pub fn propagate(
     }
 }
 
-/// Wrench that each body's joint applies to it, in its frame, after `propagate` (of a body of the
-/// root: the wrench that holds the root). `f_ext` as in `rnea`.
-pub fn joint_wrenches<'d>(
-    model: &Model,
-    data: &'d mut Data,
-    f_ext: Option<&[Force]>,
-) -> &'d [Force] {
-    for (i, body) in model.bodies.iter().enumerate() {
-        data.force[i] = body.inertia.wrench(data.velocity[i], data.acceleration[i]);
-        if let Some(f) = f_ext.and_then(|f| f.get(i)) {
-            data.force[i] -= *f;
-        }
-    }
-    for (i, body) in model.bodies.iter().enumerate().skip(1).rev() {
-        let on_parent = data.in_parent[i].act_force(data.force[i]);
-        data.force[body.parent] += on_parent;
-    }
-    &data.force
-}
-
-/// What an inertial measurement unit tells about its own frame, in its axes.
+/// Motion of an inertial measurement unit as it measures it, in its own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuMotion {
     /// `omega`, rad/s (3).
@@ -167,38 +136,4 @@ pub struct ImuMotion {
     pub angular_acceleration: Vector3<f64>,
     /// Acceleration of the frame's origin minus gravity, m/s² (3).
     pub proper_acceleration: Vector3<f64>,
-}
-
-/// The root's twist and proper acceleration that make `frame` move as an IMU measured it.
-///
-/// The linear velocity cannot be known and does not matter to any wrench: the root's is zero.
-/// Uses `data` as scratch memory; call `propagate` with the result afterwards.
-pub fn base_motion_from_imu(
-    model: &Model,
-    data: &mut Data,
-    frame: usize,
-    imu: &ImuMotion,
-    q: &[f64],
-    dq: &[f64],
-    ddq: &[f64],
-) -> BaseMotion {
-    let Some(f) = model.frames.get(frame) else {
-        debug_assert!(false, "no such frame");
-        return BaseMotion::rest();
-    };
-    // Relative to the root first, then with the root turning, then with its acceleration.
-    let mut base = BaseMotion::rest();
-    propagate(model, data, &base, q, dq, ddq);
-    let placement = data.in_world[f.body].compose(&f.placement);
-    let relative = f.placement.inverse_act_motion(data.velocity[f.body]);
-    base.velocity.angular = placement.rotation * (imu.angular_velocity - relative.angular);
-    propagate(model, data, &base, q, dq, ddq);
-    let velocity = f.placement.inverse_act_motion(data.velocity[f.body]);
-    let acceleration = f.placement.inverse_act_motion(data.acceleration[f.body]);
-    let wanted = Motion::new(
-        imu.proper_acceleration - velocity.angular.cross(&velocity.linear),
-        imu.angular_acceleration,
-    );
-    base.acceleration = placement.act_motion(wanted - acceleration);
-    base
 }

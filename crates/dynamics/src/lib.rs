@@ -17,7 +17,6 @@ mod cholesky;
 mod configuration;
 mod crba;
 mod data;
-mod edit;
 mod energy;
 mod frames;
 mod jacobian;
@@ -46,10 +45,9 @@ pub use frames::{
 };
 pub use jacobian::{frame_jacobian, frame_jacobian_rate_times_velocity};
 pub use kinematics::{
-    BaseMotion, ImuMotion, base_motion_from_imu, forward_kinematics,
-    forward_kinematics_acceleration, forward_kinematics_velocity, joint_wrenches, propagate,
+    ImuMotion, forward_kinematics, forward_kinematics_acceleration, forward_kinematics_velocity,
 };
-pub use model::{Base, Cut, Frame, GRAVITY, Joint, JointLimits, Model};
+pub use model::{Base, Frame, GRAVITY, Joint, JointLimits, Model};
 pub use regressor::{PARAMETERS, joint_torque_regressor};
 pub use rnea::{gravity, nle, rnea};
 pub use simd::Instructions;

@@ -68,17 +68,6 @@ pub struct Frame {
     pub rigid: bool,
 }
 
-/// What a cut just before a link takes off the robot: the link, all that is fixed to it, and all beyond.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Cut {
-    /// The body that is cut in two, or cut off at its joint.
-    pub body: usize,
-    /// The part of that body that lies beyond the cut, in the frame of the link.
-    pub inertia: Inertia,
-    /// Bodies carried by that part; their own sub-trees follow from `Model::parent`.
-    pub children: Vec<usize>,
-}
-
 /// A robot's bodies, joints and frames.
 ///
 /// Configuration `q` is `[position (3), quaternion xyzw (4), joints]` and velocity `v` is
@@ -209,55 +198,6 @@ impl Model {
     /// Odd but usable parts of the URDF, each with file and line.
     pub fn warnings(&self) -> &[Problem] {
         &self.warnings
-    }
-    /// Adds a frame fixed to a link; returns its index. For use at set-up.
-    pub fn add_frame(&mut self, name: &str, link: usize, placement: Se3) -> Option<usize> {
-        let parent = self.frames.get(link)?;
-        if self.frame_index(name).is_some() {
-            return None;
-        }
-        let frame = Frame {
-            name: name.to_owned(),
-            body: parent.body,
-            placement: parent.placement.compose(&placement),
-            inertia: Inertia::zero(),
-            parent: Some(link),
-            rigid: true,
-        };
-        self.frames.push(frame);
-        Some(self.frames.len() - 1)
-    }
-    /// What a cut just before `frame` (a force/torque sensor's link, say) takes off. For use at set-up.
-    pub fn cut(&self, frame: usize) -> Option<Cut> {
-        let at = self.frames.get(frame)?;
-        let mut inertia = Inertia::zero();
-        let mut children = Vec::new();
-        for (i, f) in self.frames.iter().enumerate() {
-            if !self.hangs_on(i, frame) {
-                continue;
-            }
-            if f.body == at.body {
-                let in_cut = at.placement.inverse().compose(&f.placement);
-                inertia += f.inertia.transformed(&in_cut);
-            } else if !f.rigid && f.parent.is_some_and(|p| self.frames[p].body == at.body) {
-                children.push(f.body);
-            }
-        }
-        Some(Cut {
-            body: at.body,
-            inertia,
-            children,
-        })
-    }
-    /// True if link `frame` is `ancestor` or carried by it.
-    pub(crate) fn hangs_on(&self, mut frame: usize, ancestor: usize) -> bool {
-        while frame != ancestor {
-            match self.frames[frame].parent {
-                Some(p) => frame = p,
-                None => return false,
-            }
-        }
-        true
     }
     /// True if some joint follows another.
     pub fn has_mimic(&self) -> bool {

@@ -160,36 +160,4 @@ proptest! {
         prop_assert!(error(linear.as_slice(), acceleration.linear.as_slice()) < 1e-5);
         prop_assert!(error(angular.as_slice(), acceleration.angular.as_slice()) < 1e-5);
     }
-
-    /// From an IMU's readings alone `propagate` finds the same wrenches as rnea with the base known.
-    #[test]
-    fn imu_replaces_the_base((seed, kind) in kinds(), pick in any::<prop::sample::Index>()) {
-        let model = random_model(seed, kind);
-        let [q, v, a] = random_state(seed, &model);
-        let frame = pick.index(model.frames().len());
-        let (bv, bq) = match model.base() { Base::Fixed => (0, 0), Base::Floating => (6, 7) };
-        let mut data = Data::new(&model);
-        let tau = rnea(&model, &mut data, &q, &v, &a, None).to_vec();
-        forward_kinematics_acceleration(&model, &mut data, &q, &v, &a);
-        let world = frame_placement(&model, &data, frame).rotation;
-        let twist = frame_velocity(&model, &data, frame, ReferenceFrame::Local);
-        let acceleration = frame_classical_acceleration(&model, &data, frame, ReferenceFrame::Local);
-        let imu = ImuMotion {
-            angular_velocity: twist.angular,
-            angular_acceleration: acceleration.angular,
-            proper_acceleration: acceleration.linear - world.transpose() * model.gravity(),
-        };
-        let (jq, jv, ja) = (&q[bq..], &v[bv..], &a[bv..]);
-        let base = base_motion_from_imu(&model, &mut data, frame, &imu, jq, jv, ja);
-        propagate(&model, &mut data, &base, jq, jv, ja);
-        let wrenches = joint_wrenches(&model, &mut data, None);
-        let mut found = vec![0.0; model.nv()];
-        if bv > 0 {
-            found[..6].copy_from_slice(&wrenches[0].to_array());
-        }
-        for (body, f) in model.bodies().iter().zip(wrenches).skip(1) {
-            found[bv + body.joint] += body.ratio * body.along_axis(*f);
-        }
-        prop_assert!(error(&found, &tau) < 1e-11, "{}", error(&found, &tau));
-    }
 }

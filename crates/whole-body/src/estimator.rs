@@ -1,6 +1,6 @@
 //! The estimator: one update a cycle.
 
-mod tell;
+mod publish;
 
 use crate::contacts::ContactSet;
 use crate::error::WholeBodyError;
@@ -8,8 +8,7 @@ use crate::layout::Layout;
 use crate::mechanics::Mechanics;
 use crate::parameters::{Residual, Weighting, WholeBodyParameters};
 use crate::sigma::Sigma;
-use crate::solution::{Solution, about};
-use crate::tare::units;
+use crate::solution::{Solution, about, unit_wrenches};
 use dynamics::{Force, ImuMotion, Model, Motion};
 use nalgebra::{Matrix6, Vector3};
 use robot_state::Wrench;
@@ -191,9 +190,9 @@ impl WholeBody {
             self.estimate.valid = self.solve();
         }
         if self.estimate.valid {
-            self.tell_torques();
-            self.tell_contacts();
-            self.tell_parts();
+            self.publish_torques();
+            self.publish_contacts();
+            self.publish_parts();
         }
         &self.estimate
     }
@@ -336,7 +335,7 @@ impl WholeBody {
         let covariance = self.sigma.covariance[part];
         let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
         let ends = self.layout.parts[part].boundary.iter().map(|&(s, sign)| {
-            let columns = units(&m.sensor_frame[s], &origin) * sign;
+            let columns = unit_wrenches(&m.sensor_frame[s], &origin) * sign;
             (self.layout.sensors[s].input, columns)
         });
         TareEquations {

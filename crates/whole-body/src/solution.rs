@@ -6,7 +6,7 @@ use crate::least_squares::{Six, dot, pseudo_inverse, whitening};
 use crate::mechanics::Mechanics;
 use crate::parameters::Residual;
 use dynamics::{Force, Model, Motion, Se3};
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 
 /// One hypothesis, solved.
 #[derive(Debug, Clone)]
@@ -188,4 +188,17 @@ fn weighted_inverse(
         *row = std::array::from_fn(|c| (0..6).map(|k| white[k] * w[k][c]).sum());
     }
     rank
+}
+
+/// Unit wrenches of a frame, about `origin`, as columns.
+pub(crate) fn unit_wrenches(frame: &Se3, origin: &Vector3<f64>) -> Matrix6<f64> {
+    let mut columns = Matrix6::zeros();
+    for k in 0..6 {
+        let mut unit = [0.0; 6];
+        unit[k] = 1.0;
+        let f = frame.act_force(Force::from_array(unit));
+        let about = Force::new(f.linear, f.angular - origin.cross(&f.linear));
+        columns.set_column(k, &about.to_vector());
+    }
+    columns
 }

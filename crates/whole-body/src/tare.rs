@@ -18,7 +18,7 @@
 use crate::error::WholeBodyError;
 use crate::estimator::{WholeBody, WholeBodyInput};
 use crate::parameters::{FtSensorParameters, MotionSource, WholeBodyParameters};
-use dynamics::{Force, ImuMotion, Model};
+use dynamics::{ImuMotion, Model};
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
 use robot_state::Wrench;
 use std::fmt;
@@ -315,16 +315,3 @@ impl Tare {
 }
 
 const AXES: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
-
-/// Unit wrenches of a frame.
-pub(crate) fn units(frame: &dynamics::Se3, origin: &Vector3<f64>) -> Matrix6<f64> {
-    let mut columns = Matrix6::zeros();
-    for k in 0..6 {
-        let mut unit = [0.0; 6];
-        unit[k] = 1.0;
-        let f = frame.act_force(Force::from_array(unit));
-        let about = Force::new(f.linear, f.angular - origin.cross(&f.linear));
-        columns.set_column(k, &about.to_vector());
-    }
-    columns
-}

@@ -1,4 +1,4 @@
-//! From the solutions of the chosen contacts to what is told.
+//! Writes solutions under the chosen contacts into the estimate.
 
 use super::{ContactEstimate, WholeBody, wrench};
 use crate::least_squares::{Six, dot, quadratic};
@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use robot_state::Wrench;
 
 impl WholeBody {
-    pub(super) fn tell_torques(&mut self) {
+    pub(super) fn publish_torques(&mut self) {
         let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
         (self.sigma).torques(&self.model, &self.layout, &self.mechanics, set, solution);
         for (i, &joint) in self.layout.joints.iter().enumerate() {
@@ -24,7 +24,7 @@ impl WholeBody {
         }
     }
 
-    pub(super) fn tell_contacts(&mut self) {
+    pub(super) fn publish_contacts(&mut self) {
         let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
         self.estimate.contacts.fill(ContactEstimate::default());
         for (part, (range, _)) in set.parts.iter().enumerate() {
@@ -42,23 +42,23 @@ impl WholeBody {
                 let x: Six = std::array::from_fn(|k| quadratic(covariance, &rows[k]).sqrt());
                 let mut sigma = wrench(contact.wrench(&x[..n]));
                 sigma.force = sigma.force.map(f64::abs);
-                let told = &mut self.estimate.contacts[contact.input];
-                told.wrench = wrench(solution.local[c]);
-                told.sigma = sigma;
+                let estimate = &mut self.estimate.contacts[contact.input];
+                estimate.wrench = wrench(solution.local[c]);
+                estimate.sigma = sigma;
             }
         }
     }
 
-    pub(super) fn tell_parts(&mut self) {
+    pub(super) fn publish_parts(&mut self) {
         let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
         for (part, &output) in self.part_output.iter().enumerate() {
             let frame = (self.mechanics).part_frame(&self.model, &self.layout, part);
-            let told = &mut self.estimate.parts[output];
-            told.net = wrench(frame.inverse_act_force(self.mechanics.net[part]));
-            told.residual = wrench(frame.inverse_act_force(solution.residual[part]));
+            let part_estimate = &mut self.estimate.parts[output];
+            part_estimate.net = wrench(frame.inverse_act_force(self.mechanics.net[part]));
+            part_estimate.residual = wrench(frame.inverse_act_force(solution.residual[part]));
             let n = set.parts[part].1;
             if n == 6 {
-                told.residual_sigma = Wrench::default();
+                part_estimate.residual_sigma = Wrench::default();
                 continue;
             }
             let (columns, rows) = (&solution.columns[part], &solution.rows[part]);
@@ -80,7 +80,7 @@ impl WholeBody {
                     .max(0.0)
                     .sqrt()
             });
-            told.residual_sigma = wrench(Force::from_array(sigma));
+            part_estimate.residual_sigma = wrench(Force::from_array(sigma));
         }
     }
 }
