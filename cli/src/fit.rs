@@ -49,7 +49,7 @@ enum What {
     Network(StepArguments),
     /// Local Gaussian processes; need the compliance and the hysteresis
     LocalGp(StepArguments),
-    /// How far every source is off; fit it last
+    /// Errors of every source; fit it last
     Fusion(StepArguments),
 }
 
@@ -82,7 +82,7 @@ struct StepArguments {
 
 #[derive(Args)]
 struct OutArguments {
-    /// Where the fitted joint is written (TOML)
+    /// File of the fitted joint (TOML)
     #[arg(short, long)]
     out: PathBuf,
     /// Print what was found as JSON

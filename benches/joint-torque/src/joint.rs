@@ -1,19 +1,19 @@
-//! The joints on the bench, as their users know them and as they are.
+//! The joints on the bench: data sheet and simulated drive.
 
 use joint_file::{JointFile, no_files};
 use plant::parameters::DriveParameters;
 use plant::random::Random;
 use plant::{RigLoad, SimParameters};
 
-/// How far parameters are drawn from the nominal joint's.
+/// Largest relative deviation of a redrawn parameter from the nominal joint's.
 const SPREAD: f64 = 0.3;
 
 /// A kind of joint.
 #[derive(Debug, Clone)]
 pub struct BenchJoint {
-    /// What the user knows: JOINT.toml with nothing but `[joint]`.
+    /// Data sheet: JOINT.toml with nothing but `[joint]`.
     pub file: JointFile,
-    /// What is so.
+    /// Simulated drive.
     pub drive: DriveParameters,
     /// Seed of this specimen's own errors and noise.
     pub seed: u64,
@@ -94,7 +94,7 @@ impl BenchJoint {
         other
     }
 
-    /// What hangs on the joint when nothing does: the output flange.
+    /// Load of the output flange alone.
     #[must_use]
     pub fn bare(&self) -> RigLoad {
         RigLoad {

@@ -8,12 +8,12 @@ use identification::all::{self, Fitted};
 use identification::evaluate::{Figures, Score};
 use identification::log::LogRow;
 
-/// How every estimator did in one scenario.
+/// Errors of every estimator in one scenario.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// The scenario's name.
     pub name: &'static str,
-    /// What happens in it.
+    /// Description.
     pub about: &'static str,
     /// Estimators, `fused` last, and their figures against the true torque.
     pub figures: Vec<(String, Figures)>,
@@ -44,15 +44,15 @@ impl Outcome {
     }
 }
 
-/// What the fused torque is called.
+/// Name of the fused torque.
 pub const FUSED: &str = "fused";
 /// Samples between two of a trace.
-const EVERY: usize = 10;
+const TRACE_INTERVAL: usize = 10;
 
 /// Fits the joint to its calibration runs alone.
 ///
 /// # Errors
-/// What the fit says.
+/// Data that the fit refuses.
 pub fn calibrate(joint: &BenchJoint) -> Result<Fitted, String> {
     let rows =
         |s: Scenario| -> Vec<LogRow> { run(joint, &s).into_iter().map(|(row, _)| row).collect() };
@@ -63,7 +63,7 @@ pub fn calibrate(joint: &BenchJoint) -> Result<Fitted, String> {
 /// Runs the scenarios and judges the estimators against the true torque.
 ///
 /// # Errors
-/// What building the estimators says.
+/// Estimators that cannot be built.
 pub fn judge(
     joint: &BenchJoint,
     fitted: &Fitted,
@@ -93,7 +93,7 @@ fn outcome(joint: &BenchJoint, fitted: &Fitted, scenario: &Scenario) -> Result<O
         for (score, e) in scores.iter_mut().zip(all()) {
             score.add(e.tau, *tau);
         }
-        if i.is_multiple_of(EVERY) {
+        if i.is_multiple_of(TRACE_INTERVAL) {
             trace.push((row.t, *tau, all().map(|e| e.tau).collect()));
         }
     }

@@ -17,10 +17,10 @@ const BLOCK_S: f64 = 0.5;
 /// |dq| over which the sign of friction is smoothed, rad/s.
 const SMOOTHING: f64 = 0.02;
 
-/// What the real joint shows.
+/// Figures of the real joint.
 #[derive(Debug, Clone, Copy)]
 pub struct Lara8 {
-    /// How much later the motor-side encoder is sampled, s, and half of its 95 % interval.
+    /// Skew: delay of the motor-side encoder's sample, s, and half of its 95 % interval.
     pub skew: (f64, f64),
     /// K, N·m/rad, and half of its 95 % interval.
     pub stiffness: (f64, f64),
@@ -132,7 +132,7 @@ fn cross(rows: &[Row], judged: usize) -> Option<(f64, f64)> {
     Some((square, count))
 }
 
-/// Everything that is asked of the real joint.
+/// Figures of the real joint from its data.
 ///
 /// # Errors
 /// Data that are not as they should be.

@@ -1,4 +1,4 @@
-//! What is done to the joint: calibration runs and the papers' experiments.
+//! Runs of a joint on the bench: calibration and the papers' experiments.
 
 use crate::joint::BenchJoint;
 use plant::RigLoad;
@@ -12,13 +12,13 @@ pub type Course = Box<dyn Fn(f64) -> f64 + Send + Sync>;
 pub struct Scenario {
     /// Its name in tables and files.
     pub name: &'static str,
-    /// What happens, and where it is from.
+    /// Description and source.
     pub about: &'static str,
     /// Length, s.
     pub seconds: f64,
     /// Estimates are judged from here on, s.
     pub judged_from: f64,
-    /// What hangs on the joint.
+    /// Load on the joint.
     pub load: RigLoad,
     /// Set point of the drive, rad.
     pub q: Course,

@@ -56,7 +56,7 @@ pub struct JointEstimatorParameters {
     pub kinematic_error: KinematicErrorParameters,
 }
 
-/// A torque and whether the torsion asked for more than may be reported.
+/// A torque, and whether the torsion's torque exceeds the limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Saturated {
     /// The torque, N·m, within plus or minus the limit.
@@ -139,14 +139,14 @@ pub struct ComplianceEstimator {
     /// tau of the last step before the low-pass, N·m; zero after a reset.
     tau: f64,
     last: TorqueEstimate,
-    /// Variance of the torsion from the encoders' resolution and the model's known misfit, rad².
+    /// Variance of the torsion: encoders' resolution and identified misfit of the model, rad².
     torsion_variance: f64,
     /// The flexspline's torsion at the torque limit, rad.
     torsion_limit: f64,
     instructions: Instructions,
 }
 
-/// What is transcendental in a step, computed side by side.
+/// Transcendental functions of a step, computed side by side.
 struct Curves<'a> {
     parameters: &'a JointEstimatorParameters,
     q: f64,
@@ -215,7 +215,7 @@ impl ComplianceEstimator {
         }
     }
 
-    /// How late the torque is against its sample, s.
+    /// Delay of the torque behind its sample, s.
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.low_pass.delay_samples() * self.parameters.sample_period
@@ -250,7 +250,7 @@ impl JointTorqueEstimator for ComplianceEstimator {
         if !(torsion.is_finite() && omega.is_finite() && current.is_finite())
             || flags & measured_flags::NEVER != 0
         {
-            // Nothing to compute with: the last value stands, marked as not to be used.
+            // Without a sample the last value is held and marked as invalid.
             self.last.flags &= !torque_flags::VALID;
             self.last.source = torque_source::ENCODER;
             return self.last;

@@ -19,13 +19,13 @@ pub const HARMONICS: usize = 3;
 /// All coefficients, in the order of [`regressor`].
 pub const COEFFICIENTS: usize = SEGMENTS + 1 + CURRENT_ORDER + 4 * HARMONICS;
 
-/// What S9 multiplies the angles with.
+/// Factor of the angles in S9.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AngularFrequency {
     /// A constant spatial frequency of 1, as in Z.
     #[default]
     Spatial,
-    /// The measured velocity, as S 13-14 say.
+    /// The measured velocity, as printed in S 13-14.
     Published,
 }
 

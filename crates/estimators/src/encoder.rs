@@ -2,20 +2,20 @@
 
 use robot_state::measured_flags;
 
-/// How a joint's two encoders are to be read.
+/// A joint's two encoders.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EncoderParameters {
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
     /// T: time between samples, s.
     pub sample_period: f64,
-    /// Largest |dq| of the joint, rad/s, link side: what moved faster is a jump.
+    /// Largest |dq| of the joint, rad/s, link side: a faster change of a reading is a jump.
     pub max_velocity: f64,
-    /// Range after which the motor-side reading starts again, rad, motor side; infinite if never.
+    /// Range after which the motor-side reading wraps, rad, motor side; infinite if never.
     pub motor_wrap: f64,
-    /// Range after which the link-side reading starts again, rad, link side; infinite if never.
+    /// Range after which the link-side reading wraps, rad, link side; infinite if never.
     pub link_wrap: f64,
-    /// How much later than the link-side encoder the motor-side one is sampled, s; may be
+    /// Skew: delay of the motor-side encoder's sample after the link-side one's, s; may be
     /// negative, at most 16 periods.
     pub skew: f64,
 }
@@ -40,7 +40,7 @@ pub struct JointAngles {
 /// One encoder's readings made continuous.
 #[derive(Debug, Clone, Copy)]
 struct Unwrapped {
-    /// Range after which the reading starts again, rad.
+    /// Range after which the reading wraps, rad.
     wrap: f64,
     /// Furthest way in one period, rad.
     max_step: f64,
@@ -50,7 +50,7 @@ struct Unwrapped {
     periods: u32,
 }
 
-/// What became of a reading.
+/// Outcome of a reading.
 enum Taken {
     Used,
     Missed,
@@ -187,11 +187,11 @@ impl JointEncoders {
     /// Takes one reading of each encoder; NaN where there is none.
     pub fn update(&mut self, motor_reading: f64, link_reading: f64) -> JointAngles {
         let n = self.parameters.gear_ratio;
-        // The link-side encoder first: it knows which turn the motor is on. Its own first
+        // The link-side encoder first: it determines the motor's turn. Its own first
         // reading is taken as the turn nearest to zero.
         let link = self.link.take(link_reading, self.link.angle.unwrap_or(0.0));
         let motor = match (self.link.angle, self.motor.angle) {
-            // Nothing tells the turn yet.
+            // The turn is not known yet.
             (None, _) => Taken::Missed,
             // At first the turn with |theta/N - q| smallest.
             (Some(q), None) => {

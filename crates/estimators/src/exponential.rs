@@ -2,8 +2,8 @@
 
 use simd::{Lanes, SingleLanes};
 
-/// Beyond, the exponential is held: 1e-304 and 1e304.
-const LARGEST: f64 = 700.0;
+/// Largest |x|; the exponential is held beyond, at 1e-304 and 1e304.
+const MAX_EXPONENT: f64 = 700.0;
 /// 1/n! for n from 0 to 11.
 const SERIES: [f64; 12] = [
     1.0,
@@ -20,15 +20,15 @@ const SERIES: [f64; 12] = [
     1.0 / 39_916_800.0,
 ];
 
-/// `exp(x)` to 1e-14 relative, for |x| up to [`LARGEST`] and held beyond.
+/// `exp(x)` to 1e-14 relative, for |x| up to [`MAX_EXPONENT`] and held beyond.
 ///
 /// `exp(x) = 2^k exp(r)`, k the nearest integer to x/ln 2, r by its Taylor series: |r| < 0.347, so
-/// what the series leaves out is below 7e-15.
+/// the truncation error of the series is below 7e-15.
 #[inline(always)]
 pub(crate) fn exp<L: Lanes>(x: L) -> L {
     const LN2_HIGH: f64 = 6.931_471_803_691_238e-1;
     const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
-    let x = -(-x.max(L::splat(-LARGEST))).max(L::splat(-LARGEST));
+    let x = -(-x.max(L::splat(-MAX_EXPONENT))).max(L::splat(-MAX_EXPONENT));
     let k = (x * L::splat(std::f64::consts::LOG2_E)).round();
     let r = k.neg_mul_add(L::splat(LN2_LOW), k.neg_mul_add(L::splat(LN2_HIGH), x));
     // Estrin's order: terms in pairs, for one sum after the other would wait for itself.

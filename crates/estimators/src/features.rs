@@ -1,4 +1,4 @@
-//! What learned estimators look at.
+//! Inputs of the learned estimators.
 
 use crate::joint::JointSample;
 
@@ -22,7 +22,7 @@ pub enum FeatureSet {
 }
 
 impl FeatureSet {
-    /// How many inputs the set has.
+    /// Number of inputs of the set.
     #[must_use]
     pub const fn len(self) -> usize {
         match self {
@@ -33,7 +33,7 @@ impl FeatureSet {
         }
     }
 
-    /// No set is empty.
+    /// False: every set has inputs.
     #[must_use]
     pub const fn is_empty(self) -> bool {
         false

@@ -9,7 +9,7 @@ use problem::Problem;
 /// Which filter a bank is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FilterDesign {
-    /// Least noise, one derivative looked at; its derivatives see different bands.
+    /// Least noise of each derivative by itself; value and derivatives pass different bands.
     SavitzkyGolay(SavitzkyGolayParameters),
     /// Value and derivatives through one and the same smoothing.
     Matched(MatchedFilterParameters),
@@ -18,10 +18,10 @@ pub enum FilterDesign {
 impl FilterDesign {
     /// The same filter with so many derivatives beside the value.
     #[must_use]
-    pub fn with_derivatives(mut self, wanted: usize) -> Self {
+    pub fn with_derivatives(mut self, count: usize) -> Self {
         match &mut self {
-            Self::SavitzkyGolay(p) => p.derivatives = wanted,
-            Self::Matched(p) => p.derivatives = wanted,
+            Self::SavitzkyGolay(p) => p.derivatives = count,
+            Self::Matched(p) => p.derivatives = count,
         }
         self
     }
@@ -71,7 +71,7 @@ pub struct FilterBank {
     state: Vec<ChannelState>,
 }
 
-/// What a channel has seen.
+/// Samples that a channel has received.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct ChannelState {
     /// Real samples so far, at most the window.
@@ -229,7 +229,7 @@ impl FilterBank {
         &self.outputs[2][..self.channels]
     }
 
-    /// How late the outputs are against the newest sample, s.
+    /// Delay of the outputs behind the newest sample, s.
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.delay_s

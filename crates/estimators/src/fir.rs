@@ -5,9 +5,9 @@ use problem::{Allowed, Problem};
 const MAX_WINDOW: usize = 1 << 16;
 pub(crate) const MAX_DERIVATIVE: usize = 2;
 
-/// A design worked out: weights of the samples, oldest first.
+/// Weights of the samples, oldest first.
 pub(crate) struct Kernels {
-    /// Of the value and of each derivative wanted, per s^d.
+    /// Of the value and of each derivative asked for, per s^d.
     pub(crate) taps: Vec<Vec<f64>>,
     /// Of a polynomial fit, read one sample ahead of the newest.
     pub(crate) ahead: Vec<f64>,

@@ -3,7 +3,7 @@
 //! The errors of the sources are strongly correlated (most look at the same torsion), and which
 //! correlation holds changes with the load: weights that play errors off against each other are
 //! right on the data they come from and wrong on the next. So only a source whose variance is
-//! within [`CLOSE`] of the least takes part, by how close it comes. The variance is that which was
+//! within [`MAX_VARIANCE_RATIO`] of the least takes part, by how close it comes. The variance is that which was
 //! identified per regime (at rest or in motion, under steady or changing load), raised when a
 //! source itself reports a larger sigma than it did then, as a learned one does away from its data.
 
@@ -17,10 +17,10 @@ pub const MAX_SOURCES: usize = 12;
 pub const BOUNDS: usize = 3;
 /// Regimes: twice the number of bounds that the torsion's rate exceeds, and one more in motion.
 pub const REGIMES: usize = 2 * (BOUNDS + 1);
-/// A source whose variance is this many times the least has no weight.
-pub const CLOSE: f64 = 2.0;
+/// Variance over the least of all sources from which on a source has no weight.
+pub const MAX_VARIANCE_RATIO: f64 = 2.0;
 
-/// What is known of one source in one regime.
+/// Errors of one source in one regime, as identified.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SourceError {
     /// Variance of the source's error, (N·m)².
@@ -29,7 +29,7 @@ pub struct SourceError {
     pub reported: f64,
 }
 
-/// How sources are weighted.
+/// Weights of the sources, regime by regime.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FusionParameters {
     /// |dq| above which the joint moves, rad/s.
@@ -105,12 +105,12 @@ impl Fusion {
             variance += share * known.variance;
             reported += share * known.reported * known.reported;
         }
-        let doubt = (estimate.sigma * estimate.sigma / reported.max(1e-18)).max(1.0);
+        let inflation = (estimate.sigma * estimate.sigma / reported.max(1e-18)).max(1.0);
         // Two sources without any error are as good as each other.
-        variance.max(1e-18) * doubt
+        variance.max(1e-18) * inflation
     }
 
-    /// The torque that the sources' estimates of one sample amount to.
+    /// The fused torque of the sources' estimates of one sample.
     pub fn update(&mut self, sample: &JointSample, sources: &[TorqueEstimate]) -> TorqueEstimate {
         let regime = self.regime(sample);
         let p = &self.parameters;
@@ -131,14 +131,14 @@ impl Fusion {
         let mut saturated = 0;
         for (source, variance) in sources.iter().zip(variances).take(count) {
             // Relative to the least: most for the best, down to 0 at the bound, without a step.
-            let weight = (least / variance - 1.0 / CLOSE).max(0.0);
+            let weight = (least / variance - 1.0 / MAX_VARIANCE_RATIO).max(0.0);
             if weight == 0.0 {
                 continue;
             }
             sum += weight;
             tau += weight * source.tau;
             delay += weight * source.delay_s;
-            // As if all their errors were one: correlated as they are, the mean is no better.
+            // Errors count as fully correlated: averaging then reduces nothing.
             square += weight * variance;
             saturated |= source.flags & torque_flags::SATURATED;
         }

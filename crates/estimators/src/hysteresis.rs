@@ -39,7 +39,7 @@ impl Hysteresis {
         }
     }
 
-    /// Moves to a torsion; what all elements carry there, N·m.
+    /// Moves to a torsion; gives the torque of all elements there, N·m.
     ///
     /// The first torsion counts as reached from zero, along the virgin curve.
     pub fn update(&mut self, torsion: f64) -> f64 {
@@ -55,7 +55,7 @@ impl Hysteresis {
         self.torque()
     }
 
-    /// What all elements carry, N·m.
+    /// Torque of all elements, N·m.
     #[must_use]
     pub fn torque(&self) -> f64 {
         //= H Prandtl-Ishlinskii: tau = sum_j k_j s_j
@@ -113,7 +113,7 @@ pub struct GearParameters {
     /// Damping, N·m·s/rad of torsion.
     pub damping: f64,
     /// Friction of the output bearing: springs that slip along q. Torsion does not show it, but
-    /// the child link feels the gear's torque less this.
+    /// the child link receives the gear's torque less this.
     pub bearing: Vec<SlipElement>,
     /// Viscous friction of the output bearing, N·m·s/rad.
     pub bearing_viscous: f64,
@@ -196,8 +196,8 @@ pub struct HysteresisParameters {
     pub kinematic_error: KinematicErrorParameters,
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
-    /// The filter that follows the torsion. It stands before the springs: noise would work them to
-    /// and fro.
+    /// The filter that tracks the torsion. It precedes the springs, which noise would move to and
+    /// fro.
     pub tracking: TrackingParameters,
     /// Standard deviation of the torsion that the model leaves, rad; identified.
     pub torsion_sigma: f64,

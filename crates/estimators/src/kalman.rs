@@ -37,7 +37,7 @@ pub struct KalmanParameters {
     /// has it.
     pub gear: Option<GearParameters>,
     /// With a gear: how the torsion is followed; where it rests, the torque gains less variance
-    /// than Q says. Without sigma it always gains all of it.
+    /// than Q. Without sigma it always gains all of it.
     pub tracking: TrackingParameters,
     /// J_m: inertia of rotor and wave generator, motor side, kg·m².
     pub rotor_inertia: f64,
@@ -67,8 +67,8 @@ pub struct KalmanEstimator<const N: usize> {
     transform: Transform,
     gear: Option<Gear>,
     tracking: Tracking,
-    /// Square of the gear's present stiffness over that of its linear part: what the torsion
-    /// wanders is more torque where the gear is stiff.
+    /// Square of the gear's present stiffness over that of its linear part: a change of torsion is
+    /// a larger change of torque where the gear is stiff.
     stiffness: f64,
     state: Option<State<N>>,
     /// Normalised square of the last innovation, and its mean over the last second or so.
@@ -84,7 +84,7 @@ struct State<const N: usize> {
     p: SMatrix<f64, N, N>,
 }
 
-/// Mean normalised innovation, in units of its expectation, above which the model is not believed.
+/// Mean normalised innovation, in units of its expectation, above which the filter counts as inconsistent.
 const INNOVATION_LIMIT: f64 = 10.0;
 
 impl<const N: usize> KalmanEstimator<N> {
@@ -111,13 +111,13 @@ impl<const N: usize> KalmanEstimator<N> {
         self.innovation.0
     }
 
-    /// Logarithm of the last innovation's likelihood, up to a constant: what noise is tuned by.
+    /// Logarithm of the last innovation's likelihood, up to a constant; the variances are tuned by it.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood
     }
 
-    /// Whether the innovations are as small as the model says.
+    /// Whether the innovations are as small as their expected variance.
     #[must_use]
     pub fn consistent(&self) -> bool {
         self.innovation.1 < 2.0 * INNOVATION_LIMIT
@@ -169,7 +169,7 @@ impl<const N: usize> KalmanEstimator<N> {
         next
     }
 
-    /// What the encoders would read.
+    /// Expected measurement.
     fn measurement(&self, x: &SVector<f64, N>) -> Vector2<f64> {
         let p = &self.parameters.joint;
         let compliance = &p.compliance;
@@ -205,7 +205,7 @@ impl<const N: usize> KalmanEstimator<N> {
         let mut f = SMatrix::identity();
         f[(0, 1)] = t;
         f[(1, 1)] -= t / rotor_inertia * friction;
-        // No torque has no sign: that of zero would break the symmetry.
+        // A zero torque has no sign: `signum` would give it one.
         let sign = if x[2] == 0.0 { 0.0 } else { x[2].signum() };
         let carried = 1.0 / joint.gear_ratio + meshing * direction * sign;
         f[(1, 2)] = -t / rotor_inertia * carried;
@@ -275,7 +275,7 @@ impl<const N: usize> KalmanEstimator<N> {
         self.innovation.1 += (squared.min(1e6) - self.innovation.1) / second;
         //= U Step vii: x = x^- + K (z - z^-), P = P^- - K P_zz K'
         let p = s.p - gain * covariance * gain.transpose();
-        // Rounding makes it lopsided, and a lopsided covariance soon is none.
+        // Rounding makes it asymmetric, and an asymmetric covariance soon loses definiteness.
         Some(State {
             x: s.x + gain * innovation,
             p: (p + p.transpose()) * 0.5,
@@ -304,8 +304,7 @@ impl<const N: usize> Points<N> {
         })
     }
 
-    /// What a model makes of every point, each less its image of the centre: theta is large and its
-    /// spread small.
+    /// Image of every point less that of the centre, as theta is large and its spread small.
     fn images<const M: usize>(
         &self,
         origin: &SVector<f64, M>,
@@ -377,8 +376,8 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
         let [theta_variance, torsion_variance] = self.parameters.measurement;
         let (measured, variance) = match &mut self.gear {
             Some(gear) => {
-                // Noise would work the springs to and fro: they see the torsion followed, and what
-                // the measured one is off that counts by the stiffness there.
+                // Noise would move the springs to and fro: they follow the tracked torsion, and the
+                // rest of the measured one counts by the stiffness there.
                 let (followed, rate) = self.tracking.update(bounded);
                 let followed = followed.clamp(-2.0 * limit, 2.0 * limit);
                 let carried = gear.update(followed) + gear.parameters().damping * rate;
@@ -393,7 +392,7 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
         };
         let r = Vector2::new(theta_variance, variance);
         let z = Vector2::new(sample.theta, measured);
-        // More than twice the limit no gear carries: a current beyond is a fault, not a torque.
+        // No gear carries more than twice the limit: a larger current is a fault, not a torque.
         let bound = 2.0 * p.torque_limit / p.gear_ratio + p.wave_generator.friction;
         let tau_m = (p.wave_generator.torque_constant * sample.current).clamp(-bound, bound);
         let predicted = match &self.state {
@@ -408,9 +407,9 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
         let saturated = torsion.abs() >= limit;
         let bearing = (self.gear.as_mut()).map_or(0.0, |gear| gear.bearing(sample.q, sample.dq));
         let (tau, variance) = (s.x[2] - bearing, s.p[(2, 2)].max(0.0));
-        // A filter whose innovations are too large does not know its own error.
-        let doubt = (self.innovation.1 / 2.0).max(1.0).sqrt();
-        let mut estimate = self.output.give(sample, tau, variance.sqrt() * doubt);
+        // Innovations beyond their expectation show that the covariance is too small.
+        let inflation = (self.innovation.1 / 2.0).max(1.0).sqrt();
+        let mut estimate = self.output.give(sample, tau, variance.sqrt() * inflation);
         if saturated {
             estimate.flags |= torque_flags::SATURATED;
         }

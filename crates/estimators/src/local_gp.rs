@@ -1,8 +1,8 @@
-//! Local Gaussian processes on what a model leaves over (G 6-14).
+//! Local Gaussian processes on the residual of a model (G 6-14).
 //!
 //! Each local model holds at most some hundred points; a prediction is the mean of the models'
 //! own, weighted by the nearness of their centres (G14). As a model falls back to zero beyond its
-//! data, each is given those of its neighbourhood, where its weight counts ([`NEIGHBOUR`]), and
+//! data, each is given those of its neighbourhood, where its weight counts ([`MIN_RELATIVE_WEIGHT`]), and
 //! not only those nearer to its centre than to any other. Nearness needs the centres alone, and a model's
 //! prediction is bounded, so models whose whole share lies below a tolerance are left out.
 //!
@@ -32,13 +32,13 @@ use simd::{Instructions, Kernel, Lanes, WIDTH};
 /// Most points of one model.
 pub const MAX_POINTS: usize = 256;
 /// A sample belongs to every model whose weight at it is at least this part of the largest.
-pub const NEIGHBOUR: f64 = 0.1;
+pub const MIN_RELATIVE_WEIGHT: f64 = 0.1;
 /// Samples that a point stands for at most: misfit of the model does not average out.
 pub const MAX_SAMPLES_PER_POINT: f64 = 100.0;
 /// Most models.
 pub const MAX_MODELS: usize = 64;
 
-/// One local model: what was seen near its centre.
+/// One local model: training data near its centre.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LocalModel {
     /// c: centre, in scaled inputs.
@@ -55,7 +55,7 @@ pub struct LocalModel {
 /// Trained local models.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LocalGpParameters {
-    /// What the residual is a function of.
+    /// Inputs of the residual.
     pub features: FeatureSet,
     /// Per input: its mean, and what it is divided by: the kernel's width (ARD, G9).
     pub inputs: Vec<(f64, f64)>,
@@ -71,7 +71,7 @@ pub struct LocalGpParameters {
     /// Largest error of the mean by leaving models and points out and by single precision, N·m;
     /// 0: all of them, in double precision.
     pub tolerance: f64,
-    /// How good the corrected torque is on data that the training did not see.
+    /// Errors of the corrected torque on data that the training did not see.
     pub regimes: Regimes,
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
@@ -84,7 +84,7 @@ pub struct Prediction {
     pub mean: f64,
     /// Variance of the residual, the noise not counted, (N·m)².
     pub variance: f64,
-    /// How many models took part.
+    /// Number of models that took part.
     pub used: usize,
 }
 
@@ -108,7 +108,7 @@ pub struct LocalGp {
     regimes: Regimes,
     gear_ratio: f64,
     models: Vec<Prepared>,
-    /// A model may make the variance this much too large, (N·m)².
+    /// Excess of the variance that one model may cause, (N·m)².
     negligible_variance: f64,
     instructions: Instructions,
 }
@@ -168,7 +168,7 @@ impl Kernel for Predict<'_> {
             let (i, weight) = largest(&weights[..gp.models.len()]);
             weights[i] = -1.0;
             let model = &gp.models[i];
-            // Where what the data explain hardly counts, they are taken to explain nothing.
+            // Below the negligible variance the reduction by the data is left out.
             let counts = weight * gp.signal_variance > gp.negligible_variance * total;
             let (m, explained) = match gp.features.len() {
                 3 => model.evaluate::<L, 3>(&x, counts, &mut room),

@@ -16,13 +16,13 @@ use crate::fir::{Kernels, check_period, check_shape};
 use crate::savitzky_golay::coefficients;
 use problem::Problem;
 
-/// How signals that enter one equation are smoothed and differentiated; they must have the same
+/// Filter of all signals that enter one equation; they must have the same
 /// window. Outputs are those of the window's middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatchedFilterParameters {
     /// Samples that the filter covers, at least 3; even numbers are fine.
     pub window: usize,
-    /// Derivatives wanted beside the value: 0, 1 or 2.
+    /// Derivatives beside the value: 0, 1 or 2.
     pub derivatives: usize,
     /// T: time between samples, s.
     pub sample_period: f64,
@@ -62,7 +62,7 @@ impl MatchedFilterParameters {
     }
 }
 
-/// Whose second difference `c` is: `b[i - 1] - 2 b[i] + b[i + 1] = c[i]`, zero at both ends.
+/// The sequence whose second difference is `c`: `b[i - 1] - 2 b[i] + b[i + 1] = c[i]`, zero at both ends.
 fn bell(c: &[f64]) -> Vec<f64> {
     let (mut slope, mut height) = (0.0, 0.0);
     let mut bell = vec![0.0; c.len()];

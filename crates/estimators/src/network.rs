@@ -62,7 +62,7 @@ pub struct Layer {
 /// A trained network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NetworkParameters {
-    /// What it looks at.
+    /// Inputs.
     pub features: FeatureSet,
     /// Per input: its mean and half of its range in the training data.
     pub inputs: Vec<(f64, f64)>,
@@ -74,7 +74,7 @@ pub struct NetworkParameters {
     pub current_filter: [f64; 3],
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
-    /// How good the torque is on data that the training did not see; gains are not used.
+    /// Errors of the torque on data that the training did not see; gains are not used.
     pub regimes: Regimes,
     /// Pole of the torque's low-pass, 0 to below 1.
     pub low_pass_pole: f64,
@@ -251,7 +251,7 @@ impl NetworkEstimator {
         })
     }
 
-    /// Scales the inputs; how far the furthest lies outside of what the training saw, in half ranges.
+    /// Scales the inputs; gives the largest distance of one outside its training range, in half ranges.
     fn scale(&mut self, x: &[f64; MAX_FEATURES]) -> f64 {
         let mut outside = 0.0f64;
         let to = self.forward.activations[0]
@@ -260,7 +260,7 @@ impl NetworkEstimator {
         let inputs = self.scales.iter().zip(x).take(self.parameters.inputs.len());
         for (y, ((mean, per_half), x)) in to.zip(inputs) {
             let scaled = (x - mean) * per_half;
-            // A network knows nothing outside of its data: the nearest seen input stands in.
+            // A network is undetermined outside its training data: the nearest input inside is used.
             *y = scaled.clamp(-1.0, 1.0);
             outside = outside.max(scaled.abs() - 1.0);
         }
@@ -282,7 +282,7 @@ impl JointTorqueEstimator for NetworkEstimator {
         let y = self.forward.run();
         let p = &self.parameters;
         let tau = self.low_pass.update(p.torque.0 + p.torque.1 * y);
-        // Beyond the data the doubt grows with the distance, measured by the torque's own spread.
+        // Beyond the data the standard deviation grows with the distance, scaled by the torque's.
         self.output
             .give(sample, tau, known.hypot(p.torque.1 * outside.min(1e6)))
     }

@@ -1,4 +1,4 @@
-//! What every estimator does around its own equation.
+//! Bounds, flags and held values: common to all estimators.
 
 use crate::joint::JointSample;
 use robot_state::{TorqueEstimate, measured_flags, torque_flags};
@@ -28,7 +28,7 @@ impl Output {
         *self = Self::new(self.last.source, self.limit, self.delay_s);
     }
 
-    /// Whether there is something to compute with.
+    /// Whether the sample is finite and of an encoder that has answered.
     pub(crate) fn usable(sample: &JointSample) -> bool {
         let JointSample {
             q,

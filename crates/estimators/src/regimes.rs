@@ -1,22 +1,22 @@
-//! What a learned estimator knows of itself: at rest and in motion.
+//! Errors of a learned estimator at rest and in motion.
 //!
-//! Whatever is learned from a joint in motion is easily worse than nothing for the joint at rest,
-//! where friction may point either way, and inputs alone do not tell: a joint that turns back has
-//! no velocity either. So each regime has figures of its own, from data that the training did not
-//! see, and none (no gain, all the doubt) where there were no data.
+//! A correction learned from a joint in motion is easily worse than none for the joint at rest,
+//! where friction may have either sign, and inputs alone do not distinguish the two: a joint that
+//! turns back has no velocity either. So each regime has figures of its own, from data that the training did not
+//! see, and none (no gain, the prior's variance) where there were no data.
 
 use crate::joint::JointSample;
 
-/// How a learned torque did in one regime, on data that its training did not see.
+/// Error of a learned torque in one regime, on data that its training did not see.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regime {
-    /// Part of what was learned that is taken, 0 to 1.
+    /// Share of the learned correction that is applied, 0 to 1.
     pub gain: f64,
     /// Standard deviation of the error that is left, N·m.
     pub sigma: f64,
 }
 
-/// Both regimes and what tells them apart.
+/// Both regimes and the velocity that separates them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regimes {
     /// |dq| at which both count half, rad/s.

@@ -8,17 +8,17 @@
 use crate::fir::{Kernels, check_period, check_shape};
 use problem::Problem;
 
-/// How a signal is smoothed and differentiated.
+/// Filter of a signal and its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SavitzkyGolayParameters {
     /// Samples that the fit covers, at least 1; even numbers are fine.
     pub window: usize,
     /// Degree of the polynomial, below `window`.
     pub order: usize,
-    /// Derivatives wanted beside the value: 0, 1 or 2. One beyond `order` is that of a polynomial
+    /// Derivatives beside the value: 0, 1 or 2. One beyond `order` is that of a polynomial
     /// of its own degree, as far as the window holds samples for one.
     pub derivatives: usize,
-    /// How many samples before the newest the polynomial is read, 0 to `window - 1`; may be
+    /// Samples before the newest at which the polynomial is read, 0 to `window - 1`; may be
     /// fractional. The window's middle is `(window - 1)/2`.
     pub delay_samples: f64,
     /// T: time between samples, s.

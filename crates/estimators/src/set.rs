@@ -1,4 +1,4 @@
-//! All configured sources of one joint's torque, and what they amount to together.
+//! All configured sources of one joint's torque, and their fusion.
 
 use crate::fusion::{Fusion, MAX_SOURCES};
 use crate::joint::{AnyEstimator, JointSample, JointTorqueEstimator};

@@ -4,9 +4,9 @@
 /// Models side by side.
 pub const MODELS: usize = 3;
 /// Probability that a model holds for one more sample.
-const STAY: f64 = 0.97;
+const MODEL_PERSISTENCE: f64 = 0.97;
 
-/// How a signal is followed.
+/// Filters that track a signal.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TrackingParameters {
     /// Poles of each model, 0 (passes on each sample) to below 1.
@@ -16,8 +16,8 @@ pub struct TrackingParameters {
 }
 
 /// Each model is `x^ = x + T dx;  x = x^ + g (z - x^);  dx += h/T (z - x^)` with `g = 1 - p²`,
-/// `h = (1 - p)²`: both poles at `p` (fading memory). What changes steadily comes through without
-/// delay, which no low-pass can do. Which model holds is told by the likelihood of its innovation,
+/// `h = (1 - p)²`: both poles at `p` (fading memory). A ramp passes without delay, unlike through
+/// any low-pass. The models' probabilities follow from the likelihoods of their innovations,
 /// of variance `sigma²/p²` if the model is right (`g = 1 - sigma²/S` for the optimal gain).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tracking {
@@ -54,7 +54,7 @@ impl Tracking {
         let model = |pole: f64| {
             debug_assert!((0.0..1.0).contains(&pole), "pole {pole}");
             let p = pole.clamp(0.0, 1.0 - 1e-6);
-            // A filter that passes everything on expects everything: not more than a tenth of that.
+            // A filter of pole 0 expects innovations of any size: bounded at a pole of 0.1.
             let variance = sigma * sigma / (p * p).max(0.01);
             let (g, h) = (1.0 - p * p, (1.0 - p) * (1.0 - p));
             let walk = |gain: f64| (gain * gain / (1.0 - g).max(1e-6)).ln();
@@ -100,11 +100,11 @@ impl Tracking {
         for (j, (state, model)) in after.iter_mut().zip(&self.models).enumerate() {
             let mixed = mix(&before, j);
             let predicted = mixed.x + t * mixed.dx;
-            let rest = z - predicted;
-            likelihoods[j] = model.log_spread - model.weight * rest * rest;
+            let innovation = z - predicted;
+            likelihoods[j] = model.log_spread - model.weight * innovation * innovation;
             *state = State {
-                x: predicted + model.g * rest,
-                dx: mixed.dx + model.h / t * rest,
+                x: predicted + model.g * innovation,
+                dx: mixed.dx + model.h / t * innovation,
                 probability: mixed.probability,
             };
         }
@@ -120,8 +120,8 @@ impl Tracking {
         mean(after)
     }
 
-    /// How lively the signal is, as parts of the first model's: what the variance of a random walk
-    /// of the value, and of its rate, would be for which a model is optimal (with gains g, h those
+    /// Variances of the random walks of value and rate for which the present mix of models is
+    /// optimal, over those of the first model (with gains g, h those
     /// are `g²/(1-g)` and `h²/(1-g)` times sigma²); geometric mean over the models, as they lie
     /// powers of ten apart.
     #[must_use]
@@ -148,12 +148,12 @@ impl Tracking {
     }
 }
 
-/// Where model `j` starts from: every model may have held until now, and its probability.
+/// Initial state and probability of model `j`: a mix of all models, any of which may have held.
 fn mix(states: &[State; MODELS], j: usize) -> State {
-    let change = (1.0 - STAY) / (MODELS - 1) as f64;
+    let change = (1.0 - MODEL_PERSISTENCE) / (MODELS - 1) as f64;
     let mut mixed = State::default();
     for (i, state) in states.iter().enumerate() {
-        let p = state.probability * if i == j { STAY } else { change };
+        let p = state.probability * if i == j { MODEL_PERSISTENCE } else { change };
         mixed.x += p * state.x;
         mixed.dx += p * state.dx;
         mixed.probability += p;

@@ -6,7 +6,7 @@ pub enum FrictionRule {
     /// `tau_wg = tau_m - tau_fm sign(omega)`: physically right.
     #[default]
     Physical,
-    /// As printed in Z after 22: friction always reduces `|tau_m|`, also when the motor brakes.
+    /// The rule that Z prints after (22): friction always reduces `|tau_m|`, also when the motor brakes.
     Published,
 }
 
@@ -77,7 +77,7 @@ impl WaveGenerator {
         let tau_fm = friction + viscous_friction * omega.abs();
         //= Z22: tau_wg = tau_m - tau_fm; tau/N where |tau_m| < tau_fm, held where |omega| <= eps
         let (tau_wg, unknown) = if omega.abs() <= epsilon {
-            // Below eps it is held: nothing tells which way friction points.
+            // Below eps it is held: the direction of friction is unknown.
             (self.held, tau_fm)
         } else if tau_m.abs() < tau_fm {
             (tau_over_n, tau_fm)

@@ -214,7 +214,7 @@ fn torque_of_the_forward_model_is_recovered() {
     }
 }
 
-/// At rest the error of quantisation is uniform within a count of each encoder; sigma says so.
+/// At rest the error of quantisation is uniform within a count of each encoder; sigma covers it.
 #[test]
 fn sigma_covers_quantisation() {
     let mut square = 0.0;

@@ -188,19 +188,19 @@ fn a_gap_in_a_log_is_missed_samples() {
     // Long enough to go on over four samples.
     let window = Some(32);
     let mut bridged = FrontEnd::new(parameters, window).unwrap();
-    let mut told = FrontEnd::new(parameters, window).unwrap();
+    let mut explicit = FrontEnd::new(parameters, window).unwrap();
     let n = parameters.gear_ratio;
     let mut last = None;
     for k in (0..100).filter(|k| !(50..54).contains(k)) {
         let (t, q) = (f64::from(k) * parameters.sample_period, 1e-3 * f64::from(k));
         if k == 54 {
             for _ in 0..4 {
-                told.update(f64::NAN, f64::NAN, f64::NAN);
+                explicit.update(f64::NAN, f64::NAN, f64::NAN);
             }
         }
         bridged.bridge(last.replace(t), t);
         let sample = bridged.update(n * q, q, 0.1);
-        assert_eq!(sample, told.update(n * q, q, 0.1));
+        assert_eq!(sample, explicit.update(n * q, q, 0.1));
         assert!(
             k < 32 || (sample.dq - 1.0).abs() < 1e-9,
             "{k}: {}",

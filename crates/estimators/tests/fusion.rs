@@ -1,6 +1,7 @@
-//! What the fusion promises: close sources share, far ones do not, doubt and gaps count.
+//! Fusion: sources of similar variance share the torque, others have no weight; reported sigma and
+//! gaps count.
 
-use estimators::fusion::{CLOSE, Fusion, FusionParameters, SourceError};
+use estimators::fusion::{Fusion, FusionParameters, MAX_VARIANCE_RATIO, SourceError};
 use estimators::joint::JointSample;
 use proptest::prelude::*;
 use robot_state::{TorqueEstimate, torque_flags};
@@ -37,7 +38,7 @@ fn estimate(tau: f64, sigma: f64) -> TorqueEstimate {
 }
 
 #[test]
-fn equals_share_and_the_far_one_has_no_say() {
+fn sources_of_equal_variance_share_and_a_poor_one_has_no_weight() {
     let mut fusion = fusion(&[(0.1, 0.1), (0.1, 0.1), (0.2, 0.1)]);
     let sources = [estimate(1.0, 0.1), estimate(2.0, 0.1), estimate(50.0, 0.1)];
     let fused = fusion.update(&JointSample::default(), &sources);
@@ -45,7 +46,7 @@ fn equals_share_and_the_far_one_has_no_say() {
 }
 
 #[test]
-fn a_source_that_doubts_itself_gives_way_and_comes_back() {
+fn a_source_of_large_sigma_loses_its_weight_and_regains_it() {
     let mut fusion = fusion(&[(0.1, 0.1), (0.13, 0.1)]);
     let at = JointSample::default();
     let mut both = |sigma: f64| {
@@ -73,7 +74,7 @@ fn without_a_valid_source_the_last_torque_is_held_and_marked() {
 }
 
 proptest! {
-    /// Between the least and the largest of the close ones, whatever they say, and never surer
+    /// Between the least and the largest of the close ones, whatever they report, and never surer
     /// than the best.
     #[test]
     fn within_the_close_ones(
@@ -84,12 +85,12 @@ proptest! {
             sources.iter().map(|(_, tau)| estimate(*tau, 1.0)).collect();
         let fused = fusion(&errors).update(&JointSample::default(), &estimates);
         let least = errors.iter().map(|e| e.0).fold(f64::MAX, f64::min);
-        let close = sources.iter().filter(|s| s.0 * s.0 < CLOSE * least * least);
+        let close = sources.iter().filter(|s| s.0 * s.0 < MAX_VARIANCE_RATIO * least * least);
         let (low, high) = close.fold((f64::MAX, f64::MIN), |(low, high), s| {
             (low.min(s.1), high.max(s.1))
         });
         prop_assert!(fused.tau >= low - 1e-9 && fused.tau <= high + 1e-9);
         prop_assert!(fused.sigma >= least * (1.0 - 1e-9));
-        prop_assert!(fused.sigma <= least * CLOSE.sqrt() * (1.0 + 1e-9));
+        prop_assert!(fused.sigma <= least * MAX_VARIANCE_RATIO.sqrt() * (1.0 + 1e-9));
     }
 }

@@ -101,7 +101,7 @@ fn run<const S: usize>(transform: Transform, offset: f64) -> Outcome {
 }
 
 #[test]
-fn unscented_filter_knows_its_own_error() {
+fn sigma_of_the_unscented_filter_covers_its_error() {
     for o in [
         run::<STATES>(Transform::Unscented, 0.0),
         run::<ADDED_STATES>(Transform::Unscented, 0.0),
@@ -124,7 +124,7 @@ fn unscented_filter_knows_its_own_error() {
 }
 
 #[test]
-fn added_states_see_through_a_current_offset() {
+fn added_states_compensate_a_current_offset() {
     // 0.1 A is 0.6 N·m at the link.
     let plain = run::<STATES>(Transform::Unscented, 0.1);
     let added = run::<ADDED_STATES>(Transform::Unscented, 0.1);

@@ -77,7 +77,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
-    fn what_is_left_out_stays_within_the_tolerance(
+    fn the_error_of_leaving_models_and_points_out_is_within_the_tolerance(
         seed in any::<u64>(),
         models in 1usize..25,
         points in 1usize..80,

@@ -1,4 +1,4 @@
-//! Matched filters: what value and derivatives have lost is the same.
+//! Matched filters: value and derivatives pass through the same smoothing.
 
 use estimators::filter_bank::FilterBank;
 use estimators::matched_filter::MatchedFilterParameters;
@@ -43,7 +43,7 @@ fn response(mut bank: FilterBank, hertz: f64) -> [f64; 3] {
 }
 
 #[test]
-fn derivatives_have_lost_what_values_have_lost() {
+fn values_and_derivatives_have_one_frequency_response() {
     for window in [3, 8, 15, 16, 31, 80] {
         for hertz in [1.0, 5.0, 20.0, 50.0, 100.0] {
             let [value, first, second] = response(bank(window), hertz);
@@ -62,7 +62,7 @@ fn derivatives_have_lost_what_values_have_lost() {
     }
 }
 
-/// What the module says of Savitzky-Golay filters: this test would fail with them.
+/// The contrast: Savitzky-Golay filters of two orders fail the test above.
 #[test]
 fn savitzky_golay_filters_of_two_orders_do_not_match() {
     let p = SavitzkyGolayParameters::centred(80, 2, 2, PERIOD);
@@ -118,7 +118,7 @@ fn the_kernel_is_a_bell_and_the_second_derivative_the_quietest() {
 }
 
 #[test]
-fn missed_samples_are_bridged_and_told() {
+fn missed_samples_are_bridged_and_counted() {
     let (mut whole, mut holed) = (bank(16), bank(16));
     for k in 0..100 {
         let t = PERIOD * f64::from(k);
@@ -133,7 +133,7 @@ fn missed_samples_are_bridged_and_told() {
 }
 
 #[test]
-fn what_cannot_be_built_says_what_is_allowed() {
+fn a_filter_that_cannot_be_built_is_refused_with_the_allowed_values() {
     let good = MatchedFilterParameters {
         window: 16,
         derivatives: 2,

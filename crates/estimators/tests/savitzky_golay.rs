@@ -168,7 +168,7 @@ fn noise_gain_is_the_gain_for_white_noise() {
 }
 
 #[test]
-fn what_cannot_be_built_says_what_is_allowed() {
+fn a_filter_that_cannot_be_built_is_refused_with_the_allowed_values() {
     let good = SavitzkyGolayParameters::centred(10, 2, 2, 1e-3);
     let message = |p| FilterBank::new(1, p).unwrap_err().to_string();
     let bad = [

@@ -1,4 +1,4 @@
-//! Every fit in its order: each stands on those before it.
+//! Every fit in its order: each builds on those before it.
 //!
 //! ```text
 //! TURN  -> kinematic error
@@ -27,13 +27,13 @@ use problem::Problem;
 const Z_TIME_CONSTANT_S: f64 = 0.0195;
 /// Time constant of the low-pass behind models that fit better, s.
 const SHORT_TIME_CONSTANT_S: f64 = 0.002;
-/// Skew below this many standard deviations, or this time, is none.
+/// Standard deviations, and s, that a skew must exceed to be compensated.
 const SKEW_SIGNIFICANCE: f64 = 5.0;
-const SKEW_LEAST_S: f64 = 2e-5;
+const MIN_SKEW_S: f64 = 2e-5;
 
-/// What a correction beyond G's must leave at most of the error on held-out blocks: away from its
-/// data it is worse than nothing.
-const WORTHWHILE: f64 = 0.8;
+/// Largest error that a correction beyond G's may leave on held-out blocks, over the error
+/// without it: away from its data a correction is worse than none.
+const MAX_CORRECTED_RATIO: f64 = 0.8;
 
 /// One fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,7 +54,7 @@ pub enum Step {
     Network,
     /// Local Gaussian processes (G) on the compliance model and on the gear with slipping springs.
     LocalGp,
-    /// How far every source is off.
+    /// Errors of every source.
     Fusion,
 }
 
@@ -73,7 +73,7 @@ impl Step {
     ];
 }
 
-/// A fitted joint, and what each step found, in words.
+/// A fitted joint, and a report of each step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
     /// The joint with every table.
@@ -82,7 +82,7 @@ pub struct Fitted {
     pub report: Vec<String>,
 }
 
-/// Fits everything; `progress` is told how far it is.
+/// Fits everything and reports on its `progress`.
 ///
 /// # Errors
 /// The first step that its data do not allow.
@@ -102,7 +102,7 @@ pub fn fit(
         let mut inner = |part: f64, what: &str| progress(done + share * part, what);
         inner(0.0, name);
         match (step, fitted.step(step, rows, &mut inner)) {
-            // The others stand without what is learned.
+            // The other fits do not need the learned ones.
             (Step::Network | Step::LocalGp, Err(e)) => {
                 fitted.note(format!("{name}: not fitted: {e}"));
             }
@@ -114,7 +114,7 @@ pub fn fit(
     Ok(fitted)
 }
 
-/// Fits one thing; what it stands on must be in the joint already. A fusion that is there is
+/// Fits one thing; the results it builds on must be in the joint already. A fusion that is there is
 /// fitted again, as it depends on every source.
 ///
 /// # Errors
@@ -211,7 +211,7 @@ impl Fitted {
             let motor = self.joint.wave_generator_parameters();
             let fit = gear::compliance(&record, &error, motor)?;
             let (skew, sigma) = fit.skew;
-            if pass == 0 && skew.abs() > SKEW_LEAST_S.max(SKEW_SIGNIFICANCE * sigma) {
+            if pass == 0 && skew.abs() > MIN_SKEW_S.max(SKEW_SIGNIFICANCE * sigma) {
                 self.add_skew(skew);
                 continue;
             }
@@ -246,7 +246,7 @@ impl Fitted {
         encoders.skew = (encoders.skew + skew).clamp(-longest, longest);
     }
 
-    /// What the compliance left of the skew; the gear's springs tell it from friction.
+    /// Residual of the skew after the compliance; the gear's springs distinguish it from friction.
     fn skew(&mut self, train: &[LogRow]) -> Result<(), Problem> {
         let error = self.joint.kinematic_error_parameters();
         let mut left = (0.0, 0.0);
@@ -355,7 +355,7 @@ impl Fitted {
             .compliance
             .as_ref()
             .map_or(1e-5, |c| c.torsion_sigma);
-        // Where the search starts: a load that may change by a thousandth of the rated torque and a
+        // Start of the search: a load that may change by a thousandth of the rated torque and a
         // motor torque off by a thousandth in each period.
         let step = self.joint.sample_period() / j.rotor_inertia;
         let omega = (1e-3 * step * j.rated_torque / j.gear_ratio).powi(2);
@@ -417,12 +417,10 @@ impl Fitted {
                 trained.parameters.models.len()
             ));
             let name = format!("{base}_gp");
-            if base != "compliance" && after > WORTHWHILE * before {
+            if base != "compliance" && after > MAX_CORRECTED_RATIO * before {
                 self.joint.local_gp.remove(&name);
                 self.joint.trained.local_gp.remove(&name);
-                self.note(format!(
-                    "{name}: too little to be worth its risk, not switched on"
-                ));
+                self.note(format!("{name}: gain too small, not switched on"));
                 continue;
             }
             self.joint.trained.local_gp.insert(name, trained);

@@ -9,12 +9,12 @@ use problem::Problem;
 /// Time constant of the low-pass on current, s.
 const TIME_CONSTANT_S: f64 = 0.005;
 /// Samples used at most.
-const MOST: usize = 60_000;
+const MAX_SAMPLES: usize = 60_000;
 
-/// Parts of the largest velocity over which the sign of friction may be smoothed, and below which
-/// it may point either way.
+/// Velocities over which the sign of friction may be smoothed, and below which its direction is
+/// unknown, over the largest velocity.
 const SMOOTHING: [f64; 4] = [0.002, 0.005, 0.01, 0.02];
-const SLOWEST: f64 = 0.005;
+const MIN_RELATIVE_SPEED: f64 = 0.005;
 
 /// Fits `tau = K1 (i - offset) - K2 dq - (K3 + K4 |tau|) sign(dq) - J ddq` to samples in motion.
 ///
@@ -25,8 +25,8 @@ pub fn fit(record: &Record, torque_limit: f64) -> Result<CurrentParameters, Prob
     let current = record.smooth(&record.current(), 0);
     let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
     let rows: Vec<usize> = record
-        .spread(MOST)
-        .filter(|&i| record.motion[i][0].abs() > SLOWEST * fastest && tau[i].is_finite())
+        .spread(MAX_SAMPLES)
+        .filter(|&i| record.motion[i][0].abs() > MIN_RELATIVE_SPEED * fastest && tau[i].is_finite())
         .collect();
     let attempt = |smoothing: f64| {
         let mut batch = Batch::new(6);

@@ -9,7 +9,7 @@ use estimators::joint::JointSample;
 use problem::Problem;
 
 /// Samples used at most.
-const MOST: usize = 60_000;
+const MAX_SAMPLES: usize = 60_000;
 
 /// Fits S10 to loaded motion.
 ///
@@ -26,7 +26,7 @@ pub fn fit(
     let current = record.smooth(&record.current(), 0);
     let mut batch = Batch::new(COEFFICIENTS);
     let mut current_limit = 0.0f64;
-    for i in record.spread(MOST) {
+    for i in record.spread(MAX_SAMPLES) {
         let s = JointSample {
             current: current[i],
             ..record.samples[i]

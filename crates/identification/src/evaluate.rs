@@ -1,8 +1,8 @@
-//! How good a torque estimate is against a sensor: figures gathered in constant memory.
+//! Errors of a torque estimate against a sensor: figures gathered in constant memory.
 
 use std::collections::VecDeque;
 
-/// Lags at which the error is measured, samples: an estimate is late by less than this.
+/// Lags at which the error is measured, samples: the delay of an estimate is less.
 const LAGS: usize = 64;
 
 /// Errors of one estimator, sample by sample.
@@ -21,7 +21,7 @@ pub struct Score {
     lagged_count: f64,
 }
 
-/// What the errors amount to.
+/// Figures of the errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
     /// Largest error, N·m.
@@ -32,7 +32,7 @@ pub struct Figures {
     pub rms_percent: f64,
     /// Correlation of estimate and sensor.
     pub correlation: f64,
-    /// How late the estimate is: the lag at which the error is least, s.
+    /// Delay of the estimate: the lag at which the error is least, s.
     pub delay_s: f64,
     /// Samples counted.
     pub samples: u64,

@@ -8,15 +8,15 @@ use robot_state::torque_flags;
 
 /// Time over which variances blend, s.
 const BLEND_S: f64 = 0.03;
-/// Samples below which a regime's own variance is not believed.
-const FEW: f64 = 500.0;
+/// Weight of the mean over all regimes in each regime's variance, samples.
+const PRIOR_SAMPLES: f64 = 500.0;
 
-/// Part of the variance seen that is taken for a source's own at least.
-const LEAST_PART: f64 = 0.02;
+/// Least share of the variance seen that counts as the source's own, not the sensor's.
+const MIN_OWN_SHARE: f64 = 0.02;
 
-/// Runs all sources over a log with a torque sensor and gathers how far each is off.
+/// Runs all sources over a log with a torque sensor and gathers the errors of each.
 ///
-/// The sources run causally, as in the loop, so that what lags counts as an error here too.
+/// The sources run causally, as in the loop, so that their delays count as errors here too.
 #[must_use]
 pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> FusionParameters {
     let n = set.names().len();
@@ -65,12 +65,12 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
         for (regime, sum) in sums.iter().enumerate() {
             // A regime that was hardly seen leans on the mean over all.
             let count = counts[regime];
-            let own = count / (count + FEW);
+            let own = count / (count + PRIOR_SAMPLES);
             let mean =
                 |sum: f64, total: f64| own * sum / count.max(1.0) + (1.0 - own) * total / all;
             let seen = mean(sum.0, total.0);
             parameters.errors[regime][source] = SourceError {
-                variance: (seen - sensor_noise * sensor_noise).max(LEAST_PART * seen),
+                variance: (seen - sensor_noise * sensor_noise).max(MIN_OWN_SHARE * seen),
                 reported: mean(sum.1, total.1).sqrt(),
             };
         }

@@ -1,9 +1,9 @@
-//! Training of local Gaussian processes on what a model leaves over (G 6-14).
+//! Training of local Gaussian processes on the residual of a model (G 6-14).
 //!
 //! ```text
 //! residual = tau_sensor - tau_model, zero-phase filtered, the model's delay taken out
 //!   -> widths, signal and noise: most likely on a subsample          hyper_parameters.rs
-//!   -> centres by similarity (G13), points where they tell most      clustering.rs
+//!   -> centres by similarity (G13), points of largest variance       clustering.rs
 //!   -> regimes' figures on held-out blocks; then once more with all samples
 //! ```
 
@@ -23,10 +23,10 @@ use joint_file::TrainedLocalGp;
 use problem::Problem;
 use robot_state::torque_flags;
 
-/// How local Gaussian processes are trained.
+/// Options of the training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GpOptions {
-    /// What the residual is a function of.
+    /// Inputs of the residual.
     pub features: FeatureSet,
     /// Name of the model that is corrected, as in the joint file.
     pub base: String,
@@ -165,12 +165,12 @@ pub fn train(
     })
 }
 
-/// What the model leaves over at each sample, N·m; NaN where there is nothing.
+/// Residual of the model at each sample, N·m; NaN where there is none.
 struct Residual {
     /// Zero-phase filtered, the model's delay taken out: left in, it would look like a residual
     /// that follows the torque's rate.
     learned: Vec<f64>,
-    /// As the loop would see it, delay and all.
+    /// With the model's delay, as in the loop.
     left: Vec<f64>,
 }
 

@@ -12,7 +12,7 @@ use estimators::wave_generator::{WaveGenerator, WaveGeneratorParameters};
 use problem::Problem;
 
 /// Samples used at most by fits that look at each sample by itself.
-const MOST: usize = 20_000;
+const MAX_SAMPLES: usize = 20_000;
 
 /// Z's constants and the skew.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,8 +32,8 @@ pub struct ComplianceFit {
 pub struct GearFit {
     /// The gear.
     pub parameters: GearParameters,
-    /// Skew that is left between the encoders, s, and its standard deviation: what looks like skew
-    /// in the torsion, apart from what is friction in the torque.
+    /// Skew that is left between the encoders, s, and its standard deviation: the part of
+    /// the torsion that grows with dq, apart from the friction in the torque.
     pub skew: (f64, f64),
     /// Root mean square of the torque that is left, N·m.
     pub rms: f64,
@@ -93,7 +93,7 @@ pub fn compliance(
     let tau_wg_max = largest(&tau_wg).max(1e-9);
     let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
     let slow = (0.02 * fastest).max(1e-6);
-    let rows: Vec<usize> = record.spread(MOST).collect();
+    let rows: Vec<usize> = record.spread(MAX_SAMPLES).collect();
     let shape = |k_fs0, c_fs, k_wg0, c_wg| ComplianceParameters {
         k_fs0,
         c_fs,
@@ -168,13 +168,13 @@ pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<G
         torsion,
         tau,
     };
-    // Skew moves the torsion, friction the torque: only the changing stiffness tells them apart,
+    // Skew moves the torsion, friction the torque: only the changing stiffness distinguishes them,
     // and it is known after a first fit without skew.
     let rough = data.fit(record, None)?;
     data.fit(record, Some(&rough.parameters))
 }
 
-/// The training log as the gear's fit wants it.
+/// Signals of the gear's fit.
 struct GearData {
     q: Vec<f64>,
     torsion: Vec<f64>,
@@ -274,15 +274,15 @@ impl GearData {
 }
 
 /// Poles that are tried for fast and for slow changes of the torsion.
-const FAST: [f64; 4] = [0.3, 0.5, 0.65, 0.8];
-const SLOW: [f64; 4] = [0.9, 0.95, 0.98, 0.99];
+const FAST_POLES: [f64; 4] = [0.3, 0.5, 0.65, 0.8];
+const SLOW_POLES: [f64; 4] = [0.9, 0.95, 0.98, 0.99];
 
-/// Times the noise found that the filter may count with.
-const NOISE: [f64; 3] = [1.0, 1.4, 2.0];
+/// Noise that the filter assumes over the noise found.
+const NOISE_FACTORS: [f64; 3] = [1.0, 1.4, 2.0];
 /// Samples of a block of [`Errors::typical`].
-const BLOCK: usize = 500;
+const BLOCK_SAMPLES: usize = 500;
 
-/// How far an estimator is off, run as in the loop.
+/// Errors of an estimator that runs as in the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Errors {
     /// Root mean square of the torque's error, N·m.
@@ -297,10 +297,10 @@ pub struct Errors {
 fn errors(record: &Record, estimator: &mut impl JointTorqueEstimator) -> Errors {
     let (mut square, mut sigma, mut count) = (0.0, 0.0, 0.0);
     let (mut logarithm, mut blocks) = (0.0, 0.0);
-    for (k, samples) in record.samples.chunks(BLOCK).enumerate() {
+    for (k, samples) in record.samples.chunks(BLOCK_SAMPLES).enumerate() {
         let (mut block, mut used) = (0.0, 0.0);
         for (i, sample) in samples.iter().enumerate() {
-            let i = k * BLOCK + i;
+            let i = k * BLOCK_SAMPLES + i;
             let estimate = estimator.update(sample);
             if record.usable(i) {
                 block += (estimate.tau - record.tau[i]).powi(2);
@@ -336,10 +336,10 @@ pub fn tracking(
         let parameters = TrackingParameters { poles, sigma };
         (parameters, errors(record, &mut estimator(parameters)))
     };
-    let poles = FAST
+    let poles = FAST_POLES
         .iter()
-        .flat_map(|&a| SLOW.map(|b| [a, 1.0 - f64::sqrt((1.0 - a) * (1.0 - b)), b]));
-    let tried = poles.flat_map(|p| NOISE.map(|n| attempt(p, n * sigma)));
+        .flat_map(|&a| SLOW_POLES.map(|b| [a, 1.0 - f64::sqrt((1.0 - a) * (1.0 - b)), b]));
+    let tried = poles.flat_map(|p| NOISE_FACTORS.map(|n| attempt(p, n * sigma)));
     let best = tried.min_by(|a, b| a.1.typical.total_cmp(&b.1.typical));
     best.unwrap_or_default()
 }

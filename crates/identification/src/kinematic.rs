@@ -2,9 +2,9 @@
 //!
 //! Z averages both ways on a common grid of q, `err = (torsion_cw + torsion_ccw)/2`, and fits a
 //! Fourier series to the mean. Here one least-squares problem holds the series, one constant for
-//! each way, and what grows with velocity and acceleration: what depends on the motion (friction,
-//! wave generator, skew, inertia of what hangs there) falls out the same, without a grid, with
-//! every sample used once and whatever the speed does on the way.
+//! each way, and terms in velocity and acceleration. Effects of the motion (friction, wave
+//! generator, skew, inertia of the load) cancel just as in Z, without a grid, with every sample
+//! used once and at any course of the speed.
 
 use crate::least_squares::Batch;
 use crate::record::Record;
@@ -17,19 +17,19 @@ const LINK_HARMONICS: usize = 8;
 /// Harmonics of the motor-side angle that are fitted.
 const MOTOR_HARMONICS: usize = 8;
 /// Samples used at most: the series has some thirty coefficients.
-const MOST: usize = 60_000;
+const MAX_SAMPLES: usize = 60_000;
 /// Columns before the series: constant, direction, velocity, acceleration.
 const MOTION: usize = 4;
 /// Standard deviations, and rad, that a harmonic must reach to be kept.
 const SIGNIFICANCE: f64 = 4.0;
-const LEAST_AMPLITUDE: f64 = 2e-7;
+const MIN_AMPLITUDE: f64 = 2e-7;
 
 /// The error's series and the torsion that it leaves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KinematicFit {
     /// The series.
     pub parameters: KinematicErrorParameters,
-    /// Root mean square of what is left, rad.
+    /// Root mean square of the residual, rad.
     pub rms: f64,
 }
 
@@ -41,7 +41,7 @@ pub fn fit(record: &Record) -> Result<KinematicFit, Problem> {
     let speeds: Vec<f64> = record.motion.iter().map(|m| m[0].abs()).collect();
     let fastest = speeds.iter().fold(0.0f64, |m, v| m.max(*v));
     let moving: Vec<usize> = record
-        .spread(MOST)
+        .spread(MAX_SAMPLES)
         .filter(|&i| speeds[i] > 0.3 * fastest)
         .collect();
     for (way, name) in [(1.0, "positive"), (-1.0, "negative")] {
@@ -59,8 +59,8 @@ pub fn fit(record: &Record) -> Result<KinematicFit, Problem> {
     }
     let one = series(record, &moving, 1.0)
         .ok_or_else(|| Problem::new("no-load turn: the Fourier series is not determined", ""))?;
-    // Z prints 0.9935 periods a turn for the motor side: looked for, and only believed if the
-    // data say so clearly, as a gear has a whole number of lobes.
+    // Z prints 0.9935 periods a turn for the motor side. Such a frequency is accepted only if it
+    // fits clearly better than 1, as a gear has a whole number of lobes.
     let candidates = (-40..=40)
         .filter(|k| *k != 0)
         .map(|k| 1.0 + 5e-4 * f64::from(k));
@@ -98,7 +98,7 @@ fn series(record: &Record, moving: &[usize], w_motor: f64) -> Option<KinematicFi
         let shown = |n: &usize| {
             let (i, j) = at(*n);
             let amplitude = solution.x[i].hypot(solution.x[j]);
-            amplitude > LEAST_AMPLITUDE.max(SIGNIFICANCE * solution.sigma[i].max(solution.sigma[j]))
+            amplitude > MIN_AMPLITUDE.max(SIGNIFICANCE * solution.sigma[i].max(solution.sigma[j]))
         };
         let kept = (0..count).rev().find(shown).map_or(0, |n| n + 1);
         let pair = |n: usize| (solution.x[at(n).0], solution.x[at(n).1]);

@@ -4,21 +4,21 @@ use crate::record::Record;
 use estimators::low_pass::LowPass;
 use estimators::regimes::{Motion, Regime, Regimes};
 
-/// Told how far a training is, 0 to 1, and what it does.
+/// Takes the share of a training that is done, 0 to 1, and its present step.
 pub type Progress<'a> = &'a mut dyn FnMut(f64, &str);
 
 /// Length of a block, s: neighbouring samples are alike, so whole blocks are held out.
 const BLOCK_S: f64 = 0.7;
-/// One of so many blocks is held out.
-const EVERY: usize = 5;
+/// One block of this many is held out.
+const HOLD_OUT_INTERVAL: usize = 5;
 /// Kept free on both sides of a held-out block, s.
 const GUARD_S: f64 = 0.05;
-/// Time over which |dq| is averaged to tell motion from rest, s.
+/// Time over which |dq| is averaged to distinguish motion from rest, s.
 const MOTION_S: f64 = 0.05;
-/// Samples below which a regime has not been seen.
-const FEW: usize = 300;
+/// Samples below which a regime counts as unseen.
+const MIN_REGIME_SAMPLES: usize = 300;
 
-/// Time constant of the zero-phase filter on what is learned, s: short, for at speed the gear's
+/// Time constant of the zero-phase filter of the learned signal, s: short, as at speed the gear's
 /// kinematic error makes real torques of some ten hertz.
 const ZERO_PHASE_S: f64 = 0.002;
 
@@ -33,7 +33,7 @@ pub fn zero_phase(record: &Record, signal: &[f64]) -> Vec<f64> {
     out
 }
 
-/// What a sample is used for.
+/// Use of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Use {
     /// Training.
@@ -44,7 +44,7 @@ pub enum Use {
     Nothing,
 }
 
-/// What each sample of a record is used for.
+/// Use of each sample of a record.
 #[must_use]
 pub fn uses(record: &Record) -> Vec<Use> {
     let t = record.sample_period;
@@ -55,11 +55,12 @@ pub fn uses(record: &Record) -> Vec<Use> {
             return Use::Nothing;
         }
         let (number, inside) = (i / block, i % block);
-        if number % EVERY == EVERY - 1 {
+        if number % HOLD_OUT_INTERVAL == HOLD_OUT_INTERVAL - 1 {
             Use::HeldOut
         } else {
-            let before = number % EVERY == EVERY - 2 && inside + guard >= block;
-            let after = number > 0 && number % EVERY == 0 && inside < guard;
+            let before =
+                number % HOLD_OUT_INTERVAL == HOLD_OUT_INTERVAL - 2 && inside + guard >= block;
+            let after = number > 0 && number % HOLD_OUT_INTERVAL == 0 && inside < guard;
             if before || after {
                 Use::Nothing
             } else {
@@ -99,15 +100,15 @@ pub fn motion(record: &Record) -> (Regimes, Vec<f64>) {
     (regimes, shares)
 }
 
-/// One held-out sample: share of motion, what was learned, what it should be.
+/// One held-out sample: share of motion, learned value, true value.
 pub type Judged = (f64, f64, f64);
 
-/// Figures of one regime: the gain of least squares within 0 and 1, and what it leaves. `unseen`
-/// is its sigma if there are hardly any samples.
+/// Figures of one regime: the gain of least squares within 0 and 1, and the error it leaves.
+/// `unseen` is the sigma of a regime with too few samples.
 #[must_use]
 pub fn judge(judged: &[Judged], moving: bool, fixed_gain: Option<f64>, unseen: f64) -> Regime {
     let own: Vec<&Judged> = judged.iter().filter(|j| (j.0 > 0.5) == moving).collect();
-    if own.len() < FEW {
+    if own.len() < MIN_REGIME_SAMPLES {
         return Regime {
             gain: 0.0,
             sigma: unseen,

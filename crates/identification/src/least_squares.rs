@@ -59,8 +59,8 @@ impl Batch {
 
     /// The x of least squares over the columns for which `keep` holds; others are zero.
     ///
-    /// Columns are scaled to unit length first. `ridge`, relative to that, keeps columns that the
-    /// data do not tell apart from growing without bound. None if there are no rows or the
+    /// Columns are scaled to unit length first. `ridge`, relative to that, keeps the coefficients
+    /// of nearly dependent columns bounded. None if there are no rows or the
     /// columns depend on one another.
     #[must_use]
     pub fn solve_columns(&self, ridge: f64, keep: impl Fn(usize) -> bool) -> Option<Solution> {

@@ -29,7 +29,7 @@ pub struct LogReader<R> {
     file: String,
     line: usize,
     text: String,
-    /// Where each of `COLUMNS` stands; the last may be missing.
+    /// Place of each of `COLUMNS`; the last may be missing.
     places: [Option<usize>; 5],
     last_t: f64,
 }

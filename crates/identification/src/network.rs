@@ -1,7 +1,7 @@
 //! Training of S's network by back-propagation (S 36-46).
 //!
 //! Mini-batches with Adam find the valley, a quasi-Newton method on all samples goes along it, and
-//! whatever does best on held-out blocks is kept. The torque is zero-phase filtered: a delayed one
+//! the weights with the least held-out error are kept. The torque is zero-phase filtered: a delayed one
 //! would teach the network its delay.
 
 mod back_propagation;
@@ -16,10 +16,10 @@ use estimators::network::{NetworkEstimator, NetworkParameters, ScalarKalman};
 use joint_file::TrainedNetwork;
 use problem::Problem;
 
-/// How a network is trained.
+/// Options of the training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NetworkOptions {
-    /// What it looks at.
+    /// Inputs.
     pub features: FeatureSet,
     /// Units of each hidden layer.
     pub hidden: Vec<usize>,
@@ -30,7 +30,7 @@ pub struct NetworkOptions {
     /// Largest |tau| that is ever reported, N·m.
     pub torque_limit: f64,
     /// Samples used at most.
-    pub most_samples: usize,
+    pub max_samples: usize,
     /// Passes over the samples in mini-batches.
     pub epochs: usize,
     /// Quasi-Newton steps after that.
@@ -40,7 +40,7 @@ pub struct NetworkOptions {
 }
 
 impl NetworkOptions {
-    /// What does well on a joint of one revolute axis; `torque_limit` in N·m.
+    /// Options that suit a joint of one revolute axis; `torque_limit` in N·m.
     #[must_use]
     pub fn new(torque_limit: f64) -> Self {
         Self {
@@ -49,7 +49,7 @@ impl NetworkOptions {
             current_filter: [0.05, 0.25, 0.01],
             low_pass_pole: 0.0,
             torque_limit,
-            most_samples: 40_000,
+            max_samples: 40_000,
             epochs: 40,
             steps: 600,
             seed: 1,
@@ -83,8 +83,8 @@ pub fn train(
     let uses = uses(record);
     let tau = zero_phase(record, &record.tau);
     let inputs = Inputs::new(record, options, &uses);
-    let train = of_use(&uses, Use::Train, options.most_samples);
-    let held_out = of_use(&uses, Use::HeldOut, options.most_samples / 4);
+    let train = of_use(&uses, Use::Train, options.max_samples);
+    let held_out = of_use(&uses, Use::HeldOut, options.max_samples / 4);
     let needed = 10 * MINI_BATCH;
     if train.len() < needed || held_out.len() < MINI_BATCH {
         let count = train.len();
@@ -111,7 +111,7 @@ pub fn train(
         gear_ratio: record.gear_ratio,
         torque_limit: options.torque_limit,
     };
-    // As the loop will run it, low-pass, delay and all.
+    // With low-pass and delay, as the loop runs it.
     let mut estimator = NetworkEstimator::new(parameters.clone())?;
     let estimates: Vec<f64> = record
         .samples

@@ -10,7 +10,7 @@ const SUFFICIENT: f64 = 1e-4;
 const HALVINGS: usize = 30;
 
 /// Goes downhill from `x` for at most `iterations` steps, or until the gradient's largest entry is
-/// below `tolerance`, no step goes down any more, or `step` says no.
+/// below `tolerance`, no step goes down any more, or `step` returns false.
 ///
 /// `f` gives the value and writes the gradient; `step` sees the number of the step, the value and
 /// the place after each step. Ends with the lowest place in `x`, and gives its value.

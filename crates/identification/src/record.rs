@@ -27,8 +27,8 @@ const WINDOW_S: f64 = 0.025;
 
 /// Standard deviation of a normal variable over the median of its absolute value.
 const MEDIAN_TO_SIGMA: f64 = 1.4826;
-/// Samples that tell a signal's noise.
-const MOST_FOR_NOISE: usize = 20_000;
+/// Samples from which a signal's noise is estimated, at most.
+const MAX_NOISE_SAMPLES: usize = 20_000;
 
 impl Record {
     /// Runs a log through the joint's front end.
@@ -91,14 +91,14 @@ impl Record {
         out
     }
 
-    /// Standard deviation of a signal's noise: of what the centred filter takes off.
+    /// Standard deviation of a signal's noise, its difference from the centred filter's output.
     ///
     /// By the median: sudden loads are no noise, but would dominate a mean of squares.
     #[must_use]
     pub fn noise(&self, signal: &[f64]) -> f64 {
         let smooth = self.smooth(signal, 0);
         let mut rests: Vec<f64> = self
-            .spread(MOST_FOR_NOISE)
+            .spread(MAX_NOISE_SAMPLES)
             .map(|i| (signal[i] - smooth[i]).abs())
             .collect();
         rests.sort_by(f64::total_cmp);

@@ -62,7 +62,7 @@ fn errors(
 fn quick_network() -> NetworkOptions {
     NetworkOptions {
         hidden: vec![8, 8],
-        most_samples: 8000,
+        max_samples: 8000,
         epochs: 15,
         steps: 120,
         ..NetworkOptions::new(40.0)
@@ -84,7 +84,7 @@ fn scenario(name: &str) -> Vec<LogRow> {
 }
 
 #[test]
-fn both_learn_what_a_spring_does_not_know() {
+fn both_learn_the_residual_of_a_spring() {
     let joint = bench::joint();
     let record = Record::new(&joint, &bench::training(60.0, 0.5)).unwrap();
     let mut parts = Vec::new();
@@ -119,7 +119,7 @@ fn both_learn_what_a_spring_does_not_know() {
 }
 
 #[test]
-fn learned_in_motion_alone_they_do_not_claim_to_know_rest() {
+fn trained_in_motion_alone_their_sigma_at_rest_covers_their_error() {
     let joint = bench::joint();
     let record = Record::new(&joint, &bench::training(40.0, 1.0)).unwrap();
     let network = network::train(&record, &quick_network(), &mut |_, _| ()).unwrap();
@@ -142,7 +142,7 @@ fn learned_in_motion_alone_they_do_not_claim_to_know_rest() {
 #[test]
 fn a_base_that_lags_teaches_no_residual() {
     let joint = bench::joint();
-    // The torque is exactly that of the spring, which the base gives 2.5 ms late and says so.
+    // The torque is exactly that of the spring, which the base reports 2.5 ms late with that delay.
     let mut rows = bench::training(40.0, 0.8);
     let mut front_end = joint.front_end().unwrap();
     for row in &mut rows {

@@ -15,7 +15,7 @@ use estimators::tracking::TrackingParameters;
 use problem::Problem;
 use std::collections::BTreeSet;
 
-/// Models that stand for themselves, in the order in which they are shown.
+/// Models without trained files, in the order in which they are shown.
 const MODELS: [&str; 6] = [
     "compliance",
     "hysteresis",
@@ -117,7 +117,7 @@ impl JointFile {
     }
 
     /// A model as Gaussian processes correct it: Z's compliance with a short low-pass, as no residual
-    /// makes up for the lag of its own.
+    /// compensates the low-pass's own delay.
     ///
     /// # Errors
     /// As [`Self::model`].

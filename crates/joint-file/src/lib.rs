@@ -63,7 +63,7 @@ pub struct JointFile {
     pub local_gp: BTreeMap<String, TrainedTable>,
     /// Switches the fusion on.
     pub fusion: Option<FusionTable>,
-    /// What the trained files hold.
+    /// Contents of the trained files.
     #[serde(skip)]
     pub trained: Trained,
 }
@@ -77,9 +77,9 @@ pub struct Trained {
     pub local_gp: BTreeMap<String, TrainedLocalGp>,
 }
 
-/// Samples of the velocity filter at any rate, s, unless the file says otherwise.
+/// Default window of the velocity filter, s.
 const VELOCITY_WINDOW_S: f64 = 0.02;
-/// Rated torques that a joint may be loaded with for a moment, unless the file says otherwise.
+/// Default torque limit over the rated torque: the momentary overload of a harmonic drive.
 const OVERLOAD: f64 = 2.5;
 
 impl JointFile {

@@ -10,7 +10,7 @@ use estimators::tracking::{MODELS, TrackingParameters};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The joint: what its data sheet says.
+/// The joint, by its data sheet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointTable {
@@ -37,7 +37,7 @@ pub struct JointTable {
     /// Largest |tau| that is ever reported, N·m; 2.5 times the rated torque if absent.
     #[serde(rename = "torque_limit_Nm", skip_serializing_if = "Option::is_none")]
     pub torque_limit: Option<f64>,
-    /// Largest |dq|, rad/s: what moved faster is a jump.
+    /// Largest |dq|, rad/s: a faster change of a reading is a jump.
     #[serde(rename = "max_velocity_rad_per_s", default = "fast")]
     pub max_velocity: f64,
 }
@@ -47,11 +47,11 @@ fn fast() -> f64 {
     30.0
 }
 
-/// How the encoders are read.
+/// Skew and velocity filter.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EncodersTable {
-    /// How much later than the link-side encoder the motor-side one is sampled, s.
+    /// Skew: delay of the motor-side encoder's sample after the link-side one's, s.
     #[serde(rename = "skew_s")]
     pub skew: f64,
     /// Samples of the straight line that velocities come from.
@@ -213,7 +213,7 @@ pub struct HysteresisTable {
 }
 
 impl HysteresisTable {
-    /// How the torsion is followed.
+    /// Filters that track the torsion.
     pub(super) fn tracking(&self) -> TrackingParameters {
         TrackingParameters {
             poles: self.tracking_poles,
@@ -330,7 +330,7 @@ pub struct DeformationTable {
     pub torsion_sigma: f64,
 }
 
-/// Where a trained file is.
+/// Path of a trained file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainedTable {
@@ -351,7 +351,7 @@ pub struct KalmanTable {
     pub hysteresis: bool,
 }
 
-/// How far the sources are off.
+/// Errors of the sources.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FusionTable {

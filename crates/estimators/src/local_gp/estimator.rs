@@ -37,12 +37,12 @@ impl JointTorqueEstimator for LocalGpEstimator {
         let x = gp.features.of(sample, sample.current, gp.gear_ratio);
         let regime = gp.regimes.mix(self.motion.update(sample, &gp.regimes));
         let Prediction { mean, variance, .. } = gp.predict(&x);
-        // What is not taken of the correction leaves the model's own doubt.
+        // The share of the correction that is not applied leaves the model's own variance.
         let own = (1.0 - regime.gain) * model.sigma;
-        let doubt = regime.sigma * regime.sigma + regime.gain.powi(2) * variance + own * own;
+        let variance = regime.sigma * regime.sigma + regime.gain.powi(2) * variance + own * own;
         //= G6: tau = tau_model + f(q, theta, i)
         let tau = model.tau + regime.gain * mean;
-        let mut estimate = self.output.give(sample, tau, doubt.sqrt());
+        let mut estimate = self.output.give(sample, tau, variance.sqrt());
         estimate.flags |= model.flags & torque_flags::SATURATED;
         estimate.delay_s = model.delay_s;
         estimate

@@ -1,14 +1,14 @@
-//! One model's mean and how far its data reduce the variance, for points side by side.
+//! One model's mean, and the reduction of the variance by its data, for points side by side.
 
 use super::{MAX_POINTS, Prepared};
 use crate::exponential::{exp, single_exp_of_minus_half};
 use crate::features::MAX_FEATURES;
 use simd::{Lanes, Pack, SINGLE_WIDTH, SingleLanes, SinglePack, WIDTH};
 
-/// What single precision adds to the mean is below this times the sum of |sigma_f² alpha|: the
+/// Error of the mean by single precision over the sum of |sigma_f² alpha|, at most: the
 /// kernel's own error (5e-7), and as many roundings as packs of points.
 pub(super) const SINGLE_ERROR: f64 = 3e-6;
-/// Part of the explained variance that single precision may invent.
+/// Error of the explained variance by single precision, relative.
 const SINGLE_VARIANCE: f64 = 1e-5;
 
 /// Points with the weights of the mean and the directions of the variance, padded with points of
@@ -47,7 +47,7 @@ impl Room {
 }
 
 impl Prepared {
-    /// Mean at `x` (G11), and by how much the data reduce the variance (G12) if that `counts`,
+    /// Mean at `x` (G11), and the reduction of the variance by the data (G12) if that `counts`,
     /// with `D` inputs.
     #[inline(always)]
     pub(super) fn evaluate<L: Lanes, const D: usize>(

@@ -1,4 +1,4 @@
-//! From points to what a prediction needs: weights of the mean, directions of the variance, bound.
+//! From points to the terms of a prediction: weights of the mean, directions of the variance, bound.
 
 use super::evaluate::{Columns, Points, SINGLE_ERROR};
 use super::factor::Factor;
@@ -9,8 +9,8 @@ use nalgebra::DMatrix;
 use problem::{Allowed, Problem};
 use simd::{Instructions, Pack, SINGLE_WIDTH, SinglePack, WIDTH};
 
-/// Noise of a point is at least this part of the signal's variance, so that a model can be factored.
-const LEAST_NOISE: f64 = 1e-8;
+/// Least noise of a point over the signal's variance, so that a model can be factored.
+const MIN_RELATIVE_NOISE: f64 = 1e-8;
 
 /// Part of a sample's noise by which one model may make the variance too large.
 const NEGLIGIBLE_NOISE: f64 = 0.01;
@@ -109,7 +109,7 @@ fn kernel(p: &LocalGpParameters, a: &[f64], b: &[f64]) -> f64 {
 
 /// A point's own variance in K + D.
 fn diagonal(p: &LocalGpParameters, noise: f64) -> f64 {
-    p.signal_variance + noise.max(LEAST_NOISE * p.signal_variance)
+    p.signal_variance + noise.max(MIN_RELATIVE_NOISE * p.signal_variance)
 }
 
 /// K + D of a model's points, and its factor.
@@ -135,7 +135,7 @@ fn factored(p: &LocalGpParameters, model: &LocalModel) -> Result<(DMatrix<f64>, 
     Ok((a, factor))
 }
 
-/// What a prediction needs of a model with matrix `a` = K + D.
+/// Weights, directions and bound of a model with matrix `a` = K + D.
 fn prepare(
     p: &LocalGpParameters,
     model: &LocalModel,

@@ -8,9 +8,9 @@ use super::LocalGpParameters;
 use super::factor::Factor;
 use nalgebra::DMatrix;
 
-/// Points that the others tell to this part of the signal's variance would make weights without
-/// bound.
-const TOLD: f64 = 1e-7;
+/// Least conditional variance of a point given those chosen, over the signal's variance: below it
+/// weights would grow without bound.
+const MIN_CONDITIONAL_VARIANCE: f64 = 1e-7;
 
 /// Indices of the points that make the mean to within `error` (N·m) at any input, and their
 /// weights; None if it takes all of them. `a` = K + D.
@@ -22,32 +22,32 @@ pub(super) fn sparsify(
 ) -> Option<(Vec<usize>, Vec<f64>)> {
     let (n, s) = (alpha.len(), p.signal_variance);
     let kernel = |i: usize, j: usize| if i == j { s } else { a[(i, j)] };
-    // What is not yet made of the mean at each point, and of each point's own variance.
+    // Residual of the mean at each point, and each point's variance given those chosen.
     let mut left: Vec<f64> = (0..n)
         .map(|i| (0..n).map(|j| kernel(i, j) * alpha[j]).sum())
         .collect();
-    let mut untold = vec![s; n];
+    let mut conditional = vec![s; n];
     let mut square: f64 = left.iter().zip(alpha).map(|(l, a)| l * a).sum();
     let (mut chosen, mut made) = (Vec::new(), Vec::new());
     let mut rows: Vec<Vec<f64>> = Vec::new();
     while s * square > error * error {
         // By orthogonal matching pursuit: the point that brings the projection nearest.
-        let gain = |i: usize| left[i] * left[i] / untold[i];
-        let free = (0..n).filter(|&i| untold[i] > TOLD * s);
+        let gain = |i: usize| left[i] * left[i] / conditional[i];
+        let free = (0..n).filter(|&i| conditional[i] > MIN_CONDITIONAL_VARIANCE * s);
         let best = free.max_by(|&i, &j| gain(i).total_cmp(&gain(j)))?;
-        let root = untold[best].sqrt();
+        let root = conditional[best].sqrt();
         let row: Vec<f64> = (0..n)
             .map(|i| {
-                let told: f64 = rows.iter().map(|r| r[i] * r[best]).sum();
-                (kernel(i, best) - told) / root
+                let explained: f64 = rows.iter().map(|r| r[i] * r[best]).sum();
+                (kernel(i, best) - explained) / root
             })
             .collect();
         let along = left[best] / root;
-        for ((left, untold), r) in left.iter_mut().zip(&mut untold).zip(&row) {
+        for ((left, conditional), r) in left.iter_mut().zip(&mut conditional).zip(&row) {
             *left -= along * r;
-            *untold -= r * r;
+            *conditional -= r * r;
         }
-        untold[best] = 0.0;
+        conditional[best] = 0.0;
         square -= along * along;
         made.push(along);
         chosen.push(best);

@@ -1,4 +1,4 @@
-//! What every implementation is put through.
+//! Checks that every implementation passes.
 
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use robot_state::torque_flags::{DEGRADED, SATURATED, VALID};
@@ -185,7 +185,7 @@ pub(crate) fn is_continuous(new: &dyn Fn() -> Box<dyn JointTorqueEstimator>, jum
     assert!(apart < 100, "differs at {apart} of 3000 samples");
 }
 
-/// What the suite has to know of an implementation.
+/// Figures of an implementation that the suite needs.
 pub(crate) struct Expected {
     /// See `is_continuous`, N·m.
     pub(crate) jump: f64,

@@ -1,14 +1,13 @@
 //! Many samples into few models of few points (G 13).
 //!
 //! A point joins the most similar centre or founds a new one below a threshold; the threshold is
-//! the one that leads to the wanted number of models. In each model the points are those that
-//! tell most, the next always where the others leave the largest variance; every further sample
-//! then goes to the point nearest to it, which stands for the mean of what it gathers, with less
-//! noise the more it gathers.
+//! the one that leads to the wanted number of models. In each model each further point
+//! is the sample of the largest variance given the points before it; every other sample then goes
+//! to the point nearest to it, which represents their mean, with less noise the more there are.
 
 use super::{GpOptions, HyperParameters};
 use estimators::features::MAX_FEATURES;
-use estimators::local_gp::{LocalModel, MAX_SAMPLES_PER_POINT, NEIGHBOUR};
+use estimators::local_gp::{LocalModel, MAX_SAMPLES_PER_POINT, MIN_RELATIVE_WEIGHT};
 
 /// One sample: scaled inputs, residual, its place in the log.
 #[derive(Debug, Clone, Copy)]
@@ -18,15 +17,15 @@ pub(super) struct Sample {
     pub(super) index: usize,
 }
 
-/// Samples that centres are made from.
-const FOR_CENTRES: usize = 20_000;
-/// Samples per model that points are chosen from.
-const FOR_POINTS: usize = 3_000;
-/// What is not explained hardly changes from one sample to the next: samples less than this
-/// apart count as one, s.
+/// Samples from which centres are chosen, at most.
+const CENTRE_SAMPLES: usize = 20_000;
+/// Samples of a model from which points are chosen, at most.
+const POINT_SAMPLES: usize = 3_000;
+/// Distance in time of independent samples, s: the residual hardly changes from one sample to the
+/// next.
 const INDEPENDENT_S: f64 = 0.05;
-/// Points are no longer added when the others leave less than this part of the noise.
-const ENOUGH: f64 = 1e-3;
+/// Largest variance left, over the noise's, at which no more points are added.
+const MIN_VARIANCE_OVER_NOISE: f64 = 1e-3;
 
 fn square(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
@@ -50,8 +49,8 @@ pub(super) fn models(
 ) -> Vec<LocalModel> {
     let centres = centres(samples, options.models);
     let mut members: Vec<Vec<Sample>> = vec![Vec::new(); centres.len()];
-    // As a difference of squared distances.
-    let neighbour = -2.0 * NEIGHBOUR.ln();
+    // The least relative weight as a difference of squared distances.
+    let neighbour = -2.0 * MIN_RELATIVE_WEIGHT.ln();
     let mut away = vec![0.0; centres.len()];
     for sample in samples {
         for (away, centre) in away.iter_mut().zip(&centres) {
@@ -71,23 +70,23 @@ pub(super) fn models(
         .zip(&centres)
         .filter(|(members, _)| !members.is_empty())
         .map(|(members, centre)| {
-            let chosen = telling(members, options.points, hyper);
+            let chosen = points_of_largest_variance(members, options.points, hyper);
             gathered(centre, members, &chosen, dimensions, hyper, apart)
         })
         .collect()
 }
 
-/// At most `most` centres, and as many as a threshold on similarity can make.
-fn centres(samples: &[Sample], most: usize) -> Vec<[f64; MAX_FEATURES]> {
-    let step = samples.len().div_ceil(FOR_CENTRES).max(1);
+/// At most `max` centres, and as many as a threshold on similarity can make.
+fn centres(samples: &[Sample], max: usize) -> Vec<[f64; MAX_FEATURES]> {
+    let step = samples.len().div_ceil(CENTRE_SAMPLES).max(1);
     let few: Vec<&Sample> = samples.iter().step_by(step).collect();
     // The threshold as a distance: similarity falls with it.
     let (mut near, mut far) = (0.0, 100.0);
     let mut best = found(&few, far, usize::MAX);
     for _ in 0..25 {
         let middle = 0.5 * (near + far);
-        let made = found(&few, middle, most);
-        if made.len() > most {
+        let made = found(&few, middle, max);
+        if made.len() > max {
             near = middle;
         } else {
             far = middle;
@@ -97,8 +96,8 @@ fn centres(samples: &[Sample], most: usize) -> Vec<[f64; MAX_FEATURES]> {
     best
 }
 
-/// Centres that lie further than `distance` from each other; stops beyond `most`.
-fn found(samples: &[&Sample], distance: f64, most: usize) -> Vec<[f64; MAX_FEATURES]> {
+/// Centres that lie further than `distance` from each other; stops beyond `max`.
+fn found(samples: &[&Sample], distance: f64, max: usize) -> Vec<[f64; MAX_FEATURES]> {
     let mut centres: Vec<[f64; MAX_FEATURES]> = Vec::new();
     let mut counts: Vec<f64> = Vec::new();
     for sample in samples {
@@ -113,7 +112,7 @@ fn found(samples: &[&Sample], distance: f64, most: usize) -> Vec<[f64; MAX_FEATU
             _ => {
                 centres.push(sample.x);
                 counts.push(1.0);
-                if centres.len() > most {
+                if centres.len() > max {
                     break;
                 }
             }
@@ -122,16 +121,20 @@ fn found(samples: &[&Sample], distance: f64, most: usize) -> Vec<[f64; MAX_FEATU
     centres
 }
 
-/// The samples that tell most: each where those before it leave the largest variance.
-fn telling(members: &[Sample], most: usize, hyper: &HyperParameters) -> Vec<[f64; MAX_FEATURES]> {
-    let step = members.len().div_ceil(FOR_POINTS).max(1);
+/// Samples as points: each of the largest variance given those before it.
+fn points_of_largest_variance(
+    members: &[Sample],
+    max: usize,
+    hyper: &HyperParameters,
+) -> Vec<[f64; MAX_FEATURES]> {
+    let step = members.len().div_ceil(POINT_SAMPLES).max(1);
     let from: Vec<&Sample> = members.iter().step_by(step).collect();
     let mut left = vec![1.0f64; from.len()];
     // Rows of the incomplete Cholesky factor, in units of the signal's variance.
     let mut rows: Vec<Vec<f64>> = Vec::new();
     let mut chosen = Vec::new();
-    let enough = ENOUGH * hyper.noise_variance / hyper.signal_variance;
-    while chosen.len() < most {
+    let enough = MIN_VARIANCE_OVER_NOISE * hyper.noise_variance / hyper.signal_variance;
+    while chosen.len() < max {
         let best = (0..from.len()).max_by(|&i, &j| left[i].total_cmp(&left[j]));
         let Some(pivot) = best.filter(|&i| left[i] > enough.max(1e-9)) else {
             break;

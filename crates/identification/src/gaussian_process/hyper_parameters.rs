@@ -29,9 +29,9 @@ impl HyperParameters {
 }
 
 /// Logarithms of widths (in standard deviations of the input) and of variances (in variances of the
-/// output) stay within this: an input that tells nothing would drive its width to infinity.
-const WIDEST: f64 = 5.0;
-const NARROWEST: f64 = -3.0;
+/// output) are bounded by these: an irrelevant input would drive its width to infinity.
+const MAX_LOG: f64 = 5.0;
+const MIN_LOG_WIDTH: f64 = -3.0;
 /// Quasi-Newton steps at most.
 const STEPS: usize = 80;
 
@@ -118,11 +118,11 @@ pub(super) fn fit(
     logs.extend([0.0, 0.1f64.ln()]);
     let bound = |log: f64, c: usize| {
         let narrowest = if c < dimensions {
-            NARROWEST
+            MIN_LOG_WIDTH
         } else {
-            -2.0 * WIDEST
+            -2.0 * MAX_LOG
         };
-        log.clamp(narrowest, WIDEST)
+        log.clamp(narrowest, MAX_LOG)
     };
     let bounded =
         |logs: &[f64]| -> Vec<f64> { (0..logs.len()).map(|c| bound(logs[c], c)).collect() };

@@ -75,7 +75,7 @@ impl Perceptron {
     }
 }
 
-/// Samples: inputs in columns, and what the network should say.
+/// Samples: inputs in columns, and target outputs.
 #[derive(Debug, Clone)]
 pub(super) struct Batch {
     inputs: DMatrix<f64>,
