@@ -1,10 +1,11 @@
-//! Prints docs/results/whole-body.md: what the whole-body estimators reach on the humanoid plant.
+//! Prints docs/results/whole-body.md: accuracy of the whole-body estimators on the humanoid plant.
+//! Its conclusions stand in docs/whole-body.md.
 //!
 //!     cargo run --release -p whole-body --example results > docs/results/whole-body.md
 
 #![allow(clippy::disallowed_macros, reason = "prints a page")]
 
-#[allow(dead_code)] // tests use the rest
+#[allow(dead_code)] // tests use the others
 #[path = "../tests/walk/mod.rs"]
 mod walk;
 
@@ -52,13 +53,13 @@ fn figures(seed: u64) -> (Vec<String>, Vec<[f64; FIGURES]>) {
     let (station, rest, ours) = stepping(seed, OURS);
     let figures = |j: usize| {
         let truth = &ours.truth[j];
-        let most = largest(truth);
-        let per_cent = |e: f64| 100.0 * e / most;
+        let scale = largest(truth);
+        let per_cent = |e: f64| 100.0 * e / scale;
         let normed: Vec<f64> = (ours.now[j].iter().zip(truth).zip(&ours.sigma[j]))
             .map(|((e, t), sigma)| (e - t) / sigma)
             .collect();
         [
-            most,
+            scale,
             per_cent(error(&paper.late[j], &paper.truth[j], PAPER.delay())),
             per_cent(error(&matched.late[j], &matched.truth[j], wide.delay())),
             per_cent(error(&ours.late[j], truth, OURS.delay())),
@@ -79,12 +80,12 @@ fn figures(seed: u64) -> (Vec<String>, Vec<[f64; FIGURES]>) {
 fn torques() {
     println!("## Torques\n");
     println!(
-        "RMS errors in per cent of the joint's largest torque on the way. *Late*: F/T sensors, IMU \
-         and model against the truth at the estimate's own instant, half a window ago, with filters \
+        "RMS errors in per cent of the joint's largest torque on the way. *Delayed*: F/T sensors, \
+         IMU and model against the truth at the estimate's own instant, half a window ago, with filters \
          as in D 5.1 (80 samples, Savitzky-Golay), with matched filters of 80 and of {} samples. \
-         *Now*: against the truth now, with the last of these filters: the late estimate, the \
-         encoders' alone, and the predictive estimator that joins them. *Delay*: greatest \
-         cross-correlation of the predictive estimate with the truth. *Noise*: its standard \
+         *Now*: against the truth now, with the last of these filters: the delayed \
+         estimate, the encoders' alone, and the delay-compensated torque. *Delay*: greatest \
+         cross-correlation of the compensated torque with the truth. *Noise*: its standard \
          deviation at rest by that of D's filters. *Normed*: RMS of its error by its own standard \
          deviation. *From current*: error and delay of the same estimator with the motor current's \
          torque (torque constant, friction and rotor inertia as configured) in the encoders' \
@@ -92,8 +93,8 @@ fn torques() {
         OURS.window()
     );
     println!(
-        "| joint | largest, N·m | late D 80, % | matched 80, % | matched {}, % | late now, % | \
-         encoders now, % | predictive now, % | delay, ms | noise | normed | from current, % | from \
+        "| joint | largest, N·m | delayed, D 80, % | matched 80, % | matched {}, % | delayed now, % | \
+         encoders now, % | compensated now, % | delay, ms | noise | normed | from current, % | from \
          current, ms |",
         OURS.window()
     );
@@ -116,41 +117,25 @@ fn torques() {
     }
     let beyond = |column: usize, limit: f64| {
         let rows = names.iter().zip(&worst).filter(|(_, w)| w[column] > limit);
-        let told: Vec<&str> = rows.map(|(name, _)| name.as_str()).collect();
-        match told.is_empty() {
+        let listed: Vec<&str> = rows.map(|(name, _)| name.as_str()).collect();
+        match listed.is_empty() {
             true => "none".to_owned(),
-            false => format!("{} ({})", told.len(), told.join(", ")),
+            false => format!("{} ({})", listed.len(), listed.join(", ")),
         }
     };
     println!("\nOf {} joints beyond\n", names.len());
-    println!("- 2 % late, matched {}: {}", OURS.window(), beyond(3, 2.0));
-    println!("- 2 % now, predictive: {}", beyond(6, 2.0));
-    println!("- 3 ms of delay, predictive: {}", beyond(7, 3.0));
     println!(
-        "- the noise of D's filters, predictive: {}\n",
+        "- 2 % delayed, matched {}: {}",
+        OURS.window(),
+        beyond(3, 2.0)
+    );
+    println!("- 2 % now, compensated: {}", beyond(6, 2.0));
+    println!("- 3 ms of delay, compensated: {}", beyond(7, 3.0));
+    println!(
+        "- the noise of D's filters, compensated: {}\n",
         beyond(8, 1.0)
     );
-    println!("{REASONS}");
 }
-
-/// Why some joints miss a line.
-const REASONS: &str = "\
-Why, late: the largest torques of head and wrists are 0.2 to 1.3 N·m, so that 2 % are a few mN·m. \
-F/T noise of 0.02 N·m a sample and that of accelerations from encoders leave more, and friction and \
-gears shake them at 80 to 110 Hz, beyond a filter of 16 samples; a shorter one lets more noise in. \
-The chest's pitch joint carries what both legs and the pelvis accelerate, whose noise 80 samples \
-average better; encoders know that joint well, so the predictive estimate does not suffer. \
-Shoulders' pitch swings at 15 to 40 Hz, of which 16 samples keep 95 to 75 %, and carries the noise \
-of the whole arm's accelerations.
-
-Why, now: a knee's gear is so stiff that a count of its encoder is 0.7 N·m. For arms and head the \
-torque now is as wrong as encoders' changes are within 8 ms: bearing friction and hysteresis, which \
-they do not see. The torque of a wrist's yaw joint stands below its encoders' noise: it is the F/T \
-sensor's, extrapolated, and so is its delay.
-
-From current: torsion halves the error of most joints of the legs and two thirds of the delay, \
-because friction, ripple and the rotor stand between current and torque.
-";
 
 /// RMS errors of the legs' joints stepping after a tare in a pose, or without.
 fn after_tare(seed: u64, pose: Option<fn(&str) -> f64>) -> f64 {
@@ -245,8 +230,8 @@ fn cases() -> [(&'static str, Fault, Option<Push>); 8] {
 fn faults() {
     println!("## Cross-check\n");
     println!(
-        "A fault comes in while the robot steps; what is named first, and after how many seconds, \
-         for seeds {SEEDS:?}. The thresholds were chosen on seeds 1 to 3. A current's size is judged \
+        "A fault begins while the robot steps; the cause that is named first, and after how many \
+         seconds, for seeds {SEEDS:?}. The thresholds were chosen on seeds 1 to 3. A current's size is judged \
          under load only (12 % of the joint's limit), its sign from half of that on.\n"
     );
     println!("| fault | named | after, s |\n| --- | --- | --- |");
@@ -270,7 +255,7 @@ fn faults() {
     }
 }
 
-/// What is named although nothing is wrong.
+/// Causes that are named although there is no fault.
 fn without_fault(seed: u64, minutes: usize) -> Vec<Cause> {
     let mut station = Station::new(&simulation(seed), OURS);
     station.run(1.5);
