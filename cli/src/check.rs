@@ -1,4 +1,4 @@
-//! `torquectl check`: everything that a configuration says, judged without starting anything.
+//! `torquectl check`: a configuration and its files, checked without starting anything.
 
 mod bus_load;
 mod gains;
@@ -21,9 +21,9 @@ docs/configuration.md describes every key.
 
 Exit codes:
   0  the configuration is complete
-  2  something is wrong in it, its URDF or its DBC files, or one of them cannot be read";
+  2  the configuration, its URDF or one of its DBC files has a problem or cannot be read";
 
-/// Check a robot's configuration with its URDF and DBC files, and print what was understood.
+/// Check a robot's configuration with its URDF and DBC files, and print a summary.
 ///
 /// Nothing is started: CAN interfaces need not exist.
 #[derive(clap::Args)]
@@ -35,10 +35,10 @@ pub(crate) struct CheckArguments {
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
-    /// Bits a second of the buses, for the estimate of their load
+    /// Bit rate of the buses, for the estimate of their load
     #[arg(long, value_name = "HZ", default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(10_000..=20_000_000))]
     bitrate: u32,
-    /// Bits a second of the data in CAN FD frames
+    /// Bit rate of the data phase of CAN FD frames
     #[arg(long, value_name = "HZ", default_value_t = 5_000_000, value_parser = clap::value_parser!(u32).range(10_000..=20_000_000))]
     data_bitrate: u32,
 }
@@ -62,7 +62,7 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
     })
 }
 
-/// What is odd but does not keep the robot from running.
+/// Findings that are unusual but do not keep the robot from running.
 fn warnings(robot: &Robot, buses: &[BusLoad]) -> Vec<String> {
     let of_model = robot.model.warnings().iter();
     let mut warnings: Vec<String> = of_model.map(ToString::to_string).collect();

@@ -1,4 +1,4 @@
-//! `torquectl contacts`: which contacts a running robot is taken to have.
+//! `torquectl contacts`: the contact set of a running robot.
 
 use crate::requests::{Failure, PATIENCE, check_contacts, connect, contact_names, end};
 use serde_json::json;
@@ -11,28 +11,28 @@ const AUTOMATIC: &str = "automatic";
 const LOOKS: usize = 300;
 
 const HELP: &str = "\
-Sets of contacts are the tables [[contacts]] of robot.toml. Torques and contact wrenches of the old
-set give way to those of the new one over [whole_body] blend_ms.
+Contact sets are the tables [[contacts]] of robot.toml. Torques and contact wrenches of the old set
+are blended into those of the new one over [whole_body] blend_ms.
 
 Examples:
-  torquectl contacts                  the sets, and which holds
+  torquectl contacts                  list the sets; * marks the present one
   torquectl contacts on_left_foot
-  torquectl contacts automatic        the rule [whole_body.load] chooses
+  torquectl contacts automatic        let the rule [whole_body.load] choose
   torquectl contacts --json
 
 Exit codes:
   0  done
-  1  torqued has refused, with the reason, or could not be reached
-  2  bad input: arguments, a set of contacts that the robot does not have";
+  1  torqued refused and gave a reason, or could not be reached
+  2  bad input: arguments, or a contact set that the robot does not have";
 
-/// Show or choose what touches a running robot.
+/// Show or choose the contact set of a running robot.
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub(crate) struct ContactsArguments {
-    /// The set of contacts from now on, or `automatic`; shows the sets if left out
+    /// The contact set to use, or `automatic`; without it the sets are listed
     #[arg(value_name = "NAME|automatic")]
     name: Option<String>,
-    /// The robot's name; not needed where only one runs
+    /// The robot's name; optional if only one robot runs
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
     /// Print JSON instead of text

@@ -18,7 +18,7 @@ use std::process::ExitCode;
 #[derive(Args)]
 #[command(after_long_help = FORMAT)]
 pub(crate) struct DynamicsArguments {
-    /// The robot
+    /// The robot's URDF file
     #[arg(long)]
     urdf: PathBuf,
     /// The root link moves freely; the base's six components then come first
@@ -33,16 +33,16 @@ const FORMAT: &str = r#"Reads {"joints":[names], "cases":[{"q":[], "dq":[], "ddq
 with the velocity and acceleration of the base linear then angular, in base axes; prints
   {"joints":[...], "cases":[{"tau":[], "M":[[]], "nle":[], "g":[], "ddq_of_tau":[], "com":[3]}]}
 with the base's six components first, then the joints in the order of "joints": all moving joints,
-in any order; a mimic joint that is named there is independent, one that is not follows its joint.
-Without "joints" the model's order holds: depth first, children sorted by name.
-A continuous joint has one angle. "dq", "ddq" and "base" may be left out and are zero.
-An acceleration that is not finite (a joint that moves no mass) is printed as null.
+in any order. A mimic joint is independent if "joints" names it, and follows its joint otherwise.
+Without "joints" the order is the model's: depth first, children sorted by name.
+A continuous joint has one angle. "dq", "ddq" and "base" are optional, and zero by default.
+An acceleration that is not finite (of a joint that moves no mass) is printed as null.
 
-Also read, beside "joints":
+Optional keys beside "joints":
   "frames":[links]          adds each link's placement, motion and Jacobians
   "armature":{joint: x}     inertia that motors add about the joints' axes, kg m^2
   "more":true               adds centroidal momentum, energies, regressor and solutions with M
-and in a case:
+Optional keys of a case:
   "f_ext":{link:[6]}        wrenches on links, in the link's axes at its origin, linear first
 
 Examples:

@@ -34,13 +34,13 @@ pub(crate) struct EstimateArguments {
 }
 
 const FORMAT: &str = "\
-The log has columns t,theta,q,i and may have tau_sensor, in any order, others are passed over:
-s, rad (motor side, unwrapped), rad (link side), A, N·m, with theta/N - q > 0 for positive torque.
-It is read line by line: its length does not matter.
-Without tau_sensor there is nothing to compare with: only sigma and time are printed.
+The log has columns t (s), theta (rad, motor side, unwrapped), q (rad, link side), i (A) and may have
+tau_sensor (N·m), in any order; other columns are ignored. theta/N - q > 0 for positive torque.
+The log is read line by line: its length does not matter.
+Without tau_sensor there are no errors to compute: only sigma and time are printed.
 
---out has a column t, tau_sensor where the log has one, and tau_NAME (N·m), sigma_NAME (N·m) of
-every estimator.
+The file of --out has columns t, tau_sensor (empty if the log has none), and tau_NAME and sigma_NAME
+(N·m) of every estimator.
 
 Examples:
   torquectl estimate --joint fitted.toml --log run.csv

@@ -39,7 +39,7 @@ enum What {
     Current(StepArguments),
     /// Z's compliance, and the skew between the encoders
     Compliance(StepArguments),
-    /// Gear with slipping springs
+    /// Gear model with slipping springs (hysteresis)
     Hysteresis(StepArguments),
     /// S's deformation model
     Deformation(StepArguments),
@@ -49,13 +49,13 @@ enum What {
     Network(StepArguments),
     /// Local Gaussian processes; need the compliance and the hysteresis
     LocalGp(StepArguments),
-    /// Errors of every source; fit it last
+    /// Error of every source, for the fusion; fit it last
     Fusion(StepArguments),
 }
 
 #[derive(Args)]
 struct AllArguments {
-    /// The joint (TOML): its table [joint] is enough
+    /// The joint (TOML); only its table [joint] is needed
     #[arg(long)]
     joint: PathBuf,
     /// Log of one unloaded output turn each way (CSV: t,theta,q,i)
@@ -70,7 +70,7 @@ struct AllArguments {
 
 #[derive(Args)]
 struct StepArguments {
-    /// The joint (TOML), with the tables that this one stands on
+    /// The joint (TOML), with the tables that this fit needs
     #[arg(long)]
     joint: PathBuf,
     /// The log (CSV: t,theta,q,i,tau_sensor; the kinematic error's without tau_sensor)
@@ -82,10 +82,10 @@ struct StepArguments {
 
 #[derive(Args)]
 struct OutArguments {
-    /// File of the fitted joint (TOML)
+    /// File for the fitted joint (TOML)
     #[arg(short, long)]
     out: PathBuf,
-    /// Print what was found as JSON
+    /// Print the results as JSON
     #[arg(long)]
     json: bool,
 }

@@ -29,10 +29,10 @@ Examples:
 
 Exit codes:
   0  done
-  1  the daemon could not be reached, went away, or refused what was asked
+  1  the daemon could not be reached, went away, or refused the request
   2  bad input: arguments, configuration, URDF, DBC, joint file or log";
 
-/// Check, watch and calibrate robots that torqued runs, and evaluate their models.
+/// Check, watch and calibrate robots that run under torqued, and evaluate their models.
 #[derive(Parser)]
 #[command(name = "torquectl", version, after_help = AFTER_HELP)]
 struct Arguments {

@@ -1,4 +1,4 @@
-//! What commands that talk to a running torqued share.
+//! Connection, requests and failures of commands that need a running torqued.
 
 use crate::output::finish;
 use crate::{BAD_INPUT, NO_DAEMON};

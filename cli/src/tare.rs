@@ -11,13 +11,14 @@ use torqued_client::robot_state::{Answer, TaredSensor, Wrench, request};
 const AXES: [&str; 6] = ["fx N", "fy N", "fz N", "tx N·m", "ty N·m", "tz N·m"];
 
 const HELP: &str = "\
-The robot must run, hold its position and stand still. --contacts says what touches it: the name of
-a [[contacts]] table of robot.toml. Only parts that nothing touches (type \"none\") tell anything:
+The robot must run, hold its position and stand still. --contacts names its present contact set, a
+[[contacts]] table of robot.toml. A tare determines offsets from the parts that nothing touches
+(type \"none\"):
   in the air, held by its harness   every offset beyond the harness's part
   on one foot, nothing else         every offset
-  on both feet, nothing else        the hands, and of the feet the sum; a component that the pose
-                                    does not tell is shown as \"unknown\" and stays as it was
-The offsets hold at once, without a step, and after a restart too.
+  on both feet, nothing else        the hands, and the sum of the feet
+A component that cannot be determined in this pose is shown as \"unknown\" and keeps its offset.
+New offsets take effect at once, without a step, and are kept after a restart.
 
 Examples:
   torquectl tare --contacts in_the_air
@@ -27,8 +28,8 @@ Examples:
 
 Exit codes:
   0  done
-  1  torqued has refused, with the reason (e.g. the robot moves), or could not be reached
-  2  bad input: arguments, a set of contacts that the robot does not have";
+  1  torqued refused and gave a reason (e.g. the robot moves), or could not be reached
+  2  bad input: arguments, or a contact set that the robot does not have";
 
 /// Tare the F/T sensors of a running robot that stands still, or show the last tare.
 #[derive(clap::Args)]
@@ -37,7 +38,7 @@ Exit codes:
 pub(crate) struct TareArguments {
     #[command(flatten)]
     what: What,
-    /// The robot's name; not needed where only one runs
+    /// The robot's name; optional if only one robot runs
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
     /// Print JSON instead of text
@@ -48,13 +49,13 @@ pub(crate) struct TareArguments {
 #[derive(clap::Args)]
 #[group(required = true, multiple = false)]
 struct What {
-    /// Tare with this set of contacts: what touches the robot
+    /// Tare with this contact set
     #[arg(long, value_name = "NAME")]
     contacts: Option<String>,
-    /// Show the offsets in use, and when they were found
+    /// Show the present offsets and the date of the last tare
     #[arg(long)]
     show: bool,
-    /// Give up what tares have found: offsets are those of the configuration
+    /// Discard the offsets of all tares; those of the configuration hold again
     #[arg(long)]
     forget: bool,
 }

@@ -1,4 +1,4 @@
-//! `torquectl watch`: what a running torqued measures, estimates and commands.
+//! `torquectl watch`: measured, estimated and commanded torques of a running robot.
 
 mod json;
 mod text;
@@ -21,25 +21,26 @@ Examples:
   torquectl watch --robot leg --once
   torquectl watch --json --rate 100 | jq '.joints[0].tau_whole_body.tau_Nm'
 
-The daemon is looked for in $TORQUED_RUN_DIR, else in /run/torqued for root and its owner, else in
-$XDG_RUNTIME_DIR/torqued, else in /tmp/torqued-UID. It must run as the same user.
+torquectl looks for the daemon in $TORQUED_RUN_DIR; else in /run/torqued, if the user is root or its
+owner; else in $XDG_RUNTIME_DIR/torqued; else in /tmp/torqued-UID. The daemon must run as the same
+user.
 
 Exit codes:
   0  done
-  1  no daemon could be reached within 2 s, or it went away";
+  1  no daemon answered within 2 s, or it went away";
 
 /// Show the torques of a running robot: estimated from the encoders, from the F/T sensors and IMU,
 /// and commanded.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct WatchArguments {
-    /// The robot's name; not needed where only one runs
+    /// The robot's name; optional if only one robot runs
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
     /// Show one record and end
     #[arg(long)]
     once: bool,
-    /// Print JSON instead of text: one object a line
+    /// Print JSON instead of text, one object per line
     #[arg(long)]
     json: bool,
     /// How often to show the newest record, 0.1 to 1000 Hz

@@ -19,17 +19,17 @@ use std::process::ExitCode;
 #[derive(Args)]
 #[command(after_long_help = FORMAT)]
 pub(crate) struct WholeBodyArguments {
-    /// The robot
+    /// The robot's URDF file
     #[arg(long)]
     urdf: PathBuf,
-    /// Its sensors, as TOML (see --help)
+    /// The robot's sensors, as TOML (see --help)
     #[arg(long)]
     sensors: PathBuf,
     /// Instants, as JSON (see --help)
     cases: PathBuf,
 }
 
-const FORMAT: &str = r#"SENSORS, where * marks what is required; lengths in m, angles in degrees:
+const FORMAT: &str = r#"SENSORS, where * marks required keys; lengths in m, angles in degrees:
   [imu]                 or  [fixed_base]
   frame* = "LINK"           link* = "LINK"
   xyz_m, rpy_deg            gravity_m_per_s2 = [0, 0, -9.81]  # in that link's axes

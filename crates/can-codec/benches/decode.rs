@@ -19,27 +19,10 @@ fn main() -> io::Result<()> {
         .iter()
         .filter(|m| m.name.ends_with("_STATE"))
         .collect();
-    let maps: Vec<(u8, SignalMap)> = states
-        .iter()
-        .flat_map(|message| {
-            message
-                .signals
-                .iter()
-                .map(|signal| (&message.name, &signal.name))
-        })
-        .enumerate()
-        .map(|(slot, (message, signal))| {
-            let map = SignalMap {
-                slot,
-                message: message.clone(),
-                signal: signal.clone(),
-                scale: 1e-3,
-                offset: 0.5,
-                wraps: false,
-            };
-            (0, map)
-        })
-        .collect();
+    let mut maps = SignalMap::all(0, states.iter().copied());
+    for (_, map) in &mut maps {
+        (map.scale, map.offset) = (1e-3, 0.5);
+    }
     let bus = BusDbc {
         bus: 0,
         fd: true,

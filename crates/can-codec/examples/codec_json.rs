@@ -1,4 +1,4 @@
-//! Decodes and encodes frames as JSON asks for it, for comparison with other libraries.
+//! Decodes and encodes the frames of a JSON request, for comparison with other libraries.
 //!
 //! stdin: `{"dbc": text, "decode": [{"id": 257, "data": [..bytes]}], "encode": [{"message": "M",
 //! "values": {"signal": 1.5}}]}`; stdout: `{"decoded": [{"signal": value} or "UnknownId" or
@@ -22,29 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn answer(request: &Value, dbc: &Dbc) -> Result<Value, Box<dyn Error>> {
-    let names: Vec<(&str, &str)> = dbc
-        .messages
-        .iter()
-        .flat_map(|message| {
-            let used = message.signals.iter().filter(|signal| !signal.multiplexed);
-            used.map(|signal| (message.name.as_str(), signal.name.as_str()))
-        })
-        .collect();
-    let maps: Vec<(u8, SignalMap)> = names
-        .iter()
-        .enumerate()
-        .map(|(slot, (message, signal))| {
-            let map = SignalMap {
-                slot,
-                message: (*message).to_owned(),
-                signal: (*signal).to_owned(),
-                scale: 1.0,
-                offset: 0.0,
-                wraps: false,
-            };
-            (0, map)
-        })
-        .collect();
+    let maps = SignalMap::all(0, &dbc.messages);
     let bus = BusDbc {
         bus: 0,
         fd: true,
@@ -63,13 +41,13 @@ fn answer(request: &Value, dbc: &Dbc) -> Result<Value, Box<dyn Error>> {
                 .get_mut(..bytes.len())
                 .ok_or("too long")?
                 .copy_from_slice(&bytes);
-            let mut slots = vec![f64::NAN; names.len()];
+            let mut slots = vec![f64::NAN; maps.len()];
             Ok(match table.decode(&frame, &mut slots) {
                 Err(error) => json!(format!("{error:?}")),
                 Ok(index) => {
                     let slots_of = index.into_iter().flat_map(|index| table.slots(index));
                     let values =
-                        slots_of.map(|slot| (names[slot].1.to_owned(), json!(slots[slot])));
+                        slots_of.map(|slot| (maps[slot].1.signal.clone(), json!(slots[slot])));
                     Value::Object(values.collect::<Map<_, _>>())
                 }
             })
@@ -79,10 +57,10 @@ fn answer(request: &Value, dbc: &Dbc) -> Result<Value, Box<dyn Error>> {
         .iter()
         .map(|request| {
             let message = request["message"].as_str().ok_or("no message")?;
-            let slots: Vec<f64> = names
+            let slots: Vec<f64> = maps
                 .iter()
-                .map(|(of, signal)| match request["values"][signal].as_f64() {
-                    Some(value) if *of == message => value,
+                .map(|(_, map)| match request["values"][&map.signal].as_f64() {
+                    Some(value) if map.message == message => value,
                     _ => 0.0,
                 })
                 .collect();

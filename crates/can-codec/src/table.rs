@@ -2,7 +2,7 @@
 
 mod compile;
 
-use crate::dbc::Dbc;
+use crate::dbc::{Dbc, Message};
 use crate::frame::{EXTENDED_ID, Frame, Frames};
 use crate::packing::Packing;
 use compile::Compiler;
@@ -39,6 +39,27 @@ pub struct SignalMap {
     /// The signal starts again at its range's end, as an encoder's count does: what is encoded is
     /// taken modulo the range instead of being limited to it.
     pub wraps: bool,
+}
+
+impl SignalMap {
+    /// All signals of a bus's messages but the multiplexed ones, in successive slots and in the DBC
+    /// file's units, each with the index of the bus.
+    #[must_use]
+    pub fn all<'a>(bus: u8, messages: impl IntoIterator<Item = &'a Message>) -> Vec<(u8, Self)> {
+        let pairs = messages.into_iter().flat_map(|message| {
+            let signals = message.signals.iter().filter(|signal| !signal.multiplexed);
+            signals.map(|signal| (message.name.clone(), signal.name.clone()))
+        });
+        let map = |(slot, (message, signal))| Self {
+            slot,
+            message,
+            signal,
+            scale: 1.0,
+            offset: 0.0,
+            wraps: false,
+        };
+        pairs.enumerate().map(|pair| (bus, map(pair))).collect()
+    }
 }
 
 /// Why a frame was not decoded.

@@ -1,5 +1,6 @@
 //! `[[joint]]`.
 
+mod calibration;
 mod gains;
 mod limits;
 mod signals;
@@ -8,7 +9,6 @@ use crate::Files;
 use crate::drives::Drive;
 use crate::general::name;
 use crate::parameters::{JointParameters, Timing};
-use crate::paths;
 use crate::reader::{Allowed, Section};
 use crate::sampling;
 use crate::wiring::Wiring;
@@ -16,7 +16,6 @@ use dynamics::Model;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
-use joint_file::JointFile;
 use robot_state::MAX_JOINTS;
 use std::collections::BTreeMap;
 
@@ -159,89 +158,6 @@ impl Reader<'_, '_, '_> {
             gains: gains?,
             limits,
         })
-    }
-
-    /// The joint file that `calibration` names, which must be of such a drive at such a rate.
-    fn calibration(&self, drive: Option<&Drive>, torque_limit: f64) -> Option<JointFile> {
-        const ALLOWED: &str = "the path of a joint file that `torquectl fit` wrote";
-        let section = self.section;
-        let named = section.optional_text("calibration", ALLOWED)?;
-        let path = paths::resolved(self.files.config, named.value);
-        let problem = |what: String| section.problem("calibration", what, ALLOWED);
-        let text = match (self.files.read)(&path) {
-            Ok(text) => text,
-            Err(error) => {
-                problem(format!("{path}: {error}"));
-                return None;
-            }
-        };
-        // Estimators that cannot be built are refused here, not by the loop.
-        let file = JointFile::parse(&text, &path, self.files.read)
-            .and_then(|file| file.estimators().map(|_| file));
-        let file = match file {
-            Ok(file) => file,
-            Err(error) => {
-                let key = section.path("calibration");
-                section.note(error.or_at(&path, 0).of(key));
-                return None;
-            }
-        };
-        self.matches(&file, &path, drive, torque_limit)
-            .then_some(file)
-    }
-
-    /// Whether the joint file is of a joint like this one; notes each difference.
-    fn matches(
-        &self,
-        file: &JointFile,
-        path: &str,
-        drive: Option<&Drive>,
-        torque_limit: f64,
-    ) -> bool {
-        let theirs = &file.joint;
-        let counts = |of: fn(&Drive) -> Option<f64>| drive.and_then(of);
-        let mut matches = true;
-        for (key, theirs, ours) in [
-            (
-                "sample_rate_hz",
-                theirs.sample_rate,
-                Some(1.0 / self.timing.sample_period),
-            ),
-            ("gear_ratio", theirs.gear_ratio, drive.map(|d| d.gear_ratio)),
-            (
-                "torque_constant_Nm_per_A",
-                theirs.torque_constant,
-                drive.map(|d| d.wave_generator.torque_constant),
-            ),
-            (
-                "motor_counts_per_turn",
-                theirs.motor_counts_per_turn,
-                counts(|d| d.motor_counts_per_turn),
-            ),
-            (
-                "link_counts_per_turn",
-                theirs.link_counts_per_turn,
-                counts(|d| d.link_counts_per_turn),
-            ),
-        ] {
-            let Some(ours) = ours else { continue };
-            if (theirs - ours).abs() > 1e-6 * ours.abs() {
-                let what = format!("{path} is for {key} = {theirs}, this joint has {ours}");
-                let allowed = "a joint file of such a joint at such a rate";
-                self.section.problem("calibration", what, allowed);
-                matches = false;
-            }
-        }
-        // Estimates end at the file's limit: one below the joint's would hide its largest torques.
-        let limit = file.torque_limit();
-        if limit < torque_limit {
-            let what =
-                format!("{path} is for torque_limit_Nm = {limit}, this joint has {torque_limit}");
-            let allowed = format!("a torque_limit_Nm of at least {torque_limit} in the joint file");
-            self.section.problem("calibration", what, allowed);
-            matches = false;
-        }
-        matches
     }
 
     fn in_model(&self, name: &str, model: &Model) -> Option<usize> {

@@ -8,24 +8,11 @@ fuzz_target!(|text: &str| {
     let Ok(dbc) = Dbc::parse(text, "fuzz.dbc") else {
         return;
     };
-    let pairs = dbc.messages.iter().flat_map(|message| {
-        let signals = message.signals.iter().filter(|signal| !signal.multiplexed);
-        signals.map(move |signal| (&message.name, signal))
-    });
-    let maps: Vec<(u8, SignalMap)> = pairs
-        .enumerate()
-        .map(|(slot, (message, signal))| {
-            let map = SignalMap {
-                slot,
-                message: message.clone(),
-                signal: signal.name.clone(),
-                scale: 1.0,
-                offset: 0.0,
-                wraps: signal.coding.is_integer() && slot % 2 == 0,
-            };
-            (0, map)
-        })
-        .collect();
+    let mut maps = SignalMap::all(0, &dbc.messages);
+    for (slot, (_, map)) in maps.iter_mut().enumerate() {
+        let signal = dbc.signal(&map.message, &map.signal);
+        map.wraps = slot % 2 == 0 && signal.is_some_and(|signal| signal.coding.is_integer());
+    }
     let bus = BusDbc {
         bus: 0,
         fd: true,

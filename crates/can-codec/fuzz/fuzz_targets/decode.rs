@@ -9,23 +9,14 @@ const LEG: &str = include_str!("../../../../robot-models/leg/drives.dbc");
 
 static TABLE: LazyLock<(Table, Vec<(f64, f64)>)> = LazyLock::new(|| {
     let dbc = Dbc::parse(LEG, "drives.dbc").expect("the leg's messages");
-    let (mut maps, mut ranges) = (Vec::new(), Vec::new());
-    for message in &dbc.messages {
-        for signal in &message.signals {
-            let map = SignalMap {
-                slot: maps.len(),
-                message: message.name.clone(),
-                signal: signal.name.clone(),
-                scale: 1.0,
-                offset: 0.0,
-                wraps: false,
-            };
-            maps.push((1, map));
-            let ends = [signal.raw_range().0, signal.raw_range().1];
-            let ends = ends.map(|raw| raw * signal.scale + signal.offset);
-            ranges.push((ends[0].min(ends[1]), ends[0].max(ends[1])));
-        }
-    }
+    let maps = SignalMap::all(1, &dbc.messages);
+    let range = |(_, map): &(u8, SignalMap)| {
+        let signal = dbc.signal(&map.message, &map.signal).expect("a signal");
+        let (first, last) = signal.raw_range();
+        let ends = [first, last].map(|raw| raw * signal.scale + signal.offset);
+        (ends[0].min(ends[1]), ends[0].max(ends[1]))
+    };
+    let ranges = maps.iter().map(range).collect();
     let bus = BusDbc {
         bus: 1,
         fd: false,

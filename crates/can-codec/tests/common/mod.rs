@@ -14,24 +14,7 @@ pub(crate) fn dbc(messages: &str) -> Dbc {
 
 /// A table of all signals of one file on bus 0, in the file's order, values as in the file.
 pub(crate) fn table(dbc: &Dbc) -> Table {
-    let pairs = dbc.messages.iter().flat_map(|message| {
-        let signals = message.signals.iter();
-        signals.map(move |signal| (&message.name, &signal.name))
-    });
-    let maps: Vec<_> = pairs
-        .enumerate()
-        .map(|(slot, (message, signal))| {
-            let map = SignalMap {
-                slot,
-                message: message.clone(),
-                signal: signal.clone(),
-                scale: 1.0,
-                offset: 0.0,
-                wraps: false,
-            };
-            (0, map)
-        })
-        .collect();
+    let maps = SignalMap::all(0, &dbc.messages);
     let on_bus = BusDbc {
         bus: 0,
         fd: true,

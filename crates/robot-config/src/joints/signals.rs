@@ -60,29 +60,19 @@ impl Reader<'_, '_, '_> {
             section.finish();
             reach
         };
-        let _noted = signal(
-            "current",
-            Way::Receive,
-            slots::current(joint),
-            Quantity::Current,
-        );
-        let _noted = signal("set_point", Way::Send, slots::command(joint), set_point);
+        let receive = |key, slot, quantity| (key, Way::Receive, slot, quantity);
         let [has_velocity, has_status] = ["velocity", "status"].map(|key| self.section.has(key));
-        if has_velocity {
-            signal(
-                "velocity",
-                Way::Receive,
-                slots::velocity(joint),
-                Quantity::Velocity,
-            );
-        }
-        if has_status {
-            signal(
-                "status",
-                Way::Receive,
-                slots::status(joint),
-                Quantity::Status,
-            );
+        let optional = [
+            has_velocity.then(|| receive("velocity", slots::velocity(joint), Quantity::Velocity)),
+            has_status.then(|| receive("status", slots::status(joint), Quantity::Status)),
+        ];
+        let required = [
+            receive("current", slots::current(joint), Quantity::Current),
+            ("set_point", Way::Send, slots::command(joint), set_point),
+        ];
+        for (key, way, slot, quantity) in required.into_iter().chain(optional.into_iter().flatten())
+        {
+            let _noted = signal(key, way, slot, quantity);
         }
         Signals {
             motor_angle: signal(
