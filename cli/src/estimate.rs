@@ -51,7 +51,7 @@ struct Row {
     name: String,
     score: Score,
     sigma_square: f64,
-    /// Time per sample, ns; the fused torque's holds that of its sources.
+    /// Time per sample, ns; that of the fused torque includes its sources.
     time_ns: f64,
 }
 
@@ -79,8 +79,9 @@ pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
 fn report(arguments: &EstimateArguments) -> Result<String, Problem> {
     let joint = read_joint(&arguments.joint)?;
     let mut log = open_log(&arguments.log)?;
-    let mut set = joint.estimators()?;
-    let mut front_end = joint.front_end()?;
+    let of_joint = |problem: Problem| problem.or_at(&arguments.joint.display().to_string(), 0);
+    let mut set = joint.estimators().map_err(of_joint)?;
+    let mut front_end = joint.front_end().map_err(of_joint)?;
     let mut names: Vec<String> = set.names().to_vec();
     if set.fuses() {
         names.push("fused".to_owned());
@@ -124,7 +125,7 @@ fn report(arguments: &EstimateArguments) -> Result<String, Problem> {
     if let Some(out) = out {
         out.finish()?;
     }
-    let sources = joint.sources()?;
+    let sources = joint.sources().map_err(of_joint)?;
     for (row, (_, mut source)) in rows.iter_mut().zip(sources) {
         row.time_ns = time_ns(source.as_mut(), &timed);
     }

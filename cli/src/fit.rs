@@ -31,21 +31,21 @@ The network and the Gaussian processes are written beside OUT.toml, as OUT.netwo
 
 #[derive(Subcommand)]
 enum What {
-    /// Everything: kinematic error from an unloaded turn, the rest from loaded motion and rest
+    /// Every step: the kinematic error from an unloaded turn, all others from loaded motion and rest
     All(AllArguments),
     /// Kinematic error, from one unloaded output turn each way
     KinematicError(StepArguments),
     /// Motor friction and the constants of the current-based torque
     Current(StepArguments),
-    /// Z's compliance, and the skew between the encoders
+    /// Compliance of the harmonic drive (Zhang et al.), and the skew between the encoders
     Compliance(StepArguments),
     /// Gear model with slipping springs (hysteresis)
     Hysteresis(StepArguments),
-    /// S's deformation model
+    /// Piecewise deformation model (Song et al.)
     Deformation(StepArguments),
     /// Noise of the Kalman filters; needs the compliance and the hysteresis
     Kalman(StepArguments),
-    /// S's network
+    /// Back-propagation network (Song et al.)
     Network(StepArguments),
     /// Local Gaussian processes; need the compliance and the hysteresis
     LocalGp(StepArguments),
@@ -73,7 +73,7 @@ struct StepArguments {
     /// The joint (TOML), with the tables that this fit needs
     #[arg(long)]
     joint: PathBuf,
-    /// The log (CSV: t,theta,q,i,tau_sensor; the kinematic error's without tau_sensor)
+    /// The log (CSV: t,theta,q,i,tau_sensor; kinematic-error needs no tau_sensor)
     #[arg(long)]
     log: PathBuf,
     #[command(flatten)]

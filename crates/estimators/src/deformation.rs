@@ -2,8 +2,8 @@
 //! harmonics of each angle.
 //!
 //! S fits the coefficients segment by segment and then has to choose a segment at run time. Here
-//! all share one `h` and the segments are continuous (S10), so with stiffnesses above zero
-//! exactly one segment's inverse lies inside its own range: no choice remains.
+//! all segments share one `h` and are continuous (S10), so with stiffnesses above zero the inverse is
+//! unique.
 
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::low_pass::LowPass;

@@ -27,9 +27,9 @@ pub struct JointAngles {
     pub theta: f64,
     /// q: link-side angle, rad, unwrapped; the newest that could be used.
     pub q: f64,
-    /// theta at the instant `aligned_q` belongs to, rad.
+    /// theta at the instant of the earlier of both samples, rad.
     pub aligned_theta: f64,
-    /// q, late by as much as the skew demands if the link-side encoder is the later one, rad.
+    /// q at the same instant: delayed by the skew if the link-side encoder is sampled later, rad.
     pub aligned_q: f64,
     /// theta/N - q with the skew removed, rad.
     pub torsion: f64,
@@ -42,7 +42,7 @@ pub struct JointAngles {
 struct Unwrapped {
     /// Range after which the reading wraps, rad.
     wrap: f64,
-    /// Furthest way in one period, rad.
+    /// Largest change in one period, rad.
     max_step: f64,
     /// The last reading that was used, rad; none before the first.
     angle: Option<f64>,
@@ -83,8 +83,8 @@ impl Unwrapped {
             return Taken::Missed;
         }
         let angle = self.nearest_turn(reading, near);
-        // After a gap the joint may be as far as it can have run meanwhile: a reading that stays
-        // away is believed once it is that long away.
+        // The change that the joint may have made grows with the length of a gap, so a reading that
+        // stays at another angle is accepted after the time that the joint would need to get there.
         let reach = self.max_step * f64::from(self.periods);
         if self.angle.is_some() && (angle - near).abs() > reach {
             return Taken::Jumped;
@@ -95,7 +95,7 @@ impl Unwrapped {
     }
 }
 
-/// Samples that are kept to reach back over the skew.
+/// Samples kept, to read an angle as long ago as the skew.
 const HISTORY: usize = 18;
 /// Largest skew, samples.
 const LONGEST_SKEW: f64 = (HISTORY - 2) as f64;
@@ -120,7 +120,7 @@ impl History {
         self.angles[self.newest] = angle;
     }
 
-    /// The angle that many samples ago, on straight lines between the samples.
+    /// The angle `samples` ago, linearly interpolated.
     fn ago(&self, samples: f64) -> f64 {
         let whole = samples.floor();
         let at = |back: usize| self.angles[(self.newest + HISTORY - back) % HISTORY];
@@ -199,7 +199,7 @@ impl JointEncoders {
                 self.offset = self.motor.angle.map_or(0.0, |theta| theta - n * q);
                 taken
             }
-            // Afterwards the one that the link's way leads to, so that the motor may run through
+            // Afterwards the turn nearest to the link's motion, so that the motor may run through
             // several turns between two readings; unless the link's last reading is the older.
             (Some(q), Some(theta)) => {
                 let link_leads = self.link.periods <= self.motor.periods;

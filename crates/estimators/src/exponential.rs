@@ -31,7 +31,7 @@ pub(crate) fn exp<L: Lanes>(x: L) -> L {
     let x = -(-x.max(L::splat(-MAX_EXPONENT))).max(L::splat(-MAX_EXPONENT));
     let k = (x * L::splat(std::f64::consts::LOG2_E)).round();
     let r = k.neg_mul_add(L::splat(LN2_LOW), k.neg_mul_add(L::splat(LN2_HIGH), x));
-    // Estrin's order: terms in pairs, for one sum after the other would wait for itself.
+    // Estrin's order: terms in pairs, to hide the latency of each sum.
     let (r2, c) = (r * r, |i: usize| L::splat(SERIES[i]));
     let r4 = r2 * r2;
     let four = |i: usize| {

@@ -2,15 +2,15 @@
 
 use crate::joint::JointSample;
 
-/// Most inputs any set has.
+/// Inputs of the largest set.
 pub const MAX_FEATURES: usize = 9;
 
 /// A set of inputs of a learned estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FeatureSet {
     /// `i, sin theta, cos theta, sin 2 theta, cos 2 theta, q, omega, dq, torsion`: theta grows
-    /// over many turns, so its phase is fed (with the harmonic that a wave generator's two lobes
-    /// make), and not its value.
+    /// over many turns, so its phase is the input (with the harmonic of a wave generator's two
+    /// lobes), not its value.
     #[default]
     Phase,
     /// `i, theta, q, omega, dq, torsion`, as S 28 has them.

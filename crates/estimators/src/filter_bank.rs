@@ -1,5 +1,5 @@
-//! Smoothing and differentiating filters on many channels at once: finite impulse responses, known
-//! beforehand, that bridge missed samples.
+//! Smoothing and differentiating filters on many channels at once: precomputed finite impulse
+//! responses that bridge missed samples.
 
 use crate::fir::MAX_DERIVATIVE;
 use crate::matched_filter::MatchedFilterParameters;
@@ -16,7 +16,7 @@ pub enum FilterDesign {
 }
 
 impl FilterDesign {
-    /// The same filter with so many derivatives beside the value.
+    /// The same filter with `count` derivatives beside the value.
     #[must_use]
     pub fn with_derivatives(mut self, count: usize) -> Self {
         match &mut self {
@@ -44,8 +44,8 @@ const LANES: usize = 4;
 
 /// The same filter on many channels at once.
 ///
-/// A sample that is not finite counts as missed: the extrapolation of a polynomial fit stands in for it,
-/// and after an eighth of a window of them the last one is held.
+/// A sample that is not finite counts as missed and is replaced by the extrapolation of a polynomial
+/// fit; after an eighth of a window of missed samples the last one is held.
 /// Before a channel's first sample its outputs are zero; the first sample fills the whole
 /// window, so that derivatives start at zero and nothing is extrapolated from a few noisy
 /// samples. Until the window holds real samples only, the channel is [`Self::settling`].

@@ -1,23 +1,24 @@
-//! One torque from several sources: those that come close to the best share it.
+//! One torque from several sources: a mean of those whose variance is near the least.
 //!
-//! The errors of the sources are strongly correlated (most look at the same torsion), and which
-//! correlation holds changes with the load: weights that play errors off against each other are
-//! right on the data they come from and wrong on the next. So only a source whose variance is
-//! within [`MAX_VARIANCE_RATIO`] of the least takes part, by how close it comes. The variance is that which was
-//! identified per regime (at rest or in motion, under steady or changing load), raised when a
-//! source itself reports a larger sigma than it did then, as a learned one does away from its data.
+//! The errors of the sources are strongly correlated (most depend on the same torsion), and the
+//! correlation changes with the load: weights by the full covariance are optimal on the data they
+//! were fitted to and wrong on others. So only a source whose variance is
+//! within [`MAX_VARIANCE_RATIO`] of the least takes part, with the more weight the smaller its
+//! variance. The variance is the one identified per regime (at rest or in motion, under steady or
+//! changing load), raised when a source itself reports a larger sigma than it did then, as a learned
+//! one does away from its data.
 
 use crate::joint::JointSample;
 use crate::output::Output;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
 
-/// Most sources that can be fused.
+/// Sources that can be fused, at most.
 pub const MAX_SOURCES: usize = 12;
 /// Bounds between the rates at which the load changes.
 pub const BOUNDS: usize = 3;
 /// Regimes: twice the number of bounds that the torsion's rate exceeds, and one more in motion.
 pub const REGIMES: usize = 2 * (BOUNDS + 1);
-/// Variance over the least of all sources from which on a source has no weight.
+/// A source whose variance exceeds the least of all by this factor has no weight.
 pub const MAX_VARIANCE_RATIO: f64 = 2.0;
 
 /// Errors of one source in one regime, as identified.
@@ -25,7 +26,7 @@ pub const MAX_VARIANCE_RATIO: f64 = 2.0;
 pub struct SourceError {
     /// Variance of the source's error, (N·m)².
     pub variance: f64,
-    /// Root mean square of the sigma that it reported meanwhile, N·m.
+    /// Root mean square of the sigma that the source reported during identification, N·m.
     pub reported: f64,
 }
 
@@ -94,7 +95,7 @@ impl Fusion {
         2 * exceeded.count() + usize::from(sample.dq.abs() > p.moving)
     }
 
-    /// The variance that a source's present estimate is worth, (N·m)²; infinite if it is not valid.
+    /// Variance of a source's present estimate, (N·m)²; infinite if it is not valid.
     fn variance(&self, source: usize, estimate: &TorqueEstimate) -> f64 {
         if estimate.flags & torque_flags::VALID == 0 {
             return f64::INFINITY;

@@ -2,9 +2,9 @@
 //!
 //! Each element follows the torsion until its stretch reaches its limit, and slips from then on: the
 //! stop operator of M. A. Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis (Springer
-//! 1989), a weighted sum of which is a Prandtl-Ishlinskii operator. The torque is that of the elastic gear plus those of the elements, so it
-//! follows from the torsion without solving for anything, and its stiffnesses follow from slow
-//! loading loops by linear least squares. Beyond the papers: Z, G and U have no such state.
+//! 1989), a weighted sum of which is a Prandtl-Ishlinskii operator. The torque is that of the elastic
+//! gear plus those of the elements, an explicit function of torsion and state, and its stiffnesses
+//! follow from slow loading loops by linear least squares. Z, G and U have no such state.
 
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::kinematic_error::KinematicErrorParameters;
@@ -65,7 +65,7 @@ impl Hysteresis {
             .sum()
     }
 
-    /// The most that all elements together can carry, N·m.
+    /// Largest torque of all elements together, N·m.
     #[must_use]
     pub fn capacity(&self) -> f64 {
         self.elements
@@ -157,12 +157,12 @@ impl Gear {
         }
     }
 
-    /// Moves to torsion `x`; the torque that the gear carries there, N·m.
+    /// Moves to torsion `x`; gives the gear's torque there, N·m.
     pub fn update(&mut self, x: f64) -> f64 {
         self.parameters.elastic(x) + self.slipping.update(x)
     }
 
-    /// Moves the output to `q` at `dq`; the torque that its bearing takes away, N·m.
+    /// Moves the output to `q` at `dq`; gives the friction torque of its bearing, N·m.
     pub fn bearing(&mut self, q: f64, dq: f64) -> f64 {
         self.bearing.update(q) + self.parameters.bearing_viscous * dq
     }
@@ -237,8 +237,8 @@ impl JointTorqueEstimator for HysteresisEstimator {
         let p = &self.parameters;
         let torsion = sample.theta / p.gear_ratio - sample.q;
         let x = torsion - p.kinematic_error.error(sample.q, sample.theta);
-        // The cubic may bend back far outside of what was fitted: beyond twice the limit's torsion
-        // of the linear part, that torsion stands in.
+        // The cubic may decrease far outside of the fitted range: the torsion is clamped to that of
+        // the linear part at twice the limit.
         let furthest = 2.0 * p.torque_limit / p.gear.linear.max(f64::MIN_POSITIVE);
         let (x, rate) = self.tracking.update(x.clamp(-furthest, furthest));
         let carried = self.gear.update(x.clamp(-furthest, furthest)) + p.gear.damping * rate;

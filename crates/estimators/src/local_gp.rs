@@ -2,14 +2,15 @@
 //!
 //! Each local model holds at most some hundred points; a prediction is the mean of the models'
 //! own, weighted by the nearness of their centres (G14). As a model falls back to zero beyond its
-//! data, each is given those of its neighbourhood, where its weight counts ([`MIN_RELATIVE_WEIGHT`]), and
-//! not only those nearer to its centre than to any other. Nearness needs the centres alone, and a model's
-//! prediction is bounded, so models whose whole share lies below a tolerance are left out.
+//! data, each is given all data of its neighbourhood, where its weight is at least
+//! [`MIN_RELATIVE_WEIGHT`], and not only those nearer to its centre than to any other. The weights
+//! need the centres alone, and a model's prediction is bounded, so models whose whole share lies below
+//! a tolerance are left out.
 //!
 //! | file | does |
 //! | --- | --- |
 //! | `local_gp.rs` | parameters, prediction |
-//! | `local_gp/prepare.rs` | from points to what a prediction needs |
+//! | `local_gp/prepare.rs` | from points to the terms of a prediction |
 //! | `local_gp/sparsify.rs` | the same mean from fewer points |
 //! | `local_gp/evaluate.rs` | one model's prediction, in double or, where that is enough, single precision |
 //! | `local_gp/factor.rs` | Cholesky factor that grows by a point |
@@ -29,13 +30,13 @@ use crate::regimes::Regimes;
 use evaluate::{Points, Room};
 use simd::{Instructions, Kernel, Lanes, WIDTH};
 
-/// Most points of one model.
+/// Points of one model, at most.
 pub const MAX_POINTS: usize = 256;
 /// A sample belongs to every model whose weight at it is at least this part of the largest.
 pub const MIN_RELATIVE_WEIGHT: f64 = 0.1;
-/// Samples that a point stands for at most: misfit of the model does not average out.
+/// Samples that a point represents, at most: misfit of the model does not average out.
 pub const MAX_SAMPLES_PER_POINT: f64 = 100.0;
-/// Most models.
+/// Models, at most.
 pub const MAX_MODELS: usize = 64;
 
 /// One local model: training data near its centre.
@@ -97,7 +98,7 @@ struct Prepared {
     bound: f64,
 }
 
-/// Local Gaussian processes, ready to predict: nothing changes them but a new one in their place.
+/// Local Gaussian processes, ready to predict.
 #[derive(Debug, Clone)]
 pub struct LocalGp {
     features: FeatureSet,
@@ -207,7 +208,7 @@ impl Kernel for Predict<'_> {
 fn largest(weights: &[f64]) -> (usize, f64) {
     let mut best = (0, f64::NEG_INFINITY);
     for (i, weight) in weights.iter().enumerate() {
-        // Without a branch: which one is larger is anyone's guess.
+        // Without a branch, which the processor could not predict.
         let better = *weight > best.1;
         best = (
             if better { i } else { best.0 },

@@ -1,13 +1,13 @@
 //! Matched filters: value, first and second derivative of signals, all through one smoothing.
 //!
-//! Newton and Euler hold at every instant between force, acceleration and angle. After filters they
-//! hold only if all signals have lost the same: force and accelerometer through a smoothing `h`,
+//! The equations of motion hold at every instant between force, acceleration and angle. After
+//! filters they hold only if all signals have passed the same smoothing: force and accelerometer through a smoothing `h`,
 //! gyro through `h` and `h'`, angles through `h`, `h'` and `h''`. Savitzky-Golay filters do not:
-//! second-order ones differentiate angles twice through another band than first-order ones average
-//! forces in, and what lies between is an error of the torque.
+//! the second derivative of a second-order one and the value of a first-order one pass different
+//! bands, and the difference is an error of the torque.
 //!
 //! The second derivative of a second-order Savitzky-Golay filter has the least noise of all that
-//! know a parabola. Summed twice, its coefficients are a smooth bell (the biweight,
+//! are exact for a parabola. Summed twice, its coefficients are a smooth bell (the biweight,
 //! `(1 - x^2)^2`): this is `h`, spread by `(1, 10, 1)/12` as in Numerov's method, which makes the
 //! second difference a second derivative to the sixth power of frequency. Central differences of
 //! the bell are `h'`.
@@ -16,8 +16,8 @@ use crate::fir::{Kernels, check_period, check_shape};
 use crate::savitzky_golay::coefficients;
 use problem::Problem;
 
-/// Filter of all signals that enter one equation; they must have the same
-/// window. Outputs are those of the window's middle.
+/// Filter of all signals that enter one equation, which must have the same window. Outputs are those
+/// of the window's middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatchedFilterParameters {
     /// Samples that the filter covers, at least 3; even numbers are fine.
@@ -52,7 +52,7 @@ impl MatchedFilterParameters {
             second.iter().map(|c| c / (period * period)).collect(),
         ];
         taps.truncate(self.derivatives + 1);
-        // Accelerations wander as velocities of gyros do: a parabola, or a line.
+        // A missed sample is extrapolated by a parabola where curvature is estimated, else by a line.
         let order = self.derivatives.max(1);
         Ok(Kernels {
             taps,

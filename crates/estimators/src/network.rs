@@ -82,7 +82,7 @@ pub struct NetworkParameters {
     pub torque_limit: f64,
 }
 
-/// Packs of outputs that are summed side by side: one alone would wait for itself.
+/// Packs of outputs that are summed side by side, to hide the latency of each sum.
 const GROUP: usize = 4;
 
 /// Layers in one piece of memory, four outputs side by side.
@@ -275,7 +275,7 @@ impl JointTorqueEstimator for NetworkEstimator {
         }
         let p = &self.parameters;
         let known = p.regimes.mix(self.motion.update(sample, &p.regimes)).sigma;
-        // Bounded so that one wild sample is forgotten again.
+        // Bounded so that the effect of one outlier decays.
         let current = self.current.update(sample.current.clamp(-1e6, 1e6));
         let x = p.features.of(sample, current, p.gear_ratio);
         let outside = self.scale(&x);

@@ -2,8 +2,8 @@
 //!
 //! A correction learned from a joint in motion is easily worse than none for the joint at rest,
 //! where friction may have either sign, and inputs alone do not distinguish the two: a joint that
-//! turns back has no velocity either. So each regime has figures of its own, from data that the training did not
-//! see, and none (no gain, the prior's variance) where there were no data.
+//! turns back has no velocity either. So each regime has figures of its own, from data that the
+//! training did not see: no gain and the prior's variance where there were no data.
 
 use crate::joint::JointSample;
 
@@ -12,7 +12,7 @@ use crate::joint::JointSample;
 pub struct Regime {
     /// Share of the learned correction that is applied, 0 to 1.
     pub gain: f64,
-    /// Standard deviation of the error that is left, N·m.
+    /// Standard deviation of the residual error, N·m.
     pub sigma: f64,
 }
 

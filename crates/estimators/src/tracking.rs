@@ -1,4 +1,4 @@
-//! A filter that follows a signal's value and rate, short where the signal moves and long where it
+//! A filter that tracks a signal's value and rate, short where the signal moves and long where it
 //! rests: g-h filters of different memory as interacting multiple models (IMM).
 
 /// Models side by side.

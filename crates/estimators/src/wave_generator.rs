@@ -1,6 +1,6 @@
 //! Wave-generator torque from motor current (Z 21-22 and the cases after).
 
-/// Which sign the motor's friction has when the motor brakes.
+/// Sign of the motor's friction when the motor brakes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FrictionRule {
     /// `tau_wg = tau_m - tau_fm sign(omega)`: physically right.
@@ -25,13 +25,13 @@ pub struct WaveGeneratorParameters {
     pub rule: FrictionRule,
 }
 
-/// The wave generator's torque and how well it is known.
+/// The wave generator's torque and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WaveGeneratorTorque {
     /// tau_wg: torque on the wave generator, motor side, N·m.
     pub tau_wg: f64,
-    /// Half of the interval in which the torque lies for lack of knowledge of the friction's
-    /// sign, motor side, N·m: zero while the motor turns and drives.
+    /// Half of the interval in which the torque lies while the friction's sign is unknown, motor
+    /// side, N·m: zero while the motor turns and drives.
     pub unknown: f64,
 }
 
@@ -60,8 +60,8 @@ impl WaveGenerator {
 
     /// One step from current and motor-side velocity.
     ///
-    /// `tau_over_n` is the last estimate of the joint torque over the gear ratio: the loop is
-    /// algebraic, so the torque of this very step cannot be had.
+    /// `tau_over_n` is the last estimate of the joint torque over the gear ratio: this
+    /// step's torque itself depends on the result (an algebraic loop).
     ///
     /// Viscous friction counts as part of tau_fm, which so grows with speed.
     pub fn update(&mut self, current: f64, omega: f64, tau_over_n: f64) -> WaveGeneratorTorque {

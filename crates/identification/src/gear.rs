@@ -19,11 +19,11 @@ const MAX_SAMPLES: usize = 20_000;
 pub struct ComplianceFit {
     /// Z Table II.
     pub parameters: ComplianceParameters,
-    /// Skew that is left between the encoders, s, and its standard deviation.
+    /// Residual skew between the encoders, s, and its standard deviation.
     pub skew: (f64, f64),
     /// K_fs0's standard deviation, N·m/rad.
     pub stiffness_sigma: f64,
-    /// Root mean square of the torsion that is left, rad.
+    /// Root mean square of the residual torsion, rad.
     pub rms: f64,
 }
 
@@ -32,10 +32,10 @@ pub struct ComplianceFit {
 pub struct GearFit {
     /// The gear.
     pub parameters: GearParameters,
-    /// Skew that is left between the encoders, s, and its standard deviation: the part of
-    /// the torsion that grows with dq, apart from the friction in the torque.
+    /// Residual skew between the encoders, s, and its standard deviation: the part of the torsion
+    /// that grows with dq, apart from the friction in the torque.
     pub skew: (f64, f64),
-    /// Root mean square of the torque that is left, N·m.
+    /// Root mean square of the residual torque, N·m.
     pub rms: f64,
 }
 
@@ -66,7 +66,7 @@ fn largest(values: &[f64]) -> f64 {
 }
 
 /// Fits `torsion - err = torsion_fs(tau) + torsion_wg(tau_wg)/N + skew dq + c sign(dq) + constant`
-/// (Z8); the sign's part is the output bearing's friction, which would pass for skew.
+/// (Z8); the sign's part is the output bearing's friction, which the skew would absorb otherwise.
 ///
 /// Linear in 1/K_fs0, 1/K_wg0, skew, c and constant once C_fs and C_wg are chosen: these are
 /// searched on a grid.
@@ -130,7 +130,7 @@ pub fn compliance(
         ));
     };
     let k_fs0 = 1.0 / solution.x[0];
-    // A wave generator that the data do not show is rigid.
+    // A wave generator without a stiffness in the data counts as rigid.
     let k_wg0 = if solution.x[1] > 0.0 {
         1.0 / solution.x[1]
     } else {
@@ -323,8 +323,8 @@ fn errors(record: &Record, estimator: &mut impl JointTorqueEstimator) -> Errors 
     }
 }
 
-/// The filter that follows the torsion, long enough against noise and short enough against fast
-/// loads, and how far the torque is off with it.
+/// The filter that tracks the torsion, long enough against noise and short enough against fast
+/// loads, and the errors of the torque with it.
 #[must_use]
 pub fn tracking(
     record: &Record,

@@ -11,7 +11,7 @@ pub type Progress<'a> = &'a mut dyn FnMut(f64, &str);
 const BLOCK_S: f64 = 0.7;
 /// One block of this many is held out.
 const HOLD_OUT_INTERVAL: usize = 5;
-/// Kept free on both sides of a held-out block, s.
+/// Unused time on both sides of a held-out block, s.
 const GUARD_S: f64 = 0.05;
 /// Time over which |dq| is averaged to distinguish motion from rest, s.
 const MOTION_S: f64 = 0.05;
@@ -22,7 +22,7 @@ const MIN_REGIME_SAMPLES: usize = 300;
 /// kinematic error makes real torques of some ten hertz.
 const ZERO_PHASE_S: f64 = 0.002;
 
-/// A signal through the same low-pass forwards and backwards: smoother, and neither late nor early.
+/// A signal through the same low-pass forwards and backwards, without delay.
 #[must_use]
 pub fn zero_phase(record: &Record, signal: &[f64]) -> Vec<f64> {
     let pole = (-record.sample_period / ZERO_PHASE_S).exp();
@@ -38,9 +38,9 @@ pub fn zero_phase(record: &Record, signal: &[f64]) -> Vec<f64> {
 pub enum Use {
     /// Training.
     Train,
-    /// Judging what was trained.
+    /// Validation.
     HeldOut,
-    /// Nothing: not usable, or between the two.
+    /// None: not usable, or between the two.
     Nothing,
 }
 

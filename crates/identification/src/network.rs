@@ -1,8 +1,8 @@
 //! Training of S's network by back-propagation (S 36-46).
 //!
 //! Mini-batches with Adam find the valley, a quasi-Newton method on all samples goes along it, and
-//! the weights with the least held-out error are kept. The torque is zero-phase filtered: a delayed one
-//! would teach the network its delay.
+//! the weights with the least held-out error are kept. The torque is zero-phase filtered: the network
+//! would learn the delay of a delayed one.
 
 mod back_propagation;
 

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-/// Pairs of steps and changes of gradient that stand for the curvature.
+/// Pairs of steps and changes of gradient that approximate the curvature.
 const MEMORY: usize = 20;
-/// Part of the slope's promise that a step must keep.
+/// Share of the linear decrease that a step must reach (Armijo).
 const SUFFICIENT: f64 = 1e-4;
 /// A step is halved at most this often.
 const HALVINGS: usize = 30;
@@ -38,7 +38,7 @@ pub fn minimise(
             direction = gradient.iter().map(|g| -g).collect();
             slope = -dot(&gradient, &gradient);
         }
-        // The first step has no curvature to go by: a tenth of a unit.
+        // Without curvature the first step is a tenth of a unit.
         let mut length = if memory.is_empty() {
             0.1 / steepest.max(0.1)
         } else {

@@ -1,4 +1,4 @@
-//! A log brought to the instants and forms that fits compare.
+//! A log as the samples and filtered signals that fits compare.
 
 use crate::log::LogRow;
 use estimators::filter_bank::FilterBank;
@@ -7,14 +7,14 @@ use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
 use robot_state::measured_flags;
 
-/// A log as the estimators see it, and the torque sensor beside it.
+/// Samples of a log as the estimators take them, and the torque sensor's.
 #[derive(Debug, Clone)]
 pub struct Record {
     /// Samples as the front end makes them: skew removed.
     pub samples: Vec<JointSample>,
     /// tau_sensor, N·m; NaN where there is none.
     pub tau: Vec<f64>,
-    /// dq and ddq, centred: neither late nor early, rad/s and rad/s².
+    /// dq and ddq by centred filters, without delay, rad/s and rad/s².
     pub motion: Vec<[f64; 2]>,
     /// T: time between samples, s.
     pub sample_period: f64,

@@ -215,6 +215,6 @@ impl JointFile {
 /// Time constant of the low-pass on a compliance model that is corrected, s.
 const GP_TIME_CONSTANT_S: f64 = 0.002;
 
-/// Names of the source from current and of all together.
+/// Names of the source from current and of the fusion.
 const CURRENT: &str = "current";
 const FUSED: &str = "fused";

@@ -1,6 +1,6 @@
 //! JOINT.toml: one joint, and the parameters of every estimator that is switched on.
 //!
-//! The smallest that works is the table `[joint]`: torque from current alone. Every further table
+//! The table `[joint]` suffices: torque from current alone. Every further table
 //! switches an estimator on; `torquectl fit` writes them. Units stand in the keys.
 
 #![deny(unsafe_code)]
@@ -199,7 +199,7 @@ impl JointFile {
         FrontEnd::new(parameters, Some(self.velocity_window())).map_err(|p| p.of("encoders"))
     }
 
-    /// Z18 in this joint; none: no error.
+    /// Kinematic error (Z18); zero without its table.
     #[must_use]
     pub fn kinematic_error_parameters(&self) -> KinematicErrorParameters {
         self.kinematic_error.clone().unwrap_or_default().into()
@@ -263,7 +263,7 @@ impl JointFile {
         }
     }
 
-    /// S's coefficients, if they are there.
+    /// Parameters of S's model.
     fn deformation_parameters(&self, table: &DeformationTable) -> DeformationParameters {
         DeformationParameters {
             rated_torque: self.joint.rated_torque,
@@ -283,7 +283,7 @@ impl JointFile {
     }
 }
 
-/// For joint files without trained ones: every path is one that is not there.
+/// Reader for joint files without trained files: refuses every path.
 ///
 /// # Errors
 /// Always.

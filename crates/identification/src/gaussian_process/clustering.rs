@@ -1,7 +1,7 @@
 //! Many samples into few models of few points (G 13).
 //!
 //! A point joins the most similar centre or founds a new one below a threshold; the threshold is
-//! the one that leads to the wanted number of models. In each model each further point
+//! the one that leads to the number of models asked for. In each model each further point
 //! is the sample of the largest variance given the points before it; every other sample then goes
 //! to the point nearest to it, which represents their mean, with less noise the more there are.
 
@@ -21,8 +21,8 @@ pub(super) struct Sample {
 const CENTRE_SAMPLES: usize = 20_000;
 /// Samples of a model from which points are chosen, at most.
 const POINT_SAMPLES: usize = 3_000;
-/// Distance in time of independent samples, s: the residual hardly changes from one sample to the
-/// next.
+/// Time between samples of independent residuals, s: from one sample to the next the residual hardly
+/// changes.
 const INDEPENDENT_S: f64 = 0.05;
 /// Largest variance left, over the noise's, at which no more points are added.
 const MIN_VARIANCE_OVER_NOISE: f64 = 1e-3;

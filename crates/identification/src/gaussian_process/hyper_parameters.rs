@@ -111,7 +111,7 @@ pub(super) fn fit(
     let x = DMatrix::from_fn(n, dimensions, |i, c| {
         (inputs[i][c] - scales[c].0) / scales[c].1
     });
-    // The residual has no mean of its own: far from data the model stands as it is.
+    // Zero prior mean: far from data the model is not corrected.
     let y = DVector::from_fn(n, |i, _| outputs[i] / spread);
     // Widths of some standard deviations, a tenth of noise.
     let mut logs = vec![1.0; dimensions];
