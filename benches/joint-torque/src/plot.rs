@@ -5,6 +5,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::error::Error;
 use std::path::Path;
+use torqued::demo::curve::decimated;
 
 const TRUTH: RGBColor = RGBColor(30, 30, 30);
 const LINES: [(&str, RGBColor); 3] = [
@@ -138,76 +139,4 @@ where
         ))?;
     }
     Ok(())
-}
-
-/// Pixels of a column in which only the extremes of a curve are drawn.
-const COLUMN: f64 = 2.0;
-/// Largest distance of a point that is left out from the line drawn, pixels.
-const TOLERANCE: f64 = 1.25;
-
-/// The points that a picture shows: the extremes of each column of pixels, less those on a line
-/// between others. `scale`: pixels per unit of either axis.
-fn decimated(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
-    let column = |p: &(f64, f64)| (p.0 * scale[0] / COLUMN).floor();
-    let mut kept = Vec::new();
-    for points in points.chunk_by(|a, b| column(a) == column(b)) {
-        let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
-        let extremes = [
-            points.iter().min_by(by_value),
-            points.iter().max_by(by_value),
-        ];
-        let mut extremes: Vec<(f64, f64)> = extremes.into_iter().flatten().copied().collect();
-        extremes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        extremes.dedup();
-        kept.extend(extremes);
-    }
-    kept.extend(points.last());
-    simplified(&kept, scale)
-}
-
-/// The same line from fewer points (Ramer, Douglas and Peucker).
-fn simplified(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
-    let (Some(first), Some(last)) = (points.first(), points.last()) else {
-        return Vec::new();
-    };
-    let to_pixels = |p: &(f64, f64)| ((p.0 - first.0) * scale[0], (p.1 - first.1) * scale[1]);
-    let (dx, dy) = to_pixels(last);
-    let square = (dx * dx + dy * dy).max(f64::MIN_POSITIVE);
-    let distance = |p: &(f64, f64)| {
-        let (x, y) = to_pixels(p);
-        let along = ((x * dx + y * dy) / square).clamp(0.0, 1.0);
-        (x - along * dx).hypot(y - along * dy)
-    };
-    let furthest =
-        (0..points.len()).max_by(|&a, &b| distance(&points[a]).total_cmp(&distance(&points[b])));
-    match furthest {
-        Some(i) if distance(&points[i]) > TOLERANCE => {
-            let mut line = simplified(&points[..=i], scale);
-            line.pop();
-            line.extend(simplified(&points[i..], scale));
-            line
-        }
-        _ => vec![*first, *last],
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::decimated;
-
-    #[test]
-    fn a_curve_keeps_its_shape_and_its_spikes() {
-        let mut points: Vec<(f64, f64)> = (0..10_000)
-            .map(|i| (1e-3 * f64::from(i), (1e-3 * f64::from(i)).sin()))
-            .collect();
-        points[5_001].1 = 3.0;
-        let scale = [40.0, 60.0];
-        let few = decimated(&points, scale);
-        assert!(few.len() < 60, "{}", few.len());
-        assert!(few.contains(&points[5_001]) && few.contains(&points[9_999]));
-        assert!(few.is_sorted_by(|a, b| a.0 <= b.0));
-        for (t, y) in few.iter().filter(|p| p.1 < 2.0) {
-            assert!((t.sin() - y).abs() < 1e-12);
-        }
-    }
 }

@@ -6,10 +6,12 @@
 
 mod accuracy;
 mod client;
+pub mod curve;
 mod motion;
 mod plot;
 mod report;
 mod robots;
+mod selection;
 mod stance;
 
 use std::io::IsTerminal;
@@ -31,27 +33,31 @@ use crate::real_time::{Deadline, Pace};
 use client::DemoClient;
 use motion::Motion;
 use report::Report;
+use selection::Selection;
 use terminal::print;
 
-/// What `torqued demo` can be told.
+/// Options of `torqued demo`.
 #[derive(Debug, Clone, Args)]
 pub struct DemoOptions {
     /// The robot.
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(robots::NAMES), default_value = "humanoid")]
     pub robot: String,
-    /// How long, s.
+    /// Duration, s.
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     pub seconds: f64,
     /// Draw true and estimated torques into this file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
+    /// Joints to draw, separated by commas, or `all` [default: the six most loaded of different limbs]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "plot")]
+    pub joints: Vec<String>,
     /// Print the report as JSON.
     #[arg(long)]
     pub json: bool,
     /// Do not wait for real time between cycles.
     #[arg(long)]
     pub fast: bool,
-    /// Seed of the simulated robot's noise and imperfections; that of sim.toml without it.
+    /// Seed of the simulated robot's noise and imperfections [default: that of its sim.toml]
     #[arg(long)]
     pub seed: Option<u64>,
 }
@@ -67,9 +73,13 @@ pub fn run(options: &DemoOptions) -> Result<ExitCode, Failure> {
             options.seconds
         )));
     }
-    let report = simulate(options)?;
+    let (robot, plant, motion) = load(&options.robot, options.seed)?;
+    let selection = Selection::new(&options.joints, &robot).map_err(Failure::bad_input)?;
+    let report = simulate(options, &robot, plant, motion)?;
     if let Some(path) = &options.plot {
-        report.draw(path).map_err(Failure::bad_input)?;
+        let torques: Vec<f64> = report.joints.iter().map(|j| j.largest_torque).collect();
+        let joints = selection.joints(&robot, &torques);
+        (report.draw(path, &joints)).map_err(Failure::bad_input)?;
     }
     if options.json {
         let json = serde_json::to_string(&report).map_err(Failure::environment)?;
@@ -80,16 +90,20 @@ pub fn run(options: &DemoOptions) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(report.summary.fault != 0)))
 }
 
-fn simulate(options: &DemoOptions) -> Result<Report, Failure> {
-    let (robot, plant, motion) = load(&options.robot, options.seed)?;
+fn simulate(
+    options: &DemoOptions,
+    robot: &Robot,
+    plant: CanRobot,
+    motion: Motion,
+) -> Result<Report, Failure> {
     let period = robot.parameters.timing.sample_period;
     let cycles = (options.seconds / period).ceil() as u64;
     let clock = VirtualClock::new();
     let mut simulated = VirtualDeadline::new(&clock, (period * 1e9) as u64);
-    let mut client = DemoClient::new(&robot, motion);
-    let mut report = Report::new(&robot, cycles);
+    let mut client = DemoClient::new(robot, motion);
+    let mut report = Report::new(robot, cycles);
     let bus = LockStep::new(plant, &clock);
-    let mut control_loop = ControlLoop::new(&robot, bus).map_err(Failure::bad_input)?;
+    let mut control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
     let progress = progress_bar(cycles, options.json);
     let mut real = Deadline::new((period * 1e9) as u64);
     for cycle in 0..cycles {

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use problem::{Problem, line_at};
 use robot_state::JointReference;
 use serde::Deserialize;
 
@@ -18,7 +19,7 @@ struct MotionFile {
     contact: Vec<ContactMotion>,
 }
 
-/// A torque about a foot's vertical axis, wanted beside what carries the weight.
+/// A desired torque about a foot's vertical axis, beside the wrench that carries the weight.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ContactMotion {
@@ -53,28 +54,27 @@ impl Motion {
     /// Reads a motion file for joints of these names.
     ///
     /// # Errors
-    /// A sentence that names the file, the key and what is allowed.
+    /// A key or value that is not allowed, with the file.
     pub(super) fn parse(
         text: &str,
         file_name: &str,
         joint_names: &[String],
-    ) -> Result<Self, String> {
-        let file: MotionFile = toml::from_str(text).map_err(|e| format!("{file_name}: {e}"))?;
+    ) -> Result<Self, Problem> {
+        let file: MotionFile = toml::from_str(text).map_err(|e| {
+            let line = e.span().map_or(0, |span| line_at(text, span.start));
+            Problem::new(e.message(), "").at(file_name, line)
+        })?;
         let mut joints = vec![(0.0, 0.0, 1.0); joint_names.len()];
         for motion in &file.joint {
             let index = joint_names.iter().position(|n| *n == motion.name);
             let index = index.ok_or_else(|| {
-                let known = joint_names.join(", ");
-                format!(
-                    "{file_name}: joint.name: there is no joint {:?}; allowed: {known}",
-                    motion.name
-                )
+                let reason = format!("joint.name: there is no joint {:?}", motion.name);
+                Problem::new(reason, joint_names.join(", ")).at(file_name, 0)
             })?;
             if !(motion.period_s > 0.0 && motion.amplitude_deg.is_finite()) {
-                return Err(format!(
-                    "{file_name}: joint {}: period_s must be above 0 and amplitude_deg finite",
-                    motion.name
-                ));
+                let reason = format!("joint {}: period_s or amplitude_deg", motion.name);
+                let allowed = "a period above 0 and a finite amplitude";
+                return Err(Problem::new(reason, allowed).at(file_name, 0));
             }
             joints[index] = (0.0, motion.amplitude_deg.to_radians(), motion.period_s);
         }
@@ -104,7 +104,7 @@ impl Motion {
             .sum()
     }
 
-    /// What is wanted of a joint at `t`, s since the start.
+    /// Desired motion of a joint at `t`, s since the start.
     #[must_use]
     pub(super) fn at(&self, joint: usize, t: f64) -> JointReference {
         let (start, amplitude, period) = self.joints[joint];
@@ -150,12 +150,16 @@ mod tests {
 
     #[test]
     fn unknown_joints_and_keys_are_refused() {
-        let error = Motion::parse(&TEXT.replace("\"b\"", "\"c\""), "m.toml", &names()).unwrap_err();
+        let error = Motion::parse(&TEXT.replace("\"b\"", "\"c\""), "m.toml", &names())
+            .unwrap_err()
+            .to_string();
         assert!(
             error.contains("m.toml") && error.contains("a, b"),
             "{error}"
         );
-        let error = Motion::parse("settle = 1.0", "m.toml", &names()).unwrap_err();
+        let error = Motion::parse("settle = 1.0", "m.toml", &names())
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("settle_s"), "{error}");
     }
 }

@@ -1,50 +1,50 @@
 //! The picture of a demo: true against estimated torque, a panel a joint.
 
+use std::error::Error;
 use std::ops::Range;
 use std::path::Path;
 
 use plotters::prelude::*;
+use problem::Problem;
 
-/// A colour each: truth, encoders, F/T, now.
+use super::curve::{Curve, decimated};
+
+/// A colour for each torque.
 const TRUTH: RGBColor = RGBColor(30, 30, 30);
 const ENCODER: RGBColor = RGBColor(230, 120, 30);
 const WHOLE_BODY: RGBColor = RGBColor(40, 110, 200);
-const NOW: RGBColor = RGBColor(40, 150, 70);
+const COMPENSATED: RGBColor = RGBColor(40, 150, 70);
 
-/// Torque over time of one joint, all at the same instants.
+/// Torques of one joint over time, N·m over s; only where they are valid.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Trace {
     /// The joint's name.
     pub(super) name: String,
-    /// Time, s.
-    pub(super) t: Vec<f64>,
-    /// The plant's torque, N·m.
-    pub(super) truth: Vec<f64>,
-    /// Torque from encoders and current, N·m; NaN where not valid.
-    pub(super) encoder: Vec<f64>,
-    /// Torque from F/T sensors and IMU, N·m; NaN where not valid.
-    pub(super) whole_body: Vec<f64>,
-    /// Torque now, N·m; NaN where not valid.
-    pub(super) now: Vec<f64>,
+    /// The plant's torque.
+    pub(super) truth: Curve,
+    /// Torque from encoders and current, from F/T sensors and IMU, delay-compensated torque.
+    pub(super) estimates: [Curve; 3],
 }
 
+/// A curve's points, colour and name.
+type Line<'a> = (&'a [(f64, f64)], RGBColor, &'static str);
+
 impl Trace {
-    fn lines(&self) -> [(&[f64], RGBColor, &'static str); 4] {
+    /// The truth last, so that it is drawn on top.
+    fn lines(&self) -> [Line<'_>; 4] {
+        let [encoder, whole_body, compensated] = &self.estimates;
         [
-            (&self.encoder, ENCODER, "encoders + current"),
-            (&self.whole_body, WHOLE_BODY, "F/T + IMU"),
-            (&self.now, NOW, "now"),
-            (&self.truth, TRUTH, "true"),
+            (encoder.points(), ENCODER, "encoders + current"),
+            (whole_body.points(), WHOLE_BODY, "F/T + IMU"),
+            (compensated.points(), COMPENSATED, "delay-compensated"),
+            (self.truth.points(), TRUTH, "true"),
         ]
     }
 
     fn torque_range(&self) -> Range<f64> {
-        let values = self.lines();
-        let finite = values
-            .iter()
-            .flat_map(|line| line.0)
-            .filter(|x| x.is_finite());
-        let (low, high) = finite.fold((f64::MAX, f64::MIN), |(low, high), &x| {
+        let lines = self.lines();
+        let values = lines.iter().flat_map(|line| line.0).map(|point| point.1);
+        let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), x| {
             (low.min(x), high.max(x))
         });
         if low > high {
@@ -58,16 +58,15 @@ impl Trace {
 /// Draws the traces, as many columns as make the picture about as wide as high.
 ///
 /// # Errors
-/// A sentence that names the file, if it cannot be written.
-pub(super) fn draw(path: &Path, title: &str, traces: &[Trace]) -> Result<(), String> {
-    draw_panels(path, title, traces).map_err(|e| format!("{}: cannot draw: {e}", path.display()))
+/// A file that cannot be written.
+pub(super) fn draw(path: &Path, title: &str, traces: &[&Trace]) -> Result<(), Problem> {
+    let problem = |e: Box<dyn Error>| {
+        Problem::new(format!("cannot be drawn: {e}"), "").at(path.to_string_lossy(), 0)
+    };
+    draw_panels(path, title, traces).map_err(problem)
 }
 
-fn draw_panels(
-    path: &Path,
-    title: &str,
-    traces: &[Trace],
-) -> Result<(), Box<dyn std::error::Error>> {
+fn draw_panels(path: &Path, title: &str, traces: &[&Trace]) -> Result<(), Box<dyn Error>> {
     let columns = if traces.len() <= 6 { 2 } else { 5 }.min(traces.len().max(1));
     let rows = traces.len().div_ceil(columns).max(1);
     let size = (330 * columns as u32, 44 + 190 * rows as u32);
@@ -99,18 +98,21 @@ fn draw_panels(
 fn draw_panel<B: DrawingBackend>(
     panel: &DrawingArea<B, plotters::coord::Shift>,
     trace: &Trace,
-) -> Result<(), Box<dyn std::error::Error>>
+) -> Result<(), Box<dyn Error>>
 where
     B::ErrorType: 'static,
 {
-    let time = trace.t.first().copied().unwrap_or(0.0)..trace.t.last().copied().unwrap_or(1.0);
+    let truth = trace.truth.points();
+    let end = |point: Option<&(f64, f64)>, other| point.map_or(other, |(t, _)| *t);
+    let (first, last) = (end(truth.first(), 0.0), end(truth.last(), 1.0));
+    let torque = trace.torque_range();
     let mut chart = ChartBuilder::on(panel)
         .caption(format!("{}, N·m", trace.name), ("sans-serif", 13))
         .margin(4)
         .margin_right(10)
         .x_label_area_size(20)
         .y_label_area_size(38)
-        .build_cartesian_2d(time, trace.torque_range())?;
+        .build_cartesian_2d(first..last, torque.clone())?;
     chart
         .configure_mesh()
         .x_labels(5)
@@ -119,10 +121,14 @@ where
         .bold_line_style(RGBColor(225, 225, 225))
         .x_label_formatter(&|t| format!("{t:.0} s"))
         .draw()?;
-    for (values, colour, _) in trace.lines() {
-        let points = trace.t.iter().copied().zip(values.iter().copied());
+    let (width, height) = chart.plotting_area().dim_in_pixel();
+    let scale = [
+        f64::from(width) / (last - first).max(f64::MIN_POSITIVE),
+        f64::from(height) / (torque.end - torque.start),
+    ];
+    for (points, colour, _) in trace.lines() {
         chart.draw_series(LineSeries::new(
-            points.filter(|point| point.1.is_finite()),
+            decimated(points, scale),
             colour.stroke_width(1),
         ))?;
     }

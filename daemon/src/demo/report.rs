@@ -1,9 +1,11 @@
-//! The demo's result: the true torque of every joint, the encoder-based, the F/T-based, and that now.
+//! The demo's result: each joint's true torque against the three estimates of it: from encoders and
+//! current, from F/T sensors and IMU, delay-compensated.
 
 use std::fmt;
 use std::path::Path;
 
 use plant::{CanRobot, Truth};
+use problem::Problem;
 use robot_config::Robot;
 use robot_state::{SharedRecord, TorqueEstimate, torque_flags};
 use serde::Serialize;
@@ -14,8 +16,8 @@ use crate::summary::{PageFaults, Summary, Timing};
 
 /// Longest delay of an estimate that can be removed, cycles.
 const LONGEST_DELAY: usize = 1000;
-/// Points of a curve in the picture.
-const POINTS: u64 = 500;
+/// Columns of a curve of which the extremes are kept for the picture.
+const COLUMNS: u64 = 500;
 
 /// One joint's comparison.
 #[derive(Debug, Clone, Serialize)]
@@ -28,7 +30,7 @@ pub(super) struct JointReport {
     pub(super) encoder: Option<ErrorStatistics>,
     /// Error of the torque from F/T sensors and IMU; none if it was never valid.
     pub(super) whole_body: Option<ErrorStatistics>,
-    /// Error of the torque now; none if it was never valid.
+    /// Error of the delay-compensated torque; none if it was never valid.
     pub(super) now: Option<ErrorStatistics>,
 }
 
@@ -40,7 +42,7 @@ pub(super) struct Report {
     /// Timing, frames, events.
     #[serde(flatten)]
     pub(super) summary: Summary,
-    /// Known delays removed before comparing, s: encoders, F/T, now.
+    /// Known delays removed before comparing, s: encoders, F/T, delay-compensated.
     pub(super) delays_s: [f64; 3],
     /// Frames that the simulated robot could not decode.
     pub(super) frames_undecoded_by_robot: u64,
@@ -90,7 +92,7 @@ impl Report {
                     .collect(),
                 timing,
                 last,
-                every: cycles.div_ceil(POINTS).max(1),
+                every: cycles.div_ceil(COLUMNS).max(1),
                 period: parameters.timing.sample_period,
             },
         }
@@ -111,12 +113,15 @@ impl Report {
             period,
             ..
         } = &mut self.collected;
-        let drawn = last.cycle.sequence % *every == 0;
+        let (t, column) = (
+            last.cycle.sequence as f64 * *period,
+            last.cycle.sequence / *every,
+        );
         let joints = last.cycle.estimated.joints.iter().zip(&truth.joints);
         for ((joint, truth), (comparison, trace)) in joints.zip(comparisons.iter_mut().zip(traces))
         {
             let estimates = [&joint.tau_encoder, &joint.tau_whole_body, &joint.tau_hat];
-            // What tells the torque now is compared with the torque now.
+            // The compensated torque has no delay left.
             let delays = [joint.tau_encoder.delay_s, joint.tau_whole_body.delay_s, 0.0];
             for (comparison, (estimate, delay)) in
                 (comparison.iter_mut()).zip(estimates.into_iter().zip(delays))
@@ -124,13 +129,9 @@ impl Report {
                 comparison.push(truth.tau, usable(estimate), delay / *period);
             }
             self.delays_s = delays;
-            if drawn {
-                trace.t.push(last.cycle.sequence as f64 * *period);
-                trace.truth.push(truth.tau);
-                let values = estimates.map(|e| usable(e).unwrap_or(f64::NAN));
-                trace.encoder.push(values[0]);
-                trace.whole_body.push(values[1]);
-                trace.now.push(values[2]);
+            trace.truth.push(column, (t, truth.tau));
+            for (curve, estimate) in trace.estimates.iter_mut().zip(estimates) {
+                curve.push(column, (t, usable(estimate).unwrap_or(f64::NAN)));
             }
         }
     }
@@ -153,13 +154,16 @@ impl Report {
         self.frames_undecoded_by_robot = robot.unknown_frames();
     }
 
-    /// Draws the torques into a file.
+    /// Draws the torques of some joints, by their places in config order, into a file.
     ///
     /// # Errors
-    /// A sentence that names the file, if it cannot be written.
-    pub(super) fn draw(&self, path: &Path) -> Result<(), String> {
+    /// A file that cannot be written.
+    pub(super) fn draw(&self, path: &Path, joints: &[usize]) -> Result<(), Problem> {
         let title = format!("torqued demo, {}: joint torque", self.summary.robot);
-        plot::draw(path, &title, &self.collected.traces)
+        let traces: Vec<&Trace> = (joints.iter())
+            .map(|&j| &self.collected.traces[j])
+            .collect();
+        plot::draw(path, &title, &traces)
     }
 }
 
@@ -173,8 +177,8 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "{}: joint torque, N·m; errors against the simulated robot's true torque, after removing\n\
-             the known delay of {:.1} ms (encoders + current) and {:.1} ms (F/T + IMU), and none from that\n\
-             now (all of them); % of the largest torque\n",
+             the known delay of {:.1} ms (encoders + current) and {:.1} ms (F/T + IMU); the delay-compensated\n\
+             torque has none; % of the largest torque\n",
             self.summary.robot,
             1e3 * self.delays_s[0],
             1e3 * self.delays_s[1]
@@ -182,7 +186,7 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "{:22} {:>8}   {:>24}   {:>24}   {:>24}",
-            "", "true", "encoders + current", "F/T + IMU", "now"
+            "", "true", "encoders + current", "F/T + IMU", "delay-compensated"
         )?;
         writeln!(
             f,
