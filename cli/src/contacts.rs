@@ -5,9 +5,9 @@ use serde_json::json;
 use std::process::ExitCode;
 use torqued_client::{Client, Error};
 
-/// Leaves the choice to the rule.
+/// The name that leaves the choice to the rule.
 const AUTOMATIC: &str = "automatic";
-/// Records that may pass until a choice is told; the daemon has it already.
+/// Records until one reports the choice, at most; the daemon has it already.
 const LOOKS: usize = 300;
 
 const HELP: &str = "\
@@ -57,7 +57,8 @@ fn contacts(arguments: &ContactsArguments) -> Result<String, Failure> {
     Ok(show(&mut client, arguments)?)
 }
 
-/// The sets, and which holds: after a choice, as soon as the records tell it.
+/// The list of sets, with a mark at the present one. After a choice it waits for a record that
+/// reports the choice.
 fn show(client: &mut Client, arguments: &ContactsArguments) -> Result<String, Error> {
     let (mut holds, mut automatic) = (0, false);
     let names: Vec<String> = contact_names(client)
@@ -87,9 +88,9 @@ fn show(client: &mut Client, arguments: &ContactsArguments) -> Result<String, Er
     }
     let mark = |name: &String| if Some(name) == chosen { "*" } else { " " };
     let lines = names.iter().map(|name| format!("{} {name}\n", mark(name)));
-    let who = match automatic {
+    let chosen_by = match automatic {
         true => "chosen by the automatic rule\n",
         false => "chosen by a client or the configuration\n",
     };
-    Ok(lines.collect::<String>() + who)
+    Ok(lines.collect::<String>() + chosen_by)
 }

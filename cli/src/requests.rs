@@ -10,10 +10,10 @@ use std::time::Duration;
 use torqued_client::robot_state::Answer;
 use torqued_client::{Client, Error, Location};
 
-/// How long a daemon, or a record, is waited for.
+/// Longest wait for a daemon or a record.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Why a command ends early.
+/// Failure of a command.
 pub(crate) enum Failure {
     /// The daemon could not be reached, or has refused.
     Daemon(Error),
@@ -27,7 +27,7 @@ impl From<Error> for Failure {
     }
 }
 
-/// Prints what a command has to say, or why it ends early.
+/// Prints a command's result or failure.
 pub(crate) fn end(result: Result<String, Failure>) -> ExitCode {
     let (why, code): (&dyn Display, u8) = match &result {
         Ok(text) => return finish(text),
@@ -48,7 +48,7 @@ pub(crate) fn connect(robot: Option<&String>) -> Result<Client, Error> {
     Client::connect_at(&location, &robot, PATIENCE)
 }
 
-/// The robot's sets of contacts.
+/// Names of the robot's contact sets.
 pub(crate) fn contact_names(client: &Client) -> Vec<&str> {
     let description = client.description();
     let names = description
@@ -58,14 +58,14 @@ pub(crate) fn contact_names(client: &Client) -> Vec<&str> {
     names.take(description.contact_set_count as usize).collect()
 }
 
-/// That the robot has the set of contacts.
+/// Checks that the robot has the contact set.
 pub(crate) fn check_contacts(client: &Client, name: &str, more: &str) -> Result<(), Failure> {
     let names = contact_names(client);
     if names.contains(&name) {
         return Ok(());
     }
     Err(Failure::Argument(format!(
-        "robot {:?} has no set of contacts {name:?}; allowed: {}{more}",
+        "robot {:?} has no contact set {name:?}; allowed: {}{more}",
         client.robot(),
         names.join(", ")
     )))

@@ -6,13 +6,14 @@ mod words;
 
 use crate::NO_DAEMON;
 use crate::requests::{PATIENCE, connect};
+use problem::{Allowed, Problem};
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 use torqued_client::{Client, Error, Record};
 
-/// Clears the terminal and goes to its upper left corner.
+/// Clears the terminal and moves the cursor to its upper left corner.
 const CLEAR: &str = "\x1b[2J\x1b[H";
 
 const EXAMPLES: &str = "\
@@ -51,7 +52,7 @@ pub(crate) struct WatchArguments {
 pub(crate) fn run(arguments: &WatchArguments) -> ExitCode {
     match watch(arguments) {
         Ok(()) => ExitCode::SUCCESS,
-        // Whoever read the output has had enough, e.g. `head`.
+        // The reader of the output closed the pipe, as `head` does.
         Err(Failure::Output(e)) if e.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(Failure::Output(e)) => {
             eprintln!("cannot print: {e}");
@@ -119,12 +120,8 @@ fn newest(client: &mut Client) -> Result<Record, Error> {
     }
 }
 
-fn rate(text: &str) -> Result<f64, String> {
-    let allowed = || "allowed: a number of Hz from 0.1 to 1000".to_owned();
-    let rate: f64 = text.parse().map_err(|_| allowed())?;
-    if (0.1..=1000.0).contains(&rate) {
-        Ok(rate)
-    } else {
-        Err(allowed())
-    }
+fn rate(text: &str) -> Result<f64, Problem> {
+    const ALLOWED: Allowed = Allowed::Within(0.1, 1000.0);
+    let rate = text.parse().ok().filter(|rate| ALLOWED.admits(*rate));
+    rate.ok_or_else(|| Problem::new("not a rate in Hz", ALLOWED.to_string()))
 }

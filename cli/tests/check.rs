@@ -23,7 +23,7 @@ impl Leg {
         Self(folder)
     }
 
-    /// Replaces the first occurrence of a text, and tells its line.
+    /// Replaces the first occurrence of a text; the result is its line.
     fn change(&self, file: &str, from: &str, to: &str) -> usize {
         let path = self.0.join(file);
         let text = fs::read_to_string(&path).unwrap();

@@ -70,7 +70,7 @@ fn fit_all_then_estimate() {
         log(5.0, |t| q(t + 9.0), |t| 8.0 * (3.0 * t).sin()),
     )
     .unwrap();
-    let said = succeeds(
+    let report = succeeds(
         &folder,
         "fit all --joint joint.toml --no-load turn.csv --training train.csv -o fitted.toml",
     );
@@ -81,7 +81,7 @@ fn fit_all_then_estimate() {
         "network",
         "written: fitted.toml",
     ] {
-        assert!(said.contains(step), "{said}");
+        assert!(report.contains(step), "{report}");
     }
     let json = succeeds(
         &folder,
@@ -104,11 +104,11 @@ fn fit_all_then_estimate() {
     );
 
     // One step alone, on what is there; the fusion that depends on it is made anew.
-    let said = succeeds(
+    let report = succeeds(
         &folder,
         "fit compliance --joint fitted.toml --log train.csv -o again.toml",
     );
-    assert!(said.contains("compliance: K_fs0"), "{said}");
+    assert!(report.contains("compliance: K_fs0"), "{report}");
     let table = succeeds(&folder, "estimate --joint again.toml --log run.csv");
     assert!(
         table.contains("correlation") && table.contains("fused"),

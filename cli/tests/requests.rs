@@ -69,7 +69,7 @@ fn wrench(first: f64) -> Wrench {
     }
 }
 
-/// What torqued would say; the right sensor's fz is not told by the pose.
+/// The answer of torqued; the right sensor's fz cannot be determined in the pose.
 fn reply(asked: &Request, record: &mut SharedRecord) -> Answer {
     let mut answer = Answer {
         status: answer_status::DONE,
@@ -183,15 +183,18 @@ fn refusals_and_wrong_arguments_have_their_exit_codes() {
     for wrong in ["tare --contacts moon", "contacts moon"] {
         let output = beside_daemon(&dir, wrong);
         assert_eq!(output.status.code(), Some(2), "{wrong}");
-        let said = text(&output.stderr);
-        assert!(said.contains("allowed: standing, in_the_air"), "{said}");
+        let message = text(&output.stderr);
+        assert!(
+            message.contains("allowed: standing, in_the_air"),
+            "{message}"
+        );
     }
     for wrong in ["tare", "tare --show --forget", "tare --contacts"] {
         assert_eq!(dir.run(wrong).status.code(), Some(2), "{wrong}");
     }
-    for nobody in ["tare --show --robot leg", "contacts"] {
-        let output = dir.run(nobody);
-        assert_eq!(output.status.code(), Some(1), "{nobody}");
+    for command in ["tare --show --robot leg", "contacts"] {
+        let output = dir.run(command);
+        assert_eq!(output.status.code(), Some(1), "{command}");
         assert!(text(&output.stderr).contains("torqued run"), "{output:?}");
     }
 }

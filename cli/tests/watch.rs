@@ -193,7 +193,7 @@ fn continuous_json_ends_quietly_when_its_reader_has_enough() {
 }
 
 #[test]
-fn without_a_daemon_it_says_what_to_do() {
+fn without_a_daemon_it_reports_the_remedy() {
     let dir = RunDir::new("none");
     for (arguments, service) in [
         ("--once", "torqued/<robot>/state"),
@@ -201,9 +201,9 @@ fn without_a_daemon_it_says_what_to_do() {
     ] {
         let output = dir.watch(arguments).output().expect("torquectl starts");
         assert_eq!(output.status.code(), Some(1));
-        let said = text(&output.stderr);
+        let message = text(&output.stderr);
         for part in [service, "torqued run", dir.0.path().to_str().expect("text")] {
-            assert!(said.contains(part), "{part} is missing in: {said}");
+            assert!(message.contains(part), "{part} is missing in: {message}");
         }
         assert!(output.stdout.is_empty());
     }
@@ -225,8 +225,8 @@ fn a_daemon_that_goes_away_is_noticed() {
     }
     drop(ports);
     assert_eq!(watch.wait().expect("ends").code(), Some(1));
-    let said = std::io::read_to_string(watch.stderr.take().expect("piped")).expect("text");
-    assert!(said.contains("torqued has stopped"), "{said}");
+    let message = std::io::read_to_string(watch.stderr.take().expect("piped")).expect("text");
+    assert!(message.contains("torqued has stopped"), "{message}");
 }
 
 #[test]

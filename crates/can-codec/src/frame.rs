@@ -23,7 +23,7 @@ pub struct Frame {
     pub len: u8,
     /// Identifier; bit 31 marks an extended (29-bit) one.
     pub id: u32,
-    /// When the frame was received, ns on the clock of the cycle's stamps.
+    /// Time of reception, ns on the clock of the cycle's stamps.
     pub stamp_ns: u64,
     /// The frame's bytes; those from `len` on are zero.
     pub data: [u8; MAX_DATA],
@@ -98,7 +98,7 @@ impl Frames {
         self.frames.iter()
     }
 
-    /// How many frames there are.
+    /// Number of frames.
     #[must_use]
     pub fn len(&self) -> usize {
         self.frames.len()

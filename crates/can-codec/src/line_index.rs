@@ -46,7 +46,7 @@ pub(crate) fn message_lines(text: &str) -> Vec<MessageLines> {
     messages
 }
 
-/// Whether an odd number of quotation marks, not counting escaped ones, stands in the line.
+/// True if the line has an odd number of quotation marks that are not escaped.
 fn ends_inside_quotes(line: &str, quoted: bool) -> bool {
     let mut inside = quoted;
     let mut escaped = false;

@@ -62,7 +62,7 @@ impl SignalMap {
     }
 }
 
-/// Why a frame was not decoded.
+/// Reason why a frame was not decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecodeError {
     /// No message of the bus has that identifier.
@@ -181,7 +181,7 @@ impl Table {
         compiler.finish(signals)
     }
 
-    /// How many messages carry a mapped signal.
+    /// Number of messages that carry a mapped signal.
     #[must_use]
     pub fn message_count(&self) -> usize {
         self.mapped

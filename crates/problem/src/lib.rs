@@ -18,9 +18,9 @@ pub struct Problem {
     pub file: String,
     /// Line in the file, from 1; 0 if the problem has no place.
     pub line: usize,
-    /// What is wrong.
+    /// The fault of the input.
     pub reason: String,
-    /// What is allowed instead; empty where `reason` implies it.
+    /// The allowed alternatives; empty where `reason` implies them.
     pub allowed: String,
 }
 

@@ -1,4 +1,4 @@
-//! Which numbers an input may have.
+//! Ranges of numbers that an input may have.
 
 use core::fmt;
 
@@ -18,7 +18,7 @@ pub enum Allowed {
 }
 
 impl Allowed {
-    /// Whether the number is allowed.
+    /// True if the number is allowed.
     #[must_use]
     pub fn admits(self, x: f64) -> bool {
         x.is_finite()

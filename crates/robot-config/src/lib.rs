@@ -49,8 +49,8 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Whether a cycle waits for each message of the receive table after SYNC: it does if the
-    /// message carries a signal that is sampled at SYNC.
+    /// For each message of the receive table: true if a cycle waits for it after SYNC, because it
+    /// carries a signal that is sampled at SYNC.
     #[must_use]
     pub fn answers(&self) -> Vec<bool> {
         let p = &self.parameters;

@@ -17,7 +17,7 @@ pub struct Parameters {
     pub name: String,
     /// Path of the URDF, resolved against the configuration's folder.
     pub urdf_path: String,
-    /// How the root link is attached to the world.
+    /// Attachment of the root link to the world.
     pub base: Base,
     /// The loop's timing.
     pub timing: Timing,
@@ -33,7 +33,7 @@ pub struct Parameters {
     pub tare: TareParameters,
     /// Cross-check of the torque sources; none: they are not compared.
     pub cross_check: Option<CrossCheckSettings>,
-    /// Which torque estimate is fed back.
+    /// Torque estimate that is fed back.
     pub torque_feedback: TorqueFeedback,
     /// K_f: gain on the contact force error (D12), 1.
     pub k_f: f64,
@@ -72,13 +72,13 @@ pub struct SignalFilters {
 pub struct Timing {
     /// T: time between cycles, s.
     pub sample_period: f64,
-    /// How long the cycle waits for answers after SYNC, s.
+    /// Longest wait for answers after SYNC, s.
     pub gather_deadline: f64,
     /// A joint without a new sample for longer is a fault, s.
     pub stale_after: f64,
     /// A client without a new reference for longer loses control, s.
     pub reference_timeout: f64,
-    /// Whether to start without real-time scheduling.
+    /// Start without real-time scheduling, or not.
     pub real_time: RealTime,
     /// SCHED_FIFO priority of the loop, 1 to 99.
     pub priority: u8,
@@ -86,7 +86,7 @@ pub struct Timing {
     pub cpu: Option<usize>,
 }
 
-/// Whether to start without real-time scheduling.
+/// Start without real-time scheduling, or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RealTime {
     /// Start anyway, and report what is missing.
@@ -119,7 +119,7 @@ pub enum AngularAcceleration {
     Neglect,
 }
 
-/// Which torque estimate is fed back.
+/// Torque estimate that is fed back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TorqueFeedback {
     /// From F/T sensors and IMU (D 2).
@@ -139,9 +139,9 @@ pub struct JointParameters {
     pub bus: usize,
     /// Name of its kind of drive.
     pub drive: String,
-    /// Whether a velocity comes over the bus.
+    /// True if the drive sends a velocity.
     pub has_velocity: bool,
-    /// Whether a status word comes over the bus.
+    /// True if the drive sends a status word.
     pub has_status: bool,
     /// J: inertia of the rotor, motor side, kg·m².
     pub rotor_inertia: f64,
@@ -218,7 +218,7 @@ pub struct ExternalTorqueSettings {
     /// External torque from which on the joint's contact flag is set, as a share of the torque limit,
     /// 1.
     pub threshold_share: f64,
-    /// How long it must last, s.
+    /// Time for which it must exceed the threshold, s.
     pub hold: f64,
 }
 
@@ -235,7 +235,7 @@ pub struct CrossCheckSettings {
     pub residual_ratio: f64,
     /// Time over which differences are averaged, s.
     pub average: f64,
-    /// How long a disagreement must last, s.
+    /// Shortest disagreement that counts, s.
     pub hold: f64,
 }
 
@@ -267,7 +267,7 @@ pub struct FtParameters {
     /// From the raw signals to the wrench that the part beyond applies to the part before; includes
     /// the sign.
     pub conditioning: FtConditioning,
-    /// Whether a temperature comes over the bus.
+    /// True if the sensor sends a temperature.
     pub has_temperature: bool,
 }
 

@@ -90,7 +90,7 @@ pub const fn status(joint: usize) -> usize {
     motor_angle(joint) + 4
 }
 
-/// How many values the receive table fills at most.
+/// Number of values that the receive table fills at most.
 #[must_use]
 pub fn receive_len(parameters: &Parameters) -> usize {
     motor_angle(parameters.joints.len())
@@ -102,7 +102,7 @@ pub const fn command(joint: usize) -> usize {
     joint
 }
 
-/// How many values the send table takes.
+/// Number of values that the send table takes.
 #[must_use]
 pub fn send_len(parameters: &Parameters) -> usize {
     parameters.joints.len()

@@ -129,7 +129,7 @@ fn note(root: &Section<'_, '_>, model: &Model, error: &WholeBodyError) {
     }
 }
 
-/// The set of contacts of that name.
+/// The table of the contact set of that name.
 fn contact_set<'n, 't>(root: &Section<'n, 't>, name: &str) -> Option<Section<'n, 't>> {
     let mut sets = root.list("contacts").into_iter();
     let mut section = sets.find(|section| section.is("name", name))?;

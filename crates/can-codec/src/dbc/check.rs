@@ -136,7 +136,7 @@ impl Check<'_> {
         lines: Option<&MessageLines>,
     ) -> Vec<Signal> {
         let mut signals = Vec::<Signal>::new();
-        // Which signals cover each bit of the frame so far.
+        // Signals that cover each bit of the frame so far.
         let mut owners = vec![Vec::<&can_dbc::Signal>::new(); 8 * len];
         for (i, signal) in message.signals.iter().enumerate() {
             let line = lines.map_or(0, |lines| lines.signal_line(i, &signal.name));
@@ -189,7 +189,7 @@ impl Check<'_> {
         Some(coding)
     }
 
-    /// Whether the signal's bits lie inside the frame.
+    /// True if the signal's bits lie inside the frame.
     fn place(&mut self, signal: &can_dbc::Signal, len: usize, path: &str, line: usize) -> bool {
         if !(1..=64).contains(&signal.size) {
             let reason = format!("signal {path} has {} bits", signal.size);

@@ -39,7 +39,7 @@ impl Reader<'_, '_, '_> {
             .then_some(file)
     }
 
-    /// Whether the joint file is of a joint like this one; notes each difference.
+    /// True if the joint file is for a joint like this one; notes each difference.
     fn matches(
         &self,
         file: &JointFile,

@@ -15,7 +15,7 @@ pub(crate) struct Section<'n, 't> {
     place: usize,
     /// The table's path in the schema: `joint.gains`.
     path: String,
-    /// Which of several such tables: ` (hip_yaw)`.
+    /// Name among several such tables, as in ` (hip_yaw)`.
     pub(crate) which: String,
     known: RefCell<BTreeSet<&'static str>>,
 }
