@@ -1,4 +1,4 @@
-// Reads what models.py wrote.
+// Reads the models that models.py wrote.
 #pragma once
 #include <fstream>
 #include <pinocchio/multibody.hpp>

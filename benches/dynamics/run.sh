@@ -19,7 +19,7 @@ if ! cmp -s "$here/requirements.txt" venv/requirements.txt; then
     step "Pinocchio, CppAD and CppADCodeGen"
     python3 -m venv --clear venv
     venv/bin/pip install --disable-pip-version-check -q -r "$here/requirements.txt"
-    cp "$here/requirements.txt" venv/ # last: says that all of it is there
+    cp "$here/requirements.txt" venv/ # last: marks that all of it is there
 fi
 prefix=$(venv/bin/python -c 'import pinocchio; from pathlib import Path; print(Path(pinocchio.__file__).resolve().parents[4])')
 robots=$prefix/share/example-robot-data/robots

@@ -58,7 +58,7 @@ Prints {"joints":[], "cases":[{"tau":[], "sigma":[], "contacts":[{..., "wrench":
 Example:
   torquectl whole-body --urdf robot.urdf --sensors sensors.toml cases.json | jq '.cases[0].tau'
 
-Exit codes: 0 done; 2 bad input, or contacts from which the wrenches do not follow.
+Exit codes: 0 done; 2 bad input, or contacts whose wrenches cannot be determined.
 docs/whole-body-files.md describes the formats."#;
 
 pub(crate) fn run(arguments: &WholeBodyArguments) -> ExitCode {

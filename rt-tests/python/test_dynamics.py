@@ -61,7 +61,7 @@ def test_mass_matrix(robot):
 
 @pytest.mark.parametrize("key", ["ddq_of_tau", "ddq_of_M"])
 def test_forward_dynamics(robot, key):
-    """Accelerations agree, and what is left of the torques is rounding."""
+    """Accelerations agree, and the remaining difference of the torques is rounding."""
     for s in robot.states:
         model, data, state = robot.model, robot.data, (s["q"], s["v"])
         tau = pin.rnea(model, data, *state, s["a"], s["f_ext"])

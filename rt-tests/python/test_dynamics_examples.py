@@ -6,7 +6,7 @@ import pytest
 from pinocchio_robot import EXAMPLES, torquectl
 
 URDFS = sorted(EXAMPLES.rglob("*.urdf"))
-# What is physically unusable: the line and what the message says.
+# Physically unusable URDFs: line and part of the message.
 REFUSED = {
     "romeo_description/urdf/romeo_laas_small.urdf": (331, "principal moments of inertia"),
     "ur_description/urdf/ur3.urdf": (6, "the robot has no <link>"),

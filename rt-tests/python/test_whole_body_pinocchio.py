@@ -1,6 +1,6 @@
 """`torquectl whole-body` against Pinocchio's full dynamics, on our humanoid: four F/T sensors, IMU in
 the torso, unknown wrench on the chest. Pinocchio never hears of sensors: it is given base motion and
-contact wrenches; what the sensors would read is cut out of its joint wrenches.
+contact wrenches; the sensors' readings are taken from its joint wrenches.
 """
 
 import json
@@ -27,7 +27,7 @@ CONTACTS = [
 
 
 class Humanoid:
-    """The model with the sensors' fixed joints made movable, so that Pinocchio tells their wrenches."""
+    """The model with the sensors' fixed joints made movable, so that Pinocchio computes their wrenches."""
 
     def __init__(self):
         text = URDF.read_text()
@@ -68,7 +68,7 @@ class Humanoid:
             for key, x in (("q", q[joint.idx_q]), ("dq", v[joint.idx_v]), ("ddq", a[joint.idx_v])):
                 motion[key].append(x)
         wrenches = [self.wrench(rng, c) for c in CONTACTS]
-        # What the root still lacks acts on the chest.
+        # The wrench that the root still lacks acts on the chest.
         forces = self.forces(wrenches[:-1])
         tau = pin.rnea(model, data, q, v, a, forces)
         pin.forwardKinematics(model, data, q, v, a)
@@ -140,7 +140,7 @@ def test_torques_and_contacts(tmp_path):
             assert np.abs(part["residual"]).max() < 1e-9, part["beyond"]
 
 
-def test_a_push_that_no_contact_explains_is_told(tmp_path):
+def test_a_push_that_no_contact_explains_is_a_residual(tmp_path):
     """Neither the torques of the other parts nor anything but that part's residual changes."""
     humanoid, rng = Humanoid(), np.random.default_rng(2)
     case, tau, _ = humanoid.random_case(rng)

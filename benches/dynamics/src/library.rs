@@ -7,7 +7,7 @@ use std::path::Path;
 type Function = unsafe extern "C" fn(*mut c_void, *const f64, *const f64, *const f64) -> *const f64;
 type New = unsafe extern "C" fn(*const libc::c_char) -> *mut c_void;
 
-/// What `library.cpp` offers.
+/// The functions of `library.cpp`.
 #[derive(Clone, Copy)]
 pub(crate) enum Algorithm {
     Rnea,
@@ -106,7 +106,7 @@ type GeneratedFunction = unsafe extern "C" fn(*const *const f64, *const *mut f64
 pub(crate) struct Generated(GeneratedFunction);
 
 impl Generated {
-    /// Loads what clang made of the generated C.
+    /// Loads the library that clang made of the generated C.
     pub(crate) fn new(library: &Path) -> Result<Self, String> {
         let found = symbol(open(library)?, "rnea_forward_zero")?;
         // SAFETY: the type that CppADCodeGen gives this function.

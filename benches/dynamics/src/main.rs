@@ -1,5 +1,5 @@
 //! Times our dynamics beside Pinocchio's library and its generated code, in one process, batches
-//! taking turns: usage `dynamics-bench FOLDER NAME=URDF...`, where FOLDER holds what run.sh built.
+//! taking turns: usage `dynamics-bench FOLDER NAME=URDF...`, where FOLDER holds the libraries built by run.sh.
 
 mod library;
 
@@ -80,7 +80,7 @@ fn states(model: &Model, data: &mut Data) -> Vec<State> {
     (0..STATES).map(|_| state()).collect()
 }
 
-/// What is timed.
+/// The timed algorithms.
 struct Candidate<'a> {
     name: &'static str,
     run: Box<dyn FnMut(&State) + 'a>,
@@ -156,7 +156,7 @@ impl State {
     }
 }
 
-/// Ours against theirs, so that what is timed is what is right.
+/// Ours against theirs: only right results are timed.
 fn compare(
     model: &Model,
     data: &mut Data,
@@ -207,7 +207,7 @@ fn same(what: &str, ours: &[f64], theirs: &[f64]) -> Result<(), String> {
     Err(format!("{what}: our result differs from Pinocchio's"))
 }
 
-/// Every candidate runs all states, then again, so that what slows this machine slows all of them.
+/// Every candidate runs all states, then again, so that load on this machine slows all of them.
 fn take_turns(candidates: &mut [Candidate], states: &[State]) {
     for _ in 0..ROUNDS {
         for candidate in &mut *candidates {

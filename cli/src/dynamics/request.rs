@@ -51,7 +51,7 @@ pub(super) struct Case {
 pub(super) struct BaseState {
     /// Position in the world, m.
     pub(super) p: [f64; 3],
-    /// Orientation in the world; of length 1, but for the rounding of what is printed.
+    /// Orientation in the world; of length 1, but for rounding in print.
     pub(super) quat_xyzw: [f64; 4],
     /// Velocity, linear then angular, in base axes.
     #[serde(default)]

@@ -6,16 +6,16 @@ use nalgebra::{Matrix3, Vector3};
 /// How a joint moves its body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
-    /// Turns about the axis, within limits.
+    /// Rotates about the axis, within limits.
     Revolute,
-    /// Turns about the axis without limits. Its configuration is one angle, rad.
+    /// Rotates about the axis without limits. Its configuration is one angle, rad.
     Continuous,
-    /// Slides along the axis.
+    /// Translates along the axis.
     Prismatic,
 }
 
 impl JointKind {
-    /// True for joints that turn.
+    /// True for revolute joints, continuous ones included.
     pub fn is_revolute(self) -> bool {
         !matches!(self, JointKind::Prismatic)
     }

@@ -60,18 +60,11 @@ impl Data {
     pub fn placements(&self) -> &[Se3] {
         &self.in_world
     }
-    /// Placement of each body in its parent body, after forward kinematics.
-    pub fn placements_in_parent(&self) -> &[Se3] {
-        &self.in_parent
-    }
     /// Twist of each body, in its frame.
     pub fn velocities(&self) -> &[Motion] {
         &self.velocity
     }
-    /// Spatial acceleration of each body, in its frame.
-    ///
-    /// After `forward_kinematics_acceleration` that of the body; after `propagate` proper if the
-    /// base's was.
+    /// Spatial acceleration of each body, in its frame, after `forward_kinematics_acceleration`.
     pub fn accelerations(&self) -> &[Motion] {
         &self.acceleration
     }

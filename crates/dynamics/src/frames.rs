@@ -69,7 +69,7 @@ pub fn frame_acceleration(
 }
 
 /// Classical acceleration of a frame: its linear part is that of the point at the origin, which
-/// an accelerometer there feels.
+/// an accelerometer there measures, less gravity.
 pub fn frame_classical_acceleration(
     model: &Model,
     data: &Data,

@@ -100,8 +100,6 @@ pub fn forward_kinematics_acceleration(
 
 /// Placements, twists and accelerations of all bodies from the root's motion and the joints'
 /// (`joint_count` components each), whatever the model's base.
-///
-/// With the proper acceleration of an IMU the result needs neither the base's pose nor gravity.
 pub(crate) fn propagate(
     model: &Model,
     data: &mut Data,

@@ -4,7 +4,7 @@
 //! An immutable [`Model`], a preallocated [`Data`], and free functions `algorithm(&model, &mut
 //! data, ...)`, one file each. Conventions are Pinocchio's: `q = [p (3), quaternion xyzw (4),
 //! joints]`, `v = [linear, angular in base axes, joints]`, six-vectors linear first, bodies' twists
-//! in their own frames; see [`Model`] for what differs.
+//! in their own frames; see [`Model`] for the differences.
 //!
 //! Vectors that are too short are read as if zeros followed (and are an error in debug builds):
 //! nothing in the loop panics.

@@ -51,7 +51,7 @@ pub struct Joint {
     pub friction: f64,
 }
 
-/// A link of the URDF, or a frame added to one.
+/// A link of the URDF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
     /// Name of the link.
@@ -165,11 +165,11 @@ impl Model {
             _ => self.bodies.get(body).map(|b| b.parent),
         }
     }
-    /// Links of the URDF and added frames.
+    /// Links of the URDF.
     pub fn frames(&self) -> &[Frame] {
         &self.frames
     }
-    /// Index of a link or an added frame.
+    /// Index of a link.
     pub fn frame_index(&self, name: &str) -> Option<usize> {
         self.frames.iter().position(|f| f.name == name)
     }
@@ -203,7 +203,7 @@ impl Model {
     pub fn has_mimic(&self) -> bool {
         self.bodies.len() != self.joints.len() + 1
     }
-    /// Fills in what follows from bodies and joints.
+    /// Derives schedule and parents of components from bodies and joints.
     pub(crate) fn finish(&mut self) {
         let base = self.base_size().0;
         self.schedule = LaneSchedule::new(Skeleton {

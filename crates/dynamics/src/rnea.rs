@@ -19,7 +19,7 @@ use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos
 /// `tau = M(q) a + nle(q, v) - sum J^T f` (nv).
 ///
 /// `f_ext`: wrenches that the environment applies to each body, in the body's frame, one per body
-/// (body 0 included). Does not touch what the forward kinematics computed.
+/// (body 0 included). Leaves the results of forward kinematics as they are.
 pub fn rnea<'d>(
     model: &Model,
     data: &'d mut Data,

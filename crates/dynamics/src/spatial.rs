@@ -1,7 +1,7 @@
 //! Spatial vectors, rigid placements and inertias.
 //!
 //! Six-vectors hold the linear part first, as Pinocchio does. A motion or force is expressed in
-//! the axes of some frame, at that frame's origin; which one is said where it is used.
+//! the axes of some frame, at that frame's origin; the user of each names it.
 
 use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
 

@@ -142,13 +142,13 @@ proptest! {
             forward_kinematics_velocity(&model, &mut data, &q, &end);
             (frame_placement(&model, &data, frame), frame_velocity(&model, &data, frame, reference))
         };
-        // Bodies that turn fast need a small step; velocities are too inexact for one.
+        // Bodies that rotate fast need a small step; velocities are too inexact for one.
         let small = 1e-6;
         let (before, after) = (moved(-small).0, moved(small).0);
         let rate = (after.translation - before.translation) / (2.0 * small);
         let turned = after.rotation * before.rotation.transpose();
         let skew = (turned - turned.transpose()) / (4.0 * small);
-        let turning = Vector3::new(skew[(2, 1)], skew[(0, 2)], skew[(1, 0)]);
+        let angular_rate = Vector3::new(skew[(2, 1)], skew[(0, 2)], skew[(1, 0)]);
         let (before, after) = (moved(-h), moved(h));
         let linear = (after.1.linear - before.1.linear) / (2.0 * h);
         let angular = (after.1.angular - before.1.angular) / (2.0 * h);
@@ -156,7 +156,7 @@ proptest! {
         let twist = frame_velocity(&model, &data, frame, reference);
         let acceleration = frame_classical_acceleration(&model, &data, frame, reference);
         prop_assert!(error(rate.as_slice(), twist.linear.as_slice()) < 1e-6);
-        prop_assert!(error(turning.as_slice(), twist.angular.as_slice()) < 1e-6);
+        prop_assert!(error(angular_rate.as_slice(), twist.angular.as_slice()) < 1e-6);
         prop_assert!(error(linear.as_slice(), acceleration.linear.as_slice()) < 1e-5);
         prop_assert!(error(angular.as_slice(), acceleration.angular.as_slice()) < 1e-5);
     }

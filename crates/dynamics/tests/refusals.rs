@@ -1,4 +1,4 @@
-//! What is wrong with a URDF is said with its line, and what is allowed.
+//! Problems of a URDF are reported with line, reason and allowed values.
 
 use dynamics::{Base, Model};
 use problem::Problem;
@@ -29,7 +29,7 @@ fn the_sound_robot_is_read() {
     assert_eq!((model.nv(), model.frames().len()), (1, 2));
 }
 
-/// Line to replace, its replacement, what the message must begin with (file and line) and contain.
+/// Line to replace, its replacement, beginning (file and line) and part of the message.
 const BAD: &[(usize, &str, &str, &str)] = &[
     (1, "<robt>", "r.urdf:12:", "not XML"),
     (

@@ -60,14 +60,14 @@ fn figures(seed: u64) -> (Vec<String>, Vec<[f64; FIGURES]>) {
             .collect();
         [
             scale,
-            per_cent(error(&paper.late[j], &paper.truth[j], PAPER.delay())),
-            per_cent(error(&matched.late[j], &matched.truth[j], wide.delay())),
-            per_cent(error(&ours.late[j], truth, OURS.delay())),
-            per_cent(error(&ours.late[j], truth, 0.0)),
+            per_cent(error(&paper.delayed[j], &paper.truth[j], PAPER.delay())),
+            per_cent(error(&matched.delayed[j], &matched.truth[j], wide.delay())),
+            per_cent(error(&ours.delayed[j], truth, OURS.delay())),
+            per_cent(error(&ours.delayed[j], truth, 0.0)),
             per_cent(error(&ours.fast[j], truth, 0.0)),
             per_cent(error(&ours.now[j], truth, 0.0)),
             1e3 * PERIOD * lag(&ours.now[j], truth),
-            deviation(&rest.now[j]) / deviation(&paper_rest.late[j]),
+            deviation(&rest.now[j]) / deviation(&paper_rest.delayed[j]),
             rms(&normed),
             per_cent(error(&ours.current[j], truth, 0.0)),
             1e3 * PERIOD * lag(&ours.current[j], truth),
@@ -154,7 +154,7 @@ fn after_tare(seed: u64, pose: Option<fn(&str) -> f64>) -> f64 {
     station.run(3.0);
     let t = station.record(5.0);
     let errors: Vec<f64> = (0..12)
-        .map(|j| error(&t.late[j], &t.truth[j], OURS.delay()))
+        .map(|j| error(&t.delayed[j], &t.truth[j], OURS.delay()))
         .collect();
     rms(&errors)
 }

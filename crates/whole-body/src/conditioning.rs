@@ -1,4 +1,4 @@
-//! From what an F/T sensor's electronics say to a wrench: calibration, tare, temperature.
+//! From an F/T sensor's raw reading to a wrench: calibration, tare, temperature.
 
 use robot_state::Wrench;
 
@@ -7,16 +7,16 @@ use robot_state::Wrench;
 pub struct FtConditioning {
     /// C: calibration matrix, by rows, force first (6×6).
     pub calibration: [[f64; 6]; 6],
-    /// Reading without load at T0, N and N·m, after calibration (6): what a tare finds.
+    /// Reading without load at T0, N and N·m, after calibration (6); a tare determines it.
     pub offset: [f64; 6],
-    /// k_T: what to add for each degree above T0, N/K and N·m/K (6).
+    /// k_T: correction for each degree above T0, N/K and N·m/K (6).
     pub temperature_gain: [f64; 6],
     /// T0: temperature at which `offset` holds, °C.
     pub reference_temperature: f64,
 }
 
 impl Default for FtConditioning {
-    /// A sensor that tells wrenches already.
+    /// For a sensor whose readings are wrenches.
     fn default() -> Self {
         Self {
             calibration: std::array::from_fn(|i| {

@@ -1,4 +1,4 @@
-//! Sets of contacts: resolved, checked, and their equations.
+//! Contact sets: resolved, checked, and their equations.
 
 use crate::error::{ContactProblem, WholeBodyError};
 use crate::layout::Layout;
@@ -71,11 +71,11 @@ impl Contact {
     }
 }
 
-/// A set of contacts, by parts.
+/// A contact set, by parts.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactSet {
     pub(crate) contacts: Vec<Contact>,
-    /// Per part: its contacts, as a range of `contacts`, and how many unknowns they have.
+    /// Per part: its contacts, as a range of `contacts`, and their number of unknowns.
     pub(crate) parts: Vec<(std::ops::Range<usize>, usize)>,
 }
 
@@ -214,7 +214,7 @@ impl Check<'_> {
         })
     }
 
-    /// How many unknowns a part has, if that many are allowed.
+    /// Number of unknowns of a part, if it is allowed.
     fn count(
         &self,
         part: usize,

@@ -1,5 +1,5 @@
-//! Three independent torques of every joint watch each other: from encoders, from F/T sensors, from
-//! the motor's current. A lasting disagreement is told with its likely cause.
+//! Cross-check of three independent torques of every joint: from encoders, from F/T sensors, from
+//! motor current. A lasting disagreement is reported with its likely cause.
 //!
 //! All three are brought to one instant by a filter of the F/T sensors' delay, and averaged. Then
 //!
@@ -8,7 +8,7 @@
 //! - the F/T sensors' differs on several joints that carry one sensor, those nearest to it among
 //!   them: the sensor has drifted;
 //! - it differs on joints farther in, but not on those nearest to the sensor: something touches the
-//!   limb between; or a part's residual is beyond what its sensors explain while the joints nearest
+//!   limb between; or a part's residual exceeds its standard deviation while the joints nearest
 //!   to it agree: something touches a part that was declared untouched;
 //! - under load the current's torque is another multiple of the F/T sensors', which the encoders
 //!   about confirm: its torque constant is wrong, or its sign.
@@ -28,12 +28,12 @@ pub enum Cause {
         /// The sensor.
         sensor: usize,
     },
-    /// A joint's current tells another size of torque than encoders and F/T sensors do.
+    /// Motor current disagrees with encoders and F/T sensors on the torque's size.
     TorqueConstant {
         /// The joint.
         joint: usize,
     },
-    /// A joint's current tells the opposite of what encoders and F/T sensors do.
+    /// Motor current disagrees with encoders and F/T sensors on the torque's sign.
     TorqueSign {
         /// The joint.
         joint: usize,
@@ -45,12 +45,12 @@ pub enum Cause {
     },
 }
 
-/// When sources disagree.
+/// Normal differences between the sources, and times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CrossCheckParameters {
     /// T: time between updates, s.
     pub sample_period: f64,
-    /// Samples that the late source's filters average.
+    /// Samples that the F/T sensors' filters average.
     pub window: usize,
     /// Time over which differences are averaged, s.
     pub average: f64,
@@ -65,26 +65,26 @@ pub struct CrossCheckParameters {
     pub current_ratio: [f64; 2],
     /// Residual of a part that is normal, in its standard deviations.
     pub residual_ratio: f64,
-    /// Standard deviation of residuals beside the one that is told, N and N·m: what filters of
-    /// vibrating signals leave.
+    /// Standard deviation of residuals in addition to the estimated one, N and N·m: vibration that
+    /// the filters pass.
     pub residual_floor: [f64; 2],
 }
 
 /// One joint's torques in one cycle, N·m; none where a source is not valid.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sources {
-    /// From encoders, now.
+    /// From encoders, undelayed.
     pub encoder: Option<f64>,
-    /// From F/T sensors, late.
+    /// From F/T sensors, delayed by their filters.
     pub whole_body: Option<f64>,
-    /// From current, now.
+    /// From motor current, undelayed.
     pub current: Option<f64>,
 }
 
 /// One joint's averages.
 #[derive(Debug, Clone)]
 struct Joint {
-    /// Encoder's and current's torque over the late source's window.
+    /// Encoder's and current's torque over the F/T sensors' window.
     rings: [Vec<f64>; 2],
     sums: [f64; 2],
     filled: usize,
@@ -98,11 +98,10 @@ struct Joint {
     current: [Ratio; 2],
 }
 
-/// What multiple of the F/T sensors' torque the current's is.
+/// Regression of the current's torque on the F/T sensors'.
 #[derive(Debug, Clone, Copy, Default)]
 struct Ratio {
-    /// Current's torque times the F/T sensors', and that squared.
-    /// Both while there is load.
+    /// Average product of both torques, and average square of the F/T sensors', under load.
     product: f64,
     square: f64,
     loaded: bool,
@@ -124,14 +123,16 @@ pub struct CrossCheck {
 }
 
 /// Ratio of torques below which the sign is wrong, not the size.
-const OPPOSITE: f64 = -0.25;
-/// Places of the ratios by which the current's size and sign are judged, and from which part of
-/// `current_load` on: friction that is not quite known hides a size before it hides a sign.
+const OPPOSITE_SIGN_RATIO: f64 = -0.25;
+/// Index of the ratio by which the current's size is judged.
 const SIZE: usize = 0;
+/// Index of the ratio by which its sign is judged.
 const SIGN: usize = 1;
-const LOADS: [f64; 2] = [1.0, 0.5];
-/// Joints nearest to a sensor that must agree for its drift to be ruled out.
-const NEAREST: usize = 2;
+/// Smallest load for each, as a share of `current_load`: error of the friction model hides a size
+/// before it hides a sign.
+const MIN_LOAD_SHARES: [f64; 2] = [1.0, 0.5];
+/// Number of joints nearest to a sensor that must agree for its drift to be ruled out.
+const NEAREST_JOINTS: usize = 2;
 
 impl CrossCheck {
     /// For the joints and sensors of an estimator, in their order.
@@ -170,7 +171,7 @@ impl CrossCheck {
         }
     }
 
-    /// Takes one cycle's torques; gives the causes that have lasted long enough.
+    /// Takes one cycle's torques; returns the causes that have lasted long enough.
     pub fn update(&mut self, sources: &[Sources], whole_body: &WholeBody) -> &[Cause] {
         let p = &self.parameters;
         let share = (p.sample_period / p.average.max(p.sample_period)).min(1.0);
@@ -181,8 +182,8 @@ impl CrossCheck {
         let parts = whole_body.estimate().parts.iter().skip(1);
         for (mean, part) in self.residual.iter_mut().zip(parts) {
             let free = part.unknowns < 6;
-            let told = [&part.residual, &part.residual_sigma];
-            for (k, (mean, w)) in mean.iter_mut().zip(told).enumerate() {
+            let wrenches = [&part.residual, &part.residual_sigma];
+            for (k, (mean, w)) in mean.iter_mut().zip(wrenches).enumerate() {
                 for (mean, x) in mean.iter_mut().zip(w.force.iter().chain(&w.torque)) {
                     let x = if k == 0 { *x } else { x * x };
                     *mean += share * (if free { x } else { 0.0 } - *mean);
@@ -210,7 +211,7 @@ impl CrossCheck {
         &self.found
     }
 
-    /// Forgets everything seen: after a tare, which changes what the F/T sensors say.
+    /// Forgets all samples: after a tare, which changes the F/T sensors' readings.
     pub fn reset(&mut self) {
         self.age = 0.0;
         self.residual.fill([[0.0; 6]; 2]);
@@ -249,16 +250,16 @@ impl CrossCheck {
     }
 
     fn near_differs(&self, sensor: usize, share: f64) -> bool {
-        let near = self.carriers[sensor].iter().take(NEAREST);
+        let near = self.carriers[sensor].iter().take(NEAREST_JOINTS);
         near.into_iter().any(|&j| self.differs(j, share))
     }
 
-    /// Whether the joint's disagreement is its own, or a matter of a sensor.
+    /// Whether the joint's disagreement is due to a sensor, as other joints of its limb disagree too.
     fn of_a_limb(&self, joint: usize) -> bool {
         (0..self.carriers.len()).any(|s| self.carriers[s].contains(&joint) && self.differing(s) > 1)
     }
 
-    /// None where nothing can be said now.
+    /// None while the cause cannot be judged.
     fn suspected(&self, cause: Cause) -> Option<bool> {
         Some(match cause {
             Cause::EncoderSlip { joint } => {
@@ -273,11 +274,11 @@ impl CrossCheck {
                 !near && (self.residual_stands_out(sensor) || self.differing(sensor) > 1)
             }
             Cause::TorqueConstant { joint } => {
-                let [least, most] = self.parameters.current_ratio;
+                let [min, max] = self.parameters.current_ratio;
                 let ratio = self.current_ratio(joint, SIZE)?;
-                ratio >= OPPOSITE && !(least..=most).contains(&ratio)
+                ratio >= OPPOSITE_SIGN_RATIO && !(min..=max).contains(&ratio)
             }
-            Cause::TorqueSign { joint } => self.current_ratio(joint, SIGN)? < OPPOSITE,
+            Cause::TorqueSign { joint } => self.current_ratio(joint, SIGN)? < OPPOSITE_SIGN_RATIO,
         })
     }
 
@@ -292,8 +293,7 @@ impl CrossCheck {
         ratios.any(|ratio| ratio > p.residual_ratio)
     }
 
-    /// What multiple of the F/T sensors' torque the current's is, if those can be trusted and there
-    /// is load now.
+    /// Ratio of the current's torque to the F/T sensors', if those are trustworthy and there is load.
     fn current_ratio(&self, joint: usize, kind: usize) -> Option<f64> {
         let ratio = self.joints.get(joint)?.current[kind];
         // A current that is wrong moves the encoders' torque too, by the wave generator's term.
@@ -330,14 +330,14 @@ impl Joint {
             return;
         }
         if self.newest == 0 {
-            // Once a turn without the rounding of all the turns before.
+            // Once per window summed anew, without the accumulated rounding.
             self.sums = [0, 1].map(|k| self.rings[k].iter().sum());
         }
         let [e, c] = self.sums.map(|s| s / window as f64);
         self.difference += share * (e - w - self.difference);
         let nearer = (c - w).abs() - 0.5 * (c - e).abs();
         self.aside += share * (nearer - self.aside);
-        for (ratio, part) in self.current.iter_mut().zip(LOADS) {
+        for (ratio, part) in self.current.iter_mut().zip(MIN_LOAD_SHARES) {
             ratio.loaded = w.abs() > part * load;
             if ratio.loaded {
                 ratio.product += share * (c * w - ratio.product);

@@ -24,7 +24,7 @@ pub struct WholeBodyInput<'a> {
     pub ddq: &'a [f64],
     /// Wrench that the part beyond each sensor applies to the part before it, in its frame.
     pub ft: &'a [Wrench],
-    /// What the IMU measured; not used with a fixed base.
+    /// The IMU's measurement; not used with a fixed base.
     pub imu: ImuMotion,
 }
 
@@ -38,13 +38,13 @@ pub struct ContactEstimate {
     pub sigma: Wrench,
 }
 
-/// What is told of a part of the robot.
+/// Estimate of a part of the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PartEstimate {
     /// Wrench that the environment must apply to the part to explain its motion and its sensors,
     /// whatever the contacts are taken to be; in the frame of its first link.
     pub net: Wrench,
-    /// What of `net` the declared contacts cannot explain; in the frame of the part's first link.
+    /// Part of `net` that the declared contacts cannot explain; in the frame of the part's first link.
     pub residual: Wrench,
     /// Standard deviation of each component of `residual`, if the contacts are the true ones.
     pub residual_sigma: Wrench,
@@ -71,7 +71,7 @@ impl PartEstimate {
     }
 }
 
-/// What follows from one cycle's signals.
+/// Result of one cycle's signals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WholeBodyEstimate {
     /// tau: joint torques, N·m, in the order of the parameters' joints.
@@ -103,7 +103,7 @@ pub struct WholeBody {
     weighting: Weighting,
     residual: Residual,
     part_labels: Vec<String>,
-    /// Where each part is told: the caller's index of its sensor + 1.
+    /// Index of each part in the estimate: the caller's index of its sensor + 1.
     part_output: Vec<usize>,
     /// Joint motion in the model's order.
     motion: [Vec<f64>; 3],
@@ -226,7 +226,7 @@ impl WholeBody {
         true
     }
 
-    /// Shares of the hypotheses in the torques from the next update on; the largest is told. Values
+    /// Shares of the hypotheses in the torques from the next update on; contacts are those of the largest. Values
     /// that are not finite or negative count as zero.
     pub fn blend(&mut self, weights: &[f64]) {
         let clean = |w: f64| if w.is_finite() { w.max(0.0) } else { 0.0 };
@@ -395,9 +395,9 @@ impl WholeBody {
         }
         let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
         for (part, &output) in self.part_output.iter().enumerate() {
-            let told = &mut self.estimate.parts[output];
-            told.rank = solution.rank[part] as u32;
-            told.unknowns = set.parts[part].1 as u32;
+            let estimate = &mut self.estimate.parts[output];
+            estimate.rank = solution.rank[part] as u32;
+            estimate.unknowns = set.parts[part].1 as u32;
         }
         determined
     }

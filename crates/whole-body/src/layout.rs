@@ -1,8 +1,9 @@
-//! Which body, part, sensor and joint is where: names resolved and checked once.
+//! The tree cut into parts and pieces: places of bodies, sensors and joints in it, names resolved
+//! and checked once.
 //!
-//! F/T sensors cut the tree of links into parts: part 0 holds the root link, part `s + 1` what lies
+//! F/T sensors cut the tree of links into parts: part 0 holds the root link, part `s + 1` all links
 //! beyond sensor `s` up to the next ones. A cut may run through a body (links held together by fixed
-//! joints), so bodies fall into pieces, one for each part that they reach into.
+//! joints), so bodies fall into pieces, one for each part that they extend into.
 
 use crate::error::WholeBodyError;
 use crate::parameters::{FtSensorParameters, MotionSource, Place, WholeBodyParameters};
@@ -10,7 +11,7 @@ use dynamics::{Inertia, Model, Se3};
 use nalgebra::Vector3;
 use problem::{Allowed, Problem};
 
-/// What of a body belongs to one part.
+/// The share of a body that belongs to one part.
 #[derive(Debug, Clone)]
 pub(crate) struct Piece {
     pub(crate) body: usize,
@@ -40,7 +41,7 @@ pub(crate) struct Sensor {
 pub(crate) struct Part {
     /// The piece nearest to the root.
     pub(crate) root_piece: usize,
-    /// The part's first link, in whose frame its wrenches are told, and that frame in its body's.
+    /// The part's first link, in whose frame its wrenches are, and that frame in its body's.
     pub(crate) first_link: usize,
     pub(crate) placement: Se3,
     /// Sensors that bound it: index and the sign of the reading as a wrench on the part.
@@ -50,7 +51,7 @@ pub(crate) struct Part {
     pub(crate) fixed_by_stand: bool,
 }
 
-/// The whole tree as the estimator walks it.
+/// The whole tree in the order of the estimator.
 #[derive(Debug, Clone)]
 pub(crate) struct Layout {
     /// The model's index of each joint, in the order of the parameters.
@@ -58,7 +59,7 @@ pub(crate) struct Layout {
     /// Sensors in the order of their links in the model.
     pub(crate) sensors: Vec<Sensor>,
     pub(crate) parts: Vec<Part>,
-    /// The first as many as bodies: what is held to each body's joint.
+    /// The first pieces, one per body: links held to each body's joint.
     pub(crate) pieces: Vec<Piece>,
     /// The part of each link.
     pub(crate) part_of_link: Vec<usize>,
@@ -103,13 +104,13 @@ impl Layout {
             MotionSource::Imu(imu) => (imu.frame.clone(), None),
             MotionSource::Fixed { link, gravity } => (Place::link(link), Some(*gravity)),
         };
-        let what = if fixed_gravity.is_some() {
+        let owner = if fixed_gravity.is_some() {
             "fixed base"
         } else {
             "IMU"
         };
-        let source_link = find(model, what, &place.link)?;
-        let (source_body, source_placement) = resolve(model, what, &place)?;
+        let source_link = find(model, owner, &place.link)?;
+        let (source_body, source_placement) = resolve(model, owner, &place)?;
         let moves_source: Vec<bool> = (0..bodies)
             .map(|b| b > 0 && model.supports(b, source_body))
             .collect();
@@ -143,8 +144,8 @@ impl Layout {
         let frames = model.frames();
         for &(cut, input) in cuts {
             let parameters = &p.ft_sensors[input];
-            let what = format!("F/T sensor `{}`", parameters.name);
-            let (body, placement) = resolve(model, &what, &parameters.frame)?;
+            let owner = format!("F/T sensor `{}`", parameters.name);
+            let (body, placement) = resolve(model, &owner, &parameters.frame)?;
             let parent = frames[cut].parent.unwrap_or(0);
             let before = self.part_of_link[parent];
             let before_piece = piece_of(&self.pieces, frames[parent].body, before);
@@ -192,7 +193,7 @@ impl Layout {
     pub(crate) fn path(&self, mut piece: usize) -> Vec<usize> {
         let part = self.pieces[piece].part;
         let mut path = Vec::new();
-        // Only what hangs on a joint of its own part has one before it.
+        // Only a piece that hangs on a joint of its own part has one before it.
         while piece > 0 && piece < self.carrier.len() && self.joint_part[piece] == part {
             path.push(piece);
             piece = self.carrier[piece];
@@ -254,20 +255,20 @@ pub fn part_of_link(model: &Model, cuts: &[&str], link: &str) -> Option<usize> {
     Some(place.checked_sub(1).map_or(0, |i| cuts[i].1 + 1))
 }
 
-/// Index of a link.
-pub(crate) fn find(model: &Model, what: &str, link: &str) -> Result<usize, WholeBodyError> {
-    let unknown = || WholeBodyError::UnknownLink(what.to_owned(), link.to_owned());
+/// Index of a link; `owner`: the part of the input that names it.
+pub(crate) fn find(model: &Model, owner: &str, link: &str) -> Result<usize, WholeBodyError> {
+    let unknown = || WholeBodyError::UnknownLink(owner.to_owned(), link.to_owned());
     model.frame_index(link).ok_or_else(unknown)
 }
 
 /// The body that a place is fixed to, and the place's frame in it.
-fn resolve(model: &Model, what: &str, place: &Place) -> Result<(usize, Se3), WholeBodyError> {
-    let link = &model.frames()[find(model, what, &place.link)?];
+fn resolve(model: &Model, owner: &str, place: &Place) -> Result<(usize, Se3), WholeBodyError> {
+    let link = &model.frames()[find(model, owner, &place.link)?];
     let numbers = place.placement.translation.iter();
     let mut numbers = numbers.chain(place.placement.rotation.iter());
     if !numbers.all(|x| x.is_finite()) {
-        let what = format!("{what}: placement on link `{}`", place.link);
-        let problem = Problem::new(format!("{what} is not finite"), "finite numbers");
+        let owner = format!("{owner}: placement on link `{}`", place.link);
+        let problem = Problem::new(format!("{owner} is not finite"), "finite numbers");
         return Err(WholeBodyError::BadNumber(problem));
     }
     Ok((link.body, link.placement.compose(&place.placement)))
@@ -289,16 +290,16 @@ fn joints(model: &Model, p: &WholeBodyParameters) -> Result<Vec<usize>, WholeBod
 }
 
 fn sigmas(p: &WholeBodyParameters) -> Result<(), WholeBodyError> {
-    let check = |what: String, sigma: Option<&f64>| match sigma {
+    let check = |owner: String, sigma: Option<&f64>| match sigma {
         Some(s) if s.is_finite() && *s >= 0.0 => Ok(()),
         _ => Err(WholeBodyError::BadNumber(Problem::new(
-            format!("standard deviation of {what} is not allowed"),
+            format!("standard deviation of {owner} is not allowed"),
             Allowed::NonNegative.to_string(),
         ))),
     };
     for (i, name) in p.joints.iter().enumerate() {
-        let what = format!("the acceleration of joint `{name}`");
-        check(what, p.sigma_ddq.get(i))?;
+        let owner = format!("the acceleration of joint `{name}`");
+        check(owner, p.sigma_ddq.get(i))?;
     }
     for s in &p.ft_sensors {
         check(format!("F/T sensor `{}`", s.name), Some(&s.sigma_force))?;

@@ -17,7 +17,7 @@ fn add_scaled(a: &mut Six, k: f64, b: &Six) {
 }
 
 /// Rows of the pseudo-inverse of the matrix with the first `n` of `columns`; how many of the
-/// columns are independent. With fewer than `n` the rows mean nothing.
+/// columns are independent. With fewer than `n` the rows are undefined.
 ///
 /// Gram and Schmidt, each column twice (which makes it as good as Householder's), longest
 /// remainder first.
@@ -127,7 +127,7 @@ mod tests {
                 for (k, x) in x.iter().enumerate() {
                     add_scaled(&mut rest, -x, &a[k]);
                 }
-                // What is left is perpendicular to every column.
+                // The remainder is perpendicular to every column.
                 for column in &a[..n] {
                     assert!(dot(column, &rest).abs() < 1e-11, "{n} {seed}");
                 }

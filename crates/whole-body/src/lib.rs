@@ -1,13 +1,14 @@
-//! Every joint's torque and every contact's wrench from F/T sensors, IMU and joint motion (D 2): no
-//! motor is asked.
+//! Every joint's torque and every contact wrench from F/T sensors, IMU and joint motion (D 2),
+//! without motor current.
 //!
-//! The F/T sensors cut the kinematic tree into parts. What the IMU measured moves to every body; each
-//! part's inertial and gravity wrench, less what the sensors at its ends measure, must be the work
-//! of its contacts: up to six unknowns a part, by least squares where there are fewer. What the
-//! contacts cannot explain is told as the part's residual, beside the size that sensors and model
-//! let expect. With the contacts known, a backward pass over each part yields its joints' torques.
+//! The F/T sensors cut the kinematic tree into parts. Motion propagates from the IMU to
+//! every body; each part's inertial and gravity wrench, less the wrenches that the sensors at its
+//! ends measure, is the sum of its contact wrenches: up to six unknowns a part, by least squares
+//! where there are fewer. The remainder is the part's residual, reported with its expected standard
+//! deviation. With the contact wrenches known, a backward pass over each part yields its joints'
+//! torques.
 //!
-//! Signals that enter together must be late by the same time.
+//! All signals of one update must have the same delay.
 #![deny(unsafe_code)]
 
 mod conditioning;

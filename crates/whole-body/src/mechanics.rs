@@ -22,12 +22,12 @@ pub(crate) struct Mechanics {
     pub(crate) composite: Vec<Inertia>,
     /// Per piece: inertial and gravity wrench with all that it carries in its part.
     pub(crate) inertial: Vec<Force>,
-    /// Per piece: the same, less what sensors measure of the parts beyond it.
+    /// Per piece: the same, less the measured wrenches of the parts beyond it.
     pub(crate) needed: Vec<Force>,
-    /// Per sensor: frame, and reading (what the part beyond applies to the part before).
+    /// Per sensor: frame, and reading (wrench of the part beyond on the part before).
     pub(crate) sensor_frame: Vec<Se3>,
     pub(crate) reading: Vec<Force>,
-    /// Per body: torque of its joint if nothing touched the part.
+    /// Per body: torque of its joint without contact wrenches on the part.
     pub(crate) tau: Vec<f64>,
     /// Per part: `b`, the wrench that contacts must apply to it.
     pub(crate) net: Vec<Force>,

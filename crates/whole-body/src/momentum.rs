@@ -10,17 +10,17 @@
 use dynamics::{Base, Data, Force, Model, Motion, crba, rnea};
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// How external torques are observed.
+/// Parameters of a [`MomentumObserver`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct MomentumObserverParameters {
     /// T: time between updates, s.
     pub sample_period: f64,
-    /// K: bandwidth, 1/s; its inverse is how late the answer is.
+    /// K: bandwidth, 1/s; its inverse is the delay of `tau_ext`.
     pub gain: f64,
-    /// Per joint of the model: |tau_ext| that tells a contact, N·m; the sum of friction and model
+    /// Per joint of the model: |tau_ext| that sets the contact flag, N·m; the sum of friction and model
     /// errors must lie below.
     pub threshold: Vec<f64>,
-    /// How long a threshold must be passed, s.
+    /// Time for which a threshold must be passed, s.
     pub hold: f64,
 }
 
@@ -39,13 +39,14 @@ pub struct MomentumObserver {
     last_dq: Vec<f64>,
     last_rate: Vec<f64>,
     state: [Vec<f64>; 3],
-    beyond: Vec<f64>,
+    /// Per joint: time for which tau_ext has contradicted the contact flag, s.
+    contradicted: Vec<f64>,
     contact: Vec<bool>,
     started: bool,
 }
 
 impl MomentumObserver {
-    /// A floating base moves as `update` is told; a fixed one stands still.
+    /// A floating base moves as given to `update`; a fixed one stands still.
     #[must_use]
     pub fn new(model: &Model, parameters: MomentumObserverParameters) -> Self {
         let mut model = model.clone();
@@ -68,7 +69,7 @@ impl MomentumObserver {
             last_dq: vec![0.0; n],
             last_rate: vec![0.0; n],
             state: [q, vec![0.0; nv], vec![0.0; nv]],
-            beyond: vec![0.0; n],
+            contradicted: vec![0.0; n],
             contact: vec![false; n],
             started: false,
             parameters,
@@ -80,14 +81,14 @@ impl MomentumObserver {
     pub fn reset(&mut self) {
         self.started = false;
         self.tau_ext.fill(0.0);
-        self.beyond.fill(0.0);
+        self.contradicted.fill(0.0);
         self.contact.fill(false);
     }
 
     /// tau_ext, N·m, of every joint, from angles, velocities, torques, and the root's twist and
     /// proper acceleration ([`crate::WholeBody::base_motion`]) at one instant; the latter are not used
     /// with a fixed base. `known`: wrenches on each body that are known (declared contacts), which are
-    /// then not external. Values that are not finite leave the last answer.
+    /// then not external. Values that are not finite leave the last result.
     pub fn update(
         &mut self,
         q: &[f64],
@@ -123,7 +124,7 @@ impl MomentumObserver {
         let dt = self.parameters.sample_period;
         for j in 0..n {
             let rate = tau[j] - h[j];
-            // Trapezoids: what happens between two samples is the mean of both.
+            // Trapezoids: between two samples the rate is the mean of both.
             let mean = 0.5 * (rate + self.last_rate[j]);
             //= L: p_hat = int (tau + C^T dq - g + r) dt, C^T dq = dM/dt dq - C dq
             self.integral[j] += (mean + self.tau_ext[j]) * dt;
@@ -149,7 +150,7 @@ impl MomentumObserver {
         &self.tau_ext
     }
 
-    /// Whether each joint's external torque tells a contact.
+    /// Contact flag of each joint.
     #[must_use]
     pub fn contacts(&self) -> &[bool] {
         &self.contact
@@ -159,21 +160,21 @@ impl MomentumObserver {
         let p = &self.parameters;
         for (j, r) in self.tau_ext.iter().enumerate() {
             let threshold = p.threshold.get(j).copied().unwrap_or(f64::INFINITY);
-            // Released at two thirds, so that it does not flicker.
+            // Released at two thirds, so that noise does not toggle it.
             let limit = if self.contact[j] {
                 threshold / 1.5
             } else {
                 threshold
             };
             let against = (r.abs() > limit) != self.contact[j];
-            self.beyond[j] = if against {
-                self.beyond[j] + p.sample_period
+            self.contradicted[j] = if against {
+                self.contradicted[j] + p.sample_period
             } else {
                 0.0
             };
-            if self.beyond[j] > p.hold {
+            if self.contradicted[j] > p.hold {
                 self.contact[j] = !self.contact[j];
-                self.beyond[j] = 0.0;
+                self.contradicted[j] = 0.0;
             }
         }
     }

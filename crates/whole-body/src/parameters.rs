@@ -1,4 +1,4 @@
-//! What the estimator is to use: sensors, the source of the base's motion, contacts.
+//! Parameters of the estimator: sensors, the source of the base's motion, contacts.
 
 use dynamics::Se3;
 use nalgebra::Vector3;
@@ -32,13 +32,13 @@ pub struct FtSensorParameters {
     pub cut: String,
     /// The frame in which it measures, on any link.
     pub frame: Place,
-    /// Standard deviation of each force axis as handed to `update`, N.
+    /// Standard deviation of each force axis as passed to `update`, N.
     pub sigma_force: f64,
-    /// Standard deviation of each torque axis as handed to `update`, N·m.
+    /// Standard deviation of each torque axis as passed to `update`, N·m.
     pub sigma_torque: f64,
 }
 
-/// From where the motion of the whole robot in space is known.
+/// Source of the motion of the whole robot in space.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MotionSource {
     /// An inertial measurement unit.
@@ -57,13 +57,13 @@ pub enum MotionSource {
 pub struct ImuParameters {
     /// The frame in which it measures.
     pub frame: Place,
-    /// Standard deviation of each accelerometer axis as handed to `update`, m/s².
+    /// Standard deviation of each accelerometer axis as passed to `update`, m/s².
     pub sigma_accelerometer: f64,
-    /// Standard deviation of each axis of the angular acceleration as handed to `update`, rad/s².
+    /// Standard deviation of each axis of the angular acceleration as passed to `update`, rad/s².
     pub sigma_angular_acceleration: f64,
 }
 
-/// What is unknown of a contact.
+/// Unknowns of a contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ContactKind {
     /// Force and torque: six unknowns.
@@ -72,12 +72,12 @@ pub enum ContactKind {
     PureForce,
     /// A force through the point along a direction, in the link's axes: one unknown.
     KnownDirection(Vector3<f64>),
-    /// Nothing touches the part that the link belongs to: no unknowns, six checks.
+    /// The part that the link belongs to is untouched: no unknowns, six checks.
     Nothing,
 }
 
 impl ContactKind {
-    /// How many unknowns it has.
+    /// Number of unknowns.
     #[must_use]
     pub fn unknowns(&self) -> usize {
         match self {
@@ -89,14 +89,14 @@ impl ContactKind {
     }
 }
 
-/// Where the environment may touch the robot.
+/// A contact that the robot may have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContactParameters {
     /// The link that is touched.
     pub link: String,
     /// p: the point that is touched, in the link's frame, m (3).
     pub point: Vector3<f64>,
-    /// What is unknown of it.
+    /// Its unknowns.
     pub kind: ContactKind,
 }
 
@@ -109,42 +109,42 @@ pub struct Hypothesis {
     pub contacts: Vec<ContactParameters>,
 }
 
-/// How equations weigh where there are fewer unknowns than equations.
+/// Weights of the equations where there are fewer unknowns than equations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Weighting {
     /// A newton as much as a newton-metre about the origin of the part's first link.
     #[default]
     Unit,
-    /// Each by the expected size of its error: generalised least squares.
+    /// Each by its expected error: generalised least squares.
     Expected,
 }
 
-/// Where the residual of a part goes.
+/// Treatment of the residual of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Residual {
     /// It stays at the sensor that cuts the part off: joints before the sensor trust the sensor.
     #[default]
     Stays,
-    /// It is handed on to the root: joints before the sensor trust the contacts beyond it.
+    /// It is passed on to the root: joints before the sensor trust the contacts beyond it.
     HandedOn,
 }
 
-/// What the whole-body estimator is to use.
+/// Parameters of the whole-body estimator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WholeBodyParameters {
     /// Names of the joints in the order of every per-joint slice here.
     pub joints: Vec<String>,
-    /// Standard deviation of each joint's acceleration as handed to `update`, rad/s², same order.
+    /// Standard deviation of each joint's acceleration as passed to `update`, rad/s², same order.
     pub sigma_ddq: Vec<f64>,
     /// The F/T sensors, in any order.
     pub ft_sensors: Vec<FtSensorParameters>,
-    /// Where the motion in space comes from.
+    /// Source of the motion in space.
     pub source: MotionSource,
-    /// The sets of contacts that may be chosen at run time; the first is chosen at the start.
+    /// The contact sets that may be chosen at run time; the first is chosen at the start.
     pub hypotheses: Vec<Hypothesis>,
-    /// How equations weigh.
+    /// Weights of the equations.
     pub weighting: Weighting,
-    /// Where residuals go.
+    /// Treatment of residuals.
     pub residual: Residual,
     /// Relative standard deviation of the model's masses: every part's inertial and gravity wrench
     /// is uncertain by this share.

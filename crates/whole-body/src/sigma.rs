@@ -1,10 +1,10 @@
-//! How well contacts, torques and residuals are known, from the sensors' own standard deviations.
+//! Standard deviations of contact wrenches, torques and residuals, from those of the sensors.
 //!
 //! Every output is linear in F/T signals, accelerometer, angular and joint accelerations. With `b`
-//! a part's net wrench, `S_j` a joint's axis, `y_j` the answer of its torque to `b` by the contacts
+//! a part's net wrench, `S_j` a joint's axis, `y_j` the response of its torque to `b` by the contacts
 //! it carries ([`Solution::share`]), and `C_j`, `C` the inertias that the joint carries in its part
 //! and of the whole part: `d tau_j = S_j db_j - y_j db`, and an acceleration `m` of the whole robot
-//! makes `db_j = C_j m`, `db = C m`. What lies beyond a sensor cancels: the sensor has measured it.
+//! makes `db_j = C_j m`, `db = C m`. Parts beyond a sensor cancel: the sensor measures their wrench.
 //! Noise of angles, velocities and gyroscope is left out: it enters by products with rates. Mimic
 //! joints count as if they moved by themselves.
 
@@ -30,7 +30,7 @@ pub(crate) struct Sigma {
     /// Per part: joints of other parts whose acceleration moves all of it against the source's
     /// link, with the sign.
     outside: Vec<Vec<(usize, f64)>>,
-    /// Per body: how the other joints of its part stand to it.
+    /// Per body: its relation to the other joints of its part.
     inside: Vec<Inside>,
     /// Per body: `C_j S_j`, for the joint's own part.
     lever: Vec<Force>,
@@ -124,7 +124,7 @@ impl Sigma {
             if self.angular_acceleration > 0.0 {
                 let source = self.source_origin(layout, m);
                 for axis in 0..3 {
-                    let turn = turning(axis, &source);
+                    let turn = unit_rotation(axis, &source);
                     let f = about(whole.mul_motion(turn), &origin);
                     sum.add(self.angular_acceleration, &f);
                 }
@@ -165,7 +165,7 @@ impl Sigma {
             let whole = m.composite[part.root_piece];
             for &j in &part.joints {
                 let y = solution.share(m, set, g, j, &origin);
-                // Back about the root's origin, where all else is told.
+                // Back about the root's origin, like all other vectors.
                 let y = y.map(|y| Motion::new(y.linear + origin.cross(&y.angular), y.angular));
                 let joint = Joint { j, y, whole, m };
                 let variance = self.sensors(layout, part, &joint)
@@ -206,7 +206,7 @@ impl Sigma {
     ) -> f64 {
         let &Joint { j, y, whole, m } = joint;
         let (axis, cut) = (m.axis[j], layout.cut_at_joint[j].is_some());
-        // Answer to an acceleration of the whole robot.
+        // Response to an acceleration of the whole robot.
         let mut all = self.lever[j];
         let mut weight = if cut { 0.0 } else { axis.dot(m.inertial[j]) };
         if let Some(y) = y {
@@ -217,8 +217,8 @@ impl Sigma {
         let mut variance = self.accelerometer * all.linear.norm_squared()
             + self.angular_acceleration * turn.norm_squared()
             + self.model * weight * weight;
-        let mut add = |k: usize, answer: f64| {
-            variance += self.ddq[model.bodies()[k].joint] * answer * answer;
+        let mut add = |k: usize, response: f64| {
+            variance += self.ddq[model.bodies()[k].joint] * response * response;
         };
         let backwards = |k: usize| match layout.moves_source[k] {
             true => m.axis[k].dot(all),
@@ -248,7 +248,7 @@ impl Sigma {
     }
 }
 
-/// How the other joints of a joint's part stand to it.
+/// Relation of a joint to the other joints of its part.
 #[derive(Debug, Clone)]
 struct Inside {
     /// Those it carries, itself too.
@@ -270,7 +270,7 @@ struct Joint<'a> {
 }
 
 /// Unit angular acceleration about an axis through a point, as a motion of the root's frame.
-fn turning(axis: usize, point: &Vector3<f64>) -> Motion {
+fn unit_rotation(axis: usize, point: &Vector3<f64>) -> Motion {
     let mut turn = Vector3::zeros();
     turn[axis] = 1.0;
     Motion::new(point.cross(&turn), turn)

@@ -1,4 +1,4 @@
-//! The contacts' wrenches under one hypothesis, and what they do to the joints.
+//! The contact wrenches under one hypothesis, and their share in the joint torques.
 
 use crate::contacts::ContactSet;
 use crate::layout::Layout;
@@ -124,7 +124,7 @@ impl Solution {
         }
     }
 
-    /// `y`: how a joint's torque answers to each component of its part's `b` about the part's
+    /// `y`: response of a joint's torque to each component of its part's `b` about the part's
     /// origin, through the contacts that the joint carries. None if it carries none.
     pub(crate) fn share(
         &self,

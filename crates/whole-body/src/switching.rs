@@ -1,20 +1,20 @@
 //! Changing contacts without a step: hypotheses blend over a set time, chosen by a client or by
-//! which feet carry load.
+//! the load on the feet.
 
 use crate::estimator::WholeBody;
 
-/// When a sensor counts as loaded.
+/// Rule by which a sensor counts as loaded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadRule {
     /// Force above which a sensor's part becomes loaded, N.
     pub on: f64,
-    /// Force below which it is no longer so, N; below `on`.
+    /// Force below which it becomes unloaded, N; below `on`.
     pub off: f64,
-    /// How long the force must stay there, s.
+    /// Time for which the force must stay there, s.
     pub hold: f64,
 }
 
-/// How contacts change.
+/// Parameters of a [`ContactSwitch`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContactSwitchParameters {
     /// T: time between updates, s.
@@ -28,11 +28,11 @@ pub struct ContactSwitchParameters {
     pub loaded: Vec<Vec<(usize, bool)>>,
 }
 
-/// Whether a sensor is loaded, and for how long the force has said otherwise.
+/// Whether a sensor is loaded, and for how long its force has contradicted that, s.
 #[derive(Debug, Clone, Copy, Default)]
 struct Load {
     loaded: bool,
-    against: f64,
+    contradicted_for: f64,
 }
 
 /// See the module.
@@ -70,7 +70,7 @@ impl ContactSwitch {
         true
     }
 
-    /// Hands the choice back to the rule; where there is none, to the first hypothesis.
+    /// Returns the choice to the rule; where there is none, to the first hypothesis.
     pub fn automatic(&mut self) {
         self.automatic = self.parameters.rule.is_some();
         if !self.automatic {
@@ -102,7 +102,7 @@ impl ContactSwitch {
         self.loads.get(sensor).is_some_and(|l| l.loaded)
     }
 
-    /// One period later: looks at the last estimate and sets the shares of the next.
+    /// To be called once per period: reads the last estimate and sets the shares of the next.
     ///
     /// A part's net force needs no hypothesis, so a wrong one cannot keep itself alive.
     pub fn update(&mut self, whole_body: &mut WholeBody) {
@@ -113,15 +113,19 @@ impl ContactSwitch {
             for (s, load) in self.loads.iter_mut().enumerate() {
                 let f = whole_body.net_at_sensor(s).force;
                 let force = f.iter().map(|x| x * x).sum::<f64>().sqrt();
-                let against = match load.loaded {
+                let contradicted = match load.loaded {
                     true => force < rule.off,
                     false => force > rule.on,
                 };
-                load.against = if against { load.against + dt } else { 0.0 };
-                if load.against > rule.hold {
+                load.contradicted_for = if contradicted {
+                    load.contradicted_for + dt
+                } else {
+                    0.0
+                };
+                if load.contradicted_for > rule.hold {
                     *load = Load {
                         loaded: !load.loaded,
-                        against: 0.0,
+                        contradicted_for: 0.0,
                     };
                 }
             }

@@ -1,29 +1,29 @@
 //! Tare of the F/T sensors: offsets from a robot at rest.
 //!
-//! Whoever tares says what touches the robot, as a set of contacts. A part that nothing touches must
-//! have no net wrench: six equations for the offsets of the sensors at its ends. So, with the robot
+//! The operator declares a contact set. An untouched part must have no net wrench: six equations for
+//! the offsets of the sensors at its ends. So, with the robot
 //!
 //! - in the air, held by its harness at the root's part: each hand and foot gives its sensor's
 //!   whole offset;
 //! - on one foot: the root's part is untouched, and with the weight known in size, place and
 //!   direction (all of the robot but that foot hangs on its ankle) the standing foot's sensor has
 //!   its six equations too;
-//! - on both feet: those six hold for the sum of both. How the feet push against one another can
-//!   not be known at rest, so that part of the offsets stays as it was.
+//! - on both feet: those six hold for the sum of both. The internal wrench between the feet
+//!   cannot be determined at rest, so that part of the offsets stays as it was.
 //!
-//! Offsets that equations do not reach stay where they were, and those that they hardly reach move
-//! hardly, because each is held to its last value by how far it may have drifted since: the most
-//! probable correction of independent drifts, with its standard deviation.
+//! Each offset is held to its last value by the standard deviation of its drift: offsets that the
+//! equations do not reach stay as they were, those that they determine poorly change little. The
+//! result is the most probable correction of independent drifts, with its standard deviation.
 
 use crate::error::WholeBodyError;
 use crate::estimator::{WholeBody, WholeBodyInput};
 use crate::parameters::{FtSensorParameters, MotionSource, WholeBodyParameters};
 use dynamics::{ImuMotion, Model};
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
+use problem::Problem;
 use robot_state::Wrench;
-use std::fmt;
 
-/// When a robot stands still enough, and how far offsets may have drifted.
+/// Bounds of a robot at rest, and standard deviations of drift and model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TareParameters {
     /// Samples that are averaged, at least.
@@ -35,7 +35,7 @@ pub struct TareParameters {
     /// Largest change of any force and torque reading while taring, N and N·m: a robot on its feet
     /// sways. Ten standard deviations of the reading are allowed anyway.
     pub max_change: [f64; 2],
-    /// Standard deviation of how far an offset may have moved since the last tare, N and N·m.
+    /// Standard deviation of an offset's drift since the last tare, N and N·m.
     pub drift: [f64; 2],
     /// Standard deviation of the accelerometer's bias, m/s².
     pub accelerometer_bias: f64,
@@ -57,48 +57,56 @@ impl Default for TareParameters {
     }
 }
 
-/// Why there is no tare.
-#[derive(Debug, Clone, PartialEq)]
+/// Why a tare is refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{}", self.problem())]
 pub enum TareError {
     /// Sensors and contacts do not fit the robot.
     Setup(WholeBodyError),
-    /// Every part is touched by something: nothing is known.
+    /// Every part has a contact with unknowns: no offset is known.
     NothingKnown,
     /// A number was not finite, or a vector too short.
     BadSample,
-    /// The robot moved: what, how fast, and what is allowed.
+    /// The robot moved: the joint or sensor, its motion and the limit.
     Moving(String),
-    /// Samples so far, and wanted.
+    /// Samples so far, and required.
     TooFew(usize, usize),
 }
 
-impl fmt::Display for TareError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl TareError {
+    /// The refusal and its remedy.
+    #[must_use]
+    pub fn problem(&self) -> Problem {
         match self {
-            Self::Setup(e) => e.fmt(f),
-            Self::NothingKnown => write!(
-                f,
-                "something touches every part of the robot, so that no offset can be known; \
-                 allowed: at least one part that nothing touches (contact type `none`)"
+            Self::Setup(error) => error.problem(),
+            Self::NothingKnown => Problem::new(
+                "every part of the robot has a contact, so that no offset can be determined",
+                "at least one untouched part (contact type `none`)",
             ),
-            Self::BadSample => write!(f, "a sample is not finite or lacks joints or sensors"),
-            Self::Moving(what) => write!(f, "the robot moves: {what}; allowed: a robot at rest"),
-            Self::TooFew(n, wanted) => write!(f, "{n} samples; allowed: at least {wanted}"),
+            Self::BadSample => Problem::new(
+                "a sample is not finite or lacks joints or sensors",
+                "finite numbers of all joints and sensors",
+            ),
+            Self::Moving(motion) => {
+                Problem::new(format!("the robot moves: {motion}"), "a robot at rest")
+            }
+            Self::TooFew(n, required) => {
+                Problem::new(format!("{n} samples"), format!("at least {required}"))
+            }
         }
     }
 }
-impl std::error::Error for TareError {}
 
-/// What a tare found of one sensor.
+/// Result of a tare for one sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TareResult {
     /// The sensor's name.
     pub sensor: String,
-    /// What to add to its offset, N and N·m (6).
+    /// Correction to be added to its offset, N and N·m (6).
     pub correction: [f64; 6],
     /// Standard deviation of the offset now (6).
     pub sigma: [f64; 6],
-    /// Whether the tare knows the component better than before by half.
+    /// Whether the tare has at least halved the component's standard deviation.
     pub known: [bool; 6],
 }
 
@@ -120,7 +128,7 @@ pub struct Tare {
 }
 
 impl Tare {
-    /// `p.hypotheses[0]` says what touches the robot; standard deviations of sensors are those of
+    /// `p.hypotheses[0]` is the declared contact set; standard deviations of sensors are those of
     /// single samples.
     ///
     /// # Errors
@@ -193,7 +201,7 @@ impl Tare {
             if dq.abs() > p.max_joint_velocity {
                 let (name, limit) = (&self.joints[j], p.max_joint_velocity);
                 return Err(TareError::Moving(format!(
-                    "joint `{name}` turns at {dq:.4} rad/s, at most {limit} rad/s"
+                    "joint `{name}` moves at {dq:.4} rad/s, limit {limit} rad/s"
                 )));
             }
         }
@@ -206,7 +214,7 @@ impl Tare {
                     let name = &self.sensors[s];
                     let axis = AXES[k];
                     return Err(TareError::Moving(format!(
-                        "{axis} of F/T sensor `{name}` changed by {change:.2}, at most {limit:.2}"
+                        "{axis} of F/T sensor `{name}` changed by {change:.2}, limit {limit:.2}"
                     )));
                 }
             }
@@ -238,11 +246,11 @@ impl Tare {
             return Err(TareError::TooFew(self.samples, p.samples.max(1)));
         }
         let n = self.samples as f64;
-        let turning = (self.gyro / n).norm();
-        if turning > p.max_angular_velocity {
+        let angular_velocity = (self.gyro / n).norm();
+        if angular_velocity > p.max_angular_velocity {
             let limit = p.max_angular_velocity;
             return Err(TareError::Moving(format!(
-                "the IMU turns at {turning:.4} rad/s, at most {limit} rad/s"
+                "the IMU turns at {angular_velocity:.4} rad/s, limit {limit} rad/s"
             )));
         }
         let mean = |x: &[f64]| x.iter().map(|x| x / n).collect::<Vec<f64>>();

@@ -43,11 +43,11 @@ fn nothing_allocates() {
     });
     let before = allocations();
     for k in 0..100 {
-        let late = DelayedTorque {
+        let delayed = DelayedTorque {
             tau: f64::from(k),
             sigma: 0.1,
         };
-        compensator.update((k % 20 < 10).then_some(1.0), (k % 7 > 0).then_some(late));
+        compensator.update((k % 20 < 10).then_some(1.0), (k % 7 > 0).then_some(delayed));
     }
     assert_eq!(allocations() - before, 0, "allocations");
 }

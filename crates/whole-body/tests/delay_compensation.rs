@@ -18,7 +18,7 @@ struct Joint {
     filter: FilterBank,
     random: Random,
     fast: [f64; 2],
-    late: f64,
+    delayed: f64,
     sigma: f64,
     /// Time in motion, s: encoders drift by it.
     time: f64,
@@ -43,7 +43,7 @@ impl Joint {
             filter,
             random: Random::new(7),
             fast: [gain, fast_noise],
-            late: late_noise,
+            delayed: late_noise,
             time: 0.0,
         }
     }
@@ -53,15 +53,15 @@ impl Joint {
         let drift = 3.0 + 2.0 * (TAU * 0.3 * self.time).sin();
         let fast = gain * truth + drift + noise * self.random.normal();
         self.filter
-            .update(&[truth + self.late * self.random.normal()]);
+            .update(&[truth + self.delayed * self.random.normal()]);
         let tau = self.filter.values()[0];
         let sigma = self.sigma;
         (fast, DelayedTorque { tau, sigma })
     }
 
     fn advance(&mut self, truth: f64) -> TorqueEstimate {
-        let (fast, late) = self.sources(truth);
-        self.compensator.update(Some(fast), Some(late))
+        let (fast, delayed) = self.sources(truth);
+        self.compensator.update(Some(fast), Some(delayed))
     }
 
     fn moving(&mut self, truth: f64) -> (f64, DelayedTorque) {
@@ -79,16 +79,16 @@ fn rms(x: &[f64]) -> f64 {
     (x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64).sqrt()
 }
 
-/// Slow and quick swings; times in s.
+/// Slow and fast swings; times in s.
 fn swing(t: f64) -> f64 {
     20.0 * (TAU * 0.7 * t).sin() + 3.0 * (TAU * 9.0 * t).sin() + 1.5 * (TAU * 21.0 * t).cos()
 }
 
-/// Errors of the estimate and of the late source now, and mean of squares of the errors by the told
+/// Errors of the estimate and of the delayed torque, and root mean square of the errors over the estimated
 /// standard deviation; over the last of several seconds of swinging.
 fn swinging(mut joint: Joint) -> (f64, f64, f64, Joint) {
     joint.rest(swing(0.0), 1.0);
-    let (mut errors, mut late, mut normed) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut errors, mut delayed, mut normed) = (Vec::new(), Vec::new(), Vec::new());
     for k in 0..8000 {
         let truth = swing(PERIOD * f64::from(k));
         let (fast, late_now) = joint.moving(truth);
@@ -96,29 +96,29 @@ fn swinging(mut joint: Joint) -> (f64, f64, f64, Joint) {
         assert!(e.flags == torque_flags::VALID && e.sigma > 0.0);
         if k > 3000 {
             errors.push(e.tau - truth);
-            late.push(joint.filter.values()[0] - truth);
+            delayed.push(joint.filter.values()[0] - truth);
             normed.push((e.tau - truth) / e.sigma);
         }
     }
-    (rms(&errors), rms(&late), rms(&normed), joint)
+    (rms(&errors), rms(&delayed), rms(&normed), joint)
 }
 
 #[test]
 fn encoders_that_show_too_little_are_scaled() {
-    let (now, late, normed, joint) = swinging(Joint::new(0.75, 0.1, 0.1));
+    let (now, delayed, normed, joint) = swinging(Joint::new(0.75, 0.1, 0.1));
     let gain = joint.compensator.gain();
     assert!((gain * 0.75 - 1.0).abs() < 0.05, "{gain}");
-    assert!(now < 0.3 && now < 0.2 * late, "{now} after {late}");
+    assert!(now < 0.3 && now < 0.2 * delayed, "{now} after {delayed}");
     assert!((0.5..2.0).contains(&normed), "{normed}");
 }
 
 #[test]
 fn noisy_encoders_are_not_believed() {
-    let (now, late, normed, joint) = swinging(Joint::new(1.0, 8.0, 0.1));
+    let (now, delayed, normed, joint) = swinging(Joint::new(1.0, 8.0, 0.1));
     let gain = joint.compensator.gain();
     assert!(gain < 0.75, "{gain}");
     // Samples averaged over 3 ms would have noise of 4.6 N·m.
-    assert!(now < 2.0 * late && now < 2.8, "{now} after {late}");
+    assert!(now < 2.0 * delayed && now < 2.8, "{now} after {delayed}");
     assert!((0.3..2.5).contains(&normed), "{normed}");
 }
 
@@ -136,12 +136,12 @@ fn rest_is_quieter_than_both_sources() {
 fn a_step_is_seen_at_once() {
     let mut joint = Joint::new(1.0, 0.1, 0.1);
     joint.rest(0.0, 2.0);
-    let told: Vec<f64> = (0..60).map(|_| joint.advance(20.0).tau).collect();
-    // Three samples are averaged; the late source needs fifteen.
-    assert!((told[2] - 20.0).abs() < 1.0, "{told:?}");
+    let estimates: Vec<f64> = (0..60).map(|_| joint.advance(20.0).tau).collect();
+    // Three samples are averaged; the delayed torque needs fifteen.
+    assert!((estimates[2] - 20.0).abs() < 1.0, "{estimates:?}");
     assert!(
-        told.iter().skip(2).all(|t| (t - 20.0).abs() < 2.5),
-        "{told:?}"
+        estimates.iter().skip(2).all(|t| (t - 20.0).abs() < 2.5),
+        "{estimates:?}"
     );
     let delay = joint.compensator.update(None, None).delay_s;
     assert!(delay < 2e-3, "{delay}");
@@ -154,7 +154,7 @@ fn a_slow_ramp_is_followed_by_weak_encoders_too() {
     for k in 0..3000 {
         let truth = 5.0 * PERIOD * f64::from(k);
         let tau = joint.advance(truth).tau;
-        // What the ramp does in the time over which a joint at rest is averaged.
+        // Change of the ramp in the averaging time of a joint at rest.
         assert!((tau - truth).abs() < 1.0, "{tau} at {truth}");
     }
 }
@@ -165,13 +165,15 @@ fn lost_samples_do_not_step_the_torque() {
     let mut last = joint.rest(0.0, 1.0).tau;
     for k in 0..4000 {
         let truth = 10.0 * (TAU * 0.5 * PERIOD * f64::from(k)).sin();
-        let (fast, late) = joint.moving(truth);
+        let (fast, delayed) = joint.moving(truth);
         // Single losses, then a second without encoders, then encoders that have slipped.
         let lost = k % 50 == 7 || (1000..2000).contains(&k);
         let slipped = if k >= 2000 { fast - 30.0 } else { fast };
-        let late = (k % 70 != 8).then_some(late);
-        let e = joint.compensator.update((!lost).then_some(slipped), late);
-        let complete = !lost && late.is_some();
+        let delayed = (k % 70 != 8).then_some(delayed);
+        let e = joint
+            .compensator
+            .update((!lost).then_some(slipped), delayed);
+        let complete = !lost && delayed.is_some();
         assert_eq!(e.flags & torque_flags::DEGRADED == 0, complete);
         assert!(e.flags & torque_flags::VALID != 0);
         assert!(

@@ -12,7 +12,7 @@ use whole_body::{MomentumObserver, MomentumObserverParameters};
 const DT: f64 = 1e-4;
 
 /// External torques `tau_ext` on the joints are found after a few time constants, to the lag; a
-/// joint that is pushed is told, others are not.
+/// contact flag of the pushed joint is set, those of others are not.
 #[test]
 fn external_torques_are_found() {
     for seed in 0..6 {
@@ -35,7 +35,7 @@ fn external_torques_are_found() {
                 hold: 0.005,
             },
         );
-        let mut told = false;
+        let mut detected = false;
         for k in 0..1000 {
             // Torques that hold the joints together loosely, and a push from 20 ms on.
             let mut tau = vec![0.0; model.nv()];
@@ -47,7 +47,7 @@ fn external_torques_are_found() {
             tau[6 + pushed] += push;
             let a = aba(model, &mut data, &q, &v, &tau, None).to_vec();
             forward_kinematics_acceleration(model, &mut data, &q, &v, &a);
-            // What an IMU at the root tells: acceleration less gravity, and no linear velocity.
+            // Measurement of an IMU at the root: acceleration less gravity, and no linear velocity.
             let twist = data.velocities()[0];
             let rotation = data.placements()[0].rotation;
             let point = data.accelerations()[0].linear + twist.angular.cross(&twist.linear)
@@ -68,18 +68,18 @@ fn external_torques_are_found() {
                     );
                 }
             }
-            told |= observer.contacts()[pushed];
+            detected |= observer.contacts()[pushed];
             assert!(
                 (0..n).all(|j| j == pushed || !observer.contacts()[j]),
                 "seed {seed}, step {k}"
             );
-            assert!(k > 200 || !told);
+            assert!(k > 200 || !detected);
             for (v, a) in v.iter_mut().zip(&a) {
                 *v += DT * a;
             }
             integrate(model, &mut q, &v, DT);
         }
-        assert!(told, "seed {seed}");
+        assert!(detected, "seed {seed}");
     }
 }
 
@@ -133,7 +133,7 @@ fn known_wrenches_are_not_external() {
         .map(|r| r.abs())
         .fold(0.0, f64::max);
     assert!(missed > 0.5, "{missed}");
-    // What is not finite changes nothing.
+    // Numbers that are not finite change nothing.
     let before = observer.update(&q, &zero, &tau, base, Some(&f)).to_vec();
     let bad = vec![f64::NAN; n];
     assert_eq!(observer.update(&bad, &zero, &tau, base, Some(&f)), before);

@@ -158,11 +158,11 @@ proptest! {
             scene.imu.angular_acceleration[axis] += 1.0;
             effect(&scene, imu.sigma_angular_acceleration);
         }
-        let mut told = reference.sigma.clone();
-        told.extend(reference.contacts.iter().flat_map(|c| numbers(&c.sigma)));
-        told.extend(reference.parts.iter().flat_map(|p| numbers(&p.residual_sigma)));
+        let mut sigmas = reference.sigma.clone();
+        sigmas.extend(reference.contacts.iter().flat_map(|c| numbers(&c.sigma)));
+        sigmas.extend(reference.parts.iter().flat_map(|p| numbers(&p.residual_sigma)));
         let tolerance = 1e-7 * conditioning(&scene).max(1.0);
-        close(told, variance.into_iter().map(f64::sqrt), tolerance);
+        close(sigmas, variance.into_iter().map(f64::sqrt), tolerance);
     }
 
     /// A contact that is there but not declared shows in its part's residual alone.
@@ -171,7 +171,7 @@ proptest! {
         let robot = Robot::random(seed);
         let scene = Scene::random(&robot, seed ^ 5);
         let parameters = WholeBodyParameters { weighting: Weighting::Expected, ..robot.parameters() };
-        let mut told = 0;
+        let mut reported = 0;
         for (s, _) in parameters.ft_sensors.iter().enumerate() {
             let mut pushed = scene.clone();
             // A push of 100 N and 50 N·m on the part: as its sensor feels it.
@@ -182,7 +182,7 @@ proptest! {
             let result = estimate(&robot, &pushed, &parameters);
             if let Some(ratio) = result.parts[s + 1].residual_ratio() {
                 prop_assert!(ratio > 5.0, "{ratio}");
-                told += 1;
+                reported += 1;
             }
             let quiet = estimate(&robot, &scene, &parameters);
             for part in &quiet.parts {
@@ -190,7 +190,7 @@ proptest! {
             }
         }
         let fewer = parameters.hypotheses[0].contacts.iter().any(|c| c.kind == ContactKind::Nothing);
-        prop_assert!(told > 0 || !fewer);
+        prop_assert!(reported > 0 || !fewer);
     }
 }
 

@@ -1,4 +1,5 @@
-//! What does not follow is refused with the names of links and sensors; one leg tells it all.
+//! Underdetermined sets of sensors and contacts are refused with the names of links and sensors, shown
+//! on one leg.
 
 use dynamics::{Base, ImuMotion, Model, Se3};
 use nalgebra::Vector3;
@@ -242,7 +243,7 @@ fn a_singular_pose_is_flagged() {
     assert_eq!(update(0.5), (true, 3, 3));
 }
 
-/// A sensor may tell its reading in a frame before the cut, and right behind a moving joint.
+/// A sensor's readings may be in a frame before the cut, and its cut right behind a moving joint.
 #[test]
 fn the_frame_need_not_be_where_the_cut_is() {
     let contacts = [contact("hip", FULL), contact("toe", FULL)];

@@ -29,7 +29,7 @@ fn tared(seed: u64, filters: Filters) -> Station {
     station
 }
 
-/// Joints whose late torque is off by more than 2 % of its largest, and by how many per cent: the
+/// Joints whose delayed torque is off by more than 2 % of its largest, and by how many per cent: the
 /// chest carries the noise of all the legs' accelerations; for head and wrists 2 % are a few mN·m,
 /// less than the sensors' noise, and a part of the head's torque vibrates beyond the filters' band.
 const NOISIER: [(&str, f64); 5] = [
@@ -56,12 +56,12 @@ fn torques_while_stepping() {
             let per_cent = |estimate: &[f64], delay: f64| {
                 100.0 * error(estimate, truth, delay) / largest(truth)
             };
-            let late = per_cent(&t.late[j], OURS.delay());
+            let delayed = per_cent(&t.delayed[j], OURS.delay());
             let noisier = NOISIER.iter().find(|(part, _)| name.contains(part));
             let limit = noisier.map_or(2.0, |(_, limit)| *limit);
-            assert!(late < limit, "{name}: {late} %");
+            assert!(delayed < limit, "{name}: {delayed} %");
             let now = per_cent(&t.now[j], 0.0);
-            let before = per_cent(&t.fast[j], 0.0).min(per_cent(&t.late[j], 0.0));
+            let before = per_cent(&t.fast[j], 0.0).min(per_cent(&t.delayed[j], 0.0));
             // For less delay a little more error is taken.
             assert!(
                 now < 1.2 * before,
@@ -79,13 +79,13 @@ fn torques_while_stepping() {
             };
             let delay = lag(&t.now[j], truth);
             assert!(delay < limit, "{name}: {delay} ms");
-            let noise = deviation(&rest.now[j]) / deviation(&paper_rest.late[j]);
+            let noise = deviation(&rest.now[j]) / deviation(&paper_rest.delayed[j]);
             assert!(noise < 1.0, "{name}: {noise} times the noise");
         }
     }
 }
 
-/// The late source is 40 ms late then; the torque now is not.
+/// The delayed torque then lags by 40 ms; the compensated one does not.
 #[test]
 fn torque_now_with_filters_of_80_samples() {
     let filters = Filters::Matched(80);
@@ -98,14 +98,14 @@ fn torque_now_with_filters_of_80_samples() {
         let name = &station.walk.joints[j];
         let truth = &t.truth[j];
         let per_cent = |estimate: &[f64]| 100.0 * error(estimate, truth, 0.0) / largest(truth);
-        let (now, late) = (per_cent(&t.now[j]), per_cent(&t.late[j]));
+        let (now, delayed) = (per_cent(&t.now[j]), per_cent(&t.delayed[j]));
         assert!(
-            now < 5.0 && now < 0.5 * late,
-            "{name}: {now} %, {late} % late"
+            now < 5.0 && now < 0.5 * delayed,
+            "{name}: {now} %, {delayed} % late"
         );
         let delay = lag(&t.now[j], truth);
         assert!(delay < 3.0, "{name}: {delay} ms");
-        let noise = deviation(&rest.now[j]) / deviation(&rest.late[j]);
+        let noise = deviation(&rest.now[j]) / deviation(&rest.delayed[j]);
         assert!(noise < 1.0, "{name}: {noise} times the noise");
     }
 }
@@ -123,7 +123,7 @@ fn a_tare_in_the_air_holds_in_other_poses() {
         station.walk.pose = |_| 0.0;
         station.run(1.0);
         let t = station.record(0.5);
-        let error = |j: usize| error(&t.late[j], &t.truth[j], OURS.delay());
+        let error = |j: usize| error(&t.delayed[j], &t.truth[j], OURS.delay());
         [LEGS, ARMS].map(|joints| rms(&joints.map(error).collect::<Vec<_>>()))
     };
     let same = run(|_| 0.0, true);
@@ -152,7 +152,7 @@ fn a_moving_robot_is_not_tared() {
 }
 
 /// Standing on both feet, without a harness: the sum of the feet's wrenches becomes right, and how
-/// they push against one another stays unknown and is told so.
+/// they push against one another stays unknown and is marked so.
 #[test]
 fn a_tare_on_both_feet() {
     let mut sim: SimParameters = simulation(1);
@@ -276,7 +276,7 @@ fn contacts_change_without_a_step() {
     };
     let (mut smooth, mut hard) = (switch(0.3), switch(0.0));
     station.walk.stepping_since = Some(station.walk.time());
-    // What blended and abrupt changes add to the torque, and by how much from cycle to cycle.
+    // Change of the torque by blended and abrupt changes, in all and from cycle to cycle.
     let joints = station.joints();
     let (mut last, mut jumps) = (Vec::<[f64; 2]>::new(), 0);
     let (mut steps, mut most) = (vec![[0.0f64; 2]; joints], vec![0.0f64; joints]);
@@ -309,7 +309,7 @@ fn contacts_change_without_a_step() {
         last = now;
     }
     assert!((3..16).contains(&jumps), "{jumps} changes in three cycles");
-    // Filters, hysteresis and hold make it late by some 40 ms a change.
+    // Filters, hysteresis and hold delay it by some 40 ms a change.
     assert!(
         wrong < 100 * jumps,
         "{wrong} ms wrong about the foot in {jumps} changes"
@@ -321,7 +321,7 @@ fn contacts_change_without_a_step() {
             "{name}: step of {smooth} of {most} N·m"
         );
     }
-    // Chest pitch carries what the two hypotheses do not agree on.
+    // Chest pitch carries the difference of the two hypotheses.
     let [smooth, hard] = steps[CHEST_PITCH];
     assert!(
         hard > 3.0 * smooth && hard > 0.02 * most[CHEST_PITCH],

@@ -170,8 +170,8 @@ impl Build<'_> {
         };
         if !lines.has("limit") {
             if kind != JointKind::Continuous {
-                let what = format!("joint \"{name}\" has no <limit>: none is assumed");
-                self.model.warnings.push(problem_at(line, what, ""));
+                let reason = format!("joint \"{name}\" has no <limit>: none is assumed");
+                self.model.warnings.push(problem_at(line, reason, ""));
             }
             return Ok(limits);
         }
@@ -218,13 +218,13 @@ impl Build<'_> {
         for joint in self.model.joints.iter().filter(|j| !moves[j.body]) {
             let all = &self.source.robot.joints;
             let index = all.iter().position(|j| j.name == joint.name).unwrap_or(0);
-            let what = format!(
+            let reason = format!(
                 "joint \"{}\" moves no mass: forward dynamics has no finite result unless its motor \
                  adds inertia",
                 joint.name
             );
             let line = self.source.joints[index].own();
-            self.model.warnings.push(problem_at(line, what, ""));
+            self.model.warnings.push(problem_at(line, reason, ""));
         }
     }
 
@@ -233,8 +233,8 @@ impl Build<'_> {
             let Some(index) = self.model.joint_index(&t.joint) else {
                 // Transmissions of mimic joints are common and mean nothing here.
                 if !self.source.robot.joints.iter().any(|j| j.name == t.joint) {
-                    let what = format!("transmission of an unknown joint \"{}\"", t.joint);
-                    self.model.warnings.push(problem_at(t.line, what, ""));
+                    let reason = format!("transmission of an unknown joint \"{}\"", t.joint);
+                    self.model.warnings.push(problem_at(t.line, reason, ""));
                 }
                 continue;
             };

@@ -37,17 +37,17 @@ pub(super) fn of_link(
     }
     let m = sorted_moments(&tensor);
     if m[0] < -ROUNDING * m[2].abs() || m[0] + m[1] < m[2] * (1.0 - ROUNDING) {
-        let what = format!(
+        let reason = format!(
             "link \"{}\": principal moments of inertia {:.6e} {:.6e} {:.6e} belong to no distribution of mass (each at most the sum of the others, none negative)",
             link.name, m[0], m[1], m[2]
         );
-        warnings.push(problem_at(lines.of("inertia"), what, ""));
+        warnings.push(problem_at(lines.of("inertia"), reason, ""));
     }
     Ok(inertia)
 }
 
 /// Refuses a body whose kinetic energy could be negative: nothing can be built that moves so, and
-/// forward dynamics would answer a torque with acceleration the other way.
+/// forward dynamics would accelerate it against the torque.
 pub(super) fn check_body(name: &str, inertia: &Inertia) -> Result<(), Problem> {
     let m = sorted_moments(&inertia.central());
     // Parallel axes subtract large numbers: allow for their rounding too.

@@ -16,7 +16,7 @@ pub(super) struct Tree {
     pub(super) child: Vec<usize>,
     /// For each joint the one that drives it, and `q = ratio q_driver + offset`.
     pub(super) driver: Vec<Driver>,
-    /// What is odd but usable, each with its line.
+    /// Odd but usable parts, each with its line.
     pub(super) warnings: Vec<Problem>,
 }
 
@@ -162,11 +162,11 @@ fn drivers(
             let next = joints.get(mimic.joint.as_str()).copied();
             let Some(next) = next.filter(|n| all[*n].joint_type != JointType::Fixed) else {
                 if steps == 0 {
-                    let what = format!(
+                    let reason = format!(
                         "joint \"{name}\" mimics \"{}\", which is no moving joint: taken as independent",
                         mimic.joint
                     );
-                    warnings.push(problem_at(line, what, ""));
+                    warnings.push(problem_at(line, reason, ""));
                 }
                 break;
             };

@@ -6,7 +6,7 @@ pub(crate) mod textbook;
 use dynamics::{Base, Model, Random};
 use std::fmt::Write;
 
-/// What a random robot may contain.
+/// Size and kinds of a random robot.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kind {
     pub(crate) links: usize,

@@ -16,7 +16,7 @@ use whole_body::{
 /// carries the link `beyond<s>` and perhaps moving ones.
 pub(crate) struct Robot {
     pub(crate) model: Model,
-    /// The same with the sensors' fixed joints made movable: what they carry can be read there.
+    /// The same with the sensors' fixed joints made movable, where the wrenches that they carry can be read.
     pub(crate) oracle: Model,
     parameters: WholeBodyParameters,
 }
@@ -103,7 +103,7 @@ impl Robot {
             };
             let direction =
                 |random: &mut Random| ContactKind::KnownDirection(Vector3::from(random.array()));
-            // The part with the root needs all six: what else would hold the robot?
+            // The part with the root needs all six: nothing else holds the robot.
             let choice = if s.is_none() {
                 random.below(2)
             } else {

@@ -40,7 +40,7 @@ impl Filters {
         window
     }
 
-    /// How late the estimate is, samples.
+    /// Delay of the estimate, samples.
     pub(crate) fn delay(self) -> f64 {
         0.5 * (self.window() - 1) as f64
     }
@@ -110,7 +110,7 @@ pub(crate) fn simulation(seed: u64) -> SimParameters {
     sim
 }
 
-/// The robot, what its joints are told, and its sensors' offsets.
+/// The robot, its joints' commands, and its sensors' offsets.
 pub(crate) struct Walk {
     pub(crate) robot: SimRobot,
     pub(crate) joints: Vec<String>,

@@ -11,14 +11,14 @@ use whole_body::{
     Sources, Tare, TareParameters, TareResult, WholeBody,
 };
 
-/// What is wrong with the sensors from a certain time on.
+/// Faults of sensors, from a certain time on.
 #[derive(Default, Clone)]
 pub(crate) struct Fault {
     /// Joint and how far its link encoder has slipped, rad.
     pub(crate) slip: Option<(usize, f64)>,
     /// Joint and factor of its torque constant.
     pub(crate) constant: Option<(usize, f64)>,
-    /// Sensor and what its reading has drifted by.
+    /// Sensor and drift of its reading.
     pub(crate) drift: Option<(usize, [f64; 6])>,
 }
 
@@ -37,7 +37,7 @@ pub(crate) struct Station {
     encoders: Vec<JointEncoders>,
     compliance: Vec<ComplianceEstimator>,
     current: Vec<CurrentEstimator>,
-    quick_current: Vec<CurrentEstimator>,
+    undelayed_current: Vec<CurrentEstimator>,
     gear_ratios: Vec<f64>,
     dq: FilterBank,
     pub(crate) fast: Vec<f64>,
@@ -141,7 +141,7 @@ impl Station {
                 .iter()
                 .map(|(_, c)| CurrentEstimator::new(*c))
                 .collect(),
-            quick_current: (parts.iter())
+            undelayed_current: (parts.iter())
                 .map(|(_, c)| {
                     CurrentEstimator::new(CurrentParameters {
                         low_pass_pole: 0.5,
@@ -184,7 +184,7 @@ impl Station {
         let q: Vec<f64> = readings.joints.iter().map(|j| j.q).collect();
         self.dq.update(&q);
         let input = self.front.update(&readings);
-        let late = self.whole_body.update(&input);
+        let delayed = self.whole_body.update(&input);
         for (j, reading) in readings.joints.iter().enumerate() {
             let angles = self.encoders[j].update(reading.theta, reading.q);
             let sample = JointSample {
@@ -196,20 +196,20 @@ impl Station {
                 flags: angles.flags,
             };
             self.fast[j] = self.compliance[j].update(&sample).tau;
-            let late = late.valid.then_some(DelayedTorque {
-                tau: late.tau[j],
-                sigma: late.sigma[j],
+            let delayed = delayed.valid.then_some(DelayedTorque {
+                tau: delayed.tau[j],
+                sigma: delayed.sigma[j],
             });
-            let now = self.compensator[j].update(Some(self.fast[j]), late);
+            let now = self.compensator[j].update(Some(self.fast[j]), delayed);
             (self.tau_now[j], self.sigma_now[j]) = (now.tau, now.sigma);
             let current = self.current[j].update(&sample).tau;
             let dq = reading.omega / self.gear_ratios[j];
-            let quick = self.quick_current[j].update(&JointSample { dq, ..sample });
-            let now = self.without_torsion[j].update(Some(quick.tau), late);
+            let undelayed = self.undelayed_current[j].update(&JointSample { dq, ..sample });
+            let now = self.without_torsion[j].update(Some(undelayed.tau), delayed);
             self.current_now[j] = now.tau;
             self.sources[j] = Sources {
                 encoder: Some(self.fast[j]),
-                whole_body: late.map(|l| l.tau),
+                whole_body: delayed.map(|l| l.tau),
                 current: Some(current),
             };
         }
@@ -254,7 +254,7 @@ pub(crate) fn in_the_air() -> Vec<ContactParameters> {
 /// Traces of truth and estimates, joint by joint.
 pub(crate) struct Traces {
     pub(crate) truth: Vec<Vec<f64>>,
-    pub(crate) late: Vec<Vec<f64>>,
+    pub(crate) delayed: Vec<Vec<f64>>,
     pub(crate) now: Vec<Vec<f64>>,
     pub(crate) fast: Vec<Vec<f64>>,
     /// Of `now`.
@@ -268,7 +268,7 @@ impl Station {
         let empty = || vec![Vec::new(); self.joints()];
         let mut t = Traces {
             truth: empty(),
-            late: empty(),
+            delayed: empty(),
             now: empty(),
             fast: empty(),
             sigma: empty(),
@@ -278,7 +278,7 @@ impl Station {
             self.advance();
             for j in 0..self.joints() {
                 t.truth[j].push(self.walk.truth().joints[j].tau);
-                t.late[j].push(self.whole_body.estimate().tau[j]);
+                t.delayed[j].push(self.whole_body.estimate().tau[j]);
                 t.now[j].push(self.tau_now[j]);
                 t.fast[j].push(self.fast[j]);
                 t.sigma[j].push(self.sigma_now[j]);
@@ -298,7 +298,7 @@ pub(crate) fn error(estimate: &[f64], truth: &[f64], delay: f64) -> f64 {
     rms(&errors)
 }
 
-/// How late an estimate is, samples: where its correlation with the truth is greatest.
+/// Delay of an estimate, samples: where its correlation with the truth is greatest.
 pub(crate) fn lag(estimate: &[f64], truth: &[f64]) -> f64 {
     const FURTHEST: i64 = 100;
     let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
