@@ -2,7 +2,7 @@
 //!
 //! Fits, evaluation and the loop all build samples here, so that an estimator runs on samples made
 //! as those that it was fitted to. A joint without a joint file has no window for its velocities:
-//! there the loop takes those of its control filter, which knows the ages of the readings.
+//! there the loop takes those of its control filter, which makes up for the ages of the readings.
 
 use crate::encoder::{EncoderParameters, JointAngles, JointEncoders};
 use crate::filter_bank::FilterBank;

@@ -100,18 +100,18 @@ fn a_motor_jump_leaves_the_turn_alone() {
 }
 
 #[test]
-fn a_reading_that_stays_away_is_believed_when_the_joint_could_be_there() {
+fn a_reading_that_stays_away_is_accepted_once_the_joint_could_be_there() {
     let mut encoders = JointEncoders::new(parameters());
     encoders.update(0.0, 0.0);
-    let mut believed = None;
+    let mut accepted = None;
     for i in 1..400 {
         let angles = encoders.update(wrapped(N * 1.2), 1.2);
         if angles.flags == 0 {
-            believed.get_or_insert(i);
+            accepted.get_or_insert(i);
             assert!((angles.q - 1.2).abs() < 1e-12 && angles.torsion.abs() < 1e-9);
         }
     }
-    assert_eq!(believed, Some(200), "1.2 rad at 6 rad/s take 200 ms");
+    assert_eq!(accepted, Some(200), "1.2 rad at 6 rad/s take 200 ms");
 }
 
 #[test]

@@ -80,6 +80,7 @@ impl Batch {
         });
         let right = DVector::from_fn(k, |a, _| self.moment[used[a]] / scale[a]);
         let factor = scaled.clone().cholesky()?;
+        //= S17: x = (A' A)^-1 A' b, columns scaled to unit length
         let y = factor.solve(&right);
         let inverse = factor.inverse();
         // |A x - b|² without the ridge's part.
