@@ -116,7 +116,7 @@ fn once_shows_torques_flags_faults_and_events_in_words() {
     let shown = text(&output.stdout);
     for part in [
         "mode torque",
-        "FAULT 104 joint_stale: A joint has been silent for longer than allowed.",
+        "FAULT 104 joint_stale: A joint has sent no sample for longer than allowed.",
         "loop.stale_after_ms",
         "12.35 ± 1.50",
         "-7.25",

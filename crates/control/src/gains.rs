@@ -1,4 +1,4 @@
-//! The two equivalent ways to state a joint's feedback gains (D13-14).
+//! Feedback gains of a joint, as torque gains or as equivalent position gains (D13, D14).
 
 /// A joint's feedback gains as the control law uses them (D11, D12).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -29,7 +29,7 @@ impl JointGains {
     /// The gains on position and velocity error in the commanded position (D14).
     #[must_use]
     pub fn equivalent(&self, k_tau: f64) -> EquivalentGains {
-        //= D14
+        //= D14: K6 = K_tau (1 + K_p) K_s, K7 = K_tau (1 + K_p) K_d
         EquivalentGains {
             k6: k_tau * (1.0 + self.k_p) * self.k_s,
             k7: k_tau * (1.0 + self.k_p) * self.k_d,
@@ -39,6 +39,7 @@ impl JointGains {
     /// The gains whose equivalents are `gains` (D14 solved for K_s and K_d).
     #[must_use]
     pub fn from_equivalent(gains: EquivalentGains, k_tau: f64, k_p: f64, k_i: f64) -> Self {
+        //= D14: K_s = K6 / (K_tau (1 + K_p)), K_d = K7 / (K_tau (1 + K_p))
         let factor = k_tau * (1.0 + k_p);
         Self {
             k_p,

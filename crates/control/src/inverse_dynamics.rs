@@ -1,4 +1,4 @@
-//! The torques of a wanted motion under given contact wrenches (D12 without its feedback terms).
+//! Torques of a desired motion under given contact wrenches (D12 without its feedback terms).
 
 use dynamics::{Base, Data, Force, Model, Motion, rnea};
 use nalgebra::Vector3;
@@ -67,11 +67,11 @@ impl InverseDynamics {
             if let Some(frame) = self.model.frames().get(frame)
                 && let Some(force) = self.forces.get_mut(frame.body)
             {
-                let here = Force::new(wrench.force.into(), wrench.torque.into());
-                *force += frame.placement.act_force(here);
+                let at_frame = Force::new(wrench.force.into(), wrench.torque.into());
+                *force += frame.placement.act_force(at_frame);
             }
         }
-        //= D12
+        //= D12: tau = M ddq_d + h_hat - J^T f
         let tau = rnea(
             &self.model,
             &mut self.data,
@@ -84,7 +84,7 @@ impl InverseDynamics {
     }
 }
 
-/// Copies as much of `from` as fits behind `start`.
+/// Copies `from` to `to[start..]`, as far as it has room.
 fn copy(to: &mut [f64], start: usize, from: &[f64]) {
     for (to, from) in to.iter_mut().skip(start).zip(from) {
         *to = *from;

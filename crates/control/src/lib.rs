@@ -1,7 +1,8 @@
 //! Control of joint torque: motor models, torque loop, inverse dynamics and limits (D 3, D 4).
 //!
-//! Everything here is a pure function of its arguments or a small state machine that the cycle
-//! owns; nothing allocates after construction.
+//! In: measured and estimated values, references. Out: commands of position- or current-commanded
+//! drives. Everything is a pure function or a small state that the cycle owns; nothing allocates
+//! after construction.
 #![deny(unsafe_code)]
 
 mod gains;

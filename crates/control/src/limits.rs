@@ -1,19 +1,19 @@
-//! The limits that are applied last, whatever came before.
+//! Limits of one joint's command; the cycle applies them last.
 
 use robot_state::command_flags;
 
 /// Limits of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLimits {
-    /// Least commanded position, rad.
+    /// Smallest commanded position, rad.
     pub position_min: f64,
-    /// Greatest commanded position, rad.
+    /// Largest commanded position, rad.
     pub position_max: f64,
-    /// Greatest |tau|, N·m.
+    /// Largest |tau|, N·m.
     pub torque: f64,
-    /// Greatest |delta_q|, rad: how far a command may lead the measured position.
+    /// Largest |delta_q|, rad: lead of the command over the measured position.
     pub delta_q: f64,
-    /// Greatest |current|, A (current-commanded drives).
+    /// Largest |current|, A (current-commanded drives).
     pub current: f64,
 }
 
@@ -103,7 +103,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_leaves_the_limits_and_flags_tell(x in prop::num::f64::NORMAL | prop::num::f64::INFINITE) {
+        fn values_stay_within_limits_and_flags_report_it(x in prop::num::f64::NORMAL | prop::num::f64::INFINITE) {
             for (result, min, max) in [
                 (LIMITS.torque(x), -30.0, 30.0),
                 (LIMITS.delta_q(x), -0.05, 0.05),

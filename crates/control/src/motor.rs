@@ -1,6 +1,6 @@
-//! What to command so that a drive produces a torque (D 3).
+//! Motor models: the command by which a drive produces a torque (D 3).
 
-/// How a drive's command relates to the joint's torque.
+/// Relation between a drive's command and the joint's torque.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MotorModel {
     /// Position-commanded drive: `delta_q = K_tau tau + K_v dq + K_c sign(dq)` (D6).
@@ -28,29 +28,29 @@ pub enum MotorModel {
 }
 
 impl MotorModel {
-    /// The part of the command that makes the torque: delta_q, rad, or current, A.
+    /// Part of the command for the torque: delta_q, rad, or current, A.
     #[must_use]
     pub fn torque_part(&self, tau: f64) -> f64 {
         match *self {
-            //= D10
+            //= D10: delta_q = K_tau tau* + K_v dq + K_c sign(dq)
             Self::Position { k_tau, .. } => k_tau * tau,
-            //= D3
+            //= D3: i = (tau + K2 dq + K3 sign(dq)) / K1
             Self::Current { k1, .. } => tau / k1,
         }
     }
 
-    /// The part of the command that overcomes friction at `dq`: delta_q, rad, or current, A.
+    /// Part of the command against friction at `dq`: delta_q, rad, or current, A.
     #[must_use]
     pub fn friction_part(&self, dq: f64) -> f64 {
         match *self {
-            //= D10
+            //= D10: delta_q = K_tau tau* + K_v dq + K_c sign(dq)
             Self::Position {
                 k_v,
                 k_c,
                 sign_smoothing,
                 ..
             } => k_v * dq + k_c * smooth_sign(dq, sign_smoothing),
-            //= D3
+            //= D3: i = (tau + K2 dq + K3 sign(dq)) / K1
             Self::Current {
                 k1,
                 k2,
@@ -65,7 +65,9 @@ impl MotorModel {
     pub fn torque(&self, command: f64, dq: f64) -> f64 {
         let without_friction = command - self.friction_part(dq);
         match *self {
+            //= D6: delta_q = K_tau tau + K_v dq + K_c sign(dq)
             Self::Position { k_tau, .. } => without_friction / k_tau,
+            //= D3: tau = K1 i - K2 dq - K3 sign(dq)
             Self::Current { k1, .. } => without_friction * k1,
         }
     }

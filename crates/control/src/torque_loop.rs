@@ -2,17 +2,18 @@
 
 use crate::gains::JointGains;
 
-/// The torque loop of one joint: a PI controller around the torque that is wanted.
+/// The torque loop of one joint: the desired torque plus PI feedback of its error. Its integral
+/// lives as long as the mode that owns the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TorqueLoop {
     integral: f64,
 }
 
 impl TorqueLoop {
-    /// tau*: the torque to ask of the motor, N·m (D11).
+    /// tau*: torque that the motor is to produce, N·m (D11).
     ///
-    /// Without a valid estimate the feedback rests and the feed-forward goes on. The integral
-    /// stops growing where it would push further into `torque_limit` (anti-windup).
+    /// Without a valid estimate the error counts as zero, so the integral keeps its value. It stops
+    /// growing where it would push further into `torque_limit` (anti-windup).
     #[must_use]
     pub fn update(
         &mut self,
@@ -24,18 +25,13 @@ impl TorqueLoop {
     ) -> f64 {
         let error = tau_hat.map_or(0.0, |tau_hat| tau_d - tau_hat);
         let integral = self.integral + error * dt;
-        //= D11
+        //= D11: tau* = tau_d + K_p (tau_d - tau_hat) + K_i integral(tau_d - tau_hat)
         let tau_star = tau_d + gains.k_p * error + gains.k_i * integral;
         let winds_up = tau_star.abs() > torque_limit && tau_star * error > 0.0;
         if !winds_up {
             self.integral = integral;
         }
         tau_star
-    }
-
-    /// Forgets the integral: at every change of mode.
-    pub fn reset(&mut self) {
-        self.integral = 0.0;
     }
 }
 
@@ -52,7 +48,7 @@ mod tests {
 
     #[test]
     fn integral_removes_a_constant_error_of_the_motor_model() {
-        // The motor yields 80 % of what is asked, less 1 N·m.
+        // The motor produces 80 % of tau*, less 1 N·m.
         let mut torque_loop = TorqueLoop::default();
         let mut tau = 0.0;
         for _ in 0..5000 {
@@ -68,7 +64,7 @@ mod tests {
         for _ in 0..10_000 {
             let _ = torque_loop.update(50.0, Some(0.0), &GAINS, 20.0, 1e-3);
         }
-        // Once the error turns round, the loop leaves the limit at once.
+        // With an error of opposite sign, the loop leaves the limit at once.
         let tau_star = torque_loop.update(0.0, Some(5.0), &GAINS, 20.0, 1e-3);
         assert!(tau_star < 0.0, "tau_star = {tau_star}");
     }

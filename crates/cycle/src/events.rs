@@ -1,8 +1,8 @@
-//! Counting of numbered events.
+//! Counts of numbered events.
 
 use robot_state::{EVENT_COUNT, Event};
 
-/// How often each event occurred since start, in the order of `Event::ALL`.
+/// Count of each event since start, in the order of `Event::ALL`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Counts([u64; EVENT_COUNT]);
 

@@ -26,7 +26,7 @@ use filtered::{AXES, Filtered};
 use ft_offset::FtInput;
 use reception::{Reception, Source};
 
-/// What the measured values of this cycle allow.
+/// Readiness of joints and sensors in this cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Readiness {
     /// Every joint has answered at least once.
@@ -47,7 +47,7 @@ pub(crate) struct Measure {
     imu: Option<Source>,
     sample_period: f64,
     sends_velocity: Vec<bool>,
-    /// Every joint's readings made the sample of its estimators.
+    /// Builds each joint's sample for its estimators from its readings.
     front_ends: Vec<FrontEnd>,
     /// For the torque from F/T sensors and IMU, contacts and feedback.
     long: Filtered,

@@ -1,4 +1,5 @@
-//! Sensors that are late or keep their own time, beside the same robot with all sensors at SYNC.
+//! Sensors with latency or a clock of their own, compared with the same robot with all sensors at
+//! SYNC.
 
 mod common;
 
@@ -31,8 +32,8 @@ fn humanoid(edits: &[(&str, &str)]) -> Bench {
 struct Run {
     estimated: Vec<Vec<f64>>,
     truth: Vec<Vec<f64>>,
-    /// Samples that were missed or odd meanwhile.
-    oddities: u64,
+    /// Missed and rejected samples meanwhile.
+    rejected: u64,
 }
 
 impl Run {
@@ -43,7 +44,7 @@ impl Run {
         let mut run = Self {
             estimated: vec![Vec::new(); n],
             truth: vec![Vec::new(); n],
-            oddities: 0,
+            rejected: 0,
         };
         for k in 0..5000 {
             bench.gather();
@@ -52,7 +53,7 @@ impl Run {
             (bench.cycle).step(at, &bench.rx, &ClientInput::default(), &mut bench.tx);
             move_on(bench, &start, 1e-3 * f64::from(k));
             if k == 1000 {
-                run.oddities = oddities(bench);
+                run.rejected = rejected(bench);
             }
             let record = bench.cycle.record();
             let late = record.measured.filter_delay_s / 1e-3;
@@ -66,12 +67,12 @@ impl Run {
                 }
             }
         }
-        run.oddities = oddities(bench) - run.oddities;
+        run.rejected = rejected(bench) - run.rejected;
         run
     }
 }
 
-/// Gives the drives their set points at time `t`, without the daemon's control between.
+/// Gives the drives their set points at time `t`, without the daemon's control in between.
 fn move_on(bench: &mut Bench, start: &[f64], t: f64) {
     let grown = (t / 0.8).min(1.0);
     let squat = 0.12 * grown * (1.0 - (TAU * 1.4 * t).cos());
@@ -144,20 +145,20 @@ const DRIVE_KEYS: [(&str, &str); 2] = [
     ),
 ];
 
-/// Events of cycles in which something was missed or odd.
-fn oddities(bench: &Bench) -> u64 {
+/// Counts of missed and rejected samples.
+fn rejected(bench: &Bench) -> u64 {
     let events = &bench.cycle.record().events;
-    let odd = [
+    let counted = [
         Event::SensorMissed,
         Event::JointMissed,
         Event::EncoderJump,
         Event::SignalNotFinite,
     ];
-    odd.iter().map(|event| events[event.index()]).sum()
+    counted.iter().map(|event| events[event.index()]).sum()
 }
 
-/// Each joint's difference to the robot that samples at SYNC, without and with the keys, and errors
-/// against the truth: at SYNC, without and with the keys.
+/// Each joint's difference to the robot that samples at SYNC, without and with the configuration's
+/// keys, and its errors against the truth: at SYNC, without and with the keys.
 fn compare(
     filter: Option<(&str, &str)>,
     plant: &[(&str, &str)],
@@ -169,7 +170,7 @@ fn compare(
     let ignored = Run::new(&mut humanoid(&late));
     let mut bench = humanoid(&[&late, keys].concat());
     let aligned = Run::new(&mut bench);
-    assert_eq!(aligned.oddities, 0);
+    assert_eq!(aligned.rejected, 0);
     let row = |j: usize| {
         let from_synced = |run: &Run| difference(&run.estimated[j], &synced.estimated[j]);
         let error = |run: &Run| difference(&run.estimated[j], &run.truth[j]);
@@ -189,7 +190,7 @@ struct Row {
     errors: [f64; 3],
 }
 
-/// Errors with the keys are those of the robot that samples at SYNC, but for noise of few samples.
+/// Errors with the keys are those of the robot that samples at SYNC, apart from noise.
 fn as_good_as_synced(rows: &[Row]) {
     for row in rows {
         let [synced, _, aligned] = row.errors;
@@ -198,7 +199,7 @@ fn as_good_as_synced(rows: &[Row]) {
 }
 
 #[test]
-fn late_and_free_running_sensors_do_as_well_as_those_at_sync() {
+fn sensors_with_latency_or_own_clock_are_as_good_as_those_at_sync() {
     let late = [LATE_FT, OWN_IMU];
     for filter in [Some(PAPER), None] {
         let rows = compare(filter, &late, &[FT_KEY, IMU_KEY]);
@@ -206,7 +207,7 @@ fn late_and_free_running_sensors_do_as_well_as_those_at_sync() {
         for row in &rows {
             let [ignored, aligned] = row.from_synced;
             if filter.is_none() && ignored > 0.05 {
-                // The chest carries what the IMU's noise, drawn anew, does to all.
+                // The IMU's noise, drawn anew, falsifies the chest's torques most.
                 let share = if row.joint == "chest_pitch" {
                     0.25
                 } else {
@@ -223,7 +224,7 @@ fn late_and_free_running_sensors_do_as_well_as_those_at_sync() {
 }
 
 #[test]
-fn free_running_drives_and_slow_sensors_do_as_well_as_those_at_sync() {
+fn drives_with_own_clock_and_slow_sensors_are_as_good_as_those_at_sync() {
     let rows = compare(None, &OWN_DRIVES, &DRIVE_KEYS);
     as_good_as_synced(&rows);
     for row in &rows {
@@ -235,7 +236,7 @@ fn free_running_drives_and_slow_sensors_do_as_well_as_those_at_sync() {
     }
 }
 
-/// What analytic sensors say at time `t`: F/T sensor's force along x, N, gyro about x, rad/s,
+/// Readings of analytic sensors at time `t`: F/T sensor's force along x, N, gyro about x, rad/s,
 /// accelerometer along x, m/s².
 fn analytic(t: f64) -> [f64; 3] {
     [
@@ -273,8 +274,8 @@ fn analytic_cycle(bench: &mut Bench, k: u32, age: f64) {
 }
 
 #[test]
-fn a_filtered_sensor_tells_what_was_so_when_it_says() {
-    // The newest sample is up to a period old, or has come after SYNC while others answered.
+fn filtered_values_are_those_of_the_published_instant() {
+    // The newest sample is up to a period old, or was sent after SYNC while others answered.
     let age = |k: u32| 1e-3 * ((f64::from(k) * 0.618).fract() * 1.3 - 0.3);
     let worst = |keys: &[(&str, &str)]| {
         let mut bench = humanoid(keys);
@@ -283,7 +284,7 @@ fn a_filtered_sensor_tells_what_was_so_when_it_says() {
             analytic_cycle(&mut bench, k, age(k));
             let record = bench.cycle.record();
             let t = 1e-3 * f64::from(k) - record.measured.filter_delay_s;
-            // What the filter makes of samples taken at SYNC.
+            // The filter's output for samples taken at SYNC.
             let smooth = |i: usize, hz: f64| {
                 let (h, w) = (1e-3, TAU * hz);
                 let kernel = MatchedFilterParameters {
@@ -300,15 +301,15 @@ fn a_filtered_sensor_tells_what_was_so_when_it_says() {
             };
             let gain = (smooth(1, 1.1) - 1.0) / (analytic(t)[1] - 1.0);
             let rate = gain * -5.0 * (TAU * 1.1) * (TAU * 1.1 * t).sin();
-            let told = [
+            let errors = [
                 record.measured.ft[0].wrench_hat.force[0] - smooth(0, 1.5),
                 record.measured.imu.gyro_hat[0] - smooth(1, 1.1),
                 record.measured.imu.accelerometer_hat[0] - smooth(2, 0.9),
                 record.measured.imu.angular_acceleration_hat[0] - rate,
             ];
             if k > 200 {
-                for (worst, told) in worst.iter_mut().zip(told) {
-                    *worst = worst.max(told.abs());
+                for (worst, error) in worst.iter_mut().zip(errors) {
+                    *worst = worst.max(error.abs());
                 }
             }
         }
@@ -330,12 +331,12 @@ fn a_filtered_sensor_tells_what_was_so_when_it_says() {
 }
 
 #[test]
-fn a_free_running_sensor_is_missed_when_it_is_overdue() {
+fn a_sensor_with_own_clock_is_missed_when_it_is_overdue() {
     let own = "[imu]\nsampled = \"when_sent\"\nperiod_us = 3000";
     let mut bench = humanoid(&[("robot.toml: [imu]", own)]);
     let missed = |bench: &Bench| bench.cycle.record().events[Event::SensorMissed.index()];
     for k in 0..300 {
-        // A sample each third cycle.
+        // A sample every third cycle.
         let age = if k % 3 == 0 { 0.4e-3 } else { f64::NAN };
         analytic_cycle(&mut bench, k, age);
         let imu = bench.cycle.record().measured.imu;
@@ -348,7 +349,7 @@ fn a_free_running_sensor_is_missed_when_it_is_overdue() {
         analytic_cycle(&mut bench, k, f64::NAN);
         let overdue = 1e-3 * f64::from(silent) + 0.4e-3 > 6e-3;
         let flagged = bench.cycle.record().measured.imu.flags & measured_flags::MISSED != 0;
-        assert_eq!(flagged, overdue, "silent for {silent} cycles");
+        assert_eq!(flagged, overdue, "no sample for {silent} cycles");
     }
     assert!(missed(&bench) > before);
 }

@@ -1,9 +1,9 @@
-//! Whatever a bus or a client sends: counted, answered safely, and the robot holds its position.
+//! Invalid frames and references are counted, and the robot holds its position.
 
 mod common;
 
 use can_codec::{EXTENDED_ID, Frame};
-use common::{Bench, wanted};
+use common::{Bench, client_input};
 use cycle::ClientInput;
 use proptest::prelude::*;
 use robot_state::{CycleRecord, Event, Mode, Reference, measured_flags, torque_flags};
@@ -21,7 +21,7 @@ fn q_c(record: &CycleRecord) -> Vec<f64> {
     joints.map(|j| j.q_c).collect()
 }
 
-/// How far the joints are from where they were, rad.
+/// Largest distance of the joints from an earlier pose, rad.
 fn moved(bench: &Bench, from: &[f64]) -> f64 {
     let joints = bench.plant.truth().joints.iter();
     joints
@@ -46,7 +46,7 @@ fn holds_still_without_a_client() {
 }
 
 #[test]
-fn frames_that_nobody_knows_or_of_wrong_length_are_counted_and_nothing_else() {
+fn unknown_frames_and_frames_of_wrong_length_are_only_counted() {
     let mut bench = Bench::new("leg");
     bench.run(100);
     let start = pose(&bench);
@@ -78,7 +78,7 @@ fn a_lost_answer_is_bridged_without_a_step_in_torque_or_command() {
     let mut bench = Bench::new("leg");
     let reference = bench.follow();
     for _ in 0..600 {
-        bench.step(&wanted(&reference));
+        bench.step(&client_input(&reference));
     }
     let before = *bench.cycle.record();
     bench.gather();
@@ -89,15 +89,15 @@ fn a_lost_answer_is_bridged_without_a_step_in_torque_or_command() {
         .map(|m| (m.bus, m.id))
         .unwrap();
     bench.drop_answers(|f| (f.bus, f.id) == knee);
-    let after = *bench.compute(&wanted(&reference));
+    let after = *bench.compute(&client_input(&reference));
     assert_eq!(count(&after, Event::JointMissed), 1);
     assert_eq!(after.mode, Mode::InverseDynamics.number());
-    let silent = after
+    let missed = after
         .measured
         .joints
         .iter()
         .filter(|j| j.flags & measured_flags::MISSED != 0);
-    assert_eq!(silent.count(), 1);
+    assert_eq!(missed.count(), 1);
     for (before, after) in q_c(&before).iter().zip(q_c(&after)) {
         let step = after - before;
         assert!(step.abs() < 1e-4, "command steps by {step}");
@@ -120,7 +120,7 @@ fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_a_client_resets_it() 
     let mut bench = Bench::new("leg");
     let mut reference = bench.follow();
     let start = pose(&bench);
-    let silent = bench
+    let missed = bench
         .robot
         .receive
         .message(0)
@@ -128,8 +128,8 @@ fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_a_client_resets_it() 
         .unwrap();
     for _ in 0..100 {
         bench.gather();
-        bench.drop_answers(|f| (f.bus, f.id) == silent);
-        bench.compute(&wanted(&reference));
+        bench.drop_answers(|f| (f.bus, f.id) == missed);
+        bench.compute(&client_input(&reference));
     }
     let record = *bench.cycle.record();
     assert_eq!(record.fault, Event::JointStale.number());
@@ -146,9 +146,9 @@ fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_a_client_resets_it() 
     assert!(!valid(&record));
     let held = q_c(&record);
 
-    // Back again: the fault stays, and so does the robot.
+    // Answers again: the fault stays latched, and the robot holds.
     for _ in 0..200 {
-        bench.step(&wanted(&reference));
+        bench.step(&client_input(&reference));
     }
     assert_eq!(bench.cycle.record().fault, Event::JointStale.number());
     let still = q_c(bench.cycle.record());
@@ -164,12 +164,12 @@ fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_a_client_resets_it() 
     reference.sequence += 1;
     reference.reset_fault = 1;
     reference.mode = Mode::Hold.number();
-    assert_eq!(bench.step(&wanted(&reference)).fault, 0);
+    assert_eq!(bench.step(&client_input(&reference)).fault, 0);
     reference.sequence += 1;
     reference.reset_fault = 0;
     reference.mode = Mode::InverseDynamics.number();
     assert_eq!(
-        bench.step(&wanted(&reference)).mode,
+        bench.step(&client_input(&reference)).mode,
         Mode::InverseDynamics.number()
     );
 }
@@ -183,23 +183,26 @@ fn assert_holds(flaw: impl Fn(&mut Reference), event: Event) {
     let mut flawed = reference;
     flaw(&mut flawed);
     for _ in 0..200 {
-        let record = bench.step(&wanted(&flawed));
+        let record = bench.step(&client_input(&flawed));
         assert_eq!(record.mode, Mode::Hold.number());
         assert!(q_c(record).iter().all(|q| q.is_finite()));
     }
-    // Once for the message, not once for each cycle.
+    // Counted once for the message, not once for each cycle.
     assert_eq!(count(bench.cycle.record(), event), 1);
     assert_eq!(bench.cycle.record().fault, 0);
     assert!(moved(&bench, &start) < 2e-3);
     reference.sequence += 1;
-    assert_eq!(bench.step(&wanted(&reference)).mode, Mode::Hold.number());
+    assert_eq!(
+        bench.step(&client_input(&reference)).mode,
+        Mode::Hold.number()
+    );
     reference.sequence += 1;
     reference.mode = Mode::Hold.number();
-    bench.step(&wanted(&reference));
+    bench.step(&client_input(&reference));
     reference.sequence += 1;
     reference.mode = Mode::InverseDynamics.number();
     assert_eq!(
-        bench.step(&wanted(&reference)).mode,
+        bench.step(&client_input(&reference)).mode,
         Mode::InverseDynamics.number()
     );
 }
@@ -221,17 +224,17 @@ fn an_unknown_mode_or_joint_count_makes_the_robot_hold() {
 }
 
 #[test]
-fn a_client_that_falls_silent_makes_the_robot_hold() {
+fn a_client_that_stops_sending_makes_the_robot_hold() {
     let mut bench = Bench::new("leg");
     let reference = bench.follow();
     let start = pose(&bench);
     for age_ms in 0..300 {
-        let wanted = ClientInput {
+        let client = ClientInput {
             reference: Some(&reference),
             age_s: f64::from(age_ms) * 1e-3,
             settings: None,
         };
-        bench.step(&wanted);
+        bench.step(&client);
     }
     assert_eq!(bench.cycle.record().mode, Mode::Hold.number());
     assert_eq!(count(bench.cycle.record(), Event::ReferenceStale), 1);
@@ -242,7 +245,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn commands_stay_finite_and_within_limits_whatever_arrives(
+    fn commands_stay_finite_and_within_limits_for_any_input(
         frames in prop::collection::vec((0u8..3, any::<u32>(), 0u8..70, any::<[u8; 8]>(), any::<bool>()), 0..40),
         flips in prop::collection::vec((any::<prop::sample::Index>(), 0usize..8, any::<u8>()), 0..6),
         q_d in prop::collection::vec(prop::num::f64::ANY, 6),
@@ -274,7 +277,7 @@ proptest! {
                 bench.rx.push(frame);
             }
             reference.sequence += 1;
-            let record = *bench.compute(&wanted(&reference));
+            let record = *bench.compute(&client_input(&reference));
             for (j, parameters) in bench.robot.parameters.joints.iter().enumerate() {
                 let limits = parameters.limits;
                 let (joint, q_c) = (&record.estimated.joints[j], record.commanded.joints[j].q_c);

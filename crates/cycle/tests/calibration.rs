@@ -1,4 +1,4 @@
-//! A joint that has a joint file is estimated by all that the file switches on.
+//! A joint with a joint file is estimated by all estimators of the file.
 
 mod common;
 
@@ -71,7 +71,7 @@ fn the_fused_torque_is_published() {
         if cycle > 100 {
             assert_eq!(tau.source, torque_source::FUSED);
             assert!(tau.flags & torque_flags::VALID != 0);
-            // Only the compliance is close enough to count, and it is the same gear.
+            // Of the file's estimators only the compliance has weight, and it is that of the drive.
             let other = plain.cycle.record().estimated.joints[0].tau_encoder;
             assert_eq!(other.source, torque_source::ENCODER);
             assert!(
@@ -84,7 +84,7 @@ fn the_fused_torque_is_published() {
     }
 }
 
-/// The loop and whoever reads the same log build the same samples, whatever the velocity window.
+/// The loop and an evaluation of its log build the same samples, for any velocity window.
 #[test]
 fn the_loop_estimates_as_an_evaluation_of_its_log_does() {
     let current = "[current]\nK_1_Nm_per_A = 5.0\nK_2_Nms_per_rad = 40.0\nK_3_Nm = 1.0\n\

@@ -1,4 +1,4 @@
-//! F/T sensors: raw signals to wrenches behind the buses, and offsets that change while running.
+//! F/T sensors: from raw signals on the bus to wrenches, and offsets that change while running.
 
 mod common;
 
@@ -30,8 +30,8 @@ fn worst(a: &Wrench, b: &Wrench) -> f64 {
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// The plant's sensor sends what its calibration sheet says, so whatever the sheet, the wrench that
-/// comes out is the same, but for a count of the signals.
+/// The plant's sensor sends raw signals by its calibration sheet, so the measured wrench is the same
+/// for any sheet, apart from one count of the signals.
 #[test]
 fn calibration_sign_and_offset_are_undone() {
     let measured = |changes: &[(&str, &str, &str)]| {
@@ -57,7 +57,7 @@ fn calibration_sign_and_offset_are_undone() {
     }
 }
 
-/// A sensor that becomes warmer by 6 K within a second, told to the daemon or not.
+/// A sensor that warms by 6 K within a second, with and without compensation in the configuration.
 #[test]
 fn warmth_is_compensated() {
     let drift = |compensated: bool| {
@@ -81,9 +81,9 @@ fn warmth_is_compensated() {
         bench.run(1000);
         let record = bench.cycle.record();
         if compensated {
-            // 1.15 s after the start, but for a count.
-            let told = record.measured.ft[0].temperature;
-            assert!((told - 31.9).abs() < 0.05, "{told} degC");
+            // 1.15 s after the start, apart from one count.
+            let temperature = record.measured.ft[0].temperature;
+            assert!((temperature - 31.9).abs() < 0.05, "{temperature} degC");
         }
         worst(&record.measured.ft[0].wrench_hat, &cold)
     };
@@ -103,13 +103,13 @@ fn stored_offsets_hold_from_the_first_sample() {
     assert!((bench.plant.truth().ft[0].force[2] - 10.0 - ft.wrench.force[2]).abs() < 3.0);
 }
 
-/// An offset that changes while the robot stands is spread over a quarter of a second: from cycle to
-/// cycle the torques move by little more than they do by themselves, whatever the filters.
+/// A change of offset while the robot stands is spread over a quarter of a second: from cycle to
+/// cycle the torques change little more than without it, for any filters.
 #[test]
 fn a_new_offset_is_no_step_of_torque() {
     for filters in [
         "encoder = { window = 80, order = 2 }\nsensor = { window = 80, order = 1 }",
-        // Read beside its middle, a short filter extrapolates.
+        // A short filter that is not read in its middle extrapolates.
         "encoder = { window = 80, order = 2 }\nsensor = { window = 60, order = 2 }",
     ] {
         let own = "encoder = { window = 80, order = 2 }\nsensor = { window = 80, order = 1 }";
@@ -130,7 +130,7 @@ fn a_new_offset_is_no_step_of_torque() {
         let (quiet, before) = largest(&mut bench, &shifted(0.0));
         let (changing, after) = largest(&mut bench, &shifted(40.0));
         let moved = (after - before).abs();
-        assert!(moved > 2.0, "{moved} N·m: nothing to spread");
+        assert!(moved > 2.0, "{moved} N·m: the offset has no effect");
         assert!(
             changing < quiet + 0.015 * moved,
             "{changing} N·m in a cycle, {quiet} before, of {moved}"

@@ -1,5 +1,5 @@
-//! Contacts in the cycle: chosen by the rule and by clients, changed without a step; and what pushes
-//! the robot besides them.
+//! Contact sets in the cycle: chosen by the rule and by clients, changed without a step; and contact
+//! flags from external torques.
 
 mod common;
 
@@ -16,7 +16,7 @@ fn humanoid(simulation: &str) -> Bench {
     blending("100.0", simulation)
 }
 
-/// The same with another time of blending.
+/// The same with another blending time.
 fn blending(ms: &str, simulation: &str) -> Bench {
     const BLEND: &str = "blend_ms = 100.0";
     Bench::reading("humanoid", &|path: &str| {
@@ -36,9 +36,10 @@ fn count(record: &CycleRecord, event: Event) -> u64 {
     record.events[event.index()]
 }
 
-/// A client's choice holds until it is handed back; the record tells both.
+/// A client's choice of a contact set is used until the client returns it to the rule; the record
+/// shows both.
 #[test]
-fn clients_choose_contacts() {
+fn clients_choose_contact_sets() {
     let mut bench = humanoid("");
     bench.run(300);
     let record = bench.cycle.record();
@@ -78,10 +79,10 @@ fn clients_choose_contacts() {
 const LEANING: &str = "\n[[push]]\nlink = \"chest_pitch_link\"\nstart_s = 0.1\nduration_s = 1.6\n\
                        torque_Nm = [5.0, 20.0, 10.0]\n";
 
-/// The push on the chest is explained or not, as a client says; the torques of the trunk go from one
-/// to the other over the time that is configured.
+/// A push on the chest that one contact set explains and the other does not: the torques of the
+/// trunk change from one to the other over the configured time.
 #[test]
-fn torques_do_not_step_with_the_contacts() {
+fn torques_do_not_step_with_the_contact_set() {
     let largest_step = |blend_ms: &str| {
         let mut bench = blending(blend_ms, LEANING);
         bench.run(900);
@@ -122,7 +123,7 @@ fn torques_do_not_step_with_the_contacts() {
     assert!(blended < 0.02 * change, "{blended} of {change} N·m");
 }
 
-/// The rule follows the feet: on the ground, and lifted off it by its shoulders.
+/// The rule follows the feet: on the ground, and lifted off it at the shoulders.
 #[test]
 fn the_rule_follows_the_feet() {
     let lifted = "\n[[push]]\nlink = \"chest_pitch_link\"\nstart_s = 0.4\nduration_s = 0.8\n\
@@ -138,41 +139,42 @@ fn the_rule_follows_the_feet() {
         }
     }
     assert_eq!(seen.last(), Some(&3), "in the air: {seen:?}");
-    assert!(seen.len() < 5, "it flickers: {seen:?}");
+    assert!(seen.len() < 5, "the choice alternates: {seen:?}");
 }
 
-/// A push where no contact is declared is seen at the joints that feel it, and nowhere else.
+/// A push where no contact is declared sets the contact flags of the joints that it loads, and no
+/// others.
 #[test]
-fn a_push_on_the_elbow_is_told() {
+fn a_push_on_the_elbow_sets_the_shoulders_contact_flags() {
     let pushed = "\n[[push]]\nlink = \"left_elbow_link\"\nstart_s = 0.5\nduration_s = 0.8\n\
                   force_N = [60.0, 0.0, 0.0]\n";
     let mut bench = humanoid(pushed);
     bench.run(500);
     let record = bench.cycle.record();
     assert_eq!(count(record, Event::ExternalContact), 0);
-    let mut told = Vec::new();
+    let mut flagged = Vec::new();
     for _ in 0..600 {
         let record = bench.step(&ClientInput::default());
         for (j, joint) in record.estimated.joints.iter().enumerate() {
-            if joint.contact_flag == 1 && !told.contains(&j) {
-                told.push(j);
+            if joint.contact_flag == 1 && !flagged.contains(&j) {
+                flagged.push(j);
             }
         }
     }
-    let names: Vec<&str> = (told.iter())
+    let names: Vec<&str> = (flagged.iter())
         .map(|&j| bench.robot.parameters.joints[j].name.as_str())
         .collect();
-    assert!(!names.is_empty(), "nothing is told");
+    assert!(!names.is_empty(), "no contact flag was set");
     assert!(
         names.iter().all(|n| n.starts_with("left_shoulder")),
         "{names:?}"
     );
     let record = bench.cycle.record();
-    assert_eq!(count(record, Event::ExternalContact), told.len() as u64);
+    assert_eq!(count(record, Event::ExternalContact), flagged.len() as u64);
 }
 
-/// A leg whose root is bolted down, and one that could move but hangs on a stand by that link: two
-/// ways to say the same.
+/// A leg with a fixed base, and one with a floating base whose root link is fixed to a stand, have the
+/// same torques.
 #[test]
 fn a_stand_is_a_fixed_base() {
     let mut bench = Bench::new("leg");
@@ -191,10 +193,10 @@ fn a_stand_is_a_fixed_base() {
         let record = cycle.step(now, &bench.rx, &ClientInput::default(), &mut tx);
         let tau = |r: &CycleRecord| r.estimated.joints.map(|j| j.tau_whole_body.tau);
         let tau_d = |r: &CycleRecord| r.commanded.joints.map(|j| j.tau_d);
-        let bolted = bench.cycle.record();
+        let fixed = bench.cycle.record();
         for (what, a, b) in [
-            ("estimated", tau(record), tau(bolted)),
-            ("desired", tau_d(record), tau_d(bolted)),
+            ("estimated", tau(record), tau(fixed)),
+            ("desired", tau_d(record), tau_d(fixed)),
         ] {
             for (a, b) in a.iter().zip(b) {
                 assert!((a - b).abs() < 1e-9, "{what}: {a} and {b} N·m");
@@ -210,9 +212,9 @@ fn a_stand_is_a_fixed_base() {
     assert!(loads.iter().any(|tau| tau.abs() > 1.0), "{loads:?}");
 }
 
-/// A bolted robot's weight is no push, and a push on its knee is one.
+/// The weight of a robot with a fixed base is no contact, and a push on its knee is one.
 #[test]
-fn a_push_on_a_bolted_leg_is_told() {
+fn a_push_on_a_leg_with_fixed_base_sets_a_contact_flag() {
     const LEG: &str = "config/leg/robot.toml";
     let pushed = "\n[[push]]\nlink = \"ankle_pitch_link\"\nstart_s = 0.6\nduration_s = 0.8\n\
                   force_N = [80.0, 0.0, 0.0]\n";

@@ -1,4 +1,4 @@
-//! The cross-check in the cycle: the standing humanoid behind its buses.
+//! The cross-check in the cycle, on the standing humanoid.
 
 mod common;
 
@@ -17,7 +17,8 @@ const SETTINGS: CrossCheckSettings = CrossCheckSettings {
     hold: 0.4,
 };
 
-/// The events 204 to 208 that two and a half seconds of standing count, and the last warning.
+/// The events 204 to 208 that occur in two and a half seconds of standing, and the last warning with
+/// its subject.
 fn standing(change: impl Fn(&mut Parameters)) -> (Vec<Event>, u32, u32) {
     let mut bench = Bench::new("humanoid");
     bench.robot.parameters.cross_check = Some(SETTINGS);
@@ -35,24 +36,24 @@ fn standing(change: impl Fn(&mut Parameters)) -> (Vec<Event>, u32, u32) {
 }
 
 #[test]
-fn health_is_silent() {
+fn a_healthy_robot_has_no_warning() {
     assert_eq!(standing(|_| {}), (vec![], 0, 0));
 }
 
 #[test]
-fn a_wrong_sign_of_the_current_is_told() {
-    let told = standing(|p| {
+fn a_wrong_sign_of_the_current_is_reported() {
+    let reported = standing(|p| {
         let motor = &mut p.joints[3].estimator.wave_generator;
         motor.torque_constant = -motor.torque_constant;
     });
     let number = Event::TorqueSign.number();
-    assert_eq!(told, (vec![Event::TorqueSign], number, 3));
+    assert_eq!(reported, (vec![Event::TorqueSign], number, 3));
 }
 
 #[test]
-fn a_slipped_encoder_is_told() {
-    // As if the tooth had been there from the start: the calibration says another angle.
-    let told = standing(|p| p.joints[3].estimator.kinematic_error.a0 += 1e-3);
+fn a_slipped_encoder_is_reported() {
+    // As if the encoder had slipped before the start: the calibration has another angle.
+    let reported = standing(|p| p.joints[3].estimator.kinematic_error.a0 += 1e-3);
     let number = Event::EncoderSlip.number();
-    assert_eq!(told, (vec![Event::EncoderSlip], number, 3));
+    assert_eq!(reported, (vec![Event::EncoderSlip], number, 3));
 }

@@ -1,15 +1,15 @@
-//! What the loop must not do: allocate, and depend on anything but its arguments.
+//! The cycle does not allocate, and depends on its arguments alone.
 
 mod common;
 
-use common::{Bench, read, wanted};
+use common::{Bench, client_input, read};
 use cycle::ClientInput;
 use robot_state::{Event, Mode, Settings};
 use test_support::allocations;
 
 #[test]
 fn no_cycle_allocates_whatever_happens_in_it() {
-    // Drives that are late, sensors that keep their own time.
+    // Drives with latency, sensors with clocks of their own.
     let own_times = Bench::reading("humanoid", &|path| {
         let text = read(path)?;
         let keys = "sampled = \"when_sent\"\nlatency_us = 300";
@@ -28,7 +28,7 @@ fn no_cycle_allocates_whatever_happens_in_it() {
         let mut total = 0;
         for cycle in 0..400 {
             bench.gather();
-            // Silence, garbage, a client, a flawed client: every branch is walked.
+            // No answers, invalid frames, a client, a flawed reference: every branch is taken.
             if cycle % 50 == 7 {
                 bench.drop_answers(|f| f.id % 2 == 0);
             }
@@ -48,17 +48,17 @@ fn no_cycle_allocates_whatever_happens_in_it() {
             if cycle % 90 == 89 {
                 reference.joints[1].dq_d = f64::NAN;
             }
-            // Offsets and contacts change too, sometimes to what cannot be.
+            // Offsets and contact sets change too, sometimes to invalid ones.
             let mut settings = Settings {
                 sequence: cycle,
                 contact_set: [0, 2, 1, 99][cycle as usize / 30 % 4],
                 ..Settings::default()
             };
             settings.ft_offset[0].force[2] = [0.0, 5.0, f64::NAN][cycle as usize / 40 % 3];
-            let wanted = ClientInput {
+            let client = ClientInput {
                 settings: Some(&settings),
                 ..if cycle % 70 < 60 {
-                    wanted(&reference)
+                    client_input(&reference)
                 } else {
                     ClientInput::default()
                 }
@@ -66,11 +66,11 @@ fn no_cycle_allocates_whatever_happens_in_it() {
             bench.tx.clear();
             let at = bench.instants();
             let before = allocations();
-            bench.cycle.step(at, &bench.rx, &wanted, &mut bench.tx);
+            bench.cycle.step(at, &bench.rx, &client, &mut bench.tx);
             total += allocations() - before;
         }
         assert_eq!(total, 0, "{name}");
-        // The test has walked where it says it has.
+        // The branches were indeed taken.
         let events = bench.cycle.record().events;
         for event in [
             Event::JointMissed,
@@ -97,7 +97,7 @@ fn the_same_frames_give_the_same_bytes() {
         let reference = bench.follow();
         let mut frames = Vec::new();
         for _ in 0..300 {
-            bench.step(&wanted(&reference));
+            bench.step(&client_input(&reference));
             frames.extend(bench.tx.iter().map(|f| (f.id, f.data)));
         }
         (*bench.cycle.record(), frames)

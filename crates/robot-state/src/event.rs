@@ -1,12 +1,12 @@
-//! Numbered events: everything that can go wrong while the loop runs.
+//! Numbered events: deviations, limits and faults while the loop runs.
 
-/// What the loop does when an event occurs.
+/// The loop's reaction to an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reaction {
-    /// Counted; the cycle goes on with a bridged or clamped value.
+    /// Counted; the cycle goes on with an extrapolated or limited value.
     Count,
-    /// The client's reference is not used: the robot holds its position until the client asks for
-    /// a mode again.
+    /// The client's reference is not used: the robot holds its position until the client has asked
+    /// for mode hold.
     Hold,
     /// Latched: the robot holds its position until the operator resets the fault.
     Fault,
@@ -25,7 +25,7 @@ macro_rules! events {
             /// Every event, in the order of their indices in a record's counts.
             pub const ALL: &'static [Event] = &[$( Event::$name, )*];
 
-            /// The event's place in a record's counts.
+            /// The event's index in a record's counts.
             #[must_use]
             pub const fn index(self) -> usize {
                 let mut i = 0;
@@ -56,7 +56,7 @@ macro_rules! events {
                 match self { $( Event::$name => $snake, )* }
             }
 
-            /// What happened, in a sentence.
+            /// The occurrence, in a sentence for the operator.
             #[must_use]
             pub const fn cause(self) -> &'static str {
                 match self { $( Event::$name => $cause, )* }
@@ -68,7 +68,7 @@ macro_rules! events {
                 match self { $( Event::$name => $key, )* }
             }
 
-            /// What the loop does about it.
+            /// The loop's reaction.
             #[must_use]
             pub const fn reaction(self) -> Reaction {
                 match self { $( Event::$name => Reaction::$reaction, )* }
@@ -78,35 +78,35 @@ macro_rules! events {
 }
 
 events! {
-    FrameUnknownId = 101, "frame_unknown_id", Count, "-", "A frame arrived whose id no message of the DBC has.";
-    FrameWrongLength = 102, "frame_wrong_length", Count, "-", "A frame arrived whose length differs from its message in the DBC.";
-    JointMissed = 103, "joint_missed", Count, "loop.gather_deadline_us", "A joint had not answered at the gather deadline; its last state bridges the gap.";
-    JointStale = 104, "joint_stale", Fault, "loop.stale_after_ms", "A joint has been silent for longer than allowed.";
-    SensorMissed = 105, "sensor_missed", Count, "loop.gather_deadline_us", "An F/T sensor or the IMU had not answered at the gather deadline, or was overdue by its own clock.";
+    FrameUnknownId = 101, "frame_unknown_id", Count, "-", "A frame arrived whose identifier is in no message of the DBC file.";
+    FrameWrongLength = 102, "frame_wrong_length", Count, "-", "A frame arrived whose length differs from that of its message in the DBC file.";
+    JointMissed = 103, "joint_missed", Count, "loop.gather_deadline_us", "A joint's answer was not complete at the gather deadline; its angles were extrapolated for this cycle.";
+    JointStale = 104, "joint_stale", Fault, "loop.stale_after_ms", "A joint has sent no sample for longer than allowed.";
+    SensorMissed = 105, "sensor_missed", Count, "loop.gather_deadline_us", "An F/T sensor or the IMU sent no sample by the gather deadline or, if it has a clock of its own, for two of its periods.";
     BusErrorFrame = 106, "bus_error_frame", Count, "-", "The CAN controller reported an error frame.";
-    SendFailed = 107, "send_failed", Count, "-", "A frame could not be handed to the bus.";
-    ReceiveOverflow = 108, "receive_overflow", Count, "-", "More frames arrived in a cycle than the receive buffer holds.";
-    SignalNotFinite = 109, "signal_not_finite", Count, "-", "A decoded signal was NaN or infinite; its last value was kept.";
-    TorqueSaturated = 201, "torque_saturated", Count, "joint.torque_limit_Nm", "An estimated torque reached the joint's limit and was saturated.";
-    EncoderJump = 202, "encoder_jump", Count, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than its joint can; the sample was not used.";
-    EstimateNotFinite = 203, "estimate_not_finite", Count, "-", "An estimator produced NaN or infinity; its output was marked invalid.";
-    EncoderSlip = 204, "encoder_slip", Count, "cross_check.encoder_per_cent", "The encoders of one joint disagree with F/T sensors and current for longer than allowed: an encoder has probably slipped.";
-    FtDrift = 205, "ft_drift", Count, "cross_check.encoder_per_cent", "An F/T sensor disagrees with the encoders of the joints that carry it: it has probably drifted.";
-    TorqueConstant = 206, "torque_constant", Count, "cross_check.current_ratio_min / cross_check.current_ratio_max", "A joint's current tells another size of torque than encoders and F/T sensors: its torque constant is probably wrong.";
-    TorqueSign = 207, "torque_sign", Count, "cross_check.current_load_per_cent", "A joint's current tells the opposite of encoders and F/T sensors: its sign is probably wrong.";
-    MissingContact = 208, "missing_contact", Count, "cross_check.residual_sigmas", "Something touches the limb of an F/T sensor where no contact is declared.";
-    ExternalContact = 209, "external_contact", Count, "external_torque.threshold_per_cent", "The environment pushes a joint where no contact is declared.";
-    ReferenceNotFinite = 301, "reference_not_finite", Hold, "-", "A client sent NaN or infinity.";
-    ReferenceStale = 302, "reference_stale", Hold, "loop.reference_timeout_ms", "A client stopped sending references.";
-    ReferenceRejected = 303, "reference_rejected", Hold, "-", "A client asked for an unknown mode or sent the wrong number of joints.";
-    PositionLimit = 401, "position_limit", Count, "joint.position_min_deg / joint.position_max_deg", "A commanded position was limited.";
-    TorqueLimit = 402, "torque_limit", Count, "joint.torque_limit_Nm", "A commanded torque was limited.";
-    CommandNotFinite = 403, "command_not_finite", Fault, "-", "A computed command was NaN or infinite; the last one was kept.";
+    SendFailed = 107, "send_failed", Count, "-", "A frame could not be sent on the bus.";
+    ReceiveOverflow = 108, "receive_overflow", Count, "-", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.";
+    SignalNotFinite = 109, "signal_not_finite", Count, "-", "A received signal was NaN or infinite; the sample was not used.";
+    TorqueSaturated = 201, "torque_saturated", Count, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
+    EncoderJump = 202, "encoder_jump", Count, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
+    EstimateNotFinite = 203, "estimate_not_finite", Count, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";
+    EncoderSlip = 204, "encoder_slip", Count, "cross_check.encoder_per_cent", "The encoders of a joint disagree with F/T sensors and motor current for longer than allowed: an encoder has probably slipped.";
+    FtDrift = 205, "ft_drift", Count, "cross_check.encoder_per_cent", "An F/T sensor disagrees with the encoders of all joints that depend on it: the sensor has probably drifted.";
+    TorqueConstant = 206, "torque_constant", Count, "cross_check.current_ratio_min / cross_check.current_ratio_max", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.";
+    TorqueSign = 207, "torque_sign", Count, "cross_check.current_load_per_cent", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.";
+    MissingContact = 208, "missing_contact", Count, "cross_check.residual_sigmas", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.";
+    ExternalContact = 209, "external_contact", Count, "external_torque.threshold_per_cent", "Contact detected by a joint's external torque, where the contact set has none.";
+    ReferenceNotFinite = 301, "reference_not_finite", Hold, "-", "A client's reference contained NaN or infinity.";
+    ReferenceStale = 302, "reference_stale", Hold, "loop.reference_timeout_ms", "The commanding client stopped sending references.";
+    ReferenceRejected = 303, "reference_rejected", Hold, "-", "A client's reference had an unknown mode or the wrong number of joints.";
+    PositionLimit = 401, "position_limit", Count, "joint.position_min_deg / joint.position_max_deg", "A commanded position, or its lead over the measured position, was limited.";
+    TorqueLimit = 402, "torque_limit", Count, "joint.torque_limit_Nm", "A commanded torque or current was limited.";
+    CommandNotFinite = 403, "command_not_finite", Fault, "-", "A computed command was NaN or infinite; the last command was kept.";
     LateCycle = 501, "late_cycle", Count, "loop.rate_hz", "A cycle ended after the next one should have begun.";
-    SkippedCycle = 502, "skipped_cycle", Count, "loop.rate_hz", "A cycle's start was passed over because the one before it ended too late.";
+    SkippedCycle = 502, "skipped_cycle", Count, "loop.rate_hz", "A cycle was left out because the one before it ended too late.";
 }
 
-/// How many events there are: the length of a record's counts.
+/// Number of events: the length of a record's counts.
 pub const EVENT_COUNT: usize = Event::ALL.len();
 
 #[cfg(test)]

@@ -2,11 +2,11 @@
 
 /// The layout of a type that may stand in a record.
 pub trait Layout {
-    /// What the type is made of.
+    /// The type's shape.
     const SHAPE: Shape;
 }
 
-/// What a field is made of.
+/// Shape of a type.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
     /// 8-bit unsigned integer.
@@ -17,7 +17,7 @@ pub enum Shape {
     U64,
     /// 64-bit IEEE float.
     F64,
-    /// As many equal elements as the number says.
+    /// Equal elements, and their number.
     Array(&'static Shape, usize),
     /// A record: its name, its fields in order, its size in bytes.
     Record(&'static str, &'static [Field], usize),
@@ -55,7 +55,7 @@ impl<T: Layout, const N: usize> Layout for [T; N] {
 const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
 
-/// A number that changes whenever a field's name, place or type changes (64-bit FNV-1a).
+/// A number that changes whenever a field's name, offset or type changes (64-bit FNV-1a).
 ///
 /// Shared memory compares a type's name, size and alignment but not its fields: the hash goes
 /// into the type's name, so that two builds that disagree refuse to connect.

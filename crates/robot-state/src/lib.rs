@@ -1,7 +1,8 @@
-//! The records that travel along the pipeline and through shared memory.
+//! Records of the pipeline and of shared memory: measured, estimated, commanded; references and
+//! requests; events.
 //!
 //! Every record is `#[repr(C)]`, has a fixed size, holds SI units, and describes its own layout
-//! ([`Layout`]), so that mirrors in other languages are generated and never typed twice.
+//! ([`Layout`]), so that mirrors in other languages are generated and never written by hand.
 //! First words of a field's documentation: printed symbol, meaning, unit.
 #![deny(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! One record per arrow of the pipeline.
+//! Records of one cycle, a file for each group, and of the robot's description and references.
 
 mod commanded;
 mod cycle;

@@ -264,7 +264,7 @@ impl Law {
         hold_q
     }
 
-    /// Terms that track a position and velocity by inverse dynamics.
+    /// Terms that follow a position and a velocity by inverse dynamics.
     fn tracking_terms(&self, q_d: f64, dq_d: f64, input: &JointInput<'_>) -> Terms {
         let (measured, torque) = (input.measured, &input.inverse_dynamics);
         // Position feedback uses the newest sample: docs/decisions/0003.
@@ -305,7 +305,8 @@ impl Law {
         //= D10: delta_q = K_tau tau* + K_v dq + K_c sign(dq)
         let command = self.motor.torque_part(limited.value) + friction;
 
-        // The six contributions of D 5.5; none of them contains the part that the limit removes.
+        // None of them contains the part that the limit removes.
+        //= D 5.5: delta_q = torque and friction feed-forward + feedback of q, dq, ddq and f
         let part = |tau: f64| self.motor.torque_part(tau);
         let k_p = self.gains.k_p;
         let feedback_force = force + k_p * (force + input.inverse_dynamics.contact_error);

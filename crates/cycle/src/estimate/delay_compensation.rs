@@ -27,8 +27,8 @@ pub(crate) struct DelayCompensation {
 
 #[derive(Debug)]
 struct Joint {
-    /// The compliance without its low-pass, which would be late; none where a joint file's
-    /// estimators are as fast as they can.
+    /// The compliance without its low-pass, which would add delay; none where a joint file's
+    /// estimators, which have none, are used.
     fast: Option<ComplianceEstimator>,
     compensator: DelayCompensator,
     torque_limit: f64,
@@ -68,20 +68,20 @@ impl DelayCompensation {
         counts: &mut Counts,
     ) {
         self.whole_body.blend(contact_set_shares);
-        let late = self.whole_body.update(&measure.short().input());
+        let delayed = self.whole_body.update(&measure.short().input());
         // Short filters have settled when the long ones, which the flags are about, have.
-        let usable = late.valid && measure.flags() & UNUSABLE == 0;
+        let usable = delayed.valid && measure.flags() & UNUSABLE == 0;
         let samples = measure.samples().iter().enumerate();
         for ((own, (j, sample)), joint) in (self.joints.iter_mut().zip(samples)).zip(joints) {
             let fast = match &mut own.fast {
                 Some(compliance) => compliance.update(sample),
                 None => joint.tau_encoder,
             };
-            let (tau, sigma) = (late.tau[j], late.sigma[j]);
-            let believed = usable && tau.abs() <= own.torque_limit;
-            let late = believed.then_some(DelayedTorque { tau, sigma });
+            let (tau, sigma) = (delayed.tau[j], delayed.sigma[j]);
+            let within_limit = usable && tau.abs() <= own.torque_limit;
+            let delayed = within_limit.then_some(DelayedTorque { tau, sigma });
             let fast = valid(&fast).map(|fast| fast.tau);
-            joint.tau_hat = own.compensator.update(fast, late);
+            joint.tau_hat = own.compensator.update(fast, delayed);
             if joint.tau_hat.flags & torque_flags::SATURATED != 0 {
                 counts.add(Event::TorqueSaturated);
             }
@@ -89,8 +89,8 @@ impl DelayCompensation {
     }
 }
 
-/// Standard deviation of the compliance's torque that counts of the encoders explain: a count hides a
-/// uniform error whose variance is its square over 12.
+/// Standard deviation of the compliance's torque due to the encoders' counts: a count hides a uniform
+/// error whose variance is its square over 12.
 fn resolution(e: &JointEstimatorParameters) -> f64 {
     let counts = (e.motor_resolution / e.gear_ratio).hypot(e.link_resolution);
     e.compliance.k_fs0 * counts / 12f64.sqrt()

@@ -9,13 +9,13 @@
 //! F_j[y] = F_j[x] - a F_j[delta] - b F_j[tau delta - delta²/2]
 //! ```
 //!
-//! whatever the filter's kernel and however the ages vary. So the ages pass the very filter that
-//! the signal passes, as two channels more, and the same formula tells what they have done to the
-//! signal. No single sample is extrapolated, which would cost noise. With `F_1[x] = a` and
+//! for any kernel and any course of the ages. So the ages pass the same filter as the signal, as two
+//! more channels, and the formula removes their effect from the signal's outputs. No single sample
+//! is extrapolated, which would amplify noise. With `F_1[x] = a` and
 //! `F_2[x] = b` (kernels that differentiate a parabola exactly) a and b follow from two equations.
-//! The error left is of third order: for a constant age `delta³/6` of the third derivative in the
+//! The remaining error is of third order: for a constant age `delta³/6` of the third derivative in the
 //! value, `delta²/2` in the first derivative, `delta` in the second. Filters whose value and
-//! derivatives see different bands (Savitzky-Golay) leave the share by which they differ.
+//! derivatives pass different bands (Savitzky-Golay) leave the share by which these differ.
 
 use estimators::filter_bank::{FilterBank, FilterDesign};
 use problem::Problem;
@@ -24,12 +24,12 @@ use robot_config::{Robot, Sampled, Sampling};
 
 use crate::time::{SECONDS_PER_NS, Stamp};
 
-/// Its own periods after which the next sample of a source that comes when it likes is missed.
+/// Own periods after which the next sample of a source with a clock of its own is overdue.
 pub(crate) const OVERDUE: f64 = 2.0;
 /// Value, first and second derivative.
 pub(crate) type Outputs = [f64; 3];
 
-/// One signal of a bank: when it is sampled, and the source and the message that bring it.
+/// One signal of a bank: its sampling, its source and its message.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Signal {
     pub(crate) sampling: Sampling,
@@ -44,13 +44,13 @@ struct Varying {
     signal: usize,
     message: usize,
     latency: f64,
-    /// Largest time between SYNC and stamp that can be, s.
+    /// Largest possible time between SYNC and stamp, s.
     longest: f64,
     moments: usize,
 }
 
 impl Varying {
-    /// delta: how long before SYNC the sample was taken, s; negative if afterwards.
+    /// delta: age of the sample at SYNC, s; negative if it was taken afterwards.
     fn age(&self, stamps: &[Option<u64>], sync: Stamp) -> f64 {
         let stamp = stamps.get(self.message).copied().flatten();
         stamp.map_or(f64::NAN, |stamp| {
@@ -60,7 +60,7 @@ impl Varying {
     }
 }
 
-/// What a filter makes of the ages of one source's samples.
+/// A filter's outputs for the ages of one source's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Moments {
     /// F_j[delta], s^(1-j).
@@ -70,7 +70,7 @@ struct Moments {
 }
 
 impl Moments {
-    /// Every sample is equally old: nothing needs filtering.
+    /// For samples of one constant age, which need no filter.
     fn constant(age: f64) -> Self {
         Self {
             first: [age, 0.0, 0.0],
@@ -83,7 +83,7 @@ impl Moments {
         let ([f0, f1, f2], [s0, s1, s2]) = (self.first, self.second);
         let determinant = (1.0 - f1) * (1.0 - s2) - s1 * f2;
         if determinant.is_nan() || determinant < 0.5 {
-            // Samples so scarce in the window that they no longer tell the derivatives.
+            // Too few samples in the window to determine the derivatives.
             return [value, rate, curvature];
         }
         let a = (rate * (1.0 - s2) + s1 * curvature) / determinant;
@@ -92,7 +92,7 @@ impl Moments {
     }
 }
 
-/// The ages of the samples that pass one bank of filters.
+/// Ages of the samples in one bank of filters.
 #[derive(Debug)]
 struct Alignment {
     signals: usize,
@@ -145,7 +145,7 @@ impl Alignment {
         self.signals + 2 * self.varying.len()
     }
 
-    /// Puts the ages beside the signals' samples; a missing sample's age is missing too.
+    /// Appends the ages to the signals' samples; a missing sample's age is missing too.
     fn put_ages(&mut self, samples: &mut [f64], stamps: &[Option<u64>], sync: Stamp) {
         self.elapsed += self.sample_period;
         let (signals, ages) = samples.split_at_mut(self.signals);
@@ -155,14 +155,14 @@ impl Alignment {
             } else {
                 f64::NAN
             };
-            // tau from the start instead of the instant of reading, which `take` puts right. The
-            // product keeps ten digits of what is wanted for years.
+            // tau counts from the start; `take` moves its origin to the instant of reading. The
+            // product keeps ten significant digits for years of operation.
             pair[0] = delta;
             pair[1] = self.elapsed * delta - 0.5 * delta * delta;
         }
     }
 
-    /// Takes what the bank, read `delay` before its newest sample, has made of the ages.
+    /// Takes the ages' outputs of the bank, which is read `delay` before its newest sample.
     fn take(&mut self, outputs: impl Fn(usize) -> Outputs, delay: f64) {
         let read = self.elapsed - delay;
         for (i, varying) in self.varying.iter().enumerate() {
@@ -225,7 +225,7 @@ impl AlignedBank {
         self.alignment.align(signal, outputs(&self.bank, signal))
     }
 
-    /// How late the outputs are against SYNC, s.
+    /// Delay of the outputs against SYNC, s.
     pub(crate) fn delay_s(&self) -> f64 {
         self.bank.delay_s()
     }
@@ -236,7 +236,7 @@ impl AlignedBank {
     }
 }
 
-/// A channel's value and derivatives as the bank gives them.
+/// A channel's value and derivatives, before alignment.
 fn outputs(bank: &FilterBank, channel: usize) -> Outputs {
     [
         bank.values()[channel],

@@ -4,25 +4,25 @@ use robot_config::FtParameters;
 use robot_state::Wrench;
 use whole_body::FtConditioning;
 
-/// Time over which an offset gives way to another, s.
+/// Duration of the ramp from one offset to the next, s.
 ///
-/// A moving average would turn a step of the offset into a ramp by itself; filters of higher order,
-/// or read beside their middle, would overshoot. This ramp is slow for all of them.
-const BLEND_S: f64 = 0.25;
+/// Filters of higher order, or read beside their middle, overshoot after a step of the offset. This
+/// ramp is slow for all of them.
+const RAMP_S: f64 = 0.25;
 
 /// One sensor's conditioning.
 #[derive(Debug)]
 pub(crate) struct FtInput {
-    /// As configured, and with the offset of this cycle.
+    /// The configuration's offset.
     configured: [f64; 6],
+    /// With the offset of this cycle.
     conditioning: FtConditioning,
     has_temperature: bool,
-    /// What a tare found: where the offset comes from, goes to, and how far it is on its way, 0
-    /// to 1.
+    /// Tare at the start and at the end of the ramp, and the ramp's progress, 0 to 1.
     from: [f64; 6],
     to: [f64; 6],
     share: f64,
-    /// A sample has come: filters remember it.
+    /// A sample has arrived, and filters remember it.
     seen: bool,
 }
 
@@ -39,14 +39,14 @@ impl FtInput {
         }
     }
 
-    /// One period later: moves towards what a tare found; at once where nothing was measured yet.
+    /// Moves the offset towards a tare by one period; at once before the first sample.
     pub(crate) fn follow(&mut self, tare: &Wrench, period_s: f64) {
-        let wanted = tare.to_array();
-        if wanted != self.to && wanted.iter().all(|x| x.is_finite()) {
-            (self.from, self.to, self.share) = (self.tare(), wanted, 0.0);
+        let tare = tare.to_array();
+        if tare != self.to && tare.iter().all(|x| x.is_finite()) {
+            (self.from, self.to, self.share) = (self.tare(), tare, 0.0);
         }
         self.share = match self.seen {
-            true => (self.share + period_s / BLEND_S).min(1.0),
+            true => (self.share + period_s / RAMP_S).min(1.0),
             false => 1.0,
         };
         let tare = self.tare();
@@ -56,14 +56,14 @@ impl FtInput {
         }
     }
 
-    /// The wrench of a raw sample, °C.
+    /// The wrench of a raw sample; temperature in °C.
     pub(crate) fn wrench(&mut self, raw: &[f64; 6], temperature: f64) -> Wrench {
         self.seen = true;
         let temperature = self.has_temperature.then_some(temperature);
         self.conditioning.apply(raw, temperature)
     }
 
-    /// What is taken off in this cycle.
+    /// The offset that is subtracted in this cycle.
     pub(crate) fn offset(&self) -> Wrench {
         Wrench::from_array(self.conditioning.offset)
     }

@@ -58,17 +58,17 @@ impl Bench {
     }
 
     /// Computes from what is in `rx`, and hands the commands to the robot.
-    pub(crate) fn compute(&mut self, wanted: &ClientInput<'_>) -> &CycleRecord {
+    pub(crate) fn compute(&mut self, client: &ClientInput<'_>) -> &CycleRecord {
         self.tx.clear();
         let at = self.instants();
-        self.cycle.step(at, &self.rx, wanted, &mut self.tx);
+        self.cycle.step(at, &self.rx, client, &mut self.tx);
         let mut answers = Frames::default();
         self.plant.exchange(&self.tx, self.now, &mut answers);
         assert!(answers.is_empty(), "commands are not answered");
         self.cycle.record()
     }
 
-    /// SYNC and its answers take no time here.
+    /// SYNC and its answers take no time in this simulation.
     pub(crate) fn instants(&self) -> Instants {
         Instants {
             sync: Stamp(self.now),
@@ -77,9 +77,9 @@ impl Bench {
     }
 
     /// One whole cycle.
-    pub(crate) fn step(&mut self, wanted: &ClientInput<'_>) -> &CycleRecord {
+    pub(crate) fn step(&mut self, client: &ClientInput<'_>) -> &CycleRecord {
         self.gather();
-        self.compute(wanted)
+        self.compute(client)
     }
 
     /// Cycles without a client.
@@ -98,7 +98,7 @@ impl Bench {
         }
     }
 
-    /// A reference that asks for the present pose in `mode`.
+    /// A reference for the present pose in `mode`.
     pub(crate) fn reference(&self, mode: u32, sequence: u64) -> Reference {
         let record = self.cycle.record();
         let mut reference = Reference {
@@ -108,8 +108,8 @@ impl Bench {
             contact_wrench_given: 1,
             ..Reference::default()
         };
-        for (wanted, joint) in reference.joints.iter_mut().zip(&record.measured.joints) {
-            *wanted = JointReference {
+        for (desired, joint) in reference.joints.iter_mut().zip(&record.measured.joints) {
+            *desired = JointReference {
                 q_d: joint.q,
                 ..JointReference::default()
             };
@@ -121,14 +121,14 @@ impl Bench {
     pub(crate) fn follow(&mut self) -> Reference {
         self.run(200);
         let reference = self.reference(Mode::InverseDynamics.number(), 1);
-        let wanted = wanted(&reference);
-        assert_eq!(self.step(&wanted).mode, Mode::InverseDynamics.number());
+        let client = client_input(&reference);
+        assert_eq!(self.step(&client).mode, Mode::InverseDynamics.number());
         reference
     }
 }
 
-/// A fresh reference.
-pub(crate) fn wanted(reference: &Reference) -> ClientInput<'_> {
+/// The input of a client with a new reference.
+pub(crate) fn client_input(reference: &Reference) -> ClientInput<'_> {
     ClientInput {
         reference: Some(reference),
         age_s: 0.001,

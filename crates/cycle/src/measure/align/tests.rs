@@ -1,4 +1,4 @@
-//! Filtered samples of any ages beside filtered samples taken at SYNC, of signals that are known.
+//! Filtered samples of any ages compared with filtered samples taken at SYNC, of known signals.
 
 use super::{AlignedBank, Outputs, Signal};
 use crate::time::{SECONDS_PER_NS, Stamp};
@@ -87,15 +87,15 @@ fn differences(a: Outputs, b: Outputs, omega: f64) -> Outputs {
     std::array::from_fn(|j| (a[j] - b[j]).abs() / omega.powi(j as i32))
 }
 
-/// How far a wave of frequency `omega` is from a parabola over half a window: the share of what
-/// its age does that stays.
+/// Deviation of a wave of frequency `omega` from a parabola over half a window: the share of the
+/// age's effect that alignment leaves.
 fn curved(omega: f64) -> f64 {
     (omega * 40.0 * PERIOD).powi(2) / 6.0
 }
 
 proptest! {
     #[test]
-    fn parabolas_are_aligned_exactly_whatever_the_ages(
+    fn parabolas_are_aligned_exactly_for_any_ages(
         ages in prop::collection::vec(-0.5..2.0f64, 400),
         missing in prop::collection::vec(0..25u32, 400),
         [v, a, b] in prop::array::uniform3(-3.0..3.0f64),
@@ -105,7 +105,7 @@ proptest! {
         }),
     ) {
         let x = |t: f64| v + a * (t - 0.4) + 40.0 * b * (t - 0.4).powi(2);
-        // Now and then a sample is missing, once the window is full.
+        // Single samples are missing once the window is full.
         let gap = |k: u32| {
             let k = k as usize;
             k > 100 && missing[k] == 0 && missing[k - 1] != 0
@@ -123,7 +123,7 @@ proptest! {
     }
 
     #[test]
-    fn a_constant_age_of_some_periods_hardly_matters(
+    fn a_constant_age_of_some_periods_changes_little(
         periods in -4.0..4.0f64, hz in 0.2..4.0f64, phase in 0.0..6.0f64, design in any_design(),
     ) {
         let (delta, omega) = (periods * PERIOD, std::f64::consts::TAU * hz);
@@ -136,7 +136,7 @@ proptest! {
         ] {
             let aligned = filtered(bank(sampling, design), 300, latency, |_| sent, x);
             let [value, rate, curvature] = differences(aligned, synced, omega);
-            // What the age does without alignment, and the shares that stay.
+            // Effect of the age without alignment, and the shares that alignment leaves.
             let late = omega * delta.abs() + 1e-9;
             prop_assert!(value < late * (late * late / 6.0 + curved(omega)));
             prop_assert!(rate < late * (late / 2.0 + curved(omega)));
@@ -145,7 +145,7 @@ proptest! {
     }
 
     #[test]
-    fn a_clock_of_its_own_hardly_matters(
+    fn a_sensor_with_its_own_clock_changes_little(
         ppm in prop_oneof![-5000.0..-20.0f64, 20.0..5000.0f64],
         start in 0.0..1.0f64,
         jitter in prop::collection::vec(0.0..0.2f64, 400),
@@ -155,8 +155,8 @@ proptest! {
     ) {
         let omega = std::f64::consts::TAU * hz;
         let x = |t: f64| (omega * t + phase).sin();
-        // The sample that was sent last before each SYNC: 0 to 1 period old, wandering, and now
-        // and then the same one twice.
+        // The last sample sent before each SYNC: 0 to 1 period old, drifting, and sometimes the
+        // same one twice.
         let own = PERIOD * (1.0 + 1e-6 * ppm);
         let age = |k: u32| {
             let sync = f64::from(k) * PERIOD;
@@ -173,15 +173,15 @@ proptest! {
             differences(run(Sampling::AT_SYNC, &age), synced, omega);
         let late = omega * PERIOD;
         prop_assert!(value < late * (late + curved(omega)), "{value}");
-        // A leap of the age by a period tilts and bends the window's samples.
-        let [tilted, bent] = [0.03, 2.0 / omega].map(|leap| leap.max(late));
+        // A jump of the age by a period tilts and bends the window's samples.
+        let [tilted, bent] = [0.03, 2.0 / omega].map(|jump| jump.max(late));
         prop_assert!(rate < tilted * (late + curved(omega)), "{rate} of {lost_rate}");
         prop_assert!(curvature < 1.5 * late + bent * curved(omega), "{curvature} of {lost_curvature}");
     }
 }
 
 #[test]
-fn alignment_costs_hardly_any_noise() {
+fn alignment_adds_at_most_five_per_cent_noise() {
     let noise = |k: u64| Random::new(k).symmetric() / 2.0;
     let power = |sampling: Sampling, design: FilterDesign| {
         let mut bank = bank(sampling, design);

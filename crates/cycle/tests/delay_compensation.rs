@@ -1,13 +1,13 @@
-//! The torque now in the cycle: better than either of its sources at the same instant.
+//! The delay-compensated torque in the cycle: better than either of its sources at the same instant.
 
 mod common;
 
-use common::{Bench, wanted};
+use common::{Bench, client_input};
 use robot_state::torque_flags;
 
 /// The standing humanoid swings an arm once a second.
 #[test]
-fn the_torque_now_beats_its_sources() {
+fn the_delay_compensated_torque_is_better_than_its_sources() {
     const MOVED: [(&str, f64); 2] = [("left_shoulder_pitch", 0.5), ("left_elbow", -0.6)];
     const CYCLES: u32 = 4_000;
     const FROM: u32 = 1_500;
@@ -17,7 +17,7 @@ fn the_torque_now_beats_its_sources() {
     let place = |name: &str| joints.iter().position(|j| j.name == name).expect("joint");
     let moved = MOVED.map(|(name, size)| (place(name), size));
     let start = reference.joints.map(|j| j.q_d);
-    // Squared errors: now, encoders, F/T sensors.
+    // Squared errors: delay-compensated, encoders, F/T sensors.
     let mut sums = [[0.0; 3]; MOVED.len()];
     for k in 0..CYCLES {
         let omega = core::f64::consts::TAU;
@@ -31,7 +31,7 @@ fn the_torque_now_beats_its_sources() {
         }
         bench.gather();
         let truth = moved.map(|(j, _)| bench.plant.robot().truth().joints[j].tau);
-        let record = bench.compute(&wanted(&reference));
+        let record = bench.compute(&client_input(&reference));
         for ((sums, (j, _)), truth) in sums.iter_mut().zip(moved).zip(truth) {
             let joint = &record.estimated.joints[j];
             let sources = [&joint.tau_hat, &joint.tau_encoder, &joint.tau_whole_body];
@@ -46,8 +46,15 @@ fn the_torque_now_beats_its_sources() {
         }
     }
     for (sums, (name, _)) in sums.iter().zip(MOVED) {
-        let [now, encoders, late] = sums.map(|s| (s / f64::from(CYCLES - FROM)).sqrt());
-        assert!(now < 0.85 * encoders, "{name}: {now} of {encoders} N·m");
-        assert!(now < 0.85 * late, "{name}: {now} of {late} N·m");
+        let [compensated, encoders, whole_body] =
+            sums.map(|s| (s / f64::from(CYCLES - FROM)).sqrt());
+        assert!(
+            compensated < 0.85 * encoders,
+            "{name}: {compensated} of {encoders} N·m"
+        );
+        assert!(
+            compensated < 0.85 * whole_body,
+            "{name}: {compensated} of {whole_body} N·m"
+        );
     }
 }
