@@ -24,6 +24,9 @@ SOURCES = {
     "U": "Zhu: torque of a harmonic drive by an unscented Kalman filter",
     "D": "A. Del Prete, N. Mansard, O. E. Ramos, O. Stasse, F. Nori: Implementing Torque Control "
     "with High-Ratio Gear Boxes and without Joint-Torque Sensors, 2015",
+    "F": "R. Featherstone: Rigid Body Dynamics Algorithms, Springer 2008",
+    "L": "A. De Luca, R. Mattone: Sensorless robot collision detection and hybrid force/motion control, "
+    "ICRA 2005",
     "H": "M. A. Krasnosel'skii, A. V. Pokrovskii: Systems with Hysteresis, Springer 1989",
 }
 MARK = re.compile(r"^\s*//= (?P<tag>[A-Z][A-Za-z]*?) ?(?P<number>[0-9][^:]*|[A-Z][a-z][^:]*)?: (?P<text>.+)$")

@@ -335,7 +335,8 @@ fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, ta
         u_f = u_f.add_scaled(s, m.2);
         u_n = u_n.add_scaled(s, h.third_column());
     }
-    //= F Table 7.1: D_i = S_i^T U_i (plus the armature); u_i = tau_i - S_i^T p_i^A
+    //= F Table 7.1: D_i = S_i^T U_i (plus the armature)
+    //= F Table 7.1: u_i = tau_i - S_i^T p_i^A
     let d = t.mul_add(u_n.z, s.mul_add(u_f.z, armature));
     let inverse_d = d.recip();
     let u = t.neg_mul_add(n.z, s.neg_mul_add(f.z, tau));
@@ -359,7 +360,8 @@ fn articulate<L: Lanes>(step: &Step, before: &mut [AbaRow], row: &mut AbaRow, ta
 
     let to_parent = Rotation::<L>::load(step, row);
     let r = V3::load(&row.arm);
-    //= F Table 7.1: I_lambda^A = I_lambda^A + lambdaX*_i I_i^a iX_lambda; p_lambda^A = p_lambda^A + lambdaX*_i p_i^a
+    //= F Table 7.1: I_lambda^A = I_lambda^A + lambdaX*_i I_i^a iX_lambda
+    //= F Table 7.1: p_lambda^A = p_lambda^A + lambdaX*_i p_i^a
     let (m, h, i) = (
         to_parent.rotate_matrix(m),
         to_parent.rotate_matrix(h),
@@ -412,7 +414,8 @@ fn accelerations<L: Lanes>(step: &Step, before: &[AbaRow], row: &mut AbaRow) -> 
     let to_parent = Rotation::<L>::load(step, row);
     let alpha = of_parents::<L>(step, before, |r| &r.alpha);
     let a = of_parents::<L>(step, before, |r| &r.a);
-    //= F Table 7.1: a'_i = iX_lambda a_lambda + c_i; ddq_i = D_i^-1 (u_i - U_i^T a'_i); a_i = a'_i + S_i ddq_i
+    //= F Table 7.1: a'_i = iX_lambda a_lambda + c_i; a_i = a'_i + S_i ddq_i
+    //= F Table 7.1: ddq_i = D_i^-1 (u_i - U_i^T a'_i)
     let a = alpha.cross_add(V3::load(&row.arm), a);
     let mut a = to_parent.rotate_back(a).plus(V3::load(&row.bias_a));
     let mut alpha = to_parent.rotate_back(alpha).plus(V3::load(&row.bias_alpha));

@@ -15,10 +15,10 @@ use simd::{Pack, Places, WIDTH};
 /// Four bodies side by side; a lane may be idle.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Step {
-    /// True if every lane's parent is in the same lane of `parent_step`, differs from it by a rotation
+    /// True if every lane's parent is in the same lane of `parent_row`, the frames differ by a rotation
     /// about x only, and every joint is revolute.
     pub(crate) straight: bool,
-    /// True if every lane's parent is in the same lane of `parent_step`.
+    /// True if every lane's parent is in the same lane of `parent_row`.
     pub(crate) same_lane: bool,
     /// Row of the parents, where `same_lane`; row 0 is the root, in all lanes.
     pub(crate) parent_row: usize,

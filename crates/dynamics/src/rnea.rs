@@ -213,7 +213,8 @@ fn outward_straight<L: Lanes>(
     let (rate, rate_change) = (rate * revolute, rate_change * revolute);
     let to_parent = Rotation::<L>::load(step, row);
     let u = M3::load(&parent.u);
-    //= F Table 5.1: v_i = iX_lambda v_lambda + S_i dq_i; a_i = iX_lambda a_lambda + S_i ddq_i + v_i x S_i dq_i
+    //= F Table 5.1: v_i = iX_lambda v_lambda + S_i dq_i
+    //= F Table 5.1: a_i = iX_lambda a_lambda + S_i ddq_i + v_i x S_i dq_i
     let mut w = to_parent.rotate_back(V3::load(&parent.omega));
     let al = to_parent.rotate_back(V3::load(&parent.alpha));
     let a = to_parent.rotate_back(u.mul_add(V3::load(&step.origin), V3::load(&parent.a)));
@@ -278,7 +279,8 @@ fn outward<L: Lanes>(
     r.store(&mut row.arm);
     let b = u.mul_add(r, pa);
     let (c, s) = (L::load(&row.cos), L::load(&row.sin));
-    //= F Table 5.1: v_i = iX_lambda v_lambda + S_i dq_i; a_i = iX_lambda a_lambda + S_i ddq_i + v_i x S_i dq_i
+    //= F Table 5.1: v_i = iX_lambda v_lambda + S_i dq_i
+    //= F Table 5.1: a_i = iX_lambda a_lambda + S_i ddq_i + v_i x S_i dq_i
     let mut w = rotation.tr_mul(w).rotate_back_z(c, s);
     let al = rotation.tr_mul(al).rotate_back_z(c, s);
     let a = rotation.tr_mul(b).rotate_back_z(c, s);
@@ -323,7 +325,8 @@ fn parents_motion<L: Lanes>(step: &Step, before: &[RneaRow]) -> (V3<L>, V3<L>, V
 fn inward_straight<L: Lanes>(step: &Step, parent: &mut RneaRow, row: &RneaRow) -> L {
     let to_parent = Rotation::<L>::load(step, row);
     let n: V3<L> = V3::load(&row.n);
-    //= F Table 5.1: tau_i = S_i^T f_i; f_lambda = f_lambda + lambdaX*_i f_i
+    //= F Table 5.1: tau_i = S_i^T f_i
+    //= F Table 5.1: f_lambda = f_lambda + lambdaX*_i f_i
     let torque = n.z * L::load(&step.revolute_ratio);
     let f = to_parent.rotate(V3::load(&row.f));
     let n = to_parent.rotate(n).plus(V3::load(&parent.n));
@@ -337,7 +340,8 @@ fn inward<L: Lanes>(step: &Step, before: &mut [RneaRow], row: &RneaRow) -> L {
     let (c, s) = (L::load(&row.cos), L::load(&row.sin));
     let rotation = M3::load(&step.rotation);
     let (f, n): (V3<L>, V3<L>) = (V3::load(&row.f), V3::load(&row.n));
-    //= F Table 5.1: tau_i = S_i^T f_i; f_lambda = f_lambda + lambdaX*_i f_i
+    //= F Table 5.1: tau_i = S_i^T f_i
+    //= F Table 5.1: f_lambda = f_lambda + lambdaX*_i f_i
     let torque = f.z.mul_add(
         L::load(&step.prismatic_ratio),
         n.z * L::load(&step.revolute_ratio),

@@ -44,7 +44,7 @@ pub struct PartEstimate {
     /// Wrench that the environment must apply to the part to explain its motion and its sensors,
     /// whatever the contacts are taken to be; in the frame of its first link.
     pub net: Wrench,
-    /// Part of `net` that the declared contacts cannot explain; in the frame of the part's first link.
+    /// Share of `net` that the declared contacts cannot explain; in the frame of the first link.
     pub residual: Wrench,
     /// Standard deviation of each component of `residual`, if the contacts are the true ones.
     pub residual_sigma: Wrench,
@@ -226,8 +226,8 @@ impl WholeBody {
         true
     }
 
-    /// Shares of the hypotheses in the torques from the next update on; contacts are those of the largest. Values
-    /// that are not finite or negative count as zero.
+    /// Shares of the hypotheses in the torques from the next update on; the contact wrenches are those
+    /// of the hypothesis with the largest share. Values that are not finite or negative count as zero.
     pub fn blend(&mut self, weights: &[f64]) {
         let clean = |w: f64| if w.is_finite() { w.max(0.0) } else { 0.0 };
         let known = &weights[..weights.len().min(self.weights.len())];

@@ -129,7 +129,7 @@ impl Mechanics {
         let relative = rates.fold(Vector3::zeros(), |sum, &b| {
             sum + self.axis[b].angular * dq[bodies[b].joint]
         });
-        //= D Algorithm 1, lines 4-5: v_0, a_0 from omega, alpha, a - g of the IMU and the joints between
+        //= D Algorithm 1, lines 4-5: v_0, a_0 from the IMU and the joints between
         let base = Motion::new(Vector3::zeros(), omega - relative);
         let (mut velocity, mut acceleration) = (base, Motion::zero());
         for &b in &layout.source_path {

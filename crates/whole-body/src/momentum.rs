@@ -17,8 +17,8 @@ pub struct MomentumObserverParameters {
     pub sample_period: f64,
     /// K: bandwidth, 1/s; its inverse is the delay of `tau_ext`.
     pub gain: f64,
-    /// Per joint of the model: |tau_ext| that sets the contact flag, N·m; the sum of friction and model
-    /// errors must lie below.
+    /// Per joint of the model: |tau_ext| that sets the contact flag, N·m; friction and model errors
+    /// must stay below in sum.
     pub threshold: Vec<f64>,
     /// Time for which a threshold must be passed, s.
     pub hold: f64,
@@ -86,9 +86,9 @@ impl MomentumObserver {
     }
 
     /// tau_ext, N·m, of every joint, from angles, velocities, torques, and the root's twist and
-    /// proper acceleration ([`crate::WholeBody::base_motion`]) at one instant; the latter are not used
-    /// with a fixed base. `known`: wrenches on each body that are known (declared contacts), which are
-    /// then not external. Values that are not finite leave the last result.
+    /// proper acceleration ([`crate::WholeBody::base_motion`]) at one instant; the latter two are not
+    /// used with a fixed base. `known`: wrenches on each body that are known (declared contacts) and
+    /// so not part of `tau_ext`. Values that are not finite leave the last result.
     pub fn update(
         &mut self,
         q: &[f64],

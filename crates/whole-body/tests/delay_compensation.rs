@@ -84,8 +84,8 @@ fn swing(t: f64) -> f64 {
     20.0 * (TAU * 0.7 * t).sin() + 3.0 * (TAU * 9.0 * t).sin() + 1.5 * (TAU * 21.0 * t).cos()
 }
 
-/// Errors of the estimate and of the delayed torque, and root mean square of the errors over the estimated
-/// standard deviation; over the last of several seconds of swinging.
+/// Root mean squares of the errors of the estimate and of the delayed torque, and of the former over
+/// the estimated standard deviation; in the last of several seconds of swinging.
 fn swinging(mut joint: Joint) -> (f64, f64, f64, Joint) {
     joint.rest(swing(0.0), 1.0);
     let (mut errors, mut delayed, mut normed) = (Vec::new(), Vec::new(), Vec::new());

@@ -1,5 +1,5 @@
-//! Underdetermined sets of sensors and contacts are refused with the names of links and sensors, shown
-//! on one leg.
+//! Underdetermined sets of sensors and contacts are refused with the names of links and sensors,
+//! shown on one leg.
 
 use dynamics::{Base, ImuMotion, Model, Se3};
 use nalgebra::Vector3;

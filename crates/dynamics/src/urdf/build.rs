@@ -244,7 +244,7 @@ impl Build<'_> {
         }
     }
 
-    /// Refuses bodies with a negative moment of inertia, at the line of the link with the smallest one.
+    /// Refuses bodies with a negative moment of inertia, at the link with the smallest one.
     fn check_bodies(&self) -> Result<(), Problem> {
         let frames = &self.model.frames;
         for (body, frame) in frames.iter().filter(|f| !f.rigid).map(|f| (f.body, f)) {

@@ -16,7 +16,7 @@ use whole_body::{
 /// carries the link `beyond<s>` and perhaps moving ones.
 pub(crate) struct Robot {
     pub(crate) model: Model,
-    /// The same with the sensors' fixed joints made movable, where the wrenches that they carry can be read.
+    /// The same with the sensors' fixed joints made movable: the oracle of their readings.
     pub(crate) oracle: Model,
     parameters: WholeBodyParameters,
 }
