@@ -87,7 +87,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         ports.publish(&record)?;
         if cycle % 100 == 0 {
-            ports.keep_house();
+            ports.cleanup_dead_clients();
         }
         sleep((start + PERIOD * cycle).saturating_duration_since(Instant::now()));
     }

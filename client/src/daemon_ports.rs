@@ -129,7 +129,7 @@ impl DaemonPorts {
 
     /// Frees what dead clients held, and connects new ones even if nothing is being published. To
     /// be called a few times a second; takes milliseconds when a client has died.
-    pub fn keep_house(&self) {
+    pub fn cleanup_dead_clients(&self) {
         self.node.try_cleanup_dead_nodes();
         let _ = self.description.update_connections();
         let _ = self.state.update_connections();

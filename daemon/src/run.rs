@@ -12,10 +12,10 @@ use robot_state::{Description, Event, JointMeasured, Name, SharedRecord, measure
 
 use crate::bus::{Line, OpenError, SocketCan};
 use crate::control_loop::ControlLoop;
-use crate::desk::Desk;
 use crate::failure::Failure;
 use crate::offsets::Store;
 use crate::real_time::{self, Deadline, Pace, Settings};
+use crate::request_server::RequestServer;
 use crate::shared_memory::{self, LoopEnds};
 use crate::summary::{PageFaults, Summary, Timing};
 
@@ -36,11 +36,12 @@ pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result
         OpenError::NoCan(_) | OpenError::Socket(..) => Failure::environment(error),
     })?;
     let control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
-    let desk = Desk::new(robot, Store::find(&parameters.name)).map_err(Failure::bad_input)?;
+    let server =
+        RequestServer::new(robot, Store::find(&parameters.name)).map_err(Failure::bad_input)?;
     if !parameters.ft_sensors.is_empty() {
-        eprintln!("{}", desk.about());
+        eprintln!("{}", server.describe_tare());
     }
-    let clients = shared_memory::start(&describe(robot), desk).map_err(Failure::environment)?;
+    let clients = shared_memory::start(&describe(robot), server).map_err(Failure::environment)?;
     let status = Arc::new(Status::default());
     let mut looper = Looper {
         control_loop,

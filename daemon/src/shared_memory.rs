@@ -5,7 +5,7 @@
 //!  loop thread                        publisher thread                clients
 //!  RecordSender ──► ring of records ──────────────────► DaemonPorts ──► every record
 //!  ReferenceReceiver ◄── triple buffer ◄── arrival time ────┘      ◄── references, one client's
-//!  SettingsReceiver ◄─── triple buffer ◄── Desk ◄── records         ◄─► requests and answers
+//!  SettingsReceiver ◄─── triple buffer ◄── RequestServer ◄── records ◄─► requests and answers
 //! ```
 //!
 //! All ways are wait-free for the loop: it never waits for the publisher thread, not even when
@@ -29,8 +29,8 @@ use thread_priority::unix::{
 };
 use torqued_client::{DaemonPorts, Error, Location};
 
-use crate::desk::Desk;
 use crate::real_time::monotonic_ns;
+use crate::request_server::RequestServer;
 
 /// Records that the publisher thread may be behind: a quarter of a second at 1 kHz, 6 MB.
 const RING: usize = 256;
@@ -39,7 +39,7 @@ const POLL: Duration = Duration::from_micros(500);
 /// Requests that are begun in one round: whoever floods gets no more of the thread's time.
 const REQUESTS: usize = 4;
 /// Between two rounds of cleaning up after dead clients.
-const KEEP_HOUSE: Duration = Duration::from_millis(250);
+const CLEANUP_INTERVAL: Duration = Duration::from_millis(250);
 
 /// What the loop needs to meet clients.
 #[derive(Debug)]
@@ -86,14 +86,14 @@ struct Shared {
     failures: AtomicU64,
 }
 
-/// Publishes `description` and starts the publisher thread, at which `desk` serves requests, in the
+/// Publishes `description` and starts the publisher thread, at which `server` serves requests, in the
 /// usual run directory. The thread inherits the caller's CPUs: to be called before the loop's thread
 /// is pinned to its own.
 ///
 /// # Errors
 /// Whatever keeps the robot's services from being made: see [`DaemonPorts::create`].
-pub fn start(description: &Description, desk: Desk) -> Result<LoopEnds, Error> {
-    start_at(&Location::find()?, description, desk)
+pub fn start(description: &Description, server: RequestServer) -> Result<LoopEnds, Error> {
+    start_at(&Location::find()?, description, server)
 }
 
 /// [`start`] in another run directory.
@@ -103,7 +103,7 @@ pub fn start(description: &Description, desk: Desk) -> Result<LoopEnds, Error> {
 pub fn start_at(
     location: &Location,
     description: &Description,
-    desk: Desk,
+    server: RequestServer,
 ) -> Result<LoopEnds, Error> {
     let ports = DaemonPorts::create(location, description)?;
     let (mut producer, mut consumer) = RingBuffer::new(RING);
@@ -111,11 +111,11 @@ pub fn start_at(
     while producer.push(SharedRecord::default()).is_ok() {}
     while consumer.pop().is_ok() {}
     let (arrived, references) = triple_buffer::triple_buffer(&Arrived::default());
-    let (input, settings) = triple_buffer::triple_buffer(desk.settings());
+    let (input, settings) = triple_buffer::triple_buffer(server.settings());
     let shared = Arc::new(Shared::default());
     let publisher = Publisher {
         ports,
-        desk,
+        server,
         settings: input,
         records: consumer,
         arrived,
@@ -202,7 +202,7 @@ impl SettingsReceiver {
 
 struct Publisher {
     ports: DaemonPorts,
-    desk: Desk,
+    server: RequestServer,
     settings: triple_buffer::Input<Settings>,
     records: Consumer<SharedRecord>,
     arrived: triple_buffer::Input<Arrived>,
@@ -211,7 +211,7 @@ struct Publisher {
 
 impl Publisher {
     fn run(mut self) {
-        let mut kept_house = Instant::now();
+        let mut cleaned_up = Instant::now();
         loop {
             // Asked before the ring is emptied, so that the last records are published too.
             let stop = self.shared.stop.load(Ordering::Acquire);
@@ -221,9 +221,9 @@ impl Publisher {
             }
             self.take_reference();
             self.serve();
-            if kept_house.elapsed() > KEEP_HOUSE {
-                self.ports.keep_house();
-                kept_house = Instant::now();
+            if cleaned_up.elapsed() > CLEANUP_INTERVAL {
+                self.ports.cleanup_dead_clients();
+                cleaned_up = Instant::now();
             }
             thread::sleep(POLL);
         }
@@ -238,7 +238,7 @@ impl Publisher {
             let (records, _) = slot.as_slices();
             for record in records {
                 count_failure(&self.shared, &self.ports.publish(record));
-                self.desk.see(record, Instant::now());
+                self.server.observe(record, Instant::now());
             }
             slot.commit_all();
         }
@@ -253,10 +253,10 @@ impl Publisher {
             let Ok(Some(asked)) = received else {
                 break;
             };
-            answers.push(self.desk.ask(&asked, Instant::now()));
+            answers.push(self.server.serve(&asked, Instant::now()));
         }
-        answers.extend(self.desk.work(Instant::now()));
-        if let Some(settings) = self.desk.changed_settings() {
+        answers.extend(self.server.advance(Instant::now()));
+        if let Some(settings) = self.server.changed_settings() {
             self.settings.write(settings);
         }
         for answer in &answers {

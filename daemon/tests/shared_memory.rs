@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use robot_state::{Description, Mode, Name, SharedRecord};
 use test_support::{allocations, read_project_file};
-use torqued::desk::Desk;
 use torqued::real_time::monotonic_ns;
+use torqued::request_server::RequestServer;
 use torqued::shared_memory::{self, LoopEnds};
 use torqued_client::{Client, Commander, Error, Location};
 
@@ -24,7 +24,7 @@ impl RunDir {
     }
 
     fn start(&self) -> LoopEnds {
-        shared_memory::start_at(&self.0, &description(), desk()).expect("shared memory")
+        shared_memory::start_at(&self.0, &description(), request_server()).expect("shared memory")
     }
 
     fn client(&self) -> Client {
@@ -48,10 +48,10 @@ impl Drop for RunDir {
     }
 }
 
-/// A desk of the leg, which nobody asks for a tare here.
-fn desk() -> Desk {
+/// A request server of the leg, which nobody asks for a tare here.
+fn request_server() -> RequestServer {
     let leg = robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg");
-    Desk::new(&leg, Err("nowhere to keep offsets".to_owned())).expect("a desk")
+    RequestServer::new(&leg, Err("nowhere to keep offsets".to_owned())).expect("a request server")
 }
 
 fn description() -> Description {
@@ -236,7 +236,7 @@ fn one_daemon_at_a_time_and_the_next_takes_over() {
     let dir = RunDir::new("takeover");
     let sender = dir.start().records;
     let mut client = dir.client();
-    let refused = shared_memory::start_at(&dir.0, &description(), desk()).err();
+    let refused = shared_memory::start_at(&dir.0, &description(), request_server()).err();
     assert_eq!(
         refused,
         Some(Error::AlreadyRunning {

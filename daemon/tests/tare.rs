@@ -1,4 +1,4 @@
-//! Requests of clients to a daemon that runs the simulated leg, in one process: shared memory, desk,
+//! Requests of clients to a daemon that runs the simulated leg, in one process: shared memory, request server,
 //! loop and CAN frames are the real ones, time is as fast as it goes.
 
 use std::path::PathBuf;
@@ -16,9 +16,9 @@ use test_support::read_project_file;
 use torqued::bus::LockStep;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::control_loop::ControlLoop;
-use torqued::desk::Desk;
 use torqued::offsets::Store;
 use torqued::real_time::Pace;
+use torqued::request_server::RequestServer;
 use torqued::shared_memory;
 use torqued_client::{Client, Commander, Error, Location};
 
@@ -113,7 +113,7 @@ impl Daemon {
     fn start_robot(place: &Place, robot: Robot, sim: &SimParameters) -> Self {
         let urdf = read_project_file(&robot.parameters.urdf_path).expect("readable");
         let plant = CanRobot::new(&robot, &urdf, sim).expect("a plant");
-        let desk = Desk::new(&robot, Ok(place.store())).expect("a desk");
+        let server = RequestServer::new(&robot, Ok(place.store())).expect("a request server");
         let mut description = Description {
             // Its only robot, whatever it is.
             robot: Name::new("leg"),
@@ -128,7 +128,7 @@ impl Daemon {
             description.contact_set_names[i] = Name::new(name);
             description.contact_set_count += 1;
         }
-        let mut ends = shared_memory::start_at(&place.run, &description, desk).expect("ends");
+        let mut ends = shared_memory::start_at(&place.run, &description, server).expect("ends");
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = thread::spawn(move || {

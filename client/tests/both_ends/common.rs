@@ -65,7 +65,7 @@ pub(crate) fn connect(dir: &RunDir, ports: &DaemonPorts, robot: &str) -> Client 
     scope(|threads| {
         threads.spawn(|| {
             while !done.load(Ordering::Relaxed) {
-                ports.keep_house();
+                ports.cleanup_dead_clients();
                 sleep(Duration::from_millis(1));
             }
         });

@@ -13,7 +13,7 @@ fn serve(ports: &DaemonPorts, count: usize, reply: impl Fn(&str) -> Answer) {
     let mut served = 0;
     while served < count {
         assert!(Instant::now() < until, "only {served} requests came");
-        ports.keep_house();
+        ports.cleanup_dead_clients();
         let Some(asked) = ports.next_request().expect("received") else {
             sleep(Duration::from_millis(1));
             continue;
@@ -81,7 +81,7 @@ fn refusals_are_errors_with_their_reason_and_progress_is_seen() {
     scope(|threads| {
         threads.spawn(|| {
             let asked = loop {
-                ports.keep_house();
+                ports.cleanup_dead_clients();
                 if let Some(asked) = ports.next_request().expect("received") {
                     break asked;
                 }

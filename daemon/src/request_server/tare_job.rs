@@ -12,7 +12,7 @@ use super::fitness;
 use crate::offsets::{Offsets, SensorOffset};
 
 /// Records of a robot at rest, averaged as they come.
-pub(super) struct Taring {
+pub(super) struct TareJob {
     parameters: Parameters,
     tare: Tare,
     contacts: String,
@@ -27,7 +27,7 @@ pub(super) struct Taring {
     ft: Vec<Wrench>,
 }
 
-impl Taring {
+impl TareJob {
     pub(super) fn new(
         parameters: &Parameters,
         model: &Model,
@@ -43,7 +43,7 @@ impl Taring {
         let whole_body = whole_body_parameters(parameters, model, &gains);
         let mut whole_body = whole_body.ok_or("a floating base needs an IMU")?;
         whole_body.hypotheses = vec![whole_body.hypotheses.swap_remove(contacts)];
-        let tare = Tare::new(model, &whole_body, parameters.tare.clone()).map_err(told)?;
+        let tare = Tare::new(model, &whole_body, parameters.tare.clone()).map_err(refusal)?;
         let configured = parameters
             .ft_sensors
             .iter()
@@ -68,7 +68,7 @@ impl Taring {
     }
 
     /// Takes a record.
-    pub(super) fn see(&mut self, record: &SharedRecord) -> Result<(), String> {
+    pub(super) fn observe(&mut self, record: &SharedRecord) -> Result<(), String> {
         if self.complete() {
             return Ok(());
         }
@@ -98,7 +98,7 @@ impl Taring {
                 proper_acceleration: measured.imu.accelerometer.into(),
             },
         };
-        self.tare.add(&input).map_err(told)
+        self.tare.add(&input).map_err(refusal)
     }
 
     pub(super) fn complete(&self) -> bool {
@@ -126,7 +126,7 @@ impl Taring {
 
     /// The new offsets: the last ones with the tare's corrections.
     pub(super) fn finish(&self, last: &[[f64; 6]], now: Timestamp) -> Result<Offsets, String> {
-        let results = self.tare.finish().map_err(told)?;
+        let results = self.tare.finish().map_err(refusal)?;
         if results.len() != self.offsets.len() {
             return Err(
                 "no offsets follow from the model: is a mass or an inertia wrong?".to_owned(),
@@ -149,7 +149,7 @@ impl Taring {
     }
 }
 
-fn told(error: TareError) -> String {
+fn refusal(error: TareError) -> String {
     match error {
         TareError::NothingKnown => format!("{error}; choose another set of contacts"),
         error => error.to_string(),

@@ -1,4 +1,4 @@
-//! The desk alone, with made-up records of the leg.
+//! The request server alone, with made-up records of the leg.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -9,8 +9,8 @@ use robot_state::{
     Answer, Event, Mode, Name, Request, SharedRecord, answer_status, measured_flags, request,
 };
 use test_support::read_project_file;
-use torqued::desk::Desk;
 use torqued::offsets::Store;
+use torqued::request_server::RequestServer;
 
 const CONTACTS: &str = r#"
 [[contacts]]
@@ -34,7 +34,7 @@ struct State(PathBuf);
 
 impl State {
     fn new(test: &str) -> Self {
-        let name = format!("torqued-desk-{}-{test}", std::process::id());
+        let name = format!("torqued-requests-{}-{test}", std::process::id());
         Self(std::env::temp_dir().join(name))
     }
 }
@@ -45,8 +45,8 @@ impl Drop for State {
     }
 }
 
-fn desk(state: &State) -> Desk {
-    Desk::new(&leg(), Ok(Store::at(&state.0, "leg"))).expect("a desk")
+fn request_server(state: &State) -> RequestServer {
+    RequestServer::new(&leg(), Ok(Store::at(&state.0, "leg"))).expect("a request server")
 }
 
 /// The leg hanging still with its joints at zero.
@@ -67,11 +67,15 @@ fn asked(kind: u32) -> Request {
 }
 
 /// Shows records, one a millisecond, until the request is answered.
-fn served(desk: &mut Desk, from: Instant, record: impl Fn(usize) -> Box<SharedRecord>) -> Answer {
+fn served(
+    server: &mut RequestServer,
+    from: Instant,
+    record: impl Fn(usize) -> Box<SharedRecord>,
+) -> Answer {
     for k in 0..20_000 {
         let now = from + Duration::from_millis(k as u64);
-        desk.see(&record(k), now);
-        match desk.work(now) {
+        server.observe(&record(k), now);
+        match server.advance(now) {
             Some(answer) if answer.status != answer_status::WORKING => return answer,
             // A disk has its own time.
             _ if k > 2500 => std::thread::sleep(Duration::from_millis(1)),
@@ -81,10 +85,10 @@ fn served(desk: &mut Desk, from: Instant, record: impl Fn(usize) -> Box<SharedRe
     panic!("never answered");
 }
 
-fn refusal(desk: &mut Desk, record: &SharedRecord) -> String {
+fn refusal(server: &mut RequestServer, record: &SharedRecord) -> String {
     let now = Instant::now();
-    desk.see(record, now);
-    let answer = desk.ask(&asked(request::TARE), now);
+    server.observe(record, now);
+    let answer = server.serve(&asked(request::TARE), now);
     assert_eq!((answer.id, answer.status), (7, answer_status::REFUSED));
     answer.text.to_string()
 }
@@ -92,37 +96,37 @@ fn refusal(desk: &mut Desk, record: &SharedRecord) -> String {
 #[test]
 fn a_robot_that_is_not_fit_is_refused_with_the_reason() {
     let state = State::new("unfit");
-    let mut desk = desk(&state);
+    let mut server = request_server(&state);
     let now = Instant::now();
-    let none = desk.ask(&asked(request::TARE), now).text;
+    let none = server.serve(&asked(request::TARE), now).text;
     assert!(none.as_str().contains("no cycle has run"), "{none}");
-    let told = |desk: &mut Desk, change: &dyn Fn(&mut SharedRecord)| {
+    let reason_for = |server: &mut RequestServer, change: &dyn Fn(&mut SharedRecord)| {
         let mut record = still();
         change(&mut record);
-        refusal(desk, &record)
+        refusal(server, &record)
     };
-    let fault = told(&mut desk, &|r| r.cycle.fault = Event::JointStale.number());
+    let fault = reason_for(&mut server, &|r| r.cycle.fault = Event::JointStale.number());
     assert!(fault.contains("fault 104 joint_stale"), "{fault}");
-    let torque = told(&mut desk, &|r| r.cycle.mode = Mode::Torque.number());
+    let torque = reason_for(&mut server, &|r| r.cycle.mode = Mode::Torque.number());
     assert!(torque.contains("mode torque"), "{torque}");
-    let stale = told(&mut desk, &|r| {
+    let stale = reason_for(&mut server, &|r| {
         r.cycle.measured.joints[3].flags = measured_flags::STALE;
     });
-    assert!(stale.contains("joint knee is silent"), "{stale}");
-    let settling = told(&mut desk, &|r| {
+    assert!(stale.contains("joint knee has sent no sample"), "{stale}");
+    let settling = reason_for(&mut server, &|r| {
         r.cycle.measured.ft[0].flags = measured_flags::SETTLING;
     });
     assert!(
         settling.contains("F/T sensor ankle is settling"),
         "{settling}"
     );
-    let never = told(&mut desk, &|r| {
+    let never = reason_for(&mut server, &|r| {
         r.cycle.measured.ft[0].flags = measured_flags::NEVER
     });
     assert!(never.contains("ankle has never answered"), "{never}");
-    // An old record tells nothing.
+    // An old record is no evidence.
     let later = now + Duration::from_secs(5);
-    let late = desk.ask(&asked(request::TARE), later).text;
+    let late = server.serve(&asked(request::TARE), later).text;
     assert!(late.as_str().contains("no cycle has run"), "{late}");
 }
 
@@ -130,7 +134,7 @@ fn a_robot_that_is_not_fit_is_refused_with_the_reason() {
 fn what_happens_during_a_tare_ends_it() {
     type Change = fn(&mut SharedRecord);
     let state = State::new("during");
-    let mut desk = desk(&state);
+    let mut server = request_server(&state);
     let from = Instant::now();
     let changes: [(Change, &str); 5] = [
         (
@@ -152,12 +156,12 @@ fn what_happens_during_a_tare_ends_it() {
         ),
     ];
     for (change, part) in changes {
-        desk.see(&still(), from);
-        let begun = desk.ask(&asked(request::TARE), from);
+        server.observe(&still(), from);
+        let begun = server.serve(&asked(request::TARE), from);
         assert_eq!(begun.status, answer_status::WORKING, "{}", begun.text);
-        let busy = desk.ask(&asked(request::TARE), from);
+        let busy = server.serve(&asked(request::TARE), from);
         assert!(busy.text.as_str().contains("try again"), "{}", busy.text);
-        let answer = served(&mut desk, from, |k| {
+        let answer = served(&mut server, from, |k| {
             let mut record = still();
             if k > 300 {
                 change(&mut record);
@@ -167,13 +171,17 @@ fn what_happens_during_a_tare_ends_it() {
         assert_eq!(answer.status, answer_status::REFUSED);
         assert!(answer.text.as_str().contains(part), "{}", answer.text);
     }
-    assert!(desk.about().contains("no tare"), "{}", desk.about());
+    assert!(
+        server.describe_tare().contains("no tare"),
+        "{}",
+        server.describe_tare()
+    );
 }
 
 #[test]
 fn bridged_samples_do_not_count_and_a_tare_without_samples_ends() {
     let state = State::new("bridged");
-    let mut desk = desk(&state);
+    let mut server = request_server(&state);
     let from = Instant::now();
     let missing = |every: usize| {
         move |k: usize| {
@@ -186,12 +194,12 @@ fn bridged_samples_do_not_count_and_a_tare_without_samples_ends() {
             record
         }
     };
-    desk.see(&still(), from);
-    desk.ask(&asked(request::TARE), from);
-    let answer = served(&mut desk, from, missing(2));
+    server.observe(&still(), from);
+    server.serve(&asked(request::TARE), from);
+    let answer = served(&mut server, from, missing(2));
     assert_eq!(answer.status, answer_status::DONE, "{}", answer.text);
-    desk.ask(&asked(request::TARE), from);
-    let answer = served(&mut desk, from, missing(50));
+    server.serve(&asked(request::TARE), from);
+    let answer = served(&mut server, from, missing(50));
     assert_eq!(answer.status, answer_status::REFUSED);
     assert!(
         answer.text.as_str().contains("of 2000 records"),
@@ -204,13 +212,13 @@ fn bridged_samples_do_not_count_and_a_tare_without_samples_ends() {
 #[test]
 fn a_tare_right_after_another_is_not_misled_by_blending() {
     let state = State::new("blending");
-    let mut desk = desk(&state);
+    let mut server = request_server(&state);
     let from = Instant::now();
     let mut taken = [0.0; 3];
     for round in 0..2 {
-        desk.see(&still(), from);
-        desk.ask(&asked(request::TARE), from);
-        let answer = served(&mut desk, from, |k| {
+        server.observe(&still(), from);
+        server.serve(&asked(request::TARE), from);
+        let answer = served(&mut server, from, |k| {
             let mut record = still();
             let share = (k as f64 / 250.0).min(1.0);
             for (axis, taken) in taken.iter().enumerate() {
@@ -233,43 +241,44 @@ fn a_tare_right_after_another_is_not_misled_by_blending() {
 
 #[test]
 fn offsets_that_cannot_be_kept_are_not_used() {
-    let mut desk =
-        Desk::new(&leg(), Ok(Store::at("/proc/torqued".as_ref(), "leg"))).expect("a desk");
+    let mut server = RequestServer::new(&leg(), Ok(Store::at("/proc/torqued".as_ref(), "leg")))
+        .expect("a request server");
     let from = Instant::now();
-    desk.see(&still(), from);
-    desk.ask(&asked(request::TARE), from);
-    let answer = served(&mut desk, from, |_| still());
+    server.observe(&still(), from);
+    server.serve(&asked(request::TARE), from);
+    let answer = served(&mut server, from, |_| still());
     assert_eq!(answer.status, answer_status::REFUSED);
     assert!(
         answer.text.as_str().contains("/proc/torqued"),
         "{}",
         answer.text
     );
-    assert_eq!(desk.settings().ft_offset[0].force, [0.0; 3]);
-    let mut homeless = Desk::new(&leg(), Err("no HOME".to_owned())).expect("a desk");
-    homeless.see(&still(), from);
-    let answer = homeless.ask(&asked(request::TARE), from);
+    assert_eq!(server.settings().ft_offset[0].force, [0.0; 3]);
+    let mut homeless =
+        RequestServer::new(&leg(), Err("no HOME".to_owned())).expect("a request server");
+    homeless.observe(&still(), from);
+    let answer = homeless.serve(&asked(request::TARE), from);
     assert!(answer.text.as_str().contains("no HOME"), "{}", answer.text);
 }
 
 proptest! {
     #[test]
     fn whatever_a_client_asks_it_gets_an_answer(kinds in prop::collection::vec((any::<u32>(), 0_u32..8, ".{0,30}"), 1..40)) {
-        let mut desk = Desk::new(&leg(), Err("nowhere".to_owned())).expect("a desk");
+        let mut server = RequestServer::new(&leg(), Err("nowhere".to_owned())).expect("a request server");
         let now = Instant::now();
-        desk.see(&still(), now);
+        server.observe(&still(), now);
         for (wild, near, name) in kinds {
             for kind in [wild, near] {
                 let asked = Request { id: u64::from(wild), kind, contact_set: Name::new(&name), ..Request::default() };
-                let answer = desk.ask(&asked, now);
+                let answer = server.serve(&asked, now);
                 prop_assert_eq!(answer.id, asked.id);
                 let shown = kind == request::SHOW_TARE;
                 let expected = if shown { answer_status::DONE } else { answer_status::REFUSED };
                 prop_assert_eq!(answer.status, expected, "{} {}", kind, answer.text);
                 prop_assert!(!answer.text.as_str().is_empty());
             }
-            prop_assert!(desk.work(now).is_none());
-            prop_assert!(desk.settings().contact_set == 0);
+            prop_assert!(server.advance(now).is_none());
+            prop_assert!(server.settings().contact_set == 0);
         }
     }
 }
@@ -280,7 +289,9 @@ fn stored_offsets_of_another_robot_keep_the_daemon_from_starting() {
     let store = Store::at(&state.0, "leg");
     std::fs::create_dir_all(store.file().parent().expect("a folder")).expect("made");
     std::fs::write(store.file(), "format = 1\nrobot = \"leg\"\n").expect("written");
-    let refused = Desk::new(&leg(), Ok(store.clone())).err().expect("refused");
+    let refused = RequestServer::new(&leg(), Ok(store.clone()))
+        .err()
+        .expect("refused");
     let file = store.file().display().to_string();
     assert!(
         refused.contains(&file) && refused.contains("remove it"),

@@ -1,11 +1,11 @@
-//! Where clients' requests are served, on an ordinary thread: a tare, other contacts.
+//! Serves the requests of clients, a tare or other contacts, on an ordinary thread.
 //!
-//! The desk sees every record and keeps the settings that the loop goes by. A tare averages records
+//! The request server observes every record and keeps the settings of the loop. A tare averages records
 //! as they come; the offsets are computed and stored by a thread of their own, as a disk may take its
 //! time, and hold from the moment they are stored.
 
 mod fitness;
-mod taring;
+mod tare_job;
 
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -19,13 +19,13 @@ use robot_state::{
 };
 
 use crate::offsets::{Offsets, SensorOffset, Store};
-use taring::Taring;
+use tare_job::TareJob;
 
 /// Between two answers to a client that waits.
 const PROGRESS: Duration = Duration::from_millis(100);
 
 /// Serves requests; see the module.
-pub struct Desk {
+pub struct RequestServer {
     parameters: Parameters,
     model: Model,
     store: Result<Store, String>,
@@ -37,7 +37,7 @@ pub struct Desk {
     job: Option<Job>,
 }
 
-/// What takes longer than an answer.
+/// Work that takes longer than an answer.
 struct Job {
     request: Request,
     stage: Stage,
@@ -45,13 +45,13 @@ struct Job {
 }
 
 enum Stage {
-    Taring(Box<Taring>),
+    Taring(Box<TareJob>),
     /// The thread gives the offsets that hold from now on.
     Storing(JoinHandle<Result<Option<Offsets>, String>>),
     Failed(String),
 }
 
-impl Desk {
+impl RequestServer {
     /// For a robot whose offsets are kept in `store`; without one there are no tares.
     ///
     /// # Errors
@@ -62,7 +62,7 @@ impl Desk {
             Ok(store) => store.load(&names)?,
             Err(_) => None,
         };
-        let mut desk = Self {
+        let mut server = Self {
             parameters: robot.parameters.clone(),
             model: robot.model.clone(),
             store,
@@ -72,8 +72,8 @@ impl Desk {
             newest: None,
             job: None,
         };
-        desk.adopt(offsets);
-        Ok(desk)
+        server.adopt(offsets);
+        Ok(server)
     }
 
     /// The settings that hold now.
@@ -87,9 +87,9 @@ impl Desk {
         std::mem::take(&mut self.changed).then_some(self.settings)
     }
 
-    /// What is known of the last tare, in a line.
+    /// The last tare, in a line.
     #[must_use]
-    pub fn about(&self) -> String {
+    pub fn describe_tare(&self) -> String {
         match (&self.offsets, &self.store) {
             (Some(offsets), _) => format!("F/T offsets of {}", offsets.about(Timestamp::now())),
             (None, Ok(_)) => "no tare: F/T offsets are those of the configuration".to_owned(),
@@ -99,11 +99,11 @@ impl Desk {
         }
     }
 
-    /// Looks at a record; all of them, in order.
-    pub fn see(&mut self, record: &SharedRecord, now: Instant) {
+    /// Observes a record: to be called with all of them, in order.
+    pub fn observe(&mut self, record: &SharedRecord, now: Instant) {
         if let Some(job) = &mut self.job
             && let Stage::Taring(taring) = &mut job.stage
-            && let Err(why) = taring.see(record)
+            && let Err(why) = taring.observe(record)
         {
             job.stage = Stage::Failed(why);
         }
@@ -113,11 +113,11 @@ impl Desk {
         }
     }
 
-    /// Serves a request, whatever stands in it, or begins to.
-    pub fn ask(&mut self, asked: &Request, now: Instant) -> Answer {
+    /// Serves a request, whatever its contents, or begins to.
+    pub fn serve(&mut self, asked: &Request, now: Instant) -> Answer {
         let served = match asked.kind {
             request::TARE => self.begin_tare(asked, now),
-            request::SHOW_TARE => Ok(Some(self.about())),
+            request::SHOW_TARE => Ok(Some(self.describe_tare())),
             request::FORGET_TARE => self.begin_to_forget(asked, now),
             request::CHOOSE_CONTACT_SET => self.choose_contacts(asked.contact_set.as_str()),
             request::AUTOMATIC_CONTACT_SET => self.automatic_contacts(),
@@ -130,8 +130,8 @@ impl Desk {
         }
     }
 
-    /// Goes on with what takes longer; an answer if one is due. To be called all the time.
-    pub fn work(&mut self, now: Instant) -> Option<Answer> {
+    /// Continues the work of a request; an answer if one is due. To be called at every poll.
+    pub fn advance(&mut self, now: Instant) -> Option<Answer> {
         let mut job = self.job.take()?;
         let asked = job.request;
         job.stage = match job.stage {
@@ -172,7 +172,7 @@ impl Desk {
         self.free()?;
         let record = self.newest_record(now)?;
         fitness::judge(&self.parameters, record)?;
-        let taring = Taring::new(&self.parameters, &self.model, set, &self.settings, now)?;
+        let taring = TareJob::new(&self.parameters, &self.model, set, &self.settings, now)?;
         self.begin(asked, Stage::Taring(Box::new(taring)), now);
         Ok(None)
     }
@@ -240,7 +240,7 @@ impl Desk {
         record.ok_or_else(|| "no cycle has run for a second".to_owned())
     }
 
-    fn store_tare(&self, taring: Taring) -> Stage {
+    fn store_tare(&self, taring: TareJob) -> Stage {
         let last: Vec<[f64; 6]> = self
             .settings
             .ft_offset
@@ -268,7 +268,7 @@ impl Desk {
             Ok(offsets) => {
                 let before = self.settings.ft_offset;
                 self.adopt(offsets);
-                let mut answer = self.answer(asked, answer_status::DONE, &self.about());
+                let mut answer = self.answer(asked, answer_status::DONE, &self.describe_tare());
                 answer.progress = 1.0;
                 for (sensor, before) in answer.ft.iter_mut().zip(before) {
                     sensor.before = before;
@@ -307,8 +307,8 @@ impl Desk {
         if let Some(offsets) = &self.offsets {
             answer.date_unix_s = offsets.date.as_second() as f64;
             answer.contact_set = Name::new(&offsets.contacts);
-            for (told, sensor) in answer.ft.iter_mut().zip(&offsets.sensors) {
-                *told = tared(sensor);
+            for (tared_sensor, sensor) in answer.ft.iter_mut().zip(&offsets.sensors) {
+                *tared_sensor = tared(sensor);
             }
         }
         answer

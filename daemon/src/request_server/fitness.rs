@@ -1,12 +1,12 @@
-//! Whether a record tells a robot that may be tared.
+//! Whether a robot, by its record, may be tared.
 
 use robot_config::Parameters;
 use robot_state::{Event, Mode, SharedRecord, measured_flags};
 
-/// What a tare cannot do with, ever.
+/// Flags of a source with which no tare is possible.
 const UNFIT: [(u32, &str); 3] = [
     (measured_flags::NEVER, "has never answered"),
-    (measured_flags::STALE, "is silent"),
+    (measured_flags::STALE, "has sent no sample"),
     (
         measured_flags::SETTLING,
         "is settling: its filters are not yet full",
@@ -15,7 +15,7 @@ const UNFIT: [(u32, &str); 3] = [
 /// Samples that are passed over.
 const BRIDGED: u32 = measured_flags::MISSED | measured_flags::JUMP;
 
-/// Says why the robot cannot be tared.
+/// Refuses a robot that cannot be tared, with the reason.
 pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<(), String> {
     let cycle = &record.cycle;
     if cycle.fault != 0 {
