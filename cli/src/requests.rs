@@ -32,7 +32,7 @@ pub(crate) fn end(result: Result<String, Failure>) -> ExitCode {
     let (why, code): (&dyn Display, u8) = match &result {
         Ok(text) => return finish(text),
         Err(Failure::Daemon(e)) => (e, NO_DAEMON),
-        Err(Failure::Argument(what)) => (what, BAD_INPUT),
+        Err(Failure::Argument(problem)) => (problem, BAD_INPUT),
     };
     eprintln!("{why}");
     ExitCode::from(code)
@@ -71,7 +71,7 @@ pub(crate) fn check_contacts(client: &Client, name: &str, more: &str) -> Result<
     )))
 }
 
-/// Asks, with a bar on a terminal for what takes its time.
+/// Sends a request, with a progress bar on a terminal.
 pub(crate) fn ask(client: &Client, kind: u32, contacts: &str) -> Result<Answer, Error> {
     let bar = match io::stderr().is_terminal() {
         true => ProgressBar::new(100),

@@ -49,12 +49,12 @@ fn run() -> Result<(), Box<dyn Error>> {
         }
         commander.send(|reference| {
             reference.mode = Mode::InverseDynamics.number();
-            for (wanted, joint) in reference
+            for (desired, joint) in reference
                 .joints
                 .iter_mut()
                 .zip(&start.cycle.measured.joints)
             {
-                wanted.q_d = joint.q;
+                desired.q_d = joint.q;
             }
             // 1 - cos: begins at rest, and smoothly.
             let (w, half) = (TAU * FREQUENCY_HZ, AMPLITUDE / 2.0);

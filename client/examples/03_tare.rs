@@ -24,7 +24,7 @@ fn run() -> Result<(), Box<dyn Error>> {
         Some(robot) => robot,
         None => Location::find()?.only_robot()?,
     };
-    // What touches the robot: a set of contacts of its configuration.
+    // The present contact set, one of the robot's configuration.
     let contacts = arguments.next().unwrap_or_else(|| "in_the_air".to_owned());
 
     let client = Client::connect(&robot)?;

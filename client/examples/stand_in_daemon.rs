@@ -94,7 +94,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Answers at once what a daemon would take a second for.
+/// Answers at once; a daemon would take a second.
 fn answer(
     ports: &DaemonPorts,
     asked: &Request,

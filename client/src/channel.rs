@@ -1,15 +1,15 @@
-//! The services of a robot: what each carries, how much it buffers, how it is opened.
+//! The services of a robot: their messages, their buffers, and how they are opened.
 //!
 //! | service                        | publisher | carries                           |
 //! | ------------------------------ | --------- | --------------------------------- |
 //! | `torqued/<robot>/description`  | daemon    | names and constants, once         |
 //! | `torqued/<robot>/state`        | daemon    | every cycle's record              |
-//! | `torqued/<robot>/reference`    | a client  | what that client wants            |
-//! | `torqued/<robot>/request`      | clients   | what is asked for now and then    |
-//! | `torqued/<robot>/answer`       | daemon    | answers, found by their id        |
+//! | `torqued/<robot>/reference`    | a client  | that client's references          |
+//! | `torqued/<robot>/request`      | clients   | requests: tare, contact set       |
+//! | `torqued/<robot>/answer`       | daemon    | answers, with the request's id    |
 //!
-//! All but requests have one publisher at most: a second daemon, or a second commanding client, is
-//! refused.
+//! All services but requests have at most one publisher: a second daemon, or a second commanding
+//! client, is refused.
 
 use std::fmt::Debug;
 use std::thread::sleep;
@@ -28,8 +28,8 @@ use robot_state::{Answer, Description, Layout, Reference, Request, SharedRecord,
 use crate::error::Error;
 use crate::location::Location;
 
-/// How long a refused or unfinished step is tried again, with back-off: dead processes are being
-/// cleaned up, or another process is just creating the same service.
+/// Time limit of retries with back-off: dead processes are being cleaned up, or another process is
+/// just creating the same service.
 const RETRY_FOR: Duration = Duration::from_millis(500);
 const BACK_OFF: std::ops::RangeInclusive<Duration> =
     Duration::from_millis(1)..=Duration::from_millis(50);
@@ -46,9 +46,9 @@ pub(crate) type Transport = ipc_threadsafe::Service;
 pub(crate) trait Message: ZeroCopySend + Debug + Copy + 'static {
     /// Last part of the service's name.
     const CHANNEL: &'static str;
-    /// Messages a subscriber can be behind before it loses the oldest.
+    /// Messages that wait for a slow subscriber before it loses the oldest.
     const BUFFER: usize;
-    /// Messages that a late subscriber still gets.
+    /// Earlier messages that a new subscriber receives.
     const HISTORY: usize;
     /// Messages that a subscriber can hold at once.
     const BORROWED: usize;
@@ -107,7 +107,7 @@ message!(
     SUBSCRIBERS = MAX_CLIENTS,
     PUBLISHERS = 1
 );
-// Without history: a daemon that restarts must not take an old reference for a new one.
+// Without history: a restarted daemon must not follow an old reference.
 message!(
     ReferenceMessage,
     Reference,
@@ -119,7 +119,7 @@ message!(
     PUBLISHERS = 1
 );
 
-// Each client has a buffer of its own: one that floods loses its own requests.
+// Each client has its own buffer: a client that sends too many loses its own requests.
 message!(
     RequestMessage,
     Request,
@@ -130,7 +130,7 @@ message!(
     SUBSCRIBERS = 1,
     PUBLISHERS = MAX_CLIENTS
 );
-// Every asking client sees all answers, and takes its own.
+// Every client receives all answers, and takes those to its own requests.
 message!(
     AnswerMessage,
     Answer,
@@ -200,7 +200,7 @@ pub(crate) fn create_node(location: &Location) -> Result<Node<Transport>, Error>
     })
 }
 
-/// Opens the service that the daemon made, or says that there is none after `wait`.
+/// Opens the service that the daemon made; an error if there is none after `wait`.
 pub(crate) fn open<M: Message>(
     node: &Node<Transport>,
     robot: &str,
@@ -234,7 +234,7 @@ pub(crate) fn create<M: Message>(node: &Node<Transport>, robot: &str) -> Result<
     let builder = node
         .service_builder(&parse_name(&name)?)
         .publish_subscribe::<M>()
-        // The publisher never waits for a slow subscriber: that one loses its oldest messages.
+        // The publisher never waits for a slow subscriber, which loses its oldest messages.
         .enable_safe_overflow(true)
         .subscriber_max_buffer_size(M::BUFFER)
         .subscriber_max_borrowed_samples(M::BORROWED)
@@ -257,7 +257,7 @@ pub(crate) fn create<M: Message>(node: &Node<Transport>, robot: &str) -> Result<
     }
 }
 
-/// A publisher of the service; `None` if other living processes are all that there may be.
+/// A publisher of the service; `None` if other living processes hold all its places.
 pub(crate) fn sender<M: Message>(
     node: &Node<Transport>,
     service: &Channel<M>,
@@ -265,7 +265,7 @@ pub(crate) fn sender<M: Message>(
     let created = retry(RETRY_FOR, || {
         let created = service.publisher_builder().create();
         if created.is_err() {
-            // Its holder may have died a moment ago.
+            // The process that holds the place may have died a moment ago.
             node.try_cleanup_dead_nodes();
         }
         created
@@ -277,7 +277,7 @@ pub(crate) fn sender<M: Message>(
     }
 }
 
-/// Who publishes on the service now.
+/// The present publishers of the service.
 pub(crate) fn publishers<M: Message>(service: &Channel<M>) -> Vec<UniquePublisherId> {
     let mut found = Vec::new();
     service.dynamic_config().list_publishers(|publisher| {

@@ -1,4 +1,4 @@
-//! Reading what the daemon publishes.
+//! A client's connection to the daemon: records and description.
 
 use std::ops::Deref;
 use std::thread::sleep;
@@ -13,12 +13,12 @@ use crate::channel::{self, DescriptionMessage, Message, Receiver, RecordMessage,
 use crate::error::Error;
 use crate::location::Location;
 
-/// How long [`Client::connect`] waits for a daemon.
+/// Time limit of [`Client::connect`].
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Between two looks into shared memory. A record is seen that much late at most.
+/// Interval between polls of shared memory: the largest delay until a record is received.
 const POLL: Duration = Duration::from_micros(250);
 
-/// A connection to a robot's daemon. It survives the daemon: when a new one takes over, its records
+/// A connection to a robot's daemon. It outlives the daemon: when a new one takes over, its records
 /// follow.
 #[derive(Debug)]
 pub struct Client {
@@ -104,7 +104,7 @@ impl Client {
     /// the oldest are lost and counted.
     ///
     /// # Errors
-    /// [`Error::Silent`] if none arrives within `timeout`; [`Error::TooManyRecordsHeld`];
+    /// [`Error::NoRecord`] if none arrives within `timeout`; [`Error::TooManyRecordsHeld`];
     /// [`Error::Transport`].
     pub fn next_record(&mut self, timeout: Duration) -> Result<Record, Error> {
         let until = Instant::now() + timeout;
@@ -113,7 +113,7 @@ impl Client {
                 Some(record) => return Ok(record),
                 None if Instant::now() < until => sleep(POLL),
                 None => {
-                    return Err(Error::Silent {
+                    return Err(Error::NoRecord {
                         robot: self.robot.clone(),
                         waited: timeout,
                     });
@@ -131,7 +131,7 @@ impl Client {
         let mut newest = None;
         let mut lost = 0;
         loop {
-            // Let go before the next is taken, or one more than needed would be held.
+            // The record before is released first: at most one is held.
             match self.receive()? {
                 Some(record) => {
                     lost += record.lost;
@@ -160,7 +160,7 @@ impl Client {
         let lost = match self.newest_sequence {
             Some(last) if sequence > last => sequence - last - 1,
             Some(_) => {
-                // Counting began anew: another daemon took over, perhaps with another config.
+                // The count restarted: another daemon took over, perhaps with another configuration.
                 if let Some(message) = newest(&self.descriptions)? {
                     *self.description = message.0;
                 }

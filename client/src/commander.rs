@@ -1,4 +1,4 @@
-//! Telling the robot what to do.
+//! Commanding a robot: a client's references.
 
 use robot_state::{Mode, Reference};
 
@@ -6,12 +6,12 @@ use crate::channel::{self, ReferenceMessage, Sender};
 use crate::client::Client;
 use crate::error::Error;
 
-/// The right to command a robot: one client has it at a time, and gives it back by being dropped
-/// (the robot then holds its position) or by dying (the daemon notices after
-/// `loop.reference_timeout_ms`, and the robot holds its position).
+/// The right to command a robot. One client has it at a time. It ends when the commander is dropped
+/// (the robot then holds its position) or its process dies (the robot holds its position after
+/// `loop.reference_timeout_ms`).
 ///
-/// Where a daemon takes over from another, a commander that streams on is not obeyed until it has
-/// asked for hold: until then the records show mode hold.
+/// After a restart of the daemon, references of a commander from before are not followed until it
+/// has asked for mode hold: until then the records show mode hold.
 #[derive(Debug)]
 pub struct Commander {
     robot: String,
@@ -69,7 +69,7 @@ impl Commander {
 
 impl Drop for Commander {
     fn drop(&mut self) {
-        // If this does not arrive, the daemon notices the silence.
+        // If this does not arrive, the references time out.
         let _ = self.send(|reference| reference.mode = Mode::Hold.number());
     }
 }

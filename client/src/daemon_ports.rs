@@ -21,10 +21,10 @@ pub struct DaemonPorts {
     state: Sender<RecordMessage>,
     description: Sender<DescriptionMessage>,
     reference: Receiver<ReferenceMessage>,
-    /// Who commanded before this daemon was there: not obeyed until it has asked for hold once. It
-    /// may be streaming on without knowing that the robot was let go meanwhile.
-    heirs: Vec<UniquePublisherId>,
-    heirs_hold: AtomicBool,
+    /// Commanders from before this daemon's start: their references are not followed until one has
+    /// asked for hold. They may not know that the robot was without command meanwhile.
+    earlier_commanders: Vec<UniquePublisherId>,
+    hold_requested: AtomicBool,
     request: Receiver<RequestMessage>,
     answer: Sender<AnswerMessage>,
     node: Node<Transport>,
@@ -51,9 +51,9 @@ impl DaemonPorts {
             .send_copy(DescriptionMessage(*description))
             .map_err(|e| Error::transport(service.name(), "publish on", &e))?;
         let reference = channel::create::<ReferenceMessage>(&node, robot)?;
-        let heirs = channel::publishers(&reference);
+        let earlier_commanders = channel::publishers(&reference);
         let reference = channel::receiver(&node, &reference)?;
-        // Answers first: who can ask can be answered.
+        // Answers first, so that every request can be answered.
         let answer = channel::create::<AnswerMessage>(&node, robot)?;
         let answer = channel::sender(&node, &answer)?.ok_or_else(taken)?;
         let request = channel::create::<RequestMessage>(&node, robot)?;
@@ -62,20 +62,20 @@ impl DaemonPorts {
             state,
             description: sender,
             reference,
-            heirs,
-            heirs_hold: AtomicBool::new(false),
+            earlier_commanders,
+            hold_requested: AtomicBool::new(false),
             request,
             answer,
             node,
         })
     }
 
-    /// Sends a record to all clients; says how many there are.
+    /// Sends a record to all clients; gives their number.
     ///
     /// # Errors
     /// [`Error::Transport`] if a client could not be reached; the others have got the record.
     pub fn publish(&self, record: &SharedRecord) -> Result<usize, Error> {
-        // Who has just come gets the description; if that fails, it is tried again next time.
+        // New clients receive the description; if that fails, it is tried again next time.
         let _ = self.description.update_connections();
         self.state
             .send_copy(RecordMessage(*record))
@@ -83,7 +83,7 @@ impl DaemonPorts {
     }
 
     /// The newest reference that has arrived since the last call. Those of a client that commanded
-    /// an earlier daemon are passed over until one of them asks for hold.
+    /// an earlier daemon are ignored until one of them asks for hold.
     ///
     /// # Errors
     /// [`Error::Transport`] if the commanding client could not be reached.
@@ -91,7 +91,7 @@ impl DaemonPorts {
         let mut newest = None;
         loop {
             match self.reference.receive() {
-                Ok(Some(message)) if self.obeys(&message) => newest = Some(message.0),
+                Ok(Some(message)) if self.follows(&message) => newest = Some(message.0),
                 Ok(Some(_)) => {}
                 Ok(None) => return Ok(newest),
                 Err(e) => return Err(Error::transport("reference", "receive from", &e)),
@@ -99,11 +99,12 @@ impl DaemonPorts {
         }
     }
 
-    fn obeys(&self, message: &Held<ReferenceMessage>) -> bool {
+    fn follows(&self, message: &Held<ReferenceMessage>) -> bool {
         if message.0.mode == Mode::Hold.number() {
-            self.heirs_hold.store(true, Ordering::Relaxed);
+            self.hold_requested.store(true, Ordering::Relaxed);
         }
-        self.heirs_hold.load(Ordering::Relaxed) || !self.heirs.contains(&message.origin())
+        self.hold_requested.load(Ordering::Relaxed)
+            || !self.earlier_commanders.contains(&message.origin())
     }
 
     /// The next request of any client, as it came: unchecked.
@@ -117,7 +118,7 @@ impl DaemonPorts {
             .map_err(|e| Error::transport(RequestMessage::CHANNEL, "receive from", &e))
     }
 
-    /// Answers a request; says how many clients listen to answers.
+    /// Answers a request; gives the number of clients that receive answers.
     ///
     /// # Errors
     /// [`Error::Transport`] if a client could not be reached; the others have got the answer.
@@ -127,8 +128,8 @@ impl DaemonPorts {
             .map_err(|e| Error::transport(AnswerMessage::CHANNEL, "publish on", &e))
     }
 
-    /// Frees what dead clients held, and connects new ones even if nothing is being published. To
-    /// be called a few times a second; takes milliseconds when a client has died.
+    /// Frees the resources of dead clients, and connects new ones even if nothing is published. To be
+    /// called a few times a second; takes milliseconds when a client has died.
     pub fn cleanup_dead_clients(&self) {
         self.node.try_cleanup_dead_nodes();
         let _ = self.description.update_connections();

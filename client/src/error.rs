@@ -38,7 +38,7 @@ pub enum Error {
         "robot \"{robot}\": no record for {waited:?}; torqued has stopped or was killed: look at \
              its log and start it again"
     )]
-    Silent {
+    NoRecord {
         /// The robot.
         robot: String,
         /// The time waited.
@@ -87,7 +87,7 @@ pub enum Error {
     #[error(
         "robot \"{robot}\": the greatest number of clients have requests open; try again later"
     )]
-    TooManyAsking {
+    TooManyRequests {
         /// The robot.
         robot: String,
     },

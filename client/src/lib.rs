@@ -11,10 +11,10 @@
 //! # }
 //! ```
 //! A program that commands adds a [`Commander`]; there is one at a time per robot. Any program may
-//! ask for what is needed now and then: [`Client::tare`], [`Client::choose_contact_set`].
+//! send requests: [`Client::tare`], [`Client::choose_contact_set`].
 //!
 //! The daemon's end ([`DaemonPorts`]) lives here too, so that both ends are defined side by side.
-//! Everything waits at most for a stated time, and every error says what to do. Only processes of
+//! Every wait has a time limit, and every error names its remedy. Only processes of
 //! the daemon's own user can connect.
 
 mod channel;

@@ -21,7 +21,7 @@ pub struct Location {
 }
 
 impl Location {
-    /// The usual one: `$TORQUED_RUN_DIR`; else `/run/torqued` for root and for the user that owns
+    /// The default: `$TORQUED_RUN_DIR`; else `/run/torqued` for root and for the user that owns
     /// it; else `$XDG_RUNTIME_DIR/torqued`; else `/tmp/torqued-<uid>`.
     ///
     /// # Errors
@@ -56,7 +56,7 @@ impl Location {
             .mode(0o700)
             .create(&path)
             .map_err(|e| refuse(format!("cannot be made ({e})")))?;
-        // One directory has one spelling, or the two ends would not meet (see `shared_memory_prefix`).
+        // Daemon and clients must spell the path alike: its hash is in `shared_memory_prefix`.
         let real = path.canonicalize().map_err(|e| refuse(e.to_string()))?;
         let owner = fs::metadata(&real)
             .map_err(|e| refuse(e.to_string()))?
@@ -76,8 +76,8 @@ impl Location {
         &self.path
     }
 
-    /// The transport's configuration: root path and prefix of our own, so that nobody else's
-    /// services, rights or leftovers matter.
+    /// The transport's configuration: root path and prefix of our own, so that other users'
+    /// services, permissions and leftovers have no effect.
     pub(crate) fn config(&self) -> Result<Config, Error> {
         let refuse = |e: &dyn std::fmt::Debug| Error::RunDirectory {
             path: self.path.clone(),
@@ -92,8 +92,8 @@ impl Location {
         Ok(config)
     }
 
-    /// Begins the name of each shared memory object of this directory. Those of all directories
-    /// lie together in `/dev/shm`: the path's hash (32-bit FNV-1a) keeps them apart.
+    /// Prefix of the names of this directory's shared memory objects. Those of all directories lie
+    /// together in `/dev/shm`: the path's hash (32-bit FNV-1a) distinguishes them.
     #[must_use]
     pub fn shared_memory_prefix(&self) -> String {
         let bytes = self.path.as_os_str().as_encoded_bytes();

@@ -1,4 +1,4 @@
-//! Asking the daemon for what is needed now and then: a tare, other contacts.
+//! Requests to the daemon: tares, and the choice of a contact set.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::thread::sleep;
@@ -11,18 +11,17 @@ use crate::channel::{self, AnswerMessage, RequestMessage};
 use crate::client::{Client, take};
 use crate::error::Error;
 
-/// The daemon answers ten times a second as long as it works on a request.
-const SILENCE: Duration = Duration::from_secs(2);
-/// Between two looks for an answer.
+/// Longest time without an answer; the daemon sends ten a second while it works on a request.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+/// Interval between polls for an answer.
 const POLL: Duration = Duration::from_millis(1);
 
 impl Client {
-    /// Tares the F/T sensors of a robot at rest in mode hold: `contact_set` names the set of contacts
-    /// that says what touches it. Waits until it is done; the answer has the new offsets and what
-    /// they were before.
+    /// Tares the F/T sensors of a robot at rest in mode hold, touched by the contacts of the contact
+    /// set of that name. Waits until it is done; the answer has the new offsets and those before.
     ///
     /// # Errors
-    /// [`Error::Refused`] with the reason, and what [`Client::request`] says.
+    /// [`Error::Refused`] with the reason, and those of [`Client::request`].
     pub fn tare(&self, contact_set: &str) -> Result<Answer, Error> {
         self.request(request::TARE, contact_set, |_| ())
     }
@@ -35,7 +34,7 @@ impl Client {
         self.request(request::SHOW_TARE, "", |_| ())
     }
 
-    /// Gives up what tares have found: offsets are those of the configuration.
+    /// Discards the offsets of all tares; those of the configuration are used again.
     ///
     /// # Errors
     /// As [`Client::tare`].
@@ -43,8 +42,7 @@ impl Client {
         self.request(request::FORGET_TARE, "", |_| ())
     }
 
-    /// From now on the robot has the contacts of that set, one of
-    /// `Description::contact_set_names`.
+    /// Uses that contact set from now on, one of `Description::contact_set_names`.
     ///
     /// # Errors
     /// As [`Client::tare`].
@@ -52,7 +50,7 @@ impl Client {
         self.request(request::CHOOSE_CONTACT_SET, name, |_| ())
     }
 
-    /// From now on the automatic rule chooses the set of contacts.
+    /// Lets the automatic rule choose the contact set from now on.
     ///
     /// # Errors
     /// As [`Client::tare`].
@@ -60,11 +58,11 @@ impl Client {
         self.request(request::AUTOMATIC_CONTACT_SET, "", |_| ())
     }
 
-    /// Sends a request, one of [`request`], and waits for its last answer; `progress` sees those
-    /// before it. Several clients may ask at once.
+    /// Sends a request, one of [`request`], and waits for its last answer; `progress` receives those
+    /// before it. Several clients may have requests open.
     ///
     /// # Errors
-    /// [`Error::Refused`], [`Error::Unanswered`], [`Error::Gone`], [`Error::TooManyAsking`],
+    /// [`Error::Refused`], [`Error::Unanswered`], [`Error::Gone`], [`Error::TooManyRequests`],
     /// [`Error::NoDaemon`], [`Error::OtherLayout`], [`Error::Transport`].
     pub fn request(
         &self,
@@ -73,14 +71,14 @@ impl Client {
         mut progress: impl FnMut(&Answer),
     ) -> Result<Answer, Error> {
         let robot = || self.robot().to_owned();
-        let too_many = || Error::TooManyAsking { robot: robot() };
-        // Whoever asks listens first.
+        let too_many = || Error::TooManyRequests { robot: robot() };
+        // The answers' receiver is opened first, so that none is missed.
         let answers = channel::open::<AnswerMessage>(&self.node, self.robot(), Duration::ZERO)?;
         let answers = channel::receiver(&self.node, &answers)?;
         let service = channel::open::<RequestMessage>(&self.node, self.robot(), Duration::ZERO)?;
         let requests = channel::sender(&self.node, &service)?.ok_or_else(too_many)?;
         let asked = Request {
-            // Random: unlike that of any other client.
+            // Random, so different from that of any other request.
             id: RandomState::new().build_hasher().finish(),
             kind,
             contact_set: Name::new(contact_set),
@@ -92,11 +90,11 @@ impl Client {
         if listeners == 0 {
             return Err(Error::Gone { robot: robot() });
         }
-        let mut heard = Instant::now();
+        let mut last_answer = Instant::now();
         loop {
             let Some(message) = take(&answers)? else {
-                if heard.elapsed() > SILENCE {
-                    let waited = SILENCE;
+                if last_answer.elapsed() > ANSWER_TIMEOUT {
+                    let waited = ANSWER_TIMEOUT;
                     return Err(Error::Unanswered {
                         robot: robot(),
                         waited,
@@ -109,7 +107,7 @@ impl Client {
             if answer.id != asked.id {
                 continue;
             }
-            heard = Instant::now();
+            last_answer = Instant::now();
             match answer.status {
                 answer_status::DONE => return Ok(answer),
                 answer_status::REFUSED => {

@@ -6,7 +6,7 @@ fn python_layout_is_up_to_date() {
     let text = std::fs::read_to_string(path).expect("client/python/torqued/layout.py");
     assert!(
         text == torqued_client::python_layout(),
-        "layout.py is not what the records are; make it anew:\n\
+        "layout.py differs from the records; generate it again:\n\
          cargo run -p torqued-client --example generate_python_layout > client/python/torqued/layout.py"
     );
 }

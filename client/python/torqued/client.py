@@ -1,4 +1,4 @@
-"""Reading what the daemon publishes, and telling the robot what to do."""
+"""Records and requests of a client, and references of a commanding one."""
 
 import ctypes
 import secrets
@@ -20,14 +20,14 @@ from .layout import (
     SharedRecord,
 )
 
-#: Between two looks into shared memory, s.
+#: Interval between polls of shared memory, s.
 POLL_S = 0.5e-3
-#: The daemon answers ten times a second as long as it works on a request, s.
-SILENCE_S = 2.0
-#: How long a refused step is tried again while dead processes are being cleaned up, s.
+#: Longest time without an answer, s; the daemon sends ten a second while it works on a request.
+ANSWER_TIMEOUT_S = 2.0
+#: Time limit of retries while dead processes are being cleaned up, s.
 RETRY_S = 0.5
 
-# What goes wrong is raised; the transport shall not print it as well.
+# Errors are raised; the transport shall not print them as well.
 iox2.set_log_level_from_env_or(iox2.LogLevel.Fatal)
 
 
@@ -48,7 +48,7 @@ class RefusedError(RuntimeError):
 
 
 class Client:
-    """A connection to a robot's daemon. It survives the daemon: when a new one takes over, its
+    """A connection to a robot's daemon. It outlives the daemon: when a new one takes over, its
     records follow."""
 
     def __init__(self, robot: str, timeout_s: float = 2.0, run_dir: Optional[Path] = None):
@@ -92,58 +92,58 @@ class Client:
         count = self.description.contact_set_count
         return [text(name) for name in self.description.contact_set_names[:count]]
 
-    def tare(self, contacts: str) -> Answer:
-        """Tares the F/T sensors of a robot at rest in mode hold: `contacts` names the set of
-        contacts that says what touches it. Waits until it is done; the answer has the new offsets
-        and what they were before. Raises `RefusedError` with the reason."""
-        return self.request(RequestKind.TARE, contacts)
+    def tare(self, contact_set: str) -> Answer:
+        """Tares the F/T sensors of a robot at rest in mode hold, touched by the contacts of the
+        contact set of that name. Waits until it is done; the answer has the new offsets and those
+        before. Raises `RefusedError` with the reason."""
+        return self.request(RequestKind.TARE, contact_set)
 
     def last_tare(self) -> Answer:
         """The offsets in use, and when and with which contacts they were found."""
         return self.request(RequestKind.SHOW_TARE)
 
     def forget_tare(self) -> Answer:
-        """Gives up what tares have found: offsets are those of the configuration."""
+        """Discards the offsets of all tares; those of the configuration are used again."""
         return self.request(RequestKind.FORGET_TARE)
 
-    def choose_contact_set(self, contacts: str) -> Answer:
-        """From now on the robot has the contacts of that set, one of `contact_set_names`."""
-        return self.request(RequestKind.CHOOSE_CONTACT_SET, contacts)
+    def choose_contact_set(self, name: str) -> Answer:
+        """Uses that contact set from now on, one of `contact_set_names`."""
+        return self.request(RequestKind.CHOOSE_CONTACT_SET, name)
 
     def automatic_contact_set(self) -> Answer:
-        """From now on the automatic rule chooses the set of contacts."""
+        """Lets the automatic rule choose the contact set from now on."""
         return self.request(RequestKind.AUTOMATIC_CONTACT_SET)
 
     def request(
         self,
         kind: RequestKind,
-        contacts: str = "",
+        contact_set: str = "",
         progress: Optional[Callable[[Answer], None]] = None,
     ) -> Answer:
         """Sends a request and waits for its last answer; `progress` sees those before it. Several
         clients may ask at once."""
-        # Whoever asks listens first.
+        # The answers' receiver is opened first, so that none is missed.
         answers = self._open("answer", Answer, time.monotonic()).subscriber_builder().create()
         requests = self._open("request", Request, time.monotonic()).publisher_builder().create()
         try:
             asked = Request(id=secrets.randbits(64), kind=kind)
-            name = contacts.encode()[: ctypes.sizeof(asked.contact_set)]
+            name = contact_set.encode()[: ctypes.sizeof(asked.contact_set)]
             ctypes.memmove(asked.contact_set, name, len(name))
             if requests.loan_uninit().write_payload(asked).send() == 0:
-                raise NoDaemonError("nobody receives requests; torqued has stopped or was killed")
+                raise NoDaemonError("requests have no receiver; torqued has stopped or was killed")
             return self._answered(answers, asked.id, progress)
         finally:
             requests.delete()
             answers.delete()
 
     def _answered(self, answers, asked: int, progress) -> Answer:
-        heard = time.monotonic()
+        last_answer = time.monotonic()
         while True:
             sample = answers.receive()
             if sample is None:
-                if time.monotonic() > heard + SILENCE_S:
+                if time.monotonic() > last_answer + ANSWER_TIMEOUT_S:
                     raise NoDaemonError(
-                        f'robot "{self.robot}": a request was not answered for {SILENCE_S} s; '
+                        f'robot "{self.robot}": a request was not answered for {ANSWER_TIMEOUT_S} s; '
                         "torqued has stopped or was killed: look at its log and start it again"
                     )
                 time.sleep(POLL_S)
@@ -152,7 +152,7 @@ class Client:
             del sample  # one at a time may be held
             if answer.id != asked:
                 continue
-            heard = time.monotonic()
+            last_answer = time.monotonic()
             if answer.status == AnswerStatus.DONE:
                 return answer
             if answer.status == AnswerStatus.REFUSED:
@@ -194,7 +194,7 @@ class Client:
         if newest is not None and sequence > newest:
             self.lost += sequence - newest - 1
         elif newest is not None:
-            # Counting began anew: another daemon took over, perhaps with another config.
+            # The count restarted: another daemon took over, perhaps with another configuration.
             self.description = _newest(self._descriptions, Description) or self.description
         return record
 
@@ -217,8 +217,8 @@ class Client:
 
     def _no_daemon(self, channel: str) -> NoDaemonError:
         return NoDaemonError(
-            f'no torqued runs robot "{self.robot}": nobody offers service '
-            f"torqued/{self.robot}/{channel} in {self._run_dir}; start `torqued run CONFIG` as "
+            f'no torqued runs robot "{self.robot}": service '
+            f"torqued/{self.robot}/{channel} was not offered in {self._run_dir}; start `torqued run CONFIG` as "
             "this user (or set TORQUED_RUN_DIR to the daemon's directory)"
         )
 
@@ -228,8 +228,8 @@ class Commander:
     leaves the robot holding its position; so does the death of this program, once
     `loop.reference_timeout_ms` have passed.
 
-    Where a daemon takes over from another, a commander that streams on is not obeyed until it has
-    asked for hold: until then the records show mode hold."""
+    After a restart of the daemon, references of a commander from before are not followed until it
+    has asked for mode hold: until then the records show mode hold."""
 
     def __init__(self, client: Client):
         """Takes the command of the client's robot."""
@@ -245,10 +245,10 @@ class Commander:
                         f'robot "{client.robot}" is commanded by another client; one at a time '
                         "may command: stop that one first"
                     ) from e
-                # Its holder may have died a moment ago.
+                # The process that holds the place may have died a moment ago.
                 client._node.try_cleanup_dead_nodes()
             time.sleep(0.01)
-        #: What is wanted of the robot; `send` sends it as it stands.
+        #: The present reference; `send` sends it.
         self.reference = Reference(joint_count=client.description.joint_count)
 
     def send(self, change: Optional[Callable[[Reference], None]] = None) -> None:
@@ -259,7 +259,7 @@ class Commander:
         self.reference.sequence += 1
         sample = self._references.loan_uninit().write_payload(self.reference)
         if sample.send() == 0:
-            raise NoDaemonError("nobody receives references; torqued has stopped or was killed")
+            raise NoDaemonError("references have no receiver; torqued has stopped or was killed")
 
     def __enter__(self) -> "Commander":
         return self

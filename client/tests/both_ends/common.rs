@@ -1,4 +1,4 @@
-//! What the tests of both ends share.
+//! Helpers of the tests of both ends.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};

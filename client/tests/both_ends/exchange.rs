@@ -160,7 +160,7 @@ fn a_client_goes_on_with_the_next_daemon() {
         900
     );
     drop(ports);
-    let error = commander.send(|_| ()).expect_err("nobody listens");
+    let error = commander.send(|_| ()).expect_err("no receiver");
     assert_eq!(
         error,
         Error::Gone {
@@ -185,8 +185,8 @@ fn a_client_goes_on_with_the_next_daemon() {
         "the description is the new daemon's"
     );
     // It commanded the daemon before: this one does not obey it before it has asked for hold.
-    let mut ask = |wanted: u32| {
-        let change = |r: &mut Reference| (r.mode, r.joints[0].q_d) = (wanted, 0.5);
+    let mut ask = |mode: u32| {
+        let change = |r: &mut Reference| (r.mode, r.joints[0].q_d) = (mode, 0.5);
         commander.send(change).expect("sent");
         let newest = ports.newest_reference().expect("received");
         newest.map(|r| (r.mode, r.joints[0].q_d))
@@ -208,7 +208,7 @@ fn a_client_goes_on_with_the_next_daemon() {
     assert_eq!(
         reference.mode,
         Mode::Torque.number(),
-        "who comes later is obeyed at once"
+        "a later commander is followed at once"
     );
 }
 
@@ -236,7 +236,7 @@ fn a_daemon_that_falls_silent_is_noticed() {
     let error = client.next_record(waited).expect_err("nothing comes");
     assert_eq!(
         error,
-        Error::Silent {
+        Error::NoRecord {
             robot: "leg".into(),
             waited
         }

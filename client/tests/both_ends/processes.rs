@@ -70,10 +70,10 @@ fn connect(dir: &RunDir) -> Client {
     Client::connect_at(&dir.location, "leg", PATIENCE).expect("a daemon runs")
 }
 
-fn wait_for(client: &mut Client, wanted: impl Fn(&Record) -> bool) -> Record {
+fn wait_for(client: &mut Client, condition: impl Fn(&Record) -> bool) -> Record {
     for record in client.records(PATIENCE).take(20_000) {
         let record = record.expect("the daemon publishes");
-        if wanted(&record) {
+        if condition(&record) {
             return record;
         }
     }
@@ -133,7 +133,7 @@ fn a_daemon_starts_over_what_a_killed_one_left() {
         Process::daemon(&dir).kill();
     }
     let error = Client::connect_at(&dir.location, "leg", Duration::from_millis(100));
-    assert!(error.is_err(), "nobody publishes");
+    assert!(error.is_err(), "no publisher");
     let _daemon = Process::daemon(&dir);
     connect(&dir).next_record(PATIENCE).expect("record");
 }

@@ -112,10 +112,10 @@ fn silence_is_noticed_and_so_is_a_daemon_that_has_gone() {
     let dir = RunDir::new();
     let ports = DaemonPorts::create(&dir.location, &description("leg", 6)).expect("ports");
     let client = connect(&dir, &ports, "leg");
-    let error = client.forget_tare().expect_err("nobody answers");
+    let error = client.forget_tare().expect_err("no answer");
     assert!(matches!(error, Error::Unanswered { .. }), "{error}");
     drop(ports);
-    let error = client.last_tare().expect_err("nobody listens");
+    let error = client.last_tare().expect_err("no receiver");
     assert!(
         matches!(error, Error::Gone { .. } | Error::NoDaemon { .. }),
         "{error}"
