@@ -187,7 +187,7 @@ fn lost_samples_do_not_step_the_torque() {
 }
 
 #[test]
-fn without_the_late_source_changes_go_on_and_doubt_grows() {
+fn without_the_delayed_torque_changes_go_on_and_sigma_grows() {
     let mut joint = Joint::new(1.0, 0.1, 0.1);
     joint.rest(5.0, 2.0);
     let before = joint.compensator.update(None, None).sigma;
@@ -208,7 +208,7 @@ fn without_the_late_source_changes_go_on_and_doubt_grows() {
 }
 
 #[test]
-fn nothing_is_valid_before_the_late_source_and_limits_hold() {
+fn nothing_is_valid_before_the_delayed_torque_and_limits_hold() {
     let mut joint = Joint::new(1.0, 0.1, 0.1);
     for _ in 0..10 {
         let (fast, _) = joint.sources(3.0);

@@ -87,7 +87,7 @@ fn torques_while_stepping() {
 
 /// The delayed torque then lags by 40 ms; the compensated one does not.
 #[test]
-fn torque_now_with_filters_of_80_samples() {
+fn compensated_torque_with_filters_of_80_samples() {
     let filters = Filters::Matched(80);
     let mut station = tared(3, filters);
     let rest = station.record(1.0);
@@ -197,7 +197,7 @@ fn a_tare_on_both_feet() {
 }
 
 #[test]
-fn health_is_not_named() {
+fn no_cause_is_named_without_a_fault() {
     for seed in [2, 6] {
         let mut station = tared(seed, OURS);
         station.walk.stepping_since = Some(station.walk.time());
