@@ -80,26 +80,24 @@ impl Report {
 }
 
 /// `real_time = "require"` and an essential measure was denied.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "loop.real_time = \"require\", but the system denies:{}\nallowed: mend the above, or \
+     loop.real_time = \"try\" to start without it",
+    self.denied()
+)]
 pub struct RealTimeError {
     /// All measures, granted and denied.
     pub report: Report,
 }
 
-impl fmt::Display for RealTimeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "loop.real_time = \"require\", but the system denies:")?;
-        for measure in self.report.denied().filter(|m| m.essential) {
-            write!(f, "\n  {measure}")?;
-        }
-        write!(
-            f,
-            "\nallowed: mend the above, or loop.real_time = \"try\" to start without it"
-        )
+impl RealTimeError {
+    /// The essential measures that were denied, one a line.
+    fn denied(&self) -> String {
+        let denied = self.report.denied().filter(|m| m.essential);
+        denied.map(|measure| format!("\n  {measure}")).collect()
     }
 }
-
-impl std::error::Error for RealTimeError {}
 
 /// What was granted; dropping it gives back what the process holds open.
 #[derive(Debug)]

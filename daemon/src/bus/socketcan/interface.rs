@@ -1,7 +1,8 @@
 //! CAN interfaces as the kernel lists them, and what must hold before the loop starts.
 
 use super::Line;
-use std::fmt::{self, Write as _};
+use problem::{Problem, Problems};
+use std::fmt::Write as _;
 use std::path::Path;
 
 /// Bytes that a CAN FD interface takes at once; a classic one takes 16.
@@ -48,30 +49,19 @@ fn read(path: &Path) -> Option<Interface> {
     })
 }
 
-/// What stands in the way of a bus.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Refusal(String);
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-/// The interface of each line, or everything that stands in the way.
+/// The interface of each line, or all that keeps buses from opening.
 pub(super) fn match_lines(
     lines: &[Line<'_>],
     found: &[Interface],
-) -> Result<Vec<Interface>, Vec<Refusal>> {
+) -> Result<Vec<Interface>, Problems> {
     let mut refusals = Vec::new();
     let mut taken: Vec<Interface> = Vec::new();
     for line in lines {
         match check(line, found) {
             Ok(interface) if taken.iter().any(|other| other.index == interface.index) => {
-                refusals.push(Refusal(format!(
-                    "{}: {} already belongs to another bus; allowed: one bus for each interface",
-                    line.place, line.interface
-                )));
+                let reason = format!("{} already belongs to another bus", line.interface);
+                let problem = Problem::new(reason, "one bus for each interface");
+                refusals.push(problem.of(line.place));
             }
             Ok(interface) => taken.push(interface.clone()),
             Err(refusal) => refusals.push(refusal),
@@ -80,17 +70,17 @@ pub(super) fn match_lines(
     if refusals.is_empty() {
         Ok(taken)
     } else {
-        Err(refusals)
+        Err(Problems(refusals))
     }
 }
 
-fn check<'a>(line: &Line<'_>, found: &'a [Interface]) -> Result<&'a Interface, Refusal> {
+fn check<'a>(line: &Line<'_>, found: &'a [Interface]) -> Result<&'a Interface, Problem> {
     let Line {
         place,
         interface,
         fd,
     } = *line;
-    let refuse = |what: String| Err(Refusal(format!("{place}: {what}")));
+    let refuse = |reason: String| Err(Problem::new(reason, "").of(place));
     let Some(it) = found.iter().find(|it| it.name == interface) else {
         return refuse(format!(
             "{interface} does not exist; {}; a virtual one is made by `ip link add \
@@ -170,7 +160,7 @@ mod tests {
             interface("can1", 4, true, false, 72),
             interface("eth0", 2, false, true, 1500),
         ];
-        match_lines(&[line], &found).unwrap_err()[0].to_string()
+        match_lines(&[line], &found).unwrap_err().to_string()
     }
 
     #[test]
@@ -205,7 +195,7 @@ mod tests {
         let taken = match_lines(&[line("can1", true), line("can0", false)], &found).unwrap();
         assert_eq!([taken[0].index, taken[1].index], [4, 3]);
         let twice = match_lines(&[line("can1", true), line("can1", false)], &found).unwrap_err();
-        assert!(twice[0].to_string().contains("another bus"));
+        assert!(twice.to_string().contains("another bus"));
     }
 
     #[test]

@@ -15,8 +15,8 @@ use can_codec::{Frames, Gather, Table};
 use clock::ReceiveClock;
 use libc::c_int;
 use messages::{BATCH, Messages, errno};
+use problem::Problems;
 use robot_config::BusParameters;
-use std::fmt;
 use std::io;
 use std::mem::{size_of, zeroed};
 use std::os::fd::{AsFd, AsRawFd, FromRawFd, OwnedFd};
@@ -50,31 +50,21 @@ impl<'a> From<&'a BusParameters> for Line<'a> {
 }
 
 /// Why the buses cannot be opened.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// Interfaces that are missing, down, or not able to carry CAN FD: all of them, in words.
-    Interfaces(Vec<String>),
+    /// Interfaces that are missing, down, or not able to carry CAN FD: all of them.
+    #[error("{0}")]
+    Interfaces(Problems),
     /// The kernel has no CAN sockets.
+    #[error(
+        "this kernel has no CAN sockets ({0}); `modprobe can_raw`, or a kernel with \
+         CONFIG_CAN_RAW; `torqued demo` needs none"
+    )]
     NoCan(io::Error),
     /// A call that sets the socket up, and its answer.
+    #[error("CAN socket: {0}: {1}")]
     Socket(&'static str, io::Error),
 }
-
-impl fmt::Display for OpenError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Interfaces(refusals) => f.write_str(&refusals.join("\n")),
-            Self::NoCan(error) => write!(
-                f,
-                "this kernel has no CAN sockets ({error}); `modprobe can_raw`, or a kernel with \
-                 CONFIG_CAN_RAW; `torqued demo` needs none"
-            ),
-            Self::Socket(call, error) => write!(f, "CAN socket: {call}: {error}"),
-        }
-    }
-}
-
-impl std::error::Error for OpenError {}
 
 /// The newest failure to send.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,8 +97,7 @@ impl SocketCan {
         let found = interface::list(Path::new("/sys/class/net"));
         // The socket first: where the kernel has no CAN, a missing interface is not the news.
         let socket = open_socket()?;
-        let interfaces = interface::match_lines(lines, &found)
-            .map_err(|all| OpenError::Interfaces(all.iter().map(ToString::to_string).collect()))?;
+        let interfaces = interface::match_lines(lines, &found).map_err(OpenError::Interfaces)?;
         set_options(&socket)?;
         bind_to_all(&socket)?;
         Ok(Self {
