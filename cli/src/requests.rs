@@ -3,6 +3,7 @@
 use crate::output::finish;
 use crate::{BAD_INPUT, NO_DAEMON};
 use indicatif::{ProgressBar, ProgressStyle};
+use problem::Problem;
 use std::fmt::Display;
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
@@ -18,7 +19,7 @@ pub(crate) enum Failure {
     /// The daemon could not be reached, or has refused.
     Daemon(Error),
     /// An argument is wrong.
-    Argument(String),
+    Argument(Problem),
 }
 
 impl From<Error> for Failure {
@@ -64,10 +65,9 @@ pub(crate) fn check_contacts(client: &Client, name: &str, more: &str) -> Result<
     if names.contains(&name) {
         return Ok(());
     }
-    Err(Failure::Argument(format!(
-        "robot {:?} has no contact set {name:?}; allowed: {}{more}",
-        client.robot(),
-        names.join(", ")
+    Err(Failure::Argument(Problem::new(
+        format!("robot {:?} has no contact set {name:?}", client.robot()),
+        format!("{}{more}", names.join(", ")),
     )))
 }
 
