@@ -135,7 +135,7 @@ def derived_config(folder, changes, config=LEG):
     text = re.sub(r'"(\.\./[^"]*)"', lambda m: f'"{(config.parent / m[1]).resolve()}"', text)
     path = folder / "robot.toml"
     path.write_text(text)
-    # What the simulated robot is really like stands beside it.
+    # Its sim.toml, beside it, has the parameters of the simulated robot.
     (folder / "sim.toml").write_text((config.parent / "sim.toml").read_text())
     return path
 

@@ -13,7 +13,7 @@ use torqued::failure::Failure;
 
 /// Joint torques for robots without joint-torque sensors.
 ///
-/// Exit codes: 0 all went well; 1 the machine denies something, or a fault is latched at the end;
+/// Exit codes: 0 success; 1 the system denied a resource, or a fault is latched at the end;
 /// 2 bad input, nothing was started.
 #[derive(Parser)]
 #[command(
@@ -44,7 +44,7 @@ enum Command {
     Run {
         /// The robot's configuration, e.g. config/leg/robot.toml.
         config: PathBuf,
-        /// End after that long; without it at SIGINT or SIGTERM.
+        /// Duration, s; without it the daemon ends at SIGINT or SIGTERM.
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
         /// Print the summary as JSON.

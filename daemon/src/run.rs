@@ -19,9 +19,9 @@ use crate::request_server::RequestServer;
 use crate::shared_memory::{self, LoopEnds};
 use crate::summary::{PageFaults, Summary, Timing};
 
-/// How often the main thread looks at the loop.
+/// Interval at which the main thread polls the loop.
 const LOOK: Duration = Duration::from_millis(100);
-/// After that long without an answer, the silent joints are named.
+/// Polls between two messages about joints that have not answered.
 const PATIENCE: u32 = 10;
 
 /// Runs the robot until `stop` is set or `cycles` have begun or been skipped, and sums up.
@@ -81,7 +81,7 @@ pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result
     ))
 }
 
-/// What the main thread may know while the loop runs.
+/// State of the loop that the main thread reads while it runs.
 #[derive(Debug, Default)]
 struct Status {
     cycles: AtomicU64,
@@ -149,7 +149,7 @@ impl Status {
     }
 }
 
-/// Says what the loop waits for and which fault it has latched, until it ends.
+/// Prints which joints the loop waits for and which fault it has latched, until it ends.
 fn watch(robot: &Robot, status: &Status, ended: impl Fn() -> bool) {
     let (mut looks, mut running, mut fault) = (0, false, 0);
     while !ended() {

@@ -1,4 +1,4 @@
-//! What a run was like: printed at its end, for people or for programs.
+//! Summary of a run, printed at its end for people or for programs.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use hdrhistogram::Histogram;
 use robot_state::{Event, LoopRecord, SharedRecord};
 use serde::Serialize;
 
-/// Longest time that a histogram tells apart from longer ones, ns.
+/// Longest time that a histogram distinguishes, ns.
 const LONGEST_NS: u64 = 10_000_000_000;
 
 /// Collects timing while a loop runs; allocates only when made.

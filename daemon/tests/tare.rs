@@ -47,7 +47,7 @@ fn leg() -> Robot {
     robot_config::load("config/leg/robot.toml", &read).expect("the leg")
 }
 
-/// What the leg is really like: its F/T sensor needs a tare.
+/// The simulated leg, with a bias of its F/T sensor for a tare to find.
 fn sim() -> SimParameters {
     let path = "config/leg/sim.toml";
     let text = read_project_file(path).expect("readable");

@@ -2,7 +2,7 @@
 
 use crate::kinematic_error::KinematicError;
 
-/// What a drive's set point means.
+/// Quantity of a drive's set point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
     /// Position, rad link side.
@@ -11,7 +11,7 @@ pub enum Command {
     Current,
 }
 
-/// What everybody knows of a drive: its data sheet.
+/// A drive's data sheet.
 #[derive(Debug, Clone)]
 pub struct DriveSheet {
     /// N: gear ratio.
@@ -24,13 +24,13 @@ pub struct DriveSheet {
     pub motor_counts_per_turn: f64,
     /// Counts a turn of the link encoder.
     pub link_counts_per_turn: f64,
-    /// What set points mean.
+    /// Quantity of the set points.
     pub command: Command,
     /// The kinematic error that calibration found; the true one has more to it.
     pub kinematic_error: KinematicError,
 }
 
-/// What a drive's sensors say.
+/// Readings of a drive's sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveReading {
     /// theta: motor angle over many turns, rad.

@@ -1,11 +1,11 @@
 //! The simulated robot: the truth that every estimator is judged against.
 //!
-//! Pure and deterministic: time passes when a SYNC frame arrives ([`CanRobot`]) or when the caller
-//! says so ([`SimRobot::advance`], [`JointRig::advance`]); all randomness comes from `sim.toml`'s
+//! Pure and deterministic: time passes when a SYNC frame arrives ([`CanRobot`]) or at the
+//! caller's request ([`SimRobot::advance`], [`JointRig::advance`]); all randomness comes from `sim.toml`'s
 //! seed. No model code is shared with the estimators. `README.md` beside the sources lists every
 //! effect, and which of them the estimators know.
 //!
-//! The joint torque told as truth, `tau`, is what gear and output bearing together apply to the
+//! The true joint torque, `tau`, is what gear and output bearing together apply to the
 //! child link along +q, so that `M(q) a + h(q, v) - sum J^T f = S^T tau`.
 #![deny(unsafe_code)]
 

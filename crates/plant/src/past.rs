@@ -1,6 +1,6 @@
-//! A delay line: what a sensor felt over the last steps.
+//! A delay line of a sensor's input over the last steps.
 
-/// What a sensor felt over the last steps, newest last.
+/// A sensor's input over the last steps, newest last.
 #[derive(Debug, Clone)]
 pub struct Past<const N: usize> {
     ring: Vec<[f64; N]>,

@@ -17,17 +17,17 @@ use torqued::bus::{Bus, Line, OpenError, SocketCan};
 use torqued::failure::Failure;
 use torqued::real_time::{self, RealTime, Settings};
 
-/// Frames that it reads at once: one batch of the bus.
+/// Frames read at once: one batch of the bus.
 const BATCH: usize = 64;
-/// How often it looks up from a silent bus, ns.
+/// Longest wait on a bus without frames, ns.
 const LOOK_NS: u64 = 50_000_000;
 
 /// A simulated robot on CAN: answers SYNC as the robot's drives and sensors would.
 ///
-/// Says "ready" on standard error, and to systemd, once it listens; sums up at its end, which
-/// SIGINT, SIGTERM or --seconds bring.
+/// Prints "ready" to standard error, and notifies systemd, once it listens. Ends at SIGINT, SIGTERM or
+/// after --seconds, with a summary.
 ///
-/// Exit codes: 0 all went well; 1 the machine denies something; 2 bad input, nothing was started.
+/// Exit codes: 0 success; 1 the system denied a resource; 2 bad input, nothing was started.
 #[derive(Parser)]
 #[command(
     version,
@@ -41,13 +41,13 @@ A virtual CAN bus for it, as root:
 struct Arguments {
     /// The robot's configuration, e.g. config/leg/robot.toml: the same as the daemon's.
     config: PathBuf,
-    /// What the robot is really like [default: sim.toml beside CONFIG]
+    /// Parameters of the simulated robot [default: sim.toml beside CONFIG]
     #[arg(long, value_name = "SIM.toml")]
     sim: Option<PathBuf>,
-    /// End after that long; without it at SIGINT or SIGTERM.
+    /// Duration, s; without it the program ends at SIGINT or SIGTERM.
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
-    /// Seed of its noise and imperfections, instead of that in SIM.toml.
+    /// Seed of the noise and imperfections, instead of that in SIM.toml.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Print the summary as JSON.
@@ -222,7 +222,7 @@ impl<'a> Simulation<'a> {
     }
 }
 
-/// What passed between daemon and robot, as the robot saw it.
+/// Traffic between daemon and robot, counted by the robot.
 #[derive(Debug, Default, Serialize)]
 struct Summary {
     robot: String,
