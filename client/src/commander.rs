@@ -45,9 +45,7 @@ impl Commander {
     }
 
     /// Changes the reference and sends it. To be called at least every
-    /// `loop.reference_timeout_ms`: a reference is a lease. `sequence` is counted here. The daemon
-    /// takes the newest reference in each cycle: keep `reset_fault` set until the records show no
-    /// fault.
+    /// `loop.reference_timeout_ms`: a reference is a lease. `sequence` is counted here.
     ///
     /// # Errors
     /// [`Error::Gone`] if the daemon has ended. [`Error::Transport`].

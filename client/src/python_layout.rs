@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use robot_state::{
     Answer, Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS, Mode, Reference,
-    Request, Shape, SharedRecord, answer_status, command_flags, measured_flags, request,
-    torque_flags, torque_source,
+    Request, RobotState, Shape, SharedRecord, answer_status, command_flags, measured_flags,
+    request, torque_flags, torque_source,
 };
 
 use crate::channel::type_name;
@@ -60,6 +60,7 @@ pub fn python_layout() -> String {
             ("JUMP", measured_flags::JUMP),
             ("NEVER", measured_flags::NEVER),
             ("SETTLING", measured_flags::SETTLING),
+            ("IMPLAUSIBLE", measured_flags::IMPLAUSIBLE),
         ],
     );
     enumeration(
@@ -75,13 +76,33 @@ pub fn python_layout() -> String {
     );
     enumeration(
         &mut out,
+        "IntEnum",
+        "RobotState",
+        "State of the robot.",
+        &[
+            ("BOOT", RobotState::Boot.number()),
+            ("READY", RobotState::Ready.number()),
+            ("ENABLING", RobotState::Enabling.number()),
+            ("HOLDING", RobotState::Holding.number()),
+            ("ACTIVE", RobotState::Active.number()),
+            ("STOPPING", RobotState::Stopping.number()),
+            ("FAULT", RobotState::Fault.number()),
+        ],
+    );
+    enumeration(
+        &mut out,
         "IntFlag",
         "CommandFlags",
         "Flag bits of a joint's command.",
         &[
             ("POSITION_LIMITED", command_flags::POSITION_LIMITED),
             ("TORQUE_LIMITED", command_flags::TORQUE_LIMITED),
-            ("DELTA_Q_LIMITED", command_flags::DELTA_Q_LIMITED),
+            ("LEAD_LIMITED", command_flags::LEAD_LIMITED),
+            ("VELOCITY_LIMITED", command_flags::VELOCITY_LIMITED),
+            ("TORQUE_RATE_LIMITED", command_flags::TORQUE_RATE_LIMITED),
+            ("POWER_LIMITED", command_flags::POWER_LIMITED),
+            ("NOT_FINITE", command_flags::NOT_FINITE),
+            ("ENGAGED", command_flags::ENGAGED),
         ],
     );
     enumeration(

@@ -115,6 +115,7 @@ impl Looper {
                 reference: arrived.map(|(reference, _)| reference),
                 age_s: arrived.map_or(0.0, |(_, at)| wake.woke_ns.saturating_sub(at) as f64 * 1e-9),
                 settings: Some(self.clients.settings.latest()),
+                request: None,
             };
             let record = self.control_loop.run_cycle(&wake, &wanted);
             self.clients.records.send(record);

@@ -144,7 +144,7 @@ fn what_happens_during_a_tare_ends_it() {
         (|r| r.cycle.fault = 403, "fault 403 command_not_finite"),
         (
             |r| r.cycle.measured.joints[2].dq_hat = 0.1,
-            "joint `hip_pitch` turns",
+            "joint `hip_pitch` moves",
         ),
         (
             |r| r.cycle.measured.ft[0].wrench.force[1] = 9.0,

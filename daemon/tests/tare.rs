@@ -145,6 +145,7 @@ impl Daemon {
                     reference: arrived.map(|(reference, _)| reference),
                     age_s: 0.0,
                     settings: Some(ends.settings.latest()),
+                    request: None,
                 };
                 let record = control_loop.run_cycle(&deadline.wait(), &wanted);
                 while !ends.records.send(record) && !stopped.load(Ordering::Relaxed) {
@@ -383,7 +384,10 @@ fn what_cannot_be_is_refused_with_what_can() {
         assert_eq!(why, reason(client.choose_contact_set(strange)));
     }
     let why = reason(client.tare("standing"));
-    assert!(why.contains("touches every part"), "{why}");
+    assert!(
+        why.contains("every part of the robot has a contact"),
+        "{why}"
+    );
     let why = reason(client.automatic_contact_set());
     assert!(why.contains("no automatic rule"), "{why}");
     let why = reason(client.request(99, "standing", |_| ()));

@@ -31,7 +31,10 @@ pub(super) fn object(robot: &Robot, buses: &[BusLoad], warnings: &[String]) -> V
             "torque_limit_Nm": joint.limits.torque,
             "position_min_deg": joint.limits.position_min.to_degrees(),
             "position_max_deg": joint.limits.position_max.to_degrees(),
-            "delta_q_limit_deg": joint.limits.delta_q.to_degrees(),
+            "delta_q_limit_deg": joint.limits.lead.to_degrees(),
+            "velocity_limit_rad_per_s": joint.limits.velocity,
+            "deceleration_rad_per_s2": joint.limits.deceleration,
+            "torque_rate_Nm_per_s": joint.limits.torque_rate,
             "torque_per_count_Nm": torque_per_count(joint),
             "gains": {
                 "K_p": joint.gains.k_p,

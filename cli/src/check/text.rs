@@ -79,7 +79,7 @@ fn bus_table(robot: &Robot, buses: &[BusLoad]) -> TextTable {
 
 fn joint_table(robot: &Robot) -> TextTable {
     let mut rows = vec![row([
-        "joint", "bus", "drive", "command", "N", "torque", "position", "delta_q", "count",
+        "joint", "bus", "drive", "command", "N", "torque", "position", "velocity", "lead", "count",
     ])];
     rows.extend(robot.parameters.joints.iter().map(|joint| {
         let limits = &joint.limits;
@@ -95,7 +95,11 @@ fn joint_table(robot: &Robot) -> TextTable {
                 limits.position_min.to_degrees(),
                 limits.position_max.to_degrees()
             ),
-            format!("±{:.2} deg", limits.delta_q.to_degrees()),
+            format!("±{} rad/s", limits.velocity),
+            match limits.lead.is_finite() {
+                true => format!("±{:.3} deg", limits.lead.to_degrees()),
+                false => "-".to_owned(),
+            },
             format!("{:.3} N·m", torque_per_count(joint)),
         ]
     }));

@@ -11,6 +11,7 @@ const MEASURED: &[(u32, &str)] = &[
     (measured_flags::JUMP, "jump"),
     (measured_flags::NEVER, "never"),
     (measured_flags::SETTLING, "settling"),
+    (measured_flags::IMPLAUSIBLE, "implausible"),
 ];
 const TORQUE: &[(u32, &str)] = &[
     (torque_flags::VALID, "valid"),
@@ -20,7 +21,12 @@ const TORQUE: &[(u32, &str)] = &[
 const COMMAND: &[(u32, &str)] = &[
     (command_flags::POSITION_LIMITED, "position_limited"),
     (command_flags::TORQUE_LIMITED, "torque_limited"),
-    (command_flags::DELTA_Q_LIMITED, "delta_q_limited"),
+    (command_flags::LEAD_LIMITED, "lead_limited"),
+    (command_flags::VELOCITY_LIMITED, "velocity_limited"),
+    (command_flags::TORQUE_RATE_LIMITED, "torque_rate_limited"),
+    (command_flags::POWER_LIMITED, "power_limited"),
+    (command_flags::NOT_FINITE, "not_finite"),
+    (command_flags::ENGAGED, "engaged"),
 ];
 
 /// The cross-check's warning that stands, and the joint or sensor that it is about.

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 26
+EVENT_COUNT = 31
 
 
 class Mode(IntEnum):
@@ -38,6 +38,7 @@ class MeasuredFlags(IntFlag):
     JUMP = 4
     NEVER = 8
     SETTLING = 16
+    IMPLAUSIBLE = 32
 
 
 class TorqueFlags(IntFlag):
@@ -48,12 +49,29 @@ class TorqueFlags(IntFlag):
     DEGRADED = 4
 
 
+class RobotState(IntEnum):
+    """State of the robot."""
+
+    BOOT = 0
+    READY = 1
+    ENABLING = 2
+    HOLDING = 3
+    ACTIVE = 4
+    STOPPING = 5
+    FAULT = 6
+
+
 class CommandFlags(IntFlag):
     """Flag bits of a joint's command."""
 
     POSITION_LIMITED = 1
     TORQUE_LIMITED = 2
-    DELTA_Q_LIMITED = 4
+    LEAD_LIMITED = 4
+    VELOCITY_LIMITED = 8
+    TORQUE_RATE_LIMITED = 16
+    POWER_LIMITED = 32
+    NOT_FINITE = 64
+    ENGAGED = 128
 
 
 class RequestKind(IntEnum):
@@ -86,32 +104,37 @@ class Event(NamedTuple):
 
 #: In the order of `CycleRecord.events`.
 EVENTS = (
-    Event(101, "frame_unknown_id", "A frame arrived whose identifier is in no message of the DBC file.", "-", "count"),
-    Event(102, "frame_wrong_length", "A frame arrived whose length differs from that of its message in the DBC file.", "-", "count"),
-    Event(103, "joint_missed", "A joint's answer was not complete at the gather deadline; its angles were extrapolated for this cycle.", "loop.gather_deadline_us", "count"),
-    Event(104, "joint_stale", "A joint has sent no sample for longer than allowed.", "loop.stale_after_ms", "fault"),
-    Event(105, "sensor_missed", "An F/T sensor or the IMU sent no sample by the gather deadline or, if it has a clock of its own, for two of its periods.", "loop.gather_deadline_us", "count"),
-    Event(106, "bus_error_frame", "The CAN controller reported an error frame.", "-", "count"),
-    Event(107, "send_failed", "A frame could not be sent on the bus.", "-", "count"),
-    Event(108, "receive_overflow", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.", "-", "count"),
-    Event(109, "signal_not_finite", "A received signal was NaN or infinite; the sample was not used.", "-", "count"),
-    Event(201, "torque_saturated", "An estimated torque exceeded the joint's torque limit and was cut to it.", "joint.torque_limit_Nm", "count"),
-    Event(202, "encoder_jump", "An encoder moved further in one cycle than the joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "count"),
-    Event(203, "estimate_not_finite", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.", "-", "count"),
-    Event(204, "encoder_slip", "The encoders of a joint disagree with F/T sensors and motor current for longer than allowed: an encoder has probably slipped.", "cross_check.encoder_per_cent", "count"),
-    Event(205, "ft_drift", "An F/T sensor disagrees with the encoders of all joints that depend on it: the sensor has probably drifted.", "cross_check.encoder_per_cent", "count"),
-    Event(206, "torque_constant", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.", "cross_check.current_ratio_min / cross_check.current_ratio_max", "count"),
-    Event(207, "torque_sign", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.", "cross_check.current_load_per_cent", "count"),
-    Event(208, "missing_contact", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.", "cross_check.residual_sigmas", "count"),
-    Event(209, "external_contact", "Contact detected by a joint's external torque, where the contact set has none.", "external_torque.threshold_per_cent", "count"),
-    Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "hold"),
-    Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "hold"),
-    Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints.", "-", "hold"),
-    Event(401, "position_limit", "A commanded position, or its lead over the measured position, was limited.", "joint.position_min_deg / joint.position_max_deg", "count"),
-    Event(402, "torque_limit", "A commanded torque or current was limited.", "joint.torque_limit_Nm", "count"),
-    Event(403, "command_not_finite", "A computed command was NaN or infinite; the last command was kept.", "-", "fault"),
-    Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "count"),
-    Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "count"),
+    Event(101, "frame_unknown_id", "A frame arrived whose identifier is in no message of the DBC file.", "-", "warn"),
+    Event(102, "frame_wrong_length", "A frame arrived whose length differs from that of its message in the DBC file.", "-", "warn"),
+    Event(103, "joint_missed", "A joint's answer was not complete at the gather deadline; its angles were extrapolated for this cycle.", "loop.gather_deadline_us", "warn"),
+    Event(104, "joint_stale", "A joint has sent no sample for longer than allowed.", "loop.stale_after_ms", "hold"),
+    Event(105, "sensor_missed", "An F/T sensor or the IMU sent no sample by the gather deadline or, if it has a clock of its own, for two of its periods.", "loop.gather_deadline_us", "warn"),
+    Event(106, "bus_error_frame", "The CAN controller reported an error frame.", "-", "warn"),
+    Event(107, "send_failed", "A frame could not be sent on the bus.", "-", "warn"),
+    Event(108, "receive_overflow", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.", "-", "warn"),
+    Event(109, "signal_not_finite", "A received signal was NaN or infinite; the sample was not used.", "-", "warn"),
+    Event(110, "sensor_stale", "An F/T sensor or the IMU has sent no usable sample for longer than allowed; a mode that needs it ends.", "loop.stale_after_ms", "release"),
+    Event(201, "torque_saturated", "An estimated torque exceeded the joint's torque limit and was cut to it.", "joint.torque_limit_Nm", "warn"),
+    Event(202, "encoder_jump", "An encoder moved further in one cycle than the joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "warn"),
+    Event(203, "estimate_not_finite", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.", "-", "warn"),
+    Event(204, "encoder_slip", "The encoders of a joint disagree with F/T sensors and motor current for longer than allowed: an encoder has probably slipped.", "cross_check.encoder_per_cent", "warn"),
+    Event(205, "ft_drift", "An F/T sensor disagrees with the encoders of all joints that depend on it: the sensor has probably drifted.", "cross_check.encoder_per_cent", "warn"),
+    Event(206, "torque_constant", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.", "cross_check.current_ratio_min / cross_check.current_ratio_max", "warn"),
+    Event(207, "torque_sign", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.", "cross_check.current_load_per_cent", "warn"),
+    Event(208, "missing_contact", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.", "cross_check.residual_sigmas", "warn"),
+    Event(209, "external_contact", "Contact detected by a joint's external torque, where the contact set has none.", "external_torque.threshold_per_cent", "warn"),
+    Event(210, "encoder_implausible", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.", "joint.torque_limit_Nm", "hold"),
+    Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
+    Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
+    Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints.", "-", "release"),
+    Event(304, "reference_jump", "A client's desired position was far from the pose at its start, or moved faster than the joint may.", "joint.velocity_limit_rad_per_s", "release"),
+    Event(401, "position_limit", "A commanded position, or its lead over the measured position, was limited.", "joint.position_min_deg / joint.position_max_deg", "warn"),
+    Event(402, "torque_limit", "A commanded torque or current was limited.", "joint.torque_limit_Nm", "warn"),
+    Event(403, "command_not_finite", "A computed command was NaN or infinite; the last command was kept.", "-", "hold"),
+    Event(404, "enable_time_out", "A drive was not enabled within the time allowed.", "safety.time_limit_ms", "off"),
+    Event(405, "velocity_limit", "A command was limited to the joint's velocity or power.", "joint.velocity_limit_rad_per_s / joint.power_limit_W", "warn"),
+    Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
+    Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
 )
 
 
@@ -295,7 +318,7 @@ class EstimatedRecord(ctypes.Structure):
 
 
 class JointCommanded(ctypes.Structure):
-    """96 bytes."""
+    """104 bytes."""
 
     _fields_ = [
         # tau_d: desired torque, N·m (D12).
@@ -304,6 +327,8 @@ class JointCommanded(ctypes.Structure):
         ("tau_star", ctypes.c_double),
         # delta_q: commanded offset to the measured position, rad (D10).
         ("delta_q", ctypes.c_double),
+        # The command before all limits, rad or A; `flags` names the limits that changed it.
+        ("asked", ctypes.c_double),
         # q_c: commanded position after all limits, rad (position-commanded drives).
         ("q_c", ctypes.c_double),
         # i_c: commanded current after all limits, A (current-commanded drives).
@@ -328,7 +353,7 @@ class JointCommanded(ctypes.Structure):
 
 
 class CommandedRecord(ctypes.Structure):
-    """6144 bytes."""
+    """6656 bytes."""
 
     _fields_ = [
         # The joints, in config order.
@@ -337,7 +362,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """24080 bytes."""
+    """24648 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -348,6 +373,14 @@ class CycleRecord(ctypes.Structure):
         ("mode", ctypes.c_uint32),
         # Number of the latched fault's event, or 0.
         ("fault", ctypes.c_uint32),
+        # Number of a `RobotState`: 0 boot, 1 ready, 2 enabling, 3 holding, 4 active, 5 stopping, 6 fault.
+        ("state", ctypes.c_uint32),
+        # Operators' requests since start.
+        ("requests", ctypes.c_uint32),
+        # Why the last request was refused, or 0: its kind (1 state, 2 joint not plausible, 3 joint outside its limits, 4 another fault) times 65536, plus the state, joint or fault.
+        ("refusal", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
         # Joints in use.
         ("joint_count", ctypes.c_uint32),
         # F/T sensors in use.
@@ -359,7 +392,7 @@ class CycleRecord(ctypes.Structure):
         # What the drives are commanded.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 26),
+        ("events", ctypes.c_uint64 * 31),
     ]
 
 
@@ -389,7 +422,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """24152 bytes."""
+    """24720 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -457,8 +490,8 @@ class Reference(ctypes.Structure):
         ("contact_wrench", Wrench * 8),
         # 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
         ("contact_wrench_given", ctypes.c_uint32),
-        # 1 asks for the reset of a latched fault.
-        ("reset_fault", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
     ]
 
 
@@ -518,8 +551,8 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#f9d8e4f66ac9404a")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#ec0ecb323604c31b")
 Description.type_name = staticmethod(lambda: "torqued::Description#953c34181f4ec17c")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#6997824c22282143")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#f4e3676ca68315e3")
 Request.type_name = staticmethod(lambda: "torqued::Request#5878ef8792a6e307")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

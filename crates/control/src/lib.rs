@@ -1,4 +1,4 @@
-//! Control of joint torque: motor models, torque loop, inverse dynamics and limits (D 3, D 4).
+//! Control of joint torque: motor models, torque loop, inverse dynamics (D 3, D 4).
 //!
 //! In: measured and estimated values, references. Out: commands of position- or current-commanded
 //! drives. Everything is a pure function or a small state that the cycle owns; nothing allocates
@@ -7,12 +7,10 @@
 
 mod gains;
 mod inverse_dynamics;
-mod limits;
 mod motor;
 mod torque_loop;
 
 pub use gains::{EquivalentGains, JointGains};
 pub use inverse_dynamics::InverseDynamics;
-pub use limits::{JointLimits, Limited};
 pub use motor::{MotorModel, smooth_sign};
 pub use torque_loop::TorqueLoop;

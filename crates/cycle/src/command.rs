@@ -1,12 +1,12 @@
 //! Command: from the client's reference to each drive's command (D10-D12), within limits.
 //!
 //! Parts: `decide` settles the mode and whether a reference is followed; `joint` computes each
-//! joint's command in that mode; `limit` has the last word on it; `emit` makes the frames.
+//! joint's command in that mode, on which [`supervisor::Limiter`] has the last word; `emit` makes the
+//! frames.
 
 mod decide;
 mod emit;
 mod joint;
-mod limit;
 mod transition;
 
 use control::InverseDynamics;
@@ -14,13 +14,12 @@ use dynamics::Motion;
 use robot_config::{Robot, TorqueFeedback};
 use robot_state::{
     CommandedRecord, EstimatedRecord, Event, JointReference, MAX_FT_SENSORS, MeasuredRecord,
-    Reference, Wrench,
+    Reference, Wrench, command_flags,
 };
 
 use crate::events::Counts;
 use decide::Goal;
 use joint::{InverseDynamicsTorque, JointController, JointInput};
-use limit::limit;
 
 pub use decide::ClientInput;
 pub(crate) use decide::Supervisor;
@@ -30,8 +29,6 @@ pub(crate) use emit::Emit;
 #[derive(Debug)]
 pub(crate) struct Command {
     joints: Vec<JointController>,
-    /// Command of each joint before limits.
-    unlimited: Vec<f64>,
     inverse_dynamics: InverseDynamics,
     /// Place of each joint, in config order, in the model.
     model_index: Vec<usize>,
@@ -57,9 +54,8 @@ impl Command {
             joints: parameters
                 .joints
                 .iter()
-                .map(|j| JointController::new(j.motor, j.gains, j.limits))
+                .map(|j| JointController::new(j, parameters.timing.sample_period))
                 .collect(),
-            unlimited: vec![f64::NAN; n],
             inverse_dynamics: InverseDynamics::new(&robot.model, &frames),
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
             q_hat: vec![0.0; robot.model.joint_count()],
@@ -72,24 +68,32 @@ impl Command {
         }
     }
 
-    /// The last command of each joint, rad or A; none before the first.
+    /// The last command of each joint, rad or A; none where none is sent.
     pub(crate) fn last(&self) -> impl Iterator<Item = Option<f64>> {
         self.joints.iter().map(JointController::last)
     }
 
-    /// Every joint's command before limits, with its contributions in `commanded`.
+    /// The command of every engaged joint within all limits, with its contributions.
+    ///
+    /// # Errors
+    /// The event of a command that was not finite: the last one stands.
     pub(crate) fn update(
         &mut self,
         goal: &Goal<'_>,
-        base_motion: (Motion, Motion),
-        measured: &MeasuredRecord,
-        estimated: &EstimatedRecord,
+        is_engaged: impl Fn(usize) -> bool,
+        (measured, estimated, base_motion): (&MeasuredRecord, &EstimatedRecord, (Motion, Motion)),
         commanded: &mut CommandedRecord,
-    ) {
+        counts: &mut Counts,
+    ) -> Result<(), Event> {
         let reference = goal.reference();
         self.inverse_dynamics(reference, base_motion, measured, estimated);
         let none = JointReference::default();
+        let mut flags = 0;
         for (j, joint) in self.joints.iter_mut().enumerate() {
+            if !is_engaged(j) {
+                joint.release(measured.joints[j].q, &mut commanded.joints[j]);
+                continue;
+            }
             let torques = &estimated.joints[j];
             let input = JointInput {
                 reference: reference.and_then(|r| r.joints.get(j)).unwrap_or(&none),
@@ -102,30 +106,14 @@ impl Command {
                 },
                 dt: self.sample_period,
             };
-            self.unlimited[j] = joint.update(goal.mode(), &input, &mut commanded.joints[j]);
+            let limited = joint.update(goal, &input, &mut commanded.joints[j]);
+            flags |= limited.flags;
+            count_limits(commanded.joints[j].flags, counts);
         }
-    }
-
-    /// Applies the limits and the finite check: the last word on every command.
-    pub(crate) fn limit(
-        &mut self,
-        measured: &MeasuredRecord,
-        commanded: &mut CommandedRecord,
-        counts: &mut Counts,
-    ) -> Result<(), Event> {
-        let mut result = Ok(());
-        for (j, joint) in self.joints.iter_mut().enumerate() {
-            let (q, commanded) = (measured.joints[j].q, &mut commanded.joints[j]);
-            let (motor, limits) = joint.motor_and_limits();
-            match limit(motor, limits, self.unlimited[j], q, commanded, counts) {
-                Ok(command) => joint.commit(command),
-                Err(event) => {
-                    *commanded = joint.kept(q);
-                    result = Err(event);
-                }
-            }
+        match flags & command_flags::NOT_FINITE {
+            0 => Ok(()),
+            _ => Err(Event::CommandNotFinite),
         }
-        result
     }
 
     /// `M ddq_d + h_hat - J^T f` for the desired contact wrenches and for the estimated ones.
@@ -165,6 +153,24 @@ impl Command {
                 force_feedback: self.k_f * contact_error,
                 contact_error,
             };
+        }
+    }
+}
+
+/// Counts the limits of one joint that acted.
+fn count_limits(flags: u32, counts: &mut Counts) {
+    use command_flags as f;
+    let events = [
+        (f::POSITION_LIMITED, Event::PositionLimit),
+        (
+            f::TORQUE_LIMITED | f::TORQUE_RATE_LIMITED | f::LEAD_LIMITED,
+            Event::TorqueLimit,
+        ),
+        (f::VELOCITY_LIMITED | f::POWER_LIMITED, Event::VelocityLimit),
+    ];
+    for (bits, event) in events {
+        if flags & bits != 0 {
+            counts.add(event);
         }
     }
 }

@@ -45,7 +45,7 @@ impl Cycle {
         Ok(Self {
             measure: Measure::new(robot).map_err(|problem| problem.of("[filters]"))?,
             estimate: Estimate::new(robot)?,
-            supervisor: Supervisor::new(joints, parameters.timing.reference_timeout),
+            supervisor: Supervisor::new(robot),
             command: Command::new(robot),
             emit: Emit::new(robot),
             counts: Counts::new(),
@@ -71,21 +71,24 @@ impl Cycle {
         } = &mut self.record;
         let counts = &mut self.counts;
 
-        let readiness = (self.measure).update(at, rx, client.settings, measured, counts);
+        (self.measure).update(at, rx, client.settings, measured, counts);
         (self.estimate).update(&self.measure, client.settings, measured, estimated, counts);
-        let goal = self.supervisor.decide(client, readiness, counts);
-        let base_motion = self.estimate.base_motion();
-        (self.command).update(&goal, base_motion, measured, estimated, commanded);
-        if let Err(event) = self.command.limit(measured, commanded, counts) {
+        let readiness = self.measure.readiness();
+        let goal = self.supervisor.decide(client, &readiness, measured, counts);
+        let input = (&*measured, &*estimated, self.estimate.base_motion());
+        let engaged = |joint| self.supervisor.is_engaged(joint);
+        if let Err(event) = (self.command).update(&goal, engaged, input, commanded, counts) {
             self.supervisor.report(event, counts);
         }
-        self.emit.update(&self.command, readiness.seen, tx, counts);
+        self.emit.update(&self.command, tx, counts);
 
         let record = &mut self.record;
         record.sequence += 1;
         record.stamp_ns = at.now.0;
         record.mode = self.supervisor.mode().number();
+        record.state = self.supervisor.state().number();
         record.fault = self.supervisor.fault_number();
+        (record.requests, record.refusal) = self.supervisor.requests();
         record.events = counts.as_array();
         record
     }

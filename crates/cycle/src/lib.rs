@@ -14,4 +14,5 @@ mod time;
 
 pub use command::ClientInput;
 pub use cycle::Cycle;
+pub use supervisor::OperatorRequest;
 pub use time::{Instants, Stamp};

@@ -10,6 +10,7 @@ mod ft_offset;
 mod reception;
 
 use can_codec::Frames;
+use estimators::encoder::JointAngles;
 use estimators::front_end::FrontEnd;
 use estimators::joint::JointSample;
 use joint_file::JointFile;
@@ -19,6 +20,8 @@ use robot_state::{
     Event, FtMeasured, JointMeasured, MeasuredRecord, Settings, Wrench, measured_flags,
 };
 
+use supervisor::{Plausibility, Sample, Trust};
+
 use crate::events::Counts;
 use crate::time::Instants;
 use align::{AlignedBank, signals};
@@ -26,15 +29,29 @@ use filtered::{AXES, Filtered};
 use ft_offset::FtInput;
 use reception::{Reception, Source};
 
-/// Readiness of joints and sensors in this cycle.
+/// A joint's sample with one of these is bridged.
+const NOT_USED: u32 = measured_flags::NEVER
+    | measured_flags::MISSED
+    | measured_flags::JUMP
+    | measured_flags::IMPLAUSIBLE;
+
+/// Whether one joint's samples can be relied on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct JointReadiness {
+    /// Its encoders agree, and have done so for long enough.
+    pub(crate) plausible: bool,
+    /// It has sent no usable sample for longer than allowed.
+    pub(crate) stale: bool,
+}
+
+/// What the measured values of this cycle allow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Readiness {
-    /// Every joint has answered at least once.
-    pub(crate) seen: bool,
+pub(crate) struct Readiness<'m> {
+    pub(crate) joints: &'m [JointReadiness],
     /// Every joint and sensor has answered, and every filter is full.
     pub(crate) ready: bool,
-    /// Some joint has sent no sample for longer than allowed.
-    pub(crate) stale: bool,
+    /// Some F/T sensor or the IMU has sent no usable sample for longer than allowed.
+    pub(crate) sensors_stale: bool,
 }
 
 /// The joints and sensors of a robot, followed from cycle to cycle.
@@ -59,6 +76,9 @@ pub(crate) struct Measure {
     both_angles: Vec<f64>,
     axes: Vec<f64>,
     samples: Vec<JointSample>,
+    plausibility: Vec<Plausibility>,
+    joint_readiness: Vec<JointReadiness>,
+    sensors_stale: bool,
     flags: u32,
 }
 
@@ -113,6 +133,11 @@ impl Measure {
             both_angles: vec![f64::NAN; 2 * n],
             axes: vec![f64::NAN; axes],
             samples: vec![JointSample::default(); n],
+            plausibility: (parameters.joints.iter())
+                .map(|joint| Plausibility::new(joint.plausibility))
+                .collect(),
+            joint_readiness: vec![JointReadiness::default(); n],
+            sensors_stale: false,
             flags: measured_flags::NEVER,
             reception,
         })
@@ -133,6 +158,16 @@ impl Measure {
         &self.short
     }
 
+    /// What the measured values of this cycle allow.
+    pub(crate) fn readiness(&self) -> Readiness<'_> {
+        let unready = measured_flags::NEVER | measured_flags::SETTLING;
+        Readiness {
+            joints: &self.joint_readiness,
+            ready: self.flags & unready == 0,
+            sensors_stale: self.sensors_stale,
+        }
+    }
+
     /// All `measured_flags` of the signals that enter the equations of motion, in one word.
     pub(crate) fn flags(&self) -> u32 {
         self.flags
@@ -145,7 +180,7 @@ impl Measure {
         settings: Option<&Settings>,
         measured: &mut MeasuredRecord,
         counts: &mut Counts,
-    ) -> Readiness {
+    ) {
         self.reception.decode(rx, counts);
         self.read_joints(at, &mut measured.joints, counts);
         self.take_offsets(settings);
@@ -157,21 +192,23 @@ impl Measure {
         (self.control_filter).update(&self.both_angles, stamps, at.sync);
         self.publish_joints(measured);
         self.publish_sensors(measured);
-        self.readiness(measured)
+        self.judge(measured);
     }
 
-    fn readiness(&mut self, measured: &MeasuredRecord) -> Readiness {
+    fn judge(&mut self, measured: &MeasuredRecord) {
         let joints = measured.joints.iter().take(self.joints.len());
         let joint_flags = joints.fold(0, |all, joint| all | joint.flags);
         let sensors = measured.ft.iter().take(self.sensors.len());
         let sensor_flags = sensors.fold(measured.imu.flags, |all, sensor| all | sensor.flags);
         self.flags = joint_flags | sensor_flags;
-        let unready = measured_flags::NEVER | measured_flags::SETTLING;
-        Readiness {
-            seen: joint_flags & measured_flags::NEVER == 0,
-            ready: self.flags & unready == 0,
-            stale: joint_flags & measured_flags::STALE != 0,
+        let joints = self.joint_readiness.iter_mut().zip(&self.plausibility);
+        for ((readiness, plausibility), measured) in joints.zip(&measured.joints) {
+            *readiness = JointReadiness {
+                plausible: matches!(plausibility.trust(), Trust::Plausible | Trust::Suspect),
+                stale: measured.flags & measured_flags::STALE != 0,
+            };
         }
+        self.sensors_stale = sensor_flags & measured_flags::STALE != 0;
     }
 
     fn read_joints(&mut self, at: Instants, joints: &mut [JointMeasured], counts: &mut Counts) {
@@ -182,20 +219,24 @@ impl Measure {
                 true => self.reception.slot(slot),
                 false => f64::NAN,
             };
-            self.samples[j] = self.front_ends[j].update(
+            let sample = self.front_ends[j].update(
                 slot(slots::motor_angle(j)),
                 slot(slots::link_angle(j)),
                 slot(slots::current(j)),
             );
             let angles = *self.front_ends[j].angles();
-            let flags = reading.flags | angles.flags;
+            let flags = reading.flags | angles.flags | self.implausible(j, &angles);
+            let used = flags & NOT_USED == 0;
+            if used {
+                self.samples[j] = sample;
+            }
             if flags & measured_flags::MISSED != 0 {
                 counts.add(Event::JointMissed);
             }
             if flags & measured_flags::JUMP != 0 {
                 counts.add(Event::EncoderJump);
             }
-            if angles.flags == 0 {
+            if used {
                 measured.q = angles.q;
                 measured.theta = angles.theta;
                 measured.torsion = angles.torsion;
@@ -213,10 +254,37 @@ impl Measure {
             }
             measured.age_s = reading.age_s;
             measured.flags = flags;
-            let unused = angles.flags != 0;
-            self.angles[j] = if unused { f64::NAN } else { angles.q };
+            self.angles[j] = if used { angles.q } else { f64::NAN };
             self.both_angles[j] = self.angles[j];
-            self.both_angles[n + j] = if unused { f64::NAN } else { angles.theta };
+            self.both_angles[n + j] = if used { angles.theta } else { f64::NAN };
+        }
+    }
+
+    /// The flag of a sample that its joint's encoders cannot both have measured.
+    fn implausible(&mut self, joint: usize, angles: &JointAngles) -> u32 {
+        let sample = if angles.flags & measured_flags::JUMP != 0 {
+            Sample::Jump
+        } else if angles.flags != 0 {
+            Sample::Missed
+        } else {
+            Sample::Torsion(angles.torsion)
+        };
+        let plausibility = &mut self.plausibility[joint];
+        let good = match sample {
+            Sample::Torsion(torsion) => plausibility.explains(torsion),
+            Sample::Missed => true,
+            Sample::Jump => false,
+        };
+        match plausibility.update(sample) {
+            Trust::Plausible => 0,
+            // Nothing depends on it yet; the filters fill.
+            Trust::Settling if good => 0,
+            Trust::Settling => {
+                // A wrong first reading must not stand in the way of the right ones.
+                self.front_ends[joint].reset();
+                measured_flags::IMPLAUSIBLE
+            }
+            Trust::Suspect | Trust::Implausible => measured_flags::IMPLAUSIBLE,
         }
     }
 

@@ -4,9 +4,9 @@ mod common;
 
 use can_codec::{EXTENDED_ID, Frame};
 use common::{Bench, client_input};
-use cycle::ClientInput;
+use cycle::{ClientInput, OperatorRequest};
 use proptest::prelude::*;
-use robot_state::{CycleRecord, Event, Mode, Reference, measured_flags, torque_flags};
+use robot_state::{CycleRecord, Event, Mode, Reference, RobotState, measured_flags, torque_flags};
 
 fn count(record: &CycleRecord, event: Event) -> u64 {
     record.events[event.index()]
@@ -116,7 +116,7 @@ fn a_lost_answer_is_bridged_without_a_step_in_torque_or_command() {
 }
 
 #[test]
-fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_a_client_resets_it() {
+fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_an_operator_acknowledges() {
     let mut bench = Bench::new("leg");
     let mut reference = bench.follow();
     let start = pose(&bench);
@@ -160,18 +160,39 @@ fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_a_client_resets_it() 
     assert!(drift < 2e-3, "{drift}");
     assert!(moved(&bench, &start) < 2e-3, "{}", moved(&bench, &start));
 
-    // Reset, hold, and follow again.
+    // Another fault's number changes nothing; this one's leads back to ready, and the simulated
+    // robot, which enables by itself, to holding. The client asks for hold once.
+    let operator = |bench: &mut Bench, number| {
+        let request = Some(OperatorRequest::Acknowledge(number));
+        let input = ClientInput {
+            request,
+            ..client_input(&reference)
+        };
+        *bench.step(&input)
+    };
+    let record = operator(&mut bench, Event::CommandNotFinite.number());
+    assert_eq!(record.fault, Event::JointStale.number());
+    assert_ne!(record.refusal, 0);
+    let record = operator(&mut bench, Event::JointStale.number());
+    assert_eq!((record.fault, record.refusal), (0, 0));
+    for mode in [Mode::InverseDynamics, Mode::Hold] {
+        reference.sequence += 1;
+        reference.mode = mode.number();
+        for _ in 0..5 {
+            assert_eq!(
+                bench.step(&client_input(&reference)).mode,
+                Mode::Hold.number()
+            );
+        }
+    }
+    assert_eq!(bench.cycle.record().state, RobotState::Holding.number());
     reference.sequence += 1;
-    reference.reset_fault = 1;
-    reference.mode = Mode::Hold.number();
-    assert_eq!(bench.step(&client_input(&reference)).fault, 0);
-    reference.sequence += 1;
-    reference.reset_fault = 0;
     reference.mode = Mode::InverseDynamics.number();
     assert_eq!(
         bench.step(&client_input(&reference)).mode,
         Mode::InverseDynamics.number()
     );
+    assert_eq!(bench.cycle.record().state, RobotState::Active.number());
 }
 
 /// After `flaw` the robot holds, and follows again only after the client has asked for hold.
@@ -233,6 +254,7 @@ fn a_client_that_stops_sending_makes_the_robot_hold() {
             reference: Some(&reference),
             age_s: f64::from(age_ms) * 1e-3,
             settings: None,
+            request: None,
         };
         bench.step(&client);
     }

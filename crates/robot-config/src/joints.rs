@@ -12,7 +12,7 @@ use crate::parameters::{JointParameters, Timing};
 use crate::reader::{Allowed, Section};
 use crate::sampling;
 use crate::wiring::Wiring;
-use dynamics::Model;
+use dynamics::{Data, Model, crba, neutral};
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
@@ -67,6 +67,13 @@ pub(crate) fn read(
     joints
 }
 
+/// Inertia at a joint with the robot stretched out and its other joints held, kg·m².
+fn inertia(model: &Model, joint: usize) -> f64 {
+    let mut data = Data::new(model);
+    let first = model.base_size().0;
+    crba(model, &mut data, &neutral(model))[(first + joint, first + joint)]
+}
+
 /// One table `[[joint]]`.
 struct Reader<'r, 'n, 't> {
     section: &'r Section<'n, 't>,
@@ -110,6 +117,9 @@ impl Reader<'_, '_, '_> {
             section.has(key);
         }
 
+        let inertia = model
+            .zip(model_index)
+            .map_or(0.0, |(model, j)| inertia(model, j));
         let (drive, signals) = (drive?, signals?);
         let (motor_angle, link_angle) = (signals.motor_angle?, signals.link_angle?);
         let gap = drive.sampling.longest_gap(self.timing.sample_period);
@@ -156,6 +166,8 @@ impl Reader<'_, '_, '_> {
             calibration,
             motor: drive.motor,
             gains: gains?,
+            actuation: self.actuation(drive, inertia),
+            plausibility: limits::plausibility(&limits, drive),
             limits,
         })
     }

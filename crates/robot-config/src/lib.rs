@@ -13,6 +13,7 @@ mod joints;
 mod parameters;
 mod paths;
 mod reader;
+mod safety;
 mod sampling;
 mod sensors;
 pub mod slots;
@@ -115,6 +116,7 @@ fn robot(
     let filters = filters::filters(&root, timing.sample_period);
     let feedback = general::feedback(&root);
     let cross_check = general::cross_check(&root);
+    let safety = safety::safety(&root, timing.sample_period);
     let drives = drives::read(&root, timing.sample_period);
 
     let model = named.as_ref().and_then(|named| {
@@ -146,6 +148,7 @@ fn robot(
         external_torque,
         tare,
         cross_check,
+        safety,
         torque_feedback: feedback.torque_feedback,
         k_f: feedback.k_f,
         joints,

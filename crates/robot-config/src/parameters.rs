@@ -1,13 +1,14 @@
 //! Parameters of a robot, validated, in SI units.
 
 use crate::sampling::Sampling;
-use control::{JointGains, JointLimits, MotorModel};
+use control::{JointGains, MotorModel};
 use dynamics::Base;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::filter_bank::FilterDesign;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
+use supervisor::{Actuation, Limits, PlausibilityParameters};
 use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
 
 /// All parameters of a configuration.
@@ -33,6 +34,8 @@ pub struct Parameters {
     pub tare: TareParameters,
     /// Cross-check of the torque sources; none: they are not compared.
     pub cross_check: Option<CrossCheckSettings>,
+    /// When the robot may move, and how long waits may last.
+    pub safety: SafetySettings,
     /// Torque estimate that is fed back.
     pub torque_feedback: TorqueFeedback,
     /// K_f: gain on the contact force error (D12), 1.
@@ -43,6 +46,15 @@ pub struct Parameters {
     pub ft_sensors: Vec<FtParameters>,
     /// The IMU, if there is one.
     pub imu: Option<ImuParameters>,
+}
+
+/// When the robot may move, and how long waits may last.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SafetySettings {
+    /// Drives are enabled without an operator, as for simulated robots.
+    pub automatic: bool,
+    /// Longest time for enabling all drives, and for coming to rest, s.
+    pub time_limit: f64,
 }
 
 /// Filters of the signals.
@@ -158,7 +170,11 @@ pub struct JointParameters {
     /// Feedback gains.
     pub gains: JointGains,
     /// Limits of what is commanded.
-    pub limits: JointLimits,
+    pub limits: Limits,
+    /// How the drive turns commands into torque.
+    pub actuation: Actuation,
+    /// Which samples can be right.
+    pub plausibility: PlausibilityParameters,
 }
 
 impl JointParameters {

@@ -1,15 +1,27 @@
 //! Numbered events: deviations, limits and faults while the loop runs.
 
-/// The loop's reaction to an event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What the loop does when an event occurs; later ones are stronger. The last three latch a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reaction {
-    /// Counted; the cycle goes on with an extrapolated or limited value.
-    Count,
-    /// The client's reference is not used: the robot holds its position until the client has asked
-    /// for mode hold.
+    /// Counted; the cycle goes on with a bridged or limited value.
+    Warn,
+    /// The client's reference is no longer followed: the robot holds until the client has asked
+    /// for hold once.
+    Release,
+    /// Every joint keeps its last command until the operator acknowledges the fault.
     Hold,
-    /// Latched: the robot holds its position until the operator resets the fault.
-    Fault,
+    /// Every joint is brought to rest by damping, then held.
+    Stop,
+    /// Commands end at once; drives that have states are switched off.
+    Off,
+}
+
+impl Reaction {
+    /// The fault is latched.
+    #[must_use]
+    pub fn latches(self) -> bool {
+        self >= Self::Hold
+    }
 }
 
 macro_rules! events {
@@ -78,32 +90,37 @@ macro_rules! events {
 }
 
 events! {
-    FrameUnknownId = 101, "frame_unknown_id", Count, "-", "A frame arrived whose identifier is in no message of the DBC file.";
-    FrameWrongLength = 102, "frame_wrong_length", Count, "-", "A frame arrived whose length differs from that of its message in the DBC file.";
-    JointMissed = 103, "joint_missed", Count, "loop.gather_deadline_us", "A joint's answer was not complete at the gather deadline; its angles were extrapolated for this cycle.";
-    JointStale = 104, "joint_stale", Fault, "loop.stale_after_ms", "A joint has sent no sample for longer than allowed.";
-    SensorMissed = 105, "sensor_missed", Count, "loop.gather_deadline_us", "An F/T sensor or the IMU sent no sample by the gather deadline or, if it has a clock of its own, for two of its periods.";
-    BusErrorFrame = 106, "bus_error_frame", Count, "-", "The CAN controller reported an error frame.";
-    SendFailed = 107, "send_failed", Count, "-", "A frame could not be sent on the bus.";
-    ReceiveOverflow = 108, "receive_overflow", Count, "-", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.";
-    SignalNotFinite = 109, "signal_not_finite", Count, "-", "A received signal was NaN or infinite; the sample was not used.";
-    TorqueSaturated = 201, "torque_saturated", Count, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
-    EncoderJump = 202, "encoder_jump", Count, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
-    EstimateNotFinite = 203, "estimate_not_finite", Count, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";
-    EncoderSlip = 204, "encoder_slip", Count, "cross_check.encoder_per_cent", "The encoders of a joint disagree with F/T sensors and motor current for longer than allowed: an encoder has probably slipped.";
-    FtDrift = 205, "ft_drift", Count, "cross_check.encoder_per_cent", "An F/T sensor disagrees with the encoders of all joints that depend on it: the sensor has probably drifted.";
-    TorqueConstant = 206, "torque_constant", Count, "cross_check.current_ratio_min / cross_check.current_ratio_max", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.";
-    TorqueSign = 207, "torque_sign", Count, "cross_check.current_load_per_cent", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.";
-    MissingContact = 208, "missing_contact", Count, "cross_check.residual_sigmas", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.";
-    ExternalContact = 209, "external_contact", Count, "external_torque.threshold_per_cent", "Contact detected by a joint's external torque, where the contact set has none.";
-    ReferenceNotFinite = 301, "reference_not_finite", Hold, "-", "A client's reference contained NaN or infinity.";
-    ReferenceStale = 302, "reference_stale", Hold, "loop.reference_timeout_ms", "The commanding client stopped sending references.";
-    ReferenceRejected = 303, "reference_rejected", Hold, "-", "A client's reference had an unknown mode or the wrong number of joints.";
-    PositionLimit = 401, "position_limit", Count, "joint.position_min_deg / joint.position_max_deg", "A commanded position, or its lead over the measured position, was limited.";
-    TorqueLimit = 402, "torque_limit", Count, "joint.torque_limit_Nm", "A commanded torque or current was limited.";
-    CommandNotFinite = 403, "command_not_finite", Fault, "-", "A computed command was NaN or infinite; the last command was kept.";
-    LateCycle = 501, "late_cycle", Count, "loop.rate_hz", "A cycle ended after the next one should have begun.";
-    SkippedCycle = 502, "skipped_cycle", Count, "loop.rate_hz", "A cycle was left out because the one before it ended too late.";
+    FrameUnknownId = 101, "frame_unknown_id", Warn, "-", "A frame arrived whose identifier is in no message of the DBC file.";
+    FrameWrongLength = 102, "frame_wrong_length", Warn, "-", "A frame arrived whose length differs from that of its message in the DBC file.";
+    JointMissed = 103, "joint_missed", Warn, "loop.gather_deadline_us", "A joint's answer was not complete at the gather deadline; its angles were extrapolated for this cycle.";
+    JointStale = 104, "joint_stale", Hold, "loop.stale_after_ms", "A joint has sent no sample for longer than allowed.";
+    SensorMissed = 105, "sensor_missed", Warn, "loop.gather_deadline_us", "An F/T sensor or the IMU sent no sample by the gather deadline or, if it has a clock of its own, for two of its periods.";
+    BusErrorFrame = 106, "bus_error_frame", Warn, "-", "The CAN controller reported an error frame.";
+    SendFailed = 107, "send_failed", Warn, "-", "A frame could not be sent on the bus.";
+    ReceiveOverflow = 108, "receive_overflow", Warn, "-", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.";
+    SignalNotFinite = 109, "signal_not_finite", Warn, "-", "A received signal was NaN or infinite; the sample was not used.";
+    SensorStale = 110, "sensor_stale", Release, "loop.stale_after_ms", "An F/T sensor or the IMU has sent no usable sample for longer than allowed; a mode that needs it ends.";
+    TorqueSaturated = 201, "torque_saturated", Warn, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
+    EncoderJump = 202, "encoder_jump", Warn, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
+    EstimateNotFinite = 203, "estimate_not_finite", Warn, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";
+    EncoderSlip = 204, "encoder_slip", Warn, "cross_check.encoder_per_cent", "The encoders of a joint disagree with F/T sensors and motor current for longer than allowed: an encoder has probably slipped.";
+    FtDrift = 205, "ft_drift", Warn, "cross_check.encoder_per_cent", "An F/T sensor disagrees with the encoders of all joints that depend on it: the sensor has probably drifted.";
+    TorqueConstant = 206, "torque_constant", Warn, "cross_check.current_ratio_min / cross_check.current_ratio_max", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.";
+    TorqueSign = 207, "torque_sign", Warn, "cross_check.current_load_per_cent", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.";
+    MissingContact = 208, "missing_contact", Warn, "cross_check.residual_sigmas", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.";
+    ExternalContact = 209, "external_contact", Warn, "external_torque.threshold_per_cent", "Contact detected by a joint's external torque, where the contact set has none.";
+    EncoderImplausible = 210, "encoder_implausible", Hold, "joint.torque_limit_Nm", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.";
+    ReferenceNotFinite = 301, "reference_not_finite", Release, "-", "A client's reference contained NaN or infinity.";
+    ReferenceStale = 302, "reference_stale", Release, "loop.reference_timeout_ms", "The commanding client stopped sending references.";
+    ReferenceRejected = 303, "reference_rejected", Release, "-", "A client's reference had an unknown mode or the wrong number of joints.";
+    ReferenceJump = 304, "reference_jump", Release, "joint.velocity_limit_rad_per_s", "A client's desired position was far from the pose at its start, or moved faster than the joint may.";
+    PositionLimit = 401, "position_limit", Warn, "joint.position_min_deg / joint.position_max_deg", "A commanded position, or its lead over the measured position, was limited.";
+    TorqueLimit = 402, "torque_limit", Warn, "joint.torque_limit_Nm", "A commanded torque or current was limited.";
+    CommandNotFinite = 403, "command_not_finite", Hold, "-", "A computed command was NaN or infinite; the last command was kept.";
+    EnableTimeOut = 404, "enable_time_out", Off, "safety.time_limit_ms", "A drive was not enabled within the time allowed.";
+    VelocityLimit = 405, "velocity_limit", Warn, "joint.velocity_limit_rad_per_s / joint.power_limit_W", "A command was limited to the joint's velocity or power.";
+    LateCycle = 501, "late_cycle", Warn, "loop.rate_hz", "A cycle ended after the next one should have begun.";
+    SkippedCycle = 502, "skipped_cycle", Warn, "loop.rate_hz", "A cycle was left out because the one before it ended too late.";
 }
 
 /// Number of events: the length of a record's counts.

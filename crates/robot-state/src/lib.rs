@@ -11,9 +11,11 @@ mod layout;
 mod name;
 mod records;
 mod requests;
+mod state;
 
 pub use event::{EVENT_COUNT, Event, Reaction};
 pub use layout::{Field, Layout, Shape, layout_hash};
 pub use name::{Name, Text};
 pub use records::*;
 pub use requests::*;
+pub use state::RobotState;

@@ -122,6 +122,7 @@ fn simulate(
             reference: Some(client.reference()),
             age_s: 0.0,
             settings: None,
+            request: None,
         };
         let record = control_loop.run_cycle(&wake, &wanted);
         client.observe(record);

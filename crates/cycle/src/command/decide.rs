@@ -1,17 +1,13 @@
-//! Decide: the mode of the robot, and whether a client's reference is followed.
+//! Decide: the state of the robot, its mode, and whether a client's reference is followed.
 //!
-//! ```text
-//!            reference asks for a mode, joints ready
-//!   ┌──────┐ ───────────────────────────────────────► ┌────────────────────────┐
-//!   │ hold │                                          │ torque                 │
-//!   └──────┘ ◄─────────────────────────────────────── │ inverse dynamics       │
-//!      ▲ ▲      reference asks for hold               └────────────────────────┘
-//!      │ └─ blocked: reference stale, not finite, refused ◄────┘   │
-//!      │      until the client has asked for hold once             │
-//!      └─── fault latched: until a client resets it ◄──────────────┘
-//! ```
+//! The state machine is [`supervisor::RobotMachine`]; its diagram stands there. This stage feeds
+//! it with the condition of every joint, with operators' requests and with events, and follows a
+//! client's reference only while it allows to. A reference with a flaw, or none in time, releases
+//! the robot: it holds, and the client is followed again only after it has asked for hold once.
 
-use robot_state::{Event, Mode, Reaction, Reference, Settings};
+use robot_config::Robot;
+use robot_state::{Event, MeasuredRecord, Mode, Reaction, Reference, RobotState, Settings};
+use supervisor::{JointCondition, Limits, OperatorRequest, Refusal, RobotMachine, Safety};
 
 use crate::events::Counts;
 use crate::measure::Readiness;
@@ -25,12 +21,17 @@ pub struct ClientInput<'a> {
     pub age_s: f64,
     /// The settings in use; none: those of the configuration.
     pub settings: Option<&'a Settings>,
+    /// An operator's request, in the one cycle that is to carry it out.
+    pub request: Option<OperatorRequest>,
 }
 
 /// The goal of one cycle: a mode, with the checked reference that it follows.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Goal<'a> {
+    /// Every joint in use stays where its last command holds it.
     Hold,
+    /// Every joint in use is brought to rest by damping.
+    Stop,
     Torque(&'a Reference),
     InverseDynamics(&'a Reference),
 }
@@ -38,7 +39,7 @@ pub(crate) enum Goal<'a> {
 impl<'a> Goal<'a> {
     pub(crate) fn mode(&self) -> Mode {
         match self {
-            Self::Hold => Mode::Hold,
+            Self::Hold | Self::Stop => Mode::Hold,
             Self::Torque(_) => Mode::Torque,
             Self::InverseDynamics(_) => Mode::InverseDynamics,
         }
@@ -46,32 +47,59 @@ impl<'a> Goal<'a> {
 
     pub(crate) fn reference(&self) -> Option<&'a Reference> {
         match *self {
-            Self::Hold => None,
+            Self::Hold | Self::Stop => None,
             Self::Torque(reference) | Self::InverseDynamics(reference) => Some(reference),
         }
     }
 }
 
-/// The mode, and the memory that leads to it.
+/// |dq| below which a joint counts as at rest, rad/s.
+const REST: f64 = 0.02;
+/// Greatest first distance of a desired position from the measured one: the joint's way in this
+/// time at its velocity limit, s. Later ones may move at the velocity limit.
+const FIRST_DISTANCE_S: f64 = 0.05;
+/// A desired position may be this much faster than the velocity limit, for clients' jitter.
+const PACE: f64 = 1.5;
+
+/// The state of the robot, and the memory that leads to it.
 #[derive(Debug)]
 pub(crate) struct Supervisor {
-    joint_count: u32,
+    machine: RobotMachine,
+    limits: Vec<Limits>,
+    conditions: Vec<JointCondition>,
     reference_timeout_s: f64,
+    sample_period: f64,
+    needs_sensors: bool,
     mode: Mode,
-    fault: Option<Event>,
-    blocked: bool,
+    /// The client has lost the robot until it asks for hold.
+    released: bool,
     last_sequence: Option<u64>,
+    /// Desired positions followed last, rad, and the cycles since they changed.
+    followed: Vec<f64>,
+    cycles_since: f64,
+    requests: u32,
+    refusal: u32,
 }
 
 impl Supervisor {
-    pub(crate) fn new(joint_count: usize, reference_timeout_s: f64) -> Self {
+    pub(crate) fn new(robot: &Robot) -> Self {
+        let p = &robot.parameters;
+        let joints = p.joints.len();
+        let cycles = |time: f64| (time / p.timing.sample_period).ceil() as u32;
         Self {
-            joint_count: joint_count as u32,
-            reference_timeout_s,
+            machine: RobotMachine::new(joints, p.safety.automatic, cycles(p.safety.time_limit)),
+            limits: p.joints.iter().map(|joint| joint.limits).collect(),
+            conditions: vec![JointCondition::default(); joints],
+            reference_timeout_s: p.timing.reference_timeout,
+            sample_period: p.timing.sample_period,
+            needs_sensors: !p.ft_sensors.is_empty() || p.imu.is_some(),
             mode: Mode::Hold,
-            fault: None,
-            blocked: false,
+            released: false,
             last_sequence: None,
+            followed: vec![0.0; joints],
+            cycles_since: 0.0,
+            requests: 0,
+            refusal: 0,
         }
     }
 
@@ -79,62 +107,125 @@ impl Supervisor {
         self.mode
     }
 
-    /// The latched fault's number, or 0.
-    pub(crate) fn fault_number(&self) -> u32 {
-        self.fault.map_or(0, Event::number)
+    pub(crate) fn state(&self) -> RobotState {
+        self.machine.state()
     }
 
-    /// Settles the mode of this cycle, and the reference that it follows.
+    /// The latched fault's number, or 0.
+    pub(crate) fn fault_number(&self) -> u32 {
+        self.machine.fault().map_or(0, Event::number)
+    }
+
+    /// Requests so far, and why the last one was refused (0: it was carried out).
+    pub(crate) fn requests(&self) -> (u32, u32) {
+        (self.requests, self.refusal)
+    }
+
+    /// Set-points may be sent to this joint.
+    pub(crate) fn is_engaged(&self, joint: usize) -> bool {
+        self.machine.is_engaged(joint)
+    }
+
+    /// Settles state and mode of this cycle, and the reference that it follows.
     pub(crate) fn decide<'a>(
         &mut self,
         client: &ClientInput<'a>,
-        readiness: Readiness,
+        readiness: &Readiness<'_>,
+        measured: &MeasuredRecord,
         counts: &mut Counts,
     ) -> Goal<'a> {
-        if readiness.stale && self.fault.is_none() {
-            self.report(Event::JointStale, counts);
+        self.judge(readiness, measured);
+        if let Some(request) = client.request {
+            self.requests = self.requests.wrapping_add(1);
+            let outcome = self.machine.request(request, &self.conditions);
+            self.refusal = outcome.map_or_else(refusal_code, |()| 0);
         }
-        let mut goal = Goal::Hold;
-        if let Some((asked, reference)) = self.checked(client, counts) {
-            if reference.reset_fault == 1 && !readiness.stale {
-                self.fault = None;
-            }
-            if asked.mode() == Mode::Hold {
-                self.blocked = false;
-            }
-            if self.fault.is_none() && !self.blocked && readiness.ready {
-                goal = asked;
-            }
+        if let Some(event) = self.machine.update(&self.conditions) {
+            self.report(event, counts);
         }
+        let goal = self.goal(client, readiness, measured, counts);
+        self.machine.set_active(goal.reference().is_some());
         self.mode = goal.mode();
         goal
+    }
+
+    fn judge(&mut self, readiness: &Readiness<'_>, measured: &MeasuredRecord) {
+        let joints = self.conditions.iter_mut().zip(readiness.joints);
+        for ((condition, joint), (limits, measured)) in
+            joints.zip(self.limits.iter().zip(&measured.joints))
+        {
+            *condition = JointCondition {
+                usable: joint.plausible && !joint.stale,
+                stale: joint.stale,
+                inside: (limits.position_min..=limits.position_max).contains(&measured.q),
+                drive_enabled: true,
+                at_rest: measured.dq.abs() < REST,
+            };
+        }
+    }
+
+    fn goal<'a>(
+        &mut self,
+        client: &ClientInput<'a>,
+        readiness: &Readiness<'_>,
+        measured: &MeasuredRecord,
+        counts: &mut Counts,
+    ) -> Goal<'a> {
+        let asked = self.checked(client, counts);
+        if matches!(asked, Some(Goal::Hold)) {
+            self.released = false;
+        }
+        if self.machine.is_braking() {
+            return Goal::Stop;
+        }
+        let active = self.mode != Mode::Hold;
+        if active && self.needs_sensors && readiness.sensors_stale {
+            self.report(Event::SensorStale, counts);
+        }
+        let allowed = self.machine.may_follow() && !self.released && readiness.ready;
+        match asked.filter(|_| allowed) {
+            Some(goal) if goal.mode() == Mode::InverseDynamics => {
+                match goal
+                    .reference()
+                    .filter(|r| self.follows(r, !active, measured))
+                {
+                    Some(_) => goal,
+                    None => {
+                        self.report(Event::ReferenceJump, counts);
+                        Goal::Hold
+                    }
+                }
+            }
+            Some(goal) => goal,
+            None => Goal::Hold,
+        }
     }
 
     /// Counts an event and reacts to it.
     pub(crate) fn report(&mut self, event: Event, counts: &mut Counts) {
         counts.add(event);
         match event.reaction() {
-            Reaction::Count => {}
-            Reaction::Hold => self.block(),
-            Reaction::Fault => {
-                self.fault.get_or_insert(event);
-                self.block();
-            }
+            Reaction::Warn => {}
+            Reaction::Release => self.release(),
+            Reaction::Hold => self.latch(event, Safety::Hold),
+            Reaction::Stop => self.latch(event, Safety::Stop),
+            Reaction::Off => self.latch(event, Safety::Off),
         }
     }
 
-    fn block(&mut self) {
-        self.blocked = true;
+    fn latch(&mut self, event: Event, safety: Safety) {
+        self.machine.latch(event, safety);
+        self.release();
+    }
+
+    fn release(&mut self) {
+        self.released = true;
         self.mode = Mode::Hold;
     }
 
-    /// The reference and the goal that it asks for, unless a flaw forbids to follow it. A flaw is
-    /// counted once for each message, not once for each cycle in which the message is the newest.
-    fn checked<'a>(
-        &mut self,
-        client: &ClientInput<'a>,
-        counts: &mut Counts,
-    ) -> Option<(Goal<'a>, &'a Reference)> {
+    /// The goal that the reference asks for, unless a flaw forbids to follow it. A flaw is counted
+    /// once for each message, not once for each cycle in which the message is the newest.
+    fn checked<'a>(&mut self, client: &ClientInput<'a>, counts: &mut Counts) -> Option<Goal<'a>> {
         let too_old = client.age_s.is_nan() || client.age_s > self.reference_timeout_s;
         let Some(reference) = client.reference.filter(|_| !too_old) else {
             if self.mode != Mode::Hold {
@@ -145,12 +236,12 @@ impl Supervisor {
         let is_new = self.last_sequence != Some(reference.sequence);
         self.last_sequence = Some(reference.sequence);
         match self.decode(reference) {
-            Ok(goal) => Some((goal, reference)),
+            Ok(goal) => Some(goal),
             Err(flaw) => {
                 if is_new {
                     self.report(flaw, counts);
                 }
-                self.block();
+                self.release();
                 None
             }
         }
@@ -167,13 +258,52 @@ impl Supervisor {
             Some(Mode::InverseDynamics) => Goal::InverseDynamics(reference),
             None => return Err(Event::ReferenceRejected),
         };
-        if reference.joint_count != self.joint_count {
+        if reference.joint_count as usize != self.limits.len() {
             return Err(Event::ReferenceRejected);
         }
         match is_finite(reference) {
             true => Ok(goal),
             false => Err(Event::ReferenceNotFinite),
         }
+    }
+
+    /// Whether the desired positions begin near the pose, and then move no faster than the joints
+    /// may. Remembers them.
+    fn follows(&mut self, reference: &Reference, first: bool, measured: &MeasuredRecord) -> bool {
+        self.cycles_since += 1.0;
+        let mut near = true;
+        let mut changed = false;
+        for (j, limits) in self.limits.iter().enumerate() {
+            let q_d = reference.joints[j].q_d;
+            let (from, time) = match first {
+                true => (measured.joints[j].q, FIRST_DISTANCE_S),
+                false => (
+                    self.followed[j],
+                    PACE * self.cycles_since * self.sample_period,
+                ),
+            };
+            // What the command may do anyway is no jump.
+            let way = limits.velocity * time + if first { 0.0 } else { REST };
+            near &= (q_d - from).abs() <= way;
+            changed |= q_d != self.followed[j];
+        }
+        if near && (first || changed) {
+            for (followed, joint) in self.followed.iter_mut().zip(&reference.joints) {
+                *followed = joint.q_d;
+            }
+            self.cycles_since = 0.0;
+        }
+        near
+    }
+}
+
+/// A refusal as a number: the kind in the upper half, its subject in the lower.
+fn refusal_code(refusal: Refusal) -> u32 {
+    match refusal {
+        Refusal::State(state) => 1 << 16 | state.number(),
+        Refusal::Joint(joint) => 2 << 16 | joint as u32,
+        Refusal::Outside(joint) => 3 << 16 | joint as u32,
+        Refusal::OtherFault(number) => 4 << 16 | number,
     }
 }
 

@@ -11,7 +11,7 @@ use crate::events::Counts;
 #[derive(Debug)]
 pub(crate) struct Emit {
     table: Table,
-    /// NaN until there is a command: no frame follows from NaN.
+    /// NaN while a joint is not engaged: no frame follows from NaN.
     slots: Vec<f64>,
 }
 
@@ -23,25 +23,14 @@ impl Emit {
         }
     }
 
-    /// Appends this cycle's command frames. None are sent until every joint has answered once: the
-    /// drives hold by themselves, and their positions are not yet known.
-    pub(crate) fn update(
-        &mut self,
-        command: &Command,
-        all_seen: bool,
-        tx: &mut Frames,
-        counts: &mut Counts,
-    ) {
-        if !all_seen {
-            return;
-        }
+    /// Appends this cycle's command frames: those whose joints are all engaged.
+    pub(crate) fn update(&mut self, command: &Command, tx: &mut Frames, counts: &mut Counts) {
         for (j, last) in command.last().enumerate() {
             if let Some(slot) = self.slots.get_mut(slots::command(j)) {
                 *slot = last.unwrap_or(f64::NAN);
             }
         }
-        let encoded = self.table.encode_all(&self.slots, tx);
-        let unsent = self.table.message_count().saturating_sub(encoded);
-        counts.add_many(Event::SendFailed, unsent as u64);
+        self.table.encode_all(&self.slots, tx);
+        counts.add_many(Event::SendFailed, tx.overflow());
     }
 }

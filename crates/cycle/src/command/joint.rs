@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!                 ┌───────────────┐  goal: torque            ┌─────────┐
-//!   start ──────► │ hold position │ ───────────────────────► │ torque  │
+//!   engaged ────► │ hold position │ ───────────────────────► │ torque  │
 //!   (position-    │   or          │ ◄─────────────────────── └─────────┘
 //!   commanded or  │ hold by       │  goal: hold                 ▲   │ goal: the other one
 //!   current-      │   torque law  │                             │   ▼
@@ -11,15 +11,23 @@
 //!                                    goal: inverse dynamics  └──────────────────┘
 //! ```
 //!
+//! From any state, goal stop leads to damping (current-commanded drives) or to hold position. A
+//! joint that is not engaged has no state and no command. A hold depends on no encoder: it keeps
+//! the last command, brought to rest where the joint was moving.
+//!
 //! A state owns its torque loop's integral and its transition, and is made anew at each change of
 //! mode: nothing of an earlier visit survives.
 
-use control::{JointGains, JointLimits, MotorModel, TorqueLoop};
+use control::{JointGains, MotorModel, TorqueLoop};
 use robot_state::{
-    JointCommanded, JointMeasured, JointReference, Mode, TorqueEstimate, torque_flags,
+    JointCommanded, JointMeasured, JointReference, Mode, TorqueEstimate, command_flags,
+    measured_flags, torque_flags,
 };
 
+use super::decide::Goal;
 use super::transition::Transition;
+use robot_config::JointParameters;
+use supervisor::{Actuation, Limited, Limiter, Limits, Motion};
 
 /// Torques of one joint by inverse dynamics, N·m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -58,8 +66,10 @@ struct Terms {
 /// What the joint does in its mode, with what it remembers there.
 #[derive(Debug, Clone)]
 enum State {
-    /// The drive's own position loop holds at `hold_q`.
-    HoldPosition { hold_q: f64, transition: Transition },
+    /// The drive's own position loop holds at `hold_q`, which comes to rest from `velocity`.
+    HoldPosition { hold_q: f64, velocity: f64 },
+    /// Damping, for drives without a position loop.
+    Damped,
     /// The torque law holds at `hold_q`, for drives without a position loop.
     HoldTorque {
         hold_q: f64,
@@ -81,7 +91,7 @@ enum State {
 impl State {
     fn mode(&self) -> Mode {
         match self {
-            Self::HoldPosition { .. } | Self::HoldTorque { .. } => Mode::Hold,
+            Self::HoldPosition { .. } | Self::HoldTorque { .. } | Self::Damped => Mode::Hold,
             Self::Torque { .. } => Mode::Torque,
             Self::InverseDynamics { .. } => Mode::InverseDynamics,
         }
@@ -93,83 +103,100 @@ impl State {
 struct Law {
     motor: MotorModel,
     gains: JointGains,
-    limits: JointLimits,
+    limits: Limits,
+    actuation: Actuation,
+    gear_ratio: f64,
 }
 
 /// The controller of one joint.
 #[derive(Debug, Clone)]
 pub(crate) struct JointController {
     law: Law,
-    /// None before the first command.
+    limiter: Limiter,
+    /// None while no set-points are sent.
     state: Option<State>,
-    last: Option<f64>,
 }
 
 impl JointController {
-    pub(crate) fn new(motor: MotorModel, gains: JointGains, limits: JointLimits) -> Self {
+    pub(crate) fn new(joint: &JointParameters, sample_period: f64) -> Self {
         Self {
             law: Law {
-                motor,
-                gains,
-                limits,
+                motor: joint.motor,
+                gains: joint.gains,
+                limits: joint.limits,
+                actuation: joint.actuation,
+                gear_ratio: joint.encoders.gear_ratio,
             },
+            limiter: Limiter::new(joint.limits, joint.actuation, sample_period),
             state: None,
-            last: None,
         }
     }
 
-    /// The last command, rad or A; none before the first.
+    /// The last command, rad or A; none while no set-points are sent.
     pub(crate) fn last(&self) -> Option<f64> {
-        self.last
+        self.state.as_ref().map(|_| self.limiter.last())
     }
 
-    pub(crate) fn motor_and_limits(&self) -> (&MotorModel, &JointLimits) {
-        (&self.law.motor, &self.law.limits)
+    /// No set-points from now on.
+    pub(crate) fn release(&mut self, q: f64, commanded: &mut JointCommanded) {
+        self.state = None;
+        *commanded = JointCommanded {
+            q_c: q,
+            ..JointCommanded::default()
+        };
     }
 
-    /// Remembers the command of this cycle after all limits.
-    pub(crate) fn commit(&mut self, command: f64) {
-        self.last = Some(command);
-    }
-
-    /// The record where a command is not finite: the last one stands.
-    pub(crate) fn kept(&self, q: f64) -> JointCommanded {
-        match self.law.motor {
-            MotorModel::Position { .. } => {
-                let q_c = self.last.unwrap_or(q);
-                JointCommanded {
-                    q_c,
-                    delta_q: q_c - q,
-                    ..JointCommanded::default()
-                }
-            }
-            MotorModel::Current { .. } => JointCommanded {
-                current_c: self.last.unwrap_or(0.0),
-                ..JointCommanded::default()
-            },
-        }
-    }
-
-    /// The command of this cycle before limits, with its contributions in `commanded`.
+    /// The command of this cycle within all limits, with its contributions in `commanded`.
     pub(crate) fn update(
         &mut self,
-        mode: Mode,
+        goal: &Goal<'_>,
+        input: &JointInput<'_>,
+        commanded: &mut JointCommanded,
+    ) -> Limited {
+        let motion = self.law.motion(input.measured);
+        let asked = self.asked(goal, &motion, input, commanded);
+        let limited = self.limiter.limit(asked, &motion);
+        commanded.asked = limited.asked;
+        commanded.flags |= limited.flags | command_flags::ENGAGED;
+        match self.law.motor {
+            MotorModel::Position { .. } => {
+                commanded.q_c = limited.applied;
+                commanded.delta_q = limited.applied - motion.q;
+            }
+            MotorModel::Current { .. } => commanded.current_c = limited.applied,
+        }
+        limited
+    }
+
+    /// The command before limits.
+    fn asked(
+        &mut self,
+        goal: &Goal<'_>,
+        motion: &Motion,
         input: &JointInput<'_>,
         commanded: &mut JointCommanded,
     ) -> f64 {
-        // Before the first command the robot's pose may still change under the controller.
-        let stays = |state: &State| self.last.is_some() && state.mode() == mode;
+        let law = &self.law;
+        let last = match &self.state {
+            Some(_) => self.limiter.last(),
+            None => self.limiter.start(motion, law.load(input)),
+        };
+        let mode = goal.mode();
+        let damped = law.is_damped(goal, input.measured);
+        let stays =
+            |state: &State| state.mode() == mode && matches!(state, State::Damped) == damped;
         let state = match self.state.take().filter(stays) {
             Some(state) => state,
-            None => self.law.enter(mode, self.last, input),
+            None if damped => State::Damped,
+            None => law.enter(mode, last, motion),
         };
         let state = self.state.insert(state);
-        let law = &self.law;
         let reference = input.reference;
         let (command, transition) = match state {
-            State::HoldPosition { hold_q, transition } => {
-                (law.hold_position(*hold_q, input, commanded), transition)
+            State::HoldPosition { hold_q, velocity } => {
+                return law.hold_position(hold_q, velocity, motion, input.dt, commanded);
             }
+            State::Damped => return law.damping(motion, commanded),
             State::HoldTorque {
                 hold_q,
                 torque_loop,
@@ -212,17 +239,52 @@ impl JointController {
 }
 
 impl Law {
-    /// The state of a mode that begins now, after the command `last` of the mode before.
-    fn enter(&self, mode: Mode, last: Option<f64>, input: &JointInput<'_>) -> State {
+    fn motion(&self, measured: &JointMeasured) -> Motion {
+        let (theta, omega) = (
+            measured.theta / self.gear_ratio,
+            measured.omega / self.gear_ratio,
+        );
+        // The velocity that both encoders agree on.
+        let dq = match measured.dq * omega > 0.0 {
+            true => measured.dq.abs().min(omega.abs()).copysign(omega),
+            false => 0.0,
+        };
+        Motion {
+            q: measured.q,
+            theta,
+            dq,
+        }
+    }
+
+    /// The torque that the joint carries where it stands, as far as it is known, N·m.
+    fn load(&self, input: &JointInput<'_>) -> f64 {
+        let tau = input.tau_encoder;
+        match (self.motor, tau.flags & torque_flags::VALID != 0) {
+            (MotorModel::Position { .. }, true) => tau.tau,
+            _ => 0.0,
+        }
+    }
+
+    /// Position and model of the joint are not to be used, or motion is to end.
+    fn is_damped(&self, goal: &Goal<'_>, measured: &JointMeasured) -> bool {
+        let unreliable = measured_flags::IMPLAUSIBLE | measured_flags::STALE;
+        let holds = goal.mode() == Mode::Hold;
+        matches!(self.motor, MotorModel::Current { .. })
+            && holds
+            && (matches!(goal, Goal::Stop) || measured.flags & unreliable != 0)
+    }
+
+    /// The state of a mode that begins now, after the command `last`.
+    fn enter(&self, mode: Mode, last: f64, motion: &Motion) -> State {
         let transition = Transition::from(last);
         let torque_loop = TorqueLoop::default();
         match (mode, self.motor) {
             (Mode::Hold, MotorModel::Position { .. }) => State::HoldPosition {
-                hold_q: self.position_with_load(last, input),
-                transition,
+                hold_q: last,
+                velocity: motion.dq,
             },
             (Mode::Hold, MotorModel::Current { .. }) => State::HoldTorque {
-                hold_q: input.measured.q,
+                hold_q: motion.q,
                 torque_loop,
                 transition,
             },
@@ -237,31 +299,38 @@ impl Law {
         }
     }
 
-    /// The set-point that carries the joint's load where it stands: the last command; at the
-    /// start, the one that follows from the joint's torque.
-    fn position_with_load(&self, last: Option<f64>, input: &JointInput<'_>) -> f64 {
-        let (q, tau) = (input.measured.q, input.tau_encoder);
-        let lead = match last {
-            Some(last) => last - q,
-            None if tau.flags & torque_flags::VALID != 0 => self.motor.torque_part(tau.tau),
-            None => self.motor.torque_part(0.0),
-        };
-        q + self.limits.delta_q(lead).value
-    }
-
+    /// The set-point goes on as the joint did, ever slower, and then stays.
     fn hold_position(
         &self,
-        hold_q: f64,
-        input: &JointInput<'_>,
+        hold_q: &mut f64,
+        velocity: &mut f64,
+        motion: &Motion,
+        dt: f64,
         commanded: &mut JointCommanded,
     ) -> f64 {
-        let delta_q = hold_q - input.measured.q;
+        let slower = velocity.abs() - self.limits.deceleration * dt;
+        *velocity = slower.max(0.0).copysign(*velocity);
+        *hold_q += *velocity * dt;
+        let delta_q = *hold_q - motion.q;
         *commanded = JointCommanded {
             delta_q,
             feedback_position: delta_q,
             ..JointCommanded::default()
         };
-        hold_q
+        *hold_q
+    }
+
+    /// A current against the joint's motion.
+    fn damping(&self, motion: &Motion, commanded: &mut JointCommanded) -> f64 {
+        let Actuation::Current { k_1, damping, .. } = self.actuation else {
+            return 0.0;
+        };
+        let current = -damping * motion.dq / k_1;
+        *commanded = JointCommanded {
+            feedback_velocity: current,
+            ..JointCommanded::default()
+        };
+        current
     }
 
     /// Terms that follow a position and a velocity by inverse dynamics.
@@ -300,10 +369,11 @@ impl Law {
             self.limits.torque,
             input.dt,
         );
-        let limited = self.limits.torque(tau_star);
+        let limit = self.limits.torque;
+        let limited = tau_star.clamp(-limit, limit);
         let friction = self.motor.friction_part(measured.dq);
         //= D10: delta_q = K_tau tau* + K_v dq + K_c sign(dq)
-        let command = self.motor.torque_part(limited.value) + friction;
+        let command = self.motor.torque_part(limited) + friction;
 
         // None of them contains the part that the limit removes.
         //= D 5.5: delta_q = torque and friction feed-forward + feedback of q, dq, ddq and f
@@ -328,7 +398,11 @@ impl Law {
             } else {
                 0.0
             },
-            flags: limited.flags,
+            flags: if limited == tau_star {
+                0
+            } else {
+                command_flags::TORQUE_LIMITED
+            },
             ..JointCommanded::default()
         };
         match self.motor {

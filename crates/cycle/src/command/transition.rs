@@ -13,10 +13,10 @@ pub(crate) struct Transition {
 }
 
 impl Transition {
-    /// From the last command of the mode before, if there was one.
-    pub(crate) fn from(last: Option<f64>) -> Self {
+    /// From the last command of the mode before.
+    pub(crate) fn from(last: f64) -> Self {
         Self {
-            last,
+            last: Some(last),
             difference: 0.0,
             left_s: DURATION_S,
         }

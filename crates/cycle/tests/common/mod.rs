@@ -133,5 +133,6 @@ pub(crate) fn client_input(reference: &Reference) -> ClientInput<'_> {
         reference: Some(reference),
         age_s: 0.001,
         settings: None,
+        request: None,
     }
 }

@@ -1,10 +1,28 @@
-//! Limits of a joint: position, torque, current, lead of the command.
+//! Limits of a joint: position, velocity, torque, power, lead of the command.
 
 use super::Reader;
 use crate::drives::Drive;
 use crate::reader::Allowed;
-use control::JointLimits;
+use control::MotorModel;
 use dynamics::Model;
+use supervisor::{Actuation, Limits, PlausibilityParameters};
+
+/// Default time in which a joint stops from its greatest velocity, s.
+const STOPPING_TIME: f64 = 0.2;
+/// Default time in which a torque may rise from zero to its limit, s.
+const TORQUE_RISE_TIME: f64 = 0.05;
+/// Sample periods in which braking takes a rotor's speed: as hard as the delay of a cycle or two
+/// allows.
+const BRAKING_PERIODS: f64 = 8.0;
+/// Greatest torsion over that of the torque limit: gears are softer than their catalogue.
+const TORSION_MARGIN: f64 = 1.5;
+/// Torsion that kinematic error, backlash and encoder offsets may add, rad.
+const TORSION_OFFSET: f64 = 0.1 * core::f64::consts::PI / 180.0;
+/// A torque that appears from one sample to the next and stays is an encoder's step from this
+/// share of the torque limit on.
+const STEP_SHARE: f64 = 0.15;
+/// Good samples in a row that make a joint plausible, and bad ones that make it implausible.
+const SAMPLES: [u32; 2] = [100, 8];
 
 impl Reader<'_, '_, '_> {
     pub(super) fn limits(
@@ -12,9 +30,13 @@ impl Reader<'_, '_, '_> {
         torque_limit: f64,
         drive: Option<&Drive>,
         joint: Option<(&Model, usize)>,
-    ) -> Option<JointLimits> {
+    ) -> Option<Limits> {
         let section = self.section;
-        let delta_q = section.number("delta_q_limit_deg", Allowed::Within(0.0, 90.0));
+        let lead = section.optional_number("delta_q_limit_deg", Allowed::Positive);
+        let velocity = section.optional_number("velocity_limit_rad_per_s", Allowed::Positive);
+        let deceleration = section.optional_number("deceleration_rad_per_s2", Allowed::Positive);
+        let torque_rate = section.optional_number("torque_rate_Nm_per_s", Allowed::Positive);
+        let power = section.number_or("power_limit_W", f64::INFINITY, Allowed::Positive);
         let (min_deg, max_deg) = ("position_min_deg", "position_max_deg");
         // Without a model the limits cannot be checked, but the keys are known.
         let given = [min_deg, max_deg].map(|key| section.optional_number(key, Allowed::Finite));
@@ -39,12 +61,100 @@ impl Reader<'_, '_, '_> {
             let what = format!("{:.3} is not above {min_deg}", max.to_degrees());
             section.problem(max_deg, what, allowed);
         }
-        Some(JointLimits {
+        let drive = drive?;
+        let torque = torque_limit.min(urdf.effort);
+        let velocity = match velocity {
+            Some(limit) if limit > drive.max_velocity => {
+                let what = format!("{limit} is not allowed");
+                let allowed = format!("at most the drive's {} rad/s", drive.max_velocity);
+                section.problem("velocity_limit_rad_per_s", what, allowed);
+                limit
+            }
+            limit => limit.unwrap_or(drive.max_velocity),
+        };
+        Some(Limits {
             position_min: min,
             position_max: max,
-            torque: torque_limit.min(urdf.effort),
-            delta_q: delta_q.to_radians(),
-            current: drive?.current_limit,
+            velocity,
+            deceleration: deceleration.unwrap_or(velocity / STOPPING_TIME),
+            torque,
+            torque_rate: torque_rate.unwrap_or(torque / TORQUE_RISE_TIME),
+            power,
+            lead: self.lead(lead, torque, drive),
         })
+    }
+
+    /// Greatest lead of a command: that of the torque limit, or less.
+    fn lead(&self, given_deg: Option<f64>, torque: f64, drive: &Drive) -> f64 {
+        let MotorModel::Position { k_tau, .. } = drive.motor else {
+            return f64::INFINITY;
+        };
+        let greatest = k_tau * torque;
+        let given = given_deg.map_or(greatest, f64::to_radians);
+        // A rounded degree may lie a hair above.
+        if given > greatest + 1e-6 {
+            let what = format!(
+                "{:.3} lets a command ask for {:.0} N·m",
+                given.to_degrees(),
+                given / k_tau
+            );
+            let allowed = format!(
+                "at most K_tau times the torque limit of {torque} N·m, {:.4}, or no such key",
+                greatest.to_degrees()
+            );
+            self.section.problem("delta_q_limit_deg", what, allowed);
+        }
+        given
+    }
+
+    /// How the drive turns commands into torque.
+    pub(super) fn actuation(&self, drive: &Drive, inertia: f64) -> Actuation {
+        match drive.motor {
+            MotorModel::Position { k_tau, k_v, .. } => {
+                let gear = 1.0 / drive.compliance.k_fs0;
+                if gear >= k_tau {
+                    let what = format!("{k_tau} leaves no stiffness to the drive's position loop");
+                    let allowed = format!("above 1/K_fs0, which is {gear:e}");
+                    self.section.problem(
+                        "drive",
+                        format!("K_tau_rad_per_Nm of its drive: {what}"),
+                        allowed,
+                    );
+                }
+                Actuation::Position {
+                    k_tau,
+                    k_tau_motor: (k_tau - gear).max(f64::MIN_POSITIVE),
+                    k_v,
+                }
+            }
+            MotorModel::Current { k1, .. } => {
+                let rotor = drive.rotor_inertia * drive.gear_ratio * drive.gear_ratio;
+                let damping = rotor / (BRAKING_PERIODS * self.timing.sample_period);
+                Actuation::Current {
+                    k_1: k1,
+                    current: drive.current_limit,
+                    damping,
+                    braking_time: 4.0 * (rotor + inertia) / damping,
+                }
+            }
+        }
+    }
+}
+
+/// Which torsion a joint's gear can reach, and how.
+pub(super) fn plausibility(limits: &Limits, drive: &Drive) -> PlausibilityParameters {
+    let gear = &drive.compliance;
+    let wave_generator = 1.0 / (gear.c_wg * gear.k_wg0 * drive.gear_ratio);
+    let wound_up = limits.torque / gear.k_fs0;
+    let wave_generator = if wave_generator.is_finite() {
+        wave_generator
+    } else {
+        0.0
+    };
+    PlausibilityParameters {
+        torsion: TORSION_MARGIN * (wound_up + wave_generator) + TORSION_OFFSET,
+        step: STEP_SHARE * wound_up,
+        samples_to_trust: SAMPLES[0],
+        samples_to_doubt: SAMPLES[1],
     }
 }

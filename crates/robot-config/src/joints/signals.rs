@@ -6,8 +6,9 @@ use crate::reader::Allowed;
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Reach, Use, Way, Wiring};
-use control::{JointLimits, MotorModel};
+use control::MotorModel;
 use estimators::encoder::EncoderParameters;
+use supervisor::Limits;
 
 /// The ranges of a joint's encoders, and which optional signals it has.
 pub(super) struct Signals {
@@ -93,7 +94,7 @@ impl Reader<'_, '_, '_> {
     }
 
     /// Notes encoders whose turns cannot be counted.
-    pub(super) fn wraps(&self, encoders: &EncoderParameters, limits: &JointLimits) {
+    pub(super) fn wraps(&self, encoders: &EncoderParameters, limits: &Limits) {
         let travel = encoders.max_velocity * encoders.sample_period;
         let sides = [
             (

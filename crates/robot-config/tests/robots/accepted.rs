@@ -100,7 +100,12 @@ fn leg_has_the_parameters_of_its_configuration() {
     assert_eq!(knee.bus, 1);
     assert!((knee.encoders.motor_wrap - 16.0 * core::f64::consts::TAU).abs() < 1e-9);
     assert!((knee.encoders.link_wrap - core::f64::consts::TAU).abs() < 1e-12);
-    assert!((knee.limits.delta_q - 3f64.to_radians()).abs() < 1e-12);
+    // Without a key of its own the lead is the torque limit's.
+    assert_eq!(knee.limits.lead, 0.000051 * 233.0);
+    assert_eq!(
+        (knee.limits.velocity, knee.limits.deceleration),
+        (4.0, 20.0)
+    );
     assert_eq!(leg.parameters.timing.sample_period, 1e-3);
     assert_eq!(leg.parameters.filters.window, 80);
     let FilterDesign::SavitzkyGolay(encoder) = leg.parameters.filters.long.encoder else {

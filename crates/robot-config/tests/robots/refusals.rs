@@ -3,6 +3,7 @@
 use crate::files::Files;
 use control::MotorModel;
 use robot_config::{Sampled, slots};
+use supervisor::Actuation;
 
 const LEG: &str = "config/leg/robot.toml";
 const HUMANOID: &str = "config/humanoid/robot.toml";
@@ -266,7 +267,10 @@ fn current_drives_take_a_current() {
     let robot = with_current_drive("current_limit_A = 9.5\n").load(LEG);
     let joint = &robot.unwrap_or_else(|e| panic!("{e}")).parameters.joints[0];
     assert!(!joint.takes_position());
-    assert_eq!(joint.limits.current, 9.5);
+    let Actuation::Current { k_1, current, .. } = joint.actuation else {
+        panic!("{:?}", joint.actuation);
+    };
+    assert_eq!([k_1, current], [6.0, 9.5]);
     assert!(
         matches!(joint.motor, MotorModel::Current { k1, k2, k3, .. } if [k1, k2, k3] == [6.0, 12.0, 2.5])
     );

@@ -3,14 +3,24 @@
 use super::MAX_JOINTS;
 use crate::layout::record;
 
-/// Flag bits of a joint's command.
+/// Flag bits of a joint's command: which limits acted, and whether it is sent.
 pub mod command_flags {
-    /// The position limit is active.
+    /// Position limit, or the braking distance before it.
     pub const POSITION_LIMITED: u32 = 1;
-    /// The torque limit is active.
+    /// Torque limit.
     pub const TORQUE_LIMITED: u32 = 2;
-    /// `|delta_q|` is at its limit.
-    pub const DELTA_Q_LIMITED: u32 = 4;
+    /// Lead of the command over the measured position.
+    pub const LEAD_LIMITED: u32 = 4;
+    /// Velocity limit.
+    pub const VELOCITY_LIMITED: u32 = 8;
+    /// Limit of the torque's rate of change.
+    pub const TORQUE_RATE_LIMITED: u32 = 16;
+    /// Limit of the mechanical power.
+    pub const POWER_LIMITED: u32 = 32;
+    /// The command was NaN or infinite; the last one stands.
+    pub const NOT_FINITE: u32 = 64;
+    /// The command is sent; without this bit the joint's drive gets none.
+    pub const ENGAGED: u32 = 128;
 }
 
 record! {
@@ -22,6 +32,8 @@ record! {
         pub tau_star: f64,
         /// delta_q: commanded offset to the measured position, rad (D10).
         pub delta_q: f64,
+        /// The command before all limits, rad or A; `flags` names the limits that changed it.
+        pub asked: f64,
         /// q_c: commanded position after all limits, rad (position-commanded drives).
         pub q_c: f64,
         /// i_c: commanded current after all limits, A (current-commanded drives).

@@ -16,6 +16,16 @@ record! {
         pub mode: u32,
         /// Number of the latched fault's event, or 0.
         pub fault: u32,
+        /// Number of a `RobotState`: 0 boot, 1 ready, 2 enabling, 3 holding, 4 active, 5 stopping,
+        /// 6 fault.
+        pub state: u32,
+        /// Operators' requests since start.
+        pub requests: u32,
+        /// Why the last request was refused, or 0: its kind (1 state, 2 joint not plausible, 3
+        /// joint outside its limits, 4 another fault) times 65536, plus the state, joint or fault.
+        pub refusal: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
         /// Joints in use.
         pub joint_count: u32,
         /// F/T sensors in use.

@@ -15,6 +15,8 @@ pub mod measured_flags {
     pub const NEVER: u32 = 8;
     /// The filters have not yet seen as many samples as their window holds.
     pub const SETTLING: u32 = 16;
+    /// The two encoders contradict each other: the sample was not used.
+    pub const IMPLAUSIBLE: u32 = 32;
 }
 
 record! {

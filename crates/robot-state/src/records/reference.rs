@@ -73,7 +73,7 @@ record! {
         pub contact_wrench: [Wrench; MAX_FT_SENSORS],
         /// 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
         pub contact_wrench_given: u32,
-        /// 1 asks for the reset of a latched fault.
-        pub reset_fault: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
     }
 }

@@ -1,0 +1,355 @@
+//! One thing wrong at a time: nothing moves unless asked, and no single fault moves it.
+//!
+//! Each test drives the cycle in front of the simulated robot, spoils one input and measures what
+//! the joints truly do.
+
+mod common;
+
+use can_codec::Frame;
+use common::{Bench, client_input};
+use cycle::{ClientInput, OperatorRequest};
+use robot_config::slots;
+use robot_state::{CycleRecord, Event, Mode, RobotState, command_flags};
+
+/// Greatest uncommanded displacement, rad, and share of the velocity limit.
+const DISPLACEMENT: f64 = 1.0 * std::f64::consts::PI / 180.0;
+const SPEED_SHARE: f64 = 0.1;
+
+/// What the joints did since it began, beyond what was asked for.
+struct Motion {
+    start: Vec<f64>,
+    displacement: f64,
+    speed_share: f64,
+}
+
+impl Motion {
+    fn of(bench: &Bench) -> Self {
+        Self {
+            start: bench.plant.truth().joints.iter().map(|j| j.q).collect(),
+            displacement: 0.0,
+            speed_share: 0.0,
+        }
+    }
+
+    fn take(&mut self, bench: &Bench) {
+        let joints = bench.plant.truth().joints.iter().zip(&self.start);
+        for ((joint, start), parameters) in joints.zip(&bench.robot.parameters.joints) {
+            self.displacement = self.displacement.max((joint.q - start).abs());
+            let share = joint.dq.abs() / parameters.limits.velocity;
+            self.speed_share = self.speed_share.max(share);
+        }
+    }
+
+    fn assert_small(&self, what: &str) {
+        let (way, share) = (self.displacement, self.speed_share);
+        assert!(way < DISPLACEMENT, "{what}: {:.2} deg", way.to_degrees());
+        assert!(
+            share < SPEED_SHARE,
+            "{what}: {:.1} % of the velocity limit",
+            100.0 * share
+        );
+    }
+}
+
+fn state(record: &CycleRecord) -> RobotState {
+    RobotState::from_number(record.state).unwrap()
+}
+
+fn engaged(record: &CycleRecord) -> usize {
+    let joints = record.commanded.joints.iter();
+    joints
+        .filter(|j| j.flags & command_flags::ENGAGED != 0)
+        .count()
+}
+
+/// Changes a joint's signals in the answers of this cycle.
+fn spoil(bench: &mut Bench, joint: usize, change: impl Fn(&mut [f64])) {
+    let table = &bench.robot.receive;
+    let mut values = vec![0.0; slots::receive_len(&bench.robot.parameters)];
+    let frames: Vec<Frame> = bench.rx.iter().copied().collect();
+    bench.rx.clear();
+    for mut frame in frames {
+        if let Ok(Some(message)) = table.decode(&frame, &mut values)
+            && table
+                .slots(message)
+                .any(|slot| slot == slots::link_angle(joint))
+        {
+            let stamp_ns = frame.stamp_ns;
+            change(&mut values);
+            assert!(table.encode(message, &values, &mut frame));
+            frame.stamp_ns = stamp_ns;
+        }
+        bench.rx.push(frame);
+    }
+}
+
+/// Runs `cycles` cycles with `change` on the joint's signals.
+fn run_spoilt(
+    bench: &mut Bench,
+    motion: &mut Motion,
+    cycles: usize,
+    input: &ClientInput<'_>,
+    joint: usize,
+    change: impl Fn(&mut [f64]),
+) {
+    for _ in 0..cycles {
+        bench.gather();
+        spoil(bench, joint, &change);
+        bench.compute(input);
+        motion.take(bench);
+    }
+}
+
+#[test]
+fn a_lost_first_answer_delays_the_start_and_moves_nothing() {
+    for robot in ["leg", "humanoid"] {
+        for lost in [1, 500] {
+            let mut bench = Bench::new(robot);
+            let mut motion = Motion::of(&bench);
+            let first = bench
+                .robot
+                .receive
+                .message(0)
+                .map(|m| (m.bus, m.id))
+                .unwrap();
+            for _ in 0..lost {
+                bench.gather();
+                bench.drop_answers(|f| (f.bus, f.id) == first);
+                let record = *bench.compute(&ClientInput::default());
+                assert_eq!((state(&record), engaged(&record)), (RobotState::Boot, 0));
+                assert!(bench.tx.is_empty());
+                motion.take(&bench);
+            }
+            for _ in 0..400 {
+                bench.step(&ClientInput::default());
+                motion.take(&bench);
+            }
+            assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+            motion.assert_small(&format!("{robot}, first answer lost for {lost} cycles"));
+        }
+    }
+}
+
+#[test]
+fn a_false_first_reading_moves_nothing() {
+    for joint in 0..6 {
+        let mut bench = Bench::new("leg");
+        let mut motion = Motion::of(&bench);
+        run_spoilt(
+            &mut bench,
+            &mut motion,
+            1,
+            &ClientInput::default(),
+            joint,
+            |values| {
+                values[slots::link_angle(joint)] = 0.0;
+                values[slots::motor_angle(joint)] = 0.0;
+            },
+        );
+        for _ in 0..600 {
+            bench.step(&ClientInput::default());
+            motion.take(&bench);
+        }
+        assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+        motion.assert_small(&format!("joint {joint} sends zeros in its first frame"));
+    }
+}
+
+#[test]
+fn a_link_encoder_that_slips_moves_nothing() {
+    for (mode, slip) in [
+        (Mode::Hold, 0.06),
+        (Mode::Hold, -0.004),
+        (Mode::Torque, 0.0035),
+        (Mode::Torque, -0.02),
+        (Mode::InverseDynamics, 0.02),
+        (Mode::InverseDynamics, 0.002),
+    ] {
+        for joint in 0..6 {
+            let mut bench = Bench::new("leg");
+            bench.run(400);
+            let mut reference = bench.reference(mode.number(), 1);
+            let tau = bench.cycle.record().estimated.joints;
+            for (reference, tau) in reference.joints.iter_mut().zip(tau) {
+                reference.tau_d = tau.tau_encoder.tau;
+            }
+            for _ in 0..20 {
+                bench.step(&client_input(&reference));
+            }
+            assert_eq!(bench.cycle.record().mode, mode.number());
+            let mut motion = Motion::of(&bench);
+            run_spoilt(
+                &mut bench,
+                &mut motion,
+                1000,
+                &client_input(&reference),
+                joint,
+                |values| {
+                    values[slots::link_angle(joint)] += slip;
+                },
+            );
+            let fault = bench.cycle.record().fault;
+            assert_eq!(
+                fault,
+                Event::EncoderImplausible.number(),
+                "{mode:?}, joint {joint} slips by {slip} rad"
+            );
+            motion.assert_small(&format!("{mode:?}, joint {joint} slips by {slip} rad"));
+        }
+    }
+}
+
+#[test]
+fn outside_its_limits_a_robot_is_not_enabled() {
+    let read = |path: &str| {
+        let text = common::read(path)?;
+        Ok(match path.ends_with("config/leg/robot.toml") {
+            true => text.replace(
+                "name = \"knee\"\nbus",
+                "name = \"knee\"\nposition_min_deg = 80\nbus",
+            ),
+            false => text,
+        })
+    };
+    let mut bench = Bench::reading("leg", &read);
+    let mut motion = Motion::of(&bench);
+    for _ in 0..600 {
+        bench.step(&ClientInput::default());
+        assert!(bench.tx.is_empty());
+        motion.take(&bench);
+    }
+    assert_eq!(state(bench.cycle.record()), RobotState::Ready);
+    let request = Some(OperatorRequest::Enable);
+    let record = *bench.step(&ClientInput {
+        request,
+        ..ClientInput::default()
+    });
+    assert_eq!(
+        (record.requests, record.refusal),
+        (1, 3 << 16 | 3),
+        "outside: joint 3"
+    );
+    motion.assert_small("the knee stands outside its limits");
+}
+
+#[test]
+fn a_bus_that_was_cut_does_not_move_its_joints_when_it_is_back() {
+    let mut bench = Bench::new("leg");
+    bench.run(400);
+    let cut = 1;
+    for _ in 0..2000 {
+        bench.gather();
+        bench.drop_answers(|f| f.bus == cut);
+        bench.compute(&ClientInput::default());
+        let sent = bench.tx.iter().any(|f| f.bus == cut);
+        assert!(!sent || bench.cycle.record().fault == 0);
+    }
+    let record = *bench.cycle.record();
+    assert_eq!(
+        (state(&record), record.fault),
+        (RobotState::Fault, Event::JointStale.number())
+    );
+    let mut motion = Motion::of(&bench);
+    for _ in 0..1000 {
+        bench.step(&ClientInput::default());
+        assert!(
+            !bench.tx.iter().any(|f| f.bus == cut),
+            "a set-point nobody asked for"
+        );
+        motion.take(&bench);
+    }
+    // Acknowledged, it holds where it stands now.
+    let request = Some(OperatorRequest::Acknowledge(Event::JointStale.number()));
+    bench.step(&ClientInput {
+        request,
+        ..ClientInput::default()
+    });
+    for _ in 0..500 {
+        bench.step(&ClientInput::default());
+        motion.take(&bench);
+    }
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+    motion.assert_small("bus cut for 2 s");
+}
+
+#[test]
+fn references_that_jump_or_ask_for_too_much_are_not_followed() {
+    for (what, change) in [
+        (
+            "zeros",
+            (|r| r.joints.iter_mut().for_each(|j| j.q_d = 0.0)) as fn(&mut robot_state::Reference),
+        ),
+        ("1e300", |r| r.joints[3].q_d = 1e300),
+    ] {
+        let mut bench = Bench::new("leg");
+        bench.run(400);
+        let mut motion = Motion::of(&bench);
+        let mut reference = bench.reference(Mode::InverseDynamics.number(), 1);
+        change(&mut reference);
+        for _ in 0..500 {
+            reference.sequence += 1;
+            bench.step(&client_input(&reference));
+            motion.take(&bench);
+        }
+        let record = bench.cycle.record();
+        assert_eq!(record.events[Event::ReferenceJump.index()], 1);
+        assert_eq!(record.mode, Mode::Hold.number());
+        motion.assert_small(&format!("reference of {what}"));
+    }
+}
+
+#[test]
+fn a_step_of_the_desired_torque_is_limited_in_rate() {
+    let mut bench = Bench::new("leg");
+    bench.run(400);
+    let mut reference = bench.reference(Mode::Torque.number(), 1);
+    bench.step(&client_input(&reference));
+    let limits = bench.robot.parameters.joints[3].limits;
+    reference.joints[3].tau_d = limits.torque;
+    let mut last = bench.plant.truth().joints[3].tau;
+    let mut greatest: f64 = 0.0;
+    for _ in 0..20 {
+        reference.sequence += 1;
+        let record = *bench.step(&client_input(&reference));
+        let flags = record.commanded.joints[3].flags;
+        let tau = bench.plant.truth().joints[3].tau;
+        greatest = greatest.max((tau - last).abs());
+        last = tau;
+        let moving = flags & (command_flags::TORQUE_RATE_LIMITED | command_flags::VELOCITY_LIMITED);
+        assert!(moving != 0 || tau > 0.5 * limits.torque, "flags {flags}");
+    }
+    let rate = limits.torque_rate * 1e-3;
+    assert!(
+        greatest < 3.0 * rate,
+        "{greatest} N·m in a cycle, rate {rate}"
+    );
+}
+
+#[test]
+fn sensors_that_fall_silent_end_the_modes_that_need_them() {
+    let mut bench = Bench::new("humanoid");
+    bench.run(400);
+    let mut reference = bench.reference(Mode::InverseDynamics.number(), 1);
+    for _ in 0..50 {
+        reference.sequence += 1;
+        bench.step(&client_input(&reference));
+    }
+    assert_eq!(state(bench.cycle.record()), RobotState::Active);
+    let table = bench.robot.receive.clone();
+    let imu: Vec<(u8, u32)> = (0..table.message_count())
+        .filter(|&m| table.slots(m).any(|slot| slot == slots::gyro(0)))
+        .filter_map(|m| table.message(m).map(|m| (m.bus, m.id)))
+        .collect();
+    let mut motion = Motion::of(&bench);
+    for _ in 0..1000 {
+        bench.gather();
+        bench.drop_answers(|f| imu.contains(&(f.bus, f.id)));
+        reference.sequence += 1;
+        bench.compute(&client_input(&reference));
+        motion.take(&bench);
+    }
+    let record = bench.cycle.record();
+    assert_eq!(record.mode, Mode::Hold.number());
+    assert_eq!(record.events[Event::SensorStale.index()], 1);
+    motion.assert_small("IMU silent");
+}

@@ -1,0 +1,18 @@
+//! Whether and how far a robot may move: states of robot and drives, plausibility of joints,
+//! limits of commands.
+//!
+//! Nothing here commands a motion; everything here can withhold one. No reaction depends on the
+//! sensor that failed: a hold keeps the last set-point, whatever the encoders say.
+#![deny(unsafe_code)]
+
+mod drive;
+mod limiter;
+mod plausibility;
+mod robot;
+
+pub use drive::{
+    ControlWords, Drive, DriveGoal, DriveProfile, DriveState, DriveTrouble, StatusPattern,
+};
+pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
+pub use plausibility::{Plausibility, PlausibilityParameters, Sample, Trust};
+pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};

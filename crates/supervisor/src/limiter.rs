@@ -1,0 +1,343 @@
+//! Limits of one joint's command: the last word, whatever came before.
+//!
+//! Each limit that acts is recorded: which, what was asked, what was applied. A command that is
+//! not finite is replaced by the last one sent.
+//!
+//! Position-commanded drives. A command is a spring of the drive's stiffness between its own and
+//! the measured position: torque limits are limits on how far a command leads the joint. *Motion*
+//! limits come first: the set-point moves no faster than the velocity limit and, near a position
+//! limit, no faster than the configured deceleration can stop; outside the limits only inwards.
+//! The *lead* comes last, by both encoders: a set-point is pulled towards the joint only where
+//! each of them indicates that it leads too far, so that no single encoder can move a joint.
+//!
+//! Current-commanded drives. The torque is limited in size, rate and power; beyond the velocity
+//! that the distance to the limits allows, a damping torque takes its place.
+
+use robot_state::command_flags;
+
+/// Limits of a joint. All positive; infinite where there is none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Least position, rad.
+    pub position_min: f64,
+    /// Greatest position, rad.
+    pub position_max: f64,
+    /// Greatest |dq|, rad/s.
+    pub velocity: f64,
+    /// Deceleration with which the joint can always be stopped, rad/s².
+    pub deceleration: f64,
+    /// Greatest |tau|, N·m.
+    pub torque: f64,
+    /// Greatest change of tau, N·m/s.
+    pub torque_rate: f64,
+    /// Greatest tau dq, W: power given to the link.
+    pub power: f64,
+    /// Greatest lead of a command over the measured position, rad, where it is less than the
+    /// torque limit's.
+    pub lead: f64,
+}
+
+/// How a drive turns commands into torque.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Actuation {
+    /// Position-commanded (D6).
+    Position {
+        /// K_tau: link-side angle by which a command leads the joint for a torque, rad/(N·m).
+        k_tau: f64,
+        /// The share of `k_tau` that is the drive's: command to motor side, rad/(N·m).
+        k_tau_motor: f64,
+        /// K_v: lead for a velocity, s.
+        k_v: f64,
+    },
+    /// Current-commanded (D3).
+    Current {
+        /// K1: joint torque per current, N·m/A.
+        k_1: f64,
+        /// Greatest |current|, A.
+        current: f64,
+        /// Torque that brakes, per velocity, N·m·s/rad. The rotor's inertia (link side) over some
+        /// eight sample periods brakes as hard as one or two cycles of delay allow.
+        damping: f64,
+        /// Time that braking takes to act, s: four times the greatest inertia at the joint over
+        /// `damping` approaches a position limit without overshoot.
+        braking_time: f64,
+    },
+}
+
+/// Where the joint is and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// q: link-side angle, rad.
+    pub q: f64,
+    /// theta/N: motor-side angle on the link side, rad.
+    pub theta: f64,
+    /// dq: velocity, rad/s.
+    pub dq: f64,
+}
+
+/// A command that may be sent.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Limited {
+    /// What was asked: rad or A.
+    pub asked: f64,
+    /// What may be sent: rad or A.
+    pub applied: f64,
+    /// Bits of [`command_flags`]: the limits that acted; zero if `applied` is what was asked.
+    pub flags: u32,
+}
+
+/// The limiter of one joint.
+#[derive(Debug, Clone)]
+pub struct Limiter {
+    limits: Limits,
+    actuation: Actuation,
+    sample_period: f64,
+    /// The command sent last, rad or A.
+    last: f64,
+    /// The torque of that command, N·m.
+    last_torque: f64,
+}
+
+impl Limiter {
+    /// A limiter for commands one `sample_period` (s) apart.
+    #[must_use]
+    pub fn new(limits: Limits, actuation: Actuation, sample_period: f64) -> Self {
+        Self {
+            limits,
+            actuation,
+            sample_period,
+            last: 0.0,
+            last_torque: 0.0,
+        }
+    }
+
+    /// Starts at a command: the position that carries `torque` (N·m) where the joint stands, or
+    /// that torque's current. Returns the command.
+    pub fn start(&mut self, motion: &Motion, torque: f64) -> f64 {
+        let limit = self.limits.torque;
+        let torque = if torque.is_finite() {
+            torque.clamp(-limit, limit)
+        } else {
+            0.0
+        };
+        self.last_torque = torque;
+        self.last = match self.actuation {
+            Actuation::Position { k_tau, .. } => {
+                motion.q + (k_tau * torque).clamp(-self.limits.lead, self.limits.lead)
+            }
+            Actuation::Current { k_1, current, .. } => (torque / k_1).clamp(-current, current),
+        };
+        self.last
+    }
+
+    /// The command sent last, rad or A.
+    #[must_use]
+    pub fn last(&self) -> f64 {
+        self.last
+    }
+
+    /// The joint is within its position limits, by this angle.
+    #[must_use]
+    pub fn is_inside(&self, q: f64) -> bool {
+        (self.limits.position_min..=self.limits.position_max).contains(&q)
+    }
+
+    /// The command that may be sent instead of `asked`.
+    pub fn limit(&mut self, asked: f64, motion: &Motion) -> Limited {
+        let (applied, flags) = if !asked.is_finite() {
+            (self.last, command_flags::NOT_FINITE)
+        } else {
+            match self.actuation {
+                Actuation::Position { .. } => self.limit_position(asked, motion),
+                Actuation::Current { .. } => self.limit_current(asked, motion),
+            }
+        };
+        // The last resort, should a measurement be worse than thought: what was sent before.
+        let applied = if applied.is_finite() {
+            applied
+        } else {
+            self.last
+        };
+        self.last = applied;
+        Limited {
+            asked,
+            applied,
+            flags,
+        }
+    }
+
+    /// Greatest velocity towards each end, down and up, rad/s: the limit, less where the distance
+    /// that is left asks for braking, zero outside.
+    fn allowed_velocity(&self, position: f64) -> (f64, f64) {
+        let Limits {
+            position_min,
+            position_max,
+            velocity,
+            deceleration,
+            ..
+        } = self.limits;
+        let delay = match self.actuation {
+            Actuation::Position { .. } => 0.0,
+            Actuation::Current { braking_time, .. } => braking_time,
+        };
+        // s = v T + v² / (2 a)
+        let lost = deceleration * delay;
+        let braking = |room: f64| {
+            let room = room.max(0.0);
+            ((lost * lost + 2.0 * deceleration * room).sqrt() - lost).clamp(0.0, velocity)
+        };
+        (
+            braking(position - position_min),
+            braking(position_max - position),
+        )
+    }
+
+    fn limit_position(&mut self, asked: f64, motion: &Motion) -> (f64, u32) {
+        let Actuation::Position {
+            k_tau,
+            k_tau_motor,
+            k_v,
+        } = self.actuation
+        else {
+            return (asked, 0);
+        };
+        let Limits {
+            torque,
+            torque_rate,
+            power,
+            lead,
+            ..
+        } = self.limits;
+        let mut flags = 0;
+
+        // Motion: how fast the set-point itself may move, and where to.
+        let (down, up) = self.allowed_velocity(self.last);
+        let step = self.sample_period;
+        let x = asked.clamp(self.last - down * step, self.last + up * step);
+        if x != asked {
+            let outward = if asked > self.last { up } else { down };
+            flags |= if outward < self.limits.velocity {
+                command_flags::POSITION_LIMITED
+            } else {
+                command_flags::VELOCITY_LIMITED
+            };
+        }
+
+        // Torque by either encoder: the lead that makes it.
+        let within = |tau_max: f64, tau_min: f64| {
+            let ends = |tau: f64| {
+                let link = motion.q + (k_tau * tau).clamp(-lead, lead);
+                let motor = motion.theta + (k_tau_motor * tau).clamp(-lead, lead);
+                (link, motor)
+            };
+            let ((a, b), (c, d)) = (ends(tau_max), ends(tau_min));
+            (
+                c.min(d) + k_v * motion.dq.min(0.0),
+                a.max(b) + k_v * motion.dq.max(0.0),
+            )
+        };
+        let (low, high) = within(torque, -torque);
+        let limited = x.clamp(low.min(high), high.max(low));
+        if limited != x {
+            let by_lead = lead < k_tau * torque;
+            flags |= if by_lead {
+                command_flags::LEAD_LIMITED
+            } else {
+                command_flags::TORQUE_LIMITED
+            };
+        }
+        let mut x = limited;
+
+        // Rate and power: of the torque that the lead over the motor makes.
+        let made = |x: f64| (x - motion.theta - k_v * motion.dq) / k_tau_motor;
+        let tau = made(x);
+        let change = torque_rate * step;
+        let mut wanted = tau.clamp(self.last_torque - change, self.last_torque + change);
+        if wanted != tau && (wanted.abs() < tau.abs()) {
+            flags |= command_flags::TORQUE_RATE_LIMITED;
+        } else {
+            // A torque that falls is never held up.
+            wanted = tau;
+        }
+        if wanted * motion.dq > power {
+            wanted = power / motion.dq;
+            flags |= command_flags::POWER_LIMITED;
+        }
+        if wanted != tau {
+            x = motion.theta + k_v * motion.dq + k_tau_motor * wanted;
+        }
+        self.last_torque = wanted;
+        (x, flags)
+    }
+
+    fn limit_current(&mut self, asked: f64, motion: &Motion) -> (f64, u32) {
+        let Actuation::Current {
+            k_1,
+            current,
+            damping,
+            ..
+        } = self.actuation
+        else {
+            return (asked, 0);
+        };
+        let Limits {
+            torque,
+            torque_rate,
+            power,
+            velocity,
+            ..
+        } = self.limits;
+        let mut flags = 0;
+        let mut bounded = |x: f64, bound: f64, flag: u32| {
+            let y = x.clamp(-bound, bound);
+            if y != x {
+                flags |= flag;
+            }
+            y
+        };
+        let asked_torque = k_1 * asked;
+        let mut tau = bounded(asked_torque, torque, command_flags::TORQUE_LIMITED);
+        let change = torque_rate * self.sample_period;
+        tau = self.last_torque
+            + bounded(
+                tau - self.last_torque,
+                change,
+                command_flags::TORQUE_RATE_LIMITED,
+            );
+        if tau * motion.dq > power {
+            tau = power / motion.dq;
+            flags |= command_flags::POWER_LIMITED;
+        }
+        // Beyond the allowed velocity: damping, which the rate limit must not hold back.
+        let (down, up) = self.allowed_velocity(motion.q);
+        let excess = if motion.dq > up {
+            motion.dq - up
+        } else {
+            (motion.dq + down).min(0.0)
+        };
+        if excess != 0.0 {
+            let brake = (-damping * excess).clamp(-torque, torque);
+            tau = if excess > 0.0 {
+                tau.min(brake)
+            } else {
+                tau.max(brake)
+            };
+            let at_wall = up.min(down) < velocity;
+            flags |= if at_wall {
+                command_flags::POSITION_LIMITED
+            } else {
+                command_flags::VELOCITY_LIMITED
+            };
+        } else if (tau > 0.0 && up == 0.0) || (tau < 0.0 && down == 0.0) {
+            // Outside and at rest: only inwards.
+            tau = 0.0;
+            flags |= command_flags::POSITION_LIMITED;
+        }
+        self.last_torque = tau;
+        let applied = (tau / k_1).clamp(-current, current);
+        if applied != tau / k_1 {
+            flags |= command_flags::TORQUE_LIMITED;
+        }
+        (applied, flags)
+    }
+}

@@ -1,0 +1,306 @@
+//! Plausibility of one joint's samples: whether its two encoders can both be right.
+//!
+//! A gear winds up by what its torque explains and no further. A torsion `theta/N - q` beyond
+//! that, or an encoder that moved further than its joint can, means that one of the two encoders
+//! is wrong, and nobody knows which: such a sample is not used. A joint is plausible after a
+//! number of good samples in a row, and implausible after a number of bad ones, so that one
+//! corrupt frame neither starts nor stops a robot.
+
+/// What makes a sample plausible.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlausibilityParameters {
+    /// Greatest |theta/N - q| that the gear can reach, rad: wind-up at its torque limit with a
+    /// margin, kinematic error, backlash.
+    pub torsion: f64,
+    /// A torsion that steps by more from one sample to the next and then goes on as before, rad,
+    /// is an encoder's step: an impact changes a velocity, not a position.
+    pub step: f64,
+    /// Good samples in a row after which a joint is plausible.
+    pub samples_to_trust: u32,
+    /// Bad samples in a row after which it is no longer.
+    pub samples_to_doubt: u32,
+}
+
+/// One sample of a joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sample {
+    /// A fresh and finite sample whose torsion is this, rad.
+    Torsion(f64),
+    /// None came in time.
+    Missed,
+    /// An encoder moved further than its joint can.
+    Jump,
+}
+
+/// How far a joint is to be believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Trust {
+    /// Not enough good samples yet.
+    #[default]
+    Settling,
+    /// Good.
+    Plausible,
+    /// This sample is bad, but not enough of them in a row to say more.
+    Suspect,
+    /// Bad for longer than a disturbance lasts.
+    Implausible,
+}
+
+/// A step of the torsion between two samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Step {
+    None,
+    /// It may be one: the next sample shows.
+    Pending,
+    Confirmed,
+}
+
+/// Torsion and its change per sample, before a step that the next sample confirms or not.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Course {
+    torsion: f64,
+    rate: f64,
+}
+
+/// Follows one joint.
+#[derive(Debug, Clone)]
+pub struct Plausibility {
+    parameters: PlausibilityParameters,
+    trust: Trust,
+    good: u32,
+    bad: u32,
+    /// The last samples in a row.
+    last: Option<f64>,
+    course: Option<Course>,
+    /// The course that the last sample left by a step.
+    left: Option<Course>,
+    /// The course before readings that jumped, and how many did.
+    jumped: Option<(Course, u32)>,
+}
+
+impl Plausibility {
+    /// Of a joint that has not sent anything.
+    #[must_use]
+    pub fn new(parameters: PlausibilityParameters) -> Self {
+        Self {
+            parameters,
+            trust: Trust::Settling,
+            good: 0,
+            bad: 0,
+            last: None,
+            course: None,
+            left: None,
+            jumped: None,
+        }
+    }
+
+    /// Takes the sample of a cycle.
+    pub fn update(&mut self, sample: Sample) -> Trust {
+        let good = match sample {
+            // Neither good nor bad: age is judged elsewhere.
+            Sample::Missed => {
+                self.forget();
+                return self.trust;
+            }
+            Sample::Jump => {
+                let jumped = match (self.jumped, self.course) {
+                    (Some((course, readings)), _) => Some((course, readings.saturating_add(1))),
+                    (None, course) => course.map(|course| (course, 1)),
+                };
+                self.forget();
+                self.jumped = jumped;
+                false
+            }
+            Sample::Torsion(torsion) => {
+                let trusted = matches!(self.trust, Trust::Plausible | Trust::Suspect);
+                // A joint that is not trusted may step back to what is right.
+                let stepped = if trusted {
+                    self.follow(torsion)
+                } else {
+                    self.forget();
+                    Step::None
+                };
+                if stepped == Step::Confirmed {
+                    self.good = 0;
+                    self.trust = Trust::Implausible;
+                    return self.trust;
+                }
+                // NaN is not within.
+                stepped == Step::None && self.explains(torsion)
+            }
+        };
+        if good {
+            self.good = self.good.saturating_add(1);
+            self.bad = 0;
+        } else {
+            self.bad = self.bad.saturating_add(1);
+            self.good = 0;
+        }
+        let trusted = self.good >= self.parameters.samples_to_trust;
+        let doubted = self.bad >= self.parameters.samples_to_doubt;
+        self.trust = match self.trust {
+            _ if trusted => Trust::Plausible,
+            _ if doubted => Trust::Implausible,
+            Trust::Plausible | Trust::Suspect if good => Trust::Plausible,
+            Trust::Plausible | Trust::Suspect => Trust::Suspect,
+            other => other,
+        };
+        self.trust
+    }
+
+    fn forget(&mut self) {
+        (self.last, self.course, self.left, self.jumped) = (None, None, None, None);
+    }
+
+    /// Whether the torsion left its course by a step.
+    fn follow(&mut self, torsion: f64) -> Step {
+        if let Some((before, readings)) = self.jumped.take() {
+            let expected = before.torsion + before.rate * f64::from(readings + 1);
+            if (torsion - expected).abs() > self.parameters.step {
+                return Step::Confirmed;
+            }
+        }
+        let Some(last) = self.last.replace(torsion) else {
+            return Step::None;
+        };
+        let rate = torsion - last;
+        let course = self.course.replace(Course { torsion, rate });
+        let step = self.parameters.step;
+        if let Some(left) = self.left.take() {
+            // The same course as before, shifted: a position has jumped.
+            let same_rate = (rate - left.rate).abs() < 0.5 * step;
+            let shifted = (torsion - left.torsion - 2.0 * left.rate).abs() > step;
+            if same_rate && shifted {
+                return Step::Confirmed;
+            }
+            return Step::None;
+        }
+        match course {
+            Some(course) if (rate - course.rate).abs() > step => {
+                self.left = Some(course);
+                Step::Pending
+            }
+            _ => Step::None,
+        }
+    }
+
+    /// Whether the gear can reach this torsion, rad.
+    #[must_use]
+    pub fn explains(&self, torsion: f64) -> bool {
+        torsion.abs() <= self.parameters.torsion
+    }
+
+    /// The trust after the last sample.
+    #[must_use]
+    pub fn trust(&self) -> Trust {
+        self.trust
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PARAMETERS: PlausibilityParameters = PlausibilityParameters {
+        torsion: 0.003,
+        step: 0.0005,
+        samples_to_trust: 5,
+        samples_to_doubt: 3,
+    };
+
+    fn after(samples: &[Sample]) -> Trust {
+        let mut joint = Plausibility::new(PARAMETERS);
+        samples
+            .iter()
+            .fold(Trust::Settling, |_, &sample| joint.update(sample))
+    }
+
+    /// A joint that has been trusted with a torsion that rises steadily.
+    fn trusted() -> (Plausibility, impl FnMut() -> f64) {
+        let mut torsion = 0.0;
+        let mut next = move || {
+            torsion += 1e-5;
+            torsion
+        };
+        let mut joint = Plausibility::new(PARAMETERS);
+        for _ in 0..20 {
+            joint.update(Sample::Torsion(next()));
+        }
+        assert_eq!(joint.trust(), Trust::Plausible);
+        (joint, next)
+    }
+
+    #[test]
+    fn a_step_that_stays_is_an_encoders_and_an_impact_is_not() {
+        let (mut slipped, mut next) = trusted();
+        assert_eq!(
+            slipped.update(Sample::Torsion(next() + 0.001)),
+            Trust::Suspect
+        );
+        assert_eq!(
+            slipped.update(Sample::Torsion(next() + 0.001)),
+            Trust::Implausible
+        );
+
+        let (mut jumped, mut next) = trusted();
+        assert_eq!(jumped.update(Sample::Jump), Trust::Suspect);
+        next();
+        assert_eq!(
+            jumped.update(Sample::Torsion(next() + 0.001)),
+            Trust::Implausible
+        );
+
+        let (mut hit, mut next) = trusted();
+        let mut pushed = 0.0;
+        let course: Vec<Trust> = (0..4)
+            .map(|_| {
+                pushed += 0.0006;
+                hit.update(Sample::Torsion(next() + pushed))
+            })
+            .collect();
+        assert!(!course.contains(&Trust::Implausible), "{course:?}");
+
+        let (mut glitch, mut next) = trusted();
+        assert_eq!(
+            glitch.update(Sample::Torsion(next() + 0.001)),
+            Trust::Suspect
+        );
+        assert_eq!(glitch.update(Sample::Torsion(next())), Trust::Plausible);
+    }
+
+    #[test]
+    fn trust_needs_good_samples_in_a_row_and_doubt_bad_ones() {
+        let (good, bad) = (Sample::Torsion(0.001), Sample::Torsion(-0.004));
+        assert_eq!(after(&[good; 4]), Trust::Settling);
+        assert_eq!(after(&[good; 5]), Trust::Plausible);
+        assert_eq!(after(&[bad, good, good, good, good]), Trust::Settling);
+        let mut samples = vec![good; 5];
+        samples.extend([bad, Sample::Jump]);
+        assert_eq!(after(&samples), Trust::Suspect);
+        samples.push(good);
+        assert_eq!(after(&samples), Trust::Plausible);
+        samples.extend([bad; 3]);
+        assert_eq!(after(&samples), Trust::Implausible);
+        samples.extend([good; 4]);
+        assert_eq!(
+            after(&samples),
+            Trust::Implausible,
+            "needs as many as at the start"
+        );
+        samples.push(good);
+        assert_eq!(after(&samples), Trust::Plausible);
+    }
+
+    #[test]
+    fn a_missed_sample_changes_nothing_and_nan_is_bad() {
+        let mut joint = Plausibility::new(PARAMETERS);
+        for _ in 0..10 {
+            assert_eq!(joint.update(Sample::Missed), Trust::Settling);
+        }
+        for _ in 0..5 {
+            joint.update(Sample::Torsion(0.0));
+        }
+        assert_eq!(joint.update(Sample::Missed), Trust::Plausible);
+        assert_eq!(joint.update(Sample::Torsion(f64::NAN)), Trust::Suspect);
+    }
+}

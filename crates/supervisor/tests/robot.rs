@@ -1,0 +1,199 @@
+//! The robot's states under any course of requests, faults and joints that come and go.
+
+use proptest::prelude::*;
+use robot_state::{Event, RobotState};
+use supervisor::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};
+
+const JOINTS: usize = 3;
+const TIME_LIMIT: u32 = 20;
+const GOOD: JointCondition = JointCondition {
+    usable: true,
+    stale: false,
+    inside: true,
+    drive_enabled: true,
+    at_rest: true,
+};
+
+fn engaged(machine: &RobotMachine) -> usize {
+    (0..JOINTS).filter(|&j| machine.is_engaged(j)).count()
+}
+
+/// A robot that an operator has enabled.
+fn holding() -> RobotMachine {
+    let mut machine = RobotMachine::new(JOINTS, false, TIME_LIMIT);
+    machine.update(&[GOOD; JOINTS]);
+    machine
+        .request(OperatorRequest::Enable, &[GOOD; JOINTS])
+        .unwrap();
+    machine.update(&[GOOD; JOINTS]);
+    assert_eq!(machine.state(), RobotState::Holding);
+    machine
+}
+
+#[test]
+fn nothing_is_engaged_before_an_operator_enables() {
+    let mut machine = RobotMachine::new(JOINTS, false, TIME_LIMIT);
+    for _ in 0..100 {
+        machine.update(&[JointCondition::default(); JOINTS]);
+        assert_eq!(machine.state(), RobotState::Boot);
+    }
+    let refused = machine.request(OperatorRequest::Enable, &[GOOD; JOINTS]);
+    assert_eq!(refused, Err(Refusal::State(RobotState::Boot)));
+    for _ in 0..100 {
+        machine.update(&[GOOD; JOINTS]);
+        assert_eq!((machine.state(), engaged(&machine)), (RobotState::Ready, 0));
+    }
+    let mut outside = [GOOD; JOINTS];
+    outside[1].inside = false;
+    let refused = machine.request(OperatorRequest::Enable, &outside);
+    assert_eq!(refused, Err(Refusal::Outside(1)));
+    assert_eq!(engaged(&machine), 0);
+}
+
+#[test]
+fn a_drive_that_does_not_answer_ends_in_a_time_out() {
+    let mut machine = RobotMachine::new(JOINTS, true, TIME_LIMIT);
+    let mut joints = [GOOD; JOINTS];
+    joints[2].drive_enabled = false;
+    let mut events = (0..2 * TIME_LIMIT).filter_map(|_| machine.update(&joints));
+    assert_eq!(events.next(), Some(Event::EnableTimeOut));
+}
+
+#[test]
+fn a_stale_joint_is_withdrawn_until_it_is_enabled_again() {
+    let mut machine = holding();
+    let mut joints = [GOOD; JOINTS];
+    joints[0] = JointCondition {
+        usable: false,
+        stale: true,
+        ..GOOD
+    };
+    assert_eq!(machine.update(&joints), Some(Event::JointStale));
+    machine.latch(Event::JointStale, Safety::Hold);
+    assert_eq!((engaged(&machine), machine.is_engaged(0)), (2, false));
+    for _ in 0..10 {
+        machine.update(&[GOOD; JOINTS]);
+        assert!(
+            !machine.is_engaged(0),
+            "back on the bus is not back in control"
+        );
+    }
+    let other = machine.request(OperatorRequest::Acknowledge(999), &[GOOD; JOINTS]);
+    assert_eq!(other, Err(Refusal::OtherFault(Event::JointStale.number())));
+    let this = OperatorRequest::Acknowledge(Event::JointStale.number());
+    machine.request(this, &[GOOD; JOINTS]).unwrap();
+    machine.update(&[GOOD; JOINTS]);
+    assert_eq!(
+        (machine.state(), machine.is_engaged(0)),
+        (RobotState::Ready, false)
+    );
+    machine
+        .request(OperatorRequest::Enable, &[GOOD; JOINTS])
+        .unwrap();
+    machine.update(&[GOOD; JOINTS]);
+    assert_eq!(
+        (machine.state(), engaged(&machine)),
+        (RobotState::Holding, JOINTS)
+    );
+}
+
+#[test]
+fn the_first_fault_is_shown_and_the_strongest_reaction_holds() {
+    let mut machine = holding();
+    machine.set_active(true);
+    machine.latch(Event::CommandNotFinite, Safety::Hold);
+    machine.latch(Event::JointStale, Safety::Off);
+    machine.latch(Event::EnableTimeOut, Safety::Hold);
+    assert_eq!(machine.fault(), Some(Event::CommandNotFinite));
+    assert_eq!(engaged(&machine), 0);
+    machine.set_active(true);
+    assert_eq!(machine.state(), RobotState::Fault);
+}
+
+#[derive(Debug, Clone)]
+enum Action {
+    Request(OperatorRequest),
+    Latch(Safety),
+    Active(bool),
+    Cycle([JointCondition; JOINTS]),
+}
+
+fn any_condition() -> impl Strategy<Value = JointCondition> {
+    any::<[bool; 5]>().prop_map(
+        |[usable, stale, inside, drive_enabled, at_rest]| JointCondition {
+            usable: usable && !stale,
+            stale,
+            inside,
+            drive_enabled,
+            at_rest,
+        },
+    )
+}
+
+fn any_action() -> impl Strategy<Value = Action> {
+    let safety = prop::sample::select(vec![Safety::Hold, Safety::Stop, Safety::Off]);
+    let request = prop_oneof![
+        Just(OperatorRequest::Enable),
+        Just(OperatorRequest::Disable),
+        Just(OperatorRequest::Stop),
+        prop::sample::select(Event::ALL).prop_map(|e| OperatorRequest::Acknowledge(e.number())),
+    ];
+    prop_oneof![
+        2 => request.prop_map(Action::Request),
+        1 => safety.prop_map(Action::Latch),
+        1 => any::<bool>().prop_map(Action::Active),
+        3 => prop::array::uniform3(any_condition()).prop_map(Action::Cycle),
+        3 => Just(Action::Cycle([GOOD; JOINTS])),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn engaging_takes_an_operator_and_holding_can_always_be_reached(
+        actions in prop::collection::vec(any_action(), 0..60),
+    ) {
+        let mut machine = RobotMachine::new(JOINTS, false, TIME_LIMIT);
+        let mut joints = [JointCondition::default(); JOINTS];
+        for action in actions {
+            let (before, engaged_before) = (machine.state(), engaged(&machine));
+            match action {
+                Action::Request(request) => _ = machine.request(request, &joints),
+                Action::Latch(safety) => machine.latch(Event::CommandNotFinite, safety),
+                Action::Active(active) => machine.set_active(active),
+                Action::Cycle(conditions) => {
+                    joints = conditions;
+                    if let Some(event) = machine.update(&joints) {
+                        machine.latch(event, Safety::Hold);
+                    }
+                }
+            }
+            if engaged(&machine) > engaged_before {
+                prop_assert_eq!(before, RobotState::Enabling);
+            }
+            if matches!(machine.state(), RobotState::Boot) {
+                prop_assert_eq!(engaged(&machine), 0);
+            }
+            if before == RobotState::Fault && machine.state() != RobotState::Fault {
+                prop_assert!(matches!(machine.state(), RobotState::Ready | RobotState::Holding));
+            }
+            if machine.state() == RobotState::Active {
+                prop_assert!(matches!(before, RobotState::Holding | RobotState::Active));
+            }
+            prop_assert_eq!(machine.fault().is_some(), machine.state() == RobotState::Fault);
+        }
+        // The operator's way back, with everything in order again.
+        if let Some(fault) = machine.fault() {
+            let request = OperatorRequest::Acknowledge(fault.number());
+            prop_assert_eq!(machine.request(request, &[GOOD; JOINTS]), Ok(()));
+        }
+        for _ in 0..TIME_LIMIT + 2 {
+            machine.update(&[GOOD; JOINTS]);
+        }
+        prop_assert_eq!(machine.request(OperatorRequest::Enable, &[GOOD; JOINTS]), Ok(()));
+        for _ in 0..TIME_LIMIT {
+            prop_assert_eq!(machine.update(&[GOOD; JOINTS]), None);
+        }
+        machine.set_active(false);
+        prop_assert_eq!((machine.state(), engaged(&machine)), (RobotState::Holding, JOINTS));
+    }
+}
