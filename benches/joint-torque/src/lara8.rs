@@ -44,23 +44,8 @@ fn rows() -> Result<Vec<Row>, String> {
     for (number, line) in DATA.lines().enumerate().skip(1) {
         let fields: Result<Vec<f64>, _> = line.split(',').map(str::parse).collect();
         let fields = fields.map_err(|e| format!("sweep.csv:{}: {e}", number + 1))?;
-        let &[
-            t,
-            motor,
-            link,
-            _,
-            dq,
-            current,
-            feed_forward,
-            fx,
-            _,
-            _,
-            _,
-            ty,
-            _,
-        ] = &fields[..]
-        else {
-            return Err(format!("sweep.csv:{}: 13 numbers are needed", number + 1));
+        let &[t, motor, link, dq, current, feed_forward, fx, ty] = &fields[..] else {
+            return Err(format!("sweep.csv:{}: 8 numbers are needed", number + 1));
         };
         rows.push(Row {
             t,
