@@ -1,7 +1,7 @@
-//! What tares have found, kept across restarts: `STATE/ROBOT/ft_offsets.toml`.
+//! F/T offsets found by tares, kept across restarts: `STATE/ROBOT/ft_offsets.toml`.
 //!
 //! A file that cannot be understood is never passed over: the daemon does not start with it, since
-//! torques would silently be wrong. It says which line is wrong and what to do.
+//! torques would silently be wrong. The refusal names the line and the remedy.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -9,15 +9,19 @@ use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
+use problem::{Problem, line_at};
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 
 const FILE: &str = "ft_offsets.toml";
-const HEAD: &str = "# F/T offsets, found by a tare and written by torqued: what is taken off each reading besides the\n\
-                    # configuration's offset, N and N·m. `torquectl tare --forget` removes this file.\n\n";
+const HEAD: &str = "# F/T offsets, found by a tare and written by torqued: subtracted from each reading, besides the\n\
+                    # configuration's offset; N and N·m. `torquectl tare --forget` removes this file.\n\n";
 const FORMAT: u32 = 1;
-/// No sensor has a greater offset, N or N·m: a slipped digit is one.
-const LARGEST: f64 = 1e5;
+/// Refusal of a stored file, before the reason.
+const UNUSABLE: &str = "the F/T offsets cannot be used (mend the file, or remove it to start with \
+                        the configuration's offsets; then tare again)";
+/// Largest offset and standard deviation of a sensor, N or N·m: more is a slip of the pen.
+const MAX_OFFSET: f64 = 1e5;
 
 /// The offset of one F/T sensor; six components fx fy fz tx ty tz.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,23 +29,23 @@ const LARGEST: f64 = 1e5;
 pub struct SensorOffset {
     /// The sensor's name.
     pub name: String,
-    /// What is taken off its reading besides the configuration's offset, N and N·m.
+    /// Offset subtracted from its reading besides the configuration's, N and N·m.
     #[serde(deserialize_with = "six")]
     pub offset: [f64; 6],
     /// Standard deviation.
     #[serde(deserialize_with = "six")]
     pub sigma: [f64; 6],
-    /// Whether the pose of the last tare has told the component.
+    /// True for a component that the pose of the last tare determined.
     #[serde(deserialize_with = "six")]
     pub known: [bool; 6],
 }
 
-/// What the last tare has found.
+/// Result of the last tare.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Offsets {
-    /// When; whole seconds.
+    /// Time of the tare; whole seconds.
     pub date: Timestamp,
-    /// The set of contacts that said what touches the robot.
+    /// The contact set of the tare.
     pub contacts: String,
     /// The sensors, in config order.
     pub sensors: Vec<SensorOffset>,
@@ -57,7 +61,7 @@ struct Document {
     ft_sensor: Vec<SensorOffset>,
 }
 
-/// Six values, not five and not seven: for arrays alone, what is too much is passed over.
+/// Exactly six values: serde's own arrays pass over those that are too many.
 fn six<'de, D: Deserializer<'de>, T: Deserialize<'de>>(d: D) -> Result<[T; 6], D::Error> {
     let values = Vec::<T>::deserialize(d)?;
     let count = values.len();
@@ -69,7 +73,7 @@ impl Offsets {
     ///
     /// # Errors
     /// Never for texts and numbers.
-    pub fn to_text(&self, robot: &str) -> Result<String, String> {
+    pub fn to_text(&self, robot: &str) -> Result<String, Problem> {
         let document = Document {
             format: FORMAT,
             robot: robot.to_owned(),
@@ -77,50 +81,49 @@ impl Offsets {
             contacts: self.contacts.clone(),
             ft_sensor: self.sensors.clone(),
         };
-        let text = toml::to_string(&document).map_err(|e| e.to_string())?;
+        let text = toml::to_string(&document).map_err(|e| Problem::new(e.to_string(), ""))?;
         Ok(format!("{HEAD}{text}"))
     }
 
     /// Reads the file's text for a robot with those F/T sensors, in this order.
     ///
     /// # Errors
-    /// What is wrong, with the line where there is one, and what is allowed.
-    pub fn parse(text: &str, robot: &str, sensors: &[&str]) -> Result<Self, String> {
+    /// A [`Problem`], with its line where there is one.
+    pub fn parse(text: &str, robot: &str, sensors: &[&str]) -> Result<Self, Problem> {
         let document: Document = toml::from_str(text).map_err(|error| {
-            let before = error.span().and_then(|span| text.get(..span.start));
-            let line = before.map_or(1, |before| 1 + before.matches('\n').count());
-            format!("line {line}: {}", error.message().replace('\n', ", "))
+            let place = error.span().map_or(0, |span| span.start);
+            let reason = error.message().replace('\n', ", ");
+            Problem::new(reason, "").at("", line_at(text, place))
         })?;
         if document.format != FORMAT {
             let format = document.format;
-            return Err(format!("format {format} is not known; allowed: {FORMAT}"));
+            let reason = format!("format {format} is not known");
+            return Err(Problem::new(reason, FORMAT.to_string()));
         }
         if document.robot != robot {
-            let other = document.robot;
-            return Err(format!("it is of robot {other:?}; allowed: {robot:?}"));
+            let reason = format!("the offsets are of robot {:?}", document.robot);
+            return Err(Problem::new(reason, format!("{robot:?}")));
         }
         let date: Timestamp = (document.date.parse())
-            .map_err(|e| format!("date {:?}: {e}; allowed: RFC 3339", document.date))?;
+            .map_err(|e| Problem::new(format!("date {:?}: {e}", document.date), "RFC 3339"))?;
         let mut found = document.ft_sensor;
         let named = |name: &str| found.iter().filter(|s| s.name == name).count() == 1;
         if found.len() != sensors.len() || !sensors.iter().all(|name| named(name)) {
             let names: Vec<_> = found.iter().map(|s| s.name.as_str()).collect();
-            return Err(format!(
-                "its F/T sensors are {}; allowed: those of the configuration, {}",
-                names.join(", "),
-                sensors.join(", ")
+            return Err(Problem::new(
+                format!("the F/T sensors are {}", names.join(", ")),
+                format!("those of the configuration, {}", sensors.join(", ")),
             ));
         }
         let place = |s: &SensorOffset| sensors.iter().position(|name| *name == s.name);
         found.sort_by_key(place);
         for sensor in &found {
-            let fine = |x: &f64| x.abs() <= LARGEST;
+            let fine = |x: &f64| x.abs() <= MAX_OFFSET;
             let deviations = sensor.sigma.iter().all(|x| fine(x) && *x >= 0.0);
             if !(sensor.offset.iter().all(fine) && deviations) {
-                return Err(format!(
-                    "F/T sensor {}: allowed: offsets of at most {LARGEST}, standard deviations from \
-                     0 to that",
-                    sensor.name
+                return Err(Problem::new(
+                    format!("F/T sensor {}: a number is out of range", sensor.name),
+                    format!("offsets of at most {MAX_OFFSET}, standard deviations from 0 to that"),
                 ));
             }
         }
@@ -131,7 +134,7 @@ impl Offsets {
         })
     }
 
-    /// `2026-11-21T07:20:06Z (3 days old), contacts in_the_air`.
+    /// Date, age and contact set: `2026-11-21T07:20:06Z (3 days old), contacts in_the_air`.
     #[must_use]
     pub fn about(&self, now: Timestamp) -> String {
         let (date, contacts) = (self.date, &self.contacts);
@@ -151,7 +154,7 @@ fn age(date: Timestamp, now: Timestamp) -> String {
     }
 }
 
-/// Where one robot's offsets are kept.
+/// The file of one robot's offsets.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Store {
     robot: String,
@@ -163,8 +166,8 @@ impl Store {
     /// `$XDG_STATE_HOME/torqued`; else `~/.local/state/torqued`.
     ///
     /// # Errors
-    /// Where nothing tells the directory.
-    pub fn find(robot: &str) -> Result<Self, String> {
+    /// No environment variable names a directory.
+    pub fn find(robot: &str) -> Result<Self, Problem> {
         let directory = state_directory(|variable| std::env::var_os(variable))?;
         Ok(Self::at(&directory, robot))
     }
@@ -184,23 +187,20 @@ impl Store {
         self.folder.join(FILE)
     }
 
-    /// What the last tare has found, if there was one.
+    /// Result of the last tare, if there was one.
     ///
     /// # Errors
-    /// A file that cannot be read or understood: which, why, and what to do.
-    pub fn load(&self, sensors: &[&str]) -> Result<Option<Offsets>, String> {
+    /// A file that cannot be read or understood, with the remedy.
+    pub fn load(&self, sensors: &[&str]) -> Result<Option<Offsets>, Problem> {
         let path = self.file();
-        let refuse = |what: String| {
-            format!(
-                "{}: {what}. Mend it, or remove it to start with the configuration's offsets; then \
-                 tare again",
-                path.display()
-            )
+        let refuse = |problem: Problem| {
+            let line = problem.line;
+            problem.of(UNUSABLE).at(path.display().to_string(), line)
         };
         let text = match fs::read_to_string(&path) {
             Ok(text) => text,
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(refuse(format!("cannot be read ({e})"))),
+            Err(e) => return Err(refuse(Problem::new(e.to_string(), ""))),
         };
         Offsets::parse(&text, &self.robot, sensors)
             .map(Some)
@@ -210,27 +210,30 @@ impl Store {
     /// Writes the file, whole or not at all, and waits until it is on the disk.
     ///
     /// # Errors
-    /// What cannot be written; the last file is still there.
-    pub fn save(&self, offsets: &Offsets) -> Result<(), String> {
+    /// A file that cannot be written; the last one is still there.
+    pub fn save(&self, offsets: &Offsets) -> Result<(), Problem> {
         let text = offsets.to_text(&self.robot)?;
-        // What could not be read again would keep the daemon from starting.
+        // A file that could not be read again would keep the daemon from starting.
         let names: Vec<&str> = offsets.sensors.iter().map(|s| s.name.as_str()).collect();
         Offsets::parse(&text, &self.robot, &names)?;
-        let fail = |e: io::Error| format!("{}: cannot be written ({e})", self.file().display());
-        self.replace(&text).map_err(fail)
+        (self.replace(&text)).map_err(|e| self.refused(&format!("cannot be written ({e})")))
     }
 
     /// Removes the file.
     ///
     /// # Errors
-    /// What cannot be removed.
-    pub fn forget(&self) -> Result<(), String> {
-        let fail = |e: io::Error| format!("{}: cannot be removed ({e})", self.file().display());
+    /// A file that cannot be removed.
+    pub fn forget(&self) -> Result<(), Problem> {
+        let fail = |e: io::Error| self.refused(&format!("cannot be removed ({e})"));
         match fs::remove_file(self.file()) {
             Ok(()) => self.sync_folder().map_err(fail),
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
             Err(e) => Err(fail(e)),
         }
+    }
+
+    fn refused(&self, reason: &str) -> Problem {
+        Problem::new(reason, "").at(self.file().display().to_string(), 0)
     }
 
     fn replace(&self, text: &str) -> io::Result<()> {
@@ -248,8 +251,8 @@ impl Store {
     }
 }
 
-/// The state directory that the environment tells.
-fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Result<PathBuf, String> {
+/// The state directory that the environment names.
+fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Result<PathBuf, Problem> {
     // The XDG specification and systemd: absolute, or as if unset. systemd separates several by `:`.
     let absolute = |name: &str| {
         let value = variable(name)?.into_string().ok()?;
@@ -264,9 +267,10 @@ fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Result<PathBu
         .or_else(|| xdg.map(|path| path.join("torqued")))
         .or_else(|| home.map(|path| path.join(".local/state/torqued")))
         .ok_or_else(|| {
-            "no directory to keep offsets in: none of STATE_DIRECTORY, XDG_STATE_HOME and HOME is \
-             set to an absolute path"
-                .to_owned()
+            Problem::new(
+                "no directory to keep offsets in",
+                "an absolute path in STATE_DIRECTORY, XDG_STATE_HOME or HOME",
+            )
         })
 }
 
@@ -275,7 +279,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_environment_tells_the_directory() {
+    fn the_environment_names_the_directory() {
         let found = |pairs: &[(&str, &str)]| {
             let pairs: Vec<(String, OsString)> = (pairs.iter())
                 .map(|(k, v)| ((*k).to_owned(), OsString::from(v)))
@@ -302,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn ages_are_told_in_words() {
+    fn ages_are_printed_in_words() {
         let now = Timestamp::from_second(1_800_000_000).expect("a date");
         let old = |seconds: i64| {
             let date = Timestamp::from_second(now.as_second() - seconds).expect("a date");

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use dynamics::Model;
 use jiff::Timestamp;
+use problem::Problem;
 use robot_config::{Parameters, Robot, contact_names};
 use robot_state::{
     Answer, MAX_FT_SENSORS, Mode, Name, Request, Settings, SharedRecord, TaredSensor, Text, Wrench,
@@ -21,18 +22,18 @@ use robot_state::{
 use crate::offsets::{Offsets, SensorOffset, Store};
 use tare_job::TareJob;
 
-/// Between two answers to a client that waits.
+/// Period of the answers to a client that waits.
 const PROGRESS: Duration = Duration::from_millis(100);
 
 /// Serves requests; see the module.
 pub struct RequestServer {
     parameters: Parameters,
     model: Model,
-    store: Result<Store, String>,
+    store: Result<Store, Problem>,
     offsets: Option<Offsets>,
     settings: Settings,
     changed: bool,
-    /// The newest record, and when it came.
+    /// The newest record, and its time of arrival.
     newest: Option<(Box<SharedRecord>, Instant)>,
     job: Option<Job>,
 }
@@ -47,16 +48,16 @@ struct Job {
 enum Stage {
     Taring(Box<TareJob>),
     /// The thread gives the offsets that hold from now on.
-    Storing(JoinHandle<Result<Option<Offsets>, String>>),
-    Failed(String),
+    Storing(JoinHandle<Result<Option<Offsets>, Problem>>),
+    Failed(Problem),
 }
 
 impl RequestServer {
-    /// For a robot whose offsets are kept in `store`; without one there are no tares.
+    /// The server of a robot whose offsets are kept in `store`; without one there are no tares.
     ///
     /// # Errors
     /// Stored offsets that cannot be used.
-    pub fn new(robot: &Robot, store: Result<Store, String>) -> Result<Self, String> {
+    pub fn new(robot: &Robot, store: Result<Store, Problem>) -> Result<Self, Problem> {
         let names = ft_names(&robot.parameters);
         let offsets = match &store {
             Ok(store) => store.load(&names)?,
@@ -87,7 +88,7 @@ impl RequestServer {
         std::mem::take(&mut self.changed).then_some(self.settings)
     }
 
-    /// The last tare, in a line.
+    /// One line about the last tare.
     #[must_use]
     pub fn describe_tare(&self) -> String {
         match (&self.offsets, &self.store) {
@@ -99,7 +100,7 @@ impl RequestServer {
         }
     }
 
-    /// Observes a record: to be called with all of them, in order.
+    /// Observes a record; call it with every record, in order.
     pub fn observe(&mut self, record: &SharedRecord, now: Instant) {
         if let Some(job) = &mut self.job
             && let Stage::Taring(taring) = &mut job.stage
@@ -121,21 +122,24 @@ impl RequestServer {
             request::FORGET_TARE => self.begin_to_forget(asked, now),
             request::CHOOSE_CONTACT_SET => self.choose_contacts(asked.contact_set.as_str()),
             request::AUTOMATIC_CONTACT_SET => self.automatic_contacts(),
-            other => Err(format!("requests of kind {other} are not known")),
+            other => Err(Problem::new(
+                format!("requests of kind {other} are not known"),
+                "",
+            )),
         };
         match served {
             Ok(Some(text)) => self.answer(asked, answer_status::DONE, &text),
             Ok(None) => self.answer(asked, answer_status::WORKING, ""),
-            Err(why) => self.answer(asked, answer_status::REFUSED, &why),
+            Err(problem) => self.refusal(asked, &problem),
         }
     }
 
-    /// Continues the work of a request; an answer if one is due. To be called at every poll.
+    /// Continues the work of a request; an answer if one is due. Call it at every poll.
     pub fn advance(&mut self, now: Instant) -> Option<Answer> {
         let mut job = self.job.take()?;
         let asked = job.request;
         job.stage = match job.stage {
-            Stage::Failed(why) => return Some(self.answer(&asked, answer_status::REFUSED, &why)),
+            Stage::Failed(problem) => return Some(self.refusal(&asked, &problem)),
             Stage::Taring(taring) if taring.complete() => self.store_tare(*taring),
             Stage::Taring(taring) => match taring.too_slow(now) {
                 Some(why) => Stage::Failed(why),
@@ -161,13 +165,13 @@ impl RequestServer {
         })
     }
 
-    fn begin_tare(&mut self, asked: &Request, now: Instant) -> Result<Option<String>, String> {
+    fn begin_tare(&mut self, asked: &Request, now: Instant) -> Result<Option<String>, Problem> {
         if self.parameters.ft_sensors.is_empty() {
-            return Err("the robot has no F/T sensor to tare".to_owned());
+            return Err(Problem::new("the robot has no F/T sensor to tare", ""));
         }
         let set = self.contact_set(asked.contact_set.as_str())?;
         if let Err(why) = &self.store {
-            return Err(format!("offsets could not be kept: {why}"));
+            return Err(why.clone().of("offsets could not be kept"));
         }
         self.free()?;
         let record = self.newest_record(now)?;
@@ -177,7 +181,11 @@ impl RequestServer {
         Ok(None)
     }
 
-    fn begin_to_forget(&mut self, asked: &Request, now: Instant) -> Result<Option<String>, String> {
+    fn begin_to_forget(
+        &mut self,
+        asked: &Request,
+        now: Instant,
+    ) -> Result<Option<String>, Problem> {
         let store = self.store.clone()?;
         self.free()?;
         let record = self.newest_record(now)?;
@@ -197,47 +205,49 @@ impl RequestServer {
         });
     }
 
-    fn choose_contacts(&mut self, name: &str) -> Result<Option<String>, String> {
+    fn choose_contacts(&mut self, name: &str) -> Result<Option<String>, Problem> {
         let set = self.contact_set(name)?;
         self.change(|settings| settings.contact_set = 1 + set as u32);
         Ok(Some(format!("contacts {name}")))
     }
 
-    fn automatic_contacts(&mut self) -> Result<Option<String>, String> {
+    fn automatic_contacts(&mut self) -> Result<Option<String>, Problem> {
         if self.parameters.whole_body.load_rule.is_none() {
-            return Err(
-                "the configuration has no automatic rule; allowed: choose one of the sets of \
-                 contacts, or add [whole_body.load] to it"
-                    .to_owned(),
-            );
+            return Err(Problem::new(
+                "the configuration has no automatic rule",
+                "one of the contact sets, or a rule in [whole_body.load]",
+            ));
         }
         self.change(|settings| settings.contact_set = 0);
         Ok(Some("contacts are chosen by the automatic rule".to_owned()))
     }
 
-    /// The place of a set of contacts.
-    fn contact_set(&self, name: &str) -> Result<usize, String> {
+    /// The index of a contact set.
+    fn contact_set(&self, name: &str) -> Result<usize, Problem> {
         let names = contact_names(&self.parameters);
         let place = names.iter().position(|own| *own == name);
         place.ok_or_else(|| {
             let allowed = names.join(", ");
-            format!("there is no set of contacts {name:?}; allowed: {allowed}")
+            Problem::new(format!("there is no contact set {name:?}"), allowed)
         })
     }
 
-    fn free(&self) -> Result<(), String> {
+    fn free(&self) -> Result<(), Problem> {
         match self.job {
-            Some(_) => Err("another request is being served; try again when it is done".to_owned()),
+            Some(_) => Err(Problem::new(
+                "another request is being served; try again when it is done",
+                "",
+            )),
             None => Ok(()),
         }
     }
 
     /// The newest record, if the loop runs.
-    fn newest_record(&self, now: Instant) -> Result<&SharedRecord, String> {
+    fn newest_record(&self, now: Instant) -> Result<&SharedRecord, Problem> {
         let newest = self.newest.as_ref();
         let fresh = newest.filter(|(_, at)| now.duration_since(*at) < Duration::from_secs(1));
         let record = fresh.map(|(record, _)| &**record);
-        record.ok_or_else(|| "no cycle has run for a second".to_owned())
+        record.ok_or_else(|| Problem::new("no cycle has run for a second", ""))
     }
 
     fn store_tare(&self, taring: TareJob) -> Stage {
@@ -255,16 +265,17 @@ impl RequestServer {
         })
     }
 
-    /// Takes over what the thread gives.
+    /// Takes over the result of the thread.
     fn end(
         &mut self,
         asked: &Request,
-        thread: JoinHandle<Result<Option<Offsets>, String>>,
+        thread: JoinHandle<Result<Option<Offsets>, Problem>>,
     ) -> Answer {
         let given = thread.join();
-        let given = given.unwrap_or_else(|_| Err("the offsets could not be computed".to_owned()));
+        let given =
+            given.unwrap_or_else(|_| Err(Problem::new("the offsets could not be computed", "")));
         match given {
-            Err(why) => self.answer(asked, answer_status::REFUSED, &why),
+            Err(problem) => self.refusal(asked, &problem),
             Ok(offsets) => {
                 let before = self.settings.ft_offset;
                 self.adopt(offsets);
@@ -296,6 +307,10 @@ impl RequestServer {
         self.changed = true;
     }
 
+    fn refusal(&self, asked: &Request, problem: &Problem) -> Answer {
+        self.answer(asked, answer_status::REFUSED, &problem.to_string())
+    }
+
     fn answer(&self, asked: &Request, status: u32, text: &str) -> Answer {
         let mut answer = Answer {
             id: asked.id,
@@ -315,11 +330,14 @@ impl RequestServer {
     }
 }
 
-fn in_a_thread(work: impl FnOnce() -> Result<Option<Offsets>, String> + Send + 'static) -> Stage {
+fn in_a_thread(work: impl FnOnce() -> Result<Option<Offsets>, Problem> + Send + 'static) -> Stage {
     let thread = std::thread::Builder::new().name("offsets".to_owned());
     match thread.spawn(work) {
         Ok(thread) => Stage::Storing(thread),
-        Err(e) => Stage::Failed(format!("a thread cannot be started ({e})")),
+        Err(e) => Stage::Failed(Problem::new(
+            format!("a thread cannot be started ({e})"),
+            "",
+        )),
     }
 }
 

@@ -1,5 +1,5 @@
-//! The file that keeps what tares have found: what is written is read again, and nothing else is
-//! ever taken for it.
+//! The file that keeps the offsets of tares: a written file is read again, and no other file is
+//! ever accepted.
 
 use jiff::Timestamp;
 use proptest::prelude::*;
@@ -46,7 +46,7 @@ impl Drop for State {
 }
 
 #[test]
-fn what_is_saved_is_loaded_until_it_is_forgotten() {
+fn saved_offsets_are_loaded_until_they_are_forgotten() {
     let state = State::new("saved");
     let store = state.store();
     assert_eq!(store.load(&NAMES), Ok(None), "no tare yet");
@@ -74,15 +74,15 @@ fn what_is_saved_is_loaded_until_it_is_forgotten() {
 }
 
 #[test]
-fn the_sensors_may_stand_in_any_order() {
-    let mut turned = offsets();
-    turned.sensors.reverse();
-    let text = turned.to_text("leg").expect("text");
+fn sensors_may_stand_in_any_order() {
+    let mut reversed = offsets();
+    reversed.sensors.reverse();
+    let text = reversed.to_text("leg").expect("text");
     assert_eq!(Offsets::parse(&text, "leg", &NAMES), Ok(offsets()));
 }
 
 #[test]
-fn a_file_that_is_wrong_is_refused_with_its_name_and_what_to_do() {
+fn a_wrong_file_is_refused_with_its_name_and_the_remedy() {
     let state = State::new("wrong");
     let store = state.store();
     store.save(&offsets()).expect("saved");
@@ -107,7 +107,7 @@ fn a_file_that_is_wrong_is_refused_with_its_name_and_what_to_do() {
     ] {
         assert!(good.contains(from), "{from} in {good}");
         std::fs::write(store.file(), good.replacen(from, to, 1)).expect("written");
-        let refused = store.load(&NAMES).expect_err(to);
+        let refused = store.load(&NAMES).expect_err(to).to_string();
         let file = store.file().display().to_string();
         for part in [part, &file, "remove it", "tare again"] {
             assert!(refused.contains(part), "{part} is missing in: {refused}");
@@ -121,8 +121,9 @@ fn a_file_that_is_wrong_is_refused_with_its_name_and_what_to_do() {
 
 #[test]
 fn a_folder_that_cannot_be_written_is_an_error() {
-    let error = Store::at("/proc/torqued".as_ref(), "leg").save(&offsets());
-    assert!(error.expect_err("/proc").contains("/proc/torqued/leg"));
+    let result = Store::at("/proc/torqued".as_ref(), "leg").save(&offsets());
+    let problem = result.expect_err("/proc");
+    assert!(problem.file.starts_with("/proc/torqued/leg"), "{problem}");
 }
 
 proptest! {
@@ -132,9 +133,9 @@ proptest! {
         prop_assert!(Offsets::parse(&text, "leg", &NAMES).is_err());
     }
 
-    /// A byte that has changed is noticed, or makes another number or name that is still allowed.
+    /// A changed byte is noticed, or makes another number or name that is still allowed.
     #[test]
-    fn a_changed_byte_never_gives_what_is_not_allowed(place in 0_usize..900, byte in any::<u8>()) {
+    fn a_changed_byte_never_gives_numbers_out_of_range(place in 0_usize..900, byte in any::<u8>()) {
         let mut bytes = offsets().to_text("leg").expect("text").into_bytes();
         let place = place % bytes.len();
         bytes[place] = byte;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use problem::Problem;
 use robot_state::{Description, Mode, Name, SharedRecord};
 use test_support::{allocations, read_project_file};
 use torqued::real_time::monotonic_ns;
@@ -51,7 +52,8 @@ impl Drop for RunDir {
 /// A request server of the leg, which nobody asks for a tare here.
 fn request_server() -> RequestServer {
     let leg = robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg");
-    RequestServer::new(&leg, Err("nowhere to keep offsets".to_owned())).expect("a request server")
+    RequestServer::new(&leg, Err(Problem::new("nowhere to keep offsets", "")))
+        .expect("a request server")
 }
 
 fn description() -> Description {

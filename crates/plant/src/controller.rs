@@ -10,7 +10,7 @@ pub struct Controller {
     parameters: ControllerParameters,
     command: Command,
     gear_ratio: f64,
-    /// Rad link side or A.
+    /// Desired position, rad (link side), or desired current, A.
     pub set_point: f64,
     angle: f64,
     velocity: f64,
@@ -18,7 +18,7 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// A loop at rest.
+    /// The loop at rest.
     #[must_use]
     pub fn new(sheet: &DriveSheet, parameters: &ControllerParameters) -> Self {
         Self {
@@ -32,7 +32,7 @@ impl Controller {
         }
     }
 
-    /// At rest at motor angle `theta` with a set point that asks for `current`.
+    /// Settles the loop at motor angle `theta`, with the set point that commands `current`, A.
     pub fn settle(&mut self, theta: f64, current: f64) {
         self.angle = self.interpolated(theta);
         self.velocity = 0.0;
@@ -61,23 +61,23 @@ impl Controller {
         self.velocity
     }
 
-    /// One turn of the loop, `dt` after the last.
+    /// One period of the loop, `dt` after the last, at motor angle `theta`.
     pub fn tick(&mut self, theta: f64, dt: f64) {
         let p = &self.parameters;
         let angle = self.interpolated(theta);
         let raw = (angle - self.angle) / dt;
         self.velocity += (raw - self.velocity) * dt / (dt + p.velocity_filter);
         self.angle = angle;
-        let wanted = match self.command {
+        let desired = match self.command {
             Command::Current => self.set_point,
             Command::Position => {
                 let error = self.set_point - angle / self.gear_ratio;
-                let beyond = error - error.clamp(-p.dead_zone, p.dead_zone);
-                //= D5
-                p.k_4 * beyond - p.k_5 * self.velocity / self.gear_ratio
+                let outside = error - error.clamp(-p.dead_zone, p.dead_zone);
+                //= D5: i = K_4 (q_d - q) - K_5 dq
+                p.k_4 * outside - p.k_5 * self.velocity / self.gear_ratio
             }
         };
-        self.current = wanted.clamp(-p.current_limit, p.current_limit);
+        self.current = desired.clamp(-p.current_limit, p.current_limit);
     }
 
     fn interpolated(&self, theta: f64) -> f64 {

@@ -1,4 +1,4 @@
-//! A harmonic drive's torque against its torsion, in a form of its own.
+//! A harmonic drive's torque against its torsion, in a form that no estimator uses.
 //!
 //! Elastic part: a soft wind-up zone around zero, then a line, then a cubic rise:
 //! `T(x) = K x (1 + b x²) - (1 - r) K w tanh(x / w)`, slope `r K` at zero. Hysteresis: four
@@ -7,7 +7,7 @@
 use crate::parameters::TransmissionParameters;
 
 const ELEMENTS: usize = 4;
-/// Stretch at which each element slips, in `hysteresis_rad`.
+/// Stretch at which each element slips, in units of `hysteresis_span`.
 const SLIP: [f64; ELEMENTS] = [0.25, 0.5, 1.0, 2.0];
 
 /// The gear between wave generator and link.
@@ -47,16 +47,16 @@ impl Transmission {
         let share = self.parameters.hysteresis / ELEMENTS as f64;
         for (stretch, slip) in self.stretch.iter().zip(SLIP) {
             let limit = slip * self.parameters.hysteresis_span;
-            let wanted = stretch + dx;
-            torque += share * (wanted / limit).clamp(-1.0, 1.0);
-            if wanted.abs() < limit {
+            let stretched = stretch + dx;
+            torque += share * (stretched / limit).clamp(-1.0, 1.0);
+            if stretched.abs() < limit {
                 stiffness += share / limit;
             }
         }
         (torque, stiffness)
     }
 
-    /// Moves on by `dx`.
+    /// Advances the torsion by `dx`.
     pub fn advance(&mut self, dx: f64) {
         for (stretch, slip) in self.stretch.iter_mut().zip(SLIP) {
             let limit = slip * self.parameters.hysteresis_span;
@@ -64,7 +64,7 @@ impl Transmission {
         }
     }
 
-    /// The torsion that carries `torque` when hysteresis carries nothing, rad.
+    /// The torsion that carries `torque` without hysteresis, rad.
     #[must_use]
     pub fn torsion_of(&self, torque: f64) -> f64 {
         let mut x = torque / self.parameters.stiffness;
@@ -75,7 +75,7 @@ impl Transmission {
         x
     }
 
-    /// d: damping, N·m·s/rad.
+    /// `d`: damping, N·m·s/rad.
     #[must_use]
     pub fn damping(&self) -> f64 {
         self.parameters.damping

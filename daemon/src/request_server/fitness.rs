@@ -1,9 +1,10 @@
-//! Whether a robot, by its record, may be tared.
+//! Decides from its record whether a robot may be tared.
 
+use problem::Problem;
 use robot_config::Parameters;
 use robot_state::{Event, Mode, SharedRecord, measured_flags};
 
-/// Flags of a source with which no tare is possible.
+/// Flags of a source that exclude a tare, and their reasons.
 const UNFIT: [(u32, &str); 3] = [
     (measured_flags::NEVER, "has never answered"),
     (measured_flags::STALE, "has sent no sample"),
@@ -12,17 +13,18 @@ const UNFIT: [(u32, &str); 3] = [
         "is settling: its filters are not yet full",
     ),
 ];
-/// Samples that are passed over.
+/// Flags of a sample that the tare passes over.
 const BRIDGED: u32 = measured_flags::MISSED | measured_flags::JUMP;
 
 /// Refuses a robot that cannot be tared, with the reason.
-pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<(), String> {
+pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<(), Problem> {
     let cycle = &record.cycle;
     if cycle.fault != 0 {
         let name = Event::from_number(cycle.fault).map_or("unknown", Event::name);
-        return Err(format!(
-            "fault {} {name} is latched; mend its cause and reset it first",
-            cycle.fault
+        let reason = format!("fault {} {name} is latched", cycle.fault);
+        return Err(Problem::new(
+            reason,
+            "no fault: mend its cause and reset it",
         ));
     }
     if cycle.mode != Mode::Hold.number() {
@@ -30,20 +32,21 @@ pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<()
     }
     for (what, name, flags) in sources(parameters, record) {
         if let Some((_, why)) = UNFIT.iter().find(|(bit, _)| flags & bit != 0) {
-            return Err(format!("{what} {name} {why}"));
+            return Err(Problem::new(format!("{what} {name} {why}"), ""));
         }
     }
     Ok(())
 }
 
-/// Every source has sent a sample in this cycle.
+/// True if every source has sent a sample in this cycle.
 pub(super) fn whole(parameters: &Parameters, record: &SharedRecord) -> bool {
     sources(parameters, record).all(|(_, _, flags)| flags & BRIDGED == 0)
 }
 
-pub(super) fn not_holding(mode: u32) -> String {
+pub(super) fn not_holding(mode: u32) -> Problem {
     let name = Mode::from_number(mode).map_or("unknown", Mode::name);
-    format!("the robot is in mode {name}; allowed: mode hold, so that it stays where it is")
+    let reason = format!("the robot is in mode {name}");
+    Problem::new(reason, "mode hold, so that it stays where it is")
 }
 
 fn sources<'a>(

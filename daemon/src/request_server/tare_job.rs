@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use dynamics::{ImuMotion, Model};
 use jiff::Timestamp;
+use problem::Problem;
 use robot_config::{FilterGains, Parameters, contact_names, whole_body_parameters};
 use robot_state::{Settings, SharedRecord, Wrench};
 use whole_body::{Tare, TareError, WholeBodyInput};
@@ -16,9 +17,9 @@ pub(super) struct TareJob {
     parameters: Parameters,
     tare: Tare,
     contacts: String,
-    /// What is taken off each reading while nothing changes: config and last tare.
+    /// Offset of each reading while nothing changes: configuration and last tare.
     offsets: Vec<[f64; 6]>,
-    patience: Duration,
+    time_limit: Duration,
     since: Instant,
     seen: usize,
     q: Vec<f64>,
@@ -34,14 +35,15 @@ impl TareJob {
         contacts: usize,
         settings: &Settings,
         now: Instant,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, Problem> {
         // Unfiltered samples.
         let gains = FilterGains {
             sensor: [1.0; 2],
             sigma_ddq: vec![0.0; parameters.joints.len()],
         };
         let whole_body = whole_body_parameters(parameters, model, &gains);
-        let mut whole_body = whole_body.ok_or("a floating base needs an IMU")?;
+        let mut whole_body =
+            whole_body.ok_or_else(|| Problem::new("a floating base needs an IMU", ""))?;
         whole_body.hypotheses = vec![whole_body.hypotheses.swap_remove(contacts)];
         let tare = Tare::new(model, &whole_body, parameters.tare.clone()).map_err(refusal)?;
         let configured = parameters
@@ -56,7 +58,7 @@ impl TareJob {
             offsets: sums
                 .map(|(c, t)| std::array::from_fn(|k| c[k] + t[k]))
                 .collect(),
-            patience: Duration::from_secs_f64(2.0 * seconds + 1.0),
+            time_limit: Duration::from_secs_f64(2.0 * seconds + 1.0),
             since: now,
             seen: 0,
             q: vec![0.0; parameters.joints.len()],
@@ -68,7 +70,7 @@ impl TareJob {
     }
 
     /// Takes a record.
-    pub(super) fn observe(&mut self, record: &SharedRecord) -> Result<(), String> {
+    pub(super) fn observe(&mut self, record: &SharedRecord) -> Result<(), Problem> {
         if self.complete() {
             return Ok(());
         }
@@ -83,9 +85,11 @@ impl TareJob {
             (*q, *dq) = (joint.q_hat, joint.dq_hat);
         }
         for ((ft, sensor), offset) in self.ft.iter_mut().zip(&measured.ft).zip(&self.offsets) {
-            // An earlier change may still be on its way: what it will take off in the end counts.
-            let (shown, taken) = (sensor.wrench.to_array(), sensor.offset.to_array());
-            *ft = Wrench::from_array(std::array::from_fn(|k| shown[k] + taken[k] - offset[k]));
+            // An earlier change may still be settling: its final offset counts.
+            let (reading, subtracted) = (sensor.wrench.to_array(), sensor.offset.to_array());
+            *ft = Wrench::from_array(std::array::from_fn(|k| {
+                reading[k] + subtracted[k] - offset[k]
+            }));
         }
         let input = WholeBodyInput {
             q: &self.q,
@@ -109,28 +113,28 @@ impl TareJob {
         self.tare.samples() as f64 / self.parameters.tare.samples.max(1) as f64
     }
 
-    /// Why it will not be complete in time.
-    pub(super) fn too_slow(&self, now: Instant) -> Option<String> {
-        let late = now.duration_since(self.since) > self.patience;
+    /// The refusal of a tare that does not complete in time.
+    pub(super) fn too_slow(&self, now: Instant) -> Option<Problem> {
+        let late = now.duration_since(self.since) > self.time_limit;
         late.then(|| {
-            format!(
-                "within {:?} only {} of {} records came in which every joint and sensor had answered, \
-                 of {} in all; look at `torquectl watch` for missed samples",
-                self.patience,
+            let reason = format!(
+                "within {:?} only {} of {} records arrived in which every joint and sensor had \
+                 answered, of {} in all; look at `torquectl watch` for missed samples",
+                self.time_limit,
                 self.tare.samples(),
                 self.parameters.tare.samples,
                 self.seen
-            )
+            );
+            Problem::new(reason, "")
         })
     }
 
     /// The new offsets: the last ones with the tare's corrections.
-    pub(super) fn finish(&self, last: &[[f64; 6]], now: Timestamp) -> Result<Offsets, String> {
+    pub(super) fn finish(&self, last: &[[f64; 6]], now: Timestamp) -> Result<Offsets, Problem> {
         let results = self.tare.finish().map_err(refusal)?;
         if results.len() != self.offsets.len() {
-            return Err(
-                "no offsets follow from the model: is a mass or an inertia wrong?".to_owned(),
-            );
+            let reason = "no offsets follow from the model: is a mass or an inertia wrong?";
+            return Err(Problem::new(reason, ""));
         }
         let sensors = results.iter().zip(last);
         let sensors = sensors.map(|(result, last)| SensorOffset {
@@ -149,9 +153,6 @@ impl TareJob {
     }
 }
 
-fn refusal(error: TareError) -> String {
-    match error {
-        TareError::NothingKnown => format!("{error}; choose another set of contacts"),
-        error => error.to_string(),
-    }
+fn refusal(error: TareError) -> Problem {
+    error.problem()
 }
