@@ -118,8 +118,15 @@ def simulator(config, *options):
     return process
 
 
+def forget_faults():
+    """Removes the faults that earlier daemons have left latched."""
+    for path in Path(STATE.name).glob("torqued/*/fault.toml"):
+        path.unlink()
+
+
 def daemon(config, *options):
-    """torqued run, from its first cycle on."""
+    """torqued run without a fault of an earlier run, from its first cycle on."""
+    forget_faults()
     process = Process(BINARIES / "torqued", "run", config, "--json", *options)
     process.wait_for("running")
     return process

@@ -47,6 +47,11 @@ impl<B: Bus> ControlLoop<B> {
         })
     }
 
+    /// Starts with a fault that was latched before: to be called before the first cycle.
+    pub fn start_with_fault(&mut self, event: Event) {
+        self.cycle.start_with_fault(event);
+    }
+
     /// Runs the cycle that begins with `wake`.
     pub fn run_cycle(&mut self, wake: &WakeReport, wanted: &ClientInput<'_>) -> &SharedRecord {
         let started = monotonic_ns();

@@ -3,10 +3,15 @@
 pub mod bus;
 pub mod control_loop;
 pub mod demo;
+pub mod ending;
 pub mod failure;
+pub mod looper;
 pub mod offsets;
 pub mod real_time;
+pub mod report;
 pub mod request_server;
 pub mod run;
 pub mod shared_memory;
+pub mod state_directory;
+pub mod stored_fault;
 pub mod summary;

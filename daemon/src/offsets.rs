@@ -3,15 +3,14 @@
 //! A file that cannot be understood is never passed over: the daemon does not start with it, since
 //! torques would silently be wrong. The refusal names the line and the remedy.
 
-use std::ffi::OsString;
-use std::fs::{self, File};
-use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
 use problem::{Problem, line_at};
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::state_directory::StateDirectory;
 
 const FILE: &str = "ft_offsets.toml";
 const HEAD: &str = "# F/T offsets, found by a tare and written by torqued: subtracted from each reading, besides the\n\
@@ -158,18 +157,19 @@ fn age(date: Timestamp, now: Timestamp) -> String {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Store {
     robot: String,
-    folder: PathBuf,
+    directory: StateDirectory,
 }
 
 impl Store {
-    /// In the usual state directory: `$STATE_DIRECTORY`, which systemd sets; else
-    /// `$XDG_STATE_HOME/torqued`; else `~/.local/state/torqued`.
+    /// In the usual state directory: see [`StateDirectory::find`].
     ///
     /// # Errors
     /// No environment variable names a directory.
     pub fn find(robot: &str) -> Result<Self, Problem> {
-        let directory = state_directory(|variable| std::env::var_os(variable))?;
-        Ok(Self::at(&directory, robot))
+        Ok(Self {
+            robot: robot.to_owned(),
+            directory: StateDirectory::find(robot)?,
+        })
     }
 
     /// In that state directory.
@@ -177,14 +177,14 @@ impl Store {
     pub fn at(state: &Path, robot: &str) -> Self {
         Self {
             robot: robot.to_owned(),
-            folder: state.join(robot),
+            directory: StateDirectory::at(state, robot),
         }
     }
 
     /// The file.
     #[must_use]
     pub fn file(&self) -> PathBuf {
-        self.folder.join(FILE)
+        self.directory.file(FILE)
     }
 
     /// Result of the last tare, if there was one.
@@ -197,10 +197,9 @@ impl Store {
             let line = problem.line;
             problem.of(UNUSABLE).at(path.display().to_string(), line)
         };
-        let text = match fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(refuse(Problem::new(e.to_string(), ""))),
+        let read = self.directory.read(FILE);
+        let Some(text) = read.map_err(|e| refuse(Problem::new(e.to_string(), "")))? else {
+            return Ok(None);
         };
         Offsets::parse(&text, &self.robot, sensors)
             .map(Some)
@@ -216,7 +215,8 @@ impl Store {
         // A file that could not be read again would keep the daemon from starting.
         let names: Vec<&str> = offsets.sensors.iter().map(|s| s.name.as_str()).collect();
         Offsets::parse(&text, &self.robot, &names)?;
-        (self.replace(&text)).map_err(|e| self.refused(&format!("cannot be written ({e})")))
+        (self.directory.replace(FILE, &text))
+            .map_err(|e| self.refused(&format!("cannot be written ({e})")))
     }
 
     /// Removes the file.
@@ -224,86 +224,17 @@ impl Store {
     /// # Errors
     /// A file that cannot be removed.
     pub fn forget(&self) -> Result<(), Problem> {
-        let fail = |e: io::Error| self.refused(&format!("cannot be removed ({e})"));
-        match fs::remove_file(self.file()) {
-            Ok(()) => self.sync_folder().map_err(fail),
-            Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
-            Err(e) => Err(fail(e)),
-        }
+        (self.directory.remove(FILE)).map_err(|e| self.refused(&format!("cannot be removed ({e})")))
     }
 
     fn refused(&self, reason: &str) -> Problem {
         Problem::new(reason, "").at(self.file().display().to_string(), 0)
     }
-
-    fn replace(&self, text: &str) -> io::Result<()> {
-        fs::create_dir_all(&self.folder)?;
-        let new = self.folder.join(format!("{FILE}.new"));
-        let mut file = File::create(&new)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()?;
-        fs::rename(&new, self.file())?;
-        self.sync_folder()
-    }
-
-    fn sync_folder(&self) -> io::Result<()> {
-        File::open(&self.folder)?.sync_all()
-    }
-}
-
-/// The state directory that the environment names.
-fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Result<PathBuf, Problem> {
-    // The XDG specification and systemd: absolute, or as if unset. systemd separates several by `:`.
-    let absolute = |name: &str| {
-        let value = variable(name)?.into_string().ok()?;
-        let first = match name {
-            "STATE_DIRECTORY" => value.split(':').next().map(str::to_owned),
-            _ => Some(value),
-        };
-        first.map(PathBuf::from).filter(|path| path.is_absolute())
-    };
-    let (xdg, home) = (absolute("XDG_STATE_HOME"), absolute("HOME"));
-    absolute("STATE_DIRECTORY")
-        .or_else(|| xdg.map(|path| path.join("torqued")))
-        .or_else(|| home.map(|path| path.join(".local/state/torqued")))
-        .ok_or_else(|| {
-            Problem::new(
-                "no directory to keep offsets in",
-                "an absolute path in STATE_DIRECTORY, XDG_STATE_HOME or HOME",
-            )
-        })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_environment_names_the_directory() {
-        let found = |pairs: &[(&str, &str)]| {
-            let pairs: Vec<(String, OsString)> = (pairs.iter())
-                .map(|(k, v)| ((*k).to_owned(), OsString::from(v)))
-                .collect();
-            let value = |name: &str| {
-                pairs
-                    .iter()
-                    .find(|(k, _)| k == name)
-                    .map(|(_, v)| v.clone())
-            };
-            state_directory(value).ok()
-        };
-        let all = [
-            ("STATE_DIRECTORY", "/var/lib/torqued:/var/lib/other"),
-            ("XDG_STATE_HOME", "/state"),
-            ("HOME", "/home/robot"),
-        ];
-        assert_eq!(found(&all), Some("/var/lib/torqued".into()));
-        assert_eq!(found(&all[1..]), Some("/state/torqued".into()));
-        let home = Some("/home/robot/.local/state/torqued".into());
-        assert_eq!(found(&all[2..]), home);
-        assert_eq!(found(&[("XDG_STATE_HOME", "here"), all[2]]), home);
-        assert_eq!(found(&[("HOME", "")]), None);
-    }
 
     #[test]
     fn ages_are_printed_in_words() {

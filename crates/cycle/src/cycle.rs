@@ -53,6 +53,12 @@ impl Cycle {
         })
     }
 
+    /// Starts with a fault that was latched before: no set-point leaves until an operator has
+    /// acknowledged it.
+    pub fn start_with_fault(&mut self, event: Event) {
+        self.supervisor.start_with_fault(event);
+    }
+
     /// One cycle: measure, estimate, decide, command, limit, emit.
     ///
     /// Each stage reads the groups of the record that stand before its own, and writes its own.

@@ -353,3 +353,29 @@ fn sensors_that_fall_silent_end_the_modes_that_need_them() {
     assert_eq!(record.events[Event::SensorStale.index()], 1);
     motion.assert_small("IMU silent");
 }
+
+#[test]
+fn a_fault_of_an_earlier_run_keeps_the_robot_off_until_it_is_acknowledged() {
+    let mut bench = Bench::new("leg");
+    bench.cycle.start_with_fault(Event::EncoderImplausible);
+    let mut motion = Motion::of(&bench);
+    for _ in 0..600 {
+        let record = *bench.step(&ClientInput::default());
+        assert_eq!(state(&record), RobotState::Fault);
+        assert_eq!(record.fault, Event::EncoderImplausible.number());
+        assert!(bench.tx.is_empty());
+        motion.take(&bench);
+    }
+    let number = Event::EncoderImplausible.number();
+    let request = Some(OperatorRequest::Acknowledge(number));
+    bench.step(&ClientInput {
+        request,
+        ..ClientInput::default()
+    });
+    for _ in 0..400 {
+        bench.step(&ClientInput::default());
+        motion.take(&bench);
+    }
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+    motion.assert_small("started with a fault");
+}

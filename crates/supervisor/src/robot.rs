@@ -96,7 +96,7 @@ pub struct RobotMachine {
 
 impl RobotMachine {
     /// A robot that has just been switched on. `automatic`: enabling needs no operator, as for
-    /// simulated robots; `time_limit`: cycles for enabling and for stopping.
+    /// simulated robots, until the first disabling; `time_limit`: cycles for enabling and for stopping.
     #[must_use]
     pub fn new(joints: usize, automatic: bool, time_limit: u32) -> Self {
         Self {
@@ -196,6 +196,7 @@ impl RobotMachine {
             (OperatorRequest::Enable, S::Enabling | S::Holding | S::Active) => {}
             (OperatorRequest::Disable, _) => {
                 self.engaged.fill(false);
+                self.automatic = false;
                 if !matches!(self.state, S::Boot | S::Fault) {
                     self.enter(S::Ready);
                 }

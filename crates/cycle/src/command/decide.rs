@@ -103,6 +103,11 @@ impl Supervisor {
         }
     }
 
+    /// Latches a fault of an earlier run, before the first cycle.
+    pub(crate) fn start_with_fault(&mut self, event: Event) {
+        self.latch(event, Safety::Off);
+    }
+
     pub(crate) fn mode(&self) -> Mode {
         self.mode
     }

@@ -1,0 +1,155 @@
+//! The loop's thread: cycle after cycle until the end, with what passes between it, clients and the
+//! main thread.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+
+use cycle::ClientInput;
+use nix::sys::resource::{UsageWho, getrusage};
+use robot_config::Robot;
+use robot_state::{JointMeasured, SharedRecord, measured_flags};
+
+use crate::bus::Bus;
+use crate::control_loop::ControlLoop;
+use crate::ending::Ending;
+use crate::real_time::Pace;
+use crate::shared_memory::LoopEnds;
+use crate::summary::{PageFaults, Timing};
+
+/// State of the loop that the main thread reads while it runs.
+#[derive(Debug, Default)]
+pub struct Status {
+    /// Cycles run.
+    pub cycles: AtomicU64,
+    /// A bit for each joint that has never answered.
+    pub silent: AtomicU64,
+    /// The latched fault's number, or 0.
+    pub fault: AtomicU32,
+    /// Number of the robot's state.
+    pub state: AtomicU32,
+}
+
+impl Status {
+    fn show(&self, record: &SharedRecord) {
+        let joints = record
+            .cycle
+            .measured
+            .joints
+            .iter()
+            .take(record.cycle.joint_count as usize);
+        let never = |joint: &JointMeasured| joint.flags & measured_flags::NEVER != 0;
+        let silent = joints.enumerate().filter(|(_, joint)| never(joint));
+        let silent = silent.fold(0, |bits, (j, _)| bits | 1u64 << j);
+        self.silent.store(silent, Ordering::Relaxed);
+        self.fault.store(record.cycle.fault, Ordering::Relaxed);
+        self.state.store(record.cycle.state, Ordering::Relaxed);
+        self.cycles.store(record.timing.cycles, Ordering::Release);
+    }
+}
+
+/// What the loop leaves behind.
+#[derive(Debug)]
+pub struct Outcome {
+    /// The last record.
+    pub record: SharedRecord,
+    /// Page faults of the thread while it looped.
+    pub page_faults: PageFaults,
+    /// Records that clients did not get.
+    pub dropped: u64,
+}
+
+/// The loop of one robot, with both its ends.
+pub struct Looper<B> {
+    control_loop: ControlLoop<B>,
+    clients: LoopEnds,
+    ending: Ending,
+    status: Arc<Status>,
+    stop: Arc<AtomicBool>,
+    cycles: u64,
+}
+
+impl<B: Bus> Looper<B> {
+    /// The loop that comes to its controlled end when `stop` is set or, in time to end with them,
+    /// when `cycles` have begun or been skipped.
+    pub fn new(
+        robot: &Robot,
+        control_loop: ControlLoop<B>,
+        clients: LoopEnds,
+        stop: &Arc<AtomicBool>,
+        cycles: Option<u64>,
+    ) -> Self {
+        let parameters = &robot.parameters;
+        let (limit, period) = (
+            parameters.safety.time_limit,
+            parameters.timing.sample_period,
+        );
+        Self {
+            control_loop,
+            clients,
+            ending: Ending::new(limit, period),
+            status: Arc::default(),
+            stop: Arc::clone(stop),
+            cycles: cycles.unwrap_or(u64::MAX),
+        }
+    }
+
+    /// The loop's state, for another thread to read.
+    #[must_use]
+    pub fn status(&self) -> Arc<Status> {
+        Arc::clone(&self.status)
+    }
+
+    /// Runs cycles until the end; neither allocates nor waits for another thread.
+    pub fn run(&mut self, pace: &mut impl Pace, timing: &mut Timing) -> Outcome {
+        let mut last = SharedRecord::default();
+        let before = page_faults();
+        // Skipped starts count too: `--seconds` means time.
+        let mut starts = 0;
+        let last_start = self.cycles.saturating_sub(self.ending.least_cycles());
+        loop {
+            let wake = pace.wait();
+            let begun = 1 + wake.skipped;
+            let asked = starts >= last_start || self.stop.load(Ordering::Relaxed);
+            starts += begun;
+            let was_running = self.ending.is_running();
+            let request = self.ending.advance(asked, begun, &last.cycle);
+            if self.ending.is_over() {
+                break;
+            }
+            let arrived = self.clients.references.latest().filter(|_| was_running);
+            let wanted = ClientInput {
+                reference: arrived.map(|(reference, _)| reference),
+                age_s: arrived.map_or(0.0, |(_, at)| wake.woke_ns.saturating_sub(at) as f64 * 1e-9),
+                settings: Some(self.clients.settings.latest()),
+                request,
+            };
+            let record = self.control_loop.run_cycle(&wake, &wanted);
+            self.clients.records.send(record);
+            timing.take(&record.timing);
+            self.status.show(record);
+            last = *record;
+        }
+        let after = page_faults();
+        Outcome {
+            record: last,
+            page_faults: PageFaults {
+                minor: after.minor - before.minor,
+                major: after.major - before.major,
+            },
+            dropped: self.clients.records.overflow(),
+        }
+    }
+
+    /// The bus, to look at.
+    pub fn bus(&self) -> &B {
+        self.control_loop.bus()
+    }
+}
+
+/// Page faults of the calling thread so far.
+fn page_faults() -> PageFaults {
+    getrusage(UsageWho::RUSAGE_THREAD).map_or(PageFaults::default(), |usage| PageFaults {
+        minor: usage.minor_page_faults().unsigned_abs(),
+        major: usage.major_page_faults().unsigned_abs(),
+    })
+}

@@ -1,0 +1,121 @@
+//! The main thread's part while the loop runs: messages, and the latched fault kept on the disk.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use robot_config::Robot;
+use robot_state::{Event, RobotState};
+
+use crate::looper::Status;
+use crate::stored_fault::FaultStore;
+
+/// Interval between two messages about joints that have not answered.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Time beyond the limits of the controlled end after which the loop is given up.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// Watches the loop and reports its changes.
+pub struct Reporter<'a> {
+    robot: &'a Robot,
+    store: Option<FaultStore>,
+    running: bool,
+    state: Option<RobotState>,
+    fault: u32,
+    /// When joints were last named, and when the end was asked for.
+    named: Instant,
+    end_asked: Option<Instant>,
+}
+
+impl<'a> Reporter<'a> {
+    /// `store`: where a latched fault is kept, if anywhere; `fault`: the one that it holds.
+    #[must_use]
+    pub fn new(robot: &'a Robot, store: Option<FaultStore>, fault: Option<Event>) -> Self {
+        Self {
+            robot,
+            store,
+            running: false,
+            state: None,
+            fault: fault.map_or(0, Event::number),
+            named: Instant::now(),
+            end_asked: None,
+        }
+    }
+
+    /// Looks at the loop's state; `false`: the end was asked for, and the loop does not reach it.
+    pub fn look(&mut self, status: &Status, stop: &AtomicBool) -> bool {
+        if status.cycles.load(Ordering::Acquire) > 0 {
+            self.report_joints(status.silent.load(Ordering::Relaxed));
+            self.report_fault(status.fault.load(Ordering::Relaxed));
+            self.report_state(RobotState::from_number(
+                status.state.load(Ordering::Relaxed),
+            ));
+        }
+        if stop.load(Ordering::Relaxed) && self.end_asked.is_none() {
+            eprintln!("ending: the robot is brought to rest, then its drives are switched off");
+            self.end_asked = Some(Instant::now());
+        }
+        let limit = Duration::from_secs_f64(self.robot.parameters.safety.time_limit) + GRACE;
+        self.end_asked.is_none_or(|asked| asked.elapsed() < limit)
+    }
+
+    fn report_joints(&mut self, silent: u64) {
+        if silent == 0 && !self.running {
+            self.running = true;
+            eprintln!("running: every joint has answered");
+            // Nobody may be waiting for it: then there is nothing to notify.
+            let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
+        }
+        if silent != 0 && !self.running && self.named.elapsed() > PATIENCE {
+            self.named = Instant::now();
+            eprintln!("waiting for {}", silent_joints(self.robot, silent));
+        }
+    }
+
+    fn report_fault(&mut self, number: u32) {
+        if number == self.fault {
+            return;
+        }
+        self.fault = number;
+        let event = Event::from_number(number);
+        match event {
+            Some(event) => eprintln!("FAULT {number} {}: {}", event.name(), event.cause()),
+            None => eprintln!("fault acknowledged"),
+        }
+        if let Some(Err(why)) = self.store.as_ref().map(|store| store.save(event)) {
+            eprintln!("torqued: the latched fault will not be known after a restart: {why}");
+        }
+    }
+
+    fn report_state(&mut self, state: Option<RobotState>) {
+        if self.state != state {
+            self.state = state;
+            eprintln!("state: {}", state.map_or("unknown", RobotState::name));
+        }
+    }
+}
+
+/// The joints that have never answered, with what they should have sent.
+fn silent_joints(robot: &Robot, silent: u64) -> String {
+    let parameters = &robot.parameters;
+    let joints = parameters.joints.iter().enumerate();
+    let named: Vec<String> = joints
+        .filter(|(j, _)| silent >> j & 1 == 1)
+        .map(|(j, joint)| {
+            let bus = &parameters.buses[joint.bus];
+            let slot = robot_config::slots::link_angle(j);
+            let receive = &robot.receive;
+            let message = (0..receive.message_count())
+                .find(|&m| receive.slots(m).any(|s| s == slot))
+                .and_then(|m| receive.message(m));
+            let message = message.map_or("its state", |m| &m.name);
+            format!(
+                "{} ({message} on {}, {})",
+                joint.name, bus.name, bus.interface
+            )
+        })
+        .collect();
+    format!(
+        "{}; is the robot on? Next: candump, torquectl check",
+        named.join(", ")
+    )
+}

@@ -1,0 +1,154 @@
+//! The loop's thread from its start to its controlled end, in front of a simulated robot.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use plant::{CanRobot, SimParameters};
+use problem::Problem;
+use robot_config::Robot;
+use robot_state::{Description, Event, Name, RobotState};
+use test_support::read_project_file;
+use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
+use torqued::bus::{Bus, LockStep};
+use torqued::control_loop::ControlLoop;
+use torqued::looper::{Looper, Outcome};
+use torqued::real_time::{Pace, WakeReport};
+use torqued::request_server::RequestServer;
+use torqued::shared_memory;
+use torqued::summary::Timing;
+use torqued_client::Location;
+
+/// A run directory of a test's own.
+struct RunDir(Location);
+
+impl RunDir {
+    fn new(test: &str) -> Self {
+        let name = format!("torqued-looper-{}-{test}", std::process::id());
+        let path: PathBuf = std::env::temp_dir().join(name);
+        Self(Location::at(path).expect("a run directory"))
+    }
+}
+
+impl Drop for RunDir {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(self.0.path());
+    }
+}
+
+fn leg() -> Robot {
+    robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg")
+}
+
+fn lock_step(robot: &Robot, clock: &VirtualClock) -> LockStep<CanRobot> {
+    let sim = read_project_file("config/leg/sim.toml").expect("sim.toml");
+    let sim = SimParameters::parse(&sim, "sim.toml").expect("parameters");
+    let urdf = read_project_file(&robot.parameters.urdf_path).expect("URDF");
+    let plant = CanRobot::new(robot, &urdf, &sim).expect("a plant");
+    LockStep::new(plant, clock)
+}
+
+/// Cycle starts on a virtual clock; `act` is called before each, with its number.
+struct Script<'a> {
+    pace: VirtualDeadline,
+    cycle: u64,
+    act: &'a mut dyn FnMut(u64),
+}
+
+impl Pace for Script<'_> {
+    fn wait(&mut self) -> WakeReport {
+        self.cycle += 1;
+        (self.act)(self.cycle);
+        self.pace.wait()
+    }
+}
+
+/// One run of the leg's loop on a bus that `wrap` makes of the simulated robot.
+struct Run {
+    outcome: Outcome,
+    cycles: u64,
+}
+
+fn run<B: Bus>(
+    test: &str,
+    cycles: Option<u64>,
+    start_with: Option<Event>,
+    wrap: impl FnOnce(LockStep<CanRobot>) -> B,
+    act: impl Fn(u64, &AtomicBool),
+) -> (Run, Looper<B>) {
+    let directory = RunDir::new(test);
+    let robot = leg();
+    let clock = VirtualClock::new();
+    clock.advance_to(1_000_000_000);
+    let bus = wrap(lock_step(&robot, &clock));
+    let mut control_loop = ControlLoop::new(&robot, bus).expect("a loop");
+    if let Some(event) = start_with {
+        control_loop.start_with_fault(event);
+    }
+    let server = RequestServer::new(&robot, Err(Problem::new("no state directory", "")))
+        .expect("a request server");
+    let description = Description {
+        robot: Name::new("leg"),
+        joint_count: 6,
+        ..Description::default()
+    };
+    let ends = shared_memory::start_at(&directory.0, &description, server).expect("shared memory");
+    let stop = Arc::new(AtomicBool::new(false));
+    let mut looper = Looper::new(&robot, control_loop, ends, &stop, cycles);
+    let mut act = |cycle: u64| {
+        assert!(cycle < 20_000, "the loop does not end");
+        act(cycle, &stop);
+    };
+    let mut pace = Script {
+        pace: VirtualDeadline::new(&clock, 1_000_000),
+        cycle: 0,
+        act: &mut act,
+    };
+    let outcome = looper.run(&mut pace, &mut Timing::new());
+    let cycles = outcome.record.timing.cycles;
+    (Run { outcome, cycles }, looper)
+}
+
+/// Cycles after which the leg holds.
+const HOLDING: u64 = 600;
+
+#[test]
+fn asked_to_end_the_loop_stops_and_disables_the_robot() {
+    let (run, _) = run(
+        "end",
+        None,
+        None,
+        |bus| bus,
+        |cycle, stop| stop.store(cycle >= HOLDING, Ordering::Relaxed),
+    );
+    let record = &run.outcome.record.cycle;
+    assert_eq!(record.state, RobotState::Ready.number(), "drives are off");
+    assert_eq!(
+        (record.requests, record.refusal),
+        (2, 0),
+        "stop and disable"
+    );
+    assert!(
+        (HOLDING + 50..HOLDING + 2200).contains(&run.cycles),
+        "{} cycles",
+        run.cycles
+    );
+}
+
+#[test]
+fn the_time_given_includes_the_controlled_end() {
+    let (run, _) = run("seconds", Some(900), None, |bus| bus, |_, _| {});
+    assert_eq!(run.cycles, 900);
+    let record = &run.outcome.record.cycle;
+    assert_eq!(record.state, RobotState::Ready.number());
+}
+
+#[test]
+fn a_fault_of_an_earlier_run_is_latched_until_the_end() {
+    let stored = Some(Event::JointStale);
+    let (run, looper) = run("stored", Some(900), stored, |bus| bus, |_, _| {});
+    let record = &run.outcome.record;
+    assert_eq!(record.cycle.fault, Event::JointStale.number());
+    // The leg's two buses carry one SYNC each in a cycle, and nothing else.
+    assert_eq!(looper.bus().counters().sent, 2 * record.timing.cycles);
+}
