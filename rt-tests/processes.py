@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 BINARIES = Path(os.environ.get("TORQUED_BINARIES", ROOT / "target" / "debug"))
 PYTHON = ROOT / ".venv" / "bin" / "python"
 CLIENT = ROOT / "client" / "python"
-# Offsets of tares that tests ask for; the user's own are left alone.
+# State directory of the tests: the user's own offsets are left alone.
 STATE = tempfile.TemporaryDirectory(prefix="torqued-state-")
 LEG = ROOT / "config" / "leg" / "robot.toml"
 
@@ -55,11 +55,11 @@ class Process:
         return AssertionError(f"{what}\n$ {' '.join(self.command)}\n{self.output()}")
 
     def output(self):
-        """Everything it has printed, both streams."""
+        """All lines printed so far, both streams."""
         return "".join(self.lines)
 
     def wait_for(self, pattern, limit_s=60.0):
-        """The match of the first line, not yet waited for, that has the pattern."""
+        """The match of the pattern in the first new line that has it."""
         until = time.monotonic() + limit_s
         ended = 0
         while ended < 2:
@@ -89,13 +89,13 @@ class Process:
         return code
 
     def report(self, limit_s=120.0, code=0):
-        """Waits for its end with that exit code; the JSON document in its last line."""
+        """Waits for the end with that exit code; returns the JSON document of the last line."""
         if self.wait(limit_s) != code:
             raise self._fail(f"exit code {self._popen.returncode}, not {code}")
         return json.loads(self._stdout[-1])
 
     def terminate(self, limit_s=30.0, code=0):
-        """Asks it to end as systemd does; its report."""
+        """Ends it as systemd does; returns its report."""
         self.send(signal.SIGTERM)
         return self.report(limit_s, code)
 
@@ -138,7 +138,7 @@ def derived_config(folder, changes, config=LEG):
     for old, new in changes.items():
         assert old in text, f"{config} has no {old!r}"
         text = text.replace(old, new)
-    # What is relative to the config's folder has to stay there.
+    # Relative paths refer to the folder of the original.
     text = re.sub(r'"(\.\./[^"]*)"', lambda m: f'"{(config.parent / m[1]).resolve()}"', text)
     path = folder / "robot.toml"
     path.write_text(text)

@@ -28,7 +28,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Runs the robot until `stop` is set or `cycles` have begun or been skipped, and sums up.
 ///
 /// # Errors
-/// Whatever keeps the loop from starting: nothing has been sent then. A loop that does not end.
+/// Obstacles to the loop's start: nothing has been sent then. A loop that does not end.
 pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result<Summary, Failure> {
     let parameters = &robot.parameters;
     let lines: Vec<Line<'_>> = parameters.buses.iter().map(Line::from).collect();

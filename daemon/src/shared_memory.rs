@@ -1,5 +1,5 @@
 //! Records to clients, references and requests from them, without the loop's thread ever meeting iceoryx2:
-//! that one allocates when it sends, and maps files when a client comes, goes or dies.
+//! iceoryx2 allocates when it sends, and maps files when a client connects, leaves or dies.
 //!
 //! ```text
 //!  loop thread                        publisher thread                clients
@@ -11,8 +11,8 @@
 //! All ways are wait-free for the loop: it never waits for the publisher thread, not even when
 //! that is interrupted half-way (a multi-producer queue's `push` would then spin). The publisher
 //! looks into the ring every half millisecond instead of being woken, since waking it would cost
-//! the loop a system call; so a record or a reference is that much late at most, on an idle
-//! machine.
+//! the loop a system call; so a record or a reference is late by half a millisecond at most, on
+//! an idle machine.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -32,16 +32,16 @@ use torqued_client::{DaemonPorts, Error, Location};
 use crate::real_time::monotonic_ns;
 use crate::request_server::RequestServer;
 
-/// Records that the publisher thread may be behind: a quarter of a second at 1 kHz, 6 MB.
+/// Largest backlog of the publisher thread, records: a quarter of a second at 1 kHz, 6 MB.
 const RING: usize = 256;
-/// Between two looks of the publisher thread.
+/// Polling period of the publisher thread.
 const POLL: Duration = Duration::from_micros(500);
-/// Requests that are begun in one round: whoever floods gets no more of the thread's time.
+/// Most requests begun in one round: a flood of requests takes no more of the thread's time.
 const REQUESTS: usize = 4;
-/// Between two rounds of cleaning up after dead clients.
+/// Period of the cleaning up after dead clients.
 const CLEANUP_INTERVAL: Duration = Duration::from_millis(250);
 
-/// What the loop needs to meet clients.
+/// The loop's ends of the connection with clients.
 #[derive(Debug)]
 pub struct LoopEnds {
     /// For records.
@@ -87,11 +87,11 @@ struct Shared {
 }
 
 /// Publishes `description` and starts the publisher thread, at which `server` serves requests, in the
-/// usual run directory. The thread inherits the caller's CPUs: to be called before the loop's thread
-/// is pinned to its own.
+/// usual run directory. The thread inherits the caller's CPUs: call it before the loop's thread is
+/// pinned to its own.
 ///
 /// # Errors
-/// Whatever keeps the robot's services from being made: see [`DaemonPorts::create`].
+/// Obstacles to creating the robot's services: see [`DaemonPorts::create`].
 pub fn start(description: &Description, server: RequestServer) -> Result<LoopEnds, Error> {
     start_at(&Location::find()?, description, server)
 }
@@ -160,13 +160,13 @@ impl RecordSender {
         }
     }
 
-    /// Records that the ring had no room for.
+    /// Number of records for which the ring had no room.
     #[must_use]
     pub fn overflow(&self) -> u64 {
         self.overflow
     }
 
-    /// How often shared memory failed in the publisher thread: a client that could not be reached.
+    /// Number of failures of shared memory in the publisher thread: clients that were not reached.
     #[must_use]
     pub fn failures(&self) -> u64 {
         self.shared.failures.load(Ordering::Relaxed)
@@ -174,7 +174,7 @@ impl RecordSender {
 }
 
 impl Drop for RecordSender {
-    /// Publishes what is still in the ring, then takes the robot's services down.
+    /// Publishes the records left in the ring, then removes the robot's services.
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Release);
         if let Some(publisher) = self.publisher.take() {
@@ -184,7 +184,7 @@ impl Drop for RecordSender {
 }
 
 impl ReferenceReceiver {
-    /// The newest reference and when it arrived, ns on `CLOCK_MONOTONIC`; as the client sent it,
+    /// The newest reference and its time of arrival, ns on `CLOCK_MONOTONIC`; as the client sent it,
     /// unchecked. `None` until the first has arrived. Neither waits nor allocates nor calls the
     /// system.
     pub fn latest(&mut self) -> Option<(&Reference, u64)> {
@@ -213,7 +213,7 @@ impl Publisher {
     fn run(mut self) {
         let mut cleaned_up = Instant::now();
         loop {
-            // Asked before the ring is emptied, so that the last records are published too.
+            // Read before the ring is emptied, so that the last records are published too.
             let stop = self.shared.stop.load(Ordering::Acquire);
             self.publish_records();
             if stop {
@@ -229,7 +229,7 @@ impl Publisher {
         }
     }
 
-    /// No more than the ring holds: references are looked at even if records never end.
+    /// At most as many as the ring holds: references are read even if records never end.
     fn publish_records(&mut self) {
         for _ in 0..RING {
             let Ok(slot) = self.records.read_chunk(1) else {
@@ -244,7 +244,7 @@ impl Publisher {
         }
     }
 
-    /// Requests and their answers; the loop gets new settings before a client is told of them.
+    /// Requests and their answers; the loop gets new settings before a client gets the answer.
     fn serve(&mut self) {
         let mut answers = Vec::new();
         for _ in 0..REQUESTS {
@@ -282,7 +282,7 @@ fn count_failure<T>(shared: &Shared, result: &Result<T, Error>) {
     }
 }
 
-/// Whatever the thread that started this one is, this one is not real-time.
+/// Leaves the real-time scheduler that the thread may have inherited.
 fn run_as_ordinary_thread() {
     let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
     // Giving priority up is always allowed.

@@ -43,7 +43,7 @@ impl Timing {
         }
     }
 
-    /// Takes one cycle's timing.
+    /// Adds one cycle's timing.
     pub fn take(&mut self, record: &LoopRecord) {
         self.compute.saturating_record(record.compute_ns);
         self.wake_late.saturating_record(record.wake_late_ns);
@@ -74,9 +74,9 @@ fn quantiles(histogram: &Histogram<u64>) -> Quantiles {
 /// Page faults of the loop's thread while it looped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct PageFaults {
-    /// Those that needed no disk.
+    /// Faults served without a disk.
     pub minor: u64,
-    /// Those that did.
+    /// Faults that needed a disk.
     pub major: u64,
 }
 
@@ -89,7 +89,7 @@ pub struct Summary {
     pub cycles: u64,
     /// Cycles that ended after the next one should have begun.
     pub late_cycles: u64,
-    /// Cycles whose start was passed over.
+    /// Skipped starts of cycles.
     pub skipped_cycles: u64,
     /// Frames received.
     pub frames_received: u64,
@@ -99,15 +99,15 @@ pub struct Summary {
     pub fault: u32,
     /// Computing time of a cycle.
     pub compute_ns: Quantiles,
-    /// How late the thread woke.
+    /// Delay of the thread's wake-up.
     pub wake_late_ns: Quantiles,
-    /// From SYNC until all had answered.
+    /// Time from SYNC until all answers had arrived.
     pub gather_ns: Quantiles,
     /// Page faults of the loop's thread.
     pub page_faults: PageFaults,
-    /// Records that found no room on the way to the clients.
+    /// Records lost on the way to the clients: no room.
     pub records_dropped: u64,
-    /// How often each event occurred; those that did not are left out.
+    /// Number of occurrences of each event that occurred.
     pub events: std::collections::BTreeMap<&'static str, u64>,
 }
 

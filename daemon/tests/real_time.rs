@@ -15,7 +15,7 @@ fn denied(name: &str, essential: bool) -> Measure {
 }
 
 #[test]
-fn require_refuses_with_what_is_missing_and_how_to_mend_it() {
+fn require_refuses_with_the_missing_measure_and_its_remedy() {
     let report = Report {
         measures: vec![denied("scheduler", true), denied("CPUs kept awake", false)],
     };
@@ -26,7 +26,7 @@ fn require_refuses_with_what_is_missing_and_how_to_mend_it() {
 }
 
 #[test]
-fn require_is_content_without_the_advisable() {
+fn require_accepts_missing_advisable_measures() {
     let report = Report {
         measures: vec![denied("CPUs kept awake", false)],
     };
@@ -87,7 +87,7 @@ proptest! {
             let (start, late, skipped) = schedule.take(now);
             // On the grid, and every start is either taken or counted as skipped.
             prop_assert_eq!(start, first + (taken + skipped_total + skipped) * period);
-            // What is run late is less than a period late: nothing is caught up.
+            // A late start is less than a period late: no cycle is caught up.
             prop_assert!(now < start + period);
             prop_assert_eq!(late, now > start || skipped > 0);
             taken += 1;

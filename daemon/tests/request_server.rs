@@ -67,7 +67,7 @@ fn asked(kind: u32) -> Request {
     }
 }
 
-/// Shows records, one a millisecond, until the request is answered.
+/// Passes records to the server, one per millisecond, until the request is answered.
 fn served(
     server: &mut RequestServer,
     from: Instant,
@@ -78,7 +78,7 @@ fn served(
         server.observe(&record(k), now);
         match server.advance(now) {
             Some(answer) if answer.status != answer_status::WORKING => return answer,
-            // A disk has its own time.
+            // The disk may take its time.
             _ if k > 2500 => std::thread::sleep(Duration::from_millis(1)),
             _ => {}
         }
@@ -95,7 +95,7 @@ fn refusal(server: &mut RequestServer, record: &SharedRecord) -> String {
 }
 
 #[test]
-fn a_robot_that_is_not_fit_is_refused_with_the_reason() {
+fn a_robot_unfit_for_a_tare_is_refused_with_the_reason() {
     let state = State::new("unfit");
     let mut server = request_server(&state);
     let now = Instant::now();
@@ -125,14 +125,14 @@ fn a_robot_that_is_not_fit_is_refused_with_the_reason() {
         r.cycle.measured.ft[0].flags = measured_flags::NEVER
     });
     assert!(never.contains("ankle has never answered"), "{never}");
-    // An old record is no evidence.
+    // An old record does not count.
     let later = now + Duration::from_secs(5);
     let late = server.serve(&asked(request::TARE), later).text;
     assert!(late.as_str().contains("no cycle has run"), "{late}");
 }
 
 #[test]
-fn what_happens_during_a_tare_ends_it() {
+fn an_event_during_a_tare_ends_it() {
     type Change = fn(&mut SharedRecord);
     let state = State::new("during");
     let mut server = request_server(&state);
@@ -189,7 +189,7 @@ fn bridged_samples_do_not_count_and_a_tare_without_samples_ends() {
             let mut record = still();
             if !k.is_multiple_of(every) {
                 record.cycle.measured.ft[0].flags = measured_flags::MISSED;
-                // What is bridged is not looked at.
+                // Bridged samples are not used.
                 record.cycle.measured.ft[0].wrench.force[0] = 1e6;
             }
             record
@@ -209,7 +209,7 @@ fn bridged_samples_do_not_count_and_a_tare_without_samples_ends() {
     );
 }
 
-/// Whatever the loop still takes off while an earlier offset blends in, the tare finds the same.
+/// The tare finds the same offset while an earlier one still blends in.
 #[test]
 fn a_tare_right_after_another_is_not_misled_by_blending() {
     let state = State::new("blending");
@@ -264,7 +264,7 @@ fn offsets_that_cannot_be_kept_are_not_used() {
 
 proptest! {
     #[test]
-    fn whatever_a_client_asks_it_gets_an_answer(kinds in prop::collection::vec((any::<u32>(), 0_u32..8, ".{0,30}"), 1..40)) {
+    fn every_request_gets_an_answer(kinds in prop::collection::vec((any::<u32>(), 0_u32..8, ".{0,30}"), 1..40)) {
         let mut server = RequestServer::new(&leg(), Err(Problem::new("nowhere", ""))).expect("a request server");
         let now = Instant::now();
         server.observe(&still(), now);

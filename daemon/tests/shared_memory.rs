@@ -14,7 +14,7 @@ use torqued_client::{Client, Commander, Error, Location};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// A run directory of a test's own.
+/// A run directory of one test.
 struct RunDir(Location);
 
 impl RunDir {
@@ -49,7 +49,7 @@ impl Drop for RunDir {
     }
 }
 
-/// A request server of the leg, which nobody asks for a tare here.
+/// A request server of the leg; no test here requests a tare.
 fn request_server() -> RequestServer {
     let leg = robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg");
     RequestServer::new(&leg, Err(Problem::new("nowhere to keep offsets", "")))
@@ -72,7 +72,7 @@ fn record(sequence: u64) -> SharedRecord {
     record
 }
 
-/// Calls `step` until it gives something.
+/// Calls `step` until it returns a value.
 fn wait_for<T>(mut step: impl FnMut() -> Option<T>) -> T {
     let until = Instant::now() + PATIENCE;
     loop {
@@ -194,7 +194,7 @@ fn the_loops_thread_does_not_allocate() {
     let (mut arrivals, mut changes) = (0, 0);
     let first_sequence = ends.settings.latest().sequence;
     let (mut last_ns, mut last_sequence) = (0, first_sequence);
-    // The newest of them may still be on their way.
+    // The newest of them may still be under way.
     while !others.is_finished() || arrivals == 0 {
         let before = allocations();
         record.cycle.sequence += 1;
@@ -217,7 +217,7 @@ fn the_loops_thread_does_not_allocate() {
 }
 
 #[test]
-fn what_is_left_in_the_ring_is_published_before_the_end() {
+fn records_left_in_the_ring_are_published_before_the_end() {
     let dir = RunDir::new("end");
     let mut sender = dir.start().records;
     let mut client = dir.client();
@@ -234,7 +234,7 @@ fn what_is_left_in_the_ring_is_published_before_the_end() {
 }
 
 #[test]
-fn one_daemon_at_a_time_and_the_next_takes_over() {
+fn one_daemon_at_a_time_and_the_next_may_start() {
     let dir = RunDir::new("takeover");
     let sender = dir.start().records;
     let mut client = dir.client();

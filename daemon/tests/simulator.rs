@@ -1,4 +1,4 @@
-//! Simulated sensors that keep their own time: in lock-step with the loop, and refused on CAN.
+//! Simulated sensors with clocks of their own: in lock-step with the loop, and refused on CAN.
 
 use cycle::ClientInput;
 use plant::{CanRobot, SimParameters};
@@ -11,7 +11,7 @@ use torqued::control_loop::ControlLoop;
 use torqued::real_time::Pace;
 
 #[test]
-fn sensors_that_keep_their_own_time_are_refused_on_can() {
+fn sensors_with_own_clocks_are_refused_on_can() {
     let sim = read_project_file("config/leg/sim.toml").expect("sim.toml");
     let path = std::env::temp_dir().join(format!("torqued-sim-{}.toml", std::process::id()));
     let own = "[ft_sensor.sampling]\nsampled = \"when_sent\"\n";
@@ -33,7 +33,7 @@ fn sensors_that_keep_their_own_time_are_refused_on_can() {
 }
 
 #[test]
-fn a_cycle_does_not_wait_for_sensors_that_keep_their_own_time() {
+fn a_cycle_does_not_wait_for_sensors_with_own_clocks() {
     let read = |path: &str| {
         let text = read_project_file(path)?;
         let own = "[imu]\nsampled = \"when_sent\"\nperiod_us = 1500\n";

@@ -34,7 +34,7 @@ touch = [{ link = "base_link", type = "full_wrench" }, { link = "ankle_ft", type
 time_s = 0.5
 "#;
 
-/// The leg with sets of contacts.
+/// The leg with contact sets.
 fn leg() -> Robot {
     let read = |path: &str| {
         let text = read_project_file(path)?;
@@ -115,7 +115,7 @@ impl Daemon {
         let plant = CanRobot::new(&robot, &urdf, sim).expect("a plant");
         let server = RequestServer::new(&robot, Ok(place.store())).expect("a request server");
         let mut description = Description {
-            // Its only robot, whatever it is.
+            // The only robot.
             robot: Name::new("leg"),
             joint_count: robot.parameters.joints.len() as u32,
             ft_count: robot.parameters.ft_sensors.len() as u32,
@@ -141,7 +141,7 @@ impl Daemon {
             while !stopped.load(Ordering::Relaxed) {
                 let arrived = ends.references.latest();
                 let wanted = ClientInput {
-                    // Time here is not the clients': their leases do not end.
+                    // Simulated time differs from the clients': their leases do not end.
                     reference: arrived.map(|(reference, _)| reference),
                     age_s: 0.0,
                     settings: Some(ends.settings.latest()),
@@ -171,7 +171,7 @@ impl Daemon {
         }
     }
 
-    /// Ends it; the mean errors of its sensors, which a tare should find.
+    /// Ends it; returns the mean errors of its sensors, which a tare should find.
     fn stop(mut self) -> Vec<[f64; 6]> {
         self.stop.store(true, Ordering::Relaxed);
         let thread = self.thread.take().expect("it runs");
@@ -229,7 +229,7 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     assert!((answer.date_unix_s - unix_now()).abs() < 60.0);
     assert_eq!(answer.contact_set.as_str(), "in_the_air");
 
-    // The loop goes by it within a blending time, and a second tare has little to add.
+    // The loop adopts it within a blending time, and a second tare has little to add.
     let taken = |r: &torqued_client::Record| r.cycle.measured.ft[0].offset == sensor.offset;
     let found = (client.records(PATIENCE).take(2000)).any(|r| taken(&r.expect("a record")));
     assert!(found, "the loop does not go by it");
@@ -241,7 +241,7 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     assert_found(&again.ft[0], &bias);
     assert!(bias[..3].iter().any(|f| f.abs() > 1.0), "{bias:?}");
 
-    // Another daemon begins with it.
+    // Another daemon starts with it.
     let daemon = Daemon::start(&place, &sim());
     let mut client = place.client();
     let first = client.next_record(PATIENCE).expect("a record");
@@ -257,7 +257,7 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     drop(daemon);
 }
 
-/// The tare has found the sensor's error.
+/// Asserts that the tare has found the sensor's error.
 fn assert_found(tare: &TaredSensor, bias: &[f64; 6]) {
     let parts = tare
         .offset
@@ -275,7 +275,7 @@ fn unix_now() -> f64 {
     since.expect("after 1970").as_secs_f64()
 }
 
-/// The humanoid on both feet: its hands become known, and of its feet the sum.
+/// The humanoid on both feet: the offsets of its hands become known, and the sum of its feet's.
 #[test]
 fn a_humanoid_that_stands_is_tared() {
     let place = Place::new("humanoid");
@@ -341,7 +341,7 @@ fn only_a_robot_that_holds_its_position_is_tared() {
         .measured
         .joints;
     let mut seen = 0;
-    // Streams as a client does, and asks in between.
+    // Sends references as a client does, and requests in between.
     for record in client.records(PATIENCE) {
         seen = record.expect("a record").cycle.mode;
         let sent = commander.send(|r| {
@@ -373,7 +373,7 @@ fn only_a_robot_that_holds_its_position_is_tared() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_what_can() {
+fn impossible_requests_are_refused_with_the_allowed() {
     let place = Place::new("refused");
     let _daemon = Daemon::start(&place, &sim());
     let mut client = place.client();
@@ -395,7 +395,7 @@ fn what_cannot_be_is_refused_with_what_can() {
 }
 
 #[test]
-fn of_two_who_ask_for_a_tare_one_is_served() {
+fn one_of_two_concurrent_tares_is_served() {
     let place = Place::new("two");
     let _daemon = Daemon::start(&place, &sim());
     let mut clients: Vec<Client> = (0..3).map(|_| place.client()).collect();
@@ -416,7 +416,7 @@ fn of_two_who_ask_for_a_tare_one_is_served() {
 }
 
 #[test]
-fn chosen_contacts_hold_and_are_told() {
+fn chosen_contact_sets_hold_and_are_published() {
     let place = Place::new("contacts");
     let _daemon = Daemon::start(&place, &sim());
     let mut client = place.client();

@@ -1,4 +1,4 @@
-"""A robot in Pinocchio, random states for it, and what `torquectl dynamics` answers to them.
+"""A robot in Pinocchio, random states for it, and the answers of `torquectl dynamics` to them.
 
 The program's path is taken from TORQUECTL, or else it is the debug build's.
 """
@@ -27,7 +27,8 @@ def torquectl(urdf, request, tmp_path, floating=False):
 
 
 def mimics(urdf):
-    """Of each mimic joint the joint at the end of its chain, and `q = ratio q_driver + offset`."""
+    """For each mimic joint: the joint at the end of its chain, ratio and offset of
+    `q = ratio q_driver + offset`."""
     joints = {j.get("name"): j for j in ElementTree.parse(urdf).getroot().findall("joint")}
     moving = {name for name, j in joints.items() if j.get("type") != "fixed"}
 
@@ -44,7 +45,7 @@ def mimics(urdf):
 
 
 class Robot:
-    """To Pinocchio every joint is independent. `v = map v_ours` leads from our components, whose
+    """For Pinocchio every joint is independent. `v = map v_ours` leads from our components, whose
     joints come in a shuffled order, to Pinocchio's: each is one of ours, or follows one if `mimic`."""
 
     def __init__(self, urdf, floating, tmp_path, mimic=False, seed=1):
@@ -80,7 +81,7 @@ class Robot:
             state["ours"] = case
 
     def random_armature(self):
-        """Half the joints have motors, and those that move no mass: else M is singular."""
+        """Armatures of half the joints and of all that move no mass: else M is singular."""
         m = pin.crba(self.model, self.data, pin.neutral(self.model)).diagonal()
         motors = {name for name in self.joints if self.rng.random() < 0.5}
         massless = {name for name in self.joints if m[self.component(name)] < 1e-12}
@@ -112,7 +113,7 @@ class Robot:
         turned, v, a = (self.map @ np.concatenate(x) for x in zip(base, (angles, dq, ddq), strict=True))
         for j in range(self.first, model.njoints):
             angle = turned[model.idx_vs[j]] + self.mimics.get(model.names[j], (None, 1.0, 0.0))[2]
-            # A continuous joint is cosine and sine to Pinocchio.
+            # Pinocchio represents a continuous joint by cosine and sine.
             angle = [np.cos(angle), np.sin(angle)] if model.nqs[j] == 2 else [angle]
             q[model.idx_qs[j] : model.idx_qs[j] + len(angle)] = angle
         wrenches = {link: rng.uniform(-20, 20, 6) for link in self.links[:3]}
@@ -128,12 +129,12 @@ class Robot:
         return self.model.getFrameId(link, pin.FrameType.BODY)
 
     def columns(self, matrix):
-        """In our components; Pinocchio gives a matrix of one column as a vector."""
+        """The matrix in our components; Pinocchio returns one column as a vector."""
         return np.reshape(matrix, (-1, self.model.nv)) @ self.map
 
 
 def close(ours, theirs, tolerance=1e-10):
-    """Equal to this share of the largest component."""
+    """True if equal within this fraction of the largest component."""
     ours, theirs = np.asarray(ours, float), np.asarray(theirs, float)
     assert ours.shape == theirs.shape
     scale = max(np.abs(theirs).max(initial=0), 1e-3)

@@ -82,7 +82,7 @@ def raw_id(message):
 
 
 @pytest.mark.parametrize("text", [pytest.param(t, id=n) for n, t in databases()])
-def test_frames_mean_the_same(codec, text):
+def test_frames_decode_to_the_same_values(codec, text):
     database = cantools.database.load_string(text, "dbc")
     rng = random.Random(1)
     cases = []
@@ -115,7 +115,7 @@ def test_values_make_the_same_frames(codec, text):
     answer = codec(dbc=text, encode=[{"message": m.name, "values": v} for m, v, _ in cases])
     for (message, values, theirs), ours in zip(cases, answer["encoded"], strict=True):
         if any(s.is_float for s in message.signals):
-            # A float's scaling rounds differently in each library: compare what they mean.
+            # A float's scaling rounds differently in each library: compare the physical values.
             back = message.decode(bytes(ours), decode_choices=False)
             for name, value in values.items():
                 assert float(back[name]) == pytest.approx(value, rel=1e-6, abs=1e-9), (message.name, name)
@@ -123,14 +123,14 @@ def test_values_make_the_same_frames(codec, text):
             assert bytes(ours) == theirs, (message.name, values)
 
 
-def test_unknown_ids_and_wrong_lengths_are_told_apart(codec):
+def test_unknown_ids_and_wrong_lengths_are_distinguished(codec):
     text = (ROOT / "robot-models/leg/drives.dbc").read_text()
     answer = codec(dbc=text, decode=[{"id": 999, "data": [0]}, {"id": 257, "data": [0] * 7}, {"id": 128, "data": []}])
     assert answer["decoded"] == ["UnknownId", "WrongLength", {}]
 
 
 @pytest.mark.parametrize("fault", ["BO_ 257 SECOND: 8 A\n", ' SG_ over : 0|8@1+ (1,0) [0|0] "" B\n'])
-def test_what_cantools_refuses_is_refused(codec, fault):
+def test_files_that_cantools_refuses_are_refused(codec, fault):
     text = (ROOT / "robot-models/leg/drives.dbc").read_text()
     head, tail = text.split("BO_ 258 ", 1)
     text = (head.rstrip("\n") + "\n" + fault if fault.startswith(" ") else head + fault) + "\nBO_ 258 " + tail

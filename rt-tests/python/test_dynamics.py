@@ -12,7 +12,7 @@ from test_dynamics_examples import REFUSED, URDFS, name
 
 OUR_URDFS = sorted((ROOT / "robot-models").glob("*/robot.urdf"))
 LOADED = [*OUR_URDFS, *(u for u in URDFS if name(u) not in REFUSED)]
-# Where nothing moves Pinocchio divides by zero, or crashes.
+# Pinocchio divides by zero, or crashes, for models without moving joints.
 RIGID = [u for u in LOADED if not re.search('type="(revolute|continuous|prismatic)"', u.read_text(errors="replace"))]
 MIMIC = [u for u in LOADED if "<mimic" in u.read_text(errors="replace")]
 VARIANTS = [
@@ -134,7 +134,7 @@ def test_frames(robot):
 
 
 @pytest.mark.parametrize("urdf", RIGID, ids=name)
-def test_a_robot_of_which_nothing_moves(urdf, tmp_path):
+def test_a_robot_without_moving_joints(urdf, tmp_path):
     run = torquectl(urdf, {"cases": [{"q": []}]}, tmp_path)
     nothing = {"tau": [], "M": [], "nle": [], "g": [], "ddq_of_tau": [], "com": [0, 0, 0]}
     assert json.loads(run.stdout) == {"joints": [], "cases": [nothing]}

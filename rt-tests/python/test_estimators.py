@@ -51,7 +51,7 @@ def test_savitzky_golay_coefficients(ours):
 
 @pytest.mark.parametrize("window, order", [(81, 3), (81, 5), (200, 4)])
 @pytest.mark.parametrize("derivative", [0, 1, 2])
-def test_savitzky_golay_coefficients_where_scipy_loses_digits(ours, window, order, derivative):
+def test_savitzky_golay_coefficients_beyond_the_precision_of_scipy(ours, window, order, derivative):
     delay = Fraction(1, 4)
     h = ours(savgol=[(window, order, derivative, float(delay))])["coefficients"][0]
     times = [Fraction(i) for i in range(window)]
@@ -137,7 +137,7 @@ def recording(count):
 
 
 def process(x, dt, tau_m):
-    """U's reconstruction, models' section 5, written once more."""
+    """U's reconstruction, models' section 5, a second implementation."""
     theta, omega, tau = x
     friction = JOINT["viscous_friction"] * omega + JOINT["friction"] * np.tanh(omega / JOINT["sign_smoothing"])
     alpha = (tau_m - friction - tau / JOINT["gear_ratio"]) / JOINT["rotor_inertia"]
@@ -186,8 +186,8 @@ def filtered(ours):
     )
 
 
-def without_doubt(rows):
-    """Where innovations are larger than expected over a second, ours raises its sigma: undone."""
+def without_inflation(rows):
+    """Undoes the increase of our sigma where innovations exceed their expectation over a second."""
     rows, mean = np.array(rows), 2.0
     for r in rows:
         mean += (min(r[4], 1e6) - mean) * JOINT["sample_period"]
@@ -212,7 +212,7 @@ def test_unscented_filter(filtered):
         ukf.update(np.array([sample[1], torsion(sample)]))
         ukf.P = 0.5 * (ukf.P + ukf.P.T)
         theirs.append(row(ukf))
-    compare(without_doubt(answer["unscented"]), theirs)
+    compare(without_inflation(answer["unscented"]), theirs)
 
 
 def test_linear_filter(filtered):
@@ -233,4 +233,4 @@ def test_linear_filter(filtered):
             ekf.P = f @ ekf.P @ f.T + ekf.Q
         ekf.update(np.array([sample[1], torsion(sample)]), lambda x: h, lambda x: h @ x)
         theirs.append(row(ekf))
-    compare(without_doubt(answer["linear"]), theirs)
+    compare(without_inflation(answer["linear"]), theirs)

@@ -63,9 +63,9 @@ def kill(process):
     process.wait()
 
 
-def wait_for(client, wanted):
+def wait_for(client, condition):
     for record in client.records(PATIENCE_S):
-        if wanted(record):
+        if condition(record):
             return record
 
 
@@ -99,7 +99,7 @@ def test_numpy_reads_all_joints_at_once(daemons):
     assert np.allclose(np.diff(tau), 1.0)
 
 
-def test_a_slow_client_is_told_what_it_lost(daemons):
+def test_a_slow_client_counts_lost_records(daemons):
     daemons()
     client = torqued.Client("leg", PATIENCE_S)
     client.next_record(PATIENCE_S)
@@ -195,18 +195,18 @@ def test_a_client_goes_on_with_the_next_daemon(daemons):
     wait_for(client, lambda r: r.cycle.sequence > 300)
     kill(daemon)
     with pytest.raises(torqued.NoDaemonError, match="look at its log"):
-        wait_for_silence(client)
+        wait_until_no_record_comes(client)
     daemons()
     wait_for(client, lambda r: r.cycle.sequence < 300)
     assert client.description.joint_count == JOINTS
 
 
-def wait_for_silence(client):
+def wait_until_no_record_comes(client):
     while True:
         client.next_record(0.3)
 
 
-def test_without_a_daemon_the_error_says_what_and_where(run_dir):
+def test_without_a_daemon_the_error_names_robot_and_directory(run_dir):
     with pytest.raises(torqued.NoDaemonError) as raised:
         torqued.Client("leg", timeout_s=0.1)
     for part in ("torqued/leg/description", str(run_dir), "start `torqued run"):

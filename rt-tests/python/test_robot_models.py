@@ -1,4 +1,4 @@
-"""Robot models and configurations: what other people's libraries read in them.
+"""Robot models and configurations as independent libraries read them.
 
 Run with the test environment's pytest. cantools reads the DBC files, Pinocchio the URDFs.
 """
@@ -28,7 +28,7 @@ JOINTS = {
         *(f"{side}_{name}" for side in ("left", "right") for name in ARM),
     ],
 }
-# kg, what moves: the base counts where it floats. 58 kg is HRP-2's.
+# Moving mass, kg: the base counts where it floats. 58 kg is HRP-2's.
 MASS = {"test-joint": 2.482, "leg": 11.9, "humanoid": 58.0}
 CYCLE_US = 1000.0
 
@@ -63,7 +63,7 @@ def bus_signals(robot):
         yield settings["imu"]["bus"], name
 
 
-def test_generated_files_are_what_the_generator_writes(tmp_path):
+def test_generated_files_are_up_to_date(tmp_path):
     subprocess.run([sys.executable, MODELS / "generate.py", tmp_path], check=True)
     written = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*.*"))
     assert len(written) == 2 * len(JOINTS)

@@ -144,7 +144,7 @@ def test_full_wrenches(icub, tmp_path):
 
 
 def test_order_of_contacts_and_sensors(icub, tmp_path):
-    """Bit by bit the same, whatever comes first."""
+    """The result is identical, bit by bit, in any order."""
     rng = np.random.default_rng(2)
     case = icub.random_case(rng, random_contacts(rng))
     reference = ours(icub, tmp_path, [case])[0]
@@ -193,13 +193,13 @@ def test_contacts_that_fill_a_part_together(icub, tmp_path):
     compare(icub, cases, ours(icub, tmp_path, cases, '[least_squares]\nresidual = "handed_on"\n'))
 
 
-def test_readings_without_contradiction(icub, tmp_path):
-    """Pure forces that explain the readings: where residuals go does not matter then."""
+def test_consistent_readings(icub, tmp_path):
+    """Pure forces that explain the readings: there are no residuals to distribute."""
     rng = np.random.default_rng(5)
     pure = [{"link": link, "type": "pure_force"} for link in PARTS[1:]] + [FULL[0]]
     cases = [icub.random_case(rng, pure) for _ in range(CASES)]
     for _ in range(12):
-        # Each reading is mended by its part's residual, which lies at the sensor.
+        # Each reading is corrected by its part's residual, which lies at the sensor.
         worst = 0.0
         for case, answer in zip(cases, ours(icub, tmp_path, cases), strict=True):
             for part in answer["parts"][1:]:

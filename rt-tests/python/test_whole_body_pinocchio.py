@@ -1,5 +1,5 @@
 """`torquectl whole-body` against Pinocchio's full dynamics, on our humanoid: four F/T sensors, IMU in
-the torso, unknown wrench on the chest. Pinocchio never hears of sensors: it is given base motion and
+the torso, unknown wrench on the chest. Pinocchio does not know the sensors: it is given base motion and
 contact wrenches; the sensors' readings are taken from its joint wrenches.
 """
 

@@ -1,2 +1,2 @@
-//! What needs a kernel: its tests run where `rt-tests/vm/vcan.sh` finds or lends a vcan.
+//! Tests that need a kernel: they run where `rt-tests/vm/vcan.sh` finds or lends a vcan.
 //! `./test vcan` runs them.

@@ -21,10 +21,10 @@ impl<B: Bus> Rig for Pair<B> {
     fn bus(&mut self) -> &mut dyn Bus {
         &mut self.bus
     }
-    fn say(&mut self, frames: &Frames) {
+    fn send_from_peer(&mut self, frames: &Frames) {
         assert_eq!(self.other.send(frames), frames.len());
     }
-    fn hear(&mut self) -> (Vec<Frame>, u64) {
+    fn received_by_peer(&mut self) -> (Vec<Frame>, u64) {
         let mut rx = Frames::new(CAPACITY);
         let mut never = Gather::new(1);
         self.other.receive(&mut rx, &mut never, &table(), 0);
@@ -32,43 +32,45 @@ impl<B: Bus> Rig for Pair<B> {
     }
 }
 
-/// Says what it was told to, and remembers what it hears.
-struct Parrot {
-    to_say: Vec<Frame>,
-    heard: Vec<Frame>,
+/// Sends the frames that it was given, and keeps those that it receives.
+struct ScriptedPeer {
+    outgoing: Vec<Frame>,
+    received: Vec<Frame>,
 }
 
-impl Peer for Parrot {
+impl Peer for ScriptedPeer {
     fn exchange(&mut self, frames: &Frames, _now_ns: u64, out: &mut Frames) {
-        self.heard.extend_from_slice(frames.as_slice());
-        for frame in self.to_say.drain(..) {
+        self.received.extend_from_slice(frames.as_slice());
+        for frame in self.outgoing.drain(..) {
             out.push(frame);
         }
     }
 }
 
-impl Rig for LockStep<Parrot> {
+impl Rig for LockStep<ScriptedPeer> {
     fn bus(&mut self) -> &mut dyn Bus {
         self
     }
-    fn say(&mut self, frames: &Frames) {
-        self.peer_mut().to_say.extend_from_slice(frames.as_slice());
+    fn send_from_peer(&mut self, frames: &Frames) {
+        self.peer_mut()
+            .outgoing
+            .extend_from_slice(frames.as_slice());
         self.send(&Frames::new(0));
     }
-    fn hear(&mut self) -> (Vec<Frame>, u64) {
-        (std::mem::take(&mut self.peer_mut().heard), 0)
+    fn received_by_peer(&mut self) -> (Vec<Frame>, u64) {
+        (std::mem::take(&mut self.peer_mut().received), 0)
     }
 }
 
-fn lock_step() -> LockStep<Parrot> {
-    let parrot = Parrot {
-        to_say: Vec::with_capacity(CAPACITY),
-        heard: Vec::with_capacity(CAPACITY),
+fn lock_step() -> LockStep<ScriptedPeer> {
+    let peer = ScriptedPeer {
+        outgoing: Vec::with_capacity(CAPACITY),
+        received: Vec::with_capacity(CAPACITY),
     };
-    LockStep::new(parrot, &VirtualClock::new())
+    LockStep::new(peer, &VirtualClock::new())
 }
 
-fn spoiled(faults: Faults, seed: u64) -> Pair<FaultInjector<InProcess>> {
+fn with_faults(faults: Faults, seed: u64) -> Pair<FaultInjector<InProcess>> {
     let (bus, other) = pair(CAPACITY);
     let bus = FaultInjector::new(bus, &table(), faults, seed);
     Pair { bus, other }
@@ -89,11 +91,11 @@ fn lock_step_conforms() {
 
 #[test]
 fn fault_injector_without_faults_conforms() {
-    conforms(|| spoiled(Faults::default(), 1));
+    conforms(|| with_faults(Faults::default(), 1));
 }
 
 #[test]
-fn two_threads_talk() {
+fn two_threads_exchange_frames() {
     const CYCLES: usize = 200;
     let (mut daemon, mut robot) = pair(64);
     let answering = std::thread::spawn(move || {
@@ -124,7 +126,7 @@ fn two_threads_talk() {
 }
 
 #[test]
-fn virtual_deadline_leaps_from_start_to_start_and_skips_what_passed() {
+fn virtual_deadline_leaps_from_start_to_start_and_skips_passed_ones() {
     let clock = VirtualClock::new();
     let mut deadline = VirtualDeadline::new(&clock, 1_000);
     assert_eq!(deadline.wait().woke_ns, 1_000);
@@ -139,10 +141,10 @@ fn virtual_deadline_leaps_from_start_to_start_and_skips_what_passed() {
 
 /// Thirty answered cycles: all frames that arrived, and the rig.
 fn thirty_cycles(faults: Faults, seed: u64) -> (Vec<Frame>, Pair<FaultInjector<InProcess>>) {
-    let mut rig = spoiled(faults, seed);
+    let mut rig = with_faults(faults, seed);
     let mut seen = Vec::new();
     for _ in 0..30 {
-        rig.say(&frames(&answers()));
+        rig.send_from_peer(&frames(&answers()));
         seen.extend_from_slice(receive(rig.bus()).as_slice());
     }
     for frame in &mut seen {
@@ -179,7 +181,7 @@ fn same_seed_gives_the_same_faults_and_another_seed_others() {
 }
 
 #[test]
-fn each_fault_does_what_its_name_says() {
+fn each_fault_has_the_effect_of_its_name() {
     let sure = 1.0;
     let all = 30 * 4;
     let of = |faults| thirty_cycles(faults, 3).0;
@@ -194,7 +196,7 @@ fn each_fault_does_what_its_name_says() {
     });
     assert_eq!(duplicate.len(), 2 * all);
     assert_eq!(duplicate[0], duplicate[1]);
-    // Late by one call; the last call's are still held back.
+    // Each frame is late by one call; those of the last call are still held back.
     let delay = of(Faults {
         delay: sure,
         ..Faults::default()
@@ -229,7 +231,7 @@ fn lost_answer_is_waited_for_until_the_deadline() {
     let table = table();
     let mut bus = FaultInjector::new(lock_step(), &table, faults, 1);
     let mut gather = Gather::new(table.message_count());
-    bus.inner_mut().say(&frames(&answers()));
+    bus.inner_mut().send_from_peer(&frames(&answers()));
     let until = bus.now_ns() + 400_000;
     bus.receive(&mut Frames::new(MAX_FRAMES), &mut gather, &table, until);
     assert_eq!(gather.missing().count(), 4);

@@ -1,4 +1,4 @@
-//! The bus suite on a real kernel's CAN, and what only that has: other programs on the same
+//! The bus suite on a real kernel's CAN, and cases that only a kernel has: other programs on the same
 //! interface, error frames, interfaces that are missing or go down. Needs vcan0 and vcan1.
 #![cfg(feature = "vcan")]
 
@@ -17,7 +17,7 @@ use torqued::bus::{Bus, Line, OpenError, SocketCan};
 
 const INTERFACES: [&str; 2] = ["vcan0", "vcan1"];
 
-/// Everybody on an interface hears everything: one test at a time.
+/// Every socket of an interface receives every frame: one test at a time.
 fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
@@ -35,7 +35,7 @@ fn open() -> SocketCan {
     SocketCan::open(&INTERFACES.map(line)).unwrap()
 }
 
-/// The `socketcan` crate's socket: somebody else's reading of the kernel's interface.
+/// The `socketcan` crate's socket: an independent user of the kernel's interface.
 fn outsider(interface: &str) -> CanFdSocket {
     let socket = CanFdSocket::open(interface).unwrap();
     socket.set_read_timeout(Duration::from_secs(5)).unwrap();
@@ -59,20 +59,20 @@ impl Rig for Two {
     fn bus(&mut self) -> &mut dyn Bus {
         &mut self.bus
     }
-    fn say(&mut self, frames: &Frames) {
+    fn send_from_peer(&mut self, frames: &Frames) {
         assert_eq!(self.other.send(frames), frames.len());
     }
-    fn hear(&mut self) -> (Vec<Frame>, u64) {
-        let mut heard = Vec::new();
+    fn received_by_peer(&mut self) -> (Vec<Frame>, u64) {
+        let mut received = Vec::new();
         let mut never = Gather::new(1);
         let mut rx = Frames::new(MAX_FRAMES);
         loop {
             rx.clear();
             self.other.receive(&mut rx, &mut never, &table(), 0);
             if rx.is_empty() {
-                return (heard, self.other.counters().dropped);
+                return (received, self.other.counters().dropped);
             }
-            heard.extend_from_slice(rx.as_slice());
+            received.extend_from_slice(rx.as_slice());
         }
     }
 }
@@ -87,7 +87,7 @@ fn socketcan_conforms() {
 }
 
 #[test]
-fn another_implementation_reads_what_is_sent() {
+fn another_implementation_reads_sent_frames() {
     let _alone = alone();
     let (one, two) = (outsider("vcan0"), outsider("vcan1"));
     let mut bus = open();
@@ -113,12 +113,12 @@ fn another_implementation_reads_what_is_sent() {
         panic!("not a classic frame");
     };
     assert_eq!((seen.raw_id(), seen.data().len()), (STRANGER, 0));
-    // Nobody hears himself.
+    // No socket receives its own frames.
     assert!(receive(&mut bus).is_empty());
 }
 
 #[test]
-fn what_another_implementation_writes_is_read() {
+fn frames_of_another_implementation_are_read() {
     let _alone = alone();
     let mut bus = open();
     let (one, two) = (outsider("vcan0"), outsider("vcan1"));
@@ -163,7 +163,7 @@ fn error_frames_are_seen_and_complete_nothing() {
 }
 
 #[test]
-fn interfaces_of_no_bus_are_not_heard() {
+fn interfaces_of_no_bus_are_not_read() {
     let _alone = alone();
     let mut bus = SocketCan::open(&[line("vcan1")]).unwrap();
     let data = CanDataFrame::new(StandardId::new(0x101).unwrap(), &[0; 8]).unwrap();
@@ -192,7 +192,7 @@ fn losses_in_the_kernel_are_counted() {
             break;
         }
     }
-    // The kernel tells its count with the next frame it delivers.
+    // The kernel reports its count with the next frame it delivers.
     other.send(&frames(&[frame(0, ONE, 8, false, 1)]));
     rx.clear();
     bus.receive(&mut rx, &mut never, &table(), 0);

@@ -1,5 +1,5 @@
-"""The leg on a machine whose time counts (docs/testing.md): no cycle is late, and the loop asks
-nothing of the kernel but the timer and the bus."""
+"""The leg on a real-time machine (docs/testing.md): no cycle is late, and the loop makes no system
+call but those for the timer and the bus."""
 
 import json
 import re
@@ -9,7 +9,7 @@ import pytest
 from processes import BINARIES, ROOT, derived_config
 
 CYCLES = 5000
-# Linux on x86-64: what the loop may call, by number.
+# Linux on x86-64: system calls that the loop may make, by number.
 TIMER = {230: "clock_nanosleep"}
 BUS = {7: "poll", 271: "ppoll", 299: "recvmmsg", 307: "sendmmsg"}
 
@@ -33,19 +33,19 @@ def results(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def torqued(results):
-    """What torqued reported of the undisturbed run."""
+    """The report of torqued of the undisturbed run."""
     return json.loads((results / "torqued.json").read_text())
 
 
 def counted(results, event):
-    """What the kernel counted in the second run: {key: hits}."""
+    """Counts of the kernel in the second run: {key: hits}."""
     text = (results / "counts" / event).read_text()
     assert "Totals:" in text
     return {int(k): int(n) for k, n in re.findall(r"\{ \w+: +(\d+) \} hitcount: +(\d+)", text)}
 
 
 def of_the_loop(results, event):
-    """The loop's share of what the kernel counted by thread."""
+    """Counts of the kernel for the loop's thread."""
     return counted(results, event).get(int((results / "counts" / "loop_thread").read_text()), 0)
 
 
@@ -97,6 +97,6 @@ def test_loop_faults_no_page(results):
 
 
 def test_other_threads_were_counted(results):
-    """Or the zeros above would mean nothing."""
+    """Otherwise the zeros above would prove nothing."""
     for event in ("malloc", "free", "page_fault_user"):
         assert sum(counted(results, event).values()) > 0, event

@@ -2,7 +2,7 @@
 
     python command.py ROBOT [nan | stubborn]
 
-nan: with NaN for the first joint's wanted torque; stubborn: even where nobody listens.
+nan: the first joint's desired torque is NaN; stubborn: it goes on without a daemon.
 """
 
 import math
@@ -13,13 +13,13 @@ import torqued
 
 client = torqued.Client(sys.argv[1], timeout_s=10.0)
 commander = torqued.Commander(client)
-wanted = commander.reference
-wanted.mode = torqued.Mode.INVERSE_DYNAMICS
-for joint, seen in zip(wanted.joints, client.next_record().cycle.measured.joints):
-    joint.q_d = seen.q
+desired = commander.reference
+desired.mode = torqued.Mode.INVERSE_DYNAMICS
+for joint, measured in zip(desired.joints, client.next_record().cycle.measured.joints):
+    joint.q_d = measured.q
 if sys.argv[2:] == ["nan"]:
-    wanted.mode = torqued.Mode.TORQUE
-    wanted.joints[0].tau_d = math.nan
+    desired.mode = torqued.Mode.TORQUE
+    desired.joints[0].tau_d = math.nan
 commander.send()
 print("commanding", flush=True)
 while True:

@@ -1,4 +1,4 @@
-"""What the tests share: the leg's config. They are clients themselves."""
+"""The leg's config, shared by the tests, which are clients themselves."""
 
 import sys
 from pathlib import Path
@@ -8,10 +8,9 @@ from processes import CLIENT, LEG, derived_config
 
 sys.path.insert(0, str(CLIENT))
 
-# User-Mode Linux needs some 2 ms for what takes a real kernel 0.1 ms, and QEMU's clock leaps
-# while it reads files: time enough that no test depends on it. That 1 kHz is kept is shown where
-# time counts (rt-tests/timing).
-PATIENT = {
+# User-Mode Linux needs some 2 ms where a real kernel needs 0.1 ms, and QEMU's clock leaps while
+# it reads files: limits so wide that no test depends on the clock. rt-tests/timing tests 1 kHz.
+SLOW = {
     "rate_hz = 1000.0": "rate_hz = 200.0",
     "gather_deadline_us = 750.0": "gather_deadline_us = 4500.0",
     "stale_after_ms = 20.0": "stale_after_ms = 200.0",
@@ -21,10 +20,10 @@ PATIENT = {
 
 @pytest.fixture(scope="session")
 def leg_changes():
-    """What this kernel needs changed in the leg's config."""
+    """Changes of the leg's config for this kernel."""
     processor = Path("/proc/cpuinfo").read_text()
     virtual = any(name in processor for name in ("User Mode Linux", "QEMU TCG"))
-    return PATIENT if virtual else {}
+    return SLOW if virtual else {}
 
 
 @pytest.fixture(scope="session")

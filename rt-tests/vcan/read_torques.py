@@ -1,4 +1,4 @@
-"""A client that reads records until the robot has run so many cycles, and says what was in them.
+"""A client that reads records until the robot has run so many cycles, and reports their torques.
 
     python read_torques.py ROBOT CYCLES
 """

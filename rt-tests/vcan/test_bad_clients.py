@@ -1,4 +1,4 @@
-"""What a client may do wrong, and die: counted, reported, and the robot holds its position."""
+"""Wrong references and deaths of clients: counted, reported, and the robot holds its position."""
 
 import signal
 import time
@@ -18,7 +18,7 @@ def robot(leg):
 
 
 def record_where(client, holds, limit_s=10.0):
-    """The first record from now on for which that holds."""
+    """The first record from now on that meets a condition."""
     client.latest()
     until = time.monotonic() + limit_s
     while not holds(record := client.next_record(timeout_s=5.0)):
@@ -27,7 +27,7 @@ def record_where(client, holds, limit_s=10.0):
 
 
 def assert_holds(client, seconds=0.5):
-    """The set-points stand still, and the joints with them."""
+    """Asserts that neither set-points nor joints move."""
     first = record_where(client, lambda r: r.cycle.mode == torqued.Mode.HOLD).cycle
     until = time.monotonic() + seconds
     while time.monotonic() < until:
@@ -41,7 +41,7 @@ def assert_holds(client, seconds=0.5):
 
 
 def count(record, name):
-    """How often an event has occurred."""
+    """Number of occurrences of an event."""
     names = [event.name for event in torqued.EVENTS]
     return record.cycle.events[names.index(name)]
 
@@ -68,14 +68,14 @@ def test_killed_client_leaves_the_robot_holding(robot):
     seen = record_where(client, lambda r: count(r, "reference_stale") > 0)
     assert seen.cycle.mode == torqued.Mode.HOLD
     assert_holds(client)
-    # The next one may command.
+    # Another client may command now.
     with torqued.Commander(client) as next_one:
         next_one.send()
     report = process.terminate()
     assert report["fault"] == 0
 
 
-def test_client_that_streams_on_is_not_obeyed_by_the_next_daemon(leg):
+def test_references_for_a_dead_daemon_do_not_reach_the_next(leg):
     with simulator(leg):
         with daemon(leg) as first:
             client = torqued.Client("leg", timeout_s=10.0)

@@ -1,5 +1,5 @@
-"""What a bus or a config says that it should not: answered at the start with a message, in the
-running loop by counting; the robot never jumps."""
+"""Wrong frames and configs: refused at the start with a message, counted in the running loop; the
+robot never jumps."""
 
 import signal
 import socket
@@ -10,7 +10,7 @@ from processes import BINARIES, Process, daemon, derived_config, simulator
 
 
 def send(interface, identifier, data, count):
-    """Puts frames on a bus, as a stranger would."""
+    """Puts frames of no known sender on a bus."""
     with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as bus:
         bus.bind((interface,))
         for _ in range(count):
@@ -27,7 +27,7 @@ def test_interface_that_does_not_exist_is_refused(tmp_path):
     assert "vcan0" in torqued.output(), "names the interfaces that are there"
 
 
-def test_strange_frames_are_counted_and_change_nothing(leg):
+def test_unknown_frames_are_counted_and_change_nothing(leg):
     with simulator(leg) as sim, daemon(leg) as torqued:
         send("vcan0", 0x7AA, b"who?", count=7)
         send("vcan1", 0x80000101 | 0x7A000, b"", count=2)
@@ -41,7 +41,7 @@ def test_strange_frames_are_counted_and_change_nothing(leg):
     assert robot["frames_unknown"] == 9
 
 
-def test_silent_robot_is_a_latched_fault(leg):
+def test_robot_without_answers_is_a_latched_fault(leg):
     with simulator(leg) as sim, daemon(leg) as torqued:
         sim.send(signal.SIGSTOP)
         torqued.wait_for("FAULT 104 joint_stale")

@@ -13,7 +13,7 @@ INTERFACES = ("vcan0", "vcan1")
 
 @pytest.fixture(scope="module")
 def run(leg):
-    """What each of them reports of ten seconds, and what the kernel counted on the buses."""
+    """The reports of both over ten seconds, and the kernel's counts of frames on the buses."""
     cycles = round(SECONDS * float(re.search(r"rate_hz = ([\d.]+)", leg.read_text())[1]))
     before = kernel_frames(*INTERFACES)
     with simulator(leg) as sim, daemon(leg) as torqued:
@@ -31,7 +31,7 @@ def run(leg):
 
 
 def test_every_cycle_was_answered(run):
-    # Perhaps too late for it: when, is not for this kernel to say.
+    # Some answers may be late: this kernel gives no guarantee of time.
     assert run.torqued["cycles"] == run.sim["cycles"] >= run.cycles
     assert run.torqued["fault"] == 0
 

@@ -21,7 +21,7 @@ touch = [{ link = "base_link", type = "full_wrench" }, { link = "ankle_ft", type
 
 @pytest.fixture
 def hanging(tmp_path, leg_changes):
-    """The leg with sets of contacts, and an F/T sensor that needs a tare."""
+    """The leg with contact sets, and an F/T sensor that needs a tare."""
     line = 'unknown_wrench_link = "base_link"\n'
     config = derived_config(tmp_path, leg_changes | {line: ""})
     config.write_text(config.read_text() + CONTACTS)
@@ -55,7 +55,7 @@ def test_a_tare_holds_and_is_kept(hanging):
             client = torqued.Client("leg", timeout_s=10.0)
             before = settled(client)
             assert client.contact_set_names == ["standing", "in_the_air"]
-            with pytest.raises(torqued.RefusedError, match="touches every part"):
+            with pytest.raises(torqued.RefusedError, match="every part of the robot has a contact"):
                 client.tare("standing")
             sensor = client.tare("in_the_air").ft[0]
             assert sensor.known == 0b111111
@@ -64,7 +64,7 @@ def test_a_tare_holds_and_is_kept(hanging):
             code, shown, _ = torquectl("tare", "--show")
             assert code == 0
             assert json.loads(shown)["ft"][0]["offset"]["force_N"] == offset
-            # A quarter of a second later the loop goes by it.
+            # The loop has adopted it a quarter of a second later.
             client.latest()
             rate = client.description.rate_hz
             for _, record in zip(range(int(0.5 * rate)), client.records(10.0)):
@@ -82,20 +82,19 @@ def test_a_tare_holds_and_is_kept(hanging):
             client = torqued.Client("leg", timeout_s=10.0)
             assert list(client.next_record(10.0).cycle.measured.ft[0].offset.force) == offset
             assert re.search(r"F/T offsets of 20\S+Z \(.* old\), contacts in_the_air", process.output())
-            code, _, said = torquectl("tare", "--contacts", "moon")
-            assert code == 2 and "standing, in_the_air" in said
+            code, _, error = torquectl("tare", "--contacts", "moon")
+            assert code == 2 and "standing, in_the_air" in error
             assert torquectl("tare", "--forget")[0] == 0
             assert not state_file().exists()
             process.terminate()
 
 
-def test_a_damaged_file_is_not_passed_over(hanging):
+def test_a_damaged_file_keeps_the_daemon_from_starting(hanging):
     state_file().parent.mkdir(parents=True, exist_ok=True)
     state_file().write_text("format = 1\nrobot = \"leg\"\ndate = ")
     try:
         process = Process(BINARIES / "torqued", "run", hanging)
         assert process.wait() == 2
-        assert str(state_file()) in process.output()
-        assert "line 3" in process.output() and "remove it" in process.output()
+        assert f"{state_file()}:3: " in process.output() and "remove it" in process.output()
     finally:
         state_file().unlink()

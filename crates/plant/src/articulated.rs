@@ -1,9 +1,9 @@
 //! Rigid-body forward dynamics by the articulated-body method in world coordinates.
 //!
 //! Every motion and force is a six-vector about the world's origin in the world's axes, `[angular;
-//! linear]`. Then nothing needs a change of frame on its way along the tree: composite inertias,
-//! forces and accelerations are plain sums. Base acceleration starts at minus gravity, so that all
-//! accelerations here are proper (what an accelerometer feels) and weight needs no term.
+//! linear]`. No quantity changes its frame along the tree: composite inertias, forces and
+//! accelerations are plain sums. Base acceleration starts at minus gravity, so that all
+//! accelerations here are proper (as an accelerometer measures them) and weight needs no term.
 //!
 //! Spring-dampers are integrated implicitly: one that acts on a body adds `dt (C + dt K)` to that
 //! body's articulated inertia, one that acts on a joint adds the same to the joint's armature.
@@ -25,7 +25,7 @@ struct Moving {
     bias: Vector6<f64>,
     inertia: Matrix6<f64>,
     articulated: Matrix6<f64>,
-    /// Force that would be needed if nothing accelerated, less what acts from outside.
+    /// Bias force: needed without acceleration, less the external wrenches.
     resistance: Vector6<f64>,
     u: Vector6<f64>,
     d: f64,
@@ -66,7 +66,7 @@ impl Dynamics {
         }
     }
 
-    /// Placements and velocities of all bodies; forgets all forces.
+    /// Placements and velocities of all bodies; clears all forces.
     pub fn kinematics(&mut self, tree: &Tree, state: &State) {
         for i in 0..tree.bodies.len() {
             let body = &tree.bodies[i];
@@ -103,12 +103,12 @@ impl Dynamics {
         }
     }
 
-    /// Lets a wrench about the world's origin act on a body during the next `solve`.
+    /// Applies a wrench about the world's origin to a body during the next `solve`.
     pub fn push(&mut self, body: usize, wrench: &Vector6<f64>) {
         self.bodies[body].resistance -= wrench;
     }
 
-    /// Lets a wrench `-matrix a` act on a body, `a` being its true acceleration: the implicit part
+    /// Applies a wrench `-matrix a` to a body, `a` being its true acceleration: the implicit part
     /// of a spring-damper.
     pub fn resist(&mut self, body: usize, matrix: &Matrix6<f64>) {
         let m = &mut self.bodies[body];
@@ -166,20 +166,20 @@ impl Dynamics {
         base_acceleration
     }
 
-    /// Forgets the wrenches noted by `note_external`.
+    /// Clears the wrenches recorded by `note_external`.
     pub fn clear_external(&mut self) {
         for m in &mut self.bodies {
             m.external.fill(0.0);
         }
     }
 
-    /// Notes what really acted from outside on a body, for `wrenches`.
+    /// Records the external wrench that acted on a body, for `wrenches`.
     pub fn note_external(&mut self, body: usize, wrench: &Vector6<f64>) {
         self.bodies[body].external += wrench;
     }
 
     /// The wrench that each body's parent applies to it, from the accelerations of the last
-    /// `solve` and the noted external wrenches (Newton-Euler, leaves to base).
+    /// `solve` and the recorded external wrenches (Newton-Euler, leaves to base).
     pub fn wrenches(&mut self, tree: &Tree) {
         for m in &mut self.bodies {
             let momentum = m.inertia * m.velocity;
@@ -201,14 +201,14 @@ impl Dynamics {
         }
     }
 
-    /// The wrench on the base that nothing accounts for, from the last `wrenches` call: zero for
-    /// a floating base whose accelerations are right.
+    /// Residual wrench on the base, from the last `wrenches` call: zero for a floating base whose
+    /// accelerations are right.
     #[must_use]
     pub fn missing(&self) -> Vector6<f64> {
         self.bodies[0].through
     }
 
-    /// Joint torque that the last `wrenches` call found for a joint, N·m.
+    /// Torque of a joint from the last `wrenches` call, N·m.
     #[must_use]
     pub fn torque(&self, tree: &Tree, dof: usize) -> f64 {
         (tree.bodies.iter().zip(&self.bodies))
@@ -216,8 +216,8 @@ impl Dynamics {
             .map_or(0.0, |(_, m)| m.axis.dot(&m.through))
     }
 
-    /// The wrench that what lies before a frame's body applies to it, about the frame's origin in
-    /// the frame's axes: force and torque.
+    /// The wrench that the parent of a frame's body applies to it, about the frame's origin in the
+    /// frame's axes: force and torque.
     #[must_use]
     pub fn wrench_at(&self, frame: &Frame) -> (Vector3<f64>, Vector3<f64>) {
         let m = &self.bodies[frame.body];

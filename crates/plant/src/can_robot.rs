@@ -15,12 +15,12 @@ use robot_config::{FtParameters, JointParameters, Robot, slots};
 use robot_state::Wrench;
 use std::f64::consts::TAU;
 
-/// Answers SYNC as drives, F/T sensors and IMU would, and obeys commands.
+/// Answers SYNC as drives, F/T sensors and IMU do, and follows commands.
 ///
 /// Time passes by one period each cycle: at the first SYNC of a bus that has already been
 /// answered since the last period. So all buses answer from the same instant whatever the order
-/// of their SYNCs, and a SYNC lost on one bus does not stop the others. What sensors with clocks of
-/// their own have sent meanwhile on any bus comes then too, with earlier stamps.
+/// of their SYNCs, and a SYNC lost on one bus does not stop the others. Frames that sensors with
+/// clocks of their own have sent meanwhile on any bus arrive then too, with earlier stamps.
 #[derive(Debug, Clone)]
 pub struct CanRobot {
     robot: SimRobot,
@@ -29,7 +29,7 @@ pub struct CanRobot {
     sync: Vec<Frame>,
     /// Buses that have been answered in this period.
     answered: Vec<bool>,
-    /// Per F/T sensor.
+    /// One per F/T sensor.
     electronics: Vec<Electronics>,
     values: Vec<f64>,
     commands: Vec<f64>,
@@ -78,7 +78,7 @@ impl CanRobot {
             if self.sync.iter().any(|s| is_sync(&s)) {
                 self.answer(frame.bus, now_ns, out);
             } else {
-                self.obey(frame);
+                self.follow_command(frame);
             }
         }
     }
@@ -88,7 +88,7 @@ impl CanRobot {
             self.robot.advance();
             self.fill_values();
             self.answered.fill(false);
-            self.tell_sent(now_ns, out);
+            self.publish_sent(now_ns, out);
         }
         if let Some(answered) = self.answered.get_mut(usize::from(bus)) {
             *answered = true;
@@ -103,14 +103,14 @@ impl CanRobot {
         }
     }
 
-    /// A message waits for SYNC if anything in it does.
+    /// True for a message with a source that answers SYNC.
     fn answers(&self, message: usize) -> bool {
         let mut slots = self.receive.slots(message);
         slots.any(|slot| self.robot.answers(slots::source(slot)))
     }
 
     /// Frames of sensors with clocks of their own, up to now.
-    fn tell_sent(&mut self, now_ns: u64, out: &mut Frames) {
+    fn publish_sent(&mut self, now_ns: u64, out: &mut Frames) {
         let now = self.robot.time();
         let mut frame = Frame::zeroed(0, 0, 0, false);
         for at in 0..self.robot.readings().sent.len() {
@@ -132,7 +132,7 @@ impl CanRobot {
         }
     }
 
-    fn obey(&mut self, frame: &Frame) {
+    fn follow_command(&mut self, frame: &Frame) {
         match self.send.decode(frame, &mut self.commands) {
             Ok(Some(index)) => {
                 for joint in self.send.slots(index) {
@@ -165,7 +165,7 @@ impl CanRobot {
         self.set(Source::Imu, &imu);
     }
 
-    /// Puts a source's readings where frames take them from.
+    /// Stores a source's readings in the values that frames encode.
     fn set(&mut self, source: Source, values: &[f64; 6]) {
         let mut set = |slot: usize, value: f64| {
             if let Some(place) = self.values.get_mut(slot) {
@@ -197,7 +197,7 @@ impl CanRobot {
         }
     }
 
-    /// What is really so, at the last sampling of the sensors. Joints in config order.
+    /// The true quantities at the last sampling of the sensors. Joints in config order.
     #[must_use]
     pub fn truth(&self) -> &Truth {
         self.robot.truth()
@@ -209,15 +209,15 @@ impl CanRobot {
         &self.robot
     }
 
-    /// Frames that no drive knew, or of the wrong length.
+    /// Number of frames with an unknown id or of the wrong length.
     #[must_use]
     pub fn unknown_frames(&self) -> u64 {
         self.unknown
     }
 }
 
-/// What an F/T sensor sends for a wrench that it makes out: signals that its calibration sheet, which
-/// is the configuration, turns back into that wrench at the reference temperature.
+/// Signals of an F/T sensor for a measured wrench: its calibration sheet, the configuration, turns
+/// them back into that wrench at the reference temperature.
 #[derive(Debug, Clone)]
 struct Electronics {
     sheet: Matrix6<f64>,
@@ -229,7 +229,7 @@ impl Electronics {
         let rows = &ft.conditioning.calibration;
         let calibration = Matrix6::from_fn(|i, j| rows[i][j]);
         Self {
-            // The configuration has been found invertible.
+            // The configuration was checked: the matrix is invertible.
             sheet: (calibration.try_inverse()).unwrap_or_else(Matrix6::identity),
             unloaded: ft.conditioning.offset.into(),
         }

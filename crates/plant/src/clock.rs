@@ -1,14 +1,14 @@
-//! When sensors are sampled: at SYNC or by clocks of their own, and how late.
+//! Sampling times of sensors: at SYNC or by clocks of their own, with latency.
 
 use crate::parameters::{Sampled, SamplingParameters, SimParameters};
 use crate::plan::Plan;
 use crate::random::Random;
 
-/// When one sensor is sampled.
+/// Sampling times of one sensor.
 #[derive(Debug, Clone)]
 pub struct Clock {
     parameters: SamplingParameters,
-    /// Its own next instant, s since the start, and time between two; none: at SYNC.
+    /// Next instant of its own clock, s since the start, and its period, s; `None`: at SYNC.
     own: Option<(f64, f64)>,
     random: Random,
 }
@@ -16,9 +16,9 @@ pub struct Clock {
 /// An instant at which a sensor is sampled by its own clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instant {
-    /// What it shows was so then, s since the start.
-    pub shown: f64,
-    /// Its frame is stamped then, s since the start.
+    /// Time of the measured quantity, s since the start.
+    pub measured: f64,
+    /// Time stamp of its frame, s since the start.
     pub stamp: f64,
 }
 
@@ -38,19 +38,19 @@ impl Clock {
         }
     }
 
-    /// It is sampled at SYNC.
+    /// True if it is sampled at SYNC.
     #[must_use]
     pub fn at_sync(&self) -> bool {
         self.own.is_none()
     }
 
-    /// Only what is felt at SYNC itself is ever shown.
+    /// True if only the input at SYNC itself is ever measured: no past input is needed.
     #[must_use]
-    pub fn forgets(&self) -> bool {
+    pub fn needs_no_past(&self) -> bool {
         self.at_sync() && self.parameters.latency == 0.0
     }
 
-    /// How long before the sample is taken what it shows was so, s.
+    /// Age of the measured quantity when the sample is taken, s.
     #[must_use]
     pub fn latency(&self) -> f64 {
         self.parameters.latency
@@ -63,21 +63,21 @@ impl Clock {
         (taken <= time).then(|| {
             *next += *period;
             Instant {
-                shown: taken - self.parameters.latency,
+                measured: taken - self.parameters.latency,
                 stamp: taken + self.parameters.stamp_jitter * self.random.unit(),
             }
         })
     }
 }
 
-/// When each sensor is sampled.
+/// Sampling times of all sensors.
 #[derive(Debug, Clone)]
 pub(crate) struct Clocks {
     /// In the plan's order.
     pub(crate) joints: Vec<Clock>,
     pub(crate) ft: Vec<Clock>,
     pub(crate) imu: Clock,
-    /// Some F/T sensor or the IMU shows what was felt between two SYNCs.
+    /// True if an F/T sensor or the IMU measures the input between two SYNCs.
     pub(crate) all_steps: bool,
 }
 
@@ -97,7 +97,7 @@ impl Clocks {
         let (joints, ft): (_, Vec<Clock>) = (joints.collect(), ft.collect());
         let imu = Clock::new(&sim.imu.sampling, plan.period, random(0));
         Self {
-            all_steps: !imu.forgets() || !ft.iter().all(Clock::forgets),
+            all_steps: !imu.needs_no_past() || !ft.iter().all(Clock::needs_no_past),
             joints,
             ft,
             imu,
@@ -105,7 +105,7 @@ impl Clocks {
     }
 }
 
-/// Steps that a sensor must remember to be as late as it is.
+/// Steps of past input that a sensor's latency needs.
 pub(crate) fn steps_kept(sampling: &SamplingParameters, sim: &SimParameters) -> usize {
     2 + 2 * (sampling.latency / sim.substep).ceil() as usize
 }

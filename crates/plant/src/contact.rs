@@ -1,7 +1,7 @@
 //! Forces from outside: the floor under the soles' corners, a harness, pushes.
 //!
-//! Each is a spring-damper `-K x - C v` whose velocity is that at the end of the step: what the
-//! step's acceleration adds is left to the articulated-body method as an implicit part.
+//! Each is a spring-damper `-K x - C v` whose velocity is that at the end of the step: the part due
+//! to the step's acceleration is left to the articulated-body method as an implicit part.
 
 use crate::articulated::Dynamics;
 use crate::parameters::{GroundParameters, HarnessParameters, PushParameters};
@@ -14,9 +14,9 @@ use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3, Vector6};
 pub struct Corner {
     body: usize,
     local: Vector3<f64>,
-    /// Where friction holds the corner, once it touches: x, y.
+    /// Anchor of the friction, while the corner touches: x, y, m.
     anchor: Option<[f64; 2]>,
-    /// Of the current step: what the corner feels if nothing accelerates, and the implicit part.
+    /// Force on the corner in the current step without acceleration, and the implicit part.
     predicted: Vector3<f64>,
     implicit: Vector3<f64>,
     position: Vector3<f64>,
@@ -51,7 +51,7 @@ impl Corner {
         wrench_of(&self.position, &self.force)
     }
 
-    /// Forgets where friction held the corner.
+    /// Clears the anchor of the friction.
     pub fn release(&mut self) {
         self.anchor = None;
     }
@@ -76,16 +76,16 @@ impl Corner {
         let gain = ground.tangential_damping + dt * k;
         let fx = -k * (position.x - anchor[0]) - gain * velocity.x;
         let fy = -k * (position.y - anchor[1]) - gain * velocity.y;
-        let (wanted, limit) = (fx.hypot(fy), ground.friction * normal);
-        if wanted <= limit {
+        let (sticking, limit) = (fx.hypot(fy), ground.friction * normal);
+        if sticking <= limit {
             self.predicted.x = fx;
             self.predicted.y = fy;
             self.implicit.x = gain;
             self.implicit.y = gain;
         } else {
-            // Slides: the anchor follows so that its spring alone carries the friction.
-            self.predicted.x = fx * limit / wanted;
-            self.predicted.y = fy * limit / wanted;
+            // The corner slides: the anchor follows so that its spring alone carries the friction.
+            self.predicted.x = fx * limit / sticking;
+            self.predicted.y = fy * limit / sticking;
             anchor[0] = position.x + self.predicted.x / k;
             anchor[1] = position.y + self.predicted.y / k;
         }
@@ -98,7 +98,7 @@ impl Corner {
         );
     }
 
-    /// Notes the force that the solved accelerations led to.
+    /// Records the force that follows from the solved accelerations.
     pub fn commit(&mut self, dynamics: &mut Dynamics, dt: f64) {
         let a = dynamics.acceleration(self.body);
         let (alpha, linear) = split(&a);
@@ -196,7 +196,7 @@ impl Harness {
         dynamics.resist(self.frame.body, &angular);
     }
 
-    /// Notes the wrench that the solved accelerations led to.
+    /// Records the wrench that follows from the solved accelerations.
     pub fn commit(&mut self, dynamics: &mut Dynamics, dt: f64) {
         let (alpha, linear) = split(&dynamics.acceleration(self.frame.body));
         let point = linear + alpha.cross(&self.position);
@@ -268,7 +268,7 @@ impl Push {
         dynamics.push(self.frame.body, &self.wrench);
     }
 
-    /// Notes the wrench.
+    /// Records the wrench.
     pub fn commit(&self, dynamics: &mut Dynamics) {
         dynamics.note_external(self.frame.body, &self.wrench);
     }

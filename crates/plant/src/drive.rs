@@ -1,4 +1,4 @@
-//! A drive as its user knows it: data sheet, set point, reading.
+//! The public side of a drive: data sheet, set point, reading.
 
 use crate::kinematic_error::KinematicError;
 
@@ -20,13 +20,13 @@ pub struct DriveSheet {
     pub torque_constant: f64,
     /// J_m: rotor inertia, kg·m².
     pub rotor_inertia: f64,
-    /// Counts a turn of the motor encoder.
+    /// Counts per turn of the motor encoder.
     pub motor_counts_per_turn: f64,
-    /// Counts a turn of the link encoder.
+    /// Counts per turn of the link encoder.
     pub link_counts_per_turn: f64,
     /// Quantity of the set points.
     pub command: Command,
-    /// The kinematic error that calibration found; the true one has more to it.
+    /// The calibrated part of the kinematic error; the true one has further harmonics.
     pub kinematic_error: KinematicError,
 }
 

@@ -1,6 +1,6 @@
 //! Friction with stiction: a bristle that bends before it slides (LuGre).
 
-/// A bristle: sticks like a spring, slides at a level that the caller sets step by step.
+/// A bristle: it sticks like a spring and slides at a level that the caller sets step by step.
 #[derive(Debug, Clone, Default)]
 pub struct Bristle {
     /// z: bend, rad.
@@ -31,7 +31,7 @@ impl Bristle {
         )
     }
 
-    /// Bends on with the velocity that the step came to.
+    /// Advances the bend with the velocity at the end of the step.
     pub fn advance(&mut self, c: &BristleConstants, level: f64, v: f64, dt: f64) {
         self.bend = (self.bend + dt * v) / (1.0 + dt * c.stiffness * v.abs() / level);
     }

@@ -3,10 +3,10 @@
 //! ```text
 //! J_m domega/dt = K_t i - friction(theta, omega, load) - T/N        rotor, motor side
 //! T             = gear(theta/N - q - kinematic error) + damping     between gear and bearing
-//! tau           = T - bearing(dq)                                   what the child link feels
+//! tau           = T - bearing(dq)                                   torque on the child link
 //! ```
-//! `tau` is the truth: gear and bearing are all there is between parent and child about the axis.
-//! An estimator that looks at torsion sees `T`; one that looks from outside sees `tau`.
+//! `tau` is the true torque: only gear and bearing act between parent and child about the axis.
+//! An estimator from torsion determines `T`; one from external wrenches determines `tau`.
 
 use crate::controller::Controller;
 use crate::drive::{DriveReading, DriveSheet};
@@ -48,13 +48,13 @@ pub struct Joint {
     tau: f64,
 }
 
-/// What `prepare` found and `commit` needs.
+/// Results of `prepare` that `commit` needs.
 #[derive(Debug, Clone, Copy, Default)]
 struct Step {
     gear_torque: f64,
     gear_slope: f64,
     friction_level: f64,
-    /// Rotor's torque if nothing accelerates, and its effective inertia over the step.
+    /// Torque on the rotor without acceleration, and its effective inertia over the step.
     drive: f64,
     rotor: f64,
     bearing_torque: f64,
@@ -122,12 +122,12 @@ impl Joint {
         self.controller.settle(self.theta, measured);
     }
 
-    /// The drive's set point: rad link side or A.
+    /// Sets the drive's set point: rad (link side) or A.
     pub fn command(&mut self, set_point: f64) {
         self.controller.set_point = set_point;
     }
 
-    /// One turn of the drive's own control loop, `dt` after the last.
+    /// One period of the drive's own control loop, `dt` after the last.
     pub fn control(&mut self, dt: f64) {
         self.controller.tick(self.theta, dt);
     }
@@ -141,7 +141,7 @@ impl Joint {
     pub fn prepare(&mut self, q: f64, dq: f64, dt: f64) -> (f64, f64) {
         let n = self.sheet.gear_ratio;
         self.run_current_loop(dt);
-        // Implicit step: forces where the velocities would lead, and their slopes.
+        // Implicit step: forces at the predicted velocities, and their slopes.
         let (q_next, theta_next) = (q + dt * dq, self.theta + dt * self.omega);
         let torsion = theta_next / n - q_next - self.kinematic_error(q_next, theta_next);
         let (elastic, stiffness) = self.transmission.torque(torsion, torsion - self.torsion);
@@ -167,7 +167,7 @@ impl Joint {
             bearing_torque,
             bearing_slope,
         };
-        // The rotor's acceleration (drive + slope/N ddq) / rotor is put in for the link's sake.
+        // The rotor's acceleration (drive + slope/N ddq) / rotor is eliminated from the link's equation.
         let through = gear_slope / n / rotor;
         (
             gear_torque + through * drive - bearing_torque,
@@ -195,10 +195,10 @@ impl Joint {
     }
 
     fn run_current_loop(&mut self, dt: f64) {
-        // The drive regulates what its sensor shows.
-        let wanted = (self.controller.current() - self.current_offset) / self.current_gain;
+        // The drive regulates the reading of its sensor.
+        let desired = (self.controller.current() - self.current_offset) / self.current_gain;
         let lag = self.parameters.controller.current_loop;
-        self.current += (wanted - self.current) * dt / (dt + lag);
+        self.current += (desired - self.current) * dt / (dt + lag);
     }
 
     fn friction_level(&self, q: f64) -> f64 {
@@ -217,7 +217,7 @@ impl Joint {
         self.parameters.bearing.coulomb.max(1e-12)
     }
 
-    /// What the sensors say of the angles `ago` steps of `dt` before the last, encoders quantised.
+    /// Readings of the angles `ago` steps of `dt` before the last one, encoders quantised.
     pub fn sense(&mut self, ago: f64, dt: f64) -> DriveReading {
         let (s, random) = (&self.parameters.sensors, &mut self.random);
         let [earlier, _] = self.past.ago(ago + s.motor_lead / dt);
@@ -243,7 +243,7 @@ impl Joint {
         }
     }
 
-    /// What was so over the last step, which the link began at `q`, `dq`.
+    /// The true quantities over the last step, which the link began at `q`, `dq`.
     #[must_use]
     pub fn truth(&self, q: f64, dq: f64, ddq: f64) -> JointTruth {
         JointTruth {
@@ -258,13 +258,13 @@ impl Joint {
         }
     }
 
-    /// The set point that the drive follows: rad link side or A.
+    /// The set point that the drive follows: rad (link side) or A.
     #[must_use]
     pub fn set_point(&self) -> f64 {
         self.controller.set_point
     }
 
-    /// Steps of `dt` between two turns of the drive's control loop.
+    /// Steps of `dt` in a period of the drive's control loop.
     #[must_use]
     pub fn control_every(&self, dt: f64) -> u64 {
         (1.0 / (self.parameters.controller.rate * dt))

@@ -7,11 +7,11 @@ pub struct KinematicError {
     pub constant: f64,
     /// cos and sin of harmonic 1, 2, … of `link_frequency q`, rad.
     pub link: Vec<[f64; 2]>,
-    /// Periods a turn of the link's first harmonic.
+    /// Periods per turn of the link's first harmonic.
     pub link_frequency: f64,
     /// cos and sin of harmonic 1, 2, … of `motor_frequency theta`, rad.
     pub motor: Vec<[f64; 2]>,
-    /// Periods a turn of the motor's first harmonic.
+    /// Periods per turn of the motor's first harmonic.
     pub motor_frequency: f64,
 }
 

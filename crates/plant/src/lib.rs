@@ -1,9 +1,9 @@
-//! The simulated robot: the truth that every estimator is judged against.
+//! The simulated robot: the reference that every estimator is compared with.
 //!
 //! Pure and deterministic: time passes when a SYNC frame arrives ([`CanRobot`]) or at the
 //! caller's request ([`SimRobot::advance`], [`JointRig::advance`]); all randomness comes from `sim.toml`'s
 //! seed. No model code is shared with the estimators. `README.md` beside the sources lists every
-//! effect, and which of them the estimators know.
+//! effect, and which of them the estimators model.
 //!
 //! The true joint torque, `tau`, is what gear and output bearing together apply to the
 //! child link along +q, so that `M(q) a + h(q, v) - sum J^T f = S^T tau`.

@@ -1,4 +1,4 @@
-//! `sim.toml`: what the simulated robot is like beyond what its user knows.
+//! `sim.toml`: true parameters of the simulated robot that its configuration does not contain.
 
 use crate::kinematic_error::KinematicError;
 use problem::Problem;
@@ -25,7 +25,7 @@ pub struct SimParameters {
         deserialize_with = "per_cent"
     )]
     pub inertia_error: f64,
-    /// How the robot stands at the start.
+    /// The pose at the start.
     #[serde(default)]
     pub start: StartParameters,
     /// The floor; absent: none.
@@ -35,7 +35,7 @@ pub struct SimParameters {
     pub feet: Vec<FootParameters>,
     /// A stand or harness that holds a link.
     pub harness: Option<HarnessParameters>,
-    /// Pushes from outside.
+    /// External pushes.
     #[serde(default, rename = "push")]
     pub pushes: Vec<PushParameters>,
     /// F/T sensors.
@@ -67,7 +67,7 @@ pub struct StartParameters {
     pub joints: BTreeMap<String, f64>,
 }
 
-/// `[ground]`: a level floor of springs and dampers, felt at the soles' corners.
+/// `[ground]`: a level floor of springs and dampers, acting at the soles' corners.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroundParameters {
@@ -137,16 +137,16 @@ pub struct HarnessParameters {
 pub struct PushParameters {
     /// The link's name.
     pub link: String,
-    /// Begin, s since the start.
+    /// Start of the push, s since the start of the simulation.
     #[serde(rename = "start_s", deserialize_with = "non_negative")]
     pub start: f64,
     /// Duration, s; it swells and fades as half a sine.
     #[serde(rename = "duration_s", deserialize_with = "positive")]
     pub duration: f64,
-    /// Force at its height, N.
+    /// Peak force, N.
     #[serde(default, rename = "force_N", deserialize_with = "finite3")]
     pub force: [f64; 3],
-    /// Torque at its height, N·m.
+    /// Peak torque, N·m.
     #[serde(default, rename = "torque_Nm", deserialize_with = "finite3")]
     pub torque: [f64; 3],
 }
@@ -167,32 +167,33 @@ pub struct FtParameters {
     /// Bias of each torque axis, drawn up to this, N·m.
     #[serde(default, rename = "bias_Nm", deserialize_with = "non_negative")]
     pub bias_torque: f64,
-    /// Growth of the biases, as fraction of the bias a minute.
+    /// Growth of the biases, fraction of the bias per minute.
     #[serde(
         default,
         rename = "drift_per_minute",
         deserialize_with = "non_negative"
     )]
     pub drift: f64,
-    /// What each force axis shows more for each degree above `neutral_temperature`, N/K.
+    /// Thermal drift of each force axis per degree above `neutral_temperature`, N/K.
     #[serde(default, rename = "warmth_N_per_K", deserialize_with = "finite")]
     pub warmth_force: f64,
-    /// What each torque axis shows more, N·m/K.
+    /// Thermal drift of each torque axis, N·m/K.
     #[serde(default, rename = "warmth_Nm_per_K", deserialize_with = "finite")]
     pub warmth_torque: f64,
-    /// Temperature at which warmth shows nothing, °C.
+    /// Temperature without thermal drift, °C.
     #[serde(default, rename = "neutral_temperature_C", deserialize_with = "finite")]
     pub neutral_temperature: f64,
     /// Temperature at the start, °C.
     #[serde(default, rename = "temperature_C", deserialize_with = "finite")]
     pub temperature: f64,
-    /// How fast the sensors become warmer, K a minute.
+    /// Rate of warming of the sensors, K per minute.
     #[serde(default, rename = "warming_K_per_minute", deserialize_with = "finite")]
     pub warming: f64,
-    /// How much of each force axis is felt by the others, and of each torque axis likewise; drawn.
+    /// Cross-talk of each force axis on the others, and of each torque axis likewise, drawn up to
+    /// this fraction.
     #[serde(default, rename = "cross_talk_per_cent", deserialize_with = "per_cent")]
     pub cross_talk: f64,
-    /// When they are sampled.
+    /// Sampling times.
     #[serde(default)]
     pub sampling: SamplingParameters,
 }
@@ -229,34 +230,34 @@ pub struct ImuParameters {
         deserialize_with = "non_negative"
     )]
     pub accelerometer_bias: f64,
-    /// When it is sampled.
+    /// Sampling times.
     #[serde(default)]
     pub sampling: SamplingParameters,
 }
 
-/// `[ft_sensor.sampling]`, `[imu.sampling]`, `[drive.NAME.sensors.sampling]`: when it is sampled.
+/// `[ft_sensor.sampling]`, `[imu.sampling]`, `[drive.NAME.sensors.sampling]`: sampling times.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplingParameters {
     /// At SYNC, or by a clock of its own, whose phase is drawn for each sensor.
     #[serde(default)]
     pub sampled: Sampled,
-    /// How old what a sample shows is when it is taken, s; of a drive: both angles.
+    /// Age of the measured quantity when the sample is taken, s; of a drive: of both angles.
     #[serde(default, rename = "latency_us", deserialize_with = "micro0")]
     pub latency: f64,
     /// Time between its own samples, s; the loop's period if left out.
     #[serde(default, rename = "period_us", deserialize_with = "optional_micro")]
     pub period: Option<f64>,
-    /// How much faster or slower its clock is, drawn up to this fraction.
+    /// Rate error of its clock, drawn up to this fraction.
     #[serde(default, rename = "clock_error_ppm", deserialize_with = "per_million")]
     pub clock_error: f64,
-    /// How much later than sampled its frames are stamped: waiting for the bus, drawn for each
-    /// up to this, s.
+    /// Delay between sample and time stamp of a frame that waits for the bus, drawn for each up to
+    /// this, s.
     #[serde(default, rename = "stamp_jitter_us", deserialize_with = "micro0")]
     pub stamp_jitter: f64,
 }
 
-/// What makes a sensor sample.
+/// Trigger of a sensor's samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sampled {
@@ -267,13 +268,13 @@ pub enum Sampled {
     WhenSent,
 }
 
-/// `[drive.NAME]`: a kind of drive as it truly is.
+/// `[drive.NAME]`: true parameters of a kind of drive.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriveParameters {
     /// The gear.
     pub transmission: TransmissionParameters,
-    /// Kinematic error beyond the one that `robot.toml` knows.
+    /// Kinematic error besides the one in `robot.toml`.
     #[serde(default, deserialize_with = "kinematic_error")]
     pub kinematic_error: KinematicError,
     /// Friction at the motor.
@@ -331,7 +332,7 @@ pub struct TransmissionParameters {
     pub hysteresis_span: f64,
 }
 
-/// `[drive.NAME.friction]`: friction felt by the rotor, motor side.
+/// `[drive.NAME.friction]`: friction of the rotor, motor side.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotorFrictionParameters {
@@ -365,8 +366,8 @@ pub struct MotorFrictionParameters {
     /// Meshing of the gear: friction per torque carried, both motor side.
     #[serde(default, deserialize_with = "fraction")]
     pub meshing: f64,
-    /// How much friction varies with the motor's position (2 periods a turn) and with the link's
-    /// (3 periods a turn), as fraction.
+    /// Ripple of the friction over the motor's position (2 periods per turn) and over the link's
+    /// (3 periods per turn), as fraction.
     #[serde(default, rename = "ripple_per_cent", deserialize_with = "per_cent")]
     pub ripple: f64,
 }
@@ -387,7 +388,7 @@ pub struct BearingParameters {
     pub viscous: f64,
 }
 
-/// `[drive.NAME.sensors]`: what the drive's sensors get wrong beyond quantisation.
+/// `[drive.NAME.sensors]`: errors of the drive's sensors besides quantisation.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriveSensorParameters {
@@ -397,7 +398,7 @@ pub struct DriveSensorParameters {
     /// Noise of the link encoder, counts.
     #[serde(default, deserialize_with = "non_negative")]
     pub link_noise_counts: f64,
-    /// How much earlier the motor encoder is sampled than the link's, s.
+    /// Lead of the motor encoder's sample over the link encoder's, s.
     #[serde(default, rename = "motor_lead_us", deserialize_with = "micro0")]
     pub motor_lead: f64,
     /// Noise of the current, A.
@@ -424,7 +425,7 @@ pub struct DriveSensorParameters {
         deserialize_with = "per_cent"
     )]
     pub torque_constant: f64,
-    /// When all of them are sampled.
+    /// Sampling times of all of them.
     #[serde(default)]
     pub sampling: SamplingParameters,
 }
@@ -445,7 +446,7 @@ pub struct ControllerParameters {
     /// Errors smaller than this count as zero (D 3.2.1), rad link side.
     #[serde(default, rename = "dead_zone_rad", deserialize_with = "non_negative")]
     pub dead_zone: f64,
-    /// Resolution of the drive's own interpolated motor angle, counts a turn.
+    /// Resolution of the drive's own interpolated motor angle, counts per turn.
     #[serde(default = "sixteen_bits", deserialize_with = "positive")]
     pub interpolated_counts_per_turn: f64,
     /// Time constant of the velocity's low-pass, s.
@@ -460,7 +461,7 @@ pub struct ControllerParameters {
 }
 
 impl SimParameters {
-    /// The first table of a sensor that keeps its own time.
+    /// The first table of a sensor with a clock of its own.
     #[must_use]
     pub fn free_running(&self) -> Option<String> {
         let drives = self.drives.iter();
@@ -478,7 +479,7 @@ impl SimParameters {
     /// Reads a `sim.toml`.
     ///
     /// # Errors
-    /// What is wrong and what is allowed, with file, line and key.
+    /// A [`Problem`] with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, Problem> {
         let parameters: Self = toml::from_str(text).map_err(|e| locate(text, file, &e))?;
         if parameters.substep > 1e-3 {

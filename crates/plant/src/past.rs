@@ -19,17 +19,17 @@ impl<const N: usize> Past<N> {
         }
     }
 
-    /// What is felt at the end of a step; before the first one it was always so.
-    pub fn push(&mut self, felt: [f64; N]) {
+    /// Appends the input at the end of a step; the first one holds for all steps before it too.
+    pub fn push(&mut self, input: [f64; N]) {
         if !self.started {
             self.started = true;
-            self.ring.fill(felt);
+            self.ring.fill(input);
         }
         self.newest = (self.newest + 1) % self.ring.len();
-        self.ring[self.newest] = felt;
+        self.ring[self.newest] = input;
     }
 
-    /// What was felt that many steps before the newest, on straight lines between steps.
+    /// Input that many steps before the newest, linearly interpolated between steps.
     #[must_use]
     pub fn ago(&self, steps: f64) -> [f64; N] {
         let len = self.ring.len();

@@ -1,8 +1,8 @@
-//! The robot as its user knows it.
+//! The robot by its configuration.
 
 use crate::drive::DriveSheet;
 
-/// A joint as its user knows it.
+/// A joint by its configuration.
 #[derive(Debug, Clone)]
 pub struct JointPlan {
     /// The joint's name in the URDF.
@@ -13,12 +13,12 @@ pub struct JointPlan {
     pub sheet: DriveSheet,
 }
 
-/// The robot as its user knows it.
+/// The robot by its configuration.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// Whether the base moves freely.
+    /// True for a base that moves freely.
     pub floating: bool,
-    /// Joints in the user's order.
+    /// Joints in config order.
     pub joints: Vec<JointPlan>,
     /// Frames of the F/T sensors.
     pub ft_sensors: Vec<String>,

@@ -1,4 +1,4 @@
-//! What the robot's sensors show.
+//! Readings of the robot's sensors.
 
 use crate::drive::DriveReading;
 use robot_config::slots::Source;
@@ -9,7 +9,7 @@ use robot_state::Wrench;
 pub struct Readings {
     /// Drives, in the plan's order.
     pub joints: Vec<DriveReading>,
-    /// F/T sensors: the wrench that what lies beyond applies to what lies before.
+    /// F/T sensors: the wrench that the child side applies to the parent side.
     pub ft: Vec<Wrench>,
     /// Temperatures of the F/T sensors, °C.
     pub ft_temperature: Vec<f64>,
@@ -24,9 +24,9 @@ pub struct Readings {
 /// A sample that a sensor has sent by its own clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sent {
-    /// Whose it is.
+    /// Its source.
     pub source: Source,
-    /// Its frame's stamp, s since the start.
+    /// Time stamp of its frame, s since the start.
     pub stamp: f64,
     /// F/T sensor: force, torque; IMU: gyro, accelerometer; drive: theta, q, current, omega.
     pub values: [f64; 6],

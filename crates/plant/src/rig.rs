@@ -1,4 +1,4 @@
-//! A test bench for one joint: a pendulum on the gear's output and a torque from outside on it.
+//! A test bench for one joint: a pendulum on the gear's output, with an external torque on it.
 
 use crate::articulated::GRAVITY;
 use crate::drive::{DriveReading, DriveSheet};
@@ -7,7 +7,7 @@ use crate::parameters::DriveParameters;
 use crate::random::Random;
 use crate::truth::JointTruth;
 
-/// What hangs on the gear's output; at q = 0 it hangs straight down.
+/// The pendulum on the gear's output; at q = 0 it hangs straight down.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigLoad {
     /// Inertia about the joint's axis, kg·m².
@@ -18,7 +18,7 @@ pub struct RigLoad {
     pub arm: f64,
 }
 
-/// How time passes on the bench.
+/// Time steps of the bench.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigTiming {
     /// Time between samples, s.
@@ -30,9 +30,9 @@ pub struct RigTiming {
 /// One sample of the bench.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigSample {
-    /// What the drive's sensors say.
+    /// Readings of the drive's sensors.
     pub reading: DriveReading,
-    /// What is so.
+    /// The true quantities.
     pub truth: JointTruth,
 }
 
@@ -46,7 +46,7 @@ pub struct JointRig {
     steps_done: u64,
     q: f64,
     dq: f64,
-    /// Torque from outside at the end of the last period, N·m.
+    /// External torque at the end of the last period, N·m.
     external: f64,
 }
 
@@ -80,7 +80,7 @@ impl JointRig {
         }
     }
 
-    /// The drive's set point: rad link side or A.
+    /// Sets the drive's set point: rad (link side) or A.
     pub fn command(&mut self, set_point: f64) {
         self.joint.command(set_point);
     }
@@ -91,8 +91,8 @@ impl JointRig {
         self.joint.set_point()
     }
 
-    /// Lets one period pass, over which the torque from outside on the link along +q goes
-    /// linearly to `external`, N·m.
+    /// Advances by one period, over which the external torque on the link along +q goes linearly
+    /// to `external`, N·m.
     pub fn advance(&mut self, external: f64) -> RigSample {
         let dt = self.timing.period / self.timing.substeps as f64;
         let before = self.external;

@@ -37,7 +37,7 @@ pub struct SimRobot {
     pub(crate) clocks: Clocks,
     pub(crate) dt: f64,
     substeps: usize,
-    /// Steps between two turns of each drive's control loop.
+    /// Steps in a period of each drive's control loop.
     control_every: Vec<u64>,
     steps_done: u64,
     tau: Vec<f64>,
@@ -116,7 +116,7 @@ impl SimRobot {
         Ok(robot)
     }
 
-    /// Gives a drive a new set point: rad link side or A. `joint` counts in the plan's order.
+    /// Sets a drive's set point: rad (link side) or A. `joint` counts in the plan's order.
     pub fn command(&mut self, joint: usize, set_point: f64) {
         debug_assert!(set_point.is_finite());
         if let Some(&dof) = self.order.get(joint)
@@ -132,7 +132,7 @@ impl SimRobot {
         (self.order.get(joint)).map_or(0.0, |&dof| self.joints[dof].set_point())
     }
 
-    /// Lets one period pass and samples all sensors at its end.
+    /// Advances by one period and samples all sensors at its end.
     pub fn advance(&mut self) -> &Readings {
         let start = self.time();
         self.readings.sent.retain(|sent| sent.stamp > start);
@@ -148,7 +148,7 @@ impl SimRobot {
         self.steps_done as f64 * self.dt
     }
 
-    /// The source answers SYNC; others send by their own clocks.
+    /// True for a source that answers SYNC; others send by their own clocks.
     #[must_use]
     pub fn answers(&self, source: Source) -> bool {
         let clock = match source {
@@ -165,13 +165,13 @@ impl SimRobot {
         &self.readings
     }
 
-    /// What is really so, over the last step of the last period.
+    /// The true quantities over the last step of the last period.
     #[must_use]
     pub fn truth(&self) -> &Truth {
         &self.truth
     }
 
-    /// Total mass as it truly is, kg.
+    /// True total mass, kg.
     #[must_use]
     pub fn mass(&self) -> f64 {
         self.tree.mass()
@@ -195,8 +195,10 @@ impl SimRobot {
         self.surroundings.commit(&mut self.dynamics, dt);
         if last || self.clocks.all_steps {
             self.dynamics.wrenches(&self.tree);
-            self.ft.iter_mut().for_each(|ft| ft.feel(&self.dynamics));
-            self.imu.iter_mut().for_each(|imu| imu.feel(&self.dynamics));
+            self.ft.iter_mut().for_each(|ft| ft.record(&self.dynamics));
+            self.imu
+                .iter_mut()
+                .for_each(|imu| imu.record(&self.dynamics));
         }
         if last {
             self.record_truth(time, &base);

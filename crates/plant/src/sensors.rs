@@ -1,4 +1,4 @@
-//! F/T sensors and IMU: what they feel, and what they make of it.
+//! F/T sensors and IMU: from true quantities to readings with errors.
 
 use crate::articulated::Dynamics;
 use crate::parameters::{FtParameters, ImuParameters};
@@ -20,7 +20,7 @@ pub struct FtSensor {
 }
 
 impl FtSensor {
-    /// A sensor with errors of its own drawn from `random`, which remembers so many steps.
+    /// A sensor with errors of its own drawn from `random`, which keeps so many steps of past input.
     #[must_use]
     pub fn new(frame: &Frame, parameters: &FtParameters, mut random: Random, steps: usize) -> Self {
         let p = parameters;
@@ -41,8 +41,7 @@ impl FtSensor {
         }
     }
 
-    /// The true wrench that what lies beyond the sensor applies to what lies before it, in the
-    /// sensor's frame, from the last `Dynamics::wrenches`.
+    /// The true wrench that the child side applies to the parent side, in the sensor's frame, from the last `Dynamics::wrenches`.
     #[must_use]
     pub fn truth(&self, dynamics: &Dynamics) -> Wrench {
         let (force, torque) = dynamics.wrench_at(&self.frame);
@@ -58,21 +57,21 @@ impl FtSensor {
         self.parameters.temperature + self.parameters.warming * time / 60.0
     }
 
-    /// Feels the wrench of this step.
-    pub fn feel(&mut self, dynamics: &Dynamics) {
+    /// Records the wrench of this step.
+    pub fn record(&mut self, dynamics: &Dynamics) {
         let Wrench { force, torque } = self.truth(dynamics);
         let ([x, y, z], [a, b, c]) = (force, torque);
         self.past.push([x, y, z, a, b, c]);
     }
 
-    /// What was felt `ago` steps before the last one, as measured `time` seconds after the start.
+    /// The wrench of `ago` steps before the last one, as measured `time` seconds after the start.
     pub fn sense(&mut self, ago: f64, time: f64) -> Wrench {
         let p = &self.parameters;
-        let felt = Vector6::from(self.past.ago(ago));
+        let wrench = Vector6::from(self.past.ago(ago));
         let bias = self.bias * (1.0 + p.drift * time / 60.0);
         let warmer = self.temperature(time) - p.neutral_temperature;
-        let mut shown = self.mixing * felt + bias;
-        for (i, x) in shown.iter_mut().enumerate() {
+        let mut reading = self.mixing * wrench + bias;
+        for (i, x) in reading.iter_mut().enumerate() {
             let (noise, warmth) = match i < 3 {
                 true => (p.noise_force, p.warmth_force),
                 false => (p.noise_torque, p.warmth_torque),
@@ -80,8 +79,8 @@ impl FtSensor {
             *x += warmth * warmer + noise * self.random.normal();
         }
         Wrench {
-            force: [shown[0], shown[1], shown[2]],
-            torque: [shown[3], shown[4], shown[5]],
+            force: [reading[0], reading[1], reading[2]],
+            torque: [reading[3], reading[4], reading[5]],
         }
     }
 }
@@ -98,7 +97,7 @@ pub struct Imu {
 }
 
 impl Imu {
-    /// An IMU with errors of its own drawn from `random`, which remembers so many steps.
+    /// An IMU with errors of its own drawn from `random`, which keeps so many steps of past input.
     #[must_use]
     pub fn new(
         frame: &Frame,
@@ -117,14 +116,13 @@ impl Imu {
         }
     }
 
-    /// Feels angular velocity and proper acceleration of this step.
-    pub fn feel(&mut self, dynamics: &Dynamics) {
+    /// Records angular velocity and proper acceleration of this step.
+    pub fn record(&mut self, dynamics: &Dynamics) {
         let (rotation, position) = dynamics.placement(&self.frame);
         let omega = rotation.tr_mul(&dynamics.angular_velocity(self.frame.body));
-        let felt = dynamics.proper_acceleration(self.frame.body, &position);
-        let felt = rotation.tr_mul(&felt);
-        self.past
-            .push([omega.x, omega.y, omega.z, felt.x, felt.y, felt.z]);
+        let acceleration = dynamics.proper_acceleration(self.frame.body, &position);
+        let a = rotation.tr_mul(&acceleration);
+        self.past.push([omega.x, omega.y, omega.z, a.x, a.y, a.z]);
     }
 
     /// Angular velocity (rad/s) and proper acceleration (m/s²) in the sensor's frame `ago` steps

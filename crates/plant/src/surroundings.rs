@@ -1,4 +1,4 @@
-//! All that touches the robot: ground, harness, pushes.
+//! External forces on the robot: ground, harness, pushes.
 
 use crate::articulated::Dynamics;
 use crate::contact::{Corner, Harness, Push};
@@ -8,7 +8,7 @@ use crate::truth::ExternalTruth;
 use nalgebra::Vector6;
 use problem::Problem;
 
-/// All that touches the robot.
+/// External forces on the robot.
 #[derive(Debug, Clone)]
 pub(crate) struct Surroundings {
     pub(crate) ground: Option<crate::parameters::GroundParameters>,
@@ -79,7 +79,7 @@ impl Surroundings {
         }
     }
 
-    /// Wrenches from outside at the links' origins in the links' axes: feet, harness, pushes.
+    /// External wrenches at the links' origins in the links' axes: feet, harness, pushes.
     pub(crate) fn record(&self, dynamics: &Dynamics, external: &mut [ExternalTruth]) {
         let feet = self.feet.iter().enumerate().map(|(i, frame)| {
             let corners = self.corners.iter().filter(move |(foot, _)| *foot == i);

@@ -5,7 +5,7 @@ use crate::urdf::Urdf;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3, Vector6};
 use problem::Problem;
 
-/// A rigid body: a URDF link with all that is fixed to it.
+/// A rigid body: a URDF link with all links fixed to it.
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     pub(crate) parent: Option<usize>,
@@ -16,7 +16,7 @@ pub(crate) struct Body {
     pub(crate) offset: Vector3<f64>,
     pub(crate) mass: f64,
     pub(crate) com: Vector3<f64>,
-    /// About the body's origin, in its axes.
+    /// Inertia about the body's origin, in its axes, kg·m².
     pub(crate) inertia: Matrix3<f64>,
 }
 
@@ -59,10 +59,10 @@ pub struct State {
 
 impl Tree {
     /// Builds the tree from a URDF; links named in `cuts` (F/T sensors) start bodies of their own,
-    /// so that the wrench through them can be told.
+    /// so that the wrench through them can be determined.
     ///
     /// # Errors
-    /// If links are not all connected, or a cut names no link.
+    /// Links that are not all connected, or a cut that names no link.
     pub fn new(urdf: &Urdf, floating: bool, cuts: &[&str]) -> Result<Self, Problem> {
         for cut in cuts {
             if urdf.links.iter().all(|l| l.name != *cut) {
@@ -168,7 +168,7 @@ impl Tree {
         &self.joint_names
     }
 
-    /// Whether the base moves freely.
+    /// True for a base that moves freely.
     #[must_use]
     pub fn floating(&self) -> bool {
         self.floating
@@ -217,7 +217,7 @@ impl Body {
     }
 }
 
-/// Moves the state on by `dt`, velocities first (semi-implicit Euler).
+/// Advances the state by `dt`, velocities first (semi-implicit Euler).
 pub fn integrate(
     tree: &Tree,
     state: &mut State,

@@ -1,4 +1,4 @@
-//! What is really so: the record that estimates are judged against.
+//! The true quantities: the record that estimates are compared with.
 
 use crate::articulated::Dynamics;
 use crate::spatial::{split, stack};
@@ -6,10 +6,10 @@ use crate::tree::{Frame, State};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use robot_state::Wrench;
 
-/// A joint's truth.
+/// True quantities of a joint.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct JointTruth {
-    /// tau: what the transmission (gear and bearing) applies to the child link along +q, N·m.
+    /// tau: torque that the transmission (gear and bearing) applies to the child link along +q, N·m.
     pub tau: f64,
     /// T: torque between gear and output bearing, N·m.
     pub gear_torque: f64,
@@ -27,7 +27,7 @@ pub struct JointTruth {
     pub current: f64,
 }
 
-/// A wrench from outside on a link.
+/// An external wrench on a link.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExternalTruth {
     /// The link's name.
@@ -55,7 +55,7 @@ pub struct Truth {
     pub centre_of_mass: [f64; 3],
     /// F/T sensors without their errors.
     pub ft: Vec<Wrench>,
-    /// Wrenches from outside: feet, then harness, then pushes, each in the order of `sim.toml`.
+    /// External wrenches: feet, then harness, then pushes, each in the order of `sim.toml`.
     pub external: Vec<ExternalTruth>,
 }
 

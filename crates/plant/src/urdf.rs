@@ -1,6 +1,6 @@
 //! The plant's own reading of a URDF: links with inertia, revolute and fixed joints.
 //!
-//! Deliberately independent of `dynamics`, so that a mistake in one shows against the other.
+//! Deliberately independent of `dynamics`, so that a comparison reveals a mistake in either.
 
 use crate::random::Random;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -51,7 +51,7 @@ impl Urdf {
     /// Reads a URDF.
     ///
     /// # Errors
-    /// What is wrong, with file and line.
+    /// A [`Problem`] with file and line.
     pub fn parse(text: &str, file: &str) -> Result<Self, Problem> {
         let document = roxmltree::Document::parse(text)
             .map_err(|e| problem(e.to_string()).at(file, e.pos().row as usize))?;
@@ -79,7 +79,7 @@ impl Urdf {
     }
 
     /// Changes masses, centres of mass and inertias at random by up to `fraction` of themselves:
-    /// the robot is never quite what its URDF says.
+    /// no robot has exactly the parameters of its URDF.
     pub fn perturb(&mut self, fraction: f64, random: &mut Random) {
         for link in &mut self.links {
             let mass = 1.0 + fraction * random.symmetric();

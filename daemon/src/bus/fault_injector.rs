@@ -1,10 +1,10 @@
-//! A bus that misbehaves on purpose, the same way for the same seed.
+//! A bus with injected faults, reproducible by a seed.
 
 use super::{Bus, BusCounters};
 use can_codec::{Frame, Frames, Gather, MAX_FRAMES, Table};
 
-/// How likely each fault is for a frame that is received, 0 to 1. At most one befalls a frame;
-/// their sum must not exceed 1.
+/// Probability of each fault for a received frame, 0 to 1. A frame has at most one fault: their sum
+/// must not exceed 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Faults {
     /// The frame is lost.
@@ -15,20 +15,20 @@ pub struct Faults {
     pub delay: f64,
     /// The frame arrives with another length.
     pub corrupt_length: f64,
-    /// A frame of an id that no message has arrives before it.
+    /// A frame with an id of no message arrives before it.
     pub unknown_id: f64,
     /// An error frame arrives before it.
     pub error_frame: f64,
 }
 
-/// How many faults of each kind were injected.
+/// Number of injected faults of each kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Injected {
     /// Frames lost.
     pub dropped: u64,
     /// Frames doubled.
     pub duplicated: u64,
-    /// Frames that came a cycle late.
+    /// Frames that arrived a cycle late.
     pub delayed: u64,
     /// Frames whose length was changed.
     pub corrupted: u64,
@@ -43,17 +43,17 @@ const NOBODYS_ID: u32 = can_codec::EXTENDED_ID | 0x1fff_ffff;
 /// `CAN_ERR_CRTL`: a problem of the controller.
 const ERROR_CLASS: u32 = 4;
 
-/// Wraps a bus and spoils what it receives; what is sent passes unharmed.
+/// Wraps a bus and injects faults into received frames; sent frames pass unchanged.
 pub struct FaultInjector<B> {
     inner: B,
     faults: Faults,
     random: SplitMix,
     injected: Injected,
-    /// What the wrapped bus has just received.
+    /// Frames that the wrapped bus has just received.
     fresh: Frames,
-    /// What the next call shall see.
+    /// Frames for the next call.
     delayed: Frames,
-    /// The wrapped bus's own idea of what has arrived.
+    /// The wrapped bus's own gather, without faults.
     gather: Gather,
     added: BusCounters,
 }
@@ -74,12 +74,12 @@ impl<B: Bus> FaultInjector<B> {
         }
     }
 
-    /// The faults from now on.
+    /// Sets the faults from now on.
     pub fn set_faults(&mut self, faults: Faults) {
         self.faults = faults;
     }
 
-    /// What was injected so far.
+    /// Faults injected so far.
     #[must_use]
     pub fn injected(&self) -> Injected {
         self.injected
@@ -93,7 +93,7 @@ impl<B: Bus> FaultInjector<B> {
     fn spoil(&mut self, frame: Frame, out: &mut Deliver<'_>) {
         let faults = self.faults;
         let mut dice = self.random.unit();
-        // True if the dice fell on this fault's share.
+        // True if the random number falls on this fault's share.
         let mut fell_on = |share: f64| {
             let hit = (0.0..share).contains(&dice);
             dice -= share;
@@ -131,7 +131,7 @@ impl<B: Bus> FaultInjector<B> {
     }
 }
 
-/// A length that the frame does not have, its unused bytes zero.
+/// Another length for the frame, its unused bytes zero.
 fn other_length(mut frame: Frame) -> Frame {
     match usize::from(frame.len) {
         0 => frame.len = 1,
@@ -145,7 +145,7 @@ fn other_length(mut frame: Frame) -> Frame {
     frame
 }
 
-/// Where the caller wants its frames, and the count of those that were not there before.
+/// The caller's list and gather, and the number of frames added.
 struct Deliver<'a> {
     rx: &'a mut Frames,
     gather: &'a mut Gather,
@@ -190,7 +190,7 @@ impl<B: Bus> Bus for FaultInjector<B> {
                     self.spoil(frame, &mut out);
                 }
             }
-            // The wrapped bus may have been content too early: a frame was lost here.
+            // The wrapped bus may have finished too early: a frame was lost here.
             if out.gather.complete() || self.inner.now_ns() >= until_ns {
                 break;
             }
@@ -198,7 +198,7 @@ impl<B: Bus> Bus for FaultInjector<B> {
         self.added = out.counters;
     }
 
-    /// What the caller saw arrive; sending, and losses on the way, are the wrapped bus's.
+    /// Received frames as the caller saw them; sent and lost ones as the wrapped bus counts them.
     fn counters(&self) -> BusCounters {
         let inner = self.inner.counters();
         BusCounters {
@@ -214,7 +214,7 @@ impl<B: Bus> Bus for FaultInjector<B> {
     }
 }
 
-/// Steele, Lea and Flood's SplitMix64: enough for dice, and the same everywhere.
+/// Steele, Lea and Flood's SplitMix64: sufficient for fault injection, and identical on every machine.
 struct SplitMix(u64);
 
 impl SplitMix {

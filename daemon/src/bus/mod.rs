@@ -1,4 +1,4 @@
-//! Where frames come from and go to.
+//! Sending and receiving of frames.
 //!
 //! The loop knows only [`Bus`]. Behind it stands [`SocketCan`] (all CAN interfaces through one
 //! socket), [`in_process`] (no kernel: two threads, or a simulated robot called in lock-step), or
@@ -14,10 +14,10 @@ pub use socketcan::{Line, OpenError, SendFailure, SocketCan};
 
 use can_codec::{Frames, Gather, Table};
 
-/// What has passed since the bus was opened.
+/// Counts of frames since the bus was opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct BusCounters {
-    /// Frames handed to the caller, error frames not among them.
+    /// Frames handed to the caller, without error frames.
     pub received: u64,
     /// Frames accepted for sending.
     pub sent: u64,
@@ -29,24 +29,24 @@ pub struct BusCounters {
     pub dropped: u64,
 }
 
-/// All buses of the robot: frames carry the number of theirs.
+/// All buses of the robot: a frame carries the number of its bus.
 ///
 /// Neither call allocates or takes a lock.
 pub trait Bus {
-    /// Hands over the frames, in order, without ever waiting; how many were accepted.
+    /// Sends the frames, in order, without ever waiting; returns the number accepted.
     fn send(&mut self, frames: &Frames) -> usize;
 
-    /// Appends what arrives to `rx`, in order of arrival, and notes it in `gather`. Returns when
-    /// `gather` is complete and nothing more is waiting, or `until_ns` has passed.
+    /// Appends arriving frames to `rx`, in order of arrival, and records them in `gather`. Returns
+    /// when `gather` is complete and no more frames are waiting, or `until_ns` has passed.
     ///
-    /// With `until_ns` in the past it takes what is waiting. A cycle does so before its SYNC:
-    /// an answer of the cycle before would otherwise pass for one of this cycle.
+    /// With `until_ns` in the past it takes the frames that are waiting. A cycle does so before its SYNC:
+    /// an answer of the last cycle would otherwise count as one of this cycle.
     fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, until_ns: u64);
 
-    /// What has passed since the bus was opened.
+    /// Counts of frames since the bus was opened.
     fn counters(&self) -> BusCounters;
 
-    /// Now on the clock of the frames' stamps and of `until_ns`.
+    /// The time now, on the clock of the frames' stamps and of `until_ns`.
     fn now_ns(&self) -> u64;
 }
 

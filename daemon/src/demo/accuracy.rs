@@ -1,4 +1,4 @@
-//! How far an estimate is from the truth, once its known delay is removed.
+//! Error of an estimate against the truth, with its known delay removed.
 
 /// Error of one joint's estimate against the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
@@ -9,7 +9,7 @@ pub(super) struct ErrorStatistics {
     pub(super) rms: f64,
 }
 
-/// Compares one joint's estimate with the truth of the instant that the estimate speaks of.
+/// Compares one joint's estimate with the truth at the instant of the estimate.
 #[derive(Debug, Clone)]
 pub(super) struct DelayedComparison {
     /// The truth of the last cycles, the newest at `newest`.
@@ -23,7 +23,7 @@ pub(super) struct DelayedComparison {
 }
 
 impl DelayedComparison {
-    /// A comparison that can look `longest_delay` cycles back.
+    /// A comparison for delays of up to `longest_delay` cycles.
     #[must_use]
     pub(super) fn new(longest_delay: usize) -> Self {
         Self {

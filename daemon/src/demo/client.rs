@@ -1,4 +1,4 @@
-//! What a client would send: the demo's references, cycle by cycle.
+//! The demo's references, cycle by cycle, in place of a client's.
 
 use robot_config::Robot;
 use robot_state::{Mode, Reference, SharedRecord, measured_flags};
@@ -6,7 +6,7 @@ use robot_state::{Mode, Reference, SharedRecord, measured_flags};
 use super::motion::Motion;
 use super::stance::Stance;
 
-/// Asks for the demo's motion by inverse dynamics once the robot is ready.
+/// Requests the demo's motion by inverse dynamics once the robot is ready.
 pub(crate) struct DemoClient {
     motion: Motion,
     stance: Option<Stance>,
@@ -50,12 +50,12 @@ impl DemoClient {
         }
     }
 
-    /// What is wanted in the coming cycle.
+    /// Input of the coming cycle.
     pub(crate) fn reference(&self) -> &Reference {
         &self.reference
     }
 
-    /// Looks at the last cycle and prepares the next reference.
+    /// Reads the last cycle and prepares the next reference.
     pub(crate) fn observe(&mut self, record: &SharedRecord) {
         let n = self.model_index.len();
         let joints = &record.cycle.measured.joints[..n];
@@ -63,7 +63,7 @@ impl DemoClient {
         let ready = joints.iter().all(|j| j.flags & unready == 0);
         let Some(cycle) = self.cycle else {
             if ready {
-                // From where the robot stands.
+                // The motion starts from the robot's present pose.
                 let start: Vec<f64> = joints.iter().map(|j| j.q).collect();
                 self.motion.start_from(&start);
                 self.cycle = Some(0);

@@ -113,18 +113,18 @@ fn simulate(
             wake.late = met.late;
             wake.woke_ns = wake.scheduled_ns + met.wake_late_ns();
             wake.skipped = 0;
-            // The simulated robot waits for late cycles: none is passed over.
+            // The simulated robot waits for late cycles: none is skipped.
             if met.skipped > 0 {
                 real = Deadline::new((period * 1e9) as u64);
             }
         }
-        let wanted = ClientInput {
+        let input = ClientInput {
             reference: Some(client.reference()),
             age_s: 0.0,
             settings: None,
             request: None,
         };
-        let record = control_loop.run_cycle(&wake, &wanted);
+        let record = control_loop.run_cycle(&wake, &input);
         client.observe(record);
         report.take(record);
         report.compare(control_loop.bus().peer().truth());
@@ -161,7 +161,7 @@ fn load(name: &str, seed: Option<u64>) -> Result<(Robot, CanRobot, Motion), Fail
     Ok((robot, plant, motion))
 }
 
-/// A bar on a terminal; nothing where output is read by a program.
+/// A progress bar on a terminal; none where a program reads the output.
 fn progress_bar(cycles: u64, json: bool) -> ProgressBar {
     if json || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();

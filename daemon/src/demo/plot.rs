@@ -20,7 +20,7 @@ const COMPENSATED: RGBColor = RGBColor(40, 150, 70);
 pub(super) struct Trace {
     /// The joint's name.
     pub(super) name: String,
-    /// The plant's torque.
+    /// True torque, of the plant.
     pub(super) truth: Curve,
     /// Torque from encoders and current, from F/T sensors and IMU, delay-compensated torque.
     pub(super) estimates: [Curve; 3],

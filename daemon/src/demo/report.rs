@@ -31,7 +31,7 @@ pub(super) struct JointReport {
     /// Error of the torque from F/T sensors and IMU; none if it was never valid.
     pub(super) whole_body: Option<ErrorStatistics>,
     /// Error of the delay-compensated torque; none if it was never valid.
-    pub(super) now: Option<ErrorStatistics>,
+    pub(super) delay_compensated: Option<ErrorStatistics>,
 }
 
 /// The result of a demo.
@@ -73,7 +73,7 @@ impl Report {
                     largest_torque: 0.0,
                     encoder: None,
                     whole_body: None,
-                    now: None,
+                    delay_compensated: None,
                 })
                 .collect(),
             summary: Summary::new(&parameters.name, &last, &timing, PageFaults::default(), 0),
@@ -103,7 +103,7 @@ impl Report {
         self.collected.last = *record;
     }
 
-    /// Compares the last record with what was true when its sensors were sampled.
+    /// Compares the last record with the truth at the instant of its samples.
     pub(crate) fn compare(&mut self, truth: &Truth) {
         let Collected {
             comparisons,
@@ -143,11 +143,11 @@ impl Report {
             last,
             ..
         } = &self.collected;
-        for (joint, [encoder, whole_body, now]) in self.joints.iter_mut().zip(comparisons) {
+        for (joint, [encoder, whole_body, compensated]) in self.joints.iter_mut().zip(comparisons) {
             joint.largest_torque = encoder.largest_truth();
             joint.encoder = encoder.statistics();
             joint.whole_body = whole_body.statistics();
-            joint.now = now.statistics();
+            joint.delay_compensated = compensated.statistics();
         }
         let name = self.summary.robot.clone();
         self.summary = Summary::new(&name, last, timing, PageFaults::default(), 0);
@@ -167,7 +167,7 @@ impl Report {
     }
 }
 
-/// The torque, if it may be used and nothing about it is bridged.
+/// The torque, if it is valid and not bridged.
 fn usable(estimate: &TorqueEstimate) -> Option<f64> {
     (estimate.flags & torque_flags::VALID != 0).then_some(estimate.tau)
 }
@@ -197,7 +197,7 @@ impl fmt::Display for Report {
         )?;
         for joint in &self.joints {
             write!(f, "{:22} {:>8.3}", joint.name, joint.largest_torque)?;
-            for error in [joint.encoder, joint.whole_body, joint.now] {
+            for error in [joint.encoder, joint.whole_body, joint.delay_compensated] {
                 match error {
                     Some(error) => {
                         let percent = 100.0 * error.rms / joint.largest_torque;

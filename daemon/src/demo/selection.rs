@@ -12,7 +12,7 @@ const PANELS: usize = 6;
 pub(super) enum Selection {
     /// The most loaded joints of different limbs.
     MostLoaded,
-    /// These, by their places in config order.
+    /// The named joints, by their places in config order.
     Named(Vec<usize>),
 }
 

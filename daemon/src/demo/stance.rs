@@ -1,11 +1,11 @@
-//! Contact wrenches that carry a standing robot's weight: what a whole-body planner would send.
+//! Contact wrenches that carry a standing robot's weight, in place of a whole-body planner's.
 
 use dynamics::{Base, Data, Model, Motion, forward_kinematics};
 use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
 use robot_state::Wrench;
 
-/// How far from a sole's centre its centre of pressure may reasonably go, m: a moment costs as
-/// much as a force divided by this.
+/// Reasonable distance of the centre of pressure from a sole's centre, m: a moment costs as much
+/// as a force divided by it.
 const SOLE_REACH: f64 = 0.05;
 
 /// The stance of a robot on some of its F/T sensors' end-effectors.

@@ -37,21 +37,21 @@ pub fn sleep_until(until_ns: u64) {
     {}
 }
 
-/// How a cycle's start was met.
+/// Start of a cycle: planned and actual.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct WakeReport {
-    /// When the cycle should begin, ns.
+    /// Planned start of the cycle, ns.
     pub scheduled_ns: u64,
-    /// When it did, ns.
+    /// Actual start, ns.
     pub woke_ns: u64,
-    /// The cycle before ended after this one's start, or after the start of a skipped one.
+    /// True if the last cycle ended after this one's start, or after the start of a skipped one.
     pub late: bool,
-    /// Starts that were passed over.
+    /// Number of skipped starts.
     pub skipped: u64,
 }
 
 impl WakeReport {
-    /// How late the thread woke, ns.
+    /// Delay of the thread's wake-up, ns.
     #[must_use]
     pub fn wake_late_ns(&self) -> u64 {
         self.woke_ns.saturating_sub(self.scheduled_ns)
@@ -82,8 +82,8 @@ impl Schedule {
         }
     }
 
-    /// Takes the start to be met at `now_ns`: the start, if the cycle before ran into it, and how
-    /// many starts were passed over.
+    /// Takes the start due at `now_ns`: the start, true if the last cycle ran into it, and the number
+    /// of skipped starts.
     pub fn take(&mut self, now_ns: u64) -> (u64, bool, u64) {
         let overrun = now_ns.saturating_sub(self.next_ns);
         let skipped = overrun / self.period_ns;

@@ -67,7 +67,7 @@ pub(super) fn lock_memory() -> Measure {
     measure("memory locked".to_owned(), true, outcome)
 }
 
-/// If the process has the capability in effect; false where /proc does not tell.
+/// True if the process has the capability in effect; false where /proc does not show it.
 fn has_capability(number: u32) -> bool {
     std::fs::read_to_string("/proc/self/status").is_ok_and(|status| {
         effective_capabilities(&status).is_some_and(|set| set >> number & 1 == 1)

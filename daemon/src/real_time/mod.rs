@@ -1,5 +1,5 @@
-//! What makes the loop's thread punctual: a real-time scheduler, memory that stays, a CPU of its
-//! own, and a clock that is slept on in absolute time.
+//! Measures for a punctual loop thread: a real-time scheduler, locked memory, a CPU of its own, and
+//! sleep until absolute times.
 //!
 //! Each measure is either granted or denied with a reason and a way to mend it; config
 //! `loop.real_time` says if a denial is a warning (`"try"`) or the end (`"require"`).
@@ -40,7 +40,7 @@ pub struct Measure {
 pub struct Denial {
     /// What the system answered.
     pub why: String,
-    /// What to do about it.
+    /// The remedy.
     pub mend: String,
 }
 
@@ -99,7 +99,7 @@ impl RealTimeError {
     }
 }
 
-/// What was granted; dropping it gives back what the process holds open.
+/// The granted measures; dropping them closes the files that they hold open.
 #[derive(Debug)]
 pub struct RealTime {
     /// Every measure with its outcome.

@@ -1,6 +1,6 @@
 //! One conformance suite for every implementation of `Bus`.
 //!
-//! A [`Rig`] is a bus under test and somebody at its other end, who says and hears frames.
+//! A [`Rig`] is a bus under test and a peer at its other end, which sends and receives frames.
 #![allow(dead_code, unreachable_pub)] // Each test binary uses its part.
 
 use can_codec::{BusDbc, Dbc, EXTENDED_ID, Frame, Frames, Gather, MAX_FRAMES, SignalMap, Table};
@@ -11,10 +11,10 @@ use torqued::bus::Bus;
 pub trait Rig {
     /// The bus under test.
     fn bus(&mut self) -> &mut dyn Bus;
-    /// The other end sends.
-    fn say(&mut self, frames: &Frames);
-    /// What the other end has heard since it was last asked, and how many frames it lost.
-    fn hear(&mut self) -> (Vec<Frame>, u64);
+    /// The peer sends frames.
+    fn send_from_peer(&mut self, frames: &Frames);
+    /// Frames that the peer has received since the last call, and the number that it lost.
+    fn received_by_peer(&mut self) -> (Vec<Frame>, u64);
 }
 
 /// Two messages, 0x101 and 0x102 (extended), of eight bytes on each of two buses.
@@ -31,11 +31,11 @@ BO_ 2147483906 TWO: 8 DRIVE
 /// Ids of the two messages.
 pub const ONE: u32 = 0x101;
 pub const TWO: u32 = EXTENDED_ID | 0x102;
-/// No message has it.
+/// An id of no message.
 pub const STRANGER: u32 = 0x7f0;
-/// A wait that no test shall sit out, ns.
+/// A wait that no test reaches the end of, ns.
 const LONG_NS: u64 = 20_000_000_000;
-/// A wait that tests do sit out, ns.
+/// A wait that tests reach the end of, ns.
 const SHORT_NS: u64 = 5_000_000;
 
 /// Both messages on buses 0 and 1: four to wait for.
@@ -63,7 +63,7 @@ pub fn table() -> Table {
     Table::compile(&[on(0), on(1)], &maps).unwrap()
 }
 
-/// A frame whose bytes tell `number`.
+/// A frame whose bytes contain `number`.
 pub fn frame(bus: u8, id: u32, len: u8, fd: bool, number: u64) -> Frame {
     let mut frame = Frame::zeroed(bus, id, len, fd);
     let bytes = number.to_le_bytes();
@@ -75,7 +75,7 @@ pub fn frame(bus: u8, id: u32, len: u8, fd: bool, number: u64) -> Frame {
     frame
 }
 
-/// A list of those frames.
+/// `Frames` with the frames of a list.
 pub fn frames(list: &[Frame]) -> Frames {
     let mut frames = Frames::new(list.len());
     for frame in list {
@@ -84,13 +84,13 @@ pub fn frames(list: &[Frame]) -> Frames {
     frames
 }
 
-/// All four messages, and none.
+/// One frame of each of the four messages.
 pub fn answers() -> [Frame; 4] {
     let at = |bus, id| frame(bus, id, 8, false, 7);
     [at(0, ONE), at(0, TWO), at(1, ONE), at(1, TWO)]
 }
 
-/// What arrives within a short while.
+/// Frames that arrive within a short wait.
 pub fn receive(bus: &mut dyn Bus) -> Frames {
     let mut rx = Frames::new(MAX_FRAMES);
     let mut never = Gather::new(1_000);
@@ -99,10 +99,10 @@ pub fn receive(bus: &mut dyn Bus) -> Frames {
     rx
 }
 
-/// The same frames but for their stamps.
-pub fn assert_same(seen: &[Frame], wanted: &[Frame]) {
+/// Asserts that frames are equal, stamps apart.
+pub fn assert_same(seen: &[Frame], expected: &[Frame]) {
     let bare: Vec<_> = seen.iter().map(|&f| Frame { stamp_ns: 0, ..f }).collect();
-    assert_eq!(bare, wanted);
+    assert_eq!(bare, expected);
 }
 
 /// Runs the suite on a fresh rig for each part.
@@ -111,9 +111,9 @@ pub fn conforms<R: Rig>(mut new: impl FnMut() -> R) {
     stamps_are_monotonic_and_within_the_wait(&mut new());
     complete_gather_ends_early(&mut new());
     deadline_ends_late(&mut new());
-    past_deadline_takes_what_waits(&mut new());
+    past_deadline_takes_waiting_frames(&mut new());
     overflow_is_counted(&mut new());
-    strangers_pass_and_complete_nothing(&mut new());
+    unknown_frames_pass_and_complete_nothing(&mut new());
     sends_never_block_and_no_frame_is_unaccounted_for(&mut new());
     nothing_is_allocated(&mut new());
 }
@@ -133,19 +133,19 @@ fn mixture() -> Vec<Frame> {
 
 fn order_is_kept_both_ways(rig: &mut impl Rig) {
     let list = mixture();
-    rig.say(&frames(&list));
+    rig.send_from_peer(&frames(&list));
     assert_same(receive(rig.bus()).as_slice(), &list);
     assert_eq!(rig.bus().counters().received, list.len() as u64);
 
     assert_eq!(rig.bus().send(&frames(&list)), list.len());
-    assert_same(&rig.hear().0, &list);
+    assert_same(&rig.received_by_peer().0, &list);
     assert_eq!(rig.bus().counters().sent, list.len() as u64);
 }
 
 fn stamps_are_monotonic_and_within_the_wait(rig: &mut impl Rig) {
     let mut last = rig.bus().now_ns();
     for _ in 0..10 {
-        rig.say(&frames(&mixture()));
+        rig.send_from_peer(&frames(&mixture()));
         let rx = receive(rig.bus());
         assert_eq!(rx.len(), mixture().len());
         for frame in &rx {
@@ -163,7 +163,7 @@ fn complete_gather_ends_early(rig: &mut impl Rig) {
     for _ in 0..3 {
         rx.clear();
         gather.begin();
-        rig.say(&frames(&answers()));
+        rig.send_from_peer(&frames(&answers()));
         let until = rig.bus().now_ns() + LONG_NS;
         rig.bus().receive(&mut rx, &mut gather, &table, until);
         assert!(gather.complete());
@@ -177,7 +177,7 @@ fn deadline_ends_late(rig: &mut impl Rig) {
     let mut gather = Gather::new(table.message_count());
     let mut rx = Frames::new(MAX_FRAMES);
     let [a, b, _, d] = answers();
-    rig.say(&frames(&[a, b, d]));
+    rig.send_from_peer(&frames(&[a, b, d]));
     let until = rig.bus().now_ns() + SHORT_NS;
     rig.bus().receive(&mut rx, &mut gather, &table, until);
     assert!(rig.bus().now_ns() >= until);
@@ -190,14 +190,14 @@ fn deadline_ends_late(rig: &mut impl Rig) {
     assert_eq!((missing[0].bus, missing[0].id), (1, ONE));
 }
 
-fn past_deadline_takes_what_waits(rig: &mut impl Rig) {
+fn past_deadline_takes_waiting_frames(rig: &mut impl Rig) {
     let table = table();
     let mut gather = Gather::new(table.message_count());
     let mut rx = Frames::new(MAX_FRAMES);
     rig.bus().receive(&mut rx, &mut gather, &table, 0);
     assert!(rx.is_empty());
-    rig.say(&frames(&answers()[..2]));
-    // The other end may be another thread or process: what it said is under way.
+    rig.send_from_peer(&frames(&answers()[..2]));
+    // The other end may be another thread or process: its frames are still under way.
     while rx.len() < 2 {
         rig.bus().receive(&mut rx, &mut gather, &table, 0);
     }
@@ -207,7 +207,7 @@ fn past_deadline_takes_what_waits(rig: &mut impl Rig) {
 
 fn overflow_is_counted(rig: &mut impl Rig) {
     let list = mixture();
-    rig.say(&frames(&list));
+    rig.send_from_peer(&frames(&list));
     let mut rx = Frames::new(16);
     let mut never = Gather::new(1_000);
     let until = rig.bus().now_ns() + SHORT_NS;
@@ -219,7 +219,7 @@ fn overflow_is_counted(rig: &mut impl Rig) {
     assert_eq!((counters.received, counters.dropped), (16, lost));
 }
 
-fn strangers_pass_and_complete_nothing(rig: &mut impl Rig) {
+fn unknown_frames_pass_and_complete_nothing(rig: &mut impl Rig) {
     let table = table();
     let mut gather = Gather::new(table.message_count());
     let mut rx = Frames::new(MAX_FRAMES);
@@ -230,7 +230,7 @@ fn strangers_pass_and_complete_nothing(rig: &mut impl Rig) {
         frame(0, ONE | EXTENDED_ID, 8, false, 3),
         frame(1, ONE, 7, false, 4),
     ];
-    rig.say(&frames(&list));
+    rig.send_from_peer(&frames(&list));
     let until = rig.bus().now_ns() + SHORT_NS;
     rig.bus().receive(&mut rx, &mut gather, &table, until);
     assert_same(rx.as_slice(), &list);
@@ -238,7 +238,7 @@ fn strangers_pass_and_complete_nothing(rig: &mut impl Rig) {
     assert_eq!(rig.bus().counters().received, 4);
 }
 
-/// Nobody listens at the other end, for longer than any queue is.
+/// The peer does not receive until more frames were sent than any queue holds.
 fn sends_never_block_and_no_frame_is_unaccounted_for(rig: &mut impl Rig) {
     const ROUNDS: u64 = 40;
     let list = frames(&mixture());
@@ -246,8 +246,8 @@ fn sends_never_block_and_no_frame_is_unaccounted_for(rig: &mut impl Rig) {
     let counters = rig.bus().counters();
     assert_eq!(counters.sent, accepted as u64);
     assert_eq!(counters.sent + counters.send_failed, ROUNDS * 120);
-    let (heard, lost) = rig.hear();
-    assert_eq!(heard.len() as u64 + lost, counters.sent);
+    let (received, lost) = rig.received_by_peer();
+    assert_eq!(received.len() as u64 + lost, counters.sent);
 }
 
 fn nothing_is_allocated(rig: &mut impl Rig) {
@@ -257,7 +257,7 @@ fn nothing_is_allocated(rig: &mut impl Rig) {
     for _ in 0..10 {
         rx.clear();
         gather.begin();
-        rig.say(&list);
+        rig.send_from_peer(&list);
         let bus = rig.bus();
         let before = allocations();
         let until = bus.now_ns() + LONG_NS;

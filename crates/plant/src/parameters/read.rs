@@ -1,4 +1,4 @@
-//! Numbers as `sim.toml` writes them: checked, and brought to SI units while they are read.
+//! Numbers of `sim.toml`: checked, and converted to SI units while they are read.
 
 use crate::kinematic_error::KinematicError;
 use problem::{Problem, line_at};

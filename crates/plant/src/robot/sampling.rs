@@ -8,7 +8,7 @@ use robot_config::slots::Source;
 use robot_state::Wrench;
 
 impl SimRobot {
-    /// Samples what is sampled at SYNC.
+    /// Samples the sensors that answer SYNC.
     pub(crate) fn sample(&mut self, time: f64) {
         for j in 0..self.order.len() {
             if self.clocks.joints[j].at_sync() {
@@ -25,24 +25,24 @@ impl SimRobot {
         }
     }
 
-    /// Samples what its own clock says.
+    /// Samples the sensors whose own clocks are due.
     pub(crate) fn sample_own(&mut self, time: f64) {
         let (now, dt) = (self.time(), self.dt);
         for j in 0..self.order.len() {
-            while let Some(Instant { shown, stamp }) = self.clocks.joints[j].due(now) {
-                let r = self.sense_joint(j, (now - shown) / dt);
+            while let Some(Instant { measured, stamp }) = self.clocks.joints[j].due(now) {
+                let r = self.sense_joint(j, (now - measured) / dt);
                 let values = [r.theta, r.q, r.current, r.omega, 0.0, 0.0];
                 self.send(Source::Joint(j), stamp, values);
             }
         }
         for s in 0..self.ft.len() {
-            while let Some(Instant { shown, stamp }) = self.clocks.ft[s].due(now) {
-                let Wrench { force, torque } = self.sense_ft(s, (now - shown) / dt, time);
+            while let Some(Instant { measured, stamp }) = self.clocks.ft[s].due(now) {
+                let Wrench { force, torque } = self.sense_ft(s, (now - measured) / dt, time);
                 self.send(Source::Ft(s), stamp, six(force, torque));
             }
         }
-        while let Some(Instant { shown, stamp }) = self.clocks.imu.due(now) {
-            let (gyro, accelerometer) = self.sense_imu((now - shown) / dt);
+        while let Some(Instant { measured, stamp }) = self.clocks.imu.due(now) {
+            let (gyro, accelerometer) = self.sense_imu((now - measured) / dt);
             self.send(Source::Imu, stamp, six(gyro, accelerometer));
         }
     }

@@ -1,4 +1,4 @@
-//! The start: a pose in static balance, so that nothing bangs when time begins.
+//! The start: a pose in static balance, so that the simulation begins without a shock.
 
 use super::SimRobot;
 use crate::parameters::SimParameters;
@@ -49,7 +49,7 @@ impl SimRobot {
                 stiffness.set_column(k, &column);
                 self.state.clone_from(&here);
             }
-            // Directions that nothing holds get a token stiffness and stay where they are.
+            // Directions without support get a token stiffness and stay where they are.
             let token = 1e-6 * weight;
             let system = stiffness + token * Matrix6::identity();
             let Some(by) = system.lu().solve(&-residual) else {
@@ -81,7 +81,7 @@ impl SimRobot {
 }
 
 fn shift(state: &mut State, by: &Vector6<f64>) {
-    // Turns about the base, not about the world's origin, so that a turn hardly moves the robot.
+    // Rotation about the base, not about the world's origin: the base stays in place.
     let (turn, step) = split(by);
     state.orientation = UnitQuaternion::from_scaled_axis(turn) * state.orientation;
     state.position += step;

@@ -99,10 +99,10 @@ fn every_message_of_a_bus_answers_its_sync() {
             );
         }
     }
-    let felt: f64 = (0..3)
+    let acceleration: f64 = (0..3)
         .map(|a| values[slots::accelerometer(a)].powi(2))
         .sum();
-    assert!((felt.sqrt() - 9.81).abs() < 0.3, "{felt}");
+    assert!((acceleration.sqrt() - 9.81).abs() < 0.3, "{acceleration}");
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn time_passes_once_a_cycle_whatever_the_order_of_the_syncs() {
 }
 
 #[test]
-fn drives_hold_until_commanded_and_then_obey() {
+fn drives_hold_until_commanded_and_then_follow() {
     let mut rig = Rig::new("leg");
     let start: Vec<f64> = rig.can.truth().joints.iter().map(|j| j.q).collect();
     for _ in 0..500 {
@@ -178,7 +178,7 @@ fn the_same_frames_give_the_same_bytes() {
 }
 
 #[test]
-fn frames_that_no_drive_knows_are_counted_and_nothing_moves() {
+fn unknown_frames_are_counted_and_nothing_moves() {
     let mut rig = Rig::new("leg");
     let before: Vec<f64> = (0..6).map(|j| rig.can.robot().set_point(j)).collect();
     let mut frames = Frames::new(8);
@@ -240,7 +240,7 @@ fn sensors_with_clocks_of_their_own_stamp_their_frames() {
 }
 
 #[test]
-fn late_sensors_show_what_was_so() {
+fn late_sensors_measure_the_past() {
     let mut sim = parameters("humanoid");
     let latency = 4e-3;
     sim.ft_sensor.sampling.latency = latency;
@@ -285,11 +285,11 @@ fn late_sensors_show_what_was_so() {
         );
         past.push([can.truth().ft[0].force[2], can.truth().joints[knee].q]);
         let readings = can.robot().readings();
-        let shown = [readings.ft[0].force[2], readings.joints[knee].q];
+        let read = [readings.ft[0].force[2], readings.joints[knee].q];
         if k > 100 {
             for (i, sums) in sums.iter_mut().enumerate() {
                 for (sum, ago) in sums.iter_mut().zip([0, 4]) {
-                    *sum += (shown[i] - past[past.len() - 1 - ago][i]).powi(2);
+                    *sum += (read[i] - past[past.len() - 1 - ago][i]).powi(2);
                 }
             }
         }

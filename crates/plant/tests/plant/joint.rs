@@ -1,4 +1,4 @@
-//! One joint on its test bench: every effect shows as it should.
+//! One joint on its test bench: every effect has its expected size.
 
 use crate::common::parameters;
 use plant::parameters::DriveParameters;
@@ -46,7 +46,7 @@ fn last(rig: &mut JointRig, cycles: usize, external: f64) -> RigSample {
 }
 
 #[test]
-fn a_loaded_joint_starts_without_a_bang_and_holds() {
+fn a_loaded_joint_starts_without_a_shock_and_holds() {
     let load = RigLoad {
         inertia: 0.59,
         mass: 2.5,
@@ -62,7 +62,7 @@ fn a_loaded_joint_starts_without_a_bang_and_holds() {
 }
 
 #[test]
-fn tau_is_what_moves_the_link() {
+fn tau_accelerates_the_link() {
     let mut rig = rig(&drive(), LEVEL, 0.0);
     for k in 0..2000 {
         let t = 1e-3 * f64::from(k);
@@ -79,9 +79,9 @@ fn the_position_loop_follows_slowly_moving_set_points() {
     let mut rig = rig(&drive(), LEVEL, 0.0);
     let mut worst = 0.0_f64;
     for k in 0..4000 {
-        let wanted = 0.5 * (1e-3 * f64::from(k)).sin();
-        rig.command(wanted);
-        worst = worst.max((rig.advance(0.0).truth.q - wanted).abs());
+        let desired = 0.5 * (1e-3 * f64::from(k)).sin();
+        rig.command(desired);
+        worst = worst.max((rig.advance(0.0).truth.q - desired).abs());
     }
     // D6: K_v dq = 7 ms at 0.5 rad/s.
     assert!(worst < 5e-3, "{worst}");
@@ -116,8 +116,8 @@ fn the_kinematic_error_shows_when_the_unloaded_joint_turns() {
     // One turn after a short run-up; the first harmonic of the torsion over q.
     let (mut a, mut b, mut n) = (0.0, 0.0, 0);
     for k in 0..12_000 {
-        let wanted = std::f64::consts::TAU * (f64::from(k) - 2000.0) / 10_000.0;
-        rig.command(wanted);
+        let desired = std::f64::consts::TAU * (f64::from(k) - 2000.0) / 10_000.0;
+        rig.command(desired);
         let s = rig.advance(0.0).truth;
         if k >= 2000 {
             let torsion = s.theta / 100.0 - s.q;
@@ -134,7 +134,7 @@ fn the_kinematic_error_shows_when_the_unloaded_joint_turns() {
 #[test]
 fn stiction_holds_the_motor_and_lets_go() {
     let mut quiet = drive();
-    // No control: what holds is friction alone.
+    // No control: friction alone holds the motor.
     (quiet.controller.k_4, quiet.controller.k_5) = (0.0, 0.0);
     let breakaway = 100.0 * quiet.friction.coulomb;
     let moved = |external: f64| {
@@ -171,7 +171,7 @@ fn the_dead_zone_swallows_small_errors() {
 }
 
 #[test]
-fn an_encoder_that_leads_shows_the_motor_where_it_was() {
+fn an_encoder_that_leads_reads_an_earlier_motor_angle() {
     let mut drive = drive();
     drive.sensors.motor_lead = 2e-3;
     let mut rig = rig(&drive, LEVEL, 0.0);
@@ -194,8 +194,8 @@ fn current_commands_drive_with_their_torque() {
     sheet.command = Command::Current;
     let mut rig = JointRig::new(&sheet, &drive, LEVEL, TIMING, 0.0, 1);
     rig.command(2.0);
-    // A wall: the link is held by a stiff outside spring, so the joint's torque is all friction
-    // leaves of N K_t i = 10 N·m.
+    // A wall: the link is held by a stiff outside spring, so the joint's torque is
+    // N K_t i = 10 N·m less the friction.
     let mut s = rig.advance(0.0);
     for _ in 0..3000 {
         let wall = -20_000.0 * s.truth.q - 100.0 * s.truth.dq;

@@ -1,4 +1,4 @@
-//! What the simulated robot must do, in one binary: linking is what takes long.
+//! Tests of the simulated robot, in one binary: linking takes most of the time.
 
 mod can;
 mod common;

@@ -1,4 +1,4 @@
-//! Bad `sim.toml` files are answered with file, line, key and what is allowed.
+//! Bad `sim.toml` files are refused with file, line, key and the allowed values.
 
 use crate::common::{can_robot, parameters};
 use plant::SimParameters;
@@ -25,7 +25,7 @@ fn unknown_keys_are_named_with_their_line() {
 }
 
 #[test]
-fn values_out_of_range_say_what_is_allowed() {
+fn values_out_of_range_are_refused_with_the_range() {
     for (text, line, key) in [
         ("substep_us = -1.0\n", 1, "substep_us"),
         ("substep_us = nan\n", 1, "substep_us"),
@@ -48,7 +48,7 @@ fn values_out_of_range_say_what_is_allowed() {
 }
 
 #[test]
-fn missing_things_are_named() {
+fn missing_keys_are_named() {
     let e = error("seed = 1\n");
     assert!(e.contains("substep_us"), "{e}");
     let e = error("substep_us = 100.0\n[start]\non_ground = true\n");

@@ -39,7 +39,7 @@ fn hanging() -> SimParameters {
 }
 
 #[test]
-fn the_humanoid_stands_still_from_the_first_moment() {
+fn the_humanoid_stands_still_from_the_start() {
     let mut robot = start(&parameters("humanoid"));
     let early = run(&mut robot, 0.05);
     assert!(
@@ -110,7 +110,7 @@ fn a_light_push_sways_the_humanoid_and_a_hard_one_throws_it() {
 }
 
 #[test]
-fn nothing_to_stand_on_is_refused() {
+fn a_start_without_support_is_refused() {
     let mut sim = parameters("humanoid");
     sim.start.joints.insert("chest_pitch".into(), 1.4);
     sim.start.joints.insert("left_hip_pitch".into(), -1.5);

@@ -38,7 +38,7 @@ fn inverse_dynamics(model: &Model, data: &mut Data, truth: &Truth, names: &[Stri
 }
 
 #[test]
-fn torques_accelerations_and_outside_wrenches_belong_together() {
+fn torques_accelerations_and_external_wrenches_are_consistent() {
     let robot = robot("humanoid");
     let mut sim = parameters("humanoid");
     sim.inertia_error = 0.0;

@@ -1,4 +1,4 @@
-//! A peer in the same thread, called when frames are sent: nothing depends on the machine's
+//! A peer in the same thread, called when frames are sent: the frames do not depend on the machine's
 //! speed, so the same start gives the same bytes.
 
 use super::super::{Bus, BusCounters, deliver};
@@ -20,18 +20,18 @@ impl Peer for CanRobot {
     }
 }
 
-/// A clock that stands still but when it is moved; clones are the same clock.
+/// A clock that only `advance_to` moves; clones share the same time.
 #[derive(Debug, Clone, Default)]
 pub struct VirtualClock(Arc<AtomicU64>);
 
 impl VirtualClock {
-    /// A clock that shows 0.
+    /// A clock at 0.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// What it shows, ns.
+    /// The time, ns.
     #[must_use]
     pub fn now_ns(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
@@ -51,7 +51,7 @@ pub struct VirtualDeadline {
 }
 
 impl VirtualDeadline {
-    /// Cycles every `period_ns`, the first one period from the clock's now.
+    /// Cycles every `period_ns`, the first one period from the clock's time.
     #[must_use]
     pub fn new(clock: &VirtualClock, period_ns: u64) -> Self {
         Self {
@@ -78,7 +78,7 @@ impl Pace for VirtualDeadline {
 pub struct LockStep<P> {
     peer: P,
     clock: VirtualClock,
-    /// What the peer has said and nobody has yet received.
+    /// Frames that the peer has sent and that are not yet received.
     answers: Frames,
     counters: BusCounters,
 }
@@ -95,13 +95,13 @@ impl<P: Peer> LockStep<P> {
         }
     }
 
-    /// The peer, to look at.
+    /// The peer.
     #[must_use]
     pub fn peer(&self) -> &P {
         &self.peer
     }
 
-    /// The peer, to meddle with.
+    /// The peer, mutable.
     pub fn peer_mut(&mut self) -> &mut P {
         &mut self.peer
     }
@@ -115,8 +115,8 @@ impl<P: Peer> Bus for LockStep<P> {
         frames.len()
     }
 
-    /// With an answer missing the clock leaps to `until_ns`: in this thread nobody else can
-    /// answer any more.
+    /// With an answer missing the clock leaps to `until_ns`: in this thread no further
+    /// answer can arrive.
     fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, until_ns: u64) {
         let stamp_ns = self.clock.now_ns();
         for answer in &self.answers {

@@ -6,11 +6,11 @@ use can_codec::{Frames, Gather, Table};
 use crossbeam::queue::ArrayQueue;
 use std::sync::Arc;
 
-/// How long an end that finds nothing looks away, ns: short against a cycle, long enough to leave
+/// Pause of an end that finds no frame, ns: short against a cycle, long enough to leave
 /// the CPU to the other end.
 const NAP_NS: u64 = 20_000;
 
-/// One end of a [`pair`]; what it sends the other receives.
+/// One end of a [`pair`]: the other end receives the frames that it sends.
 pub struct InProcess {
     incoming: Arc<ArrayQueue<can_codec::Frame>>,
     outgoing: Arc<ArrayQueue<can_codec::Frame>>,

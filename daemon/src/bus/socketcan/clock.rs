@@ -17,11 +17,11 @@ const TRIES: u32 = 3;
 pub(super) struct ReceiveClock {
     /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC`, ns.
     difference_ns: i64,
-    /// No frame waiting now had arrived by then, ns.
+    /// Time before which no frame now waiting had arrived, ns.
     empty_ns: u64,
     /// Stamp of the newest frame, ns.
     last_ns: u64,
-    /// When the difference was taken, ns.
+    /// Time at which the difference was taken, ns.
     now_ns: u64,
 }
 
@@ -35,7 +35,8 @@ impl ReceiveClock {
         }
     }
 
-    /// To be called once the frames of a batch have been read and before they are stamped.
+    /// Updates the difference of the clocks; call it after the frames of a batch have been read and
+    /// before they are stamped.
     pub(super) fn update(&mut self) {
         let mut nearest = u64::MAX;
         for _ in 0..TRIES {

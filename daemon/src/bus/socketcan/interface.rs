@@ -1,4 +1,4 @@
-//! CAN interfaces as the kernel lists them, and what must hold before the loop starts.
+//! CAN interfaces as the kernel lists them, and their conditions for the start of the loop.
 
 use super::Line;
 use problem::{Problem, Problems};
@@ -49,7 +49,7 @@ fn read(path: &Path) -> Option<Interface> {
     })
 }
 
-/// The interface of each line, or all that keeps buses from opening.
+/// The interface of each line, or every obstacle to opening the buses.
 pub(super) fn match_lines(
     lines: &[Line<'_>],
     found: &[Interface],
@@ -117,7 +117,7 @@ fn check<'a>(line: &Line<'_>, found: &'a [Interface]) -> Result<&'a Interface, P
     Ok(it)
 }
 
-/// The CAN interfaces that exist, in words.
+/// The CAN interfaces that exist, as text.
 fn here(found: &[Interface]) -> String {
     let mut text = String::new();
     for it in found.iter().filter(|it| it.is_can) {

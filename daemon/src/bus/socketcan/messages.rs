@@ -13,7 +13,7 @@ const CONTROL_WORDS: usize = 16;
 /// Data of a classic frame, bytes.
 const CLASSIC_DATA: usize = 8;
 
-/// One message's memory: where it comes from or goes to, the frame, and what the kernel adds.
+/// Memory of one message: address, frame, and control messages of the kernel.
 #[repr(C)]
 #[derive(Clone, Copy)]
 struct Message {
@@ -33,7 +33,7 @@ pub(super) struct Messages {
 // they are written anew before each system call and not followed after it.
 unsafe impl Send for Messages {}
 
-/// What came with a received frame.
+/// Metadata of a received frame.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Origin {
     /// Index of the interface.
@@ -54,7 +54,7 @@ impl Messages {
         }
     }
 
-    /// Reads what is waiting, up to [`BATCH`] frames, without waiting; an errno if there is none.
+    /// Reads waiting frames, up to [`BATCH`], without blocking; an errno if there is none.
     pub(super) fn receive(&mut self, socket: BorrowedFd<'_>) -> Result<usize, c_int> {
         for at in 0..BATCH {
             self.point(at, size_of::<libc::canfd_frame>(), true);
@@ -90,7 +90,7 @@ impl Messages {
             frame.id &= libc::CAN_ERR_MASK;
         }
         // A remote frame (RTR) has a length but no data. Its flag stays in the id, so that it is
-        // unknown to every table instead of passing for a message of zeros.
+        // unknown to every table, not decoded as a message of zeros.
         let used = usize::from(frame.len);
         if let (Some(to), Some(from)) = (frame.data.get_mut(..used), raw.data.get(..used)) {
             to.copy_from_slice(from);
@@ -132,8 +132,8 @@ impl Messages {
         true
     }
 
-    /// Sends the messages `from..to` without waiting: how many the kernel took, or why not the
-    /// first.
+    /// Sends the messages `from..to` without blocking: the number that the kernel took, or the
+    /// errno of the first.
     pub(super) fn send(
         &mut self,
         socket: BorrowedFd<'_>,

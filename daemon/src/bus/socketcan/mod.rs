@@ -1,9 +1,10 @@
 //! Every CAN interface through one raw socket.
 //!
-//! The socket is bound to no interface, so it hears all of them; a frame's address tells which.
+//! The socket is bound to no interface, so it receives the frames of all; a frame's address contains
+//! its interface.
 //! One system call reads or writes the frames of all buses, up to [`BATCH`] at a time. The kernel
-//! stamps each frame as it arrives, counts what it had to drop, and reports the controllers'
-//! error frames. Own frames are not heard; other programs on the same interface do hear them.
+//! stamps each frame as it arrives, counts dropped frames, and reports the controllers' error frames.
+//! The socket does not receive its own frames; other programs on the same interface do.
 
 mod clock;
 mod interface;
@@ -28,10 +29,10 @@ use std::ptr;
 const RECEIVE_BUFFER: c_int = 4 * 1024 * 1024;
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// A bus of the config, to be found among the kernel's interfaces.
+/// A bus of the config and the name of its interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Line<'a> {
-    /// Where the config names the interface, as `file:line: key`: begins messages about it.
+    /// Place of the interface in the config, as `file:line: key`: begins messages about it.
     pub place: &'a str,
     /// `bus.interface`.
     pub interface: &'a str,
@@ -49,7 +50,7 @@ impl<'a> From<&'a BusParameters> for Line<'a> {
     }
 }
 
-/// Why the buses cannot be opened.
+/// An obstacle to opening the buses.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// Interfaces that are missing, down, or not able to carry CAN FD: all of them.
@@ -61,7 +62,7 @@ pub enum OpenError {
          CONFIG_CAN_RAW; `torqued demo` needs none"
     )]
     NoCan(io::Error),
-    /// A call that sets the socket up, and its answer.
+    /// A failed call of the socket's set-up, and its error.
     #[error("CAN socket: {0}: {1}")]
     Socket(&'static str, io::Error),
 }
@@ -95,7 +96,7 @@ impl SocketCan {
     /// Opens the buses, numbered in the order of `lines`.
     pub fn open(lines: &[Line<'_>]) -> Result<Self, OpenError> {
         let found = interface::list(Path::new("/sys/class/net"));
-        // The socket first: where the kernel has no CAN, a missing interface is not the news.
+        // The socket first: a kernel without CAN is the cause, a missing interface its effect.
         let socket = open_socket()?;
         let interfaces = interface::match_lines(lines, &found).map_err(OpenError::Interfaces)?;
         set_options(&socket)?;
@@ -129,13 +130,13 @@ impl SocketCan {
         ready > 0
     }
 
-    /// Why a frame could not be sent, the last time that happened.
+    /// The newest failure to send a frame.
     #[must_use]
     pub fn send_failure(&self) -> Option<SendFailure> {
         self.send_failure
     }
 
-    /// Reads one batch; how many frames it held.
+    /// Reads one batch; returns its number of frames.
     fn read_batch(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table) -> usize {
         let before = monotonic_ns();
         let count = self.messages.receive(self.socket.as_fd()).unwrap_or(0);
@@ -151,7 +152,7 @@ impl SocketCan {
                 self.counters.dropped += u64::from(more);
                 self.kernel_dropped = dropped;
             }
-            // Interfaces of no bus are heard too: what they carry is not ours.
+            // The socket also receives from interfaces of no bus: such frames are left out.
             let is_ours = |&index: &c_int| index == origin.interface;
             let Some(bus) = self.interfaces.iter().position(is_ours) else {
                 continue;
@@ -223,8 +224,8 @@ impl Bus for SocketCan {
                 continue;
             }
             let more = self.read_batch(rx, gather, table) == BATCH;
-            // Nobody waits any more: what finds no room in `rx` stays for the next call. So a
-            // flood ends somewhere, and a list of whole batches works off a backlog without loss.
+            // After the deadline, frames without room in `rx` stay for the next call: so a flood has
+            // an end, and a list of whole batches works off a backlog without loss.
             let waiting = in_time && !gather.complete();
             if !waiting && (!more || rx.is_full()) {
                 return;
