@@ -217,10 +217,10 @@ mod tests {
         std::fs::write(root.join("bonding_masters"), "").unwrap();
         let found = list(&root);
         std::fs::remove_dir_all(&root).unwrap();
-        let wanted = [
+        let expected = [
             interface("lo", 5, false, true, 72),
             interface("vcan0", 5, true, true, 72),
         ];
-        assert_eq!(found, wanted);
+        assert_eq!(found, expected);
     }
 }
