@@ -60,8 +60,9 @@ impl<B: Bus> ControlLoop<B> {
         // What came too late for the cycle before must not pass for an answer to this SYNC.
         self.receive_until(0);
         self.gather.begin();
-        let synced = self.bus.send(&self.sync);
+        // Before it is sent: the first answer may be stamped before `send` returns.
         let sync = Stamp(self.bus.now_ns());
+        let synced = self.bus.send(&self.sync);
         self.receive_until(sync.0 + self.gather_deadline_ns);
 
         let gathered = monotonic_ns();

@@ -23,7 +23,7 @@ use robot_state::{
 use supervisor::{Plausibility, Sample, Trust};
 
 use crate::events::Counts;
-use crate::time::Instants;
+use crate::time::{Instants, SECONDS_PER_NS, Stamp};
 use align::{AlignedBank, signals};
 use filtered::{AXES, Filtered};
 use ft_offset::FtInput;
@@ -34,6 +34,9 @@ const NOT_USED: u32 = measured_flags::NEVER
     | measured_flags::MISSED
     | measured_flags::JUMP
     | measured_flags::IMPLAUSIBLE;
+
+/// Most skipped cycles that are bridged; after a longer gap the filters hold no sample anyway.
+const MAX_BRIDGED: f64 = 100.0;
 
 /// Whether one joint's samples can be relied on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -79,6 +82,7 @@ pub(crate) struct Measure {
     plausibility: Vec<Plausibility>,
     joint_readiness: Vec<JointReadiness>,
     sensors_stale: bool,
+    last_sync: Option<Stamp>,
     flags: u32,
 }
 
@@ -138,6 +142,7 @@ impl Measure {
                 .collect(),
             joint_readiness: vec![JointReadiness::default(); n],
             sensors_stale: false,
+            last_sync: None,
             flags: measured_flags::NEVER,
             reception,
         })
@@ -182,6 +187,7 @@ impl Measure {
         counts: &mut Counts,
     ) {
         self.reception.decode(rx, counts);
+        self.bridge_skipped(at.sync, &mut measured.joints);
         self.read_joints(at, &mut measured.joints, counts);
         self.take_offsets(settings);
         self.read_ft_sensors(at, &mut measured.ft, counts);
@@ -211,10 +217,40 @@ impl Measure {
         self.sensors_stale = sensor_flags & measured_flags::STALE != 0;
     }
 
+    /// Cycles that were skipped enter encoders and filters as cycles without a sample: else motion
+    /// would look faster by as much as time is missing.
+    fn bridge_skipped(&mut self, sync: Stamp, joints: &mut [JointMeasured]) {
+        let period_ns = self.sample_period / SECONDS_PER_NS;
+        let last = self.last_sync.replace(sync);
+        let elapsed = last.map_or(0.0, |last| sync.0.saturating_sub(last.0) as f64 / period_ns);
+        let skipped = (elapsed.round() - 1.0).clamp(0.0, MAX_BRIDGED) as u32;
+        if skipped == 0 {
+            return;
+        }
+        self.angles.fill(f64::NAN);
+        self.both_angles.fill(f64::NAN);
+        self.axes.fill(f64::NAN);
+        for k in (1..=skipped).rev() {
+            let instant = Stamp(sync.0.saturating_sub((f64::from(k) * period_ns) as u64));
+            for (front_end, joint) in self.front_ends.iter_mut().zip(&mut self.plausibility) {
+                front_end.update(f64::NAN, f64::NAN, f64::NAN);
+                joint.update(Sample::Missed);
+            }
+            let stamps = self.reception.stamps();
+            (self.long).update(&self.angles, &self.axes, stamps, instant);
+            (self.short).update(&self.angles, &self.axes, stamps, instant);
+            (self.control_filter).update(&self.both_angles, stamps, instant);
+            for measured in joints.iter_mut().take(self.joints.len()) {
+                measured.q += measured.dq * self.sample_period;
+                measured.theta += measured.omega * self.sample_period;
+            }
+        }
+    }
+
     fn read_joints(&mut self, at: Instants, joints: &mut [JointMeasured], counts: &mut Counts) {
         let n = self.joints.len();
         for (j, measured) in joints.iter_mut().enumerate().take(n) {
-            let reading = (self.reception).reading(&self.joints[j], at, counts);
+            let reading = (self.reception).reading(&mut self.joints[j], at, counts);
             let slot = |slot: usize| match reading.usable {
                 true => self.reception.slot(slot),
                 false => f64::NAN,
@@ -322,7 +358,7 @@ impl Measure {
     fn read_ft_sensors(&mut self, at: Instants, ft: &mut [FtMeasured], counts: &mut Counts) {
         self.axes.fill(f64::NAN);
         for (s, sensor) in ft.iter_mut().enumerate().take(self.sensors.len()) {
-            let reading = (self.reception).reading(&self.sensors[s], at, counts);
+            let reading = (self.reception).reading(&mut self.sensors[s], at, counts);
             sensor.age_s = reading.age_s;
             sensor.flags = reading.flags;
             let input = &mut self.ft_inputs[s];
@@ -340,7 +376,7 @@ impl Measure {
     }
 
     fn read_imu(&mut self, at: Instants, measured: &mut MeasuredRecord, counts: &mut Counts) {
-        let Some(source) = &self.imu else {
+        let Some(source) = &mut self.imu else {
             return;
         };
         let reading = (self.reception).reading(source, at, counts);

@@ -379,3 +379,205 @@ fn a_fault_of_an_earlier_run_keeps_the_robot_off_until_it_is_acknowledged() {
     assert_eq!(state(bench.cycle.record()), RobotState::Holding);
     motion.assert_small("started with a fault");
 }
+
+/// The test joint with a drive that takes currents.
+fn current_drive() -> Bench {
+    let read = |path: &str| {
+        let text = common::read(path)?;
+        Ok(if path.ends_with("config/test-joint/robot.toml") {
+            let from = text.find("K_tau_rad_per_Nm").unwrap();
+            let to = text.find("sign_smoothing_rad_per_s").unwrap();
+            let motor = "K_1_Nm_per_A = 5.0\nK_2_Nms_per_rad = 0.1\nK_3_Nm = 1.5\n";
+            let text = format!("{}{motor}{}", &text[..from], &text[to..]);
+            text.replace(
+                "command = \"position\"",
+                "command = \"current\"\ncurrent_limit_A = 7.4",
+            )
+        } else if path.ends_with("drives.dbc") {
+            let from = text.find("SG_ joint_position").unwrap();
+            let line = text[from..].lines().next().unwrap();
+            text.replace(
+                line,
+                "SG_ joint_position : 0|32@1- (1,0) [0|0] \"mA\" DRIVES",
+            )
+        } else {
+            text
+        })
+    };
+    Bench::reading("test-joint", &read)
+}
+
+#[test]
+fn a_current_drive_under_a_constant_torque_stays_within_its_limits() {
+    for tau_d in [30.0, -30.0, 5.0] {
+        let mut bench = current_drive();
+        bench.run(400);
+        assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+        let limits = bench.robot.parameters.joints[0].limits;
+        let mut reference = bench.reference(Mode::Torque.number(), 1);
+        reference.joints[0].tau_d = tau_d;
+        let mut fastest: f64 = 0.0;
+        for _ in 0..4000 {
+            reference.sequence += 1;
+            bench.step(&client_input(&reference));
+            let joint = &bench.plant.truth().joints[0];
+            fastest = fastest.max(joint.dq.abs());
+            let margin = 2f64.to_radians();
+            let inside =
+                joint.q < limits.position_max + margin && joint.q > limits.position_min - margin;
+            assert!(inside, "{tau_d} N·m: {} rad", joint.q);
+        }
+        assert!(
+            fastest < 1.2 * limits.velocity,
+            "{tau_d} N·m: {fastest} rad/s"
+        );
+        let rest = bench.plant.truth().joints[0].dq;
+        assert!(rest.abs() < 0.1, "{tau_d} N·m: {rest} rad/s at the end");
+        assert_eq!(bench.cycle.record().fault, 0);
+    }
+}
+
+#[test]
+fn a_current_drive_whose_encoders_contradict_each_other_stays_where_it_is() {
+    for (mode, slip) in [
+        (Mode::Hold, 0.06),
+        (Mode::Hold, -0.003),
+        (Mode::InverseDynamics, 0.02),
+    ] {
+        let mut bench = current_drive();
+        bench.run(600);
+        let mut reference = bench.reference(mode.number(), 1);
+        for _ in 0..400 {
+            reference.sequence += 1;
+            bench.step(&client_input(&reference));
+        }
+        let mut motion = Motion::of(&bench);
+        let input = client_input(&reference);
+        run_spoilt(&mut bench, &mut motion, 1000, &input, 0, |values| {
+            values[slots::link_angle(0)] += slip;
+        });
+        let fault = bench.cycle.record().fault;
+        assert_eq!(
+            fault,
+            Event::EncoderImplausible.number(),
+            "{mode:?} {slip} rad"
+        );
+        motion.assert_small(&format!("current drive, {mode:?}, slips by {slip} rad"));
+    }
+}
+
+#[test]
+fn answers_that_are_always_too_late_latch_a_fault() {
+    let mut bench = Bench::new("leg");
+    bench.run(400);
+    let knee = bench.robot.receive.message(3);
+    let knee = knee.map(|m| (m.bus, m.id)).unwrap();
+    let mut reference = bench.reference(Mode::InverseDynamics.number(), 1);
+    for _ in 0..20 {
+        reference.sequence += 1;
+        bench.step(&client_input(&reference));
+    }
+    let mut motion = Motion::of(&bench);
+    let mut late: Option<Frame> = None;
+    for _ in 0..200 {
+        bench.gather();
+        let answer = bench.rx.iter().find(|f| (f.bus, f.id) == knee).copied();
+        bench.drop_answers(|f| (f.bus, f.id) == knee);
+        // It arrives with the next cycle's answers, with a stamp of its own.
+        if let Some(frame) = late.take() {
+            bench.rx.push(frame);
+        }
+        late = answer;
+        reference.sequence += 1;
+        bench.compute(&client_input(&reference));
+        motion.take(&bench);
+    }
+    let record = bench.cycle.record();
+    assert_eq!(record.fault, Event::JointStale.number());
+    motion.assert_small("the knee answers too late");
+}
+
+#[test]
+fn skipped_cycles_do_not_step_the_torque() {
+    for skipped in [1, 3, 10] {
+        let mut bench = Bench::new("leg");
+        let mut reference = bench.follow();
+        let q0: Vec<f64> = reference.joints.iter().map(|j| j.q_d).collect();
+        let mut last: Option<CycleRecord> = None;
+        let mut greatest: f64 = 0.0;
+        for k in 0..1000 {
+            let t = f64::from(k) * 1e-3;
+            let w = std::f64::consts::PI;
+            for (joint, q0) in reference.joints.iter_mut().zip(&q0).take(6) {
+                // 0.25 rad at 0.5 Hz, begun at rest.
+                joint.q_d = q0 + 0.125 * (1.0 - (w * t).cos());
+                joint.dq_d = 0.125 * w * (w * t).sin();
+            }
+            reference.sequence += 1;
+            // The robot goes on while the loop sleeps, and its answers are lost.
+            if k == 500 {
+                for _ in 0..skipped {
+                    bench.gather();
+                }
+            }
+            let record = *bench.step(&client_input(&reference));
+            if let Some(last) = last.filter(|_| k > 490 && k < 700) {
+                let taus = |r: &CycleRecord| {
+                    (r.estimated.joints).map(|j| [j.tau_encoder.tau, j.tau_whole_body.tau])
+                };
+                for (before, after) in taus(&last).iter().zip(taus(&record)).take(6) {
+                    let steps = before.iter().zip(after).map(|(a, b)| (a - b).abs());
+                    greatest = steps.fold(greatest, f64::max);
+                }
+            }
+            last = Some(record);
+        }
+        assert_eq!(bench.cycle.record().fault, 0);
+        let limit = bench.robot.parameters.joints[3].limits.torque;
+        assert!(
+            greatest < 0.05 * limit,
+            "{skipped} skipped: {greatest} N·m in a cycle"
+        );
+    }
+}
+
+#[test]
+fn a_joint_without_a_usable_sample_latches_a_fault() {
+    let mut bench = Bench::new("leg");
+    bench.run(400);
+    let knee = bench.robot.receive.message(3);
+    let knee = knee.map(|m| (m.bus, m.id)).unwrap();
+    let mut motion = Motion::of(&bench);
+    for _ in 0..1000 {
+        bench.gather();
+        bench.drop_answers(|f| (f.bus, f.id) == knee);
+        bench.compute(&ClientInput::default());
+        motion.take(&bench);
+    }
+    let record = bench.cycle.record();
+    assert_eq!(record.fault, Event::JointStale.number());
+    assert!(record.measured.joints[3].age_s > 0.9);
+    motion.assert_small("no usable sample of the knee");
+}
+
+#[test]
+fn an_older_frame_after_a_newer_one_is_not_used() {
+    let mut bench = Bench::new("leg");
+    bench.run(400);
+    let mut motion = Motion::of(&bench);
+    let mut kept: Option<Frame> = None;
+    for _ in 0..500 {
+        bench.gather();
+        let newest = bench.rx.iter().next().copied();
+        if let Some(older) = kept.take() {
+            bench.rx.push(older);
+        }
+        kept = newest;
+        bench.compute(&ClientInput::default());
+        motion.take(&bench);
+    }
+    let record = bench.cycle.record();
+    assert_eq!(record.fault, 0);
+    assert_eq!(record.events[Event::FrameOutOfOrder.index()], 499);
+    motion.assert_small("frames out of order");
+}

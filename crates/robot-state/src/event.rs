@@ -100,6 +100,7 @@ events! {
     ReceiveOverflow = 108, "receive_overflow", Warn, "-", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.";
     SignalNotFinite = 109, "signal_not_finite", Warn, "-", "A received signal was NaN or infinite; the sample was not used.";
     SensorStale = 110, "sensor_stale", Release, "loop.stale_after_ms", "An F/T sensor or the IMU has sent no usable sample for longer than allowed; a mode that needs it ends.";
+    FrameOutOfOrder = 111, "frame_out_of_order", Warn, "-", "A frame was received earlier than one of the same message that had been used already; it was not used.";
     TorqueSaturated = 201, "torque_saturated", Warn, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
     EncoderJump = 202, "encoder_jump", Warn, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
     EstimateNotFinite = 203, "estimate_not_finite", Warn, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";

@@ -10,8 +10,9 @@
 //! The *lead* comes last, by both encoders: a set-point is pulled towards the joint only where
 //! each of them indicates that it leads too far, so that no single encoder can move a joint.
 //!
-//! Current-commanded drives. The torque is limited in size, rate and power; beyond the velocity
-//! that the distance to the limits allows, a damping torque takes its place.
+//! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that
+//! the distance to the position limits allows: the less of it is left the less torque, and beyond
+//! it braking.
 
 use robot_state::command_flags;
 
@@ -55,8 +56,8 @@ pub enum Actuation {
         k_1: f64,
         /// Greatest |current|, A.
         current: f64,
-        /// Torque that brakes, per velocity, N·m·s/rad. The rotor's inertia (link side) over some
-        /// eight sample periods brakes as hard as one or two cycles of delay allow.
+        /// Torque that brakes, per velocity, N·m·s/rad. The rotor's inertia (link side) over twice
+        /// the delay of the measured velocity brakes as hard as that delay allows.
         damping: f64,
         /// Time that braking takes to act, s: four times the greatest inertia at the joint over
         /// `damping` approaches a position limit without overshoot.
@@ -308,30 +309,19 @@ impl Limiter {
             tau = power / motion.dq;
             flags |= command_flags::POWER_LIMITED;
         }
-        // Beyond the allowed velocity: damping, which the rate limit must not hold back.
+        // The less velocity is left to what is allowed, the less torque; beyond it, braking, which
+        // the rate limit must not hold back.
         let (down, up) = self.allowed_velocity(motion.q);
-        let excess = if motion.dq > up {
-            motion.dq - up
-        } else {
-            (motion.dq + down).min(0.0)
-        };
-        if excess != 0.0 {
-            let brake = (-damping * excess).clamp(-torque, torque);
-            tau = if excess > 0.0 {
-                tau.min(brake)
-            } else {
-                tau.max(brake)
+        let most = (damping * (up - motion.dq)).clamp(-torque, torque);
+        let least = (-damping * (down + motion.dq)).clamp(-torque, torque);
+        let within = tau.min(most).max(least);
+        if within != tau {
+            let bound = if within < tau { up } else { down };
+            flags |= match bound < velocity {
+                true => command_flags::POSITION_LIMITED,
+                false => command_flags::VELOCITY_LIMITED,
             };
-            let at_wall = up.min(down) < velocity;
-            flags |= if at_wall {
-                command_flags::POSITION_LIMITED
-            } else {
-                command_flags::VELOCITY_LIMITED
-            };
-        } else if (tau > 0.0 && up == 0.0) || (tau < 0.0 && down == 0.0) {
-            // Outside and at rest: only inwards.
-            tau = 0.0;
-            flags |= command_flags::POSITION_LIMITED;
+            tau = within;
         }
         self.last_torque = tau;
         let applied = (tau / k_1).clamp(-current, current);

@@ -4,7 +4,8 @@
 //! that, or an encoder that moved further than its joint can, means that one of the two encoders
 //! is wrong, and nobody knows which: such a sample is not used. A joint is plausible after a
 //! number of good samples in a row, and implausible after a number of bad ones, so that one
-//! corrupt frame neither starts nor stops a robot.
+//! corrupt frame neither starts nor stops a robot. An encoder that has slipped makes its joint
+//! implausible until the daemon starts anew with encoders that have been looked after.
 
 /// What makes a sample plausible.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,6 +77,8 @@ pub struct Plausibility {
     left: Option<Course>,
     /// The course before readings that jumped, and how many did.
     jumped: Option<(Course, u32)>,
+    /// An encoder has slipped: what it measures from then on is wrong by an unknown angle.
+    slipped: bool,
 }
 
 impl Plausibility {
@@ -91,6 +94,7 @@ impl Plausibility {
             course: None,
             left: None,
             jumped: None,
+            slipped: false,
         }
     }
 
@@ -120,8 +124,8 @@ impl Plausibility {
                     self.forget();
                     Step::None
                 };
-                if stepped == Step::Confirmed {
-                    self.good = 0;
+                self.slipped |= stepped == Step::Confirmed;
+                if self.slipped {
                     self.trust = Trust::Implausible;
                     return self.trust;
                 }

@@ -30,7 +30,8 @@ pub struct ClientInput<'a> {
 pub(crate) enum Goal<'a> {
     /// Every joint in use stays where its last command holds it.
     Hold,
-    /// Every joint in use is brought to rest by damping.
+    /// The same; joints whose drives have no position loop are damped, as their hold would depend on
+    /// an encoder.
     Stop,
     Torque(&'a Reference),
     InverseDynamics(&'a Reference),
@@ -180,7 +181,7 @@ impl Supervisor {
         if matches!(asked, Some(Goal::Hold)) {
             self.released = false;
         }
-        if self.machine.is_braking() {
+        if self.machine.is_braking() || self.machine.fault().is_some() {
             return Goal::Stop;
         }
         let active = self.mode != Mode::Hold;

@@ -196,7 +196,7 @@ impl JointController {
             State::HoldPosition { hold_q, velocity } => {
                 return law.hold_position(hold_q, velocity, motion, input.dt, commanded);
             }
-            State::Damped => return law.damping(motion, commanded),
+            State::Damped => return law.damping(motion, input, commanded),
             State::HoldTorque {
                 hold_q,
                 torque_loop,
@@ -320,17 +320,24 @@ impl Law {
         *hold_q
     }
 
-    /// A current against the joint's motion.
-    fn damping(&self, motion: &Motion, commanded: &mut JointCommanded) -> f64 {
+    /// The current that carries the joint's weight, and damping against its motion.
+    fn damping(
+        &self,
+        motion: &Motion,
+        input: &JointInput<'_>,
+        commanded: &mut JointCommanded,
+    ) -> f64 {
         let Actuation::Current { k_1, damping, .. } = self.actuation else {
             return 0.0;
         };
-        let current = -damping * motion.dq / k_1;
+        let feedforward_torque = input.inverse_dynamics.feedforward / k_1;
+        let feedback_velocity = -damping * motion.dq / k_1;
         *commanded = JointCommanded {
-            feedback_velocity: current,
+            feedforward_torque,
+            feedback_velocity,
             ..JointCommanded::default()
         };
-        current
+        feedforward_torque + feedback_velocity
     }
 
     /// Terms that follow a position and a velocity by inverse dynamics.

@@ -1,12 +1,16 @@
 //! Reception: the newest signals of all messages, and the age of each sample.
 
-use can_codec::{DecodeError, Frames, Table};
+use can_codec::{DecodeError, Frame, Frames, Table};
 use robot_config::{Robot, Sampled, Sampling, slots};
 use robot_state::{Event, measured_flags};
 
 use super::align::OVERDUE;
 use crate::events::Counts;
 use crate::time::{Instants, SECONDS_PER_NS};
+
+/// Error of a frame's stamp against the instant of SYNC, ns: both are read on one clock, but by
+/// kernel and process.
+const STAMP_ERROR_NS: u64 = 20_000;
 
 /// The messages that bring one joint's or sensor's sample.
 #[derive(Debug)]
@@ -15,6 +19,8 @@ pub(crate) struct Source {
     /// Slots whose values must be finite.
     slots: Vec<usize>,
     sampling: Sampling,
+    /// Instant of the last usable sample's oldest message; none before the first.
+    used: Option<u64>,
 }
 
 /// A source's sample in one cycle.
@@ -22,7 +28,7 @@ pub(crate) struct Source {
 pub(crate) struct Reading {
     /// The sample is complete, finite and not overdue.
     pub(crate) usable: bool,
-    /// Age of the oldest message of the sample, s; infinite before the first.
+    /// Age of the last usable sample, by its oldest message, s; infinite before the first.
     pub(crate) age_s: f64,
     /// Bits of `measured_flags`.
     pub(crate) flags: u32,
@@ -61,6 +67,7 @@ impl Reception {
                 .collect(),
             slots,
             sampling,
+            used: None,
         }
     }
 
@@ -83,6 +90,10 @@ impl Reception {
                 counts.add(Event::BusErrorFrame);
                 continue;
             }
+            if self.is_older(frame) {
+                counts.add(Event::FrameOutOfOrder);
+                continue;
+            }
             match self.table.decode(frame, &mut self.slots) {
                 Ok(Some(message)) => {
                     if let Some(fresh) = self.fresh.get_mut(message) {
@@ -99,14 +110,26 @@ impl Reception {
         }
     }
 
+    /// The frame was received before one of the same message that has been taken already.
+    fn is_older(&self, frame: &Frame) -> bool {
+        let message = self.table.classify(frame);
+        let last = message.and_then(|m| self.stamps.get(m).copied().flatten());
+        last.is_some_and(|last| frame.stamp_ns < last)
+    }
+
     /// The source's sample of this cycle.
-    pub(crate) fn reading(&self, source: &Source, at: Instants, counts: &mut Counts) -> Reading {
-        let mut stamps = source
+    pub(crate) fn reading(
+        &self,
+        source: &mut Source,
+        at: Instants,
+        counts: &mut Counts,
+    ) -> Reading {
+        let stamps = source
             .messages
             .iter()
             .map(|&m| self.stamps.get(m).copied().flatten());
         // The oldest message counts: the sample is complete only with all of them.
-        let oldest = stamps.try_fold(u64::MAX, |oldest, stamp| Some(oldest.min(stamp?)));
+        let oldest = (stamps.clone()).try_fold(u64::MAX, |oldest, stamp| Some(oldest.min(stamp?)));
         let Some(oldest) = oldest else {
             return Reading {
                 usable: false,
@@ -114,7 +137,6 @@ impl Reception {
                 flags: measured_flags::NEVER | measured_flags::MISSED,
             };
         };
-        let age_s = at.now.0.saturating_sub(oldest) as f64 * SECONDS_PER_NS;
         let all_fresh = source
             .messages
             .iter()
@@ -127,7 +149,8 @@ impl Reception {
             counts.add(Event::SignalNotFinite);
         }
         let present = match source.sampling.sampled {
-            Sampled::AtSync => all_fresh,
+            // An answer to an earlier SYNC that came too late is a sample of that SYNC.
+            Sampled::AtSync => all_fresh && oldest.saturating_add(STAMP_ERROR_NS) >= at.sync.0,
             // A source with a clock of its own: the last sample serves, at its age, until the next
             // one is overdue.
             Sampled::WhenSent { period } => {
@@ -135,12 +158,20 @@ impl Reception {
             }
         };
         let usable = present && finite;
+        if usable {
+            source.used = Some(oldest);
+        }
+        let age_s = source.used.map_or(f64::INFINITY, |used| {
+            at.now.0.saturating_sub(used) as f64 * SECONDS_PER_NS
+        });
         let mut flags = 0;
         if !usable {
             flags |= measured_flags::MISSED;
         }
-        if age_s > self.stale_after_s {
-            flags |= measured_flags::STALE;
+        match source.used {
+            None => flags |= measured_flags::NEVER,
+            Some(_) if age_s > self.stale_after_s => flags |= measured_flags::STALE,
+            Some(_) => {}
         }
         Reading {
             usable,

@@ -11,9 +11,9 @@ use supervisor::{Actuation, Limits, PlausibilityParameters};
 const STOPPING_TIME: f64 = 0.2;
 /// Default time in which a torque may rise from zero to its limit, s.
 const TORQUE_RISE_TIME: f64 = 0.05;
-/// Sample periods in which braking takes a rotor's speed: as hard as the delay of a cycle or two
-/// allows.
-const BRAKING_PERIODS: f64 = 8.0;
+/// Sample periods in which braking takes a rotor's speed: as hard as the delay of the velocity's
+/// filter, of half as many periods, allows.
+const BRAKING_PERIODS: f64 = 16.0;
 /// Greatest torsion over that of the torque limit: gears are softer than their catalogue.
 const TORSION_MARGIN: f64 = 1.5;
 /// Torsion that kinematic error, backlash and encoder offsets may add, rad.
@@ -129,12 +129,13 @@ impl Reader<'_, '_, '_> {
             }
             MotorModel::Current { k1, .. } => {
                 let rotor = drive.rotor_inertia * drive.gear_ratio * drive.gear_ratio;
-                let damping = rotor / (BRAKING_PERIODS * self.timing.sample_period);
+                let delay = BRAKING_PERIODS * self.timing.sample_period;
+                let damping = rotor / delay;
                 Actuation::Current {
                     k_1: k1,
                     current: drive.current_limit,
                     damping,
-                    braking_time: 4.0 * (rotor + inertia) / damping,
+                    braking_time: 4.0 * (rotor + inertia) / damping + delay,
                 }
             }
         }
