@@ -59,9 +59,12 @@ pub enum Actuation {
         /// Torque that brakes, per velocity, N·m·s/rad. The rotor's inertia (link side) over twice
         /// the delay of the measured velocity brakes as hard as that delay allows.
         damping: f64,
-        /// Time that braking takes to act, s: four times the greatest inertia at the joint over
-        /// `damping` approaches a position limit without overshoot.
+        /// Time that braking takes to act, s: with eight times the greatest inertia at the joint
+        /// over `damping` a position limit is approached without overshoot.
         braking_time: f64,
+        /// Time in which a joint beyond a position limit is to return, s: with `damping` it makes
+        /// the stiffness of the limit.
+        return_time: f64,
     },
 }
 
@@ -74,6 +77,8 @@ pub struct Motion {
     pub theta: f64,
     /// dq: velocity, rad/s.
     pub dq: f64,
+    /// Torque that carries the joint's weight, N·m, as far as it is known.
+    pub weight: f64,
 }
 
 /// A command that may be sent.
@@ -168,7 +173,8 @@ impl Limiter {
     }
 
     /// Greatest velocity towards each end, down and up, rad/s: the limit, less where the distance
-    /// that is left asks for braking, zero outside.
+    /// that is left asks for braking; beyond the end none, and for a current-commanded drive the
+    /// negative of the velocity with which it is to return.
     fn allowed_velocity(&self, position: f64) -> (f64, f64) {
         let Limits {
             position_min,
@@ -177,14 +183,20 @@ impl Limiter {
             deceleration,
             ..
         } = self.limits;
-        let delay = match self.actuation {
-            Actuation::Position { .. } => 0.0,
-            Actuation::Current { braking_time, .. } => braking_time,
+        let (delay, return_time) = match self.actuation {
+            Actuation::Position { .. } => (0.0, f64::INFINITY),
+            Actuation::Current {
+                braking_time,
+                return_time,
+                ..
+            } => (braking_time, return_time),
         };
-        // s = v T + v² / (2 a)
+        // s = v T + v² / (2 a); beyond the limit, back.
         let lost = deceleration * delay;
         let braking = |room: f64| {
-            let room = room.max(0.0);
+            if room < 0.0 {
+                return (room / return_time).max(-velocity);
+            }
             ((lost * lost + 2.0 * deceleration * room).sqrt() - lost).clamp(0.0, velocity)
         };
         (
@@ -312,8 +324,8 @@ impl Limiter {
         // The less velocity is left to what is allowed, the less torque; beyond it, braking, which
         // the rate limit must not hold back.
         let (down, up) = self.allowed_velocity(motion.q);
-        let most = (damping * (up - motion.dq)).clamp(-torque, torque);
-        let least = (-damping * (down + motion.dq)).clamp(-torque, torque);
+        let most = (motion.weight + damping * (up - motion.dq)).clamp(-torque, torque);
+        let least = (motion.weight - damping * (down + motion.dq)).clamp(-torque, torque);
         let within = tau.min(most).max(least);
         if within != tau {
             let bound = if within < tau { up } else { down };

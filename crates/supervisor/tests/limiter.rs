@@ -29,6 +29,7 @@ const fn current_drive(inertia: f64) -> Actuation {
         current: 12.0,
         damping,
         braking_time: 4.0 * inertia / damping,
+        return_time: 0.032,
     }
 }
 
@@ -39,6 +40,7 @@ fn still(q: f64) -> Motion {
         q,
         theta: q,
         dq: 0.0,
+        weight: 0.0,
     }
 }
 
@@ -94,7 +96,7 @@ proptest! {
         let mut limiter = Limiter::new(LIMITS, CURRENT, PERIOD);
         limiter.start(&still(0.0), 0.0);
         for asked in asked {
-            let limited = limiter.limit(asked, &Motion { q, theta: q, dq });
+            let limited = limiter.limit(asked, &Motion { q, theta: q, dq, weight: 0.0 });
             prop_assert!(limited.applied.abs() <= LIMITS.torque / 10.0);
             if dq.abs() > LIMITS.velocity {
                 prop_assert!(limited.applied * dq <= 0.0, "{} A at {dq} rad/s", limited.applied);
@@ -121,6 +123,7 @@ fn a_set_point_brakes_before_the_wall() {
                 q: last,
                 theta: last,
                 dq: speed,
+                weight: 0.0,
             },
         );
         let new_speed = (limited.applied - last) / PERIOD;
@@ -151,7 +154,17 @@ fn a_current_drive_under_constant_torque_stays_inside_and_slow() {
         let (mut q, mut dq, mut in_flight) = (0.0, 0.0, 0.0);
         let mut fastest: f64 = 0.0;
         for _ in 0..5000 {
-            let applied = limiter.limit(3.0, &Motion { q, theta: q, dq }).applied;
+            let applied = limiter
+                .limit(
+                    3.0,
+                    &Motion {
+                        q,
+                        theta: q,
+                        dq,
+                        weight: 0.0,
+                    },
+                )
+                .applied;
             // One cycle of transport delay.
             dq += 10.0 * in_flight / inertia * PERIOD;
             q += dq * PERIOD;
@@ -183,6 +196,7 @@ fn a_held_joint_yields_at_its_torque_limit() {
             q: pushed,
             theta: pushed + gear,
             dq: -0.0,
+            weight: 0.0,
         };
         let applied = limiter.limit(hold, &motion).applied;
         let torque = (applied - motion.q) / 1.2e-4;

@@ -153,7 +153,7 @@ impl JointController {
         input: &JointInput<'_>,
         commanded: &mut JointCommanded,
     ) -> Limited {
-        let motion = self.law.motion(input.measured);
+        let motion = self.law.motion(input);
         let asked = self.asked(goal, &motion, input, commanded);
         let limited = self.limiter.limit(asked, &motion);
         commanded.asked = limited.asked;
@@ -239,7 +239,8 @@ impl JointController {
 }
 
 impl Law {
-    fn motion(&self, measured: &JointMeasured) -> Motion {
+    fn motion(&self, input: &JointInput<'_>) -> Motion {
+        let measured = input.measured;
         let (theta, omega) = (
             measured.theta / self.gear_ratio,
             measured.omega / self.gear_ratio,
@@ -253,6 +254,7 @@ impl Law {
             q: measured.q,
             theta,
             dq,
+            weight: input.inverse_dynamics.feedforward,
         }
     }
 

@@ -12,8 +12,8 @@ const STOPPING_TIME: f64 = 0.2;
 /// Default time in which a torque may rise from zero to its limit, s.
 const TORQUE_RISE_TIME: f64 = 0.05;
 /// Sample periods in which braking takes a rotor's speed: as hard as the delay of the velocity's
-/// filter, of half as many periods, allows.
-const BRAKING_PERIODS: f64 = 16.0;
+/// filter, of 7.5 periods, allows.
+const BRAKING_PERIODS: f64 = 12.0;
 /// Greatest torsion over that of the torque limit: gears are softer than their catalogue.
 const TORSION_MARGIN: f64 = 1.5;
 /// Torsion that kinematic error, backlash and encoder offsets may add, rad.
@@ -135,7 +135,8 @@ impl Reader<'_, '_, '_> {
                     k_1: k1,
                     current: drive.current_limit,
                     damping,
-                    braking_time: 4.0 * (rotor + inertia) / damping + delay,
+                    braking_time: 8.0 * (rotor + inertia) / damping + delay,
+                    return_time: 2.0 * delay,
                 }
             }
         }
