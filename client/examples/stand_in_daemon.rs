@@ -1,6 +1,7 @@
 //! Publishes made-up records, so that client programs can be tried without a robot: joint `j`'s
 //! torques are `j + sin t`, its measured position follows the last `q_d`. It has contacts "in_the_air"
-//! and "standing", and a tare in the air "finds" an offset of 1 to 6.
+//! and "standing", and a tare in the air "finds" an offset of 1 to 6. It starts holding; operators enable, disable and
+//! stop it, and enabling it twice latches fault 404 for them to acknowledge.
 //!
 //!     cargo run -p torqued-client --example stand_in_daemon -- ROBOT [SECONDS]
 
@@ -10,8 +11,8 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use torqued_client::robot_state::{
-    Answer, Description, Event, Mode, Name, Request, SharedRecord, Text, Wrench, answer_status,
-    request, torque_flags, torque_source,
+    Answer, Description, Event, Mode, Name, Request, RobotState, SharedRecord, Text, Wrench,
+    answer_status, request, torque_flags, torque_source,
 };
 use torqued_client::{DaemonPorts, Location};
 
@@ -46,6 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let mut record = SharedRecord::default();
     record.cycle.joint_count = description.joint_count;
+    record.cycle.state = RobotState::Holding.number();
     let mut last_reference = None;
     let start = Instant::now();
     for cycle in 1u32.. {
@@ -94,6 +96,30 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+/// An operator's request: the state that follows, or why there is none.
+fn operate(asked: &Request, record: &mut SharedRecord) -> Result<RobotState, String> {
+    let state = RobotState::from_number(record.cycle.state).unwrap_or_default();
+    let time_out = Event::EnableTimeOut.number();
+    match (asked.kind, state) {
+        (request::ACKNOWLEDGE, RobotState::Fault) if asked.fault == time_out => {
+            record.cycle.fault = 0;
+            Ok(RobotState::Ready)
+        }
+        (request::ACKNOWLEDGE, RobotState::Fault) => {
+            Err(format!("fault {time_out} is latched, not {}", asked.fault))
+        }
+        (request::ACKNOWLEDGE, _) => Err("no fault is latched".to_owned()),
+        (_, RobotState::Fault) => Err("acknowledge the fault first".to_owned()),
+        (request::DISABLE, _) => Ok(RobotState::Ready),
+        (request::ENABLE, RobotState::Holding) => {
+            record.cycle.fault = time_out;
+            Ok(RobotState::Fault)
+        }
+        (request::STOP, RobotState::Ready) => Ok(RobotState::Ready),
+        _ => Ok(RobotState::Holding),
+    }
+}
+
 /// Answers at once; a daemon would take a second.
 fn answer(
     ports: &DaemonPorts,
@@ -110,6 +136,17 @@ fn answer(
         .iter()
         .position(|c| *c == asked.contact_set.as_str());
     match (asked.kind, set) {
+        (request::ENABLE..=request::ACKNOWLEDGE, _) => match operate(asked, record) {
+            Ok(state) => {
+                record.cycle.state = state.number();
+                answer.status = answer_status::DONE;
+                answer.text = Text::new(state.name());
+            }
+            Err(why) => {
+                answer.status = answer_status::REFUSED;
+                answer.text = Text::new(&why);
+            }
+        },
         (request::TARE, Some(0)) => {
             for step in 1..4 {
                 (answer.status, answer.progress) = (answer_status::WORKING, 0.25 * f64::from(step));

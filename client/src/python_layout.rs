@@ -116,6 +116,10 @@ pub fn python_layout() -> String {
             ("FORGET_TARE", request::FORGET_TARE),
             ("CHOOSE_CONTACT_SET", request::CHOOSE_CONTACT_SET),
             ("AUTOMATIC_CONTACT_SET", request::AUTOMATIC_CONTACT_SET),
+            ("ENABLE", request::ENABLE),
+            ("DISABLE", request::DISABLE),
+            ("STOP", request::STOP),
+            ("ACKNOWLEDGE", request::ACKNOWLEDGE),
         ],
     );
     enumeration(

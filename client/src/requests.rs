@@ -1,4 +1,4 @@
-//! Requests to the daemon: tares, and the choice of a contact set.
+//! Requests to the daemon: an operator's, tares, and the choice of a contact set.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::thread::sleep;
@@ -58,16 +58,72 @@ impl Client {
         self.request(request::AUTOMATIC_CONTACT_SET, "", |_| ())
     }
 
+    /// Switches the drives on and waits until every joint is held where it stands. A client that
+    /// commands is followed once it has asked for hold. The records' `state` shows the result.
+    ///
+    /// # Errors
+    /// As [`Client::tare`].
+    pub fn enable(&self) -> Result<Answer, Error> {
+        self.request(request::ENABLE, "", |_| ())
+    }
+
+    /// Ends all set-points and switches the drives off; waits until it is so.
+    ///
+    /// # Errors
+    /// As [`Client::tare`].
+    pub fn disable(&self) -> Result<Answer, Error> {
+        self.request(request::DISABLE, "", |_| ())
+    }
+
+    /// Brings the robot to rest and waits until it holds. Whoever commands it must ask for hold
+    /// before it is followed again.
+    ///
+    /// # Errors
+    /// As [`Client::tare`].
+    pub fn stop(&self) -> Result<Answer, Error> {
+        self.request(request::STOP, "", |_| ())
+    }
+
+    /// Acknowledges the latched fault of that number, that of `CycleRecord::fault`.
+    ///
+    /// # Errors
+    /// As [`Client::tare`].
+    pub fn acknowledge(&self, fault: u32) -> Result<Answer, Error> {
+        let asked = Request {
+            kind: request::ACKNOWLEDGE,
+            fault,
+            ..Request::default()
+        };
+        self.send_request(asked, |_| ())
+    }
+
     /// Sends a request, one of [`request`], and waits for its last answer; `progress` receives those
     /// before it. Several clients may have requests open.
     ///
     /// # Errors
-    /// [`Error::Refused`], [`Error::Unanswered`], [`Error::Gone`], [`Error::TooManyRequests`],
-    /// [`Error::NoDaemon`], [`Error::OtherLayout`], [`Error::Transport`].
+    /// As [`Client::send_request`].
     pub fn request(
         &self,
         kind: u32,
         contact_set: &str,
+        progress: impl FnMut(&Answer),
+    ) -> Result<Answer, Error> {
+        let asked = Request {
+            kind,
+            contact_set: Name::new(contact_set),
+            ..Request::default()
+        };
+        self.send_request(asked, progress)
+    }
+
+    /// [`Client::request`] with all fields of the request but `id`, which is chosen here.
+    ///
+    /// # Errors
+    /// [`Error::Refused`], [`Error::Unanswered`], [`Error::Gone`], [`Error::TooManyRequests`],
+    /// [`Error::NoDaemon`], [`Error::OtherLayout`], [`Error::Transport`].
+    pub fn send_request(
+        &self,
+        asked: Request,
         mut progress: impl FnMut(&Answer),
     ) -> Result<Answer, Error> {
         let robot = || self.robot().to_owned();
@@ -80,9 +136,7 @@ impl Client {
         let asked = Request {
             // Random, so different from that of any other request.
             id: RandomState::new().build_hasher().finish(),
-            kind,
-            contact_set: Name::new(contact_set),
-            ..Request::default()
+            ..asked
         };
         let listeners = requests
             .send_copy(RequestMessage(asked))

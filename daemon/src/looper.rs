@@ -113,6 +113,7 @@ impl<B: Bus> Looper<B> {
             starts += begun;
             let was_running = self.ending.is_running();
             let request = self.ending.advance(asked, begun, &last.cycle);
+            let operator = self.clients.operator.next_request();
             if self.ending.is_over() {
                 break;
             }
@@ -121,7 +122,7 @@ impl<B: Bus> Looper<B> {
                 reference: arrived.map(|(reference, _)| reference),
                 age_s: arrived.map_or(0.0, |(_, at)| wake.woke_ns.saturating_sub(at) as f64 * 1e-9),
                 settings: Some(self.clients.settings.latest()),
-                request,
+                request: request.or(operator.filter(|_| was_running)),
             };
             let record = self.control_loop.run_cycle(&wake, &wanted);
             self.clients.records.send(record);

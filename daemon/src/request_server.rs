@@ -1,15 +1,17 @@
-//! Serves the requests of clients, a tare or other contacts, on an ordinary thread.
+//! Serves the requests of clients, an operator's, a tare or other contacts, on an ordinary thread.
 //!
 //! The request server observes every record and keeps the settings of the loop. A tare averages records
 //! as they come; the offsets are computed and stored by a thread of their own, as a disk may take its
 //! time, and hold from the moment they are stored.
 
 mod fitness;
+mod operator;
 mod tare_job;
 
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use cycle::OperatorRequest;
 use dynamics::Model;
 use jiff::Timestamp;
 use problem::Problem;
@@ -20,6 +22,7 @@ use robot_state::{
 };
 
 use crate::offsets::{Offsets, SensorOffset, Store};
+use operator::{OperatorRequests, Outcome, operator_request};
 use tare_job::TareJob;
 
 /// Period of the answers to a client that waits.
@@ -36,6 +39,7 @@ pub struct RequestServer {
     /// The newest record, and its time of arrival.
     newest: Option<(Box<SharedRecord>, Instant)>,
     job: Option<Job>,
+    operator: OperatorRequests,
 }
 
 /// Work that takes longer than an answer.
@@ -72,6 +76,7 @@ impl RequestServer {
             changed: false,
             newest: None,
             job: None,
+            operator: OperatorRequests::default(),
         };
         server.adopt(offsets);
         Ok(server)
@@ -108,6 +113,7 @@ impl RequestServer {
         {
             job.stage = Stage::Failed(why);
         }
+        self.operator.observe(&self.parameters, &record.cycle);
         match &mut self.newest {
             Some((newest, at)) => (**newest, *at) = (*record, now),
             none => *none = Some((Box::new(*record), now)),
@@ -116,13 +122,14 @@ impl RequestServer {
 
     /// Serves a request, whatever its contents, or begins to.
     pub fn serve(&mut self, asked: &Request, now: Instant) -> Answer {
-        let served = match asked.kind {
-            request::TARE => self.begin_tare(asked, now),
-            request::SHOW_TARE => Ok(Some(self.describe_tare())),
-            request::FORGET_TARE => self.begin_to_forget(asked, now),
-            request::CHOOSE_CONTACT_SET => self.choose_contacts(asked.contact_set.as_str()),
-            request::AUTOMATIC_CONTACT_SET => self.automatic_contacts(),
-            other => Err(Problem::new(
+        let served = match (asked.kind, operator_request(asked)) {
+            (_, Some(request)) => self.begin_operator_request(asked, request, now),
+            (request::TARE, _) => self.begin_tare(asked, now),
+            (request::SHOW_TARE, _) => Ok(Some(self.describe_tare())),
+            (request::FORGET_TARE, _) => self.begin_to_forget(asked, now),
+            (request::CHOOSE_CONTACT_SET, _) => self.choose_contacts(asked.contact_set.as_str()),
+            (request::AUTOMATIC_CONTACT_SET, _) => self.automatic_contacts(),
+            (other, _) => Err(Problem::new(
                 format!("requests of kind {other} are not known"),
                 "",
             )),
@@ -134,8 +141,32 @@ impl RequestServer {
         }
     }
 
-    /// Continues the work of a request; an answer if one is due. Call it at every poll.
+    /// The operator's request that the loop is to carry out next: to be handed to it at once.
+    pub fn next_operator_request(&mut self, now: Instant) -> Option<OperatorRequest> {
+        let (newest, _) = self.newest.as_ref()?;
+        self.operator.hand_over(&newest.cycle, now)
+    }
+
+    /// Continues the work of requests; an answer if one is due. Call it at every poll, until none
+    /// is due.
     pub fn advance(&mut self, now: Instant) -> Option<Answer> {
+        self.advance_operator(now)
+            .or_else(|| self.advance_tare(now))
+    }
+
+    fn advance_operator(&mut self, now: Instant) -> Option<Answer> {
+        let (newest, _) = self.newest.as_ref()?;
+        let (parameters, record) = (&self.parameters, &newest.cycle);
+        let (asked, outcome) = self.operator.advance(parameters, record, now)?;
+        let (status, text) = match outcome {
+            Outcome::Waiting(text) => (answer_status::WORKING, text),
+            Outcome::Done(text) => (answer_status::DONE, text),
+            Outcome::Refused(text) => (answer_status::REFUSED, text),
+        };
+        Some(self.answer(&asked, status, &text))
+    }
+
+    fn advance_tare(&mut self, now: Instant) -> Option<Answer> {
         let mut job = self.job.take()?;
         let asked = job.request;
         job.stage = match job.stage {
@@ -163,6 +194,17 @@ impl RequestServer {
             progress,
             ..self.answer(&asked, answer_status::WORKING, "")
         })
+    }
+
+    fn begin_operator_request(
+        &mut self,
+        asked: &Request,
+        request: OperatorRequest,
+        now: Instant,
+    ) -> Result<Option<String>, Problem> {
+        self.newest_record(now)?;
+        self.operator.begin(asked, request, now);
+        Ok(None)
     }
 
     fn begin_tare(&mut self, asked: &Request, now: Instant) -> Result<Option<String>, Problem> {

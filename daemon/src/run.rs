@@ -129,6 +129,8 @@ fn describe(robot: &Robot) -> Description {
     for (j, joint) in parameters.joints.iter().enumerate() {
         description.joint_names[j] = Name::new(&joint.name);
         description.torque_limits[j] = joint.limits.torque;
+        description.position_min[j] = joint.limits.position_min;
+        description.position_max[j] = joint.limits.position_max;
     }
     for (i, name) in robot_config::contact_names(parameters).iter().enumerate() {
         description.contact_set_names[i] = Name::new(name);

@@ -6,6 +6,7 @@
 //!  RecordSender ──► ring of records ──────────────────► DaemonPorts ──► every record
 //!  ReferenceReceiver ◄── triple buffer ◄── arrival time ────┘      ◄── references, one client's
 //!  SettingsReceiver ◄─── triple buffer ◄── RequestServer ◄── records ◄─► requests and answers
+//!  OperatorReceiver ◄─── ring ◄───────────────────┘
 //! ```
 //!
 //! All ways are wait-free for the loop: it never waits for the publisher thread, not even when
@@ -20,6 +21,7 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use cycle::OperatorRequest;
 use robot_state::{Description, Reference, Settings, SharedRecord};
 use rtrb::{Consumer, Producer, RingBuffer};
 use thread_priority::ThreadPriority;
@@ -34,6 +36,11 @@ use crate::request_server::RequestServer;
 
 /// Largest backlog of the publisher thread, records: a quarter of a second at 1 kHz, 6 MB.
 const RING: usize = 256;
+/// Operators' requests on their way to the loop: the request server hands over one at a time.
+const OPERATOR_RING: usize = 4;
+/// Age beyond which the loop no longer carries out a request that may start a motion: nobody
+/// waits for it any more.
+const OPERATOR_EXPIRY_NS: u64 = 200_000_000;
 /// Polling period of the publisher thread.
 const POLL: Duration = Duration::from_micros(500);
 /// Most requests begun in one round: a flood of requests takes no more of the thread's time.
@@ -50,6 +57,8 @@ pub struct LoopEnds {
     pub references: ReferenceReceiver,
     /// For settings.
     pub settings: SettingsReceiver,
+    /// For operators' requests.
+    pub operator: OperatorReceiver,
 }
 
 /// The loop's end for records.
@@ -71,6 +80,12 @@ pub struct ReferenceReceiver {
 #[derive(Debug)]
 pub struct SettingsReceiver {
     settings: triple_buffer::Output<Settings>,
+}
+
+/// The loop's end for operators' requests.
+#[derive(Debug)]
+pub struct OperatorReceiver {
+    requests: Consumer<(OperatorRequest, u64)>,
 }
 
 /// A reference with its time of arrival, ns on `CLOCK_MONOTONIC`; 0: none has arrived yet.
@@ -112,11 +127,13 @@ pub fn start_at(
     while consumer.pop().is_ok() {}
     let (arrived, references) = triple_buffer::triple_buffer(&Arrived::default());
     let (input, settings) = triple_buffer::triple_buffer(server.settings());
+    let (operator, requests) = RingBuffer::new(OPERATOR_RING);
     let shared = Arc::new(Shared::default());
     let publisher = Publisher {
         ports,
         server,
         settings: input,
+        operator,
         records: consumer,
         arrived,
         shared: Arc::clone(&shared),
@@ -143,6 +160,7 @@ pub fn start_at(
         },
         references: ReferenceReceiver { references },
         settings: SettingsReceiver { settings },
+        operator: OperatorReceiver { requests },
     })
 }
 
@@ -200,10 +218,26 @@ impl SettingsReceiver {
     }
 }
 
+impl OperatorReceiver {
+    /// The next request, for one cycle to carry out. Neither waits nor allocates nor calls the
+    /// system.
+    pub fn next_request(&mut self) -> Option<OperatorRequest> {
+        use OperatorRequest::{Acknowledge, Enable};
+        while let Ok((request, at_ns)) = self.requests.pop() {
+            let expired = monotonic_ns().saturating_sub(at_ns) > OPERATOR_EXPIRY_NS;
+            if !expired || !matches!(request, Enable | Acknowledge(_)) {
+                return Some(request);
+            }
+        }
+        None
+    }
+}
+
 struct Publisher {
     ports: DaemonPorts,
     server: RequestServer,
     settings: triple_buffer::Input<Settings>,
+    operator: Producer<(OperatorRequest, u64)>,
     records: Consumer<SharedRecord>,
     arrived: triple_buffer::Input<Arrived>,
     shared: Arc<Shared>,
@@ -255,12 +289,23 @@ impl Publisher {
             };
             answers.push(self.server.serve(&asked, Instant::now()));
         }
-        answers.extend(self.server.advance(Instant::now()));
+        self.hand_over_operator_request();
+        let now = Instant::now();
+        answers.extend(std::iter::from_fn(|| self.server.advance(now)));
         if let Some(settings) = self.server.changed_settings() {
             self.settings.write(settings);
         }
         for answer in &answers {
             count_failure(&self.shared, &self.ports.answer(answer));
+        }
+    }
+
+    fn hand_over_operator_request(&mut self) {
+        // Without room it waits; the request server limits the wait.
+        if self.operator.slots() > 0
+            && let Some(request) = self.server.next_operator_request(Instant::now())
+        {
+            let _ = self.operator.push((request, monotonic_ns()));
         }
     }
 

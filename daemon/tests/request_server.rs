@@ -3,11 +3,13 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use cycle::OperatorRequest;
 use problem::Problem;
 use proptest::prelude::*;
 use robot_config::Robot;
 use robot_state::{
-    Answer, Event, Mode, Name, Request, SharedRecord, answer_status, measured_flags, request,
+    Answer, Event, Mode, Name, Request, RobotState, SharedRecord, answer_status, command_flags,
+    measured_flags, refusal, request,
 };
 use test_support::read_project_file;
 use torqued::offsets::Store;
@@ -264,7 +266,7 @@ fn offsets_that_cannot_be_kept_are_not_used() {
 
 proptest! {
     #[test]
-    fn every_request_gets_an_answer(kinds in prop::collection::vec((any::<u32>(), 0_u32..8, ".{0,30}"), 1..40)) {
+    fn every_request_gets_an_answer(kinds in prop::collection::vec((any::<u32>(), 0_u32..12, ".{0,30}"), 1..40)) {
         let mut server = RequestServer::new(&leg(), Err(Problem::new("nowhere", ""))).expect("a request server");
         let now = Instant::now();
         server.observe(&still(), now);
@@ -273,15 +275,100 @@ proptest! {
                 let asked = Request { id: u64::from(wild), kind, contact_set: Name::new(&name), ..Request::default() };
                 let answer = server.serve(&asked, now);
                 prop_assert_eq!(answer.id, asked.id);
-                let shown = kind == request::SHOW_TARE;
-                let expected = if shown { answer_status::DONE } else { answer_status::REFUSED };
+                let expected = match kind {
+                    request::SHOW_TARE => answer_status::DONE,
+                    request::ENABLE..=request::ACKNOWLEDGE => answer_status::WORKING,
+                    _ => answer_status::REFUSED,
+                };
                 prop_assert_eq!(answer.status, expected, "{} {}", kind, answer.text);
-                prop_assert!(!answer.text.as_str().is_empty());
+                prop_assert!(expected == answer_status::WORKING || !answer.text.as_str().is_empty());
             }
-            prop_assert!(server.advance(now).is_none());
+            // Of operators' requests all but the last are refused at once.
+            while let Some(answer) = server.advance(now) {
+                prop_assert_eq!(answer.status, answer_status::REFUSED);
+            }
             prop_assert!(server.settings().contact_set == 0);
         }
     }
+}
+
+/// A record after `requests` requests, the last with this `refusal`.
+fn after(requests: u32, refusal: u32, state: RobotState) -> Box<SharedRecord> {
+    let mut record = still();
+    let cycle = &mut record.cycle;
+    (cycle.requests, cycle.refusal, cycle.state) = (requests, refusal, state.number());
+    record
+}
+
+#[test]
+fn a_later_request_of_an_operator_takes_the_place_of_one_that_waits() {
+    let mut server =
+        RequestServer::new(&leg(), Err(Problem::new("nowhere", ""))).expect("a server");
+    let now = Instant::now();
+    server.observe(&after(0, 0, RobotState::Ready), now);
+    server.serve(&asked(request::ENABLE), now);
+    assert_eq!(
+        server.next_operator_request(now),
+        Some(OperatorRequest::Enable)
+    );
+    let mut disable = asked(request::DISABLE);
+    disable.id = 8;
+    server.serve(&disable, now);
+    let superseded = server.advance(now).expect("an answer");
+    assert_eq!(
+        (superseded.id, superseded.status),
+        (7, answer_status::REFUSED)
+    );
+    // One at a time: the refusal of the first is not taken for the second's.
+    assert_eq!(server.next_operator_request(now), None);
+    server.observe(&after(1, refusal::STATE << 16, RobotState::Ready), now);
+    assert!(server.advance(now).is_none());
+    assert_eq!(
+        server.next_operator_request(now),
+        Some(OperatorRequest::Disable)
+    );
+    server.observe(&after(2, 0, RobotState::Ready), now);
+    let answer = server.advance(now).expect("an answer");
+    assert_eq!((answer.id, answer.status), (8, answer_status::DONE));
+}
+
+#[test]
+fn waits_for_the_loop_and_for_drives_have_limits_and_name_what_they_wait_for() {
+    let mut server =
+        RequestServer::new(&leg(), Err(Problem::new("nowhere", ""))).expect("a server");
+    let from = Instant::now();
+    let at = |ms: u64| from + Duration::from_millis(ms);
+    server.observe(&after(0, 0, RobotState::Ready), from);
+    server.serve(&asked(request::ENABLE), from);
+    server.next_operator_request(from).expect("handed over");
+    let working = server.advance(at(150)).expect("an answer");
+    assert_eq!(working.status, answer_status::WORKING);
+    let ended = server.advance(at(600)).expect("an answer");
+    assert_eq!(ended.status, answer_status::REFUSED);
+    assert!(
+        ended.text.as_str().contains("has not taken"),
+        "{}",
+        ended.text
+    );
+
+    server.serve(&asked(request::ENABLE), at(700));
+    server.next_operator_request(at(700)).expect("handed over");
+    let mut enabling = after(1, 0, RobotState::Enabling);
+    for joint in &mut enabling.cycle.commanded.joints[..5] {
+        joint.flags = command_flags::ENGAGED;
+    }
+    server.observe(&enabling, at(701));
+    let working = server.advance(at(900)).expect("an answer");
+    let text = working.text.as_str();
+    assert_eq!(working.status, answer_status::WORKING);
+    assert!(text.ends_with("switched on: ankle_roll"), "{text}");
+    let ended = server.advance(at(9000)).expect("an answer");
+    let text = ended.text.as_str();
+    assert_eq!(ended.status, answer_status::REFUSED);
+    assert!(
+        text.contains("ankle_roll") && text.contains("torquectl state"),
+        "{text}"
+    );
 }
 
 #[test]

@@ -181,6 +181,27 @@ def test_contacts_are_chosen(daemons):
     wait_for(client, lambda r: r.cycle.estimated.contact_set_automatic == 1)
 
 
+def test_an_operator_enables_stops_and_acknowledges(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    state = torqued.RobotState
+    for ask, then in [
+        (client.disable, state.READY),
+        (client.enable, state.HOLDING),
+        (client.stop, state.HOLDING),
+        (client.enable, state.FAULT),
+    ]:
+        assert torqued.text(ask().text) == then.name.lower()
+        record = wait_for(client, lambda r: r.cycle.state == then)
+    assert record.cycle.fault == 404
+    with pytest.raises(torqued.RefusedError, match="fault 404 is latched, not 104"):
+        client.acknowledge(104)
+    with pytest.raises(torqued.RefusedError, match="acknowledge the fault first"):
+        client.enable()
+    client.acknowledge(404)
+    wait_for(client, lambda r: r.cycle.state == state.READY and r.cycle.fault == 0)
+
+
 def test_a_request_to_a_daemon_that_is_gone_is_an_error(daemons):
     daemon = daemons()
     client = torqued.Client("leg", PATIENCE_S)

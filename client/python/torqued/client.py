@@ -114,11 +114,31 @@ class Client:
         """Lets the automatic rule choose the contact set from now on."""
         return self.request(RequestKind.AUTOMATIC_CONTACT_SET)
 
+    def enable(self) -> Answer:
+        """Switches the drives on and waits until every joint is held where it stands. A client that
+        commands is followed once it has asked for hold. Raises `RefusedError` with the reason; the
+        records' `state` shows the result, a `RobotState`."""
+        return self.request(RequestKind.ENABLE)
+
+    def disable(self) -> Answer:
+        """Ends all set-points and switches the drives off; waits until it is so."""
+        return self.request(RequestKind.DISABLE)
+
+    def stop(self) -> Answer:
+        """Brings the robot to rest and waits until it holds. Whoever commands it must ask for hold
+        before it is followed again."""
+        return self.request(RequestKind.STOP)
+
+    def acknowledge(self, fault: int) -> Answer:
+        """Acknowledges the latched fault of that number, that of a record's `cycle.fault`."""
+        return self.request(RequestKind.ACKNOWLEDGE, fault=fault)
+
     def request(
         self,
         kind: RequestKind,
         contact_set: str = "",
         progress: Optional[Callable[[Answer], None]] = None,
+        fault: int = 0,
     ) -> Answer:
         """Sends a request and waits for its last answer; `progress` sees those before it. Several
         clients may ask at once."""
@@ -126,7 +146,7 @@ class Client:
         answers = self._open("answer", Answer, time.monotonic()).subscriber_builder().create()
         requests = self._open("request", Request, time.monotonic()).publisher_builder().create()
         try:
-            asked = Request(id=secrets.randbits(64), kind=kind)
+            asked = Request(id=secrets.randbits(64), kind=kind, fault=fault)
             name = contact_set.encode()[: ctypes.sizeof(asked.contact_set)]
             ctypes.memmove(asked.contact_set, name, len(name))
             if requests.loan_uninit().write_payload(asked).send() == 0:

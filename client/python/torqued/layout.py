@@ -82,6 +82,10 @@ class RequestKind(IntEnum):
     FORGET_TARE = 3
     CHOOSE_CONTACT_SET = 4
     AUTOMATIC_CONTACT_SET = 5
+    ENABLE = 6
+    DISABLE = 7
+    STOP = 8
+    ACKNOWLEDGE = 9
 
 
 class AnswerStatus(IntEnum):
@@ -433,7 +437,7 @@ class SharedRecord(ctypes.Structure):
 
 
 class Description(ctypes.Structure):
-    """4808 bytes."""
+    """5832 bytes."""
 
     _fields_ = [
         # The robot's name.
@@ -450,6 +454,10 @@ class Description(ctypes.Structure):
         ("ft_names", ctypes.c_uint8 * 48 * 8),
         # Torque limits of the joints, N·m.
         ("torque_limits", ctypes.c_double * 64),
+        # Lower position limits of the joints, rad.
+        ("position_min", ctypes.c_double * 64),
+        # Upper position limits of the joints, rad.
+        ("position_max", ctypes.c_double * 64),
         # Contact sets in use.
         ("contact_set_count", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
@@ -503,8 +511,8 @@ class Request(ctypes.Structure):
         ("id", ctypes.c_uint64),
         # One of `request`.
         ("kind", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
+        # Number of the fault to acknowledge; 0 in other requests.
+        ("fault", ctypes.c_uint32),
         # Name of a contact set, for a tare and for the choice of a contact set.
         ("contact_set", ctypes.c_uint8 * 48),
     ]
@@ -552,7 +560,7 @@ class Answer(ctypes.Structure):
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
 SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#ec0ecb323604c31b")
-Description.type_name = staticmethod(lambda: "torqued::Description#953c34181f4ec17c")
+Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#f4e3676ca68315e3")
-Request.type_name = staticmethod(lambda: "torqued::Request#5878ef8792a6e307")
+Request.type_name = staticmethod(lambda: "torqued::Request#af8ef29983f4bb97")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

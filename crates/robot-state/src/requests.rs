@@ -17,6 +17,26 @@ pub mod request {
     pub const CHOOSE_CONTACT_SET: u32 = 4;
     /// Let the automatic rule choose the contact set from now on.
     pub const AUTOMATIC_CONTACT_SET: u32 = 5;
+    /// Switch the drives on, then hold; done when every joint is held.
+    pub const ENABLE: u32 = 6;
+    /// Send no more set-points and switch the drives off; done when it is so.
+    pub const DISABLE: u32 = 7;
+    /// Bring the robot to rest, then hold; done when it is at rest.
+    pub const STOP: u32 = 8;
+    /// Acknowledge the fault of number `fault`; done when it is no longer latched.
+    pub const ACKNOWLEDGE: u32 = 9;
+}
+
+/// Kinds of refusal of an operator's request by the loop: the upper half of `CycleRecord::refusal`.
+pub mod refusal {
+    /// Not possible in this state: its number.
+    pub const STATE: u32 = 1;
+    /// A joint is not plausible or has not been seen: its index.
+    pub const JOINT: u32 = 2;
+    /// A joint stands outside its position limits: its index.
+    pub const OUTSIDE: u32 = 3;
+    /// Another fault is latched: its number, or 0 for none.
+    pub const OTHER_FAULT: u32 = 4;
 }
 
 /// Progress of a request.
@@ -36,8 +56,8 @@ record! {
         pub id: u64,
         /// One of `request`.
         pub kind: u32,
-        /// Fills the record to a multiple of eight bytes.
-        pub reserved: u32,
+        /// Number of the fault to acknowledge; 0 in other requests.
+        pub fault: u32,
         /// Name of a contact set, for a tare and for the choice of a contact set.
         pub contact_set: Name,
     }

@@ -24,7 +24,7 @@ pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<()
         let reason = format!("fault {} {name} is latched", cycle.fault);
         return Err(Problem::new(
             reason,
-            "no fault: mend its cause and reset it",
+            "no fault: mend its cause and acknowledge it",
         ));
     }
     if cycle.mode != Mode::Hold.number() {

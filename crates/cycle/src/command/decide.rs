@@ -6,7 +6,9 @@
 //! the robot: it holds, and the client is followed again only after it has asked for hold once.
 
 use robot_config::Robot;
-use robot_state::{Event, MeasuredRecord, Mode, Reaction, Reference, RobotState, Settings};
+use robot_state::{
+    Event, MeasuredRecord, Mode, Reaction, Reference, RobotState, Settings, refusal,
+};
 use supervisor::{JointCondition, Limits, OperatorRequest, Refusal, RobotMachine, Safety};
 
 use crate::events::Counts;
@@ -143,8 +145,7 @@ impl Supervisor {
         self.judge(readiness, measured);
         if let Some(request) = client.request {
             self.requests = self.requests.wrapping_add(1);
-            let outcome = self.machine.request(request, &self.conditions);
-            self.refusal = outcome.map_or_else(refusal_code, |()| 0);
+            self.carry_out(request);
         }
         if let Some(event) = self.machine.update(&self.conditions) {
             self.report(event, counts);
@@ -153,6 +154,16 @@ impl Supervisor {
         self.machine.set_active(goal.reference().is_some());
         self.mode = goal.mode();
         goal
+    }
+
+    /// Whatever the operator has changed, a client is followed again only after it has asked for hold.
+    fn carry_out(&mut self, request: OperatorRequest) {
+        let before = self.machine.state();
+        let outcome = self.machine.request(request, &self.conditions);
+        if outcome.is_ok() && self.machine.state() != before {
+            self.release();
+        }
+        self.refusal = outcome.map_or_else(refusal_code, |()| 0);
     }
 
     fn judge(&mut self, readiness: &Readiness<'_>, measured: &MeasuredRecord) {
@@ -304,12 +315,12 @@ impl Supervisor {
 }
 
 /// A refusal as a number: the kind in the upper half, its subject in the lower.
-fn refusal_code(refusal: Refusal) -> u32 {
-    match refusal {
-        Refusal::State(state) => 1 << 16 | state.number(),
-        Refusal::Joint(joint) => 2 << 16 | joint as u32,
-        Refusal::Outside(joint) => 3 << 16 | joint as u32,
-        Refusal::OtherFault(number) => 4 << 16 | number,
+fn refusal_code(reason: Refusal) -> u32 {
+    match reason {
+        Refusal::State(state) => refusal::STATE << 16 | state.number(),
+        Refusal::Joint(joint) => refusal::JOINT << 16 | joint as u32,
+        Refusal::Outside(joint) => refusal::OUTSIDE << 16 | joint as u32,
+        Refusal::OtherFault(number) => refusal::OTHER_FAULT << 16 | number,
     }
 }
 

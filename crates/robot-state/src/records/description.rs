@@ -21,6 +21,10 @@ record! {
         pub ft_names: [Name; MAX_FT_SENSORS],
         /// Torque limits of the joints, N·m.
         pub torque_limits: [f64; MAX_JOINTS],
+        /// Lower position limits of the joints, rad.
+        pub position_min: [f64; MAX_JOINTS],
+        /// Upper position limits of the joints, rad.
+        pub position_max: [f64; MAX_JOINTS],
         /// Contact sets in use.
         pub contact_set_count: u32,
         /// Fills the record to a multiple of eight bytes.

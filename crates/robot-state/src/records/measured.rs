@@ -49,6 +49,20 @@ record! {
     }
 }
 
+impl JointMeasured {
+    /// The defect for which the joint's samples cannot be relied on, in words after its name.
+    #[must_use]
+    pub fn defect(&self) -> Option<&'static str> {
+        use measured_flags::{IMPLAUSIBLE, NEVER, STALE};
+        match self.flags {
+            flags if flags & NEVER != 0 => Some("has never answered"),
+            flags if flags & STALE != 0 => Some("has sent no sample"),
+            flags if flags & IMPLAUSIBLE != 0 => Some("is not plausible: its encoders disagree"),
+            _ => None,
+        }
+    }
+}
+
 record! {
     /// Measured values of one F/T sensor, in the sensor's frame.
     pub struct FtMeasured {
