@@ -2,24 +2,28 @@
 //! memory that answers like torqued.
 
 use serde_json::Value;
-use std::path::PathBuf;
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
 use std::time::Duration;
+use test_support::TemporaryDirectory;
 use torqued_client::robot_state::{
     Answer, Description, Name, Request, SharedRecord, Text, Wrench, answer_status, request,
 };
 use torqued_client::{DaemonPorts, Location};
 
-/// A run directory of a test's own.
-struct RunDir(Location);
+/// A run directory of one test.
+struct RunDir(
+    Location,
+    #[expect(dead_code, reason = "removes the directory")] TemporaryDirectory,
+);
 
 impl RunDir {
-    fn new(test: &str) -> Self {
-        let name = format!("torquectl-test-{}-{test}", std::process::id());
-        let path: PathBuf = std::env::temp_dir().join(name);
-        Self(Location::at(path).expect("a run directory"))
+    fn new() -> Self {
+        let directory = TemporaryDirectory::new();
+        let location = Location::at(directory.path()).expect("a run directory");
+        let prefix = location.shared_memory_prefix();
+        Self(location, directory.with_shared_memory(prefix))
     }
 
     fn run(&self, arguments: &str) -> Output {
@@ -27,22 +31,6 @@ impl RunDir {
         command.args(arguments.split_whitespace());
         command.env("TORQUED_RUN_DIR", self.0.path());
         command.output().expect("torquectl starts")
-    }
-}
-
-impl Drop for RunDir {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(self.0.path());
-        let prefix = self.0.shared_memory_prefix();
-        let objects = std::fs::read_dir("/dev/shm")
-            .into_iter()
-            .flatten()
-            .flatten();
-        for file in objects {
-            if file.file_name().to_string_lossy().starts_with(&prefix) {
-                let _ = std::fs::remove_file(file.path());
-            }
-        }
     }
 }
 
@@ -135,7 +123,7 @@ fn text(bytes: &[u8]) -> &str {
 
 #[test]
 fn a_tare_shows_offsets_before_and_after_and_what_is_unknown() {
-    let dir = RunDir::new("tare");
+    let dir = RunDir::new();
     let output = beside_daemon(&dir, "tare --contacts in_the_air");
     assert!(output.status.success(), "{output:?}");
     let shown = text(&output.stdout);
@@ -157,7 +145,7 @@ fn a_tare_shows_offsets_before_and_after_and_what_is_unknown() {
 
 #[test]
 fn json_is_for_programs() {
-    let dir = RunDir::new("json");
+    let dir = RunDir::new();
     let output = beside_daemon(&dir, "tare --show --json");
     let shown: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(shown["robot"], "leg");
@@ -172,7 +160,7 @@ fn json_is_for_programs() {
 
 #[test]
 fn refusals_and_wrong_arguments_have_their_exit_codes() {
-    let dir = RunDir::new("refused");
+    let dir = RunDir::new();
     let output = beside_daemon(&dir, "tare --contacts standing");
     assert_eq!(output.status.code(), Some(1));
     assert!(
@@ -201,7 +189,7 @@ fn refusals_and_wrong_arguments_have_their_exit_codes() {
 
 #[test]
 fn contacts_are_listed_and_chosen() {
-    let dir = RunDir::new("contacts");
+    let dir = RunDir::new();
     let listed = beside_daemon(&dir, "contacts");
     let shown = text(&listed.stdout);
     assert!(

@@ -1,25 +1,29 @@
 //! `torquectl watch` as its own process, beside a daemon's end of shared memory.
 
 use serde_json::Value;
-use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
 use std::time::Duration;
+use test_support::TemporaryDirectory;
 use torqued_client::robot_state::{
     Description, Event, Mode, Name, SharedRecord, command_flags, measured_flags, torque_flags,
     torque_source,
 };
 use torqued_client::{DaemonPorts, Location};
 
-/// A run directory of a test's own.
-struct RunDir(Location);
+/// A run directory of one test.
+struct RunDir(
+    Location,
+    #[expect(dead_code, reason = "removes the directory")] TemporaryDirectory,
+);
 
 impl RunDir {
-    fn new(test: &str) -> Self {
-        let name = format!("torquectl-test-{}-{test}", std::process::id());
-        let path: PathBuf = std::env::temp_dir().join(name);
-        Self(Location::at(path).expect("a run directory"))
+    fn new() -> Self {
+        let directory = TemporaryDirectory::new();
+        let location = Location::at(directory.path()).expect("a run directory");
+        let prefix = location.shared_memory_prefix();
+        Self(location, directory.with_shared_memory(prefix))
     }
 
     fn watch(&self, arguments: &str) -> Command {
@@ -27,22 +31,6 @@ impl RunDir {
         command.arg("watch").args(arguments.split_whitespace());
         command.env("TORQUED_RUN_DIR", self.0.path());
         command
-    }
-}
-
-impl Drop for RunDir {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(self.0.path());
-        let prefix = self.0.shared_memory_prefix();
-        for file in std::fs::read_dir("/dev/shm")
-            .into_iter()
-            .flatten()
-            .flatten()
-        {
-            if file.file_name().to_string_lossy().starts_with(&prefix) {
-                let _ = std::fs::remove_file(file.path());
-            }
-        }
     }
 }
 
@@ -110,7 +98,7 @@ fn text(bytes: &[u8]) -> &str {
 
 #[test]
 fn once_shows_torques_flags_faults_and_events_in_words() {
-    let dir = RunDir::new("once");
+    let dir = RunDir::new();
     let output = beside_daemon(&dir, &mut dir.watch("--once"));
     assert!(output.status.success(), "{output:?}");
     let shown = text(&output.stdout);
@@ -147,7 +135,7 @@ fn once_shows_torques_flags_faults_and_events_in_words() {
 
 #[test]
 fn json_is_one_object_a_line() {
-    let dir = RunDir::new("json");
+    let dir = RunDir::new();
     let output = beside_daemon(&dir, &mut dir.watch("--robot leg --once --json"));
     assert!(output.status.success(), "{output:?}");
     assert_eq!(text(&output.stdout).lines().count(), 1);
@@ -174,7 +162,7 @@ fn json_is_one_object_a_line() {
 
 #[test]
 fn continuous_json_ends_quietly_when_its_reader_has_enough() {
-    let dir = RunDir::new("pipe");
+    let dir = RunDir::new();
     let watch = dir.watch("--json --rate 100");
     let mut shell = Command::new("sh");
     shell
@@ -194,7 +182,7 @@ fn continuous_json_ends_quietly_when_its_reader_has_enough() {
 
 #[test]
 fn without_a_daemon_it_reports_the_remedy() {
-    let dir = RunDir::new("none");
+    let dir = RunDir::new();
     for (arguments, service) in [
         ("--once", "torqued/<robot>/state"),
         ("--once --robot leg", "torqued/leg/description"),
@@ -211,7 +199,7 @@ fn without_a_daemon_it_reports_the_remedy() {
 
 #[test]
 fn a_daemon_that_goes_away_is_noticed() {
-    let dir = RunDir::new("gone");
+    let dir = RunDir::new();
     let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
     let mut watch = dir
         .watch("--rate 10")
@@ -231,7 +219,7 @@ fn a_daemon_that_goes_away_is_noticed() {
 
 #[test]
 fn a_rate_that_cannot_be_is_refused() {
-    let dir = RunDir::new("rate");
+    let dir = RunDir::new();
     for rate in ["0", "NaN", "1e9", "fast"] {
         let output = dir
             .watch(&format!("--rate {rate}"))

@@ -1,6 +1,5 @@
 //! The loop's thread from its start to its controlled end, in front of a simulated robot.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -8,7 +7,7 @@ use plant::{CanRobot, SimParameters};
 use problem::Problem;
 use robot_config::Robot;
 use robot_state::{Description, Event, Name, RobotState};
-use test_support::read_project_file;
+use test_support::{TemporaryDirectory, read_project_file};
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::bus::{Bus, LockStep};
 use torqued::control_loop::ControlLoop;
@@ -19,20 +18,18 @@ use torqued::shared_memory;
 use torqued::summary::Timing;
 use torqued_client::Location;
 
-/// A run directory of a test's own.
-struct RunDir(Location);
+/// A run directory of one test.
+struct RunDir(
+    Location,
+    #[expect(dead_code, reason = "removes the directory")] TemporaryDirectory,
+);
 
 impl RunDir {
-    fn new(test: &str) -> Self {
-        let name = format!("torqued-looper-{}-{test}", std::process::id());
-        let path: PathBuf = std::env::temp_dir().join(name);
-        Self(Location::at(path).expect("a run directory"))
-    }
-}
-
-impl Drop for RunDir {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(self.0.path());
+    fn new() -> Self {
+        let directory = TemporaryDirectory::new();
+        let location = Location::at(directory.path()).expect("a run directory");
+        let prefix = location.shared_memory_prefix();
+        Self(location, directory.with_shared_memory(prefix))
     }
 }
 
@@ -70,13 +67,12 @@ struct Run {
 }
 
 fn run<B: Bus>(
-    test: &str,
     cycles: Option<u64>,
     start_with: Option<Event>,
     wrap: impl FnOnce(LockStep<CanRobot>) -> B,
     act: impl Fn(u64, &AtomicBool),
 ) -> (Run, Looper<B>) {
-    let directory = RunDir::new(test);
+    let directory = RunDir::new();
     let robot = leg();
     let clock = VirtualClock::new();
     clock.advance_to(1_000_000_000);
@@ -115,7 +111,6 @@ const HOLDING: u64 = 600;
 #[test]
 fn asked_to_end_the_loop_stops_and_disables_the_robot() {
     let (run, _) = run(
-        "end",
         None,
         None,
         |bus| bus,
@@ -137,7 +132,7 @@ fn asked_to_end_the_loop_stops_and_disables_the_robot() {
 
 #[test]
 fn the_time_given_includes_the_controlled_end() {
-    let (run, _) = run("seconds", Some(900), None, |bus| bus, |_, _| {});
+    let (run, _) = run(Some(900), None, |bus| bus, |_, _| {});
     assert_eq!(run.cycles, 900);
     let record = &run.outcome.record.cycle;
     assert_eq!(record.state, RobotState::Ready.number());
@@ -146,7 +141,7 @@ fn the_time_given_includes_the_controlled_end() {
 #[test]
 fn a_fault_of_an_earlier_run_is_latched_until_the_end() {
     let stored = Some(Event::JointStale);
-    let (run, looper) = run("stored", Some(900), stored, |bus| bus, |_, _| {});
+    let (run, looper) = run(Some(900), stored, |bus| bus, |_, _| {});
     let record = &run.outcome.record;
     assert_eq!(record.cycle.fault, Event::JointStale.number());
     // The leg's two buses carry one SYNC each in a cycle, and nothing else.

@@ -3,7 +3,7 @@
 
 use jiff::Timestamp;
 use proptest::prelude::*;
-use std::path::PathBuf;
+use test_support::TemporaryDirectory;
 use torqued::offsets::{Offsets, SensorOffset, Store};
 
 const NAMES: [&str; 2] = ["left", "right"];
@@ -25,29 +25,18 @@ fn offsets() -> Offsets {
     }
 }
 
-/// A state directory of a test's own.
-struct State(PathBuf);
+/// A state directory of one test.
+struct State(TemporaryDirectory);
 
 impl State {
-    fn new(test: &str) -> Self {
-        let name = format!("torqued-offsets-{}-{test}", std::process::id());
-        Self(std::env::temp_dir().join(name))
-    }
-
     fn store(&self) -> Store {
-        Store::at(&self.0, "leg")
-    }
-}
-
-impl Drop for State {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
+        Store::at(self.0.path(), "leg")
     }
 }
 
 #[test]
 fn saved_offsets_are_loaded_until_they_are_forgotten() {
-    let state = State::new("saved");
+    let state = State(TemporaryDirectory::new());
     let store = state.store();
     assert_eq!(store.load(&NAMES), Ok(None), "no tare yet");
     let mut kept = offsets();
@@ -83,7 +72,7 @@ fn sensors_may_stand_in_any_order() {
 
 #[test]
 fn a_wrong_file_is_refused_with_its_name_and_the_remedy() {
-    let state = State::new("wrong");
+    let state = State(TemporaryDirectory::new());
     let store = state.store();
     store.save(&offsets()).expect("saved");
     let good = std::fs::read_to_string(store.file()).expect("text");

@@ -1,6 +1,5 @@
 //! The request server alone, with made-up records of the leg.
 
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use cycle::OperatorRequest;
@@ -11,7 +10,7 @@ use robot_state::{
     Answer, Event, Mode, Name, Request, RobotState, SharedRecord, answer_status, command_flags,
     measured_flags, refusal, request,
 };
-use test_support::read_project_file;
+use test_support::{TemporaryDirectory, read_project_file};
 use torqued::offsets::Store;
 use torqued::request_server::RequestServer;
 
@@ -33,23 +32,8 @@ fn leg() -> Robot {
     robot_config::load("config/leg/robot.toml", &read).expect("the leg")
 }
 
-struct State(PathBuf);
-
-impl State {
-    fn new(test: &str) -> Self {
-        let name = format!("torqued-requests-{}-{test}", std::process::id());
-        Self(std::env::temp_dir().join(name))
-    }
-}
-
-impl Drop for State {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
-fn request_server(state: &State) -> RequestServer {
-    RequestServer::new(&leg(), Ok(Store::at(&state.0, "leg"))).expect("a request server")
+fn request_server(state: &TemporaryDirectory) -> RequestServer {
+    RequestServer::new(&leg(), Ok(Store::at(state.path(), "leg"))).expect("a request server")
 }
 
 /// The leg hanging still with its joints at zero.
@@ -98,7 +82,7 @@ fn refusal(server: &mut RequestServer, record: &SharedRecord) -> String {
 
 #[test]
 fn a_robot_unfit_for_a_tare_is_refused_with_the_reason() {
-    let state = State::new("unfit");
+    let state = TemporaryDirectory::new();
     let mut server = request_server(&state);
     let now = Instant::now();
     let none = server.serve(&asked(request::TARE), now).text;
@@ -136,7 +120,7 @@ fn a_robot_unfit_for_a_tare_is_refused_with_the_reason() {
 #[test]
 fn an_event_during_a_tare_ends_it() {
     type Change = fn(&mut SharedRecord);
-    let state = State::new("during");
+    let state = TemporaryDirectory::new();
     let mut server = request_server(&state);
     let from = Instant::now();
     let changes: [(Change, &str); 5] = [
@@ -183,7 +167,7 @@ fn an_event_during_a_tare_ends_it() {
 
 #[test]
 fn bridged_samples_do_not_count_and_a_tare_without_samples_ends() {
-    let state = State::new("bridged");
+    let state = TemporaryDirectory::new();
     let mut server = request_server(&state);
     let from = Instant::now();
     let missing = |every: usize| {
@@ -214,7 +198,7 @@ fn bridged_samples_do_not_count_and_a_tare_without_samples_ends() {
 /// The tare finds the same offset while an earlier one still blends in.
 #[test]
 fn a_tare_right_after_another_is_not_misled_by_blending() {
-    let state = State::new("blending");
+    let state = TemporaryDirectory::new();
     let mut server = request_server(&state);
     let from = Instant::now();
     let mut taken = [0.0; 3];
@@ -373,8 +357,8 @@ fn waits_for_the_loop_and_for_drives_have_limits_and_name_what_they_wait_for() {
 
 #[test]
 fn stored_offsets_of_another_robot_keep_the_daemon_from_starting() {
-    let state = State::new("other");
-    let store = Store::at(&state.0, "leg");
+    let state = TemporaryDirectory::new();
+    let store = Store::at(state.path(), "leg");
     std::fs::create_dir_all(store.file().parent().expect("a folder")).expect("made");
     std::fs::write(store.file(), "format = 1\nrobot = \"leg\"\n").expect("written");
     let refused = RequestServer::new(&leg(), Ok(store.clone()))

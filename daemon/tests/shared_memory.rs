@@ -1,12 +1,11 @@
 //! The daemon's hand-over to clients, seen from both sides.
 
-use std::path::PathBuf;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use problem::Problem;
 use robot_state::{Description, Mode, Name, SharedRecord};
-use test_support::{allocations, read_project_file};
+use test_support::{TemporaryDirectory, allocations, read_project_file};
 use torqued::real_time::monotonic_ns;
 use torqued::request_server::RequestServer;
 use torqued::shared_memory::{self, LoopEnds};
@@ -15,13 +14,17 @@ use torqued_client::{Client, Commander, Error, Location};
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A run directory of one test.
-struct RunDir(Location);
+struct RunDir(
+    Location,
+    #[expect(dead_code, reason = "removes the directory")] TemporaryDirectory,
+);
 
 impl RunDir {
-    fn new(test: &str) -> Self {
-        let name = format!("torqued-daemon-test-{}-{test}", std::process::id());
-        let path: PathBuf = std::env::temp_dir().join(name);
-        Self(Location::at(path).expect("a run directory"))
+    fn new() -> Self {
+        let directory = TemporaryDirectory::new();
+        let location = Location::at(directory.path()).expect("a run directory");
+        let prefix = location.shared_memory_prefix();
+        Self(location, directory.with_shared_memory(prefix))
     }
 
     fn start(&self) -> LoopEnds {
@@ -30,22 +33,6 @@ impl RunDir {
 
     fn client(&self) -> Client {
         Client::connect_at(&self.0, "leg", PATIENCE).expect("the daemon's end is there")
-    }
-}
-
-impl Drop for RunDir {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(self.0.path());
-        let prefix = self.0.shared_memory_prefix();
-        for file in std::fs::read_dir("/dev/shm")
-            .into_iter()
-            .flatten()
-            .flatten()
-        {
-            if file.file_name().to_string_lossy().starts_with(&prefix) {
-                let _ = std::fs::remove_file(file.path());
-            }
-        }
     }
 }
 
@@ -86,7 +73,7 @@ fn wait_for<T>(mut step: impl FnMut() -> Option<T>) -> T {
 
 #[test]
 fn every_record_reaches_a_client_in_order() {
-    let dir = RunDir::new("order");
+    let dir = RunDir::new();
     let mut sender = dir.start().records;
     let mut client = dir.client();
     let (arrived, arrivals) = std::sync::mpsc::channel();
@@ -113,7 +100,7 @@ fn every_record_reaches_a_client_in_order() {
 
 #[test]
 fn a_full_ring_refuses_and_counts_but_does_not_wait() {
-    let dir = RunDir::new("full");
+    let dir = RunDir::new();
     let mut sender = dir.start().records;
     let mut client = dir.client();
     // Far faster than any publisher thread takes them.
@@ -136,7 +123,7 @@ fn a_full_ring_refuses_and_counts_but_does_not_wait() {
 
 #[test]
 fn references_come_with_their_time_of_arrival() {
-    let dir = RunDir::new("references");
+    let dir = RunDir::new();
     let ends = dir.start();
     let (_sender, mut references) = (ends.records, ends.references);
     assert!(references.latest().is_none());
@@ -174,7 +161,7 @@ fn references_come_with_their_time_of_arrival() {
 
 #[test]
 fn the_loops_thread_does_not_allocate() {
-    let dir = RunDir::new("allocation");
+    let dir = RunDir::new();
     let mut ends = dir.start();
     let client = dir.client();
     let mut commander = Commander::connect(&client).expect("commander");
@@ -218,7 +205,7 @@ fn the_loops_thread_does_not_allocate() {
 
 #[test]
 fn records_left_in_the_ring_are_published_before_the_end() {
-    let dir = RunDir::new("end");
+    let dir = RunDir::new();
     let mut sender = dir.start().records;
     let mut client = dir.client();
     for sequence in 1..=100 {
@@ -235,7 +222,7 @@ fn records_left_in_the_ring_are_published_before_the_end() {
 
 #[test]
 fn one_daemon_at_a_time_and_the_next_may_start() {
-    let dir = RunDir::new("takeover");
+    let dir = RunDir::new();
     let sender = dir.start().records;
     let mut client = dir.client();
     let refused = shared_memory::start_at(&dir.0, &description(), request_server()).err();

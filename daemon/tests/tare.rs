@@ -1,7 +1,6 @@
 //! Requests of clients to a daemon that runs the simulated leg, in one process: shared memory, request server,
 //! loop and CAN frames are the real ones, time is as fast as it goes.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
@@ -12,7 +11,7 @@ use plant::parameters::PushParameters;
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 use robot_state::{Answer, Description, Mode, Name, TaredSensor, Wrench};
-use test_support::read_project_file;
+use test_support::{TemporaryDirectory, read_project_file};
 use torqued::bus::LockStep;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::control_loop::ControlLoop;
@@ -56,46 +55,27 @@ fn sim() -> SimParameters {
     sim
 }
 
-/// Run directory and state directory of a test's own.
+/// Run directory and state directory of one test.
 struct Place {
     run: Location,
-    state: PathBuf,
+    directory: TemporaryDirectory,
 }
 
 impl Place {
-    fn new(test: &str) -> Self {
-        let folder = |what: &str| {
-            let name = format!("torqued-tare-{}-{test}-{what}", std::process::id());
-            std::env::temp_dir().join(name)
-        };
-        let run = Location::at(folder("run")).expect("a run directory");
-        let state = folder("state");
-        Self { run, state }
+    fn new() -> Self {
+        let directory = TemporaryDirectory::new();
+        let run = Location::at(directory.path()).expect("a run directory");
+        let prefix = run.shared_memory_prefix();
+        let directory = directory.with_shared_memory(prefix);
+        Self { run, directory }
     }
 
     fn store(&self) -> Store {
-        Store::at(&self.state, "leg")
+        Store::at(&self.directory.path().join("state"), "leg")
     }
 
     fn client(&self) -> Client {
         Client::connect_at(&self.run, "leg", PATIENCE).expect("a daemon runs")
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(self.run.path());
-        let _ = std::fs::remove_dir_all(&self.state);
-        let prefix = self.run.shared_memory_prefix();
-        let objects = std::fs::read_dir("/dev/shm")
-            .into_iter()
-            .flatten()
-            .flatten();
-        for file in objects {
-            if file.file_name().to_string_lossy().starts_with(&prefix) {
-                let _ = std::fs::remove_file(file.path());
-            }
-        }
     }
 }
 
@@ -206,7 +186,7 @@ fn reason(result: Result<Answer, Error>) -> String {
 
 #[test]
 fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
-    let place = Place::new("air");
+    let place = Place::new();
     let daemon = Daemon::start(&place, &sim());
     let mut client = place.client();
     settled(&mut client);
@@ -278,7 +258,7 @@ fn unix_now() -> f64 {
 /// The humanoid on both feet: the offsets of its hands become known, and the sum of its feet's.
 #[test]
 fn a_humanoid_that_stands_is_tared() {
-    let place = Place::new("humanoid");
+    let place = Place::new();
     let robot = robot_config::load("config/humanoid/robot.toml", &read_project_file);
     let path = "config/humanoid/sim.toml";
     let text = read_project_file(path).expect("readable");
@@ -308,7 +288,7 @@ fn a_humanoid_that_stands_is_tared() {
 
 #[test]
 fn a_robot_that_is_pushed_is_not_tared() {
-    let place = Place::new("pushed");
+    let place = Place::new();
     let mut sim = sim();
     sim.pushes.push(PushParameters {
         link: "ankle_ft".to_owned(),
@@ -328,7 +308,7 @@ fn a_robot_that_is_pushed_is_not_tared() {
 
 #[test]
 fn only_a_robot_that_holds_its_position_is_tared() {
-    let place = Place::new("mode");
+    let place = Place::new();
     let _daemon = Daemon::start(&place, &sim());
     let mut client = place.client();
     settled(&mut client);
@@ -374,7 +354,7 @@ fn only_a_robot_that_holds_its_position_is_tared() {
 
 #[test]
 fn impossible_requests_are_refused_with_the_allowed() {
-    let place = Place::new("refused");
+    let place = Place::new();
     let _daemon = Daemon::start(&place, &sim());
     let mut client = place.client();
     settled(&mut client);
@@ -396,7 +376,7 @@ fn impossible_requests_are_refused_with_the_allowed() {
 
 #[test]
 fn one_of_two_concurrent_tares_is_served() {
-    let place = Place::new("two");
+    let place = Place::new();
     let _daemon = Daemon::start(&place, &sim());
     let mut clients: Vec<Client> = (0..3).map(|_| place.client()).collect();
     settled(&mut clients[0]);
@@ -417,7 +397,7 @@ fn one_of_two_concurrent_tares_is_served() {
 
 #[test]
 fn chosen_contact_sets_hold_and_are_published() {
-    let place = Place::new("contacts");
+    let place = Place::new();
     let _daemon = Daemon::start(&place, &sim());
     let mut client = place.client();
     assert_eq!(client.description().contact_set_count, 2);

@@ -1,43 +1,27 @@
 //! Helpers of the tests of both ends.
 
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
 use std::time::Duration;
 
+use test_support::TemporaryDirectory;
 use torqued_client::robot_state::{Description, Name, SharedRecord};
 use torqued_client::{Client, DaemonPorts, Location};
 
-/// A run directory of a test's own.
+/// A run directory of one test.
 pub(crate) struct RunDir {
     pub(crate) location: Location,
+    _directory: TemporaryDirectory,
 }
 
 impl RunDir {
     pub(crate) fn new() -> Self {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let number = COUNT.fetch_add(1, Ordering::Relaxed);
-        let path: PathBuf =
-            std::env::temp_dir().join(format!("torqued-test-{}-{number}", std::process::id()));
+        let directory = TemporaryDirectory::new();
+        let location = Location::at(directory.path()).expect("a run directory");
+        let prefix = location.shared_memory_prefix();
         Self {
-            location: Location::at(path).expect("a run directory"),
-        }
-    }
-}
-
-impl Drop for RunDir {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(self.location.path());
-        // The transport keeps one small file per run directory for ever.
-        let prefix = self.location.shared_memory_prefix();
-        for file in std::fs::read_dir("/dev/shm")
-            .into_iter()
-            .flatten()
-            .flatten()
-        {
-            if file.file_name().to_string_lossy().starts_with(&prefix) {
-                let _ = std::fs::remove_file(file.path());
-            }
+            location,
+            _directory: directory.with_shared_memory(prefix),
         }
     }
 }
@@ -59,7 +43,7 @@ pub(crate) fn record(sequence: u64) -> SharedRecord {
     record
 }
 
-/// Connects a client while the daemon's end keeps house, as the daemon does all the time.
+/// Connects a client while the daemon's end cleans up dead clients, as the daemon does all the time.
 pub(crate) fn connect(dir: &RunDir, ports: &DaemonPorts, robot: &str) -> Client {
     let done = AtomicBool::new(false);
     scope(|threads| {

@@ -1,12 +1,14 @@
 //! Shared by the tests of all rooms, and by nothing else: a count of allocations, random numbers
-//! that a seed repeats, the project's own files.
+//! that a seed repeats, the project's own files, temporary directories.
 //!
 //! Uses no other crate, so that every crate's tests may use it.
 
 mod allocation;
 mod project;
 mod random;
+mod temporary_directory;
 
 pub use allocation::allocations;
 pub use project::{project_path, read_project_file};
 pub use random::Random;
+pub use temporary_directory::TemporaryDirectory;
