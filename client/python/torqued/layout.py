@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 31
+EVENT_COUNT = 32
 
 
 class Mode(IntEnum):
@@ -118,6 +118,7 @@ EVENTS = (
     Event(108, "receive_overflow", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.", "-", "warn"),
     Event(109, "signal_not_finite", "A received signal was NaN or infinite; the sample was not used.", "-", "warn"),
     Event(110, "sensor_stale", "An F/T sensor or the IMU has sent no usable sample for longer than allowed; a mode that needs it ends.", "loop.stale_after_ms", "release"),
+    Event(111, "frame_out_of_order", "A frame was received earlier than one of the same message that had been used already; it was not used.", "-", "warn"),
     Event(201, "torque_saturated", "An estimated torque exceeded the joint's torque limit and was cut to it.", "joint.torque_limit_Nm", "warn"),
     Event(202, "encoder_jump", "An encoder moved further in one cycle than the joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "warn"),
     Event(203, "estimate_not_finite", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.", "-", "warn"),
@@ -366,7 +367,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """24648 bytes."""
+    """24656 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -396,7 +397,7 @@ class CycleRecord(ctypes.Structure):
         # What the drives are commanded.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 31),
+        ("events", ctypes.c_uint64 * 32),
     ]
 
 
@@ -426,7 +427,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """24720 bytes."""
+    """24728 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -559,7 +560,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#ec0ecb323604c31b")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#8bb9c45b1e7c006e")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#f4e3676ca68315e3")
 Request.type_name = staticmethod(lambda: "torqued::Request#af8ef29983f4bb97")
