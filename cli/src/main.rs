@@ -5,11 +5,14 @@ mod contacts;
 mod dynamics;
 mod estimate;
 mod fit;
+mod operator;
 mod output;
 mod requests;
+mod state;
 mod tare;
 mod watch;
 mod whole_body;
+mod words;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -22,6 +25,8 @@ const BAD_INPUT: u8 = 2;
 const AFTER_HELP: &str = "\
 Examples:
   torquectl check config/leg/robot.toml
+  torquectl state
+  torquectl enable
   torquectl watch --once
   torquectl tare --contacts in_the_air
   torquectl estimate --joint elbow.toml --log run.csv
@@ -32,7 +37,7 @@ Exit codes:
   1  the daemon could not be reached, went away, or refused the request
   2  bad input: arguments, configuration, URDF, DBC, joint file or log";
 
-/// Check, watch and calibrate robots that run under torqued, and evaluate their models.
+/// Check, operate, watch and calibrate robots that run under torqued, and evaluate their models.
 #[derive(Parser)]
 #[command(name = "torquectl", version, after_help = AFTER_HELP)]
 struct Arguments {
@@ -43,6 +48,11 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Check(check::CheckArguments),
+    State(state::StateArguments),
+    Enable(operator::EnableArguments),
+    Disable(operator::DisableArguments),
+    Stop(operator::StopArguments),
+    Acknowledge(operator::AcknowledgeArguments),
     Contacts(contacts::ContactsArguments),
     Watch(watch::WatchArguments),
     Dynamics(dynamics::DynamicsArguments),
@@ -55,6 +65,11 @@ enum Command {
 fn main() -> ExitCode {
     match Arguments::parse().command {
         Command::Check(arguments) => check::run(&arguments),
+        Command::State(arguments) => state::run(&arguments),
+        Command::Enable(arguments) => operator::enable(&arguments),
+        Command::Disable(arguments) => operator::disable(&arguments),
+        Command::Stop(arguments) => operator::stop(&arguments),
+        Command::Acknowledge(arguments) => operator::acknowledge(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Dynamics(arguments) => dynamics::run(&arguments),
         Command::Estimate(arguments) => estimate::run(&arguments),

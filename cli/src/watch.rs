@@ -2,7 +2,6 @@
 
 mod json;
 mod text;
-mod words;
 
 use crate::NO_DAEMON;
 use crate::requests::{PATIENCE, connect};

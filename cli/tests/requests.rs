@@ -1,4 +1,4 @@
-//! `torquectl tare` and `torquectl contacts` as their own processes, beside a daemon's end of shared
+//! `torquectl tare`, `contacts` and an operator's commands as their own processes, beside a daemon's end of shared
 //! memory that answers like torqued.
 
 use serde_json::Value;
@@ -8,7 +8,8 @@ use std::thread::{scope, sleep};
 use std::time::Duration;
 use test_support::TemporaryDirectory;
 use torqued_client::robot_state::{
-    Answer, Description, Name, Request, SharedRecord, Text, Wrench, answer_status, request,
+    Answer, Description, Event, Name, Request, RobotState, SharedRecord, Text, Wrench,
+    answer_status, command_flags, measured_flags, request,
 };
 use torqued_client::{DaemonPorts, Location};
 
@@ -43,6 +44,10 @@ fn description() -> Description {
         contact_set_count: 2,
         ..Description::default()
     };
+    for (j, name) in ["hip", "knee"].into_iter().enumerate() {
+        description.joint_names[j] = Name::new(name);
+        (description.position_min[j], description.position_max[j]) = (-0.5, 1.0);
+    }
     description.ft_names[0] = Name::new("left");
     description.ft_names[1] = Name::new("right");
     description.contact_set_names[0] = Name::new("standing");
@@ -87,6 +92,23 @@ fn reply(asked: &Request, record: &mut SharedRecord) -> Answer {
             record.cycle.estimated.contact_set = u32::from(name == "in_the_air");
             record.cycle.estimated.contact_set_automatic = 0;
         }
+        (request::ENABLE, _) if record.cycle.fault != 0 => {
+            answer.status = answer_status::REFUSED;
+            answer.text = Text::new("fault 104 joint_stale is latched: acknowledge it first");
+        }
+        (request::ENABLE, _) => {
+            record.cycle.state = RobotState::Holding.number();
+            answer.text = Text::new("enabled: every joint is held; a client may command");
+        }
+        (request::ACKNOWLEDGE, _) if asked.fault != record.cycle.fault => {
+            answer.status = answer_status::REFUSED;
+            answer.text = Text::new(&format!("not {}", asked.fault));
+        }
+        (request::ACKNOWLEDGE, _) => {
+            (record.cycle.fault, record.cycle.state) = (0, RobotState::Ready.number());
+            answer.text = Text::new("fault 104 joint_stale is acknowledged");
+        }
+        (request::DISABLE | request::STOP, _) => answer.text = Text::new("done so"),
         (request::AUTOMATIC_CONTACT_SET, _) => record.cycle.estimated.contact_set_automatic = 1,
         _ => {}
     }
@@ -95,15 +117,35 @@ fn reply(asked: &Request, record: &mut SharedRecord) -> Answer {
 
 /// Runs torquectl beside a daemon's end.
 fn beside_daemon(dir: &RunDir, arguments: &str) -> Output {
+    beside_robot(dir, arguments, |_| ())
+}
+
+/// Runs torquectl beside the daemon's end of a robot whose first record has been changed.
+fn beside_robot(
+    dir: &RunDir,
+    arguments: &str,
+    change: impl Fn(&mut SharedRecord) + Sync,
+) -> Output {
     let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
     let done = AtomicBool::new(false);
     scope(|threads| {
         threads.spawn(|| {
             let mut record = SharedRecord::default();
+            change(&mut record);
             while !done.load(Ordering::Relaxed) {
                 record.cycle.sequence += 1;
                 ports.publish(&record).expect("published");
                 while let Some(asked) = ports.next_request().expect("received") {
+                    let waiting = Answer {
+                        id: asked.id,
+                        status: answer_status::WORKING,
+                        text: Text::new("drives are being switched on: knee"),
+                        ..Answer::default()
+                    };
+                    if asked.kind == request::ENABLE {
+                        ports.answer(&waiting).expect("answered");
+                        ports.answer(&waiting).expect("answered");
+                    }
                     let mut answer = reply(&asked, &mut record);
                     answer.id = asked.id;
                     ports.answer(&answer).expect("answered");
@@ -210,4 +252,116 @@ fn contacts_are_listed_and_chosen() {
     let shown: Value = serde_json::from_slice(&automatic.stdout).expect("JSON");
     assert_eq!(shown["automatic"], true);
     assert_eq!(shown["sets"], serde_json::json!(["standing", "in_the_air"]));
+}
+
+fn at_fault(record: &mut SharedRecord) {
+    record.cycle.state = RobotState::Fault.number();
+    record.cycle.fault = Event::JointStale.number();
+}
+
+#[test]
+fn an_operator_sees_what_is_waited_for_and_what_was_reached() {
+    let dir = RunDir::new();
+    let output = beside_daemon(&dir, "enable");
+    assert!(output.status.success(), "{output:?}");
+    assert!(text(&output.stdout).starts_with("enabled: every joint is held"));
+    let waited = text(&output.stderr);
+    assert_eq!(waited, "waiting: drives are being switched on: knee\n");
+    let output = beside_daemon(&dir, "enable --robot leg --json");
+    let shown: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(
+        (&shown["request"], &shown["state"]),
+        (&"enable".into(), &"holding".into())
+    );
+    for command in ["stop", "disable"] {
+        let output = beside_daemon(&dir, command);
+        assert_eq!(text(&output.stdout), "done so\n", "{command}");
+    }
+    let output = beside_robot(&dir, "enable", at_fault);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        text(&output.stderr).contains("acknowledge it first"),
+        "{output:?}"
+    );
+    assert_eq!(dir.run("enable").status.code(), Some(1), "no daemon");
+}
+
+#[test]
+fn the_latched_fault_is_shown_before_it_is_acknowledged() {
+    let dir = RunDir::new();
+    for argument in ["", " 104", " joint_stale", " --json"] {
+        let output = beside_robot(&dir, &format!("acknowledge{argument}"), at_fault);
+        assert!(output.status.success(), "{output:?}");
+        assert!(text(&output.stdout).contains("104 joint_stale is acknowledged"));
+        let shown = text(&output.stderr).contains("FAULT 104 joint_stale: A joint has sent");
+        assert_eq!(shown, argument.is_empty(), "{output:?}");
+    }
+    let output = beside_robot(&dir, "acknowledge 403", at_fault);
+    assert_eq!(output.status.code(), Some(1), "not the latched one");
+    let output = dir.run("acknowledge 7");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        text(&output.stderr).contains("104 joint_stale"),
+        "{output:?}"
+    );
+}
+
+#[test]
+fn the_state_names_what_keeps_the_robot_and_the_next_step() {
+    let dir = RunDir::new();
+    let shown = |arguments: &str, change: &(dyn Fn(&mut SharedRecord) + Sync)| {
+        let output = beside_robot(&dir, arguments, |record| {
+            record.cycle.joint_count = 2;
+            change(record);
+        });
+        assert!(output.status.success(), "{output:?}");
+        text(&output.stdout).to_owned()
+    };
+    let boot = shown("state", &|record| {
+        record.cycle.measured.joints[0].flags = measured_flags::NEVER;
+    });
+    assert!(
+        boot.starts_with("leg: boot, mode hold\nno fault\n"),
+        "{boot}"
+    );
+    assert!(boot.contains("joint hip has never answered"), "{boot}");
+    assert!(!boot.contains("knee"), "{boot}");
+    let outside = shown("state", &|record| {
+        record.cycle.state = RobotState::Ready.number();
+        record.cycle.measured.joints[1].q = 1.5;
+    });
+    assert!(
+        outside.contains(
+            "joint knee stands outside its position limits: 85.9 deg, allowed -28.6 to 57.3 deg"
+        ),
+        "{outside}"
+    );
+    assert!(
+        outside.contains("next: move the joints named above"),
+        "{outside}"
+    );
+    let fault = shown("state", &at_fault);
+    for part in [
+        "FAULT 104",
+        "loop.stale_after_ms",
+        "next: mend the cause, then torquectl ack",
+    ] {
+        assert!(fault.contains(part), "{fault}");
+    }
+    let holding = shown("state --json", &|record| {
+        record.cycle.state = RobotState::Holding.number();
+        record.cycle.commanded.joints[0].flags = command_flags::ENGAGED;
+    });
+    let holding: Value = serde_json::from_str(&holding).expect("JSON");
+    assert_eq!(
+        (&holding["state"], &holding["fault"]),
+        (&"holding".into(), &Value::Null)
+    );
+    assert_eq!(
+        (&holding["joints"], &holding["joints_engaged"]),
+        (&2.into(), &1.into())
+    );
+    let fault = shown("state --json", &at_fault);
+    let fault: Value = serde_json::from_str(&fault).expect("JSON");
+    assert_eq!(fault["fault"]["name"], "joint_stale");
 }

@@ -1,6 +1,6 @@
 //! A record for other programs. Units stand in the keys; a number that is not finite is `null`.
 
-use super::words;
+use crate::words;
 use serde_json::{Map, Value, json};
 use torqued_client::Record;
 use torqued_client::robot_state::{
@@ -21,6 +21,7 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
         "rate_Hz": description.rate_hz,
         "sequence": cycle.sequence,
         "stamp_ns": cycle.stamp_ns,
+        "state": words::state(cycle.state),
         "mode": words::mode(cycle.mode),
         "fault": fault(cycle.fault),
         "warning": warning(description, cycle),

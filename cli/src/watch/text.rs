@@ -1,20 +1,21 @@
 //! A record for the eye.
 
-use super::words;
+use crate::words;
 use std::fmt::Write;
 use terminal::TextTable;
 use torqued_client::Record;
 use torqued_client::robot_state::{
-    CycleRecord, Description, Event, LoopRecord, TorqueEstimate, torque_flags,
+    CycleRecord, Description, LoopRecord, TorqueEstimate, torque_flags,
 };
 
 pub(super) fn screen(description: &Description, record: &Record) -> String {
     let cycle = &record.cycle;
     let mut out = format!(
-        "{}: cycle {} at {:.0} Hz, mode {}, contact set {}{}\n{}\n\n",
+        "{}: cycle {} at {:.0} Hz, {}, mode {}, contact set {}{}\n{}\n\n",
         description.robot,
         cycle.sequence,
         description.rate_hz,
+        words::state(cycle.state),
         words::mode(cycle.mode),
         words::contact_set(description, cycle),
         if cycle.estimated.contact_set_automatic == 1 {
@@ -22,7 +23,7 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         } else {
             ""
         },
-        fault(cycle.fault),
+        words::fault(cycle.fault),
     );
     if let Some((event, subject)) = words::warning(description, cycle) {
         let _ = writeln!(
@@ -44,20 +45,6 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         timing(&record.timing, cycle.measured.filter_delay_s)
     );
     out
-}
-
-fn fault(number: u32) -> String {
-    match Event::from_number(number) {
-        None if number == 0 => "no fault".to_owned(),
-        None => format!("FAULT {number}: not known to this version of torquectl"),
-        Some(event) => format!(
-            "FAULT {number} {}: {} Set by {}. The robot holds its position until a client resets \
-             the fault.",
-            event.name(),
-            event.cause(),
-            event.config_key(),
-        ),
-    }
 }
 
 fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
