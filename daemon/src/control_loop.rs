@@ -52,6 +52,11 @@ impl<B: Bus> ControlLoop<B> {
         self.cycle.start_with_fault(event);
     }
 
+    /// Reports an event of the process around the loop, to be reacted to in the coming cycle.
+    pub fn note(&mut self, event: Event) {
+        self.cycle.note(event, 1);
+    }
+
     /// Runs the cycle that begins with `wake`.
     pub fn run_cycle(&mut self, wake: &WakeReport, wanted: &ClientInput<'_>) -> &SharedRecord {
         let started = monotonic_ns();

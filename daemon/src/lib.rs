@@ -5,6 +5,8 @@ pub mod control_loop;
 pub mod demo;
 pub mod ending;
 pub mod failure;
+pub mod interface_lock;
+pub mod loop_monitor;
 pub mod looper;
 pub mod offsets;
 pub mod real_time;

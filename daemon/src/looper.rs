@@ -12,6 +12,7 @@ use robot_state::{JointMeasured, SharedRecord, measured_flags};
 use crate::bus::Bus;
 use crate::control_loop::ControlLoop;
 use crate::ending::Ending;
+use crate::loop_monitor::LoopMonitor;
 use crate::real_time::Pace;
 use crate::shared_memory::LoopEnds;
 use crate::summary::{PageFaults, Timing};
@@ -62,6 +63,7 @@ pub struct Outcome {
 pub struct Looper<B> {
     control_loop: ControlLoop<B>,
     clients: LoopEnds,
+    monitor: LoopMonitor,
     ending: Ending,
     status: Arc<Status>,
     stop: Arc<AtomicBool>,
@@ -84,6 +86,7 @@ impl<B: Bus> Looper<B> {
             parameters.timing.sample_period,
         );
         Self {
+            monitor: LoopMonitor::new(robot, control_loop.bus().counters()),
             control_loop,
             clients,
             ending: Ending::new(limit, period),
@@ -112,6 +115,10 @@ impl<B: Bus> Looper<B> {
             let asked = starts >= last_start || self.stop.load(Ordering::Relaxed);
             starts += begun;
             let was_running = self.ending.is_running();
+            let heartbeat = self.clients.records.heartbeat();
+            let counters = self.control_loop.bus().counters();
+            let faults = (self.monitor).faults(&wake, counters, heartbeat, &last.cycle);
+            faults.for_each(|event| self.control_loop.note(event));
             let request = self.ending.advance(asked, begun, &last.cycle);
             let operator = self.clients.operator.next_request();
             if self.ending.is_over() {

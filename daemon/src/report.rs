@@ -71,7 +71,8 @@ impl<'a> Reporter<'a> {
         }
     }
 
-    fn report_fault(&mut self, number: u32) {
+    /// Reports a change of the latched fault, and keeps it.
+    pub fn report_fault(&mut self, number: u32) {
         if number == self.fault {
             return;
         }

@@ -12,6 +12,7 @@ use robot_state::{Description, Event, Name};
 use crate::bus::{Line, OpenError, SocketCan};
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
+use crate::interface_lock::InterfaceLocks;
 use crate::looper::Looper;
 use crate::offsets::Store;
 use crate::real_time::{self, Deadline, Settings};
@@ -36,6 +37,8 @@ pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result
         OpenError::Interfaces(_) => Failure::bad_input(error),
         OpenError::NoCan(_) | OpenError::Socket(..) => Failure::environment(error),
     })?;
+    let _locks = InterfaceLocks::take(lines.iter().map(|line| line.interface))
+        .map_err(Failure::environment)?;
     let mut control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
     let (store, fault) = stored_fault(&parameters.name)?;
     if let Some(event) = fault {
@@ -76,9 +79,10 @@ pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result
             ));
         }
     }
-    let outcome = loop_thread
-        .join()
-        .map_err(|_| Failure::environment("the loop's thread panicked"))?;
+    let Ok(outcome) = loop_thread.join() else {
+        reporter.report_fault(Event::LoopEnded.number());
+        return Err(Failure::environment("the loop's thread panicked"));
+    };
     // A fault of the last cycles, too, is kept.
     reporter.look(&status, stop);
     let (outcome, timing) = outcome?;

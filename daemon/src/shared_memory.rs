@@ -99,6 +99,8 @@ struct Arrived {
 struct Shared {
     stop: AtomicBool,
     failures: AtomicU64,
+    /// Rounds of the publisher thread.
+    heartbeat: AtomicU64,
 }
 
 /// Publishes `description` and starts the publisher thread, at which `server` serves requests, in the
@@ -184,6 +186,12 @@ impl RecordSender {
         self.overflow
     }
 
+    /// Rounds of the publisher thread so far: a count that stands still is a thread that does.
+    #[must_use]
+    pub fn heartbeat(&self) -> u64 {
+        self.shared.heartbeat.load(Ordering::Relaxed)
+    }
+
     /// Number of failures of shared memory in the publisher thread: clients that were not reached.
     #[must_use]
     pub fn failures(&self) -> u64 {
@@ -249,6 +257,7 @@ impl Publisher {
         loop {
             // Read before the ring is emptied, so that the last records are published too.
             let stop = self.shared.stop.load(Ordering::Acquire);
+            self.shared.heartbeat.fetch_add(1, Ordering::Relaxed);
             self.publish_records();
             if stop {
                 return;

@@ -3,14 +3,16 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use can_codec::{Frames, Gather, Table};
 use plant::{CanRobot, SimParameters};
 use problem::Problem;
 use robot_config::Robot;
-use robot_state::{Description, Event, Name, RobotState};
+use robot_state::{CycleRecord, Description, Event, Name, RobotState};
 use test_support::{TemporaryDirectory, read_project_file};
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
-use torqued::bus::{Bus, LockStep};
+use torqued::bus::{Bus, BusCounters, LockStep};
 use torqued::control_loop::ControlLoop;
+use torqued::loop_monitor::LoopMonitor;
 use torqued::looper::{Looper, Outcome};
 use torqued::real_time::{Pace, WakeReport};
 use torqued::request_server::RequestServer;
@@ -34,7 +36,10 @@ impl RunDir {
 }
 
 fn leg() -> Robot {
-    robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg")
+    let mut leg = robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg");
+    // The virtual clock is faster than the publisher thread.
+    leg.parameters.safety.publisher_timeout = 10.0;
+    leg
 }
 
 fn lock_step(robot: &Robot, clock: &VirtualClock) -> LockStep<CanRobot> {
@@ -43,6 +48,58 @@ fn lock_step(robot: &Robot, clock: &VirtualClock) -> LockStep<CanRobot> {
     let urdf = read_project_file(&robot.parameters.urdf_path).expect("URDF");
     let plant = CanRobot::new(robot, &urdf, &sim).expect("a plant");
     LockStep::new(plant, clock)
+}
+
+/// A bus with something wrong from some cycle on.
+struct Spoilt {
+    bus: LockStep<CanRobot>,
+    from_ns: u64,
+    trouble: Trouble,
+    counters: BusCounters,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Trouble {
+    BusOff,
+    LinkDown,
+    QueueFull,
+}
+
+impl Spoilt {
+    fn is_spoilt(&self) -> bool {
+        self.bus.now_ns() >= self.from_ns
+    }
+}
+
+impl Bus for Spoilt {
+    fn send(&mut self, frames: &Frames) -> usize {
+        let refused = frames.len() as u64;
+        match self.trouble {
+            _ if !self.is_spoilt() => return self.bus.send(frames),
+            Trouble::BusOff => self.counters.bus_off = 1,
+            Trouble::LinkDown => self.counters.link_down += refused,
+            Trouble::QueueFull => {}
+        }
+        self.counters.send_failed += refused;
+        0
+    }
+
+    fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, until_ns: u64) {
+        self.bus.receive(rx, gather, table, until_ns);
+    }
+
+    fn counters(&self) -> BusCounters {
+        BusCounters {
+            bus_off: self.counters.bus_off,
+            link_down: self.counters.link_down,
+            send_failed: self.counters.send_failed,
+            ..self.bus.counters()
+        }
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.bus.now_ns()
+    }
 }
 
 /// Cycle starts on a virtual clock; `act` is called before each, with its number.
@@ -146,4 +203,58 @@ fn a_fault_of_an_earlier_run_is_latched_until_the_end() {
     assert_eq!(record.cycle.fault, Event::JointStale.number());
     // The leg's two buses carry one SYNC each in a cycle, and nothing else.
     assert_eq!(looper.bus().counters().sent, 2 * record.timing.cycles);
+}
+
+#[test]
+fn buses_that_fail_are_faults_and_do_not_prevent_the_end() {
+    for (trouble, fault) in [
+        (Trouble::BusOff, Event::BusDown),
+        (Trouble::LinkDown, Event::BusDown),
+        (Trouble::QueueFull, Event::SendFailing),
+    ] {
+        let spoil = |bus| Spoilt {
+            bus,
+            from_ns: 1_000_000_000 + HOLDING * 1_000_000,
+            trouble,
+            counters: BusCounters::default(),
+        };
+        let stop_at = HOLDING + 100;
+        let (run, _) = run(None, None, spoil, |cycle, stop| {
+            stop.store(cycle >= stop_at, Ordering::Relaxed);
+        });
+        let record = &run.outcome.record.cycle;
+        let (index, number) = (fault.index(), fault.number());
+        assert!(record.events[index] > 0, "{trouble:?}");
+        // A queue that is full for longer than joints may be silent is both.
+        let stale = Event::JointStale.number();
+        assert!([number, stale].contains(&record.fault), "{trouble:?}");
+        assert_eq!(record.state, RobotState::Fault.number());
+        assert!(run.cycles < stop_at + 2200, "{} cycles", run.cycles);
+    }
+}
+
+#[test]
+fn cycles_that_stay_late_are_a_fault() {
+    struct Late(VirtualDeadline, VirtualClock);
+    impl Pace for Late {
+        fn wait(&mut self) -> WakeReport {
+            self.1.advance_to(self.1.now_ns() + 1_500_000);
+            self.0.wait()
+        }
+    }
+    let clock = VirtualClock::new();
+    let mut late = Late(VirtualDeadline::new(&clock, 1_000_000), clock);
+    let mut robot = leg();
+    robot.parameters.safety.late_share = 0.5;
+    let mut monitor = LoopMonitor::new(&robot, BusCounters::default());
+    let last = CycleRecord {
+        state: RobotState::Active.number(),
+        ..CycleRecord::default()
+    };
+    let found = (1..1000).find_map(|heartbeat| {
+        let wake = late.wait();
+        let mut faults = monitor.faults(&wake, BusCounters::default(), heartbeat, &last);
+        faults.next()
+    });
+    assert_eq!(found, Some(Event::LatenessLasts));
 }

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 32
+EVENT_COUNT = 37
 
 
 class Mode(IntEnum):
@@ -119,6 +119,8 @@ EVENTS = (
     Event(109, "signal_not_finite", "A received signal was NaN or infinite; the sample was not used.", "-", "warn"),
     Event(110, "sensor_stale", "An F/T sensor or the IMU has sent no usable sample for longer than allowed; a mode that needs it ends.", "loop.stale_after_ms", "release"),
     Event(111, "frame_out_of_order", "A frame was received earlier than one of the same message that had been used already; it was not used.", "-", "warn"),
+    Event(112, "bus_down", "A CAN controller went bus-off, or its interface is down or gone.", "-", "hold"),
+    Event(113, "send_failing", "Frames could not be sent for longer than allowed.", "safety.send_failing_ms", "hold"),
     Event(201, "torque_saturated", "An estimated torque exceeded the joint's torque limit and was cut to it.", "joint.torque_limit_Nm", "warn"),
     Event(202, "encoder_jump", "An encoder moved further in one cycle than the joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "warn"),
     Event(203, "estimate_not_finite", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.", "-", "warn"),
@@ -140,6 +142,9 @@ EVENTS = (
     Event(405, "velocity_limit", "A command was limited to the joint's velocity or power.", "joint.velocity_limit_rad_per_s / joint.power_limit_W", "warn"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
+    Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
+    Event(504, "publisher_gone", "The thread that serves clients no longer runs: no client can be heard.", "safety.publisher_timeout_ms", "stop"),
+    Event(505, "loop_ended", "The loop's thread ended by a defect of the program.", "-", "off"),
 )
 
 
@@ -367,7 +372,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """24656 bytes."""
+    """24696 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -397,7 +402,7 @@ class CycleRecord(ctypes.Structure):
         # What the drives are commanded.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 32),
+        ("events", ctypes.c_uint64 * 37),
     ]
 
 
@@ -427,7 +432,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """24728 bytes."""
+    """24768 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -560,7 +565,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#8bb9c45b1e7c006e")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#fb3337c09a1e3ef1")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#f4e3676ca68315e3")
 Request.type_name = staticmethod(lambda: "torqued::Request#af8ef29983f4bb97")

@@ -99,9 +99,13 @@ impl Cycle {
         record
     }
 
-    /// Counts an event of the loop around the cycle: a bus error, a late cycle.
+    /// Counts an event of the loop around the cycle, e.g. a late one, and reacts to it: before the
+    /// cycle's `step`.
     pub fn note(&mut self, event: Event, times: u64) {
-        self.counts.add_many(event, times);
+        if times > 0 {
+            self.counts.add_many(event, times - 1);
+            self.supervisor.report(event, &mut self.counts);
+        }
     }
 
     /// The last record.

@@ -581,3 +581,31 @@ fn an_older_frame_after_a_newer_one_is_not_used() {
     assert_eq!(record.events[Event::FrameOutOfOrder.index()], 499);
     motion.assert_small("frames out of order");
 }
+
+#[test]
+fn an_event_of_the_process_that_latches_stops_the_robot() {
+    for (event, latches) in [
+        (Event::LateCycle, false),
+        (Event::BusDown, true),
+        (Event::SendFailing, true),
+        (Event::LatenessLasts, true),
+        (Event::PublisherGone, true),
+        (Event::LoopEnded, true),
+    ] {
+        let mut bench = Bench::new("leg");
+        bench.run(400);
+        let mut motion = Motion::of(&bench);
+        bench.cycle.note(event, 3);
+        let record = *bench.step(&ClientInput::default());
+        assert_eq!(record.events[event.index()], 3);
+        let expected = if latches { event.number() } else { 0 };
+        assert_eq!(record.fault, expected, "{event:?}");
+        for _ in 0..100 {
+            bench.step(&ClientInput::default());
+            if event != Event::LoopEnded {
+                motion.take(&bench);
+            }
+        }
+        motion.assert_small(event.name());
+    }
+}

@@ -55,6 +55,12 @@ pub struct SafetySettings {
     pub automatic: bool,
     /// Longest time for enabling all drives, and for coming to rest, s.
     pub time_limit: f64,
+    /// Longest time for which frames cannot be sent, s.
+    pub send_failing: f64,
+    /// Greatest share of late cycles within a second, 0 to 1.
+    pub late_share: f64,
+    /// Longest time without a sign of the thread that serves clients, s.
+    pub publisher_timeout: f64,
 }
 
 /// Filters of the signals.

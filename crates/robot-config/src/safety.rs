@@ -8,6 +8,9 @@ pub(crate) fn safety(root: &Section<'_, '_>, sample_period: f64) -> SafetySettin
     let mut settings = SafetySettings {
         automatic: false,
         time_limit: 2.0,
+        send_failing: 0.02,
+        late_share: 0.5,
+        publisher_timeout: 1.0,
     };
     let Some(section) = root.optional_section("safety") else {
         return settings;
@@ -21,6 +24,17 @@ pub(crate) fn safety(root: &Section<'_, '_>, sample_period: f64) -> SafetySettin
     };
     let limit_ms = section.number_or("time_limit_ms", 2000.0, Allowed::Within(least_ms, 60_000.0));
     settings.time_limit = limit_ms * 1e-3;
+    let within = Allowed::Within(least_ms, 10_000.0);
+    let failing_ms = section.number_or("send_failing_ms", 20.0, within);
+    settings.send_failing = failing_ms * 1e-3;
+    let late = section.number_or("late_per_cent", 50.0, Allowed::Within(0.1, 100.0));
+    settings.late_share = late * 0.01;
+    let timeout_ms = section.number_or(
+        "publisher_timeout_ms",
+        1000.0,
+        Allowed::Within(50.0, 10_000.0),
+    );
+    settings.publisher_timeout = timeout_ms * 1e-3;
     section.finish();
     settings
 }

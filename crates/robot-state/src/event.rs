@@ -101,6 +101,8 @@ events! {
     SignalNotFinite = 109, "signal_not_finite", Warn, "-", "A received signal was NaN or infinite; the sample was not used.";
     SensorStale = 110, "sensor_stale", Release, "loop.stale_after_ms", "An F/T sensor or the IMU has sent no usable sample for longer than allowed; a mode that needs it ends.";
     FrameOutOfOrder = 111, "frame_out_of_order", Warn, "-", "A frame was received earlier than one of the same message that had been used already; it was not used.";
+    BusDown = 112, "bus_down", Hold, "-", "A CAN controller went bus-off, or its interface is down or gone.";
+    SendFailing = 113, "send_failing", Hold, "safety.send_failing_ms", "Frames could not be sent for longer than allowed.";
     TorqueSaturated = 201, "torque_saturated", Warn, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
     EncoderJump = 202, "encoder_jump", Warn, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
     EstimateNotFinite = 203, "estimate_not_finite", Warn, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";
@@ -122,6 +124,9 @@ events! {
     VelocityLimit = 405, "velocity_limit", Warn, "joint.velocity_limit_rad_per_s / joint.power_limit_W", "A command was limited to the joint's velocity or power.";
     LateCycle = 501, "late_cycle", Warn, "loop.rate_hz", "A cycle ended after the next one should have begun.";
     SkippedCycle = 502, "skipped_cycle", Warn, "loop.rate_hz", "A cycle was left out because the one before it ended too late.";
+    LatenessLasts = 503, "lateness_lasts", Stop, "safety.late_per_cent", "Within a second, a greater share of cycles was late or left out than allowed.";
+    PublisherGone = 504, "publisher_gone", Stop, "safety.publisher_timeout_ms", "The thread that serves clients no longer runs: no client can be heard.";
+    LoopEnded = 505, "loop_ended", Off, "-", "The loop's thread ended by a defect of the program.";
 }
 
 /// Number of events: the length of a record's counts.

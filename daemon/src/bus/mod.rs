@@ -25,6 +25,10 @@ pub struct BusCounters {
     pub send_failed: u64,
     /// Error frames of the CAN controllers, handed to the caller as frames with `error` set.
     pub error_frames: u64,
+    /// Error frames of controllers that went bus-off.
+    pub bus_off: u64,
+    /// Frames that could not be accepted because an interface is down or gone.
+    pub link_down: u64,
     /// Frames that arrived but found no room, on their way or in the caller's list.
     pub dropped: u64,
 }
@@ -68,6 +72,9 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
     }
 }
 
+/// `CAN_ERR_BUSOFF`, in the identifier of an error frame.
+const BUS_OFF: u32 = 0x40;
+
 /// Hands a frame that arrived to the caller: into `rx` and `gather` if there is room, and into
 /// the counters in any case.
 fn deliver(
@@ -77,6 +84,9 @@ fn deliver(
     table: &Table,
     counters: &mut BusCounters,
 ) {
+    if frame.error && frame.id & BUS_OFF != 0 {
+        counters.bus_off += 1;
+    }
     if !rx.push(frame) {
         counters.dropped += 1;
     } else if frame.error {

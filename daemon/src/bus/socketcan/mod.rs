@@ -189,6 +189,9 @@ impl SocketCan {
         let bus = self.sending.get(*at).copied().unwrap_or(0);
         self.send_failure = Some(SendFailure { bus, errno });
         self.counters.send_failed += 1;
+        if matches!(errno, libc::ENETDOWN | libc::ENXIO | libc::ENODEV) {
+            self.counters.link_down += 1;
+        }
         *at += 1;
     }
 }
