@@ -31,14 +31,14 @@ fn run() -> Result<(), Box<dyn Error>> {
         None => Location::find()?.only_robot()?,
     };
     let mut client = Client::connect(&robot)?;
-    let mut commander = Commander::connect(&client)?;
-
-    // Start from where the robot stands: a reference that jumps is a torque that jumps.
-    let start = *client.next_record(Duration::from_secs(1))?;
+    // Its first reference holds the robot where it stands.
+    let mut commander = Commander::connect(&mut client)?;
+    let start_q = commander.reference().joints[0].q_d;
+    let start_ns = client.next_record(Duration::from_secs(1))?.cycle.stamp_ns;
     for record in client.records(Duration::from_secs(1)) {
         // The daemon's cycles are the clock: one reference for each of its records.
         let record = record?;
-        let t = record.cycle.stamp_ns.saturating_sub(start.cycle.stamp_ns) as f64 * 1e-9;
+        let t = record.cycle.stamp_ns.saturating_sub(start_ns) as f64 * 1e-9;
         if record.cycle.fault != 0 {
             return Err(
                 format!("fault {}: the robot holds its position", record.cycle.fault).into(),
@@ -49,17 +49,10 @@ fn run() -> Result<(), Box<dyn Error>> {
         }
         commander.send(|reference| {
             reference.mode = Mode::InverseDynamics.number();
-            for (desired, joint) in reference
-                .joints
-                .iter_mut()
-                .zip(&start.cycle.measured.joints)
-            {
-                desired.q_d = joint.q;
-            }
             // 1 - cos: begins at rest, and smoothly.
             let (w, half) = (TAU * FREQUENCY_HZ, AMPLITUDE / 2.0);
             let first = &mut reference.joints[0];
-            first.q_d += half * (1.0 - (w * t).cos());
+            first.q_d = start_q + half * (1.0 - (w * t).cos());
             first.dq_d = half * w * (w * t).sin();
             first.ddq_d = half * w * w * (w * t).cos();
         })?;

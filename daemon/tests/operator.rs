@@ -196,7 +196,7 @@ fn an_operator_goes_the_whole_way() {
     assert_eq!(engaged(&wait_for(&mut client, Holding)), JOINTS);
     assert!(done(client.enable()).contains("every joint is held"));
 
-    let mut commander = Commander::connect(&client).expect("commander");
+    let mut commander = Commander::connect(&mut client).expect("commander");
     command(&mut client, &mut commander, Mode::Hold, Holding);
     command(&mut client, &mut commander, Mode::InverseDynamics, Active);
     assert!(done(client.stop()).contains("at rest"));

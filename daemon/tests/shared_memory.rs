@@ -125,10 +125,11 @@ fn a_full_ring_refuses_and_counts_but_does_not_wait() {
 fn references_come_with_their_time_of_arrival() {
     let dir = RunDir::new();
     let ends = dir.start();
-    let (_sender, mut references) = (ends.records, ends.references);
+    let (mut sender, mut references) = (ends.records, ends.references);
     assert!(references.latest().is_none());
-    let client = dir.client();
-    let mut commander = Commander::connect(&client).expect("commander");
+    let mut client = dir.client();
+    sender.send(&record(1));
+    let mut commander = Commander::connect(&mut client).expect("commander");
     let before = monotonic_ns();
     let odd = f64::from_bits(0x7ff8_dead_beef_0001);
     commander
@@ -137,7 +138,10 @@ fn references_come_with_their_time_of_arrival() {
             r.joints[2].tau_d = odd;
         })
         .expect("sent");
-    let (reference, first_ns) = wait_for(|| references.latest().map(|(r, at)| (*r, at)));
+    let (reference, first_ns) = wait_for(|| {
+        let newest = references.latest().map(|(r, at)| (*r, at));
+        newest.filter(|(r, _)| r.mode == Mode::Torque.number())
+    });
     assert!((before..=monotonic_ns()).contains(&first_ns));
     assert_eq!(reference.mode, Mode::Torque.number());
     assert_eq!(
@@ -163,9 +167,10 @@ fn references_come_with_their_time_of_arrival() {
 fn the_loops_thread_does_not_allocate() {
     let dir = RunDir::new();
     let mut ends = dir.start();
-    let client = dir.client();
-    let mut commander = Commander::connect(&client).expect("commander");
+    let mut client = dir.client();
     let mut record = Box::new(record(0));
+    ends.records.send(&record);
+    let mut commander = Commander::connect(&mut client).expect("commander");
     // Clients come and go meanwhile, which makes the publisher thread map and unmap files.
     let location = dir.0.clone();
     let others = thread::spawn(move || {

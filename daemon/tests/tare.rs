@@ -313,7 +313,7 @@ fn only_a_robot_that_holds_its_position_is_tared() {
     let mut client = place.client();
     settled(&mut client);
     let other = place.client();
-    let mut commander = Commander::connect(&client).expect("commander");
+    let mut commander = Commander::connect(&mut client).expect("commander");
     let pose = client
         .next_record(PATIENCE)
         .expect("a record")

@@ -118,6 +118,7 @@ def test_references_move_the_robot_until_the_block_ends(daemons):
     client = torqued.Client("leg", PATIENCE_S)
     with torqued.Commander(client) as commander:
         assert commander.reference.joint_count == JOINTS
+        assert commander.reference.sequence == 1, "the first reference has been sent"
 
         def change(reference):
             reference.mode = torqued.Mode.INVERSE_DYNAMICS
@@ -131,7 +132,11 @@ def test_references_move_the_robot_until_the_block_ends(daemons):
         with pytest.raises(torqued.AlreadyCommandedError, match="another client"):
             torqued.Commander(torqued.Client("leg", PATIENCE_S))
     wait_for(client, lambda r: r.cycle.mode == torqued.Mode.HOLD)
-    torqued.Commander(client).send()
+    # The next one begins where the robot stands.
+    with torqued.Commander(client) as commander:
+        assert commander.reference.mode == torqued.Mode.HOLD
+        assert [joint.q_d for joint in commander.reference.joints[2:5]] == [0.0, 0.75, 0.0]
+        wait_for(client, lambda r: r.cycle.measured.joints[3].q == 0.75)
 
 
 def test_a_killed_commander_makes_room(daemons):

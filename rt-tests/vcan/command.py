@@ -15,8 +15,6 @@ client = torqued.Client(sys.argv[1], timeout_s=10.0)
 commander = torqued.Commander(client)
 desired = commander.reference
 desired.mode = torqued.Mode.INVERSE_DYNAMICS
-for joint, measured in zip(desired.joints, client.next_record().cycle.measured.joints):
-    joint.q_d = measured.q
 if sys.argv[2:] == ["nan"]:
     desired.mode = torqued.Mode.TORQUE
     desired.joints[0].tau_d = math.nan

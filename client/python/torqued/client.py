@@ -24,6 +24,8 @@ from .layout import (
 POLL_S = 0.5e-3
 #: Longest time without an answer, s; the daemon sends ten a second while it works on a request.
 ANSWER_TIMEOUT_S = 2.0
+#: Shortest and longest time that the daemon is given to see a commander's first reference, s.
+SEEN_S = (0.005, 0.1)
 #: Time limit of retries while dead processes are being cleaned up, s.
 RETRY_S = 0.5
 
@@ -249,10 +251,13 @@ class Commander:
     `loop.reference_timeout_ms` have passed.
 
     After a restart of the daemon, references of a commander from before are not followed until it
-    has asked for mode hold: until then the records show mode hold."""
+    has asked for mode hold: until then the records show mode hold. The same holds after a flaw in
+    a reference, a fault, and an operator's stop."""
 
     def __init__(self, client: Client):
-        """Takes the command of the client's robot."""
+        """Takes the command of the client's robot. The first reference is sent here: it asks for mode
+        hold, with `q_d` at the measured pose of the newest record, which is taken from the client."""
+        record = client.latest() or client.next_record()
         service = client._open("reference", Reference, time.monotonic())
         until = time.monotonic() + RETRY_S
         while True:
@@ -269,7 +274,12 @@ class Commander:
                 client._node.try_cleanup_dead_nodes()
             time.sleep(0.01)
         #: The present reference; `send` sends it.
-        self.reference = Reference(joint_count=client.description.joint_count)
+        self.reference = Reference(joint_count=client.description.joint_count, mode=Mode.HOLD)
+        for desired, measured in zip(self.reference.joints, record.cycle.measured.joints):
+            desired.q_d = measured.q
+        self.send()
+        # The daemon sees the newest reference only: none follows before it has seen this one.
+        time.sleep(min(max(2.0 / max(client.description.rate_hz, 1.0), SEEN_S[0]), SEEN_S[1]))
 
     def send(self, change: Optional[Callable[[Reference], None]] = None) -> None:
         """Sends the reference, after `change` if given. To be called at least every

@@ -89,9 +89,19 @@ fn records_can_be_held_but_not_without_end() {
 fn references_arrive_newest_first_and_bit_for_bit() {
     let dir = RunDir::new();
     let ports = DaemonPorts::create(&dir.location, &description("leg", 6)).expect("ports");
-    let client = connect(&dir, &ports, "leg");
+    let mut client = connect(&dir, &ports, "leg");
     assert!(ports.newest_reference().expect("none yet").is_none());
-    let mut commander = Commander::connect(&client).expect("commander");
+    let mut pose = record(1);
+    (
+        pose.cycle.measured.joints[0].q,
+        pose.cycle.measured.joints[3].q,
+    ) = (0.25, -0.5);
+    ports.publish(&pose).expect("published");
+    let mut commander = Commander::connect(&mut client).expect("commander");
+    let first = ports.newest_reference().expect("received").expect("some");
+    assert_eq!((first.sequence, first.mode), (1, Mode::Hold.number()));
+    let begins = [0, 1, 3].map(|j| first.joints[j].q_d);
+    assert_eq!(begins, [0.25, 0.0, -0.5], "it begins at the measured pose");
     // A NaN passes: judging it is the cycle's business, and it counts it.
     let odd = f64::from_bits(0x7ff8_dead_beef_0001);
     for q_d in [1.0, 2.0, odd] {
@@ -102,7 +112,7 @@ fn references_arrive_newest_first_and_bit_for_bit() {
         commander.send(change).expect("sent");
     }
     let reference = ports.newest_reference().expect("received").expect("some");
-    assert_eq!((reference.sequence, reference.joint_count), (3, 6));
+    assert_eq!((reference.sequence, reference.joint_count), (4, 6));
     assert_eq!(reference.joints[3].q_d.to_bits(), odd.to_bits());
     assert!(ports.newest_reference().expect("no newer").is_none());
 
@@ -119,10 +129,13 @@ fn references_arrive_newest_first_and_bit_for_bit() {
 fn a_second_commander_is_refused_until_the_first_has_gone() {
     let dir = RunDir::new();
     let ports = DaemonPorts::create(&dir.location, &description("leg", 6)).expect("ports");
-    let client = connect(&dir, &ports, "leg");
-    let other = connect(&dir, &ports, "leg");
-    let first = Commander::connect(&client).expect("first");
-    let error = Commander::connect(&other).expect_err("second");
+    let mut client = connect(&dir, &ports, "leg");
+    let mut other = connect(&dir, &ports, "leg");
+    let error = Commander::connect(&mut client).expect_err("no pose to begin at");
+    assert!(matches!(error, Error::NoRecord { .. }), "{error}");
+    ports.publish(&record(1)).expect("published");
+    let first = Commander::connect(&mut client).expect("first");
+    let error = Commander::connect(&mut other).expect_err("second");
     assert_eq!(
         error,
         Error::AlreadyCommanded {
@@ -131,7 +144,8 @@ fn a_second_commander_is_refused_until_the_first_has_gone() {
     );
     assert!(error.to_string().contains("another client"), "{error}");
     drop(first);
-    Commander::connect(&other).expect("second, later");
+    ports.publish(&record(2)).expect("published");
+    Commander::connect(&mut other).expect("second, later");
 }
 
 #[test]
@@ -153,7 +167,8 @@ fn a_client_goes_on_with_the_next_daemon() {
     let dir = RunDir::new();
     let ports = DaemonPorts::create(&dir.location, &description("leg", 6)).expect("ports");
     let mut client = connect(&dir, &ports, "leg");
-    let mut commander = Commander::connect(&client).expect("commander");
+    ports.publish(&record(899)).expect("published");
+    let mut commander = Commander::connect(&mut client).expect("commander");
     ports.publish(&record(900)).expect("published");
     assert_eq!(
         client.next_record(SECOND).expect("record").cycle.sequence,
@@ -200,7 +215,8 @@ fn a_client_goes_on_with_the_next_daemon() {
     );
     drop(commander);
     ports.newest_reference().expect("received");
-    let mut newcomer = Commander::connect(&client).expect("another commander");
+    ports.publish(&record(2)).expect("published");
+    let mut newcomer = Commander::connect(&mut client).expect("another commander");
     newcomer
         .send(|r| r.mode = Mode::Torque.number())
         .expect("sent");

@@ -101,7 +101,7 @@ fn clients_go_on_when_the_daemon_is_killed_and_started_again() {
     let dir = RunDir::new();
     let daemon = Process::daemon(&dir);
     let mut client = connect(&dir);
-    let mut commander = Commander::connect(&client).expect("commander");
+    let mut commander = Commander::connect(&mut client).expect("commander");
     wait_for(&mut client, |r| r.cycle.sequence > 200);
     daemon.kill();
     let _daemon = Process::daemon(&dir);
@@ -181,7 +181,7 @@ fn the_command_passes_on_when_its_holder_is_killed() {
         holder.kill();
         wait_for(&mut client, |r| r.cycle.mode == Mode::Hold.number());
     }
-    let mut commander = Commander::connect(&client).expect("the command is free again");
+    let mut commander = Commander::connect(&mut client).expect("the command is free again");
     commander
         .send(|r| r.mode = Mode::Torque.number())
         .expect("sent");
