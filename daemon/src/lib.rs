@@ -13,6 +13,7 @@ pub mod real_time;
 pub mod report;
 pub mod request_server;
 pub mod run;
+pub mod service_manager;
 pub mod shared_memory;
 pub mod state_directory;
 pub mod stored_fault;

@@ -7,6 +7,7 @@ use robot_config::Robot;
 use robot_state::{Event, RobotState};
 
 use crate::looper::Status;
+use crate::service_manager::ServiceManager;
 use crate::stored_fault::FaultStore;
 
 /// Interval between two messages about joints that have not answered.
@@ -18,6 +19,7 @@ const GRACE: Duration = Duration::from_secs(2);
 pub struct Reporter<'a> {
     robot: &'a Robot,
     store: Option<FaultStore>,
+    manager: ServiceManager,
     running: bool,
     state: Option<RobotState>,
     fault: u32,
@@ -33,6 +35,7 @@ impl<'a> Reporter<'a> {
         Self {
             robot,
             store,
+            manager: ServiceManager::find(),
             running: false,
             state: None,
             fault: fault.map_or(0, Event::number),
@@ -43,8 +46,13 @@ impl<'a> Reporter<'a> {
 
     /// Looks at the loop's state; `false`: the end was asked for, and the loop does not reach it.
     pub fn look(&mut self, status: &Status, stop: &AtomicBool) -> bool {
-        if status.cycles.load(Ordering::Acquire) > 0 {
-            self.report_joints(status.silent.load(Ordering::Relaxed));
+        let cycles = status.cycles.load(Ordering::Acquire);
+        if cycles > 0 {
+            let silent = status.silent.load(Ordering::Relaxed);
+            self.report_joints(silent);
+            // Before the disk, which may take its time.
+            let text = self.status(status, silent);
+            self.manager.update(cycles, &text, Instant::now());
             self.report_fault(status.fault.load(Ordering::Relaxed));
             self.report_state(RobotState::from_number(
                 status.state.load(Ordering::Relaxed),
@@ -53,17 +61,28 @@ impl<'a> Reporter<'a> {
         if stop.load(Ordering::Relaxed) && self.end_asked.is_none() {
             eprintln!("ending: the robot is brought to rest, then its drives are switched off");
             self.end_asked = Some(Instant::now());
+            self.manager.stopping();
         }
         let limit = Duration::from_secs_f64(self.robot.parameters.safety.time_limit) + GRACE;
         self.end_asked.is_none_or(|asked| asked.elapsed() < limit)
+    }
+
+    /// The robot's state in one line, for `systemctl status`.
+    fn status(&self, status: &Status, silent: u64) -> String {
+        let state = RobotState::from_number(status.state.load(Ordering::Relaxed));
+        let state = state.map_or("unknown", RobotState::name);
+        let number = status.fault.load(Ordering::Relaxed);
+        match Event::from_number(number) {
+            Some(event) => format!("{state} {number} {}: {}", event.name(), event.cause()),
+            None if silent != 0 => format!("{state}: waiting for {} joints", silent.count_ones()),
+            None => state.to_owned(),
+        }
     }
 
     fn report_joints(&mut self, silent: u64) {
         if silent == 0 && !self.running {
             self.running = true;
             eprintln!("running: every joint has answered");
-            // Nobody may be waiting for it: then there is nothing to notify.
-            let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
         }
         if silent != 0 && !self.running && self.named.elapsed() > PATIENCE {
             self.named = Instant::now();
