@@ -111,6 +111,25 @@ class Process:
         self.kill()
 
 
+def example(package, name):
+    """Builds an example program of a crate; its path."""
+    build = ["cargo", "build", "-q", "-p", package, "--example", name, "--message-format", "json"]
+    artifacts = subprocess.run(build, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
+    executables = (json.loads(line).get("executable") for line in artifacts.splitlines())
+    return next(path for path in executables if path)
+
+
+def json_program(path):
+    """A function that passes a request to a program and returns its answer, both JSON."""
+
+    def call(**request):
+        answer = subprocess.run([path], input=json.dumps(request), capture_output=True, text=True)
+        assert answer.returncode == 0, answer.stderr
+        return json.loads(answer.stdout)
+
+    return call
+
+
 def simulator(config, *options):
     """torqued-sim, waiting for SYNC frames."""
     process = Process(BINARIES / "torqued-sim", config, "--json", *options)

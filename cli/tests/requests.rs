@@ -1,39 +1,15 @@
 //! `torquectl tare`, `contacts` and an operator's commands as their own processes, beside a daemon's end of shared
 //! memory that answers like torqued.
 
+mod common;
+
+use common::{RunDir, text};
 use serde_json::Value;
-use std::process::{Command, Output};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{scope, sleep};
-use std::time::Duration;
-use test_support::TemporaryDirectory;
+use std::process::Output;
 use torqued_client::robot_state::{
     Answer, Description, Event, Name, Request, RobotState, SharedRecord, Text, Wrench,
     answer_status, command_flags, measured_flags, request,
 };
-use torqued_client::{DaemonPorts, Location};
-
-/// A run directory of one test.
-struct RunDir(
-    Location,
-    #[expect(dead_code, reason = "removes the directory")] TemporaryDirectory,
-);
-
-impl RunDir {
-    fn new() -> Self {
-        let directory = TemporaryDirectory::new();
-        let location = Location::at(directory.path()).expect("a run directory");
-        let prefix = location.shared_memory_prefix();
-        Self(location, directory.with_shared_memory(prefix))
-    }
-
-    fn run(&self, arguments: &str) -> Output {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_torquectl"));
-        command.args(arguments.split_whitespace());
-        command.env("TORQUED_RUN_DIR", self.0.path());
-        command.output().expect("torquectl starts")
-    }
-}
 
 fn description() -> Description {
     let mut description = Description {
@@ -121,46 +97,27 @@ fn beside_daemon(dir: &RunDir, arguments: &str) -> Output {
 }
 
 /// Runs torquectl beside the daemon's end of a robot whose first record has been changed.
-fn beside_robot(
-    dir: &RunDir,
-    arguments: &str,
-    change: impl Fn(&mut SharedRecord) + Sync,
-) -> Output {
-    let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
-    let done = AtomicBool::new(false);
-    scope(|threads| {
-        threads.spawn(|| {
-            let mut record = SharedRecord::default();
-            change(&mut record);
-            while !done.load(Ordering::Relaxed) {
-                record.cycle.sequence += 1;
-                ports.publish(&record).expect("published");
-                while let Some(asked) = ports.next_request().expect("received") {
-                    let waiting = Answer {
-                        id: asked.id,
-                        status: answer_status::WORKING,
-                        text: Text::new("drives are being switched on: knee"),
-                        ..Answer::default()
-                    };
-                    if asked.kind == request::ENABLE {
-                        ports.answer(&waiting).expect("answered");
-                        ports.answer(&waiting).expect("answered");
-                    }
-                    let mut answer = reply(&asked, &mut record);
-                    answer.id = asked.id;
-                    ports.answer(&answer).expect("answered");
-                }
-                sleep(Duration::from_millis(1));
+fn beside_robot(dir: &RunDir, arguments: &str, change: impl Fn(&mut SharedRecord)) -> Output {
+    let mut record = SharedRecord::default();
+    change(&mut record);
+    let mut command = dir.torquectl(arguments);
+    dir.beside_daemon(&mut command, &description(), record, |ports, record| {
+        while let Some(asked) = ports.next_request().expect("received") {
+            let waiting = Answer {
+                id: asked.id,
+                status: answer_status::WORKING,
+                text: Text::new("drives are being switched on: knee"),
+                ..Answer::default()
+            };
+            if asked.kind == request::ENABLE {
+                ports.answer(&waiting).expect("answered");
+                ports.answer(&waiting).expect("answered");
             }
-        });
-        let output = dir.run(arguments);
-        done.store(true, Ordering::Relaxed);
-        output
+            let mut answer = reply(&asked, record);
+            answer.id = asked.id;
+            ports.answer(&answer).expect("answered");
+        }
     })
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("UTF-8")
 }
 
 #[test]
@@ -220,10 +177,18 @@ fn refusals_and_wrong_arguments_have_their_exit_codes() {
         );
     }
     for wrong in ["tare", "tare --show --forget", "tare --contacts"] {
-        assert_eq!(dir.run(wrong).status.code(), Some(2), "{wrong}");
+        assert_eq!(
+            dir.torquectl(wrong)
+                .output()
+                .expect("torquectl starts")
+                .status
+                .code(),
+            Some(2),
+            "{wrong}"
+        );
     }
     for command in ["tare --show --robot leg", "contacts"] {
-        let output = dir.run(command);
+        let output = dir.torquectl(command).output().expect("torquectl starts");
         assert_eq!(output.status.code(), Some(1), "{command}");
         assert!(text(&output.stderr).contains("torqued run"), "{output:?}");
     }
@@ -283,7 +248,15 @@ fn an_operator_sees_what_is_waited_for_and_what_was_reached() {
         text(&output.stderr).contains("acknowledge it first"),
         "{output:?}"
     );
-    assert_eq!(dir.run("enable").status.code(), Some(1), "no daemon");
+    assert_eq!(
+        dir.torquectl("enable")
+            .output()
+            .expect("torquectl starts")
+            .status
+            .code(),
+        Some(1),
+        "no daemon"
+    );
 }
 
 #[test]
@@ -298,7 +271,10 @@ fn the_latched_fault_is_shown_before_it_is_acknowledged() {
     }
     let output = beside_robot(&dir, "acknowledge 403", at_fault);
     assert_eq!(output.status.code(), Some(1), "not the latched one");
-    let output = dir.run("acknowledge 7");
+    let output = dir
+        .torquectl("acknowledge 7")
+        .output()
+        .expect("torquectl starts");
     assert_eq!(output.status.code(), Some(2));
     assert!(
         text(&output.stderr).contains("104 joint_stale"),

@@ -1,38 +1,17 @@
 //! `torquectl watch` as its own process, beside a daemon's end of shared memory.
 
+mod common;
+
+use common::{RunDir, text};
 use serde_json::Value;
 use std::process::{Command, Output, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{scope, sleep};
+use std::thread::sleep;
 use std::time::Duration;
-use test_support::TemporaryDirectory;
+use torqued_client::DaemonPorts;
 use torqued_client::robot_state::{
     Description, Event, Mode, Name, SharedRecord, command_flags, measured_flags, torque_flags,
     torque_source,
 };
-use torqued_client::{DaemonPorts, Location};
-
-/// A run directory of one test.
-struct RunDir(
-    Location,
-    #[expect(dead_code, reason = "removes the directory")] TemporaryDirectory,
-);
-
-impl RunDir {
-    fn new() -> Self {
-        let directory = TemporaryDirectory::new();
-        let location = Location::at(directory.path()).expect("a run directory");
-        let prefix = location.shared_memory_prefix();
-        Self(location, directory.with_shared_memory(prefix))
-    }
-
-    fn watch(&self, arguments: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_torquectl"));
-        command.arg("watch").args(arguments.split_whitespace());
-        command.env("TORQUED_RUN_DIR", self.0.path());
-        command
-    }
-}
 
 fn description() -> Description {
     let mut description = Description {
@@ -73,33 +52,14 @@ fn record() -> SharedRecord {
     record
 }
 
-/// Runs `command` while a daemon's end publishes `record` each millisecond.
 fn beside_daemon(dir: &RunDir, command: &mut Command) -> Output {
-    let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
-    let done = AtomicBool::new(false);
-    scope(|threads| {
-        threads.spawn(|| {
-            let mut record = record();
-            while !done.load(Ordering::Relaxed) {
-                record.cycle.sequence += 1;
-                ports.publish(&record).expect("published");
-                sleep(Duration::from_millis(1));
-            }
-        });
-        let output = command.output();
-        done.store(true, Ordering::Relaxed);
-        output.expect("torquectl starts")
-    })
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("UTF-8")
+    dir.beside_daemon(command, &description(), record(), |_, _| {})
 }
 
 #[test]
 fn once_shows_torques_flags_faults_and_events_in_words() {
     let dir = RunDir::new();
-    let output = beside_daemon(&dir, &mut dir.watch("--once"));
+    let output = beside_daemon(&dir, &mut dir.torquectl("watch --once"));
     assert!(output.status.success(), "{output:?}");
     let shown = text(&output.stdout);
     for part in [
@@ -136,7 +96,7 @@ fn once_shows_torques_flags_faults_and_events_in_words() {
 #[test]
 fn json_is_one_object_a_line() {
     let dir = RunDir::new();
-    let output = beside_daemon(&dir, &mut dir.watch("--robot leg --once --json"));
+    let output = beside_daemon(&dir, &mut dir.torquectl("watch --robot leg --once --json"));
     assert!(output.status.success(), "{output:?}");
     assert_eq!(text(&output.stdout).lines().count(), 1);
     let record: Value = serde_json::from_slice(&output.stdout).expect("JSON");
@@ -163,12 +123,12 @@ fn json_is_one_object_a_line() {
 #[test]
 fn continuous_json_ends_quietly_when_its_reader_has_enough() {
     let dir = RunDir::new();
-    let watch = dir.watch("--json --rate 100");
+    let watch = dir.torquectl("watch --json --rate 100");
     let mut shell = Command::new("sh");
     shell
         .args(["-c", "\"$0\" watch --json --rate 100 | head -n 3"])
         .arg(watch.get_program());
-    shell.env("TORQUED_RUN_DIR", dir.0.path());
+    shell.env("TORQUED_RUN_DIR", dir.location.path());
     let output = beside_daemon(&dir, &mut shell);
     assert_eq!(text(&output.stderr), "");
     let sequences: Vec<u64> = text(&output.stdout)
@@ -187,10 +147,17 @@ fn without_a_daemon_it_reports_the_remedy() {
         ("--once", "torqued/<robot>/state"),
         ("--once --robot leg", "torqued/leg/description"),
     ] {
-        let output = dir.watch(arguments).output().expect("torquectl starts");
+        let output = dir
+            .torquectl(&format!("watch {arguments}"))
+            .output()
+            .expect("torquectl starts");
         assert_eq!(output.status.code(), Some(1));
         let message = text(&output.stderr);
-        for part in [service, "torqued run", dir.0.path().to_str().expect("text")] {
+        for part in [
+            service,
+            "torqued run",
+            dir.location.path().to_str().expect("text"),
+        ] {
             assert!(message.contains(part), "{part} is missing in: {message}");
         }
         assert!(output.stdout.is_empty());
@@ -200,9 +167,9 @@ fn without_a_daemon_it_reports_the_remedy() {
 #[test]
 fn a_daemon_that_goes_away_is_noticed() {
     let dir = RunDir::new();
-    let ports = DaemonPorts::create(&dir.0, &description()).expect("the daemon's end");
+    let ports = DaemonPorts::create(&dir.location, &description()).expect("the daemon's end");
     let mut watch = dir
-        .watch("--rate 10")
+        .torquectl("watch --rate 10")
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn();
@@ -222,7 +189,7 @@ fn a_rate_that_cannot_be_is_refused() {
     let dir = RunDir::new();
     for rate in ["0", "NaN", "1e9", "fast"] {
         let output = dir
-            .watch(&format!("--rate {rate}"))
+            .torquectl(&format!("watch --rate {rate}"))
             .output()
             .expect("torquectl starts");
         assert_eq!(output.status.code(), Some(2));

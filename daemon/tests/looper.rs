@@ -1,14 +1,16 @@
 //! The loop's thread from its start to its controlled end, in front of a simulated robot.
 
+mod common;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_codec::{Frames, Gather, Table};
-use plant::{CanRobot, SimParameters};
+use common::{RunDir, plant, robot, sim};
+use plant::CanRobot;
 use problem::Problem;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Description, Event, Name, RobotState};
-use test_support::{TemporaryDirectory, read_project_file};
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::bus::{Bus, BusCounters, LockStep};
 use torqued::control_loop::ControlLoop;
@@ -18,36 +20,16 @@ use torqued::real_time::{Pace, WakeReport};
 use torqued::request_server::RequestServer;
 use torqued::shared_memory;
 use torqued::summary::Timing;
-use torqued_client::Location;
-
-/// A run directory of one test.
-struct RunDir(
-    Location,
-    #[expect(dead_code, reason = "removes the directory")] TemporaryDirectory,
-);
-
-impl RunDir {
-    fn new() -> Self {
-        let directory = TemporaryDirectory::new();
-        let location = Location::at(directory.path()).expect("a run directory");
-        let prefix = location.shared_memory_prefix();
-        Self(location, directory.with_shared_memory(prefix))
-    }
-}
 
 fn leg() -> Robot {
-    let mut leg = robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg");
+    let mut leg = robot("leg");
     // The virtual clock is faster than the publisher thread.
     leg.parameters.safety.publisher_timeout = 10.0;
     leg
 }
 
 fn lock_step(robot: &Robot, clock: &VirtualClock) -> LockStep<CanRobot> {
-    let sim = read_project_file("config/leg/sim.toml").expect("sim.toml");
-    let sim = SimParameters::parse(&sim, "sim.toml").expect("parameters");
-    let urdf = read_project_file(&robot.parameters.urdf_path).expect("URDF");
-    let plant = CanRobot::new(robot, &urdf, &sim).expect("a plant");
-    LockStep::new(plant, clock)
+    LockStep::new(plant(robot, &sim("leg")), clock)
 }
 
 /// A bus with something wrong from some cycle on.
@@ -145,7 +127,8 @@ fn run<B: Bus>(
         joint_count: 6,
         ..Description::default()
     };
-    let ends = shared_memory::start_at(&directory.0, &description, server).expect("shared memory");
+    let ends =
+        shared_memory::start_at(&directory.location, &description, server).expect("shared memory");
     let stop = Arc::new(AtomicBool::new(false));
     let mut looper = Looper::new(&robot, control_loop, ends, &stop, cycles);
     let mut act = |cycle: u64| {

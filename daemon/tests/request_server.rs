@@ -1,7 +1,10 @@
 //! The request server alone, with made-up records of the leg.
 
+mod common;
+
 use std::time::{Duration, Instant};
 
+use common::leg_with_contacts;
 use cycle::OperatorRequest;
 use problem::Problem;
 use proptest::prelude::*;
@@ -10,7 +13,7 @@ use robot_state::{
     Answer, Event, Mode, Name, Request, RobotState, SharedRecord, answer_status, command_flags,
     measured_flags, refusal, request,
 };
-use test_support::{TemporaryDirectory, read_project_file};
+use test_support::TemporaryDirectory;
 use torqued::offsets::Store;
 use torqued::request_server::RequestServer;
 
@@ -21,15 +24,7 @@ touch = [{ link = "base_link", type = "full_wrench" }, { link = "ankle_ft", type
 "#;
 
 fn leg() -> Robot {
-    let line = "unknown_wrench_link = \"base_link\"\n";
-    let read = |path: &str| {
-        let text = read_project_file(path)?;
-        Ok(match path.ends_with("robot.toml") {
-            true => format!("{}{CONTACTS}", text.replace(line, "")),
-            false => text,
-        })
-    };
-    robot_config::load("config/leg/robot.toml", &read).expect("the leg")
+    leg_with_contacts(CONTACTS)
 }
 
 fn request_server(state: &TemporaryDirectory) -> RequestServer {

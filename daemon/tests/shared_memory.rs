@@ -1,46 +1,46 @@
 //! The daemon's hand-over to clients, seen from both sides.
 
+mod common;
+
 use std::thread;
 use std::time::{Duration, Instant};
 
+use common::{RunDir, robot};
 use problem::Problem;
 use robot_state::{Description, Mode, Name, SharedRecord};
-use test_support::{TemporaryDirectory, allocations, read_project_file};
+use test_support::allocations;
 use torqued::real_time::monotonic_ns;
 use torqued::request_server::RequestServer;
 use torqued::shared_memory::{self, LoopEnds};
-use torqued_client::{Client, Commander, Error, Location};
+use torqued_client::{Client, Commander, Error};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// A run directory of one test.
-struct RunDir(
-    Location,
-    #[expect(dead_code, reason = "removes the directory")] TemporaryDirectory,
-);
+/// The daemon's end, in a run directory of one test.
+struct Daemon(RunDir);
 
-impl RunDir {
+impl Daemon {
     fn new() -> Self {
-        let directory = TemporaryDirectory::new();
-        let location = Location::at(directory.path()).expect("a run directory");
-        let prefix = location.shared_memory_prefix();
-        Self(location, directory.with_shared_memory(prefix))
+        Self(RunDir::new())
     }
 
     fn start(&self) -> LoopEnds {
-        shared_memory::start_at(&self.0, &description(), request_server()).expect("shared memory")
+        shared_memory::start_at(&self.0.location, &description(), request_server())
+            .expect("shared memory")
     }
 
     fn client(&self) -> Client {
-        Client::connect_at(&self.0, "leg", PATIENCE).expect("the daemon's end is there")
+        Client::connect_at(&self.0.location, "leg", PATIENCE).expect("the daemon's end is there")
     }
 }
 
 /// A request server of the leg; no test here requests a tare.
 fn request_server() -> RequestServer {
-    let leg = robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg");
-    RequestServer::new(&leg, Err(Problem::new("nowhere to keep offsets", "")))
-        .expect("a request server")
+    RequestServer::new(
+        &robot("leg"),
+        Err(Problem::new("nowhere to keep offsets", "")),
+    )
+    .expect("a request server")
 }
 
 fn description() -> Description {
@@ -73,7 +73,7 @@ fn wait_for<T>(mut step: impl FnMut() -> Option<T>) -> T {
 
 #[test]
 fn every_record_reaches_a_client_in_order() {
-    let dir = RunDir::new();
+    let dir = Daemon::new();
     let mut sender = dir.start().records;
     let mut client = dir.client();
     let (arrived, arrivals) = std::sync::mpsc::channel();
@@ -100,7 +100,7 @@ fn every_record_reaches_a_client_in_order() {
 
 #[test]
 fn a_full_ring_refuses_and_counts_but_does_not_wait() {
-    let dir = RunDir::new();
+    let dir = Daemon::new();
     let mut sender = dir.start().records;
     let mut client = dir.client();
     // Far faster than any publisher thread takes them.
@@ -123,7 +123,7 @@ fn a_full_ring_refuses_and_counts_but_does_not_wait() {
 
 #[test]
 fn references_come_with_their_time_of_arrival() {
-    let dir = RunDir::new();
+    let dir = Daemon::new();
     let ends = dir.start();
     let (mut sender, mut references) = (ends.records, ends.references);
     assert!(references.latest().is_none());
@@ -165,14 +165,14 @@ fn references_come_with_their_time_of_arrival() {
 
 #[test]
 fn the_loops_thread_does_not_allocate() {
-    let dir = RunDir::new();
+    let dir = Daemon::new();
     let mut ends = dir.start();
     let mut client = dir.client();
     let mut record = Box::new(record(0));
     ends.records.send(&record);
     let mut commander = Commander::connect(&mut client).expect("commander");
     // Clients come and go meanwhile, which makes the publisher thread map and unmap files.
-    let location = dir.0.clone();
+    let location = dir.0.location.clone();
     let others = thread::spawn(move || {
         for _ in 0..5 {
             let mut guest = Client::connect_at(&location, "leg", PATIENCE).expect("guest");
@@ -210,7 +210,7 @@ fn the_loops_thread_does_not_allocate() {
 
 #[test]
 fn records_left_in_the_ring_are_published_before_the_end() {
-    let dir = RunDir::new();
+    let dir = Daemon::new();
     let mut sender = dir.start().records;
     let mut client = dir.client();
     for sequence in 1..=100 {
@@ -227,10 +227,10 @@ fn records_left_in_the_ring_are_published_before_the_end() {
 
 #[test]
 fn one_daemon_at_a_time_and_the_next_may_start() {
-    let dir = RunDir::new();
+    let dir = Daemon::new();
     let sender = dir.start().records;
     let mut client = dir.client();
-    let refused = shared_memory::start_at(&dir.0, &description(), request_server()).err();
+    let refused = shared_memory::start_at(&dir.0.location, &description(), request_server()).err();
     assert_eq!(
         refused,
         Some(Error::AlreadyRunning {

@@ -1,7 +1,8 @@
 //! Simulated sensors with clocks of their own: in lock-step with the loop, and refused on CAN.
 
+mod common;
+
 use cycle::ClientInput;
-use plant::{CanRobot, SimParameters};
 use robot_state::measured_flags;
 use std::process::Command;
 use test_support::{project_path, read_project_file};
@@ -23,13 +24,13 @@ fn sensors_with_own_clocks_are_refused_on_can() {
         .output()
         .expect("runs");
     std::fs::remove_file(&path).expect("removed");
-    let said = String::from_utf8_lossy(&out.stderr);
-    assert_eq!(out.status.code(), Some(2), "{said}");
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{error}");
     assert!(
-        said.contains("ft_sensor.sampling.sampled: on a CAN bus"),
-        "{said}"
+        error.contains("ft_sensor.sampling.sampled: on a CAN bus"),
+        "{error}"
     );
-    assert!(said.contains("allowed: \"at_sync\""), "{said}");
+    assert!(error.contains("allowed: \"at_sync\""), "{error}");
 }
 
 #[test]
@@ -37,20 +38,18 @@ fn a_cycle_does_not_wait_for_sensors_with_own_clocks() {
     let read = |path: &str| {
         let text = read_project_file(path)?;
         let own = "[imu]\nsampled = \"when_sent\"\nperiod_us = 1500\n";
-        let it_is = path.ends_with("humanoid/robot.toml");
-        Ok(if it_is {
+        let is_config = path.ends_with("humanoid/robot.toml");
+        Ok(if is_config {
             text.replace("[imu]\n", own)
         } else {
             text
         })
     };
     let robot = robot_config::load("config/humanoid/robot.toml", &read).expect("a robot");
-    let sim = read_project_file("config/humanoid/sim.toml").expect("sim.toml");
-    let mut sim = SimParameters::parse(&sim, "sim.toml").expect("parameters");
+    let mut sim = common::sim("humanoid");
     sim.imu.sampling.sampled = plant::parameters::Sampled::WhenSent;
     sim.imu.sampling.period = Some(1.5e-3);
-    let urdf = read_project_file(&robot.parameters.urdf_path).expect("URDF");
-    let plant = CanRobot::new(&robot, &urdf, &sim).expect("a plant");
+    let plant = common::plant(&robot, &sim);
 
     let clock = VirtualClock::new();
     clock.advance_to(1_000_000_000);

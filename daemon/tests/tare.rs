@@ -1,17 +1,19 @@
 //! Requests of clients to a daemon that runs the simulated leg, in one process: shared memory, request server,
 //! loop and CAN frames are the real ones, time is as fast as it goes.
 
+mod common;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use common::{RunDir, leg_with_contacts};
 use cycle::ClientInput;
+use plant::SimParameters;
 use plant::parameters::PushParameters;
-use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 use robot_state::{Answer, Description, Mode, Name, TaredSensor, Wrench};
-use test_support::{TemporaryDirectory, read_project_file};
 use torqued::bus::LockStep;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::control_loop::ControlLoop;
@@ -19,7 +21,7 @@ use torqued::offsets::Store;
 use torqued::real_time::Pace;
 use torqued::request_server::RequestServer;
 use torqued::shared_memory;
-use torqued_client::{Client, Commander, Error, Location};
+use torqued_client::{Client, Commander, Error};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 const CONTACTS: &str = r#"
@@ -33,49 +35,31 @@ touch = [{ link = "base_link", type = "full_wrench" }, { link = "ankle_ft", type
 time_s = 0.5
 "#;
 
-/// The leg with contact sets.
 fn leg() -> Robot {
-    let read = |path: &str| {
-        let text = read_project_file(path)?;
-        let line = "unknown_wrench_link = \"base_link\"\n";
-        Ok(match path.ends_with("robot.toml") {
-            true => format!("{}{CONTACTS}", text.replace(line, "")),
-            false => text,
-        })
-    };
-    robot_config::load("config/leg/robot.toml", &read).expect("the leg")
+    leg_with_contacts(CONTACTS)
 }
 
-/// The simulated leg, with a bias of its F/T sensor for a tare to find.
-fn sim() -> SimParameters {
-    let path = "config/leg/sim.toml";
-    let text = read_project_file(path).expect("readable");
-    let mut sim = SimParameters::parse(&text, path).expect("parameters");
+/// A simulated robot with a bias of its F/T sensors for a tare to find.
+fn biased(name: &str) -> SimParameters {
+    let mut sim = common::sim(name);
     (sim.ft_sensor.bias_force, sim.ft_sensor.bias_torque) = (10.0, 1.0);
     sim
 }
 
 /// Run directory and state directory of one test.
-struct Place {
-    run: Location,
-    directory: TemporaryDirectory,
-}
+struct Place(RunDir);
 
 impl Place {
     fn new() -> Self {
-        let directory = TemporaryDirectory::new();
-        let run = Location::at(directory.path()).expect("a run directory");
-        let prefix = run.shared_memory_prefix();
-        let directory = directory.with_shared_memory(prefix);
-        Self { run, directory }
+        Self(RunDir::new())
     }
 
     fn store(&self) -> Store {
-        Store::at(&self.directory.path().join("state"), "leg")
+        Store::at(&self.0.directory.path().join("state"), "leg")
     }
 
     fn client(&self) -> Client {
-        Client::connect_at(&self.run, "leg", PATIENCE).expect("a daemon runs")
+        Client::connect_at(&self.0.location, "leg", PATIENCE).expect("a daemon runs")
     }
 }
 
@@ -91,8 +75,7 @@ impl Daemon {
     }
 
     fn start_robot(place: &Place, robot: Robot, sim: &SimParameters) -> Self {
-        let urdf = read_project_file(&robot.parameters.urdf_path).expect("readable");
-        let plant = CanRobot::new(&robot, &urdf, sim).expect("a plant");
+        let plant = common::plant(&robot, sim);
         let server = RequestServer::new(&robot, Ok(place.store())).expect("a request server");
         let mut description = Description {
             // The only robot.
@@ -108,7 +91,8 @@ impl Daemon {
             description.contact_set_names[i] = Name::new(name);
             description.contact_set_count += 1;
         }
-        let mut ends = shared_memory::start_at(&place.run, &description, server).expect("ends");
+        let mut ends =
+            shared_memory::start_at(&place.0.location, &description, server).expect("ends");
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = thread::spawn(move || {
@@ -187,7 +171,7 @@ fn reason(result: Result<Answer, Error>) -> String {
 #[test]
 fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     let place = Place::new();
-    let daemon = Daemon::start(&place, &sim());
+    let daemon = Daemon::start(&place, &biased("leg"));
     let mut client = place.client();
     settled(&mut client);
     let untared = client.last_tare().expect("answered");
@@ -222,7 +206,7 @@ fn a_tare_in_the_air_finds_the_offset_and_keeps_it() {
     assert!(bias[..3].iter().any(|f| f.abs() > 1.0), "{bias:?}");
 
     // Another daemon starts with it.
-    let daemon = Daemon::start(&place, &sim());
+    let daemon = Daemon::start(&place, &biased("leg"));
     let mut client = place.client();
     let first = client.next_record(PATIENCE).expect("a record");
     assert_eq!(first.cycle.measured.ft[0].offset, again.ft[0].offset);
@@ -259,12 +243,7 @@ fn unix_now() -> f64 {
 #[test]
 fn a_humanoid_that_stands_is_tared() {
     let place = Place::new();
-    let robot = robot_config::load("config/humanoid/robot.toml", &read_project_file);
-    let path = "config/humanoid/sim.toml";
-    let text = read_project_file(path).expect("readable");
-    let mut sim = SimParameters::parse(&text, path).expect("parameters");
-    (sim.ft_sensor.bias_force, sim.ft_sensor.bias_torque) = (10.0, 1.0);
-    let daemon = Daemon::start_robot(&place, robot.expect("the humanoid"), &sim);
+    let daemon = Daemon::start_robot(&place, common::robot("humanoid"), &biased("humanoid"));
     let mut client = place.client();
     settled(&mut client);
     let answer = client.tare("unheld").expect("tared");
@@ -273,7 +252,7 @@ fn a_humanoid_that_stands_is_tared() {
     assert_eq!(
         known[0] & 0b100,
         0,
-        "how the feet share the weight is not told"
+        "the share of each foot in the weight is unknown"
     );
     // Feet are parallel: their vertical axes too.
     let sum = answer.ft[0].offset.force[2] + answer.ft[1].offset.force[2];
@@ -289,7 +268,7 @@ fn a_humanoid_that_stands_is_tared() {
 #[test]
 fn a_robot_that_is_pushed_is_not_tared() {
     let place = Place::new();
-    let mut sim = sim();
+    let mut sim = biased("leg");
     sim.pushes.push(PushParameters {
         link: "ankle_ft".to_owned(),
         start: 0.0,
@@ -309,7 +288,7 @@ fn a_robot_that_is_pushed_is_not_tared() {
 #[test]
 fn only_a_robot_that_holds_its_position_is_tared() {
     let place = Place::new();
-    let _daemon = Daemon::start(&place, &sim());
+    let _daemon = Daemon::start(&place, &biased("leg"));
     let mut client = place.client();
     settled(&mut client);
     let other = place.client();
@@ -355,7 +334,7 @@ fn only_a_robot_that_holds_its_position_is_tared() {
 #[test]
 fn impossible_requests_are_refused_with_the_allowed() {
     let place = Place::new();
-    let _daemon = Daemon::start(&place, &sim());
+    let _daemon = Daemon::start(&place, &biased("leg"));
     let mut client = place.client();
     settled(&mut client);
     for strange in ["", "on_the_moon", &"é".repeat(60)] {
@@ -377,7 +356,7 @@ fn impossible_requests_are_refused_with_the_allowed() {
 #[test]
 fn one_of_two_concurrent_tares_is_served() {
     let place = Place::new();
-    let _daemon = Daemon::start(&place, &sim());
+    let _daemon = Daemon::start(&place, &biased("leg"));
     let mut clients: Vec<Client> = (0..3).map(|_| place.client()).collect();
     settled(&mut clients[0]);
     let asking: Vec<_> = (clients.into_iter())
@@ -398,7 +377,7 @@ fn one_of_two_concurrent_tares_is_served() {
 #[test]
 fn chosen_contact_sets_hold_and_are_published() {
     let place = Place::new();
-    let _daemon = Daemon::start(&place, &sim());
+    let _daemon = Daemon::start(&place, &biased("leg"));
     let mut client = place.client();
     assert_eq!(client.description().contact_set_count, 2);
     for (index, name) in [(1, "in_the_air"), (0, "standing"), (1, "in_the_air")] {

@@ -3,14 +3,13 @@
 The crate's example `codec_json` decodes and encodes what it is asked to.
 """
 
-import json
 import math
 import random
-import subprocess
 from pathlib import Path
 
 import cantools
 import pytest
+from processes import example, json_program
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = ["test-joint", "leg", "humanoid"]
@@ -19,17 +18,7 @@ FRAMES = 20
 
 @pytest.fixture(scope="module")
 def codec():
-    build = ["cargo", "build", "-q", "-p", "can-codec", "--example", "codec_json", "--message-format", "json"]
-    artifacts = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    executables = (json.loads(line).get("executable") for line in artifacts.splitlines())
-    program = next(path for path in executables if path)
-
-    def ask(**request):
-        answer = subprocess.run([program], input=json.dumps(request), capture_output=True, text=True)
-        assert answer.returncode == 0, answer.stderr
-        return json.loads(answer.stdout)
-
-    return ask
+    return json_program(example("can-codec", "codec_json"))
 
 
 def random_dbc(seed):

@@ -3,35 +3,21 @@
 The example `estimators_json` of `identification` computes what it is asked to.
 """
 
-import json
 import math
-import subprocess
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, JulierSigmaPoints, UnscentedKalmanFilter
+from processes import example, json_program
 from scipy.signal import savgol_coeffs
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-ROOT = Path(__file__).resolve().parents[2]
-
 
 @pytest.fixture(scope="module")
 def ours():
-    build = ["cargo", "build", "-q", "-p", "identification", "--example", "estimators_json", "--message-format", "json"]
-    artifacts = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    executables = (json.loads(line).get("executable") for line in artifacts.splitlines())
-    program = next(path for path in executables if path)
-
-    def ask(**request):
-        answer = subprocess.run([program], input=json.dumps(request), capture_output=True, text=True)
-        assert answer.returncode == 0, answer.stderr
-        return json.loads(answer.stdout)
-
-    return ask
+    return json_program(example("identification", "estimators_json"))
 
 
 def test_savitzky_golay_coefficients(ours):

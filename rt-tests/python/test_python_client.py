@@ -4,7 +4,6 @@ The client crate's example `stand_in_daemon` publishes joint torques `j + sin t`
 follows references.
 """
 
-import json
 import math
 import os
 import signal
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import example
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTHON = ROOT / "client" / "python"
@@ -27,10 +27,7 @@ JOINTS = 6
 
 @pytest.fixture(scope="module")
 def program():
-    build = ["cargo", "build", "-q", "-p", "torqued-client", "--example", "stand_in_daemon", "--message-format", "json"]
-    artifacts = subprocess.run(build, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
-    executables = (json.loads(line).get("executable") for line in artifacts.splitlines())
-    return next(path for path in executables if path)
+    return example("torqued-client", "stand_in_daemon")
 
 
 @pytest.fixture
@@ -255,9 +252,9 @@ def test_a_directory_of_another_user_is_refused(monkeypatch):
 
 def test_the_example_prints_torques(daemons):
     daemons()
-    example = [sys.executable, PYTHON / "examples" / "01_print_torques.py", "leg", "1"]
+    script = [sys.executable, PYTHON / "examples" / "01_print_torques.py", "leg", "1"]
     environment = os.environ | {"PYTHONPATH": str(PYTHON)}
-    printed = subprocess.run(example, env=environment, capture_output=True, text=True, check=True).stdout
+    printed = subprocess.run(script, env=environment, capture_output=True, text=True, check=True).stdout
     assert printed.count("cycle ") >= 2
     assert printed.count("joint_5") == printed.count("cycle ")
     assert "joint_6" not in printed
