@@ -186,13 +186,13 @@ def state(can_id, joint, fd):
             intel("motor_angle", 24, 24, "+", 1, "count"),
             intel("current", 48, 16, "-", 1, "mA"),
             intel("velocity", 64, 16, "-", 1, "rpm"),
-            intel("status", 80, 8, "+", 1, ""),
+            intel("status", 80, 16, "+", 1, ""),
         ]
     else:
         message.signals += [
             intel("motor_angle", 19, 16, "+", 1, "count"),
             intel("current", 35, 16, "-", 1, "mA"),
-            intel("status", 51, 8, "+", 1, ""),
+            intel("status", 51, 13, "+", 1, ""),
         ]
     return message
 
@@ -202,6 +202,15 @@ def command(can_id, name, joints, size, bits, scale):
     message = Message(can_id, name, size, "TORQUED", "Position set-points, link side, taken on reception.")
     for k, joint in enumerate(joints):
         message.signals.append(intel(f"{joint}_position", k * bits, bits, "-", scale, "rad", "DRIVES"))
+    return message
+
+
+def control(can_id, name, joints):
+    """Control words (CiA 402, low byte) of several drives in one frame."""
+    size = next(s for s in (*range(1, 9), 12) if s >= len(joints))
+    message = Message(can_id, name, size, "TORQUED", "Control words, taken on reception.")
+    for k, joint in enumerate(joints):
+        message.signals.append(intel(f"{joint}_control", 8 * k, 8, "+", 1, "", "DRIVES"))
     return message
 
 
@@ -217,6 +226,8 @@ def sextuple(can_id, name, axes, scales, units):
     return message
 
 
+STATUS = ("Bits 0 to 7: status word of CiA 402. Bits 8 to 12: last error, 0 none, 1 over-current, "
+          "2 over-temperature, 3 encoder, 5 no set-point in time.")
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 IMU = ("gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z")
 FRAME_FORMATS = ["StandardCAN", "ExtendedCAN", *["reserved"] * 12, "StandardCAN_FD", "ExtendedCAN_FD"]
@@ -233,8 +244,7 @@ def dbc(messages, fd):
         formats = ",".join(f'"{f}"' for f in FRAME_FORMATS)
         lines += [f'BA_DEF_ BO_ "VFrameFormat" ENUM {formats};', 'BA_DEF_DEF_ "VFrameFormat" "StandardCAN";']
         lines += [f'BA_ "VFrameFormat" BO_ {m.id} 14;' for m in messages if m is not sync]
-    causes = '0 "ok" 1 "over_current" 2 "over_temperature" 3 "encoder" 4 "supply"'
-    lines += [f"VAL_ {m.id} status {causes} ;" for m in messages if m.name.endswith("_STATE")]
+    lines += [f'CM_ SG_ {m.id} status "{STATUS}";' for m in messages if m.name.endswith("_STATE")]
     return "\n".join(lines + [""])
 
 
@@ -258,7 +268,8 @@ def test_joint():
             Solid("box", (0.45, 0.04, 0.04), (0.225, 0, 0), 0.641))),
     )
     base = (Solid("cylinder_y", (0.04, 0.08), (0, -0.06, 0), 1.2),)
-    messages = (state(0x101, "joint", False), command(0x201, "COMMAND", ["joint"], 4, 32, 1e-7))
+    messages = (state(0x101, "joint", False), control(0x1f1, "CONTROL", ["joint"]),
+                command(0x201, "COMMAND", ["joint"], 4, 32, 1e-7))
     return Robot("test-joint", base, joints, messages)
 
 
@@ -326,6 +337,8 @@ def leg():
     messages += [
         triple(0x181, "ANKLE_FT_F", WRENCH[:3], 0.05, "N"),
         triple(0x182, "ANKLE_FT_T", WRENCH[3:], 0.003, "Nm"),
+        control(0x1f1, "CONTROL_A", order[:3]),
+        control(0x1f2, "CONTROL_B", order[3:]),
         command(0x201, "COMMAND_A", order[:3], 8, 21, 3e-6),
         command(0x202, "COMMAND_B", order[3:], 8, 21, 3e-6),
     ]
@@ -368,6 +381,7 @@ def humanoid():
         messages.append(sextuple(0x181 + k, f"{name}_FT", WRENCH, scales, ("N", "Nm")))
     messages.append(sextuple(0x191, "IMU", IMU, (0.0005, 0.003), ("rad/s", "m/s2")))
     for b, joints in enumerate(buses):
+        messages.append(control(0x1f1 + b, f"CONTROL_{'ABCD'[b]}", joints))
         size = next(s for s in (24, 32, 48) if s >= 4 * len(joints))
         messages.append(command(0x201 + b, f"COMMAND_{'ABCD'[b]}", joints, size, 32, 1e-7))
     joints = (*legs[0], *legs[1], *trunk, *arms[0], *arms[1])

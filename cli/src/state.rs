@@ -5,7 +5,9 @@ use crate::words;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::process::ExitCode;
-use torqued_client::robot_state::{CycleRecord, Description, Event, RobotState, command_flags};
+use torqued_client::robot_state::{
+    CycleRecord, Description, DriveState, Event, RobotState, command_flags,
+};
 
 const HELP: &str = "\
 States: boot (listens), ready (drives off), enabling, holding, active (a client's mode), stopping,
@@ -101,6 +103,12 @@ fn obstacles<'a>(
         let outside = !(min..=max).contains(&joint.q);
         let obstacle = match joint.defect() {
             Some(defect) => defect.to_owned(),
+            None if cycle.commanded.joints[j].drive_state == DriveState::Fault.number() => {
+                format!(
+                    "its drive reports a fault of its own, status word {:#x}",
+                    joint.status
+                )
+            }
             None if outside => format!(
                 "stands outside its position limits: {:.1} deg, allowed {:.1} to {:.1} deg",
                 joint.q.to_degrees(),
@@ -121,7 +129,9 @@ fn next_step(description: &Description, cycle: &CycleRecord) -> &'static str {
             "see that the joints named above send plausible samples: drives on, bus, encoders"
         }
         Some(RobotState::Boot) => "wait: every joint is to be plausible for some time",
-        Some(RobotState::Ready) if blocked => "move the joints named above inside their limits",
+        Some(RobotState::Ready) if blocked => {
+            "move the joints named above inside their limits, or mend their drives"
+        }
         Some(RobotState::Ready) => "torquectl enable",
         Some(RobotState::Enabling | RobotState::Stopping) => "wait: it has a time limit",
         Some(RobotState::Holding) => "start a client, or torquectl disable",

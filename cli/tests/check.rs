@@ -98,12 +98,13 @@ fn json_gives_loads_and_gains_in_both_forms() {
     assert!(output.status.success(), "{output:?}");
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["joints"].as_array().unwrap().len(), 6);
-    // SYNC, three states of 8 bytes: 55 + 3 (55 + 80) us; one command of 8 bytes: 135 us.
+    // SYNC, three states of 8 bytes: 55 + 3 (55 + 80) us; a frame of 8 bytes with set-points: 135 us;
+    // one of 3 bytes with control words: 85 us.
     let bus = &json["buses"][0];
     assert_eq!(bus["frames_received_per_cycle"], 3);
-    assert_eq!(bus["frames_sent_per_cycle"], 2);
+    assert_eq!(bus["frames_sent_per_cycle"], 3);
     assert!((bus["answers_us"].as_f64().unwrap() - 460.0).abs() < 1e-6);
-    assert!((bus["load_percent"].as_f64().unwrap() - 59.5).abs() < 1e-6);
+    assert!((bus["load_percent"].as_f64().unwrap() - 68.0).abs() < 1e-6);
     let joint = &json["joints"][0];
     let gain = |group: &str, key: &str| joint[group][key].as_f64().unwrap();
     let k_tau = 0.000212;
@@ -119,7 +120,7 @@ fn half_the_bitrate_doubles_the_load_and_warns() {
     assert!(output.status.success(), "{output:?}");
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(
-        text.contains("119 %") && text.contains("warning: bus a"),
+        text.contains("136 %") && text.contains("warning: bus a"),
         "{text}"
     );
 }

@@ -53,7 +53,7 @@ def bus_signals(robot):
     """(bus, "MESSAGE.signal") of every signal that the configuration maps."""
     settings = config(robot)
     for joint in settings["joint"]:
-        for key in ("motor_angle", "link_angle", "current", "velocity", "status", "set_point"):
+        for key in ("motor_angle", "link_angle", "current", "velocity", "status", "control", "set_point"):
             if key in joint:
                 yield joint["bus"], joint[key]["signal"]
     for sensor in settings.get("ft_sensor", []):

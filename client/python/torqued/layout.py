@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 37
+EVENT_COUNT = 39
 
 
 class Mode(IntEnum):
@@ -138,8 +138,10 @@ EVENTS = (
     Event(401, "position_limit", "A commanded position, or its lead over the measured position, was limited.", "joint.position_min_deg / joint.position_max_deg", "warn"),
     Event(402, "torque_limit", "A commanded torque or current was limited.", "joint.torque_limit_Nm", "warn"),
     Event(403, "command_not_finite", "A computed command was NaN or infinite; the last command was kept.", "-", "hold"),
-    Event(404, "enable_time_out", "A drive was not enabled within the time allowed.", "safety.time_limit_ms", "off"),
+    Event(404, "enable_time_out", "A drive did not reach the state that was asked of it within the time allowed.", "safety.time_limit_ms / drive.state.step_time_limit_ms", "off"),
     Event(405, "velocity_limit", "A command was limited to the joint's velocity or power.", "joint.velocity_limit_rad_per_s / joint.power_limit_W", "warn"),
+    Event(406, "drive_fault", "A drive reports a fault of its own; its set-points are withdrawn.", "drive.state", "hold"),
+    Event(407, "drive_lost", "A drive is no longer enabled though nobody switched it off (emergency stop, power); its set-points are withdrawn.", "drive.state", "hold"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
     Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
@@ -357,8 +359,8 @@ class JointCommanded(ctypes.Structure):
         ("feedback_force", ctypes.c_double),
         # Bits of `command_flags`.
         ("flags", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
+        # Number of the drive's `DriveState`; a drive without states counts as enabled.
+        ("drive_state", ctypes.c_uint32),
     ]
 
 
@@ -372,7 +374,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """24696 bytes."""
+    """24712 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -402,7 +404,7 @@ class CycleRecord(ctypes.Structure):
         # What the drives are commanded.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 37),
+        ("events", ctypes.c_uint64 * 39),
     ]
 
 
@@ -432,7 +434,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """24768 bytes."""
+    """24784 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -565,7 +567,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#fb3337c09a1e3ef1")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#94b414d35685762b")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#f4e3676ca68315e3")
 Request.type_name = staticmethod(lambda: "torqued::Request#af8ef29983f4bb97")

@@ -86,7 +86,8 @@ impl Cycle {
         if let Err(event) = (self.command).update(&goal, engaged, input, commanded, counts) {
             self.supervisor.report(event, counts);
         }
-        self.emit.update(&self.command, tx, counts);
+        self.supervisor.publish_drives(commanded);
+        (self.emit).update(&self.command, self.supervisor.drives(), tx, counts);
 
         let record = &mut self.record;
         record.sequence += 1;

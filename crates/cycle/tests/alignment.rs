@@ -4,18 +4,19 @@
 mod common;
 
 use can_codec::{Frame, Frames};
-use common::{Bench, read};
+use common::Bench;
 use cycle::ClientInput;
 use estimators::filter_bank::FilterBank;
 use estimators::matched_filter::MatchedFilterParameters;
 use robot_config::slots::{self, Source};
 use robot_state::{Event, measured_flags};
 use std::f64::consts::TAU;
+use test_support::read_with_drives_always_on;
 
 /// The humanoid with texts in its files replaced: `("FILE: OLD", "NEW")`.
 fn humanoid(edits: &[(&str, &str)]) -> Bench {
     Bench::reading("humanoid", &|path| {
-        let mut text = read(path)?;
+        let mut text = read_with_drives_always_on(path)?;
         for (mark, keys) in edits {
             let (file, mark) = mark.split_once(": ").unwrap();
             if path.ends_with(file) {
@@ -77,18 +78,19 @@ fn move_on(bench: &mut Bench, start: &[f64], t: f64) {
     let grown = (t / 0.8).min(1.0);
     let squat = 0.12 * grown * (1.0 - (TAU * 1.4 * t).cos());
     let swing = 0.35 * grown * (TAU * 1.9 * t).sin();
-    let mut set_points = start.to_vec();
     let joints = &bench.robot.parameters.joints;
-    for (x, joint) in set_points.iter_mut().zip(joints) {
-        *x += match joint.name.as_str() {
-            name if name.ends_with("hip_pitch") => -squat,
-            name if name.ends_with("knee") => 2.0 * squat,
-            name if name.ends_with("ankle_pitch") => -squat,
-            "left_shoulder_pitch" => swing,
-            "right_shoulder_pitch" => -swing,
-            name if name.ends_with("elbow") => 0.5 * swing,
-            _ => 0.0,
-        };
+    let mut set_points = vec![f64::NAN; slots::command(joints.len())];
+    for (j, joint) in joints.iter().enumerate() {
+        set_points[slots::command(j)] = start[j]
+            + match joint.name.as_str() {
+                name if name.ends_with("hip_pitch") => -squat,
+                name if name.ends_with("knee") => 2.0 * squat,
+                name if name.ends_with("ankle_pitch") => -squat,
+                "left_shoulder_pitch" => swing,
+                "right_shoulder_pitch" => -swing,
+                name if name.ends_with("elbow") => 0.5 * swing,
+                _ => 0.0,
+            };
     }
     let mut commands = Frames::default();
     bench.robot.send.encode_all(&set_points, &mut commands);

@@ -6,61 +6,11 @@
 mod common;
 
 use can_codec::Frame;
+use common::motion::{Motion, engaged, state};
 use common::{Bench, client_input};
 use cycle::{ClientInput, OperatorRequest};
 use robot_config::slots;
 use robot_state::{CycleRecord, Event, Mode, RobotState, command_flags};
-
-/// Greatest uncommanded displacement, rad, and share of the velocity limit.
-const DISPLACEMENT: f64 = 1.0 * std::f64::consts::PI / 180.0;
-const SPEED_SHARE: f64 = 0.1;
-
-/// What the joints did since it began, beyond what was asked for.
-struct Motion {
-    start: Vec<f64>,
-    displacement: f64,
-    speed_share: f64,
-}
-
-impl Motion {
-    fn of(bench: &Bench) -> Self {
-        Self {
-            start: bench.plant.truth().joints.iter().map(|j| j.q).collect(),
-            displacement: 0.0,
-            speed_share: 0.0,
-        }
-    }
-
-    fn take(&mut self, bench: &Bench) {
-        let joints = bench.plant.truth().joints.iter().zip(&self.start);
-        for ((joint, start), parameters) in joints.zip(&bench.robot.parameters.joints) {
-            self.displacement = self.displacement.max((joint.q - start).abs());
-            let share = joint.dq.abs() / parameters.limits.velocity;
-            self.speed_share = self.speed_share.max(share);
-        }
-    }
-
-    fn assert_small(&self, what: &str) {
-        let (way, share) = (self.displacement, self.speed_share);
-        assert!(way < DISPLACEMENT, "{what}: {:.2} deg", way.to_degrees());
-        assert!(
-            share < SPEED_SHARE,
-            "{what}: {:.1} % of the velocity limit",
-            100.0 * share
-        );
-    }
-}
-
-fn state(record: &CycleRecord) -> RobotState {
-    RobotState::from_number(record.state).unwrap()
-}
-
-fn engaged(record: &CycleRecord) -> usize {
-    let joints = record.commanded.joints.iter();
-    joints
-        .filter(|j| j.flags & command_flags::ENGAGED != 0)
-        .count()
-}
 
 /// Changes a joint's signals in the answers of this cycle.
 fn spoil(bench: &mut Bench, joint: usize, change: impl Fn(&mut [f64])) {
@@ -215,7 +165,7 @@ fn outside_its_limits_a_robot_is_not_enabled() {
     let mut motion = Motion::of(&bench);
     for _ in 0..600 {
         bench.step(&ClientInput::default());
-        assert!(bench.tx.is_empty());
+        assert!(!bench.sent_set_points(|_| true));
         motion.take(&bench);
     }
     assert_eq!(state(bench.cycle.record()), RobotState::Ready);
@@ -241,7 +191,7 @@ fn a_bus_that_was_cut_does_not_move_its_joints_when_it_is_back() {
         bench.gather();
         bench.drop_answers(|f| f.bus == cut);
         bench.compute(&ClientInput::default());
-        let sent = bench.tx.iter().any(|f| f.bus == cut);
+        let sent = bench.sent_set_points(|f| f.bus == cut);
         assert!(!sent || bench.cycle.record().fault == 0);
     }
     let record = *bench.cycle.record();
@@ -253,7 +203,7 @@ fn a_bus_that_was_cut_does_not_move_its_joints_when_it_is_back() {
     for _ in 0..1000 {
         bench.step(&ClientInput::default());
         assert!(
-            !bench.tx.iter().any(|f| f.bus == cut),
+            !bench.sent_set_points(|f| f.bus == cut),
             "a set-point nobody asked for"
         );
         motion.take(&bench);
@@ -363,7 +313,7 @@ fn a_fault_of_an_earlier_run_keeps_the_robot_off_until_it_is_acknowledged() {
         let record = *bench.step(&ClientInput::default());
         assert_eq!(state(&record), RobotState::Fault);
         assert_eq!(record.fault, Event::EncoderImplausible.number());
-        assert!(bench.tx.is_empty());
+        assert!(!bench.sent_set_points(|_| true));
         motion.take(&bench);
     }
     let number = Event::EncoderImplausible.number();

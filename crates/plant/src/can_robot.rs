@@ -1,6 +1,7 @@
 //! The simulated robot behind its CAN buses.
 
 use crate::drive::{Command, DriveSheet};
+use crate::drive_states::DriveStates;
 use crate::kinematic_error::KinematicError;
 use crate::parameters::SimParameters;
 use crate::plan::{JointPlan, Plan};
@@ -10,7 +11,7 @@ use crate::truth::Truth;
 use can_codec::{Frame, Frames, Table};
 use nalgebra::{Matrix6, Vector6};
 use problem::Problem;
-use robot_config::slots::Source;
+use robot_config::slots::{Sent, Source};
 use robot_config::{FtParameters, JointParameters, Robot, slots};
 use robot_state::Wrench;
 use std::f64::consts::TAU;
@@ -45,7 +46,9 @@ impl CanRobot {
         let parameters = &robot.parameters;
         let plan = Plan {
             floating: parameters.base == dynamics::Base::Floating,
-            joints: parameters.joints.iter().map(joint_plan).collect(),
+            joints: (parameters.joints.iter())
+                .map(joint_plan)
+                .collect::<Result<_, _>>()?,
             ft_sensors: (parameters.ft_sensors.iter())
                 .map(|ft| ft.sensor.frame.clone())
                 .collect(),
@@ -135,9 +138,17 @@ impl CanRobot {
     fn follow_command(&mut self, frame: &Frame) {
         match self.send.decode(frame, &mut self.commands) {
             Ok(Some(index)) => {
-                for joint in self.send.slots(index) {
-                    if let Some(command) = self.commands.get(joint) {
-                        self.robot.command(joint, *command);
+                for slot in self.send.slots(index) {
+                    let Some(&value) = self.commands.get(slot) else {
+                        continue;
+                    };
+                    match slots::sent(slot) {
+                        Sent::Command(joint) => self.robot.command(joint, value),
+                        Sent::Control(joint) => {
+                            if let Some(states) = self.robot.drive_states(joint) {
+                                states.control(value as u32);
+                            }
+                        }
                     }
                 }
             }
@@ -149,7 +160,15 @@ impl CanRobot {
     fn fill_values(&mut self) {
         for j in 0..self.robot.readings().joints.len() {
             let joint = self.robot.readings().joints[j];
-            let values = [joint.theta, joint.q, joint.current, joint.omega, 0.0, 0.0];
+            let status = f64::from(joint.status);
+            let values = [
+                joint.theta,
+                joint.q,
+                joint.current,
+                joint.omega,
+                status,
+                0.0,
+            ];
             self.set(Source::Joint(j), &values);
         }
         for s in 0..self.robot.readings().ft.len() {
@@ -174,11 +193,12 @@ impl CanRobot {
         };
         match source {
             Source::Joint(j) => {
-                let [theta, q, current, omega, ..] = *values;
+                let [theta, q, current, omega, status, _] = *values;
                 set(slots::motor_angle(j), theta);
                 set(slots::link_angle(j), q);
                 set(slots::current(j), current);
                 set(slots::velocity(j), omega);
+                set(slots::status(j), status);
             }
             Source::Ft(s) => {
                 for (axis, value) in self.electronics[s].raw(values).iter().enumerate() {
@@ -207,6 +227,12 @@ impl CanRobot {
     #[must_use]
     pub fn robot(&self) -> &SimRobot {
         &self.robot
+    }
+
+    /// The states of a joint's drive, if it has any: to make it fail.
+    #[must_use]
+    pub fn drive_states(&mut self, joint: usize) -> Option<&mut DriveStates> {
+        self.robot.drive_states(joint)
     }
 
     /// Number of frames with an unknown id or of the wrong length.
@@ -240,11 +266,18 @@ impl Electronics {
     }
 }
 
-fn joint_plan(joint: &JointParameters) -> JointPlan {
+fn joint_plan(joint: &JointParameters) -> Result<JointPlan, Problem> {
     let estimator = &joint.estimator;
     let known = &estimator.kinematic_error;
     let pairs = |list: &[(f64, f64)]| list.iter().map(|(a, b)| [*a, *b]).collect();
-    JointPlan {
+    // A drive that is only watched is switched by others: it is on.
+    let controlled = joint.drive_profile.as_ref().filter(|p| p.control.is_some());
+    if controlled.is_some_and(|profile| !profile.is_cia402()) {
+        let what = format!("drive.{}.state: not CiA 402", joint.drive);
+        let allowed = "profile = \"cia402\": other drives are not simulated";
+        return Err(Problem::new(what, allowed));
+    }
+    Ok(JointPlan {
         name: joint.name.clone(),
         drive: joint.drive.clone(),
         sheet: DriveSheet {
@@ -266,5 +299,6 @@ fn joint_plan(joint: &JointParameters) -> JointPlan {
                 motor_frequency: known.w_motor,
             },
         },
-    }
+        states: controlled.is_some(),
+    })
 }

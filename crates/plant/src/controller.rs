@@ -49,6 +49,14 @@ impl Controller {
         };
     }
 
+    /// From now on the set point is where the motor stands, or no current.
+    pub fn begin(&mut self) {
+        self.set_point = match self.command {
+            Command::Current => 0.0,
+            Command::Position => self.angle / self.gear_ratio,
+        };
+    }
+
     /// Commanded current, A.
     #[must_use]
     pub fn current(&self) -> f64 {

@@ -41,4 +41,6 @@ pub struct DriveReading {
     pub current: f64,
     /// omega: motor velocity as the drive filters it, rad/s.
     pub omega: f64,
+    /// Status word; a drive without states reports that it is enabled.
+    pub status: u32,
 }

@@ -10,6 +10,7 @@
 
 use crate::controller::Controller;
 use crate::drive::{DriveReading, DriveSheet};
+use crate::drive_states::{self, DriveStates};
 use crate::friction::{Bristle, BristleConstants, stribeck};
 use crate::parameters::DriveParameters;
 use crate::past::Past;
@@ -40,6 +41,8 @@ pub struct Joint {
     friction: Bristle,
     bearing: Bristle,
     controller: Controller,
+    /// None: always on.
+    states: Option<DriveStates>,
     /// Past theta and q, one pair a step.
     past: Past<2>,
 
@@ -95,6 +98,7 @@ impl Joint {
             friction: Bristle::default(),
             bearing: Bristle::default(),
             controller: Controller::new(sheet, &p.controller),
+            states: None,
             past: Past::new(PAST),
             step: Step::default(),
             gear_torque: 0.0,
@@ -103,6 +107,23 @@ impl Joint {
             parameters: p.clone(),
             random,
         }
+    }
+
+    /// Gives the drive states: it is switched off, its brake is closed.
+    #[must_use]
+    pub fn with_states(mut self) -> Self {
+        self.states = Some(DriveStates::new(&self.parameters.states));
+        self
+    }
+
+    /// The drive's states, if it has any.
+    #[must_use]
+    pub fn states(&mut self) -> Option<&mut DriveStates> {
+        self.states.as_mut()
+    }
+
+    fn is_on(&self) -> bool {
+        self.states.as_ref().is_none_or(DriveStates::is_enabled)
     }
 
     /// Puts the joint at rest at `q`, carrying `tau`: torsion, current and set point in balance.
@@ -114,21 +135,30 @@ impl Joint {
             self.theta = n * (q + self.torsion + self.kinematic_error(q, self.theta));
         }
         self.omega = 0.0;
-        self.current = tau / (n * self.torque_constant);
+        let current = tau / (n * self.torque_constant);
+        self.current = if self.is_on() { current } else { 0.0 };
         (self.gear_torque, self.tau) = (tau, tau);
         self.past = Past::new(PAST);
         self.past.push([self.theta, q]);
-        let measured = self.current * self.current_gain + self.current_offset;
+        let measured = current * self.current_gain + self.current_offset;
         self.controller.settle(self.theta, measured);
     }
 
-    /// Sets the drive's set point: rad (link side) or A.
+    /// Sets the drive's set point: rad (link side) or A; ignored while the drive is off.
     pub fn command(&mut self, set_point: f64) {
-        self.controller.set_point = set_point;
+        if let Some(states) = &mut self.states {
+            states.note_set_point();
+        }
+        if self.is_on() {
+            self.controller.set_point = set_point;
+        }
     }
 
     /// One period of the drive's own control loop, `dt` after the last.
     pub fn control(&mut self, dt: f64) {
+        if self.states.as_mut().is_some_and(|states| states.tick(dt)) {
+            self.controller.begin();
+        }
         self.controller.tick(self.theta, dt);
     }
 
@@ -154,6 +184,8 @@ impl Joint {
             (self.friction).torque(&self.motor_bristle, level, self.omega, dt);
         let drive = self.torque_constant * self.current - friction - gear_torque / n;
         let rotor = self.sheet.rotor_inertia + dt * friction_slope + gear_slope / (n * n);
+        let (brake, brake_slope) = self.brake(drive, dt);
+        let (drive, rotor) = (drive - brake, rotor + dt * brake_slope);
 
         let (bearing_torque, bearing_slope) =
             (self.bearing).torque(&self.bearing_bristle, self.bearing_level(), dq, dt);
@@ -196,9 +228,27 @@ impl Joint {
 
     fn run_current_loop(&mut self, dt: f64) {
         // The drive regulates the reading of its sensor.
-        let desired = (self.controller.current() - self.current_offset) / self.current_gain;
+        let desired = match self.is_on() {
+            true => (self.controller.current() - self.current_offset) / self.current_gain,
+            false => 0.0,
+        };
         let lag = self.parameters.controller.current_loop;
         self.current += (desired - self.current) * dt / (dt + lag);
+    }
+
+    /// Torque of the brake against the rotor's motion, on which `others` acts, and its slope.
+    fn brake(&self, others: f64, dt: f64) -> (f64, f64) {
+        if !self.states.as_ref().is_some_and(DriveStates::is_braked) {
+            return (0.0, 0.0);
+        }
+        // It holds twice what the motor can do; a brake that holds creeps by its slope.
+        let limit = 2.0 * self.sheet.torque_constant * self.parameters.controller.current_limit;
+        let slope = limit / 1e-3;
+        let needed = self.sheet.rotor_inertia * self.omega / dt + others;
+        match needed.abs() < limit {
+            true => (slope * self.omega, slope),
+            false => (limit.copysign(needed), 0.0),
+        }
     }
 
     fn friction_level(&self, q: f64) -> f64 {
@@ -240,6 +290,7 @@ impl Joint {
                 + self.current_offset
                 + s.current_noise * random.normal(),
             omega: self.controller.velocity(),
+            status: (self.states.as_ref()).map_or(drive_states::ALWAYS_ON, DriveStates::status),
         }
     }
 

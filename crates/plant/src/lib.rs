@@ -15,6 +15,7 @@ pub mod clock;
 pub mod contact;
 pub mod controller;
 pub mod drive;
+pub mod drive_states;
 pub mod friction;
 pub mod joint;
 pub mod kinematic_error;
@@ -35,6 +36,7 @@ pub mod urdf;
 
 pub use can_robot::CanRobot;
 pub use drive::{Command, DriveReading, DriveSheet};
+pub use drive_states::{DriveError, DriveStates};
 pub use joint::Joint;
 pub use kinematic_error::KinematicError;
 pub use parameters::SimParameters;

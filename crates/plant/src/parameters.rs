@@ -287,6 +287,41 @@ pub struct DriveParameters {
     pub sensors: DriveSensorParameters,
     /// The drive's own control loop.
     pub controller: ControllerParameters,
+    /// Its states, where `robot.toml` knows some.
+    #[serde(default)]
+    pub states: StateParameters,
+}
+
+/// `[drive.NAME.states]`: how fast the drive changes its state, and its holding brake.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StateParameters {
+    /// Time from a control word to the state that it asks for, s.
+    #[serde(rename = "step_ms", deserialize_with = "milli0")]
+    pub step: f64,
+    /// A brake on the rotor, held open by power while the drive is enabled.
+    pub brake: bool,
+    /// Time from enabled to an open brake, s.
+    #[serde(rename = "brake_release_ms", deserialize_with = "milli0")]
+    pub brake_release: f64,
+    /// Time from disabled to a closed brake, s.
+    #[serde(rename = "brake_engage_ms", deserialize_with = "milli0")]
+    pub brake_engage: f64,
+    /// Longest time without a set-point before the drive faults, s; absent: for ever.
+    #[serde(rename = "command_timeout_ms", deserialize_with = "optional_milli")]
+    pub command_timeout: Option<f64>,
+}
+
+impl Default for StateParameters {
+    fn default() -> Self {
+        Self {
+            step: 2e-3,
+            brake: true,
+            brake_release: 20e-3,
+            brake_engage: 5e-3,
+            command_timeout: None,
+        }
+    }
 }
 
 /// `[drive.NAME.transmission]`: torque against torsion, link side.

@@ -11,6 +11,8 @@ pub struct JointPlan {
     pub drive: String,
     /// The drive's data sheet.
     pub sheet: DriveSheet,
+    /// The drive has the states of CiA 402, and starts switched off; otherwise it is always on.
+    pub states: bool,
 }
 
 /// The robot by its configuration.

@@ -28,7 +28,7 @@ pub struct Sent {
     pub source: Source,
     /// Time stamp of its frame, s since the start.
     pub stamp: f64,
-    /// F/T sensor: force, torque; IMU: gyro, accelerometer; drive: theta, q, current, omega.
+    /// F/T sensor: force, torque; IMU: gyro, accelerometer; drive: theta, q, current, omega, status.
     pub values: [f64; 6],
 }
 

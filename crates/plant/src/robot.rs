@@ -6,6 +6,7 @@ mod start;
 use crate::articulated::Dynamics;
 use crate::clock::{Clock, Clocks, steps_kept};
 use crate::drive::DriveReading;
+use crate::drive_states::DriveStates;
 use crate::joint::Joint;
 use crate::parameters::SimParameters;
 use crate::plan::Plan;
@@ -84,7 +85,8 @@ impl SimRobot {
                         theta: 0.0,
                         q: 0.0,
                         current: 0.0,
-                        omega: 0.0
+                        omega: 0.0,
+                        status: 0
                     };
                     n
                 ],
@@ -124,6 +126,13 @@ impl SimRobot {
         {
             self.joints[dof].command(set_point);
         }
+    }
+
+    /// The states of a drive, if it has any. `joint` counts in the plan's order.
+    #[must_use]
+    pub fn drive_states(&mut self, joint: usize) -> Option<&mut DriveStates> {
+        let dof = *self.order.get(joint)?;
+        self.joints[dof].states()
     }
 
     /// The set point that a drive follows. `joint` counts in the plan's order.
@@ -248,7 +257,11 @@ fn build_joints(
             Problem::new(reason, "")
         })?;
         let random = Random::new(sim.seed, 100 + i as u64);
-        joints[dof] = Some(Joint::new(&joint.sheet, drive, random));
+        let made = Joint::new(&joint.sheet, drive, random);
+        joints[dof] = Some(match joint.states {
+            true => made.with_states(),
+            false => made,
+        });
         order.push(dof);
     }
     let missing = joints.iter().position(Option::is_none);

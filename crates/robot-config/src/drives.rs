@@ -1,11 +1,14 @@
 //! `[drive.NAME]`: kinds of drive.
 
+mod state;
+
 use crate::reader::{Allowed, Section};
 use crate::sampling::{self, Sampling};
 use control::MotorModel;
 use estimators::compliance::ComplianceParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use std::collections::BTreeMap;
+use supervisor::DriveProfile;
 
 /// A kind of drive.
 pub(crate) struct Drive {
@@ -22,6 +25,8 @@ pub(crate) struct Drive {
     pub(crate) compliance: ComplianceParameters,
     pub(crate) wave_generator: WaveGeneratorParameters,
     pub(crate) motor: MotorModel,
+    /// None: the drive has no states.
+    pub(crate) profile: Option<DriveProfile>,
 }
 
 #[derive(Clone, Copy)]
@@ -66,6 +71,9 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
         Command::Position => f64::INFINITY,
         Command::Current => section.number("current_limit_A", Allowed::Positive),
     };
+    let profile = section
+        .optional_section("state")
+        .map(|section| state::read(section, sample_period));
     let compliance = section.section("compliance").map(compliance);
     let friction = section
         .section("friction")
@@ -89,6 +97,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
         compliance,
         wave_generator: friction?,
         motor: motor?,
+        profile,
     })
 }
 

@@ -17,7 +17,9 @@ use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
 use robot_state::MAX_JOINTS;
+use signals::Signals;
 use std::collections::BTreeMap;
+use supervisor::DriveProfile;
 
 pub(crate) fn read(
     root: &Section<'_, '_>,
@@ -112,6 +114,7 @@ impl Reader<'_, '_, '_> {
             "current",
             "velocity",
             "status",
+            "control",
             "set_point",
         ] {
             section.has(key);
@@ -147,6 +150,7 @@ impl Reader<'_, '_, '_> {
             drive: section.text("drive", "")?.value.to_owned(),
             has_velocity: signals.has_velocity,
             has_status: signals.has_status,
+            drive_profile: self.profile(drive, &signals),
             rotor_inertia: drive.rotor_inertia,
             sampling: drive.sampling,
             encoders,
@@ -170,6 +174,26 @@ impl Reader<'_, '_, '_> {
             plausibility: limits::plausibility(&limits, drive),
             limits,
         })
+    }
+
+    /// The states of the joint's drive, as far as its signals allow.
+    fn profile(&self, drive: &Drive, signals: &Signals) -> Option<DriveProfile> {
+        let section = self.section;
+        let drive_table = "[drive.NAME.state] of its drive";
+        let mut profile = drive.profile.clone();
+        if profile.is_some() && !signals.has_status {
+            let what = format!("the key is missing, and {drive_table} determines states by it");
+            section.problem("status", what, "a status signal, or a drive without states");
+        }
+        if signals.has_control && profile.as_ref().is_none_or(|p| p.control.is_none()) {
+            let what = format!("{drive_table} has no control words to send");
+            let allowed = "no such key, or profile = \"cia402\", or a table of control words";
+            section.problem("control", what, allowed);
+        }
+        if let Some(profile) = profile.as_mut().filter(|_| !signals.has_control) {
+            profile.control = None;
+        }
+        profile
     }
 
     fn in_model(&self, name: &str, model: &Model) -> Option<usize> {

@@ -8,7 +8,7 @@ use estimators::encoder::EncoderParameters;
 use estimators::filter_bank::FilterDesign;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
-use supervisor::{Actuation, Limits, PlausibilityParameters};
+use supervisor::{Actuation, DriveProfile, Limits, PlausibilityParameters};
 use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
 
 /// All parameters of a configuration.
@@ -161,6 +161,9 @@ pub struct JointParameters {
     pub has_velocity: bool,
     /// True if the drive sends a status word.
     pub has_status: bool,
+    /// States of the drive, by its status word; without control words it is only watched. None: it
+    /// has no states, and counts as enabled.
+    pub drive_profile: Option<DriveProfile>,
     /// J: inertia of the rotor, motor side, kg·m².
     pub rotor_inertia: f64,
     /// Sampling of its link encoder; the motor's is later by the encoders' skew.

@@ -1,7 +1,7 @@
 //! Indices of the quantities among the values that the tables decode and encode.
 //!
-//! Receive: IMU, then the F/T sensors that a record can hold, then the joints. Send: one value for
-//! each joint.
+//! Receive: IMU, then the F/T sensors that a record can hold, then the joints. Send: a set-point and a
+//! control word for each joint.
 
 use crate::parameters::Parameters;
 use robot_state::MAX_FT_SENSORS;
@@ -99,11 +99,35 @@ pub fn receive_len(parameters: &Parameters) -> usize {
 /// The commanded position, rad, or current, A.
 #[must_use]
 pub const fn command(joint: usize) -> usize {
-    joint
+    2 * joint
+}
+
+/// The control word of a joint's drive.
+#[must_use]
+pub const fn control(joint: usize) -> usize {
+    2 * joint + 1
+}
+
+/// What a joint's drive is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sent {
+    /// The set-point of a joint, by its index.
+    Command(usize),
+    /// The control word of a joint's drive, by its index.
+    Control(usize),
+}
+
+/// The use of a send slot's value.
+#[must_use]
+pub const fn sent(slot: usize) -> Sent {
+    match slot % 2 {
+        0 => Sent::Command(slot / 2),
+        _ => Sent::Control(slot / 2),
+    }
 }
 
 /// Number of values that the send table takes.
 #[must_use]
 pub fn send_len(parameters: &Parameters) -> usize {
-    parameters.joints.len()
+    command(parameters.joints.len())
 }

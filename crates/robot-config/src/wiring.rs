@@ -3,7 +3,7 @@
 use crate::general::Bus;
 use crate::reader::{At, Diagnostics, Section};
 use crate::units::Quantity;
-use crate::{Read, paths, unreadable};
+use crate::{Read, paths, slots, unreadable};
 use can_codec::{
     BusDbc, Dbc, Frame, MAX_FRAMES, Signal, SignalMap, Table, TableError, TableProblem,
 };
@@ -199,6 +199,7 @@ impl<'n, 't> Wiring<'n, 't> {
         };
         let (receive, send) = (compile(&self.receive), compile(&self.send));
         let (receive, send) = (receive?, send?);
+        self.separate(&send);
         for (table, way) in [(&receive, "received"), (&send, "sent")] {
             // SYNC frames take room too.
             let count = table.message_count() + sync.len();
@@ -209,6 +210,33 @@ impl<'n, 't> Wiring<'n, 't> {
             }
         }
         Some((receive, send, sync))
+    }
+
+    /// Notes control words that share a message with set-points. Set-points leave only when their
+    /// drives are enabled, and the control words that enable them must leave before.
+    fn separate(&self, send: &Table) {
+        let is_control = |slot| matches!(slots::sent(slot), slots::Sent::Control(_));
+        for index in 0..send.message_count() {
+            let of_controls = send.slots(index).filter(|&slot| is_control(slot)).count();
+            if of_controls == 0 || of_controls == send.slots(index).count() {
+                continue;
+            }
+            for (bus, map) in self.send.iter().filter(|(_, map)| is_control(map.slot)) {
+                let path = format!("{}.{}", map.message, map.signal);
+                let entry = send.message(index);
+                let its = entry.is_some_and(|e| e.bus == *bus && e.name == map.message);
+                if let Some((key, place)) = self.used.get(&(usize::from(*bus), path))
+                    && its
+                {
+                    let what = format!(
+                        "message {} carries set-points too, which leave only for enabled drives",
+                        map.message
+                    );
+                    let problem = Problem::new(what, "a message of its own for control words");
+                    self.diagnostics.note_at(*place, problem.of(key));
+                }
+            }
+        }
     }
 
     /// Notes problems of signals at the keys that name them.

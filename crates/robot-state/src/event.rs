@@ -120,8 +120,10 @@ events! {
     PositionLimit = 401, "position_limit", Warn, "joint.position_min_deg / joint.position_max_deg", "A commanded position, or its lead over the measured position, was limited.";
     TorqueLimit = 402, "torque_limit", Warn, "joint.torque_limit_Nm", "A commanded torque or current was limited.";
     CommandNotFinite = 403, "command_not_finite", Hold, "-", "A computed command was NaN or infinite; the last command was kept.";
-    EnableTimeOut = 404, "enable_time_out", Off, "safety.time_limit_ms", "A drive was not enabled within the time allowed.";
+    EnableTimeOut = 404, "enable_time_out", Off, "safety.time_limit_ms / drive.state.step_time_limit_ms", "A drive did not reach the state that was asked of it within the time allowed.";
     VelocityLimit = 405, "velocity_limit", Warn, "joint.velocity_limit_rad_per_s / joint.power_limit_W", "A command was limited to the joint's velocity or power.";
+    DriveFault = 406, "drive_fault", Hold, "drive.state", "A drive reports a fault of its own; its set-points are withdrawn.";
+    DriveLost = 407, "drive_lost", Hold, "drive.state", "A drive is no longer enabled though nobody switched it off (emergency stop, power); its set-points are withdrawn.";
     LateCycle = 501, "late_cycle", Warn, "loop.rate_hz", "A cycle ended after the next one should have begun.";
     SkippedCycle = 502, "skipped_cycle", Warn, "loop.rate_hz", "A cycle was left out because the one before it ended too late.";
     LatenessLasts = 503, "lateness_lasts", Stop, "safety.late_per_cent", "Within a second, a greater share of cycles was late or left out than allowed.";

@@ -18,4 +18,4 @@ pub use layout::{Field, Layout, Shape, layout_hash};
 pub use name::{Name, Text};
 pub use records::*;
 pub use requests::*;
-pub use state::RobotState;
+pub use state::{DriveState, RobotState};

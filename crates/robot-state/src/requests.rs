@@ -37,6 +37,8 @@ pub mod refusal {
     pub const OUTSIDE: u32 = 3;
     /// Another fault is latched: its number, or 0 for none.
     pub const OTHER_FAULT: u32 = 4;
+    /// A drive reports a fault of its own: its joint's index.
+    pub const DRIVE: u32 = 5;
 }
 
 /// Progress of a request.

@@ -1,35 +1,18 @@
 //! State machine of one drive: from its status word to its state, from a goal to its control word.
 //!
 //! ```text
-//!  off ──► ready ──► on ──► enabled            goal Enabled: one word a state, each with a time limit
+//!  off ──► ready ──► on ──► enabled      goal enabled: one word a state, each with a time limit
 //!   ▲        │       │         │
-//!   └────────┴───────┴─────────┘               goal Off: the disable word, from any state
-//!  fault ──reset (rising edge)──► off          only when the operator has acknowledged
+//!   └────────┴───────┴─────────┘         goal off: the disable word, from any state
+//!  fault ──reset (rising edge)──► off    only when the operator has acknowledged
 //! ```
 //!
-//! The words are data: [`DriveProfile::CIA402`] is the preset of CiA 402 (IEC 61800-7-201), whose
+//! The words are data: [`DriveProfile::cia402`] is the preset of CiA 402 (IEC 61800-7-201), whose
 //! state diagram is the one above; a drive with an enabled bit and a fault bit is another table.
-//! A drive without a status signal has no states: it is taken as enabled as long as it answers.
+//! A drive without a status signal has no states: it counts as enabled as long as it answers. One
+//! without control words is only watched: its states determine whether it may be used.
 
-/// State of a drive, by its status word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum DriveState {
-    /// No status word has come yet, or none that the profile knows.
-    #[default]
-    Unknown,
-    /// Powered down or initialising (CiA 402: not ready to switch on, switch on disabled).
-    Off,
-    /// CiA 402: ready to switch on.
-    ReadyToSwitchOn,
-    /// CiA 402: switched on; no torque yet.
-    SwitchedOn,
-    /// CiA 402: operation enabled; the drive follows its set-points.
-    Enabled,
-    /// The drive stops by itself (CiA 402: quick stop active, fault reaction active).
-    Stopping,
-    /// The drive has latched a fault of its own.
-    Fault,
-}
+use robot_state::DriveState;
 
 /// One row of the table from status words to states: `word & mask == value`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,8 +36,6 @@ pub struct ControlWords {
     pub enable: u32,
     /// To off, from any state (CiA 402: disable voltage).
     pub disable: u32,
-    /// Stop by the drive's own ramp, then off.
-    pub quick_stop: u32,
     /// Clears the drive's fault; acts by its rising edge after `disable`.
     pub reset: u32,
 }
@@ -64,10 +45,8 @@ pub struct ControlWords {
 pub struct DriveProfile {
     /// The first row that fits determines the state.
     pub status: Vec<StatusPattern>,
-    /// Bits of the status word that warn; zero if there are none.
-    pub warning_mask: u32,
-    /// What is sent.
-    pub control: ControlWords,
+    /// Control words; none: the drive is only watched.
+    pub control: Option<ControlWords>,
     /// Longest time for each step, cycles.
     pub step_limit: u32,
 }
@@ -89,17 +68,21 @@ impl DriveProfile {
                 row(0x4f, 0x0f, S::Stopping),
                 row(0x4f, 0x08, S::Fault),
             ],
-            warning_mask: 0x80,
-            control: ControlWords {
+            control: Some(ControlWords {
                 prepare: 0x06,
                 switch_on: 0x07,
                 enable: 0x0f,
                 disable: 0x00,
-                quick_stop: 0x02,
                 reset: 0x80,
-            },
+            }),
             step_limit,
         }
+    }
+
+    /// It is the preset, whatever its time limit.
+    #[must_use]
+    pub fn is_cia402(&self) -> bool {
+        *self == Self::cia402(self.step_limit)
     }
 
     /// The state that a status word indicates.
@@ -111,18 +94,16 @@ impl DriveProfile {
     }
 }
 
-/// What the robot needs of a drive.
+/// The state that the robot needs a drive in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DriveGoal {
-    /// No torque.
+    /// Whatever it is in: nothing is sent.
     #[default]
+    Listen,
+    /// No torque.
     Off,
     /// Following its set-points.
     Enabled,
-    /// Stopping by its own ramp.
-    QuickStop,
-    /// Its fault cleared, then off.
-    Reset,
 }
 
 /// Why a drive is not where it should be.
@@ -142,27 +123,31 @@ pub struct Drive {
     profile: Option<DriveProfile>,
     state: DriveState,
     goal: DriveGoal,
+    /// The operator has acknowledged the drive's fault: it is being reset.
+    resetting: bool,
     /// Cycles in this state while it is not that of the goal.
     waited: u32,
     /// The drive has reached `Enabled` since the goal was set.
     reached: bool,
+    trouble: Option<DriveTrouble>,
 }
 
 impl Drive {
     /// A drive with these words; none: without states.
     #[must_use]
     pub fn new(profile: Option<DriveProfile>) -> Self {
-        let state = if profile.is_some() {
-            DriveState::Unknown
-        } else {
-            DriveState::Enabled
+        let state = match profile {
+            Some(_) => DriveState::Unknown,
+            None => DriveState::Enabled,
         };
         Self {
             profile,
             state,
-            goal: DriveGoal::Off,
+            goal: DriveGoal::Listen,
+            resetting: false,
             waited: 0,
             reached: false,
+            trouble: None,
         }
     }
 
@@ -172,7 +157,7 @@ impl Drive {
         self.state
     }
 
-    /// Sets what the drive is to reach; the time limits begin anew where this changes.
+    /// Sets the goal; time limits begin anew where it changes.
     pub fn pursue(&mut self, goal: DriveGoal) {
         if goal != self.goal {
             self.goal = goal;
@@ -181,17 +166,38 @@ impl Drive {
         }
     }
 
+    /// The operator has understood the drive's fault: if it has one, it is reset.
+    pub fn acknowledge(&mut self) {
+        self.resetting = self.state == DriveState::Fault;
+        self.waited = 0;
+    }
+
     /// The drive follows set-points.
     #[must_use]
     pub fn is_enabled(&self) -> bool {
         self.state == DriveState::Enabled
     }
 
+    /// The drive is where its goal wants it, and stays there without further control words.
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        match self.goal {
+            DriveGoal::Listen => true,
+            DriveGoal::Off => matches!(self.state, DriveState::Off | DriveState::Fault),
+            DriveGoal::Enabled => self.is_enabled(),
+        }
+    }
+
     /// Takes the newest status word (none: no fresh sample) and checks the drive against its goal.
-    pub fn update(&mut self, status: Option<u32>) -> Result<(), DriveTrouble> {
-        let Some(profile) = &self.profile else {
-            return Ok(());
-        };
+    /// A trouble is returned once, in the cycle in which it begins.
+    pub fn update(&mut self, status: Option<u32>) -> Option<DriveTrouble> {
+        let before = self.trouble;
+        self.trouble = self.check(status);
+        self.trouble.filter(|_| self.trouble != before)
+    }
+
+    fn check(&mut self, status: Option<u32>) -> Option<DriveTrouble> {
+        let profile = self.profile.as_ref()?;
         if let Some(status) = status {
             let state = profile.state(status);
             if state != self.state {
@@ -199,43 +205,44 @@ impl Drive {
             }
             self.state = state;
         }
-        let enabling = self.goal == DriveGoal::Enabled;
-        if self.state == DriveState::Fault && enabling {
-            return Err(DriveTrouble::Fault);
+        self.waited = self.waited.saturating_add(1);
+        let in_time = self.waited <= profile.step_limit;
+        if self.state == DriveState::Fault {
+            self.resetting &= in_time;
+            return (!self.resetting).then_some(DriveTrouble::Fault);
         }
-        if enabling && self.state == DriveState::Enabled {
-            self.reached = true;
-        } else if enabling && self.reached {
-            return Err(DriveTrouble::Lost(self.state));
-        }
+        self.resetting = false;
         let arrived = match self.goal {
+            DriveGoal::Listen => true,
+            // Without control words nothing switches the drive off.
+            DriveGoal::Off => self.state != DriveState::Enabled || profile.control.is_none(),
             DriveGoal::Enabled => self.state == DriveState::Enabled,
-            DriveGoal::QuickStop | DriveGoal::Off | DriveGoal::Reset => true,
         };
         if arrived {
             self.waited = 0;
-            return Ok(());
+            self.reached = self.goal == DriveGoal::Enabled;
+            return None;
         }
-        self.waited = self.waited.saturating_add(1);
-        if self.waited > profile.step_limit {
-            return Err(DriveTrouble::TimeOut(self.state));
+        if self.reached {
+            return Some(DriveTrouble::Lost(self.state));
         }
-        Ok(())
+        (!in_time).then_some(DriveTrouble::TimeOut(self.state))
     }
 
-    /// The control word of this cycle; none where the drive has no states.
+    /// The control word of this cycle; none where nothing is sent.
     #[must_use]
     pub fn control_word(&self) -> Option<u32> {
-        let words = &self.profile.as_ref()?.control;
-        Some(match (self.goal, self.state) {
-            (DriveGoal::Enabled, DriveState::Off | DriveState::Unknown) => words.prepare,
-            (DriveGoal::Enabled, DriveState::ReadyToSwitchOn) => words.switch_on,
-            (DriveGoal::Enabled, DriveState::SwitchedOn | DriveState::Enabled) => words.enable,
-            (DriveGoal::QuickStop, DriveState::Enabled | DriveState::Stopping) => words.quick_stop,
+        use DriveState as S;
+        let words = self.profile.as_ref()?.control.as_ref()?;
+        match (self.goal, self.state) {
+            (DriveGoal::Listen, _) => None,
             // The edge: the word before was `disable`.
-            (DriveGoal::Reset, DriveState::Fault) => words.reset,
-            _ => words.disable,
-        })
+            (_, S::Fault) if self.resetting => Some(words.reset),
+            (DriveGoal::Enabled, S::Off | S::Unknown) => Some(words.prepare),
+            (DriveGoal::Enabled, S::ReadyToSwitchOn) => Some(words.switch_on),
+            (DriveGoal::Enabled, S::SwitchedOn | S::Enabled) => Some(words.enable),
+            (DriveGoal::Off | DriveGoal::Enabled, _) => Some(words.disable),
+        }
     }
 }
 
@@ -277,8 +284,6 @@ mod tests {
             (0x40, 0x06) => 0x21,
             (0x21, 0x07) => 0x23,
             (0x23 | 0x27, 0x0f) => 0x27,
-            (0x27, 0x02) => 0x07,
-            (0x07, 0x02) => 0x40,
             (state, _) => state,
         }
     }
@@ -287,39 +292,54 @@ mod tests {
     fn steps_lead_to_enabled_and_back() {
         let mut drive = Drive::new(Some(DriveProfile::cia402(10)));
         let mut status = 0x40;
-        drive.pursue(DriveGoal::Enabled);
-        for _ in 0..6 {
-            drive.update(Some(status)).unwrap();
-            status = obeys(status, drive.control_word().unwrap());
+        assert_eq!(drive.control_word(), None, "it listens");
+        for (goal, state) in [
+            (DriveGoal::Enabled, DriveState::Enabled),
+            (DriveGoal::Off, DriveState::Off),
+        ] {
+            drive.pursue(goal);
+            for _ in 0..6 {
+                assert_eq!(drive.update(Some(status)), None);
+                status = obeys(status, drive.control_word().unwrap());
+            }
+            assert_eq!(drive.state(), state);
+            assert!(drive.is_settled());
         }
-        assert!(drive.is_enabled());
-        drive.pursue(DriveGoal::QuickStop);
-        for _ in 0..6 {
-            drive.update(Some(status)).unwrap();
-            status = obeys(status, drive.control_word().unwrap());
-        }
-        assert_eq!(drive.state(), DriveState::Off);
     }
 
     #[test]
-    fn a_refusal_a_fault_and_a_loss_are_distinguished() {
+    fn a_refusal_a_fault_and_a_loss_are_distinguished_and_reported_once() {
         let mut refuses = Drive::new(Some(DriveProfile::cia402(10)));
         refuses.pursue(DriveGoal::Enabled);
-        let outcome: Vec<_> = (0..12).map(|_| refuses.update(Some(0x21))).collect();
-        assert!(outcome[..10].iter().all(Result::is_ok));
+        let troubles: Vec<_> = (0..20).map(|_| refuses.update(Some(0x21))).collect();
         let waiting = DriveTrouble::TimeOut(DriveState::ReadyToSwitchOn);
-        assert_eq!(outcome[11], Err(waiting));
+        assert_eq!(troubles.iter().position(Option::is_some), Some(10));
+        assert_eq!(
+            troubles.into_iter().flatten().collect::<Vec<_>>(),
+            [waiting]
+        );
 
         let mut lost = Drive::new(Some(DriveProfile::cia402(10)));
         lost.pursue(DriveGoal::Enabled);
-        lost.update(Some(0x27)).unwrap();
-        assert_eq!(
-            lost.update(Some(0x40)),
-            Err(DriveTrouble::Lost(DriveState::Off))
-        );
-        assert_eq!(lost.update(Some(0x08)), Err(DriveTrouble::Fault));
-        lost.pursue(DriveGoal::Reset);
-        assert_eq!(lost.update(None), Ok(()));
+        assert_eq!(lost.update(Some(0x27)), None);
+        let off = DriveTrouble::Lost(DriveState::Off);
+        assert_eq!(lost.update(Some(0x40)), Some(off));
+        assert_eq!(lost.update(Some(0x08)), Some(DriveTrouble::Fault));
+        lost.pursue(DriveGoal::Off);
+        assert_eq!(lost.update(Some(0x08)), None);
+        assert_eq!(lost.control_word(), Some(0x00), "not acknowledged");
+        lost.acknowledge();
+        assert_eq!(lost.update(None), None);
         assert_eq!(lost.control_word(), Some(0x80));
+        let again: Vec<_> = (0..20).filter_map(|_| lost.update(Some(0x08))).collect();
+        assert_eq!(again, [DriveTrouble::Fault], "the cause remains");
+    }
+
+    #[test]
+    fn a_drive_that_stays_enabled_is_noticed() {
+        let mut drive = Drive::new(Some(DriveProfile::cia402(10)));
+        drive.pursue(DriveGoal::Off);
+        let stays: Vec<_> = (0..20).filter_map(|_| drive.update(Some(0x27))).collect();
+        assert_eq!(stays, [DriveTrouble::TimeOut(DriveState::Enabled)]);
     }
 }

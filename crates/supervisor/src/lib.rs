@@ -10,9 +10,7 @@ mod limiter;
 mod plausibility;
 mod robot;
 
-pub use drive::{
-    ControlWords, Drive, DriveGoal, DriveProfile, DriveState, DriveTrouble, StatusPattern,
-};
+pub use drive::{ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, StatusPattern};
 pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
 pub use plausibility::{Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};

@@ -23,8 +23,8 @@
 //! | fault | as the fault's reaction demands: held, brought to rest, or none | none |
 //!
 //! Nothing leads from fault to motion but the operator: acknowledge, enable, and then a client.
-//! A joint that went stale has its set-points withdrawn, and only enabling gives them back, from
-//! where the joint then stands.
+//! A joint that went stale or whose drive is no longer enabled has its set-points withdrawn, and
+//! only enabling gives them back, from where the joint then stands.
 
 use robot_state::{Event, RobotState};
 
@@ -50,6 +50,8 @@ pub enum Refusal {
     Joint(usize),
     /// A joint that stands outside its position limits.
     Outside(usize),
+    /// A joint whose drive reports a fault of its own.
+    Drive(usize),
     /// Another fault is latched, or none: the number.
     OtherFault(u32),
 }
@@ -76,6 +78,8 @@ pub struct JointCondition {
     pub inside: bool,
     /// Its drive follows set-points.
     pub drive_enabled: bool,
+    /// Its drive reports a fault of its own.
+    pub drive_fault: bool,
     /// It moves no faster than what counts as rest.
     pub at_rest: bool,
 }
@@ -236,6 +240,9 @@ impl RobotMachine {
                 // Where it stands when it comes back is not where it stood.
                 *engaged = false;
                 wrong = Some(Event::JointStale);
+            } else if *engaged && !joint.drive_enabled {
+                *engaged = false;
+                wrong = wrong.or(Some(Event::DriveLost));
             } else if *engaged && !joint.usable {
                 wrong = wrong.or(Some(Event::EncoderImplausible));
             }
@@ -277,6 +284,9 @@ impl RobotMachine {
     fn may_enable(&self, joints: &[JointCondition]) -> Result<(), Refusal> {
         if let Some(joint) = joints.iter().position(|joint| !joint.usable) {
             return Err(Refusal::Joint(joint));
+        }
+        if let Some(joint) = joints.iter().position(|joint| joint.drive_fault) {
+            return Err(Refusal::Drive(joint));
         }
         match joints.iter().position(|joint| !joint.inside) {
             Some(joint) => Err(Refusal::Outside(joint)),

@@ -11,6 +11,7 @@ const GOOD: JointCondition = JointCondition {
     stale: false,
     inside: true,
     drive_enabled: true,
+    drive_fault: false,
     at_rest: true,
 };
 
@@ -110,6 +111,27 @@ fn the_first_fault_is_shown_and_the_strongest_reaction_holds() {
     assert_eq!(machine.state(), RobotState::Fault);
 }
 
+#[test]
+fn a_drive_that_is_no_longer_enabled_loses_its_set_points_and_others_are_held() {
+    let mut machine = holding();
+    let mut joints = [GOOD; JOINTS];
+    joints[1].drive_enabled = false;
+    joints[1].drive_fault = true;
+    let lost = machine.update(&joints).unwrap();
+    assert_eq!(lost, Event::DriveLost);
+    machine.latch(lost, Safety::Hold);
+    assert!(!machine.is_engaged(1));
+    assert_eq!(engaged(&machine), JOINTS - 1);
+    let acknowledge = OperatorRequest::Acknowledge(lost.number());
+    assert_eq!(machine.request(acknowledge, &joints), Ok(()));
+    assert_eq!(machine.state(), RobotState::Ready);
+    let refused = machine.request(OperatorRequest::Enable, &joints);
+    assert_eq!(refused, Err(Refusal::Drive(1)));
+    joints[1].drive_fault = false;
+    assert_eq!(machine.request(OperatorRequest::Enable, &joints), Ok(()));
+    assert!(machine.wants_drive(1));
+}
+
 #[derive(Debug, Clone)]
 enum Action {
     Request(OperatorRequest),
@@ -119,12 +141,13 @@ enum Action {
 }
 
 fn any_condition() -> impl Strategy<Value = JointCondition> {
-    any::<[bool; 5]>().prop_map(
-        |[usable, stale, inside, drive_enabled, at_rest]| JointCondition {
+    any::<[bool; 6]>().prop_map(
+        |[usable, stale, inside, drive_enabled, drive_fault, at_rest]| JointCondition {
             usable: usable && !stale,
             stale,
             inside,
             drive_enabled,
+            drive_fault,
             at_rest,
         },
     )

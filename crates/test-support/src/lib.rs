@@ -9,6 +9,6 @@ mod random;
 mod temporary_directory;
 
 pub use allocation::allocations;
-pub use project::{project_path, read_project_file};
+pub use project::{project_path, read_project_file, read_with_drives_always_on};
 pub use random::Random;
 pub use temporary_directory::TemporaryDirectory;

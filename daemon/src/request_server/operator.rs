@@ -302,6 +302,11 @@ fn reason(
                 measured.q.to_degrees()
             )
         }
+        refusal::DRIVE => format!(
+            "the drive of joint `{name}` reports a fault of its own, status word {:#x}: mend its \
+             cause, then `torquectl acknowledge`",
+            measured.status
+        ),
         refusal::OTHER_FAULT if subject == 0 => "no fault is latched".to_owned(),
         refusal::OTHER_FAULT => match request {
             OperatorRequest::Acknowledge(number) => format!(

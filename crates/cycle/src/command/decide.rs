@@ -1,15 +1,20 @@
 //! Decide: the state of the robot, its mode, and whether a client's reference is followed.
 //!
 //! The state machine is [`supervisor::RobotMachine`]; its diagram stands there. This stage feeds
-//! it with the condition of every joint, with operators' requests and with events, and follows a
-//! client's reference only while it allows to. A reference with a flaw, or none in time, releases
+//! it with the condition of every joint, with operators' requests and with events, leads each
+//! joint's [`supervisor::Drive`] where it wants it, and follows a client's reference only while it
+//! allows to. A reference with a flaw, or none in time, releases
 //! the robot: it holds, and the client is followed again only after it has asked for hold once.
 
 use robot_config::Robot;
 use robot_state::{
-    Event, MeasuredRecord, Mode, Reaction, Reference, RobotState, Settings, refusal,
+    CommandedRecord, DriveState, Event, JointMeasured, MeasuredRecord, Mode, Reaction, Reference,
+    RobotState, Settings, measured_flags, refusal,
 };
-use supervisor::{JointCondition, Limits, OperatorRequest, Refusal, RobotMachine, Safety};
+use supervisor::{
+    Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, Refusal, RobotMachine,
+    Safety,
+};
 
 use crate::events::Counts;
 use crate::measure::Readiness;
@@ -70,6 +75,9 @@ pub(crate) struct Supervisor {
     machine: RobotMachine,
     limits: Vec<Limits>,
     conditions: Vec<JointCondition>,
+    drives: Vec<Drive>,
+    /// No control word is sent before the robot was ready or in a fault once.
+    listening: bool,
     reference_timeout_s: f64,
     sample_period: f64,
     needs_sensors: bool,
@@ -93,6 +101,10 @@ impl Supervisor {
             machine: RobotMachine::new(joints, p.safety.automatic, cycles(p.safety.time_limit)),
             limits: p.joints.iter().map(|joint| joint.limits).collect(),
             conditions: vec![JointCondition::default(); joints],
+            drives: (p.joints.iter())
+                .map(|joint| Drive::new(joint.drive_profile.clone()))
+                .collect(),
+            listening: true,
             reference_timeout_s: p.timing.reference_timeout,
             sample_period: p.timing.sample_period,
             needs_sensors: !p.ft_sensors.is_empty() || p.imu.is_some(),
@@ -142,6 +154,7 @@ impl Supervisor {
         measured: &MeasuredRecord,
         counts: &mut Counts,
     ) -> Goal<'a> {
+        self.follow_drives(measured, counts);
         self.judge(readiness, measured);
         if let Some(request) = client.request {
             self.requests = self.requests.wrapping_add(1);
@@ -150,6 +163,7 @@ impl Supervisor {
         if let Some(event) = self.machine.update(&self.conditions) {
             self.report(event, counts);
         }
+        self.lead_drives();
         let goal = self.goal(client, readiness, measured, counts);
         self.machine.set_active(goal.reference().is_some());
         self.mode = goal.mode();
@@ -164,18 +178,58 @@ impl Supervisor {
             self.release();
         }
         self.refusal = outcome.map_or_else(refusal_code, |()| 0);
+        if outcome.is_ok() && matches!(request, OperatorRequest::Acknowledge(_)) {
+            self.drives.iter_mut().for_each(Drive::acknowledge);
+        }
+    }
+
+    /// The drives, one for each joint.
+    pub(crate) fn drives(&self) -> &[Drive] {
+        &self.drives
+    }
+
+    /// Writes each drive's state into the record.
+    pub(crate) fn publish_drives(&self, commanded: &mut CommandedRecord) {
+        for (joint, drive) in commanded.joints.iter_mut().zip(&self.drives) {
+            joint.drive_state = drive.state().number();
+        }
+    }
+
+    /// Takes the drives' status words, and reports what went wrong with them.
+    fn follow_drives(&mut self, measured: &MeasuredRecord, counts: &mut Counts) {
+        for (j, joint) in measured.joints.iter().enumerate().take(self.drives.len()) {
+            match self.drives[j].update(status(joint)) {
+                Some(DriveTrouble::Fault) => self.report(Event::DriveFault, counts),
+                Some(DriveTrouble::Lost(_)) => self.report(Event::DriveLost, counts),
+                Some(DriveTrouble::TimeOut(_)) => self.report(Event::EnableTimeOut, counts),
+                None => {}
+            }
+        }
+    }
+
+    fn lead_drives(&mut self) {
+        self.listening &= self.machine.state() == RobotState::Boot;
+        for (j, drive) in self.drives.iter_mut().enumerate() {
+            drive.pursue(match self.listening {
+                true => DriveGoal::Listen,
+                false if self.machine.wants_drive(j) => DriveGoal::Enabled,
+                false => DriveGoal::Off,
+            });
+        }
     }
 
     fn judge(&mut self, readiness: &Readiness<'_>, measured: &MeasuredRecord) {
         let joints = self.conditions.iter_mut().zip(readiness.joints);
-        for ((condition, joint), (limits, measured)) in
-            joints.zip(self.limits.iter().zip(&measured.joints))
+        let drives = self.drives.iter().zip(&self.limits);
+        for ((condition, joint), ((drive, limits), measured)) in
+            joints.zip(drives.zip(&measured.joints))
         {
             *condition = JointCondition {
                 usable: joint.plausible && !joint.stale,
                 stale: joint.stale,
                 inside: (limits.position_min..=limits.position_max).contains(&measured.q),
-                drive_enabled: true,
+                drive_enabled: drive.is_enabled(),
+                drive_fault: drive.state() == DriveState::Fault,
                 at_rest: measured.dq.abs() < REST,
             };
         }
@@ -314,6 +368,12 @@ impl Supervisor {
     }
 }
 
+/// The drive's status word, if one arrived in this cycle.
+fn status(measured: &JointMeasured) -> Option<u32> {
+    let missed = measured_flags::NEVER | measured_flags::MISSED | measured_flags::STALE;
+    (measured.flags & missed == 0).then_some(measured.status)
+}
+
 /// A refusal as a number: the kind in the upper half, its subject in the lower.
 fn refusal_code(reason: Refusal) -> u32 {
     match reason {
@@ -321,6 +381,7 @@ fn refusal_code(reason: Refusal) -> u32 {
         Refusal::Joint(joint) => refusal::JOINT << 16 | joint as u32,
         Refusal::Outside(joint) => refusal::OUTSIDE << 16 | joint as u32,
         Refusal::OtherFault(number) => refusal::OTHER_FAULT << 16 | number,
+        Refusal::Drive(joint) => refusal::DRIVE << 16 | joint as u32,
     }
 }
 

@@ -1,18 +1,26 @@
-//! Emit: from commands to frames.
+//! Emit: from commands and control words to frames.
 
 use can_codec::{Frames, Table};
 use robot_config::{Robot, slots};
 use robot_state::Event;
+use supervisor::Drive;
 
 use super::Command;
 use crate::events::Counts;
 
-/// The frames that carry the commands.
+/// Control words are repeated after so many cycles, for a drive that lost one.
+const REPEAT: u32 = 100;
+
+/// The frames that carry set-points and control words.
 #[derive(Debug)]
 pub(crate) struct Emit {
     table: Table,
-    /// NaN while a joint is not engaged: no frame follows from NaN.
+    /// NaN while a joint is not engaged or no control word is due: no frame follows from NaN.
     slots: Vec<f64>,
+    /// Each drive's last control word.
+    words: Vec<Option<u32>>,
+    /// Cycles since control words were sent.
+    since: u32,
 }
 
 impl Emit {
@@ -20,17 +28,51 @@ impl Emit {
         Self {
             slots: vec![f64::NAN; slots::send_len(&robot.parameters)],
             table: robot.send.clone(),
+            words: vec![None; robot.parameters.joints.len()],
+            since: 0,
         }
     }
 
-    /// Appends this cycle's command frames: those whose joints are all engaged.
-    pub(crate) fn update(&mut self, command: &Command, tx: &mut Frames, counts: &mut Counts) {
+    /// Appends this cycle's frames: set-points of messages whose joints are all engaged, and control
+    /// words while a drive is not where it should be, when one changes, and every 100 cycles.
+    pub(crate) fn update(
+        &mut self,
+        command: &Command,
+        drives: &[Drive],
+        tx: &mut Frames,
+        counts: &mut Counts,
+    ) {
         for (j, last) in command.last().enumerate() {
-            if let Some(slot) = self.slots.get_mut(slots::command(j)) {
-                *slot = last.unwrap_or(f64::NAN);
-            }
+            self.set(slots::command(j), last);
+        }
+        let due = self.control_words_due(drives);
+        for j in 0..self.words.len() {
+            self.set(
+                slots::control(j),
+                self.words[j].filter(|_| due).map(f64::from),
+            );
         }
         self.table.encode_all(&self.slots, tx);
         counts.add_many(Event::SendFailed, tx.overflow());
+    }
+
+    fn control_words_due(&mut self, drives: &[Drive]) -> bool {
+        self.since += 1;
+        let mut due = self.since >= REPEAT;
+        for (last, drive) in self.words.iter_mut().zip(drives) {
+            let word = drive.control_word();
+            due |= word != *last || !drive.is_settled();
+            *last = word;
+        }
+        if due {
+            self.since = 0;
+        }
+        due
+    }
+
+    fn set(&mut self, slot: usize, value: Option<f64>) {
+        if let Some(slot) = self.slots.get_mut(slot) {
+            *slot = value.unwrap_or(f64::NAN);
+        }
     }
 }

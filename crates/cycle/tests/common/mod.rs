@@ -1,10 +1,12 @@
 //! A cycle and a simulated robot in lock-step, frame by frame.
 #![allow(dead_code)]
 
+pub(crate) mod motion;
+
 use can_codec::{Frame, Frames, MAX_FRAMES};
-use cycle::{ClientInput, Cycle, Instants, Stamp};
+use cycle::{ClientInput, Cycle, Instants, OperatorRequest, Stamp};
 use plant::{CanRobot, SimParameters};
-use robot_config::Robot;
+use robot_config::{Robot, slots};
 use robot_state::{CycleRecord, JointReference, Mode, Reference};
 
 /// Files of the project; configurations name theirs relative to themselves.
@@ -59,11 +61,24 @@ impl Bench {
 
     /// Computes from what is in `rx`, and hands the commands to the robot.
     pub(crate) fn compute(&mut self, client: &ClientInput<'_>) -> &CycleRecord {
+        self.compute_deaf(client, |_| false)
+    }
+
+    /// The same, but frames for which `lost` is true do not reach the robot.
+    pub(crate) fn compute_deaf(
+        &mut self,
+        client: &ClientInput<'_>,
+        lost: impl Fn(&Frame) -> bool,
+    ) -> &CycleRecord {
         self.tx.clear();
         let at = self.instants();
         self.cycle.step(at, &self.rx, client, &mut self.tx);
+        let mut heard = Frames::new(MAX_FRAMES);
+        for frame in self.tx.iter().filter(|frame| !lost(frame)) {
+            heard.push(*frame);
+        }
         let mut answers = Frames::default();
-        self.plant.exchange(&self.tx, self.now, &mut answers);
+        self.plant.exchange(&heard, self.now, &mut answers);
         assert!(answers.is_empty(), "commands are not answered");
         self.cycle.record()
     }
@@ -87,6 +102,24 @@ impl Bench {
         for _ in 0..cycles {
             self.step(&ClientInput::default());
         }
+    }
+
+    /// One whole cycle with an operator's request.
+    pub(crate) fn ask(&mut self, request: OperatorRequest) -> &CycleRecord {
+        self.step(&ClientInput {
+            request: Some(request),
+            ..ClientInput::default()
+        })
+    }
+
+    /// Set-points left in this cycle, in frames for which `counts` is true.
+    pub(crate) fn sent_set_points(&self, counts: impl Fn(&Frame) -> bool) -> bool {
+        let table = &self.robot.send;
+        let is_command = |slot| matches!(slots::sent(slot), slots::Sent::Command(_));
+        self.tx.iter().filter(|frame| counts(frame)).any(|frame| {
+            let index = table.classify(frame);
+            index.is_some_and(|index| table.slots(index).any(is_command))
+        })
     }
 
     /// Drops the answers for which `drop` is true.

@@ -76,6 +76,16 @@ pub(super) fn optional_micro<'de, D: Deserializer<'de>>(d: D) -> Read<Option<f64
     ))
 }
 
+pub(super) fn milli0<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
+    Ok(1e-3 * checked(d, "a number from 0 to 10000", |x| (0.0..=1e4).contains(&x))?)
+}
+
+pub(super) fn optional_milli<'de, D: Deserializer<'de>>(d: D) -> Read<Option<f64>, D::Error> {
+    Ok(Some(
+        1e-3 * checked(d, "a number from 1 to 10000", |x| (1.0..=1e4).contains(&x))?,
+    ))
+}
+
 pub(super) fn per_million<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
     Ok(1e-6 * checked(d, "a number from 0 to 20000", |x| (0.0..=2e4).contains(&x))?)
 }

@@ -31,7 +31,7 @@ impl SimRobot {
         for j in 0..self.order.len() {
             while let Some(Instant { measured, stamp }) = self.clocks.joints[j].due(now) {
                 let r = self.sense_joint(j, (now - measured) / dt);
-                let values = [r.theta, r.q, r.current, r.omega, 0.0, 0.0];
+                let values = [r.theta, r.q, r.current, r.omega, f64::from(r.status), 0.0];
                 self.send(Source::Joint(j), stamp, values);
             }
         }

@@ -1,6 +1,6 @@
 //! The robot behind its buses: frames in, frames out.
 
-use crate::common::{can_robot, parameters, robot};
+use crate::common::{can_robot, parameters, robot, send_slots};
 use can_codec::{Frame, Frames};
 use plant::CanRobot;
 use plant::parameters::Sampled;
@@ -37,7 +37,8 @@ impl Rig {
 
     fn command(&mut self, set_points: &[f64]) -> Frames {
         let mut frames = Frames::new(64);
-        self.robot.send.encode_all(set_points, &mut frames);
+        let values = send_slots(set_points);
+        self.robot.send.encode_all(&values, &mut frames);
         self.send(&frames)
     }
 
@@ -184,7 +185,8 @@ fn unknown_frames_are_counted_and_nothing_moves() {
     let mut frames = Frames::new(8);
     frames.push(Frame::zeroed(0, 0x7FF, 8, false));
     let mut short = Frames::new(8);
-    rig.robot.send.encode_all(&[1.0; 6], &mut short);
+    let values = send_slots(&[1.0; 6]);
+    rig.robot.send.encode_all(&values, &mut short);
     let mut cut = short.as_slice()[0];
     cut.len = 3;
     frames.push(cut);
@@ -277,7 +279,9 @@ fn late_sensors_measure_the_past() {
             }
         }
         let mut commands = sync.clone();
-        robot.send.encode_all(&set_points, &mut commands);
+        robot
+            .send
+            .encode_all(&send_slots(&set_points), &mut commands);
         can.exchange(
             &commands,
             1_000_000_000,

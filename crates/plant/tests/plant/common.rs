@@ -2,11 +2,22 @@
 
 use plant::{CanRobot, SimParameters};
 use problem::Problem;
-use robot_config::Robot;
-use test_support::read_project_file;
+use robot_config::{Robot, slots};
+use test_support::{read_project_file, read_with_drives_always_on};
 
+/// The robot with drives that are always on.
 pub(crate) fn robot(name: &str) -> Robot {
-    robot_config::load(&format!("config/{name}/robot.toml"), &read_project_file).unwrap()
+    let path = format!("config/{name}/robot.toml");
+    robot_config::load(&path, &read_with_drives_always_on).unwrap()
+}
+
+/// The values that the send table takes, with these set-points.
+pub(crate) fn send_slots(set_points: &[f64]) -> Vec<f64> {
+    let mut values = vec![f64::NAN; slots::command(set_points.len())];
+    for (joint, set_point) in set_points.iter().enumerate() {
+        values[slots::command(joint)] = *set_point;
+    }
+    values
 }
 
 pub(crate) fn parameters(name: &str) -> SimParameters {

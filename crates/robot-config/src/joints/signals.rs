@@ -16,6 +16,7 @@ pub(super) struct Signals {
     pub(super) link_angle: Option<Reach>,
     pub(super) has_velocity: bool,
     pub(super) has_status: bool,
+    pub(super) has_control: bool,
 }
 
 impl Reader<'_, '_, '_> {
@@ -62,10 +63,18 @@ impl Reader<'_, '_, '_> {
             reach
         };
         let receive = |key, slot, quantity| (key, Way::Receive, slot, quantity);
-        let [has_velocity, has_status] = ["velocity", "status"].map(|key| self.section.has(key));
+        let [has_velocity, has_status, has_control] =
+            ["velocity", "status", "control"].map(|key| self.section.has(key));
+        let control = (
+            "control",
+            Way::Send,
+            slots::control(joint),
+            Quantity::Status,
+        );
         let optional = [
             has_velocity.then(|| receive("velocity", slots::velocity(joint), Quantity::Velocity)),
             has_status.then(|| receive("status", slots::status(joint), Quantity::Status)),
+            has_control.then_some(control),
         ];
         let required = [
             receive("current", slots::current(joint), Quantity::Current),
@@ -90,6 +99,7 @@ impl Reader<'_, '_, '_> {
             ),
             has_velocity,
             has_status,
+            has_control,
         }
     }
 

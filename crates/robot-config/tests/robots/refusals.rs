@@ -448,3 +448,63 @@ fn a_stand_holds_what_could_move() {
     let parts = ["fixed_base.link: the URDF has no link no_link", "allowed: "];
     refused(&files, LEG, "link = \"no_link\"", &parts);
 }
+
+#[test]
+fn drives_with_states_need_their_words() {
+    let files = leg_with("status = { signal = \"KNEE_STATE.status\" }\n", "");
+    let text = files.errors(LEG);
+    assert!(
+        text.contains("joint.status (knee): the key is missing"),
+        "{text}"
+    );
+    let state = "[drive.knee.state]\nprofile = \"cia402\"\n";
+    let files = leg_with(state, "");
+    let parts = ["joint.control (knee)", "has no control words to send"];
+    refused(&files, LEG, "CONTROL_B.knee_control", &parts);
+    let files = leg_with(
+        state,
+        "[drive.knee.state]\nstatus = [{ state = \"off\", mask = 1, value = 3 }]\n",
+    );
+    let text = files.errors(LEG);
+    for part in [
+        "no status word stands for an enabled drive",
+        "has bits outside the mask",
+        "has no control words to send",
+    ] {
+        assert!(text.contains(part), "{part:?} is not in\n{text}");
+    }
+}
+
+#[test]
+fn control_words_share_no_message_with_set_points() {
+    let files = Files::new()
+        .with(LEG, "CONTROL_B.knee_control", "COMMAND_B.knee_control")
+        .with(
+            "robot-models/leg/drives.dbc",
+            " SG_ knee_position : 0|21@1-",
+            " SG_ knee_control : 63|1@1+ (1,0) [0|1] \"\" DRIVES\n SG_ knee_position : 0|21@1-",
+        );
+    let parts = [
+        "joint.control.signal (knee): message COMMAND_B carries set-points too",
+        "allowed: a message of its own for control words",
+    ];
+    refused(&files, LEG, "COMMAND_B.knee_control", &parts);
+}
+
+#[test]
+fn a_drive_may_have_words_of_its_own_or_be_watched_only() {
+    let own = "[drive.knee.state]\nstep_time_limit_ms = 20.5\n\
+               status = [{ state = \"fault\", mask = 2, value = 2 }, { state = \"enabled\", mask = 1, value = 1 }]\n\
+               control = { prepare = 0, switch_on = 0, enable = 1, disable = 0, reset = 2 }\n";
+    let robot = leg_with("[drive.knee.state]\nprofile = \"cia402\"\n", own)
+        .load(LEG)
+        .unwrap();
+    let profile = robot.parameters.joints[3].drive_profile.as_ref().unwrap();
+    assert_eq!((profile.step_limit, profile.status.len()), (21, 2));
+    assert_eq!(profile.state(3), robot_state::DriveState::Fault);
+    assert_eq!(profile.control.map(|words| words.enable), Some(1));
+    let control = "control = { signal = \"CONTROL_B.knee_control\" }\n";
+    let robot = leg_with(control, "").load(LEG).unwrap();
+    let profile = robot.parameters.joints[3].drive_profile.as_ref().unwrap();
+    assert_eq!(profile.control, None);
+}

@@ -52,8 +52,8 @@ record! {
         pub feedback_force: f64,
         /// Bits of `command_flags`.
         pub flags: u32,
-        /// Fills the record to a multiple of eight bytes.
-        pub reserved: u32,
+        /// Number of the drive's `DriveState`; a drive without states counts as enabled.
+        pub drive_state: u32,
     }
 }
 

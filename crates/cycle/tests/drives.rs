@@ -1,0 +1,302 @@
+//! Drives that refuse, fail, lose their power or hear nothing, in front of the cycle: the fault is
+//! latched, the other joints are held, and nothing moves before an operator has enabled the robot.
+
+mod common;
+
+use common::motion::{Motion, engaged, state};
+use common::{Bench, client_input};
+use cycle::{ClientInput, OperatorRequest};
+use plant::{DriveError, DriveStates};
+use robot_config::slots;
+use robot_state::{CycleRecord, DriveState, Event, Mode, RobotState};
+
+const KNEE: usize = 3;
+
+/// The robot with other words in its `robot.toml`, enabled by an operator only.
+fn bench(robot: &str, changes: &[(&str, &str)]) -> Bench {
+    let of_robot = format!("config/{robot}/robot.toml");
+    Bench::reading(robot, &|path| {
+        let text = common::read(path)?;
+        Ok(match path.ends_with(&of_robot) {
+            true => (changes.iter())
+                .chain(&[("enable = \"automatic\"", "enable = \"operator\"")])
+                .fold(text, |text, (from, to)| {
+                    assert!(text.contains(from), "{from}");
+                    text.replace(from, to)
+                }),
+            false => text,
+        })
+    })
+}
+
+fn states(bench: &mut Bench, joint: usize) -> &mut DriveStates {
+    bench.plant.drive_states(joint).unwrap()
+}
+
+fn each(bench: &mut Bench, change: impl Fn(&mut DriveStates)) {
+    for joint in 0..bench.robot.parameters.joints.len() {
+        change(states(bench, joint));
+    }
+}
+
+fn drive_state(record: &CycleRecord, joint: usize) -> DriveState {
+    DriveState::from_number(record.commanded.joints[joint].drive_state).unwrap()
+}
+
+fn run(bench: &mut Bench, motion: &mut Motion, cycles: usize) {
+    for _ in 0..cycles {
+        bench.step(&ClientInput::default());
+        motion.take(bench);
+    }
+}
+
+/// Until the operator has enabled the robot, and it holds.
+fn enabled(robot: &str) -> Bench {
+    let mut bench = bench(robot, &[]);
+    let mut motion = Motion::of(&bench);
+    run(&mut bench, &mut motion, 300);
+    assert_eq!(state(bench.cycle.record()), RobotState::Ready);
+    assert_eq!(engaged(bench.cycle.record()), 0);
+    bench.ask(OperatorRequest::Enable);
+    run(&mut bench, &mut motion, 300);
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+    motion.assert_small(&format!("{robot} is enabled"));
+    bench
+}
+
+/// The operator's way back: nothing is sent to a drive that was lost before the robot is enabled.
+fn recover(bench: &mut Bench, motion: &mut Motion, fault: Event, what: &str) {
+    let joints = bench.robot.parameters.joints.len();
+    let held = engaged(bench.cycle.record());
+    assert!(held < joints, "{what}");
+    bench.ask(OperatorRequest::Acknowledge(fault.number()));
+    run(bench, motion, 300);
+    let record = *bench.cycle.record();
+    assert_eq!(state(&record), RobotState::Ready, "{what}");
+    assert_eq!(engaged(&record), held, "{what}: acknowledged, not enabled");
+    bench.ask(OperatorRequest::Enable);
+    run(bench, motion, 300);
+    let record = *bench.cycle.record();
+    assert_eq!(
+        (record.refusal, state(&record)),
+        (0, RobotState::Holding),
+        "{what}"
+    );
+    assert_eq!(engaged(&record), joints, "{what}");
+    motion.assert_small(what);
+}
+
+#[test]
+fn every_robot_stands_still_from_power_on_to_holding_and_through_disabling() {
+    for robot in ["test-joint", "leg", "humanoid"] {
+        let mut bench = enabled(robot);
+        let mut motion = Motion::of(&bench);
+        bench.ask(OperatorRequest::Disable);
+        assert!(!bench.sent_set_points(|_| true));
+        run(&mut bench, &mut motion, 500);
+        assert_eq!(drive_state(bench.cycle.record(), 0), DriveState::Off);
+        motion.assert_small(&format!("{robot} is disabled"));
+    }
+}
+
+#[test]
+fn control_words_wait_until_the_robot_is_ready_and_are_repeated() {
+    let mut bench = bench("leg", &[]);
+    let mut gaps = Vec::new();
+    let mut since = None;
+    for _ in 0..1000 {
+        bench.step(&ClientInput::default());
+        assert!(!bench.sent_set_points(|_| true));
+        let boots = state(bench.cycle.record()) == RobotState::Boot;
+        assert!(!boots || bench.tx.is_empty(), "boot listens only");
+        if bench.tx.is_empty() {
+            since = since.map(|cycles: u32| cycles + 1);
+        } else {
+            gaps.extend(since.replace(0));
+        }
+    }
+    assert!(
+        gaps.len() > 5 && gaps.iter().all(|&gap| gap < 100),
+        "{gaps:?}"
+    );
+}
+
+#[test]
+fn an_emergency_stop_with_live_encoders_needs_acknowledgement_and_enabling() {
+    for robot in ["leg", "humanoid"] {
+        let mut bench = enabled(robot);
+        let mut motion = Motion::of(&bench);
+        each(&mut bench, |drive| drive.set_power(false));
+        run(&mut bench, &mut motion, 2000);
+        let record = *bench.cycle.record();
+        assert_eq!(state(&record), RobotState::Fault);
+        assert_eq!(record.fault, Event::DriveLost.number());
+        assert_eq!(drive_state(&record, KNEE), DriveState::Off);
+        assert_eq!(engaged(&record), 0);
+        each(&mut bench, |drive| drive.set_power(true));
+        for _ in 0..1000 {
+            bench.step(&ClientInput::default());
+            assert!(!bench.sent_set_points(|_| true));
+            motion.take(&bench);
+            assert_eq!(drive_state(bench.cycle.record(), KNEE), DriveState::Off);
+        }
+        recover(&mut bench, &mut motion, Event::DriveLost, "emergency stop");
+    }
+}
+
+#[test]
+fn over_current_of_all_drives_is_latched_and_named() {
+    for robot in ["leg", "humanoid"] {
+        let mut bench = enabled(robot);
+        let mut motion = Motion::of(&bench);
+        each(&mut bench, |drive| {
+            drive.set_cause(Some(DriveError::OverCurrent))
+        });
+        run(&mut bench, &mut motion, 3);
+        let record = *bench.cycle.record();
+        assert_eq!(record.fault, Event::DriveFault.number(), "within 3 cycles");
+        run(&mut bench, &mut motion, 1000);
+        each(&mut bench, |drive| drive.set_cause(None));
+        run(&mut bench, &mut motion, 1000);
+        let record = *bench.cycle.record();
+        let joints = record.joint_count as usize;
+        assert_eq!(record.fault, Event::DriveFault.number(), "latched");
+        assert_eq!(record.events[Event::DriveFault.index()], joints as u64);
+        for joint in 0..joints {
+            assert_eq!(drive_state(&record, joint), DriveState::Fault);
+            let status = record.measured.joints[joint].status;
+            assert_eq!(status >> 8, DriveError::OverCurrent as u32);
+        }
+        recover(&mut bench, &mut motion, Event::DriveFault, "over-current");
+    }
+}
+
+#[test]
+fn a_fault_whose_cause_remains_is_latched_again() {
+    let mut bench = enabled("leg");
+    states(&mut bench, KNEE).set_cause(Some(DriveError::Encoder));
+    bench.run(100);
+    let acknowledge = OperatorRequest::Acknowledge(Event::DriveFault.number());
+    assert_eq!(state(bench.ask(acknowledge)), RobotState::Ready);
+    let refused = *bench.ask(OperatorRequest::Enable);
+    assert_eq!(refused.refusal, 5 << 16 | KNEE as u32, "a drive in a fault");
+    bench.run(1000);
+    let record = *bench.cycle.record();
+    assert_eq!(record.fault, Event::DriveFault.number());
+    assert_eq!(record.events[Event::DriveFault.index()], 2);
+}
+
+#[test]
+fn one_drive_that_fails_in_motion_stops_the_others() {
+    for robot in ["leg", "humanoid"] {
+        let mut bench = enabled(robot);
+        // Whatever an operator did, a client has to ask for hold first.
+        let hold = bench.reference(Mode::Hold.number(), 1);
+        bench.step(&client_input(&hold));
+        let mut reference = bench.reference(Mode::InverseDynamics.number(), 1);
+        for _ in 0..50 {
+            reference.sequence += 1;
+            bench.step(&client_input(&reference));
+        }
+        assert_eq!(state(bench.cycle.record()), RobotState::Active);
+        let mut motion = Motion::of(&bench);
+        states(&mut bench, KNEE).set_cause(Some(DriveError::OverTemperature));
+        for cycle in 0..1000 {
+            if cycle == 500 {
+                states(&mut bench, KNEE).set_cause(None);
+            }
+            reference.sequence += 1;
+            bench.step(&client_input(&reference));
+            motion.take(&bench);
+        }
+        let record = *bench.cycle.record();
+        assert_eq!(record.fault, Event::DriveFault.number());
+        assert_eq!(record.mode, Mode::Hold.number());
+        assert_eq!(engaged(&record), record.joint_count as usize - 1);
+        recover(
+            &mut bench,
+            &mut motion,
+            Event::DriveFault,
+            "one drive fails",
+        );
+    }
+}
+
+#[test]
+fn a_drive_that_refuses_or_is_too_slow_switches_all_off_again() {
+    for slow in [false, true] {
+        let mut bench = bench("leg", &[]);
+        let mut motion = Motion::of(&bench);
+        run(&mut bench, &mut motion, 300);
+        match slow {
+            true => states(&mut bench, KNEE).set_step_time(0.7),
+            false => states(&mut bench, KNEE).set_refuses(true),
+        }
+        bench.ask(OperatorRequest::Enable);
+        run(&mut bench, &mut motion, 1000);
+        let record = *bench.cycle.record();
+        assert_eq!(record.fault, Event::EnableTimeOut.number());
+        assert_eq!(engaged(&record), 0);
+        for joint in [0, 1, 2, 4, 5] {
+            assert_eq!(drive_state(&record, joint), DriveState::Off);
+        }
+        states(&mut bench, KNEE).set_step_time(0.02);
+        states(&mut bench, KNEE).set_refuses(false);
+        recover(
+            &mut bench,
+            &mut motion,
+            Event::EnableTimeOut,
+            "a drive refuses",
+        );
+    }
+}
+
+#[test]
+fn a_drive_that_hears_nothing_faults_by_itself() {
+    for cut_answers in [true, false] {
+        let mut bench = enabled("leg");
+        let mut motion = Motion::of(&bench);
+        each(&mut bench, |drive| drive.set_command_timeout(Some(0.02)));
+        let bus = bench.robot.parameters.joints[KNEE].bus as u8;
+        for _ in 0..1000 {
+            bench.gather();
+            if cut_answers {
+                bench.drop_answers(|f| f.bus == bus);
+            }
+            bench.compute_deaf(&ClientInput::default(), |f| f.bus == bus);
+            motion.take(&bench);
+        }
+        let fault = Event::from_number(bench.cycle.record().fault).unwrap();
+        assert_eq!(
+            fault,
+            match cut_answers {
+                true => Event::JointStale,
+                false => Event::DriveFault,
+            }
+        );
+        run(&mut bench, &mut motion, 300);
+        let record = *bench.cycle.record();
+        assert_eq!(drive_state(&record, KNEE), DriveState::Fault);
+        let status = record.measured.joints[KNEE].status;
+        assert_eq!(status >> 8, DriveError::SetPointTimeOut as u32);
+        recover(&mut bench, &mut motion, fault, "a drive hears nothing");
+    }
+}
+
+#[test]
+fn a_drive_without_control_words_is_only_watched() {
+    let control = "control = { signal = \"CONTROL_B.knee_control\" }\n";
+    let mut bench = bench("leg", &[(control, "")]);
+    let mut motion = Motion::of(&bench);
+    run(&mut bench, &mut motion, 300);
+    assert!(bench.plant.drive_states(KNEE).is_none(), "others switch it");
+    bench.ask(OperatorRequest::Enable);
+    run(&mut bench, &mut motion, 300);
+    let record = *bench.cycle.record();
+    assert_eq!(state(&record), RobotState::Holding);
+    assert_eq!(drive_state(&record, KNEE), DriveState::Enabled);
+    let table = &bench.robot.send;
+    let mut slots = (0..table.message_count()).flat_map(|message| table.slots(message));
+    assert!(slots.all(|slot| slot != slots::control(KNEE)));
+    motion.assert_small("only watched");
+}

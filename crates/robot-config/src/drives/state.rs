@@ -1,0 +1,68 @@
+//! `[drive.NAME.state]`: states of a drive by its status word, and the words that control it.
+
+use crate::reader::{Allowed, Section};
+use robot_state::DriveState;
+use supervisor::{ControlWords, DriveProfile, StatusPattern};
+
+/// One more than the greatest word.
+const WORDS: u64 = 1 << 32;
+
+/// The preset CiA 402, or the words of a table of its own.
+pub(super) fn read(section: Section<'_, '_>, sample_period: f64) -> DriveProfile {
+    let limit_ms = section.number_or("step_time_limit_ms", 500.0, Allowed::Within(1.0, 60_000.0));
+    let step_limit = (limit_ms * 1e-3 / sample_period).ceil().max(1.0) as u32;
+    let cia402 = section.choice_or("profile", false, &[("cia402", true), ("table", false)]);
+    let profile = match cia402 {
+        true => DriveProfile::cia402(step_limit),
+        false => DriveProfile {
+            status: status(&section),
+            control: section.optional_section("control").map(control),
+            step_limit,
+        },
+    };
+    section.finish();
+    profile
+}
+
+fn status(section: &Section<'_, '_>) -> Vec<StatusPattern> {
+    let rows: Vec<_> = section.list("status").into_iter().map(row).collect();
+    if !rows.iter().any(|row| row.state == DriveState::Enabled) {
+        let allowed = "profile = \"cia402\", or a list of rows { state, mask, value }, one of them \
+                       with state = \"enabled\"";
+        section.problem(
+            "status",
+            "no status word stands for an enabled drive",
+            allowed,
+        );
+    }
+    rows
+}
+
+fn row(section: Section<'_, '_>) -> StatusPattern {
+    let states = DriveState::ALL.map(|state| (state.name(), state));
+    // Unknown is where no row fits.
+    let state = section.choice("state", &states[1..]);
+    let [mask, value] = ["mask", "value"].map(|key| section.integer(key, 0..WORDS) as u32);
+    if value & !mask != 0 {
+        section.problem(
+            "value",
+            "has bits outside the mask: no word fits",
+            "bits of the mask",
+        );
+    }
+    section.finish();
+    StatusPattern { mask, value, state }
+}
+
+fn control(section: Section<'_, '_>) -> ControlWords {
+    let word = |key| section.integer(key, 0..WORDS) as u32;
+    let words = ControlWords {
+        prepare: word("prepare"),
+        switch_on: word("switch_on"),
+        enable: word("enable"),
+        disable: word("disable"),
+        reset: word("reset"),
+    };
+    section.finish();
+    words
+}
