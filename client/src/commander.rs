@@ -3,6 +3,7 @@
 use std::thread::sleep;
 use std::time::Duration;
 
+use nix::time::{ClockId, clock_gettime};
 use robot_state::{Mode, Reference};
 
 use crate::channel::{self, ReferenceMessage, Sender};
@@ -75,13 +76,14 @@ impl Commander {
     }
 
     /// Changes the reference and sends it. To be called at least every
-    /// `loop.reference_timeout_ms`: a reference is a lease. `sequence` is counted here.
+    /// `loop.reference_timeout_ms`: a reference is a lease. `sequence` and `sent_ns` are set here.
     ///
     /// # Errors
     /// [`Error::Gone`] if the daemon has ended. [`Error::Transport`].
     pub fn send(&mut self, change: impl FnOnce(&mut Reference)) -> Result<(), Error> {
         change(&mut self.newest);
         self.newest.sequence += 1;
+        self.newest.sent_ns = monotonic_ns();
         let listeners = self
             .references
             .send_copy(ReferenceMessage(self.newest))
@@ -93,6 +95,13 @@ impl Commander {
         }
         Ok(())
     }
+}
+
+fn monotonic_ns() -> u64 {
+    // The clock exists on every Linux; 0 lets the age count from the arrival.
+    clock_gettime(ClockId::CLOCK_MONOTONIC).map_or(0, |t| {
+        t.tv_sec().unsigned_abs() * 1_000_000_000 + t.tv_nsec().unsigned_abs()
+    })
 }
 
 impl Drop for Commander {

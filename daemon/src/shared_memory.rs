@@ -4,7 +4,7 @@
 //! ```text
 //!  loop thread                        publisher thread                clients
 //!  RecordSender ──► ring of records ──────────────────► DaemonPorts ──► every record
-//!  ReferenceReceiver ◄── triple buffer ◄── arrival time ────┘      ◄── references, one client's
+//!  ReferenceReceiver ◄── triple buffer ◄── time of sending ─┘      ◄── references, one client's
 //!  SettingsReceiver ◄─── triple buffer ◄── RequestServer ◄── records ◄─► requests and answers
 //!  OperatorReceiver ◄─── ring ◄───────────────────┘
 //! ```
@@ -88,7 +88,8 @@ pub struct OperatorReceiver {
     requests: Consumer<(OperatorRequest, u64)>,
 }
 
-/// A reference with its time of arrival, ns on `CLOCK_MONOTONIC`; 0: none has arrived yet.
+/// A reference with its time of sending, or of arrival without one, ns on `CLOCK_MONOTONIC`; 0: none
+/// has arrived yet.
 #[derive(Debug, Clone, Default)]
 struct Arrived {
     reference: Reference,
@@ -210,7 +211,7 @@ impl Drop for RecordSender {
 }
 
 impl ReferenceReceiver {
-    /// The newest reference and its time of arrival, ns on `CLOCK_MONOTONIC`; as the client sent it,
+    /// The newest reference and its time of sending, ns on `CLOCK_MONOTONIC`; as the client sent it,
     /// unchecked. `None` until the first has arrived. Neither waits nor allocates nor calls the
     /// system.
     pub fn latest(&mut self) -> Option<(&Reference, u64)> {
@@ -324,9 +325,18 @@ impl Publisher {
         if let Ok(Some(reference)) = received {
             self.arrived.write(Arrived {
                 reference,
-                at_ns: monotonic_ns(),
+                at_ns: sent_at(&reference, monotonic_ns()),
             });
         }
+    }
+}
+
+/// The instant from which a reference's age counts: that of its sending, so that time which it has
+/// waited for this thread counts too; that of its arrival if the client's clock is ahead.
+fn sent_at(reference: &Reference, arrival_ns: u64) -> u64 {
+    match reference.sent_ns {
+        0 => arrival_ns,
+        sent_ns => sent_ns.min(arrival_ns),
     }
 }
 

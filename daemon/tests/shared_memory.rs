@@ -122,7 +122,7 @@ fn a_full_ring_refuses_and_counts_but_does_not_wait() {
 }
 
 #[test]
-fn references_come_with_their_time_of_arrival() {
+fn references_come_with_their_time_of_sending() {
     let dir = Daemon::new();
     let ends = dir.start();
     let (mut sender, mut references) = (ends.records, ends.references);
@@ -143,6 +143,10 @@ fn references_come_with_their_time_of_arrival() {
         newest.filter(|(r, _)| r.mode == Mode::Torque.number())
     });
     assert!((before..=monotonic_ns()).contains(&first_ns));
+    assert_eq!(
+        first_ns, reference.sent_ns,
+        "its way to the loop counts as age"
+    );
     assert_eq!(reference.mode, Mode::Torque.number());
     assert_eq!(
         reference.joints[2].tau_d.to_bits(),

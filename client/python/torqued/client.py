@@ -287,6 +287,7 @@ class Commander:
         if change is not None:
             change(self.reference)
         self.reference.sequence += 1
+        self.reference.sent_ns = time.monotonic_ns()
         sample = self._references.loan_uninit().write_payload(self.reference)
         if sample.send() == 0:
             raise NoDaemonError("references have no receiver; torqued has stopped or was killed")

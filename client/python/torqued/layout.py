@@ -491,11 +491,13 @@ class JointReference(ctypes.Structure):
 
 
 class Reference(ctypes.Structure):
-    """2456 bytes."""
+    """2464 bytes."""
 
     _fields_ = [
         # Count of the client's references, this one included.
         ("sequence", ctypes.c_uint64),
+        # Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts from it. 0: from its arrival.
+        ("sent_ns", ctypes.c_uint64),
         # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics.
         ("mode", ctypes.c_uint32),
         # Joints in use; must equal the robot's.
@@ -569,6 +571,6 @@ class Answer(ctypes.Structure):
 # The types' names in shared memory: the layout's hash makes another version a stranger.
 SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#94b414d35685762b")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#f4e3676ca68315e3")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#b32aab7aa4d3f9e2")
 Request.type_name = staticmethod(lambda: "torqued::Request#af8ef29983f4bb97")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

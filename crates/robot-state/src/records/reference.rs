@@ -62,6 +62,9 @@ record! {
     pub struct Reference {
         /// Count of the client's references, this one included.
         pub sequence: u64,
+        /// Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts
+        /// from it. 0: from its arrival.
+        pub sent_ns: u64,
         /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics.
         pub mode: u32,
         /// Joints in use; must equal the robot's.
