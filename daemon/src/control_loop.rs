@@ -58,7 +58,7 @@ impl<B: Bus> ControlLoop<B> {
     }
 
     /// Runs the cycle that begins with `wake`.
-    pub fn run_cycle(&mut self, wake: &WakeReport, wanted: &ClientInput<'_>) -> &SharedRecord {
+    pub fn run_cycle(&mut self, wake: &WakeReport, input: &ClientInput<'_>) -> &SharedRecord {
         let started = monotonic_ns();
         self.rx.clear();
         self.tx.clear();
@@ -76,7 +76,7 @@ impl<B: Bus> ControlLoop<B> {
             now: Stamp(self.bus.now_ns()),
         };
         self.note_events(wake, self.sync.len().saturating_sub(synced));
-        let record = self.cycle.step(at, &self.rx, wanted, &mut self.tx);
+        let record = self.cycle.step(at, &self.rx, input, &mut self.tx);
         self.record.cycle = *record;
         let computed = monotonic_ns();
 
@@ -88,12 +88,12 @@ impl<B: Bus> ControlLoop<B> {
         &self.record
     }
 
-    /// The bus, to look at.
+    /// The bus.
     pub fn bus(&self) -> &B {
         &self.bus
     }
 
-    /// The bus, to meddle with.
+    /// The bus, mutable.
     pub fn bus_mut(&mut self) -> &mut B {
         &mut self.bus
     }

@@ -125,13 +125,13 @@ impl<B: Bus> Looper<B> {
                 break;
             }
             let arrived = self.clients.references.latest().filter(|_| was_running);
-            let wanted = ClientInput {
+            let input = ClientInput {
                 reference: arrived.map(|(reference, _)| reference),
                 age_s: arrived.map_or(0.0, |(_, at)| wake.woke_ns.saturating_sub(at) as f64 * 1e-9),
                 settings: Some(self.clients.settings.latest()),
                 request: request.or(operator.filter(|_| was_running)),
             };
-            let record = self.control_loop.run_cycle(&wake, &wanted);
+            let record = self.control_loop.run_cycle(&wake, &input);
             self.clients.records.send(record);
             timing.take(&record.timing);
             self.status.show(record);
