@@ -27,6 +27,7 @@ use robot_state::{Answer, Description, Layout, Reference, Request, SharedRecord,
 
 use crate::error::Error;
 use crate::location::Location;
+use crate::room;
 
 /// Time limit of retries with back-off: dead processes are being cleaned up, or another process is
 /// just creating the same service.
@@ -187,6 +188,7 @@ pub(crate) fn service_name<M: Message>(robot: &str) -> String {
 /// processes that died.
 pub(crate) fn create_node(location: &Location) -> Result<Node<Transport>, Error> {
     let config = location.config()?;
+    room::check()?;
     retry(RETRY_FOR, || {
         NodeBuilder::new()
             .config(&config)
@@ -271,7 +273,10 @@ pub(crate) fn sender<M: Message>(
         created
     });
     match created {
-        Ok(sender) => Ok(Some(sender)),
+        Ok(sender) => {
+            room::reserve(node)?;
+            Ok(Some(sender))
+        }
         Err(PublisherCreateError::ExceedsMaxSupportedPublishers) => Ok(None),
         Err(e) => Err(Error::transport(service.name(), "publish on", &e)),
     }
@@ -292,14 +297,16 @@ pub(crate) fn receiver<M: Message>(
     node: &Node<Transport>,
     service: &Channel<M>,
 ) -> Result<Receiver<M>, Error> {
-    retry(RETRY_FOR, || {
+    let created = retry(RETRY_FOR, || {
         let created = service.subscriber_builder().create();
         if created.is_err() {
             node.try_cleanup_dead_nodes();
         }
         created
     })
-    .map_err(|e| Error::transport(service.name(), "subscribe to", &e))
+    .map_err(|e| Error::transport(service.name(), "subscribe to", &e))?;
+    room::reserve(node)?;
+    Ok(created)
 }
 
 /// The error where no daemon offers `service`.

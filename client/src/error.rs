@@ -17,6 +17,18 @@ pub enum Error {
         /// The defect.
         reason: String,
     },
+    /// Shared memory is full.
+    #[error(
+        "shared memory is full: {needed} bytes are needed in /dev/shm, {free} are free; remove \
+             files in /dev/shm that no process uses, or make it larger: \
+             `mount -o remount,size=256M /dev/shm`"
+    )]
+    NoRoom {
+        /// Bytes that are free.
+        free: u64,
+        /// Bytes that are needed.
+        needed: u64,
+    },
     /// No daemon runs for that robot.
     #[error(
         "no torqued runs robot \"{robot}\": service {service} was not offered in {run_dir} for \

@@ -26,6 +26,7 @@ mod error;
 mod location;
 mod python_layout;
 mod requests;
+mod room;
 
 pub use client::{Client, Record};
 pub use commander::Commander;

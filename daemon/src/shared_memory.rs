@@ -15,6 +15,8 @@
 //! the loop a system call; so a record or a reference is late by half a millisecond at most, on
 //! an idle machine.
 
+mod bus_error;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
@@ -45,6 +47,8 @@ const OPERATOR_EXPIRY_NS: u64 = 200_000_000;
 const POLL: Duration = Duration::from_micros(500);
 /// Most requests begun in one round: a flood of requests takes no more of the thread's time.
 const REQUESTS: usize = 4;
+/// Longest time for the publisher thread to end.
+const JOIN_LIMIT: Duration = Duration::from_secs(2);
 /// Period of the cleaning up after dead clients.
 const CLEANUP_INTERVAL: Duration = Duration::from_millis(250);
 
@@ -68,6 +72,8 @@ pub struct RecordSender {
     shared: Arc<Shared>,
     overflow: u64,
     publisher: Option<JoinHandle<()>>,
+    /// The publisher thread was parked at a SIGBUS.
+    parked: &'static AtomicBool,
 }
 
 /// The loop's end for references.
@@ -132,6 +138,8 @@ pub fn start_at(
     let (input, settings) = triple_buffer::triple_buffer(server.settings());
     let (operator, requests) = RingBuffer::new(OPERATOR_RING);
     let shared = Arc::new(Shared::default());
+    // For good: a thread that is parked is never left.
+    let parked: &'static AtomicBool = Box::leak(Box::default());
     let publisher = Publisher {
         ports,
         server,
@@ -146,6 +154,7 @@ pub fn start_at(
         .name("publisher".to_owned())
         .spawn(move || {
             run_as_ordinary_thread();
+            bus_error::park_this_thread(parked);
             let _ = started.send(());
             publisher.run();
         })
@@ -160,6 +169,7 @@ pub fn start_at(
             shared,
             overflow: 0,
             publisher: Some(publisher),
+            parked,
         },
         references: ReferenceReceiver { references },
         settings: SettingsReceiver { settings },
@@ -204,8 +214,13 @@ impl Drop for RecordSender {
     /// Publishes the records left in the ring, then removes the robot's services.
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Release);
-        if let Some(publisher) = self.publisher.take() {
-            let _ = publisher.join();
+        let until = Instant::now() + JOIN_LIMIT;
+        while let Some(publisher) = &self.publisher {
+            let given_up = self.parked.load(Ordering::Acquire) || Instant::now() > until;
+            if publisher.is_finished() || given_up {
+                return;
+            }
+            thread::sleep(POLL);
         }
     }
 }

@@ -15,4 +15,4 @@ from .client import (
     text,
 )
 from .layout import *  # noqa: F403  the records and their enumerations
-from .location import RunDirectoryError, run_dir
+from .location import NoRoomError, RunDirectoryError, run_dir

@@ -76,6 +76,7 @@ class Client:
         #: Names and constants of the robot.
         self.description = description
         self._records = self._open("state", SharedRecord, until).subscriber_builder().create()
+        location.reserve(self._run_dir)
 
     @property
     def joint_names(self) -> list[str]:
@@ -147,6 +148,7 @@ class Client:
         # The answers' receiver is opened first, so that none is missed.
         answers = self._open("answer", Answer, time.monotonic()).subscriber_builder().create()
         requests = self._open("request", Request, time.monotonic()).publisher_builder().create()
+        location.reserve(self._run_dir)
         try:
             asked = Request(id=secrets.randbits(64), kind=kind, fault=fault)
             name = contact_set.encode()[: ctypes.sizeof(asked.contact_set)]

@@ -1,11 +1,21 @@
 """Where daemon and clients meet; the same rules as the Rust client's `Location`."""
 
+import errno
 import os
 from pathlib import Path
 
 import iceoryx2 as iox2
 
 SYSTEM_DIR = "/run/torqued"
+
+
+SHARED_MEMORY = "/dev/shm"
+# Bytes that a client needs there while it connects.
+CONNECTING = 1 << 20
+
+
+class NoRoomError(RuntimeError):
+    """Shared memory is full."""
 
 
 class RunDirectoryError(RuntimeError):
@@ -41,10 +51,49 @@ def config(path: Path) -> iox2.config.Config:
         raise RunDirectoryError(
             _advice(path, f"belongs to user {owner}, this program runs as {os.geteuid()}")
         )
+    check_room()
     settings = iox2.config.default()
     settings.global_cfg.root_path = iox2.Path.new(str(path))
     settings.global_cfg.prefix = iox2.FileName.new(_prefix(path))
     return settings
+
+
+def check_room() -> None:
+    """Raises `NoRoomError` where shared memory is full: a process that touches it then is ended by
+    SIGBUS."""
+    try:
+        status = os.statvfs(SHARED_MEMORY)
+    except OSError:
+        return
+    free = status.f_bavail * status.f_frsize
+    # A tmpfs without a limit has no size.
+    if status.f_blocks != 0 and free < CONNECTING:
+        raise NoRoomError(
+            f"shared memory is full: {CONNECTING} bytes are needed in {SHARED_MEMORY}, {free} are "
+            f"free; remove files there that no process uses, or make it larger: "
+            f"`mount -o remount,size=256M {SHARED_MEMORY}`"
+        )
+
+
+def reserve(path: Path) -> None:
+    """Gives memory to all files of that run directory, or raises `NoRoomError`."""
+    prefix = _prefix(path.resolve())
+    for name in os.listdir(SHARED_MEMORY):
+        if not name.startswith(prefix):
+            continue
+        # Other processes remove theirs meanwhile; files that cannot be written are complete.
+        try:
+            file = os.open(f"{SHARED_MEMORY}/{name}", os.O_RDWR)
+        except OSError:
+            continue
+        try:
+            if size := os.fstat(file).st_size:
+                os.posix_fallocate(file, 0, size)
+        except OSError as e:
+            if e.errno in (errno.ENOSPC, errno.ENOMEM):
+                raise NoRoomError(f"shared memory is full: {size} bytes more are needed") from e
+        finally:
+            os.close(file)
 
 
 def _prefix(path: Path) -> str:
