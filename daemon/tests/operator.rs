@@ -162,7 +162,7 @@ fn done(result: Result<Answer, Error>) -> String {
 }
 
 /// How long references are sent at least, so that the daemon sees some of them.
-const SEEN: Duration = Duration::from_millis(20);
+const SEEN: Duration = Duration::from_millis(200);
 
 /// Asks for the mode at the pose of the record, until the robot is in `state`.
 fn command(client: &mut Client, commander: &mut Commander, mode: Mode, state: RobotState) {

@@ -340,7 +340,10 @@ fn waits_for_the_loop_and_for_drives_have_limits_and_name_what_they_wait_for() {
     let working = server.advance(at(900)).expect("an answer");
     let text = working.text.as_str();
     assert_eq!(working.status, answer_status::WORKING);
-    assert!(text.ends_with("switched on: ankle_roll"), "{text}");
+    assert!(
+        text.ends_with("switched on: ankle_roll (bus b, drive unknown)"),
+        "{text}"
+    );
     let ended = server.advance(at(9000)).expect("an answer");
     let text = ended.text.as_str();
     assert_eq!(ended.status, answer_status::REFUSED);

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use cycle::OperatorRequest;
 use robot_config::Parameters;
 use robot_state::{
-    CycleRecord, Event, JointCommanded, JointMeasured, Request, RobotState, command_flags, refusal,
-    request,
+    CycleRecord, DriveState, Event, JointCommanded, JointMeasured, Request, RobotState,
+    command_flags, refusal, request,
 };
 
 use super::PROGRESS;
@@ -192,7 +192,7 @@ fn reached(parameters: &Parameters, request: OperatorRequest, record: &CycleReco
         }
         (OperatorRequest::Enable, RobotState::Enabling) => Waiting(format!(
             "drives are being switched on: {}",
-            names(parameters, record, |_, commanded| !engaged(commanded))
+            drives(parameters, record, |commanded| !engaged(commanded))
         )),
         (OperatorRequest::Enable, RobotState::Fault) => {
             let cause = Event::from_number(record.fault).map_or("", Event::cause);
@@ -200,7 +200,7 @@ fn reached(parameters: &Parameters, request: OperatorRequest, record: &CycleReco
                 "fault {} ended enabling: {cause} Not enabled: {}. Next: mend the cause, then \
                  `torquectl acknowledge`",
                 fault(),
-                names(parameters, record, |_, commanded| !engaged(commanded))
+                drives(parameters, record, |commanded| !engaged(commanded))
             ))
         }
         (OperatorRequest::Enable, RobotState::Stopping) => Waiting(moving(parameters, record)),
@@ -345,6 +345,23 @@ fn moves(joint: &JointMeasured) -> bool {
 
 fn engaged(joint: &JointCommanded) -> bool {
     joint.flags & command_flags::ENGAGED != 0
+}
+
+/// The joints whose drives are so, with the drives' states.
+fn drives(
+    parameters: &Parameters,
+    record: &CycleRecord,
+    so: impl Fn(&JointCommanded) -> bool,
+) -> String {
+    let joints = parameters.joints.iter().zip(&record.commanded.joints);
+    let drives = joints.filter(|(_, commanded)| so(commanded));
+    let drives = drives.map(|(joint, commanded)| {
+        let state = DriveState::from_number(commanded.drive_state).unwrap_or_default();
+        let bus = parameters.buses.get(joint.bus);
+        let bus = bus.map_or("?", |bus| bus.name.as_str());
+        format!("{} (bus {bus}, drive {})", joint.name, state.name())
+    });
+    drives.collect::<Vec<_>>().join(", ")
 }
 
 /// The names of the joints that are so.
