@@ -198,7 +198,13 @@ pub(crate) fn create_node(location: &Location) -> Result<Node<Transport>, Error>
     })
     .map_err(|e| Error::RunDirectory {
         path: location.path().to_owned(),
-        reason: format!("no node can be created in it ({e:?})"),
+        reason: match room::foreign_file(location) {
+            Some((file, user)) => format!(
+                "user {user} has made {}, a name that belongs to this directory",
+                file.display()
+            ),
+            None => format!("no node can be created in it ({e:?})"),
+        },
     })
 }
 

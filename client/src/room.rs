@@ -5,6 +5,8 @@
 //! has the kernel give them all their memory at once, and is refused where that is not there.
 
 use std::fs::OpenOptions;
+use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
 
 use iceoryx2::prelude::*;
 use nix::errno::Errno;
@@ -13,6 +15,7 @@ use nix::sys::statvfs::statvfs;
 
 use crate::channel::Transport;
 use crate::error::Error;
+use crate::location::Location;
 
 const SHARED_MEMORY: &str = "/dev/shm";
 /// Room for the small files that a process makes while it connects, bytes.
@@ -58,6 +61,19 @@ pub(crate) fn reserve(node: &Node<Transport>) -> Result<(), Error> {
     Ok(())
 }
 
+/// A file of another user among those of the run directory, with that user's number: such names
+/// are free to all users.
+pub(crate) fn foreign_file(location: &Location) -> Option<(PathBuf, u32)> {
+    let owner = std::fs::metadata(location.path()).ok()?.uid();
+    let prefix = location.shared_memory_prefix();
+    let mut files = std::fs::read_dir(SHARED_MEMORY).ok()?.flatten();
+    files.find_map(|file| {
+        let user = file.metadata().ok()?.uid();
+        let ours = file.file_name().to_string_lossy().starts_with(&prefix);
+        (ours && user != owner).then(|| (file.path(), user))
+    })
+}
+
 fn fill(file: &std::fs::File, needed: u64) -> Result<(), Error> {
     loop {
         match posix_fallocate(file, 0, needed as i64) {
@@ -69,6 +85,30 @@ fn fill(file: &std::fs::File, needed: u64) -> Result<(), Error> {
             }
             // A file system that cannot: as before.
             _ => return Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use test_support::TemporaryDirectory;
+
+    #[test]
+    fn a_file_of_another_user_is_named() {
+        const OTHER: u32 = 65_534;
+        let directory = TemporaryDirectory::new();
+        let location = Location::at(directory.path()).expect("a run directory");
+        let name = format!("{}squatted", location.shared_memory_prefix());
+        let path = PathBuf::from(SHARED_MEMORY).join(name);
+        std::fs::write(&path, "").expect("written");
+        assert_eq!(foreign_file(&location), None);
+        let given = std::os::unix::fs::chown(&path, Some(OTHER), None);
+        let found = foreign_file(&location);
+        std::fs::remove_file(&path).expect("removed");
+        match given {
+            Ok(()) => assert_eq!(found, Some((path, OTHER))),
+            Err(_) => println!("skipped: only root gives files away"),
         }
     }
 }
