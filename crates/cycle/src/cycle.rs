@@ -88,6 +88,9 @@ impl Cycle {
         }
         self.supervisor.publish_drives(commanded);
         (self.emit).update(&self.command, self.supervisor.drives(), tx, counts);
+        if self.supervisor.take_acknowledgement() {
+            self.measure.restart_distrusted();
+        }
 
         let record = &mut self.record;
         record.sequence += 1;

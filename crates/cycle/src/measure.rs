@@ -163,6 +163,17 @@ impl Measure {
         &self.short
     }
 
+    /// Joints whose encoders contradicted each other are to prove themselves anew.
+    pub(crate) fn restart_distrusted(&mut self) {
+        let joints = self.plausibility.iter_mut().zip(&mut self.front_ends);
+        for (plausibility, front_end) in joints {
+            if plausibility.trust() == Trust::Implausible {
+                plausibility.restart();
+                front_end.reset();
+            }
+        }
+    }
+
     /// What the measured values of this cycle allow.
     pub(crate) fn readiness(&self) -> Readiness<'_> {
         let unready = measured_flags::NEVER | measured_flags::SETTLING;

@@ -5,7 +5,7 @@
 //! is wrong, and nobody knows which: such a sample is not used. A joint is plausible after a
 //! number of good samples in a row, and implausible after a number of bad ones, so that one
 //! corrupt frame neither starts nor stops a robot. An encoder that has slipped makes its joint
-//! implausible until the daemon starts anew with encoders that have been looked after.
+//! implausible until an operator, who has looked after it, acknowledges the fault.
 
 /// What makes a sample plausible.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -192,6 +192,11 @@ impl Plausibility {
     #[must_use]
     pub fn explains(&self, torsion: f64) -> bool {
         torsion.abs() <= self.parameters.torsion
+    }
+
+    /// Begins anew, as after a start.
+    pub fn restart(&mut self) {
+        *self = Self::new(self.parameters);
     }
 
     /// The trust after the last sample.

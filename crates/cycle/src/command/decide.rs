@@ -90,6 +90,7 @@ pub(crate) struct Supervisor {
     cycles_since: f64,
     requests: u32,
     refusal: u32,
+    acknowledged: bool,
 }
 
 impl Supervisor {
@@ -115,6 +116,7 @@ impl Supervisor {
             cycles_since: 0.0,
             requests: 0,
             refusal: 0,
+            acknowledged: false,
         }
     }
 
@@ -134,6 +136,11 @@ impl Supervisor {
     /// The latched fault's number, or 0.
     pub(crate) fn fault_number(&self) -> u32 {
         self.machine.fault().map_or(0, Event::number)
+    }
+
+    /// An operator has just acknowledged the fault. To be asked once a cycle.
+    pub(crate) fn take_acknowledgement(&mut self) -> bool {
+        std::mem::take(&mut self.acknowledged)
     }
 
     /// Requests so far, and why the last one was refused (0: it was carried out).
@@ -159,6 +166,8 @@ impl Supervisor {
         if let Some(request) = client.request {
             self.requests = self.requests.wrapping_add(1);
             self.carry_out(request);
+            let acknowledges = matches!(request, OperatorRequest::Acknowledge(_));
+            self.acknowledged = acknowledges && self.refusal == 0;
         }
         if let Some(event) = self.machine.update(&self.conditions) {
             self.report(event, counts);
