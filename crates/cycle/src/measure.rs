@@ -197,7 +197,7 @@ impl Measure {
         measured: &mut MeasuredRecord,
         counts: &mut Counts,
     ) {
-        self.reception.decode(rx, counts);
+        self.reception.decode(rx, at.now, counts);
         self.bridge_skipped(at.sync, &mut measured.joints);
         self.read_joints(at, &mut measured.joints, counts);
         self.take_offsets(settings);

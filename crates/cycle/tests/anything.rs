@@ -35,7 +35,7 @@ fn any_reference(random: &mut Random, record: &CycleRecord) -> Reference {
         contact_wrench_given: random.bits() as u32 % 2,
         ..Reference::default()
     };
-    let near = random.below(2) == 0;
+    let near = random.below(20) > 0;
     for j in 0..MAX_JOINTS.min(record.joint_count as usize) {
         let joint = &mut reference.joints[j];
         joint.q_d = record.measured.joints[j].q;
@@ -51,12 +51,12 @@ fn any_reference(random: &mut Random, record: &CycleRecord) -> Reference {
 }
 
 fn any_request(random: &mut Random, record: &CycleRecord) -> Option<OperatorRequest> {
-    Some(match random.below(60) {
+    Some(match random.below(600) {
         0 => OperatorRequest::Disable,
         1 => OperatorRequest::Stop,
-        2..6 => OperatorRequest::Enable,
-        6..10 => OperatorRequest::Acknowledge(record.fault),
-        10 => OperatorRequest::Acknowledge(random.bits() as u32),
+        2..40 => OperatorRequest::Enable,
+        40..80 => OperatorRequest::Acknowledge(record.fault),
+        80 => OperatorRequest::Acknowledge(random.bits() as u32),
         _ => return None,
     })
 }

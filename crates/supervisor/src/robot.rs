@@ -236,14 +236,15 @@ impl RobotMachine {
         self.waited = self.waited.saturating_add(1);
         let mut wrong = None;
         for (engaged, joint) in self.engaged.iter_mut().zip(joints) {
-            if *engaged && joint.stale {
+            let in_use = *engaged || self.state == S::Enabling;
+            if in_use && joint.stale {
                 // Where it stands when it comes back is not where it stood.
                 *engaged = false;
                 wrong = Some(Event::JointStale);
             } else if *engaged && !joint.drive_enabled {
                 *engaged = false;
                 wrong = wrong.or(Some(Event::DriveLost));
-            } else if *engaged && !joint.usable {
+            } else if in_use && !joint.usable {
                 wrong = wrong.or(Some(Event::EncoderImplausible));
             }
         }

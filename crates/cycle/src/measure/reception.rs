@@ -6,7 +6,7 @@ use robot_state::{Event, measured_flags};
 
 use super::align::OVERDUE;
 use crate::events::Counts;
-use crate::time::{Instants, SECONDS_PER_NS};
+use crate::time::{Instants, SECONDS_PER_NS, Stamp};
 
 /// Error of a frame's stamp against the instant of SYNC, ns: both are read on one clock, but by
 /// kernel and process.
@@ -82,7 +82,7 @@ impl Reception {
     }
 
     /// Takes the frames of one cycle.
-    pub(crate) fn decode(&mut self, rx: &Frames, counts: &mut Counts) {
+    pub(crate) fn decode(&mut self, rx: &Frames, now: Stamp, counts: &mut Counts) {
         self.fresh.fill(false);
         counts.add_many(Event::ReceiveOverflow, rx.overflow());
         for frame in rx {
@@ -90,7 +90,7 @@ impl Reception {
                 counts.add(Event::BusErrorFrame);
                 continue;
             }
-            if self.is_older(frame) {
+            if self.is_older(frame, now) {
                 counts.add(Event::FrameOutOfOrder);
                 continue;
             }
@@ -100,7 +100,8 @@ impl Reception {
                         *fresh = true;
                     }
                     if let Some(stamp) = self.stamps.get_mut(message) {
-                        *stamp = Some(frame.stamp_ns);
+                        // A clock that was set back must not make later frames look old.
+                        *stamp = Some(frame.stamp_ns.min(now.0));
                     }
                 }
                 Ok(None) => {}
@@ -111,10 +112,10 @@ impl Reception {
     }
 
     /// The frame was received before one of the same message that has been taken already.
-    fn is_older(&self, frame: &Frame) -> bool {
+    fn is_older(&self, frame: &Frame, now: Stamp) -> bool {
         let message = self.table.classify(frame);
         let last = message.and_then(|m| self.stamps.get(m).copied().flatten());
-        last.is_some_and(|last| frame.stamp_ns < last)
+        last.is_some_and(|last| last <= now.0 && frame.stamp_ns < last)
     }
 
     /// The source's sample of this cycle.
