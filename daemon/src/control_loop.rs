@@ -98,6 +98,14 @@ impl<B: Bus> ControlLoop<B> {
         &mut self.bus
     }
 
+    /// Waits at most so long for answers to the last SYNC that had not come in time; returns the
+    /// number of frames received since the start.
+    pub fn receive_late(&mut self, longest_ns: u64) -> u64 {
+        self.rx.clear();
+        self.receive_until(self.bus.now_ns() + longest_ns);
+        self.bus.counters().received
+    }
+
     fn receive_until(&mut self, until_ns: u64) {
         self.bus.receive(
             &mut self.rx,

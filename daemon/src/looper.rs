@@ -48,6 +48,9 @@ impl Status {
     }
 }
 
+/// Longest wait, after the last cycle, for answers that are still on their way, ns.
+const LATE_ANSWERS_NS: u64 = 20_000_000;
+
 /// What the loop leaves behind.
 #[derive(Debug)]
 pub struct Outcome {
@@ -138,6 +141,7 @@ impl<B: Bus> Looper<B> {
             last = *record;
         }
         let after = page_faults();
+        last.timing.frames_received = self.control_loop.receive_late(LATE_ANSWERS_NS);
         Outcome {
             record: last,
             page_faults: PageFaults {

@@ -43,6 +43,7 @@ def test_unknown_frames_are_counted_and_change_nothing(leg):
 
 def test_robot_without_answers_is_a_latched_fault(leg):
     with simulator(leg) as sim, daemon(leg) as torqued:
+        torqued.wait_for("state: holding")
         sim.send(signal.SIGSTOP)
         torqued.wait_for("FAULT 104 joint_stale")
         sim.send(signal.SIGCONT)
