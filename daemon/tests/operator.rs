@@ -49,6 +49,10 @@ struct Daemon {
 
 impl Daemon {
     fn start(test: &str, robot: Robot) -> Self {
+        Self::start_unplugged(test, robot, false)
+    }
+
+    fn start_unplugged(test: &str, robot: Robot, unplugged: bool) -> Self {
         let name = format!("torqued-operator-{}-{test}", std::process::id());
         let path: PathBuf = std::env::temp_dir().join(name);
         let run = Location::at(path).expect("a run directory");
@@ -64,7 +68,7 @@ impl Daemon {
         };
         let server = server.expect("a request server");
         let mut ends = shared_memory::start_at(&run, &description, server).expect("ends");
-        let [stop, unplugged] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+        let [stop, unplugged] = [false, unplugged].map(|set| Arc::new(AtomicBool::new(set)));
         let (stopped, lost) = (Arc::clone(&stop), Arc::clone(&unplugged));
         let thread = thread::spawn(move || {
             let clock = VirtualClock::new();
@@ -226,22 +230,32 @@ fn an_operator_goes_the_whole_way() {
         why.contains("104 joint_stale is latched, not 403 command_not_finite"),
         "{why}"
     );
+    // Its drives could not be switched off without an answer: no other fault follows once they can.
+    daemon.unplug(false);
     let text = done(client.acknowledge(fault));
     assert!(
         text.contains("fault 104 joint_stale is acknowledged"),
         "{text}"
     );
-    let boot = wait_for(&mut client, RobotState::Boot);
-    assert_eq!(engaged(&boot), 0);
-    let why = reason(client.enable());
-    assert!(why.contains("joint `knee` has sent no sample"), "{why}");
     let why = reason(client.acknowledge(fault));
     assert!(why.contains("no fault is latched"), "{why}");
 
-    daemon.unplug(false);
-    wait_for(&mut client, Ready);
+    assert_eq!(engaged(&wait_for(&mut client, Ready)), 0);
     client.enable().expect("enabled after the fault");
     assert_eq!(engaged(&wait_for(&mut client, Holding)), JOINTS);
+}
+
+#[test]
+fn a_joint_that_has_never_answered_is_named() {
+    let daemon = Daemon::start_unplugged("never", leg(|text| text), true);
+    let mut client = daemon.client();
+    assert_eq!(engaged(&wait_for(&mut client, RobotState::Boot)), 0);
+    let why = reason(client.enable());
+    assert!(why.contains("the robot is in state boot"), "{why}");
+    assert!(why.contains("joint `knee` has never answered"), "{why}");
+    daemon.unplug(false);
+    wait_for(&mut client, RobotState::Ready);
+    client.enable().expect("enabled");
 }
 
 #[test]
