@@ -67,7 +67,10 @@ def test_nothing_happened(torqued):
 def test_no_frame_is_lost(torqued, results):
     sim = json.loads((results / "sim.json").read_text())
     assert torqued["frames_received"] == sim["frames_sent"] == 8 * CYCLES
-    assert torqued["frames_sent"] == sim["frames_received"] == 4 * CYCLES
+    assert torqued["frames_sent"] == sim["frames_received"]
+    # 2 SYNC frames in every cycle; 2 frames of set-points while the robot is enabled, which it is
+    # but for its start and its end; control words where drives change their state, and seldom else.
+    assert 3.8 * CYCLES < torqued["frames_sent"] < 4.1 * CYCLES
 
 
 def test_loop_calls_only_timer_and_bus(results):

@@ -126,12 +126,18 @@ impl Limiter {
         } else {
             0.0
         };
-        self.last_torque = torque;
-        self.last = match self.actuation {
-            Actuation::Position { k_tau, .. } => {
-                motion.q + (k_tau * torque).clamp(-self.limits.lead, self.limits.lead)
+        (self.last, self.last_torque) = match self.actuation {
+            Actuation::Position {
+                k_tau, k_tau_motor, ..
+            } => {
+                let lead = (k_tau * torque).clamp(-self.limits.lead, self.limits.lead);
+                let command = motion.q + lead;
+                // By the motor side, as every later torque: the two differ by the gear's model.
+                (command, (command - motion.theta) / k_tau_motor)
             }
-            Actuation::Current { k_1, current, .. } => (torque / k_1).clamp(-current, current),
+            Actuation::Current { k_1, current, .. } => {
+                ((torque / k_1).clamp(-current, current), torque)
+            }
         };
         self.last
     }
