@@ -12,7 +12,7 @@ use plant::{CanRobot, Readings, SimParameters, SimRobot, Truth};
 use robot_config::Robot;
 use robot_state::Wrench;
 use std::f64::consts::TAU;
-use test_support::read_project_file;
+use test_support::{read_project_file, read_with_drives_always_on};
 use whole_body::{
     ContactKind, ContactParameters, FtConditioning, FtSensorParameters, Hypothesis, ImuParameters,
     MotionSource, Place, Residual, Weighting, WholeBodyInput, WholeBodyParameters,
@@ -79,7 +79,7 @@ pub(crate) const CHEST: &str = "chest_pitch_link";
 
 /// The humanoid's configuration.
 pub(crate) fn config() -> Robot {
-    robot_config::load("config/humanoid/robot.toml", &read_project_file).unwrap()
+    robot_config::load("config/humanoid/robot.toml", &read_with_drives_always_on).unwrap()
 }
 
 /// Its model with a free base.
