@@ -121,7 +121,7 @@ fn obstacles<'a>(
     })
 }
 
-/// What the operator may do now.
+/// Next step of the operator.
 fn next_step(description: &Description, cycle: &CycleRecord) -> &'static str {
     let blocked = obstacles(description, cycle).next().is_some();
     match RobotState::from_number(cycle.state) {

@@ -62,7 +62,7 @@ impl<B: Bus> ControlLoop<B> {
         let started = monotonic_ns();
         self.rx.clear();
         self.tx.clear();
-        // What came too late for the cycle before must not pass for an answer to this SYNC.
+        // Frames that came too late for the last cycle must not pass for answers to this SYNC.
         self.receive_until(0);
         self.gather.begin();
         // Before it is sent: the first answer may be stamped before `send` returns.

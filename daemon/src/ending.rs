@@ -4,7 +4,7 @@
 //!  running ──end asked for: Stop──► stopping ──at rest, or time over: Disable──► disabling ──► over
 //! ```
 //!
-//! From `stopping` on no client is followed and no other request is carried out. A second signal
+//! From `stopping` on, no client is followed and no other request is carried out. A second signal
 //! changes nothing, and neither does a fault: the limits are counted in cycles since the first.
 
 use robot_state::{CycleRecord, RobotState};
@@ -12,7 +12,7 @@ use supervisor::OperatorRequest;
 
 /// |dq| below which a joint of a robot in a fault counts as at rest, rad/s.
 const REST: f64 = 0.05;
-/// Time in which drives are sent what switches them off, s.
+/// Time for which control words that switch the drives off are sent, s.
 const DISABLE_S: f64 = 0.1;
 
 /// The phases of the loop's end.
@@ -24,7 +24,7 @@ enum Phase {
     Over,
 }
 
-/// Leads the loop to its end.
+/// State machine of the loop's controlled end.
 #[derive(Debug, Clone)]
 pub struct Ending {
     phase: Phase,
@@ -47,7 +47,7 @@ impl Ending {
         }
     }
 
-    /// Cycles that the end takes where the robot is at rest.
+    /// Cycles that the end takes if the robot is at rest.
     #[must_use]
     pub fn least_cycles(&self) -> u64 {
         self.disable_cycles + 1
@@ -79,20 +79,21 @@ impl Ending {
         }
     }
 
-    /// Clients are followed, and their requests carried out.
+    /// Whether clients are followed and their requests carried out.
     #[must_use]
     pub fn is_running(&self) -> bool {
         self.phase == Phase::Running
     }
 
-    /// No further cycle is to be run.
+    /// Whether the end is over: no further cycle is to be run.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.phase == Phase::Over
     }
 }
 
-/// A robot in a fault may still be braking; in all other states the state machine knows.
+/// Whether the robot is at rest. In a fault it may still be braking; in all other states the state
+/// machine knows.
 fn is_at_rest(record: &CycleRecord) -> bool {
     let joints = record.measured.joints.iter();
     match RobotState::from_number(record.state) {

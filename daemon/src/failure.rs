@@ -5,7 +5,7 @@ use std::fmt::Display;
 /// The message for the user and the exit code.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Failure {
-    /// What went wrong, where, what is allowed.
+    /// The problem: what is wrong, where, and what is allowed.
     pub message: String,
     /// 1: the environment denies something; 2: bad input.
     pub exit_code: u8,

@@ -2,7 +2,7 @@
 //!
 //! The lock is an abstract Unix socket. Such names belong to the network namespace, as the
 //! interfaces do: the lock holds between users and run directories, leaves no file, and is free as
-//! soon as its holder has ended, in whatever way.
+//! soon as its holder has ended, however it ends.
 
 use std::io::{self, ErrorKind};
 use std::mem::{size_of, zeroed};
@@ -35,7 +35,7 @@ pub enum LockError {
     },
 }
 
-/// Interfaces that no other daemon may use while this lives.
+/// Locked interfaces: no other daemon may use them while this value lives.
 #[derive(Debug)]
 pub struct InterfaceLocks {
     _sockets: Vec<UnixListener>,

@@ -1,4 +1,4 @@
-//! Conditions of the process around the cycle that last and therefore are faults: buses that are
+//! Lasting conditions of the process around the cycle, which are faults: buses that are
 //! down, frames that cannot be sent, cycles that are late, a publisher thread that no longer runs.
 //!
 //! While the robot is in boot nothing is commanded and the robot may be switched off: buses and
@@ -32,7 +32,7 @@ pub struct LoopMonitor {
 }
 
 impl LoopMonitor {
-    /// A monitor with the robot's limits; `counters`: of the bus, at the start.
+    /// A monitor with the robot's limits; `counters`: those of the bus at the start.
     #[must_use]
     pub fn new(robot: &Robot, counters: BusCounters) -> Self {
         let safety = &robot.parameters.safety;
@@ -53,7 +53,7 @@ impl LoopMonitor {
         }
     }
 
-    /// The faults that are found before a cycle; `last`: the record of the one before.
+    /// The faults found before a cycle; `last`: the last cycle's record.
     pub fn faults(
         &mut self,
         wake: &WakeReport,
@@ -108,7 +108,7 @@ impl LoopMonitor {
             (self.heartbeat, self.silent) = (heartbeat, 0);
             return None;
         }
-        // A loop that stood still itself knows nothing of the thread meanwhile.
+        // A loop that itself stood still cannot judge the thread's silence meanwhile.
         self.silent += u64::from(!wake.late);
         (self.silent > self.max_silent).then_some(Event::PublisherGone)
     }

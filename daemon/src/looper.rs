@@ -1,5 +1,5 @@
-//! The loop's thread: cycle after cycle until the end, with what passes between it, clients and the
-//! main thread.
+//! The loop's thread: cycle after cycle until the end, and its exchange with clients and the main
+//! thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -51,18 +51,18 @@ impl Status {
 /// Longest wait, after the last cycle, for answers that are still on their way, ns.
 const LATE_ANSWERS_NS: u64 = 20_000_000;
 
-/// What the loop leaves behind.
+/// Results of a loop that has ended.
 #[derive(Debug)]
 pub struct Outcome {
     /// The last record.
     pub record: SharedRecord,
     /// Page faults of the thread while it looped.
     pub page_faults: PageFaults,
-    /// Records that clients did not get.
+    /// Records that were dropped before they reached clients.
     pub dropped: u64,
 }
 
-/// The loop of one robot, with both its ends.
+/// The loop of one robot, between bus and clients.
 pub struct Looper<B> {
     control_loop: ControlLoop<B>,
     clients: LoopEnds,
@@ -74,8 +74,8 @@ pub struct Looper<B> {
 }
 
 impl<B: Bus> Looper<B> {
-    /// The loop that comes to its controlled end when `stop` is set or, in time to end with them,
-    /// when `cycles` have begun or been skipped.
+    /// A loop that begins its controlled end when `stop` is set, or early enough to be over once
+    /// `cycles` have begun or been skipped.
     pub fn new(
         robot: &Robot,
         control_loop: ControlLoop<B>,
@@ -152,7 +152,7 @@ impl<B: Bus> Looper<B> {
         }
     }
 
-    /// The bus, to look at.
+    /// The bus.
     pub fn bus(&self) -> &B {
         self.control_loop.bus()
     }

@@ -12,7 +12,8 @@ use crate::stored_fault::FaultStore;
 
 /// Interval between two messages about joints that have not answered.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Time beyond the limits of the controlled end after which the loop is given up.
+/// Time beyond the limits of the controlled end after which the main thread no longer waits for the
+/// loop.
 const GRACE: Duration = Duration::from_secs(2);
 
 /// Watches the loop and reports its changes.
@@ -23,13 +24,13 @@ pub struct Reporter<'a> {
     running: bool,
     state: Option<RobotState>,
     fault: u32,
-    /// When joints were last named, and when the end was asked for.
+    /// Instants of the last message about missing joints, and of the request to end.
     named: Instant,
     end_asked: Option<Instant>,
 }
 
 impl<'a> Reporter<'a> {
-    /// `store`: where a latched fault is kept, if anywhere; `fault`: the one that it holds.
+    /// `store`: storage of a latched fault, if any; `fault`: the one stored there.
     #[must_use]
     pub fn new(robot: &'a Robot, store: Option<FaultStore>, fault: Option<Event>) -> Self {
         Self {
@@ -44,7 +45,7 @@ impl<'a> Reporter<'a> {
         }
     }
 
-    /// Looks at the loop's state; `false`: the end was asked for, and the loop does not reach it.
+    /// Looks at the loop's state; `false`: the loop does not reach the end that was requested.
     pub fn look(&mut self, status: &Status, stop: &AtomicBool) -> bool {
         let cycles = status.cycles.load(Ordering::Acquire);
         if cycles > 0 {
@@ -90,7 +91,7 @@ impl<'a> Reporter<'a> {
         }
     }
 
-    /// Reports a change of the latched fault, and keeps it.
+    /// Reports a change of the latched fault, and stores it.
     pub fn report_fault(&mut self, number: u32) {
         if number == self.fault {
             return;

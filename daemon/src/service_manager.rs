@@ -1,5 +1,5 @@
-//! What systemd is sent (`Type=notify`): ready, the robot's state, and a sign of life that is the
-//! loop's own.
+//! Notifications to systemd (`Type=notify`): ready, the robot's state, and a sign of life that is
+//! the loop's own.
 //!
 //! READY=1 follows the first cycle, robot switched on or not. WATCHDOG=1 is sent only while the
 //! loop's count of cycles advances: a loop that hangs is ended and restarted by systemd after
@@ -17,7 +17,7 @@ type Send = Box<dyn FnMut(&[NotifyState<'_>])>;
 /// The connection to systemd.
 pub struct ServiceManager {
     send: Send,
-    /// Interval between two signs of life; none: nobody waits for them.
+    /// Interval between two signs of life; none: systemd expects none.
     interval: Option<Duration>,
     /// Time and count of cycles of the last sign.
     sent: Instant,
@@ -26,7 +26,7 @@ pub struct ServiceManager {
 }
 
 impl ServiceManager {
-    /// The one that started this process, if any.
+    /// The connection to the systemd that started this process, if any.
     #[must_use]
     pub fn find() -> Self {
         // Nobody may be listening: then there is nobody to notify.
@@ -34,7 +34,7 @@ impl ServiceManager {
         Self::new(Box::new(send), sd_notify::watchdog_enabled())
     }
 
-    /// One that takes messages by `send` and expects signs of life within `timeout`.
+    /// A connection that passes messages to `send` and expects signs of life within `timeout`.
     #[must_use]
     pub fn new(send: Send, timeout: Option<Duration>) -> Self {
         Self {
@@ -46,7 +46,7 @@ impl ServiceManager {
         }
     }
 
-    /// Sends what has changed; `cycles`: the loop has run so far.
+    /// Sends the changes since the last call; `cycles`: count of the loop's cycles.
     pub fn update(&mut self, cycles: u64, status: &str, now: Instant) {
         if cycles == self.cycles {
             return;
@@ -67,7 +67,7 @@ impl ServiceManager {
         self.cycles = cycles;
     }
 
-    /// The end has begun.
+    /// Notifies systemd that the controlled end has begun.
     pub fn stopping(&mut self) {
         (self.send)(&[NotifyState::Stopping]);
     }

@@ -14,7 +14,7 @@ pub struct StateDirectory {
 }
 
 impl StateDirectory {
-    /// In the usual state directory: `$STATE_DIRECTORY`, which systemd sets; else
+    /// The robot's folder in the usual state directory: `$STATE_DIRECTORY`, which systemd sets; else
     /// `$XDG_STATE_HOME/torqued`; else `~/.local/state/torqued`.
     ///
     /// # Errors
@@ -24,7 +24,7 @@ impl StateDirectory {
         Ok(Self::at(&state, robot))
     }
 
-    /// In that state directory.
+    /// The robot's folder in that state directory.
     #[must_use]
     pub fn at(state: &Path, robot: &str) -> Self {
         Self {
@@ -38,10 +38,10 @@ impl StateDirectory {
         self.folder.join(name)
     }
 
-    /// The file's text, if there is the file.
+    /// The file's text; none if there is no such file.
     ///
     /// # Errors
-    /// Of the file system.
+    /// The file system's.
     pub fn read(&self, name: &str) -> io::Result<Option<String>> {
         match fs::read_to_string(self.file(name)) {
             Ok(text) => Ok(Some(text)),
@@ -53,7 +53,7 @@ impl StateDirectory {
     /// Writes the file, whole or not at all, and waits until it is on the disk.
     ///
     /// # Errors
-    /// Of the file system; the last file is still there.
+    /// The file system's; the last file is still there.
     pub fn replace(&self, name: &str, text: &str) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
         let new = self.file(&format!("{name}.new"));
@@ -67,7 +67,7 @@ impl StateDirectory {
     /// Removes the file, if there is one.
     ///
     /// # Errors
-    /// Of the file system.
+    /// The file system's.
     pub fn remove(&self, name: &str) -> io::Result<()> {
         match fs::remove_file(self.file(name)) {
             Ok(()) => self.sync(),
@@ -79,7 +79,7 @@ impl StateDirectory {
     /// Whether files can be written at all.
     ///
     /// # Errors
-    /// Why not, of the file system.
+    /// The file system's: the reason why not.
     pub fn probe(&self) -> io::Result<()> {
         self.replace("probe", "")?;
         self.remove("probe")

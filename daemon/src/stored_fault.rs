@@ -38,7 +38,7 @@ pub struct FaultStore {
 }
 
 impl FaultStore {
-    /// In that directory.
+    /// Storage in that directory.
     #[must_use]
     pub fn new(robot: &str, directory: StateDirectory) -> Self {
         Self {
@@ -53,7 +53,7 @@ impl FaultStore {
         self.directory.file(FILE)
     }
 
-    /// The fault that was latched when the daemon last ended, in whatever way.
+    /// The fault that was latched when the daemon last ended, however it ended.
     ///
     /// # Errors
     /// A file that cannot be read or understood, with the remedy.
@@ -89,7 +89,7 @@ impl FaultStore {
         })
     }
 
-    /// Keeps the fault that is latched now, or that there is none; whole or not at all.
+    /// Stores the latched fault, or removes the file if none is latched; whole or not at all.
     ///
     /// # Errors
     /// The file cannot be written or removed.
@@ -101,10 +101,10 @@ impl FaultStore {
         outcome.map_err(|e| self.refused(&e))
     }
 
-    /// Tries out whether the file can be written.
+    /// Checks that the file can be written.
     ///
     /// # Errors
-    /// The answer of the file system.
+    /// The file system's error.
     pub fn probe(&self) -> Result<(), Problem> {
         self.directory.probe().map_err(|e| self.refused(&e))
     }

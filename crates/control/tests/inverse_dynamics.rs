@@ -49,7 +49,7 @@ fn compare(model: &Model, frame_names: &[&str]) {
             expected -= jacobian.transpose() * wrench;
         }
 
-        // What an IMU in the base would measure: acceleration minus gravity, in base axes.
+        // Reading of an IMU in the base: acceleration minus gravity, in base axes.
         let base = if model.base() == Base::Floating {
             let pose = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(
                 q[6], q[3], q[4], q[5],

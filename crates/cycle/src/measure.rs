@@ -47,7 +47,7 @@ pub(crate) struct JointReadiness {
     pub(crate) stale: bool,
 }
 
-/// What the measured values of this cycle allow.
+/// Later steps that this cycle's measured values are good enough for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Readiness<'m> {
     pub(crate) joints: &'m [JointReadiness],
@@ -174,7 +174,7 @@ impl Measure {
         }
     }
 
-    /// What the measured values of this cycle allow.
+    /// Later steps that this cycle's measured values are good enough for.
     pub(crate) fn readiness(&self) -> Readiness<'_> {
         let unready = measured_flags::NEVER | measured_flags::SETTLING;
         Readiness {

@@ -90,7 +90,7 @@ fn spoil(random: &mut Random, rx: &mut Frames, now: u64) {
     }
 }
 
-/// What has left is what the record shows, finite, within limits, and only to engaged joints.
+/// Asserts that the frames carry the record's commands, finite, within limits, to engaged joints alone.
 fn check(bench: &Bench, last: &mut [Option<f64>]) {
     let record = bench.cycle.record();
     let state = RobotState::from_number(record.state).expect("a state");

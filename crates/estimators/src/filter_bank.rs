@@ -6,7 +6,7 @@ use crate::matched_filter::MatchedFilterParameters;
 use crate::savitzky_golay::SavitzkyGolayParameters;
 use problem::Problem;
 
-/// Which filter a bank is made of.
+/// Kind of a bank's filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FilterDesign {
     /// Least noise of each derivative by itself; value and derivatives pass different bands.

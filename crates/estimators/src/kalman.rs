@@ -51,7 +51,7 @@ pub struct KalmanParameters {
     pub measurement: [f64; 2],
 }
 
-/// Which transform carries the distribution through the model.
+/// Transform that carries the distribution through the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transform {
     /// A constant stiffness K_fs0 and Jacobians.

@@ -36,7 +36,7 @@ enum State {
     Fault = 0x08,
 }
 
-/// What a control word asks for.
+/// Request of a control word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Asked {
     DisableVoltage,

@@ -182,7 +182,7 @@ pub struct JointParameters {
     pub limits: Limits,
     /// How the drive turns commands into torque.
     pub actuation: Actuation,
-    /// Which samples can be right.
+    /// Limits of plausible samples.
     pub plausibility: PlausibilityParameters,
 }
 

@@ -108,7 +108,7 @@ pub const fn control(joint: usize) -> usize {
     2 * joint + 1
 }
 
-/// What a joint's drive is sent.
+/// Signals that a joint's drive is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sent {
     /// The set-point of a joint, by its index.

@@ -1,6 +1,6 @@
 //! Numbered events: deviations, limits and faults while the loop runs.
 
-/// What the loop does when an event occurs; later ones are stronger. The last three latch a fault.
+/// The loop's reaction to an event; later ones are stronger. The last three latch a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reaction {
     /// Counted; the cycle goes on with a bridged or limited value.

@@ -84,9 +84,9 @@ pub struct Motion {
 /// A command that may be sent.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Limited {
-    /// What was asked: rad or A.
+    /// Command before the limits, rad or A.
     pub asked: f64,
-    /// What may be sent: rad or A.
+    /// Command after the limits, rad or A.
     pub applied: f64,
     /// Bits of [`command_flags`]: the limits that acted; zero if `applied` is what was asked.
     pub flags: u32,

@@ -7,7 +7,7 @@
 //! corrupt frame neither starts nor stops a robot. An encoder that has slipped makes its joint
 //! implausible until an operator, who has looked after it, acknowledges the fault.
 
-/// What makes a sample plausible.
+/// Limits of a plausible sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlausibilityParameters {
     /// Greatest |theta/N - q| that the gear can reach, rad: wind-up at its torque limit with a
@@ -41,7 +41,7 @@ pub enum Trust {
     Settling,
     /// Good.
     Plausible,
-    /// This sample is bad, but not enough of them in a row to say more.
+    /// This sample is bad; too few in a row to distrust the joint.
     Suspect,
     /// Bad for longer than a disturbance lasts.
     Implausible,

@@ -28,7 +28,7 @@
 
 use robot_state::{Event, RobotState};
 
-/// What an operator asks for; each request is an edge, seen in one cycle.
+/// An operator's request: an edge, seen in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OperatorRequest {
     /// Drives on, then hold.
@@ -182,7 +182,7 @@ impl RobotMachine {
         }
     }
 
-    /// Carries out an operator's request, or says why not.
+    /// Carries out an operator's request, or refuses it with the reason.
     ///
     /// # Errors
     /// The request is not possible now; nothing has changed.

@@ -2,7 +2,7 @@
 //! sleep until absolute times.
 //!
 //! Each measure is either granted or denied with a reason and a way to mend it; config
-//! `loop.real_time` says if a denial is a warning (`"try"`) or the end (`"require"`).
+//! `loop.real_time` determines if a denial is a warning (`"try"`) or the end (`"require"`).
 
 mod deadline;
 mod measures;
@@ -13,7 +13,7 @@ pub use deadline::{Deadline, Pace, Schedule, WakeReport, monotonic_ns, sleep_unt
 use std::fmt;
 use std::fs::File;
 
-/// What is asked for, from `[loop]` of the config.
+/// Real-time settings of `[loop]` in the config.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
     /// `real_time = "require"`: a denied measure is an error.
@@ -27,7 +27,7 @@ pub struct Settings {
 /// One measure and its outcome.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Measure {
-    /// What was tried, e.g. "scheduler SCHED_FIFO 80".
+    /// The measure, e.g. "scheduler SCHED_FIFO 80".
     pub name: String,
     /// Without it `"require"` refuses to start.
     pub essential: bool,
@@ -38,7 +38,7 @@ pub struct Measure {
 /// Why a measure was denied, and how that is mended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Denial {
-    /// What the system answered.
+    /// The system's answer.
     pub why: String,
     /// The remedy.
     pub mend: String,

@@ -17,7 +17,7 @@ use super::PROGRESS;
 
 /// Longest time in which the loop takes a request.
 const TAKE: Duration = Duration::from_millis(500);
-/// What a wait may last longer than the loop's own limit.
+/// Time that a wait may last beyond the loop's own limit.
 const MARGIN: Duration = Duration::from_secs(1);
 /// |dq| from which a joint is shown as moving, rad/s.
 const MOVING: f64 = 0.02;
@@ -320,7 +320,7 @@ fn reason(
     }
 }
 
-/// What keeps the robot from being ready, or from being enabled.
+/// Conditions that keep the robot from being ready or from being enabled.
 fn unready(parameters: &Parameters, record: &CycleRecord) -> String {
     let joints = parameters.joints.iter().zip(&record.measured.joints);
     let defects = joints.filter_map(|(joint, measured)| {

@@ -362,7 +362,7 @@ impl Supervisor {
                     PACE * self.cycles_since * self.sample_period,
                 ),
             };
-            // What the command may do anyway is no jump.
+            // A motion that the limits allow is no jump.
             let way = limits.velocity * time + if first { 0.0 } else { REST };
             near &= (q_d - from).abs() <= way;
             changed |= q_d != self.followed[j];

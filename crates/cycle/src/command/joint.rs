@@ -63,7 +63,7 @@ struct Terms {
     velocity: f64,
 }
 
-/// What the joint does in its mode, with what it remembers there.
+/// State of the joint's present mode.
 #[derive(Debug, Clone)]
 enum State {
     /// The drive's own position loop holds at `hold_q`, which comes to rest from `velocity`.

@@ -96,7 +96,7 @@ impl Moments {
 #[derive(Debug)]
 struct Alignment {
     signals: usize,
-    /// Which of `moments` belongs to each signal; none where samples are taken at SYNC.
+    /// Index in `moments` of each signal's source; none where samples are taken at SYNC.
     moments_of: Vec<Option<usize>>,
     moments: Vec<Moments>,
     varying: Vec<Varying>,

@@ -1,4 +1,4 @@
-//! What the joints truly do while nobody asks for motion, and what the record shows.
+//! True motion of the joints while nobody asks for motion, beside the record's.
 
 use super::Bench;
 use robot_state::{CycleRecord, RobotState, command_flags};
@@ -7,7 +7,7 @@ use robot_state::{CycleRecord, RobotState, command_flags};
 const DISPLACEMENT: f64 = 1.0 * std::f64::consts::PI / 180.0;
 const SPEED_SHARE: f64 = 0.1;
 
-/// What the joints did since it began, beyond what was asked for.
+/// Motion of the joints since the beginning, beyond the motion asked for.
 pub(crate) struct Motion {
     start: Vec<f64>,
     displacement: f64,

@@ -41,7 +41,7 @@ impl Lines {
 /// Allowed value of an attribute.
 enum Kind {
     Text,
-    /// That many finite numbers.
+    /// Reads `N` finite numbers.
     Numbers(usize),
     /// One number, infinite allowed.
     Bound,

@@ -143,7 +143,7 @@ impl Reader<'_, '_, '_> {
     }
 }
 
-/// Which torsion a joint's gear can reach, and how.
+/// Range and rate of the torsion that a joint's gear can reach.
 pub(super) fn plausibility(limits: &Limits, drive: &Drive) -> PlausibilityParameters {
     let gear = &drive.compliance;
     let wave_generator = 1.0 / (gear.c_wg * gear.k_wg0 * drive.gear_ratio);

@@ -22,7 +22,8 @@ record! {
         /// Operators' requests since start.
         pub requests: u32,
         /// Why the last request was refused, or 0: its kind (1 state, 2 joint not plausible, 3
-        /// joint outside its limits, 4 another fault) times 65536, plus the state, joint or fault.
+        /// joint outside its limits, 4 another fault, 5 a drive's own fault) times 65536, plus the
+        /// number of the state or fault, or the joint's index.
         pub refusal: u32,
         /// Fills the record to a multiple of eight bytes.
         pub reserved: u32,
@@ -30,11 +31,11 @@ record! {
         pub joint_count: u32,
         /// F/T sensors in use.
         pub ft_count: u32,
-        /// What the sensors measured.
+        /// Measured values.
         pub measured: MeasuredRecord,
-        /// Torques and contact wrenches that follow.
+        /// Torques and contact wrenches estimated from them.
         pub estimated: EstimatedRecord,
-        /// What the drives are commanded.
+        /// Commands to the drives.
         pub commanded: CommandedRecord,
         /// Count of each event since start, in the order of `Event::ALL`.
         pub events: [u64; EVENT_COUNT],

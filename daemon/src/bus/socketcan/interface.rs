@@ -213,7 +213,7 @@ mod tests {
                 std::fs::write(folder.join(file), text).unwrap();
             }
         }
-        // What is not an interface (as `bonding_masters`) is passed over.
+        // Entries that are no interfaces (as `bonding_masters`) are passed over.
         std::fs::write(root.join("bonding_masters"), "").unwrap();
         let found = list(&root);
         std::fs::remove_dir_all(&root).unwrap();
