@@ -45,6 +45,10 @@ pub(crate) struct JointReadiness {
     pub(crate) plausible: bool,
     /// It has sent no usable sample for longer than allowed.
     pub(crate) stale: bool,
+    /// Its encoders contradict each other.
+    pub(crate) distrusted: bool,
+    /// One of its encoders has slipped.
+    pub(crate) slipped: bool,
 }
 
 /// Later steps that this cycle's measured values are good enough for.
@@ -223,6 +227,8 @@ impl Measure {
             *readiness = JointReadiness {
                 plausible: matches!(plausibility.trust(), Trust::Plausible | Trust::Suspect),
                 stale: measured.flags & measured_flags::STALE != 0,
+                distrusted: plausibility.trust() == Trust::Implausible,
+                slipped: plausibility.has_slipped(),
             };
         }
         self.sensors_stale = sensor_flags & measured_flags::STALE != 0;

@@ -1,25 +1,36 @@
 //! Whatever comes in, in whatever order: what leaves is finite, within limits, and only while the
 //! robot is enabled; and with everything in order again the operator reaches holding.
 //!
-//! `CYCLE_STEPS` sets the number of steps (default 60,000; 10,000,000 take some minutes).
+//! Several robots live one life after another, each from being switched on, some with a fault of an
+//! earlier run: position and current drives, with states by CiA 402 and without, enabled by an
+//! operator or by themselves. Spoilt are frames and their stamps, references, settings, operators'
+//! requests, cycles that are left out, commands that do not arrive, and the drives.
+//!
+//! `CYCLE_STEPS` sets the number of steps in all lives (default 60,000; 10,000,000 take a quarter of an
+//! hour in release), `CYCLE_SEED` the random numbers.
 
 mod common;
 
 use can_codec::{EXTENDED_ID, Frame, Frames};
-use common::Bench;
+use common::{Bench, client_input};
 use cycle::{ClientInput, Instants, OperatorRequest, Stamp};
+use plant::DriveError;
 use robot_config::slots;
-use robot_state::{CycleRecord, Event, MAX_JOINTS, Mode, Reference, RobotState, command_flags};
+use robot_state::{
+    CycleRecord, Event, MAX_JOINTS, Mode, Reference, RobotState, Settings, command_flags,
+};
+use supervisor::Actuation;
 use test_support::Random;
 
 /// A number that a client may send.
 fn any_number(random: &mut Random) -> f64 {
-    match random.below(8) {
+    match random.below(9) {
         0 => f64::NAN,
         1 => f64::INFINITY,
-        2 => -1e300,
-        3 => 0.0,
-        4 => 1e3 * (random.symmetric()),
+        2 => f64::NEG_INFINITY,
+        3 => -1e300,
+        4 => 0.0,
+        5 => 1e3 * (random.symmetric()),
         _ => random.symmetric(),
     }
 }
@@ -47,6 +58,9 @@ fn any_reference(random: &mut Random, record: &CycleRecord) -> Reference {
             joint.tau_d = any_number(random);
         }
     }
+    if !near && random.below(3) == 0 {
+        reference.contact_wrench[0].force[2] = any_number(random);
+    }
     reference
 }
 
@@ -59,6 +73,18 @@ fn any_request(random: &mut Random, record: &CycleRecord) -> Option<OperatorRequ
         80 => OperatorRequest::Acknowledge(random.bits() as u32),
         _ => return None,
     })
+}
+
+fn any_settings(random: &mut Random) -> Settings {
+    let mut settings = Settings {
+        sequence: random.bits() % 8,
+        contact_set: random.bits() as u32 % 6,
+        ..Settings::default()
+    };
+    if random.below(10) == 0 {
+        settings.ft_offset[0].torque[1] = any_number(random);
+    }
+    settings
 }
 
 /// Spoils the answers of one cycle in some way.
@@ -90,7 +116,36 @@ fn spoil(random: &mut Random, rx: &mut Frames, now: u64) {
     }
 }
 
-/// Asserts that the frames carry the record's commands, finite, within limits, to engaged joints alone.
+/// Changes something about one drive.
+fn spoil_drive(random: &mut Random, bench: &mut Bench) {
+    let joint = random.below(bench.robot.parameters.joints.len());
+    let Some(states) = bench.plant.drive_states(joint) else {
+        return;
+    };
+    match random.below(5) {
+        0 => states.set_power(random.below(2) == 0),
+        1 => states.set_cause(Some(DriveError::OverCurrent)),
+        2 => states.set_cause(None),
+        3 => states.set_refuses(random.below(2) == 0),
+        _ => states.set_step_time(random.unit() * 0.1),
+    }
+}
+
+fn mend_drives(bench: &mut Bench) {
+    for joint in 0..bench.robot.parameters.joints.len() {
+        if let Some(states) = bench.plant.drive_states(joint) {
+            states.set_power(true);
+            states.set_cause(None);
+            states.set_refuses(false);
+            states.set_step_time(2e-3);
+        }
+    }
+}
+
+/// The signals' resolution and rounding, in the commands' units.
+const RESOLUTION: f64 = 1.1e-3;
+
+/// What has left is what the record shows, finite, within limits, and only to engaged joints.
 fn check(bench: &Bench, last: &mut [Option<f64>]) {
     let record = bench.cycle.record();
     let state = RobotState::from_number(record.state).expect("a state");
@@ -106,7 +161,8 @@ fn check(bench: &Bench, last: &mut [Option<f64>]) {
         let engaged = commanded.flags & command_flags::ENGAGED != 0;
         let sent = Some(values[slots::command(j)]).filter(|x| !x.is_nan());
         assert!(commanded.q_c.is_finite() && commanded.delta_q.is_finite());
-        if state == RobotState::Boot {
+        assert!(commanded.current_c.is_finite());
+        if matches!(state, RobotState::Boot) {
             assert!(sent.is_none(), "a set-point in boot");
         }
         let Some(sent) = sent else {
@@ -114,103 +170,215 @@ fn check(bench: &Bench, last: &mut [Option<f64>]) {
             continue;
         };
         assert!(engaged, "a set-point to joint {j}, which is not engaged");
-        let resolution = 1e-4;
-        assert!(
-            (sent - commanded.q_c).abs() < resolution,
-            "{sent} {}",
-            commanded.q_c
-        );
         let measured = &record.measured.joints[j];
-        let theta = measured.theta / parameters.encoders.gear_ratio;
-        // Inside, or pulled out by a joint that both encoders show outside.
-        let reach = limits.lead + 0.3;
-        let low = limits.position_min.min(measured.q.min(theta)) - reach;
-        let high = limits.position_max.max(measured.q.max(theta)) + reach;
-        assert!((low..=high).contains(&sent), "joint {j}: {sent}");
+        match parameters.actuation {
+            Actuation::Position {
+                k_tau,
+                k_tau_motor,
+                k_v,
+            } => {
+                assert!((sent - commanded.q_c).abs() < RESOLUTION, "{sent}");
+                let theta = measured.theta / parameters.encoders.gear_ratio;
+                // Inside, or pulled out by a joint that both encoders show outside.
+                let reach = limits.lead + 0.3;
+                let low = limits.position_min.min(measured.q.min(theta)) - reach;
+                let high = limits.position_max.max(measured.q.max(theta)) + reach;
+                assert!((low..=high).contains(&sent), "joint {j}: {sent}");
+                // By one encoder at least it asks for no more than the torque limit.
+                let dq = measured.dq.abs();
+                let lead = |k: f64| (k * limits.torque).min(limits.lead) + k_v * dq + RESOLUTION;
+                let within = (sent - measured.q).abs() <= lead(k_tau)
+                    || (sent - theta).abs() <= lead(k_tau_motor)
+                    || (sent - measured.q) * (sent - theta) < 0.0;
+                let kept = commanded.flags & command_flags::NOT_FINITE != 0;
+                assert!(within || kept, "joint {j}: {sent} leads too far");
+            }
+            Actuation::Current { k_1, current, .. } => {
+                assert!((sent - commanded.current_c).abs() < RESOLUTION, "{sent}");
+                let most = current.min(limits.torque / k_1) + RESOLUTION;
+                assert!(sent.abs() <= most, "joint {j}: {sent} A");
+            }
+        }
         last[j] = Some(sent);
+    }
+}
+
+/// One robot, and what came of it.
+struct Life {
+    bench: Bench,
+    automatic: bool,
+    active: u64,
+    enabled: bool,
+}
+
+impl Life {
+    /// The `index`-th robot, as it is switched on.
+    fn new(index: u64, random: &mut Random) -> Self {
+        let automatic = random.below(4) == 0;
+        let robot = match index % 10 {
+            3 | 6 => "test-joint",
+            9 => "humanoid",
+            _ => "leg",
+        };
+        let with_states = random.below(4) > 0;
+        let read = |path: &str| {
+            let text = match robot {
+                "test-joint" => common::read_with_current_drive(path)?,
+                _ => common::read(path)?,
+            };
+            if !path.ends_with("robot.toml") {
+                return Ok(text);
+            }
+            let text = match automatic {
+                true => text,
+                false => text.replace("enable = \"automatic\"", "enable = \"operator\""),
+            };
+            let lines = text.split_inclusive('\n');
+            Ok(match with_states {
+                true => text,
+                false => lines.filter(|l| !l.starts_with("control = {")).collect(),
+            })
+        };
+        let mut bench = Bench::reading(robot, &read);
+        if random.below(4) == 0 {
+            let events = [Event::EncoderImplausible, Event::LoopEnded, Event::BusDown];
+            bench.cycle.start_with_fault(events[random.below(3)]);
+        }
+        Self {
+            bench,
+            automatic,
+            active: 0,
+            enabled: false,
+        }
+    }
+
+    fn live(&mut self, steps: u64, random: &mut Random) {
+        let bench = &mut self.bench;
+        let mut last = vec![None; bench.robot.parameters.joints.len()];
+        let mut older = Reference::default();
+        let mut spoiling = false;
+        for step in 0..steps {
+            // Episodes with good frames let the robot get anywhere; others spoil what can be spoilt.
+            if step % 500 == 0 {
+                spoiling = random.below(3) == 0;
+                mend_drives(bench);
+            }
+            if spoiling && random.below(300) == 0 {
+                spoil_drive(random, bench);
+            }
+            if random.below(500) == 0 {
+                // Cycles that are left out.
+                (0..random.below(12)).for_each(|_| bench.gather());
+            }
+            bench.gather();
+            if spoiling {
+                spoil(random, &mut bench.rx, bench.now);
+            }
+            let record = *bench.cycle.record();
+            let mut reference = any_reference(random, &record);
+            if random.below(30) == 0 {
+                std::mem::swap(&mut reference, &mut older);
+            }
+            let settings = any_settings(random);
+            let request = any_request(random, &record);
+            let input = ClientInput {
+                reference: (random.below(4) > 0).then_some(&reference),
+                age_s: match random.below(50) {
+                    0 => any_number(random),
+                    _ => 0.001,
+                },
+                settings: (random.below(4) == 0).then_some(&settings),
+                request,
+            };
+            if random.below(20_000) == 0 {
+                let event = [Event::LatenessLasts, Event::LateCycle, Event::BusDown];
+                bench.cycle.note(event[random.below(3)], 1);
+            }
+            let at = Instants {
+                sync: Stamp(bench.now),
+                now: Stamp(bench.now + random.below(900_000) as u64),
+            };
+            bench.tx.clear();
+            bench.cycle.step(at, &bench.rx, &input, &mut bench.tx);
+            if !spoiling || random.below(10) > 0 {
+                let mut answers = Frames::default();
+                bench.plant.exchange(&bench.tx, bench.now, &mut answers);
+            }
+            check(bench, &mut last);
+            let now = bench.cycle.record();
+            let ready = RobotState::Ready.number();
+            if now.state >= RobotState::Enabling.number() && record.state <= ready {
+                let asked = matches!(request, Some(OperatorRequest::Enable));
+                assert!(asked || self.automatic || now.state == RobotState::Fault.number());
+            }
+            self.active += u64::from(now.mode != Mode::Hold.number());
+            self.enabled |= now.state == RobotState::Holding.number();
+        }
+    }
+
+    /// Joints that cannot be used: flags, age (s), torsion (rad), true torsion (rad).
+    fn unusable(&self) -> Vec<(usize, u32, f64, f64, f64)> {
+        let (record, truth) = (self.bench.cycle.record(), self.bench.plant.truth());
+        let joints = record.measured.joints.iter().zip(&truth.joints).enumerate();
+        joints
+            .filter(|(_, (measured, _))| measured.flags != 0)
+            .map(|(j, (measured, truth))| {
+                let n = self.bench.robot.parameters.joints[j].encoders.gear_ratio;
+                let torsion = truth.theta / n - truth.q;
+                (j, measured.flags, measured.age_s, measured.torsion, torsion)
+            })
+            .collect()
+    }
+
+    /// Everything is in order again: acknowledged and enabled, it holds.
+    fn recover(&mut self) {
+        let bench = &mut self.bench;
+        mend_drives(bench);
+        for _ in 0..5 {
+            let fault = bench.cycle.record().fault;
+            if fault != 0 {
+                bench.ask(OperatorRequest::Acknowledge(fault));
+            }
+            bench.run(300);
+            bench.ask(OperatorRequest::Enable);
+            bench.run(100);
+        }
+        let record = *bench.cycle.record();
+        let fault = Event::from_number(record.fault);
+        assert_eq!(
+            record.state,
+            RobotState::Holding.number(),
+            "{fault:?} {:#x} {:?}",
+            record.refusal,
+            self.unusable()
+        );
+        // And a client is followed that asks for hold first.
+        let mut reference = bench.reference(Mode::Hold.number(), record.sequence + 100);
+        bench.step(&client_input(&reference));
+        (reference.mode, reference.sequence) = (Mode::Torque.number(), reference.sequence + 1);
+        let record = bench.step(&client_input(&reference));
+        assert_eq!(record.mode, Mode::Torque.number());
     }
 }
 
 #[test]
 fn whatever_comes_in_what_leaves_is_within_limits_and_the_operator_reaches_holding() {
-    let steps: u64 = std::env::var("CYCLE_STEPS").map_or(60_000, |text| text.parse().unwrap());
-    let read = |path: &str| {
-        let text = common::read(path)?;
-        Ok(text.replace("enable = \"automatic\"", "enable = \"operator\""))
-    };
-    let mut random = Random::new(1);
-    let mut bench = Bench::reading("leg", &read);
-    let mut last = vec![None; bench.robot.parameters.joints.len()];
-    let (mut was_active, mut was_enabled) = (0_u64, false);
-    let mut spoiling = false;
-    for step in 0..steps {
-        // Episodes with good frames let the robot get anywhere; others spoil what can be spoilt.
-        if step % 500 == 0 {
-            spoiling = random.below(3) == 0;
-        }
-        bench.gather();
-        if spoiling {
-            spoil(&mut random, &mut bench.rx, bench.now);
-        }
-        let record = *bench.cycle.record();
-        let reference = any_reference(&mut random, &record);
-        let request = any_request(&mut random, &record);
-        let input = ClientInput {
-            reference: (random.below(4) > 0).then_some(&reference),
-            age_s: match random.below(50) {
-                0 => any_number(&mut random),
-                _ => 0.001,
-            },
-            settings: None,
-            request,
-        };
-        let at = Instants {
-            sync: Stamp(bench.now),
-            now: Stamp(bench.now + random.below(900_000) as u64),
-        };
-        bench.tx.clear();
-        bench.cycle.step(at, &bench.rx, &input, &mut bench.tx);
-        let mut answers = Frames::default();
-        bench.plant.exchange(&bench.tx, bench.now, &mut answers);
-        check(&bench, &mut last);
-        let now = bench.cycle.record();
-        if now.state >= RobotState::Enabling.number() && record.state <= RobotState::Ready.number()
-        {
-            let asked = matches!(request, Some(OperatorRequest::Enable));
-            assert!(asked || now.state == RobotState::Fault.number());
-        }
-        was_active += u64::from(now.mode != Mode::Hold.number());
-        was_enabled |= now.state == RobotState::Holding.number();
+    let number = |key: &str, or: u64| std::env::var(key).map_or(or, |text| text.parse().unwrap());
+    let steps = number("CYCLE_STEPS", 60_000);
+    let mut random = Random::new(number("CYCLE_SEED", 1));
+    let (mut done, mut index) = (0, 0);
+    let (mut active, mut enabled) = (0, 0);
+    while done < steps {
+        // Long lives reach what takes long; a run of the tests has short ones.
+        let life = (steps / 10).min(20_000);
+        let mut robot = Life::new(index, &mut random);
+        robot.live(life, &mut random);
+        robot.recover();
+        (active, enabled) = (active + robot.active, enabled + u64::from(robot.enabled));
+        (done, index) = (done + life, index + 1);
     }
     assert!(
-        was_enabled && was_active > steps / 200,
-        "{was_active} steps in a client's mode"
-    );
-
-    // In order again: acknowledged and enabled, it holds.
-    for _ in 0..5 {
-        let fault = bench.cycle.record().fault;
-        if fault != 0 {
-            let request = Some(OperatorRequest::Acknowledge(fault));
-            bench.step(&ClientInput {
-                request,
-                ..ClientInput::default()
-            });
-        }
-        bench.run(300);
-        let request = Some(OperatorRequest::Enable);
-        bench.step(&ClientInput {
-            request,
-            ..ClientInput::default()
-        });
-        bench.run(100);
-    }
-    let record = bench.cycle.record();
-    let fault = Event::from_number(record.fault);
-    assert_eq!(
-        record.state,
-        RobotState::Holding.number(),
-        "{fault:?} {}",
-        record.refusal
+        enabled > index / 2 && active > done / 200,
+        "{enabled} of {index} lives held, {active} of {done} steps in a client's mode"
     );
 }

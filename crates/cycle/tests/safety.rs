@@ -7,7 +7,7 @@ mod common;
 
 use can_codec::Frame;
 use common::motion::{Motion, engaged, state};
-use common::{Bench, client_input};
+use common::{Bench, client_input, current_drive};
 use cycle::{ClientInput, OperatorRequest};
 use robot_config::slots;
 use robot_state::{CycleRecord, Event, Mode, RobotState, command_flags};
@@ -328,33 +328,6 @@ fn a_fault_of_an_earlier_run_keeps_the_robot_off_until_it_is_acknowledged() {
     }
     assert_eq!(state(bench.cycle.record()), RobotState::Holding);
     motion.assert_small("started with a fault");
-}
-
-/// The test joint with a drive that takes currents.
-fn current_drive() -> Bench {
-    let read = |path: &str| {
-        let text = common::read(path)?;
-        Ok(if path.ends_with("config/test-joint/robot.toml") {
-            let from = text.find("K_tau_rad_per_Nm").unwrap();
-            let to = text.find("sign_smoothing_rad_per_s").unwrap();
-            let motor = "K_1_Nm_per_A = 5.0\nK_2_Nms_per_rad = 0.1\nK_3_Nm = 1.5\n";
-            let text = format!("{}{motor}{}", &text[..from], &text[to..]);
-            text.replace(
-                "command = \"position\"",
-                "command = \"current\"\ncurrent_limit_A = 7.4",
-            )
-        } else if path.ends_with("drives.dbc") {
-            let from = text.find("SG_ joint_position").unwrap();
-            let line = text[from..].lines().next().unwrap();
-            text.replace(
-                line,
-                "SG_ joint_position : 0|32@1- (1,0) [0|0] \"mA\" DRIVES",
-            )
-        } else {
-            text
-        })
-    };
-    Bench::reading("test-joint", &read)
 }
 
 #[test]

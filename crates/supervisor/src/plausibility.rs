@@ -199,6 +199,12 @@ impl Plausibility {
         *self = Self::new(self.parameters);
     }
 
+    /// An encoder has slipped since the joint was restarted.
+    #[must_use]
+    pub fn has_slipped(&self) -> bool {
+        self.slipped
+    }
+
     /// The trust after the last sample.
     #[must_use]
     pub fn trust(&self) -> Trust {

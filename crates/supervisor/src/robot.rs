@@ -74,6 +74,10 @@ pub struct JointCondition {
     pub usable: bool,
     /// Silent for longer than allowed.
     pub stale: bool,
+    /// Its encoders contradict each other.
+    pub distrusted: bool,
+    /// One of its encoders has slipped: no later sample of it is right, in use or not.
+    pub slipped: bool,
     /// Within its position limits.
     pub inside: bool,
     /// Its drive follows set-points.
@@ -93,6 +97,8 @@ pub struct RobotMachine {
     automatic: bool,
     /// Set-points are sent to these joints.
     engaged: Vec<bool>,
+    /// All joints are usable: one that holds need not be, while it proves itself anew.
+    usable: bool,
     /// Longest time of enabling and of stopping, cycles.
     time_limit: u32,
     waited: u32,
@@ -109,6 +115,7 @@ impl RobotMachine {
             safety: Safety::Hold,
             automatic,
             engaged: vec![false; joints],
+            usable: false,
             time_limit,
             waited: 0,
         }
@@ -135,7 +142,7 @@ impl RobotMachine {
     /// A client's mode may be entered or goes on.
     #[must_use]
     pub fn may_follow(&self) -> bool {
-        matches!(self.state, RobotState::Holding | RobotState::Active)
+        self.usable && matches!(self.state, RobotState::Holding | RobotState::Active)
     }
 
     /// The robot is to be brought to rest.
@@ -170,7 +177,7 @@ impl RobotMachine {
 
     /// A client's mode is active, or no longer.
     pub fn set_active(&mut self, active: bool) {
-        if self.may_follow() {
+        if matches!(self.state, RobotState::Holding | RobotState::Active) {
             let state = if active {
                 RobotState::Active
             } else {
@@ -244,11 +251,12 @@ impl RobotMachine {
             } else if *engaged && !joint.drive_enabled {
                 *engaged = false;
                 wrong = wrong.or(Some(Event::DriveLost));
-            } else if in_use && !joint.usable {
+            } else if joint.slipped || in_use && joint.distrusted {
                 wrong = wrong.or(Some(Event::EncoderImplausible));
             }
         }
         let usable = joints.iter().all(|joint| joint.usable);
+        self.usable = usable;
         match self.state {
             // A fault is latched already, and its cause is known.
             S::Fault => wrong = None,

@@ -9,6 +9,8 @@ const TIME_LIMIT: u32 = 20;
 const GOOD: JointCondition = JointCondition {
     usable: true,
     stale: false,
+    distrusted: false,
+    slipped: false,
     inside: true,
     drive_enabled: true,
     drive_fault: false,
@@ -132,6 +134,47 @@ fn a_drive_that_is_no_longer_enabled_loses_its_set_points_and_others_are_held() 
     assert!(machine.wants_drive(1));
 }
 
+#[test]
+fn an_encoder_that_slips_while_the_drives_are_off_is_a_fault_that_one_acknowledgement_ends() {
+    let mut machine = RobotMachine::new(JOINTS, false, TIME_LIMIT);
+    machine.update(&[GOOD; JOINTS]);
+    let mut joints = [GOOD; JOINTS];
+    joints[2] = JointCondition {
+        usable: false,
+        distrusted: true,
+        slipped: true,
+        ..GOOD
+    };
+    assert_eq!(machine.update(&joints), Some(Event::EncoderImplausible));
+    machine.latch(Event::EncoderImplausible, Safety::Hold);
+    let acknowledge = OperatorRequest::Acknowledge(Event::EncoderImplausible.number());
+    assert_eq!(machine.request(acknowledge, &joints), Ok(()));
+    // It proves itself anew.
+    (joints[2].distrusted, joints[2].slipped) = (false, false);
+    assert_eq!(machine.update(&joints), None);
+    assert_eq!(machine.state(), RobotState::Boot);
+}
+
+#[test]
+fn a_joint_that_proves_itself_anew_is_held_and_no_client_is_followed() {
+    let mut machine = holding();
+    let mut joints = [GOOD; JOINTS];
+    (joints[1].usable, joints[1].distrusted) = (false, true);
+    assert_eq!(machine.update(&joints), Some(Event::EncoderImplausible));
+    machine.latch(Event::EncoderImplausible, Safety::Hold);
+    let acknowledge = OperatorRequest::Acknowledge(Event::EncoderImplausible.number());
+    assert_eq!(machine.request(acknowledge, &joints), Ok(()));
+    joints[1].distrusted = false;
+    assert_eq!(machine.update(&joints), None);
+    assert_eq!(
+        (machine.state(), engaged(&machine)),
+        (RobotState::Holding, JOINTS)
+    );
+    assert!(!machine.may_follow());
+    machine.update(&[GOOD; JOINTS]);
+    assert!(machine.may_follow());
+}
+
 #[derive(Debug, Clone)]
 enum Action {
     Request(OperatorRequest),
@@ -141,7 +184,7 @@ enum Action {
 }
 
 fn any_condition() -> impl Strategy<Value = JointCondition> {
-    any::<[bool; 6]>().prop_map(
+    let conditions = any::<[bool; 6]>().prop_map(
         |[usable, stale, inside, drive_enabled, drive_fault, at_rest]| JointCondition {
             usable: usable && !stale,
             stale,
@@ -149,8 +192,15 @@ fn any_condition() -> impl Strategy<Value = JointCondition> {
             drive_enabled,
             drive_fault,
             at_rest,
+            ..JointCondition::default()
         },
-    )
+    );
+    (conditions, any::<[bool; 2]>()).prop_map(|(condition, [distrusted, slipped])| JointCondition {
+        usable: condition.usable && !distrusted && !slipped,
+        distrusted: distrusted || slipped,
+        slipped,
+        ..condition
+    })
 }
 
 fn any_action() -> impl Strategy<Value = Action> {

@@ -189,6 +189,10 @@ impl Supervisor {
         self.refusal = outcome.map_or_else(refusal_code, |()| 0);
         if outcome.is_ok() && matches!(request, OperatorRequest::Acknowledge(_)) {
             self.drives.iter_mut().for_each(Drive::acknowledge);
+            // They prove themselves anew from the next cycle on.
+            for condition in &mut self.conditions {
+                (condition.distrusted, condition.slipped) = (false, false);
+            }
         }
     }
 
@@ -236,6 +240,8 @@ impl Supervisor {
             *condition = JointCondition {
                 usable: joint.plausible && !joint.stale,
                 stale: joint.stale,
+                distrusted: joint.distrusted,
+                slipped: joint.slipped,
                 inside: (limits.position_min..=limits.position_max).contains(&measured.q),
                 drive_enabled: drive.is_enabled(),
                 drive_fault: drive.state() == DriveState::Fault,

@@ -160,6 +160,35 @@ impl Bench {
     }
 }
 
+/// The test joint with a drive that takes currents.
+pub(crate) fn current_drive() -> Bench {
+    Bench::reading("test-joint", &read_with_current_drive)
+}
+
+/// Files of the project, in which the drive of the test joint takes currents.
+pub(crate) fn read_with_current_drive(path: &str) -> std::io::Result<String> {
+    let text = read(path)?;
+    Ok(if path.ends_with("config/test-joint/robot.toml") {
+        let from = text.find("K_tau_rad_per_Nm").unwrap();
+        let to = text.find("sign_smoothing_rad_per_s").unwrap();
+        let motor = "K_1_Nm_per_A = 5.0\nK_2_Nms_per_rad = 0.1\nK_3_Nm = 1.5\n";
+        let text = format!("{}{motor}{}", &text[..from], &text[to..]);
+        text.replace(
+            "command = \"position\"",
+            "command = \"current\"\ncurrent_limit_A = 7.4",
+        )
+    } else if path.ends_with("drives.dbc") {
+        let from = text.find("SG_ joint_position").unwrap();
+        let line = text[from..].lines().next().unwrap();
+        text.replace(
+            line,
+            "SG_ joint_position : 0|32@1- (1,0) [0|0] \"mA\" DRIVES",
+        )
+    } else {
+        text
+    })
+}
+
 /// The input of a client with a new reference.
 pub(crate) fn client_input(reference: &Reference) -> ClientInput<'_> {
     ClientInput {
