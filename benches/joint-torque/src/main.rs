@@ -144,7 +144,7 @@ fn results(out: &Path, seeds: u64) -> Result<(), String> {
         ("s", "S's joint, 400 N·m: simulated", &s),
     ] {
         let path = out.join(format!("joint-torque-{name}.svg"));
-        draw(&path, title, outcomes).map_err(|e| format!("{}: {e}", path.display()))?;
+        draw(&path, title, outcomes).map_err(|e| e.to_string())?;
     }
     let results = Results {
         z,

@@ -6,7 +6,6 @@
 
 mod accuracy;
 mod client;
-pub mod curve;
 mod motion;
 mod plot;
 mod report;

@@ -2,13 +2,14 @@
 
 /// Pixels of a column in which only the extremes of a curve are drawn.
 const COLUMN: f64 = 2.0;
+/// Width of the square of pixels in which one dot is drawn.
+const DOT: f64 = 4.0;
 /// Largest distance of a point that is left out from the line drawn, pixels.
 const TOLERANCE: f64 = 1.25;
 
 /// The points that a picture shows: the extremes of each column of pixels, less those on a line
 /// between others. `scale`: pixels per unit of either axis.
-#[must_use]
-pub fn decimated(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
+pub(crate) fn decimated(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
     let column = |p: &(f64, f64)| (p.0 * scale[0] / COLUMN).floor();
     let mut kept = Vec::new();
     for points in points.chunk_by(|a, b| column(a) == column(b)) {
@@ -27,7 +28,7 @@ pub fn decimated(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
 }
 
 /// The same line from fewer points (Ramer, Douglas and Peucker).
-fn simplified(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
+pub(crate) fn simplified(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
         return Vec::new();
     };
@@ -52,9 +53,22 @@ fn simplified(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
     }
 }
 
+/// The dots that a picture shows: one for each small square that holds any, in order.
+pub(crate) fn apart(points: &[(f64, f64)], scale: [f64; 2]) -> Vec<(f64, f64)> {
+    let mut pixels = std::collections::BTreeSet::new();
+    let pixel = |p: &(f64, f64)| {
+        (
+            (p.0 * scale[0] / DOT).floor() as i64,
+            (p.1 * scale[1] / DOT).floor() as i64,
+        )
+    };
+    let new = |p: &&(f64, f64)| pixels.insert(pixel(p));
+    points.iter().filter(new).copied().collect()
+}
+
 /// A curve that keeps the extremes of each of its columns while it grows.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Curve {
+pub struct Curve {
     points: Vec<(f64, f64)>,
     /// The column that grows, and its first point's place.
     column: (u64, usize),
@@ -62,7 +76,7 @@ pub(super) struct Curve {
 
 impl Curve {
     /// Appends a point; points that are not finite leave no trace.
-    pub(super) fn push(&mut self, column: u64, point: (f64, f64)) {
+    pub fn push(&mut self, column: u64, point: (f64, f64)) {
         if !point.1.is_finite() {
             return;
         }
@@ -82,8 +96,9 @@ impl Curve {
         }
     }
 
-    /// The points, in order of time.
-    pub(super) fn points(&self) -> &[(f64, f64)] {
+    /// The points, in the order of their columns.
+    #[must_use]
+    pub fn points(&self) -> &[(f64, f64)] {
         &self.points
     }
 }
