@@ -15,6 +15,7 @@ pub mod request_server;
 pub mod run;
 pub mod service_manager;
 pub mod shared_memory;
+pub mod simulation;
 pub mod state_directory;
 pub mod stored_fault;
 pub mod summary;

@@ -1,6 +1,6 @@
 //! The command `torqued`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -10,6 +10,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use terminal::print;
 use torqued::demo::{self, DemoOptions};
 use torqued::failure::Failure;
+use torqued::simulation::{self, default_file};
 
 /// Joint torques for robots without joint-torque sensors.
 ///
@@ -22,6 +23,7 @@ use torqued::failure::Failure;
   torqued demo                                   a simulated humanoid, no hardware needed
   torqued demo --robot leg --plot leg.svg        a picture of true and estimated torques
   torqued run config/leg/robot.toml              the daemon
+  torqued run config/leg/robot.toml --simulate   the same with a simulated robot, without CAN
   torqued run config/leg/robot.toml --seconds 10 --json"
 )]
 struct Arguments {
@@ -40,13 +42,29 @@ enum Command {
     /// Run the daemon: read the robot's frames, share its torques, command its drives.
     #[command(after_help = "Examples:
   torqued run /etc/torqued/leg/robot.toml
-  torqued run config/leg/robot.toml --seconds 10 --json")]
+  torqued run config/leg/robot.toml --simulate
+  torqued run config/leg/robot.toml --simulate sticky.toml --seed 7
+  torqued run config/leg/robot.toml --seconds 10 --json
+
+With --simulate no CAN interface is needed: a simulated robot answers in this process, in real time.
+Clients, torquectl, tares and faults work as on a robot. Where the computer is too slow, the simulated
+robot's time passes more slowly.")]
     Run {
         /// The robot's configuration, e.g. config/leg/robot.toml.
         config: PathBuf,
         /// Duration, s; without it the daemon ends at SIGINT or SIGTERM.
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
+        /// Simulate the robot, with these parameters [default: sim.toml beside CONFIG]
+        #[arg(long, value_name = "SIM.toml", num_args = 0..=1)]
+        #[expect(
+            clippy::option_option,
+            reason = "not given, given alone, given with a file"
+        )]
+        simulate: Option<Option<PathBuf>>,
+        /// Seed of the simulated robot's noise and imperfections, instead of that in SIM.toml.
+        #[arg(long, value_name = "N", requires = "simulate")]
+        seed: Option<u64>,
         /// Print the summary as JSON.
         #[arg(long)]
         json: bool,
@@ -59,8 +77,13 @@ fn main() -> ExitCode {
         Command::Run {
             config,
             seconds,
+            simulate,
+            seed,
             json,
-        } => run(&config, seconds, json),
+        } => {
+            let sim = simulate.map(|file| file.unwrap_or_else(|| default_file(&config)));
+            run(&config, sim.as_deref(), seed, seconds, json)
+        }
     };
     match result {
         Ok(code) => code,
@@ -71,7 +94,14 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(config: &std::path::Path, seconds: Option<f64>, json: bool) -> Result<ExitCode, Failure> {
+/// Runs the robot, or a simulated one with the parameters in the file `sim`.
+fn run(
+    config: &Path,
+    sim: Option<&Path>,
+    seed: Option<u64>,
+    seconds: Option<f64>,
+    json: bool,
+) -> Result<ExitCode, Failure> {
     let robot = robot_config::load(&config.to_string_lossy(), &|path| {
         std::fs::read_to_string(path)
     })
@@ -86,11 +116,19 @@ fn run(config: &std::path::Path, seconds: Option<f64>, json: bool) -> Result<Exi
             )));
         }
     };
+    let plant = sim.map(|file| {
+        let parameters = simulation::parameters(file, seed)?;
+        simulation::robot(&robot, &parameters, file)
+    });
+    let plant = plant.transpose()?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::environment)?;
     }
-    let summary = torqued::run::run(&robot, cycles, &stop)?;
+    let summary = match plant {
+        Some(plant) => torqued::run::simulate(&robot, plant, cycles, &stop)?,
+        None => torqued::run::run(&robot, cycles, &stop)?,
+    };
     if json {
         let json = serde_json::to_string(&summary).map_err(Failure::environment)?;
         print(&format!("{json}\n")).map_err(Failure::environment)?;

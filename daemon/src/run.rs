@@ -1,21 +1,23 @@
-//! `torqued run`: the loop on real buses, shared with other processes.
+//! `torqued run`: the loop on real buses or with a simulated robot, shared with other processes.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::thread;
 use std::time::Duration;
 
+use plant::CanRobot;
 use problem::Problem;
 use robot_config::{RealTime, Robot};
 use robot_state::{Description, Event, Name};
 
-use crate::bus::{Line, OpenError, SocketCan};
+use crate::bus::in_process::{SimulatedDeadline, VirtualClock};
+use crate::bus::{Bus, Line, LockStep, OpenError, SocketCan};
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
 use crate::interface_lock::InterfaceLocks;
 use crate::looper::Looper;
 use crate::offsets::Store;
-use crate::real_time::{self, Deadline, Settings};
+use crate::real_time::{self, Deadline, Pace, Settings};
 use crate::report::Reporter;
 use crate::request_server::RequestServer;
 use crate::shared_memory;
@@ -23,29 +25,63 @@ use crate::state_directory::StateDirectory;
 use crate::stored_fault::FaultStore;
 use crate::summary::{Summary, Timing};
 
+/// Behind a robot's name in the state directory: the simulated one's.
+const SIMULATED: &str = "-simulated";
 /// Interval at which the main thread looks at the loop.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Runs the robot until `stop` is set or `cycles` have begun or been skipped, and sums up.
+/// Runs the robot on its CAN interfaces until `stop` is set or `cycles` have begun or been skipped,
+/// and sums up.
 ///
 /// # Errors
 /// Obstacles to the loop's start: nothing has been sent then. A loop that does not end.
 pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result<Summary, Failure> {
-    let parameters = &robot.parameters;
-    let lines: Vec<Line<'_>> = parameters.buses.iter().map(Line::from).collect();
+    let lines: Vec<Line<'_>> = robot.parameters.buses.iter().map(Line::from).collect();
     let bus = SocketCan::open(&lines).map_err(|error| match error {
         OpenError::Interfaces(_) => Failure::bad_input(error),
         OpenError::NoCan(_) | OpenError::Socket(..) => Failure::environment(error),
     })?;
     let _locks = InterfaceLocks::take(lines.iter().map(|line| line.interface))
         .map_err(Failure::environment)?;
+    let state = &robot.parameters.name;
+    run_on(robot, bus, Deadline::new, state, cycles, stop)
+}
+
+/// As [`run`], with a simulated robot in the loop's thread. Its tares and faults are kept apart from
+/// those of the real robot.
+///
+/// # Errors
+/// As [`run`].
+pub fn simulate(
+    robot: &Robot,
+    plant: CanRobot,
+    cycles: Option<u64>,
+    stop: &Arc<AtomicBool>,
+) -> Result<Summary, Failure> {
+    let clock = VirtualClock::new();
+    let bus = LockStep::new(plant, &clock);
+    let pace = move |period_ns| SimulatedDeadline::new(&clock, period_ns);
+    let state = format!("{}{SIMULATED}", robot.parameters.name);
+    run_on(robot, bus, pace, &state, cycles, stop)
+}
+
+/// Runs the robot; `pace`: makes the cycle's starts from its period, ns; `state`: the robot's folder
+/// in the state directory.
+fn run_on<B: Bus + Send + 'static, P: Pace>(
+    robot: &Robot,
+    bus: B,
+    pace: impl FnOnce(u64) -> P + Send + 'static,
+    state: &str,
+    cycles: Option<u64>,
+    stop: &Arc<AtomicBool>,
+) -> Result<Summary, Failure> {
+    let parameters = &robot.parameters;
     let mut control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
-    let (store, fault) = stored_fault(&parameters.name)?;
+    let (store, fault) = stored_fault(state)?;
     if let Some(event) = fault {
         control_loop.start_with_fault(event);
     }
-    let server =
-        RequestServer::new(robot, Store::find(&parameters.name)).map_err(Failure::bad_input)?;
+    let server = RequestServer::new(robot, Store::find(state)).map_err(Failure::bad_input)?;
     if !parameters.ft_sensors.is_empty() {
         eprintln!("{}", server.describe_tare());
     }
@@ -66,7 +102,7 @@ pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result
             for measure in real_time.report.denied() {
                 eprintln!("torqued: {measure}");
             }
-            let outcome = looper.run(&mut Deadline::new(period_ns), &mut timing);
+            let outcome = looper.run(&mut pace(period_ns), &mut timing);
             Ok((outcome, timing))
         });
     let loop_thread = loop_thread.map_err(Failure::environment)?;

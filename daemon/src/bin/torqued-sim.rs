@@ -2,13 +2,12 @@
 
 use can_codec::{DecodeError, Frames, Gather};
 use clap::Parser;
-use plant::{CanRobot, SimParameters};
+use plant::CanRobot;
 use robot_config::Robot;
 use serde::Serialize;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::fmt;
-use std::fs::read_to_string;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,6 +15,7 @@ use terminal::print;
 use torqued::bus::{Bus, Line, OpenError, SocketCan};
 use torqued::failure::Failure;
 use torqued::real_time::{self, RealTime, Settings};
+use torqued::simulation;
 
 /// Frames read at once: one batch of the bus.
 const BATCH: usize = 64;
@@ -100,32 +100,20 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn load(arguments: &Arguments) -> Result<(Robot, CanRobot), Failure> {
     let config = arguments.config.to_string_lossy();
-    let read = |path: &str| read_to_string(path);
+    let read = |path: &str| std::fs::read_to_string(path);
     let robot = robot_config::load(&config, &read).map_err(Failure::bad_input)?;
-    let beside = || arguments.config.with_file_name("sim.toml");
-    let sim_path = arguments.sim.clone().unwrap_or_else(beside);
-    let sim_name = sim_path.to_string_lossy();
-    let mut sim = SimParameters::parse(&text(&sim_path)?, &sim_name).map_err(Failure::bad_input)?;
-    sim.seed = arguments.seed.unwrap_or(sim.seed);
+    let beside = || simulation::default_file(&arguments.config);
+    let file = arguments.sim.clone().unwrap_or_else(beside);
+    let sim = simulation::parameters(&file, arguments.seed)?;
     if let Some(table) = sim.free_running() {
         return Err(Failure::bad_input(format!(
-            "{sim_name}: {table}.sampled: on a CAN bus a frame is stamped when it comes, and all \
-             frames come after SYNC; allowed: \"at_sync\""
+            "{}: {table}.sampled: on a CAN bus a frame is stamped when it comes, and all frames \
+             come after SYNC; allowed: \"at_sync\"",
+            file.display()
         )));
     }
-    let urdf = text(Path::new(&robot.parameters.urdf_path))?;
-    let plant = CanRobot::new(&robot, &urdf, &sim)
-        .map_err(|problem| Failure::bad_input(problem.or_at(&sim_name, 0)))?;
+    let plant = simulation::robot(&robot, &sim, &file)?;
     Ok((robot, plant))
-}
-
-fn text(path: &Path) -> Result<String, Failure> {
-    read_to_string(path).map_err(|error| {
-        let path = path.display();
-        Failure::bad_input(format!(
-            "{path}: cannot be read: {error}; allowed: a readable text file"
-        ))
-    })
 }
 
 /// Answers late if others use the CPU, so it takes what real time it can get: one step below the

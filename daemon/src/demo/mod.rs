@@ -25,10 +25,10 @@ use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 
 use crate::bus::LockStep;
-use crate::bus::in_process::{VirtualClock, VirtualDeadline};
+use crate::bus::in_process::{SimulatedDeadline, VirtualClock, VirtualDeadline};
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
-use crate::real_time::{Deadline, Pace};
+use crate::real_time::Pace;
 use client::DemoClient;
 use motion::Motion;
 use report::Report;
@@ -98,25 +98,18 @@ fn simulate(
     let period = robot.parameters.timing.sample_period;
     let cycles = (options.seconds / period).ceil() as u64;
     let clock = VirtualClock::new();
-    let mut simulated = VirtualDeadline::new(&clock, (period * 1e9) as u64);
+    let period_ns = (period * 1e9) as u64;
+    let mut pace: Box<dyn Pace> = match options.fast {
+        true => Box::new(VirtualDeadline::new(&clock, period_ns)),
+        false => Box::new(SimulatedDeadline::new(&clock, period_ns)),
+    };
     let mut client = DemoClient::new(robot, motion);
     let mut report = Report::new(robot, cycles);
     let bus = LockStep::new(plant, &clock);
     let mut control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
     let progress = progress_bar(cycles, options.json);
-    let mut real = Deadline::new((period * 1e9) as u64);
     for cycle in 0..cycles {
-        let mut wake = simulated.wait();
-        if !options.fast {
-            let met = real.wait();
-            wake.late = met.late;
-            wake.woke_ns = wake.scheduled_ns + met.wake_late_ns();
-            wake.skipped = 0;
-            // The simulated robot waits for late cycles: none is skipped.
-            if met.skipped > 0 {
-                real = Deadline::new((period * 1e9) as u64);
-            }
-        }
+        let wake = pace.wait();
         let input = ClientInput {
             reference: Some(client.reference()),
             age_s: 0.0,

@@ -2,7 +2,7 @@
 //! speed, so the same start gives the same bytes.
 
 use super::super::{Bus, BusCounters, deliver};
-use crate::real_time::{Pace, Schedule, WakeReport};
+use crate::real_time::{Deadline, Pace, Schedule, WakeReport};
 use can_codec::{Frames, Gather, MAX_FRAMES, Table};
 use plant::CanRobot;
 use std::sync::Arc;
@@ -71,6 +71,39 @@ impl Pace for VirtualDeadline {
             late,
             skipped,
         }
+    }
+}
+
+/// Cycle starts of a robot that is simulated in the loop's thread: in real time, while the robot's
+/// [`VirtualClock`] leaps from one to the next. A simulated robot waits for a loop that is late: no
+/// start is skipped, the robot's time passes more slowly instead.
+#[derive(Debug, Clone)]
+pub struct SimulatedDeadline {
+    simulated: VirtualDeadline,
+    real: Deadline,
+    period_ns: u64,
+}
+
+impl SimulatedDeadline {
+    /// Cycles every `period_ns` of both clocks, the first one period from now.
+    #[must_use]
+    pub fn new(clock: &VirtualClock, period_ns: u64) -> Self {
+        Self {
+            simulated: VirtualDeadline::new(clock, period_ns),
+            real: Deadline::new(period_ns),
+            period_ns,
+        }
+    }
+}
+
+impl Pace for SimulatedDeadline {
+    fn wait(&mut self) -> WakeReport {
+        self.simulated.wait();
+        let met = self.real.wait();
+        if met.skipped > 0 {
+            self.real = Deadline::new(self.period_ns);
+        }
+        WakeReport { skipped: 0, ..met }
     }
 }
 

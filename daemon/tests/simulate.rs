@@ -1,0 +1,87 @@
+//! `torqued run --simulate`: a process of its own without CAN, seen by a client through shared memory.
+
+mod common;
+
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use common::RunDir;
+use robot_state::{RobotState, torque_flags};
+use test_support::project_path;
+use torqued_client::Client;
+
+fn torqued(arguments: &[&str], run: &RunDir) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
+    command
+        .arg("run")
+        .args(arguments)
+        .env("TORQUED_RUN_DIR", run.directory.path())
+        .env("STATE_DIRECTORY", run.directory.path().join("state"))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command
+}
+
+fn refused(arguments: &[&str]) -> Output {
+    torqued(arguments, &RunDir::new())
+        .output()
+        .expect("torqued runs")
+}
+
+#[test]
+fn a_client_reads_the_torques_of_a_robot_that_is_simulated_in_the_daemon() {
+    let run = RunDir::new();
+    let config = project_path("config/leg/robot.toml");
+    // Ends by itself, should the test fail.
+    let arguments = [config.as_str(), "--simulate", "--seconds", "60", "--json"];
+    let daemon = torqued(&arguments, &run).spawn().expect("torqued runs");
+    let deadline = Instant::now() + Duration::from_secs(30);
+    let client = Client::connect_at(&run.location, "leg", Duration::from_secs(30));
+    let mut client = client.expect("a daemon");
+    let estimated = client
+        .records(Duration::from_secs(10))
+        .map(|record| record.expect("a record").cycle)
+        .take_while(|_| Instant::now() < deadline)
+        .find(|cycle| {
+            let valid = |torque: &robot_state::TorqueEstimate| {
+                torque.flags & torque_flags::VALID != 0 && torque.sigma > 0.0
+            };
+            cycle.state == RobotState::Holding.number()
+                && (cycle.estimated.joints[..6].iter()).all(|j| valid(&j.tau_whole_body))
+        })
+        .expect("the simulated leg is held, and its torques are valid");
+    // The knee carries the shank: a few N·m, and the two estimates agree.
+    let knee = &estimated.estimated.joints[3];
+    let (a, b) = (knee.tau_encoder.tau, knee.tau_whole_body.tau);
+    assert!(b.abs() > 1.0 && (a - b).abs() < 4.0, "{a} {b}");
+
+    let signalled = Command::new("kill").arg(daemon.id().to_string()).status();
+    assert!(signalled.expect("kill runs").success());
+    let out = daemon.wait_with_output().expect("ended");
+    let text = String::from_utf8_lossy(&out.stdout);
+    assert_eq!(out.status.code(), Some(0), "{text}");
+    assert!(
+        text.contains("\"fault\":0") && text.contains("\"skipped_cycles\":0"),
+        "{text}"
+    );
+    // A tare of the simulated robot must never be taken for one of the real robot.
+    let state = run.directory.path().join("state");
+    assert!(state.join("leg-simulated").is_dir() && !state.join("leg").exists());
+}
+
+#[test]
+fn a_missing_or_wrong_simulation_file_is_named_and_nothing_starts() {
+    let config = project_path("config/leg/robot.toml");
+    let out = refused(&[&config, "--simulate", "/nowhere/sim.toml"]);
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{error}");
+    assert!(
+        error.contains("/nowhere/sim.toml: cannot be read"),
+        "{error}"
+    );
+
+    let out = refused(&[&config, "--simulate", &config]);
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{error}");
+    assert!(error.contains("leg/robot.toml:"), "{error}");
+}
