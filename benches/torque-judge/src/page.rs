@@ -1,0 +1,179 @@
+//! Tables of the judgement, as Markdown and as JSON.
+
+use crate::course::Training;
+use crate::family::Judged;
+use crate::real::RealCase;
+use serde_json::{Value, json};
+use std::fmt::Write;
+
+/// Bounds of an honest ratio of error to sigma.
+const HONEST: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+const SCENARIOS: [&str; 5] = ["slow", "fast", "sudden", "frequent", "static"];
+
+/// Median and largest.
+fn median_worst(mut values: Vec<f64>) -> (f64, f64) {
+    values.sort_by(f64::total_cmp);
+    let middle = values.get(values.len() / 2).copied().unwrap_or(f64::NAN);
+    (middle, values.last().copied().unwrap_or(f64::NAN))
+}
+
+fn share(values: &[f64]) -> f64 {
+    let honest = values.iter().filter(|x| HONEST.contains(*x)).count();
+    100.0 * honest as f64 / values.len().max(1) as f64
+}
+
+/// The family's tables.
+#[must_use]
+pub fn family(judged: &Judged) -> String {
+    let mut text = String::from(
+        "RMS error of the fused torque, % of the RMS torque: median / worst joint.\n\n\
+         | training | slow | fast | sudden | frequent | static | fused / best source | error/sigma in 0.5 to 2 | largest |\n\
+         | --- | --- | --- | --- | --- | --- | --- | ---: | ---: |\n",
+    );
+    for (_, training) in Training::ALL {
+        let of: Vec<_> = judged
+            .cases
+            .iter()
+            .filter(|c| c.training == training)
+            .collect();
+        if of.is_empty() {
+            continue;
+        }
+        let _ = write!(text, "| {training} |");
+        for scenario in SCENARIOS {
+            let percent = of.iter().filter(|c| c.scenario == scenario);
+            let percent =
+                percent.filter_map(|c| Some(100.0 * c.score.fused()?.rms / c.score.torque));
+            let (median, worst) = median_worst(percent.collect());
+            let _ = write!(text, " {median:.2} / {worst:.1} |");
+        }
+        let ratios = of
+            .iter()
+            .filter_map(|c| Some(c.score.fused()?.rms / c.score.best()?.rms));
+        let (median, worst) = median_worst(ratios.collect());
+        let relative: Vec<f64> = of
+            .iter()
+            .filter_map(|c| Some(c.score.fused()?.ratio))
+            .collect();
+        let (_, largest) = median_worst(relative.clone());
+        let _ = writeln!(
+            text,
+            " {median:.3} / {worst:.2} | {:.0} % | {largest:.2} |",
+            share(&relative)
+        );
+    }
+    if !judged.refused.is_empty() {
+        let _ = writeln!(text, "\nRefused: {}", judged.refused.join("; "));
+    }
+    text
+}
+
+/// Every source's median error, for one training.
+#[must_use]
+pub fn sources(judged: &Judged, training: &str) -> String {
+    let of: Vec<_> = judged
+        .cases
+        .iter()
+        .filter(|c| c.training == training)
+        .collect();
+    let mut names: Vec<&str> = of
+        .iter()
+        .flat_map(|c| c.score.lines.iter().map(|l| l.name.as_str()))
+        .collect();
+    names.sort_unstable();
+    names.dedup();
+    let mut text = format!(
+        "After training \"{training}\": median % of every source; in brackets median and largest error/sigma.\n\n\
+         | source | slow | fast | sudden | frequent | static |\n| --- | --- | --- | --- | --- | --- |\n"
+    );
+    for name in names {
+        let _ = write!(text, "| {name} |");
+        for scenario in SCENARIOS {
+            let lines: Vec<_> = of
+                .iter()
+                .filter(|c| c.scenario == scenario)
+                .filter_map(|c| {
+                    let line = c.score.lines.iter().find(|l| l.name == name)?;
+                    Some((100.0 * line.rms / c.score.torque, line.ratio))
+                })
+                .collect();
+            let (percent, _) = median_worst(lines.iter().map(|l| l.0).collect());
+            let (ratio, largest) = median_worst(lines.iter().map(|l| l.1).collect());
+            let _ = write!(text, " {percent:.2} ({ratio:.1}, {largest:.1}) |");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// The real arm's table.
+#[must_use]
+pub fn real(cases: &[RealCase]) -> String {
+    let names = [
+        "fused",
+        "raw current",
+        "current regression",
+        "torsion regression",
+        "with feed-forward",
+    ];
+    let mut text = format!(
+        "RMS error, N·m, tared on the first 50 samples; `*`: informative.\n\n\
+         | joint | logs | {} | error/sigma | fused / best plain |\n| --- | --- |{} ---: | ---: |\n",
+        names.join(" | "),
+        " ---: |".repeat(names.len())
+    );
+    for c in cases {
+        let mark = if c.informative { "*" } else { "" };
+        let _ = write!(text, "| {}{mark} | {} |", c.joint, c.logs);
+        for name in names {
+            let _ = write!(text, " {:.2} |", c.rms(name));
+        }
+        let _ = writeln!(text, " {:.2} | {:.2} |", c.ratio(), c.over_best());
+    }
+    let informative: Vec<f64> = cases
+        .iter()
+        .filter(|c| c.informative)
+        .map(RealCase::over_best)
+        .collect();
+    let mean = informative.iter().map(|x| x.ln()).sum::<f64>() / informative.len().max(1) as f64;
+    let (_, worst) = median_worst(informative);
+    let relative: Vec<f64> = cases.iter().map(RealCase::ratio).collect();
+    let (_, largest) = median_worst(relative.clone());
+    let _ = writeln!(
+        text,
+        "\nFused over the best plain method in hindsight, informative cases: geometric mean {:.2}, worst \
+         {worst:.2}. Error/sigma within 0.5 to 2 in {:.0} % of all cases, largest {largest:.2}.",
+        mean.exp(),
+        share(&relative)
+    );
+    text
+}
+
+/// Everything for machines.
+#[must_use]
+pub fn to_json(judged: &Judged, cases: &[RealCase]) -> Value {
+    let family: Vec<Value> = (judged.cases.iter())
+        .map(|c| {
+            let sources: serde_json::Map<_, _> = (c.score.lines.iter())
+                .map(|l| {
+                    (
+                        l.name.clone(),
+                        json!({"rms_Nm": l.rms, "error_over_sigma": l.ratio}),
+                    )
+                })
+                .collect();
+            json!({"joint": c.number, "structure": c.structure, "training": c.training,
+                "scenario": c.scenario, "rms_torque_Nm": c.score.torque, "estimators": sources})
+        })
+        .collect();
+    let real: Vec<Value> = (cases.iter())
+        .map(|c| {
+            let methods: serde_json::Map<_, _> = (c.methods.iter())
+                .map(|m| (m.name.to_owned(), json!({"rms_Nm": m.rms, "error_over_sigma": m.ratio})))
+                .collect();
+            json!({"joint": c.joint, "logs": c.logs, "informative": c.informative, "methods": methods,
+                "report": c.report})
+        })
+        .collect();
+    json!({"family": family, "refused": judged.refused, "reports": judged.reports, "real": real})
+}

@@ -1,0 +1,256 @@
+//! Judgement on the real arm: trained on one log, judged on another, and by contiguous halves.
+//!
+//! Every method is tared: the reference of the first 50 samples is known to it. The plain methods are the ones
+//! that a user would try: the current as it is, and regressions on current or torsion with speed
+//! and direction, fitted to the training log.
+
+use crate::arm::{JointLog, PERIOD_S, joint_file, read};
+use crate::fit::fit;
+use estimators::joint::JointTorqueEstimator;
+use identification::least_squares::Batch;
+use identification::log::LogRow;
+use problem::Problem;
+use std::path::Path;
+
+/// Samples at the start of a judged log whose torque is known.
+pub const TARED: usize = 50;
+/// Least error that counts as a difference, of the rated torque.
+const FLOOR: f64 = 0.01;
+/// Least standard deviation of the reference, of the rated torque, for a case to be informative.
+const INFORMATIVE: f64 = 0.02;
+
+/// One method on one case.
+#[derive(Debug, Clone)]
+pub struct Method {
+    /// Its name.
+    pub name: &'static str,
+    /// RMS error, N·m.
+    pub rms: f64,
+    /// RMS of error over sigma; NaN if the method has no sigma.
+    pub ratio: f64,
+}
+
+/// One training log and one judged log of one joint.
+#[derive(Debug, Clone)]
+pub struct RealCase {
+    /// Joint, from 1.
+    pub joint: usize,
+    /// Training and judged log.
+    pub logs: String,
+    /// Whether the reference varies enough to judge anything but the tare.
+    pub informative: bool,
+    /// Rated torque, N·m.
+    pub rated: f64,
+    /// All methods.
+    pub methods: Vec<Method>,
+    /// Report of the fit.
+    pub report: Vec<String>,
+}
+
+impl RealCase {
+    /// RMS error of a method, N·m.
+    #[must_use]
+    pub fn rms(&self, name: &str) -> f64 {
+        let found = self.methods.iter().find(|m| m.name == name);
+        found.map_or(f64::NAN, |m| m.rms)
+    }
+
+    /// RMS of error over sigma of the fused torque.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        let found = self.methods.iter().find(|m| m.name == "fused");
+        found.map_or(f64::NAN, |m| m.ratio)
+    }
+
+    /// Error of the fused torque over the least of the plain methods without feed-forward, both at least 1 %
+    /// of the rated torque.
+    #[must_use]
+    pub fn over_best(&self) -> f64 {
+        let plain = ["raw current", "current regression", "torsion regression"];
+        let floor = FLOOR * self.rated;
+        let best = plain
+            .iter()
+            .map(|n| self.rms(n))
+            .fold(f64::INFINITY, f64::min);
+        self.rms("fused").max(floor) / best.max(floor)
+    }
+}
+
+/// Columns of a regression.
+type Columns = fn(&LogRow, f64, f64) -> Vec<f64>;
+
+fn speed(log: &JointLog, i: usize) -> f64 {
+    let half = 3;
+    let rows = &log.rows;
+    let (a, b) = (i.saturating_sub(half), (i + half).min(rows.len() - 1));
+    (rows[b].q - rows[a].q) / ((b - a) as f64 * PERIOD_S)
+}
+
+fn regression(train: &JointLog, judged: &JointLog, columns: Columns) -> Option<Vec<f64>> {
+    let row = |log: &JointLog, i: usize| columns(&log.rows[i], speed(log, i), log.feed_forward[i]);
+    let mut batch = Batch::new(row(train, 0).len());
+    for i in 0..train.rows.len() {
+        batch.add(&row(train, i), train.rows[i].tau_sensor);
+    }
+    let x = batch.solve(1e-6)?.x;
+    let value = |i: usize| {
+        row(judged, i)
+            .iter()
+            .zip(x.iter())
+            .map(|(a, x)| a * x)
+            .sum()
+    };
+    Some((0..judged.rows.len()).map(value).collect())
+}
+
+/// Root mean square error after the tare, of the samples behind it.
+fn tared(values: &[f64], judged: &JointLog) -> f64 {
+    let errors: Vec<f64> = (values.iter().zip(&judged.rows))
+        .map(|(v, row)| v - row.tau_sensor)
+        .collect();
+    let zero = errors.iter().take(TARED).sum::<f64>() / TARED as f64;
+    let rest = errors.iter().skip(TARED);
+    let square: f64 = rest.map(|e| (e - zero).powi(2)).sum();
+    (square / (errors.len() - TARED) as f64).sqrt()
+}
+
+const RATIO: [f64; crate::arm::JOINTS] = crate::arm::RATIOS;
+
+fn plain(joint: usize, train: &JointLog, judged: &JointLog) -> Vec<Method> {
+    let raw: Vec<f64> = judged.rows.iter().map(|row| row.current).collect();
+    let mut methods = vec![Method {
+        name: "raw current",
+        rms: tared(&raw, judged),
+        ratio: f64::NAN,
+    }];
+    fn direction(v: f64) -> f64 {
+        (v / 0.02).tanh()
+    }
+    let torsion: Columns = match RATIO[joint] as u32 {
+        121 => |r, v, _| vec![1e3 * (r.theta / 121.0 - r.q), v, direction(v), 1.0],
+        _ => |r, v, _| vec![1e3 * (r.theta / 101.0 - r.q), v, direction(v), 1.0],
+    };
+    let with: Columns = match RATIO[joint] as u32 {
+        121 => |r, v, ff| vec![1e3 * (r.theta / 121.0 - r.q), v, direction(v), 1.0, ff],
+        _ => |r, v, ff| vec![1e3 * (r.theta / 101.0 - r.q), v, direction(v), 1.0, ff],
+    };
+    let current: Columns = |r, v, _| vec![r.current, v, direction(v), 1.0];
+    let regressions = [
+        ("current regression", current),
+        ("torsion regression", torsion),
+        ("with feed-forward", with),
+    ];
+    for (name, columns) in regressions {
+        let rms = regression(train, judged, columns).map_or(f64::NAN, |v| tared(&v, judged));
+        methods.push(Method {
+            name,
+            rms,
+            ratio: f64::NAN,
+        });
+    }
+    methods
+}
+
+fn fused(file: &joint_file::JointFile, judged: &JointLog) -> Result<Method, Problem> {
+    let mut set = file.estimators()?;
+    let mut front_end = file.front_end()?;
+    let mut last = None;
+    let (mut values, mut sigmas) = (Vec::new(), Vec::new());
+    for row in &judged.rows {
+        front_end.bridge(last.replace(row.t), row.t);
+        let e = set.update(&front_end.update(row.theta, row.q, row.current));
+        values.push(e.tau);
+        sigmas.push(e.sigma.max(1e-9));
+    }
+    let errors: Vec<f64> = (values.iter().zip(&judged.rows))
+        .map(|(v, row)| v - row.tau_sensor)
+        .collect();
+    let zero = errors.iter().take(TARED).sum::<f64>() / TARED as f64;
+    let relative: f64 = (errors.iter().zip(&sigmas).skip(TARED))
+        .map(|(e, s)| ((e - zero) / s).powi(2))
+        .sum();
+    Ok(Method {
+        name: "fused",
+        rms: tared(&values, judged),
+        ratio: (relative / (errors.len() - TARED) as f64).sqrt(),
+    })
+}
+
+fn case(
+    joint: usize,
+    logs: String,
+    train: &JointLog,
+    judged: &JointLog,
+) -> Result<RealCase, Problem> {
+    let file = joint_file(joint)?;
+    let mut methods = plain(joint, train, judged);
+    let mut report = Vec::new();
+    match fit(&file, None, &train.rows) {
+        Ok((fitted, notes)) => {
+            report = notes;
+            methods.push(fused(&fitted, judged)?);
+        }
+        Err(e) => report.push(e.to_string()),
+    }
+    let tau = judged.rows.iter().map(|row| row.tau_sensor);
+    let mean = tau.clone().sum::<f64>() / judged.rows.len() as f64;
+    let variance = tau.map(|tau| (tau - mean).powi(2)).sum::<f64>() / judged.rows.len() as f64;
+    let rated = file.joint.rated_torque;
+    Ok(RealCase {
+        joint: joint + 1,
+        logs,
+        informative: variance.sqrt() > INFORMATIVE * rated,
+        rated,
+        methods,
+        report,
+    })
+}
+
+/// Judges the logs `sweep.csv` and `jog_joints.csv` (and any others) of a folder: every directed pair on
+/// joints 1, 2, 3, 5, and the halves of the sweep on joints 2, 3, 5.
+///
+/// # Errors
+/// Logs that cannot be read.
+pub fn judge(folder: &Path, progress: &dyn Fn(&str)) -> Result<Vec<RealCase>, Problem> {
+    let of =
+        |e: std::io::Error| Problem::new(e.to_string(), "").at(folder.display().to_string(), 0);
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .map_err(of)?
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter_map(|name| Some(name.strip_suffix(".csv")?.to_owned()))
+        .collect();
+    names.sort();
+    let logs: Result<Vec<_>, _> = names
+        .iter()
+        .map(|name| read(&folder.join(format!("{name}.csv"))))
+        .collect();
+    let logs = logs?;
+    let mut cases = Vec::new();
+    for (a, train) in names.iter().zip(&logs) {
+        for (b, judged) in names.iter().zip(&logs).filter(|(b, _)| *b != a) {
+            for joint in [0, 1, 2, 4] {
+                let what = format!("{a} to {b}");
+                progress(&format!("{what}, joint {}", joint + 1));
+                cases.push(case(joint, what, &train[joint], &judged[joint])?);
+            }
+        }
+        if a != "sweep" {
+            continue;
+        }
+        for joint in [1, 2, 4] {
+            let all = train[joint].rows.len();
+            let halves = [
+                train[joint].part(0, all / 2),
+                train[joint].part(all / 2, all),
+            ];
+            for (k, what) in ["first half to second", "second half to first"]
+                .iter()
+                .enumerate()
+            {
+                progress(&format!("{what}, joint {}", joint + 1));
+                cases.push(case(joint, (*what).to_owned(), &halves[k], &halves[1 - k])?);
+            }
+        }
+    }
+    Ok(cases)
+}
