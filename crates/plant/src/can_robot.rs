@@ -5,8 +5,10 @@ use crate::drive_states::DriveStates;
 use crate::kinematic_error::KinematicError;
 use crate::parameters::SimParameters;
 use crate::plan::{JointPlan, Plan};
+use crate::random::Random;
 use crate::readings::six;
 use crate::robot::SimRobot;
+use crate::transport::Transport;
 use crate::truth::Truth;
 use can_codec::{Frame, Frames, Table};
 use nalgebra::{Matrix6, Vector6};
@@ -34,6 +36,7 @@ pub struct CanRobot {
     electronics: Vec<Electronics>,
     values: Vec<f64>,
     commands: Vec<f64>,
+    transport: Transport,
     unknown: u64,
 }
 
@@ -68,6 +71,11 @@ impl CanRobot {
                 .collect(),
             values: vec![0.0; slots::receive_len(parameters)],
             commands: vec![0.0; slots::send_len(parameters)],
+            transport: Transport::new(
+                &sim.transport,
+                parameters.timing.sample_period,
+                Random::new(sim.seed, 60),
+            ),
             unknown: 0,
         };
         can.fill_values();
@@ -138,12 +146,18 @@ impl CanRobot {
     fn follow_command(&mut self, frame: &Frame) {
         match self.send.decode(frame, &mut self.commands) {
             Ok(Some(index)) => {
+                // Control words arrive at once: a drive's states take their own time.
+                let delay = self.transport.next_delay();
                 for slot in self.send.slots(index) {
                     let Some(&value) = self.commands.get(slot) else {
                         continue;
                     };
                     match slots::sent(slot) {
-                        Sent::Command(joint) => self.robot.command(joint, value),
+                        Sent::Command(joint) => {
+                            if let Some(delay) = delay {
+                                self.robot.command_after(joint, value, delay);
+                            }
+                        }
                         Sent::Control(joint) => {
                             if let Some(states) = self.robot.drive_states(joint) {
                                 states.control(value as u32);

@@ -30,6 +30,7 @@ pub mod sensors;
 pub mod spatial;
 pub mod surroundings;
 pub mod transmission;
+pub mod transport;
 pub mod tree;
 pub mod truth;
 pub mod urdf;

@@ -38,6 +38,9 @@ pub struct SimParameters {
     /// External pushes.
     #[serde(default, rename = "push")]
     pub pushes: Vec<PushParameters>,
+    /// The way of the set-points to the drives.
+    #[serde(default)]
+    pub transport: TransportParameters,
     /// F/T sensors.
     #[serde(default)]
     pub ft_sensor: FtParameters,
@@ -47,6 +50,22 @@ pub struct SimParameters {
     /// Kinds of drives, named as in `robot.toml`.
     #[serde(default, rename = "drive")]
     pub drives: BTreeMap<String, DriveParameters>,
+}
+
+/// `[transport]`: how the frames with set-points reach the drives.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransportParameters {
+    /// Time from the sample from which a command was computed until it acts, s; one period of the
+    /// loop if left out.
+    #[serde(default, rename = "delay_us", deserialize_with = "optional_micro0")]
+    pub delay: Option<f64>,
+    /// Further delay, drawn for each frame up to this, s. Frames do not overtake each other.
+    #[serde(default, rename = "jitter_us", deserialize_with = "micro0")]
+    pub jitter: f64,
+    /// Share of the frames that are lost, drawn for each.
+    #[serde(default, rename = "lost_per_cent", deserialize_with = "per_cent")]
+    pub lost: f64,
 }
 
 /// `[start]`: the pose at the start.

@@ -14,6 +14,7 @@ use crate::random::Random;
 use crate::readings::Readings;
 use crate::sensors::{FtSensor, Imu};
 use crate::surroundings::Surroundings;
+use crate::transport::OnTheWay;
 use crate::tree::{State, Tree, integrate};
 use crate::truth::Truth;
 use crate::urdf::Urdf;
@@ -41,6 +42,8 @@ pub struct SimRobot {
     /// Steps in a period of each drive's control loop.
     control_every: Vec<u64>,
     steps_done: u64,
+    /// In the tree's order.
+    on_the_way: Vec<OnTheWay>,
     tau: Vec<f64>,
     armature: Vec<f64>,
     pub(crate) ddq: Vec<f64>,
@@ -110,6 +113,7 @@ impl SimRobot {
             substeps,
             control_every,
             steps_done: 0,
+            on_the_way: vec![OnTheWay::default(); n],
             tau: vec![0.0; n],
             armature: vec![0.0; n],
             ddq: vec![0.0; n],
@@ -118,12 +122,26 @@ impl SimRobot {
         Ok(robot)
     }
 
-    /// Sets a drive's set point: rad (link side) or A. `joint` counts in the plan's order.
+    /// Sets a drive's set point at once: rad (link side) or A. `joint` counts in the plan's order.
     pub fn command(&mut self, joint: usize, set_point: f64) {
+        self.command_after(joint, set_point, 0.0);
+    }
+
+    /// The same after a `delay`, s, and not before an earlier set point.
+    pub fn command_after(&mut self, joint: usize, set_point: f64, delay: f64) {
         debug_assert!(set_point.is_finite());
         if let Some(&dof) = self.order.get(joint)
             && set_point.is_finite()
         {
+            let due = self.steps_done + (delay / self.dt).round() as u64;
+            self.on_the_way[dof].send(due, set_point);
+            self.receive(dof);
+        }
+    }
+
+    /// Gives a drive the set points that have arrived.
+    fn receive(&mut self, dof: usize) {
+        while let Some(set_point) = self.on_the_way[dof].arrive(self.steps_done) {
             self.joints[dof].command(set_point);
         }
     }
@@ -191,6 +209,7 @@ impl SimRobot {
         let time = self.steps_done as f64 * dt;
         self.dynamics.kinematics(&self.tree, &self.state);
         self.surroundings.prepare(&mut self.dynamics, time, dt);
+        (0..self.joints.len()).for_each(|dof| self.receive(dof));
         for (i, joint) in self.joints.iter_mut().enumerate() {
             if self.steps_done.is_multiple_of(self.control_every[i]) {
                 joint.control(self.control_every[i] as f64 * dt);

@@ -69,6 +69,10 @@ pub(super) fn micro0<'de, D: Deserializer<'de>>(d: D) -> Read<f64, D::Error> {
     Ok(1e-6 * checked(d, "a number from 0 to 10000", |x| (0.0..=1e4).contains(&x))?)
 }
 
+pub(super) fn optional_micro0<'de, D: Deserializer<'de>>(d: D) -> Read<Option<f64>, D::Error> {
+    Ok(Some(micro0(d)?))
+}
+
 pub(super) fn optional_micro<'de, D: Deserializer<'de>>(d: D) -> Read<Option<f64>, D::Error> {
     let allowed = "a number from 10 to 16000";
     Ok(Some(

@@ -157,6 +157,69 @@ fn drives_hold_until_commanded_and_then_follow() {
     );
 }
 
+/// Set-points are sent this far apart, rad: twice their resolution on the bus.
+const STEP: f64 = 6e-6;
+
+/// Cycles after which the drives follow each of `sent` set-points of hip yaw, in the order of
+/// arrival, with a `sim.toml` that has this `[transport]`.
+fn arrivals(transport: &str, sent: usize) -> Vec<(usize, f64)> {
+    let text = test_support::read_project_file("config/leg/sim.toml").unwrap() + transport;
+    let sim = plant::SimParameters::parse(&text, "sim.toml").unwrap();
+    let mut rig = Rig {
+        robot: robot("leg"),
+        can: can_robot("leg", &sim).unwrap(),
+    };
+    let mut last = rig.can.robot().set_point(0);
+    let held: Vec<f64> = (0..6).map(|j| rig.can.robot().set_point(j)).collect();
+    let mut arrived = Vec::new();
+    for k in 0..sent + 20 {
+        let step = STEP * (k + 1) as f64;
+        if k < sent {
+            let set_points: Vec<f64> = held.iter().map(|held| held + step).collect();
+            rig.command(&set_points);
+        }
+        rig.cycle(&[0, 1]);
+        let now = rig.can.robot().set_point(0);
+        if now != last {
+            arrived.push((k, now - held[0]));
+        }
+        last = now;
+    }
+    arrived
+}
+
+/// The command of cycle k is the drive's set-point at the end of period k + delay.
+#[test]
+fn set_points_act_one_cycle_after_their_sample_unless_said() {
+    for (transport, delay) in [
+        ("", 1),
+        ("[transport]\ndelay_us = 0\n", 0),
+        ("[transport]\ndelay_us = 2000\n", 2),
+    ] {
+        let arrived = arrivals(transport, 10);
+        assert_eq!(arrived.len(), 10, "{transport}");
+        for (k, (cycle, step)) in arrived.iter().enumerate() {
+            assert_eq!(*cycle, k + delay, "{transport}");
+            assert!(
+                (step - STEP * (k + 1) as f64).abs() < 0.5 * STEP,
+                "{transport}"
+            );
+        }
+    }
+}
+
+#[test]
+fn jitter_keeps_the_order_and_lost_frames_stay_away() {
+    let arrived = arrivals("[transport]\njitter_us = 1500\nlost_per_cent = 20\n", 1000);
+    assert!(arrived.windows(2).all(|pair| pair[0].1 < pair[1].1));
+    // A set-point that the next one catches up is not seen at the end of a period either.
+    assert!((600..800).contains(&arrived.len()), "{}", arrived.len());
+    let late = (arrived.iter()).map(|(cycle, step)| cycle - ((step / STEP).round() as usize - 1));
+    let late: Vec<usize> = late.collect();
+    assert!(late.iter().all(|late| (1..=2).contains(late)));
+    assert!(late.contains(&1) && late.contains(&2));
+}
+
 #[test]
 fn the_same_frames_give_the_same_bytes() {
     let record = |seed: u64| {
