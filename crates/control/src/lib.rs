@@ -7,7 +7,9 @@
 
 mod gains;
 mod inverse_dynamics;
+pub mod margins;
 mod motor;
+pub mod predictive;
 mod torque_loop;
 
 pub use gains::{EquivalentGains, JointGains};

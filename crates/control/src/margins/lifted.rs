@@ -1,0 +1,197 @@
+//! One period of the loop as matrices, by superposition of its simulated responses.
+
+use super::{JointLoop, Load};
+use crate::predictive::{DriveModel, LawParameters, LinearLaw, TauD};
+use nalgebra::{DMatrix, DVector};
+
+/// Steps of the plant in a period.
+pub(super) const SUBSTEPS: usize = 40;
+
+/// `x+ = A x + B u`, `y = C x + D u`: `u` the torque that drives the rotor in each step, `y` the torque
+/// that the drive makes in each.
+#[derive(Debug, Clone)]
+pub(super) struct Lifted {
+    pub(super) a: DMatrix<f64>,
+    pub(super) b: DMatrix<f64>,
+    pub(super) c: DMatrix<f64>,
+    pub(super) d: DMatrix<f64>,
+    /// Closed loop: `x+ = F x + g tau_d`, and the torque at the samples `h x`.
+    pub(super) closed: DMatrix<f64>,
+    pub(super) from_desired: DVector<f64>,
+    pub(super) torque: DVector<f64>,
+    pub(super) sample_period: f64,
+}
+
+/// The simulated loop.
+struct Simulated {
+    law: LinearLaw,
+    truth: LawParameters,
+    outer: TauD,
+    torque_gain: f64,
+    gear: f64,
+    gear_damping: f64,
+    /// Spring on the rotor, N·m/rad.
+    stick: f64,
+    /// Link: inverse inertia, spring, damper.
+    link: [f64; 3],
+    /// Steps of the drive's lag, and from a sample until its command reaches the drive.
+    lag: usize,
+    transport: usize,
+    /// Time constant of the drive's velocity, s.
+    velocity_filter: f64,
+    h: f64,
+}
+
+/// theta, omega, q, dq, and omega as the drive filters it.
+const MECHANICAL: usize = 5;
+
+impl Lifted {
+    pub(super) fn new(joint: &JointLoop, load: Load) -> Self {
+        let mut simulated = Simulated::new(joint, load);
+        let n = simulated.size();
+        let unit = |i: usize, size: usize| {
+            let mut x = vec![0.0; size];
+            if let Some(x) = x.get_mut(i) {
+                *x = 1.0;
+            }
+            x
+        };
+        let (rest, nothing) = (vec![0.0; n], vec![0.0; SUBSTEPS]);
+        let open = |s: &mut Simulated, x: &[f64], u: &[f64]| s.period(x, Some(u), 0.0);
+        let columns = |of: &mut dyn FnMut(usize) -> (Vec<f64>, Vec<f64>), count: usize| {
+            let both: Vec<_> = (0..count).map(of).collect();
+            (
+                DMatrix::from_fn(n, count, |i, j| both[j].0[i]),
+                DMatrix::from_fn(SUBSTEPS, count, |i, j| both[j].1[i]),
+            )
+        };
+        let (a, c) = columns(&mut |j| open(&mut simulated, &unit(j, n), &nothing), n);
+        let (b, d) = columns(
+            &mut |j| open(&mut simulated, &rest, &unit(j, SUBSTEPS)),
+            SUBSTEPS,
+        );
+        let (closed, _) = columns(&mut |j| simulated.period(&unit(j, n), None, 0.0), n);
+        let (from_desired, _) = simulated.period(&rest, None, 1.0);
+        let gear = simulated.gear;
+        Self {
+            a,
+            b,
+            c,
+            d,
+            closed,
+            from_desired: DVector::from_vec(from_desired),
+            torque: DVector::from_fn(n, |i, _| match i {
+                0 => gear,
+                2 => -gear,
+                _ => 0.0,
+            }),
+            sample_period: joint.law.sample_period,
+        }
+    }
+}
+
+impl Simulated {
+    fn new(joint: &JointLoop, load: Load) -> Self {
+        let h = joint.law.sample_period / SUBSTEPS as f64;
+        let gear = joint.truth.gear.at(joint.torque);
+        let steps = |time: f64| (time / h).round().max(0.0) as usize;
+        let free = |share: f64| [1.0 / (share * joint.link_inertia), 0.0, 0.0];
+        Self {
+            law: LinearLaw::new(&joint.law, joint.law.gear.at(joint.torque)),
+            truth: joint.truth,
+            outer: TauD {
+                torque: 0.0,
+                stiffness: joint.stiffness,
+                damping: joint.damping,
+            },
+            torque_gain: joint.torque_gain,
+            gear,
+            gear_damping: 2.0 * joint.gear_damping * (gear * joint.truth.rotor_inertia).sqrt(),
+            stick: match load {
+                Load::Stuck => 2.0 * gear,
+                _ => 0.0,
+            },
+            link: match load {
+                Load::Blocked | Load::Stuck => [0.0; 3],
+                Load::Free => free(1.0),
+                Load::Light => free(0.2),
+                Load::Heavy => free(5.0),
+                Load::Spring => [1.0 / joint.link_inertia, gear / 3.0, 1e-3 * gear / 3.0],
+            },
+            lag: steps(joint.drive_lag),
+            transport: steps(joint.truth.delay - joint.drive_lag),
+            // Differences over a period of the drive's loop, and their filter.
+            velocity_filter: 2.0 * joint.drive_lag,
+            h,
+        }
+    }
+
+    /// Commands that may act within a period.
+    fn commands(&self) -> usize {
+        self.transport.div_ceil(SUBSTEPS) + 1
+    }
+
+    fn size(&self) -> usize {
+        MECHANICAL + self.lag + self.commands() + self.law.size()
+    }
+
+    /// A period from the state `x`: the next state, and the drive's torque in each step. The rotor is
+    /// driven by `driven`, or by the drive.
+    fn period(&mut self, x: &[f64], driven: Option<&[f64]>, tau_d: f64) -> (Vec<f64>, Vec<f64>) {
+        let (mechanical, rest) = x.split_at(MECHANICAL);
+        let (on_the_way, rest) = rest.split_at(self.lag);
+        let (sent, law) = rest.split_at(self.commands());
+        let &[mut theta, mut omega, mut q, mut dq, mut filtered] = mechanical else {
+            return (x.to_vec(), vec![0.0; SUBSTEPS]);
+        };
+        if self.link[0] == 0.0 {
+            // Blocked.
+            (q, dq) = (0.0, 0.0);
+        }
+        let (mut lag, mut sent) = (on_the_way.to_vec(), sent.to_vec());
+        self.law.set_state(law);
+        let measured = self.torque_gain * self.gear * (theta - q);
+        let desired = TauD {
+            torque: tau_d,
+            ..self.outer
+        };
+        sent.rotate_right(1);
+        sent[0] = self.law.step((theta, q), measured, desired);
+
+        let mut made = vec![0.0; SUBSTEPS];
+        let h = self.h;
+        for (step, made) in made.iter_mut().enumerate() {
+            // The newest command that has arrived: sent[k] left k periods ago.
+            let late = self.transport.saturating_sub(step).div_ceil(SUBSTEPS);
+            filtered += (omega - filtered) * h / (h + self.velocity_filter);
+            lag.push(self.drive_torque(sent[late], theta, filtered));
+            *made = lag.remove(0);
+            let motor = driven.map_or(*made, |driven| driven[step]);
+            let [inverse_inertia, spring, damper] = self.link;
+            // Semi-implicit: the gear at the step's end.
+            let torque =
+                self.gear * (theta + h * omega - q - h * dq) + self.gear_damping * (omega - dq);
+            let alpha = (motor - torque - self.stick * theta) / self.truth.rotor_inertia;
+            let acceleration = inverse_inertia * (torque - spring * q - damper * dq);
+            omega += h * alpha;
+            theta += h * omega;
+            dq += h * acceleration;
+            q += h * dq;
+        }
+        let mechanical = [theta, omega, q, dq, filtered];
+        let next = mechanical.into_iter().chain(lag).chain(sent);
+        (next.chain(self.law.state()).collect(), made)
+    }
+
+    fn drive_torque(&self, command: f64, theta: f64, omega: f64) -> f64 {
+        match self.truth.drive {
+            DriveModel::Position {
+                stiffness, damping, ..
+            } => stiffness * (command - theta) - damping * omega,
+            DriveModel::Current {
+                torque_constant,
+                viscous,
+            } => torque_constant * command - viscous * omega,
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! Frequency responses and margins of a lifted loop.
+
+use super::Margins;
+use super::lifted::{Lifted, SUBSTEPS};
+use nalgebra::{Complex, DMatrix, DVector};
+use std::f64::consts::{PI, TAU};
+
+/// Lowest frequency of interest, Hz.
+const LOWEST: f64 = 0.2;
+/// Frequencies of a curve.
+const POINTS: usize = 360;
+/// Highest frequency of the open loop, over the rate of the samples: the drive's own loop is faster.
+const HIGHEST: f64 = 2.0;
+/// Eigenvalues up to this count as stable: a free link stays where it is put, or moves on, and rounding
+/// splits the double eigenvalue 1.
+const STABLE: f64 = 1.0 + 3e-5;
+
+/// A point of a frequency response.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Frequency, Hz.
+    pub frequency: f64,
+    /// Real part.
+    pub re: f64,
+    /// Imaginary part.
+    pub im: f64,
+}
+
+impl Point {
+    /// Its absolute value.
+    #[must_use]
+    pub fn gain(&self) -> f64 {
+        self.re.hypot(self.im)
+    }
+
+    /// Its angle, rad, from -pi to pi.
+    #[must_use]
+    pub fn phase(&self) -> f64 {
+        self.im.atan2(self.re)
+    }
+}
+
+/// The loop of a joint with a load.
+#[derive(Debug, Clone)]
+pub struct ClosedLoop {
+    lifted: Lifted,
+}
+
+impl ClosedLoop {
+    pub(super) fn new(lifted: Lifted) -> Self {
+        Self { lifted }
+    }
+
+    /// Whether the closed loop comes to rest.
+    #[must_use]
+    pub fn is_stable(&self) -> bool {
+        let eigenvalues = self.lifted.closed.complex_eigenvalues();
+        eigenvalues.iter().all(|value| value.norm() <= STABLE)
+    }
+
+    /// The open loop's response, from the torque on the rotor to minus the torque that the drive
+    /// makes: -1 is the critical point.
+    #[must_use]
+    pub fn open_loop(&self) -> Vec<Point> {
+        let l = &self.lifted;
+        let (b, c, d) = (complex(&l.b), complex(&l.c), complex(&l.d));
+        self.frequencies(HIGHEST)
+            .filter_map(|frequency| {
+                let angle = TAU * frequency * l.sample_period;
+                let drive = DVector::from_fn(SUBSTEPS, |k, _| {
+                    Complex::from_polar(1.0, angle * k as f64 / SUBSTEPS as f64)
+                });
+                let x = self.solve(&l.a, angle, &b * &drive)?;
+                let made = &c * x + &d * &drive;
+                let mean: Complex<f64> = drive.dotc(&made) / Complex::new(SUBSTEPS as f64, 0.0);
+                Some(point(frequency, -mean))
+            })
+            .collect()
+    }
+
+    /// The closed loop's response, from the desired torque to the torque of the gear.
+    #[must_use]
+    pub fn torque_response(&self) -> Vec<Point> {
+        let l = &self.lifted;
+        let input = l.from_desired.map(|x| Complex::new(x, 0.0));
+        let output = l.torque.map(|x| Complex::new(x, 0.0));
+        self.frequencies(0.49)
+            .filter_map(|frequency| {
+                let angle = TAU * frequency * l.sample_period;
+                let x = self.solve(&l.closed, angle, input.clone())?;
+                Some(point(frequency, output.dot(&x)))
+            })
+            .collect()
+    }
+
+    /// Frequency at which the torque response has fallen by 3 dB, Hz.
+    #[must_use]
+    pub fn bandwidth(&self) -> f64 {
+        let response = self.torque_response();
+        let fallen = response.windows(2).find(|pair| {
+            matches!(pair, [a, b] if a.gain() >= 0.5_f64.sqrt() && b.gain() < 0.5_f64.sqrt())
+        });
+        match fallen {
+            Some([a, b]) => {
+                let share = (a.gain() - 0.5_f64.sqrt()) / (a.gain() - b.gain());
+                a.frequency + share * (b.frequency - a.frequency)
+            }
+            _ if response.first().is_some_and(|p| p.gain() < 0.5_f64.sqrt()) => 0.0,
+            _ => response.last().map_or(0.0, |p| p.frequency),
+        }
+    }
+
+    /// Gain and phase margin.
+    #[must_use]
+    pub fn margins(&self) -> Margins {
+        match self.is_stable() {
+            true => margins(&self.open_loop()),
+            false => Margins::NONE,
+        }
+    }
+
+    /// From the lowest frequency to a share of the sample rate.
+    fn frequencies(&self, share: f64) -> impl Iterator<Item = f64> {
+        let highest = share / self.lifted.sample_period;
+        let ratio = (highest / LOWEST).powf(1.0 / (POINTS - 1) as f64);
+        (0..POINTS).map(move |k| LOWEST * ratio.powi(k as i32))
+    }
+
+    /// `(z 1 - A)^-1 input`.
+    fn solve(
+        &self,
+        a: &DMatrix<f64>,
+        angle: f64,
+        input: DVector<Complex<f64>>,
+    ) -> Option<DVector<Complex<f64>>> {
+        let z = Complex::from_polar(1.0, angle);
+        let n = a.nrows();
+        let matrix = DMatrix::from_fn(n, n, |i, j| {
+            let diagonal = if i == j { z } else { Complex::new(0.0, 0.0) };
+            diagonal - a[(i, j)]
+        });
+        matrix.lu().solve(&input)
+    }
+}
+
+/// Margins of a stable closed loop by its open loop's curve.
+fn margins(open: &[Point]) -> Margins {
+    let mut least = Margins {
+        phase: PI,
+        gain: f64::INFINITY,
+    };
+    for pair in open.windows(2) {
+        let [a, b] = pair else { continue };
+        if (a.gain() - 1.0) * (b.gain() - 1.0) <= 0.0 && a.gain() != b.gain() {
+            let share = (1.0 - a.gain()) / (b.gain() - a.gain());
+            least.phase = least.phase.min(PI - between(a, b, share).phase().abs());
+        }
+        if a.im * b.im <= 0.0 && a.im != b.im {
+            let crossing = between(a, b, -a.im / (b.im - a.im));
+            if crossing.re < 0.0 {
+                let gain = -crossing.re;
+                least.gain = least.gain.min(gain.max(1.0 / gain));
+            }
+        }
+    }
+    least
+}
+
+fn between(a: &Point, b: &Point, share: f64) -> Point {
+    let at = |a: f64, b: f64| a + share * (b - a);
+    Point {
+        frequency: at(a.frequency, b.frequency),
+        re: at(a.re, b.re),
+        im: at(a.im, b.im),
+    }
+}
+
+fn point(frequency: f64, value: Complex<f64>) -> Point {
+    Point {
+        frequency,
+        re: value.re,
+        im: value.im,
+    }
+}
+
+fn complex(matrix: &DMatrix<f64>) -> DMatrix<Complex<f64>> {
+    matrix.map(|x| Complex::new(x, 0.0))
+}

@@ -1,0 +1,286 @@
+//! The predictive torque law: state feedback on the torque that will act when the command does.
+//!
+//! Rotor on the link side (`J = J_m N²`), gear stiffness `k`, torque `T` of the gear, drive with
+//! stiffness `k_d` and damping `d_d` (zero where it takes currents):
+//!
+//! ```text
+//! J omega' = m - d_d omega - T + d        m = k_d (u - theta)  or  m = K_t i
+//! T'       = k (omega - dq)
+//! ```
+//!
+//! `theta`, `omega` and the disturbance `d` (friction, model errors) come from one observer, `q`,
+//! `dq` and `ddq` from another; both run ahead, with the commands that are on their way, to the
+//! instant at which this command acts. There `m` is chosen such that the torque follows a model of
+//! second order, and the drive's relation is inverted. What the limits make of the command returns
+//! through [`PredictiveLaw::sent`]: the observer does not wind up against a limit, and a change of
+//! mode has no bump. `docs/control.md` derives the gains.
+
+mod linear;
+mod observers;
+mod parameters;
+mod reference;
+
+pub use parameters::{
+    Contributions, Design, DriveModel, GearStiffness, LawParameters, TorqueTerms,
+};
+
+pub(crate) use linear::{LinearLaw, TauD};
+
+use observers::{Link, Rotor, RotorStep};
+use reference::{ReferenceModel, ReferenceState};
+
+/// Measured values of one joint in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sensed {
+    /// theta/N: motor-side angle on the link side, rad.
+    pub theta: f64,
+    /// q: link-side angle, rad.
+    pub q: f64,
+    /// T: torque that the gear carries, N·m; none: it follows from the last one and the torsion.
+    pub torque: Option<f64>,
+    /// The angles were sampled in this cycle; otherwise both observers run on without them.
+    pub fresh: bool,
+}
+
+/// The law of one joint, with its observers.
+#[derive(Debug, Clone)]
+pub struct PredictiveLaw {
+    parameters: LawParameters,
+    /// Time within a period at which a command begins to act, s, and the rest of the period.
+    lag_step: RotorStep,
+    rest_step: RotorStep,
+    /// Half a period: a command is computed for the middle of the time for which it acts.
+    half_step: RotorStep,
+    rotor: Rotor,
+    link: Link,
+    /// T: torque of the newest sample, N·m.
+    torque: f64,
+    reference_model: ReferenceModel,
+    reference: [ReferenceState; 4],
+    /// Velocity of the link below `Design::follow`, rad/s.
+    slow_velocity: f64,
+    follow_share: f64,
+    /// Command that acted before the oldest of `commands`.
+    before: f64,
+    /// Commands on their way, oldest first: rad or A.
+    commands: Vec<f64>,
+    started: bool,
+}
+
+/// The state when a command acts.
+#[derive(Debug, Clone, Copy)]
+struct Ahead {
+    theta: f64,
+    /// omega - dq: velocity of the torsion, rad/s.
+    torsion_velocity: f64,
+    omega: f64,
+    torque: f64,
+}
+
+impl PredictiveLaw {
+    /// The law before the first sample; the only place that allocates.
+    #[must_use]
+    pub fn new(parameters: LawParameters) -> Self {
+        let p = &parameters;
+        let (cycles, lag) = p.delay_in_cycles();
+        let dt = p.sample_period;
+        let step = |time: f64| RotorStep::new(p, time);
+        Self {
+            lag_step: step(lag),
+            rest_step: step(dt - lag),
+            half_step: step(0.5 * dt),
+            rotor: Rotor::new(p),
+            link: Link::new(p),
+            torque: 0.0,
+            reference_model: ReferenceModel::new(p.design.reference, dt),
+            reference: [ReferenceState::default(); 4],
+            slow_velocity: 0.0,
+            follow_share: 1.0 - (-p.design.follow * dt).exp(),
+            before: 0.0,
+            commands: vec![0.0; cycles + 1],
+            started: false,
+            parameters,
+        }
+    }
+
+    /// Parameters of the law.
+    #[must_use]
+    pub fn parameters(&self) -> &LawParameters {
+        &self.parameters
+    }
+
+    /// Forgets every sample and command.
+    pub fn reset(&mut self) {
+        self.started = false;
+    }
+
+    /// T: the newest torque fed back, N·m.
+    #[must_use]
+    pub fn torque(&self) -> f64 {
+        self.torque
+    }
+
+    /// dq: velocity of the link by the observer, rad/s.
+    #[must_use]
+    pub fn link_velocity(&self) -> f64 {
+        self.link.velocity()
+    }
+
+    /// d: torque on the rotor that the drive's model does not explain, N·m.
+    #[must_use]
+    pub fn disturbance(&self) -> f64 {
+        self.rotor.disturbance
+    }
+
+    /// Takes a sample; in every cycle and every mode, before `command`.
+    pub fn observe(&mut self, sensed: &Sensed) {
+        let measurable = sensed.theta.is_finite() && sensed.q.is_finite();
+        let torque = sensed.torque.filter(|torque| torque.is_finite());
+        if !self.started || !self.is_finite() {
+            if measurable {
+                self.start(sensed.theta, sensed.q, torque.unwrap_or(0.0));
+            }
+            return;
+        }
+        let last_torque = self.torque;
+        let stiffness = self.parameters.gear.at(last_torque);
+        // The torque that the last one and the model lead to, where none was measured.
+        let predicted = last_torque
+            + stiffness * self.parameters.sample_period * (self.rotor.omega - self.link.velocity());
+        let torque = torque.unwrap_or(predicted);
+        let mean = 0.5 * (torque + last_torque);
+        let acted = self.commands.first().copied().unwrap_or(self.before);
+        let p = &self.parameters;
+        for (step, command) in [(&self.lag_step, self.before), (&self.rest_step, acted)] {
+            let force = p.motor_torque(command, self.rotor.theta) - mean;
+            self.rotor.advance(step, force);
+        }
+        self.link.advance();
+        if sensed.fresh && measurable {
+            self.rotor.correct(sensed.theta, p.disturbance_limit);
+            self.link.correct(sensed.q);
+        }
+        self.torque = torque;
+    }
+
+    /// The joint stands, and its drive carries what it carries.
+    fn start(&mut self, theta: f64, q: f64, torque: f64) {
+        self.rotor.start(theta);
+        self.link.start(q);
+        self.torque = torque;
+        self.slow_velocity = 0.0;
+        let command = self.parameters.command_for(torque, theta);
+        self.commands.fill(command);
+        self.before = command;
+        self.hold_reference();
+        self.started = true;
+    }
+
+    /// The reference model begins at the torque of this instant: before the first `command` of a
+    /// mode.
+    pub fn hold_reference(&mut self) {
+        self.reference = [ReferenceState::default(); 4];
+        self.reference[0].value = self.torque;
+    }
+
+    /// The command for the desired torques' sum, rad or A, and its contributions.
+    pub fn command(&mut self, desired: &TorqueTerms) -> Contributions {
+        let ahead = self.ahead();
+        let p = &self.parameters;
+        let stiffness = p.gear.at(self.torque);
+        let (stiff, damping) = p.feedback(stiffness);
+        let desired = desired.within(p.torque_limit);
+        for (state, wanted) in self.reference.iter_mut().zip(desired) {
+            self.reference_model.advance(state, wanted);
+        }
+        let (model, inertia) = (&self.reference_model, p.rotor_inertia);
+        let per_torque = p.command_per_torque();
+        let inputs = self.reference.iter().zip(desired);
+        let mut shares = [0.0; 4];
+        for (share, (state, wanted)) in shares.iter_mut().zip(inputs) {
+            let curvature = model.curvature(state, wanted);
+            // m = T + K/k (w - T) - D ((omega - dq) - w'/k) + J w''/k - d: the terms of w.
+            *share = (stiff * state.value + damping * state.rate + inertia * curvature) / stiffness;
+        }
+        // The terms of the state.
+        let feedback = (1.0 - stiff / stiffness) * ahead.torque - damping * ahead.torsion_velocity;
+        self.slow_velocity += self.follow_share * (self.link.velocity() - self.slow_velocity);
+        let follow = p.carried_damping(self.slow_velocity, ahead.omega);
+        let drive = p.own_damping(ahead.torsion_velocity);
+        let friction = follow - self.rotor.disturbance;
+        let wanted: f64 = shares.iter().sum();
+        let lead = per_torque * (wanted + feedback + drive + friction);
+        let zone = p.dead_zone_inverse(lead);
+        let from = p.measured_origin(self.link.angle());
+        let origin = p.measured_origin(ahead.theta);
+        let [feedforward, position, velocity, force] = shares.map(|share| per_torque * share);
+        Contributions {
+            command: origin + lead + zone,
+            desired: desired.iter().sum(),
+            motor_torque: wanted + feedback,
+            feedforward_torque: feedforward,
+            feedforward_friction: per_torque * friction + zone,
+            feedback_position: position,
+            feedback_velocity: velocity,
+            feedback_force: force,
+            feedback_torque: origin - from + per_torque * (feedback + drive),
+            origin: from,
+        }
+    }
+
+    /// What was sent after all limits, rad or A; after every cycle in which a command is sent.
+    pub fn sent(&mut self, command: f64) {
+        if !command.is_finite() {
+            return;
+        }
+        self.before = self.commands.first().copied().unwrap_or(command);
+        self.commands.rotate_left(1);
+        if let Some(last) = self.commands.last_mut() {
+            *last = command;
+        }
+    }
+
+    /// Runs the observers ahead to the middle of the time for which the next command acts.
+    fn ahead(&self) -> Ahead {
+        let p = &self.parameters;
+        let stiffness = p.gear.at(self.torque);
+        let (theta, velocity) = (self.rotor.theta, self.link.velocity());
+        let mut rotor = self.rotor;
+        let mut time = 0.0;
+        let torque_at = |rotor: &Rotor, time: f64| {
+            self.torque + stiffness * ((rotor.theta - theta) - velocity * time)
+        };
+        let mut run = |step: &RotorStep, command: f64| {
+            let force = p.motor_torque(command, rotor.theta) - torque_at(&rotor, time);
+            rotor.advance(step, force);
+            time += step.time;
+        };
+        for pair in self.commands.windows(2) {
+            if let [now, next] = *pair {
+                run(&self.lag_step, now);
+                run(&self.rest_step, next);
+            }
+        }
+        let last = self.commands.last().copied().unwrap_or(self.before);
+        run(&self.lag_step, last);
+        // The command to come follows the link as the last one did.
+        run(
+            &self.half_step,
+            last + p.measured_origin(velocity * p.sample_period),
+        );
+        Ahead {
+            theta: rotor.theta,
+            torsion_velocity: rotor.omega - velocity,
+            omega: rotor.omega,
+            torque: torque_at(&rotor, time),
+        }
+    }
+
+    fn is_finite(&self) -> bool {
+        self.rotor.is_finite()
+            && self.link.is_finite()
+            && self.torque.is_finite()
+            && self.reference.iter().all(ReferenceState::is_finite)
+            && self.slow_velocity.is_finite()
+    }
+}

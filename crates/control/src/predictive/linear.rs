@@ -1,0 +1,97 @@
+//! The law as a linear system: its own code with states set and read, for margins.
+
+use super::parameters::{DriveModel, GearStiffness, LawParameters, TorqueTerms};
+use super::{PredictiveLaw, Sensed};
+
+/// The law around one torque: constant stiffness of the gear, no dead zone, no limits. It is the
+/// code of the law itself, so that the two cannot differ.
+#[derive(Debug, Clone)]
+pub(crate) struct LinearLaw {
+    law: PredictiveLaw,
+}
+
+impl LinearLaw {
+    /// The law where the gear has this stiffness, N·m/rad.
+    pub(crate) fn new(parameters: &LawParameters, stiffness: f64) -> Self {
+        let drive = match parameters.drive {
+            DriveModel::Position {
+                stiffness, damping, ..
+            } => DriveModel::Position {
+                stiffness,
+                damping,
+                dead_zone: 0.0,
+            },
+            current => current,
+        };
+        let mut law = PredictiveLaw::new(LawParameters {
+            drive,
+            gear: GearStiffness::constant(stiffness),
+            torque_limit: f64::INFINITY,
+            disturbance_limit: f64::INFINITY,
+            ..*parameters
+        });
+        law.started = true;
+        Self { law }
+    }
+
+    /// Numbers that make up the state.
+    pub(crate) fn size(&self) -> usize {
+        FIXED + self.law.commands.len()
+    }
+
+    /// Sets the state.
+    pub(crate) fn set_state(&mut self, x: &[f64]) {
+        let at = |i: usize| x.get(i).copied().unwrap_or(0.0);
+        let law = &mut self.law;
+        law.rotor.set_state([at(0), at(1), at(2)]);
+        law.link.set_state([at(3), at(4), at(5)]);
+        (law.torque, law.slow_velocity, law.before) = (at(6), at(7), at(8));
+        (law.reference[0].value, law.reference[0].rate) = (at(9), at(10));
+        for (i, command) in law.commands.iter_mut().enumerate() {
+            *command = at(FIXED + i);
+        }
+    }
+
+    /// The state.
+    pub(crate) fn state(&self) -> impl Iterator<Item = f64> {
+        let law = &self.law;
+        let w = &law.reference[0];
+        let own = [law.torque, law.slow_velocity, law.before, w.value, w.rate];
+        let angles = law.rotor.state().into_iter().chain(law.link.state());
+        angles.chain(own).chain(law.commands.iter().copied())
+    }
+
+    /// One cycle; the command is sent as it is.
+    pub(crate) fn step(&mut self, (theta, q): (f64, f64), torque: f64, tau_d: TauD) -> f64 {
+        self.law.observe(&Sensed {
+            theta,
+            q,
+            torque: Some(torque),
+            fresh: true,
+        });
+        let TauD {
+            torque,
+            stiffness,
+            damping,
+        } = tau_d;
+        // The outer loop as the controller closes it: newest position, the observer's velocity.
+        let feedforward = torque - stiffness * q - damping * self.law.link_velocity();
+        let command = self.law.command(&TorqueTerms {
+            feedforward,
+            ..TorqueTerms::default()
+        });
+        self.law.sent(command.command);
+        command.command
+    }
+}
+
+/// The desired torque: `torque - stiffness q - damping dq`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct TauD {
+    pub(crate) torque: f64,
+    pub(crate) stiffness: f64,
+    pub(crate) damping: f64,
+}
+
+/// States besides the commands on their way.
+const FIXED: usize = 11;

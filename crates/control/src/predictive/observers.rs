@@ -1,0 +1,263 @@
+//! Rotor observer and link observer: Kalman filters whose gains are computed once.
+
+use super::parameters::LawParameters;
+use nalgebra::{Matrix3, Vector3};
+
+/// Motion of the rotor over a time with a constant torque, solved exactly.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct RotorStep {
+    /// Its time, s.
+    pub(super) time: f64,
+    angle: [f64; 3],
+    velocity: [f64; 3],
+}
+
+impl RotorStep {
+    pub(super) fn new(p: &LawParameters, time: f64) -> Self {
+        let j = p.rotor_inertia;
+        // [theta, omega, torque]' with the spring of the drive.
+        let rate = Matrix3::new(
+            0.0,
+            1.0,
+            0.0,
+            -p.drive_stiffness() / j,
+            -p.rotor_damping() / j,
+            1.0 / j,
+            0.0,
+            0.0,
+            0.0,
+        );
+        let step = exponential(&(rate * time));
+        let row = |i: usize| [step[(i, 0)], step[(i, 1)], step[(i, 2)]];
+        Self {
+            time,
+            angle: row(0),
+            velocity: row(1),
+        }
+    }
+
+    /// From angle, velocity and constant torque to the next state, as a matrix.
+    fn matrix(&self) -> Matrix3<f64> {
+        let ([a, b, c], [d, e, f]) = (self.angle, self.velocity);
+        Matrix3::new(a, b, c, d, e, f, 0.0, 0.0, 1.0)
+    }
+}
+
+/// Exponential of a matrix by scaling, a series, and squaring.
+fn exponential(matrix: &Matrix3<f64>) -> Matrix3<f64> {
+    let halvings = 2 + matrix.norm().max(1.0).log2().ceil() as i32;
+    let scaled = matrix * 0.5_f64.powi(halvings);
+    let mut term = Matrix3::identity();
+    let mut sum = Matrix3::identity();
+    for k in 1..=16 {
+        term = term * scaled / f64::from(k);
+        sum += term;
+    }
+    for _ in 0..halvings {
+        sum *= sum;
+    }
+    sum
+}
+
+/// theta, omega and the disturbance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rotor {
+    pub(super) theta: f64,
+    pub(super) omega: f64,
+    pub(super) disturbance: f64,
+    gain: [f64; 3],
+}
+
+impl Rotor {
+    pub(super) fn new(p: &LawParameters) -> Self {
+        let dt = p.sample_period;
+        // The disturbance walks; the step that makes the filter as fast as the design asks.
+        let walk = p.design.rotor.powi(3) * p.rotor_inertia * dt;
+        Self {
+            theta: 0.0,
+            omega: 0.0,
+            disturbance: 0.0,
+            gain: kalman_gain(&RotorStep::new(p, dt).matrix(), walk * walk),
+        }
+    }
+
+    pub(super) fn start(&mut self, theta: f64) {
+        (self.theta, self.omega, self.disturbance) = (theta, 0.0, 0.0);
+    }
+
+    /// `torque`: all torques on the rotor besides its damping, the drive's spring on `theta` and the
+    /// disturbance.
+    pub(super) fn advance(&mut self, step: &RotorStep, torque: f64) {
+        let input = torque + self.disturbance;
+        let by = |row: &[f64; 3]| row[0] * self.theta + row[1] * self.omega + row[2] * input;
+        (self.theta, self.omega) = (by(&step.angle), by(&step.velocity));
+    }
+
+    pub(super) fn correct(&mut self, theta: f64, disturbance_limit: f64) {
+        let error = theta - self.theta;
+        self.theta += self.gain[0] * error;
+        self.omega += self.gain[1] * error;
+        let disturbance = self.disturbance + self.gain[2] * error;
+        self.disturbance = disturbance.max(-disturbance_limit).min(disturbance_limit);
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.theta.is_finite() && self.omega.is_finite() && self.disturbance.is_finite()
+    }
+
+    pub(super) fn state(&self) -> [f64; 3] {
+        [self.theta, self.omega, self.disturbance]
+    }
+
+    pub(super) fn set_state(&mut self, [theta, omega, disturbance]: [f64; 3]) {
+        (self.theta, self.omega, self.disturbance) = (theta, omega, disturbance);
+    }
+}
+
+/// q, dq and ddq.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Link {
+    state: [f64; 3],
+    gain: [f64; 3],
+    dt: f64,
+}
+
+impl Link {
+    pub(super) fn new(p: &LawParameters) -> Self {
+        let dt = p.sample_period;
+        let step = Matrix3::new(1.0, dt, 0.5 * dt * dt, 0.0, 1.0, dt, 0.0, 0.0, 1.0);
+        let walk = p.design.link.powi(3) * dt;
+        Self {
+            state: [0.0; 3],
+            gain: kalman_gain(&step, walk * walk),
+            dt,
+        }
+    }
+
+    pub(super) fn start(&mut self, q: f64) {
+        self.state = [q, 0.0, 0.0];
+    }
+
+    pub(super) fn advance(&mut self) {
+        let ([q, dq, ddq], dt) = (self.state, self.dt);
+        self.state = [q + dt * dq + 0.5 * dt * dt * ddq, dq + dt * ddq, ddq];
+    }
+
+    pub(super) fn correct(&mut self, q: f64) {
+        let error = q - self.state[0];
+        for (state, gain) in self.state.iter_mut().zip(self.gain) {
+            *state += gain * error;
+        }
+    }
+
+    pub(super) fn angle(&self) -> f64 {
+        self.state[0]
+    }
+
+    pub(super) fn velocity(&self) -> f64 {
+        self.state[1]
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.state.iter().all(|x| x.is_finite())
+    }
+
+    pub(super) fn state(&self) -> [f64; 3] {
+        self.state
+    }
+
+    pub(super) fn set_state(&mut self, state: [f64; 3]) {
+        self.state = state;
+    }
+}
+
+/// Stationary gain of a Kalman filter that measures the first of three states with unit variance
+/// and whose last state walks with variance `walk` a step.
+fn kalman_gain(step: &Matrix3<f64>, walk: f64) -> [f64; 3] {
+    let mut covariance = Matrix3::from_diagonal(&Vector3::new(1e6, 1e10, 1e6 * walk));
+    let mut gain = Vector3::zeros();
+    for _ in 0..20_000 {
+        covariance = step * covariance * step.transpose();
+        covariance[(2, 2)] += walk;
+        let column: Vector3<f64> = covariance.column(0).into();
+        let next = column / (column[0] + 1.0);
+        covariance -= next * column.transpose();
+        // Rounding must not make it lopsided.
+        covariance = 0.5 * (covariance + covariance.transpose());
+        let settled = (next - gain).component_div(&next).amax() < 1e-12;
+        gain = next;
+        if settled {
+            break;
+        }
+    }
+    gain.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::predictive::{Design, DriveModel, GearStiffness};
+
+    fn parameters() -> LawParameters {
+        LawParameters {
+            sample_period: 1e-3,
+            delay: 1.4e-3,
+            drive: DriveModel::Position {
+                stiffness: 8000.0,
+                damping: 58.0,
+                dead_zone: 0.0,
+            },
+            rotor_inertia: 0.114,
+            gear: GearStiffness::constant(9000.0),
+            torque_limit: 37.0,
+            disturbance_limit: 10.0,
+            design: Design::default(),
+        }
+    }
+
+    /// The exact step against ten thousand small ones.
+    #[test]
+    fn a_step_of_the_rotor_is_the_sum_of_small_ones() {
+        let p = parameters();
+        let mut rotor = Rotor::new(&p);
+        rotor.set_state([0.01, 0.3, 2.0]);
+        let (mut theta, mut omega) = (0.01_f64, 0.3_f64);
+        let step = RotorStep::new(&p, 1e-3);
+        rotor.advance(&step, 5.0);
+        let h = 1e-7;
+        for _ in 0..10_000 {
+            let a = (5.0 + 2.0 - 8000.0 * theta - 58.0 * omega) / 0.114;
+            omega += h * a;
+            theta += h * omega;
+        }
+        assert!(
+            (rotor.theta - theta).abs() < 1e-7,
+            "{} {theta}",
+            rotor.theta
+        );
+        assert!(
+            (rotor.omega - omega).abs() < 1e-4,
+            "{} {omega}",
+            rotor.omega
+        );
+    }
+
+    /// A rotor that the model does not explain: the observer finds the torque that is missing, within
+    /// a few of its time constants.
+    #[test]
+    fn the_observer_finds_a_constant_disturbance() {
+        let p = parameters();
+        let step = RotorStep::new(&p, 1e-3);
+        let mut truth = Rotor::new(&p);
+        let mut observer = Rotor::new(&p);
+        truth.set_state([0.0, 0.0, 3.0]);
+        for k in 0..100 {
+            let torque = 2.0 * (0.1 * f64::from(k)).sin();
+            truth.advance(&step, torque);
+            observer.advance(&step, torque);
+            observer.correct(truth.theta, 10.0);
+        }
+        assert!((observer.disturbance - 3.0).abs() < 0.01, "{observer:?}");
+        assert!((observer.omega - truth.omega).abs() < 1e-4);
+    }
+}

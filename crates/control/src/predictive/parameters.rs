@@ -1,0 +1,282 @@
+//! Parameters of the predictive torque law, link side.
+
+use std::f64::consts::TAU;
+
+/// What is known of a joint and its drive. Angles, torques and inertias on the link side.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LawParameters {
+    /// T: time between samples, s.
+    pub sample_period: f64,
+    /// Time from a sample until the torque answers the command computed from it, s: bus and the
+    /// drive's own lag.
+    pub delay: f64,
+    /// The drive.
+    pub drive: DriveModel,
+    /// J: inertia of the rotor, J_m N², kg·m².
+    pub rotor_inertia: f64,
+    /// The gear.
+    pub gear: GearStiffness,
+    /// Largest |tau_d|, N·m.
+    pub torque_limit: f64,
+    /// Largest |d| that is believed, N·m.
+    pub disturbance_limit: f64,
+    /// Bandwidths and damping.
+    pub design: Design,
+}
+
+/// A drive's torque by its command.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DriveModel {
+    /// Position-commanded: `m = k_d (u - theta) - d_d omega`, no torque within the dead zone.
+    Position {
+        /// k_d: stiffness of the position loop, N·m/rad.
+        stiffness: f64,
+        /// d_d: damping of the position loop, N·m·s/rad.
+        damping: f64,
+        /// Errors below this make no torque, rad.
+        dead_zone: f64,
+    },
+    /// Current-commanded: `m = K_t N i - d omega`.
+    Current {
+        /// K_t N: torque per current, N·m/A.
+        torque_constant: f64,
+        /// d: viscous friction, N·m·s/rad.
+        viscous: f64,
+    },
+}
+
+/// Stiffness of a harmonic drive by its torque (Z 10, Z 13): flexspline and wave generator in
+/// series.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GearStiffness {
+    /// K_fs0: stiffness of the unloaded flexspline, N·m/rad.
+    pub k_fs0: f64,
+    /// C_fs: its stiffening, 1/(N·m).
+    pub c_fs: f64,
+    /// K_wg0 N²: stiffness of the unloaded wave generator on the link side, N·m/rad; infinite for
+    /// a rigid one.
+    pub k_wg0: f64,
+    /// C_wg / N: its stiffening on the link side, 1/(N·m).
+    pub c_wg: f64,
+}
+
+/// Bandwidths and damping of the law. The default is the same for every joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Design {
+    /// Bandwidth of the rotor observer, rad/s.
+    pub rotor: f64,
+    /// Bandwidth of the link observer, rad/s.
+    pub link: f64,
+    /// Bandwidth of the link velocity that the drive's damping goes along with, rad/s.
+    pub follow: f64,
+    /// Bandwidth of the reference model, rad/s.
+    pub reference: f64,
+    /// s: stiffness of the loop over that of drive and gear.
+    pub stiffness: f64,
+    /// zeta: damping ratio of the loop.
+    pub damping: f64,
+}
+
+impl Default for Design {
+    fn default() -> Self {
+        Self {
+            rotor: TAU * 40.0,
+            link: TAU * 25.0,
+            follow: TAU * 10.0,
+            reference: TAU * 60.0,
+            stiffness: 1.0,
+            damping: 1.0,
+        }
+    }
+}
+
+/// Parts of a desired torque, N·m (D12).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TorqueTerms {
+    /// Of the desired motion and contact forces.
+    pub feedforward: f64,
+    /// Of the position error.
+    pub position: f64,
+    /// Of the velocity error.
+    pub velocity: f64,
+    /// Of the contact force's error.
+    pub force: f64,
+}
+
+impl TorqueTerms {
+    /// Their sum.
+    #[must_use]
+    pub fn sum(&self) -> f64 {
+        self.feedforward + self.force + self.position + self.velocity
+    }
+
+    /// Feed-forward, position, velocity, force; all smaller by the same share where the sum exceeds
+    /// the limit.
+    pub(super) fn within(&self, limit: f64) -> [f64; 4] {
+        let sum = self.sum();
+        let share = match sum.abs() > limit {
+            true => limit / sum.abs(),
+            false => 1.0,
+        };
+        [self.feedforward, self.position, self.velocity, self.force].map(|term| share * term)
+    }
+}
+
+/// A command and what it is made of (D 5.5): the six contributions and `origin` add up to it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Contributions {
+    /// Commanded position, rad, or current, A.
+    pub command: f64,
+    /// tau_d within the torque limit, N·m.
+    pub desired: f64,
+    /// Torque that the motor is to produce besides friction, N·m.
+    pub motor_torque: f64,
+    /// Of the torque feed-forward, rad or A.
+    pub feedforward_torque: f64,
+    /// Of friction: drive's damping, disturbance, dead zone.
+    pub feedforward_friction: f64,
+    /// Of the position error.
+    pub feedback_position: f64,
+    /// Of the velocity error.
+    pub feedback_velocity: f64,
+    /// Of the contact force's error.
+    pub feedback_force: f64,
+    /// Of the torque's own error: zero where torque and model agree and the joint rests.
+    pub feedback_torque: f64,
+    /// q for a position-commanded drive, rad; else zero.
+    pub origin: f64,
+}
+
+impl GearStiffness {
+    /// A gear of constant stiffness, N·m/rad.
+    #[must_use]
+    pub fn constant(stiffness: f64) -> Self {
+        Self {
+            k_fs0: stiffness,
+            c_fs: 0.0,
+            k_wg0: f64::INFINITY,
+            c_wg: 0.0,
+        }
+    }
+
+    /// k: stiffness at a torque, N·m/rad.
+    #[must_use]
+    pub fn at(&self, torque: f64) -> f64 {
+        let fs = self.k_fs0 * (1.0 + (self.c_fs * torque).powi(2));
+        let wg = self.k_wg0 * (self.c_wg * torque.abs()).min(20.0).exp();
+        1.0 / (1.0 / fs + 1.0 / wg)
+    }
+}
+
+impl LawParameters {
+    /// Whole periods of the delay, and the rest, s.
+    pub(super) fn delay_in_cycles(&self) -> (usize, f64) {
+        let dt = self.sample_period;
+        let cycles = (self.delay / dt + 1e-9).floor().max(0.0);
+        let lag = (self.delay - cycles * dt).clamp(0.0, dt);
+        (cycles as usize, lag)
+    }
+
+    /// k_d: stiffness of the drive's position loop, N·m/rad; zero for a current-commanded drive.
+    #[must_use]
+    pub fn drive_stiffness(&self) -> f64 {
+        match self.drive {
+            DriveModel::Position { stiffness, .. } => stiffness,
+            DriveModel::Current { .. } => 0.0,
+        }
+    }
+
+    /// Damping of the rotor against the world, N·m·s/rad.
+    pub(super) fn rotor_damping(&self) -> f64 {
+        match self.drive {
+            DriveModel::Position { damping, .. } => damping,
+            DriveModel::Current { viscous, .. } => viscous,
+        }
+    }
+
+    /// K and D: stiffness and damping that the law gives the torsion, with a gear of `stiffness`.
+    #[must_use]
+    pub fn feedback(&self, stiffness: f64) -> (f64, f64) {
+        let k = self.design.stiffness * (self.drive_stiffness() + stiffness);
+        (
+            k,
+            2.0 * self.design.damping * (k * self.rotor_inertia).sqrt(),
+        )
+    }
+
+    /// Torque of the motor without damping, with a command: for a position-commanded drive that of
+    /// its spring, whose own end moves with the rotor.
+    pub(super) fn motor_torque(&self, command: f64, theta: f64) -> f64 {
+        match self.drive {
+            DriveModel::Position {
+                stiffness,
+                dead_zone,
+                ..
+            } => {
+                let error = command - theta;
+                // max and min, not clamp: they cannot panic.
+                stiffness * (command - error.max(-dead_zone).min(dead_zone))
+            }
+            DriveModel::Current {
+                torque_constant, ..
+            } => torque_constant * command,
+        }
+    }
+
+    /// The command that carries `torque` at rest.
+    pub(super) fn command_for(&self, torque: f64, theta: f64) -> f64 {
+        let lead = self.command_per_torque() * torque;
+        match self.drive {
+            DriveModel::Position { dead_zone, .. } if torque != 0.0 => {
+                theta + lead + dead_zone.copysign(torque)
+            }
+            DriveModel::Position { .. } => theta,
+            DriveModel::Current { .. } => lead,
+        }
+    }
+
+    pub(super) fn command_per_torque(&self) -> f64 {
+        match self.drive {
+            DriveModel::Position { stiffness, .. } => 1.0 / stiffness,
+            DriveModel::Current {
+                torque_constant, ..
+            } => 1.0 / torque_constant,
+        }
+    }
+
+    /// The angle from which a position-commanded drive's lead counts; zero for a current.
+    pub(super) fn measured_origin(&self, angle: f64) -> f64 {
+        match self.drive {
+            DriveModel::Position { .. } => angle,
+            DriveModel::Current { .. } => 0.0,
+        }
+    }
+
+    /// Torque against the drive's damping that motion with the link costs. A position-commanded
+    /// drive goes along with the link's slow velocity only: in the quick one delay would make it
+    /// push.
+    pub(super) fn carried_damping(&self, slow_velocity: f64, omega: f64) -> f64 {
+        match self.drive {
+            DriveModel::Position { damping, .. } => damping * slow_velocity,
+            DriveModel::Current { viscous, .. } => viscous * omega,
+        }
+    }
+
+    /// Torque against the drive's damping of the torsion, which `D` replaces.
+    pub(super) fn own_damping(&self, torsion_velocity: f64) -> f64 {
+        match self.drive {
+            DriveModel::Position { damping, .. } => damping * torsion_velocity,
+            DriveModel::Current { .. } => 0.0,
+        }
+    }
+
+    /// Further lead that brings a position-commanded drive through its dead zone, rad.
+    pub(super) fn dead_zone_inverse(&self, lead: f64) -> f64 {
+        match self.drive {
+            DriveModel::Position { dead_zone, .. } if dead_zone > 0.0 => {
+                dead_zone * (lead / (0.25 * dead_zone)).tanh()
+            }
+            _ => 0.0,
+        }
+    }
+}

@@ -1,0 +1,300 @@
+//! The predictive law on a joint of its own: continuous rotor, gear and drive, simulated at 20 us, which
+//! share no code with the law.
+
+use control::predictive::{
+    Design, DriveModel, GearStiffness, LawParameters, PredictiveLaw, Sensed, TorqueTerms,
+};
+
+const DT: f64 = 1e-3;
+
+/// The knee of the leg.
+fn knee() -> LawParameters {
+    LawParameters {
+        sample_period: DT,
+        delay: 1.4e-3,
+        drive: DriveModel::Position {
+            stiffness: 28_900.0,
+            damping: 189.0,
+            dead_zone: 0.0,
+        },
+        rotor_inertia: 1.5,
+        gear: GearStiffness::constant(57_000.0),
+        torque_limit: 233.0,
+        disturbance_limit: 55.0,
+        design: Design::default(),
+    }
+}
+
+/// A joint: rotor with Coulomb friction, gear, drive, and a link that is blocked, moved or free.
+struct Joint {
+    p: LawParameters,
+    friction: f64,
+    link_inertia: f64,
+    theta: f64,
+    omega: f64,
+    q: f64,
+    dq: f64,
+    command: f64,
+    on_the_way: Vec<f64>,
+}
+
+impl Joint {
+    fn new(p: LawParameters, link_inertia: f64, delay_cycles: usize) -> Self {
+        Self {
+            p,
+            friction: 0.0,
+            link_inertia,
+            theta: 0.0,
+            omega: 0.0,
+            q: 0.0,
+            dq: 0.0,
+            command: 0.0,
+            on_the_way: vec![0.0; delay_cycles],
+        }
+    }
+
+    fn torque(&self) -> f64 {
+        self.p.gear.at(0.0) * (self.theta - self.q)
+    }
+
+    fn sensed(&self) -> Sensed {
+        Sensed {
+            theta: self.theta,
+            q: self.q,
+            torque: Some(self.torque()),
+            fresh: true,
+        }
+    }
+
+    /// A period after `command` was computed. The drive's own lag of 0.4 ms is the hold of its loop.
+    fn advance(&mut self, command: f64) {
+        self.on_the_way.push(command);
+        let arriving = self.on_the_way.remove(0);
+        let h = 2e-5;
+        for k in 0..50 {
+            if k == 20 {
+                self.command = arriving;
+            }
+            let motor = match self.p.drive {
+                DriveModel::Position {
+                    stiffness,
+                    damping,
+                    dead_zone,
+                } => {
+                    let error = self.command - self.theta;
+                    stiffness * (error - error.clamp(-dead_zone, dead_zone)) - damping * self.omega
+                }
+                DriveModel::Current {
+                    torque_constant,
+                    viscous,
+                } => torque_constant * self.command - viscous * self.omega,
+            };
+            let friction = self.friction * (self.omega / 1e-3).tanh();
+            self.omega += h * (motor - friction - self.torque()) / self.p.rotor_inertia;
+            self.dq += h * self.torque() / self.link_inertia;
+            self.theta += h * self.omega;
+            self.q += h * self.dq;
+        }
+    }
+}
+
+/// Torques of a blocked joint after each period, under the law.
+fn run(
+    law: &mut PredictiveLaw,
+    joint: &mut Joint,
+    desired: impl Fn(usize) -> f64,
+    n: usize,
+) -> Vec<f64> {
+    (0..n)
+        .map(|k| {
+            law.observe(&joint.sensed());
+            let command = law.command(&feedforward(desired(k))).command;
+            law.sent(command);
+            joint.advance(command);
+            joint.torque()
+        })
+        .collect()
+}
+
+fn feedforward(torque: f64) -> TorqueTerms {
+    TorqueTerms {
+        feedforward: torque,
+        ..TorqueTerms::default()
+    }
+}
+
+const BLOCKED: f64 = 1e12;
+
+#[test]
+fn a_step_settles_with_little_overshoot_and_without_error() {
+    let mut law = PredictiveLaw::new(knee());
+    let mut joint = Joint::new(knee(), BLOCKED, 1);
+    joint.friction = 8.0;
+    let torque = run(
+        &mut law,
+        &mut joint,
+        |k| if k < 100 { 0.0 } else { 30.0 },
+        600,
+    );
+    let highest = torque.iter().copied().fold(0.0, f64::max);
+    // Friction of a quarter of the step turns round in it.
+    assert!(highest < 30.0 * 1.1, "{highest}");
+    let rise = torque.iter().position(|t| *t > 27.0).unwrap() - 100;
+    assert!(rise < 40, "{rise} ms");
+    assert!((torque[599] - 30.0).abs() < 0.1, "{}", torque[599]);
+}
+
+/// The observer expects what the joint does, so nothing is left to be called a disturbance.
+#[test]
+fn without_friction_there_is_no_disturbance_whatever_is_asked() {
+    for delay_cycles in [0, 1, 2] {
+        let p = LawParameters {
+            delay: delay_cycles as f64 * DT + 0.4e-3,
+            ..knee()
+        };
+        let mut law = PredictiveLaw::new(p);
+        let mut joint = Joint::new(p, 0.4, delay_cycles);
+        let mut worst: f64 = 0.0;
+        for k in 0..1500 {
+            law.observe(&joint.sensed());
+            let t = k as f64 * DT;
+            let wanted = 20.0 * (30.0 * t).sin() - 300.0 * joint.q - 8.0 * joint.dq;
+            let command = law.command(&feedforward(wanted)).command;
+            law.sent(command);
+            joint.advance(command);
+            if k > 100 {
+                worst = worst.max(law.disturbance().abs());
+            }
+        }
+        // The gear's torque between two samples is not their mean.
+        assert!(worst < 1.0, "{delay_cycles} cycles: {worst} N·m");
+    }
+}
+
+#[test]
+fn the_contributions_add_up_to_the_command() {
+    for drive in [
+        DriveModel::Position {
+            stiffness: 28_900.0,
+            damping: 189.0,
+            dead_zone: 1e-4,
+        },
+        DriveModel::Current {
+            torque_constant: 12.0,
+            viscous: 1.0,
+        },
+    ] {
+        let p = LawParameters { drive, ..knee() };
+        let mut law = PredictiveLaw::new(p);
+        let mut joint = Joint::new(p, 2.0, 1);
+        for k in 0..300 {
+            law.observe(&joint.sensed());
+            let t = f64::from(k) * DT;
+            let parts = law.command(&TorqueTerms {
+                feedforward: 40.0 * (20.0 * t).sin(),
+                position: -200.0 * joint.q,
+                velocity: -3.0 * joint.dq,
+                force: if k > 100 { 250.0 } else { 0.0 },
+            });
+            let sum = parts.origin
+                + parts.feedforward_torque
+                + parts.feedforward_friction
+                + parts.feedback_position
+                + parts.feedback_velocity
+                + parts.feedback_force
+                + parts.feedback_torque;
+            assert!((sum - parts.command).abs() < 1e-12 * (1.0 + sum.abs()));
+            assert!(parts.desired.abs() <= 233.0 + 1e-9);
+            law.sent(parts.command);
+            joint.advance(parts.command);
+        }
+    }
+}
+
+/// A drive whose limit passes a third of the torque: the observer knows, and the torque follows at
+/// once when the wish is within the limit again.
+#[test]
+fn a_limit_winds_nothing_up() {
+    let step = |limit: f64| {
+        let mut law = PredictiveLaw::new(knee());
+        let mut joint = Joint::new(knee(), BLOCKED, 1);
+        let mut torque = Vec::new();
+        for k in 0..1400 {
+            law.observe(&joint.sensed());
+            let wanted = if k < 1000 { 60.0 } else { 5.0 };
+            let asked = law.command(&feedforward(wanted)).command;
+            let command = asked.clamp(-limit, limit);
+            law.sent(command);
+            joint.advance(command);
+            torque.push(joint.torque());
+        }
+        torque
+    };
+    let (limited, free) = (step(1.0e-3), step(1.0));
+    assert!(limited[900] < 25.0 && free[900] > 59.0);
+    for (k, torque) in limited.iter().enumerate().skip(1060) {
+        assert!((torque - 5.0).abs() < 1.5, "{k}: {torque}");
+    }
+}
+
+/// At rest with a model that is right it is D's inverse of the drive (D10).
+#[test]
+fn at_rest_the_command_is_that_of_d() {
+    let p = knee();
+    let mut law = PredictiveLaw::new(p);
+    let mut joint = Joint::new(p, BLOCKED, 1);
+    let torque = run(&mut law, &mut joint, |_| 25.0, 2000);
+    assert!((torque[1999] - 25.0).abs() < 1e-3);
+    law.observe(&joint.sensed());
+    let delta_q = law.command(&feedforward(25.0)).command - joint.q;
+    let k_tau = 1.0 / 57_000.0 + 1.0 / 28_900.0;
+    assert!((delta_q - k_tau * 25.0).abs() < 1e-3 * delta_q, "{delta_q}");
+}
+
+/// A mode begins at the torque that is there: the first commands go on from the last one.
+#[test]
+fn a_mode_begins_without_a_bump() {
+    let p = knee();
+    let mut law = PredictiveLaw::new(p);
+    let mut joint = Joint::new(p, BLOCKED, 1);
+    // The drive holds 30 N·m by itself.
+    let held = 30.0 * (1.0 / 57_000.0 + 1.0 / 28_900.0);
+    joint.command = held;
+    joint.on_the_way.fill(held);
+    joint.theta = 30.0 / 57_000.0;
+    for _ in 0..500 {
+        law.observe(&joint.sensed());
+        law.sent(held);
+        joint.advance(held);
+    }
+    law.hold_reference();
+    let torque = run(&mut law, &mut joint, |_| 30.0, 300);
+    let worst = torque.iter().map(|t| (t - 30.0).abs()).fold(0.0, f64::max);
+    assert!(worst < 0.2, "{worst} N·m");
+}
+
+/// Samples that are missing, and torques that are: the observers run on.
+#[test]
+fn missing_samples_do_no_harm() {
+    let p = knee();
+    let mut law = PredictiveLaw::new(p);
+    let mut joint = Joint::new(p, BLOCKED, 1);
+    let mut worst: f64 = 0.0;
+    for k in 0..3000_usize {
+        let mut sensed = joint.sensed();
+        // One in seven cycles has no angles, one in five no torque.
+        sensed.fresh = k % 7 != 3;
+        if !sensed.fresh {
+            (sensed.theta, sensed.q) = (f64::NAN, f64::NAN);
+        }
+        sensed.torque = sensed.torque.filter(|_| k % 5 != 2);
+        law.observe(&sensed);
+        let command = law.command(&feedforward(20.0)).command;
+        law.sent(command);
+        joint.advance(command);
+        if k > 500 {
+            worst = worst.max((joint.torque() - 20.0).abs());
+        }
+    }
+    assert!(worst < 0.5, "{worst}");
+}
