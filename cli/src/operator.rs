@@ -121,11 +121,14 @@ fn acknowledged(arguments: &AcknowledgeArguments) -> Result<String, Failure> {
     let mut client = connect(arguments.common.robot.as_ref())?;
     let fault = match arguments.fault {
         Some(fault) => fault,
-        None => client.next_record(PATIENCE)?.cycle.fault,
+        None => {
+            let cycle = client.next_record(PATIENCE)?.cycle;
+            if cycle.fault != 0 && !arguments.common.json {
+                eprintln!("{}", words::fault(client.description(), &cycle));
+            }
+            cycle.fault
+        }
     };
-    if arguments.fault.is_none() && fault != 0 && !arguments.common.json {
-        eprintln!("{}", words::fault(fault));
-    }
     let asked = Request {
         kind: request::ACKNOWLEDGE,
         fault,
@@ -176,7 +179,11 @@ fn fault(text: &str) -> Result<u32, Problem> {
             .collect();
         Problem::new(
             format!("there is no fault {text:?}"),
-            format!("the number or the name of one of {}", faults.join(", ")),
+            format!(
+                "the number or the name of one of {}, or of an event that [safety.reactions] makes a \
+                 fault",
+                faults.join(", ")
+            ),
         )
     })
 }

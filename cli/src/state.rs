@@ -55,7 +55,7 @@ fn text(description: &Description, cycle: &CycleRecord) -> String {
         description.robot,
         words::state(cycle.state),
         words::mode(cycle.mode),
-        words::fault(cycle.fault),
+        words::fault(description, cycle),
     );
     for (name, obstacle) in obstacles(description, cycle) {
         let _ = writeln!(out, "joint {name} {obstacle}");
@@ -73,6 +73,7 @@ fn object(description: &Description, cycle: &CycleRecord) -> Value {
         json!({
             "number": event.number(),
             "name": event.name(),
+            "subject": words::fault_subject(description, cycle),
             "cause": event.cause(),
             "config_key": event.config_key(),
         })
@@ -83,6 +84,7 @@ fn object(description: &Description, cycle: &CycleRecord) -> Value {
         "robot": description.robot.as_str(),
         "state": words::state(cycle.state),
         "mode": words::mode(cycle.mode),
+        "possible_modes": words::possible_modes(cycle),
         "fault": fault,
         "joints": cycle.joint_count,
         "joints_engaged": engaged.count(),

@@ -126,16 +126,41 @@ pub(crate) fn state(number: u32) -> String {
     )
 }
 
-/// The latched fault, its cause and config key, in a sentence.
-pub(crate) fn fault(number: u32) -> String {
+/// The latched fault, its subject, cause and config key, in a sentence.
+pub(crate) fn fault(description: &Description, cycle: &CycleRecord) -> String {
+    let number = cycle.fault;
     match Event::from_number(number) {
         None if number == 0 => "no fault".to_owned(),
         None => format!("FAULT {number}: not known to this version of torquectl"),
         Some(event) => format!(
-            "FAULT {number} {}: {} Set by {}.",
+            "FAULT {number} {}{}: {} Set by {}.",
             event.name(),
+            fault_subject(description, cycle)
+                .map_or_else(String::new, |subject| format!(" ({subject})")),
             event.cause(),
             event.config_key(),
         ),
     }
+}
+
+/// The joint or sensor that the latched fault is about, by its name.
+pub(crate) fn fault_subject<'a>(
+    description: &'a Description,
+    cycle: &CycleRecord,
+) -> Option<&'a str> {
+    let (kind, index) = (cycle.fault_subject >> 16, cycle.fault_subject & 0xffff);
+    let names: &[_] = match kind {
+        1 => &description.joint_names,
+        2 => &description.ft_names,
+        3 => return Some("imu"),
+        _ => return None,
+    };
+    names.get(index as usize).map(|name| name.as_str())
+}
+
+/// The modes that the sources allow at present.
+pub(crate) fn possible_modes(cycle: &CycleRecord) -> Vec<&'static str> {
+    let possible = |mode: &Mode| cycle.possible_modes & (1 << mode.number()) != 0;
+    let modes = Mode::ALL.into_iter().filter(possible);
+    modes.map(Mode::name).collect()
 }

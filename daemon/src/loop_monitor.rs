@@ -12,6 +12,8 @@ use crate::real_time::WakeReport;
 
 /// Span over which late cycles are counted, s.
 const WINDOW_S: f64 = 1.0;
+/// Conditions that are monitored.
+const CONDITIONS: usize = 4;
 
 /// The monitor of one loop.
 #[derive(Debug, Clone)]
@@ -29,6 +31,8 @@ pub struct LoopMonitor {
     heartbeat: u64,
     silent: u64,
     max_silent: u64,
+    /// The conditions that were found before the last cycle.
+    lasting: [bool; CONDITIONS],
 }
 
 impl LoopMonitor {
@@ -50,6 +54,7 @@ impl LoopMonitor {
             heartbeat: 0,
             silent: 0,
             max_silent: cycles(safety.publisher_timeout),
+            lasting: [false; CONDITIONS],
         }
     }
 
@@ -69,13 +74,15 @@ impl LoopMonitor {
         ];
         self.counters = counters;
         let boot = last.state == RobotState::Boot.number();
-        let fault = last.fault;
+        let latched = last.state == RobotState::Fault.number();
+        let lasting = core::mem::replace(&mut self.lasting, found.map(|event| event.is_some()));
+        let found = found.into_iter().zip(lasting);
+        // Counted once, not in each cycle of its duration; unless it lasts when the fault has been
+        // acknowledged.
         found
-            .into_iter()
-            .flatten()
+            .filter(move |(_, lasting)| !(latched && *lasting))
+            .filter_map(|(event, _)| event)
             .filter(move |&event| !boot || event == Event::PublisherGone)
-            // Counted once, not in each cycle of its duration.
-            .filter(move |event| event.number() != fault)
     }
 
     fn buses(&self, counters: BusCounters) -> Option<Event> {
@@ -204,6 +211,25 @@ mod tests {
         assert_eq!(found, Some((1002, Event::PublisherGone)));
         // Latched, it is not counted again.
         bench.last.fault = Event::PublisherGone.number();
+        bench.last.state = RobotState::Fault.number();
         assert_eq!(bench.first(5000, |_, bench| bench.heartbeat = 7), None);
+        // Acknowledged while it lasts, it is latched again.
+        bench.last.state = RobotState::Ready.number();
+        let found = bench.first(5000, |_, bench| bench.heartbeat = 7);
+        assert_eq!(found, Some((1, Event::PublisherGone)));
+    }
+
+    #[test]
+    fn a_condition_that_lasts_while_another_fault_is_latched_is_counted_once() {
+        let mut bench = Bench::new();
+        bench.last.state = RobotState::Fault.number();
+        bench.last.fault = Event::JointStale.number();
+        let lasts = |_, bench: &mut Bench| {
+            bench.counters.send_failed += 1;
+            bench.counters.link_down += 1;
+        };
+        assert_eq!(bench.first(100, lasts), Some((1, Event::BusDown)));
+        assert_eq!(bench.first(100, lasts), Some((20, Event::SendFailing)));
+        assert_eq!(bench.first(1000, lasts), None);
     }
 }

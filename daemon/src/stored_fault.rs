@@ -82,7 +82,8 @@ impl FaultStore {
             ));
         }
         let (number, name) = (document.fault, document.name);
-        let event = Event::from_number(number).filter(|event| event.reaction().latches());
+        // Any event may have latched a fault: the configuration chooses.
+        let event = Event::from_number(number).filter(|event| event.name() == name);
         event.ok_or_else(|| {
             let reason = format!("fault {number} ({name}) is not known to this version");
             Problem::new(reason, "")

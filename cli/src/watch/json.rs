@@ -23,7 +23,8 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
         "stamp_ns": cycle.stamp_ns,
         "state": words::state(cycle.state),
         "mode": words::mode(cycle.mode),
-        "fault": fault(cycle.fault),
+        "possible_modes": words::possible_modes(cycle),
+        "fault": fault(description, cycle),
         "warning": warning(description, cycle),
         "contact_set": words::contact_set(description, cycle),
         "contact_set_automatic": cycle.estimated.contact_set_automatic == 1,
@@ -40,7 +41,8 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
     })
 }
 
-fn fault(number: u32) -> Value {
+fn fault(description: &Description, cycle: &CycleRecord) -> Value {
+    let number = cycle.fault;
     if number == 0 {
         return Value::Null;
     }
@@ -48,6 +50,7 @@ fn fault(number: u32) -> Value {
     json!({
         "number": number,
         "name": event.map(|e| e.name()),
+        "subject": words::fault_subject(description, cycle),
         "cause": event.map(|e| e.cause()),
         "config_key": event.map(|e| e.config_key()),
     })

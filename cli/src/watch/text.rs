@@ -5,7 +5,7 @@ use std::fmt::Write;
 use terminal::TextTable;
 use torqued_client::Record;
 use torqued_client::robot_state::{
-    CycleRecord, Description, LoopRecord, TorqueEstimate, torque_flags,
+    CycleRecord, Description, LoopRecord, Mode, TorqueEstimate, torque_flags,
 };
 
 pub(super) fn screen(description: &Description, record: &Record) -> String {
@@ -23,8 +23,12 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         } else {
             ""
         },
-        words::fault(cycle.fault),
+        words::fault(description, cycle),
     );
+    let possible = words::possible_modes(cycle);
+    if possible.len() < Mode::ALL.len() {
+        let _ = writeln!(out, "possible modes at present: {}\n", possible.join(", "));
+    }
     if let Some((event, subject)) = words::warning(description, cycle) {
         let _ = writeln!(
             out,

@@ -117,7 +117,7 @@ EVENTS = (
     Event(107, "send_failed", "A frame could not be sent on the bus.", "-", "warn"),
     Event(108, "receive_overflow", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.", "-", "warn"),
     Event(109, "signal_not_finite", "A received signal was NaN or infinite; the sample was not used.", "-", "warn"),
-    Event(110, "sensor_stale", "An F/T sensor or the IMU has sent no usable sample for longer than allowed; a mode that needs it ends.", "loop.stale_after_ms", "release"),
+    Event(110, "sensor_stale", "An F/T sensor or the IMU has sent no usable sample for longer than allowed.", "loop.stale_after_ms", "degrade"),
     Event(111, "frame_out_of_order", "A frame was received earlier than one of the same message that had been used already; it was not used.", "-", "warn"),
     Event(112, "bus_down", "A CAN controller went bus-off, or its interface is down or gone.", "-", "hold"),
     Event(113, "send_failing", "Frames could not be sent for longer than allowed.", "safety.send_failing_ms", "hold"),
@@ -374,7 +374,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """24712 bytes."""
+    """24720 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -389,19 +389,23 @@ class CycleRecord(ctypes.Structure):
         ("state", ctypes.c_uint32),
         # Operators' requests since start.
         ("requests", ctypes.c_uint32),
-        # Why the last request was refused, or 0: its kind (1 state, 2 joint not plausible, 3 joint outside its limits, 4 another fault) times 65536, plus the state, joint or fault.
+        # Why the last request was refused, or 0: its kind (1 state, 2 joint not plausible, 3 joint outside its limits, 4 another fault, 5 a drive's own fault) times 65536, plus the number of the state or fault, or the joint's index.
         ("refusal", ctypes.c_uint32),
+        # The subject of the latched fault, or 0 if it has none: its kind (1 joint, 2 F/T sensor, 3 IMU) times 65536, plus its index.
+        ("fault_subject", ctypes.c_uint32),
+        # Modes that the sources allow at present, a bit for each number of a `Mode`.
+        ("possible_modes", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
         ("reserved", ctypes.c_uint32),
         # Joints in use.
         ("joint_count", ctypes.c_uint32),
         # F/T sensors in use.
         ("ft_count", ctypes.c_uint32),
-        # What the sensors measured.
+        # Measured values.
         ("measured", MeasuredRecord),
-        # Torques and contact wrenches that follow.
+        # Torques and contact wrenches estimated from them.
         ("estimated", EstimatedRecord),
-        # What the drives are commanded.
+        # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
         ("events", ctypes.c_uint64 * 39),
@@ -434,7 +438,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """24784 bytes."""
+    """24792 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -569,7 +573,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#94b414d35685762b")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#fb5a790fb0b3da3a")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#b32aab7aa4d3f9e2")
 Request.type_name = staticmethod(lambda: "torqued::Request#af8ef29983f4bb97")

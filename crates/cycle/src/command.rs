@@ -17,7 +17,7 @@ use robot_state::{
     Reference, Wrench, command_flags,
 };
 
-use crate::events::Counts;
+use crate::events::{Counts, Subject};
 use decide::Goal;
 use joint::{InverseDynamicsTorque, JointController, JointInput};
 
@@ -73,10 +73,8 @@ impl Command {
         self.joints.iter().map(JointController::last)
     }
 
-    /// The command of every engaged joint within all limits, with its contributions.
-    ///
-    /// # Errors
-    /// The event of a command that was not finite: the last one stands.
+    /// The command of every engaged joint within all limits, with its contributions. Of one that is
+    /// not finite the last one stands.
     pub(crate) fn update(
         &mut self,
         goal: &Goal<'_>,
@@ -84,11 +82,10 @@ impl Command {
         (measured, estimated, base_motion): (&MeasuredRecord, &EstimatedRecord, (Motion, Motion)),
         commanded: &mut CommandedRecord,
         counts: &mut Counts,
-    ) -> Result<(), Event> {
+    ) {
         let reference = goal.reference();
         self.inverse_dynamics(reference, base_motion, measured, estimated);
         let none = JointReference::default();
-        let mut flags = 0;
         for (j, joint) in self.joints.iter_mut().enumerate() {
             if !is_engaged(j) {
                 joint.release(measured.joints[j].q, &mut commanded.joints[j]);
@@ -106,13 +103,8 @@ impl Command {
                 },
                 dt: self.sample_period,
             };
-            let limited = joint.update(goal, &input, &mut commanded.joints[j]);
-            flags |= limited.flags;
-            count_limits(commanded.joints[j].flags, counts);
-        }
-        match flags & command_flags::NOT_FINITE {
-            0 => Ok(()),
-            _ => Err(Event::CommandNotFinite),
+            joint.update(goal, &input, &mut commanded.joints[j]);
+            count_limits(j, commanded.joints[j].flags, counts);
         }
     }
 
@@ -158,7 +150,7 @@ impl Command {
 }
 
 /// Counts the limits of one joint that acted.
-fn count_limits(flags: u32, counts: &mut Counts) {
+fn count_limits(joint: usize, flags: u32, counts: &mut Counts) {
     use command_flags as f;
     let events = [
         (f::POSITION_LIMITED, Event::PositionLimit),
@@ -167,10 +159,11 @@ fn count_limits(flags: u32, counts: &mut Counts) {
             Event::TorqueLimit,
         ),
         (f::VELOCITY_LIMITED | f::POWER_LIMITED, Event::VelocityLimit),
+        (f::NOT_FINITE, Event::CommandNotFinite),
     ];
     for (bits, event) in events {
         if flags & bits != 0 {
-            counts.add(event);
+            counts.add_of(event, Subject::Joint(joint));
         }
     }
 }

@@ -83,11 +83,10 @@ impl Cycle {
         let goal = self.supervisor.decide(client, &readiness, measured, counts);
         let input = (&*measured, &*estimated, self.estimate.base_motion());
         let engaged = |joint| self.supervisor.is_engaged(joint);
-        if let Err(event) = (self.command).update(&goal, engaged, input, commanded, counts) {
-            self.supervisor.report(event, counts);
-        }
+        (self.command).update(&goal, engaged, input, commanded, counts);
+        self.supervisor.react_to(counts);
         self.supervisor.publish_drives(commanded);
-        (self.emit).update(&self.command, self.supervisor.drives(), tx, counts);
+        (self.emit).update(&self.command, &self.supervisor, tx, counts);
         if self.supervisor.take_acknowledgement() {
             self.measure.restart_distrusted();
         }
@@ -95,10 +94,7 @@ impl Cycle {
         let record = &mut self.record;
         record.sequence += 1;
         record.stamp_ns = at.now.0;
-        record.mode = self.supervisor.mode().number();
-        record.state = self.supervisor.state().number();
-        record.fault = self.supervisor.fault_number();
-        (record.requests, record.refusal) = self.supervisor.requests();
+        self.supervisor.publish(record);
         record.events = counts.as_array();
         record
     }
@@ -108,7 +104,7 @@ impl Cycle {
     pub fn note(&mut self, event: Event, times: u64) {
         if times > 0 {
             self.counts.add_many(event, times - 1);
-            self.supervisor.report(event, &mut self.counts);
+            self.supervisor.report(event, None, &mut self.counts);
         }
     }
 

@@ -1,14 +1,53 @@
-//! Counts of numbered events.
+//! Counts of numbered events, and those of this cycle that await their reaction.
 
 use robot_state::{EVENT_COUNT, Event};
 
+const _: () = assert!(EVENT_COUNT <= u64::BITS as usize, "a bit for each event");
+
+/// What an event is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Subject {
+    Joint(usize),
+    FtSensor(usize),
+    Imu,
+}
+
+impl Subject {
+    /// Its index among those of its kind.
+    pub(crate) fn index(self) -> u32 {
+        match self {
+            Self::Joint(index) | Self::FtSensor(index) => index as u32,
+            Self::Imu => 0,
+        }
+    }
+
+    /// The number that records carry: the kind in the upper half, the index in the lower.
+    pub(crate) fn code(self) -> u32 {
+        let kind = match self {
+            Self::Joint(_) => 1,
+            Self::FtSensor(_) => 2,
+            Self::Imu => 3,
+        };
+        kind << 16 | self.index()
+    }
+}
+
 /// Count of each event since start, in the order of `Event::ALL`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Counts([u64; EVENT_COUNT]);
+pub(crate) struct Counts {
+    times: [u64; EVENT_COUNT],
+    /// A bit for each event that occurred, or lasts, since reactions were taken.
+    raised: u64,
+    subjects: [Option<Subject>; EVENT_COUNT],
+}
 
 impl Counts {
     pub(crate) const fn new() -> Self {
-        Self([0; EVENT_COUNT])
+        Self {
+            times: [0; EVENT_COUNT],
+            raised: 0,
+            subjects: [None; EVENT_COUNT],
+        }
     }
 
     pub(crate) fn add(&mut self, event: Event) {
@@ -16,12 +55,43 @@ impl Counts {
     }
 
     pub(crate) fn add_many(&mut self, event: Event, times: u64) {
-        if let Some(count) = self.0.get_mut(event.index()) {
-            *count = count.saturating_add(times);
+        if times > 0 {
+            self.raise(event, None);
+            if let Some(count) = self.times.get_mut(event.index()) {
+                *count = count.saturating_add(times);
+            }
         }
     }
 
+    pub(crate) fn add_of(&mut self, event: Event, subject: Subject) {
+        self.add(event);
+        self.raise(event, Some(subject));
+    }
+
+    /// A condition that lasts: counted in the cycle in which it begins, and reacted to in each.
+    pub(crate) fn lasting(&mut self, event: Event, subject: Subject, begins: bool) {
+        match begins {
+            true => self.add_of(event, subject),
+            false => self.raise(event, Some(subject)),
+        }
+    }
+
+    fn raise(&mut self, event: Event, subject: Option<Subject>) {
+        self.raised |= 1 << event.index();
+        if let Some(of_event) = self.subjects.get_mut(event.index()) {
+            *of_event = subject;
+        }
+    }
+
+    /// An event that awaits its reaction, each once, with what it is about.
+    pub(crate) fn take_raised(&mut self) -> Option<(Event, Option<Subject>)> {
+        let index = self.raised.trailing_zeros() as usize;
+        self.raised &= self.raised.wrapping_sub(1);
+        let event = Event::ALL.get(index)?;
+        Some((*event, self.subjects.get(index).copied().flatten()))
+    }
+
     pub(crate) fn as_array(&self) -> [u64; EVENT_COUNT] {
-        self.0
+        self.times
     }
 }

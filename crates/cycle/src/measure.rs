@@ -22,12 +22,12 @@ use robot_state::{
 
 use supervisor::{Plausibility, Sample, Trust};
 
-use crate::events::Counts;
+use crate::events::{Counts, Subject};
 use crate::time::{Instants, SECONDS_PER_NS, Stamp};
 use align::{AlignedBank, signals};
 use filtered::{AXES, Filtered};
 use ft_offset::FtInput;
-use reception::{Reception, Source};
+use reception::{Reading, Reception, Source};
 
 /// A joint's sample with one of these is bridged.
 const NOT_USED: u32 = measured_flags::NEVER
@@ -55,10 +55,10 @@ pub(crate) struct JointReadiness {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Readiness<'m> {
     pub(crate) joints: &'m [JointReadiness],
-    /// Every joint and sensor has answered, and every filter is full.
-    pub(crate) ready: bool,
-    /// Some F/T sensor or the IMU has sent no usable sample for longer than allowed.
-    pub(crate) sensors_stale: bool,
+    /// Every joint has answered, and its filters are full.
+    pub(crate) joints_ready: bool,
+    /// The same of F/T sensors and IMU.
+    pub(crate) sensors_ready: bool,
 }
 
 /// The joints and sensors of a robot, followed from cycle to cycle.
@@ -85,9 +85,10 @@ pub(crate) struct Measure {
     samples: Vec<JointSample>,
     plausibility: Vec<Plausibility>,
     joint_readiness: Vec<JointReadiness>,
-    sensors_stale: bool,
     last_sync: Option<Stamp>,
-    flags: u32,
+    /// All flags of the joints, and of the sensors.
+    joint_flags: u32,
+    sensor_flags: u32,
 }
 
 impl Measure {
@@ -145,9 +146,9 @@ impl Measure {
                 .map(|joint| Plausibility::new(joint.plausibility))
                 .collect(),
             joint_readiness: vec![JointReadiness::default(); n],
-            sensors_stale: false,
             last_sync: None,
-            flags: measured_flags::NEVER,
+            joint_flags: measured_flags::NEVER,
+            sensor_flags: measured_flags::NEVER,
             reception,
         })
     }
@@ -183,14 +184,14 @@ impl Measure {
         let unready = measured_flags::NEVER | measured_flags::SETTLING;
         Readiness {
             joints: &self.joint_readiness,
-            ready: self.flags & unready == 0,
-            sensors_stale: self.sensors_stale,
+            joints_ready: self.joint_flags & unready == 0,
+            sensors_ready: self.sensor_flags & unready == 0,
         }
     }
 
     /// All `measured_flags` of the signals that enter the equations of motion, in one word.
     pub(crate) fn flags(&self) -> u32 {
-        self.flags
+        self.joint_flags | self.sensor_flags
     }
 
     pub(crate) fn update(
@@ -218,10 +219,9 @@ impl Measure {
 
     fn judge(&mut self, measured: &MeasuredRecord) {
         let joints = measured.joints.iter().take(self.joints.len());
-        let joint_flags = joints.fold(0, |all, joint| all | joint.flags);
+        self.joint_flags = joints.fold(0, |all, joint| all | joint.flags);
         let sensors = measured.ft.iter().take(self.sensors.len());
-        let sensor_flags = sensors.fold(measured.imu.flags, |all, sensor| all | sensor.flags);
-        self.flags = joint_flags | sensor_flags;
+        self.sensor_flags = sensors.fold(measured.imu.flags, |all, sensor| all | sensor.flags);
         let joints = self.joint_readiness.iter_mut().zip(&self.plausibility);
         for ((readiness, plausibility), measured) in joints.zip(&measured.joints) {
             *readiness = JointReadiness {
@@ -231,7 +231,6 @@ impl Measure {
                 slipped: plausibility.has_slipped(),
             };
         }
-        self.sensors_stale = sensor_flags & measured_flags::STALE != 0;
     }
 
     /// Cycles that were skipped enter encoders and filters as cycles without a sample: else motion
@@ -284,10 +283,10 @@ impl Measure {
                 self.samples[j] = sample;
             }
             if flags & measured_flags::MISSED != 0 {
-                counts.add(Event::JointMissed);
+                counts.add_of(Event::JointMissed, Subject::Joint(j));
             }
             if flags & measured_flags::JUMP != 0 {
-                counts.add(Event::EncoderJump);
+                counts.add_of(Event::EncoderJump, Subject::Joint(j));
             }
             if used {
                 measured.q = angles.q;
@@ -376,6 +375,7 @@ impl Measure {
         self.axes.fill(f64::NAN);
         for (s, sensor) in ft.iter_mut().enumerate().take(self.sensors.len()) {
             let reading = (self.reception).reading(&mut self.sensors[s], at, counts);
+            note_stale(sensor.flags, &reading, Subject::FtSensor(s), counts);
             sensor.age_s = reading.age_s;
             sensor.flags = reading.flags;
             let input = &mut self.ft_inputs[s];
@@ -387,7 +387,7 @@ impl Measure {
                 sensor.wrench = input.wrench(&raw, sensor.temperature);
                 self.axes[AXES * s..][..AXES].copy_from_slice(&sensor.wrench.to_array());
             } else {
-                counts.add(Event::SensorMissed);
+                counts.add_of(Event::SensorMissed, Subject::FtSensor(s));
             }
         }
     }
@@ -398,6 +398,7 @@ impl Measure {
         };
         let reading = (self.reception).reading(source, at, counts);
         let imu = &mut measured.imu;
+        note_stale(imu.flags, &reading, Subject::Imu, counts);
         imu.age_s = reading.age_s;
         imu.flags = reading.flags;
         if reading.usable {
@@ -408,7 +409,7 @@ impl Measure {
             self.axes[first..][..3].copy_from_slice(&imu.gyro);
             self.axes[first + 3..][..3].copy_from_slice(&imu.accelerometer);
         } else {
-            counts.add(Event::SensorMissed);
+            counts.add_of(Event::SensorMissed, Subject::Imu);
         }
     }
 
@@ -429,5 +430,13 @@ impl Measure {
                 imu.flags |= measured_flags::SETTLING;
             }
         }
+    }
+}
+
+/// Counts a sensor whose last usable sample is older than allowed, once; `before`: its flags.
+fn note_stale(before: u32, reading: &Reading, subject: Subject, counts: &mut Counts) {
+    if reading.flags & measured_flags::STALE != 0 {
+        let begins = before & measured_flags::STALE == 0;
+        counts.lasting(Event::SensorStale, subject, begins);
     }
 }

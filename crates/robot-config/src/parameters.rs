@@ -8,6 +8,7 @@ use estimators::encoder::EncoderParameters;
 use estimators::filter_bank::FilterDesign;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
+use robot_state::Reactions;
 use supervisor::{Actuation, DriveProfile, Limits, PlausibilityParameters};
 use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
 
@@ -49,7 +50,7 @@ pub struct Parameters {
 }
 
 /// When the robot may move, and how long waits may last.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SafetySettings {
     /// Drives are enabled without an operator, as for simulated robots.
     pub automatic: bool,
@@ -61,6 +62,8 @@ pub struct SafetySettings {
     pub late_share: f64,
     /// Longest time without a sign of the thread that serves clients, s.
     pub publisher_timeout: f64,
+    /// The reaction to each event.
+    pub reactions: Reactions,
 }
 
 /// Filters of the signals.

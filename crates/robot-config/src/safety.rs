@@ -2,6 +2,7 @@
 
 use crate::parameters::SafetySettings;
 use crate::reader::{Allowed, Section};
+use robot_state::{Event, Reaction, Reactions};
 
 /// Without the table an operator enables the robot.
 pub(crate) fn safety(root: &Section<'_, '_>, sample_period: f64) -> SafetySettings {
@@ -11,6 +12,7 @@ pub(crate) fn safety(root: &Section<'_, '_>, sample_period: f64) -> SafetySettin
         send_failing: 0.02,
         late_share: 0.5,
         publisher_timeout: 1.0,
+        reactions: Reactions::default(),
     };
     let Some(section) = root.optional_section("safety") else {
         return settings;
@@ -35,6 +37,35 @@ pub(crate) fn safety(root: &Section<'_, '_>, sample_period: f64) -> SafetySettin
         Allowed::Within(50.0, 10_000.0),
     );
     settings.publisher_timeout = timeout_ms * 1e-3;
+    if let Some(section) = section.optional_section("reactions") {
+        settings.reactions = reactions(section);
+    }
     section.finish();
     settings
+}
+
+/// `[safety.reactions]`: events by name, each with a reaction no weaker than its least one.
+fn reactions(section: Section<'_, '_>) -> Reactions {
+    let mut reactions = Reactions::default();
+    for &event in Event::ALL {
+        if !section.has(event.name()) {
+            continue;
+        }
+        let allowed: Vec<_> = event.allowed_reactions().map(Reaction::name).collect();
+        let allowed = allowed.join(", ");
+        let Some(text) = section.text(event.name(), &allowed) else {
+            continue;
+        };
+        let named = Reaction::ALL.into_iter().find(|r| r.name() == text.value);
+        if !named.is_some_and(|reaction| reactions.choose(event, reaction)) {
+            let what = format!(
+                "{:?} is not allowed for event {}",
+                text.value,
+                event.number()
+            );
+            section.problem(event.name(), what, &allowed);
+        }
+    }
+    section.finish();
+    reactions
 }

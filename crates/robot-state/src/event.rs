@@ -5,6 +5,9 @@
 pub enum Reaction {
     /// Counted; the cycle goes on with a bridged or limited value.
     Warn,
+    /// The modes that need the sources which the event speaks against end, and are not possible while
+    /// it lasts; other modes go on.
+    Degrade,
     /// The client's reference is no longer followed: the robot holds until the client has asked
     /// for hold once.
     Release,
@@ -17,6 +20,29 @@ pub enum Reaction {
 }
 
 impl Reaction {
+    /// All reactions, the weakest first.
+    pub const ALL: [Self; 6] = [
+        Self::Warn,
+        Self::Degrade,
+        Self::Release,
+        Self::Hold,
+        Self::Stop,
+        Self::Off,
+    ];
+
+    /// The name in lower case, as configurations write it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Warn => "warn",
+            Self::Degrade => "degrade",
+            Self::Release => "release",
+            Self::Hold => "hold",
+            Self::Stop => "stop",
+            Self::Off => "off",
+        }
+    }
+
     /// The fault is latched.
     #[must_use]
     pub fn latches(self) -> bool {
@@ -24,8 +50,36 @@ impl Reaction {
     }
 }
 
+/// Bits of the sources that a mode may need and an event may speak against.
+pub mod source {
+    /// Torque from encoders and current (Z).
+    pub const ENCODER_TORQUE: u32 = 1;
+    /// F/T sensors, IMU and contact set, and what follows from them: the torque of D 2 and the
+    /// motion of the base.
+    pub const WHOLE_BODY: u32 = 1 << 1;
+}
+
+/// The bits of some sources.
+macro_rules! bits {
+    ($( $source:ident )*) => { 0 $( | source::$source )* };
+}
+
+/// The least reaction, which is the default one where none is given.
+macro_rules! least {
+    ($default:ident) => {
+        Reaction::$default
+    };
+    ($default:ident $least:ident) => {
+        Reaction::$least
+    };
+}
+
 macro_rules! events {
-    ($( $name:ident = $number:literal, $snake:literal, $reaction:ident, $key:literal, $cause:literal; )*) => {
+    ($(
+        $name:ident = $number:literal, $snake:literal,
+        $reaction:ident $(from $least:ident)? $(against $($source:ident)+)?,
+        $key:literal, $cause:literal;
+    )*) => {
         /// A numbered event. Hundreds: 1 bus, 2 estimation, 3 client, 4 control, 5 timing.
         #[repr(u32)]
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -80,10 +134,22 @@ macro_rules! events {
                 match self { $( Event::$name => $key, )* }
             }
 
-            /// The loop's reaction.
+            /// The loop's reaction, where the configuration names no other.
             #[must_use]
             pub const fn reaction(self) -> Reaction {
                 match self { $( Event::$name => Reaction::$reaction, )* }
+            }
+
+            /// The weakest reaction that a configuration may choose.
+            #[must_use]
+            pub const fn least_reaction(self) -> Reaction {
+                match self { $( Event::$name => least!($reaction $($least)?), )* }
+            }
+
+            /// Bits of the sources ([`source`]) that the event speaks against.
+            #[must_use]
+            pub const fn against(self) -> u32 {
+                match self { $( Event::$name => bits!($($($source)+)?), )* }
             }
         }
     };
@@ -94,23 +160,23 @@ events! {
     FrameWrongLength = 102, "frame_wrong_length", Warn, "-", "A frame arrived whose length differs from that of its message in the DBC file.";
     JointMissed = 103, "joint_missed", Warn, "loop.gather_deadline_us", "A joint's answer was not complete at the gather deadline; its angles were extrapolated for this cycle.";
     JointStale = 104, "joint_stale", Hold, "loop.stale_after_ms", "A joint has sent no sample for longer than allowed.";
-    SensorMissed = 105, "sensor_missed", Warn, "loop.gather_deadline_us", "An F/T sensor or the IMU sent no sample by the gather deadline or, if it has a clock of its own, for two of its periods.";
+    SensorMissed = 105, "sensor_missed", Warn against WHOLE_BODY, "loop.gather_deadline_us", "An F/T sensor or the IMU sent no sample by the gather deadline or, if it has a clock of its own, for two of its periods.";
     BusErrorFrame = 106, "bus_error_frame", Warn, "-", "The CAN controller reported an error frame.";
     SendFailed = 107, "send_failed", Warn, "-", "A frame could not be sent on the bus.";
     ReceiveOverflow = 108, "receive_overflow", Warn, "-", "More frames arrived in one cycle than the receive buffer holds; the rest was lost.";
     SignalNotFinite = 109, "signal_not_finite", Warn, "-", "A received signal was NaN or infinite; the sample was not used.";
-    SensorStale = 110, "sensor_stale", Release, "loop.stale_after_ms", "An F/T sensor or the IMU has sent no usable sample for longer than allowed; a mode that needs it ends.";
+    SensorStale = 110, "sensor_stale", Degrade against WHOLE_BODY, "loop.stale_after_ms", "An F/T sensor or the IMU has sent no usable sample for longer than allowed.";
     FrameOutOfOrder = 111, "frame_out_of_order", Warn, "-", "A frame was received earlier than one of the same message that had been used already; it was not used.";
     BusDown = 112, "bus_down", Hold, "-", "A CAN controller went bus-off, or its interface is down or gone.";
     SendFailing = 113, "send_failing", Hold, "safety.send_failing_ms", "Frames could not be sent for longer than allowed.";
-    TorqueSaturated = 201, "torque_saturated", Warn, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
+    TorqueSaturated = 201, "torque_saturated", Warn against ENCODER_TORQUE WHOLE_BODY, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
     EncoderJump = 202, "encoder_jump", Warn, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
-    EstimateNotFinite = 203, "estimate_not_finite", Warn, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";
-    EncoderSlip = 204, "encoder_slip", Warn, "cross_check.encoder_per_cent", "The encoders of a joint disagree with F/T sensors and motor current for longer than allowed: an encoder has probably slipped.";
-    FtDrift = 205, "ft_drift", Warn, "cross_check.encoder_per_cent", "An F/T sensor disagrees with the encoders of all joints that depend on it: the sensor has probably drifted.";
-    TorqueConstant = 206, "torque_constant", Warn, "cross_check.current_ratio_min / cross_check.current_ratio_max", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.";
-    TorqueSign = 207, "torque_sign", Warn, "cross_check.current_load_per_cent", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.";
-    MissingContact = 208, "missing_contact", Warn, "cross_check.residual_sigmas", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.";
+    EstimateNotFinite = 203, "estimate_not_finite", Warn against ENCODER_TORQUE WHOLE_BODY, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";
+    EncoderSlip = 204, "encoder_slip", Warn against ENCODER_TORQUE, "cross_check.encoder_per_cent", "The encoders of a joint disagree with F/T sensors and motor current for longer than allowed: an encoder has probably slipped.";
+    FtDrift = 205, "ft_drift", Warn against WHOLE_BODY, "cross_check.encoder_per_cent", "An F/T sensor disagrees with the encoders of all joints that depend on it: the sensor has probably drifted.";
+    TorqueConstant = 206, "torque_constant", Warn against ENCODER_TORQUE, "cross_check.current_ratio_min / cross_check.current_ratio_max", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.";
+    TorqueSign = 207, "torque_sign", Warn against ENCODER_TORQUE, "cross_check.current_load_per_cent", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.";
+    MissingContact = 208, "missing_contact", Warn against WHOLE_BODY, "cross_check.residual_sigmas", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.";
     ExternalContact = 209, "external_contact", Warn, "external_torque.threshold_per_cent", "Contact detected by a joint's external torque, where the contact set has none.";
     EncoderImplausible = 210, "encoder_implausible", Hold, "joint.torque_limit_Nm", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.";
     ReferenceNotFinite = 301, "reference_not_finite", Release, "-", "A client's reference contained NaN or infinity.";
@@ -134,9 +200,118 @@ events! {
 /// Number of events: the length of a record's counts.
 pub const EVENT_COUNT: usize = Event::ALL.len();
 
+impl Event {
+    /// The reactions that a configuration may choose: none weaker than the least one, and `degrade`
+    /// only where the event speaks against a source.
+    pub fn allowed_reactions(self) -> impl Iterator<Item = Reaction> {
+        let strong = move |reaction: &Reaction| *reaction >= self.least_reaction();
+        let possible =
+            move |reaction: &Reaction| *reaction != Reaction::Degrade || self.against() != 0;
+        let all = Reaction::ALL.into_iter();
+        all.filter(strong).filter(possible)
+    }
+}
+
+/// The reaction to each event.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Reactions([Reaction; EVENT_COUNT]);
+
+impl Default for Reactions {
+    fn default() -> Self {
+        let mut reactions = [Reaction::Warn; EVENT_COUNT];
+        for (reaction, event) in reactions.iter_mut().zip(Event::ALL) {
+            *reaction = event.reaction();
+        }
+        Self(reactions)
+    }
+}
+
+impl Reactions {
+    /// The reaction to an event.
+    #[must_use]
+    pub fn of(&self, event: Event) -> Reaction {
+        self.0
+            .get(event.index())
+            .copied()
+            .unwrap_or(event.reaction())
+    }
+
+    /// Chooses the reaction to an event; false if it is not among those that are allowed.
+    #[must_use]
+    pub fn choose(&mut self, event: Event, reaction: Reaction) -> bool {
+        let allowed = event.allowed_reactions().any(|r| r == reaction);
+        if let Some(chosen) = self.0.get_mut(event.index()).filter(|_| allowed) {
+            *chosen = reaction;
+        }
+        allowed
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::Event;
+    use super::{Event, Reaction, Reactions, source};
+
+    /// The table of events as the safety page has it.
+    fn table() -> String {
+        let head = "| event | reaction | least | speaks against | occurrence | set by |\n\
+                    | --- | --- | --- | --- | --- | --- |\n";
+        let rows = Event::ALL.iter().map(|event| {
+            let key = match event.config_key() {
+                "-" => String::new(),
+                key => format!("`{key}`"),
+            };
+            let sources = [
+                (source::ENCODER_TORQUE, "torque from encoders"),
+                (source::WHOLE_BODY, "F/T sensors and IMU"),
+            ];
+            let against = sources
+                .into_iter()
+                .filter(|(bit, _)| event.against() & bit != 0);
+            let against: Vec<&str> = against.map(|(_, name)| name).collect();
+            format!(
+                "| {} `{}` | {} | {} | {} | {} | {key} |\n",
+                event.number(),
+                event.name(),
+                event.reaction().name(),
+                event.least_reaction().name(),
+                against.join("; "),
+                event.cause(),
+            )
+        });
+        head.to_owned() + &rows.collect::<String>()
+    }
+
+    #[test]
+    fn the_safety_page_has_the_table_of_events() {
+        let page = include_str!("../../../docs/safety.md");
+        let table = table();
+        assert!(
+            page.contains(&table),
+            "docs/safety.md is to contain:\n{table}"
+        );
+    }
+
+    #[test]
+    fn a_reaction_is_never_weaker_than_the_least_one() {
+        let mut reactions = Reactions::default();
+        for &event in Event::ALL {
+            assert!(event.reaction() >= event.least_reaction(), "{event:?}");
+            assert!(
+                event.allowed_reactions().any(|r| r == event.reaction()),
+                "{event:?}"
+            );
+            for reaction in Reaction::ALL {
+                let chosen = reactions.choose(event, reaction);
+                assert!(!chosen || reaction >= event.least_reaction());
+                assert!(reactions.of(event) >= event.least_reaction());
+            }
+            assert_eq!(
+                reactions.of(event),
+                Reaction::Off,
+                "the strongest, chosen last"
+            );
+        }
+    }
 
     #[test]
     fn numbers_are_unique_and_indices_run_in_order() {

@@ -13,7 +13,7 @@ mod records;
 mod requests;
 mod state;
 
-pub use event::{EVENT_COUNT, Event, Reaction};
+pub use event::{EVENT_COUNT, Event, Reaction, Reactions, source};
 pub use layout::{Field, Layout, Shape, layout_hash};
 pub use name::{Name, Text};
 pub use records::*;

@@ -237,22 +237,24 @@ impl RobotMachine {
     }
 
     /// Moves on by one cycle. Returns what went wrong, for the caller to react to
-    /// ([`RobotMachine::latch`]): a joint in use that went stale or implausible, a time limit.
-    pub fn update(&mut self, joints: &[JointCondition]) -> Option<Event> {
+    /// ([`RobotMachine::latch`]): a joint in use that went stale or implausible, a time limit; and
+    /// the first joint concerned.
+    pub fn update(&mut self, joints: &[JointCondition]) -> Option<(Event, Option<usize>)> {
         use RobotState as S;
         self.waited = self.waited.saturating_add(1);
         let mut wrong = None;
-        for (engaged, joint) in self.engaged.iter_mut().zip(joints) {
+        for (j, (engaged, joint)) in self.engaged.iter_mut().zip(joints).enumerate() {
             let in_use = *engaged || self.state == S::Enabling;
             if in_use && joint.stale {
                 // Where it stands when it comes back is not where it stood.
                 *engaged = false;
-                wrong = Some(Event::JointStale);
+                let earlier = wrong.filter(|(event, _)| *event == Event::JointStale);
+                wrong = earlier.or(Some((Event::JointStale, Some(j))));
             } else if *engaged && !joint.drive_enabled {
                 *engaged = false;
-                wrong = wrong.or(Some(Event::DriveLost));
+                wrong = wrong.or(Some((Event::DriveLost, Some(j))));
             } else if joint.slipped || in_use && joint.distrusted {
-                wrong = wrong.or(Some(Event::EncoderImplausible));
+                wrong = wrong.or(Some((Event::EncoderImplausible, Some(j))));
             }
         }
         let usable = joints.iter().all(|joint| joint.usable);
@@ -272,7 +274,8 @@ impl RobotMachine {
                 if self.engaged.iter().all(|&engaged| engaged) {
                     self.enter(S::Holding);
                 } else if self.waited > self.time_limit {
-                    wrong = Some(Event::EnableTimeOut);
+                    let waiting = self.engaged.iter().position(|engaged| !engaged);
+                    wrong = Some((Event::EnableTimeOut, waiting));
                 }
             }
             S::Stopping

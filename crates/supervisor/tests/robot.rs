@@ -59,7 +59,7 @@ fn a_drive_that_does_not_answer_ends_in_a_time_out() {
     let mut joints = [GOOD; JOINTS];
     joints[2].drive_enabled = false;
     let mut events = (0..2 * TIME_LIMIT).filter_map(|_| machine.update(&joints));
-    assert_eq!(events.next(), Some(Event::EnableTimeOut));
+    assert_eq!(events.next(), Some((Event::EnableTimeOut, Some(2))));
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn a_stale_joint_is_withdrawn_until_it_is_enabled_again() {
         stale: true,
         ..GOOD
     };
-    assert_eq!(machine.update(&joints), Some(Event::JointStale));
+    assert_eq!(machine.update(&joints), Some((Event::JointStale, Some(0))));
     machine.latch(Event::JointStale, Safety::Hold);
     assert_eq!((engaged(&machine), machine.is_engaged(0)), (2, false));
     for _ in 0..10 {
@@ -119,8 +119,8 @@ fn a_drive_that_is_no_longer_enabled_loses_its_set_points_and_others_are_held() 
     let mut joints = [GOOD; JOINTS];
     joints[1].drive_enabled = false;
     joints[1].drive_fault = true;
-    let lost = machine.update(&joints).unwrap();
-    assert_eq!(lost, Event::DriveLost);
+    let (lost, joint) = machine.update(&joints).unwrap();
+    assert_eq!((lost, joint), (Event::DriveLost, Some(1)));
     machine.latch(lost, Safety::Hold);
     assert!(!machine.is_engaged(1));
     assert_eq!(engaged(&machine), JOINTS - 1);
@@ -145,7 +145,10 @@ fn an_encoder_that_slips_while_the_drives_are_off_is_a_fault_that_one_acknowledg
         slipped: true,
         ..GOOD
     };
-    assert_eq!(machine.update(&joints), Some(Event::EncoderImplausible));
+    assert_eq!(
+        machine.update(&joints),
+        Some((Event::EncoderImplausible, Some(2)))
+    );
     machine.latch(Event::EncoderImplausible, Safety::Hold);
     let acknowledge = OperatorRequest::Acknowledge(Event::EncoderImplausible.number());
     assert_eq!(machine.request(acknowledge, &joints), Ok(()));
@@ -160,7 +163,10 @@ fn a_joint_that_proves_itself_anew_is_held_and_no_client_is_followed() {
     let mut machine = holding();
     let mut joints = [GOOD; JOINTS];
     (joints[1].usable, joints[1].distrusted) = (false, true);
-    assert_eq!(machine.update(&joints), Some(Event::EncoderImplausible));
+    assert_eq!(
+        machine.update(&joints),
+        Some((Event::EncoderImplausible, Some(1)))
+    );
     machine.latch(Event::EncoderImplausible, Safety::Hold);
     let acknowledge = OperatorRequest::Acknowledge(Event::EncoderImplausible.number());
     assert_eq!(machine.request(acknowledge, &joints), Ok(()));
@@ -235,7 +241,7 @@ proptest! {
                 Action::Active(active) => machine.set_active(active),
                 Action::Cycle(conditions) => {
                     joints = conditions;
-                    if let Some(event) = machine.update(&joints) {
+                    if let Some((event, _)) = machine.update(&joints) {
                         machine.latch(event, Safety::Hold);
                     }
                 }

@@ -5,18 +5,22 @@
 //! joint's [`supervisor::Drive`] where it wants it, and follows a client's reference only while it
 //! allows to. A reference with a flaw, or none in time, releases
 //! the robot: it holds, and the client is followed again only after it has asked for hold once.
+//!
+//! Events that the stages before have counted get the reactions that the configuration has chosen.
+//! *Degrade* makes the sources that an event speaks against unsound for as long as it lasts: a mode
+//! that needs one of them ends, and cannot be entered.
 
-use robot_config::Robot;
+use robot_config::{Robot, TorqueFeedback};
 use robot_state::{
-    CommandedRecord, DriveState, Event, JointMeasured, MeasuredRecord, Mode, Reaction, Reference,
-    RobotState, Settings, measured_flags, refusal,
+    CommandedRecord, CycleRecord, DriveState, Event, JointMeasured, MeasuredRecord, Mode, Reaction,
+    Reactions, Reference, RobotState, Settings, measured_flags, refusal, source,
 };
 use supervisor::{
     Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, Refusal, RobotMachine,
     Safety,
 };
 
-use crate::events::Counts;
+use crate::events::{Counts, Subject};
 use crate::measure::Readiness;
 
 /// Clients' input to one cycle, as it arrived: unchecked.
@@ -80,7 +84,12 @@ pub(crate) struct Supervisor {
     listening: bool,
     reference_timeout_s: f64,
     sample_period: f64,
-    needs_sensors: bool,
+    reactions: Reactions,
+    /// Bits of the sources that each mode needs, in the order of `Mode::ALL`.
+    needs: [u32; Mode::ALL.len()],
+    /// Bits of the sources that are not sound in this cycle.
+    unsound: u32,
+    fault_subject: Option<Subject>,
     mode: Mode,
     /// The client has lost the robot until it asks for hold.
     released: bool,
@@ -108,7 +117,10 @@ impl Supervisor {
             listening: true,
             reference_timeout_s: p.timing.reference_timeout,
             sample_period: p.timing.sample_period,
-            needs_sensors: !p.ft_sensors.is_empty() || p.imu.is_some(),
+            reactions: p.safety.reactions.clone(),
+            needs: Mode::ALL.map(|mode| needs(mode, robot)),
+            unsound: 0,
+            fault_subject: None,
             mode: Mode::Hold,
             released: false,
             last_sequence: None,
@@ -122,30 +134,24 @@ impl Supervisor {
 
     /// Latches a fault of an earlier run, before the first cycle.
     pub(crate) fn start_with_fault(&mut self, event: Event) {
-        self.latch(event, Safety::Off);
+        self.latch(event, None, Safety::Off);
     }
 
-    pub(crate) fn mode(&self) -> Mode {
-        self.mode
-    }
-
-    pub(crate) fn state(&self) -> RobotState {
-        self.machine.state()
-    }
-
-    /// The latched fault's number, or 0.
-    pub(crate) fn fault_number(&self) -> u32 {
-        self.machine.fault().map_or(0, Event::number)
+    /// Writes state, mode, fault and requests into the record.
+    pub(crate) fn publish(&self, record: &mut CycleRecord) {
+        record.mode = self.mode.number();
+        record.state = self.machine.state().number();
+        record.fault = self.machine.fault().map_or(0, Event::number);
+        let subject = self.fault_subject.filter(|_| record.fault != 0);
+        record.fault_subject = subject.map_or(0, Subject::code);
+        (record.requests, record.refusal) = (self.requests, self.refusal);
+        let possible = Mode::ALL.into_iter().filter(|mode| self.is_possible(*mode));
+        record.possible_modes = possible.fold(0, |bits, mode| bits | 1 << mode.number());
     }
 
     /// An operator has just acknowledged the fault. To be asked once a cycle.
     pub(crate) fn take_acknowledgement(&mut self) -> bool {
         std::mem::take(&mut self.acknowledged)
-    }
-
-    /// Requests so far, and why the last one was refused (0: it was carried out).
-    pub(crate) fn requests(&self) -> (u32, u32) {
-        (self.requests, self.refusal)
     }
 
     /// Set-points may be sent to this joint.
@@ -161,6 +167,11 @@ impl Supervisor {
         measured: &MeasuredRecord,
         counts: &mut Counts,
     ) -> Goal<'a> {
+        self.unsound = match readiness.sensors_ready {
+            true => 0,
+            false => source::WHOLE_BODY,
+        };
+        self.react_to(counts);
         self.follow_drives(measured, counts);
         self.judge(readiness, measured);
         if let Some(request) = client.request {
@@ -169,8 +180,8 @@ impl Supervisor {
             let acknowledges = matches!(request, OperatorRequest::Acknowledge(_));
             self.acknowledged = acknowledges && self.refusal == 0;
         }
-        if let Some(event) = self.machine.update(&self.conditions) {
-            self.report(event, counts);
+        if let Some((event, joint)) = self.machine.update(&self.conditions) {
+            self.report(event, joint.map(Subject::Joint), counts);
         }
         self.lead_drives();
         let goal = self.goal(client, readiness, measured, counts);
@@ -211,12 +222,13 @@ impl Supervisor {
     /// Takes the drives' status words, and reports what went wrong with them.
     fn follow_drives(&mut self, measured: &MeasuredRecord, counts: &mut Counts) {
         for (j, joint) in measured.joints.iter().enumerate().take(self.drives.len()) {
-            match self.drives[j].update(status(joint)) {
-                Some(DriveTrouble::Fault) => self.report(Event::DriveFault, counts),
-                Some(DriveTrouble::Lost(_)) => self.report(Event::DriveLost, counts),
-                Some(DriveTrouble::TimeOut(_)) => self.report(Event::EnableTimeOut, counts),
-                None => {}
-            }
+            let event = match self.drives[j].update(status(joint)) {
+                Some(DriveTrouble::Fault) => Event::DriveFault,
+                Some(DriveTrouble::Lost(_)) => Event::DriveLost,
+                Some(DriveTrouble::TimeOut(_)) => Event::EnableTimeOut,
+                None => continue,
+            };
+            self.report(event, Some(Subject::Joint(j)), counts);
         }
     }
 
@@ -265,11 +277,13 @@ impl Supervisor {
             return Goal::Stop;
         }
         let active = self.mode != Mode::Hold;
-        if active && self.needs_sensors && readiness.sensors_stale {
-            self.report(Event::SensorStale, counts);
+        if !self.is_possible(self.mode) {
+            self.release();
         }
-        let allowed = self.machine.may_follow() && !self.released && readiness.ready;
-        match asked.filter(|_| allowed) {
+        let active = active && !self.released;
+        let allowed = self.machine.may_follow() && !self.released && readiness.joints_ready;
+        let asked = asked.filter(|goal| allowed && self.is_possible(goal.mode()));
+        match asked {
             Some(goal) if goal.mode() == Mode::InverseDynamics => {
                 match goal
                     .reference()
@@ -277,7 +291,7 @@ impl Supervisor {
                 {
                     Some(_) => goal,
                     None => {
-                        self.report(Event::ReferenceJump, counts);
+                        self.report(Event::ReferenceJump, None, counts);
                         Goal::Hold
                     }
                 }
@@ -287,19 +301,47 @@ impl Supervisor {
         }
     }
 
-    /// Counts an event and reacts to it.
-    pub(crate) fn report(&mut self, event: Event, counts: &mut Counts) {
-        counts.add(event);
-        match event.reaction() {
-            Reaction::Warn => {}
-            Reaction::Release => self.release(),
-            Reaction::Hold => self.latch(event, Safety::Hold),
-            Reaction::Stop => self.latch(event, Safety::Stop),
-            Reaction::Off => self.latch(event, Safety::Off),
+    /// The sources allow the mode.
+    fn is_possible(&self, mode: Mode) -> bool {
+        let needs = self.needs.get(mode.number() as usize);
+        needs.is_some_and(|needs| needs & self.unsound == 0)
+    }
+
+    /// Reacts to the events that were counted since, or last. A robot whose drives are off needs no
+    /// reaction that latches a fault; where the event lasts, it follows when they are on.
+    pub(crate) fn react_to(&mut self, counts: &mut Counts) {
+        while let Some((event, subject)) = counts.take_raised() {
+            let off = matches!(self.machine.state(), RobotState::Boot | RobotState::Ready);
+            if !(off && self.reactions.of(event).latches()) {
+                self.react(event, subject);
+            }
         }
     }
 
-    fn latch(&mut self, event: Event, safety: Safety) {
+    /// Counts an event and reacts to it, whatever the robot's state.
+    pub(crate) fn report(&mut self, event: Event, subject: Option<Subject>, counts: &mut Counts) {
+        match subject {
+            Some(subject) => counts.add_of(event, subject),
+            None => counts.add(event),
+        }
+        self.react(event, subject);
+    }
+
+    fn react(&mut self, event: Event, subject: Option<Subject>) {
+        match self.reactions.of(event) {
+            Reaction::Warn => {}
+            Reaction::Degrade => self.unsound |= event.against(),
+            Reaction::Release => self.release(),
+            Reaction::Hold => self.latch(event, subject, Safety::Hold),
+            Reaction::Stop => self.latch(event, subject, Safety::Stop),
+            Reaction::Off => self.latch(event, subject, Safety::Off),
+        }
+    }
+
+    fn latch(&mut self, event: Event, subject: Option<Subject>, safety: Safety) {
+        if self.machine.fault().is_none() {
+            self.fault_subject = subject;
+        }
         self.machine.latch(event, safety);
         self.release();
     }
@@ -315,7 +357,7 @@ impl Supervisor {
         let too_old = client.age_s.is_nan() || client.age_s > self.reference_timeout_s;
         let Some(reference) = client.reference.filter(|_| !too_old) else {
             if self.mode != Mode::Hold {
-                self.report(Event::ReferenceStale, counts);
+                self.report(Event::ReferenceStale, None, counts);
             }
             return None;
         };
@@ -325,7 +367,7 @@ impl Supervisor {
             Ok(goal) => Some(goal),
             Err(flaw) => {
                 if is_new {
-                    self.report(flaw, counts);
+                    self.report(flaw, None, counts);
                 }
                 self.release();
                 None
@@ -380,6 +422,20 @@ impl Supervisor {
             self.cycles_since = 0.0;
         }
         near
+    }
+}
+
+/// Bits of the sources that a mode needs.
+fn needs(mode: Mode, robot: &Robot) -> u32 {
+    let feedback = match robot.parameters.torque_feedback {
+        TorqueFeedback::WholeBody => source::WHOLE_BODY,
+        TorqueFeedback::Encoder => source::ENCODER_TORQUE,
+    };
+    match mode {
+        Mode::Hold => 0,
+        Mode::Torque => feedback,
+        // Gravity by the base's motion, and the contact wrenches.
+        Mode::InverseDynamics => feedback | source::WHOLE_BODY,
     }
 }
 

@@ -5,7 +5,7 @@ use robot_config::{Robot, slots};
 use robot_state::Event;
 use supervisor::Drive;
 
-use super::Command;
+use super::{Command, Supervisor};
 use crate::events::Counts;
 
 /// Control words are repeated after so many cycles, for a drive that lost one.
@@ -38,14 +38,16 @@ impl Emit {
     pub(crate) fn update(
         &mut self,
         command: &Command,
-        drives: &[Drive],
+        supervisor: &Supervisor,
         tx: &mut Frames,
         counts: &mut Counts,
     ) {
         for (j, last) in command.last().enumerate() {
+            // Also not where the command itself was the fault.
+            let last = last.filter(|_| supervisor.is_engaged(j));
             self.set(slots::command(j), last);
         }
-        let due = self.control_words_due(drives);
+        let due = self.control_words_due(supervisor.drives());
         for j in 0..self.words.len() {
             self.set(
                 slots::control(j),

@@ -27,7 +27,7 @@ use robot_state::{
 use super::decide::Goal;
 use super::transition::Transition;
 use robot_config::JointParameters;
-use supervisor::{Actuation, Limited, Limiter, Limits, Motion};
+use supervisor::{Actuation, Limiter, Limits, Motion};
 
 /// Torques of one joint by inverse dynamics, N·m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -152,7 +152,7 @@ impl JointController {
         goal: &Goal<'_>,
         input: &JointInput<'_>,
         commanded: &mut JointCommanded,
-    ) -> Limited {
+    ) {
         let motion = self.law.motion(input);
         let asked = self.asked(goal, &motion, input, commanded);
         let limited = self.limiter.limit(asked, &motion);
@@ -165,7 +165,6 @@ impl JointController {
             }
             MotorModel::Current { .. } => commanded.current_c = limited.applied,
         }
-        limited
     }
 
     /// The command before limits.

@@ -10,7 +10,7 @@ use robot_state::{EstimatedRecord, Event, JointMeasured, TorqueEstimate};
 use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
 
 use super::usable::valid;
-use crate::events::Counts;
+use crate::events::{Counts, Subject};
 
 /// Pole of the low-pass of the torque from current.
 const POLE: f64 = 0.9;
@@ -86,13 +86,13 @@ impl CrossCheckStage {
         }
         let found = self.check.update(&self.sources, whole_body);
         for cause in found {
-            if !self.reported.contains(cause) {
-                counts.add(event(*cause).0);
-            }
+            let begins = !self.reported.contains(cause);
+            let (event, subject) = event(*cause);
+            counts.lasting(event, subject, begins);
         }
         let (warning, subject) = found.first().map_or((0, 0), |cause| {
             let (event, subject) = event(*cause);
-            (event.number(), subject as u32)
+            (event.number(), subject.index())
         });
         (estimated.warning, estimated.warning_subject) = (warning, subject);
         self.reported.clear();
@@ -101,13 +101,13 @@ impl CrossCheckStage {
 }
 
 /// The event of a cause, and the joint or sensor that it is about.
-fn event(cause: Cause) -> (Event, usize) {
+fn event(cause: Cause) -> (Event, Subject) {
     match cause {
-        Cause::EncoderSlip { joint } => (Event::EncoderSlip, joint),
-        Cause::FtDrift { sensor } => (Event::FtDrift, sensor),
-        Cause::TorqueConstant { joint } => (Event::TorqueConstant, joint),
-        Cause::TorqueSign { joint } => (Event::TorqueSign, joint),
-        Cause::MissingContact { sensor } => (Event::MissingContact, sensor),
+        Cause::EncoderSlip { joint } => (Event::EncoderSlip, Subject::Joint(joint)),
+        Cause::FtDrift { sensor } => (Event::FtDrift, Subject::FtSensor(sensor)),
+        Cause::TorqueConstant { joint } => (Event::TorqueConstant, Subject::Joint(joint)),
+        Cause::TorqueSign { joint } => (Event::TorqueSign, Subject::Joint(joint)),
+        Cause::MissingContact { sensor } => (Event::MissingContact, Subject::FtSensor(sensor)),
     }
 }
 

@@ -11,7 +11,7 @@ use robot_state::{Event, JointEstimated, JointMeasured};
 use whole_body::{MomentumObserver, MomentumObserverParameters, WholeBody};
 
 use super::usable::UNUSABLE;
-use crate::events::Counts;
+use crate::events::{Counts, Subject};
 
 /// The observer of all joints; its inputs all have the delay of the long filters.
 #[derive(Debug)]
@@ -93,9 +93,9 @@ impl ExternalTorque {
         }
         let detected = self.observer.contacts();
         let before = self.contact_flags.iter_mut().zip(&self.model_index);
-        for (joint, (before, &place)) in joints.iter_mut().zip(before) {
-            if detected[place] && !*before {
-                counts.add(Event::ExternalContact);
+        for (j, (joint, (before, &place))) in joints.iter_mut().zip(before).enumerate() {
+            if detected[place] {
+                counts.lasting(Event::ExternalContact, Subject::Joint(j), !*before);
             }
             *before = detected[place];
             joint.contact_flag = u32::from(detected[place]);

@@ -3,6 +3,7 @@
 use crate::files::Files;
 use control::MotorModel;
 use robot_config::{Sampled, slots};
+use robot_state::{Event, Reaction};
 use supervisor::Actuation;
 
 const LEG: &str = "config/leg/robot.toml";
@@ -507,4 +508,55 @@ fn a_drive_may_have_words_of_its_own_or_be_watched_only() {
     let robot = leg_with(control, "").load(LEG).unwrap();
     let profile = robot.parameters.joints[3].drive_profile.as_ref().unwrap();
     assert_eq!(profile.control, None);
+}
+
+#[test]
+fn reactions_are_never_weaker_than_the_least_one() {
+    let with = |reactions: &str| {
+        let text = format!("[safety]\nenable = \"automatic\"\n[safety.reactions]\n{reactions}\n");
+        leg_with(
+            "[safety]\nenable = \"automatic\"  # a simulated robot; \"operator\" on a real one\nlate_per_cent = 100   # the same: late cycles do no harm\n",
+            &text,
+        )
+    };
+    for (reaction, parts) in [
+        (
+            "joint_stale = \"warn\"",
+            [
+                "\"warn\" is not allowed for event 104",
+                "allowed: hold, stop, off",
+            ],
+        ),
+        (
+            "late_cycle = \"degrade\"",
+            [
+                "\"degrade\" is not allowed",
+                "warn, release, hold, stop, off",
+            ],
+        ),
+        (
+            "external_contact = \"comply\"",
+            [
+                "\"comply\" is not allowed for event 209",
+                "warn, release, hold",
+            ],
+        ),
+        (
+            "ft_drift = 3",
+            [
+                "safety.reactions.ft_drift: 3 is not allowed",
+                "warn, degrade, release",
+            ],
+        ),
+        ("no_such = \"stop\"", ["unknown key", "joint_stale"]),
+    ] {
+        refused(&with(reaction), LEG, reaction, &parts);
+    }
+    let leg = with("joint_stale = \"off\"\nft_drift = \"degrade\"")
+        .load(LEG)
+        .unwrap();
+    let reactions = leg.parameters.safety.reactions;
+    assert_eq!(reactions.of(Event::JointStale), Reaction::Off);
+    assert_eq!(reactions.of(Event::FtDrift), Reaction::Degrade);
+    assert_eq!(reactions.of(Event::EncoderSlip), Reaction::Warn);
 }

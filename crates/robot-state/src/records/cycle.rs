@@ -25,6 +25,11 @@ record! {
         /// joint outside its limits, 4 another fault, 5 a drive's own fault) times 65536, plus the
         /// number of the state or fault, or the joint's index.
         pub refusal: u32,
+        /// The subject of the latched fault, or 0 if it has none: its kind (1 joint, 2 F/T sensor, 3
+        /// IMU) times 65536, plus its index.
+        pub fault_subject: u32,
+        /// Modes that the sources allow at present, a bit for each number of a `Mode`.
+        pub possible_modes: u32,
         /// Fills the record to a multiple of eight bytes.
         pub reserved: u32,
         /// Joints in use.
