@@ -5,9 +5,11 @@ use crate::estimate::{open_log, read_joint};
 use crate::output::finish;
 use clap::{Args, Subcommand};
 use identification::all::{self, Fitted, Step};
+use identification::inputs::{self, Inspection, LogKind};
 use identification::log::LogRow;
 use indicatif::{ProgressBar, ProgressStyle};
-use problem::Problem;
+use joint_file::JointFile;
+use problem::{Problem, Problems};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -115,35 +117,55 @@ pub(crate) fn run(arguments: &FitArguments) -> ExitCode {
     };
     match done {
         Ok(report) => finish(&report),
-        Err(problem) => {
-            eprintln!("torquectl fit: {problem}");
+        Err(problems) => {
+            for problem in problems.0 {
+                eprintln!("torquectl fit: {problem}");
+            }
             ExitCode::from(BAD_INPUT)
         }
     }
 }
 
-fn fit_all(arguments: &AllArguments) -> Result<String, Problem> {
+fn fit_all(arguments: &AllArguments) -> Result<String, Problems> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
-    let turn = rows(&arguments.no_load, false)?;
-    let train = rows(&arguments.training, true)?;
+    let turn = inspected(&joint, &arguments.no_load, LogKind::NoLoad);
+    let train = inspected(&joint, &arguments.training, LogKind::Training);
+    let ((turn, mut inputs), (train, of_train)) = both(turn, train)?;
+    inputs.extend(of_train);
     let bar = bar();
     let fitted = all::fit(&joint, &turn, &train, &mut progress(&bar));
     bar.finish_and_clear();
     let logs = [&arguments.no_load, &arguments.training].map(|path| path.display().to_string());
     let fitted = fitted.map_err(|p| p.or_at(&logs.join(", "), 0))?;
-    write(&fitted, &arguments.out, &stem)
+    Ok(write(&fitted, &arguments.out, &stem, &inputs)?)
 }
 
-fn fit_one(step: Step, arguments: &StepArguments) -> Result<String, Problem> {
+/// Problems of both logs, where both have some.
+fn both<A, B>(a: Result<A, Problems>, b: Result<B, Problems>) -> Result<(A, B), Problems> {
+    match (a, b) {
+        (Ok(a), Ok(b)) => Ok((a, b)),
+        (Err(mut a), Err(b)) => {
+            a.0.extend(b.0);
+            Err(a)
+        }
+        (Err(problems), _) | (_, Err(problems)) => Err(problems),
+    }
+}
+
+fn fit_one(step: Step, arguments: &StepArguments) -> Result<String, Problems> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
-    let rows = rows(&arguments.log, step != Step::KinematicError)?;
+    let kind = match step {
+        Step::KinematicError => LogKind::NoLoad,
+        _ => LogKind::Training,
+    };
+    let (rows, inputs) = inspected(&joint, &arguments.log, kind)?;
     let bar = bar();
     let fitted = all::fit_one(&joint, step, &rows, &mut progress(&bar));
     bar.finish_and_clear();
     let fitted = fitted.map_err(|p| p.or_at(&arguments.log.display().to_string(), 0))?;
-    write(&fitted, &arguments.out, &stem)
+    Ok(write(&fitted, &arguments.out, &stem, &inputs)?)
 }
 
 /// Progress on stderr, if that is a terminal.
@@ -179,7 +201,12 @@ fn stem(out: &Path) -> Result<String, Problem> {
     }
 }
 
-fn write(fitted: &Fitted, out: &OutArguments, stem: &str) -> Result<String, Problem> {
+fn write(
+    fitted: &Fitted,
+    out: &OutArguments,
+    stem: &str,
+    inputs: &[String],
+) -> Result<String, Problem> {
     let files = fitted.files(stem)?;
     let mut written = Vec::new();
     for (name, text) in &files {
@@ -191,22 +218,30 @@ fn write(fitted: &Fitted, out: &OutArguments, stem: &str) -> Result<String, Prob
     }
     Ok(match out.json {
         true => {
-            let report = serde_json::json!({"report": fitted.report, "written": written});
+            let report = serde_json::json!({
+                "inputs": inputs, "report": fitted.report, "written": written
+            });
             format!("{report}\n")
         }
         false => format!(
-            "{}\nwritten: {}\n",
+            "{}\n{}\nwritten: {}\n",
+            inputs.join("\n"),
             fitted.report.join("\n"),
             written.join(", ")
         ),
     })
 }
 
-fn rows(path: &Path, torque: bool) -> Result<Vec<LogRow>, Problem> {
-    let log = open_log(path)?;
-    if torque && !log.has_torque() {
-        let reason = "column `tau_sensor` is missing";
-        return Err(log.problem(reason, "a log with it: training needs the torque"));
-    }
-    log.rows()
+/// The rows of a log that can be fitted to, and what is reported of them.
+fn inspected(
+    joint: &JointFile,
+    path: &Path,
+    kind: LogKind,
+) -> Result<(Vec<LogRow>, Vec<String>), Problems> {
+    let file = path.display().to_string();
+    let rows = open_log(path)?.rows()?;
+    let of_file = |p: Problems| Problems(p.0.into_iter().map(|p| p.or_at(&file, 0)).collect());
+    let inspection: Inspection = inputs::inspect(joint, &rows, kind).map_err(of_file)?;
+    let line = |line: String| format!("{file}: {line}");
+    Ok((rows, inspection.lines().into_iter().map(line).collect()))
 }

@@ -138,7 +138,7 @@ fn the_smallest_joint_and_a_log_without_torque() {
 #[test]
 fn bad_input_is_named_with_file_and_line() {
     let folder = folder("bad");
-    let good = log(1.0, |t| t.sin(), |_| 1.0);
+    let good = log(1.0, |t| (7.0 * t).sin(), |t| (9.0 * t).cos());
     let replaced = |line: usize, with: &str| {
         let mut lines: Vec<&str> = good.lines().collect();
         lines[line - 1] = with;
@@ -205,4 +205,65 @@ fn bad_input_is_named_with_file_and_line() {
         !folder.join("out.toml").exists(),
         "nothing is written that was not fitted"
     );
+}
+
+/// Every wrong log of a joint that is otherwise right: exit code 2, its cause on stderr, no file
+/// written, and a file that is there untouched.
+#[test]
+fn wrong_logs_write_nothing() {
+    let folder = folder("wrong");
+    let q = |t: f64| (1.1 * t).sin();
+    let tau = |t: f64| 7.0 * (2.1 * t).sin() + 3.0 * (0.7 * t).cos();
+    let good = log(12.0, q, tau);
+    fs::write(folder.join("good.csv"), &good).unwrap();
+    type Change<'a> = &'a dyn Fn(&mut [f64; 5]);
+    let changed = |change: Change<'_>| {
+        let mut text = "t,theta,q,i,tau_sensor\n".to_owned();
+        for line in good.lines().skip(1) {
+            let mut values = [0.0; 5];
+            for (value, field) in values.iter_mut().zip(line.split(',')) {
+                *value = field.parse().unwrap();
+            }
+            change(&mut values);
+            writeln!(text, "{}", values.map(|x| x.to_string()).join(",")).unwrap();
+        }
+        text
+    };
+    let cases: [(Change<'_>, &str); 8] = [
+        (&|r| r[0] *= 1e3, "`t` is in ms"),
+        (&|r| r[1] = -r[1], "reversed"),
+        (
+            &|r| (r[1], r[2]) = (r[1].to_degrees(), r[2].to_degrees()),
+            "degrees",
+        ),
+        (&|r| r[3] = 0.2, "`i` is constant"),
+        (&|r| r[0] *= 2.0, "`sample_rate_hz`"),
+        (&|r| r[4] = 5.0 * r[3], "computed from the current"),
+        (&|r| r[4] = -r[4], "reversed"),
+        (&|r| r[4] = r[4].clamp(-4.0, 4.0), "`tau_sensor` is clipped"),
+    ];
+    let kept = "# kept\n";
+    for (change, expected) in cases {
+        fs::write(folder.join("wrong.csv"), changed(change)).unwrap();
+        fs::write(folder.join("out.toml"), kept).unwrap();
+        for command in [
+            "fit compliance --joint joint.toml --log wrong.csv -o out.toml",
+            "fit all --joint joint.toml --no-load good.csv --training wrong.csv -o out.toml",
+        ] {
+            let output = torquectl(&folder, command);
+            let message = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{expected}: {message}");
+            assert!(
+                message.contains("wrong.csv: ") && message.contains(expected),
+                "{message}"
+            );
+        }
+        assert_eq!(fs::read_to_string(folder.join("out.toml")).unwrap(), kept);
+        assert!(!folder.join("out.network.toml").exists());
+    }
+    let report = succeeds(
+        &folder,
+        "fit current --joint joint.toml --log good.csv -o new.toml",
+    );
+    assert!(report.contains("good.csv: torque -"), "{report}");
 }

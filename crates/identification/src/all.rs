@@ -7,6 +7,7 @@
 //!       -> fusion
 //! ```
 
+use crate::excitation::{Determination, Excitation, Quantity};
 use crate::gaussian_process::{self, GpOptions};
 use crate::learned::Progress;
 use crate::log::LogRow;
@@ -31,6 +32,8 @@ const SHORT_TIME_CONSTANT_S: f64 = 0.002;
 const SKEW_SIGNIFICANCE: f64 = 5.0;
 const MIN_SKEW_S: f64 = 2e-5;
 
+/// Stiffness of a wave generator that counts as rigid, motor side, N·m/rad.
+const RIGID: f64 = 1e9;
 /// Largest error that a correction beyond G's may leave on held-out blocks, over the error
 /// without it: away from its data a correction is worse than none.
 const MAX_CORRECTED_RATIO: f64 = 0.8;
@@ -73,6 +76,20 @@ impl Step {
     ];
 }
 
+impl Step {
+    /// Whether it makes more of the gear than its stiffness.
+    fn needs_stiffness(self) -> bool {
+        matches!(
+            self,
+            Self::Hysteresis | Self::Deformation | Self::Kalman | Self::Network | Self::LocalGp
+        )
+    }
+
+    fn learned(self) -> bool {
+        matches!(self, Self::Network | Self::LocalGp)
+    }
+}
+
 /// A fitted joint, and a report of each step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
@@ -102,8 +119,8 @@ pub fn fit(
         let mut inner = |part: f64, what: &str| progress(done + share * part, what);
         inner(0.0, name);
         match (step, fitted.step(step, rows, &mut inner)) {
-            // The other fits do not need the learned ones.
-            (Step::Network | Step::LocalGp, Err(e)) => {
+            // The other fits do not need the learned ones, nor a gear beyond its stiffness.
+            (step, Err(e)) if step.learned() || step.needs_stiffness() => {
                 fitted.note(format!("{name}: not fitted: {e}"));
             }
             (_, done) => done?,
@@ -171,10 +188,20 @@ impl Fitted {
             ));
         }
         let record = Record::new(&self.joint, rows)?;
+        if step.needs_stiffness() {
+            let excitation = Excitation::new(&record, &self.joint);
+            if let Some(constant) = excitation.undetermined(Quantity::Compliance) {
+                let reason = format!("training log: {}", constant.sentence());
+                return Err(Problem::new(
+                    reason,
+                    "loads that change, and motion under load",
+                ));
+            }
+        }
         match step {
             Step::KinematicError => self.kinematic_error(&record),
             Step::Current => self.current(&record),
-            Step::Compliance => self.compliance(rows),
+            Step::Compliance => self.compliance(&record, rows),
             Step::Hysteresis => self.hysteresis(&record),
             Step::Deformation => self.deformation(&record),
             Step::Kalman => self.kalman(&record),
@@ -203,15 +230,28 @@ impl Fitted {
         Ok(())
     }
 
-    /// Z's constants with the skew; once more with the skew removed.
-    fn compliance(&mut self, train: &[LogRow]) -> Result<(), Problem> {
+    /// Z's constants with the skew; once more with the skew removed. A skew that the log does not
+    /// determine stays at its prior, zero.
+    fn compliance(&mut self, record: &Record, train: &[LogRow]) -> Result<(), Problem> {
+        let excitation = Excitation::new(record, &self.joint);
+        if let Some(constant) = excitation.undetermined(Quantity::Compliance) {
+            self.prior_compliance(&excitation, constant);
+            return Ok(());
+        }
+        if let Some(constant) = excitation.undetermined(Quantity::Skew) {
+            self.note(constant.sentence());
+        }
+        let skew_determined = excitation.determines(Quantity::Skew);
         for pass in 0..2 {
             let record = Record::new(&self.joint, train)?;
             let error = self.joint.kinematic_error_parameters();
             let motor = self.joint.wave_generator_parameters();
             let fit = gear::compliance(&record, &error, motor)?;
             let (skew, sigma) = fit.skew;
-            if pass == 0 && skew.abs() > MIN_SKEW_S.max(SKEW_SIGNIFICANCE * sigma) {
+            if skew_determined
+                && pass == 0
+                && skew.abs() > MIN_SKEW_S.max(SKEW_SIGNIFICANCE * sigma)
+            {
                 self.add_skew(skew);
                 continue;
             }
@@ -237,7 +277,31 @@ impl Fitted {
         self.joint
             .encoders
             .get_or_insert_with(EncodersTable::default);
-        self.skew(train)
+        match skew_determined {
+            true => self.skew(train),
+            false => Ok(()),
+        }
+    }
+
+    /// A gear of the stiffness that catalogues and log agree on; its sigma holds what that leaves
+    /// open at the largest torque of the log.
+    fn prior_compliance(&mut self, excitation: &Excitation, constant: &Determination) {
+        let compliance = constant.posterior;
+        let largest = excitation.torque[0].abs().max(excitation.torque[1].abs());
+        self.note(format!(
+            "{}; K_fs0 {:.0} N·m/rad, within ±{:.0} %",
+            constant.sentence(),
+            1.0 / compliance.value,
+            196.0 * compliance.sigma / compliance.value
+        ));
+        self.joint.compliance = Some(ComplianceTable {
+            k_fs0: 1.0 / compliance.value,
+            c_fs: 0.0,
+            k_wg0: RIGID,
+            c_wg: 0.0,
+            low_pass_pole: self.pole(Z_TIME_CONSTANT_S),
+            torsion_sigma: (compliance.sigma * largest).hypot(excitation.torsion_sigma),
+        });
     }
 
     fn add_skew(&mut self, skew: f64) {
