@@ -249,6 +249,12 @@ impl CanRobot {
         self.robot.drive_states(joint)
     }
 
+    /// The robot behind the buses, to load its joints and to break it.
+    #[must_use]
+    pub fn robot_mut(&mut self) -> &mut SimRobot {
+        &mut self.robot
+    }
+
     /// Number of frames with an unknown id or of the wrong length.
     #[must_use]
     pub fn unknown_frames(&self) -> u64 {

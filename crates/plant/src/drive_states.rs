@@ -61,6 +61,8 @@ pub struct DriveStates {
     since_set_point: f64,
     powered: bool,
     refuses: bool,
+    /// The brake stays closed (true) or open (false) whatever the drive does.
+    stuck_brake: Option<bool>,
     cause: Option<DriveError>,
     last_error: u32,
 }
@@ -79,6 +81,7 @@ impl DriveStates {
             since_set_point: 0.0,
             powered: true,
             refuses: false,
+            stuck_brake: None,
             cause: None,
             last_error: 0,
         }
@@ -101,6 +104,9 @@ impl DriveStates {
     #[must_use]
     pub fn is_braked(&self) -> bool {
         let p = &self.parameters;
+        if let Some(closed) = self.stuck_brake {
+            return closed;
+        }
         p.brake
             && match self.is_enabled() {
                 true => self.since_change < p.brake_release,
@@ -121,6 +127,11 @@ impl DriveStates {
     /// Whether the drive stays switched on instead of being enabled.
     pub fn set_refuses(&mut self, refuses: bool) {
         self.refuses = refuses;
+    }
+
+    /// Whether the brake is stuck, and if so closed (true) or open.
+    pub fn set_stuck_brake(&mut self, closed: Option<bool>) {
+        self.stuck_brake = closed;
     }
 
     /// Time that each step takes, s.

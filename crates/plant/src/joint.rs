@@ -38,6 +38,8 @@ pub struct Joint {
     current: f64,
     torsion: f64,
     transmission: Transmission,
+    /// Angle by which the gear has slipped, link side, rad.
+    slipped: f64,
     friction: Bristle,
     bearing: Bristle,
     controller: Controller,
@@ -95,6 +97,7 @@ impl Joint {
             current: 0.0,
             torsion: 0.0,
             transmission: Transmission::new(&p.transmission),
+            slipped: 0.0,
             friction: Bristle::default(),
             bearing: Bristle::default(),
             controller: Controller::new(sheet, &p.controller),
@@ -120,6 +123,11 @@ impl Joint {
     #[must_use]
     pub fn states(&mut self) -> Option<&mut DriveStates> {
         self.states.as_mut()
+    }
+
+    /// The gear's teeth slip by an angle, link side, rad: the link goes on at `q` lower by it.
+    pub fn slip_gear(&mut self, angle: f64) {
+        self.slipped += angle;
     }
 
     fn is_on(&self) -> bool {
@@ -163,7 +171,8 @@ impl Joint {
     }
 
     fn kinematic_error(&self, q: f64, theta: f64) -> f64 {
-        self.sheet.kinematic_error.at(q, theta) + self.parameters.kinematic_error.at(q, theta)
+        let known = self.sheet.kinematic_error.at(q, theta);
+        known + self.parameters.kinematic_error.at(q, theta) + self.slipped
     }
 
     /// Starts a step of `dt` with the link at `q`, `dq`. The torque on the link over the step is

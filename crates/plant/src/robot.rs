@@ -45,6 +45,8 @@ pub struct SimRobot {
     /// In the tree's order.
     on_the_way: Vec<OnTheWay>,
     tau: Vec<f64>,
+    /// External torque about each joint's axis, between the links that it connects, N·m.
+    load: Vec<f64>,
     armature: Vec<f64>,
     pub(crate) ddq: Vec<f64>,
     pub(crate) readings: Readings,
@@ -115,6 +117,7 @@ impl SimRobot {
             steps_done: 0,
             on_the_way: vec![OnTheWay::default(); n],
             tau: vec![0.0; n],
+            load: vec![0.0; n],
             armature: vec![0.0; n],
             ddq: vec![0.0; n],
         };
@@ -151,6 +154,22 @@ impl SimRobot {
     pub fn drive_states(&mut self, joint: usize) -> Option<&mut DriveStates> {
         let dof = *self.order.get(joint)?;
         self.joints[dof].states()
+    }
+
+    /// Sets an external torque about a joint's axis between the links that it connects, N·m: a weight
+    /// that hangs there, a hand that pushes. It is no part of the true joint torque. `joint` counts in
+    /// the plan's order.
+    pub fn set_load(&mut self, joint: usize, torque: f64) {
+        if let Some(&dof) = self.order.get(joint) {
+            self.load[dof] = torque;
+        }
+    }
+
+    /// The teeth of a joint's gear slip by an angle, link side, rad. `joint` counts in the plan's order.
+    pub fn slip_gear(&mut self, joint: usize, angle: f64) {
+        if let Some(&dof) = self.order.get(joint) {
+            self.joints[dof].slip_gear(angle);
+        }
     }
 
     /// The set point that a drive follows. `joint` counts in the plan's order.
@@ -215,6 +234,7 @@ impl SimRobot {
                 joint.control(self.control_every[i] as f64 * dt);
             }
             (self.tau[i], self.armature[i]) = joint.prepare(self.state.q[i], self.state.dq[i], dt);
+            self.tau[i] += self.load[i];
         }
         let base = (self.dynamics).solve(&self.tree, &self.tau, &self.armature, &mut self.ddq);
         for (i, joint) in self.joints.iter_mut().enumerate() {

@@ -1,0 +1,19 @@
+//! One fault in one robot at one time, in the whole loop: what the robot then truly does.
+//!
+//! [`Rig`] drives the daemon's cycle in front of the simulated robot, frame by frame. A
+//! [`Scenario`] changes one thing from one cycle on: a frame on its way, a sensor, a drive, the
+//! gear, a client, the loop's clock. [`run`] begins it in the state asked for, measures the true
+//! motion of all joints for a second, and then lets an operator acknowledge and enable. The
+//! program writes `docs/results/safety.md` from all of them; the tests run some of them.
+
+mod page;
+mod rig;
+mod robots;
+mod run;
+mod scenarios;
+
+pub use page::{Results, line, page};
+pub use rig::{At, Client, Fault, Rig};
+pub use robots::{Drives, Prepared, Variant};
+pub use run::{Moved, Outcome, Reference, Verdict, reference, run};
+pub use scenarios::{Bound, Place, Scenario, Start, all, places};

@@ -1,0 +1,204 @@
+//! Writes docs/results/safety.md.
+
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use safety_bench::{
+    Outcome, Place, Prepared, Reference, Results, Scenario, Start, Variant, Verdict, all, page,
+    places, reference, run,
+};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Put one fault at a time into simulated robots, and write what they then do
+#[derive(Parser)]
+#[command(after_help = EXAMPLES)]
+struct Arguments {
+    /// The page
+    #[arg(long, default_value = "docs/results/safety.md")]
+    out: PathBuf,
+    /// All runs as JSON, one line each, to this file
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Only scenarios with this text in their names; prints the runs and writes no page
+    #[arg(long)]
+    only: Option<String>,
+    /// Only this robot: leg or humanoid; prints the runs and writes no page
+    #[arg(long)]
+    robot: Option<String>,
+    /// Only this state at the beginning, e.g. hold or "inverse dynamics"
+    #[arg(long)]
+    start: Option<String>,
+    /// Threads; default: all cores
+    #[arg(long)]
+    threads: Option<usize>,
+}
+
+const EXAMPLES: &str = "\
+Run it in the project's folder.
+
+Examples:
+  safety-bench                                     all faults, some 20 minutes on two cores
+  safety-bench --json runs.jsonl                   and every single run
+  safety-bench --robot leg --only \"link encoder\"   a minute
+";
+
+struct Job<'a> {
+    prepared: &'a Prepared,
+    scenario: Scenario,
+    place: Place,
+}
+
+/// What a run without a fault depends on.
+type Key = (Variant, Start, usize);
+
+fn main() -> ExitCode {
+    match work(&Arguments::parse()) {
+        Ok(failed) => {
+            println!("{failed} runs do not hold");
+            ExitCode::SUCCESS
+        }
+        Err(message) => {
+            eprintln!("safety-bench: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn work(arguments: &Arguments) -> Result<usize, String> {
+    let read = |path: &str| std::fs::read_to_string(path);
+    let wanted = |variant: &Variant| {
+        let robot = arguments.robot.as_deref();
+        robot.is_none_or(|robot| robot == variant.robot)
+    };
+    let variants = Variant::ALL.into_iter().filter(wanted);
+    let prepared = variants
+        .map(|variant| Prepared::new(variant, &read).map_err(|e| e.to_string()))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut jobs = Vec::new();
+    for prepared in &prepared {
+        let named = |s: &Scenario| (arguments.only.as_ref()).is_none_or(|n| s.name.contains(n));
+        for scenario in all().into_iter().filter(named) {
+            let its = places(prepared, &scenario);
+            let begins = |p: &Place| {
+                let start = arguments.start.as_deref();
+                start.is_none_or(|start| start == p.start.name())
+            };
+            jobs.extend(its.into_iter().filter(begins).map(|place| Job {
+                prepared,
+                scenario,
+                place,
+            }));
+        }
+    }
+    let threads = arguments
+        .threads
+        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |threads| threads.get()));
+    let (outcomes, references) = run_all(&jobs, threads)?;
+    let failed = outcomes.iter().filter(|(_, o)| o.verdict == Verdict::Fails);
+    let failed = failed.count();
+    if let Some(path) = &arguments.json {
+        write_json(path, &outcomes)?;
+    }
+    if arguments.only.is_some() || arguments.robot.is_some() || arguments.start.is_some() {
+        for (variant, outcome) in &outcomes {
+            println!("{}", safety_bench::line(variant, outcome));
+        }
+        return Ok(failed);
+    }
+    let results = Results {
+        outcomes,
+        references,
+    };
+    let last = std::fs::read_to_string(&arguments.out).unwrap_or_default();
+    write(&arguments.out, &page(&results, &last))?;
+    Ok(failed)
+}
+
+type Done = (Vec<(Variant, Outcome)>, Vec<(Variant, Start, Reference)>);
+
+fn run_all(jobs: &[Job<'_>], threads: usize) -> Result<Done, String> {
+    let style = ProgressStyle::with_template("{bar:30} {pos} of {len} runs, {elapsed}, {eta} left");
+    let bar = ProgressBar::new(jobs.len() as u64);
+    let bar = style.map_or(bar.clone(), |style| bar.with_style(style));
+    let keys: BTreeMap<Key, &Job<'_>> = jobs.iter().map(|job| (key(job), job)).collect();
+    let keys: Vec<_> = keys.into_iter().collect();
+    let references = parallel(&keys, threads, |(_, job)| {
+        reference(job.prepared, &job.place, job.scenario.setup)
+    });
+    let mut by_key = BTreeMap::new();
+    for ((key, _), reference) in keys.iter().zip(references) {
+        by_key.insert(*key, reference.map_err(|e| e.to_string())?);
+    }
+    let outcomes = parallel(jobs, threads, |job| {
+        let outcome = run(job.prepared, &job.scenario, job.place, &by_key[&key(job)]);
+        bar.inc(1);
+        outcome
+    });
+    bar.finish_and_clear();
+    let outcomes = jobs.iter().zip(outcomes).map(|(job, outcome)| {
+        outcome
+            .map(|outcome| (job.prepared.variant, outcome))
+            .map_err(|e| format!("{}: {e}", job.scenario.name))
+    });
+    let references = by_key.into_iter().filter(|((_, _, setup), _)| *setup == 0);
+    let references = references.map(|((variant, start, _), r)| (variant, start, r));
+    Ok((outcomes.collect::<Result<_, _>>()?, references.collect()))
+}
+
+fn key(job: &Job<'_>) -> Key {
+    (
+        job.prepared.variant,
+        job.place.start,
+        job.scenario.setup.map_or(0, |setup| setup as usize),
+    )
+}
+
+/// `work` on every item by several threads; the results in the items' order.
+fn parallel<T: Sync, R: Send>(
+    items: &[T],
+    threads: usize,
+    work: impl Fn(&T) -> R + Sync,
+) -> Vec<R> {
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(item) = items.get(i) else {
+                        break;
+                    };
+                    let result = work(item);
+                    if let Ok(mut done) = done.lock() {
+                        done.push((i, result));
+                    }
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_default();
+    done.sort_by_key(|(i, _)| *i);
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
+fn write_json(path: &Path, outcomes: &[(Variant, Outcome)]) -> Result<(), String> {
+    let mut text = String::new();
+    for (variant, outcome) in outcomes {
+        let mut value = serde_json::to_value(outcome).map_err(|e| e.to_string())?;
+        value["robot"] = variant.name().into();
+        value["fault_group"] = outcome.group.into();
+        value["scenario"] = outcome.scenario.into();
+        text += &format!("{value}\n");
+    }
+    write(path, &text)
+}
+
+fn write(path: &Path, text: &str) -> Result<(), String> {
+    std::fs::write(path, text).map_err(|e| format!("{}: {e}", path.display()))?;
+    println!("{}", path.display());
+    Ok(())
+}

@@ -1,0 +1,242 @@
+//! The page of results.
+
+use robot_state::Event;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use crate::robots::Variant;
+use crate::run::{Outcome, Reference, Verdict};
+use crate::scenarios::{Bound, Start, all};
+
+/// Everything that the page shows.
+#[derive(Debug, Default)]
+pub struct Results {
+    /// Outcomes of each robot, in the order of the scenarios.
+    pub outcomes: Vec<(Variant, Outcome)>,
+    /// What each robot does without a fault.
+    pub references: Vec<(Variant, Start, Reference)>,
+}
+
+/// How near to its bounds an outcome comes: 1 at the bound.
+fn badness(outcome: &Outcome, bound: Bound) -> f64 {
+    let moved = &outcome.moved;
+    let step = match bound {
+        Bound::MotionAndStep => moved.step_share / 0.05,
+        Bound::Motion | Bound::Physics => 0.0,
+    };
+    let verdict = match outcome.verdict {
+        Verdict::Holds => 0.0,
+        Verdict::Physics => 1e3,
+        Verdict::Fails => 1e6,
+    };
+    verdict
+        + step
+            .max(moved.displacement.to_degrees())
+            .max(moved.speed_share / 0.1)
+}
+
+/// The page; `kept` is the part of the last page that was written by hand.
+#[must_use]
+pub fn page(results: &Results, last: &str) -> String {
+    let mut text = HEAD.to_owned();
+    summary(&mut text, results);
+    let kept = last.find(KEPT_BEGIN).zip(last.find(KEPT_END));
+    let kept = kept.and_then(|(begin, end)| last.get(begin..end + KEPT_END.len()));
+    text += kept.unwrap_or(KEPT_DEFAULT);
+    text += "\n\n";
+    not_held(&mut text, results);
+    without_fault(&mut text, results);
+    tables(&mut text, results);
+    text
+}
+
+fn summary(text: &mut String, results: &Results) {
+    text.push_str("| robot | runs | hold | moved by the fault itself, no more | do not hold | slowest first event of those that move |\n| --- | ---: | ---: | ---: | ---: | ---: |\n");
+    for variant in Variant::ALL {
+        let of = |verdict: Verdict| {
+            let its = results.outcomes.iter().filter(|(v, _)| *v == variant);
+            its.filter(|(_, o)| o.verdict == verdict).count()
+        };
+        let its = results.outcomes.iter().filter(|(v, _)| *v == variant);
+        let runs = its.clone().count();
+        if runs == 0 {
+            continue;
+        }
+        let moving = its.filter(|(_, o)| o.verdict == Verdict::Fails);
+        let slowest = moving.filter_map(|(_, o)| o.detected_ms).max();
+        let slowest = slowest.map_or("–".to_owned(), |ms| format!("{ms} ms"));
+        let _ = writeln!(
+            text,
+            "| {} | {runs} | {} | {} | {} | {slowest} |",
+            variant.name(),
+            of(Verdict::Holds),
+            of(Verdict::Physics),
+            of(Verdict::Fails)
+        );
+    }
+    let tried = results
+        .outcomes
+        .iter()
+        .filter(|(_, o)| o.recovered.is_some());
+    let back = tried.clone().filter(|(_, o)| o.recovered == Some(true));
+    let _ = writeln!(
+        text,
+        "\nWith the fault gone, one acknowledgement and one enabling led to holding in {} of {} runs.\n",
+        back.count(),
+        tried.count()
+    );
+}
+
+fn not_held(text: &mut String, results: &Results) {
+    let failed: Vec<_> = (results.outcomes.iter())
+        .filter(|(_, o)| o.verdict == Verdict::Fails)
+        .collect();
+    text.push_str("## Every run that does not hold\n\n");
+    if failed.is_empty() {
+        text.push_str("None.\n\n");
+        return;
+    }
+    row_head(text, "fault | robot");
+    for (variant, outcome) in failed {
+        let _ = write!(text, "| {} | {} |", outcome.scenario, variant.name());
+        row(text, outcome);
+    }
+    text.push('\n');
+}
+
+fn without_fault(text: &mut String, results: &Results) {
+    text.push_str(
+        "## The same robots without a fault\n\nWhat a second at rest shows: part of every figure \
+         below.\n\n| robot | begins in | speed, rad/s (% of limit) | torque in 5 ms, % | displacement, ° |\n\
+         | --- | --- | ---: | ---: | ---: |\n",
+    );
+    for (variant, start, reference) in &results.references {
+        if *start == Start::Motion {
+            continue;
+        }
+        let moved = &reference.moved;
+        let _ = writeln!(
+            text,
+            "| {} | {} | {:.3} ({:.1}) | {:.1} | {:.3} |",
+            variant.name(),
+            start.name(),
+            moved.speed,
+            100.0 * moved.speed_share,
+            100.0 * moved.step_share,
+            moved.displacement.to_degrees()
+        );
+    }
+    text.push('\n');
+}
+
+fn row_head(text: &mut String, first: &str) {
+    let _ = writeln!(
+        text,
+        "| {first} | begins in | joint | first event | reaction | speed, rad/s (%) | torque in 5 ms, % | displacement, ° | set-points kept: %; ° | |"
+    );
+    let columns = first.matches('|').count() + 1;
+    let _ = writeln!(
+        text,
+        "|{} --- | --- | --- | --- | ---: | ---: | ---: | ---: | --- |",
+        " --- |".repeat(columns)
+    );
+}
+
+/// One run in a line.
+#[must_use]
+pub fn line(variant: &Variant, outcome: &Outcome) -> String {
+    let mut text = format!("{} | {} |", outcome.scenario, variant.name());
+    row(&mut text, outcome);
+    text.trim_end().to_owned()
+}
+
+fn row(text: &mut String, o: &Outcome) {
+    let first = match (o.detected_ms, Event::from_number(o.event)) {
+        (Some(ms), Some(event)) => format!("{} {} after {ms} ms", o.event, event.name()),
+        _ => "none".to_owned(),
+    };
+    let reaction = match (o.reacted_ms, Event::from_number(o.fault)) {
+        (Some(ms), Some(event)) => format!(
+            "fault {} ({}) after {ms} ms; {}",
+            o.fault,
+            format!("{:?}", event.reaction()).to_lowercase(),
+            o.state
+        ),
+        (Some(ms), None) => format!("mode ended after {ms} ms; {}", o.state),
+        _ => format!("goes on; {}", o.state),
+    };
+    let frozen = o.frozen.map_or(String::new(), |moved| {
+        let degrees = moved.displacement.to_degrees();
+        format!("{:.1}; {degrees:.2}", 100.0 * moved.speed_share)
+    });
+    let verdict = match o.verdict {
+        Verdict::Holds => "holds",
+        Verdict::Physics => "physics",
+        Verdict::Fails => "**no**",
+    };
+    let back = match o.recovered {
+        Some(false) => ", not enabled again",
+        _ => "",
+    };
+    let _ = writeln!(
+        text,
+        " {} | {} | {first} | {reaction} | {:.3} ({:.1}) | {:.1} | {:.3} | {frozen} | {verdict}{back} |",
+        o.start,
+        o.joint,
+        o.moved.speed,
+        100.0 * o.moved.speed_share,
+        100.0 * o.moved.step_share,
+        o.moved.displacement.to_degrees()
+    );
+}
+
+/// For each scenario and robot the run that comes nearest to its bounds.
+fn tables(text: &mut String, results: &Results) {
+    let bounds: BTreeMap<&str, Bound> = all().iter().map(|s| (s.name, s.bound)).collect();
+    let mut group = "";
+    for scenario in all() {
+        let mut rows = Vec::new();
+        for variant in Variant::ALL.into_iter().filter(|variant| variant.states) {
+            let its = (results.outcomes.iter())
+                .filter(|(v, o)| *v == variant && o.scenario == scenario.name);
+            let bound = bounds.get(scenario.name).copied().unwrap_or(Bound::Motion);
+            let worst =
+                its.max_by(|(_, a), (_, b)| badness(a, bound).total_cmp(&badness(b, bound)));
+            rows.extend(worst);
+        }
+        if rows.is_empty() {
+            continue;
+        }
+        if scenario.group != group {
+            group = scenario.group;
+            let _ = writeln!(text, "\n## {group}\n");
+            row_head(text, "fault | robot");
+        }
+        for (i, (variant, outcome)) in rows.into_iter().enumerate() {
+            let name = if i == 0 { scenario.name } else { "" };
+            let step = match scenario.bound {
+                Bound::MotionAndStep if i == 0 => " (step)",
+                _ => "",
+            };
+            let _ = write!(text, "| {name}{step} | {} |", variant.name());
+            row(text, outcome);
+        }
+    }
+}
+
+const KEPT_BEGIN: &str = "<!-- written by hand, kept -->";
+const KEPT_END: &str = "<!-- end -->";
+const KEPT_DEFAULT: &str = "<!-- written by hand, kept -->\n<!-- end -->";
+
+const HEAD: &str = "\
+# Safety: one fault at a time
+
+Made by `cargo run --release -p safety-bench`, but for the part that is marked as written by hand. Everything here is simulated: the daemon's own cycle in front of `crates/plant`, whose disturbances are on; what leaves or kills the process is in [safety-processes.md](safety-processes.md).
+
+One run: one fault, in one robot, from one cycle on. The robot is brought into a state (power-on; hold; mode torque with the torques that it carries; mode inverse dynamics at rest; the same in motion, 0.25 rad at 0.5 Hz), the fault begins and lasts, and for one second the **true** motion of all joints is taken. In motion, what the client asked for does not count: displacement is how far a joint leaves the range that it passes through without the fault, speed by how much it exceeds its greatest speed there. Then the fault ends, and an operator acknowledges and enables once.
+
+Robots: the leg hangs from its hip; the humanoid with position drives stands on the floor. The project has no robot with current drives: theirs are made in memory (`benches/safety/src/robots.rs`), torque law without torque feedback, position feedback of 3 Hz, half of the motors' friction compensated; that humanoid hangs in its harness, as it has no balance controller. Drives have states by CiA 402 and brakes; the same runs with drives that are always on are in the summary and, where they do not hold, in the table of those.
+
+**Bounds**: at most 1° and 10 % of the velocity limit; where *(step)* stands (missed replies, late cycles, clients that die, changes of mode), also at most 5 % of the torque limit within 5 ms. Where the fault itself moves the joint (gear, load, hand, power), the run is compared with one whose set-points stay as they were: *physics* means that the loop's reaction moves the robot by no more than 10 % beyond that.
+
+";

@@ -1,0 +1,257 @@
+//! The robots: leg and humanoid of the project, with drives that follow positions or currents, with
+//! states by CiA 402 or always on. The project has no robot with current drives: theirs are the
+//! same robots with another `robot.toml`, DBC and `sim.toml`, made here in memory.
+
+use dynamics::{Data, crba};
+use plant::parameters::HarnessParameters;
+use plant::{CanRobot, SimParameters};
+use problem::{Problem, Problems};
+use robot_config::Robot;
+use std::f64::consts::TAU;
+use toml::{Table, Value};
+
+/// What the drives follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Drives {
+    /// Positions, by a position loop of the drive's own.
+    Position,
+    /// Motor currents.
+    Current,
+}
+
+/// One robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Variant {
+    /// `leg` or `humanoid`.
+    pub robot: &'static str,
+    /// What its drives follow.
+    pub drives: Drives,
+    /// Its drives have states by CiA 402, and brakes; else they are always on.
+    pub states: bool,
+}
+
+const fn variant(robot: &'static str, drives: Drives, states: bool) -> Variant {
+    Variant {
+        robot,
+        drives,
+        states,
+    }
+}
+
+impl Variant {
+    /// Every robot.
+    pub const ALL: [Self; 8] = [
+        variant("leg", Drives::Position, true),
+        variant("humanoid", Drives::Position, true),
+        variant("leg", Drives::Current, true),
+        variant("humanoid", Drives::Current, true),
+        variant("leg", Drives::Position, false),
+        variant("humanoid", Drives::Position, false),
+        variant("leg", Drives::Current, false),
+        variant("humanoid", Drives::Current, false),
+    ];
+
+    /// Its name on the page.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let drives = match self.drives {
+            Drives::Position => "position",
+            Drives::Current => "current",
+        };
+        let states = if self.states { "" } else { ", always on" };
+        format!("{}, {drives}{states}", self.robot)
+    }
+}
+
+/// Natural frequency of a current-commanded joint under its position feedback, rad/s, and its damping
+/// ratio. The measured velocity is 8 ms late, which takes 0.15 rad of phase at this frequency.
+const NATURAL_FREQUENCY: f64 = TAU * 3.0;
+const DAMPING_RATIO: f64 = 1.0;
+/// Share of the motor's Coulomb friction that is compensated: all of it would make a limit cycle.
+const COMPENSATED_FRICTION: f64 = 0.5;
+
+/// Reads a file of the project, or says why not.
+type Read<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
+
+/// A robot's configuration, and the simulated robot as it is switched on.
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    /// Which robot it is.
+    pub variant: Variant,
+    /// The configuration.
+    pub robot: Robot,
+    /// The simulated robot.
+    pub plant: CanRobot,
+}
+
+impl Prepared {
+    /// Loads a robot from the project's files, which `read` gives by their paths in it.
+    ///
+    /// # Errors
+    /// A file that cannot be read or does not fit.
+    pub fn new(variant: Variant, read: Read<'_>) -> Result<Self, Problems> {
+        let path = format!("config/{}/robot.toml", variant.robot);
+        let sim_path = format!("config/{}/sim.toml", variant.robot);
+        let read_file = |path: &str| {
+            read(path).map_err(|e| Problems(vec![Problem::new(e.to_string(), "").at(path, 0)]))
+        };
+        let mut sim = SimParameters::parse(&read_file(&sim_path)?, &sim_path)?;
+        let mut table = parse(&read_file(&path)?);
+        if !variant.states {
+            always_on(&mut table);
+        }
+        let text = table.to_string();
+        let robot = robot_config::load(&path, &|file| match file == path {
+            true => Ok(text.clone()),
+            false => read(file),
+        })?;
+        let robot = match variant.drives {
+            Drives::Position => robot,
+            Drives::Current => {
+                if variant.robot == "humanoid" {
+                    hang(&mut sim);
+                }
+                let inertias = inertias(&robot, &sim);
+                take_currents(&mut table, &robot, &inertias);
+                let text = table.to_string();
+                robot_config::load(&path, &|file| match file {
+                    file if file == path => Ok(text.clone()),
+                    file if file.ends_with(".dbc") => Ok(in_milliamperes(&read(file)?)),
+                    file => read(file),
+                })?
+            }
+        };
+        let urdf = read_file(&robot.parameters.urdf_path)?;
+        let plant = CanRobot::new(&robot, &urdf, &sim)?;
+        Ok(Self {
+            variant,
+            robot,
+            plant,
+        })
+    }
+}
+
+/// The configuration's table; a text that is no TOML gives an empty one, which the loader refuses.
+fn parse(text: &str) -> Table {
+    text.parse().unwrap_or_default()
+}
+
+/// The tables in an array, or in a table of tables.
+fn each<'t>(table: &'t mut Table, key: &str) -> Vec<(String, &'t mut Table)> {
+    match table.get_mut(key) {
+        Some(Value::Array(array)) => (array.iter_mut())
+            .filter_map(Value::as_table_mut)
+            .map(|t| (String::new(), t))
+            .collect(),
+        Some(Value::Table(tables)) => (tables.iter_mut())
+            .filter_map(|(name, value)| Some((name.clone(), value.as_table_mut()?)))
+            .collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// Drives without states: no status words, no control words.
+fn always_on(table: &mut Table) {
+    for (_, drive) in each(table, "drive") {
+        drive.remove("state");
+    }
+    for (_, joint) in each(table, "joint") {
+        joint.remove("status");
+        joint.remove("control");
+    }
+}
+
+/// The humanoid hangs in its harness, feet in the air: standing on current drives without a balance
+/// controller is no state to judge faults in.
+fn hang(sim: &mut SimParameters) {
+    (sim.start.on_ground, sim.start.base_position) = (false, [0.0, 0.0, 1.2]);
+    sim.harness = Some(HarnessParameters {
+        link: "chest_pitch_link".into(),
+        stiffness: 50_000.0,
+        damping: 2_000.0,
+        angular_stiffness: 5_000.0,
+        angular_damping: 200.0,
+        slack: 0.0,
+        angular_slack: 0.0,
+    });
+}
+
+/// M_jj at the start pose with the rotor's share, kg·m²: config order.
+fn inertias(robot: &Robot, sim: &SimParameters) -> Vec<f64> {
+    let model = &robot.model;
+    let (velocities, positions) = model.base_size();
+    let mut q = vec![0.0; model.nq()];
+    if positions > 0 {
+        q[positions - 1] = 1.0;
+    }
+    let joints = &robot.parameters.joints;
+    for joint in joints {
+        let start = sim.start.joints.get(&joint.name).copied().unwrap_or(0.0);
+        q[positions + joint.model_index] = start;
+    }
+    let mut data = Data::new(model);
+    let m = crba(model, &mut data, &q);
+    (joints.iter())
+        .map(|joint| {
+            let rotor = joint.rotor_inertia * joint.encoders.gear_ratio.powi(2);
+            let place = velocities + joint.model_index;
+            m[(place, place)] + rotor
+        })
+        .collect()
+}
+
+/// Drives that take currents: motor constants from torque constant, friction and gear ratio (D3), and
+/// a current limit that reaches the greatest torque limit of the drive's joints.
+fn take_currents(table: &mut Table, robot: &Robot, inertias: &[f64]) {
+    let joints = &robot.parameters.joints;
+    for (name, drive) in each(table, "drive") {
+        let number = |table: &Table, key: &str| match table.get(key) {
+            Some(Value::Float(x)) => *x,
+            Some(Value::Integer(x)) => *x as f64,
+            _ => 0.0,
+        };
+        let friction = drive.get("friction").and_then(Value::as_table);
+        let friction = friction.cloned().unwrap_or_default();
+        let n = number(drive, "gear_ratio");
+        let k_1 = n * number(drive, "torque_constant_Nm_per_A");
+        let used = joints.iter().filter(|joint| joint.drive == name);
+        let torque = used.fold(0.0_f64, |most, joint| most.max(joint.limits.torque));
+        let mut motor = Table::new();
+        motor.insert("K_1_Nm_per_A".into(), k_1.into());
+        let viscous = n * n * number(&friction, "viscous_Nms_per_rad");
+        motor.insert("K_2_Nms_per_rad".into(), viscous.into());
+        let coulomb = COMPENSATED_FRICTION * n * number(&friction, "coulomb_Nm");
+        motor.insert("K_3_Nm".into(), coulomb.into());
+        motor.insert("sign_smoothing_rad_per_s".into(), 0.05.into());
+        drive.insert("motor".into(), motor.into());
+        drive.insert("command".into(), "current".into());
+        drive.insert("current_limit_A".into(), (torque / k_1).into());
+    }
+    for ((_, joint), inertia) in each(table, "joint").into_iter().zip(inertias) {
+        let stiffness = inertia * NATURAL_FREQUENCY.powi(2);
+        let damping = 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY * inertia;
+        let mut gains = Table::new();
+        // Torque feedback beside it would need a gear that is much stiffer than the delay allows.
+        gains.insert("K_p".into(), 0.0.into());
+        gains.insert("K_i_per_s".into(), 0.0.into());
+        gains.insert("K_s_Nm_per_rad".into(), stiffness.into());
+        gains.insert("K_d_Nms_per_rad".into(), damping.into());
+        joint.insert("gains".into(), gains.into());
+    }
+    if let Some(Value::Table(control)) = table.get_mut("control") {
+        control.insert("torque_feedback".into(), "encoder".into());
+    }
+}
+
+/// The DBC with currents where the set-points were positions.
+fn in_milliamperes(dbc: &str) -> String {
+    let lines = dbc.split_inclusive('\n').map(|line| {
+        if !(line.contains("_position :") && line.contains("\"rad\"")) {
+            return line.to_owned();
+        }
+        let (layout, _) = line.split_once('(').unwrap_or((line, ""));
+        // 21 bits reach 105 A, 32 bits more.
+        format!("{layout}(0.1,0) [0|0] \"mA\" DRIVES\n")
+    });
+    lines.collect()
+}

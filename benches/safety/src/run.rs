@@ -1,0 +1,424 @@
+//! One scenario in one robot: what is seen, what follows, and what the joints truly do.
+
+use cycle::OperatorRequest;
+use problem::Problem;
+use robot_state::{EVENT_COUNT, Event, Mode, RobotState};
+use serde::Serialize;
+use std::f64::consts::PI;
+
+use crate::rig::{At, Fault, Rig};
+use crate::robots::Prepared;
+use crate::scenarios::{Bound, Place, Scenario, Start};
+
+/// Cycles that are observed from the fault's first one on.
+const OBSERVED: usize = 1000;
+/// Cycles until a robot that is switched on holds, with its filters full.
+const SETTLING: usize = 500;
+/// Cycles in a client's mode before the fault: the blend into it takes 300.
+const IN_MODE: usize = 350;
+/// Cycles after an operator's request within which the robot is where it leads.
+const RECOVERY: usize = 400;
+/// Cycles over which a torque step is taken: a drive's loops need some milliseconds to follow one.
+const STEP_CYCLES: usize = 5;
+
+/// Greatest uncommanded displacement, rad, share of the velocity limit, share of the torque limit.
+const DISPLACEMENT: f64 = PI / 180.0;
+const SPEED_SHARE: f64 = 0.1;
+const STEP_SHARE: f64 = 0.05;
+/// What set-points that stay as they are may be exceeded by before a reaction counts as making it worse.
+const PHYSICS_MARGIN: f64 = 1.1;
+
+/// Motion of the joints, the worst of them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Moved {
+    /// Greatest speed, rad/s.
+    pub speed: f64,
+    /// Greatest share of a joint's velocity limit, 1.
+    pub speed_share: f64,
+    /// Greatest displacement, rad.
+    pub displacement: f64,
+    /// Greatest change of the true torque within 5 ms that the run without the fault does not have at
+    /// that time, share of the joint's limit, 1.
+    pub step_share: f64,
+}
+
+/// The same robot, state and time without a fault.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    events: Vec<[u64; EVENT_COUNT]>,
+    /// Least and greatest q of each joint, and greatest |dq|.
+    range: Vec<(f64, f64, f64)>,
+    /// True torques in each cycle, N·m, from the one before the first on.
+    taus: Vec<Vec<f64>>,
+    /// What it does by itself.
+    pub moved: Moved,
+}
+
+/// How it ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Within the bounds.
+    Holds,
+    /// Beyond them, but by no more than the fault itself moves a robot whose set-points stay.
+    Physics,
+    /// Beyond them.
+    Fails,
+}
+
+/// What a scenario has shown.
+#[derive(Debug, Clone, Serialize)]
+pub struct Outcome {
+    /// The scenario.
+    #[serde(skip)]
+    pub scenario: &'static str,
+    /// Its heading.
+    #[serde(skip)]
+    pub group: &'static str,
+    /// State at the beginning.
+    pub start: &'static str,
+    /// The joint's name.
+    pub joint: String,
+    /// Time to the first event that the run without the fault does not have, ms.
+    pub detected_ms: Option<usize>,
+    /// That event's number.
+    pub event: u32,
+    /// Time to the latched fault, or to the end of the client's mode, ms.
+    pub reacted_ms: Option<usize>,
+    /// The latched fault's number, or 0.
+    pub fault: u32,
+    /// State after a second.
+    pub state: &'static str,
+    /// The client's mode goes on.
+    pub follows: bool,
+    /// Motion in that second, beyond what the client asked for.
+    #[serde(flatten)]
+    pub moved: Moved,
+    /// Motion with set-points that stay as they were, where the fault itself moves the robot.
+    pub frozen: Option<Moved>,
+    /// With the fault gone, one acknowledgement and one enabling lead to holding; none: the fault
+    /// does not go away.
+    pub recovered: Option<bool>,
+    /// Within the bounds or not.
+    pub verdict: Verdict,
+}
+
+/// Follows the joints from the fault on.
+struct Motion<'a> {
+    /// Least and greatest q that count as commanded, and |dq|.
+    range: Vec<(f64, f64, f64)>,
+    taus: Vec<Vec<f64>>,
+    moved: Moved,
+    limits: Vec<(f64, f64)>,
+    reference: Option<&'a Reference>,
+}
+
+impl<'a> Motion<'a> {
+    fn of(rig: &Rig, reference: Option<&'a Reference>) -> Self {
+        let joints = &rig.plant.truth().joints;
+        let here = joints.iter().map(|j| (j.q, j.q, 0.0)).collect();
+        let limits = rig.robot.parameters.joints.iter();
+        Self {
+            range: reference.map_or(here, |reference| reference.range.clone()),
+            taus: vec![joints.iter().map(|j| j.tau).collect()],
+            moved: Moved::default(),
+            limits: limits
+                .map(|j| (j.limits.velocity, j.limits.torque))
+                .collect(),
+            reference,
+        }
+    }
+
+    fn take(&mut self, rig: &Rig) {
+        let joints = &rig.plant.truth().joints;
+        for (j, joint) in joints.iter().enumerate() {
+            let (velocity, torque) = self.limits[j];
+            let (low, high, speed) = self.range[j];
+            let beyond = (low - joint.q).max(joint.q - high).max(0.0);
+            let faster = (joint.dq.abs() - speed).max(0.0);
+            let step = self.step(j, joint.tau);
+            let moved = &mut self.moved;
+            moved.displacement = moved.displacement.max(beyond);
+            moved.speed = moved.speed.max(faster);
+            moved.speed_share = moved.speed_share.max(faster / velocity);
+            moved.step_share = moved.step_share.max(step / torque);
+        }
+        self.taus.push(joints.iter().map(|j| j.tau).collect());
+    }
+
+    /// Change of a torque over the last cycles, beyond what it does without the fault: a robot that
+    /// is stopped does not make the steps that it would have made, nor the other way round.
+    fn step(&self, joint: usize, tau: f64) -> f64 {
+        let now = self.taus.len();
+        let before = now.saturating_sub(STEP_CYCLES);
+        let change = tau - self.taus[before][joint];
+        let without = self.reference.and_then(|reference| {
+            let at = |k: usize| reference.taus.get(k).map(|taus| taus[joint]);
+            Some(at(now)? - at(before)?)
+        });
+        change.abs().min((change - without.unwrap_or(0.0)).abs())
+    }
+
+    /// From now on, only its own motion counts.
+    fn widen(&mut self, rig: &Rig) {
+        if self.reference.is_none() {
+            for (range, joint) in self.range.iter_mut().zip(&rig.plant.truth().joints) {
+                *range = (
+                    range.0.min(joint.q),
+                    range.1.max(joint.q),
+                    joint.dq.abs().max(range.2),
+                );
+            }
+        }
+    }
+}
+
+/// The client's motion: 0.25 rad at 0.5 Hz.
+fn moving(rig: &Rig) -> Fault {
+    let arms = ["shoulder", "elbow", "wrist"];
+    let moves: Vec<bool> = (rig.robot.parameters.joints.iter())
+        .map(|joint| {
+            rig.robot.parameters.name == "leg" || arms.iter().any(|arm| joint.name.contains(arm))
+        })
+        .collect();
+    let q_0 = rig.client.reference.joints.map(|joint| joint.q_d);
+    Box::new(move |at, rig, k| {
+        if at != At::Client {
+            return;
+        }
+        let (w, t) = (PI, 1e-3 * k as f64);
+        let joints = rig.client.reference.joints.iter_mut();
+        for ((joint, q_0), _) in joints.zip(q_0).zip(&moves).filter(|(_, moves)| **moves) {
+            joint.q_d = q_0 + 0.125 * (1.0 - (w * t).cos());
+            joint.dq_d = 0.125 * w * (w * t).sin();
+            joint.ddq_d = 0.125 * w * w * (w * t).cos();
+        }
+    })
+}
+
+/// A robot in the state in which the fault begins, and the client's motion there.
+fn begin(
+    prepared: &Prepared,
+    place: &Place,
+    setup: Option<fn(&mut Rig, &Place)>,
+) -> Result<(Rig, Option<Fault>), Problem> {
+    let mut rig = Rig::new(prepared)?;
+    if let Some(setup) = setup {
+        setup(&mut rig, place);
+    }
+    if place.start == Start::PowerOn {
+        return Ok((rig, None));
+    }
+    rig.run(SETTLING);
+    expect(&rig, place, RobotState::Holding)?;
+    if place.start == Start::Hold {
+        return Ok((rig, None));
+    }
+    rig.follow(Mode::Hold);
+    rig.run(2);
+    rig.follow(place.start.mode());
+    if place.start != Start::Motion {
+        rig.run(IN_MODE);
+        expect(&rig, place, RobotState::Active)?;
+        return Ok((rig, None));
+    }
+    let mut motion = moving(&rig);
+    (0..IN_MODE).for_each(|k| _ = rig.step(Some((&mut motion, k))));
+    expect(&rig, place, RobotState::Active)?;
+    let shifted: Fault = Box::new(move |at, rig, k| motion(at, rig, k + IN_MODE));
+    Ok((rig, Some(shifted)))
+}
+
+fn expect(rig: &Rig, place: &Place, state: RobotState) -> Result<(), Problem> {
+    if rig.state() == state {
+        return Ok(());
+    }
+    let record = rig.cycle.record();
+    let reason = format!(
+        "{}, {}: {} with fault {}, not {}",
+        place.variant.name(),
+        place.start.name(),
+        rig.state().name(),
+        record.fault,
+        state.name()
+    );
+    Err(Problem::new(reason, ""))
+}
+
+/// The run without a fault that others are compared with.
+///
+/// # Errors
+/// A robot that does not get into the state.
+pub fn reference(
+    prepared: &Prepared,
+    place: &Place,
+    setup: Option<fn(&mut Rig, &Place)>,
+) -> Result<Reference, Problem> {
+    let (mut rig, mut motion) = begin(prepared, place, setup)?;
+    let mut moved = Motion::of(&rig, None);
+    let mut events = Vec::with_capacity(OBSERVED);
+    for k in 0..OBSERVED {
+        rig.step(motion.as_mut().map(|motion| (motion, k)));
+        events.push(rig.cycle.record().events);
+        if place.start == Start::Motion {
+            moved.widen(&rig);
+        }
+        moved.take(&rig);
+    }
+    let range = match place.start {
+        Start::Motion => moved.range,
+        // At rest the pose at the beginning counts, not where the robot goes by itself.
+        _ => moved
+            .range
+            .iter()
+            .map(|&(low, _, _)| (low, low, 0.0))
+            .collect(),
+    };
+    Ok(Reference {
+        events,
+        range,
+        taus: moved.taus,
+        moved: moved.moved,
+    })
+}
+
+/// Runs one scenario.
+///
+/// # Errors
+/// A robot that does not get into the state.
+pub fn run(
+    prepared: &Prepared,
+    scenario: &Scenario,
+    place: Place,
+    reference: &Reference,
+) -> Result<Outcome, Problem> {
+    let (mut rig, mut client) = begin(prepared, &place, scenario.setup)?;
+    let mut fault = (scenario.make)(place);
+    let mut motion = Motion::of(&rig, Some(reference));
+    let mode = rig.cycle.record().mode;
+    let mut outcome = Outcome {
+        scenario: scenario.name,
+        group: scenario.group,
+        start: place.start.name(),
+        joint: rig.robot.parameters.joints[place.joint].name.clone(),
+        detected_ms: None,
+        event: 0,
+        reacted_ms: None,
+        fault: 0,
+        state: "",
+        follows: false,
+        moved: Moved::default(),
+        frozen: None,
+        recovered: None,
+        verdict: Verdict::Holds,
+    };
+    let mut act: Fault = Box::new(move |at, rig, k| {
+        if let Some(client) = &mut client {
+            client(at, rig, k);
+        }
+        fault(at, rig, k);
+    });
+    for k in 0..OBSERVED {
+        rig.step(Some((&mut act, k)));
+        motion.take(&rig);
+        let record = rig.cycle.record();
+        if outcome.detected_ms.is_none()
+            && let Some(event) = new_event(&record.events, &reference.events[k])
+        {
+            (outcome.detected_ms, outcome.event) = (Some(k), event.number());
+        }
+        let ended = record.fault != 0 || mode != Mode::Hold.number() && record.mode != mode;
+        if ended {
+            outcome.reacted_ms.get_or_insert(k);
+        }
+        if outcome.fault == 0 {
+            outcome.fault = record.fault;
+        }
+    }
+    outcome.state = rig.state().name();
+    outcome.follows = rig.state() == RobotState::Active;
+    outcome.moved = motion.moved;
+    if scenario.bound == Bound::Physics {
+        outcome.frozen = Some(frozen(prepared, scenario, place, reference)?);
+    } else {
+        outcome.recovered = Some(recovers(&mut rig));
+    }
+    outcome.verdict = judge(scenario.bound, &outcome.moved, outcome.frozen.as_ref());
+    Ok(outcome)
+}
+
+/// The first event that the run without a fault has not had; limits come last.
+fn new_event(now: &[u64; EVENT_COUNT], without: &[u64; EVENT_COUNT]) -> Option<Event> {
+    let limits = [
+        Event::PositionLimit,
+        Event::TorqueLimit,
+        Event::VelocityLimit,
+    ];
+    let new = |event: &&Event| now[event.index()] > without[event.index()];
+    let others = Event::ALL.iter().filter(|event| !limits.contains(event));
+    (others.into_iter())
+        .find(new)
+        .or_else(|| limits.iter().find(new))
+        .copied()
+}
+
+/// Motion by the fault alone: the loop does not compute, its last set-points are repeated.
+fn frozen(
+    prepared: &Prepared,
+    scenario: &Scenario,
+    place: Place,
+    reference: &Reference,
+) -> Result<Moved, Problem> {
+    let (mut rig, mut client) = begin(prepared, &place, scenario.setup)?;
+    let mut fault = (scenario.make)(place);
+    let mut motion = Motion::of(&rig, Some(reference));
+    let kept = rig.sent.clone();
+    rig.frozen = true;
+    let mut act: Fault = Box::new(move |at, rig, k| {
+        if let Some(client) = &mut client {
+            client(at, rig, k);
+        }
+        if at == At::Commands {
+            rig.sent.clone_from(&kept);
+        }
+        fault(at, rig, k);
+    });
+    for k in 0..OBSERVED {
+        rig.step(Some((&mut act, k)));
+        motion.take(&rig);
+    }
+    Ok(motion.moved)
+}
+
+/// The fault is gone and the client silent: one acknowledgement and one enabling lead to holding.
+fn recovers(rig: &mut Rig) -> bool {
+    rig.client.speaks = false;
+    rig.client.settings = None;
+    rig.run(RECOVERY);
+    let fault = rig.cycle.record().fault;
+    if fault != 0 {
+        rig.ask(OperatorRequest::Acknowledge(fault));
+        rig.run(RECOVERY);
+    }
+    if rig.state() == RobotState::Ready {
+        rig.ask(OperatorRequest::Enable);
+        rig.run(RECOVERY);
+    }
+    rig.state() == RobotState::Holding
+}
+
+fn judge(bound: Bound, moved: &Moved, frozen: Option<&Moved>) -> Verdict {
+    let still = moved.displacement <= DISPLACEMENT && moved.speed_share <= SPEED_SHARE;
+    let stepless = bound != Bound::MotionAndStep || moved.step_share <= STEP_SHARE;
+    if still && stepless {
+        return Verdict::Holds;
+    }
+    let no_worse = |frozen: &Moved| {
+        moved.displacement <= DISPLACEMENT.max(PHYSICS_MARGIN * frozen.displacement)
+            && moved.speed_share <= SPEED_SHARE.max(PHYSICS_MARGIN * frozen.speed_share)
+    };
+    match frozen.is_some_and(no_worse) {
+        true => Verdict::Physics,
+        false => Verdict::Fails,
+    }
+}

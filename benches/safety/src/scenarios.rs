@@ -1,0 +1,277 @@
+//! The scenarios: what goes wrong, in which states of the robot, and what must hold.
+
+mod bus;
+mod client;
+mod drive;
+mod encoder;
+mod process;
+mod sensor;
+
+use robot_state::Mode;
+
+use crate::rig::{At, Fault, Rig};
+use crate::robots::{Drives, Prepared, Variant};
+
+/// What the robot does when the fault begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Start {
+    /// It has just been switched on, and is enabled without an operator.
+    PowerOn,
+    /// It holds.
+    Hold,
+    /// A client has it in mode torque, with the torques that it carries.
+    Torque,
+    /// A client has it in mode inverse dynamics, at rest.
+    InverseDynamics,
+    /// The same, in motion: 0.25 rad at 0.5 Hz; of the humanoid the arms move.
+    Motion,
+}
+
+impl Start {
+    /// Its name on the page.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PowerOn => "power-on",
+            Self::Hold => "hold",
+            Self::Torque => "torque",
+            Self::InverseDynamics => "inverse dynamics",
+            Self::Motion => "motion",
+        }
+    }
+
+    /// The client's mode.
+    pub(crate) fn mode(self) -> Mode {
+        match self {
+            Self::PowerOn | Self::Hold => Mode::Hold,
+            Self::Torque => Mode::Torque,
+            Self::InverseDynamics | Self::Motion => Mode::InverseDynamics,
+        }
+    }
+}
+
+/// What must hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bound {
+    /// At most 1 degree and 10 % of the velocity limit.
+    Motion,
+    /// And no torque step of more than 5 % of the torque limit.
+    MotionAndStep,
+    /// The fault itself moves the joint: at most as far and as fast as with set-points that stay as
+    /// they were, or the bounds of [`Bound::Motion`].
+    Physics,
+}
+
+/// Where a fault strikes.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// The robot.
+    pub variant: Variant,
+    /// The joint, in config order.
+    pub joint: usize,
+    /// Another joint.
+    pub other: usize,
+    /// The joint's bus.
+    pub bus: u8,
+    /// State at the beginning.
+    pub start: Start,
+}
+
+/// One fault.
+#[derive(Clone, Copy)]
+pub struct Scenario {
+    /// Heading on the page.
+    pub group: &'static str,
+    /// The fault.
+    pub name: &'static str,
+    /// The states in which it begins.
+    pub starts: &'static [Start],
+    /// What must hold.
+    pub bound: Bound,
+    /// The robots that it can happen to.
+    pub on: fn(&Variant) -> bool,
+    /// Done to the robot when it is switched on.
+    pub setup: Option<fn(&mut Rig, &Place)>,
+    /// The fault.
+    pub make: fn(Place) -> Fault,
+}
+
+pub(crate) const ALL_STARTS: &[Start] = &[
+    Start::PowerOn,
+    Start::Hold,
+    Start::Torque,
+    Start::InverseDynamics,
+    Start::Motion,
+];
+pub(crate) const ENABLED: &[Start] = &[
+    Start::Hold,
+    Start::Torque,
+    Start::InverseDynamics,
+    Start::Motion,
+];
+pub(crate) const AT_REST: &[Start] = &[Start::Hold, Start::Torque, Start::InverseDynamics];
+pub(crate) const MODES: &[Start] = &[Start::Torque, Start::InverseDynamics];
+pub(crate) const FOLLOWING: &[Start] = &[Start::Torque, Start::InverseDynamics, Start::Motion];
+pub(crate) const POWER_ON: &[Start] = &[Start::PowerOn];
+pub(crate) const HOLD: &[Start] = &[Start::Hold];
+
+impl Scenario {
+    pub(crate) const fn new(
+        group: &'static str,
+        name: &'static str,
+        starts: &'static [Start],
+        make: fn(Place) -> Fault,
+    ) -> Self {
+        Self {
+            group,
+            name,
+            starts,
+            bound: Bound::Motion,
+            on: |_| true,
+            setup: None,
+            make,
+        }
+    }
+
+    pub(crate) const fn step(self) -> Self {
+        Self {
+            bound: Bound::MotionAndStep,
+            ..self
+        }
+    }
+
+    pub(crate) const fn physics(self) -> Self {
+        Self {
+            bound: Bound::Physics,
+            ..self
+        }
+    }
+
+    pub(crate) const fn with_states(self) -> Self {
+        Self {
+            on: |variant| variant.states,
+            ..self
+        }
+    }
+
+    pub(crate) const fn with_setup(self, setup: fn(&mut Rig, &Place)) -> Self {
+        Self {
+            setup: Some(setup),
+            ..self
+        }
+    }
+
+    pub(crate) const fn of_humanoid(self) -> Self {
+        Self {
+            on: |variant| variant.robot == "humanoid",
+            ..self
+        }
+    }
+
+    pub(crate) const fn of_position_drives(self) -> Self {
+        Self {
+            on: |variant| variant.drives == Drives::Position,
+            ..self
+        }
+    }
+}
+
+/// Every scenario.
+#[must_use]
+pub fn all() -> Vec<Scenario> {
+    [
+        bus::scenarios(),
+        process::scenarios(),
+        encoder::scenarios(),
+        sensor::scenarios(),
+        drive::scenarios(),
+        client::scenarios(),
+    ]
+    .concat()
+}
+
+/// The places at which a scenario strikes a robot.
+#[must_use]
+pub fn places(prepared: &Prepared, scenario: &Scenario) -> Vec<Place> {
+    let variant = prepared.variant;
+    if !(scenario.on)(&variant) {
+        return Vec::new();
+    }
+    let joints = &prepared.robot.parameters.joints;
+    let index = |name: &str| {
+        joints
+            .iter()
+            .position(|joint| joint.name == name)
+            .unwrap_or(0)
+    };
+    // A strong joint and a weak one; of the humanoid in motion, joints that move.
+    let strong_and_weak = |start: Start| match (variant.robot, start) {
+        ("humanoid", Start::Motion) => [index("left_elbow"), index("left_wrist_pitch")],
+        ("humanoid", _) => [index("left_knee"), index("left_wrist_pitch")],
+        _ => [index("knee"), index("ankle_roll")],
+    };
+    let place = |start: Start, joint: usize, other: usize| Place {
+        variant,
+        joint,
+        other,
+        bus: joints[joint].bus as u8,
+        start,
+    };
+    let both = scenario.group == encoder::GROUP;
+    let of_start = |start: &Start| {
+        let [strong, weak] = strong_and_weak(*start);
+        let mut all = vec![place(*start, strong, weak)];
+        if both {
+            all.push(place(*start, weak, strong));
+        }
+        all
+    };
+    scenario.starts.iter().flat_map(of_start).collect()
+}
+
+/// A fault that acts at one place of the cycle.
+pub(crate) fn at(place: At, mut act: impl FnMut(&mut Rig, usize) + 'static) -> Fault {
+    Box::new(move |at, rig, k| {
+        if at == place {
+            act(rig, k);
+        }
+    })
+}
+
+/// A fault of the robot itself, or of the clock.
+pub(crate) fn before(act: impl FnMut(&mut Rig, usize) + 'static) -> Fault {
+    at(At::Before, act)
+}
+
+/// A fault of the answers.
+pub(crate) fn answers(act: impl FnMut(&mut Rig, usize) + 'static) -> Fault {
+    at(At::Answers, act)
+}
+
+/// A fault of the client.
+pub(crate) fn client(act: impl FnMut(&mut Rig, usize) + 'static) -> Fault {
+    at(At::Client, act)
+}
+
+/// A fault of the commands.
+pub(crate) fn commands(act: impl FnMut(&mut Rig, usize) + 'static) -> Fault {
+    at(At::Commands, act)
+}
+
+/// Both.
+pub(crate) fn both(mut one: Fault, mut other: Fault) -> Fault {
+    Box::new(move |at, rig, k| {
+        one(at, rig, k);
+        other(at, rig, k);
+    })
+}
+
+/// Numbers in (-1, 1) that a seed repeats: Marsaglia's xorshift.
+pub(crate) fn noise(mut state: u64) -> impl FnMut() -> f64 {
+    move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+}

@@ -1,0 +1,182 @@
+//! Encoders that lie, alone and two at once.
+
+use robot_config::slots;
+
+use super::{ALL_STARTS, AT_REST, ENABLED, POWER_ON, Place, Scenario, answers, both, noise};
+use crate::rig::{Fault, Rig};
+
+pub(super) const GROUP: &str = "Encoders";
+
+/// Changes the link-side angle (rad), the motor-side one (rad) of the joint by `change(q, theta, k)`.
+fn encoders(
+    joint: usize,
+    mut change: impl FnMut(f64, f64, usize) -> (f64, f64) + 'static,
+) -> Fault {
+    answers(move |rig, k| {
+        let mut out = None;
+        let (q, theta) = (slots::link_angle(joint), slots::motor_angle(joint));
+        // The frame is read, changed once, and written: noise must not be drawn twice.
+        read(rig, joint, |values| {
+            out = Some(change(values[q], values[theta], k));
+        });
+        if let Some(out) = out {
+            rig.spoil(
+                |slot| slot == q,
+                |values| {
+                    (values[q], values[theta]) = out;
+                },
+            );
+        }
+    })
+}
+
+/// The joint's values of this cycle.
+fn read(rig: &Rig, joint: usize, mut take: impl FnMut(&[f64])) {
+    let table = &rig.robot.receive;
+    let mut values = vec![0.0; slots::receive_len(&rig.robot.parameters)];
+    for frame in &rig.rx {
+        if rig.carries(frame, |slot| slot == slots::link_angle(joint))
+            && table.decode(frame, &mut values).is_ok()
+        {
+            take(&values);
+        }
+    }
+}
+
+fn slip(joint: usize, link: f64, motor: f64) -> Fault {
+    encoders(joint, move |q, theta, _| (q + link, theta + motor))
+}
+
+fn first(place: Place, link: bool, motor: bool) -> Fault {
+    encoders(place.joint, move |q, theta, k| {
+        let zero = |is: bool, x: f64| if is && k == 0 { 0.0 } else { x };
+        (zero(link, q), zero(motor, theta))
+    })
+}
+
+fn flat(joint: usize, link: bool, motor: bool) -> Fault {
+    let mut kept = None;
+    encoders(joint, move |q, theta, _| {
+        let (q0, theta0) = *kept.get_or_insert((q, theta));
+        (
+            if link { q0 } else { q },
+            if motor { theta0 } else { theta },
+        )
+    })
+}
+
+fn reversed(joint: usize) -> Fault {
+    let mut kept = None;
+    encoders(joint, move |q, theta, _| {
+        let q0 = *kept.get_or_insert(q);
+        (2.0 * q0 - q, theta)
+    })
+}
+
+fn noisy(joint: usize, amplitude: f64) -> Fault {
+    let mut random = noise(17);
+    encoders(joint, move |q, theta, _| (q + amplitude * random(), theta))
+}
+
+fn exchanged(place: Place) -> Fault {
+    answers(move |rig, _| {
+        let at = |rig: &Rig, joint| {
+            let mut angle = 0.0;
+            read(rig, joint, |values| {
+                angle = values[slots::link_angle(joint)]
+            });
+            angle
+        };
+        let angles = [at(rig, place.joint), at(rig, place.other)];
+        for (joint, angle) in [(place.joint, angles[1]), (place.other, angles[0])] {
+            let slot = slots::link_angle(joint);
+            rig.spoil(|s| s == slot, |values| values[slot] = angle);
+        }
+    })
+}
+
+pub(super) fn scenarios() -> Vec<Scenario> {
+    let new = |name, starts, make| Scenario::new(GROUP, name, starts, make);
+    vec![
+        new("link encoder reads 0 in its first frame", POWER_ON, |p| {
+            first(p, true, false)
+        }),
+        new("both encoders read 0 in their first frame", POWER_ON, |p| {
+            first(p, true, true)
+        }),
+        new("link encoder reads 0 once", ENABLED, |p| {
+            first(p, true, false)
+        })
+        .step(),
+        new("link encoder slips by 0.06 rad", ALL_STARTS, |p| {
+            slip(p.joint, 0.06, 0.0)
+        }),
+        new("link encoder slips by 0.02 rad", ENABLED, |p| {
+            slip(p.joint, 0.02, 0.0)
+        }),
+        new("link encoder slips by -0.0035 rad", ENABLED, |p| {
+            slip(p.joint, -0.0035, 0.0)
+        }),
+        new("link encoder slips by 0.001 rad", ENABLED, |p| {
+            slip(p.joint, 0.001, 0.0)
+        }),
+        new("motor encoder slips by 1 rad", ENABLED, |p| {
+            slip(p.joint, 0.0, 1.0)
+        }),
+        new("motor encoder slips by -0.2 rad", ENABLED, |p| {
+            slip(p.joint, 0.0, -0.2)
+        }),
+        new("both encoders slip by 0.003 rad, as one", ENABLED, |p| {
+            slip(p.joint, 0.003, 0.3)
+        }),
+        new("both encoders slip by 0.05 rad, as one", ENABLED, |p| {
+            slip(p.joint, 0.05, 5.0)
+        }),
+        new("link encoder flat", ENABLED, |p| flat(p.joint, true, false)),
+        new("motor encoder flat", ENABLED, |p| {
+            flat(p.joint, false, true)
+        }),
+        new("both encoders flat", ENABLED, |p| flat(p.joint, true, true)),
+        new("link encoder drifts by 0.01 rad/s", ENABLED, |p| {
+            encoders(p.joint, |q, theta, k| (q + 1e-5 * k as f64, theta))
+        }),
+        new("link encoder drifts by 0.1 rad/s", ENABLED, |p| {
+            encoders(p.joint, |q, theta, k| (q + 1e-4 * k as f64, theta))
+        }),
+        new("both encoders drift by 0.1 rad/s, as one", ENABLED, |p| {
+            encoders(p.joint, |q, theta, k| {
+                (q + 1e-4 * k as f64, theta + 1e-2 * k as f64)
+            })
+        }),
+        new("link encoder reversed", ENABLED, |p| reversed(p.joint)),
+        new("link encoder scaled by 1.02", ENABLED, |p| {
+            encoders(p.joint, |q, theta, _| (1.02 * q, theta))
+        }),
+        new("link encoder with noise of 0.002 rad", AT_REST, |p| {
+            noisy(p.joint, 0.002)
+        }),
+        new("link encoder with noise of 0.05 rad", AT_REST, |p| {
+            noisy(p.joint, 0.05)
+        }),
+        new(
+            "link encoders of two joints exchanged",
+            ALL_STARTS,
+            exchanged,
+        ),
+        new(
+            "link encoders of two joints slip by 0.02 rad",
+            ENABLED,
+            |p| both(slip(p.joint, 0.02, 0.0), slip(p.other, -0.02, 0.0)),
+        ),
+        new(
+            "link encoder slips by 0.02 rad, another joint falls silent",
+            ENABLED,
+            |p| {
+                let silent = answers(move |rig, _| {
+                    rig.lose(|slot| slots::source(slot) == slots::Source::Joint(p.other));
+                });
+                both(slip(p.joint, 0.02, 0.0), silent)
+            },
+        ),
+    ]
+}

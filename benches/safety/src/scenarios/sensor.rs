@@ -1,0 +1,134 @@
+//! Current sensors, F/T sensors and IMU.
+
+use robot_config::slots;
+use robot_config::slots::Source;
+
+use super::{AT_REST, ENABLED, FOLLOWING, Place, Scenario, answers};
+use crate::rig::{Fault, Rig};
+
+const GROUP: &str = "Current, F/T sensors, IMU";
+
+/// Changes values of a source in each cycle.
+fn of(source: Source, mut change: impl FnMut(&mut [f64], usize) + 'static) -> Fault {
+    answers(move |rig: &mut Rig, k| {
+        let mut values = vec![0.0; slots::receive_len(&rig.robot.parameters)];
+        let table = rig.robot.receive.clone();
+        let its = |slot| slots::source(slot) == source;
+        for frame in &rig.rx {
+            if rig.carries(frame, its) {
+                // An undecodable frame leaves the values as they are.
+                _ = table.decode(frame, &mut values);
+            }
+        }
+        change(&mut values, k);
+        rig.spoil(its, |all| {
+            for slot in (0..all.len()).filter(|&slot| its(slot)) {
+                all[slot] = values[slot];
+            }
+        });
+    })
+}
+
+fn current(place: Place, change: fn(f64) -> f64) -> Fault {
+    let slot = slots::current(place.joint);
+    of(Source::Joint(place.joint), move |values, _| {
+        values[slot] = change(values[slot]);
+    })
+}
+
+/// The first F/T sensor's six axes.
+fn ft(mut change: impl FnMut(&mut [f64; 6], usize) + 'static) -> Fault {
+    of(Source::Ft(0), move |values, k| {
+        let mut axes = std::array::from_fn(|axis| values[slots::ft(0, axis)]);
+        change(&mut axes, k);
+        for (axis, x) in axes.into_iter().enumerate() {
+            values[slots::ft(0, axis)] = x;
+        }
+    })
+}
+
+/// Gyro x y z, accelerometer x y z.
+fn imu(mut change: impl FnMut(&mut [f64; 6], usize) + 'static) -> Fault {
+    of(Source::Imu, move |values, k| {
+        let mut axes = std::array::from_fn(|axis| match axis {
+            0..3 => values[slots::gyro(axis)],
+            _ => values[slots::accelerometer(axis - 3)],
+        });
+        change(&mut axes, k);
+        for (axis, x) in axes.into_iter().enumerate() {
+            let slot = match axis {
+                0..3 => slots::gyro(axis),
+                _ => slots::accelerometer(axis - 3),
+            };
+            values[slot] = x;
+        }
+    })
+}
+
+fn silent(source: Source) -> Fault {
+    answers(move |rig, _| {
+        rig.lose(|slot| slots::source(slot) == source);
+    })
+}
+
+/// Stays as it was in the first cycle.
+fn kept() -> impl FnMut(&mut [f64; 6], usize) {
+    let mut first = None;
+    move |axes, _| *axes = *first.get_or_insert(*axes)
+}
+
+pub(super) fn scenarios() -> Vec<Scenario> {
+    let new = |name, starts, make| Scenario::new(GROUP, name, starts, make);
+    vec![
+        new("current sensor reads 0", AT_REST, |p| current(p, |_| 0.0)),
+        new("current sensor reads 20 A", AT_REST, |p| {
+            current(p, |_| 20.0)
+        }),
+        new("current sensor reversed", AT_REST, |p| current(p, |i| -i)),
+        new("F/T sensor silent", ENABLED, |_| silent(Source::Ft(0))),
+        new("F/T sensor flat", ENABLED, |_| ft(kept())),
+        new("F/T sensor reads 0", FOLLOWING, |_| {
+            ft(|axes, _| axes.fill(0.0))
+        }),
+        new("F/T sensor saturated", FOLLOWING, |_| {
+            ft(|axes, _| *axes = [1600.0, 1600.0, 1600.0, 98.0, 98.0, 98.0])
+        }),
+        new("F/T sensor reversed", FOLLOWING, |_| {
+            ft(|axes, _| axes.iter_mut().for_each(|x| *x = -*x))
+        }),
+        new("F/T sensor steps by 50 N and 5 N·m", FOLLOWING, |_| {
+            ft(|axes, _| (axes[2], axes[4]) = (axes[2] + 50.0, axes[4] + 5.0))
+        }),
+        new(
+            "F/T sensor drifts by 20 N/s and 4 N·m/s",
+            FOLLOWING,
+            |_| {
+                ft(|axes, k| {
+                    let t = 1e-3 * k as f64;
+                    (axes[2], axes[4]) = (axes[2] + 20.0 * t, axes[4] + 4.0 * t);
+                })
+            },
+        ),
+        new("F/T sensor's axes exchanged", FOLLOWING, |_| {
+            ft(|axes, _| *axes = [axes[1], axes[2], axes[0], axes[4], axes[5], axes[3]])
+        }),
+        new("IMU silent", ENABLED, |_| silent(Source::Imu)).of_humanoid(),
+        new("IMU flat", ENABLED, |_| imu(kept())).of_humanoid(),
+        new("IMU's axes exchanged", FOLLOWING, |_| {
+            imu(|axes, _| *axes = [axes[1], axes[2], axes[0], axes[4], axes[5], axes[3]])
+        })
+        .of_humanoid(),
+        new("IMU's accelerometer reversed", FOLLOWING, |_| {
+            imu(|axes, _| axes[3..].iter_mut().for_each(|x| *x = -*x))
+        })
+        .of_humanoid(),
+        new("IMU's gyro steps by 1 rad/s", FOLLOWING, |_| {
+            imu(|axes, _| axes[1] += 1.0)
+        })
+        .of_humanoid(),
+        new("IMU saturated", FOLLOWING, |_| {
+            imu(|axes, _| *axes = [30.0, 30.0, 30.0, 150.0, 150.0, 150.0])
+        })
+        .of_humanoid(),
+    ]
+}
