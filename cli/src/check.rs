@@ -7,7 +7,11 @@ mod text;
 
 use crate::output::finish_or_refuse;
 use bus_load::{Bitrate, BusLoad, bus_loads};
+use plant::{CanRobot, SimParameters};
+use problem::Problem;
 use robot_config::{JointParameters, Problems, Robot, TorqueFeedback};
+use std::io;
+use std::path::Path;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -17,7 +21,8 @@ Examples:
   torquectl check --bitrate 500000 config/leg/robot.toml
 
 Every problem is printed on stderr as FILE:LINE: what is wrong; allowed: what is allowed.
-docs/configuration.md describes every key.
+A sim.toml beside CONFIG, with the parameters of the simulated robot, is checked too.
+docs/configuration.md and docs/simulation.md describe every key.
 
 Exit codes:
   0  the configuration is complete
@@ -50,6 +55,7 @@ pub(crate) fn run(arguments: &CheckArguments) -> ExitCode {
 fn report(arguments: &CheckArguments) -> Result<String, Problems> {
     let read = |path: &str| std::fs::read_to_string(path);
     let robot = robot_config::load(&arguments.config, &read)?;
+    check_simulation(&arguments.config, &robot)?;
     let rate = Bitrate {
         nominal: f64::from(arguments.bitrate),
         data: f64::from(arguments.data_bitrate),
@@ -60,6 +66,25 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
         true => format!("{:#}\n", json::object(&robot, &buses, &warnings)),
         false => text::page(&robot, &buses, &warnings),
     })
+}
+
+/// Checks the simulated robot's parameters beside the configuration, if there are any.
+fn check_simulation(config: &str, robot: &Robot) -> Result<(), Problem> {
+    let path = Path::new(config).with_file_name("sim.toml");
+    let name = path.to_string_lossy();
+    let unreadable = |what: &str, e: io::Error| {
+        Problem::new(format!("cannot be read: {e}"), "a readable text file").at(what, 0)
+    };
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(e) => return Err(unreadable(&name, e)),
+    };
+    let sim = SimParameters::parse(&text, &name)?;
+    let urdf = &robot.parameters.urdf_path;
+    let urdf = std::fs::read_to_string(urdf).map_err(|e| unreadable(urdf, e))?;
+    CanRobot::new(robot, &urdf, &sim).map_err(|problem| problem.or_at(&name, 0))?;
+    Ok(())
 }
 
 /// Findings that are unusual but do not keep the robot from running.

@@ -9,12 +9,13 @@ struct Leg(PathBuf);
 
 const TOML: &str = "config/leg/robot.toml";
 const URDF: &str = "robot-models/leg/robot.urdf";
+const SIM: &str = "config/leg/sim.toml";
 const DBC: &str = "robot-models/leg/drives.dbc";
 
 impl Leg {
     fn new(test: &str) -> Self {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
-        for file in [TOML, URDF, DBC] {
+        for file in [TOML, URDF, DBC, SIM] {
             let copy = folder.join(file);
             fs::create_dir_all(copy.parent().unwrap()).unwrap();
             let original = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(file);
@@ -413,4 +414,14 @@ fn a_reader_may_leave_early() {
     let output = child.wait_with_output().unwrap();
     let errors = String::from_utf8_lossy(&output.stderr);
     assert_eq!((output.status.code(), errors.as_ref()), (Some(0), ""));
+}
+
+#[test]
+fn a_mistake_in_the_simulated_robots_parameters_is_named() {
+    let leg = Leg::new("simulation");
+    assert_eq!(leg.check(&[]).status.code(), Some(0));
+    let line = leg.change(SIM, "substep_us = 100", "substep_us = -100");
+    leg.refused(&[&[&format!("{SIM}:{line}"), "substep_us", "> 0"]]);
+    fs::remove_file(leg.0.join(SIM)).unwrap();
+    assert_eq!(leg.check(&[]).status.code(), Some(0));
 }

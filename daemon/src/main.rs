@@ -37,7 +37,11 @@ enum Command {
     #[command(after_help = "Examples:
   torqued demo --robot humanoid --seconds 10
   torqued demo --robot leg --plot leg.svg
-  torqued demo --robot test-joint --json | jq .joints[0].whole_body")]
+  torqued demo --robot my_arm/robot.toml --plot arm.svg
+  torqued demo --robot test-joint --json | jq .joints[0].whole_body
+
+A robot of your own needs a sim.toml beside its robot.toml, and may have a motion.toml
+(docs/simulation.md).")]
     Demo(DemoOptions),
     /// Run the daemon: read the robot's frames, share its torques, command its drives.
     #[command(after_help = "Examples:

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use common::RunDir;
 use robot_state::{RobotState, torque_flags};
-use test_support::project_path;
+use test_support::{TemporaryDirectory, project_path};
 use torqued_client::Client;
 
 fn torqued(arguments: &[&str], run: &RunDir) -> Command {
@@ -67,6 +67,50 @@ fn a_client_reads_the_torques_of_a_robot_that_is_simulated_in_the_daemon() {
     // A tare of the simulated robot must never be taken for one of the real robot.
     let state = run.directory.path().join("state");
     assert!(state.join("leg-simulated").is_dir() && !state.join("leg").exists());
+}
+
+#[test]
+fn the_demo_runs_a_robot_by_its_path_and_moves_its_joints_without_a_motion_file() {
+    let directory = TemporaryDirectory::new();
+    for file in ["config/leg/robot.toml", "config/leg/sim.toml"]
+        .into_iter()
+        .chain(["robot-models/leg/robot.urdf", "robot-models/leg/drives.dbc"])
+    {
+        let copy = directory.path().join(file);
+        std::fs::create_dir_all(copy.parent().expect("a folder")).expect("made");
+        std::fs::copy(project_path(file), copy).expect("copied");
+    }
+    let demo = |robot: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
+        command.args([
+            "demo",
+            "--fast",
+            "--seconds",
+            "4",
+            "--json",
+            "--robot",
+            robot,
+        ]);
+        command
+            .current_dir(directory.path())
+            .output()
+            .expect("runs")
+    };
+    let out = demo("config/leg/robot.toml");
+    let text = String::from_utf8_lossy(&out.stdout);
+    assert_eq!(out.status.code(), Some(0), "{text}");
+    assert!(
+        text.contains("\"robot\":\"leg\"") && text.contains("\"fault\":0"),
+        "{text}"
+    );
+
+    let out = demo("arm");
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{error}");
+    assert!(
+        error.contains("\"arm\"") && error.contains("the path of a robot.toml"),
+        "{error}"
+    );
 }
 
 #[test]

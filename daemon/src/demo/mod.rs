@@ -13,8 +13,8 @@ mod robots;
 mod selection;
 mod stance;
 
-use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::io::{self, IsTerminal};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -22,6 +22,7 @@ use clap::Args;
 use cycle::ClientInput;
 use indicatif::{ProgressBar, ProgressStyle};
 use plant::{CanRobot, SimParameters};
+use problem::Problem;
 use robot_config::Robot;
 
 use crate::bus::LockStep;
@@ -38,8 +39,8 @@ use terminal::print;
 /// Options of `torqued demo`.
 #[derive(Debug, Clone, Args)]
 pub struct DemoOptions {
-    /// The robot.
-    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(robots::NAMES), default_value = "humanoid")]
+    /// The robot: test-joint, leg, humanoid, or the path of a robot.toml with a sim.toml beside it.
+    #[arg(long, value_name = "ROBOT", default_value = "humanoid")]
     pub robot: String,
     /// Duration, s.
     #[arg(long, value_name = "S", default_value_t = 10.0)]
@@ -127,29 +128,45 @@ fn simulate(
     Ok(report)
 }
 
+/// The robot of that name or with that configuration, simulated, and its motion.
 fn load(name: &str, seed: Option<u64>) -> Result<(Robot, CanRobot, Motion), Failure> {
-    let text = |file: &str| {
-        let path = format!("config/{name}/{file}");
-        let text = robots::read(&path).map_err(|e| Failure::bad_input(format!("{path}: {e}")))?;
-        Ok((path, text))
-    };
-    let config = format!("config/{name}/robot.toml");
-    let robot = robot_config::load(&config, &robots::read).map_err(Failure::bad_input)?;
-    let (path, sim) = text("sim.toml")?;
-    let mut sim = SimParameters::parse(&sim, &path).map_err(Failure::bad_input)?;
-    if let Some(seed) = seed {
-        sim.seed = seed;
+    let own = Path::new(name).extension().is_some();
+    if !own && !robots::NAMES.contains(&name) {
+        let allowed = format!("{}, or the path of a robot.toml", robots::NAMES.join(", "));
+        let problem = Problem::new(format!("--robot: there is no robot {name:?}"), allowed);
+        return Err(Failure::bad_input(problem));
     }
-    let urdf = robots::read(&robot.parameters.urdf_path).map_err(Failure::bad_input)?;
-    let plant = CanRobot::new(&robot, &urdf, &sim).map_err(Failure::bad_input)?;
-    let (path, motion) = text("motion.toml")?;
-    let names: Vec<String> = robot
-        .parameters
-        .joints
-        .iter()
-        .map(|j| j.name.clone())
-        .collect();
-    let motion = Motion::parse(&motion, &path, &names).map_err(Failure::bad_input)?;
+    let (config, read): (String, fn(&str) -> io::Result<String>) = match own {
+        true => (name.to_owned(), |path| std::fs::read_to_string(path)),
+        false => (format!("config/{name}/robot.toml"), robots::read),
+    };
+    let beside = |file: &str| {
+        Path::new(&config)
+            .with_file_name(file)
+            .to_string_lossy()
+            .into_owned()
+    };
+    let refuse = |path: &str, e: io::Error| {
+        let problem = Problem::new(format!("cannot be read: {e}"), "a readable text file");
+        Failure::bad_input(problem.at(path, 0))
+    };
+    let robot = robot_config::load(&config, &read).map_err(Failure::bad_input)?;
+    let path = beside("sim.toml");
+    let text = read(&path).map_err(|e| refuse(&path, e))?;
+    let mut sim = SimParameters::parse(&text, &path).map_err(Failure::bad_input)?;
+    sim.seed = seed.unwrap_or(sim.seed);
+    let urdf = &robot.parameters.urdf_path;
+    let urdf = read(urdf).map_err(|e| refuse(urdf, e))?;
+    let plant = CanRobot::new(&robot, &urdf, &sim)
+        .map_err(|problem| Failure::bad_input(problem.or_at(&path, 0)))?;
+    let path = beside("motion.toml");
+    let names = robot.parameters.joints.iter().map(|j| j.name.clone());
+    let names: Vec<String> = names.collect();
+    let motion = match read(&path) {
+        Ok(text) => Motion::parse(&text, &path, &names).map_err(Failure::bad_input)?,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Motion::of_every_joint(&robot),
+        Err(e) => return Err(refuse(&path, e)),
+    };
     Ok((robot, plant, motion))
 }
 

@@ -3,8 +3,16 @@
 use std::f64::consts::TAU;
 
 use problem::{Problem, line_at};
+use robot_config::{JointParameters, Robot};
 use robot_state::JointReference;
 use serde::Deserialize;
+use supervisor::Limits;
+
+/// Motion of a joint without a motion file: share of its range, at most so far (rad), and shortest
+/// period, s.
+const DEFAULT_SHARE: f64 = 0.1;
+const DEFAULT_AMPLITUDE: f64 = TAU / 36.0;
+const DEFAULT_PERIOD: f64 = 5.0;
 
 /// A motion file as written.
 #[derive(Debug, Deserialize)]
@@ -47,6 +55,8 @@ pub(super) struct Motion {
     pub(super) stance: Vec<String>,
     /// (start, amplitude, period) of each joint, in config order; rad, rad, s.
     joints: Vec<(f64, f64, f64)>,
+    /// Middle of each joint's range, rad: towards it the joints move; empty if the signs are given.
+    middle: Vec<f64>,
     contacts: Vec<ContactMotion>,
 }
 
@@ -82,14 +92,38 @@ impl Motion {
             settle_s: file.settle_s,
             stance: file.stance,
             joints,
+            middle: Vec::new(),
             contacts: file.contact,
         })
+    }
+
+    /// Every joint by a share of its range, each with another period, so that all are loaded in
+    /// changing ways.
+    pub(super) fn of_every_joint(robot: &Robot) -> Self {
+        let joints = &robot.parameters.joints;
+        let middle = |limits: &Limits| 0.5 * (limits.position_min + limits.position_max);
+        let joint = |(j, joint): (usize, &JointParameters)| {
+            let limits = &joint.limits;
+            let range = limits.position_max - limits.position_min;
+            let amplitude = (DEFAULT_SHARE * range).min(DEFAULT_AMPLITUDE);
+            (0.0, amplitude, DEFAULT_PERIOD + 0.7 * (j % 6) as f64)
+        };
+        Self {
+            settle_s: 1.0,
+            stance: Vec::new(),
+            joints: joints.iter().enumerate().map(joint).collect(),
+            middle: joints.iter().map(|joint| middle(&joint.limits)).collect(),
+            contacts: Vec::new(),
+        }
     }
 
     /// Makes `q` (rad, config order) the pose from which the motion starts.
     pub(super) fn start_from(&mut self, q: &[f64]) {
         for (joint, &q) in self.joints.iter_mut().zip(q) {
             joint.0 = q;
+        }
+        for (joint, middle) in self.joints.iter_mut().zip(&self.middle) {
+            joint.1 = joint.1.copysign(middle - joint.0);
         }
     }
 
@@ -146,6 +180,31 @@ mod tests {
         }
         assert_eq!(motion.at(1, 0.5).q_d, -0.5);
         assert!((motion.at(1, 3.0).q_d - (-0.5 + 20f64.to_radians())).abs() < 1e-12);
+    }
+
+    #[test]
+    fn without_a_file_every_joint_moves_towards_the_middle_of_its_range() {
+        let robot = robot_config::load("config/leg/robot.toml", &super::super::robots::read);
+        let robot = robot.unwrap();
+        let mut motion = Motion::of_every_joint(&robot);
+        let joints = &robot.parameters.joints;
+        let upper: Vec<f64> = joints.iter().map(|j| j.limits.position_max).collect();
+        motion.start_from(&upper);
+        for (j, joint) in joints.iter().enumerate() {
+            for t in (0..200).map(|i| 0.1 * f64::from(i)) {
+                let q = motion.at(j, t).q_d;
+                assert!(
+                    (joint.limits.position_min..=upper[j]).contains(&q),
+                    "{}",
+                    joint.name
+                );
+            }
+            assert!(
+                (motion.at(j, 4.0).q_d - upper[j]).abs() > 0.01,
+                "{}",
+                joint.name
+            );
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod can;
 mod common;
+mod documented_keys;
 mod joint;
 mod parameters;
 mod rigid_body;
