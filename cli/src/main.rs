@@ -1,5 +1,6 @@
 //! `torquectl`: the operator's tool.
 
+mod blackbox;
 mod check;
 mod contacts;
 mod dynamics;
@@ -7,6 +8,7 @@ mod estimate;
 mod fit;
 mod operator;
 mod output;
+mod recorded;
 mod requests;
 mod state;
 mod tare;
@@ -37,7 +39,7 @@ Exit codes:
   1  the daemon could not be reached, went away, or refused the request
   2  bad input: arguments, configuration, URDF, DBC, joint file or log";
 
-/// Check, operate, watch and calibrate robots that run under torqued, and evaluate their models.
+/// Check, operate, watch, record and calibrate robots that run under torqued, and evaluate their models.
 #[derive(Parser)]
 #[command(name = "torquectl", version, after_help = AFTER_HELP)]
 struct Arguments {
@@ -47,6 +49,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Blackbox(blackbox::BlackboxArguments),
     Check(check::CheckArguments),
     State(state::StateArguments),
     Enable(operator::EnableArguments),
@@ -64,6 +67,7 @@ enum Command {
 
 fn main() -> ExitCode {
     match Arguments::parse().command {
+        Command::Blackbox(arguments) => blackbox::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::State(arguments) => state::run(&arguments),
         Command::Enable(arguments) => operator::enable(&arguments),

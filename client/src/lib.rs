@@ -27,6 +27,7 @@ mod location;
 mod python_layout;
 mod requests;
 mod room;
+mod state_directory;
 
 pub use client::{Client, Record};
 pub use commander::Commander;
@@ -35,3 +36,4 @@ pub use error::Error;
 pub use location::Location;
 pub use python_layout::python_layout;
 pub use robot_state;
+pub use state_directory::StateDirectory;

@@ -3,11 +3,13 @@
 use can_codec::{Frames, Gather, MAX_FRAMES, Table};
 use cycle::{ClientInput, Cycle, Instants, Stamp};
 use problem::Problem;
+use recording::CycleInput;
 use robot_config::Robot;
 use robot_state::{Event, SharedRecord};
 
 use crate::bus::{Bus, BusCounters};
 use crate::real_time::{WakeReport, monotonic_ns};
+use crate::recorder::Tap;
 
 /// A robot's loop: the computation and the bus it lives on.
 pub struct ControlLoop<B> {
@@ -21,6 +23,7 @@ pub struct ControlLoop<B> {
     tx: Frames,
     record: SharedRecord,
     last_counters: BusCounters,
+    tap: Option<Tap>,
 }
 
 impl<B: Bus> ControlLoop<B> {
@@ -43,6 +46,7 @@ impl<B: Bus> ControlLoop<B> {
             tx: Frames::new(MAX_FRAMES),
             record: SharedRecord::default(),
             last_counters: bus.counters(),
+            tap: None,
             bus,
         })
     }
@@ -54,7 +58,19 @@ impl<B: Bus> ControlLoop<B> {
 
     /// Reports an event of the process around the loop, to be reacted to in the coming cycle.
     pub fn note(&mut self, event: Event) {
-        self.cycle.note(event, 1);
+        self.report(event, 1);
+    }
+
+    /// Hands every cycle to the recorder: to be called before the first one.
+    pub fn record_to(&mut self, tap: Tap) {
+        self.tap = Some(tap);
+    }
+
+    /// The loop ends because it was asked to.
+    pub fn end_as_asked(&self) {
+        if let Some(tap) = &self.tap {
+            tap.end_as_asked();
+        }
     }
 
     /// Runs the cycle that begins with `wake`.
@@ -83,8 +99,13 @@ impl<B: Bus> ControlLoop<B> {
         let accepted = self.bus.send(&self.tx);
         // Counted by the cycle, so it appears in the next record.
         let refused = self.tx.len().saturating_sub(accepted) as u64;
-        self.cycle.note(Event::SendFailed, refused);
         self.time(wake, [started, gathered, computed, monotonic_ns()]);
+        if let Some(tap) = &mut self.tap {
+            let client = *input;
+            let rx = &self.rx;
+            tap.take(&CycleInput { at, rx, client }, &self.record, &self.tx);
+        }
+        self.report(Event::SendFailed, refused);
         &self.record
     }
 
@@ -121,10 +142,18 @@ impl<B: Bus> ControlLoop<B> {
         self.last_counters = counters;
         // The cycle itself counts what found no room in `rx`; the rest was lost before.
         let lost_before = dropped.saturating_sub(self.rx.overflow());
-        self.cycle.note(Event::ReceiveOverflow, lost_before);
-        self.cycle.note(Event::SendFailed, unsent as u64);
-        self.cycle.note(Event::LateCycle, u64::from(wake.late));
-        self.cycle.note(Event::SkippedCycle, wake.skipped);
+        self.report(Event::ReceiveOverflow, lost_before);
+        self.report(Event::SendFailed, unsent as u64);
+        self.report(Event::LateCycle, u64::from(wake.late));
+        self.report(Event::SkippedCycle, wake.skipped);
+    }
+
+    /// Every event goes through here: it is a part of what the coming cycle is given.
+    fn report(&mut self, event: Event, times: u64) {
+        if let Some(tap) = &mut self.tap {
+            tap.note(event, times);
+        }
+        self.cycle.note(event, times);
     }
 
     fn time(&mut self, wake: &WakeReport, [started, gathered, computed, sent]: [u64; 4]) {

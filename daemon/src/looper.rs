@@ -125,6 +125,7 @@ impl<B: Bus> Looper<B> {
             let request = self.ending.advance(asked, begun, &last.cycle);
             let operator = self.clients.operator.next_request();
             if self.ending.is_over() {
+                self.control_loop.end_as_asked();
                 break;
             }
             let arrived = self.clients.references.latest().filter(|_| was_running);

@@ -1,15 +1,18 @@
 //! The command `torqued`.
 
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::{Parser, Subcommand};
+use recording::AttachedFile;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use terminal::print;
 use torqued::demo::{self, DemoOptions};
 use torqued::failure::Failure;
+use torqued::run::RunOptions;
 use torqued::simulation::{self, default_file};
 
 /// Joint torques for robots without joint-torque sensors.
@@ -48,6 +51,7 @@ A robot of your own needs a sim.toml beside its robot.toml, and may have a motio
   torqued run /etc/torqued/leg/robot.toml
   torqued run config/leg/robot.toml --simulate
   torqued run config/leg/robot.toml --simulate sticky.toml --seed 7
+  torqued run config/leg/robot.toml --record run.mcap
   torqued run config/leg/robot.toml --seconds 10 --json
 
 With --simulate no CAN interface is needed: a simulated robot answers in this process, in real time.
@@ -69,6 +73,10 @@ robot's time passes more slowly.")]
         /// Seed of the simulated robot's noise and imperfections, instead of that in SIM.toml.
         #[arg(long, value_name = "N", requires = "simulate")]
         seed: Option<u64>,
+        /// Record from the first cycle on into this new MCAP file; only such a recording can be
+        /// replayed bit by bit.
+        #[arg(long, value_name = "FILE")]
+        record: Option<PathBuf>,
         /// Print the summary as JSON.
         #[arg(long)]
         json: bool,
@@ -83,10 +91,12 @@ fn main() -> ExitCode {
             seconds,
             simulate,
             seed,
+            record,
             json,
         } => {
             let sim = simulate.map(|file| file.unwrap_or_else(|| default_file(&config)));
-            run(&config, sim.as_deref(), seed, seconds, json)
+            let sim = sim.as_deref().map(|file| (file, seed));
+            run(&config, sim, seconds, record, json)
         }
     };
     match result {
@@ -98,18 +108,28 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs the robot, or a simulated one with the parameters in the file `sim`.
+/// Runs the robot, or a simulated one with the parameters in the file `sim` and its seed.
 fn run(
     config: &Path,
-    sim: Option<&Path>,
-    seed: Option<u64>,
+    sim: Option<(&Path, Option<u64>)>,
     seconds: Option<f64>,
+    record: Option<PathBuf>,
     json: bool,
 ) -> Result<ExitCode, Failure> {
-    let robot = robot_config::load(&config.to_string_lossy(), &|path| {
-        std::fs::read_to_string(path)
-    })
-    .map_err(Failure::bad_input)?;
+    let files = RefCell::new(Vec::new());
+    let read = |path: &str| {
+        let text = std::fs::read_to_string(path)?;
+        let mut files = files.borrow_mut();
+        // One that several drives share is read several times.
+        if !files.iter().any(|file: &AttachedFile| file.path == path) {
+            files.push(AttachedFile {
+                path: path.to_owned(),
+                text: text.clone(),
+            });
+        }
+        Ok(text)
+    };
+    let robot = robot_config::load(&config.to_string_lossy(), &read).map_err(Failure::bad_input)?;
     let rate_hz = 1.0 / robot.parameters.timing.sample_period;
     let cycles = match seconds {
         None => None,
@@ -120,7 +140,7 @@ fn run(
             )));
         }
     };
-    let plant = sim.map(|file| {
+    let plant = sim.map(|(file, seed)| {
         let parameters = simulation::parameters(file, seed)?;
         simulation::robot(&robot, &parameters, file)
     });
@@ -129,9 +149,14 @@ fn run(
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::environment)?;
     }
+    let options = RunOptions {
+        cycles,
+        files: files.into_inner(),
+        record,
+    };
     let summary = match plant {
-        Some(plant) => torqued::run::simulate(&robot, plant, cycles, &stop)?,
-        None => torqued::run::run(&robot, cycles, &stop)?,
+        Some(plant) => torqued::run::simulate(&robot, plant, options, &stop)?,
+        None => torqued::run::run(&robot, options, &stop)?,
     };
     if json {
         let json = serde_json::to_string(&summary).map_err(Failure::environment)?;

@@ -10,7 +10,7 @@ use problem::{Problem, line_at};
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::state_directory::StateDirectory;
+use torqued_client::StateDirectory;
 
 const FILE: &str = "ft_offsets.toml";
 const HEAD: &str = "# F/T offsets, found by a tare and written by torqued: subtracted from each reading, besides the\n\

@@ -1,12 +1,14 @@
 //! `torqued run`: the loop on real buses or with a simulated robot, shared with other processes.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::thread;
-use std::time::Duration;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use plant::CanRobot;
 use problem::Problem;
+use recording::{AttachedFile, Header, Start};
 use robot_config::{RealTime, Robot};
 use robot_state::{Description, Event, Name};
 
@@ -18,24 +20,38 @@ use crate::interface_lock::InterfaceLocks;
 use crate::looper::Looper;
 use crate::offsets::Store;
 use crate::real_time::{self, Deadline, Pace, Settings};
+use crate::recorder::{self, BlackBoxes, RecorderHandle, RecordingRequest};
 use crate::report::Reporter;
 use crate::request_server::RequestServer;
 use crate::shared_memory;
-use crate::state_directory::StateDirectory;
 use crate::stored_fault::FaultStore;
 use crate::summary::{Summary, Timing};
+use torqued_client::StateDirectory;
 
 /// Behind a robot's name in the state directory: the simulated one's.
 const SIMULATED: &str = "-simulated";
 /// Interval at which the main thread looks at the loop.
 const LOOK: Duration = Duration::from_millis(20);
+/// Longest time for the recorder to write what is left after the loop's end.
+const RECORDER_LIMIT: Duration = Duration::from_secs(10);
 
-/// Runs the robot on its CAN interfaces until `stop` is set or `cycles` have begun or been skipped,
+/// What a run is started with, besides its robot.
+#[derive(Debug, Default)]
+pub struct RunOptions {
+    /// Cycles after which it ends; none: it runs until it is stopped.
+    pub cycles: Option<u64>,
+    /// The configuration's files, for recordings and black boxes.
+    pub files: Vec<AttachedFile>,
+    /// A recording from the first cycle on.
+    pub record: Option<PathBuf>,
+}
+
+/// Runs the robot on its CAN interfaces until `stop` is set or `options.cycles` have begun or been skipped,
 /// and sums up.
 ///
 /// # Errors
 /// Obstacles to the loop's start: nothing has been sent then. A loop that does not end.
-pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result<Summary, Failure> {
+pub fn run(robot: &Robot, options: RunOptions, stop: &Arc<AtomicBool>) -> Result<Summary, Failure> {
     let lines: Vec<Line<'_>> = robot.parameters.buses.iter().map(Line::from).collect();
     let bus = SocketCan::open(&lines).map_err(|error| match error {
         OpenError::Interfaces(_) => Failure::bad_input(error),
@@ -44,7 +60,7 @@ pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result
     let _locks = InterfaceLocks::take(lines.iter().map(|line| line.interface))
         .map_err(Failure::environment)?;
     let state = &robot.parameters.name;
-    run_on(robot, bus, Deadline::new, state, cycles, stop)
+    run_on(robot, bus, Deadline::new, state, options, stop)
 }
 
 /// As [`run`], with a simulated robot in the loop's thread. Its tares and faults are kept apart from
@@ -55,14 +71,14 @@ pub fn run(robot: &Robot, cycles: Option<u64>, stop: &Arc<AtomicBool>) -> Result
 pub fn simulate(
     robot: &Robot,
     plant: CanRobot,
-    cycles: Option<u64>,
+    options: RunOptions,
     stop: &Arc<AtomicBool>,
 ) -> Result<Summary, Failure> {
     let clock = VirtualClock::new();
     let bus = LockStep::new(plant, &clock);
     let pace = move |period_ns| SimulatedDeadline::new(&clock, period_ns);
     let state = format!("{}{SIMULATED}", robot.parameters.name);
-    run_on(robot, bus, pace, &state, cycles, stop)
+    run_on(robot, bus, pace, &state, options, stop)
 }
 
 /// Runs the robot; `pace`: makes the cycle's starts from its period, ns; `state`: the robot's folder
@@ -72,7 +88,7 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     bus: B,
     pace: impl FnOnce(u64) -> P + Send + 'static,
     state: &str,
-    cycles: Option<u64>,
+    options: RunOptions,
     stop: &Arc<AtomicBool>,
 ) -> Result<Summary, Failure> {
     let parameters = &robot.parameters;
@@ -85,8 +101,22 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     if !parameters.ft_sensors.is_empty() {
         eprintln!("{}", server.describe_tare());
     }
+    let start = Start {
+        fault,
+        unix_offset_ns: unix_offset_ns(control_loop.bus().now_ns()),
+    };
+    let header = Header::new(robot, options.files, start);
+    let boxes = store
+        .as_ref()
+        .map(|store| BlackBoxes::new(store.directory()));
+    let recorder = recorder::create(robot, header, boxes);
+    control_loop.record_to(recorder.tap);
+    if let Some(path) = options.record {
+        record_from_the_start(&recorder.handle, path);
+    }
+    let recorder = recorder.recorder.start().map_err(Failure::environment)?;
     let clients = shared_memory::start(&describe(robot), server).map_err(Failure::environment)?;
-    let mut looper = Looper::new(robot, control_loop, clients, stop, cycles);
+    let mut looper = Looper::new(robot, control_loop, clients, stop, options.cycles);
     let status = looper.status();
     let settings = Settings {
         require: parameters.timing.real_time == RealTime::Require,
@@ -115,7 +145,9 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
             ));
         }
     }
-    let Ok(outcome) = loop_thread.join() else {
+    let joined = loop_thread.join();
+    wait_for(&recorder);
+    let Ok(outcome) = joined else {
         reporter.report_fault(Event::LoopEnded.number());
         return Err(Failure::environment("the loop's thread panicked"));
     };
@@ -129,6 +161,38 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
         outcome.page_faults,
         outcome.dropped,
     ))
+}
+
+/// A recording that ends with the daemon.
+fn record_from_the_start(handle: &RecorderHandle, path: PathBuf) {
+    handle.ask(RecordingRequest::Begin {
+        path,
+        seconds: None,
+        last_s: 0.0,
+        overwrite: false,
+        unattended: true,
+    });
+}
+
+/// What must be added to the bus's time for Unix time, ns.
+fn unix_offset_ns(bus_ns: u64) -> i64 {
+    let unix = SystemTime::now().duration_since(UNIX_EPOCH);
+    let unix_ns = unix.map_or(0, |unix| unix.as_nanos() as i64);
+    unix_ns.saturating_sub_unsigned(bus_ns)
+}
+
+/// Waits until black boxes and recordings are on the disk, but not for a disk that hangs.
+fn wait_for(recorder: &JoinHandle<()>) {
+    let until = Instant::now() + RECORDER_LIMIT;
+    while !recorder.is_finished() {
+        if Instant::now() > until {
+            eprintln!(
+                "torqued: what was being recorded is not on the disk yet: no longer waited for"
+            );
+            return;
+        }
+        thread::sleep(LOOK);
+    }
 }
 
 /// The store of the latched fault, if there can be one, and the fault that it holds.

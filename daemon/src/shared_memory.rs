@@ -362,7 +362,7 @@ fn count_failure<T>(shared: &Shared, result: &Result<T, Error>) {
 }
 
 /// Leaves the real-time scheduler that the thread may have inherited.
-fn run_as_ordinary_thread() {
+pub(crate) fn run_as_ordinary_thread() {
     let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
     // Giving priority up is always allowed.
     let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, ordinary);

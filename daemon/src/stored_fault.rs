@@ -12,7 +12,7 @@ use problem::{Problem, line_at};
 use robot_state::Event;
 use serde::{Deserialize, Serialize};
 
-use crate::state_directory::StateDirectory;
+use torqued_client::StateDirectory;
 
 const FILE: &str = "fault.toml";
 const HEAD: &str = "# The latched fault, written by torqued, which starts with it until an operator acknowledges it.\n\n";
@@ -45,6 +45,12 @@ impl FaultStore {
             robot: robot.to_owned(),
             directory,
         }
+    }
+
+    /// The robot's state directory.
+    #[must_use]
+    pub fn directory(&self) -> &StateDirectory {
+        &self.directory
     }
 
     /// The file.

@@ -116,6 +116,11 @@ impl Frames {
         self.frames.len() >= self.capacity
     }
 
+    /// Counts frames that found no room somewhere else, as in a list that was recorded.
+    pub fn count_overflow(&mut self, frames: u64) {
+        self.overflow += frames;
+    }
+
     /// Frames that found no room since the last [`clear`](Self::clear).
     #[must_use]
     pub fn overflow(&self) -> u64 {

@@ -117,7 +117,10 @@ macro_rules! record {
     }) => {
         $(#[doc = $doc])*
         #[repr(C)]
-        #[derive(Debug, Clone, Copy, PartialEq)]
+        #[derive(
+            Debug, Clone, Copy, PartialEq,
+            ::zerocopy::FromBytes, ::zerocopy::IntoBytes, ::zerocopy::Immutable,
+        )]
         pub struct $name {
             $( $(#[doc = $field_doc])+ pub $field: $type, )*
         }

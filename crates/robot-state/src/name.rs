@@ -5,7 +5,9 @@ use crate::records::Zero;
 
 /// UTF-8 text of at most `N` bytes, padded with zero bytes.
 #[repr(transparent)]
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(
+    Clone, Copy, PartialEq, Eq, zerocopy::FromBytes, zerocopy::IntoBytes, zerocopy::Immutable,
+)]
 pub struct Text<const N: usize>([u8; N]);
 
 /// A name: at most 48 bytes.

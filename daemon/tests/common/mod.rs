@@ -1,6 +1,8 @@
 //! Shared by the daemon's tests: run directories, robots and their simulation.
 #![allow(dead_code, reason = "each test binary uses a part")]
 
+pub(crate) mod recorded;
+
 use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 use test_support::{TemporaryDirectory, read_project_file};

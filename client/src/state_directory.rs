@@ -32,6 +32,32 @@ impl StateDirectory {
         }
     }
 
+    /// The folders of all robots in the usual state directory, with the robots' names, sorted.
+    ///
+    /// # Errors
+    /// As [`find`](Self::find); of the file system.
+    pub fn all() -> Result<Vec<(String, Self)>, Problem> {
+        let state = state_directory(|variable| std::env::var_os(variable))?;
+        let entries = match fs::read_dir(&state) {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+            other => other.map_err(|e| {
+                Problem::new(
+                    format!("{} cannot be read: {e}", state.display()),
+                    "a directory",
+                )
+            })?,
+        };
+        let folders = entries
+            .filter_map(Result::ok)
+            .filter(|entry| entry.path().is_dir());
+        let robots = folders.filter_map(|entry| entry.file_name().into_string().ok());
+        let mut robots: Vec<_> = robots
+            .map(|robot| (robot.clone(), Self::at(&state, &robot)))
+            .collect();
+        robots.sort_by(|(one, _), (other, _)| one.cmp(other));
+        Ok(robots)
+    }
+
     /// The path of the file of that name.
     #[must_use]
     pub fn file(&self, name: &str) -> PathBuf {

@@ -1,0 +1,30 @@
+//! A recorded run: the schemas and the layout of its file, and what replay reads of it.
+//!
+//! In: what every call of [`cycle::Cycle::step`] takes and gives. Out: an MCAP file
+//! (<https://mcap.dev>), a message for each cycle, with the robot's configuration files attached, so
+//! that the run can be computed again from the file alone. The same messages stand in the daemon's
+//! memory for the last seconds; a black box is a part of that memory, written as such a file.
+//!
+//! Beside our own messages the file carries JointState, WrenchStamped and Imu of ROS 2, which other
+//! people's tools draw.
+#![deny(unsafe_code)]
+
+mod cdr;
+mod compact;
+mod fields;
+mod header;
+mod message;
+mod reader;
+mod replay;
+mod schema;
+mod timeline;
+mod writer;
+
+pub use compact::Counts;
+pub use fields::{Field, Fields, Kind, unit_of};
+pub use header::{AttachedFile, Header, Start};
+pub use message::{CycleInput, CycleMessage, Decoder, Encoder, Glance, Note};
+pub use reader::{Ending, ReadError, Run};
+pub use replay::{Difference, Replay, Replayed, TORQUES, TorqueDifference};
+pub use timeline::{Happening, Span, Timeline, cause_of};
+pub use writer::{RunWriter, WriteError};

@@ -1,0 +1,192 @@
+//! A file that is being written from the history.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use recording::{Header, RunWriter, WriteError};
+
+use super::history::History;
+
+/// Interval between two flushes, ns of the cycles' clock: what a crash of the machine can lose.
+const FLUSH_NS: u64 = 1_000_000_000;
+/// A recording ends when its client has not asked after it for so long.
+const LEASE: Duration = Duration::from_secs(5);
+
+/// Requests to the recorder.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RecordingRequest {
+    /// Record into that file, from `last_s` ago on, for so long.
+    Begin {
+        /// The file.
+        path: PathBuf,
+        /// Duration from now on, s; none: until the end is asked for.
+        seconds: Option<f64>,
+        /// Time before now that is recorded too, s.
+        last_s: f64,
+        /// A file that is already there is replaced.
+        overwrite: bool,
+        /// Nobody has to ask after it: it ends with the daemon.
+        unattended: bool,
+    },
+    /// Somebody still wants the recording.
+    Renew,
+    /// End it.
+    End,
+}
+
+/// The state of a recording, or of the last one.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RecordingStatus {
+    /// Count of requests to begin that were decided.
+    pub generation: u64,
+    /// The file.
+    pub path: PathBuf,
+    /// It is being written.
+    pub running: bool,
+    /// Cycles written.
+    pub cycles: u64,
+    /// Time from the first to the last cycle, s.
+    pub seconds: f64,
+    /// Bytes before compression.
+    pub bytes: u64,
+    /// Cycles that are missing.
+    pub lost: u64,
+    /// Why the last request to begin was refused.
+    pub refused: Option<String>,
+    /// Why the recording ended too early.
+    pub failed: Option<String>,
+    pub(super) dropped_before: u64,
+}
+
+/// A file that is being written.
+pub(super) struct Output {
+    path: PathBuf,
+    writer: RunWriter<BufWriter<File>>,
+    /// The next entry of the history.
+    next: u64,
+    until_ns: u64,
+    first_ns: Option<u64>,
+    last_ns: u64,
+    flushed_ns: u64,
+    cycles: u64,
+    bytes: u64,
+    lost: u64,
+    renewed: Option<Instant>,
+    at_end: bool,
+}
+
+impl Output {
+    /// Creates the file, with the entries of the history from number `from` to stamp `until_ns`.
+    pub(super) fn create(
+        path: &Path,
+        overwrite: bool,
+        header: &Header,
+        from: u64,
+        until_ns: u64,
+    ) -> Result<Self, WriteError> {
+        let mut options = OpenOptions::new();
+        options.write(true);
+        match overwrite {
+            true => options.create(true).truncate(true),
+            false => options.create_new(true),
+        };
+        let file = options.open(path)?;
+        Ok(Self {
+            path: path.to_owned(),
+            writer: RunWriter::new(BufWriter::new(file), header)?,
+            next: from,
+            until_ns,
+            first_ns: None,
+            last_ns: 0,
+            flushed_ns: 0,
+            cycles: 0,
+            bytes: 0,
+            lost: 0,
+            renewed: None,
+            at_end: false,
+        })
+    }
+
+    /// Writes at most so many entries; gives how many.
+    pub(super) fn advance(&mut self, history: &History, most: usize) -> Result<usize, WriteError> {
+        if self.next < history.oldest() {
+            self.lost += history.oldest() - self.next;
+            self.next = history.oldest();
+        }
+        let mut written = 0;
+        while written < most && !self.at_end {
+            let Some((message, stamp_ns)) = history.get(self.next) else {
+                break;
+            };
+            if stamp_ns > self.until_ns {
+                self.at_end = true;
+                break;
+            }
+            self.writer.write(message)?;
+            self.next += 1;
+            self.cycles += 1;
+            self.bytes += message.len() as u64;
+            let first_ns = *self.first_ns.get_or_insert(stamp_ns);
+            self.last_ns = stamp_ns;
+            if stamp_ns.saturating_sub(self.flushed_ns.max(first_ns)) >= FLUSH_NS {
+                self.writer.flush()?;
+                self.flushed_ns = stamp_ns;
+            }
+            written += 1;
+        }
+        Ok(written)
+    }
+
+    /// Its last entry is written.
+    pub(super) fn is_at_end(&self) -> bool {
+        self.at_end || (self.first_ns.is_some() && self.last_ns >= self.until_ns)
+    }
+
+    /// Ends with the entry of that stamp.
+    pub(super) fn end_after(&mut self, stamp_ns: u64) {
+        self.until_ns = self.until_ns.min(stamp_ns);
+        self.at_end |= self.first_ns.is_none() || self.last_ns >= self.until_ns;
+    }
+
+    /// Somebody still wants it.
+    pub(super) fn renew(&mut self, now: Instant) {
+        self.renewed = Some(now);
+    }
+
+    /// Nobody wants it any more.
+    pub(super) fn is_expired(&self, now: Instant) -> bool {
+        let renewed = self.renewed;
+        renewed.is_some_and(|renewed| now.duration_since(renewed) > LEASE)
+    }
+
+    pub(super) fn cycles(&self) -> u64 {
+        self.cycles
+    }
+
+    pub(super) fn seconds(&self) -> f64 {
+        let first_ns = self.first_ns.unwrap_or(self.last_ns);
+        self.last_ns.saturating_sub(first_ns) as f64 * 1e-9
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    pub(super) fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Ends the file and waits until it is on the disk; gives its path.
+    pub(super) fn finish(self) -> Result<PathBuf, WriteError> {
+        let file = self.writer.finish()?;
+        let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+        file.sync_all()?;
+        Ok(self.path)
+    }
+}
