@@ -53,7 +53,7 @@ pub(crate) fn run(arguments: &CheckArguments) -> ExitCode {
 }
 
 fn report(arguments: &CheckArguments) -> Result<String, Problems> {
-    let read = |path: &str| std::fs::read_to_string(path);
+    let read = |path: &str| terminal::read_text(path);
     let robot = robot_config::load(&arguments.config, &read)?;
     check_simulation(&arguments.config, &robot)?;
     let rate = Bitrate {

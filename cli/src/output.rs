@@ -1,7 +1,7 @@
 //! End of a command: its result or its problems are printed, and the exit code follows.
 
 use crate::BAD_INPUT;
-use problem::{Problem, Problems};
+use problem::{Problem, Problems, utf8};
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -32,11 +32,9 @@ pub(crate) fn finish_or_refuse(result: Result<String, impl Into<Problems>>) -> E
 /// # Errors
 /// The file cannot be read.
 pub(crate) fn read_input(path: &Path) -> Result<String, Problem> {
-    std::fs::read_to_string(path).map_err(|error| {
-        let problem = Problem::new(
-            format!("cannot be read: {error}"),
-            "a readable text file in UTF-8",
-        );
-        problem.at(path.display().to_string(), 0)
-    })
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|error| {
+        Problem::new(format!("cannot be read: {error}"), "a readable text file").at(&name, 0)
+    })?;
+    utf8(bytes, &name)
 }

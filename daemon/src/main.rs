@@ -118,7 +118,7 @@ fn run(
 ) -> Result<ExitCode, Failure> {
     let files = RefCell::new(Vec::new());
     let read = |path: &str| {
-        let text = std::fs::read_to_string(path)?;
+        let text = terminal::read_text(path)?;
         let mut files = files.borrow_mut();
         // One that several drives share is read several times.
         if !files.iter().any(|file: &AttachedFile| file.path == path) {

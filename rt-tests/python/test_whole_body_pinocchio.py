@@ -171,6 +171,7 @@ REFUSALS = [
     ({"q": [0.0]}, ["q: 1 numbers", "30"]),
     ({"gyro": None}, ["gyro is missing"]),
     ({"gyroscope": [0, 0, 0]}, ["gyroscope"]),
+    ({"dq": [1e200] * 30}, ["too large", "not finite"]),
 ]
 
 
@@ -201,8 +202,18 @@ SENSOR_REFUSALS = [
     ('[imu]\nframe = "imu_link"\ncolour = 1\n', ["sensors.toml:3", "colour"]),
     ('[imu]\nframe = "imu_link"\n[fixed_base]\nlink = "pelvis"\n', ["both given"]),
     ('[imu]\nframe = "imu_link"\n[[ft_sensor]]\nname = "a"\nframe = "left_ankle_ft"\nsign = 2\n', ["sensors.toml:6", "1 or -1"]),
-    ('[imu]\nframe = "imu_link"\n[[ft_sensor]]\nname = "a"\nframe = "left_ankle_ft"\nxyz_m = [nan, 0, 0]\n', ["`a`", "finite"]),
+    ('[imu]\nframe = "imu_link"\n[[ft_sensor]]\nname = "a"\nframe = "left_ankle_ft"\nxyz_m = [nan, 0, 0]\n', ["sensors.toml", "`a`", "finite"]),
+    ('[imu]\nframe = "imu_link"\n[[ft_sensor]]\nname = "a"\nframe = "left_ankle_ft"\n[[ft_sensor]]\nname = "a"\nframe = "right_ankle_ft"\n', ["sensors.toml:7", "named twice"]),
+    ('[imu]\nframe = "imu_link"\n\n[[contact]]\nlink = "toe"\ntype = "pure_force"\n', ["sensors.toml:4", "`toe`"]),
 ]
+
+
+@pytest.mark.parametrize("text,expected", SENSOR_REFUSALS)
+def test_bad_sensors_are_refused_without_cases(tmp_path, text, expected):
+    run = evaluate(tmp_path, {"cases": []}, text)
+    assert run.returncode == 2
+    for part in ["sensors.toml", *expected]:
+        assert part in run.stderr, run.stderr
 
 
 @pytest.mark.parametrize("text,expected", SENSOR_REFUSALS)

@@ -1,10 +1,22 @@
-//! Text on standard output, in columns where it is a table.
+//! Text on standard output, in columns where it is a table; text of files.
 
 mod text_table;
 
 use std::io::{self, ErrorKind, Write};
+use std::path::Path;
 
 pub use text_table::TextTable;
+
+/// The text of a file.
+///
+/// # Errors
+/// The file cannot be read, or is not UTF-8: with the line.
+pub fn read_text(path: impl AsRef<Path>) -> io::Result<String> {
+    problem::utf8(std::fs::read(path)?, "").map_err(|problem| {
+        let message = format!("line {}: {}", problem.line, problem.reason);
+        io::Error::new(ErrorKind::InvalidData, message)
+    })
+}
 
 /// Prints a text. A reader that closes the pipe early, as `head` does, is no error.
 ///

@@ -122,9 +122,7 @@ impl<'a> Evaluation<'a> {
             more: self.request.more.then(|| self.more(data, &state, &tau)),
             frames: self.frames(data, &state),
         };
-        let numbers = [&report.tau, &report.nle, &report.g].into_iter().flatten();
-        let numbers = numbers.chain(report.M.iter().flatten()).chain(&report.com);
-        if numbers.copied().all(f64::is_finite) {
+        if report.is_finite() {
             Ok(report)
         } else {
             let reason = "q, dq, ddq, base, f_ext: too large, the result is not finite";

@@ -46,6 +46,37 @@ pub(super) struct CaseReport {
     pub(super) frames: BTreeMap<String, FrameReport>,
 }
 
+impl CaseReport {
+    /// False where a number overflowed. Accelerations may be infinite: of a joint that moves no mass.
+    pub(super) fn is_finite(&self) -> bool {
+        let vectors = [&self.tau, &self.nle, &self.g].into_iter().flatten();
+        let mut numbers = vectors.chain(self.M.iter().flatten()).chain(&self.com);
+        numbers.all(|x| x.is_finite())
+            && self.more.iter().all(More::is_finite)
+            && self.frames.values().all(FrameReport::is_finite)
+    }
+}
+
+impl More {
+    fn is_finite(&self) -> bool {
+        let matrices = [&self.J_com, &self.A, &self.regressor].into_iter();
+        let energies = [self.kinetic_energy, self.potential_energy];
+        let mut numbers = matrices.flatten().flatten().chain(&self.h).chain(&energies);
+        numbers.all(|x| x.is_finite())
+    }
+}
+
+impl FrameReport {
+    fn is_finite(&self) -> bool {
+        let motions = [&self.local, &self.world, &self.aligned];
+        let mut numbers = motions.into_iter().flat_map(|m| {
+            let vectors = [&m.v, &m.a, &m.a_classical, &m.dJ_v].into_iter().flatten();
+            vectors.chain(m.J.iter().flatten())
+        });
+        numbers.all(|x| x.is_finite()) && self.p.iter().all(|x| x.is_finite())
+    }
+}
+
 /// Quantities beside forward and inverse dynamics.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct More {

@@ -24,9 +24,11 @@ pub(super) fn evaluate(
     let model = Model::from_urdf_with(urdf, urdf_file, &options)?;
     let names = model.joint_names().map(str::to_owned);
     let joints = request.joints.clone().unwrap_or_else(|| names.collect());
+    sensors.check(&model, &joints)?;
     let evaluation = Evaluation {
         model: &model,
         sensors,
+        own_contacts: sensors.contacts(),
         request,
         joints,
     };
@@ -46,6 +48,8 @@ pub(super) fn evaluate(
 struct Evaluation<'a> {
     model: &'a Model,
     sensors: &'a SensorsFile,
+    /// Contacts of the sensors' file.
+    own_contacts: Vec<ContactRecord>,
     request: &'a Cases,
     joints: Vec<String>,
 }
@@ -54,7 +58,7 @@ impl Evaluation<'_> {
     fn case(&self, case: &Case) -> Result<CaseReport, Problem> {
         let contacts = (case.contacts.as_ref())
             .or(self.request.contacts.as_ref())
-            .unwrap_or(&self.sensors.contacts);
+            .unwrap_or(&self.own_contacts);
         let parameters = self.parameters(contacts)?;
         let imu = self.imu(case)?;
         let ft = self.readings(case)?;
@@ -134,14 +138,15 @@ impl Evaluation<'_> {
     /// Readings in the order of the sensors' file, as the part beyond applies to the part before.
     fn readings(&self, case: &Case) -> Result<Vec<Wrench>, Problem> {
         let sensors = &self.sensors.ft_sensors;
-        let known = |name: &str| sensors.iter().any(|s| s.name == name);
+        let known = |name: &str| sensors.iter().any(|s| s.name.get_ref() == name);
         if let Some((name, _)) = case.ft.0.iter().find(|(name, _)| !known(name)) {
             let reason = format!("ft: no F/T sensor \"{name}\" in the sensors' file");
             return Err(Problem::new(reason, ""));
         }
         let find = |s: &FtSensorRecord| {
-            let reading = case.ft.0.iter().find(|(name, _)| *name == s.name);
-            let reason = || format!("ft: the reading of F/T sensor \"{}\" is missing", s.name);
+            let reading = case.ft.0.iter().find(|(name, _)| name == s.name.get_ref());
+            let name = s.name.get_ref();
+            let reason = || format!("ft: the reading of F/T sensor \"{name}\" is missing");
             let missing = || Problem::new(reason(), "");
             let (_, [a, b, c, d, e, f]) = reading.ok_or_else(missing)?;
             let sign = f64::from(s.sign);
@@ -168,7 +173,7 @@ impl Evaluation<'_> {
         let part = |(i, part): (usize, &PartEstimate)| PartReport {
             beyond: i
                 .checked_sub(1)
-                .map(|s| self.sensors.ft_sensors[s].name.clone()),
+                .map(|s| self.sensors.ft_sensors[s].name.get_ref().clone()),
             first_link: links[i].first().cloned().unwrap_or_default(),
             links: links[i].clone(),
             unknowns: part.unknowns,
@@ -204,6 +209,9 @@ fn undetermined(whole_body: &WholeBody) -> Problem {
             ),
             "other contacts or another pose",
         ),
-        None => Problem::new("a number is not finite", "finite numbers"),
+        None => Problem::new(
+            "q, dq, ddq, gyro, accelerometer, ft: too large, the result is not finite",
+            "",
+        ),
     }
 }

@@ -305,11 +305,11 @@ type Lanes = [Option<usize>; WIDTH];
 /// Bodies side by side: highest first, limbs kept in their lane.
 fn schedule(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Lanes> {
     let height = heights(bodies);
-    let mut ready: Vec<usize> = Vec::new();
-    let release = |ready: &mut Vec<usize>, parent: usize| {
-        ready.extend((1..bodies.len()).filter(|b| bodies[*b].parent == parent));
-    };
-    release(&mut ready, 0);
+    let mut children = vec![Vec::new(); bodies.len()];
+    for (b, body) in bodies.iter().enumerate().skip(1) {
+        children[body.parent].push(b);
+    }
+    let mut ready = children[0].clone();
     let mut rows: Vec<Lanes> = Vec::new();
     let mut previous: Lanes = [None; WIDTH];
     while !ready.is_empty() {
@@ -331,7 +331,7 @@ fn schedule(bodies: &[Body], first_child: &[Option<usize>]) -> Vec<Lanes> {
             }
         }
         for body in row.iter().flatten() {
-            release(&mut ready, *body);
+            ready.extend(&children[*body]);
         }
         previous = row;
         rows.push(row);

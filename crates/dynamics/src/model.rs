@@ -224,8 +224,11 @@ impl Model {
             };
         }
     }
-    /// Unit axis from any vector that is long enough to have a direction.
+    /// Unit axis from any finite vector that is long enough to have a direction.
     pub(crate) fn unit_axis(v: Vector3<f64>) -> Option<Vector3<f64>> {
-        Unit::try_new(v, 1e-9).map(Unit::into_inner)
+        // The square of a large component would overflow.
+        let largest = v.amax();
+        let scaled = if largest > 1.0 { v / largest } else { v };
+        Unit::try_new(scaled, 1e-9).map(Unit::into_inner)
     }
 }

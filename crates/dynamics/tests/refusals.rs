@@ -169,6 +169,29 @@ const BAD: &[(usize, &str, &str, &str)] = &[
     (12, r#"</joint>"#, "r.urdf:1:", "not XML"),
 ];
 
+/// Other people's extensions: prefixes without a declaration, and elements of other vocabularies.
+#[test]
+fn undeclared_prefixes_are_read_past() {
+    let sound = read(&LINES).unwrap();
+    let mut lines = LINES;
+    lines[5] = r#"<drake:diaphragm/><visual><mesh my:scale="1"/></visual></link><drake:joint/>"#;
+    lines[10] = r#"<limit lower="-1" upper="1" effort="1" velocity="1" drake:acceleration="5"/>"#;
+    assert_eq!(read(&lines).unwrap(), sound);
+    let head = "<?xml version='1.0'?><!-- <robot> --><robot name=\"r\">";
+    lines[0] = head;
+    assert_eq!(read(&lines).unwrap(), sound);
+    // Lines stay where they are.
+    lines[9] = r#"<axis xyz="0 0 0"/>"#;
+    assert!(read(&lines).unwrap_err().starts_with("r.urdf:10:"));
+}
+
+#[test]
+fn a_long_axis_has_a_direction() {
+    let mut lines = LINES;
+    lines[9] = r#"<axis xyz="0 0 1e200"/>"#;
+    assert_eq!(read(&lines).unwrap(), read(&LINES).unwrap());
+}
+
 #[test]
 fn bad_input_is_refused_with_line_and_reason() {
     for (line, replacement, place, reason) in BAD {

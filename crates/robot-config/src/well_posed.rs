@@ -122,6 +122,10 @@ fn note(root: &Section<'_, '_>, model: &Model, error: &WholeBodyError) {
         E::SensorOnRoot(sensor) | E::SameCut(_, sensor, _) | E::SensorNamedTwice(sensor) => {
             at(&ft_sensor(root, sensor), "frame");
         }
+        E::SingularWeights(_) => match root.optional_section("whole_body") {
+            Some(section) => at(&section, "weights"),
+            None => at(root, ""),
+        },
         E::UnknownJoint(_) | E::JointNotNamedOnce(_) => at(root, "joint"),
         E::Contacts { .. } | E::NoHypothesis | E::HypothesisNamedTwice(_) | E::BadNumber(_) => {
             at(root, "");

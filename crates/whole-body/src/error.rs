@@ -29,6 +29,8 @@ pub enum WholeBodyError {
         /// The reason.
         problem: ContactProblem,
     },
+    /// Weights by expected errors, where the part's expected errors have a singular covariance.
+    SingularWeights(String),
     /// A number that is not finite, or a standard deviation below zero.
     BadNumber(Problem),
 }
@@ -127,6 +129,14 @@ impl WholeBodyError {
                 "" => problem.problem(),
                 name => problem.problem().of(format!("contact set `{name}`")),
             },
+            Self::SingularWeights(part) => Problem::new(
+                format!(
+                    "weights `expected`: some equations of {part} have no expected error, so they \
+                     cannot be weighted"
+                ),
+                "standard deviations above zero of the F/T sensors that bound it, or of the \
+                 accelerometer and the angular acceleration; or weights `unit`",
+            ),
             Self::BadNumber(problem) => problem.clone(),
         }
     }

@@ -5,11 +5,12 @@ mod publish;
 use crate::contacts::ContactSet;
 use crate::error::WholeBodyError;
 use crate::layout::Layout;
+use crate::least_squares::whitening;
 use crate::mechanics::Mechanics;
 use crate::parameters::{Residual, Weighting, WholeBodyParameters};
 use crate::sigma::Sigma;
 use crate::solution::{Solution, about, unit_wrenches};
-use dynamics::{Force, ImuMotion, Model, Motion};
+use dynamics::{Force, ImuMotion, Model, Motion, Random};
 use nalgebra::{Matrix6, Vector3};
 use robot_state::Wrench;
 
@@ -82,9 +83,21 @@ pub struct WholeBodyEstimate {
     pub contacts: Vec<ContactEstimate>,
     /// The part with the root, then the part beyond each sensor in the parameters' order.
     pub parts: Vec<PartEstimate>,
-    /// Whether the last signals were finite and every contact could be found; otherwise all but
-    /// `rank` and `unknowns` of the parts is from the cycle before.
+    /// Whether the last signals and all that follows from them are finite, and every contact could be
+    /// found; otherwise all but `rank` and `unknowns` of the parts is from the cycle before.
     pub valid: bool,
+}
+
+impl WholeBodyEstimate {
+    fn is_finite(&self) -> bool {
+        let finite = |w: &Wrench| w.to_array().iter().all(|x| x.is_finite());
+        self.tau.iter().chain(&self.sigma).all(|x| x.is_finite())
+            && (self.contacts.iter()).all(|c| finite(&c.wrench) && finite(&c.sigma))
+            && self
+                .parts
+                .iter()
+                .all(|p| finite(&p.net) && finite(&p.residual) && finite(&p.residual_sigma))
+    }
 }
 
 /// Estimates all joint torques and contact wrenches of a robot (D 2, Algorithm 1, in general form).
@@ -111,6 +124,8 @@ pub struct WholeBody {
     tau: Vec<f64>,
     by_joint: Vec<f64>,
     estimate: WholeBodyEstimate,
+    /// The estimate of this cycle, until it is known to be finite.
+    next: WholeBodyEstimate,
 }
 
 impl WholeBody {
@@ -132,6 +147,10 @@ impl WholeBody {
         if sets.is_empty() {
             return Err(WholeBodyError::NoHypothesis);
         }
+        let mut sigma = Sigma::new(model, &layout, p);
+        if p.weighting == Weighting::Expected {
+            weights_follow(model, &layout, p, &sets, &mut sigma)?;
+        }
         let joints = model.joint_count();
         let longest = p.hypotheses.iter().map(|h| h.contacts.len()).max();
         let mut weights = vec![0.0; sets.len()];
@@ -143,9 +162,16 @@ impl WholeBody {
         for (part, &output) in part_output.iter().enumerate() {
             part_labels[output] = layout.describe(model, p, part);
         }
+        let estimate = WholeBodyEstimate {
+            tau: vec![0.0; layout.joints.len()],
+            sigma: vec![0.0; layout.joints.len()],
+            contacts: vec![ContactEstimate::default(); longest.unwrap_or(0)],
+            parts: vec![PartEstimate::default(); parts],
+            valid: false,
+        };
         Ok(Self {
             mechanics: Mechanics::new(model, &layout),
-            sigma: Sigma::new(model, &layout, p),
+            sigma,
             names: p.hypotheses.iter().map(|h| h.name.clone()).collect(),
             solutions: sets.iter().map(Solution::new).collect(),
             weights,
@@ -157,21 +183,17 @@ impl WholeBody {
             motion: [(); 3].map(|()| vec![0.0; joints]),
             tau: vec![0.0; model.bodies().len()],
             by_joint: vec![0.0; joints],
-            estimate: WholeBodyEstimate {
-                tau: vec![0.0; layout.joints.len()],
-                sigma: vec![0.0; layout.joints.len()],
-                contacts: vec![ContactEstimate::default(); longest.unwrap_or(0)],
-                parts: vec![PartEstimate::default(); parts],
-                valid: false,
-            },
+            next: estimate.clone(),
+            estimate,
             sets,
             layout,
             model: model.clone(),
         })
     }
 
-    /// Takes one cycle's signals. If any is not finite or a slice is too short, or the contacts
-    /// depend on one another at this pose, the last estimate stands, marked as not valid.
+    /// Takes one cycle's signals. If any is not finite or a slice is too short, a result overflows,
+    /// or the contacts depend on one another at this pose, the last estimate stands, marked as not
+    /// valid.
     pub fn update(&mut self, input: &WholeBodyInput) -> &WholeBodyEstimate {
         self.estimate.valid = self.accept(input);
         if self.estimate.valid {
@@ -193,6 +215,11 @@ impl WholeBody {
             self.publish_torques();
             self.publish_contacts();
             self.publish_parts();
+            self.estimate.valid = self.next.is_finite();
+        }
+        if self.estimate.valid {
+            self.next.valid = true;
+            std::mem::swap(&mut self.estimate, &mut self.next);
         }
         &self.estimate
     }
@@ -395,12 +422,52 @@ impl WholeBody {
         }
         let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
         for (part, &output) in self.part_output.iter().enumerate() {
-            let estimate = &mut self.estimate.parts[output];
-            estimate.rank = solution.rank[part] as u32;
-            estimate.unknowns = set.parts[part].1 as u32;
+            for estimate in [&mut self.estimate, &mut self.next] {
+                let estimate = &mut estimate.parts[output];
+                estimate.rank = solution.rank[part] as u32;
+                estimate.unknowns = set.parts[part].1 as u32;
+            }
         }
         determined
     }
+}
+
+/// Refuses expected errors that are singular at every pose; at a single pose the estimate is marked
+/// as not valid.
+fn weights_follow(
+    model: &Model,
+    layout: &Layout,
+    p: &WholeBodyParameters,
+    sets: &[ContactSet],
+    sigma: &mut Sigma,
+) -> Result<(), WholeBodyError> {
+    const POSES: usize = 3;
+    let mut random = Random::new(1);
+    let mut mechanics = Mechanics::new(model, layout);
+    let rest = vec![0.0; model.joint_count()];
+    let readings = vec![Wrench::default(); layout.sensors.len()];
+    let mut follows = vec![false; layout.parts.len()];
+    for _ in 0..POSES {
+        let q = random.vector(model.joint_count(), 1.5);
+        let source = ImuMotion {
+            angular_velocity: Vector3::zeros(),
+            angular_acceleration: Vector3::zeros(),
+            proper_acceleration: Vector3::from_column_slice(&random.vector(3, 10.0)),
+        };
+        mechanics.update(model, layout, [&q, &rest, &rest], &source, &readings);
+        sigma.prepare(model, layout, &mechanics);
+        for (follows, covariance) in follows.iter_mut().zip(&sigma.covariance) {
+            *follows |= whitening(covariance, &mut [[0.0; 6]; 6]);
+        }
+    }
+    for (part, follows) in follows.iter().enumerate() {
+        let weighted = |set: &ContactSet| (1..6).contains(&set.parts[part].1);
+        if !follows && sets.iter().any(weighted) {
+            let part = layout.describe(model, p, part);
+            return Err(WholeBodyError::SingularWeights(part));
+        }
+    }
+    Ok(())
 }
 
 /// `net + sum ends offset = 0` for a part that nothing touches.

@@ -73,8 +73,6 @@ pub(crate) struct Layout {
     pub(crate) source_body: usize,
     pub(crate) source_placement: Se3,
     pub(crate) source_path: Vec<usize>,
-    /// True for bodies in `source_path`.
-    pub(crate) moves_source: Vec<bool>,
     /// g in the stand's link, if a stand is the source.
     pub(crate) fixed_gravity: Option<Vector3<f64>>,
 }
@@ -111,9 +109,6 @@ impl Layout {
         };
         let source_link = find(model, owner, &place.link)?;
         let (source_body, source_placement) = resolve(model, owner, &place)?;
-        let moves_source: Vec<bool> = (0..bodies)
-            .map(|b| b > 0 && model.supports(b, source_body))
-            .collect();
         let mut layout = Self {
             joints,
             sensors: Vec::new(),
@@ -125,8 +120,9 @@ impl Layout {
             cut_at_joint,
             source_body,
             source_placement,
-            source_path: (0..bodies).filter(|&b| moves_source[b]).collect(),
-            moves_source,
+            source_path: (1..bodies)
+                .filter(|&b| model.supports(b, source_body))
+                .collect(),
             fixed_gravity,
         };
         layout.add_sensors(model, p, &cuts)?;

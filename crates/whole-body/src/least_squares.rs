@@ -70,6 +70,10 @@ pub(crate) fn pseudo_inverse(columns: &[Six; 6], n: usize, rows: &mut [Six; 6]) 
     n
 }
 
+/// A covariance whose component given those before has less than this share of its variance is
+/// singular: the rest is rounding.
+const SINGULAR: f64 = 1e-12;
+
 /// `L^-1` of a symmetric positive definite matrix `L L^T`, by rows; false if it is not.
 pub(crate) fn whitening(covariance: &[Six; 6], inverse: &mut [Six; 6]) -> bool {
     let mut l = [[0.0; 6]; 6];
@@ -78,7 +82,7 @@ pub(crate) fn whitening(covariance: &[Six; 6], inverse: &mut [Six; 6]) -> bool {
             let sum: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
             let rest = covariance[i][j] - sum;
             if i == j {
-                if rest.is_nan() || rest <= 0.0 {
+                if rest.is_nan() || rest <= SINGULAR * covariance[i][i] {
                     return false;
                 }
                 l[i][i] = rest.sqrt();

@@ -13,6 +13,7 @@
 
 mod conditioning;
 mod contacts;
+mod covariance;
 mod cross_check;
 mod delay_compensation;
 mod error;

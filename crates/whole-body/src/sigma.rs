@@ -1,21 +1,22 @@
 //! Standard deviations of contact wrenches, torques and residuals, from those of the sensors.
 //!
-//! Every output is linear in F/T signals, accelerometer, angular and joint accelerations. With `b`
-//! a part's net wrench, `S_j` a joint's axis, `y_j` the response of its torque to `b` by the contacts
-//! it carries ([`Solution::share`]), and `C_j`, `C` the inertias that the joint carries in its part
-//! and of the whole part: `d tau_j = S_j db_j - y_j db`, and an acceleration `m` of the whole robot
-//! makes `db_j = C_j m`, `db = C m`. Parts beyond a sensor cancel: the sensor measures their wrench.
-//! Noise of angles, velocities and gyroscope is left out: it enters by products with rates. Mimic
-//! joints count as if they moved by themselves.
+//! Every output is linear in F/T signals, accelerometer, angular and joint accelerations. A joint's
+//! torque is `S_j (f_j - r_j) + sum_g z_g b_g`: its axis `S_j`, the inertial wrench `f_j` and the
+//! readings `r_j` that it carries in its part, the parts' net wrenches `b_g`, and the responses `z_g`
+//! to them: by the contacts that it carries in its own part, and by the residuals of parts beyond,
+//! where they are handed on. An acceleration `m` of the whole robot changes `f_j` by `C_j m` and the
+//! inertial part of `b_g` by `C_g m`, with `C_j`, `C_g` the inertias that the joint carries in its
+//! part and of the whole part. A mimic joint and its driver are one input and one output: their
+//! responses add up before they are squared. Noise of angles, velocities and gyroscope is left out:
+//! it enters by products with rates. The model's error is independent between parts.
 
-use crate::contacts::ContactSet;
+use crate::covariance::{Covariance, Six6};
 use crate::layout::Layout;
-use crate::least_squares::Six;
 use crate::mechanics::Mechanics;
-use crate::parameters::{MotionSource, WholeBodyParameters};
-use crate::solution::{Solution, about};
-use dynamics::{Force, Inertia, Model, Motion, Se3};
-use nalgebra::{Matrix3, Vector3};
+use crate::parameters::{MotionSource, Residual, WholeBodyParameters};
+use crate::solution::{Hypotheses, about};
+use dynamics::{Force, Model, Motion};
+use nalgebra::Vector3;
 
 /// Variances and the memory to compute them.
 #[derive(Debug, Clone)]
@@ -27,22 +28,119 @@ pub(crate) struct Sigma {
     model: f64,
     /// Per model's joint.
     ddq: Vec<f64>,
-    /// Per part: joints of other parts whose acceleration moves all of it against the source's
-    /// link, with the sign.
-    outside: Vec<Vec<(usize, f64)>>,
-    /// Per body: its relation to the other joints of its part.
-    inside: Vec<Inside>,
+    relations: Relations,
     /// Per body: `C_j S_j`, for the joint's own part.
     lever: Vec<Force>,
+    /// Per model's joint: effect of its acceleration on a part's net wrench.
+    effect: Vec<Force>,
+    response: Response,
     /// Per part: covariance of `b` about the part's origin.
-    pub(crate) covariance: Vec<[Six; 6]>,
+    pub(crate) covariance: Vec<Six6>,
     /// Per model's joint.
     pub(crate) variance: Vec<f64>,
 }
 
+/// Relations of joints and parts that follow from the tree.
+#[derive(Debug, Clone)]
+struct Relations {
+    /// Per part: bodies of other parts whose joints carry all of it.
+    movers: Vec<Vec<usize>>,
+    /// Per part: the model's joints whose acceleration changes its net wrench.
+    accelerating: Vec<Vec<usize>>,
+    /// Per body: those of its part that its joint carries, itself too.
+    carried: Vec<Vec<usize>>,
+    /// Per body: all bodies whose joints carry it, without itself.
+    carrying: Vec<Vec<usize>>,
+    /// Per body: sensors that its joint carries in its own part.
+    sensors: Vec<Vec<usize>>,
+    /// Per body: parts beyond its own whose residuals its joint takes.
+    beyond: Vec<Vec<usize>>,
+    /// Per model's joint: its body, and those of its mimic joints.
+    bodies: Vec<Vec<usize>>,
+}
+
+impl Relations {
+    fn new(model: &Model, layout: &Layout, residual: Residual) -> Self {
+        let bodies = model.bodies().len();
+        let part_count = layout.parts.len();
+        let all = |keep: &dyn Fn(usize) -> bool| -> Vec<usize> {
+            (1..bodies).filter(|&b| keep(b)).collect()
+        };
+        let movers: Vec<Vec<usize>> = (0..part_count)
+            .map(|part| {
+                let root = layout.pieces[layout.parts[part].root_piece].body;
+                all(&|b| layout.joint_part[b] != part && model.supports(b, root))
+            })
+            .collect();
+        let accelerating = (0..part_count).map(|part| {
+            let (own, source) = (&layout.parts[part].joints, &layout.source_path);
+            let influential = own.iter().chain(&movers[part]).chain(source);
+            let mut joints: Vec<usize> = influential.map(|&b| model.bodies()[b].joint).collect();
+            joints.sort_unstable();
+            joints.dedup();
+            joints
+        });
+        let own_sensors = |b: usize| -> Vec<usize> {
+            let carries = |s: &usize| layout.sensors[*s].carriers.contains(&b);
+            (0..layout.sensors.len()).filter(carries).collect()
+        };
+        let sensors: Vec<Vec<usize>> = (0..bodies).map(own_sensors).collect();
+        let beyond = |b: usize| -> Vec<usize> {
+            if residual == Residual::Stays {
+                return Vec::new();
+            }
+            let takes = |part: &usize| {
+                let chain = |s: &usize| layout.sensors[*s].before.checked_sub(1);
+                std::iter::successors(part.checked_sub(1), chain).any(|s| sensors[b].contains(&s))
+            };
+            (1..part_count).filter(takes).collect()
+        };
+        let same_part = |b: usize, k: usize| layout.joint_part[b] == layout.joint_part[k];
+        Self {
+            accelerating: accelerating.collect(),
+            carried: (0..bodies)
+                .map(|b| all(&|k| same_part(b, k) && model.supports(b, k)))
+                .collect(),
+            carrying: (0..bodies)
+                .map(|b| all(&|k| k != b && model.supports(k, b)))
+                .collect(),
+            beyond: (0..bodies).map(beyond).collect(),
+            bodies: (0..model.joint_count())
+                .map(|joint| all(&|b| model.bodies()[b].joint == joint))
+                .collect(),
+            movers,
+            sensors,
+        }
+    }
+}
+
+/// Responses of one torque to every input.
+#[derive(Debug, Clone)]
+struct Response {
+    /// Per sensor: to its reading, about the root's origin.
+    sensors: Vec<Motion>,
+    /// To an acceleration of the whole robot.
+    uniform: Force,
+    /// Per model's joint: to its acceleration.
+    joints: Vec<f64>,
+    /// Per part: to an error of the model's masses.
+    masses: Vec<f64>,
+}
+
+impl Response {
+    fn clear(&mut self) {
+        self.sensors.fill(Motion::zero());
+        self.uniform = Force::zero();
+        self.joints.fill(0.0);
+        self.masses.fill(0.0);
+    }
+}
+
 impl Sigma {
     pub(crate) fn new(model: &Model, layout: &Layout, p: &WholeBodyParameters) -> Self {
-        let mut ddq = vec![0.0; model.joint_count()];
+        let (joints, bodies) = (model.joint_count(), model.bodies().len());
+        let (sensors, parts) = (layout.sensors.len(), layout.parts.len());
+        let mut ddq = vec![0.0; joints];
         for (&joint, sigma) in layout.joints.iter().zip(&p.sigma_ddq) {
             ddq[joint] = sigma * sigma;
         }
@@ -53,50 +151,27 @@ impl Sigma {
             ),
             MotionSource::Fixed { .. } => (0.0, 0.0),
         };
-        let bodies = model.bodies().len();
-        let outside = (0..layout.parts.len()).map(|part| {
-            let root = layout.pieces[layout.parts[part].root_piece].body;
-            let others = (1..bodies).filter(|&b| layout.joint_part[b] != part);
-            let factor = |b: usize| {
-                let one = |yes: bool| if yes { 1.0 } else { 0.0 };
-                one(model.supports(b, root)) - one(layout.moves_source[b])
-            };
-            let moving = others.map(|b| (b, factor(b)));
-            moving.filter(|(_, f)| *f != 0.0).collect()
-        });
-        let inside = (0..bodies).map(|j| {
-            let own = |k: &usize| *k > 0 && layout.joint_part[*k] == layout.joint_part[j];
-            let apart = |k: &usize| !model.supports(j, *k) && !model.supports(*k, j);
-            let carried = (j..bodies).filter(own).filter(|&k| model.supports(j, k));
-            let carrying = (1..j).filter(own).filter(|&k| model.supports(k, j));
-            let apart: Vec<usize> = (1..bodies).filter(own).filter(apart).collect();
-            Inside {
-                carried: carried.collect(),
-                carrying: carrying.collect(),
-                source: (apart.iter().copied())
-                    .filter(|&k| layout.moves_source[k])
-                    .collect(),
-                apart,
-            }
-        });
+        let of_sensor = |s: &crate::layout::Sensor| {
+            let s = &p.ft_sensors[s.input];
+            [s.sigma_force.powi(2), s.sigma_torque.powi(2)]
+        };
         Self {
-            sensor: layout
-                .sensors
-                .iter()
-                .map(|s| {
-                    let s = &p.ft_sensors[s.input];
-                    [s.sigma_force.powi(2), s.sigma_torque.powi(2)]
-                })
-                .collect(),
+            sensor: layout.sensors.iter().map(of_sensor).collect(),
             accelerometer,
             angular_acceleration,
             model: p.sigma_model.powi(2),
             ddq,
-            outside: outside.collect(),
-            inside: inside.collect(),
+            relations: Relations::new(model, layout, p.residual),
             lever: vec![Force::zero(); bodies],
-            covariance: vec![[[0.0; 6]; 6]; layout.parts.len()],
-            variance: vec![0.0; model.joint_count()],
+            effect: vec![Force::zero(); joints],
+            response: Response {
+                sensors: vec![Motion::zero(); sensors],
+                uniform: Force::zero(),
+                joints: vec![0.0; joints],
+                masses: vec![0.0; parts],
+            },
+            covariance: vec![[[0.0; 6]; 6]; parts],
+            variance: vec![0.0; joints],
         }
     }
 
@@ -122,7 +197,7 @@ impl Sigma {
             let centre = whole.center() - origin;
             sum.add_force(self.accelerometer * whole.mass.powi(2), &centre);
             if self.angular_acceleration > 0.0 {
-                let source = self.source_origin(layout, m);
+                let source = source_origin(layout, m);
                 for axis in 0..3 {
                     let turn = unit_rotation(axis, &source);
                     let f = about(whole.mul_motion(turn), &origin);
@@ -130,143 +205,146 @@ impl Sigma {
                 }
             }
             sum.add(self.model, &about(m.inertial[part.root_piece], &origin));
-            for &b in &part.joints {
-                let mut f = self.lever[b];
-                if layout.moves_source[b] {
-                    f -= whole.mul_motion(m.axis[b]);
-                }
-                sum.add(self.ddq[model.bodies()[b].joint], &about(f, &origin));
-            }
-            for &(b, factor) in &self.outside[g] {
-                let f = whole.mul_motion(m.axis[b]) * factor;
-                sum.add(self.ddq[model.bodies()[b].joint], &about(f, &origin));
-            }
+            self.add_joints(model, layout, m, g, &mut sum);
             self.covariance[g] = sum.whole();
         }
     }
 
-    fn source_origin(&self, layout: &Layout, m: &Mechanics) -> Vector3<f64> {
-        m.in_root[layout.source_body].act_point(layout.source_placement.translation)
+    /// Share of the joints' accelerations in the covariance of a part's net wrench.
+    fn add_joints(
+        &mut self,
+        model: &Model,
+        layout: &Layout,
+        m: &Mechanics,
+        g: usize,
+        sum: &mut Covariance,
+    ) {
+        let part = &layout.parts[g];
+        let (origin, whole) = (m.origin(model, layout, g), m.composite[part.root_piece]);
+        let joint = |b: usize| model.bodies()[b].joint;
+        for &j in &self.relations.accelerating[g] {
+            self.effect[j] = Force::zero();
+        }
+        for &b in &part.joints {
+            self.effect[joint(b)] += self.lever[b];
+        }
+        for &b in &self.relations.movers[g] {
+            self.effect[joint(b)] += whole.mul_motion(m.axis[b]);
+        }
+        for &b in &layout.source_path {
+            self.effect[joint(b)] -= whole.mul_motion(m.axis[b]);
+        }
+        for &j in &self.relations.accelerating[g] {
+            sum.add(self.ddq[j], &about(self.effect[j], &origin));
+        }
     }
 
-    /// Variances of the joint torques under one hypothesis; after `prepare`.
+    /// Variances of the joint torques, by the shares of the hypotheses; after `prepare`.
     pub(crate) fn torques(
         &mut self,
         model: &Model,
         layout: &Layout,
         m: &Mechanics,
-        set: &ContactSet,
-        solution: &Solution,
+        hypotheses: Hypotheses<'_>,
     ) {
-        self.variance.fill(0.0);
-        let source = self.source_origin(layout, m);
-        for (g, part) in layout.parts.iter().enumerate() {
-            let origin = m.origin(model, layout, g);
-            let whole = m.composite[part.root_piece];
-            for &j in &part.joints {
-                let y = solution.share(m, set, g, j, &origin);
-                // Back about the root's origin, like all other vectors.
-                let y = y.map(|y| Motion::new(y.linear + origin.cross(&y.angular), y.angular));
-                let joint = Joint { j, y, whole, m };
-                let variance = self.sensors(layout, part, &joint)
-                    + self.motions(model, layout, g, &joint, &source);
-                self.variance[model.bodies()[j].joint] += variance;
+        let source = source_origin(layout, m);
+        for joint in 0..self.variance.len() {
+            self.response.clear();
+            for i in 0..self.relations.bodies[joint].len() {
+                let b = self.relations.bodies[joint][i];
+                self.carried_by(b, model, layout, m);
+                self.through_net_wrenches(b, model, layout, m, hypotheses);
             }
+            let response = &mut self.response;
+            for &k in &layout.source_path {
+                response.joints[model.bodies()[k].joint] -= m.axis[k].dot(response.uniform);
+            }
+            self.variance[joint] = self.squares(m, &source);
         }
     }
 
-    fn sensors(&self, layout: &Layout, part: &crate::layout::Part, joint: &Joint<'_>) -> f64 {
-        let mut variance = 0.0;
-        for &(s, sign) in &part.boundary {
-            let beyond = sign > 0.0 && layout.sensors[s].carriers.contains(&joint.j);
-            let mut motion = match beyond {
-                true => joint.m.axis[joint.j],
-                false => Motion::zero(),
-            };
-            match joint.y {
-                Some(y) => motion -= y,
-                None if !beyond => continue,
-                None => {}
-            }
-            let p = joint.m.sensor_frame[s].translation;
-            let [force, torque] = self.sensor[s];
-            variance += force * (motion.linear + motion.angular.cross(&p)).norm_squared()
-                + torque * motion.angular.norm_squared();
+    /// Adds the responses of `S_j (f_j - r_j)`.
+    fn carried_by(&mut self, b: usize, model: &Model, layout: &Layout, m: &Mechanics) {
+        let (relations, response) = (&self.relations, &mut self.response);
+        let joint = |k: usize| model.bodies()[k].joint;
+        let axis = m.axis[b];
+        for &s in &relations.sensors[b] {
+            response.sensors[s] -= axis;
         }
-        variance
+        if layout.cut_at_joint[b].is_some() {
+            return;
+        }
+        response.uniform += self.lever[b];
+        response.masses[layout.joint_part[b]] += axis.dot(m.inertial[b]);
+        for &k in &relations.carried[b] {
+            response.joints[joint(k)] += axis.dot(self.lever[k]);
+        }
+        for &k in &relations.carrying[b] {
+            response.joints[joint(k)] += m.axis[k].dot(self.lever[b]);
+        }
     }
 
-    fn motions(
-        &self,
+    /// Adds the responses of `sum_g z_g b_g`.
+    fn through_net_wrenches(
+        &mut self,
+        b: usize,
         model: &Model,
         layout: &Layout,
-        part: usize,
-        joint: &Joint<'_>,
-        source: &Vector3<f64>,
-    ) -> f64 {
-        let &Joint { j, y, whole, m } = joint;
-        let (axis, cut) = (m.axis[j], layout.cut_at_joint[j].is_some());
-        // Response to an acceleration of the whole robot.
-        let mut all = self.lever[j];
-        let mut weight = if cut { 0.0 } else { axis.dot(m.inertial[j]) };
-        if let Some(y) = y {
-            all -= whole.mul_motion(y);
-            weight -= y.dot(m.inertial[layout.parts[part].root_piece]);
+        m: &Mechanics,
+        hypotheses: Hypotheses<'_>,
+    ) {
+        let (relations, response) = (&self.relations, &mut self.response);
+        let joint = |k: usize| model.bodies()[k].joint;
+        let own = layout.joint_part[b];
+        for &g in std::iter::once(&own).chain(&relations.beyond[b]) {
+            let part = &layout.parts[g];
+            let origin = m.origin(model, layout, g);
+            let z = match g == own {
+                true => hypotheses.contacts_response(g, b, m.axis[b], &origin),
+                false => hypotheses.residual_response(g, m.axis[b], &origin),
+            };
+            let Some(z) = z else { continue };
+            // Back about the root's origin, like all other vectors.
+            let z = Motion::new(z.linear + origin.cross(&z.angular), z.angular);
+            let whole = m.composite[part.root_piece].mul_motion(z);
+            response.uniform += whole;
+            response.masses[g] += z.dot(m.inertial[part.root_piece]);
+            for &k in &part.joints {
+                response.joints[joint(k)] += z.dot(self.lever[k]);
+            }
+            for &k in &relations.movers[g] {
+                response.joints[joint(k)] += m.axis[k].dot(whole);
+            }
+            for &(s, sign) in &part.boundary {
+                // A reading acts on the part before its sensor, and enters `b` with a minus.
+                response.sensors[s] -= z * sign;
+            }
         }
-        let turn = all.angular - source.cross(&all.linear);
-        let mut variance = self.accelerometer * all.linear.norm_squared()
-            + self.angular_acceleration * turn.norm_squared()
-            + self.model * weight * weight;
-        let mut add = |k: usize, response: f64| {
-            variance += self.ddq[model.bodies()[k].joint] * response * response;
-        };
-        let backwards = |k: usize| match layout.moves_source[k] {
-            true => m.axis[k].dot(all),
-            false => 0.0,
-        };
-        let inside = &self.inside[j];
-        let through = |k: usize| y.map_or(0.0, |y| y.dot(self.lever[k]));
-        for &k in &inside.carried {
-            let own = if cut { 0.0 } else { axis.dot(self.lever[k]) };
-            add(k, own - through(k) - backwards(k));
+    }
+
+    /// Variance of an output from its responses.
+    fn squares(&self, m: &Mechanics, source: &Vector3<f64>) -> f64 {
+        let r = &self.response;
+        let mut variance = 0.0;
+        for ((motion, frame), [force, torque]) in
+            r.sensors.iter().zip(&m.sensor_frame).zip(&self.sensor)
+        {
+            let linear = motion.linear + motion.angular.cross(&frame.translation);
+            variance += force * linear.norm_squared() + torque * motion.angular.norm_squared();
         }
-        for &k in &inside.carrying {
-            add(k, m.axis[k].dot(self.lever[j]) - through(k) - backwards(k));
+        let turn = r.uniform.angular - source.cross(&r.uniform.linear);
+        variance += self.accelerometer * r.uniform.linear.norm_squared()
+            + self.angular_acceleration * turn.norm_squared();
+        for (x, ddq) in r.joints.iter().zip(&self.ddq) {
+            variance += ddq * x * x;
         }
-        // Joints apart matter by contacts or by the source's link only.
-        let apart = match y {
-            Some(_) => &inside.apart,
-            None => &inside.source,
-        };
-        for &k in apart {
-            add(k, -through(k) - backwards(k));
-        }
-        for &(k, factor) in &self.outside[part] {
-            add(k, factor * m.axis[k].dot(all));
-        }
-        variance
+        variance + self.model * r.masses.iter().map(|x| x * x).sum::<f64>()
     }
 }
 
-/// Relation of a joint to the other joints of its part.
-#[derive(Debug, Clone)]
-struct Inside {
-    /// Those it carries, itself too.
-    carried: Vec<usize>,
-    /// Those that carry it.
-    carrying: Vec<usize>,
-    /// All others, and those of them that move the source's link.
-    apart: Vec<usize>,
-    source: Vec<usize>,
-}
-
-/// A joint of a part.
-struct Joint<'a> {
-    j: usize,
-    /// About the root's origin.
-    y: Option<Motion>,
-    whole: Inertia,
-    m: &'a Mechanics,
+/// Origin of the IMU or of the stand's link.
+fn source_origin(layout: &Layout, m: &Mechanics) -> Vector3<f64> {
+    m.in_root[layout.source_body].act_point(layout.source_placement.translation)
 }
 
 /// Unit angular acceleration about an axis through a point, as a motion of the root's frame.
@@ -274,72 +352,4 @@ fn unit_rotation(axis: usize, point: &Vector3<f64>) -> Motion {
     let mut turn = Vector3::zeros();
     turn[axis] = 1.0;
     Motion::new(point.cross(&turn), turn)
-}
-
-/// Sum of covariances of a wrench.
-#[derive(Default)]
-struct Covariance {
-    force: Matrix3<f64>,
-    /// Torque by force.
-    mixed: Matrix3<f64>,
-    torque: Matrix3<f64>,
-}
-
-impl Covariance {
-    /// Of `variance` along a wrench.
-    fn add(&mut self, variance: f64, f: &Force) {
-        if variance > 0.0 {
-            let (linear, angular) = (f.linear * variance, f.angular * variance);
-            self.force += linear * f.linear.transpose();
-            self.mixed += angular * f.linear.transpose();
-            self.torque += angular * f.angular.transpose();
-        }
-    }
-    /// Of a force at `p`, of equal variance in all directions.
-    fn add_force(&mut self, variance: f64, p: &Vector3<f64>) {
-        let arm = p.cross_matrix();
-        self.force += Matrix3::from_diagonal_element(variance);
-        self.mixed += arm * variance;
-        // [p][p]^T = (p·p) 1 - p p^T
-        self.torque += (Matrix3::from_diagonal_element(p.dot(p)) - p * p.transpose()) * variance;
-    }
-    /// Of a torque, of equal variance in all directions.
-    fn add_torque(&mut self, variance: f64) {
-        self.torque += Matrix3::from_diagonal_element(variance);
-    }
-    fn whole(&self) -> [Six; 6] {
-        std::array::from_fn(|i| {
-            std::array::from_fn(|j| match (i < 3, j < 3) {
-                (true, true) => self.force[(i, j)],
-                (true, false) => self.mixed[(j - 3, i)],
-                (false, true) => self.mixed[(i - 3, j)],
-                (false, false) => self.torque[(i - 3, j - 3)],
-            })
-        })
-    }
-}
-
-/// Rows that take a part's `b` (about its origin, root's axes) to a contact's wrench at its frame.
-pub(crate) fn contact_rows(
-    frame: &Se3,
-    origin: &Vector3<f64>,
-    residual_free: bool,
-    rows: &[Six],
-) -> [Six; 6] {
-    let mut out = [[0.0; 6]; 6];
-    if !residual_free {
-        for (out, row) in out.iter_mut().zip(rows) {
-            *out = *row;
-        }
-        return out;
-    }
-    // b about the contact's point, in the contact's axes.
-    let p = frame.translation - origin;
-    for k in 0..3 {
-        let e = frame.rotation.column(k).into_owned();
-        out[k] = Force::new(e, Vector3::zeros()).to_array();
-        // e · (n - p × f) = n · e - f · (e × p)
-        out[3 + k] = Force::new(-e.cross(&p), e).to_array();
-    }
-    out
 }

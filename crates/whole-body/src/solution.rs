@@ -1,6 +1,6 @@
 //! The contact wrenches under one hypothesis, and their share in the joint torques.
 
-use crate::contacts::ContactSet;
+use crate::contacts::{Contact, ContactSet};
 use crate::layout::Layout;
 use crate::least_squares::{Six, dot, pseudo_inverse, whitening};
 use crate::mechanics::Mechanics;
@@ -124,32 +124,24 @@ impl Solution {
         }
     }
 
-    /// `y`: response of a joint's torque to each component of its part's `b` about the part's
-    /// origin, through the contacts that the joint carries. None if it carries none.
-    pub(crate) fn share(
+    /// Response of the torque about `axis` (about a part's origin) to each component of the part's
+    /// `b`, through the contacts that count.
+    fn response(
         &self,
-        mechanics: &Mechanics,
         set: &ContactSet,
         part: usize,
-        body: usize,
-        origin: &Vector3<f64>,
-    ) -> Option<Motion> {
-        let (range, unknowns) = &set.parts[part];
-        let contacts = &set.contacts[range.clone()];
-        if !contacts.iter().any(|c| c.path.contains(&body)) {
-            return None;
-        }
-        let axis =
-            Se3::new(Se3::identity().rotation, *origin).inverse_act_motion(mechanics.axis[body]);
-        if *unknowns == 6 && contacts.len() == 1 {
-            return Some(axis);
+        axis: Motion,
+        counts: impl Fn(&Contact) -> bool,
+    ) -> Motion {
+        if set.single_full(part).is_some() {
+            return axis;
         }
         let columns = &self.columns[part];
         let mut y = [0.0; 6];
         let mut k = 0;
-        for contact in contacts {
+        for contact in &set.contacts[set.parts[part].0.clone()] {
             for _ in 0..contact.kind.unknowns() {
-                if contact.path.contains(&body) {
+                if counts(contact) {
                     let effect = axis.dot(Force::from_array(columns[k]));
                     for (y, row) in y.iter_mut().zip(&self.rows[part][k]) {
                         *y += effect * row;
@@ -158,8 +150,70 @@ impl Solution {
                 k += 1;
             }
         }
-        Some(Motion::from_array(y))
+        Motion::from_array(y)
     }
+}
+
+/// All hypotheses, solved, and their shares in the torques.
+#[derive(Clone, Copy)]
+pub(crate) struct Hypotheses<'a> {
+    pub(crate) sets: &'a [ContactSet],
+    pub(crate) solutions: &'a [Solution],
+    pub(crate) weights: &'a [f64],
+}
+
+impl<'a> Hypotheses<'a> {
+    fn shares(self) -> impl Iterator<Item = (&'a ContactSet, &'a Solution, f64)> {
+        let all = self.sets.iter().zip(self.solutions).zip(self.weights);
+        all.map(|((set, solution), weight)| (set, solution, *weight))
+            .filter(|(_, _, weight)| *weight != 0.0)
+    }
+
+    /// Response of a body's joint torque to its part's `b` about the part's origin, through the
+    /// contacts that the joint carries. None if it carries none.
+    pub(crate) fn contacts_response(
+        self,
+        part: usize,
+        body: usize,
+        axis: Motion,
+        origin: &Vector3<f64>,
+    ) -> Option<Motion> {
+        let carries = |c: &Contact| c.path.contains(&body);
+        let axis = motion_about(axis, origin);
+        let mut z = None;
+        for (set, solution, weight) in self.shares() {
+            if set.contacts[set.parts[part].0.clone()].iter().any(carries) {
+                let y = solution.response(set, part, axis, carries);
+                z = Some(z.unwrap_or(Motion::zero()) - y * weight);
+            }
+        }
+        z
+    }
+
+    /// Response of the torque about `axis` of a joint that takes the residual of a part beyond it
+    /// to that part's `b` about its origin. None if there is no residual.
+    pub(crate) fn residual_response(
+        self,
+        part: usize,
+        axis: Motion,
+        origin: &Vector3<f64>,
+    ) -> Option<Motion> {
+        let axis = motion_about(axis, origin);
+        let mut z = None;
+        for (set, solution, weight) in self.shares() {
+            if set.single_full(part).is_none() {
+                // The residual is b - A A^+ b.
+                let y = solution.response(set, part, axis, |_| true);
+                z = Some(z.unwrap_or(Motion::zero()) + (axis - y) * weight);
+            }
+        }
+        z
+    }
+}
+
+/// A motion of the root's frame about another point.
+fn motion_about(m: Motion, origin: &Vector3<f64>) -> Motion {
+    Se3::new(Se3::identity().rotation, *origin).inverse_act_motion(m)
 }
 
 /// A wrench of the root's frame about another point.
@@ -167,7 +221,8 @@ pub(crate) fn about(f: Force, origin: &Vector3<f64>) -> Force {
     Force::new(f.linear, f.angular - origin.cross(&f.linear))
 }
 
-/// The pseudo-inverse, weighted by the covariance's inverse if there is one and it can be inverted.
+/// The pseudo-inverse, weighted by the covariance's inverse if there is one. Rank 0 where that
+/// covariance is singular.
 fn weighted_inverse(
     columns: &[Six; 6],
     n: usize,
@@ -176,10 +231,12 @@ fn weighted_inverse(
     rows: &mut [Six; 6],
 ) -> usize {
     let mut w = [[0.0; 6]; 6];
-    let covariance = covariance.and_then(|c| c.get(part));
     // With as many unknowns as equations weights change nothing.
-    if n == 6 || !covariance.is_some_and(|c| whitening(c, &mut w)) {
+    let Some(covariance) = covariance.and_then(|c| c.get(part)).filter(|_| n < 6) else {
         return pseudo_inverse(columns, n, rows);
+    };
+    if !whitening(covariance, &mut w) {
+        return 0;
     }
     let white = columns.map(|column| w.map(|row| dot(&row, &column)));
     let mut of_white = [[0.0; 6]; 6];

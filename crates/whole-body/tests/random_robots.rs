@@ -110,61 +110,6 @@ proptest! {
         }
     }
 
-    /// Every output's variance is the sum of the squares of its inputs' effects: the outputs are
-    /// linear in F/T signals, accelerometer and accelerations, so differences show them.
-    #[test]
-    fn sigma_is_that_of_the_inputs(seed in any::<u64>(), expected in any::<bool>()) {
-        let robot = Robot::random(seed);
-        let scene = Scene::random(&robot, seed ^ 4);
-        let weighting = if expected { Weighting::Expected } else { Weighting::Unit };
-        let parameters = WholeBodyParameters { weighting, ..robot.parameters() };
-        let mut whole_body = WholeBody::new(&robot.model, &parameters).unwrap();
-        let outputs = |e: &WholeBodyEstimate| {
-            let mut all = e.tau.clone();
-            all.extend(e.contacts.iter().flat_map(|c| numbers(&c.wrench)));
-            all.extend(e.parts.iter().flat_map(|p| numbers(&p.residual)));
-            all
-        };
-        let reference = whole_body.update(&scene.input()).clone();
-        let at = outputs(&reference);
-        let mut variance = vec![0.0; at.len()];
-        let mut effect = |scene: &Scene, sigma: f64| {
-            let moved = outputs(whole_body.update(&scene.input()));
-            for ((v, a), b) in variance.iter_mut().zip(&moved).zip(&at) {
-                *v += (sigma * (a - b)).powi(2);
-            }
-        };
-        for (s, sensor) in parameters.ft_sensors.iter().enumerate() {
-            for axis in 0..3 {
-                let mut scene = scene.clone();
-                scene.ft[s].force[axis] += 1.0;
-                effect(&scene, sensor.sigma_force);
-                scene.ft[s].force[axis] -= 1.0;
-                scene.ft[s].torque[axis] += 1.0;
-                effect(&scene, sensor.sigma_torque);
-            }
-        }
-        for (j, sigma) in parameters.sigma_ddq.iter().enumerate() {
-            let mut scene = scene.clone();
-            scene.ddq[j] += 1.0;
-            effect(&scene, *sigma);
-        }
-        let MotionSource::Imu(imu) = &parameters.source else { unreachable!() };
-        for axis in 0..3 {
-            let mut scene = scene.clone();
-            scene.imu.proper_acceleration[axis] += 1.0;
-            effect(&scene, imu.sigma_accelerometer);
-            scene.imu.proper_acceleration[axis] -= 1.0;
-            scene.imu.angular_acceleration[axis] += 1.0;
-            effect(&scene, imu.sigma_angular_acceleration);
-        }
-        let mut sigmas = reference.sigma.clone();
-        sigmas.extend(reference.contacts.iter().flat_map(|c| numbers(&c.sigma)));
-        sigmas.extend(reference.parts.iter().flat_map(|p| numbers(&p.residual_sigma)));
-        let tolerance = 1e-7 * conditioning(&scene).max(1.0);
-        close(sigmas, variance.into_iter().map(f64::sqrt), tolerance);
-    }
-
     /// A contact that is there but not declared shows in its part's residual alone.
     #[test]
     fn a_missing_contact_shows(seed in any::<u64>()) {

@@ -243,6 +243,51 @@ fn a_singular_pose_is_flagged() {
     assert_eq!(update(0.5), (true, 3, 3));
 }
 
+/// Without expected errors there are no weights by them; a fallback would be silent.
+#[test]
+fn weights_without_expected_errors_are_refused() {
+    let contacts = [contact("hip", FULL), contact("ankle", FORCE)];
+    let mut p = parameters(&contacts);
+    p.weighting = Weighting::Expected;
+    assert!(WholeBody::new(&leg(), &p).is_ok());
+    // Forces alone leave three directions of the wrench without an error.
+    p.ft_sensors[0].sigma_torque = 0.0;
+    let MotionSource::Imu(imu) = &mut p.source else {
+        unreachable!()
+    };
+    imu.sigma_accelerometer = 0.0;
+    refused(&p, &["weights `expected`", "`ankle_ft`", "weights `unit`"]);
+    // As many unknowns as equations: weights change nothing.
+    let full = parameters(&good());
+    p.hypotheses = full.hypotheses;
+    assert!(WholeBody::new(&leg(), &p).is_ok());
+}
+
+/// Finite signals whose effect overflows.
+#[test]
+fn results_that_overflow_are_not_valid() {
+    let mut whole_body = WholeBody::new(&leg(), &parameters(&good())).unwrap();
+    let mut update = |rate: f64| {
+        let input = WholeBodyInput {
+            q: &[0.1; 3],
+            dq: &[rate; 3],
+            ddq: &[0.0; 3],
+            ft: &[Wrench::default()],
+            imu: ImuMotion {
+                angular_velocity: Vector3::zeros(),
+                angular_acceleration: Vector3::zeros(),
+                proper_acceleration: Vector3::z() * 9.8,
+            },
+        };
+        whole_body.update(&input).clone()
+    };
+    let good = update(1.0);
+    assert!(good.valid);
+    let bad = update(1e200);
+    assert!(!bad.valid);
+    assert_eq!((&bad.tau, &bad.parts), (&good.tau, &good.parts));
+}
+
 /// A sensor's readings may be in a frame before the cut, and its cut right behind a moving joint.
 #[test]
 fn the_frame_need_not_be_where_the_cut_is() {

@@ -100,7 +100,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn load(arguments: &Arguments) -> Result<(Robot, CanRobot), Failure> {
     let config = arguments.config.to_string_lossy();
-    let read = |path: &str| std::fs::read_to_string(path);
+    let read = |path: &str| terminal::read_text(path);
     let robot = robot_config::load(&config, &read).map_err(Failure::bad_input)?;
     let beside = || simulation::default_file(&arguments.config);
     let file = arguments.sim.clone().unwrap_or_else(beside);

@@ -8,6 +8,7 @@ use crate::model::{Base, Frame, GRAVITY, Joint, JointLimits, Model};
 use crate::spatial::{Inertia, Se3};
 use nalgebra::Vector3;
 use problem::Problem;
+use std::collections::HashMap;
 use urdf_rs::JointType;
 
 pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, Problem> {
@@ -215,9 +216,11 @@ impl Build<'_> {
         for i in (1..bodies.len()).rev() {
             moves[bodies[i].parent] |= moves[i];
         }
-        for joint in self.model.joints.iter().filter(|j| !moves[j.body]) {
-            let all = &self.source.robot.joints;
-            let index = all.iter().position(|j| j.name == joint.name).unwrap_or(0);
+        for (index, joint) in self.joint_of.iter().enumerate() {
+            let joint = joint.map(|j| &self.model.joints[j]);
+            let Some(joint) = joint.filter(|j| !moves[j.body]) else {
+                continue;
+            };
             let reason = format!(
                 "joint \"{}\" moves no mass: forward dynamics has no finite result unless its motor \
                  adds inertia",
@@ -229,14 +232,19 @@ impl Build<'_> {
     }
 
     fn read_transmissions(&mut self) {
+        let joints = self.source.robot.joints.iter().zip(&self.joint_of);
+        let by_name: HashMap<&str, Option<usize>> =
+            joints.map(|(j, own)| (j.name.as_str(), *own)).collect();
         for t in &self.source.transmissions {
-            let Some(index) = self.model.joint_index(&t.joint) else {
+            let index = match by_name.get(t.joint.as_str()) {
+                Some(Some(index)) => *index,
                 // Transmissions of mimic joints are common and mean nothing here.
-                if !self.source.robot.joints.iter().any(|j| j.name == t.joint) {
+                Some(None) => continue,
+                None => {
                     let reason = format!("transmission of an unknown joint \"{}\"", t.joint);
                     self.model.warnings.push(problem_at(t.line, reason, ""));
+                    continue;
                 }
-                continue;
             };
             let joint = &mut self.model.joints[index];
             joint.gear_ratio = joint.gear_ratio.or(t.gear_ratio);

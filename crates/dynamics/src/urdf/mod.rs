@@ -1,11 +1,12 @@
 //! URDF to [`Model`], strictly: physically unusable input is refused with file, line and reason.
 //!
-//! `text` checks the XML and its numbers and hands `urdf-rs` a copy without visuals, collisions and
+//! `namespaces` declares prefixes; `text` checks the XML and its numbers and hands `urdf-rs` a copy without visuals, collisions and
 //! extensions (it stumbles over some of them); `tree` checks the topology; `inertia` the physics;
 //! `build` makes the model. Odd but usable input ends in [`Model::warnings`].
 
 mod build;
 mod inertia;
+mod namespaces;
 mod text;
 mod transmission;
 mod tree;

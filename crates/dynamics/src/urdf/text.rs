@@ -1,7 +1,7 @@
 //! The XML: numbers are checked where their line is known, then `urdf-rs` reads a clean copy.
 
-use super::problem_at;
 use super::transmission::{self, Transmission};
+use super::{namespaces, problem_at};
 use problem::Problem;
 use roxmltree::{Document, Node};
 use std::fmt::Write;
@@ -145,12 +145,25 @@ const JOINT: Rule = Rule {
     ],
 };
 
+/// Lines of a text by position, found once: roxmltree counts from the start for every element.
+struct LineEnds(Vec<usize>);
+
+impl LineEnds {
+    fn of(text: &str) -> Self {
+        Self(text.match_indices('\n').map(|(at, _)| at).collect())
+    }
+    fn line_at(&self, position: usize) -> usize {
+        1 + self.0.partition_point(|end| *end < position)
+    }
+}
+
 /// Reads the text of a URDF.
 pub(super) fn read(text: &str) -> Result<Source, Problem> {
-    let document = Document::parse(text)
-        .map_err(|e| problem_at(e.pos().row as usize, format!("not XML: {e}"), ""))?;
+    let text = namespaces::declared(text)?;
+    let document = Document::parse(&text).map_err(|e| not_xml(&e))?;
     let root = document.root_element();
-    let line = |n: Node| document.text_pos_at(n.range().start).row as usize;
+    let line_ends = LineEnds::of(&text);
+    let line = |n: Node| line_ends.line_at(n.range().start);
     if root.tag_name().name() != "robot" {
         let tag = root.tag_name().name();
         let reason = format!("the root element is <{tag}>");
@@ -164,7 +177,7 @@ pub(super) fn read(text: &str) -> Result<Source, Problem> {
     }
     copy.push('>');
     let (mut links, mut joints) = (Vec::new(), Vec::new());
-    for node in root.children().filter(Node::is_element) {
+    for node in root.children().filter(|n| plain(n)) {
         let (rule, lines) = match node.tag_name().name() {
             "link" => (&LINK, &mut links),
             "joint" => (&JOINT, &mut joints),
@@ -194,6 +207,17 @@ pub(super) fn read(text: &str) -> Result<Source, Problem> {
         joints,
         transmissions: transmission::read(root, &line)?,
     })
+}
+
+/// A refusal of text that is not XML.
+pub(super) fn not_xml(error: &roxmltree::Error) -> Problem {
+    problem_at(error.pos().row as usize, format!("not XML: {error}"), "")
+}
+
+/// True for elements of the robot's own vocabulary: `<drake:joint>` is no `<joint>`.
+pub(super) fn plain(node: &Node) -> bool {
+    let robot = node.document().root_element();
+    node.is_element() && node.tag_name().namespace() == robot.tag_name().namespace()
 }
 
 /// Checks one element and writes its clean copy.
@@ -228,7 +252,7 @@ fn element(
     for child in rule.children {
         let mut found = node
             .children()
-            .filter(|c| c.is_element() && c.tag_name().name() == child.tag);
+            .filter(|c| plain(c) && c.tag_name().name() == child.tag);
         match found.next() {
             Some(first) => {
                 parts.push((child.tag, line(first)));

@@ -1,6 +1,7 @@
 //! Gear ratios and rotor inertias in `<transmission>` and `<ros2_control>`.
 
 use super::problem_at;
+use super::text::plain;
 use problem::Problem;
 use roxmltree::Node;
 
@@ -26,11 +27,11 @@ pub(super) fn read(
     line: &dyn Fn(Node) -> usize,
 ) -> Result<Vec<Transmission>, Problem> {
     let mut found = Vec::new();
-    for node in robot.children().filter(Node::is_element) {
+    for node in robot.children().filter(plain) {
         match node.tag_name().name() {
             "transmission" => transmission(node, line, &mut found)?,
             "ros2_control" => {
-                for inner in node.children().filter(Node::is_element) {
+                for inner in node.children().filter(plain) {
                     match inner.tag_name().name() {
                         "transmission" => transmission(inner, line, &mut found)?,
                         "joint" => found.extend(joint(inner, line)?),

@@ -3,7 +3,7 @@
 use super::problem_at;
 use super::text::Source;
 use problem::Problem;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use urdf_rs::JointType;
 
 /// Indices into the URDF's links and joints.
@@ -68,7 +68,8 @@ impl Tree {
         }
         let root = root(source, &carrier)?;
         let mut warnings = Vec::new();
-        let driver = drivers(source, &joints, independent, &mut warnings)?;
+        let independent: HashSet<&str> = independent.iter().map(String::as_str).collect();
+        let driver = drivers(source, &joints, &independent, &mut warnings)?;
         let tree = Tree {
             root,
             children,
@@ -144,7 +145,7 @@ fn root(source: &Source, carrier: &[Option<usize>]) -> Result<usize, Problem> {
 fn drivers(
     source: &Source,
     joints: &HashMap<&str, usize>,
-    independent: &[String],
+    independent: &HashSet<&str>,
     warnings: &mut Vec<Problem>,
 ) -> Result<Vec<Driver>, Problem> {
     let all = &source.robot.joints;
@@ -187,10 +188,10 @@ fn drivers(
     Ok(drivers)
 }
 
-fn mimic<'a>(joint: &'a urdf_rs::Joint, independent: &[String]) -> Option<&'a urdf_rs::Mimic> {
+fn mimic<'a>(joint: &'a urdf_rs::Joint, independent: &HashSet<&str>) -> Option<&'a urdf_rs::Mimic> {
     match joint.joint_type {
         JointType::Fixed => None,
-        _ if independent.contains(&joint.name) => None,
+        _ if independent.contains(joint.name.as_str()) => None,
         _ => joint.mimic.as_ref(),
     }
 }

@@ -1,32 +1,37 @@
 //! Writes solutions under the chosen contacts into the estimate.
 
 use super::{ContactEstimate, WholeBody, wrench};
+use crate::covariance::contact_rows;
 use crate::least_squares::{Six, dot, quadratic};
-use crate::sigma::contact_rows;
+use crate::solution::Hypotheses;
 use dynamics::Force;
 use nalgebra::Vector3;
 use robot_state::Wrench;
 
 impl WholeBody {
     pub(super) fn publish_torques(&mut self) {
-        let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
-        (self.sigma).torques(&self.model, &self.layout, &self.mechanics, set, solution);
+        let hypotheses = Hypotheses {
+            sets: &self.sets,
+            solutions: &self.solutions,
+            weights: &self.weights,
+        };
+        (self.sigma).torques(&self.model, &self.layout, &self.mechanics, hypotheses);
         for (i, &joint) in self.layout.joints.iter().enumerate() {
-            self.estimate.sigma[i] = self.sigma.variance[joint].sqrt();
+            self.next.sigma[i] = self.sigma.variance[joint].sqrt();
         }
         // A mimic joint's torque adds to that of the joint it follows.
         self.by_joint.fill(0.0);
         for (body, tau) in self.model.bodies().iter().zip(&self.tau).skip(1) {
             self.by_joint[body.joint] += tau;
         }
-        for (tau, &joint) in self.estimate.tau.iter_mut().zip(&self.layout.joints) {
+        for (tau, &joint) in self.next.tau.iter_mut().zip(&self.layout.joints) {
             *tau = self.by_joint[joint];
         }
     }
 
     pub(super) fn publish_contacts(&mut self) {
         let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
-        self.estimate.contacts.fill(ContactEstimate::default());
+        self.next.contacts.fill(ContactEstimate::default());
         for (part, (range, _)) in set.parts.iter().enumerate() {
             let origin = self.mechanics.origin(&self.model, &self.layout, part);
             let covariance = &self.sigma.covariance[part];
@@ -42,7 +47,7 @@ impl WholeBody {
                 let x: Six = std::array::from_fn(|k| quadratic(covariance, &rows[k]).sqrt());
                 let mut sigma = wrench(contact.wrench(&x[..n]));
                 sigma.force = sigma.force.map(f64::abs);
-                let estimate = &mut self.estimate.contacts[contact.input];
+                let estimate = &mut self.next.contacts[contact.input];
                 estimate.wrench = wrench(solution.local[c]);
                 estimate.sigma = sigma;
             }
@@ -53,7 +58,7 @@ impl WholeBody {
         let (set, solution) = (&self.sets[self.chosen], &self.solutions[self.chosen]);
         for (part, &output) in self.part_output.iter().enumerate() {
             let frame = (self.mechanics).part_frame(&self.model, &self.layout, part);
-            let part_estimate = &mut self.estimate.parts[output];
+            let part_estimate = &mut self.next.parts[output];
             part_estimate.net = wrench(frame.inverse_act_force(self.mechanics.net[part]));
             part_estimate.residual = wrench(frame.inverse_act_force(solution.residual[part]));
             let n = set.parts[part].1;

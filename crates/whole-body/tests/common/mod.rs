@@ -19,6 +19,7 @@ pub(crate) struct Robot {
     /// The same with the sensors' fixed joints made movable: the oracle of their readings.
     pub(crate) oracle: Model,
     parameters: WholeBodyParameters,
+    urdf: String,
 }
 
 fn link(name: &str, random: &mut Random) -> String {
@@ -31,14 +32,21 @@ fn link(name: &str, random: &mut Random) -> String {
     )
 }
 
-fn joint(name: &str, kind: &str, parent: &str, child: &str, random: &mut Random) -> String {
+fn joint(
+    name: &str,
+    kind: &str,
+    parent: &str,
+    child: &str,
+    mimic: &str,
+    random: &mut Random,
+) -> String {
     let [x, y, z] = random.array().map(|c| 0.3 * c);
     let [r, p, w] = random.array();
     let [a, b, c] = random.array();
     format!(
         "<joint name='{name}' type='{kind}'><origin xyz='{x} {y} {z}' rpy='{r} {p} {w}'/>\
          <parent link='{parent}'/><child link='{child}'/><axis xyz='{a} {b} {c}'/>\
-         <limit lower='-9' upper='9' velocity='9' effort='9'/></joint>"
+         <limit lower='-9' upper='9' velocity='9' effort='9'/>{mimic}</joint>"
     )
 }
 
@@ -51,6 +59,15 @@ impl Robot {
         let mut carriers: Vec<(String, Option<usize>)> = vec![("link0".into(), None)];
         let mut sensors: Vec<(usize, Option<usize>)> = Vec::new();
         let (joints, sensor_count) = (3 + random.below(7), 1 + random.below(4));
+        // Every fourth joint but the first three follows one of those.
+        let mut random_mimic = Random::new(seed ^ 0x6d69_6d69_63);
+        let mut mimic = |i: usize| match i > 3 && random_mimic.below(4) == 0 {
+            true => {
+                let (driver, ratio) = (1 + random_mimic.below(3), 2.0 * random_mimic.symmetric());
+                format!("<mimic joint='joint{driver}' multiplier='{ratio}' offset='0.2'/>")
+            }
+            false => String::new(),
+        };
         for i in 1..=joints {
             let (parent, beyond) = carriers[random.below(carriers.len())].clone();
             let name = format!("link{i}");
@@ -60,7 +77,9 @@ impl Robot {
                 "revolute"
             };
             text += &link(&name, &mut random);
-            text += &joint(&format!("joint{i}"), kind, &parent, &name, &mut random);
+            let follows = mimic(i);
+            let own = format!("joint{i}");
+            text += &joint(&own, kind, &parent, &name, &follows, &mut random);
             carriers.push((name, beyond));
             if sensors.len() < sensor_count && (random.below(2) == 0 || i == joints) {
                 let s = sensors.len();
@@ -71,18 +90,26 @@ impl Robot {
                     "fixed",
                     &parent,
                     &format!("ft{s}"),
+                    "",
                     &mut random,
                 );
                 text += &link(&format!("beyond{s}"), &mut random);
                 let names = (format!("ft{s}"), format!("beyond{s}"));
-                text += &joint(&format!("tip{s}"), "fixed", &names.0, &names.1, &mut random);
+                text += &joint(
+                    &format!("tip{s}"),
+                    "fixed",
+                    &names.0,
+                    &names.1,
+                    "",
+                    &mut random,
+                );
                 carriers.push((names.1, Some(s)));
                 sensors.push((s, beyond));
             }
         }
         let urdf = format!("<robot name='random'>{text}</robot>");
         let model = Model::from_urdf(&urdf, "random.urdf", base).unwrap();
-        let mut movable = urdf;
+        let mut movable = urdf.clone();
         for s in 0..sensors.len() {
             let fixed = format!("<joint name='sensor{s}' type='fixed'>");
             movable = movable.replace(&fixed, &format!("<joint name='sensor{s}' type='revolute'>"));
@@ -146,9 +173,10 @@ impl Robot {
             })
             .collect();
         let mut names: Vec<String> = model.joint_names().map(Into::into).collect();
-        names.rotate_left(random.below(joints));
+        let turn = random.below(joints) % names.len();
+        names.rotate_left(turn);
         let parameters = WholeBodyParameters {
-            sigma_ddq: (0..joints).map(|i| 0.1 + 0.01 * i as f64).collect(),
+            sigma_ddq: (0..names.len()).map(|i| 0.1 + 0.01 * i as f64).collect(),
             joints: names,
             ft_sensors,
             source: MotionSource::Imu(ImuParameters {
@@ -171,7 +199,33 @@ impl Robot {
             model,
             oracle,
             parameters,
+            urdf,
         }
+    }
+
+    /// The model with twice the mass of a part's links (0: before every sensor; else beyond one).
+    pub(crate) fn with_doubled(&self, part: usize) -> Model {
+        let sensors = self.parameters.ft_sensors.iter();
+        let cuts: Vec<&str> = sensors.map(|s| s.cut.as_str()).collect();
+        let links = self.urdf.split_inclusive("</link>");
+        let doubled = |text: &str| {
+            let name = text.split_once("<link name='")?.1.split_once('\'')?.0;
+            if whole_body::part_of_link(&self.model, &cuts, name)? != part {
+                return None;
+            }
+            let mut doubled = text.to_owned();
+            for attribute in ["mass value", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"] {
+                let (before, number) = doubled.split_once(&format!("{attribute}='"))?;
+                let (number, after) = number.split_once('\'')?;
+                let number = 2.0 * number.parse::<f64>().ok()?;
+                doubled = format!("{before}{attribute}='{number}'{after}");
+            }
+            Some(doubled)
+        };
+        let text: String = links
+            .map(|text| doubled(text).unwrap_or_else(|| text.to_owned()))
+            .collect();
+        Model::from_urdf(&text, "random.urdf", Base::Floating).unwrap()
     }
 
     pub(crate) fn parameters(&self) -> WholeBodyParameters {

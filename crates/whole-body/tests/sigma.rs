@@ -1,0 +1,196 @@
+//! Standard deviations of torques, contact wrenches and residuals of random robots: against the
+//! effect of each input by itself, and against random draws of all of them.
+
+#[allow(dead_code)] // each test uses a part of it
+mod common;
+
+use common::{Robot, Scene};
+use robot_state::Wrench;
+use test_support::Random;
+use whole_body::{
+    MotionSource, Residual, Weighting, WholeBody, WholeBodyEstimate, WholeBodyParameters,
+};
+
+const COMBINATIONS: [(Weighting, Residual); 4] = [
+    (Weighting::Unit, Residual::Stays),
+    (Weighting::Unit, Residual::HandedOn),
+    (Weighting::Expected, Residual::Stays),
+    (Weighting::Expected, Residual::HandedOn),
+];
+
+fn numbers(w: &Wrench) -> impl Iterator<Item = f64> {
+    w.force.into_iter().chain(w.torque)
+}
+
+fn outputs(e: &WholeBodyEstimate) -> Vec<f64> {
+    let mut all = e.tau.clone();
+    all.extend(e.contacts.iter().flat_map(|c| numbers(&c.wrench)));
+    all.extend(e.parts.iter().flat_map(|p| numbers(&p.residual)));
+    all
+}
+
+/// In the order of `outputs`.
+fn sigmas(e: &WholeBodyEstimate) -> Vec<f64> {
+    let mut all = e.sigma.clone();
+    all.extend(e.contacts.iter().flat_map(|c| numbers(&c.sigma)));
+    all.extend(e.parts.iter().flat_map(|p| numbers(&p.residual_sigma)));
+    all
+}
+
+/// Random points and directions may nearly depend on one another: the largest response.
+fn largest(sigmas: &[f64]) -> f64 {
+    sigmas.iter().fold(1.0f64, |m, x| m.max(*x))
+}
+
+/// Calls back with the scene in which one input has changed by `change(sigma)`, for every input.
+fn each_input(
+    parameters: &WholeBodyParameters,
+    scene: &mut Scene,
+    mut change: impl FnMut(&mut Scene, f64, fn(&mut Scene, usize, usize, f64), (usize, usize)),
+) {
+    for (s, sensor) in parameters.ft_sensors.iter().enumerate() {
+        for axis in 0..3 {
+            change(
+                scene,
+                sensor.sigma_force,
+                |x, s, k, d| x.ft[s].force[k] += d,
+                (s, axis),
+            );
+            change(
+                scene,
+                sensor.sigma_torque,
+                |x, s, k, d| x.ft[s].torque[k] += d,
+                (s, axis),
+            );
+        }
+    }
+    for (j, sigma) in parameters.sigma_ddq.iter().enumerate() {
+        change(scene, *sigma, |x, j, _, d| x.ddq[j] += d, (j, 0));
+    }
+    let MotionSource::Imu(imu) = &parameters.source else {
+        unreachable!("random robots have an IMU")
+    };
+    for axis in 0..3 {
+        let [linear, angular] = [imu.sigma_accelerometer, imu.sigma_angular_acceleration];
+        change(
+            scene,
+            linear,
+            |x, k, _, d| x.imu.proper_acceleration[k] += d,
+            (axis, 0),
+        );
+        change(
+            scene,
+            angular,
+            |x, k, _, d| x.imu.angular_acceleration[k] += d,
+            (axis, 0),
+        );
+    }
+}
+
+/// Every output's variance is the sum of the squares of its inputs' effects: the outputs are linear
+/// in F/T signals, accelerometer, accelerations and masses, so differences show them.
+#[test]
+fn sigma_is_that_of_the_inputs() {
+    for seed in 0..300 {
+        let robot = Robot::random(seed);
+        let mut scene = Scene::random(&robot, seed ^ 4);
+        for (weighting, residual) in COMBINATIONS {
+            // Masses change the weights too.
+            let sigma_model = if weighting == Weighting::Unit {
+                0.1
+            } else {
+                0.0
+            };
+            let parameters = WholeBodyParameters {
+                weighting,
+                residual,
+                sigma_model,
+                ..robot.parameters()
+            };
+            let mut whole_body = WholeBody::new(&robot.model, &parameters).unwrap();
+            let reference = whole_body.update(&scene.input()).clone();
+            assert!(reference.valid);
+            let at = outputs(&reference);
+            let mut variance = vec![0.0; at.len()];
+            let mut add = |moved: &[f64], sigma: f64| {
+                for ((v, a), b) in variance.iter_mut().zip(moved).zip(&at) {
+                    *v += (sigma * (a - b)).powi(2);
+                }
+            };
+            each_input(&parameters, &mut scene, |scene, sigma, change, (i, k)| {
+                let mut moved = scene.clone();
+                change(&mut moved, i, k, 1.0);
+                add(&outputs(whole_body.update(&moved.input())), sigma);
+            });
+            for part in 0..=parameters.ft_sensors.len() {
+                let model = robot.with_doubled(part);
+                let mut whole_body = WholeBody::new(&model, &parameters).unwrap();
+                add(&outputs(whole_body.update(&scene.input())), sigma_model);
+            }
+            let ours = sigmas(&reference);
+            let tolerance = 1e-7 * largest(&ours);
+            for (i, (ours, variance)) in ours.iter().zip(&variance).enumerate() {
+                let expected = variance.sqrt();
+                assert!(
+                    (ours - expected).abs() <= tolerance,
+                    "robot {seed}, {weighting:?}, {residual:?}, output {i}: {ours}, not {expected}"
+                );
+            }
+        }
+    }
+}
+
+/// The worst relative error of `sigma` against the spread of the outputs over random draws.
+fn monte_carlo(robots: std::ops::Range<u64>, draws: usize) -> f64 {
+    let mut worst = 0.0f64;
+    for seed in robots {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed ^ 4);
+        let mut of_robot = 0.0f64;
+        for (weighting, residual) in COMBINATIONS {
+            let parameters = WholeBodyParameters {
+                weighting,
+                residual,
+                ..robot.parameters()
+            };
+            let mut whole_body = WholeBody::new(&robot.model, &parameters).unwrap();
+            let reference = whole_body.update(&scene.input()).clone();
+            let (at, ours) = (outputs(&reference), sigmas(&reference));
+            let mut random = Random::new(seed);
+            let mut squares = vec![0.0; at.len()];
+            let mut moved = scene.clone();
+            for _ in 0..draws {
+                moved.clone_from(&scene);
+                each_input(&parameters, &mut moved, |moved, sigma, change, (i, k)| {
+                    change(moved, i, k, sigma * random.normal());
+                });
+                let estimate = outputs(whole_body.update(&moved.input()));
+                for ((sum, x), mean) in squares.iter_mut().zip(&estimate).zip(&at) {
+                    *sum += (x - mean).powi(2);
+                }
+            }
+            let rounding = 1e-9 * largest(&ours);
+            for (ours, sum) in ours.iter().zip(&squares) {
+                let spread = (sum / draws as f64).sqrt();
+                let error = (ours - spread).abs() - rounding;
+                of_robot = of_robot.max(error / spread.max(rounding));
+            }
+        }
+        println!("robot {seed}: worst {:.2} %", 100.0 * of_robot);
+        worst = worst.max(of_robot);
+    }
+    worst
+}
+
+/// Four standard deviations of a standard deviation over that many draws are 4 %.
+#[test]
+fn sigma_is_the_spread_of_random_draws() {
+    assert!(monte_carlo(0..6, 5000) < 0.04);
+}
+
+/// The whole: `cargo test --release -p whole-body --test sigma -- --ignored --nocapture`.
+#[test]
+#[ignore = "ten minutes"]
+fn sigma_is_the_spread_of_many_random_draws() {
+    assert!(monte_carlo(0..100, 100_000) < 0.02);
+}
