@@ -78,7 +78,7 @@ install_vm() {
     rm -r "$folder/new"
 }
 
-install_bench() { packages clang python3-venv; }
+install_bench() { packages clang clang-19 python3-venv; }
 
 install_fuzz() { packages g++; }
 

@@ -14,6 +14,10 @@ inline pin::JointModel joint_model(const std::string& kind, const Eigen::Vector3
   if (kind == "RY") return pin::JointModelRY();
   if (kind == "RZ") return pin::JointModelRZ();
   if (kind == "RevoluteUnaligned") return pin::JointModelRevoluteUnaligned(axis);
+  if (kind == "PX") return pin::JointModelPX();
+  if (kind == "PY") return pin::JointModelPY();
+  if (kind == "PZ") return pin::JointModelPZ();
+  if (kind == "PrismaticUnaligned") return pin::JointModelPrismaticUnaligned(axis);
   throw std::runtime_error("joint " + kind);
 }
 

@@ -22,13 +22,24 @@ if ! cmp -s "$here/requirements.txt" venv/requirements.txt; then
     cp "$here/requirements.txt" venv/ # last: marks that all of it is there
 fi
 prefix=$(venv/bin/python -c 'import pinocchio; from pathlib import Path; print(Path(pinocchio.__file__).resolve().parents[4])')
-robots=$prefix/share/example-robot-data/robots
-urdfs=(
-    "$robots/solo_description/robots/solo12.urdf"
-    "$robots/simple_humanoid_description/urdf/simple_humanoid.urdf"
-    "$robots/talos_data/robots/talos_full_v2.urdf"
+urdfs=$prefix/share/example-robot-data/robots
+# NAME=BASE=URDF: chains, then branching robots.
+robots=(
+    "double_pendulum=fixed=$urdfs/double_pendulum_description/urdf/double_pendulum.urdf"
+    "leg=fixed=$root/robot-models/leg/robot.urdf"
+    "leg_floating=floating=$root/robot-models/leg/robot.urdf"
+    "ur5=fixed=$urdfs/ur_description/urdf/ur5_robot.urdf"
+    "z1=fixed=$urdfs/z1_description/urdf/z1.urdf"
+    "panda=fixed=$urdfs/panda_description/urdf/panda.urdf"
+    "b1_z1=floating=$urdfs/b1_description/urdf/b1-z1.urdf"
+    "solo12=floating=$urdfs/solo_description/robots/solo12.urdf"
+    "baxter=fixed=$urdfs/baxter_description/urdf/baxter.urdf"
+    "g1=floating=$urdfs/g1_description/urdf/g1_29dof_rev_1_0.urdf"
+    "simple_humanoid=floating=$urdfs/simple_humanoid_description/urdf/simple_humanoid.urdf"
+    "icub=floating=$urdfs/icub_description/robots/icub.urdf"
+    "talos_full_v2=floating=$urdfs/talos_data/robots/talos_full_v2.urdf"
 )
-venv/bin/python "$here/models.py" . "${urdfs[@]}"
+venv/bin/python "$here/models.py" . "${robots[@]}"
 
 # CppAD's base types lack two members that Pinocchio uses of any scalar.
 venv/bin/python "$here/complete_cppad.py" "$prefix/include/cppad/cg"
@@ -40,29 +51,38 @@ headers=(-std=c++17 -DNDEBUG
     -isystem "$prefix/include" -isystem "$prefix/include/eigen3")
 # The last two make generated code a fifth faster: it calls sine and cosine together, and fuses.
 fast=(-O3 -march=native -ffp-contract=fast -fno-math-errno)
-if ! [ liblibrary.so -nt "$here/library.cpp" ]; then
+newer() { [ "$1" -nt "$2" ] && [ "$1" -nt "$here/pinocchio_model.hpp" ]; }
+if ! newer liblibrary.so "$here/library.cpp"; then
     step "Pinocchio's algorithms, C++, ${fast[*]}"
     clang++ "${headers[@]}" "${fast[@]}" -shared -fPIC "$here/library.cpp" -o liblibrary.so
 fi
-if ! [ generate -nt "$here/generate.cpp" ]; then
+if ! newer generate "$here/generate.cpp"; then
     step "the generator"
     clang++ "${headers[@]}" -O0 "$here/generate.cpp" -o generate -ldl
 fi
 
-pairs=()
-for urdf in "${urdfs[@]}"; do
-    name=$(basename "$urdf" .urdf)
-    if [ ! -e "${name}_rnea.so" ]; then
-        step "generated RNEA of $name, C, ${fast[*]}"
+for robot in "${robots[@]}"; do
+    name=${robot%%=*}
+    code=generated_$name/rnea_forward_zero.c
+    if ! [ "$code" -nt generate ]; then
+        step "generated RNEA of $name, C"
         ./generate "$name.txt" "generated_$name"
-        clang "${fast[@]}" -shared -fPIC "generated_$name/rnea_forward_zero.c" -o "${name}_rnea.so" -lm
     fi
-    pairs+=("$name=$urdf")
+    # The faster of two compilers counts; the second is of the age of rustc's LLVM, with sines and
+    # cosines of the C library's vector kind.
+    if ! [ "${name}_rnea_clang.so" -nt "$code" ]; then
+        clang "${fast[@]}" -shared -fPIC "$code" -o "${name}_rnea_clang.so" -lm
+    fi
+    if ! [ "${name}_rnea_clang19.so" -nt "$code" ]; then
+        clang-19 "${fast[@]}" -fveclib=libmvec -fno-trapping-math -shared -fPIC "$code" \
+            -o "${name}_rnea_clang19.so" -lmvec -lm
+    fi
 done
 
 step "ours, as the workspace's release profile builds it"
 cargo build --release --locked --manifest-path "$root/Cargo.toml" -p dynamics-bench --target-dir "$folder/cargo"
 grep -m1 '^model name' /proc/cpuinfo | cut -d: -f2- | sed 's/^ *//'
 clang --version | head -1
+clang-19 --version | head -1
 rustc --version
-"$folder/cargo/release/dynamics-bench" "$folder" "${pairs[@]}"
+"$folder/cargo/release/dynamics-bench" "$folder" "${robots[@]}"

@@ -1,5 +1,6 @@
 //! Times our dynamics beside Pinocchio's library and its generated code, in one process, batches
-//! taking turns: usage `dynamics-bench FOLDER NAME=URDF...`, where FOLDER holds the libraries built by run.sh.
+//! taking turns: usage `dynamics-bench FOLDER NAME=BASE=URDF...`, where FOLDER holds the libraries
+//! built by run.sh, and BASE is fixed or floating.
 
 mod library;
 
@@ -25,18 +26,23 @@ struct State {
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let Some((folder, robots)) = arguments.split_first() else {
-        eprintln!("usage: dynamics-bench FOLDER NAME=URDF...");
+        eprintln!("usage: dynamics-bench FOLDER NAME=BASE=URDF...");
         return ExitCode::from(2);
     };
     pin_to_last_cpu();
     println!("medians of {ROUNDS} rounds over {STATES} random states, ns");
     println!("robot             nv  algorithm         ours  library  generated    /lib   /gen");
     for robot in robots {
-        let Some((name, urdf)) = robot.split_once('=') else {
-            eprintln!("{robot}: allowed: NAME=URDF");
+        let parts: Vec<&str> = robot.splitn(3, '=').collect();
+        let [name, base @ ("fixed" | "floating"), urdf] = parts[..] else {
+            eprintln!("{robot}: allowed: NAME=fixed=URDF, NAME=floating=URDF");
             return ExitCode::from(2);
         };
-        if let Err(message) = bench(Path::new(folder), name, urdf) {
+        let base = match base {
+            "fixed" => Base::Fixed,
+            _ => Base::Floating,
+        };
+        if let Err(message) = bench(Path::new(folder), name, base, urdf) {
             eprintln!("{name}: {message}");
             return ExitCode::FAILURE;
         }
@@ -56,12 +62,12 @@ fn pin_to_last_cpu() {
 }
 
 /// Pinocchio takes mimic joints as independent: so do we here.
-fn model(urdf: &str) -> Result<Model, String> {
+fn model(base: Base, urdf: &str) -> Result<Model, String> {
     let text = std::fs::read_to_string(urdf).map_err(|e| format!("{urdf}: {e}"))?;
     let joints = text.split("<joint").skip(1);
     let name = |j: &str| Some(j.split_once("name=\"")?.1.split_once('"')?.0.to_owned());
     let options = UrdfOptions {
-        base: Base::Floating,
+        base,
         independent: joints.filter_map(name).collect(),
     };
     Model::from_urdf_with(&text, urdf, &options).map_err(|e| e.to_string())
@@ -103,20 +109,21 @@ impl<'a> Candidate<'a> {
     }
 }
 
-fn bench(folder: &Path, name: &str, urdf: &str) -> Result<(), String> {
-    let model = model(urdf)?;
+fn bench(folder: &Path, name: &str, base: Base, urdf: &str) -> Result<(), String> {
+    let model = model(base, urdf)?;
     let mut data = Data::new(&model);
     let states = states(&model, &mut data);
     let robot = folder.join(format!("{name}.txt"));
     let library = Library::new(&folder.join("liblibrary.so"), &robot)?;
-    let generated = Generated::new(&folder.join(format!("{name}_rnea.so")))?;
+    let generated = |compiler| Generated::new(&folder.join(format!("{name}_rnea_{compiler}.so")));
+    let generated = [generated("clang")?, generated("clang19")?];
     compare(&model, &mut data, &library, &generated, &states)?;
 
     let model = &model;
     let mut portable = data.clone();
     portable.set_instructions(Instructions::Portable);
     let [mut d1, mut d2, mut d3] = [data.clone(), data.clone(), data];
-    let mut tau = vec![0.0; model.nv()];
+    let [mut tau, mut tau19] = [(); 2].map(|()| vec![0.0; model.nv()]);
     let mut candidates = vec![
         Candidate::new("rnea", |s| {
             black_box(rnea(model, &mut d1, &s.q, &s.v, &s.a, None));
@@ -131,8 +138,12 @@ fn bench(folder: &Path, name: &str, urdf: &str) -> Result<(), String> {
             black_box(rnea(model, &mut portable, &s.q, &s.v, &s.a, None));
         }),
         Candidate::new("rnea_generated", |s| {
-            generated.run(&s.all, &mut tau);
+            generated[0].run(&s.all, &mut tau);
             black_box(&tau);
+        }),
+        Candidate::new("rnea_generated_19", |s| {
+            generated[1].run(&s.all, &mut tau19);
+            black_box(&tau19);
         }),
     ];
     for algorithm in library::ALGORITHMS {
@@ -161,14 +172,16 @@ fn compare(
     model: &Model,
     data: &mut Data,
     library: &Library,
-    generated: &Generated,
+    generated: &[Generated],
     states: &[State],
 ) -> Result<(), String> {
     let nv = model.nv();
     let mut tau = vec![0.0; nv];
     for s in states {
-        generated.run(&s.all, &mut tau);
-        same("generated rnea", &tau, &s.tau)?;
+        for generated in generated {
+            generated.run(&s.all, &mut tau);
+            same("generated rnea", &tau, &s.tau)?;
+        }
         for algorithm in library::ALGORITHMS {
             let theirs = library.run(algorithm, &s.q, &s.v, s.last(algorithm));
             let numbers = match algorithm {
@@ -229,13 +242,14 @@ fn report(robot: &str, nv: usize, candidates: &[Candidate]) {
     let symbol = |algorithm: Algorithm| time(algorithm.symbol());
     // The better of Pinocchio's two conventions.
     let better = |a, b| Some(symbol(a)?.min(symbol(b)?));
+    // The faster of two compilers.
+    let generated = time("rnea_generated")
+        .into_iter()
+        .chain(time("rnea_generated_19"));
+    let generated = generated.min_by(f64::total_cmp);
     let rows = [
-        ("rnea", symbol(Algorithm::Rnea), time("rnea_generated")),
-        (
-            "rnea_portable",
-            symbol(Algorithm::Rnea),
-            time("rnea_generated"),
-        ),
+        ("rnea", symbol(Algorithm::Rnea), generated),
+        ("rnea_portable", symbol(Algorithm::Rnea), generated),
         (
             "crba",
             better(Algorithm::CrbaLocal, Algorithm::CrbaWorld),
