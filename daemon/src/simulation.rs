@@ -1,6 +1,5 @@
 //! A simulated robot from files: for `torqued-sim`, and for `torqued run --simulate`.
 
-use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
 use plant::{CanRobot, SimParameters};
@@ -36,7 +35,7 @@ pub fn robot(robot: &Robot, sim: &SimParameters, file: &Path) -> Result<CanRobot
 }
 
 fn text(path: &Path) -> Result<String, Failure> {
-    read_to_string(path).map_err(|error| {
+    terminal::read_text(path).map_err(|error| {
         let path = path.display();
         Failure::bad_input(format!(
             "{path}: cannot be read: {error}; allowed: a readable text file"
