@@ -60,7 +60,7 @@ impl Robot {
         let mut sensors: Vec<(usize, Option<usize>)> = Vec::new();
         let (joints, sensor_count) = (3 + random.below(7), 1 + random.below(4));
         // Every fourth joint but the first three follows one of those.
-        let mut random_mimic = Random::new(seed ^ 0x6d69_6d69_63);
+        let mut random_mimic = Random::new(seed ^ 0x6d69);
         let mut mimic = |i: usize| match i > 3 && random_mimic.below(4) == 0 {
             true => {
                 let (driver, ratio) = (1 + random_mimic.below(3), 2.0 * random_mimic.symmetric());
