@@ -12,6 +12,8 @@ const MEASURED: &[(u32, &str)] = &[
     (measured_flags::NEVER, "never"),
     (measured_flags::SETTLING, "settling"),
     (measured_flags::IMPLAUSIBLE, "implausible"),
+    (measured_flags::FLAT, "flat"),
+    (measured_flags::SATURATED, "saturated"),
 ];
 const TORQUE: &[(u32, &str)] = &[
     (torque_flags::VALID, "valid"),

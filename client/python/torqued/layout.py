@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 39
+EVENT_COUNT = 42
 
 
 class Mode(IntEnum):
@@ -121,6 +121,8 @@ EVENTS = (
     Event(111, "frame_out_of_order", "A frame was received earlier than one of the same message that had been used already; it was not used.", "-", "warn"),
     Event(112, "bus_down", "A CAN controller went bus-off, or its interface is down or gone.", "-", "hold"),
     Event(113, "send_failing", "Frames could not be sent for longer than allowed.", "safety.send_failing_ms", "hold"),
+    Event(114, "sensor_flat", "A value of an F/T sensor or the IMU has stayed the same for longer than its noise explains; its samples are not used.", "ft_sensor.flat_after_ms / imu.flat_after_ms", "degrade"),
+    Event(115, "sensor_saturated", "A value of an F/T sensor or the IMU stands at an end of its range in the DBC file; such samples are not used.", "-", "warn"),
     Event(201, "torque_saturated", "An estimated torque exceeded the joint's torque limit and was cut to it.", "joint.torque_limit_Nm", "warn"),
     Event(202, "encoder_jump", "An encoder moved further in one cycle than the joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "warn"),
     Event(203, "estimate_not_finite", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.", "-", "warn"),
@@ -131,6 +133,7 @@ EVENTS = (
     Event(208, "missing_contact", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.", "cross_check.residual_sigmas", "warn"),
     Event(209, "external_contact", "Contact detected by a joint's external torque, where the contact set has none.", "external_torque.threshold_per_cent", "warn"),
     Event(210, "encoder_implausible", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.", "joint.torque_limit_Nm", "hold"),
+    Event(211, "current_implausible", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.", "drive.current_sigma_A / drive.flat_after_ms", "degrade"),
     Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
     Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints.", "-", "release"),
@@ -374,7 +377,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """24720 bytes."""
+    """24744 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -408,7 +411,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 39),
+        ("events", ctypes.c_uint64 * 42),
     ]
 
 
@@ -438,7 +441,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """24792 bytes."""
+    """24816 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -573,7 +576,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#fb5a790fb0b3da3a")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#0804ab7f173a1f4d")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#b32aab7aa4d3f9e2")
 Request.type_name = staticmethod(lambda: "torqued::Request#af8ef29983f4bb97")

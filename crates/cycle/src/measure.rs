@@ -100,10 +100,11 @@ impl Measure {
         let period = parameters.timing.sample_period;
         let [_, control, _] = signals(robot);
         let joints = parameters.joints.iter().enumerate().map(|(j, joint)| {
+            // The current first: it is monitored.
             let mut needed = vec![
+                slots::current(j),
                 slots::motor_angle(j),
                 slots::link_angle(j),
-                slots::current(j),
             ];
             if joint.has_velocity {
                 needed.push(slots::velocity(j));
@@ -111,12 +112,14 @@ impl Measure {
             if joint.has_status {
                 needed.push(slots::status(j));
             }
-            reception.source(needed, joint.sampling)
+            let current = [joint.current_signal];
+            reception.source(needed, joint.sampling, &current, false)
         });
         let sensors = parameters.ft_sensors.iter().enumerate().map(|(s, ft)| {
             let temperature = ft.has_temperature.then(|| slots::ft_temperature(s));
             let axes = (0..AXES).map(|axis| slots::ft(s, axis));
-            reception.source(axes.chain(temperature).collect(), ft.sampling)
+            let slots = axes.chain(temperature).collect();
+            reception.source(slots, ft.sampling, &ft.signals, true)
         });
         Ok(Self {
             joints: joints.collect(),
@@ -125,7 +128,7 @@ impl Measure {
             imu: parameters.imu.as_ref().map(|imu| {
                 let gyro = (0..3).map(slots::gyro);
                 let axes = gyro.chain((0..3).map(slots::accelerometer));
-                reception.source(axes.collect(), imu.sampling)
+                reception.source(axes.collect(), imu.sampling, &imu.signals, true)
             }),
             sample_period: period,
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
@@ -375,7 +378,7 @@ impl Measure {
         self.axes.fill(f64::NAN);
         for (s, sensor) in ft.iter_mut().enumerate().take(self.sensors.len()) {
             let reading = (self.reception).reading(&mut self.sensors[s], at, counts);
-            note_stale(sensor.flags, &reading, Subject::FtSensor(s), counts);
+            note_unsound(sensor.flags, &reading, Subject::FtSensor(s), counts);
             sensor.age_s = reading.age_s;
             sensor.flags = reading.flags;
             let input = &mut self.ft_inputs[s];
@@ -398,7 +401,7 @@ impl Measure {
         };
         let reading = (self.reception).reading(source, at, counts);
         let imu = &mut measured.imu;
-        note_stale(imu.flags, &reading, Subject::Imu, counts);
+        note_unsound(imu.flags, &reading, Subject::Imu, counts);
         imu.age_s = reading.age_s;
         imu.flags = reading.flags;
         if reading.usable {
@@ -433,10 +436,15 @@ impl Measure {
     }
 }
 
-/// Counts a sensor whose last usable sample is older than allowed, once; `before`: its flags.
-fn note_stale(before: u32, reading: &Reading, subject: Subject, counts: &mut Counts) {
-    if reading.flags & measured_flags::STALE != 0 {
-        let begins = before & measured_flags::STALE == 0;
-        counts.lasting(Event::SensorStale, subject, begins);
+/// Counts a sensor that is stale, flat or saturated, once each time; `before`: its flags.
+fn note_unsound(before: u32, reading: &Reading, subject: Subject, counts: &mut Counts) {
+    for (flag, event) in [
+        (measured_flags::STALE, Event::SensorStale),
+        (measured_flags::FLAT, Event::SensorFlat),
+        (measured_flags::SATURATED, Event::SensorSaturated),
+    ] {
+        if reading.flags & flag != 0 {
+            counts.lasting(event, subject, before & flag == 0);
+        }
     }
 }

@@ -317,14 +317,21 @@ fn filtered_values_are_those_of_the_published_instant() {
         }
         worst
     };
-    let own = "sampled = \"when_sent\"";
-    let ft = format!("{own}\nsigma_N =");
-    let imu = format!("[imu]\n{own}");
+    let own = "sampled = \"when_sent\"\n";
+    // The analytic signals have no noise.
+    let flat = "flat_after_ms = 3600000\n";
+    let ft = format!("{own}{flat}sigma_N =");
+    let imu = format!("[imu]\n{own}{flat}");
+    let ft_ignored = format!("{flat}sigma_N =");
+    let imu_ignored = format!("[imu]\n{flat}");
     let aligned = worst(&[
         ("robot.toml: sigma_N =", ft.as_str()),
         ("robot.toml: [imu]", imu.as_str()),
     ]);
-    let ignored = worst(&[]);
+    let ignored = worst(&[
+        ("robot.toml: sigma_N =", ft_ignored.as_str()),
+        ("robot.toml: [imu]", imu_ignored.as_str()),
+    ]);
     // As large as age times derivative, mean age 0.35 ms.
     assert!(ignored[0] > 0.3 * TAU * 1.5 * 100.0 * 0.9e-3, "{ignored:?}");
     for (aligned, ignored) in aligned.iter().zip(ignored) {

@@ -2,6 +2,7 @@
 
 mod state;
 
+use crate::liveness;
 use crate::reader::{Allowed, Section};
 use crate::sampling::{self, Sampling};
 use control::MotorModel;
@@ -21,6 +22,8 @@ pub(crate) struct Drive {
     pub(crate) low_pass_pole: f64,
     pub(crate) torsion_sigma: f64,
     pub(crate) current_sigma: f64,
+    /// Equal samples of the current after which it is flat; none: by its noise.
+    pub(crate) flat_after: Option<u32>,
     pub(crate) sampling: Sampling,
     pub(crate) compliance: ComplianceParameters,
     pub(crate) wave_generator: WaveGeneratorParameters,
@@ -60,6 +63,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
     let link_counts_per_turn = section.optional_number("link_counts_per_turn", counts);
     let current_sigma = section.number_or("current_sigma_A", 0.0, Allowed::NonNegative);
     let sampling = sampling::read(&section, sample_period);
+    let flat_after = liveness::flat_after(&section, &sampling, sample_period);
     let command = section.choice(
         "command",
         &[
@@ -93,6 +97,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
         low_pass_pole,
         torsion_sigma,
         current_sigma,
+        flat_after,
         sampling,
         compliance,
         wave_generator: friction?,

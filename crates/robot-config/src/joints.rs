@@ -8,6 +8,7 @@ mod signals;
 use crate::Files;
 use crate::drives::Drive;
 use crate::general::name;
+use crate::liveness;
 use crate::parameters::{JointParameters, Timing};
 use crate::reader::{Allowed, Section};
 use crate::sampling;
@@ -172,6 +173,11 @@ impl Reader<'_, '_, '_> {
             gains: gains?,
             actuation: self.actuation(drive, inertia),
             plausibility: limits::plausibility(&limits, drive),
+            current_signal: liveness::signal(
+                signals.current,
+                drive.current_sigma,
+                drive.flat_after,
+            ),
             limits,
         })
     }

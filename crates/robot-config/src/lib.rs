@@ -10,6 +10,7 @@ mod drives;
 mod filters;
 mod general;
 mod joints;
+mod liveness;
 mod parameters;
 mod paths;
 mod reader;

@@ -9,7 +9,7 @@ use estimators::filter_bank::FilterDesign;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
 use robot_state::Reactions;
-use supervisor::{Actuation, DriveProfile, Limits, PlausibilityParameters};
+use supervisor::{Actuation, DriveProfile, Limits, PlausibilityParameters, SignalParameters};
 use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
 
 /// All parameters of a configuration.
@@ -187,6 +187,8 @@ pub struct JointParameters {
     pub actuation: Actuation,
     /// Limits of plausible samples.
     pub plausibility: PlausibilityParameters,
+    /// Range and noise of its current.
+    pub current_signal: SignalParameters,
 }
 
 impl JointParameters {
@@ -295,6 +297,8 @@ pub struct FtParameters {
     /// From the raw signals to the wrench that the part beyond applies to the part before; includes
     /// the sign.
     pub conditioning: FtConditioning,
+    /// Range and noise of its signals: force x y z, torque x y z.
+    pub signals: Vec<SignalParameters>,
     /// True if the sensor sends a temperature.
     pub has_temperature: bool,
 }
@@ -312,4 +316,6 @@ pub struct ImuParameters {
     pub sigma_gyro: f64,
     /// Standard deviation of a sample of each accelerometer axis, m/s².
     pub sigma_accelerometer: f64,
+    /// Range and noise of its signals: gyro x y z, accelerometer x y z.
+    pub signals: Vec<SignalParameters>,
 }

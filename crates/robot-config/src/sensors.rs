@@ -1,6 +1,7 @@
 //! `[[ft_sensor]]` and `[imu]`.
 
 use crate::general::name;
+use crate::liveness;
 use crate::parameters::{FtParameters, FtSensor, ImuParameters};
 use crate::reader::{Allowed, Section};
 use crate::sampling::{self, Sampling};
@@ -36,7 +37,13 @@ pub(crate) fn ft_sensors(
             );
         }
         let sampling = sampling::read(&section, sample_period);
-        sensors.extend(ft_sensor(&section, index, name, sampling, wiring));
+        sensors.extend(ft_sensor(
+            &section,
+            index,
+            name,
+            (sampling, sample_period),
+            wiring,
+        ));
         section.finish();
     }
     sensors
@@ -46,7 +53,7 @@ fn ft_sensor(
     section: &Section<'_, '_>,
     index: usize,
     name: String,
-    sampling: Sampling,
+    (sampling, sample_period): (Sampling, f64),
     wiring: &mut Wiring<'_, '_>,
 ) -> Option<FtParameters> {
     let frame = section.text("frame", LINK);
@@ -55,14 +62,16 @@ fn ft_sensor(
     let sigma_torque = section.number("sigma_Nm", Allowed::NonNegative);
     let calibrated = section.has("calibration");
     let conditioning = conditioning(section);
+    let flat_after = liveness::flat_after(section, &sampling, sample_period);
     let bus = wiring.bus(section);
-    for (key, first, quantity) in [
-        ("force", 0, Quantity::Force),
-        ("torque", 3, Quantity::Torque),
+    let mut signals = Vec::new();
+    for (key, first, quantity, sigma) in [
+        ("force", 0, Quantity::Force, sigma_force),
+        ("torque", 3, Quantity::Torque, sigma_torque),
     ] {
         section.has(key);
         if let Some(bus) = bus {
-            wiring.connect_axes(section, key, |axis| Use {
+            let reaches = wiring.connect_axes(section, key, |axis| Use {
                 way: Way::Receive,
                 bus,
                 slot: slots::ft(index, first + axis),
@@ -75,6 +84,10 @@ fn ft_sensor(
                 sign: 1.0,
                 offset: 0.0,
             });
+            // The noise of the signals before the matrix is not known.
+            let sigma = if calibrated { 0.0 } else { sigma };
+            let of_axis = |reach| liveness::signal(reach, sigma, flat_after);
+            signals.extend(reaches.map(of_axis));
         }
     }
     let temperature = section.optional_text("temperature", "a signal MESSAGE.signal");
@@ -100,6 +113,7 @@ fn ft_sensor(
         bus: bus?,
         sampling,
         conditioning,
+        signals,
         has_temperature: temperature.is_some(),
     })
 }
@@ -146,19 +160,29 @@ pub(crate) fn imu(
     let sigma_gyro = section.number_or("sigma_rad_per_s", 0.005, Allowed::NonNegative);
     let sigma_accelerometer = section.number_or("sigma_m_per_s2", 0.05, Allowed::NonNegative);
     let sampling = sampling::read(&section, sample_period);
+    let flat_after = liveness::flat_after(&section, &sampling, sample_period);
     let bus = wiring.bus(&section);
+    // Only noise that the file states, not a default, allows a judgement.
+    let stated = |key: &'static str, sigma: f64| if section.has(key) { sigma } else { 0.0 };
     let axes = [
-        ("gyro", slots::gyro(0), Quantity::Velocity),
+        (
+            "gyro",
+            slots::gyro(0),
+            Quantity::Velocity,
+            stated("sigma_rad_per_s", sigma_gyro),
+        ),
         (
             "accelerometer",
             slots::accelerometer(0),
             Quantity::Acceleration,
+            stated("sigma_m_per_s2", sigma_accelerometer),
         ),
     ];
-    for (key, first, quantity) in axes {
+    let mut signals = Vec::new();
+    for (key, first, quantity, sigma) in axes {
         section.has(key);
         if let Some(bus) = bus {
-            wiring.connect_axes(&section, key, |axis| Use {
+            let reaches = wiring.connect_axes(&section, key, |axis| Use {
                 way: Way::Receive,
                 bus,
                 slot: first + axis,
@@ -166,6 +190,8 @@ pub(crate) fn imu(
                 sign: 1.0,
                 offset: 0.0,
             });
+            let of_axis = |reach| liveness::signal(reach, sigma, flat_after);
+            signals.extend(reaches.map(of_axis));
         }
     }
     section.finish();
@@ -175,5 +201,6 @@ pub(crate) fn imu(
         sampling,
         sigma_gyro,
         sigma_accelerometer,
+        signals,
     })
 }

@@ -34,6 +34,8 @@ pub(crate) struct Reach {
     pub(crate) resolution: f64,
     /// Range after which the signal starts again; infinite for floats.
     pub(crate) wrap: f64,
+    /// Least and greatest value.
+    pub(crate) ends: [f64; 2],
 }
 
 /// The DBC files of every bus, and the signals that are used.
@@ -126,6 +128,7 @@ impl<'n, 't> Wiring<'n, 't> {
         }
         let resolution = (signal.scale * factor).abs();
         let counts = signal.coding.is_integer();
+        let signal_ends = [signal.min, signal.max];
         let wraps = counts && matches!(how.quantity, Quantity::Angle { .. });
         let map = SignalMap {
             slot: how.slot,
@@ -143,6 +146,7 @@ impl<'n, 't> Wiring<'n, 't> {
             } else {
                 f64::INFINITY
             },
+            ends: ends(&signal_ends, how, factor),
         };
         let maps = match how.way {
             Way::Receive => &mut self.receive,
@@ -158,14 +162,16 @@ impl<'n, 't> Wiring<'n, 't> {
         section: &Section<'_, '_>,
         key: &'static str,
         how: impl Fn(usize) -> Use,
-    ) {
+    ) -> [Option<Reach>; 3] {
         const ALLOWED: &str = "three signals MESSAGE.signal, for x, y and z";
         let path = section.path(key);
         let axes = section.text_array::<3>(key, ALLOWED).into_iter().flatten();
-        for (axis, signal) in axes.enumerate() {
+        let mut reaches = [None; 3];
+        for ((axis, signal), reach) in axes.enumerate().zip(&mut reaches) {
             let path = format!("{path}[{axis}]");
-            let _noted = self.connect(&path, &signal, &how(axis));
+            *reach = self.connect(&path, &signal, &how(axis));
         }
+        reaches
     }
 
     /// The tables of both ways and each bus's SYNC frame.
@@ -253,6 +259,12 @@ impl<'n, 't> Wiring<'n, 't> {
             }
         }
     }
+}
+
+/// Least and greatest value of a slot, from those of its signal.
+fn ends(signal: &[f64; 2], how: &Use, factor: f64) -> [f64; 2] {
+    let [a, b] = signal.map(|end| how.sign * factor * end + how.offset);
+    [a.min(b), a.max(b)]
 }
 
 fn find<'d>(dbcs: &'d [Dbc], message: &str, name: &str) -> Result<&'d Signal, Problem> {

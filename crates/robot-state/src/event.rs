@@ -169,6 +169,8 @@ events! {
     FrameOutOfOrder = 111, "frame_out_of_order", Warn, "-", "A frame was received earlier than one of the same message that had been used already; it was not used.";
     BusDown = 112, "bus_down", Hold, "-", "A CAN controller went bus-off, or its interface is down or gone.";
     SendFailing = 113, "send_failing", Hold, "safety.send_failing_ms", "Frames could not be sent for longer than allowed.";
+    SensorFlat = 114, "sensor_flat", Degrade against WHOLE_BODY, "ft_sensor.flat_after_ms / imu.flat_after_ms", "A value of an F/T sensor or the IMU has stayed the same for longer than its noise explains; its samples are not used.";
+    SensorSaturated = 115, "sensor_saturated", Warn against WHOLE_BODY, "-", "A value of an F/T sensor or the IMU stands at an end of its range in the DBC file; such samples are not used.";
     TorqueSaturated = 201, "torque_saturated", Warn against ENCODER_TORQUE WHOLE_BODY, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
     EncoderJump = 202, "encoder_jump", Warn, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
     EstimateNotFinite = 203, "estimate_not_finite", Warn against ENCODER_TORQUE WHOLE_BODY, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";
@@ -179,6 +181,7 @@ events! {
     MissingContact = 208, "missing_contact", Warn against WHOLE_BODY, "cross_check.residual_sigmas", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.";
     ExternalContact = 209, "external_contact", Warn, "external_torque.threshold_per_cent", "Contact detected by a joint's external torque, where the contact set has none.";
     EncoderImplausible = 210, "encoder_implausible", Hold, "joint.torque_limit_Nm", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.";
+    CurrentImplausible = 211, "current_implausible", Degrade against ENCODER_TORQUE, "drive.current_sigma_A / drive.flat_after_ms", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.";
     ReferenceNotFinite = 301, "reference_not_finite", Release, "-", "A client's reference contained NaN or infinity.";
     ReferenceStale = 302, "reference_stale", Release, "loop.reference_timeout_ms", "The commanding client stopped sending references.";
     ReferenceRejected = 303, "reference_rejected", Release, "-", "A client's reference had an unknown mode or the wrong number of joints.";

@@ -9,8 +9,10 @@ mod drive;
 mod limiter;
 mod plausibility;
 mod robot;
+mod signal;
 
 pub use drive::{ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, StatusPattern};
 pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
 pub use plausibility::{Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};
+pub use signal::{Liveness, SignalMonitor, SignalParameters};

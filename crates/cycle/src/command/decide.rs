@@ -80,6 +80,8 @@ pub(crate) struct Supervisor {
     limits: Vec<Limits>,
     conditions: Vec<JointCondition>,
     drives: Vec<Drive>,
+    /// Joints whose current was implausible in the last cycle.
+    implausible_currents: Vec<bool>,
     /// No control word is sent before the robot was ready or in a fault once.
     listening: bool,
     reference_timeout_s: f64,
@@ -114,6 +116,7 @@ impl Supervisor {
             drives: (p.joints.iter())
                 .map(|joint| Drive::new(joint.drive_profile.clone()))
                 .collect(),
+            implausible_currents: vec![false; joints],
             listening: true,
             reference_timeout_s: p.timing.reference_timeout,
             sample_period: p.timing.sample_period,
@@ -171,6 +174,7 @@ impl Supervisor {
             true => 0,
             false => source::WHOLE_BODY,
         };
+        self.note_currents(measured, counts);
         self.react_to(counts);
         self.follow_drives(measured, counts);
         self.judge(readiness, measured);
@@ -229,6 +233,19 @@ impl Supervisor {
                 None => continue,
             };
             self.report(event, Some(Subject::Joint(j)), counts);
+        }
+    }
+
+    /// A drive that is off may well report a current of zero, always the same.
+    fn note_currents(&mut self, measured: &MeasuredRecord, counts: &mut Counts) {
+        let joints = self.implausible_currents.iter_mut().zip(&self.drives);
+        for (j, ((before, drive), joint)) in joints.zip(&measured.joints).enumerate() {
+            let unsound = measured_flags::FLAT | measured_flags::SATURATED;
+            let now = joint.flags & unsound != 0 && drive.is_enabled();
+            if now {
+                counts.lasting(Event::CurrentImplausible, Subject::Joint(j), !*before);
+            }
+            *before = now;
         }
     }
 

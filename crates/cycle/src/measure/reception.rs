@@ -4,6 +4,8 @@ use can_codec::{DecodeError, Frame, Frames, Table};
 use robot_config::{Robot, Sampled, Sampling, slots};
 use robot_state::{Event, measured_flags};
 
+use supervisor::{Liveness, SignalMonitor, SignalParameters};
+
 use super::align::OVERDUE;
 use crate::events::Counts;
 use crate::time::{Instants, SECONDS_PER_NS, Stamp};
@@ -21,6 +23,11 @@ pub(crate) struct Source {
     sampling: Sampling,
     /// Instant of the last usable sample's oldest message; none before the first.
     used: Option<u64>,
+    /// Judge of the first slots' values.
+    monitor: SignalMonitor,
+    liveness: Liveness,
+    /// A sample with a flat or saturated value is not usable.
+    needs_all: bool,
 }
 
 /// A source's sample in one cycle.
@@ -58,8 +65,15 @@ impl Reception {
         }
     }
 
-    /// The source of the signals in these slots.
-    pub(crate) fn source(&self, slots: Vec<usize>, sampling: Sampling) -> Source {
+    /// The source of the signals in these slots, of which the first have these parameters.
+    /// `needs_all`: a sample with a flat or saturated value among those is not usable.
+    pub(crate) fn source(
+        &self,
+        slots: Vec<usize>,
+        sampling: Sampling,
+        signals: &[SignalParameters],
+        needs_all: bool,
+    ) -> Source {
         let table = &self.table;
         Source {
             messages: (0..table.message_count())
@@ -68,6 +82,9 @@ impl Reception {
             slots,
             sampling,
             used: None,
+            monitor: SignalMonitor::new(signals),
+            liveness: Liveness::Live,
+            needs_all,
         }
     }
 
@@ -158,14 +175,23 @@ impl Reception {
                 at.sync.0.abs_diff(oldest) as f64 * SECONDS_PER_NS <= OVERDUE * period
             }
         };
-        let usable = present && finite;
+        if all_fresh && present && finite {
+            let values = source.slots.iter().filter_map(|&slot| self.slots.get(slot));
+            source.liveness = source.monitor.update(values.copied());
+        }
+        let live = source.liveness == Liveness::Live || !source.needs_all;
+        let usable = present && finite && live;
         if usable {
             source.used = Some(oldest);
         }
         let age_s = source.used.map_or(f64::INFINITY, |used| {
             at.now.0.saturating_sub(used) as f64 * SECONDS_PER_NS
         });
-        let mut flags = 0;
+        let mut flags = match source.liveness {
+            Liveness::Live => 0,
+            Liveness::Saturated => measured_flags::SATURATED,
+            Liveness::Flat => measured_flags::FLAT,
+        };
         if !usable {
             flags |= measured_flags::MISSED;
         }

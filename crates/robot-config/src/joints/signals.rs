@@ -14,6 +14,7 @@ use supervisor::Limits;
 pub(super) struct Signals {
     pub(super) motor_angle: Option<Reach>,
     pub(super) link_angle: Option<Reach>,
+    pub(super) current: Option<Reach>,
     pub(super) has_velocity: bool,
     pub(super) has_status: bool,
     pub(super) has_control: bool,
@@ -76,10 +77,13 @@ impl Reader<'_, '_, '_> {
             has_status.then(|| receive("status", slots::status(joint), Quantity::Status)),
             has_control.then_some(control),
         ];
-        let required = [
-            receive("current", slots::current(joint), Quantity::Current),
-            ("set_point", Way::Send, slots::command(joint), set_point),
-        ];
+        let required = [("set_point", Way::Send, slots::command(joint), set_point)];
+        let current = signal(
+            "current",
+            Way::Receive,
+            slots::current(joint),
+            Quantity::Current,
+        );
         for (key, way, slot, quantity) in required.into_iter().chain(optional.into_iter().flatten())
         {
             let _noted = signal(key, way, slot, quantity);
@@ -97,6 +101,7 @@ impl Reader<'_, '_, '_> {
                 slots::link_angle(joint),
                 link_counts,
             ),
+            current,
             has_velocity,
             has_status,
             has_control,

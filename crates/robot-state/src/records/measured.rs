@@ -17,6 +17,10 @@ pub mod measured_flags {
     pub const SETTLING: u32 = 16;
     /// The two encoders contradict each other: the sample was not used.
     pub const IMPLAUSIBLE: u32 = 32;
+    /// A value has stayed the same for longer than its noise explains (of a joint: its current).
+    pub const FLAT: u32 = 64;
+    /// A value stands at an end of its range (of a joint: its current).
+    pub const SATURATED: u32 = 128;
 }
 
 record! {
