@@ -5,10 +5,14 @@ mod check;
 mod contacts;
 mod dynamics;
 mod estimate;
+mod export;
 mod fit;
+mod info;
 mod operator;
 mod output;
+mod record;
 mod recorded;
+mod replay;
 mod requests;
 mod state;
 mod tare;
@@ -31,6 +35,8 @@ Examples:
   torquectl enable
   torquectl watch --once
   torquectl tare --contacts in_the_air
+  torquectl record -o run.mcap --seconds 10
+  torquectl replay run.mcap
   torquectl estimate --joint elbow.toml --log run.csv
   torquectl help check
 
@@ -60,7 +66,11 @@ enum Command {
     Watch(watch::WatchArguments),
     Dynamics(dynamics::DynamicsArguments),
     Estimate(estimate::EstimateArguments),
+    Export(export::ExportArguments),
     Fit(fit::FitArguments),
+    Info(info::InfoArguments),
+    Record(record::RecordArguments),
+    Replay(replay::ReplayArguments),
     Tare(tare::TareArguments),
     WholeBody(whole_body::WholeBodyArguments),
 }
@@ -78,7 +88,11 @@ fn main() -> ExitCode {
         Command::Dynamics(arguments) => dynamics::run(&arguments),
         Command::Estimate(arguments) => estimate::run(&arguments),
         Command::Contacts(arguments) => contacts::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Record(arguments) => record::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),
     }

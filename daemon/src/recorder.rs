@@ -31,8 +31,8 @@ pub use black_box::{BlackBoxes, FOLDER, KEPT};
 use history::History;
 use output::Output;
 pub use output::{RecordingRequest, RecordingStatus};
-use tap::Shared;
 pub use tap::Tap;
+use tap::{Shared, Slot};
 
 /// Time that the ring between the loop and this thread holds, s.
 const RING_S: f64 = 1.0;
@@ -79,10 +79,16 @@ impl RecorderHandle {
         self.shared.dropped()
     }
 
-    /// The state of the recording, or of the last one.
+    /// The state of the recording that a client asked for, or of the last one.
     #[must_use]
     pub fn status(&self) -> RecordingStatus {
-        self.shared.status()
+        self.shared.status(Slot::Client)
+    }
+
+    /// The state of the recording that the daemon was started with.
+    #[must_use]
+    pub fn status_from_start(&self) -> RecordingStatus {
+        self.shared.status(Slot::Start)
     }
 }
 
@@ -114,7 +120,7 @@ pub fn create(robot: &Robot, header: Header, boxes: Option<BlackBoxes>) -> Ends 
             header,
             boxes,
             pending: None,
-            recording: None,
+            recordings: Vec::new(),
             requests: received,
             shared: Arc::clone(&shared),
             heard: Instant::now(),
@@ -133,7 +139,7 @@ pub struct Recorder {
     boxes: Option<BlackBoxes>,
     /// The black box that is being waited for or written.
     pending: Option<Pending>,
-    recording: Option<Output>,
+    recordings: Vec<(Slot, Output)>,
     requests: Receiver<RecordingRequest>,
     shared: Arc<Shared>,
     last_fault: u32,
@@ -174,7 +180,7 @@ impl Recorder {
     /// Everything is written, and nothing more will come.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.ended && self.pending.is_none() && self.recording.is_none()
+        self.ended && self.pending.is_none() && self.recordings.is_empty()
     }
 
     /// Takes what has come and writes a part of what is to be written; `false` if there was nothing
@@ -188,7 +194,7 @@ impl Recorder {
         }
         self.serve(now);
         let wrote_box = self.advance_black_box(now);
-        let wrote = self.advance_recording(now);
+        let wrote = self.advance_recordings(now);
         taken || wrote_box || wrote
     }
 
@@ -316,24 +322,43 @@ impl Recorder {
                     overwrite,
                     unattended,
                 } => {
-                    let running = self.recording.is_some();
+                    let slot = if unattended {
+                        Slot::Start
+                    } else {
+                        Slot::Client
+                    };
+                    let running = self.find(slot).is_some();
                     let begun = match running {
                         true => Err("another recording is running".to_owned()),
-                        false => self.begin(&path, seconds, last_s, overwrite, unattended, now),
+                        false => self.begin(&path, seconds, last_s, overwrite),
                     };
                     match begun {
-                        Ok(output) => self.recording = Some(output),
-                        Err(why) => self.shared.refuse(&path, &why, running),
+                        Ok(mut output) => {
+                            if !unattended {
+                                output.renew(now);
+                            }
+                            self.shared.begin(slot, &path);
+                            self.recordings.push((slot, output));
+                        }
+                        Err(why) => {
+                            if unattended {
+                                eprintln!(
+                                    "torqued: {}: nothing is recorded: {why}",
+                                    path.display()
+                                );
+                            }
+                            self.shared.refuse(slot, &path, &why, running);
+                        }
                     }
                 }
                 RecordingRequest::Renew => {
-                    if let Some(output) = &mut self.recording {
+                    if let Some(output) = self.find(Slot::Client) {
                         output.renew(now);
                     }
                 }
                 RecordingRequest::End => {
                     let newest = self.history.newest();
-                    if let Some(output) = &mut self.recording {
+                    if let Some(output) = self.find(Slot::Client) {
                         output.end_after(newest.map_or(0, |(_, stamp_ns)| stamp_ns));
                     }
                 }
@@ -341,14 +366,17 @@ impl Recorder {
         }
     }
 
+    fn find(&mut self, slot: Slot) -> Option<&mut Output> {
+        let mut recordings = self.recordings.iter_mut();
+        recordings.find_map(|(own, output)| (*own == slot).then_some(output))
+    }
+
     fn begin(
-        &mut self,
+        &self,
         path: &std::path::Path,
         seconds: Option<f64>,
         last_s: f64,
         overwrite: bool,
-        unattended: bool,
-        now: Instant,
     ) -> Result<Output, String> {
         let newest = self.history.newest();
         let (next, stamp_ns) = newest.map_or((0, None), |(n, stamp)| (n + 1, Some(stamp)));
@@ -362,43 +390,42 @@ impl Recorder {
             (Some(seconds), stamp) => stamp.unwrap_or(0) + (seconds * 1e9) as u64,
         };
         let output = Output::create(path, overwrite, &self.header, from, until_ns);
-        let mut output = output.map_err(|why| why.to_string())?;
-        if !unattended {
-            output.renew(now);
-        }
-        self.shared.begin(path);
-        Ok(output)
+        output.map_err(|why| why.to_string())
     }
 
-    fn advance_recording(&mut self, now: Instant) -> bool {
-        let Some(output) = &mut self.recording else {
-            return false;
-        };
-        let lost = self.shared.dropped();
-        let written = output.advance(&self.history, BATCH);
-        let abandoned = output.is_expired(now);
-        if abandoned {
-            eprintln!("torqued: nobody asks for the recording any more: it ends");
-        }
-        let up_to_date = matches!(written, Ok(0));
-        let ended = output.is_at_end() || (self.ended && up_to_date) || abandoned;
-        self.shared.report(output, lost);
-        match written {
-            Ok(count) if !ended => return count > 0,
-            Ok(_) => {}
-            Err(why) => {
-                eprintln!("torqued: the recording ends: {why}");
-                self.shared.fail(&why.to_string());
-                self.recording = None;
-                return true;
+    fn advance_recordings(&mut self, now: Instant) -> bool {
+        let mut any = false;
+        for (slot, mut output) in std::mem::take(&mut self.recordings) {
+            let written = output.advance(&self.history, BATCH);
+            self.shared.report(slot, &output, self.shared.dropped());
+            let count = match written {
+                Ok(count) => count,
+                Err(why) => {
+                    eprintln!(
+                        "torqued: {}: the recording ends: {why}",
+                        output.path().display()
+                    );
+                    self.shared.fail(slot, &why.to_string());
+                    continue;
+                }
+            };
+            any |= count > 0;
+            let abandoned = output.is_expired(now);
+            if abandoned {
+                eprintln!("torqued: nobody asks for the recording any more: it ends");
+            }
+            let over = output.is_at_end() || abandoned || (self.ended && count == 0);
+            match over {
+                false => self.recordings.push((slot, output)),
+                true => match output.finish() {
+                    Ok(_) => self.shared.finish(slot),
+                    Err(why) => {
+                        eprintln!("torqued: the recording ends: {why}");
+                        self.shared.fail(slot, &why.to_string());
+                    }
+                },
             }
         }
-        if let Some(output) = self.recording.take() {
-            match output.finish() {
-                Ok(_) => self.shared.finish(),
-                Err(why) => self.shared.fail(&why.to_string()),
-            }
-        }
-        true
+        any
     }
 }

@@ -6,6 +6,7 @@
 
 mod fitness;
 mod operator;
+mod recording_requests;
 mod tare_job;
 
 use std::thread::JoinHandle;
@@ -22,7 +23,9 @@ use robot_state::{
 };
 
 use crate::offsets::{Offsets, SensorOffset, Store};
+use crate::recorder::RecorderHandle;
 use operator::{OperatorRequests, Outcome, operator_request};
+use recording_requests::RecordingRequests;
 use tare_job::TareJob;
 
 /// Period of the answers to a client that waits.
@@ -40,6 +43,7 @@ pub struct RequestServer {
     newest: Option<(Box<SharedRecord>, Instant)>,
     job: Option<Job>,
     operator: OperatorRequests,
+    recording: RecordingRequests,
 }
 
 /// Work that takes longer than an answer.
@@ -77,9 +81,15 @@ impl RequestServer {
             newest: None,
             job: None,
             operator: OperatorRequests::default(),
+            recording: RecordingRequests::default(),
         };
         server.adopt(offsets);
         Ok(server)
+    }
+
+    /// Clients may ask this recorder for recordings.
+    pub fn record_with(&mut self, recorder: RecorderHandle) {
+        self.recording.record_with(recorder);
     }
 
     /// The settings that hold now.
@@ -129,6 +139,9 @@ impl RequestServer {
             (request::FORGET_TARE, _) => self.begin_to_forget(asked, now),
             (request::CHOOSE_CONTACT_SET, _) => self.choose_contacts(asked.contact_set.as_str()),
             (request::AUTOMATIC_CONTACT_SET, _) => self.automatic_contacts(),
+            (request::RECORD, _) => self.begin_recording(asked, now),
+            (request::RECORDING, _) => return self.show_recording(asked),
+            (request::END_RECORDING, _) => self.recording.end(asked, now).map(|()| None),
             (other, _) => Err(Problem::new(
                 format!("requests of kind {other} are not known"),
                 "",
@@ -152,6 +165,35 @@ impl RequestServer {
     pub fn advance(&mut self, now: Instant) -> Option<Answer> {
         self.advance_operator(now)
             .or_else(|| self.advance_tare(now))
+            .or_else(|| self.advance_recording(now))
+    }
+
+    fn begin_recording(
+        &mut self,
+        asked: &Request,
+        now: Instant,
+    ) -> Result<Option<String>, Problem> {
+        self.newest_record(now)?;
+        self.recording.begin(asked, now).map(|()| None)
+    }
+
+    fn show_recording(&self, asked: &Request) -> Answer {
+        match self.recording.show() {
+            Ok((text, ended)) => Answer {
+                progress: f64::from(u8::from(ended)),
+                ..self.answer(asked, answer_status::DONE, &text)
+            },
+            Err(problem) => self.refusal(asked, &problem),
+        }
+    }
+
+    fn advance_recording(&mut self, now: Instant) -> Option<Answer> {
+        let (asked, result) = self.recording.advance(now)?;
+        Some(match result {
+            Ok(Some(text)) => self.answer(&asked, answer_status::DONE, &text),
+            Ok(None) => self.answer(&asked, answer_status::WORKING, ""),
+            Err(problem) => self.refusal(&asked, &problem),
+        })
     }
 
     fn advance_operator(&mut self, now: Instant) -> Option<Answer> {

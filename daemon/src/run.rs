@@ -97,7 +97,7 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     if let Some(event) = fault {
         control_loop.start_with_fault(event);
     }
-    let server = RequestServer::new(robot, Store::find(state)).map_err(Failure::bad_input)?;
+    let mut server = RequestServer::new(robot, Store::find(state)).map_err(Failure::bad_input)?;
     if !parameters.ft_sensors.is_empty() {
         eprintln!("{}", server.describe_tare());
     }
@@ -111,6 +111,7 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
         .map(|store| BlackBoxes::new(store.directory()));
     let recorder = recorder::create(robot, header, boxes);
     control_loop.record_to(recorder.tap);
+    server.record_with(recorder.handle.clone());
     if let Some(path) = options.record {
         record_from_the_start(&recorder.handle, path);
     }

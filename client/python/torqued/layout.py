@@ -521,7 +521,7 @@ class Reference(ctypes.Structure):
 
 
 class Request(ctypes.Structure):
-    """64 bytes."""
+    """1112 bytes."""
 
     _fields_ = [
         # Any number that no other request has: the answers repeat it.
@@ -532,6 +532,16 @@ class Request(ctypes.Structure):
         ("fault", ctypes.c_uint32),
         # Name of a contact set, for a tare and for the choice of a contact set.
         ("contact_set", ctypes.c_uint8 * 48),
+        # Duration of a recording from now on, s; negative: until its end is asked for.
+        ("seconds", ctypes.c_double),
+        # Time before now that is recorded too, s.
+        ("last_s", ctypes.c_double),
+        # 1: a recording may replace the file `path`.
+        ("overwrite", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+        # Absolute path of the file to record into, as the daemon sees it.
+        ("path", ctypes.c_uint8 * 1024),
     ]
 
 
@@ -579,5 +589,5 @@ class Answer(ctypes.Structure):
 SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#0804ab7f173a1f4d")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#b32aab7aa4d3f9e2")
-Request.type_name = staticmethod(lambda: "torqued::Request#af8ef29983f4bb97")
+Request.type_name = staticmethod(lambda: "torqued::Request#722a456d0d271a52")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

@@ -25,6 +25,13 @@ pub mod request {
     pub const STOP: u32 = 8;
     /// Acknowledge the fault of number `fault`; done when it is no longer latched.
     pub const ACKNOWLEDGE: u32 = 9;
+    /// Record into the file `path`; done when the file is there. The client must send `RECORDING`
+    /// at least every few seconds: else the recording ends.
+    pub const RECORD: u32 = 10;
+    /// Show the state of the recording; its `progress` is 1 when it has ended.
+    pub const RECORDING: u32 = 11;
+    /// End the recording; done when the file is whole.
+    pub const END_RECORDING: u32 = 12;
 }
 
 /// Kinds of refusal of an operator's request by the loop: the upper half of `CycleRecord::refusal`.
@@ -62,6 +69,16 @@ record! {
         pub fault: u32,
         /// Name of a contact set, for a tare and for the choice of a contact set.
         pub contact_set: Name,
+        /// Duration of a recording from now on, s; negative: until its end is asked for.
+        pub seconds: f64,
+        /// Time before now that is recorded too, s.
+        pub last_s: f64,
+        /// 1: a recording may replace the file `path`.
+        pub overwrite: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
+        /// Absolute path of the file to record into, as the daemon sees it.
+        pub path: Text<1024>,
     }
 }
 

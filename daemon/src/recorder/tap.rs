@@ -16,8 +16,17 @@ use super::output::{Output, RecordingStatus};
 pub(super) struct Shared {
     dropped: AtomicU64,
     ended_as_asked: AtomicBool,
-    /// Never taken by the loop.
-    status: Mutex<RecordingStatus>,
+    /// Of each [`Slot`]; never taken by the loop.
+    status: [Mutex<RecordingStatus>; 2],
+}
+
+/// Who wanted a recording; each may have one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Slot {
+    /// A client.
+    Client,
+    /// Whoever started the daemon.
+    Start,
 }
 
 impl Shared {
@@ -29,12 +38,12 @@ impl Shared {
         self.ended_as_asked.load(Ordering::Acquire)
     }
 
-    pub(super) fn status(&self) -> RecordingStatus {
-        self.lock().clone()
+    pub(super) fn status(&self, slot: Slot) -> RecordingStatus {
+        self.lock(slot).clone()
     }
 
-    pub(super) fn begin(&self, path: &Path) {
-        let mut status = self.lock();
+    pub(super) fn begin(&self, slot: Slot, path: &Path) {
+        let mut status = self.lock(slot);
         *status = RecordingStatus {
             path: path.to_owned(),
             running: true,
@@ -45,8 +54,8 @@ impl Shared {
     }
 
     /// A request that was not begun; one that runs is not concerned.
-    pub(super) fn refuse(&self, path: &Path, why: &str, running: bool) {
-        let mut status = self.lock();
+    pub(super) fn refuse(&self, slot: Slot, path: &Path, why: &str, running: bool) {
+        let mut status = self.lock(slot);
         status.generation += 1;
         status.refused = Some(format!("{}: {why}", path.display()));
         if !running {
@@ -54,26 +63,31 @@ impl Shared {
         }
     }
 
-    pub(super) fn report(&self, output: &Output, dropped: u64) {
-        let mut status = self.lock();
+    pub(super) fn report(&self, slot: Slot, output: &Output, dropped: u64) {
+        let mut status = self.lock(slot);
         status.cycles = output.cycles();
         status.seconds = output.seconds();
         status.bytes = output.bytes();
         status.lost = output.lost() + dropped.saturating_sub(status.dropped_before);
     }
 
-    pub(super) fn finish(&self) {
-        self.lock().running = false;
+    pub(super) fn finish(&self, slot: Slot) {
+        self.lock(slot).running = false;
     }
 
-    pub(super) fn fail(&self, why: &str) {
-        let mut status = self.lock();
+    pub(super) fn fail(&self, slot: Slot, why: &str) {
+        let mut status = self.lock(slot);
         status.running = false;
         status.failed = Some(why.to_owned());
     }
 
-    fn lock(&self) -> MutexGuard<'_, RecordingStatus> {
-        self.status.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self, slot: Slot) -> MutexGuard<'_, RecordingStatus> {
+        let [client, start] = &self.status;
+        let status = match slot {
+            Slot::Client => client,
+            Slot::Start => start,
+        };
+        status.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

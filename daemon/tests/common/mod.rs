@@ -1,6 +1,7 @@
 //! Shared by the daemon's tests: run directories, robots and their simulation.
 #![allow(dead_code, reason = "each test binary uses a part")]
 
+pub(crate) mod eventful;
 pub(crate) mod recorded;
 
 use plant::{CanRobot, SimParameters};

@@ -116,7 +116,8 @@ impl Recorded<'_> {
             });
         }
         let store = torqued::offsets::Store::at(self.directory.directory.path(), "robot");
-        let server = RequestServer::new(robot, Ok::<_, Problem>(store)).expect("a server");
+        let mut server = RequestServer::new(robot, Ok::<_, Problem>(store)).expect("a server");
+        server.record_with(ends.handle.clone());
         let description = Description {
             robot: Name::new(&robot.parameters.name),
             joint_count: robot.parameters.joints.len() as u32,
