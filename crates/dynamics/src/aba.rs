@@ -5,13 +5,14 @@
 //! origins of lane frames minus gravity; an articulated inertia maps them to a wrench:
 //! `f = M a + H^T alpha + p_f`, `n = H a + I alpha + p_n`.
 
-use crate::cholesky::{cholesky_decompose, cholesky_solve};
-use crate::crba::crba;
+mod by_mass_matrix;
+
+pub(crate) use by_mass_matrix::packs;
+
 use crate::data::Data;
-use crate::kinematics::{at, base_placement, six};
+use crate::kinematics::{base_placement, six};
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
-use crate::rnea::rnea;
 use crate::rows::AbaRow;
 use crate::spatial::{Force, Motion};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
@@ -30,8 +31,8 @@ pub fn aba<'d>(
 ) -> &'d [f64] {
     debug_assert!(q.len() >= model.nq() && v.len() >= model.nv() && tau.len() >= model.nv());
     let nv = model.nv();
-    if model.has_mimic() {
-        by_mass_matrix(model, data, q, v, tau, f_ext);
+    if model.has_mimic() || model.schedule.in_order {
+        by_mass_matrix::by_mass_matrix(model, data, q, v, tau, f_ext);
         return &data.ddq[..nv];
     }
     let (bv, bq) = model.base_size();
@@ -71,28 +72,6 @@ pub fn aba<'d>(
         data.ddq[..6].copy_from_slice(&Motion::new(a, root.angular).to_array());
     }
     &data.ddq[..nv]
-}
-
-/// Mimic joints couple bodies that the recursion takes as independent: solve with `M` instead.
-fn by_mass_matrix(
-    model: &Model,
-    data: &mut Data,
-    q: &[f64],
-    v: &[f64],
-    tau: &[f64],
-    f_ext: Option<&[Force]>,
-) {
-    let zeros = std::mem::take(&mut data.zeros);
-    rnea(model, data, q, v, &zeros, f_ext);
-    data.zeros = zeros;
-    let mut ddq = std::mem::take(&mut data.ddq);
-    for (i, x) in ddq.iter_mut().take(model.nv()).enumerate() {
-        *x = at(tau, i) - data.tau[i];
-    }
-    crba(model, data, q);
-    cholesky_decompose(model, data);
-    cholesky_solve(model, data, &mut ddq[..model.nv()]);
-    data.ddq = ddq;
 }
 
 fn set_root(root: &mut AbaRow, omega: Vector3<f64>) {

@@ -4,6 +4,8 @@
 //! Inertias and joint axes are expressed at the root's origin, in its axes: there composites are
 //! sums, and an entry of `M` is the product of an axis with the momentum of another.
 
+mod in_order;
+
 use crate::data::Data;
 use crate::lane_schedule::{LaneSchedule, NOWHERE, Step};
 use crate::model::{Base, Model};
@@ -14,21 +16,48 @@ use simd::{Kernel, Lanes, M3, Pack, V3, gather, run, scatter_add, sin_cos, store
 
 /// `M(q)` (nv × nv), symmetric, armature included.
 pub fn crba<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d DMatrix<f64> {
+    mass_matrix(model, data, q, false)
+}
+
+/// `placed`: bodies in their order stand where `rnea` has placed them at `q`.
+pub(crate) fn mass_matrix<'d>(
+    model: &Model,
+    data: &'d mut Data,
+    q: &[f64],
+    placed: bool,
+) -> &'d DMatrix<f64> {
     let (bv, bq) = model.base_size();
     debug_assert!(q.len() >= model.nq());
     let m = &mut data.mass_matrix;
-    let kernel = Crba {
-        schedule: &model.schedule,
-        rows: &mut data.crba,
-        q: &q[bq.min(q.len())..],
-        floating: model.base == Base::Floating,
-        // Mimic joints add up: by hand, below.
-        m: (!model.has_mimic()).then(|| m.as_mut_slice()),
-        nv: model.nv(),
-    };
-    run(data.instructions, kernel);
-    if model.has_mimic() {
-        fill_with_mimic(model, &data.crba, m);
+    let q = &q[bq.min(q.len())..];
+    // Joints that others mimic add up, and ancestors may be too many to list: by hand, below.
+    let by_hand = !model.schedule.lists_ancestors;
+    let entries = (!by_hand).then(|| m.as_mut_slice());
+    if model.schedule.in_order {
+        let kernel = in_order::CrbaInOrder {
+            schedule: &model.schedule,
+            memory: &mut data.in_order,
+            rows: &mut data.crba,
+            q,
+            placed,
+            base_size: bv,
+            m: entries,
+            nv: model.nv(),
+        };
+        run(data.instructions, kernel);
+    } else {
+        let kernel = Crba {
+            schedule: &model.schedule,
+            rows: &mut data.crba,
+            q,
+            floating: model.base == Base::Floating,
+            m: entries,
+            nv: model.nv(),
+        };
+        run(data.instructions, kernel);
+    }
+    if by_hand {
+        fill_by_hand(model, &data.crba, m);
     }
     for (i, joint) in model.joints.iter().enumerate() {
         m[(bv + i, bv + i)] += joint.armature;
@@ -139,17 +168,24 @@ fn outward<L: Lanes>(step: &Step, before: &[CrbaRow], row: &mut CrbaRow, q: L) {
     };
     r.store(&mut row.rotation);
     p.store(&mut row.translation);
+    let (m, h, s) = own_moments(step, r, p);
+    m.store(&mut row.mass);
+    h.store(&mut row.h);
+    store_all(s, &mut row.s);
+}
+
+/// Mass, first and second moments of four bodies at the root, from placements in its frame.
+#[inline(always)]
+fn own_moments<L: Lanes>(step: &Step, r: M3<L>, p: V3<L>) -> (L, V3<L>, [L; 6]) {
     let [m, hx, hy, hz, s @ ..] = &step.inertia;
     let m = L::load(m);
-    m.store(&mut row.mass);
     let h = r.times_vector(V3::new(L::load(hx), L::load(hy), L::load(hz)));
     let at_root = h.add_scaled(m, p);
-    at_root.store(&mut row.h);
     let s = M3::load_symmetric(s);
     // S + h p^T + p (h + m p)^T
     let s = s.rotated(r);
     let s = s.add_outer(h, p).add_outer(p, at_root).upper();
-    store_all(s, &mut row.s);
+    (m, at_root, s)
 }
 
 /// Twist of the joint for unit speed, and the momentum that it gives the sub-tree.
@@ -263,8 +299,8 @@ fn couple_with_ancestors<L: Lanes>(step: &Step, rows: &[CrbaRow], own: usize, m:
     }
 }
 
-/// Bodies that share a joint add up.
-fn fill_with_mimic(model: &Model, rows: &[CrbaRow], m: &mut DMatrix<f64>) {
+/// Entry by entry; bodies that share a joint add up.
+fn fill_by_hand(model: &Model, rows: &[CrbaRow], m: &mut DMatrix<f64>) {
     let base = model.base_size().0;
     m.fill(0.0);
     let of = |b: usize, part: fn(&CrbaRow) -> &[Pack; 6]| {

@@ -1,10 +1,12 @@
 //! Memory of the algorithms, allocated once per model.
 
+use crate::aba::packs;
+use crate::in_order::InOrder;
 use crate::model::Model;
 use crate::rows::{AbaRow, CrbaRow, RneaRow};
 use crate::spatial::{Inertia, Motion, Se3};
 use nalgebra::DMatrix;
-use simd::Instructions;
+use simd::{Instructions, Pack};
 
 /// Results and intermediate values of every algorithm, for one model.
 #[derive(Clone, Debug)]
@@ -12,6 +14,8 @@ pub struct Data {
     pub(crate) instructions: Instructions,
     pub(crate) rnea: Vec<RneaRow>,
     pub(crate) crba: Vec<CrbaRow>,
+    /// Of bodies in their order; empty where limbs are side by side.
+    pub(crate) in_order: InOrder,
     /// Placement of each body in its parent.
     pub(crate) in_parent: Vec<Se3>,
     /// Placement of each body in the world.
@@ -29,6 +33,9 @@ pub struct Data {
     pub(crate) ddq: Vec<f64>,
     pub(crate) mass_matrix: DMatrix<f64>,
     pub(crate) factor: DMatrix<f64>,
+    /// Columns of a factor and inverses of its pivots, where `aba` solves with `M`.
+    pub(crate) columns: Vec<Pack>,
+    pub(crate) inverse_pivots: Vec<f64>,
     pub(crate) zeros: Vec<f64>,
 }
 
@@ -42,6 +49,10 @@ impl Data {
             instructions: Instructions::detect(),
             rnea: vec![RneaRow::default(); rows],
             crba: vec![CrbaRow::ROOT; rows],
+            in_order: match model.schedule.in_order {
+                true => InOrder::new(&model.bodies, model.base_size().0),
+                false => InOrder::new(&[], 0),
+            },
             in_parent: vec![Se3::identity(); n],
             in_world: vec![Se3::identity(); n],
             velocity: vec![Motion::zero(); n],
@@ -53,6 +64,11 @@ impl Data {
             ddq: vec![0.0; nv + 1],
             mass_matrix: DMatrix::zeros(nv, nv),
             factor: DMatrix::zeros(nv, nv),
+            columns: match model.has_mimic() || model.schedule.in_order {
+                true => vec![Pack::ZERO; nv * packs(nv)],
+                false => Vec::new(),
+            },
+            inverse_pivots: vec![0.0; nv],
             zeros: vec![0.0; model.nq()],
         }
     }

@@ -47,8 +47,7 @@ pub(crate) struct Step {
     pub(crate) inertia: [Pack; 10],
     /// Columns of the lanes' joints in `M`, or `NOWHERE`.
     pub(crate) columns: [usize; WIDTH],
-    /// The bodies themselves, their parents and so on up to the root's children; none in a model
-    /// with mimic joints.
+    /// The bodies themselves, their parents and so on up to the root's children, where listed.
     pub(crate) ancestors: Vec<Ancestors>,
 }
 
@@ -73,7 +72,20 @@ pub(crate) struct LaneSchedule {
     pub(crate) place: Vec<(usize, usize)>,
     /// Rotation from each body's lane frame to its own.
     pub(crate) to_body: Vec<Matrix3<f64>>,
+    /// True if rows are bodies in their order (see `in_order`); else limbs stand side by side.
+    pub(crate) in_order: bool,
+    /// True if some joint is prismatic.
+    pub(crate) slides: bool,
+    /// False where joints are mimicked or a limb is so long that lists of ancestors fill the memory.
+    pub(crate) lists_ancestors: bool,
 }
+
+/// Bodies in their order where limbs side by side would fill less than this share of the lanes. Not
+/// for more than `MOST_IN_ORDER` bodies: forward dynamics is cubic in their number.
+const FILLED: f64 = 0.6;
+const MOST_IN_ORDER: usize = 16;
+/// Lists of ancestors of all rows together.
+const MOST_ANCESTORS: usize = 20_000;
 
 /// Parts of a model from which its schedule is made.
 #[derive(Clone, Copy)]
@@ -89,8 +101,23 @@ pub(crate) struct Skeleton<'a> {
 impl LaneSchedule {
     pub(crate) fn new(model: Skeleton) -> LaneSchedule {
         let first_child = first_children(model.bodies);
-        let rows = schedule(model.bodies, &first_child);
+        let bodies = model.bodies;
+        let mut rows = schedule(bodies, &first_child);
+        let moving: Vec<usize> = (1..bodies.len()).collect();
+        let lanes = (rows.len() * WIDTH) as f64;
+        let in_order = moving.len() <= MOST_IN_ORDER && (moving.len() as f64) < FILLED * lanes;
+        if in_order {
+            let row = |four: &[usize]| std::array::from_fn(|lane| four.get(lane).copied());
+            rows = moving.chunks(WIDTH).map(row).collect();
+        }
+        let depth = depths(bodies);
+        let deepest = |row: &Lanes| row.iter().flatten().map(|b| depth[*b]).max();
+        let ancestors: usize = rows.iter().filter_map(deepest).sum();
         let mut schedule = LaneSchedule {
+            in_order,
+            slides: bodies.iter().any(|b| !b.kind.is_revolute()),
+            lists_ancestors: bodies.len() == model.joint_count + 1
+                && (in_order || ancestors <= MOST_ANCESTORS),
             steps: Vec::new(),
             place: vec![(0, 0); model.bodies.len()],
             to_body: lane_frames(model.bodies, &first_child),
@@ -172,7 +199,7 @@ impl LaneSchedule {
         for (lane, b) in real() {
             self.fill(model, &mut step, lane, b);
         }
-        if bodies.len() == model.joint_count + 1 {
+        if self.lists_ancestors && !self.in_order {
             step.ancestors = self.ancestors(model, lanes);
         }
         step
@@ -298,6 +325,15 @@ fn heights(bodies: &[Body]) -> Vec<usize> {
         height[parent] = height[parent].max(height[i] + 1);
     }
     height
+}
+
+/// Bodies between each body and the root, itself included.
+fn depths(bodies: &[Body]) -> Vec<usize> {
+    let mut depth = vec![0; bodies.len()];
+    for (i, body) in bodies.iter().enumerate().skip(1) {
+        depth[i] = depth[body.parent] + 1;
+    }
+    depth
 }
 
 type Lanes = [Option<usize>; WIDTH];

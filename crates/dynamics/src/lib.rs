@@ -19,6 +19,7 @@ mod crba;
 mod data;
 mod energy;
 mod frames;
+mod in_order;
 mod jacobian;
 mod kinematics;
 mod lane_schedule;

@@ -7,6 +7,8 @@
 //! moment about the origin is `h × a + 2 axial(U S)`, with `h` the first moment (Khalil and Dombre,
 //! Modeling, Identification and Control of Robots, 9.5).
 
+mod in_order;
+
 use crate::data::Data;
 use crate::kinematics::{at, base_placement, six};
 use crate::lane_schedule::{LaneSchedule, Step};
@@ -32,16 +34,21 @@ pub fn rnea<'d>(
     debug_assert!(q.len() >= model.nq() && v.len() >= model.nv() && a.len() >= model.nv());
     set_root(model, &mut data.rnea[0], q, v, a);
     let tail = |x: &'_ [f64], n: usize| n.min(x.len())..x.len();
-    let kernel = Rnea {
-        schedule: &model.schedule,
-        rows: &mut data.rnea,
-        q: &q[tail(q, bq)],
-        v: &v[tail(v, bv)],
-        a: &a[tail(a, bv)],
-        f_ext,
-        tau: &mut data.tau[bv..],
-    };
-    run(data.instructions, kernel);
+    let joints = (&q[tail(q, bq)], &v[tail(v, bv)], &a[tail(a, bv)]);
+    if model.schedule.in_order {
+        in_order::run_in_order(model, data, joints.0, joints.1, joints.2, f_ext);
+    } else {
+        let kernel = Rnea {
+            schedule: &model.schedule,
+            rows: &mut data.rnea,
+            q: joints.0,
+            v: joints.1,
+            a: joints.2,
+            f_ext,
+            tau: &mut data.tau[bv..],
+        };
+        run(data.instructions, kernel);
+    }
     for (i, joint) in model.joints.iter().enumerate() {
         data.tau[bv + i] += joint.armature * at(a, bv + i);
     }
@@ -180,15 +187,23 @@ fn u_matrix<L: Lanes>(w: V3<L>, al: V3<L>) -> M3<L> {
 /// Stores a row's motion and its own wrench.
 #[inline(always)]
 fn finish_row<L: Lanes>(step: &Step, row: &mut RneaRow, w: V3<L>, al: V3<L>, a: V3<L>) {
-    let u = u_matrix(w, al);
+    let (u, f, n) = own_wrench(step, w, al, a);
     w.store(&mut row.omega);
     al.store(&mut row.alpha);
     a.store(&mut row.a);
     u.store(&mut row.u);
+    f.store(&mut row.f);
+    n.store(&mut row.n);
+}
+
+/// `U`, and the wrench that gives four bodies their motion.
+#[inline(always)]
+fn own_wrench<L: Lanes>(step: &Step, w: V3<L>, al: V3<L>, a: V3<L>) -> (M3<L>, V3<L>, V3<L>) {
+    let u = u_matrix(w, al);
     let [m, hx, hy, hz, xx, xy, xz, yy, yz, zz] = &step.inertia;
     let h = V3::new(L::load(hx), L::load(hy), L::load(hz));
     //= F Table 5.1: f_i = I_i a_i + v_i x* I_i v_i: force m a + U h, moment h x a + 2 axial(U S)
-    u.mul_add(h, a.scale(L::load(m))).store(&mut row.f);
+    let f = u.mul_add(h, a.scale(L::load(m)));
     let (xy, xz, yz) = (L::load(xy), L::load(xz), L::load(yz));
     let sx = V3::new(L::load(xx), xy, xz);
     let sy = V3::new(xy, L::load(yy), yz);
@@ -198,7 +213,7 @@ fn finish_row<L: Lanes>(step: &Step, row: &mut RneaRow, w: V3<L>, al: V3<L>, a: 
         u.0.dot(sz) - u.2.dot(sx),
         u.1.dot(sx) - u.0.dot(sy),
     );
-    h.cross_add(a, n).store(&mut row.n);
+    (u, f, h.cross_add(a, n))
 }
 
 #[inline(always)]

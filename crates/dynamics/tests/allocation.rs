@@ -12,12 +12,15 @@ fn nothing_allocates() {
         (1, false, Base::Floating),
         (2, true, Base::Floating),
         (3, false, Base::Fixed),
+        // A chain, too few limbs for the lanes.
+        (4, false, Base::Fixed),
     ];
     for (seed, mimic, base) in kinds {
         let kind = support::Kind {
-            links: 30,
+            links: if seed == 4 { 10 } else { 30 },
             base,
             mimic,
+            chain: seed == 4,
         };
         let model = support::random_model(seed, kind);
         let [mut q, v, a] = support::random_state(seed, &model);

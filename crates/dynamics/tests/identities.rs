@@ -8,16 +8,21 @@ use proptest::prelude::*;
 use support::{Kind, error, random_model, random_state, textbook};
 
 fn kinds() -> impl Strategy<Value = (u64, Kind)> {
-    (any::<u32>(), 1..24usize, any::<bool>(), any::<bool>()).prop_map(
-        |(seed, links, floating, mimic)| {
-            let base = if floating {
-                Base::Floating
-            } else {
-                Base::Fixed
-            };
-            (u64::from(seed), Kind { links, base, mimic })
-        },
-    )
+    let flags = (any::<bool>(), any::<bool>(), any::<bool>());
+    (any::<u32>(), 1..24usize, flags).prop_map(|(seed, links, (floating, mimic, chain))| {
+        let base = if floating {
+            Base::Floating
+        } else {
+            Base::Fixed
+        };
+        let kind = Kind {
+            links,
+            base,
+            mimic,
+            chain,
+        };
+        (u64::from(seed), kind)
+    })
 }
 
 fn wrenches(seed: u64, model: &Model) -> Vec<Force> {

@@ -15,7 +15,15 @@ fn kinds() -> impl Strategy<Value = (u64, Kind)> {
             } else {
                 Base::Fixed
             };
-            (u64::from(seed), Kind { links, base, mimic })
+            (
+                u64::from(seed),
+                Kind {
+                    links,
+                    base,
+                    mimic,
+                    chain: seed % 2 == 1,
+                },
+            )
         },
     )
 }

@@ -84,6 +84,44 @@ impl Lanes for Avx2 {
         }
     }
     #[inline(always)]
+    fn turn_three(self) -> Self {
+        // SAFETY: AVX2 is there.
+        Avx2(unsafe { _mm256_permute4x64_pd::<0b11_00_10_01>(self.0) })
+    }
+    #[inline(always)]
+    fn transpose([a, b, c, d]: [Self; WIDTH]) -> [Self; WIDTH] {
+        // SAFETY: AVX is there.
+        unsafe {
+            let (even, odd) = (_mm256_unpacklo_pd(a.0, b.0), _mm256_unpackhi_pd(a.0, b.0));
+            let (even2, odd2) = (_mm256_unpacklo_pd(c.0, d.0), _mm256_unpackhi_pd(c.0, d.0));
+            [
+                Avx2(_mm256_permute2f128_pd::<0x20>(even, even2)),
+                Avx2(_mm256_permute2f128_pd::<0x20>(odd, odd2)),
+                Avx2(_mm256_permute2f128_pd::<0x31>(even, even2)),
+                Avx2(_mm256_permute2f128_pd::<0x31>(odd, odd2)),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn load_transposed(rows: [&Pack; WIDTH]) -> [Self; WIDTH] {
+        // Halves come from memory where they belong: half as many shuffles as `transpose`.
+        // SAFETY: AVX is there; `Pack` is 32 readable bytes aligned to 32.
+        unsafe {
+            let [a, b, c, d] = rows;
+            let (a, b, c, d) = (a.0.as_ptr(), b.0.as_ptr(), c.0.as_ptr(), d.0.as_ptr());
+            let ac = _mm256_loadu2_m128d(c, a);
+            let bd = _mm256_loadu2_m128d(d, b);
+            let ac2 = _mm256_loadu2_m128d(c.add(2), a.add(2));
+            let bd2 = _mm256_loadu2_m128d(d.add(2), b.add(2));
+            [
+                Avx2(_mm256_unpacklo_pd(ac, bd)),
+                Avx2(_mm256_unpackhi_pd(ac, bd)),
+                Avx2(_mm256_unpacklo_pd(ac2, bd2)),
+                Avx2(_mm256_unpackhi_pd(ac2, bd2)),
+            ]
+        }
+    }
+    #[inline(always)]
     fn all_within(self, bound: f64) -> bool {
         // SAFETY: AVX is there.
         unsafe {

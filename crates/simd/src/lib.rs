@@ -67,6 +67,18 @@ pub trait Lanes:
     fn max(self, o: Self) -> Self;
     /// 2 to the power of whole numbers within ±1022.
     fn exp2_of_integer(self) -> Self;
+    /// The second, third, first and fourth number.
+    fn turn_three(self) -> Self;
+    /// The transpose of four rows.
+    fn transpose(rows: [Self; WIDTH]) -> [Self; WIDTH];
+    /// The transpose of four rows in memory.
+    fn load_transposed(rows: [&Pack; WIDTH]) -> [Self; WIDTH];
+    /// Cross product of two vectors in the first three lanes; the fourth becomes zero where it was
+    /// finite.
+    #[inline(always)]
+    fn cross_in_lanes(self, o: Self) -> Self {
+        (self.turn_three().neg_mul_add(o, self * o.turn_three())).turn_three()
+    }
     /// True if every magnitude is below `bound`; false for not-a-number.
     fn all_within(self, bound: f64) -> bool;
     /// Four numbers.

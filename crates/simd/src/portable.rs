@@ -60,6 +60,19 @@ impl Lanes for Portable {
         )
     }
     #[inline(always)]
+    fn turn_three(self) -> Self {
+        let [x, y, z, w] = self.0;
+        Portable([y, z, x, w])
+    }
+    #[inline(always)]
+    fn transpose(rows: [Self; WIDTH]) -> [Self; WIDTH] {
+        std::array::from_fn(|k| Portable(rows.map(|row| row.0[k])))
+    }
+    #[inline(always)]
+    fn load_transposed(rows: [&Pack; WIDTH]) -> [Self; WIDTH] {
+        std::array::from_fn(|k| Portable(rows.map(|row| row.0[k])))
+    }
+    #[inline(always)]
     fn all_within(self, bound: f64) -> bool {
         self.0.iter().all(|x| x.abs() < bound)
     }

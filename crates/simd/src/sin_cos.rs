@@ -44,9 +44,9 @@ pub fn sin_cos<L: Lanes>(x: L) -> (L, L) {
     let r = turns.neg_mul_add(L::splat(PIO2_2), r);
     let r = turns.neg_mul_add(L::splat(PIO2_3), r);
     let z = r * r;
-    let sin = (r * z).mul_add(horner(&SIN, z), r);
+    let sin = (r * z).mul_add(polynomial(&SIN, z), r);
     let half = L::splat(0.5);
-    let cos = (z * z).mul_add(horner(&COS, z), z.neg_mul_add(half, L::splat(1.0)));
+    let cos = (z * z).mul_add(polynomial(&COS, z), z.neg_mul_add(half, L::splat(1.0)));
     quadrant(turns, sin, cos)
 }
 
@@ -64,12 +64,12 @@ fn quadrant<L: Lanes>(turns: L, sin: L, cos: L) -> (L, L) {
     )
 }
 
-/// Polynomial of six coefficients, highest power first.
+/// Polynomial of six coefficients, highest power first, in pairs: half as deep as Horner's form.
 #[inline(always)]
-fn horner<L: Lanes>(c: &[f64; 6], z: L) -> L {
-    let mut p = L::splat(c[0]);
-    for k in &c[1..] {
-        p = p.mul_add(z, L::splat(*k));
-    }
-    p
+fn polynomial<L: Lanes>(c: &[f64; 6], z: L) -> L {
+    let z2 = z * z;
+    let high = L::splat(c[0]).mul_add(z, L::splat(c[1]));
+    let middle = L::splat(c[2]).mul_add(z, L::splat(c[3]));
+    let low = L::splat(c[4]).mul_add(z, L::splat(c[5]));
+    high.mul_add(z2, middle).mul_add(z2, low)
 }

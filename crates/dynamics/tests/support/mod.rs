@@ -12,6 +12,8 @@ pub(crate) struct Kind {
     pub(crate) links: usize,
     pub(crate) base: Base,
     pub(crate) mimic: bool,
+    /// Every link on the one before.
+    pub(crate) chain: bool,
 }
 
 /// Text of a robot: a random tree of all kinds of joints, with realisable inertias.
@@ -23,8 +25,7 @@ pub(crate) fn random_urdf(seed: u64, kind: Kind) -> String {
     }
     let mut moving: Vec<usize> = Vec::new();
     for i in 1..kind.links {
-        // Chains are as common as bushes.
-        let parent = if r.uniform(0.0, 1.0) < 0.5 {
+        let parent = if r.uniform(0.0, 1.0) < 0.5 || kind.chain {
             i - 1
         } else {
             r.uniform(0.0, i as f64) as usize
