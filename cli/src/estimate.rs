@@ -2,6 +2,7 @@
 
 use crate::BAD_INPUT;
 use crate::output::finish;
+use crate::report::{self, Traces};
 use clap::Args;
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use identification::evaluate::{Figures, Score};
@@ -28,6 +29,9 @@ pub(crate) struct EstimateArguments {
     /// Write every estimate of every sample to this CSV file
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Write a page of figures: torque, hysteresis, residuals, calibration of sigma (HTML)
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
@@ -44,7 +48,8 @@ The file of --out has columns t, tau_sensor (empty if the log has none), and tau
 
 Examples:
   torquectl estimate --joint fitted.toml --log run.csv
-  torquectl estimate --joint fitted.toml --log run.csv --json --out estimates.csv";
+  torquectl estimate --joint fitted.toml --log run.csv --json --out estimates.csv
+  torquectl estimate --joint fitted.toml --log run.csv --report run.html";
 
 /// One source, or the fused torque, as the table shows it.
 struct Row {
@@ -67,7 +72,7 @@ impl Row {
 }
 
 pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
-    match report(arguments) {
+    match evaluate(arguments) {
         Ok(text) => finish(&text),
         Err(problem) => {
             eprintln!("torquectl estimate: {problem}");
@@ -76,7 +81,7 @@ pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
     }
 }
 
-fn report(arguments: &EstimateArguments) -> Result<String, Problem> {
+fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     let joint = read_joint(&arguments.joint)?;
     let mut log = open_log(&arguments.log)?;
     let of_joint = |problem: Problem| problem.or_at(&arguments.joint.display().to_string(), 0);
@@ -94,6 +99,9 @@ fn report(arguments: &EstimateArguments) -> Result<String, Problem> {
         .map(|path| Output::create(path, &names))
         .transpose()?;
     let (mut count, mut last) = (0u64, None::<f64>);
+    // A page needs the whole log; without one its length does not matter.
+    let mut page =
+        (arguments.report.as_deref()).map(|path| (path, Vec::new(), Traces::new(&joint, &names)));
     let mut timed = Vec::new();
     while let Some(row) = log.next_row()? {
         front_end.bridge(last.replace(row.t), row.t);
@@ -118,12 +126,22 @@ fn report(arguments: &EstimateArguments) -> Result<String, Problem> {
         if let Some(out) = &mut out {
             out.write(&row, &estimates)?;
         }
+        if let Some((_, rows, traces)) = &mut page {
+            traces.add(&row, &sample, &estimates);
+            rows.push(row);
+        }
     }
     if count == 0 {
         return Err(log.problem("the log has no rows", "at least one"));
     }
     if let Some(out) = out {
         out.finish()?;
+    }
+    if let Some((path, rows, traces)) = &page {
+        let [joint_file, log] = [&arguments.joint, &arguments.log].map(|p| p.display().to_string());
+        let title = format!("{}: {log} by {joint_file}", joint.joint.name);
+        let sections = [(format!("Log {log}"), report::inspection(&joint, rows))];
+        report::write(path, &title, &sections, traces)?;
     }
     let sources = joint.sources().map_err(of_joint)?;
     for (row, (_, mut source)) in rows.iter_mut().zip(sources) {
@@ -151,7 +169,7 @@ fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) ->
 }
 
 /// A file that cannot be opened, read or written.
-fn of_file(name: &str, error: &std::io::Error) -> Problem {
+pub(crate) fn of_file(name: &str, error: &std::io::Error) -> Problem {
     Problem::new(error.to_string(), "").at(name, 0)
 }
 

@@ -3,6 +3,7 @@
 use crate::BAD_INPUT;
 use crate::estimate::{open_log, read_joint};
 use crate::output::finish;
+use crate::report::{self, Traces};
 use clap::{Args, Subcommand};
 use identification::all::{self, Fitted, Step};
 use identification::inputs::{self, Inspection, LogKind};
@@ -87,6 +88,9 @@ struct OutArguments {
     /// File for the fitted joint (TOML)
     #[arg(short, long)]
     out: PathBuf,
+    /// Write a page of figures of the training log by the fitted joint (HTML)
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print the results as JSON
     #[arg(long)]
     json: bool,
@@ -138,6 +142,7 @@ fn fit_all(arguments: &AllArguments) -> Result<String, Problems> {
     bar.finish_and_clear();
     let logs = [&arguments.no_load, &arguments.training].map(|path| path.display().to_string());
     let fitted = fitted.map_err(|p| p.or_at(&logs.join(", "), 0))?;
+    page(&fitted, &arguments.out, &inputs, &train)?;
     Ok(write(&fitted, &arguments.out, &stem, &inputs)?)
 }
 
@@ -165,7 +170,26 @@ fn fit_one(step: Step, arguments: &StepArguments) -> Result<String, Problems> {
     let fitted = all::fit_one(&joint, step, &rows, &mut progress(&bar));
     bar.finish_and_clear();
     let fitted = fitted.map_err(|p| p.or_at(&arguments.log.display().to_string(), 0))?;
+    page(&fitted, &arguments.out, &inputs, &rows)?;
     Ok(write(&fitted, &arguments.out, &stem, &inputs)?)
+}
+
+/// The page of `--report`, written before the joint: a page that cannot be written changes nothing.
+fn page(
+    fitted: &Fitted,
+    out: &OutArguments,
+    inputs: &[String],
+    rows: &[LogRow],
+) -> Result<(), Problem> {
+    let Some(path) = &out.report else {
+        return Ok(());
+    };
+    let sections = [
+        ("Logs".to_owned(), inputs.to_vec()),
+        ("Fits".to_owned(), fitted.report.clone()),
+    ];
+    let title = format!("{}, fitted: its own training log", fitted.joint.joint.name);
+    report::write(path, &title, &sections, &Traces::run(&fitted.joint, rows)?)
 }
 
 /// Progress on stderr, if that is a terminal.

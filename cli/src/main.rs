@@ -7,13 +7,17 @@ mod dynamics;
 mod estimate;
 mod export;
 mod fit;
+mod import;
 mod info;
 mod operator;
 mod output;
 mod record;
 mod recorded;
+mod reference;
 mod replay;
+mod report;
 mod requests;
+mod rows;
 mod state;
 mod tare;
 mod watch;
@@ -71,6 +75,8 @@ enum Command {
     Info(info::InfoArguments),
     Record(record::RecordArguments),
     Replay(replay::ReplayArguments),
+    Import(import::ImportArguments),
+    Reference(reference::ReferenceArguments),
     Tare(tare::TareArguments),
     WholeBody(whole_body::WholeBodyArguments),
 }
@@ -93,6 +99,8 @@ fn main() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Import(arguments) => import::run(&arguments),
+        Command::Reference(arguments) => reference::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),
     }

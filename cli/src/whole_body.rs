@@ -3,8 +3,8 @@
 
 mod evaluation;
 mod report;
-mod request;
-mod sensors_file;
+pub(crate) mod request;
+pub(crate) mod sensors_file;
 
 use crate::output::{finish_or_refuse, read_input};
 use clap::Args;

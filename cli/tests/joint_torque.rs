@@ -72,7 +72,7 @@ fn fit_all_then_estimate() {
     .unwrap();
     let report = succeeds(
         &folder,
-        "fit all --joint joint.toml --no-load turn.csv --training train.csv -o fitted.toml",
+        "fit all --joint joint.toml --no-load turn.csv --training train.csv -o fitted.toml --report fit.html",
     );
     for step in [
         "kinematic error",
@@ -85,8 +85,31 @@ fn fit_all_then_estimate() {
     }
     let json = succeeds(
         &folder,
-        "estimate --joint fitted.toml --log run.csv --json --out out.csv",
+        "estimate --joint fitted.toml --log run.csv --json --out out.csv --report run.html",
     );
+    for (page, contains) in [
+        ("fit.html", "compliance: K_fs0"),
+        ("run.html", "condition number"),
+    ] {
+        let html = fs::read_to_string(folder.join(page)).unwrap();
+        // A picture of the torque, and one for each source; nothing from anywhere else.
+        let sources = html.matches("<h2>").count();
+        assert!(
+            html.matches("<svg").count() >= 8 && sources >= 9,
+            "{page}: {sources}"
+        );
+        assert!(
+            html.contains(contains) && html.contains("RMS of error / sigma"),
+            "{page}"
+        );
+        let links = ["href", "src=", "@import", "<script"];
+        assert!(links.iter().all(|link| !html.contains(link)), "{page}");
+        assert!(
+            html.ends_with("</body></html>\n") && !html.contains("NaN"),
+            "{page}"
+        );
+        assert!(html.len() < 6_000_000, "{page}: {}", html.len());
+    }
     let figures: Value = serde_json::from_str(&json).unwrap();
     for key in ["max", "rms", "rms_percent", "delay_s"] {
         assert!(figures["fused"][key].is_number(), "{json}");

@@ -8,50 +8,50 @@ use whole_body::{ContactKind, ContactParameters};
 /// Request.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Cases {
+pub(crate) struct Cases {
     /// Names of the joints, in the order of `q dq ddq tau`; all, in the model's order, if left out.
     /// A mimic joint that is named here is taken as independent.
     #[serde(default)]
-    pub(super) joints: Option<Vec<String>>,
+    pub(crate) joints: Option<Vec<String>>,
     /// Contacts of cases that give none; those of the sensors' file if left out.
     #[serde(default)]
-    pub(super) contacts: Option<Vec<ContactRecord>>,
+    pub(crate) contacts: Option<Vec<ContactRecord>>,
     /// Instants.
-    pub(super) cases: Vec<Case>,
+    pub(crate) cases: Vec<Case>,
 }
 
 /// One instant.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Case {
+pub(crate) struct Case {
     /// `q`, rad or m, one per joint.
-    pub(super) q: Vec<f64>,
+    pub(crate) q: Vec<f64>,
     /// `dq`, rad/s; zero if left out.
     #[serde(default)]
-    pub(super) dq: Option<Vec<f64>>,
+    pub(crate) dq: Option<Vec<f64>>,
     /// `ddq`, rad/s²; zero if left out.
     #[serde(default)]
-    pub(super) ddq: Option<Vec<f64>>,
+    pub(crate) ddq: Option<Vec<f64>>,
     /// Angular velocity in the IMU's axes, rad/s (3).
     #[serde(default)]
-    pub(super) gyro: Option<[f64; 3]>,
+    pub(crate) gyro: Option<[f64; 3]>,
     /// Acceleration minus gravity in the IMU's axes, m/s² (3).
     #[serde(default)]
-    pub(super) accelerometer: Option<[f64; 3]>,
+    pub(crate) accelerometer: Option<[f64; 3]>,
     /// Angular acceleration in the IMU's axes, rad/s² (3).
     #[serde(default)]
-    pub(super) gyro_derivative: Option<[f64; 3]>,
+    pub(crate) gyro_derivative: Option<[f64; 3]>,
     /// Reading of every F/T sensor by name, N and N·m, force first (6).
     #[serde(default)]
-    pub(super) ft: Readings,
+    pub(crate) ft: Readings,
     /// Contacts.
     #[serde(default)]
-    pub(super) contacts: Option<Vec<ContactRecord>>,
+    pub(crate) contacts: Option<Vec<ContactRecord>>,
 }
 
 /// Readings by the sensors' names, none of them twice.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Readings(pub(super) Vec<(String, [f64; 6])>);
+pub(crate) struct Readings(pub(crate) Vec<(String, [f64; 6])>);
 
 impl<'de> Deserialize<'de> for Readings {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -80,24 +80,24 @@ impl<'de> Deserialize<'de> for Readings {
 /// A contact in a file.
 #[derive(Clone, Debug, Deserialize, Serialize, PartialEq)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ContactRecord {
+pub(crate) struct ContactRecord {
     /// The link that is touched.
-    pub(super) link: String,
+    pub(crate) link: String,
     /// Its unknowns.
     #[serde(rename = "type")]
-    pub(super) kind: ContactType,
+    pub(crate) kind: ContactType,
     /// The point that is touched, in the link's frame, m; its origin if left out.
     #[serde(default)]
-    pub(super) point_m: [f64; 3],
+    pub(crate) point_m: [f64; 3],
     /// Direction of the force in the link's axes, of any length, for `known_direction` alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) direction: Option<[f64; 3]>,
+    pub(crate) direction: Option<[f64; 3]>,
 }
 
 /// Names of [`ContactKind`]s in files.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum ContactType {
+pub(crate) enum ContactType {
     /// Force and torque.
     FullWrench,
     /// A force through the point.
@@ -113,7 +113,7 @@ impl ContactRecord {
     ///
     /// # Errors
     /// A direction where none belongs, or a missing one.
-    pub(super) fn parameters(&self) -> Result<ContactParameters, Problem> {
+    pub(crate) fn parameters(&self) -> Result<ContactParameters, Problem> {
         let refuse = |reason: &str, allowed: &str| {
             Err(Problem::new(reason, allowed).of(format!("contact on link \"{}\"", self.link)))
         };

@@ -13,28 +13,28 @@ use whole_body::{
 /// Sensors of a robot and their places; docs/whole-body-files.md describes the format.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct SensorsFile {
+pub(crate) struct SensorsFile {
     /// The IMU; this or `fixed_base`.
     #[serde(default)]
-    pub(super) imu: Option<ImuRecord>,
+    pub(crate) imu: Option<ImuRecord>,
     /// A link held by a stand; this or `imu`.
     #[serde(default)]
-    pub(super) fixed_base: Option<FixedBaseRecord>,
+    pub(crate) fixed_base: Option<FixedBaseRecord>,
     /// The F/T sensors.
     #[serde(default, rename = "ft_sensor")]
-    pub(super) ft_sensors: Vec<FtSensorRecord>,
+    pub(crate) ft_sensors: Vec<FtSensorRecord>,
     /// Contacts of cases that give none.
     #[serde(default, rename = "contact")]
-    pub(super) contacts: Vec<Spanned<ContactRecord>>,
+    pub(crate) contacts: Vec<Spanned<ContactRecord>>,
     /// Least squares.
     #[serde(default)]
-    pub(super) least_squares: LeastSquaresRecord,
+    pub(crate) least_squares: LeastSquaresRecord,
     /// Standard deviation of every joint's acceleration, rad/s².
     #[serde(default)]
     pub sigma_ddq_rad_per_s2: f64,
     /// Standard deviation of the model's masses, per cent.
     #[serde(default)]
-    pub(super) model_sigma_per_cent: f64,
+    pub(crate) model_sigma_per_cent: f64,
     /// The text and the file's name, for messages.
     #[serde(skip)]
     text: String,
@@ -45,7 +45,7 @@ pub(super) struct SensorsFile {
 /// `[imu]`
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ImuRecord {
+pub(crate) struct ImuRecord {
     frame: Spanned<String>,
     #[serde(default)]
     xyz_m: [f64; 3],
@@ -62,7 +62,7 @@ pub(super) struct ImuRecord {
 impl ImuRecord {
     /// Whether the gyro's derivative is taken as zero.
     #[must_use]
-    pub(super) fn neglects_angular_acceleration(&self) -> bool {
+    pub(crate) fn neglects_angular_acceleration(&self) -> bool {
         self.angular_acceleration == AngularAcceleration::Neglect
     }
 }
@@ -78,7 +78,7 @@ enum AngularAcceleration {
 /// `[fixed_base]`
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct FixedBaseRecord {
+pub(crate) struct FixedBaseRecord {
     link: Spanned<String>,
     #[serde(default = "standard_gravity")]
     gravity_m_per_s2: [f64; 3],
@@ -91,9 +91,9 @@ fn standard_gravity() -> [f64; 3] {
 /// `[[ft_sensor]]`
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct FtSensorRecord {
+pub(crate) struct FtSensorRecord {
     /// The sensor's name.
-    pub(super) name: Spanned<String>,
+    pub(crate) name: Spanned<String>,
     frame: Spanned<String>,
     #[serde(default)]
     cut: Option<Spanned<String>>,
@@ -103,7 +103,7 @@ pub(super) struct FtSensorRecord {
     rpy_deg: [f64; 3],
     /// 1: it measures the wrench of the part beyond on the part before; -1: the reverse.
     #[serde(default = "one", deserialize_with = "sign")]
-    pub(super) sign: i8,
+    pub(crate) sign: i8,
     #[serde(default, rename = "sigma_N")]
     sigma_force: f64,
     #[serde(default, rename = "sigma_Nm")]
@@ -134,7 +134,7 @@ fn sign<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<i8, D::Erro
 /// `[least_squares]`
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct LeastSquaresRecord {
+pub(crate) struct LeastSquaresRecord {
     #[serde(default)]
     weights: Option<Spanned<Weights>>,
     #[serde(default)]
@@ -161,7 +161,7 @@ impl SensorsFile {
     ///
     /// # Errors
     /// The first problem, with file and line.
-    pub(super) fn parse(text: &str, file: &str) -> Result<Self, Problem> {
+    pub(crate) fn parse(text: &str, file: &str) -> Result<Self, Problem> {
         let mut parsed: Self = toml::from_str(text).map_err(|e| {
             let start = e.span().map_or(0, |span| span.start);
             Problem::new(e.message(), "").at(file, line_at(text, start))
@@ -180,7 +180,7 @@ impl SensorsFile {
     }
 
     /// The file's own contacts.
-    pub(super) fn contacts(&self) -> Vec<ContactRecord> {
+    pub(crate) fn contacts(&self) -> Vec<ContactRecord> {
         self.contacts.iter().map(|c| c.get_ref().clone()).collect()
     }
 
@@ -188,7 +188,7 @@ impl SensorsFile {
     ///
     /// # Errors
     /// The first mistake, with file and line.
-    pub(super) fn check(&self, model: &Model, joints: &[String]) -> Result<(), Problem> {
+    pub(crate) fn check(&self, model: &Model, joints: &[String]) -> Result<(), Problem> {
         let mut contacts = Vec::new();
         for c in &self.contacts {
             let contact = c.get_ref().parameters();
@@ -254,7 +254,7 @@ impl SensorsFile {
     ///
     /// # Errors
     /// Neither IMU nor fixed base.
-    pub(super) fn parameters(
+    pub(crate) fn parameters(
         &self,
         joints: &[String],
         hypothesis: Hypothesis,

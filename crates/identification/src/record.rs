@@ -67,28 +67,7 @@ impl Record {
     #[must_use]
     pub fn smooth(&self, signal: &[f64], derivative: usize) -> Vec<f64> {
         let half = ((0.5 * WINDOW_S / self.sample_period) as usize).max(2);
-        let parameters =
-            SavitzkyGolayParameters::centred(2 * half + 1, 2, derivative, self.sample_period);
-        let Ok(mut bank) = FilterBank::new(1, parameters) else {
-            return signal.to_vec();
-        };
-        let mut out = Vec::with_capacity(signal.len());
-        let last = signal.last().copied().unwrap_or(0.0);
-        let padded = signal
-            .iter()
-            .copied()
-            .chain(std::iter::repeat_n(last, half));
-        for (i, x) in padded.enumerate() {
-            bank.update(&[x]);
-            if i >= half {
-                out.push(match derivative {
-                    0 => bank.values()[0],
-                    1 => bank.first_derivatives()[0],
-                    _ => bank.second_derivatives()[0],
-                });
-            }
-        }
-        out
+        smooth(signal, derivative, half, self.sample_period)
     }
 
     /// Standard deviation of a signal's noise, its difference from the centred filter's output.
@@ -138,4 +117,45 @@ impl Record {
             .step_by(step)
             .filter(|&i| self.usable(i))
     }
+}
+
+/// A signal (or its derivative) through a centred filter of `2 half + 1` samples: the parabola of
+/// least squares about each sample (Savitzky and Golay), without delay.
+#[must_use]
+pub fn smooth(signal: &[f64], derivative: usize, half: usize, sample_period: f64) -> Vec<f64> {
+    let parameters = SavitzkyGolayParameters::centred(2 * half + 1, 2, derivative, sample_period);
+    let Ok(mut bank) = FilterBank::new(1, parameters) else {
+        return signal.to_vec();
+    };
+    let mut out = Vec::with_capacity(signal.len());
+    let last = signal.last().copied().unwrap_or(0.0);
+    let padded = signal
+        .iter()
+        .copied()
+        .chain(std::iter::repeat_n(last, half));
+    for (i, x) in padded.enumerate() {
+        bank.update(&[x]);
+        if i >= half {
+            out.push(match derivative {
+                0 => bank.values()[0],
+                1 => bank.first_derivatives()[0],
+                _ => bank.second_derivatives()[0],
+            });
+        }
+    }
+    out
+}
+
+/// Standard deviation of a signal's noise: of its differences from the centred filter, by the
+/// median, as steps are no noise.
+#[must_use]
+pub fn noise(signal: &[f64], half: usize, sample_period: f64) -> f64 {
+    let smooth = smooth(signal, 0, half, sample_period);
+    let mut rests: Vec<f64> = signal
+        .iter()
+        .zip(&smooth)
+        .map(|(x, s)| (x - s).abs())
+        .collect();
+    rests.sort_by(f64::total_cmp);
+    MEDIAN_TO_SIGMA * rests.get(rests.len() / 2).copied().unwrap_or(0.0)
 }

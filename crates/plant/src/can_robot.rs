@@ -47,17 +47,7 @@ impl CanRobot {
     /// Parts that do not fit together, with their key.
     pub fn new(robot: &Robot, urdf_text: &str, sim: &SimParameters) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
-        let plan = Plan {
-            floating: parameters.base == dynamics::Base::Floating,
-            joints: (parameters.joints.iter())
-                .map(joint_plan)
-                .collect::<Result<_, _>>()?,
-            ft_sensors: (parameters.ft_sensors.iter())
-                .map(|ft| ft.sensor.frame.clone())
-                .collect(),
-            imu: parameters.imu.as_ref().map(|imu| imu.frame.clone()),
-            period: parameters.timing.sample_period,
-        };
+        let plan = Plan::of(robot)?;
         let mut simulated = SimRobot::new(&plan, urdf_text, &parameters.urdf_path, sim)?;
         simulated.advance();
         let mut can = Self {
@@ -283,6 +273,27 @@ impl Electronics {
 
     fn raw(&self, wrench: &[f64; 6]) -> Vector6<f64> {
         self.sheet * (Vector6::from(*wrench) + self.unloaded)
+    }
+}
+
+impl Plan {
+    /// The plan of a configured robot.
+    ///
+    /// # Errors
+    /// Drives that are not simulated, with their key.
+    pub fn of(robot: &Robot) -> Result<Self, Problem> {
+        let parameters = &robot.parameters;
+        Ok(Plan {
+            floating: parameters.base == dynamics::Base::Floating,
+            joints: (parameters.joints.iter())
+                .map(joint_plan)
+                .collect::<Result<_, _>>()?,
+            ft_sensors: (parameters.ft_sensors.iter())
+                .map(|ft| ft.sensor.frame.clone())
+                .collect(),
+            imu: parameters.imu.as_ref().map(|imu| imu.frame.clone()),
+            period: parameters.timing.sample_period,
+        })
     }
 }
 

@@ -1,0 +1,202 @@
+//! `torquectl import`: anyone's logs as the logs that fits, estimates and references take.
+
+mod map;
+mod resample;
+mod table;
+
+use crate::output::{finish_or_refuse, read_input};
+use clap::Args;
+use map::{Channel, Map};
+use problem::{Problem, Problems};
+use resample::{Column, Grid};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use table::Table;
+
+/// Convert logs (CSV) by a map of their columns, units, signs and ratios
+#[derive(Args)]
+#[command(after_long_help = FORMAT)]
+pub(crate) struct ImportArguments {
+    /// Which column is what, in which unit (TOML, see --help)
+    map: PathBuf,
+    /// The logs (CSV with a header)
+    #[arg(required = true)]
+    logs: Vec<PathBuf>,
+    /// Folder for the converted logs; made if it is not there
+    #[arg(short, long)]
+    out: PathBuf,
+}
+
+const FORMAT: &str = r#"The map, where * marks required keys:
+  sample_rate_hz* = 250            # the logs are resampled to it, without delay
+  max_gap_ms = 20                  # rows in longer gaps are left out; by default five periods
+  delimiter = ","
+  [time]*
+  column* = "t_s"
+  unit* = "s" | "ms" | "us" | "ns"
+  [[joint]]                        # any number
+  name* = "knee"
+  gear_ratio = 101                 # needed where theta is measured on the link side
+  theta* = { column = "motor3", unit = "counts", counts_per_turn = 16777216, sign = -1 }
+  q*     = { column = "link3", unit = "deg", wraps = true }
+  i*     = { column = "current3", unit = "mA" }
+  tau_sensor = { column = "fx", unit = "1", scale = -0.87, plus = [{ column = "ty", unit = "Nm" }] }
+  [joint.extra]
+  tau_feedforward = { column = "ff3", unit = "Nm" }
+  [[ft_sensor]]
+  name* = "flange"
+  columns* = ["fx", "fy", "fz", "tx", "ty", "tz"]   # N and N·m
+  signs = [1, 1, -1, 1, 1, -1]
+  [imu]
+  gyro* = ["wx", "wy", "wz"]
+  accelerometer* = ["ax", "ay", "az"]
+  gyro_unit = "rad/s" | "deg/s"
+  accelerometer_unit = "m/s2" | "g"
+Keys of a channel: column*, unit* (theta, q: rad, deg, turns, counts; i: A, mA; torques: Nm, mNm, kNm;
+"1": as scale makes it), scale, sign (1 or -1), offset (SI, added last), counts_per_turn,
+wraps = true (single turn: is unwrapped), side = "link" (theta: times gear_ratio), plus = [channels].
+
+Writes OUT/LOG.JOINT.csv with t,theta,q,i[,tau_sensor][,extra] for each log and joint, and OUT/LOG.csv
+with JOINT.theta, JOINT.q, JOINT.i, SENSOR.fx to SENSOR.tz and imu.gx to imu.az for
+`torquectl reference`. Signs: theta/N - q > 0 for positive torque.
+
+Examples:
+  torquectl import lara8.toml sweep.csv jog_joints.csv -o logs
+  torquectl fit current --joint joint3.toml --log logs/sweep.joint3.csv -o joint3.toml
+docs/importing.md has maps of published data."#;
+
+pub(crate) fn run(arguments: &ImportArguments) -> ExitCode {
+    finish_or_refuse(import(arguments))
+}
+
+fn import(arguments: &ImportArguments) -> Result<String, Problems> {
+    let file = arguments.map.display().to_string();
+    let map = Map::parse(&read_input(&arguments.map)?, &file)?;
+    // Everything is read before anything is written.
+    let mut files = Vec::new();
+    for log in &arguments.logs {
+        files.extend(convert(&map, log)?);
+    }
+    let mut names: Vec<&String> = files.iter().map(|(name, _)| name).collect();
+    names.sort();
+    if let Some(twice) = names.windows(2).find(|w| w[0] == w[1]) {
+        let reason = format!("two logs would be written to {}", twice[0]);
+        return Err(Problem::new(reason, "logs of different names").into());
+    }
+    let in_folder = |e: std::io::Error, path: &Path| {
+        Problem::new(format!("cannot be written: {e}"), "").at(path.display().to_string(), 0)
+    };
+    std::fs::create_dir_all(&arguments.out).map_err(|e| in_folder(e, &arguments.out))?;
+    let mut report = String::new();
+    for (name, text) in &files {
+        let path = arguments.out.join(name);
+        std::fs::write(&path, text).map_err(|e| in_folder(e, &path))?;
+        let _ = writeln!(
+            report,
+            "{}: {} rows",
+            path.display(),
+            text.lines().count() - 1
+        );
+    }
+    Ok(report)
+}
+
+/// The converted files of one log: names and texts.
+fn convert(map: &Map, log: &Path) -> Result<Vec<(String, String)>, Problems> {
+    let table = Table::read(log, map)?;
+    let stem = log
+        .file_stem()
+        .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+    let mut problems = Vec::new();
+    let mut columns: Vec<(String, Column)> = Vec::new();
+    let mut take = |name: String, column: Result<Column, Problem>| match column {
+        Ok(column) => columns.push((name, column)),
+        Err(problem) => problems.push(problem),
+    };
+    for joint in &map.joints {
+        for (key, channel) in joint.channels() {
+            let column = column(&table, map, channel, joint.gear_ratio, &key);
+            take(format!("{}.{key}", joint.name), column);
+        }
+    }
+    for (name, source, factor) in map.sensor_columns() {
+        let column = table.column(&source, map);
+        take(name, column.map(|c| c.scaled(factor)));
+    }
+    if !problems.is_empty() {
+        return Err(Problems(problems));
+    }
+    let grid = Grid::new(
+        map,
+        columns.iter().map(|(_, c)| c),
+        &log.display().to_string(),
+    )?;
+    let resampled: Vec<(String, Vec<f64>)> = (columns.into_iter())
+        .map(|(name, column)| (name, grid.resample(&column)))
+        .collect();
+    let mut files = vec![(format!("{stem}.csv"), text(&grid, &resampled, ""))];
+    for joint in &map.joints {
+        let prefix = format!("{}.", joint.name);
+        files.push((
+            format!("{stem}.{}.csv", joint.name),
+            text(&grid, &resampled, &prefix),
+        ));
+    }
+    Ok(files)
+}
+
+/// One channel in SI units, its own stamps.
+fn column(
+    table: &Table,
+    map: &Map,
+    channel: &Channel,
+    gear_ratio: Option<f64>,
+    key: &str,
+) -> Result<Column, Problem> {
+    let of_map = |p: Problem| p.or_at(&map.file, channel.line(map));
+    let factor = channel.factor(gear_ratio, key).map_err(of_map)?;
+    let mut source = table.column(&channel.column, map)?;
+    if channel.wraps {
+        let unwrapped = source.unwrap(channel.turn().map_err(of_map)?, map.max_gap());
+        unwrapped.map_err(|t| {
+            let reason =
+                format!("{key}: wraps = true, but turns before t = {t} s cannot be counted");
+            of_map(Problem::new(
+                reason,
+                "at most 0.4 turns between samples, and in gaps",
+            ))
+        })?;
+    }
+    let mut whole = source.scaled(factor);
+    whole.values.iter_mut().for_each(|x| *x += channel.offset);
+    for part in &channel.plus {
+        let part = column(table, map, part, gear_ratio, key)?;
+        if part.t != whole.t {
+            let reason = format!("{key}: `plus` adds a column with other stamps");
+            return Err(of_map(Problem::new(reason, "columns of one message")));
+        }
+        (whole.values.iter_mut().zip(&part.values)).for_each(|(x, y)| *x += y);
+    }
+    Ok(whole)
+}
+
+/// CSV of the columns whose names begin with a prefix, rows complete only.
+fn text(grid: &Grid, columns: &[(String, Vec<f64>)], prefix: &str) -> String {
+    let chosen: Vec<(&str, &Vec<f64>)> = (columns.iter())
+        .filter_map(|(name, values)| Some((name.strip_prefix(prefix)?, values)))
+        .collect();
+    let mut text = "t".to_owned();
+    chosen.iter().for_each(|(name, _)| text.extend([",", name]));
+    text.push('\n');
+    for (k, t) in grid.stamps().enumerate() {
+        if chosen.iter().all(|(_, values)| values[k].is_finite()) {
+            let _ = write!(text, "{t}");
+            for (_, values) in &chosen {
+                let _ = write!(text, ",{}", values[k]);
+            }
+            text.push('\n');
+        }
+    }
+    text
+}

@@ -1,0 +1,400 @@
+//! The map: which column of a log is what.
+
+use problem::{Allowed, Problem, line_at, listed};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use toml::Spanned;
+
+/// A name of a column, and its place in the map.
+pub(super) type ColumnName = Spanned<String>;
+
+/// The map.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Map {
+    /// Rate of the converted logs, Hz.
+    #[serde(rename = "sample_rate_hz")]
+    pub(super) sample_rate: f64,
+    #[serde(rename = "max_gap_ms")]
+    max_gap: Option<f64>,
+    /// Between two fields of CSV.
+    #[serde(default = "comma")]
+    pub(super) delimiter: char,
+    /// Stamps of CSV.
+    pub(super) time: Option<Time>,
+    /// Joints.
+    #[serde(default, rename = "joint")]
+    pub(super) joints: Vec<Joint>,
+    #[serde(default, rename = "ft_sensor")]
+    ft_sensors: Vec<FtSensor>,
+    imu: Option<Imu>,
+    /// The map's file, for messages.
+    #[serde(skip)]
+    pub(super) file: String,
+    #[serde(skip)]
+    text: String,
+}
+
+fn comma() -> char {
+    ','
+}
+
+/// `[time]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Time {
+    pub(super) column: ColumnName,
+    unit: TimeUnit,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum TimeUnit {
+    S,
+    Ms,
+    Us,
+    Ns,
+}
+
+impl Time {
+    /// Seconds in one unit.
+    pub(super) fn seconds(&self) -> f64 {
+        match self.unit {
+            TimeUnit::S => 1.0,
+            TimeUnit::Ms => 1e-3,
+            TimeUnit::Us => 1e-6,
+            TimeUnit::Ns => 1e-9,
+        }
+    }
+}
+
+/// `[[joint]]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Joint {
+    pub(super) name: String,
+    pub(super) gear_ratio: Option<f64>,
+    theta: Channel,
+    q: Channel,
+    i: Channel,
+    tau_sensor: Option<Channel>,
+    #[serde(default)]
+    extra: BTreeMap<String, Channel>,
+}
+
+impl Joint {
+    /// Channels by the names of their columns in the converted log.
+    pub(super) fn channels(&self) -> impl Iterator<Item = (String, &Channel)> {
+        let fixed = [("theta", &self.theta), ("q", &self.q), ("i", &self.i)];
+        let sensor = self.tau_sensor.iter().map(|c| ("tau_sensor", c));
+        let named = fixed.into_iter().chain(sensor);
+        let named = named.map(|(name, channel)| (name.to_owned(), channel));
+        named.chain(
+            self.extra
+                .iter()
+                .map(|(name, channel)| (name.clone(), channel)),
+        )
+    }
+}
+
+/// One quantity of a joint.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Channel {
+    pub(super) column: ColumnName,
+    unit: Unit,
+    #[serde(default = "one")]
+    scale: f64,
+    #[serde(default = "one")]
+    sign: f64,
+    #[serde(default)]
+    pub(super) offset: f64,
+    counts_per_turn: Option<f64>,
+    #[serde(default)]
+    pub(super) wraps: bool,
+    #[serde(default)]
+    side: Side,
+    #[serde(default)]
+    pub(super) plus: Vec<Channel>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Side {
+    #[default]
+    Own,
+    Link,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+enum Unit {
+    #[serde(rename = "rad")]
+    Radian,
+    #[serde(rename = "deg")]
+    Degree,
+    #[serde(rename = "turns")]
+    Turn,
+    #[serde(rename = "counts")]
+    Count,
+    #[serde(rename = "A")]
+    Ampere,
+    #[serde(rename = "mA")]
+    Milliampere,
+    #[serde(rename = "Nm")]
+    NewtonMetre,
+    #[serde(rename = "mNm")]
+    MillinewtonMetre,
+    #[serde(rename = "kNm")]
+    KilonewtonMetre,
+    #[serde(rename = "1")]
+    AsScaled,
+}
+
+const ANGLES: &[Unit] = &[
+    Unit::Radian,
+    Unit::Degree,
+    Unit::Turn,
+    Unit::Count,
+    Unit::AsScaled,
+];
+const CURRENTS: &[Unit] = &[Unit::Ampere, Unit::Milliampere, Unit::AsScaled];
+const TORQUES: &[Unit] = &[
+    Unit::NewtonMetre,
+    Unit::MillinewtonMetre,
+    Unit::KilonewtonMetre,
+    Unit::AsScaled,
+];
+
+impl Channel {
+    /// SI units in one of the column's; `key` is the channel's own name.
+    ///
+    /// # Errors
+    /// A unit that the quantity cannot have, a missing ratio, numbers that are not allowed.
+    pub(super) fn factor(&self, gear_ratio: Option<f64>, key: &str) -> Result<f64, Problem> {
+        let allowed = match key {
+            "theta" | "q" => Some((ANGLES, "rad, deg, turns, counts or 1")),
+            "i" => Some((CURRENTS, "A, mA or 1")),
+            "tau_sensor" => Some((TORQUES, "Nm, mNm, kNm or 1")),
+            _ => None,
+        };
+        if let Some((_, names)) = allowed.filter(|(units, _)| !units.contains(&self.unit)) {
+            return Err(Problem::new(
+                format!("{key}: another quantity's unit"),
+                names,
+            ));
+        }
+        let require = |name: &str, x: f64, allowed: Allowed| match allowed.admits(x) {
+            true => Ok(x),
+            false => Err(Problem::new(
+                format!("{key}.{name} is {x}"),
+                allowed.to_string(),
+            )),
+        };
+        require("scale", self.scale, Allowed::Finite)?;
+        require("offset", self.offset, Allowed::Finite)?;
+        if self.sign.abs() != 1.0 {
+            let reason = format!("{key}.sign is {}", self.sign);
+            return Err(Problem::new(reason, "1 or -1; other factors are `scale`"));
+        }
+        let unit = match self.unit {
+            Unit::Radian | Unit::Ampere | Unit::NewtonMetre | Unit::AsScaled => 1.0,
+            Unit::Degree => TAU / 360.0,
+            Unit::Turn => TAU,
+            Unit::Count => TAU / self.turn()?,
+            Unit::Milliampere | Unit::MillinewtonMetre => 1e-3,
+            Unit::KilonewtonMetre => 1e3,
+        };
+        let ratio = match (self.side, gear_ratio) {
+            (Side::Own, _) => 1.0,
+            (Side::Link, Some(n)) if key == "theta" => require("gear_ratio", n, Allowed::Positive)?,
+            (Side::Link, _) => {
+                let reason = format!("{key}: side = \"link\"");
+                return Err(Problem::new(
+                    reason,
+                    "for theta, of a joint with `gear_ratio`",
+                ));
+            }
+        };
+        Ok(unit * self.scale * self.sign * ratio)
+    }
+
+    /// A turn in the column's unit.
+    ///
+    /// # Errors
+    /// Counts without their number, or a quantity that does not turn.
+    pub(super) fn turn(&self) -> Result<f64, Problem> {
+        match (self.unit, self.counts_per_turn) {
+            (Unit::Radian, _) => Ok(TAU),
+            (Unit::Degree, _) => Ok(360.0),
+            (Unit::Turn, _) => Ok(1.0),
+            (Unit::Count, Some(counts)) if counts > 0.0 => Ok(counts),
+            (Unit::Count, _) => Err(Problem::new(
+                "unit = \"counts\" without `counts_per_turn`",
+                "a number > 0",
+            )),
+            _ => Err(Problem::new("wraps = true", "for angles only")),
+        }
+    }
+
+    /// The map's line of its column.
+    pub(super) fn line(&self, map: &Map) -> usize {
+        map.line(&self.column)
+    }
+}
+
+/// `[[ft_sensor]]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FtSensor {
+    name: String,
+    columns: [ColumnName; 6],
+    #[serde(default = "ones")]
+    signs: [f64; 6],
+}
+
+fn ones() -> [f64; 6] {
+    [1.0; 6]
+}
+
+/// `[imu]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Imu {
+    gyro: [ColumnName; 3],
+    accelerometer: [ColumnName; 3],
+    #[serde(default)]
+    gyro_unit: GyroUnit,
+    #[serde(default)]
+    accelerometer_unit: AccelerometerUnit,
+}
+
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+enum GyroUnit {
+    #[default]
+    #[serde(rename = "rad/s")]
+    Radian,
+    #[serde(rename = "deg/s")]
+    Degree,
+}
+
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+enum AccelerometerUnit {
+    #[default]
+    #[serde(rename = "m/s2")]
+    Metre,
+    #[serde(rename = "g")]
+    Gravity,
+}
+
+/// Gravity in which accelerometers are scaled, m/s².
+const STANDARD_GRAVITY: f64 = 9.80665;
+
+impl Map {
+    /// Reads a map; `file` is its path.
+    ///
+    /// # Errors
+    /// Text that is not TOML, unknown or missing keys, numbers that are not allowed.
+    pub(super) fn parse(text: &str, file: &str) -> Result<Self, Problem> {
+        let mut map: Self = toml::from_str(text).map_err(|e| {
+            let start = e.span().map_or(0, |span| span.start);
+            Problem::new(e.message(), "").at(file, line_at(text, start))
+        })?;
+        (map.file, map.text) = (file.to_owned(), text.to_owned());
+        for (key, value) in [
+            ("sample_rate_hz", map.sample_rate),
+            ("max_gap_ms", map.max_gap.unwrap_or(1.0)),
+        ] {
+            if !Allowed::Positive.admits(value) {
+                let reason = format!("{key} is {value}");
+                return Err(Problem::new(reason, Allowed::Positive.to_string()).at(file, 0));
+            }
+        }
+        let names: Vec<&str> = map.joints.iter().map(|j| j.name.as_str()).collect();
+        let names: Vec<&str> = names
+            .into_iter()
+            .chain(map.ft_sensors.iter().map(|s| s.name.as_str()))
+            .collect();
+        let bad = |n: &&&str| n.is_empty() || n.contains(['/', '.', ',', '\\']);
+        if let Some(name) = names.iter().find(bad) {
+            let reason = format!("name {name:?}");
+            return Err(Problem::new(reason, "a name without / \\ . ,").at(file, 0));
+        }
+        if let Some(i) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
+            let reason = format!("{:?} is named twice", names[i]);
+            return Err(Problem::new(reason, "each joint and sensor once").at(file, 0));
+        }
+        if names.is_empty() {
+            let reason = "no [[joint]] and no [[ft_sensor]]";
+            return Err(Problem::new(reason, "at least one").at(file, 0));
+        }
+        Ok(map)
+    }
+
+    /// Longest gap that is interpolated over, s.
+    pub(super) fn max_gap(&self) -> f64 {
+        self.max_gap.map_or(5.0 / self.sample_rate, |ms| 1e-3 * ms)
+    }
+
+    /// The line of a column's name.
+    pub(super) fn line(&self, column: &ColumnName) -> usize {
+        line_at(&self.text, column.span().start)
+    }
+
+    /// Whether any channel is a column of this name.
+    pub(super) fn names(&self, name: &str) -> bool {
+        fn of_channel(channel: &Channel, name: &str) -> bool {
+            channel.column.get_ref() == name || channel.plus.iter().any(|c| of_channel(c, name))
+        }
+        let channels = self.joints.iter().flat_map(|j| j.channels());
+        let mut channels = channels.map(|(_, channel)| channel);
+        channels.any(|c| of_channel(c, name))
+            || self
+                .sensor_columns()
+                .iter()
+                .any(|(_, column, _)| column.get_ref() == name)
+    }
+
+    /// A column that a log does not have.
+    pub(super) fn missing<'a>(
+        &self,
+        column: &ColumnName,
+        log: &str,
+        names: impl IntoIterator<Item = &'a str>,
+    ) -> Problem {
+        let reason = format!("{log} has no column `{}`", column.get_ref());
+        Problem::new(reason, listed(names)).at(self.file.as_str(), self.line(column))
+    }
+
+    /// Columns of F/T sensors and IMU: names in the converted log, in the log, and factors.
+    pub(super) fn sensor_columns(&self) -> Vec<(String, ColumnName, f64)> {
+        const AXES: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
+        let mut all = Vec::new();
+        for sensor in &self.ft_sensors {
+            for ((axis, column), sign) in AXES.iter().zip(&sensor.columns).zip(sensor.signs) {
+                all.push((format!("{}.{axis}", sensor.name), column.clone(), sign));
+            }
+        }
+        if let Some(imu) = &self.imu {
+            let gyro = match imu.gyro_unit {
+                GyroUnit::Radian => 1.0,
+                GyroUnit::Degree => TAU / 360.0,
+            };
+            let accelerometer = match imu.accelerometer_unit {
+                AccelerometerUnit::Metre => 1.0,
+                AccelerometerUnit::Gravity => STANDARD_GRAVITY,
+            };
+            for (axis, column) in ["gx", "gy", "gz"].iter().zip(&imu.gyro) {
+                all.push((format!("imu.{axis}"), column.clone(), gyro));
+            }
+            for (axis, column) in ["ax", "ay", "az"].iter().zip(&imu.accelerometer) {
+                all.push((format!("imu.{axis}"), column.clone(), accelerometer));
+            }
+        }
+        all
+    }
+}

@@ -1,0 +1,281 @@
+//! Torques of a whole log, by centred filters and the whole-body estimator.
+
+use super::robot::ReferenceRobot;
+use crate::rows::Rows;
+use dynamics::ImuMotion;
+use identification::record::{noise, smooth};
+use nalgebra::Vector3;
+use problem::{Problem, listed};
+use robot_state::Wrench;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+use whole_body::{WholeBody, WholeBodyInput};
+
+/// A log of the whole robot.
+pub(super) struct RobotLog {
+    /// t, s.
+    pub(super) t: Vec<f64>,
+    columns: BTreeMap<String, Vec<f64>>,
+    file: String,
+    period: f64,
+}
+
+/// Axes of an F/T sensor and of the IMU, as columns name them.
+const WRENCH: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
+const IMU: [&str; 6] = ["gx", "gy", "gz", "ax", "ay", "az"];
+/// Largest deviation of a step from the period, parts.
+const MAX_IRREGULARITY: f64 = 0.05;
+
+impl RobotLog {
+    /// Reads a log with every column that the robot needs.
+    ///
+    /// # Errors
+    /// As [`Rows::read`]; columns that are missing; stamps that are not at a steady rate.
+    pub(super) fn read(path: &Path, robot: &ReferenceRobot) -> Result<Self, Problem> {
+        let file = path.display().to_string();
+        let rows = Rows::read(path, b',', "t", |_| true)?;
+        let period = (rows.t[rows.t.len() - 1] - rows.t[0]) / (rows.t.len() - 1) as f64;
+        let odd = |w: &[f64]| ((w[1] - w[0]) / period - 1.0).abs() > MAX_IRREGULARITY;
+        if let Some(i) = rows.t.windows(2).position(odd) {
+            let reason = format!(
+                "the step before t = {} s is not {period:.6} s",
+                rows.t[i + 1]
+            );
+            let allowed = "stamps at a steady rate without gaps; `torquectl import` resamples";
+            return Err(Problem::new(reason, allowed).at(file, i + 3));
+        }
+        let log = Self {
+            t: rows.t,
+            columns: rows.columns,
+            file,
+            period,
+        };
+        let angles = robot
+            .joints
+            .iter()
+            .map(|joint| log.angle(joint).map(|_| ()));
+        angles.collect::<Result<(), _>>()?;
+        for sensor in &robot.sensors.ft_sensors {
+            log.six(sensor.name.get_ref(), WRENCH)?;
+        }
+        if robot.sensors.imu.is_some() {
+            log.six("imu", IMU)?;
+        }
+        Ok(log)
+    }
+
+    /// theta, q and i of a joint, where all are there.
+    pub(super) fn drive(&self, joint: &str) -> Option<[&[f64]; 3]> {
+        let column = |key| {
+            self.columns
+                .get(&format!("{joint}.{key}"))
+                .map(Vec::as_slice)
+        };
+        Some([column("theta")?, column("q")?, column("i")?])
+    }
+
+    /// The joint's angle as the URDF counts it.
+    fn angle(&self, joint: &str) -> Result<&[f64], Problem> {
+        match self.columns.get(&format!("{joint}.angle")) {
+            Some(angle) => Ok(angle),
+            None => self.column(&format!("{joint}.q")),
+        }
+    }
+
+    fn column(&self, name: &str) -> Result<&[f64], Problem> {
+        self.columns.get(name).map(Vec::as_slice).ok_or_else(|| {
+            let reason = format!("column `{name}` is missing");
+            let names = listed(self.columns.keys().map(String::as_str));
+            Problem::new(reason, names).at(self.file.as_str(), 1)
+        })
+    }
+
+    fn six(&self, name: &str, axes: [&str; 6]) -> Result<[&[f64]; 6], Problem> {
+        let mut all: [&[f64]; 6] = [&[]; 6];
+        for (column, axis) in all.iter_mut().zip(axes) {
+            *column = self.column(&format!("{name}.{axis}"))?;
+        }
+        Ok(all)
+    }
+}
+
+/// Torques and standard deviations of every joint.
+pub(super) struct Torques {
+    tau: Vec<Vec<f64>>,
+    sigma: Vec<Vec<f64>>,
+    rows: Range<usize>,
+}
+
+/// Part of the difference between two windows, one twice as long, that the shorter one may have
+/// removed: an error that grows with the window's square leaves a third; a step all of it.
+const REMOVED: f64 = 0.5;
+/// A window that removes little of a robot's motion, s.
+const SHORT_S: f64 = 0.02;
+
+impl Torques {
+    /// Torques of a log with centred filters of a window, s.
+    ///
+    /// # Errors
+    /// A window that does not fit the log; contacts that cannot be determined.
+    pub(super) fn new(
+        robot: &ReferenceRobot,
+        log: &RobotLog,
+        window: f64,
+    ) -> Result<Self, Problem> {
+        let half = (0.5 * window / log.period).round();
+        let (most, count) = (log.t.len() / 6, log.t.len());
+        if !(2.0..=most as f64).contains(&half) {
+            let reason = format!("a window of {:.1} ms on {count} rows", 1e3 * window);
+            let (low, high) = (4e3 * log.period, 2e3 * log.period * most as f64);
+            let allowed = format!("{low:.1} to {high:.1} ms");
+            return Err(Problem::new(reason, allowed).at(log.file.as_str(), 0));
+        }
+        let half = half as usize;
+        let (tau, mut sigma) = pass(robot, log, half)?;
+        widen(
+            &mut sigma,
+            &tau,
+            &pass(robot, log, 2 * half)?.0,
+            half,
+            REMOVED,
+        );
+        // What a long window has removed altogether shows beside a short one.
+        let short = (0.5 * SHORT_S / log.period).round().max(2.0) as usize;
+        if short < half {
+            widen(&mut sigma, &tau, &pass(robot, log, short)?.0, half, 1.0);
+        }
+        Ok(Self {
+            tau,
+            sigma,
+            rows: 2 * half..count - 2 * half,
+        })
+    }
+
+    /// Rows with a full window.
+    pub(super) fn rows(&self) -> Range<usize> {
+        self.rows.clone()
+    }
+
+    /// Torque and standard deviation of a joint at a row.
+    pub(super) fn at(&self, joint: usize, row: usize) -> (f64, f64) {
+        (self.tau[joint][row], self.sigma[joint][row])
+    }
+
+    /// Smallest and largest torque of a joint, and its RMS sigma.
+    pub(super) fn range(&self, joint: usize) -> (f64, f64, f64) {
+        let (mut low, mut high, mut square) = (f64::MAX, f64::MIN, 0.0);
+        for i in self.rows() {
+            let (tau, sigma) = self.at(joint, i);
+            (low, high, square) = (low.min(tau), high.max(tau), square + sigma * sigma);
+        }
+        (low, high, (square / self.rows.len().max(1) as f64).sqrt())
+    }
+}
+
+/// Adds the local difference between two passes, times `part`, to sigma.
+fn widen(sigma: &mut [Vec<f64>], tau: &[Vec<f64>], other: &[Vec<f64>], half: usize, part: f64) {
+    for ((tau, other), sigma) in tau.iter().zip(other).zip(sigma) {
+        let squares = tau.iter().zip(other).map(|(a, b)| (a - b).powi(2));
+        let local = smooth_mean(&squares.collect::<Vec<f64>>(), 2 * half);
+        for (sigma, square) in sigma.iter_mut().zip(local) {
+            *sigma = sigma.hypot(part * square.sqrt());
+        }
+    }
+}
+
+/// Torques and sigmas by the estimator, all signals through windows of `2 half + 1` samples.
+fn pass(
+    robot: &ReferenceRobot,
+    log: &RobotLog,
+    half: usize,
+) -> Result<(Vec<Vec<f64>>, Vec<Vec<f64>>), Problem> {
+    let filtered = |signal: &[f64], derivative| smooth(signal, derivative, half, log.period);
+    let gain = impulse(2, half, log.period);
+    let mut motion = Vec::new();
+    let mut sigma_ddq = Vec::new();
+    for joint in &robot.joints {
+        let angle = log.angle(joint)?;
+        motion.push([0, 1, 2].map(|d| filtered(angle, d)));
+        sigma_ddq.push(gain * noise(angle, half, log.period));
+    }
+    let mut ft = Vec::new();
+    for sensor in &robot.sensors.ft_sensors {
+        let axes = log.six(sensor.name.get_ref(), WRENCH)?;
+        ft.push((f64::from(sensor.sign), axes.map(|axis| filtered(axis, 0))));
+    }
+    let imu = match &robot.sensors.imu {
+        Some(_) => Some(log.six("imu", IMU)?),
+        None => None,
+    };
+    let imu = imu.map(|axes| {
+        let rates = [0, 1, 2].map(|i| filtered(axes[i], 1));
+        (axes.map(|axis| filtered(axis, 0)), rates)
+    });
+    let parameters = robot.parameters(sigma_ddq)?;
+    let mut whole_body = WholeBody::new(&robot.model, &parameters).map_err(|e| e.problem())?;
+    let n = robot.joints.len();
+    let (mut tau, mut sigma) = (vec![Vec::new(); n], vec![Vec::new(); n]);
+    for i in 0..log.t.len() {
+        let each = |d: usize| motion.iter().map(|m| m[d][i]).collect::<Vec<f64>>();
+        let (q, dq, ddq) = (each(0), each(1), each(2));
+        let reading = |(sign, axes): &(f64, [Vec<f64>; 6])| Wrench {
+            force: [0, 1, 2].map(|k| sign * axes[k][i]),
+            torque: [3, 4, 5].map(|k| sign * axes[k][i]),
+        };
+        let ft: Vec<Wrench> = ft.iter().map(reading).collect();
+        let three = |axes: &[Vec<f64>]| Vector3::new(axes[0][i], axes[1][i], axes[2][i]);
+        let imu = match &imu {
+            Some((axes, rates)) => ImuMotion {
+                angular_velocity: three(&axes[..3]),
+                angular_acceleration: three(rates),
+                proper_acceleration: three(&axes[3..]),
+            },
+            None => ImuMotion {
+                angular_velocity: Vector3::zeros(),
+                angular_acceleration: Vector3::zeros(),
+                proper_acceleration: Vector3::zeros(),
+            },
+        };
+        let input = WholeBodyInput {
+            q: &q,
+            dq: &dq,
+            ddq: &ddq,
+            ft: &ft,
+            imu,
+        };
+        let estimate = whole_body.update(&input);
+        if !estimate.valid {
+            let reason = format!("at t = {} s the contacts depend on one another", log.t[i]);
+            return Err(Problem::new(reason, "other contacts").at(log.file.as_str(), i + 2));
+        }
+        for k in 0..n {
+            tau[k].push(estimate.tau[k]);
+            sigma[k].push(estimate.sigma[k]);
+        }
+    }
+    Ok((tau, sigma))
+}
+
+/// Standard deviation of a derivative for white noise of 1.
+fn impulse(derivative: usize, half: usize, period: f64) -> f64 {
+    let mut signal = vec![0.0; 6 * half + 1];
+    signal[3 * half] = 1.0;
+    let response = smooth(&signal, derivative, half, period);
+    response.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// Mean over `2 half + 1` samples about each.
+fn smooth_mean(values: &[f64], half: usize) -> Vec<f64> {
+    let mut sums = vec![0.0];
+    let mut sum = 0.0;
+    for x in values {
+        sum += x;
+        sums.push(sum);
+    }
+    let mean = |i: usize| {
+        let (a, b) = (i.saturating_sub(half), (i + half + 1).min(values.len()));
+        (sums[b] - sums[a]).max(0.0) / (b - a) as f64
+    };
+    (0..values.len()).map(mean).collect()
+}
