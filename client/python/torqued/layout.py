@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 42
+EVENT_COUNT = 44
 
 
 class Mode(IntEnum):
@@ -145,6 +145,8 @@ EVENTS = (
     Event(405, "velocity_limit", "A command was limited to the joint's velocity or power.", "joint.velocity_limit_rad_per_s / joint.power_limit_W", "warn"),
     Event(406, "drive_fault", "A drive reports a fault of its own; its set-points are withdrawn.", "drive.state", "hold"),
     Event(407, "drive_lost", "A drive is no longer enabled though nobody switched it off (emergency stop, power); its set-points are withdrawn.", "drive.state", "hold"),
+    Event(408, "following_error", "A drive does not follow its set-points: torque, velocity and position show another one. Its set-points are withdrawn, and it is switched off.", "joint.following_error_deg / joint.following_error_A", "hold"),
+    Event(409, "overspeed", "A joint moves at more than 1.25 times its velocity limit, by both encoders.", "joint.velocity_limit_rad_per_s", "stop"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
     Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
@@ -333,7 +335,7 @@ class EstimatedRecord(ctypes.Structure):
 
 
 class JointCommanded(ctypes.Structure):
-    """104 bytes."""
+    """112 bytes."""
 
     _fields_ = [
         # tau_d: desired torque, N·m (D12).
@@ -360,6 +362,8 @@ class JointCommanded(ctypes.Structure):
         ("feedback_acceleration", ctypes.c_double),
         # Contribution to the command of the contact force error, rad or A.
         ("feedback_force", ctypes.c_double),
+        # Distance of the set-point that torque, velocity and position of the drive show from those sent last, rad or A; zero while no set-points are sent.
+        ("following_error", ctypes.c_double),
         # Bits of `command_flags`.
         ("flags", ctypes.c_uint32),
         # Number of the drive's `DriveState`; a drive without states counts as enabled.
@@ -368,7 +372,7 @@ class JointCommanded(ctypes.Structure):
 
 
 class CommandedRecord(ctypes.Structure):
-    """6656 bytes."""
+    """7168 bytes."""
 
     _fields_ = [
         # The joints, in config order.
@@ -377,7 +381,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """24744 bytes."""
+    """25272 bytes."""
 
     _fields_ = [
         # Cycle number since start.
@@ -411,7 +415,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 42),
+        ("events", ctypes.c_uint64 * 44),
     ]
 
 
@@ -441,7 +445,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """24816 bytes."""
+    """25344 bytes."""
 
     _fields_ = [
         # The cycle.
@@ -586,7 +590,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#0804ab7f173a1f4d")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#2663d56afd92200c")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#b32aab7aa4d3f9e2")
 Request.type_name = staticmethod(lambda: "torqued::Request#722a456d0d271a52")

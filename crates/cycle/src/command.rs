@@ -17,6 +17,8 @@ use robot_state::{
     Reference, Wrench, command_flags,
 };
 
+use supervisor::Deviation;
+
 use crate::events::{Counts, Subject};
 use decide::Goal;
 use joint::{InverseDynamicsTorque, JointController, JointInput};
@@ -103,7 +105,13 @@ impl Command {
                 },
                 dt: self.sample_period,
             };
-            joint.update(goal, &input, &mut commanded.joints[j]);
+            match joint.update(goal, &input, &mut commanded.joints[j]) {
+                Some(Deviation::Following) => {
+                    counts.add_of(Event::FollowingError, Subject::Joint(j));
+                }
+                Some(Deviation::Overspeed) => counts.add_of(Event::Overspeed, Subject::Joint(j)),
+                None => {}
+            }
             count_limits(j, commanded.joints[j].flags, counts);
         }
     }

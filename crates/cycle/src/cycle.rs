@@ -3,7 +3,7 @@
 use can_codec::Frames;
 use problem::Problem;
 use robot_config::Robot;
-use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS};
+use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS, Mode};
 
 use crate::command::{ClientInput, Command, Emit, Supervisor};
 use crate::estimate::Estimate;
@@ -69,6 +69,7 @@ impl Cycle {
         client: &ClientInput<'_>,
         tx: &mut Frames,
     ) -> &CycleRecord {
+        let holds = self.record.mode == Mode::Hold.number();
         let CycleRecord {
             measured,
             estimated,
@@ -77,7 +78,7 @@ impl Cycle {
         } = &mut self.record;
         let counts = &mut self.counts;
 
-        (self.measure).update(at, rx, client.settings, measured, counts);
+        (self.measure).update(at, rx, client.settings, holds, measured, counts);
         (self.estimate).update(&self.measure, client.settings, measured, estimated, counts);
         let readiness = self.measure.readiness();
         let goal = self.supervisor.decide(client, &readiness, measured, counts);
@@ -86,7 +87,7 @@ impl Cycle {
         (self.command).update(&goal, engaged, input, commanded, counts);
         self.supervisor.react_to(counts);
         self.supervisor.publish_drives(commanded);
-        (self.emit).update(&self.command, &self.supervisor, tx, counts);
+        (self.emit).update(&self.command, &self.supervisor, measured, tx, counts);
         if self.supervisor.take_acknowledgement() {
             self.measure.restart_distrusted();
         }

@@ -202,13 +202,14 @@ impl Measure {
         at: Instants,
         rx: &Frames,
         settings: Option<&Settings>,
+        holds: bool,
         measured: &mut MeasuredRecord,
         counts: &mut Counts,
     ) {
         self.reception.decode(rx, at.now, counts);
         self.bridge_skipped(at.sync, &mut measured.joints);
         self.read_joints(at, &mut measured.joints, counts);
-        self.take_offsets(settings);
+        self.take_offsets(settings, holds);
         self.read_ft_sensors(at, &mut measured.ft, counts);
         self.read_imu(at, measured, counts);
         let stamps = self.reception.stamps();
@@ -365,11 +366,13 @@ impl Measure {
         }
     }
 
-    /// Offsets of F/T sensors move towards those of the last tare.
-    fn take_offsets(&mut self, settings: Option<&Settings>) {
+    /// Offsets of F/T sensors move towards those of the last tare. A tare is only taken over while
+    /// the robot holds: it was found at rest, and a mode that is active keeps what it began with.
+    fn take_offsets(&mut self, settings: Option<&Settings>, holds: bool) {
         let (period_s, inputs) = (self.sample_period, &mut self.ft_inputs);
         for (s, input) in inputs.iter_mut().enumerate() {
             let tare = settings.map_or(Wrench::default(), |settings| settings.ft_offset[s]);
+            let tare = if holds { tare } else { input.target() };
             input.follow(&tare, period_s);
         }
     }

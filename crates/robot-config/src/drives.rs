@@ -19,6 +19,8 @@ pub(crate) struct Drive {
     pub(crate) motor_counts_per_turn: Option<f64>,
     pub(crate) link_counts_per_turn: Option<f64>,
     pub(crate) current_limit: f64,
+    /// A drive whose set-points are withdrawn is sent no current until it is off.
+    pub(crate) zero_current: bool,
     pub(crate) low_pass_pole: f64,
     pub(crate) torsion_sigma: f64,
     pub(crate) current_sigma: f64,
@@ -71,9 +73,16 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
             ("current", Command::Current),
         ],
     );
-    let current_limit = match command {
-        Command::Position => f64::INFINITY,
-        Command::Current => section.number("current_limit_A", Allowed::Positive),
+    let (current_limit, zero_current) = match command {
+        Command::Position => (f64::INFINITY, false),
+        Command::Current => (
+            section.number("current_limit_A", Allowed::Positive),
+            section.choice_or(
+                "withdrawn",
+                true,
+                &[("zero_current", true), ("none", false)],
+            ),
+        ),
     };
     let profile = section
         .optional_section("state")
@@ -94,6 +103,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
         motor_counts_per_turn,
         link_counts_per_turn,
         current_limit,
+        zero_current,
         low_pass_pole,
         torsion_sigma,
         current_sigma,

@@ -110,6 +110,8 @@ impl Reader<'_, '_, '_> {
             .zip(drive)
             .map(|(bus, drive)| self.signals(bus, drive, wiring));
         for key in [
+            "following_error_deg",
+            "following_error_A",
             "motor_angle",
             "link_angle",
             "current",
@@ -173,6 +175,8 @@ impl Reader<'_, '_, '_> {
             gains: gains?,
             actuation: self.actuation(drive, inertia),
             plausibility: limits::plausibility(&limits, drive),
+            zero_current: drive.zero_current,
+            following: self.following(&limits, drive, signals.current),
             current_signal: liveness::signal(
                 signals.current,
                 drive.current_sigma,

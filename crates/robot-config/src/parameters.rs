@@ -9,7 +9,9 @@ use estimators::filter_bank::FilterDesign;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
 use robot_state::Reactions;
-use supervisor::{Actuation, DriveProfile, Limits, PlausibilityParameters, SignalParameters};
+use supervisor::{
+    Actuation, DriveProfile, FollowingParameters, Limits, PlausibilityParameters, SignalParameters,
+};
 use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
 
 /// All parameters of a configuration.
@@ -187,6 +189,11 @@ pub struct JointParameters {
     pub actuation: Actuation,
     /// Limits of plausible samples.
     pub plausibility: PlausibilityParameters,
+    /// Its drive takes currents, and is sent a current of zero from the withdrawal of its set-points
+    /// until it is off.
+    pub zero_current: bool,
+    /// Limits of its following error and velocity.
+    pub following: FollowingParameters,
     /// Range and noise of its current.
     pub current_signal: SignalParameters,
 }

@@ -6,12 +6,14 @@
 #![deny(unsafe_code)]
 
 mod drive;
+mod following;
 mod limiter;
 mod plausibility;
 mod robot;
 mod signal;
 
 pub use drive::{ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, StatusPattern};
+pub use following::{Deviation, Following, FollowingParameters};
 pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
 pub use plausibility::{Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};

@@ -161,6 +161,13 @@ impl RobotMachine {
         self.state == RobotState::Enabling || self.is_engaged(joint)
     }
 
+    /// Set-points to this joint end, and its drive is to be off, until the robot is enabled again.
+    pub fn withdraw(&mut self, joint: usize) {
+        if let Some(engaged) = self.engaged.get_mut(joint) {
+            *engaged = false;
+        }
+    }
+
     /// Latches a fault; of several the first is shown, and the strongest reaction holds.
     pub fn latch(&mut self, event: Event, safety: Safety) {
         if self.state == RobotState::Fault {

@@ -359,6 +359,9 @@ impl Supervisor {
         if self.machine.fault().is_none() {
             self.fault_subject = subject;
         }
+        if let (Event::FollowingError, Some(Subject::Joint(joint))) = (event, subject) {
+            self.machine.withdraw(joint);
+        }
         self.machine.latch(event, safety);
         self.release();
     }

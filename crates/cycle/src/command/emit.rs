@@ -1,8 +1,13 @@
 //! Emit: from commands and control words to frames.
+//!
+//! A joint whose set-points are withdrawn has none, with two exceptions. A drive that takes currents
+//! would go on with the last one: it is sent zero until it is off. And where several joints share a
+//! message, the others need it: the joint's slot then has zero current, or the position where it was
+//! measured last, if its drive is kept off by control words; else the message ends for all of them.
 
 use can_codec::{Frames, Table};
 use robot_config::{Robot, slots};
-use robot_state::Event;
+use robot_state::{DriveState, Event, JointMeasured, MeasuredRecord, measured_flags};
 use supervisor::Drive;
 
 use super::{Command, Supervisor};
@@ -11,12 +16,26 @@ use crate::events::Counts;
 /// Control words are repeated after so many cycles, for a drive that lost one.
 const REPEAT: u32 = 100;
 
+/// What a joint's set-points need.
+#[derive(Debug, Clone, Copy)]
+struct Addressed {
+    takes_position: bool,
+    /// Control words keep its drive off.
+    controlled: bool,
+    zero_current: bool,
+    /// It has had a set-point since its drive was off.
+    driven: bool,
+}
+
 /// The frames that carry set-points and control words.
 #[derive(Debug)]
 pub(crate) struct Emit {
     table: Table,
     /// NaN while a joint is not engaged or no control word is due: no frame follows from NaN.
     slots: Vec<f64>,
+    joints: Vec<Addressed>,
+    /// The joints of each message that carries several set-points.
+    shared: Vec<Vec<usize>>,
     /// Each drive's last control word.
     words: Vec<Option<u32>>,
     /// Cycles since control words were sent.
@@ -27,6 +46,15 @@ impl Emit {
     pub(crate) fn new(robot: &Robot) -> Self {
         Self {
             slots: vec![f64::NAN; slots::send_len(&robot.parameters)],
+            joints: (robot.parameters.joints.iter())
+                .map(|joint| Addressed {
+                    takes_position: joint.takes_position(),
+                    controlled: (joint.drive_profile.as_ref()).is_some_and(|p| p.control.is_some()),
+                    zero_current: joint.zero_current,
+                    driven: false,
+                })
+                .collect(),
+            shared: shared(&robot.send),
             table: robot.send.clone(),
             words: vec![None; robot.parameters.joints.len()],
             since: 0,
@@ -39,14 +67,21 @@ impl Emit {
         &mut self,
         command: &Command,
         supervisor: &Supervisor,
+        measured: &MeasuredRecord,
         tx: &mut Frames,
         counts: &mut Counts,
     ) {
         for (j, last) in command.last().enumerate() {
             // Also not where the command itself was the fault.
             let last = last.filter(|_| supervisor.is_engaged(j));
-            self.set(slots::command(j), last);
+            let state = supervisor.drives().get(j).map(Drive::state);
+            if last.is_some() {
+                self.note_driven(j);
+            }
+            let set_point = last.or_else(|| self.no_current(j, state.unwrap_or_default()));
+            self.set(slots::command(j), set_point);
         }
+        self.complete_shared(measured);
         let due = self.control_words_due(supervisor.drives());
         for j in 0..self.words.len() {
             self.set(
@@ -56,6 +91,43 @@ impl Emit {
         }
         self.table.encode_all(&self.slots, tx);
         counts.add_many(Event::SendFailed, tx.overflow());
+    }
+
+    /// Zero for a drive that would go on with the last current.
+    fn no_current(&mut self, joint: usize, state: DriveState) -> Option<f64> {
+        let joint = self.joints.get_mut(joint)?;
+        joint.driven &= matches!(
+            state,
+            DriveState::Enabled | DriveState::Stopping | DriveState::Unknown
+        );
+        (joint.zero_current && joint.driven).then_some(0.0)
+    }
+
+    /// Fills slots of withdrawn joints in messages that other joints need.
+    fn complete_shared(&mut self, measured: &MeasuredRecord) {
+        for joints in &self.shared {
+            let has = |&j: &usize| {
+                self.slots
+                    .get(slots::command(j))
+                    .is_some_and(|x| !x.is_nan())
+            };
+            if !joints.iter().any(has) {
+                continue;
+            }
+            for &j in joints {
+                let (Some(slot), Some(joint)) =
+                    (self.slots.get_mut(slots::command(j)), self.joints.get(j))
+                else {
+                    continue;
+                };
+                let known = |m: &&JointMeasured| m.flags & measured_flags::NEVER == 0;
+                if slot.is_nan() && !joint.takes_position {
+                    *slot = 0.0;
+                } else if slot.is_nan() && joint.controlled {
+                    *slot = (measured.joints.get(j).filter(known)).map_or(f64::NAN, |m| m.q);
+                }
+            }
+        }
     }
 
     fn control_words_due(&mut self, drives: &[Drive]) -> bool {
@@ -72,9 +144,30 @@ impl Emit {
         due
     }
 
+    /// Notes a set-point.
+    fn note_driven(&mut self, joint: usize) {
+        if let Some(joint) = self.joints.get_mut(joint) {
+            joint.driven = true;
+        }
+    }
+
     fn set(&mut self, slot: usize, value: Option<f64>) {
         if let Some(slot) = self.slots.get_mut(slot) {
             *slot = value.unwrap_or(f64::NAN);
         }
     }
+}
+
+/// The joints of each message that carries several set-points.
+fn shared(table: &Table) -> Vec<Vec<usize>> {
+    let joints = |message| {
+        let sent = table.slots(message).map(slots::sent);
+        let commands = sent.filter_map(|sent| match sent {
+            slots::Sent::Command(joint) => Some(joint),
+            slots::Sent::Control(_) => None,
+        });
+        commands.collect::<Vec<_>>()
+    };
+    let messages = (0..table.message_count()).map(joints);
+    messages.filter(|joints| joints.len() > 1).collect()
 }

@@ -27,7 +27,7 @@ use robot_state::{
 use super::decide::Goal;
 use super::transition::Transition;
 use robot_config::JointParameters;
-use supervisor::{Actuation, Limiter, Limits, Motion};
+use supervisor::{Actuation, Deviation, Following, Limiter, Limits, Motion};
 
 /// Torques of one joint by inverse dynamics, N·m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -106,6 +106,8 @@ struct Law {
     limits: Limits,
     actuation: Actuation,
     gear_ratio: f64,
+    /// Motor torque per current, link side, N·m/A.
+    torque_per_current: f64,
 }
 
 /// The controller of one joint.
@@ -113,6 +115,7 @@ struct Law {
 pub(crate) struct JointController {
     law: Law,
     limiter: Limiter,
+    following: Following,
     /// None while no set-points are sent.
     state: Option<State>,
 }
@@ -126,7 +129,10 @@ impl JointController {
                 limits: joint.limits,
                 actuation: joint.actuation,
                 gear_ratio: joint.encoders.gear_ratio,
+                torque_per_current: joint.encoders.gear_ratio
+                    * joint.estimator.wave_generator.torque_constant,
             },
+            following: Following::new(joint.following),
             limiter: Limiter::new(joint.limits, joint.actuation, sample_period),
             state: None,
         }
@@ -140,22 +146,31 @@ impl JointController {
     /// No set-points from now on.
     pub(crate) fn release(&mut self, q: f64, commanded: &mut JointCommanded) {
         self.state = None;
+        self.following.restart();
         *commanded = JointCommanded {
             q_c: q,
             ..JointCommanded::default()
         };
     }
 
-    /// The command of this cycle within all limits, with its contributions in `commanded`.
+    /// The command of this cycle within all limits, with its contributions in `commanded`. Returns
+    /// how the drive deviates from those before.
     pub(crate) fn update(
         &mut self,
         goal: &Goal<'_>,
         input: &JointInput<'_>,
         commanded: &mut JointCommanded,
-    ) {
+    ) -> Option<Deviation> {
         let motion = self.law.motion(input);
+        let fresh = input.measured.flags & measured_flags::MISSED == 0;
+        let deviation = fresh.then(|| {
+            let shown = self.law.shown(input.measured, &motion);
+            self.following.update(shown, motion.dq)
+        });
         let asked = self.asked(goal, &motion, input, commanded);
         let limited = self.limiter.limit(asked, &motion);
+        self.following.note_sent(limited.applied);
+        commanded.following_error = self.following.error();
         commanded.asked = limited.asked;
         commanded.flags |= limited.flags | command_flags::ENGAGED;
         match self.law.motor {
@@ -165,6 +180,7 @@ impl JointController {
             }
             MotorModel::Current { .. } => commanded.current_c = limited.applied,
         }
+        deviation.flatten()
     }
 
     /// The command before limits.
@@ -254,6 +270,27 @@ impl Law {
             theta,
             dq,
             weight: input.inverse_dynamics.feedforward,
+        }
+    }
+
+    /// The set-points that motor-side and link-side encoder show: the position plus the lead of
+    /// torque and velocity, rad; of a drive that takes currents its current, A.
+    fn shown(&self, measured: &JointMeasured, motion: &Motion) -> [f64; 2] {
+        match self.actuation {
+            Actuation::Position {
+                k_tau,
+                k_tau_motor,
+                k_v,
+            } => {
+                let tau = self.torque_per_current * measured.current;
+                let omega = measured.omega / self.gear_ratio;
+                //= D6: delta_q = K_tau tau + K_v dq + K_c sign(dq)
+                [
+                    motion.theta + k_tau_motor * tau + k_v * omega,
+                    motion.q + k_tau * tau + k_v * measured.dq,
+                ]
+            }
+            Actuation::Current { .. } => [measured.current; 2],
         }
     }
 

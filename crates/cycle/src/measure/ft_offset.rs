@@ -56,6 +56,11 @@ impl FtInput {
         }
     }
 
+    /// The tare that the offset moves towards.
+    pub(crate) fn target(&self) -> Wrench {
+        Wrench::from_array(self.to)
+    }
+
     /// The wrench of a raw sample; temperature in °C.
     pub(crate) fn wrench(&mut self, raw: &[f64; 6], temperature: f64) -> Wrench {
         self.seen = true;

@@ -3,9 +3,10 @@
 use super::Reader;
 use crate::drives::Drive;
 use crate::reader::Allowed;
+use crate::wiring::Reach;
 use control::MotorModel;
 use dynamics::Model;
-use supervisor::{Actuation, Limits, PlausibilityParameters};
+use supervisor::{Actuation, FollowingParameters, Limits, PlausibilityParameters};
 
 /// Default time in which a joint stops from its greatest velocity, s.
 const STOPPING_TIME: f64 = 0.2;
@@ -21,6 +22,18 @@ const TORSION_OFFSET: f64 = 0.1 * core::f64::consts::PI / 180.0;
 /// A torque that appears from one sample to the next and stays is an encoder's step from this
 /// share of the torque limit on.
 const STEP_SHARE: f64 = 0.15;
+/// Following error from which on a drive does not follow: this share of the lead by which its
+/// stiffness makes the torque limit, and of the lead by which it makes a velocity. What the model of
+/// the drive and its friction explain stays below a third of it (measured, shipped robots); a drive
+/// that does not act at all reaches the whole.
+const FOLLOWING_SHARE: f64 = 0.5;
+/// The same of a current, as a share of the current limit, besides noise.
+const CURRENT_SHARE: f64 = 0.1;
+/// Standard deviations of the measured current that are noise.
+const NOISE_SIGMAS: f64 = 6.0;
+/// Velocity from which on a joint is too fast, as a share of its limit: braking at the limit may
+/// overshoot it.
+const OVERSPEED: f64 = 1.25;
 /// Good samples in a row that make a joint plausible, and bad ones that make it implausible.
 const SAMPLES: [u32; 2] = [100, 8];
 
@@ -105,6 +118,43 @@ impl Reader<'_, '_, '_> {
             self.section.problem("delta_q_limit_deg", what, allowed);
         }
         given
+    }
+
+    /// Limits of the following error, by default from what the drive can do, and of the velocity.
+    pub(super) fn following(
+        &self,
+        limits: &Limits,
+        drive: &Drive,
+        current: Option<Reach>,
+    ) -> FollowingParameters {
+        let section = self.section;
+        let (used, other, limit, per_velocity) = match drive.motor {
+            MotorModel::Position { k_tau, k_v, .. } => {
+                let motor = k_tau - 1.0 / drive.compliance.k_fs0;
+                let lead = (motor * limits.torque).min(limits.lead);
+                let given = section.optional_number("following_error_deg", Allowed::Positive);
+                let limit = given.map_or(FOLLOWING_SHARE * lead, f64::to_radians);
+                let names = ["following_error_deg", "following_error_A"];
+                (names[0], names[1], limit, FOLLOWING_SHARE * k_v)
+            }
+            MotorModel::Current { .. } => {
+                let resolution = current.map_or(0.0, |reach| reach.resolution);
+                let noise = NOISE_SIGMAS * drive.current_sigma + resolution;
+                let default = CURRENT_SHARE * drive.current_limit + noise;
+                let limit = section.number_or("following_error_A", default, Allowed::Positive);
+                ("following_error_A", "following_error_deg", limit, 0.0)
+            }
+        };
+        if section.has(other) {
+            let what = "the joint's drive takes another kind of command";
+            section.problem(other, what, used);
+        }
+        FollowingParameters {
+            limit,
+            per_velocity,
+            velocity: OVERSPEED * limits.velocity,
+            samples: (self.timing.stale_after / self.timing.sample_period).ceil() as u32,
+        }
     }
 
     /// How the drive turns commands into torque.

@@ -50,6 +50,9 @@ record! {
         pub feedback_acceleration: f64,
         /// Contribution to the command of the contact force error, rad or A.
         pub feedback_force: f64,
+        /// Distance of the set-point that torque, velocity and position of the drive show from those
+        /// sent last, rad or A; zero while no set-points are sent.
+        pub following_error: f64,
         /// Bits of `command_flags`.
         pub flags: u32,
         /// Number of the drive's `DriveState`; a drive without states counts as enabled.

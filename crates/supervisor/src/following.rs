@@ -1,0 +1,154 @@
+//! Whether a drive follows its set-points, and a joint its velocity limit.
+//!
+//! A drive that follows shows it: from where its motor stands, how it moves and what current it
+//! draws follows the set-point that it must have. For a position-commanded drive that is the
+//! position plus the lead that this torque and velocity need (D6), friction and inertia included,
+//! as the motor's current drives them too; for a current-commanded one it is the current. A
+//! *following error* is the distance of that set-point from those sent in the last cycles, as long
+//! as a drive may take to act on one. Both encoders show a set-point; the nearer one counts, so that
+//! an encoder that fails makes no following error.
+
+/// Cycles after which a drive has acted on a set-point.
+const ACTS_WITHIN: usize = 4;
+
+/// Limits of a joint's following error and velocity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FollowingParameters {
+    /// Greatest following error at rest, rad or A.
+    pub limit: f64,
+    /// Further following error allowed per velocity, s or A·s/rad.
+    pub per_velocity: f64,
+    /// Greatest |dq|, rad/s.
+    pub velocity: f64,
+    /// Cycles for which an excess must last.
+    pub samples: u32,
+}
+
+/// What is wrong with a drive's motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Deviation {
+    /// The drive does not follow its set-points.
+    Following,
+    /// The joint moves faster than it may.
+    Overspeed,
+}
+
+/// Follows one drive.
+#[derive(Debug, Clone)]
+pub struct Following {
+    parameters: FollowingParameters,
+    sent: [f64; ACTS_WITHIN],
+    count: usize,
+    error: f64,
+    /// Cycles of excess in a row: of the following error, and of the velocity.
+    over: [u32; 2],
+}
+
+impl Following {
+    /// Of a drive that has been sent nothing.
+    #[must_use]
+    pub fn new(parameters: FollowingParameters) -> Self {
+        Self {
+            parameters,
+            sent: [0.0; ACTS_WITHIN],
+            count: 0,
+            error: 0.0,
+            over: [0; 2],
+        }
+    }
+
+    /// Set-points end, or begin anew.
+    pub fn restart(&mut self) {
+        *self = Self::new(self.parameters);
+    }
+
+    /// Notes the set-point that has just been sent, rad or A.
+    pub fn note_sent(&mut self, set_point: f64) {
+        if let Some(sent) = self.sent.get_mut(self.count % ACTS_WITHIN) {
+            *sent = set_point;
+        }
+        self.count = self.count.wrapping_add(1).max(1);
+    }
+
+    /// The last following error, rad or A.
+    #[must_use]
+    pub fn error(&self) -> f64 {
+        self.error
+    }
+
+    /// Takes the set-points that the motor-side and the link-side encoder show, rad or A, and the
+    /// velocity that both show, rad/s. A deviation is returned once, when it has lasted.
+    pub fn update(&mut self, shown: [f64; 2], velocity: f64) -> Option<Deviation> {
+        if self.count < ACTS_WITHIN {
+            return None;
+        }
+        let low = self.sent.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = self.sent.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let [motor, link] = shown.map(|x| (x - high).max(0.0) + (x - low).min(0.0));
+        self.error = if motor.abs() < link.abs() {
+            motor
+        } else {
+            link
+        };
+        let p = &self.parameters;
+        let excess = [
+            self.error.abs() > p.limit + p.per_velocity * velocity.abs(),
+            velocity.abs() > p.velocity,
+        ];
+        for (over, excess) in self.over.iter_mut().zip(excess) {
+            *over = if excess { over.saturating_add(1) } else { 0 };
+        }
+        match self.over.map(|over| over == p.samples) {
+            [true, _] => Some(Deviation::Following),
+            [_, true] => Some(Deviation::Overspeed),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PARAMETERS: FollowingParameters = FollowingParameters {
+        limit: 0.01,
+        per_velocity: 0.005,
+        velocity: 5.0,
+        samples: 20,
+    };
+
+    /// The cycle in which a drive is found to deviate that shows these set-points for a set-point
+    /// that moves at 1 rad/s.
+    fn found(shown: impl Fn(f64) -> [f64; 2], velocity: f64) -> Option<(usize, Deviation)> {
+        let mut following = Following::new(PARAMETERS);
+        (0..1000).find_map(|k| {
+            let sent = 1e-3 * k as f64;
+            let found = following.update(shown(sent), velocity);
+            following.note_sent(sent);
+            found.map(|deviation| (k, deviation))
+        })
+    }
+
+    #[test]
+    fn a_drive_that_follows_late_is_no_fault_and_a_deaf_one_is() {
+        assert_eq!(found(|sent| [sent - 0.004, sent - 0.004], 1.0), None);
+        let (after, deviation) = found(|_| [0.0, 0.0], 0.0).unwrap();
+        assert_eq!(deviation, Deviation::Following);
+        // 10 ms until the set-point has left by the limit, four cycles, 20 ms.
+        assert!((30..40).contains(&after), "{after}");
+    }
+
+    #[test]
+    fn one_encoder_that_fails_is_no_following_error() {
+        assert_eq!(found(|sent| [sent, 5.0], 0.0), None);
+        assert_eq!(found(|sent| [f64::NAN, sent], 0.0), None);
+        assert!(found(|_| [5.0, 4.0], 0.0).is_some());
+    }
+
+    #[test]
+    fn a_velocity_beyond_the_limit_is_a_fault_when_it_lasts() {
+        let (after, deviation) = found(|sent| [sent, sent], -5.1).unwrap();
+        assert_eq!((after, deviation), (23, Deviation::Overspeed));
+        assert_eq!(found(|sent| [sent, sent], 4.9), None);
+    }
+}
