@@ -5,11 +5,12 @@ mod gains;
 mod json;
 mod text;
 
+use crate::margins;
 use crate::output::finish_or_refuse;
 use bus_load::{Bitrate, BusLoad, bus_loads};
 use plant::{CanRobot, SimParameters};
 use problem::Problem;
-use robot_config::{JointParameters, Problems, Robot, TorqueFeedback};
+use robot_config::{JointParameters, Problems, Robot};
 use std::io;
 use std::path::Path;
 use std::process::ExitCode;
@@ -26,11 +27,13 @@ docs/configuration.md and docs/simulation.md describe every key.
 
 Exit codes:
   0  the configuration is complete
-  2  the configuration, its URDF or one of its DBC files has a problem or cannot be read";
+  2  the configuration, its URDF or one of its DBC files has a problem or cannot be read, or a
+     torque loop has less margin than 30 degrees or 6 dB";
 
 /// Check a robot's configuration with its URDF and DBC files, and print a summary.
 ///
-/// Nothing is started: CAN interfaces need not exist.
+/// Nothing is started: CAN interfaces need not exist. A predictive torque loop with less margin than 30
+/// degrees or 6 dB is refused.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct CheckArguments {
@@ -62,9 +65,17 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
     };
     let buses = bus_loads(&robot, rate);
     let warnings = warnings(&robot, &buses);
+    let judged = match margins::is_predictive(&robot) {
+        true => margins::judge(&robot),
+        false => Vec::new(),
+    };
+    let refused = margins::refusals(&judged, &arguments.config);
+    if !refused.is_empty() {
+        return Err(Problems(refused));
+    }
     Ok(match arguments.json {
-        true => format!("{:#}\n", json::object(&robot, &buses, &warnings)),
-        false => text::page(&robot, &buses, &warnings),
+        true => format!("{:#}\n", json::object(&robot, &buses, &judged, &warnings)),
+        false => text::page(&robot, &buses, &judged, &warnings),
     })
 }
 
@@ -112,10 +123,10 @@ fn warnings(robot: &Robot, buses: &[BusLoad]) -> Vec<String> {
             warnings.push(format!("bus {}: no signal of it is used", bus.name));
         }
     }
-    let feedback = robot.parameters.torque_feedback;
-    if feedback == TorqueFeedback::WholeBody && robot.parameters.ft_sensors.is_empty() {
+    let by_sensors = robot.parameters.torque_law.uses_sensors();
+    if by_sensors && robot.parameters.ft_sensors.is_empty() {
         warnings.push(
-            "control.torque_feedback is whole_body and there is no F/T sensor: every contact \
+            "control.torque_feedback is by F/T sensors and there is no F/T sensor: every contact \
              counts as joint torque"
                 .to_owned(),
         );

@@ -9,6 +9,7 @@ mod export;
 mod fit;
 mod import;
 mod info;
+mod margins;
 mod operator;
 mod output;
 mod record;
@@ -35,6 +36,7 @@ const BAD_INPUT: u8 = 2;
 const AFTER_HELP: &str = "\
 Examples:
   torquectl check config/leg/robot.toml
+  torquectl margins config/leg/robot.toml --joint knee --plot knee.svg
   torquectl state
   torquectl enable
   torquectl watch --once
@@ -77,6 +79,7 @@ enum Command {
     Replay(replay::ReplayArguments),
     Import(import::ImportArguments),
     Reference(reference::ReferenceArguments),
+    Margins(margins::MarginsArguments),
     Tare(tare::TareArguments),
     WholeBody(whole_body::WholeBodyArguments),
 }
@@ -101,6 +104,7 @@ fn main() -> ExitCode {
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
         Command::Reference(arguments) => reference::run(&arguments),
+        Command::Margins(arguments) => margins::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),
     }

@@ -218,12 +218,12 @@ fn duplicate_id_in_two_files_of_a_bus() {
 #[test]
 fn gains_that_are_not_numbers() {
     let leg = Leg::new("nan");
-    let line = leg.change(TOML, "K_p = 2.0", "K_p = nan");
-    let other = leg.change(TOML, "K_s_Nm_per_rad = 11110.0", "K_s_Nm_per_rad = -inf");
+    let line = leg.change(TOML, "K_d_Nms_per_rad = 23.6", "K_d_Nms_per_rad = nan");
+    let other = leg.change(TOML, "K_s_Nm_per_rad = 16667.0", "K_s_Nm_per_rad = -inf");
     leg.refused(&[
         &[
             &at(TOML, line),
-            "joint.gains.K_p (hip_yaw): NaN is not allowed; allowed: a finite number >= 0",
+            "joint.gains.K_d_Nms_per_rad (hip_yaw): NaN is not allowed; allowed: a finite number >= 0",
         ],
         &[
             &at(TOML, other),

@@ -192,12 +192,12 @@ impl Rig {
             joint_count: record.joint_count,
             ..Reference::default()
         };
-        let feedback = self.robot.parameters.torque_feedback;
+        let by_sensors = self.robot.parameters.torque_law.uses_sensors();
         for (j, desired) in reference.joints.iter_mut().enumerate() {
             let torques = &record.estimated.joints[j];
-            let tau = match feedback {
-                robot_config::TorqueFeedback::WholeBody => &torques.tau_whole_body,
-                robot_config::TorqueFeedback::Encoder => &torques.tau_encoder,
+            let tau = match by_sensors {
+                true => &torques.tau_whole_body,
+                false => &torques.tau_encoder,
             };
             let valid = tau.flags & torque_flags::VALID != 0;
             *desired = JointReference {

@@ -3,10 +3,16 @@
 use super::bus_load::BusLoad;
 use super::gains::equivalent;
 use super::{command, torque_per_count};
+use crate::margins::{self, JudgedJoint};
 use robot_config::{JointParameters, Robot};
 use serde_json::{Value, json};
 
-pub(super) fn object(robot: &Robot, buses: &[BusLoad], warnings: &[String]) -> Value {
+pub(super) fn object(
+    robot: &Robot,
+    buses: &[BusLoad],
+    judged: &[JudgedJoint],
+    warnings: &[String],
+) -> Value {
     let parameters = &robot.parameters;
     let bus = |(bus, load): (&robot_config::BusParameters, &BusLoad)| {
         json!({
@@ -63,6 +69,7 @@ pub(super) fn object(robot: &Robot, buses: &[BusLoad], warnings: &[String]) -> V
             "frame": ft.sensor.frame,
         })).collect::<Vec<_>>(),
         "imu_frame": parameters.imu.as_ref().map(|imu| &imu.frame),
+        "torque_loops": margins::objects(judged),
         "warnings": warnings,
     })
 }

@@ -3,6 +3,7 @@
 use super::bus_load::BusLoad;
 use super::gains::equivalent;
 use super::{command, torque_per_count};
+use crate::margins::{self, JudgedJoint};
 use control::MotorModel;
 use dynamics::Base;
 use robot_config::{JointParameters, Robot};
@@ -12,7 +13,12 @@ fn row<const N: usize>(cells: [&str; N]) -> Vec<String> {
     cells.map(str::to_owned).to_vec()
 }
 
-pub(super) fn page(robot: &Robot, buses: &[BusLoad], warnings: &[String]) -> String {
+pub(super) fn page(
+    robot: &Robot,
+    buses: &[BusLoad],
+    judged: &[JudgedJoint],
+    warnings: &[String],
+) -> String {
     let parameters = &robot.parameters;
     let base = match parameters.base {
         Base::Fixed => "fixed",
@@ -38,6 +44,11 @@ pub(super) fn page(robot: &Robot, buses: &[BusLoad], warnings: &[String]) -> Str
     text += "\nGains (D11-12) and the same in the commanded position (D13-14); K_f = ";
     text += &format!("{}\n", parameters.k_f);
     text += &gain_table(robot).to_string();
+    if !judged.is_empty() {
+        text += "\nTorque loops\n";
+        text += &margins::table(judged);
+        text += margins::NOTE;
+    }
     if !parameters.ft_sensors.is_empty() {
         text += "\nF/T sensors\n";
         text += &sensor_table(robot).to_string();

@@ -110,9 +110,11 @@ impl JointLoop {
 pub struct Margins {
     /// Phase that turns the loop unstable, rad; zero if it is unstable.
     pub phase: f64,
-    /// Gain that turns the loop unstable, or its inverse if less gain does: above 1, or 1 if it is
-    /// unstable.
+    /// Gain above 1 that turns the loop unstable; 1 if it is unstable.
     pub gain: f64,
+    /// The inverse of the gain below 1 that turns the loop unstable; 1 if it is unstable, infinite if
+    /// less gain does no harm.
+    pub reduction: f64,
 }
 
 impl Margins {
@@ -120,6 +122,7 @@ impl Margins {
     pub const NONE: Self = Self {
         phase: 0.0,
         gain: 1.0,
+        reduction: 1.0,
     };
 
     /// The lesser of both, each by itself.
@@ -128,6 +131,7 @@ impl Margins {
         Self {
             phase: self.phase.min(other.phase),
             gain: self.gain.min(other.gain),
+            reduction: self.reduction.min(other.reduction),
         }
     }
 
@@ -136,7 +140,20 @@ impl Margins {
     pub fn in_degrees_and_db(&self) -> (f64, f64) {
         (self.phase.to_degrees(), 20.0 * self.gain.log10())
     }
+
+    /// Phase and gain are at least these; a reduction is not judged.
+    #[must_use]
+    pub fn keeps(&self, needed: &Self) -> bool {
+        self.phase >= needed.phase && self.gain >= needed.gain
+    }
 }
+
+/// Margins below which a joint is refused: 30 degrees and 6 dB.
+pub const NEEDED: Margins = Margins {
+    phase: 30.0 * std::f64::consts::PI / 180.0,
+    gain: 1.995_262_314_968_879_5,
+    reduction: 1.0,
+};
 
 /// The least margins over some loads, each with the load at which it occurs.
 #[must_use]
@@ -144,6 +161,7 @@ pub fn least_margins(joint: &JointLoop, loads: &[Load]) -> (Margins, [Load; 2]) 
     let mut least = Margins {
         phase: f64::INFINITY,
         gain: f64::INFINITY,
+        reduction: f64::INFINITY,
     };
     let mut at = [Load::Blocked; 2];
     for &load in loads {
@@ -174,12 +192,11 @@ pub fn largest_stiffness(joint: &JointLoop, ratio: f64, needed: Margins) -> f64 
             damping: ratio * stiffness,
             ..*joint
         };
-        Load::MOVING.iter().all(|&load| {
-            let margins = tried.with(load).margins();
-            margins.phase >= needed.phase && margins.gain >= needed.gain
-        })
+        Load::MOVING
+            .iter()
+            .all(|&load| tried.with(load).margins().keeps(&needed))
     };
-    largest(scale * 0.01, scale * 4.0, keeps)
+    largest(scale * 0.05, scale * 2.0, keeps)
 }
 
 /// The largest damping in space, N·m·s/rad, without stiffness, at which the moving loads keep these
@@ -189,12 +206,11 @@ pub fn largest_damping(joint: &JointLoop, needed: Margins) -> f64 {
     let (_, scale) = joint.law.feedback(joint.law.gear.at(joint.torque));
     let keeps = |damping: f64| {
         let tried = JointLoop { damping, ..*joint };
-        Load::MOVING.iter().all(|&load| {
-            let margins = tried.with(load).margins();
-            margins.phase >= needed.phase && margins.gain >= needed.gain
-        })
+        Load::MOVING
+            .iter()
+            .all(|&load| tried.with(load).margins().keeps(&needed))
     };
-    largest(scale * 1e-3, scale * 4.0, keeps)
+    largest(scale * 0.01, scale * 1.0, keeps)
 }
 
 /// The largest number between two that passes, by bisection of its logarithm; zero if the least
@@ -207,7 +223,7 @@ fn largest(least: f64, most: f64, passes: impl Fn(f64) -> bool) -> f64 {
         return most;
     }
     let (mut low, mut high) = (least, most);
-    for _ in 0..7 {
+    for _ in 0..6 {
         let middle = (low * high).sqrt();
         match passes(middle) {
             true => low = middle,

@@ -55,6 +55,8 @@ pub struct PredictiveLaw {
     link: Link,
     /// T: torque of the newest sample, N·m.
     torque: f64,
+    /// q of the newest sample, rad.
+    measured_q: f64,
     reference_model: ReferenceModel,
     reference: [ReferenceState; 4],
     /// Velocity of the link below `Design::follow`, rad/s.
@@ -92,6 +94,7 @@ impl PredictiveLaw {
             rotor: Rotor::new(p),
             link: Link::new(p),
             torque: 0.0,
+            measured_q: 0.0,
             reference_model: ReferenceModel::new(p.design.reference, dt),
             reference: [ReferenceState::default(); 4],
             slow_velocity: 0.0,
@@ -159,6 +162,7 @@ impl PredictiveLaw {
         if sensed.fresh && measurable {
             self.rotor.correct(sensed.theta, p.disturbance_limit);
             self.link.correct(sensed.q);
+            self.measured_q = sensed.q;
         }
         self.torque = torque;
     }
@@ -167,20 +171,22 @@ impl PredictiveLaw {
     fn start(&mut self, theta: f64, q: f64, torque: f64) {
         self.rotor.start(theta);
         self.link.start(q);
+        self.measured_q = q;
         self.torque = torque;
         self.slow_velocity = 0.0;
         let command = self.parameters.command_for(torque, theta);
         self.commands.fill(command);
         self.before = command;
-        self.hold_reference();
+        let _ = self.hold_reference();
         self.started = true;
     }
 
-    /// The reference model begins at the torque of this instant: before the first `command` of a
-    /// mode.
-    pub fn hold_reference(&mut self) {
+    /// The reference model begins at the torque of this instant, which it returns, N·m: before the
+    /// first `command` of a mode.
+    pub fn hold_reference(&mut self) -> f64 {
         self.reference = [ReferenceState::default(); 4];
         self.reference[0].value = self.torque;
+        self.torque
     }
 
     /// The command for the desired torques' sum, rad or A, and its contributions.
@@ -211,7 +217,7 @@ impl PredictiveLaw {
         let wanted: f64 = shares.iter().sum();
         let lead = per_torque * (wanted + feedback + drive + friction);
         let zone = p.dead_zone_inverse(lead);
-        let from = p.measured_origin(self.link.angle());
+        let from = p.measured_origin(self.measured_q);
         let origin = p.measured_origin(ahead.theta);
         let [feedforward, position, velocity, force] = shares.map(|share| per_torque * share);
         Contributions {

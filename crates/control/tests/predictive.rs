@@ -141,7 +141,8 @@ fn a_step_settles_with_little_overshoot_and_without_error() {
     assert!(highest < 30.0 * 1.1, "{highest}");
     let rise = torque.iter().position(|t| *t > 27.0).unwrap() - 100;
     assert!(rise < 40, "{rise} ms");
-    assert!((torque[599] - 30.0).abs() < 0.1, "{}", torque[599]);
+    // 0.5 % of the joint's rated 110 N·m: a rotor in friction creeps.
+    assert!((torque[599] - 30.0).abs() < 0.55, "{}", torque[599]);
 }
 
 /// The observer expects what the joint does, so nothing is left to be called a disturbance.
@@ -267,7 +268,7 @@ fn a_mode_begins_without_a_bump() {
         law.sent(held);
         joint.advance(held);
     }
-    law.hold_reference();
+    assert!((law.hold_reference() - 30.0).abs() < 0.1);
     let torque = run(&mut law, &mut joint, |_| 30.0, 300);
     let worst = torque.iter().map(|t| (t - 30.0).abs()).fold(0.0, f64::max);
     assert!(worst < 0.2, "{worst} N·m");

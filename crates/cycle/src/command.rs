@@ -7,18 +7,20 @@
 mod decide;
 mod emit;
 mod joint;
+mod predictive;
 mod transition;
 
 use control::InverseDynamics;
 use dynamics::Motion;
-use robot_config::{Robot, TorqueFeedback};
+use robot_config::{FastTorqueFeedback, Robot, TorqueFeedback, TorqueLaw};
 use robot_state::{
-    CommandedRecord, EstimatedRecord, Event, JointReference, MAX_FT_SENSORS, MeasuredRecord,
-    Reference, Wrench, command_flags,
+    CommandedRecord, EstimatedRecord, Event, JointEstimated, JointReference, MAX_FT_SENSORS,
+    MeasuredRecord, Reference, Wrench, command_flags, torque_flags,
 };
 
 use supervisor::Deviation;
 
+use crate::estimate::FastTorque;
 use crate::events::{Counts, Subject};
 use decide::Goal;
 use joint::{InverseDynamicsTorque, JointController, JointInput};
@@ -26,6 +28,17 @@ use joint::{InverseDynamicsTorque, JointController, JointInput};
 pub use decide::ClientInput;
 pub(crate) use decide::Supervisor;
 pub(crate) use emit::Emit;
+
+/// What commands depend on besides the goal.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Input<'a> {
+    pub(crate) measured: &'a MeasuredRecord,
+    pub(crate) estimated: &'a EstimatedRecord,
+    /// Torques without delay, one for each joint.
+    pub(crate) fast: &'a [FastTorque],
+    /// Twist and proper acceleration of the root.
+    pub(crate) base_motion: (Motion, Motion),
+}
 
 /// The controllers of all joints, and the inverse dynamics that they share.
 #[derive(Debug)]
@@ -38,7 +51,7 @@ pub(crate) struct Command {
     dq_hat: Vec<f64>,
     ddq_d: Vec<f64>,
     torques: Vec<InverseDynamicsTorque>,
-    torque_feedback: TorqueFeedback,
+    torque_law: TorqueLaw,
     k_f: f64,
     sample_period: f64,
 }
@@ -56,7 +69,7 @@ impl Command {
             joints: parameters
                 .joints
                 .iter()
-                .map(|j| JointController::new(j, parameters.timing.sample_period))
+                .map(|j| JointController::new(j, parameters))
                 .collect(),
             inverse_dynamics: InverseDynamics::new(&robot.model, &frames),
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
@@ -64,7 +77,7 @@ impl Command {
             dq_hat: vec![0.0; robot.model.joint_count()],
             ddq_d: vec![0.0; robot.model.joint_count()],
             torques: vec![InverseDynamicsTorque::default(); n],
-            torque_feedback: parameters.torque_feedback,
+            torque_law: parameters.torque_law,
             k_f: parameters.k_f,
             sample_period: parameters.timing.sample_period,
         }
@@ -81,10 +94,16 @@ impl Command {
         &mut self,
         goal: &Goal<'_>,
         is_engaged: impl Fn(usize) -> bool,
-        (measured, estimated, base_motion): (&MeasuredRecord, &EstimatedRecord, (Motion, Motion)),
+        input: &Input<'_>,
         commanded: &mut CommandedRecord,
         counts: &mut Counts,
     ) {
+        let Input {
+            measured,
+            estimated,
+            fast,
+            base_motion,
+        } = *input;
         let reference = goal.reference();
         self.inverse_dynamics(reference, base_motion, measured, estimated);
         let none = JointReference::default();
@@ -99,10 +118,16 @@ impl Command {
                 inverse_dynamics: self.torques[j],
                 measured: &measured.joints[j],
                 tau_encoder: &torques.tau_encoder,
-                tau_hat: match self.torque_feedback {
-                    TorqueFeedback::WholeBody => &torques.tau_whole_body,
-                    TorqueFeedback::Encoder => &torques.tau_encoder,
+                tau_hat: match self.torque_law {
+                    TorqueLaw::ProportionalIntegral(TorqueFeedback::WholeBody) => {
+                        &torques.tau_whole_body
+                    }
+                    TorqueLaw::ProportionalIntegral(TorqueFeedback::Encoder) => {
+                        &torques.tau_encoder
+                    }
+                    TorqueLaw::Predictive(_) => &torques.tau_hat,
                 },
+                fast: fast_torque(self.torque_law, torques, fast.get(j)),
                 dt: self.sample_period,
             };
             match joint.update(goal, &input, &mut commanded.joints[j]) {
@@ -153,6 +178,28 @@ impl Command {
                 force_feedback: self.k_f * contact_error,
                 contact_error,
             };
+        }
+    }
+}
+
+/// The torque that the predictive law feeds back, N·m.
+fn fast_torque(
+    law: TorqueLaw,
+    estimated: &JointEstimated,
+    fast: Option<&FastTorque>,
+) -> Option<f64> {
+    use FastTorqueFeedback::{DelayCompensated, Levelled, Torsion};
+    let TorqueLaw::Predictive(feedback) = law else {
+        return None;
+    };
+    let fast = fast?;
+    match feedback {
+        Torsion => fast.torsion,
+        // Until the level is known torsion alone.
+        Levelled => fast.levelled.or(fast.torsion),
+        DelayCompensated => {
+            let valid = estimated.tau_hat.flags & torque_flags::VALID != 0;
+            valid.then_some(estimated.tau_hat.tau).or(fast.torsion)
         }
     }
 }

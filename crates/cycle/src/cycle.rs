@@ -5,7 +5,7 @@ use problem::Problem;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS, Mode};
 
-use crate::command::{ClientInput, Command, Emit, Supervisor};
+use crate::command::{ClientInput, Command, Emit, Input, Supervisor};
 use crate::estimate::Estimate;
 use crate::events::Counts;
 use crate::measure::Measure;
@@ -82,9 +82,14 @@ impl Cycle {
         (self.estimate).update(&self.measure, client.settings, measured, estimated, counts);
         let readiness = self.measure.readiness();
         let goal = self.supervisor.decide(client, &readiness, measured, counts);
-        let input = (&*measured, &*estimated, self.estimate.base_motion());
+        let input = Input {
+            measured,
+            estimated,
+            fast: self.estimate.fast_torques(),
+            base_motion: self.estimate.base_motion(),
+        };
         let engaged = |joint| self.supervisor.is_engaged(joint);
-        (self.command).update(&goal, engaged, input, commanded, counts);
+        (self.command).update(&goal, engaged, &input, commanded, counts);
         self.supervisor.react_to(counts);
         self.supervisor.publish_drives(commanded);
         (self.emit).update(&self.command, &self.supervisor, measured, tx, counts);

@@ -34,6 +34,7 @@ use crate::events::Counts;
 use crate::measure::Measure;
 use cross_check::CrossCheckStage;
 use delay_compensation::DelayCompensation;
+pub(crate) use delay_compensation::FastTorque;
 use external_torque::ExternalTorque;
 use whole_body::WholeBodyStage;
 
@@ -92,6 +93,11 @@ impl Estimate {
     /// Twist and proper acceleration of the root, delayed by the long filters.
     pub(crate) fn base_motion(&self) -> (Motion, Motion) {
         self.whole_body.estimator().base_motion()
+    }
+
+    /// Torques without delay, one for each joint.
+    pub(crate) fn fast_torques(&self) -> &[FastTorque] {
+        self.delay_compensation.fast()
     }
 
     pub(crate) fn update(

@@ -48,6 +48,8 @@ pub struct JointRig {
     dq: f64,
     /// External torque at the end of the last period, N·m.
     external: f64,
+    /// Between world and link: stiffness, N·m/rad, damping, N·m·s/rad, angle at rest, rad.
+    spring: [f64; 3],
 }
 
 impl JointRig {
@@ -77,6 +79,7 @@ impl JointRig {
             q,
             dq: 0.0,
             external: 0.0,
+            spring: [0.0; 3],
         }
     }
 
@@ -89,6 +92,16 @@ impl JointRig {
     #[must_use]
     pub fn set_point(&self) -> f64 {
         self.joint.set_point()
+    }
+
+    /// Puts a spring (N·m/rad) and a damper (N·m·s/rad) between world and link, at rest at `q`.
+    pub fn set_spring(&mut self, stiffness: f64, damping: f64, q: f64) {
+        self.spring = [stiffness, damping, q];
+    }
+
+    /// Gives the link a velocity, rad/s: with a very large inertia a hand that moves it.
+    pub fn set_velocity(&mut self, dq: f64) {
+        self.dq = dq;
     }
 
     /// Advances by one period, over which the external torque on the link along +q goes linearly
@@ -115,7 +128,10 @@ impl JointRig {
         self.steps_done += 1;
         let (q, dq) = (self.q, self.dq);
         let (tau, armature) = self.joint.prepare(q, dq, dt);
-        let ddq = (tau + external - self.load.weight(q)) / (self.load.inertia + armature);
+        let [stiffness, damping, rest] = self.spring;
+        let outside = external - stiffness * (q + dt * dq - rest) - damping * dq;
+        let inertia = self.load.inertia + armature + dt * (damping + dt * stiffness);
+        let ddq = (tau + outside - self.load.weight(q)) / inertia;
         self.joint.commit(q, dq, ddq, dt);
         self.dq += dt * ddq;
         self.q += dt * self.dq;

@@ -30,6 +30,10 @@ pub(crate) struct Drive {
     pub(crate) compliance: ComplianceParameters,
     pub(crate) wave_generator: WaveGeneratorParameters,
     pub(crate) motor: MotorModel,
+    /// Errors below this make no torque, rad.
+    pub(crate) dead_zone: f64,
+    /// Time in which the drive answers a command, s.
+    pub(crate) lag: f64,
     /// None: the drive has no states.
     pub(crate) profile: Option<DriveProfile>,
 }
@@ -87,6 +91,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
     let profile = section
         .optional_section("state")
         .map(|section| state::read(section, sample_period));
+    let lag = 1e-6 * section.number_or("command_lag_us", 400.0, Allowed::Within(0.0, 5000.0));
     let compliance = section.section("compliance").map(compliance);
     let friction = section
         .section("friction")
@@ -96,6 +101,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
         .map(|section| motor(section, command));
     section.finish();
     let (compliance, low_pass_pole, torsion_sigma) = compliance?;
+    let (motor, dead_zone) = motor?;
     Some(Drive {
         gear_ratio,
         rotor_inertia,
@@ -111,7 +117,9 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
         sampling,
         compliance,
         wave_generator: friction?,
-        motor: motor?,
+        motor,
+        dead_zone,
+        lag,
         profile,
     })
 }
@@ -146,7 +154,8 @@ fn friction(section: Section<'_, '_>, torque_constant: f64) -> WaveGeneratorPara
     parameters
 }
 
-fn motor(section: Section<'_, '_>, command: Command) -> MotorModel {
+/// The model, and the errors below which a position-commanded drive makes no torque, rad.
+fn motor(section: Section<'_, '_>, command: Command) -> (MotorModel, f64) {
     let sign_smoothing = section.number("sign_smoothing_rad_per_s", Allowed::Positive);
     let motor = match command {
         Command::Position => MotorModel::Position {
@@ -162,6 +171,10 @@ fn motor(section: Section<'_, '_>, command: Command) -> MotorModel {
             sign_smoothing,
         },
     };
+    let dead_zone = match command {
+        Command::Position => section.number_or("dead_zone_rad", 0.0, Allowed::Below(0.0, 0.1)),
+        Command::Current => 0.0,
+    };
     section.finish();
-    motor
+    (motor, dead_zone)
 }

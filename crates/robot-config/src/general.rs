@@ -1,6 +1,9 @@
 //! `[robot] [loop] [[bus]] [control] [cross_check]`.
 
-use crate::parameters::{BusParameters, CrossCheckSettings, RealTime, Timing, TorqueFeedback};
+use crate::parameters::{
+    BusParameters, CrossCheckSettings, FastTorqueFeedback, RealTime, Timing, TorqueFeedback,
+    TorqueLaw,
+};
 use crate::reader::{Allowed, Diagnostics, Section};
 use crate::{Read, paths, unreadable};
 use dynamics::Base;
@@ -17,7 +20,9 @@ pub(crate) struct Named {
 
 /// `[control]`.
 pub(crate) struct Feedback {
-    pub(crate) torque_feedback: TorqueFeedback,
+    pub(crate) torque_law: TorqueLaw,
+    /// Time from a sample until the drives have the command computed from it, s.
+    pub(crate) command_delay: f64,
     pub(crate) k_f: f64,
 }
 
@@ -177,15 +182,37 @@ fn interface(section: &Section<'_, '_>) -> String {
     name.to_owned()
 }
 
-pub(crate) fn feedback(root: &Section<'_, '_>) -> Feedback {
+pub(crate) fn feedback(root: &Section<'_, '_>, sample_period: f64) -> Feedback {
+    use FastTorqueFeedback::{DelayCompensated, Levelled, Torsion};
     use TorqueFeedback::{Encoder, WholeBody};
     let mut feedback = Feedback {
-        torque_feedback: Encoder,
+        torque_law: TorqueLaw::ProportionalIntegral(Encoder),
+        command_delay: sample_period,
         k_f: 0.0,
     };
     if let Some(section) = root.section("control") {
-        let choices = [("encoder", Encoder), ("whole_body", WholeBody)];
-        feedback.torque_feedback = section.choice("torque_feedback", &choices);
+        let laws = [("proportional_integral", false), ("predictive", true)];
+        feedback.torque_law = match section.choice_or("law", false, &laws) {
+            false => {
+                let choices = [("encoder", Encoder), ("whole_body", WholeBody)];
+                TorqueLaw::ProportionalIntegral(section.choice("torque_feedback", &choices))
+            }
+            true => {
+                let choices = [
+                    ("torsion", Torsion),
+                    ("levelled", Levelled),
+                    ("tau_hat", DelayCompensated),
+                ];
+                TorqueLaw::Predictive(section.choice("torque_feedback", &choices))
+            }
+        };
+        let longest = 8e6 * sample_period;
+        let us = section.number_or(
+            "command_delay_us",
+            1e6 * sample_period,
+            Allowed::Within(0.0, longest),
+        );
+        feedback.command_delay = 1e-6 * us;
         feedback.k_f = section.number_or("K_f", 0.0, Allowed::NonNegative);
         section.finish();
     }

@@ -2,12 +2,13 @@
 
 mod calibration;
 mod gains;
+mod law;
 mod limits;
 mod signals;
 
 use crate::Files;
 use crate::drives::Drive;
-use crate::general::name;
+use crate::general::{Feedback, name};
 use crate::liveness;
 use crate::parameters::{JointParameters, Timing};
 use crate::reader::{Allowed, Section};
@@ -22,14 +23,27 @@ use signals::Signals;
 use std::collections::BTreeMap;
 use supervisor::DriveProfile;
 
+/// What joints depend on besides their own tables.
+pub(crate) struct Surroundings<'a, 'd> {
+    pub(crate) drives: &'a BTreeMap<&'d str, Option<Drive>>,
+    pub(crate) model: Option<&'a Model>,
+    pub(crate) timing: &'a Timing,
+    pub(crate) feedback: &'a Feedback,
+    pub(crate) files: &'a Files<'a>,
+}
+
 pub(crate) fn read(
     root: &Section<'_, '_>,
-    drives: &BTreeMap<&str, Option<Drive>>,
-    model: Option<&Model>,
-    timing: &Timing,
-    files: &Files<'_>,
+    surroundings: &Surroundings<'_, '_>,
     wiring: &mut Wiring<'_, '_>,
 ) -> Vec<JointParameters> {
+    let Surroundings {
+        drives,
+        model,
+        timing,
+        feedback,
+        files,
+    } = *surroundings;
     let mut sections = root.list("joint");
     if sections.is_empty() || sections.len() > MAX_JOINTS {
         let what = format!("{} joints are not allowed", sections.len());
@@ -48,6 +62,7 @@ pub(crate) fn read(
             section: &section,
             index,
             timing,
+            feedback,
             files,
         };
         joints.extend(reader.joint(name.clone(), drives, model, wiring));
@@ -82,6 +97,7 @@ struct Reader<'r, 'n, 't> {
     section: &'r Section<'n, 't>,
     index: usize,
     timing: &'r Timing,
+    feedback: &'r Feedback,
     files: &'r Files<'r>,
 }
 
@@ -171,6 +187,9 @@ impl Reader<'_, '_, '_> {
                 kinematic_error,
             },
             calibration,
+            law: self.law(drive, &limits),
+            drive_lag: law::LAG_OF_THE_LOOP * drive.lag,
+            link_inertia: inertia,
             motor: drive.motor,
             gains: gains?,
             actuation: self.actuation(drive, inertia),

@@ -115,7 +115,7 @@ fn robot(
     let timing = general::timing(&root);
     let buses = general::buses(&root, path);
     let filters = filters::filters(&root, timing.sample_period);
-    let feedback = general::feedback(&root);
+    let feedback = general::feedback(&root, timing.sample_period);
     let cross_check = general::cross_check(&root);
     let safety = safety::safety(&root, timing.sample_period);
     let drives = drives::read(&root, timing.sample_period);
@@ -126,7 +126,14 @@ fn robot(
     });
     let mut wiring = Wiring::read(diagnostics, &root, &buses, read);
     let files = Files { config: path, read };
-    let joints = joints::read(&root, &drives, model.as_ref(), &timing, &files, &mut wiring);
+    let surroundings = joints::Surroundings {
+        drives: &drives,
+        model: model.as_ref(),
+        timing: &timing,
+        feedback: &feedback,
+        files: &files,
+    };
+    let joints = joints::read(&root, &surroundings, &mut wiring);
     let ft_sensors = sensors::ft_sensors(&root, timing.sample_period, &mut wiring);
     let imu = sensors::imu(&root, timing.sample_period, &mut wiring);
     let whole_body = contacts::whole_body(&root, &ft_sensors);
@@ -150,7 +157,7 @@ fn robot(
         tare,
         cross_check,
         safety,
-        torque_feedback: feedback.torque_feedback,
+        torque_law: feedback.torque_law,
         k_f: feedback.k_f,
         joints,
         ft_sensors,

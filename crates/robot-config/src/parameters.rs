@@ -1,6 +1,7 @@
 //! Parameters of a robot, validated, in SI units.
 
 use crate::sampling::Sampling;
+use control::predictive::LawParameters;
 use control::{JointGains, MotorModel};
 use dynamics::Base;
 use estimators::compliance::JointEstimatorParameters;
@@ -39,8 +40,8 @@ pub struct Parameters {
     pub cross_check: Option<CrossCheckSettings>,
     /// When the robot may move, and how long waits may last.
     pub safety: SafetySettings,
-    /// Torque estimate that is fed back.
-    pub torque_feedback: TorqueFeedback,
+    /// How a desired torque becomes a command.
+    pub torque_law: TorqueLaw,
     /// K_f: gain on the contact force error (D12), 1.
     pub k_f: f64,
     /// The joints, in config order.
@@ -142,7 +143,46 @@ pub enum AngularAcceleration {
     Neglect,
 }
 
-/// Torque estimate that is fed back.
+/// How a desired torque becomes a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TorqueLaw {
+    /// Feed-forward by the motor model, and PI feedback of the torque's error (D10-D12).
+    ProportionalIntegral(TorqueFeedback),
+    /// State feedback on the torque that will act when the command does.
+    Predictive(FastTorqueFeedback),
+}
+
+impl TorqueLaw {
+    /// The law feeds back what encoders or torsion measure.
+    #[must_use]
+    pub fn uses_encoders(self) -> bool {
+        self != Self::ProportionalIntegral(TorqueFeedback::WholeBody)
+    }
+
+    /// The law feeds back what F/T sensors and IMU measure.
+    #[must_use]
+    pub fn uses_sensors(self) -> bool {
+        use FastTorqueFeedback::Torsion;
+        let without = [
+            Self::ProportionalIntegral(TorqueFeedback::Encoder),
+            Self::Predictive(Torsion),
+        ];
+        !without.contains(&self)
+    }
+}
+
+/// Torque that the predictive law feeds back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FastTorqueFeedback {
+    /// From the gear's torsion.
+    Torsion,
+    /// From the gear's torsion times its learned gain, with the level of F/T sensors and IMU.
+    Levelled,
+    /// `tau_hat`, the delay-compensated torque.
+    DelayCompensated,
+}
+
+/// Torque estimate that the PI law feeds back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TorqueFeedback {
     /// From F/T sensors and IMU (D 2).
@@ -179,6 +219,13 @@ pub struct JointParameters {
     pub estimator: JointEstimatorParameters,
     /// The joint file whose estimators give the torque from encoders and current.
     pub calibration: Option<JointFile>,
+    /// What the predictive torque law knows of joint and drive.
+    pub law: LawParameters,
+    /// Part of the law's delay that is within the drive's own loop, s.
+    pub drive_lag: f64,
+    /// Inertia at the joint with the robot stretched out and its other joints held, without the
+    /// rotor, kg·m².
+    pub link_inertia: f64,
     /// Its motor model, which also determines whether commands are positions or currents.
     pub motor: MotorModel,
     /// Feedback gains.

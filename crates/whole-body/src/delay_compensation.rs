@@ -54,6 +54,10 @@ const SMOOTHING_TIME: f64 = 3e-3;
 const GAIN_HIGH_PASS_TIME: f64 = 25e-3;
 /// Averaging time of that regression, s.
 const GAIN_AVERAGING_TIME: f64 = 1.5;
+/// Time constant of the levelled torque's level, s.
+const LEVEL_TIME: f64 = 0.5;
+/// Least gain of the levelled torque: feedback needs every change.
+const MIN_LEVELLED_GAIN: f64 = 0.5;
 /// Largest gain.
 const MAX_GAIN: f64 = 2.0;
 /// Averaging time of the fast source's noise, s.
@@ -89,6 +93,8 @@ pub struct DelayCompensator {
     noise: Noise,
     gain: Gain,
     residual: ResidualPredictor,
+    /// b: level of the delayed source above the fast one's torque, N·m.
+    level: Option<f64>,
     /// Newest torque of the delayed source, and samples since.
     delayed: Option<DelayedTorque>,
     delayed_missed: usize,
@@ -119,6 +125,7 @@ impl DelayCompensator {
             gain: Gain::new(),
             power,
             residual: ResidualPredictor::new(window, dt),
+            level: None,
             delayed: None,
             delayed_missed: 0,
             rest: 0.0,
@@ -157,6 +164,15 @@ impl DelayCompensator {
         self.gain.value
     }
 
+    /// `g e + b`: the fast source's newest torque on the delayed one's level, N·m, for feedback: it
+    /// has all of the fast source's noise, and none of `tau_hat`'s delay, and no state of rest. None
+    /// where the fast source's newest sample is missing or the level is not known yet.
+    #[must_use]
+    pub fn levelled(&self) -> Option<f64> {
+        let level = self.level.filter(|_| self.missed == 0)?;
+        Some(self.gain.value.max(MIN_LEVELLED_GAIN) * self.fast.newest() + level)
+    }
+
     fn take_fast(&mut self, fast: Option<f64>) {
         let Some(fast) = fast else {
             // Held: a lost sample must not step the torque.
@@ -183,9 +199,17 @@ impl DelayCompensator {
         let dt = self.parameters.sample_period;
         let fast = self.fast.through(&self.parameters.kernel);
         let noise = self.power * self.noise.variance;
+        let last_gain = self.gain.value.max(MIN_LEVELLED_GAIN);
         self.gain
             .update([fast, delayed.tau], noise, self.moving, dt);
         let gain = self.gain.value;
+        let levelled_gain = gain.max(MIN_LEVELLED_GAIN);
+        let level = delayed.tau - levelled_gain * fast;
+        self.level = Some(self.level.map_or(level, |last| {
+            // The gain turns about the torque that is.
+            let last = last - (levelled_gain - last_gain) * fast;
+            last + (dt / LEVEL_TIME).min(1.0) * (level - last)
+        }));
         if self.delayed.is_none() {
             self.residual.restart([delayed.tau, fast], gain);
             self.rest = delayed.tau;

@@ -7,7 +7,8 @@ use super::motion::Motion;
 use super::stance::Stance;
 
 /// Requests the demo's motion by inverse dynamics once the robot is ready.
-pub(crate) struct DemoClient {
+#[derive(Debug)]
+pub struct DemoClient {
     motion: Motion,
     stance: Option<Stance>,
     model_index: Vec<usize>,
@@ -20,7 +21,9 @@ pub(crate) struct DemoClient {
 }
 
 impl DemoClient {
-    pub(crate) fn new(robot: &Robot, motion: Motion) -> Self {
+    /// A client of this robot.
+    #[must_use]
+    pub fn new(robot: &Robot, motion: Motion) -> Self {
         let parameters = &robot.parameters;
         let feet: Vec<(usize, usize)> = parameters
             .ft_sensors
@@ -51,12 +54,13 @@ impl DemoClient {
     }
 
     /// Input of the coming cycle.
-    pub(crate) fn reference(&self) -> &Reference {
+    #[must_use]
+    pub fn reference(&self) -> &Reference {
         &self.reference
     }
 
     /// Reads the last cycle and prepares the next reference.
-    pub(crate) fn observe(&mut self, record: &SharedRecord) {
+    pub fn observe(&mut self, record: &SharedRecord) {
         let n = self.model_index.len();
         let joints = &record.cycle.measured.joints[..n];
         let unready = measured_flags::NEVER | measured_flags::SETTLING;

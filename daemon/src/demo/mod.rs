@@ -13,6 +13,9 @@ mod robots;
 mod selection;
 mod stance;
 
+pub use client::DemoClient;
+pub use motion::Motion;
+
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -30,8 +33,6 @@ use crate::bus::in_process::{SimulatedDeadline, VirtualClock, VirtualDeadline};
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
 use crate::real_time::Pace;
-use client::DemoClient;
-use motion::Motion;
 use report::Report;
 use selection::Selection;
 use terminal::print;

@@ -48,7 +48,7 @@ struct JointMotion {
 
 /// Slow motion of some joints from a start pose.
 #[derive(Debug, Clone)]
-pub(super) struct Motion {
+pub struct Motion {
     /// Time at rest before the motion begins, s.
     pub(super) settle_s: f64,
     /// F/T sensors whose end-effectors carry the robot's weight.
@@ -65,11 +65,7 @@ impl Motion {
     ///
     /// # Errors
     /// A key or value that is not allowed, with the file.
-    pub(super) fn parse(
-        text: &str,
-        file_name: &str,
-        joint_names: &[String],
-    ) -> Result<Self, Problem> {
+    pub fn parse(text: &str, file_name: &str, joint_names: &[String]) -> Result<Self, Problem> {
         let file: MotionFile = toml::from_str(text).map_err(|e| {
             let line = e.span().map_or(0, |span| line_at(text, span.start));
             Problem::new(e.message(), "").at(file_name, line)

@@ -9,6 +9,7 @@ use robot_state::Wrench;
 const SOLE_REACH: f64 = 0.05;
 
 /// The stance of a robot on some of its F/T sensors' end-effectors.
+#[derive(Debug)]
 pub(super) struct Stance {
     model: Model,
     data: Data,

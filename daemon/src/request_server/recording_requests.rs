@@ -55,7 +55,7 @@ impl RecordingRequests {
                 format!("{last} s: what the daemon's memory holds"),
             ));
         }
-        if !(asked.seconds <= MAX_SECONDS) {
+        if asked.seconds.is_nan() || asked.seconds > MAX_SECONDS {
             return Err(Problem::new(
                 format!("{} s cannot be recorded", asked.seconds),
                 format!("up to {MAX_SECONDS} s; negative: until its end is asked for"),

@@ -2,7 +2,7 @@
 
 use super::{JointLoop, Load};
 use crate::predictive::{DriveModel, LawParameters, LinearLaw, TauD};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 /// Steps of the plant in a period.
 pub(super) const SUBSTEPS: usize = 40;
@@ -17,8 +17,8 @@ pub(super) struct Lifted {
     pub(super) d: DMatrix<f64>,
     /// Closed loop: `x+ = F x + g tau_d`, and the torque at the samples `h x`.
     pub(super) closed: DMatrix<f64>,
-    pub(super) from_desired: DVector<f64>,
-    pub(super) torque: DVector<f64>,
+    pub(super) from_desired: DMatrix<f64>,
+    pub(super) torque: DMatrix<f64>,
     pub(super) sample_period: f64,
 }
 
@@ -79,8 +79,8 @@ impl Lifted {
             c,
             d,
             closed,
-            from_desired: DVector::from_vec(from_desired),
-            torque: DVector::from_fn(n, |i, _| match i {
+            from_desired: DMatrix::from_vec(n, 1, from_desired),
+            torque: DMatrix::from_fn(1, n, |_, i| match i {
                 0 => gear,
                 2 => -gear,
                 _ => 0.0,

@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 /// Lowest frequency of interest, Hz.
 const LOWEST: f64 = 0.2;
 /// Frequencies of a curve.
-const POINTS: usize = 360;
+const POINTS: usize = 300;
 /// Highest frequency of the open loop, over the rate of the samples: the drive's own loop is faster.
 const HIGHEST: f64 = 2.0;
 /// Eigenvalues up to this count as stable: a free link stays where it is put, or moves on, and rounding
@@ -63,14 +63,16 @@ impl ClosedLoop {
     #[must_use]
     pub fn open_loop(&self) -> Vec<Point> {
         let l = &self.lifted;
-        let (b, c, d) = (complex(&l.b), complex(&l.c), complex(&l.d));
+        let resolvent = Resolvent::new(&l.a);
+        let (b, c) = (resolvent.input(&l.b), resolvent.output(&l.c));
+        let d = complex(&l.d);
         self.frequencies(HIGHEST)
             .filter_map(|frequency| {
                 let angle = TAU * frequency * l.sample_period;
                 let drive = DVector::from_fn(SUBSTEPS, |k, _| {
                     Complex::from_polar(1.0, angle * k as f64 / SUBSTEPS as f64)
                 });
-                let x = self.solve(&l.a, angle, &b * &drive)?;
+                let x = resolvent.solve(angle, &b * &drive)?;
                 let made = &c * x + &d * &drive;
                 let mean: Complex<f64> = drive.dotc(&made) / Complex::new(SUBSTEPS as f64, 0.0);
                 Some(point(frequency, -mean))
@@ -82,13 +84,14 @@ impl ClosedLoop {
     #[must_use]
     pub fn torque_response(&self) -> Vec<Point> {
         let l = &self.lifted;
-        let input = l.from_desired.map(|x| Complex::new(x, 0.0));
-        let output = l.torque.map(|x| Complex::new(x, 0.0));
+        let resolvent = Resolvent::new(&l.closed);
+        let input = resolvent.input(&l.from_desired);
+        let output = resolvent.output(&l.torque);
         self.frequencies(0.49)
             .filter_map(|frequency| {
                 let angle = TAU * frequency * l.sample_period;
-                let x = self.solve(&l.closed, angle, input.clone())?;
-                Some(point(frequency, output.dot(&x)))
+                let x = resolvent.solve(angle, input.column(0).into_owned())?;
+                Some(point(frequency, (&output * &x).sum()))
             })
             .collect()
     }
@@ -125,21 +128,64 @@ impl ClosedLoop {
         let ratio = (highest / LOWEST).powf(1.0 / (POINTS - 1) as f64);
         (0..POINTS).map(move |k| LOWEST * ratio.powi(k as i32))
     }
+}
 
-    /// `(z 1 - A)^-1 input`.
-    fn solve(
-        &self,
-        a: &DMatrix<f64>,
-        angle: f64,
-        input: DVector<Complex<f64>>,
-    ) -> Option<DVector<Complex<f64>>> {
+/// `(z 1 - A)^-1` for many z: A is made a Hessenberg matrix once.
+struct Resolvent {
+    basis: DMatrix<f64>,
+    hessenberg: DMatrix<f64>,
+}
+
+impl Resolvent {
+    fn new(a: &DMatrix<f64>) -> Self {
+        let (basis, hessenberg) = a.clone().hessenberg().unpack();
+        Self { basis, hessenberg }
+    }
+
+    /// An input in the basis of the Hessenberg matrix.
+    fn input(&self, input: &DMatrix<f64>) -> DMatrix<Complex<f64>> {
+        complex(&(self.basis.transpose() * input))
+    }
+
+    /// An output of that basis.
+    fn output(&self, output: &DMatrix<f64>) -> DMatrix<Complex<f64>> {
+        complex(&(output * &self.basis))
+    }
+
+    /// The state at `z = e^(i angle)`: elimination of the one diagonal below the main one, with
+    /// pivots.
+    fn solve(&self, angle: f64, mut x: DVector<Complex<f64>>) -> Option<DVector<Complex<f64>>> {
         let z = Complex::from_polar(1.0, angle);
-        let n = a.nrows();
-        let matrix = DMatrix::from_fn(n, n, |i, j| {
-            let diagonal = if i == j { z } else { Complex::new(0.0, 0.0) };
-            diagonal - a[(i, j)]
-        });
-        matrix.lu().solve(&input)
+        let mut m = self.hessenberg.map(|h| Complex::new(-h, 0.0));
+        let n = m.nrows();
+        for i in 0..n {
+            m[(i, i)] += z;
+        }
+        for k in 0..n.saturating_sub(1) {
+            if m[(k + 1, k)].norm_sqr() > m[(k, k)].norm_sqr() {
+                for j in k..n {
+                    m.swap((k, j), (k + 1, j));
+                }
+                x.swap_rows(k, k + 1);
+            }
+            let factor = m[(k + 1, k)] / m[(k, k)];
+            for j in k + 1..n {
+                let above = m[(k, j)];
+                m[(k + 1, j)] -= factor * above;
+            }
+            let above = x[k];
+            x[k + 1] -= factor * above;
+        }
+        for k in (0..n).rev() {
+            for j in k + 1..n {
+                let known = x[j];
+                x[k] -= m[(k, j)] * known;
+            }
+            x[k] /= m[(k, k)];
+        }
+        x.iter()
+            .all(|x| x.re.is_finite() && x.im.is_finite())
+            .then_some(x)
     }
 }
 
@@ -148,6 +194,7 @@ fn margins(open: &[Point]) -> Margins {
     let mut least = Margins {
         phase: PI,
         gain: f64::INFINITY,
+        reduction: f64::INFINITY,
     };
     for pair in open.windows(2) {
         let [a, b] = pair else { continue };
@@ -159,7 +206,10 @@ fn margins(open: &[Point]) -> Margins {
             let crossing = between(a, b, -a.im / (b.im - a.im));
             if crossing.re < 0.0 {
                 let gain = -crossing.re;
-                least.gain = least.gain.min(gain.max(1.0 / gain));
+                match gain < 1.0 {
+                    true => least.gain = least.gain.min(1.0 / gain),
+                    false => least.reduction = least.reduction.min(gain),
+                }
             }
         }
     }

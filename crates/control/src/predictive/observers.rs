@@ -150,10 +150,6 @@ impl Link {
         }
     }
 
-    pub(super) fn angle(&self) -> f64 {
-        self.state[0]
-    }
-
     pub(super) fn velocity(&self) -> f64 {
         self.state[1]
     }

@@ -10,7 +10,7 @@
 //! *Degrade* makes the sources that an event speaks against unsound for as long as it lasts: a mode
 //! that needs one of them ends, and cannot be entered.
 
-use robot_config::{Robot, TorqueFeedback};
+use robot_config::Robot;
 use robot_state::{
     CommandedRecord, CycleRecord, DriveState, Event, JointMeasured, MeasuredRecord, Mode, Reaction,
     Reactions, Reference, RobotState, Settings, measured_flags, refusal, source,
@@ -447,10 +447,10 @@ impl Supervisor {
 
 /// Bits of the sources that a mode needs.
 fn needs(mode: Mode, robot: &Robot) -> u32 {
-    let feedback = match robot.parameters.torque_feedback {
-        TorqueFeedback::WholeBody => source::WHOLE_BODY,
-        TorqueFeedback::Encoder => source::ENCODER_TORQUE,
-    };
+    let law = robot.parameters.torque_law;
+    let used = |used: bool, bits: u32| if used { bits } else { 0 };
+    let feedback = used(law.uses_encoders(), source::ENCODER_TORQUE)
+        | used(law.uses_sensors(), source::WHOLE_BODY);
     match mode {
         Mode::Hold => 0,
         Mode::Torque => feedback,

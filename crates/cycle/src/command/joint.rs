@@ -18,6 +18,7 @@
 //! A state owns its torque loop's integral and its transition, and is made anew at each change of
 //! mode: nothing of an earlier visit survives.
 
+use control::predictive::{PredictiveLaw, TorqueTerms};
 use control::{JointGains, MotorModel, TorqueLoop};
 use robot_state::{
     JointCommanded, JointMeasured, JointReference, Mode, TorqueEstimate, command_flags,
@@ -25,8 +26,9 @@ use robot_state::{
 };
 
 use super::decide::Goal;
+use super::predictive::{predictive_command, sensed};
 use super::transition::Transition;
-use robot_config::JointParameters;
+use robot_config::{JointParameters, Parameters, TorqueLaw};
 use supervisor::{Actuation, Deviation, Following, Limiter, Limits, Motion};
 
 /// Torques of one joint by inverse dynamics, N·m.
@@ -50,17 +52,10 @@ pub(crate) struct JointInput<'a> {
     pub(crate) tau_encoder: &'a TorqueEstimate,
     /// The torque that is fed back.
     pub(crate) tau_hat: &'a TorqueEstimate,
+    /// The torque that the predictive law feeds back, N·m.
+    pub(crate) fast: Option<f64>,
     /// Sample period, s.
     pub(crate) dt: f64,
-}
-
-/// Terms of the desired torque, N·m.
-#[derive(Debug, Clone, Copy)]
-struct Terms {
-    feedforward: f64,
-    force: f64,
-    position: f64,
-    velocity: f64,
 }
 
 /// State of the joint's present mode.
@@ -116,12 +111,15 @@ pub(crate) struct JointController {
     law: Law,
     limiter: Limiter,
     following: Following,
+    /// None: the PI law (D11).
+    predictive: Option<PredictiveLaw>,
     /// None while no set-points are sent.
     state: Option<State>,
 }
 
 impl JointController {
-    pub(crate) fn new(joint: &JointParameters, sample_period: f64) -> Self {
+    pub(crate) fn new(joint: &JointParameters, parameters: &Parameters) -> Self {
+        let sample_period = parameters.timing.sample_period;
         Self {
             law: Law {
                 motor: joint.motor,
@@ -134,6 +132,8 @@ impl JointController {
             },
             following: Following::new(joint.following),
             limiter: Limiter::new(joint.limits, joint.actuation, sample_period),
+            predictive: matches!(parameters.torque_law, TorqueLaw::Predictive(_))
+                .then(|| PredictiveLaw::new(joint.law)),
             state: None,
         }
     }
@@ -147,6 +147,9 @@ impl JointController {
     pub(crate) fn release(&mut self, q: f64, commanded: &mut JointCommanded) {
         self.state = None;
         self.following.restart();
+        if let Some(predictive) = &mut self.predictive {
+            predictive.reset();
+        }
         *commanded = JointCommanded {
             q_c: q,
             ..JointCommanded::default()
@@ -167,10 +170,16 @@ impl JointController {
             let shown = self.law.shown(input.measured, &motion);
             self.following.update(shown, motion.dq)
         });
+        if let Some(predictive) = &mut self.predictive {
+            predictive.observe(&sensed(input, &motion));
+        }
         let asked = self.asked(goal, &motion, input, commanded);
         let limited = self.limiter.limit(asked, &motion);
         self.following.note_sent(limited.applied);
         commanded.following_error = self.following.error();
+        if let Some(predictive) = &mut self.predictive {
+            predictive.sent(limited.applied);
+        }
         commanded.asked = limited.asked;
         commanded.flags |= limited.flags | command_flags::ENGAGED;
         match self.law.motor {
@@ -203,11 +212,18 @@ impl JointController {
         let state = match self.state.take().filter(stays) {
             Some(state) => state,
             None if damped => State::Damped,
-            None => law.enter(mode, last, motion),
+            None => {
+                let from = match &mut self.predictive {
+                    // The desired torque goes on from the present one, not the command.
+                    Some(predictive) => predictive.hold_reference(),
+                    None => last,
+                };
+                law.enter(mode, (last, from), motion)
+            }
         };
         let state = self.state.insert(state);
         let reference = input.reference;
-        let (command, transition) = match state {
+        let (terms, torque_loop, transition) = match state {
             State::HoldPosition { hold_q, velocity } => {
                 return law.hold_position(hold_q, velocity, motion, input.dt, commanded);
             }
@@ -217,39 +233,37 @@ impl JointController {
                 torque_loop,
                 transition,
             } => {
-                let terms = law.tracking_terms(*hold_q, 0.0, input);
-                (
-                    law.torque_command(terms, torque_loop, input, commanded),
-                    transition,
-                )
+                let terms = law.tracking_terms(*hold_q, 0.0, self.predictive.as_ref(), input);
+                (terms, torque_loop, transition)
             }
             State::Torque {
                 torque_loop,
                 transition,
             } => {
-                let terms = Terms {
+                let terms = TorqueTerms {
                     feedforward: reference.tau_d,
-                    force: 0.0,
-                    position: 0.0,
-                    velocity: 0.0,
+                    ..TorqueTerms::default()
                 };
-                (
-                    law.torque_command(terms, torque_loop, input, commanded),
-                    transition,
-                )
+                (terms, torque_loop, transition)
             }
             State::InverseDynamics {
                 torque_loop,
                 transition,
             } => {
-                let terms = law.tracking_terms(reference.q_d, reference.dq_d, input);
-                (
-                    law.torque_command(terms, torque_loop, input, commanded),
-                    transition,
-                )
+                let (q_d, dq_d) = (reference.q_d, reference.dq_d);
+                let terms = law.tracking_terms(q_d, dq_d, self.predictive.as_ref(), input);
+                (terms, torque_loop, transition)
             }
         };
-        transition.blend(command, input.dt)
+        match &mut self.predictive {
+            Some(predictive) => {
+                predictive_command(predictive, terms, transition, input.dt, commanded)
+            }
+            None => {
+                let command = law.torque_command(terms, torque_loop, input, commanded);
+                transition.blend(command, input.dt)
+            }
+        }
     }
 }
 
@@ -312,9 +326,10 @@ impl Law {
             && (matches!(goal, Goal::Stop) || measured.flags & unreliable != 0)
     }
 
-    /// The state of a mode that begins now, after the command `last`.
-    fn enter(&self, mode: Mode, last: f64, motion: &Motion) -> State {
-        let transition = Transition::from(last);
+    /// The state of a mode that begins now, after the command `last`; its transition begins at
+    /// `from`.
+    fn enter(&self, mode: Mode, (last, from): (f64, f64), motion: &Motion) -> State {
+        let transition = Transition::from(from);
         let torque_loop = TorqueLoop::default();
         match (mode, self.motor) {
             (Mode::Hold, MotorModel::Position { .. }) => State::HoldPosition {
@@ -379,25 +394,33 @@ impl Law {
     }
 
     /// Terms that follow a position and a velocity by inverse dynamics.
-    fn tracking_terms(&self, q_d: f64, dq_d: f64, input: &JointInput<'_>) -> Terms {
+    fn tracking_terms(
+        &self,
+        q_d: f64,
+        dq_d: f64,
+        predictive: Option<&PredictiveLaw>,
+        input: &JointInput<'_>,
+    ) -> TorqueTerms {
         let (measured, torque) = (input.measured, &input.inverse_dynamics);
+        // The observer's velocity is younger than the filter's.
+        let dq = predictive.map_or(measured.dq, PredictiveLaw::link_velocity);
         // Position feedback uses the newest sample: docs/decisions/0003.
-        Terms {
+        TorqueTerms {
             feedforward: torque.feedforward,
             force: torque.force_feedback,
             position: self.gains.k_s * (q_d - measured.q),
-            velocity: self.gains.k_d * (dq_d - measured.dq),
+            velocity: self.gains.k_d * (dq_d - dq),
         }
     }
 
     fn torque_command(
         &self,
-        terms: Terms,
+        terms: TorqueTerms,
         torque_loop: &mut TorqueLoop,
         input: &JointInput<'_>,
         commanded: &mut JointCommanded,
     ) -> f64 {
-        let Terms {
+        let TorqueTerms {
             feedforward,
             force,
             position,

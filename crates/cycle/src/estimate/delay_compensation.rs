@@ -23,6 +23,7 @@ pub(crate) struct DelayCompensation {
     /// From F/T sensors and IMU through short filters.
     whole_body: WholeBody,
     joints: Vec<Joint>,
+    fast: Vec<FastTorque>,
 }
 
 #[derive(Debug)]
@@ -32,6 +33,15 @@ struct Joint {
     fast: Option<ComplianceEstimator>,
     compensator: DelayCompensator,
     torque_limit: f64,
+}
+
+/// Torques of one joint without delay, N·m; none where they are not known.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct FastTorque {
+    /// By torsion alone.
+    pub(crate) torsion: Option<f64>,
+    /// By torsion, on the level of F/T sensors and rigid-body model.
+    pub(crate) levelled: Option<f64>,
 }
 
 impl DelayCompensation {
@@ -56,7 +66,13 @@ impl DelayCompensation {
         Ok(Self {
             whole_body: estimator(robot, p.filters.short)?,
             joints: p.joints.iter().map(joint).collect(),
+            fast: vec![FastTorque::default(); p.joints.len()],
         })
+    }
+
+    /// Torques without delay, one for each joint.
+    pub(crate) fn fast(&self) -> &[FastTorque] {
+        &self.fast
     }
 
     /// `contact_set_shares`: shares of the contact sets, in config order.
@@ -82,6 +98,12 @@ impl DelayCompensation {
             let delayed = within_limit.then_some(DelayedTorque { tau, sigma });
             let fast = valid(&fast).map(|fast| fast.tau);
             joint.tau_hat = own.compensator.update(fast, delayed);
+            if let Some(torque) = self.fast.get_mut(j) {
+                *torque = FastTorque {
+                    torsion: fast,
+                    levelled: own.compensator.levelled(),
+                };
+            }
             if joint.tau_hat.flags & torque_flags::SATURATED != 0 {
                 counts.add(Event::TorqueSaturated);
             }

@@ -2,6 +2,7 @@
 
 use super::Reader;
 use crate::drives::Drive;
+use crate::parameters::TorqueLaw;
 use crate::reader::Allowed;
 use control::{EquivalentGains, JointGains, MotorModel};
 
@@ -9,8 +10,14 @@ impl Reader<'_, '_, '_> {
     /// Either `K_s` and `K_d`, or for position-commanded drives `K6` and `K7` (D13-14).
     pub(super) fn gains(&self, drive: Option<&Drive>) -> Option<JointGains> {
         let section = self.section.section("gains")?;
-        let k_p = section.number("K_p", Allowed::NonNegative);
-        let k_i = section.number_or("K_i_per_s", 0.0, Allowed::NonNegative);
+        // The predictive law has no gain on the torque's error: its keys are unknown there.
+        let (k_p, k_i) = match self.feedback.torque_law {
+            TorqueLaw::ProportionalIntegral(_) => (
+                section.number("K_p", Allowed::NonNegative),
+                section.number_or("K_i_per_s", 0.0, Allowed::NonNegative),
+            ),
+            TorqueLaw::Predictive(_) => (0.0, 0.0),
+        };
         let equivalent = section.has("K6") || section.has("K7_s");
         let gains = if equivalent {
             let gains = EquivalentGains {

@@ -221,7 +221,7 @@ fn wrong_types_are_refused_with_the_written_value() {
 #[test]
 fn gains_may_be_given_in_the_commanded_position() {
     let same = leg_with(
-        "K_s_Nm_per_rad = 2778.0, K_d_Nms_per_rad = 27.8",
+        "K_s_Nm_per_rad = 4167.0, K_d_Nms_per_rad = 41.7",
         "K6 = 1.00008, K7_s = 0.010008",
     );
     let gains = same
@@ -230,11 +230,11 @@ fn gains_may_be_given_in_the_commanded_position() {
         .parameters
         .joints[2]
         .gains;
-    assert!((gains.k_s - 2778.0).abs() < 1e-6, "{}", gains.k_s);
-    assert!((gains.k_d - 27.8).abs() < 1e-8, "{}", gains.k_d);
+    assert!((gains.k_s - 8334.0).abs() < 1e-6, "{}", gains.k_s);
+    assert!((gains.k_d - 83.4).abs() < 1e-8, "{}", gains.k_d);
     let both = leg_with(
-        "K_s_Nm_per_rad = 2778.0",
-        "K6 = 1.0, K7_s = 0.0, K_s_Nm_per_rad = 2778.0",
+        "K_s_Nm_per_rad = 4167.0",
+        "K6 = 1.0, K7_s = 0.0, K_s_Nm_per_rad = 4167.0",
     );
     assert!(
         both.errors(LEG)
@@ -244,7 +244,7 @@ fn gains_may_be_given_in_the_commanded_position() {
 
 /// The leg with one joint on a current-commanded drive.
 fn with_current_drive(limit: &str) -> Files {
-    let motor = "K_tau_rad_per_Nm = 0.000212  # = 1/K_fs0 + 1/(7403 N·m/rad of the drive's position loop)\nK_v_s = 0.013\nK_c_rad = 0.0\n";
+    let motor = "K_tau_rad_per_Nm = 0.000212  # = 1/K_fs0 + 1/(7403 N·m/rad of the drive's position loop)\nK_v_s = 0.013\nK_c_rad = 0.0\ndead_zone_rad = 0.000113  # 3 % of rated torque\n";
     Files::new()
         .with(
             LEG,
@@ -283,7 +283,7 @@ fn current_drives_take_a_current() {
     );
     let files = with_current_drive("current_limit_A = 9.5\n").with(
         LEG,
-        "K_s_Nm_per_rad = 1572.0, K_d_Nms_per_rad = 15.7",
+        "K_s_Nm_per_rad = 2358.0, K_d_Nms_per_rad = 23.6",
         "K6 = 1.0, K7_s = 0.01",
     );
     refused(&files, LEG, "K6 = 1.0", &["takes currents, not positions"]);

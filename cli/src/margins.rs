@@ -1,0 +1,310 @@
+//! `torquectl margins`: how wrong the model of a joint may be before its torque loop rings.
+
+use crate::output::finish_or_refuse;
+use charts::{COLOURS, Figure, Line, Panel};
+use control::margins::{JointLoop, Load, Margins, NEEDED, Point};
+use control::margins::{largest_damping, largest_stiffness, least_margins};
+use problem::{Problem, Problems};
+use robot_config::{JointParameters, Robot, TorqueLaw};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use terminal::TextTable;
+
+const EXAMPLES: &str = "\
+Examples:
+  torquectl margins config/leg/robot.toml
+  torquectl margins config/leg/robot.toml --joint knee --plot knee.svg
+  torquectl margins --json config/humanoid/robot.toml
+
+The loop is opened at the motor's torque. Loads: blocked link; blocked link with the rotor stuck in its
+friction; free link; free link of a fifth of the inertia; link on a spring of a third of the gear's
+stiffness. With K_s and K_d: free links of once, a fifth and five times the inertia. docs/control.md
+explains the figures.
+
+Exit codes:
+  0  every joint has at least 30 degrees and 6 dB
+  2  a joint has less, or the configuration has a problem";
+
+/// Print the margins of every joint's torque loop with the predictive law.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct MarginsArguments {
+    /// The robot's configuration
+    #[arg(value_name = "CONFIG")]
+    config: String,
+    /// One joint [default: all]
+    #[arg(long)]
+    joint: Option<String>,
+    /// Draw Bode and Nyquist curves of a joint's loop into this file
+    #[arg(long, value_name = "FILE.svg", requires = "joint")]
+    plot: Option<PathBuf>,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &MarginsArguments) -> ExitCode {
+    finish_or_refuse(report(arguments))
+}
+
+fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
+    let read = |path: &str| std::fs::read_to_string(path);
+    let mut robot = robot_config::load(&arguments.config, &read)?;
+    if let Some(name) = &arguments.joint {
+        let names: Vec<String> = (robot.parameters.joints.iter())
+            .map(|joint| joint.name.clone())
+            .collect();
+        robot.parameters.joints.retain(|joint| joint.name == *name);
+        if robot.parameters.joints.is_empty() {
+            let what = format!("--joint {name}: the robot has no such joint");
+            return Err(Problem::new(what, names.join(", ")).into());
+        }
+    }
+    let judged = judge(&robot);
+    if let (Some(path), Some(joint)) = (&arguments.plot, robot.parameters.joints.first()) {
+        figure(joint).write(path).map_err(Problems::from)?;
+    }
+    let refused = refusals(&judged, &arguments.config);
+    if !refused.is_empty() && is_predictive(&robot) {
+        return Err(Problems(refused));
+    }
+    Ok(match arguments.json {
+        true => format!("{:#}\n", Value::from(objects(&judged))),
+        false => format!("{}{}", table(&judged), NOTE),
+    })
+}
+
+/// What the table cannot explain by its heads.
+pub(crate) const NOTE: &str = "\
+torque: bandwidth of the torque with a blocked link, without friction and stuck in it; phase and gain
+margins over the five loads; with K_s, K_d: over the three free links; K_s, K_d most: alone, at 30
+degrees and 6 dB, K_s with the configured K_d / K_s\n";
+
+/// The loop of one joint, judged.
+pub(crate) struct JudgedJoint {
+    name: String,
+    bandwidth: [f64; 2],
+    torque: (Margins, [Load; 2]),
+    /// With the configured stiffness and damping in space.
+    space: (Margins, [Load; 2]),
+    most: [f64; 2],
+}
+
+/// The robot's torque law is the predictive one.
+pub(crate) fn is_predictive(robot: &Robot) -> bool {
+    matches!(robot.parameters.torque_law, TorqueLaw::Predictive(_))
+}
+
+fn joint_loop(joint: &JointParameters) -> JointLoop {
+    JointLoop::nominal(joint.law, joint.drive_lag, joint.link_inertia)
+}
+
+/// Judges every joint's loop, on all cores.
+pub(crate) fn judge(robot: &Robot) -> Vec<JudgedJoint> {
+    let joints = &robot.parameters.joints;
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::new());
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..cores.min(joints.len()) {
+            scope.spawn(|| {
+                while let Some((index, joint)) = {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    joints.get(index).map(|joint| (index, joint))
+                } {
+                    let judged = judge_joint(joint);
+                    if let Ok(mut done) = done.lock() {
+                        done.push((index, judged));
+                    }
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_default();
+    done.sort_by_key(|(index, _)| *index);
+    done.into_iter().map(|(_, judged)| judged).collect()
+}
+
+fn judge_joint(joint: &JointParameters) -> JudgedJoint {
+    let torque = joint_loop(joint);
+    let gains = joint.gains;
+    let ratio = match gains.k_s > 0.0 {
+        true => gains.k_d / gains.k_s,
+        false => 0.01,
+    };
+    let space = JointLoop {
+        stiffness: gains.k_s,
+        damping: gains.k_d,
+        ..torque
+    };
+    JudgedJoint {
+        name: joint.name.clone(),
+        bandwidth: [Load::Blocked, Load::Stuck].map(|load| torque.with(load).bandwidth()),
+        torque: least_margins(&torque, &Load::ALL),
+        space: least_margins(&space, &Load::MOVING),
+        most: [
+            largest_stiffness(&torque, ratio, NEEDED),
+            largest_damping(&torque, NEEDED),
+        ],
+    }
+}
+
+/// A problem for each joint that has too little margin.
+pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    for joint in judged {
+        for (what, (margins, at)) in [
+            ("torque loop", &joint.torque),
+            ("K_s and K_d", &joint.space),
+        ] {
+            if !margins.keeps(&NEEDED) {
+                let (degrees, db) = margins.in_degrees_and_db();
+                let reason = format!(
+                    "joint {}: {what}: margins of {degrees:.0} degrees (link {}) and {db:.1} dB (link {})",
+                    joint.name,
+                    at[0].name(),
+                    at[1].name(),
+                );
+                let allowed = format!(
+                    "at least 30 degrees and 6 dB: less delay, or K_s up to {:.0} N·m/rad",
+                    joint.most[0]
+                );
+                problems.push(Problem::new(reason, allowed).at(file, 0));
+            }
+        }
+    }
+    problems
+}
+
+/// The joints as a table.
+pub(crate) fn table(judged: &[JudgedJoint]) -> String {
+    let head = [
+        "joint",
+        "torque",
+        "stuck",
+        "phase",
+        "at",
+        "gain",
+        "at",
+        "with K_s, K_d",
+        "at",
+        "gain",
+        "less gain",
+        "K_s most",
+        "K_d most",
+    ];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for joint in judged {
+        let ((torque, at), (space, space_at)) = (&joint.torque, &joint.space);
+        let (degrees, db) = torque.in_degrees_and_db();
+        let (space_degrees, space_db) = space.in_degrees_and_db();
+        rows.push(vec![
+            joint.name.clone(),
+            format!("{:.0} Hz", joint.bandwidth[0]),
+            format!("{:.0} Hz", joint.bandwidth[1]),
+            format!("{degrees:.0} deg"),
+            at[0].name().to_owned(),
+            format!("{db:.0} dB"),
+            at[1].name().to_owned(),
+            format!("{space_degrees:.0} deg"),
+            space_at[0].name().to_owned(),
+            format!("{space_db:.0} dB"),
+            format!("{:.0} dB", 20.0 * space.reduction.log10()),
+            format!("{:.0} N·m/rad", joint.most[0]),
+            format!("{:.1} N·m·s/rad", joint.most[1]),
+        ]);
+    }
+    TextTable(rows).to_string()
+}
+
+/// The joints as JSON.
+pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
+    let margins = |(margins, at): &(Margins, [Load; 2])| {
+        let (degrees, db) = margins.in_degrees_and_db();
+        // Infinite ones are left out: JSON has none.
+        json!({
+            "phase_deg": degrees,
+            "phase_load": at[0].name(),
+            "gain_dB": db,
+            "gain_load": at[1].name(),
+            "gain_reduction_dB": 20.0 * margins.reduction.log10(),
+        })
+    };
+    let object = |joint: &JudgedJoint| {
+        json!({
+            "name": joint.name,
+            "bandwidth_Hz": joint.bandwidth[0],
+            "bandwidth_stuck_Hz": joint.bandwidth[1],
+            "torque": margins(&joint.torque),
+            "with_K_s_K_d": margins(&joint.space),
+            "largest_K_s_Nm_per_rad": joint.most[0],
+            "largest_K_d_Nms_per_rad": joint.most[1],
+        })
+    };
+    judged.iter().map(object).collect()
+}
+
+/// A load with the responses of the open loop and of the torque.
+type Curve = (Load, Vec<Point>, Vec<Point>);
+
+/// Bode and Nyquist curves of the open loop, and the torque's response, at every load.
+fn figure(joint: &JointParameters) -> Figure {
+    let torque = joint_loop(joint);
+    let curves: Vec<Curve> = (Load::ALL.iter())
+        .map(|&load| {
+            let closed = torque.with(load);
+            (load, closed.open_loop(), closed.torque_response())
+        })
+        .collect();
+    let lines = |of: &dyn Fn(&Curve) -> Vec<(f64, f64)>| {
+        let coloured = curves.iter().zip(COLOURS);
+        coloured
+            .map(|(curve, colour)| Line::new(curve.0.name(), colour, of(curve)))
+            .collect::<Vec<_>>()
+    };
+    let db = |p: &Point| (p.frequency, 20.0 * p.gain().log10());
+    let panel = |caption: &str, lines: Vec<Line>| Panel {
+        caption: caption.to_owned(),
+        x_unit: " Hz".to_owned(),
+        x_logarithmic: true,
+        lines,
+        ..Panel::default()
+    };
+    let near = |p: &&Point| p.re.abs() < 3.0 && p.im.abs() < 3.0;
+    let nyquist = |curve: &Curve| curve.1.iter().filter(near).map(|p| (p.re, p.im)).collect();
+    let mut nyquist_lines: Vec<Line> = lines(&nyquist)
+        .into_iter()
+        .map(|line| line.with_mark(charts::Mark::Path))
+        .collect();
+    let critical = Line::new("critical point", COLOURS[5], vec![(-1.0, 0.0)]);
+    nyquist_lines.push(critical.with_mark(charts::Mark::Dots));
+    Figure {
+        title: format!("{}: torque loop, opened at the motor's torque", joint.name),
+        columns: 2,
+        panel_size: (420, 260),
+        panels: vec![
+            panel("open loop, dB", lines(&|c| c.1.iter().map(db).collect())),
+            panel(
+                "open loop, degrees",
+                lines(&|c| {
+                    let phase = |p: &Point| (p.frequency, p.phase().to_degrees());
+                    c.1.iter().map(phase).collect()
+                }),
+            ),
+            Panel {
+                caption: "open loop, imaginary over real part".to_owned(),
+                x_range: Some((-3.0, 3.0)),
+                y_range: Some((-3.0, 3.0)),
+                lines: nyquist_lines,
+                ..Panel::default()
+            },
+            panel(
+                "torque over desired torque, dB",
+                lines(&|c| c.2.iter().map(db).collect()),
+            ),
+        ],
+    }
+}

@@ -1,0 +1,55 @@
+//! The predictive torque law in the cycle: what it senses, and its command with its contributions.
+
+use control::predictive::{PredictiveLaw, Sensed, TorqueTerms};
+use robot_state::{JointCommanded, command_flags, measured_flags};
+use supervisor::Motion;
+
+use super::joint::JointInput;
+use super::transition::Transition;
+
+/// The joint's sample, as the law takes it.
+pub(super) fn sensed(input: &JointInput<'_>, motion: &Motion) -> Sensed {
+    let missing = measured_flags::NEVER | measured_flags::MISSED | measured_flags::STALE;
+    Sensed {
+        theta: motion.theta,
+        q: motion.q,
+        torque: input.fast,
+        fresh: input.measured.flags & missing == 0,
+    }
+}
+
+/// The command for the desired torque, rad or A. A mode begins at the present torque, from which the
+/// desired one is led to by `transition`.
+pub(super) fn predictive_command(
+    law: &mut PredictiveLaw,
+    terms: TorqueTerms,
+    transition: &mut Transition,
+    dt: f64,
+    commanded: &mut JointCommanded,
+) -> f64 {
+    //= D12: tau_d = M ddq_d + h_hat - J^T f* + K_s (q_d - q) + K_d (dq_d - dq)
+    let tau_d = terms.sum();
+    let led = transition.blend(tau_d, dt);
+    let parts = law.command(&TorqueTerms {
+        feedforward: terms.feedforward + led - tau_d,
+        ..terms
+    });
+    let limited = parts.desired != led;
+    *commanded = JointCommanded {
+        tau_d,
+        tau_star: parts.motor_torque,
+        delta_q: parts.command - parts.origin,
+        feedforward_torque: parts.feedforward_torque,
+        feedforward_friction: parts.feedforward_friction,
+        feedback_position: parts.feedback_position,
+        feedback_velocity: parts.feedback_velocity,
+        feedback_force: parts.feedback_force,
+        feedback_acceleration: parts.feedback_torque,
+        flags: match limited {
+            true => command_flags::TORQUE_LIMITED,
+            false => 0,
+        },
+        ..JointCommanded::default()
+    };
+    parts.command
+}

@@ -1,0 +1,50 @@
+//! What the predictive torque law knows of a joint.
+
+use super::Reader;
+use crate::drives::Drive;
+use control::MotorModel;
+use control::predictive::{Design, DriveModel, GearStiffness, LawParameters};
+use supervisor::Limits;
+
+/// Largest disturbance that is believed, as a share of the torque limit: friction is a tenth of it,
+/// and a model that is wrong by a quarter as much again.
+const DISTURBANCE_SHARE: f64 = 0.25;
+/// Share of a drive's lag that lies in its own loop; for the rest a command waits for the loop.
+pub(super) const LAG_OF_THE_LOOP: f64 = 0.75;
+
+impl Reader<'_, '_, '_> {
+    pub(super) fn law(&self, drive: &Drive, limits: &Limits) -> LawParameters {
+        let n = drive.gear_ratio;
+        let c = &drive.compliance;
+        LawParameters {
+            sample_period: self.timing.sample_period,
+            delay: self.feedback.command_delay + drive.lag,
+            drive: match drive.motor {
+                MotorModel::Position { k_tau, k_v, .. } => {
+                    // K_tau is the softness of gear and drive in series. The actuation checks that
+                    // the gear leaves something to the drive.
+                    let softness = (k_tau - 1.0 / c.k_fs0).max(1e-9);
+                    DriveModel::Position {
+                        stiffness: 1.0 / softness,
+                        damping: k_v / softness,
+                        dead_zone: drive.dead_zone,
+                    }
+                }
+                MotorModel::Current { k1, k2, .. } => DriveModel::Current {
+                    torque_constant: k1,
+                    viscous: k2,
+                },
+            },
+            rotor_inertia: drive.rotor_inertia * n * n,
+            gear: GearStiffness {
+                k_fs0: c.k_fs0,
+                c_fs: c.c_fs,
+                k_wg0: c.k_wg0 * n * n,
+                c_wg: c.c_wg / n,
+            },
+            torque_limit: limits.torque,
+            disturbance_limit: DISTURBANCE_SHARE * limits.torque,
+            design: Design::default(),
+        }
+    }
+}
