@@ -23,7 +23,7 @@ LEG = ROOT / "config" / "leg" / "robot.toml"
 class Process:
     """A running command. Its lines are kept, and can be waited for as they come."""
 
-    def __init__(self, *command):
+    def __init__(self, *command, stdin=None):
         self.command = [str(part) for part in command]
         self.lines = []
         self._new = queue.Queue()
@@ -32,6 +32,7 @@ class Process:
             cwd=ROOT,
             env=os.environ | {"PYTHONPATH": str(CLIENT), "XDG_STATE_HOME": STATE.name},
             text=True,
+            stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )

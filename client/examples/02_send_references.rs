@@ -31,22 +31,21 @@ fn run() -> Result<(), Box<dyn Error>> {
         None => Location::find()?.only_robot()?,
     };
     let mut client = Client::connect(&robot)?;
-    // Its first reference holds the robot where it stands.
+    // It begins by holding the robot where it stands, and waits for an operator to enable it.
     let mut commander = Commander::connect(&mut client)?;
-    let start_q = commander.reference().joints[0].q_d;
-    let start_ns = client.next_record(Duration::from_secs(1))?.cycle.stamp_ns;
+    commander.hold_until_ready(Duration::from_secs(10))?;
+    // Records from before are skipped.
+    client.latest()?;
+    let start = client.next_record(Duration::from_secs(1))?.cycle;
+    let (start_q, start_ns) = (start.measured.joints[0].q, start.stamp_ns);
     for record in client.records(Duration::from_secs(1)) {
         // The daemon's cycles are the clock: one reference for each of its records.
         let record = record?;
         let t = record.cycle.stamp_ns.saturating_sub(start_ns) as f64 * 1e-9;
-        if record.cycle.fault != 0 {
-            return Err(
-                format!("fault {}: the robot holds its position", record.cycle.fault).into(),
-            );
-        }
         if t > SECONDS {
             break;
         }
+        // An error if it is not followed: a fault, an operator's stop, another commander.
         commander.send(|reference| {
             reference.mode = Mode::InverseDynamics.number();
             // 1 - cos: begins at rest, and smoothly.
@@ -57,5 +56,6 @@ fn run() -> Result<(), Box<dyn Error>> {
             first.ddq_d = half * w * w * (w * t).cos();
         })?;
     }
+    commander.close()?;
     Ok(())
 }

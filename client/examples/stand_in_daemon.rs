@@ -1,7 +1,8 @@
 //! Publishes made-up records, so that client programs can be tried without a robot: joint `j`'s
 //! torques are `j + sin t`, its measured position follows the last `q_d`. It has contacts "in_the_air"
 //! and "standing", and a tare in the air "finds" an offset of 1 to 6. It starts holding; operators enable, disable and
-//! stop it, and enabling it twice latches fault 404 for them to acknowledge.
+//! stop it, and enabling it twice latches fault 404 for them to acknowledge. One client commands, by
+//! lease, as with a daemon.
 //!
 //!     cargo run -p torqued-client --example stand_in_daemon -- ROBOT [SECONDS]
 
@@ -10,16 +11,18 @@ use std::io::Write;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use nix::time::{ClockId, clock_gettime};
+use supervisor::Commanders;
 use torqued_client::robot_state::{
-    Answer, Description, Event, Mode, Name, Request, RobotState, SharedRecord, Text, Wrench,
-    answer_status, request, torque_flags, torque_source,
+    Answer, CycleRecord, Description, Event, Mode, Name, Reference, Request, RobotState,
+    SharedRecord, Text, Wrench, answer_status, not_followed, request, torque_flags, torque_source,
 };
 use torqued_client::{DaemonPorts, Location};
 
 const JOINTS: usize = 6;
 const CONTACTS: [&str; 2] = ["in_the_air", "standing"];
 const PERIOD: Duration = Duration::from_millis(1);
-const REFERENCE_TIMEOUT: Duration = Duration::from_millis(50);
+const REFERENCE_TIMEOUT_S: f64 = 0.2;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
@@ -48,26 +51,22 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut record = SharedRecord::default();
     record.cycle.joint_count = description.joint_count;
     record.cycle.state = RobotState::Holding.number();
-    let mut last_reference = None;
+    let mut commanders = Commanders::new(REFERENCE_TIMEOUT_S);
     let start = Instant::now();
     for cycle in 1u32.. {
         let t = f64::from(cycle) * PERIOD.as_secs_f64();
         if t > seconds {
             break;
         }
-        if let Some(reference) = ports.newest_reference()? {
-            record.cycle.mode = reference.mode;
-            for (j, desired) in reference.joints.iter().enumerate() {
-                record.cycle.measured.joints[j].q = desired.q_d;
-                record.cycle.commanded.joints[j].tau_d = desired.tau_d;
-            }
-            last_reference = Some(Instant::now());
-        } else if last_reference.is_some_and(|at: Instant| at.elapsed() > REFERENCE_TIMEOUT) {
-            if record.cycle.mode != Mode::Hold.number() {
-                record.cycle.events[Event::ReferenceStale.index()] += 1;
-            }
-            record.cycle.mode = Mode::Hold.number();
+        let now_ns = monotonic_ns()?;
+        while let Some(reference) = ports.next_reference()? {
+            commanders.offer(&reference, now_ns);
         }
+        commanders.begin_cycle(now_ns);
+        record.cycle.commander = commanders.record();
+        follow(commanders.reference(), &mut record.cycle);
+        let events = &mut record.cycle.events[Event::CommanderRefused.index()];
+        *events = u64::from(record.cycle.commander.refused);
         while let Some(asked) = ports.next_request()? {
             answer(&ports, &asked, &mut record)?;
         }
@@ -94,6 +93,37 @@ fn main() -> Result<(), Box<dyn Error>> {
         sleep((start + PERIOD * cycle).saturating_duration_since(Instant::now()));
     }
     Ok(())
+}
+
+/// Follows the commander's reference, in state holding.
+fn follow(reference: Option<&Reference>, cycle: &mut CycleRecord) {
+    let holds = cycle.state == RobotState::Holding.number();
+    let lease = &mut cycle.commander;
+    (lease.not_followed, lease.cause) = match (cycle.fault, holds) {
+        (0, true) => (0, 0),
+        (0, false) => (not_followed::STATE, 0),
+        (fault, _) => (not_followed::FAULT, fault),
+    };
+    let was = std::mem::replace(&mut cycle.mode, Mode::Hold.number());
+    let Some(reference) = reference else {
+        if was != Mode::Hold.number() {
+            cycle.events[Event::ReferenceStale.index()] += 1;
+        }
+        return;
+    };
+    lease.sequence = reference.sequence;
+    if lease.not_followed == 0 {
+        cycle.mode = reference.mode;
+        for (j, desired) in reference.joints.iter().enumerate() {
+            cycle.measured.joints[j].q = desired.q_d;
+            cycle.commanded.joints[j].tau_d = desired.tau_d;
+        }
+    }
+}
+
+fn monotonic_ns() -> Result<u64, nix::Error> {
+    let now = clock_gettime(ClockId::CLOCK_MONOTONIC)?;
+    Ok(now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64)
 }
 
 /// An operator's request: the state that follows, or why there is none.

@@ -4,18 +4,17 @@
 //! | ------------------------------ | --------- | --------------------------------- |
 //! | `torqued/<robot>/description`  | daemon    | names and constants, once         |
 //! | `torqued/<robot>/state`        | daemon    | every cycle's record              |
-//! | `torqued/<robot>/reference`    | a client  | that client's references          |
+//! | `torqued/<robot>/reference`    | clients   | references; one session has the lease |
+//! | `torqued/<robot>/commander`    | daemon    | every cycle: who commands, followed or not |
 //! | `torqued/<robot>/request`      | clients   | requests: tare, contact set       |
 //! | `torqued/<robot>/answer`       | daemon    | answers, with the request's id    |
 //!
-//! All services but requests have at most one publisher: a second daemon, or a second commanding
-//! client, is refused.
+//! The daemon's services have at most one publisher: a second daemon is refused.
 
 use std::fmt::Debug;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
@@ -23,7 +22,9 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as Factory;
-use robot_state::{Answer, Description, Layout, Reference, Request, SharedRecord, layout_hash};
+use robot_state::{
+    Answer, CommanderStatus, Description, Layout, Reference, Request, SharedRecord, layout_hash,
+};
 
 use crate::error::Error;
 use crate::location::Location;
@@ -108,15 +109,26 @@ message!(
     SUBSCRIBERS = MAX_CLIENTS,
     PUBLISHERS = 1
 );
-// Without history: a restarted daemon must not follow an old reference.
+// Without history: a restarted daemon must not follow an old reference. Each client has its own
+// buffer, long enough that none of its references overtakes one that asked for hold.
 message!(
     ReferenceMessage,
     Reference,
     "reference",
-    BUFFER = 1,
+    BUFFER = 8,
     HISTORY = 0,
     BORROWED = 1,
     SUBSCRIBERS = 1,
+    PUBLISHERS = MAX_CLIENTS
+);
+message!(
+    StatusMessage,
+    CommanderStatus,
+    "commander",
+    BUFFER = 1,
+    HISTORY = 1,
+    BORROWED = 1,
+    SUBSCRIBERS = MAX_CLIENTS,
     PUBLISHERS = 1
 );
 
@@ -288,16 +300,6 @@ pub(crate) fn sender<M: Message>(
     }
 }
 
-/// The present publishers of the service.
-pub(crate) fn publishers<M: Message>(service: &Channel<M>) -> Vec<UniquePublisherId> {
-    let mut found = Vec::new();
-    service.dynamic_config().list_publishers(|publisher| {
-        found.push(publisher.publisher_id);
-        CallbackProgression::Continue
-    });
-    found
-}
-
 /// A subscriber of the service.
 pub(crate) fn receiver<M: Message>(
     node: &Node<Transport>,
@@ -385,6 +387,7 @@ mod tests {
                 <RecordMessage as ZeroCopySend>::type_name(),
                 <DescriptionMessage as ZeroCopySend>::type_name(),
                 <ReferenceMessage as ZeroCopySend>::type_name(),
+                <StatusMessage as ZeroCopySend>::type_name(),
                 <RequestMessage as ZeroCopySend>::type_name(),
                 <AnswerMessage as ZeroCopySend>::type_name(),
             ]
@@ -392,7 +395,8 @@ mod tests {
         assert_eq!(names[0], type_name::<SharedRecord>("SharedRecord"));
         assert_eq!(names[1], type_name::<Description>("Description"));
         assert_eq!(names[2], type_name::<Reference>("Reference"));
-        assert_eq!(names[3], type_name::<Request>("Request"));
-        assert_eq!(names[4], type_name::<Answer>("Answer"));
+        assert_eq!(names[3], type_name::<CommanderStatus>("CommanderStatus"));
+        assert_eq!(names[4], type_name::<Request>("Request"));
+        assert_eq!(names[5], type_name::<Answer>("Answer"));
     }
 }

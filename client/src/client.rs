@@ -173,7 +173,7 @@ impl Client {
     }
 }
 
-pub(crate) type Held<M> = Sample<Transport, M, ()>;
+type Held<M> = Sample<Transport, M, ()>;
 
 pub(crate) fn take<M: Message>(receiver: &Receiver<M>) -> Result<Option<Held<M>>, Error> {
     receiver.receive().map_err(|e| match e {
@@ -184,7 +184,7 @@ pub(crate) fn take<M: Message>(receiver: &Receiver<M>) -> Result<Option<Held<M>>
     })
 }
 
-fn newest<M: Message>(receiver: &Receiver<M>) -> Result<Option<M>, Error> {
+pub(crate) fn newest<M: Message>(receiver: &Receiver<M>) -> Result<Option<M>, Error> {
     let mut newest = None;
     while let Some(sample) = take(receiver)? {
         newest = Some(*sample.payload());

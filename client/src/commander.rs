@@ -1,56 +1,95 @@
 //! Commanding a robot: a client's references.
 
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use nix::time::{ClockId, clock_gettime};
-use robot_state::{Mode, Reference};
+use robot_state::{CommanderStatus, Mode, Reference, lease_refusal, not_followed};
 
-use crate::channel::{self, ReferenceMessage, Sender};
-use crate::client::Client;
+use crate::channel::{self, Receiver, ReferenceMessage, Sender, StatusMessage};
+use crate::client::{Client, newest};
 use crate::error::Error;
 
 /// Longest wait for the record that shows the measured pose.
 const RECORD_TIMEOUT: Duration = Duration::from_secs(2);
-/// Shortest and longest time that the daemon is given to see the first reference, s.
-const SEEN_S: (f64, f64) = (0.005, 0.1);
+/// Longest wait for the daemon's verdict on a new session, and longest silence of the daemon.
+const SILENCE: Duration = Duration::from_secs(1);
+/// Time in which a commander that has just vanished is noticed: as long, another one asks for its
+/// lease again.
+const HAND_OVER: Duration = Duration::from_millis(160);
+/// Interval of references that ask for hold until there is a verdict; below every time-out.
+const ASK_INTERVAL: Duration = Duration::from_millis(5);
+/// Interval between polls of shared memory.
+const POLL: Duration = Duration::from_micros(250);
 
-/// The right to command a robot. One client has it at a time. It ends when the commander is dropped
-/// (the robot then holds its position) or its process dies (the robot holds its position after
-/// `loop.reference_timeout_ms`).
+/// The right to command a robot. One client has it at a time, by lease: each reference renews it. It
+/// ends when the commander is closed or dropped (the robot then holds its position), when its process
+/// dies or is silent for `loop.reference_timeout_ms` (the same), or when a commander of higher
+/// priority asks for it.
 ///
-/// After a restart of the daemon, references of a commander from before are not followed until it
-/// has asked for mode hold: until then the records show mode hold. The same holds after a flaw in a
-/// reference, a fault, and an operator's stop.
+/// References that are not followed are an error of [`Commander::send`]: after a fault, an operator's
+/// stop, a flaw in a reference, the loss of the lease or a restart of the daemon. In all these cases
+/// a reference that asks for mode hold begins anew.
 #[derive(Debug)]
 pub struct Commander {
     robot: String,
     references: Sender<ReferenceMessage>,
+    statuses: Receiver<StatusMessage>,
     newest: Reference,
+    status: CommanderStatus,
+    /// The arrival of the newest status, or the begin of the session.
+    heard: Instant,
+    standing: Standing,
+    /// Sequence of the first reference that asks for the present mode, if that is not hold.
+    mode_from: Option<u64>,
+}
+
+/// Standing of a commander's session with the daemon.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Standing {
+    /// It has asked for the lease.
+    Asking,
+    /// It has the lease.
+    Commanding,
+    /// It was refused, or has lost the lease.
+    Over,
 }
 
 impl Commander {
-    /// Takes the command of the client's robot. The first reference is sent here: it asks for mode
-    /// hold, with `q_d` at the measured pose of the newest record, which is taken from the client.
+    /// Takes the command of the client's robot, with priority 0. References begin with mode hold and
+    /// `q_d` at the measured pose of the newest record, which is taken from the client. Waits until
+    /// the daemon has given the lease, also to a robot that cannot move yet.
     ///
     /// # Errors
-    /// [`Error::AlreadyCommanded`], [`Error::OtherLayout`], [`Error::NoDaemon`],
-    /// [`Error::NoRecord`], [`Error::Gone`], [`Error::Transport`].
+    /// [`Error::AlreadyCommanded`], [`Error::TooManyCommanders`], [`Error::OtherLayout`],
+    /// [`Error::NoDaemon`], [`Error::NoRecord`], [`Error::Gone`], [`Error::Transport`].
     pub fn connect(client: &mut Client) -> Result<Self, Error> {
+        Self::connect_with(client, 0)
+    }
+
+    /// [`Commander::connect`] with a priority: a commander of lower priority is replaced.
+    ///
+    /// # Errors
+    /// As [`Commander::connect`].
+    pub fn connect_with(client: &mut Client, priority: u32) -> Result<Self, Error> {
         let robot = client.robot().to_owned();
         let record = match client.latest()? {
             Some(record) => record,
             None => client.next_record(RECORD_TIMEOUT)?,
         };
+        let service = channel::open::<StatusMessage>(&client.node, &robot, Duration::ZERO)?;
+        let statuses = channel::receiver(&client.node, &service)?;
         let service = channel::open::<ReferenceMessage>(&client.node, &robot, Duration::ZERO)?;
         let references =
-            channel::sender(&client.node, &service)?.ok_or_else(|| Error::AlreadyCommanded {
+            channel::sender(&client.node, &service)?.ok_or_else(|| Error::TooManyCommanders {
                 robot: robot.clone(),
             })?;
-        let description = client.description();
         let mut newest = Reference {
-            joint_count: description.joint_count,
+            joint_count: client.description().joint_count,
             mode: Mode::Hold.number(),
+            priority,
+            pid: std::process::id(),
             ..Reference::default()
         };
         let measured = record.cycle.measured.joints.iter();
@@ -60,12 +99,14 @@ impl Commander {
         let mut commander = Self {
             robot,
             references,
+            statuses,
             newest,
+            status: CommanderStatus::default(),
+            heard: Instant::now(),
+            standing: Standing::Over,
+            mode_from: None,
         };
-        commander.send(|_| ())?;
-        // The daemon sees the newest reference only: none follows before it has seen this one.
-        let cycles = 2.0 / description.rate_hz;
-        sleep(Duration::from_secs_f64(cycles.clamp(SEEN_S.0, SEEN_S.1)));
+        commander.ask()?;
         Ok(commander)
     }
 
@@ -75,13 +116,225 @@ impl Commander {
         &self.newest
     }
 
-    /// Changes the reference and sends it. To be called at least every
-    /// `loop.reference_timeout_ms`: a reference is a lease. `sequence` and `sent_ns` are set here.
+    /// What the daemon reports of this moment: who commands, the robot's state, and whether and why no
+    /// mode is followed.
     ///
     /// # Errors
-    /// [`Error::Gone`] if the daemon has ended. [`Error::Transport`].
+    /// [`Error::Transport`].
+    pub fn status(&mut self) -> Result<&CommanderStatus, Error> {
+        if let Some(message) = newest(&self.statuses)? {
+            self.status = message.0;
+            self.heard = Instant::now();
+        }
+        Ok(&self.status)
+    }
+
+    /// Changes the reference and sends it. To be called at least every
+    /// `loop.reference_timeout_ms`: each reference renews the lease. Its session, count, time of
+    /// sending, priority and process are set here. A reference that asks for mode hold after the
+    /// lease was lost begins a new session.
+    ///
+    /// # Errors
+    /// An error is about earlier references; this one was sent but for [`Error::AlreadyCommanded`] and
+    /// [`Error::CommandLost`]. [`Error::NotFollowed`] if a mode is asked for that is not followed.
+    /// [`Error::NoRecord`] if the daemon is silent, [`Error::Gone`] if it has ended.
+    /// [`Error::Transport`].
     pub fn send(&mut self, change: impl FnOnce(&mut Reference)) -> Result<(), Error> {
         change(&mut self.newest);
+        let asks_hold = self.newest.mode == Mode::Hold.number();
+        let judged = self.judge();
+        if self.standing == Standing::Over {
+            if !asks_hold || matches!(judged, Err(Error::AlreadyCommanded { .. })) {
+                return judged;
+            }
+            self.begin_session();
+        }
+        self.publish()?;
+        if !asks_hold {
+            self.mode_from.get_or_insert(self.newest.sequence);
+            return judged;
+        }
+        self.mode_from = None;
+        match judged {
+            // Mended by this very reference.
+            Err(Error::CommandLost { .. } | Error::NotFollowed { .. }) => Ok(()),
+            judged => judged,
+        }
+    }
+
+    /// Asks for mode hold until a mode would be followed, waiting at most `timeout`: for a robot that
+    /// an operator is about to enable, or after an error of [`Commander::send`].
+    ///
+    /// # Errors
+    /// [`Error::NotFollowed`] with the reason if it is not so in time; as [`Commander::connect`].
+    pub fn hold_until_ready(&mut self, timeout: Duration) -> Result<(), Error> {
+        let until = Instant::now() + timeout;
+        self.newest.mode = Mode::Hold.number();
+        self.mode_from = None;
+        let hold = self.newest.sequence + 1;
+        loop {
+            self.ask()?;
+            self.publish()?;
+            sleep(ASK_INTERVAL);
+            let status = *self.status()?;
+            if self.status_shows(hold) && status.commander.not_followed == 0 {
+                return Ok(());
+            }
+            if Instant::now() > until {
+                let robot = self.robot.clone();
+                return Err(Error::NotFollowed { robot, status });
+            }
+        }
+    }
+
+    /// Gives the lease back: the robot holds, and another client may command at once. Dropping the
+    /// commander does the same, but cannot report an error.
+    ///
+    /// # Errors
+    /// [`Error::Gone`], [`Error::Transport`].
+    pub fn close(mut self) -> Result<(), Error> {
+        self.give_back()
+    }
+
+    /// Has the lease, or asks for it until there is a verdict.
+    fn ask(&mut self) -> Result<(), Error> {
+        let since = Instant::now();
+        let mut asked: Option<Instant> = None;
+        loop {
+            let judged = self.judge();
+            let pause = match (self.standing, &judged) {
+                (Standing::Commanding, _) => return judged,
+                (Standing::Over, Err(Error::AlreadyCommanded { .. })) => HAND_OVER / 8,
+                _ => ASK_INTERVAL,
+            };
+            if let (Standing::Over, Err(e), Some(_)) = (self.standing, &judged, asked) {
+                let patience = match e {
+                    Error::AlreadyCommanded { .. } => HAND_OVER,
+                    _ => SILENCE,
+                };
+                if since.elapsed() > patience {
+                    return judged;
+                }
+            } else if self.standing == Standing::Asking {
+                judged?;
+            }
+            if asked.is_none_or(|at| at.elapsed() > pause) {
+                if self.standing == Standing::Over {
+                    self.begin_session();
+                }
+                self.publish()?;
+                asked = Some(Instant::now());
+            }
+            sleep(POLL);
+        }
+    }
+
+    fn begin_session(&mut self) {
+        // Random, so different from that of any other session.
+        self.newest.session = RandomState::new().build_hasher().finish().max(1);
+        self.newest.session_began_ns = monotonic_ns();
+        self.standing = Standing::Asking;
+        self.heard = Instant::now();
+        self.mode_from = None;
+    }
+
+    /// What the newest status means for this session and its references.
+    fn judge(&mut self) -> Result<(), Error> {
+        let lease = self.status()?.commander;
+        let own = self.newest.session;
+        match self.standing {
+            _ if lease.session == own && own != 0 => {
+                self.standing = Standing::Commanding;
+            }
+            Standing::Asking if lease.refused_session == own => {
+                self.standing = Standing::Over;
+                // Not of this session: a reference of it, after it had lost the lease unseen.
+                return Err(match lease.refused_reason {
+                    lease_refusal::HELD => self.already_commanded(),
+                    _ => self.lost(),
+                });
+            }
+            Standing::Asking if self.age() > SILENCE => {
+                return Err(match lease.session {
+                    0 => self.silent(),
+                    _ => self.already_commanded(),
+                });
+            }
+            Standing::Asking => {}
+            Standing::Commanding | Standing::Over => {
+                self.standing = Standing::Over;
+                return Err(self.lost());
+            }
+        }
+        if self.heard.elapsed() > SILENCE {
+            return Err(self.silent());
+        }
+        let counts = self.mode_from.is_some_and(|from| lease.sequence >= from);
+        // Filters and sensors that are not ready are so for a moment only, or an event follows.
+        let waits = match lease.not_followed {
+            0 | not_followed::NOT_READY => true,
+            not_followed::NOT_POSSIBLE => lease.cause == 0,
+            _ => false,
+        };
+        if counts && self.standing == Standing::Commanding && !waits {
+            return Err(Error::NotFollowed {
+                robot: self.robot.clone(),
+                status: self.status,
+            });
+        }
+        Ok(())
+    }
+
+    /// Age of the session.
+    fn age(&self) -> Duration {
+        Duration::from_nanos(monotonic_ns().saturating_sub(self.newest.session_began_ns))
+    }
+
+    fn status_shows(&self, sequence: u64) -> bool {
+        let lease = &self.status.commander;
+        lease.session == self.newest.session && lease.sequence >= sequence
+    }
+
+    fn already_commanded(&self) -> Error {
+        let lease = &self.status.commander;
+        Error::AlreadyCommanded {
+            robot: self.robot.clone(),
+            pid: lease.pid,
+            session: lease.session,
+            priority: lease.priority,
+            held: Duration::from_nanos(monotonic_ns().saturating_sub(lease.since_ns)),
+        }
+    }
+
+    fn lost(&self) -> Error {
+        let lease = &self.status.commander;
+        if lease.session != 0 && lease.priority >= self.newest.priority {
+            return self.already_commanded();
+        }
+        Error::CommandLost {
+            robot: self.robot.clone(),
+            reason: "no reference came for longer than loop.reference_timeout_ms, or the daemon \
+                     was started again",
+        }
+    }
+
+    fn silent(&self) -> Error {
+        Error::NoRecord {
+            robot: self.robot.clone(),
+            waited: self.heard.elapsed().max(SILENCE),
+        }
+    }
+
+    fn give_back(&mut self) -> Result<(), Error> {
+        if std::mem::replace(&mut self.standing, Standing::Over) == Standing::Over {
+            return Ok(());
+        }
+        self.newest.mode = Mode::Hold.number();
+        self.newest.gives_back = 1;
+        self.publish()
+    }
+
+    fn publish(&mut self) -> Result<(), Error> {
         self.newest.sequence += 1;
         self.newest.sent_ns = monotonic_ns();
         let listeners = self
@@ -98,7 +351,7 @@ impl Commander {
 }
 
 fn monotonic_ns() -> u64 {
-    // The clock exists on every Linux; 0 lets the age count from the arrival.
+    // The clock exists on every Linux.
     clock_gettime(ClockId::CLOCK_MONOTONIC).map_or(0, |t| {
         t.tv_sec().unsigned_abs() * 1_000_000_000 + t.tv_nsec().unsigned_abs()
     })
@@ -106,7 +359,7 @@ fn monotonic_ns() -> u64 {
 
 impl Drop for Commander {
     fn drop(&mut self) {
-        // If this does not arrive, the references time out.
-        let _ = self.send(|reference| reference.mode = Mode::Hold.number());
+        // If this does not arrive, the lease times out.
+        let _ = self.give_back();
     }
 }

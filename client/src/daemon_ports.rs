@@ -1,16 +1,13 @@
 //! The daemon's end of the services.
 
-use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{Node, PortFactory};
-use robot_state::{Answer, Description, Mode, Reference, Request, SharedRecord};
-use std::sync::atomic::{AtomicBool, Ordering};
+use robot_state::{Answer, CommanderStatus, Description, Reference, Request, SharedRecord};
 
 use crate::channel::{
     self, AnswerMessage, DescriptionMessage, Message, Receiver, RecordMessage, ReferenceMessage,
-    RequestMessage, Sender, Transport,
+    RequestMessage, Sender, StatusMessage, Transport,
 };
-use crate::client::Held;
 use crate::error::Error;
 use crate::location::Location;
 
@@ -21,10 +18,7 @@ pub struct DaemonPorts {
     state: Sender<RecordMessage>,
     description: Sender<DescriptionMessage>,
     reference: Receiver<ReferenceMessage>,
-    /// Commanders from before this daemon's start: their references are not followed until one has
-    /// asked for hold. They may not know that the robot was without command meanwhile.
-    earlier_commanders: Vec<UniquePublisherId>,
-    hold_requested: AtomicBool,
+    status: Sender<StatusMessage>,
     request: Receiver<RequestMessage>,
     answer: Sender<AnswerMessage>,
     node: Node<Transport>,
@@ -50,8 +44,9 @@ impl DaemonPorts {
         sender
             .send_copy(DescriptionMessage(*description))
             .map_err(|e| Error::transport(service.name(), "publish on", &e))?;
+        let status = channel::create::<StatusMessage>(&node, robot)?;
+        let status = channel::sender(&node, &status)?.ok_or_else(taken)?;
         let reference = channel::create::<ReferenceMessage>(&node, robot)?;
-        let earlier_commanders = channel::publishers(&reference);
         let reference = channel::receiver(&node, &reference)?;
         // Answers first, so that every request can be answered.
         let answer = channel::create::<AnswerMessage>(&node, robot)?;
@@ -62,49 +57,44 @@ impl DaemonPorts {
             state,
             description: sender,
             reference,
-            earlier_commanders,
-            hold_requested: AtomicBool::new(false),
+            status,
             request,
             answer,
             node,
         })
     }
 
-    /// Sends a record to all clients; gives their number.
+    /// Sends a record to all clients, and what commanders need of it to all commanders; gives the
+    /// number of clients.
     ///
     /// # Errors
     /// [`Error::Transport`] if a client could not be reached; the others have got the record.
     pub fn publish(&self, record: &SharedRecord) -> Result<usize, Error> {
         // New clients receive the description; if that fails, it is tried again next time.
         let _ = self.description.update_connections();
+        let cycle = &record.cycle;
+        let status = CommanderStatus {
+            cycle: cycle.sequence,
+            commander: cycle.commander,
+            state: cycle.state,
+            mode: cycle.mode,
+        };
+        let seen = self.status.send_copy(StatusMessage(status));
+        seen.map_err(|e| Error::transport(StatusMessage::CHANNEL, "publish on", &e))?;
         self.state
             .send_copy(RecordMessage(*record))
             .map_err(|e| Error::transport("state", "publish on", &e))
     }
 
-    /// The newest reference that has arrived since the last call. Those of a client that commanded
-    /// an earlier daemon are ignored until one of them asks for hold.
+    /// The next reference of any client, as it came: unchecked. Each client's come in order.
     ///
     /// # Errors
-    /// [`Error::Transport`] if the commanding client could not be reached.
-    pub fn newest_reference(&self) -> Result<Option<Reference>, Error> {
-        let mut newest = None;
-        loop {
-            match self.reference.receive() {
-                Ok(Some(message)) if self.follows(&message) => newest = Some(message.0),
-                Ok(Some(_)) => {}
-                Ok(None) => return Ok(newest),
-                Err(e) => return Err(Error::transport("reference", "receive from", &e)),
-            }
-        }
-    }
-
-    fn follows(&self, message: &Held<ReferenceMessage>) -> bool {
-        if message.0.mode == Mode::Hold.number() {
-            self.hold_requested.store(true, Ordering::Relaxed);
-        }
-        self.hold_requested.load(Ordering::Relaxed)
-            || !self.earlier_commanders.contains(&message.origin())
+    /// [`Error::Transport`] if a commanding client could not be reached.
+    pub fn next_reference(&self) -> Result<Option<Reference>, Error> {
+        let received = self.reference.receive();
+        received
+            .map(|message| message.map(|message| message.0))
+            .map_err(|e| Error::transport(ReferenceMessage::CHANNEL, "receive from", &e))
     }
 
     /// The next request of any client, as it came: unchecked.
@@ -134,6 +124,7 @@ impl DaemonPorts {
         self.node.try_cleanup_dead_nodes();
         let _ = self.description.update_connections();
         let _ = self.state.update_connections();
+        let _ = self.status.update_connections();
         let _ = self.answer.update_connections();
     }
 }

@@ -4,8 +4,10 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use robot_state::{CommanderStatus, Event, RobotState, not_followed};
+
 /// An error of a client's or the daemon's use of shared memory.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// The run directory cannot be used.
@@ -88,10 +90,44 @@ pub enum Error {
     },
     /// Another client commands the robot.
     #[error(
-        "robot \"{robot}\" is commanded by another client; one at a time may command: stop that \
-             one first"
+        "robot \"{robot}\" is commanded by another client: process {pid} (session {session:016x}, \
+             priority {priority}), for {held:.1?}; one at a time may command: stop that one first, \
+             or ask with a higher priority"
     )]
     AlreadyCommanded {
+        /// The robot.
+        robot: String,
+        /// Process of the other client.
+        pid: u32,
+        /// Its session.
+        session: u64,
+        /// Its priority.
+        priority: u32,
+        /// How long it has commanded.
+        held: Duration,
+    },
+    /// This client no longer commands the robot.
+    #[error("robot \"{robot}\": the command was lost: {reason}; ask for mode hold to get it again")]
+    CommandLost {
+        /// The robot.
+        robot: String,
+        /// How it was lost.
+        reason: &'static str,
+    },
+    /// References are not followed, though this client commands the robot.
+    #[error(
+        "robot \"{robot}\": references are not followed: {}",
+        why_not_followed(status)
+    )]
+    NotFollowed {
+        /// The robot.
+        robot: String,
+        /// What the daemon reports.
+        status: CommanderStatus,
+    },
+    /// The greatest number of clients command, or try to.
+    #[error("robot \"{robot}\": the greatest number of clients try to command it; try again later")]
+    TooManyCommanders {
         /// The robot.
         robot: String,
     },
@@ -160,6 +196,46 @@ impl Error {
             doing,
             reason: format!("{reason:?}"),
         }
+    }
+}
+
+/// Why no mode is followed, and the next step.
+fn why_not_followed(status: &CommanderStatus) -> String {
+    let cause = Event::from_number(status.commander.cause);
+    let state = RobotState::from_number(status.state).map_or("unknown", RobotState::name);
+    match (status.commander.not_followed, cause) {
+        (not_followed::FAULT, Some(event)) => format!(
+            "fault {} {} is latched ({}); mend its cause, then `torquectl acknowledge` and \
+             `torquectl enable`",
+            event.number(),
+            event.name(),
+            event.cause()
+        ),
+        (not_followed::STATE, _) => {
+            format!(
+                "the robot is in state {state}, not in holding; `torquectl state` has the next step"
+            )
+        }
+        (not_followed::HOLD_FIRST, Some(event)) => format!(
+            "the robot holds after {} {} ({}); ask for mode hold first",
+            event.number(),
+            event.name(),
+            event.cause()
+        ),
+        (not_followed::HOLD_FIRST, None) => {
+            "the robot holds after an operator's request; ask for mode hold first".to_owned()
+        }
+        (not_followed::NOT_READY, _) => "the joints' filters are not full yet".to_owned(),
+        (not_followed::NOT_POSSIBLE, Some(event)) => format!(
+            "the mode needs a source that {} {} speaks against ({})",
+            event.number(),
+            event.name(),
+            event.cause()
+        ),
+        (not_followed::NOT_POSSIBLE, None) => {
+            "the mode needs F/T sensors or the IMU, which are not ready".to_owned()
+        }
+        _ => format!("the robot is in state {state}"),
     }
 }
 

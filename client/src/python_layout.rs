@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use robot_state::{
-    Answer, Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS, Mode, Reference,
-    Request, RobotState, Shape, SharedRecord, answer_status, command_flags, measured_flags,
-    request, torque_flags, torque_source,
+    Answer, CommanderStatus, Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS,
+    Mode, Reference, Request, RobotState, Shape, SharedRecord, answer_status, command_flags,
+    lease_refusal, measured_flags, not_followed, request, torque_flags, torque_source,
 };
 
 use crate::channel::type_name;
@@ -133,11 +133,39 @@ pub fn python_layout() -> String {
             ("REFUSED", answer_status::REFUSED),
         ],
     );
+    enumeration(
+        &mut out,
+        "IntEnum",
+        "LeaseRefusal",
+        "Reason for which a reference was refused.",
+        &[
+            ("HELD", lease_refusal::HELD),
+            ("HOLD_FIRST", lease_refusal::HOLD_FIRST),
+            ("OLD_SESSION", lease_refusal::OLD_SESSION),
+            ("NOT_ADVANCED", lease_refusal::NOT_ADVANCED),
+            ("TOO_OLD", lease_refusal::TOO_OLD),
+            ("INVALID", lease_refusal::INVALID),
+        ],
+    );
+    enumeration(
+        &mut out,
+        "IntEnum",
+        "NotFollowed",
+        "Reason for which no mode of the commander is followed.",
+        &[
+            ("FAULT", not_followed::FAULT),
+            ("STATE", not_followed::STATE),
+            ("HOLD_FIRST", not_followed::HOLD_FIRST),
+            ("NOT_READY", not_followed::NOT_READY),
+            ("NOT_POSSIBLE", not_followed::NOT_POSSIBLE),
+        ],
+    );
     events(&mut out);
     let mut done = Vec::new();
     record(&mut out, &mut done, &SharedRecord::SHAPE);
     record(&mut out, &mut done, &Description::SHAPE);
     record(&mut out, &mut done, &Reference::SHAPE);
+    record(&mut out, &mut done, &CommanderStatus::SHAPE);
     record(&mut out, &mut done, &Request::SHAPE);
     record(&mut out, &mut done, &Answer::SHAPE);
     let _ = write!(
@@ -146,11 +174,13 @@ pub fn python_layout() -> String {
          SharedRecord.type_name = staticmethod(lambda: \"{}\")\n\
          Description.type_name = staticmethod(lambda: \"{}\")\n\
          Reference.type_name = staticmethod(lambda: \"{}\")\n\
+         CommanderStatus.type_name = staticmethod(lambda: \"{}\")\n\
          Request.type_name = staticmethod(lambda: \"{}\")\n\
          Answer.type_name = staticmethod(lambda: \"{}\")\n",
         type_name::<SharedRecord>("SharedRecord"),
         type_name::<Description>("Description"),
         type_name::<Reference>("Reference"),
+        type_name::<CommanderStatus>("CommanderStatus"),
         type_name::<Request>("Request"),
         type_name::<Answer>("Answer"),
     );
@@ -194,7 +224,10 @@ fn record(out: &mut String, done: &mut Vec<&'static str>, shape: &Shape) {
                 record(out, done, &field.shape);
             }
             let _ = write!(out, "\n\nclass {name}(ctypes.Structure):\n");
-            let _ = writeln!(out, "    \"\"\"{size} bytes.\"\"\"\n\n    _fields_ = [");
+            let _ = writeln!(
+                out,
+                "    \"\"\"{size} bytes.\"\"\"\n\n    __slots__ = ()\n    _fields_ = ["
+            );
             for field in *fields {
                 let doc = field.doc.split_whitespace().collect::<Vec<_>>().join(" ");
                 let _ = writeln!(out, "        # {doc}");

@@ -128,10 +128,11 @@ impl<B: Bus> Looper<B> {
                 self.control_loop.end_as_asked();
                 break;
             }
-            let arrived = self.clients.references.latest().filter(|_| was_running);
+            let commanders = self.clients.references.next_command(wake.woke_ns);
             let input = ClientInput {
-                reference: arrived.map(|(reference, _)| reference),
-                age_s: arrived.map_or(0.0, |(_, at)| wake.woke_ns.saturating_sub(at) as f64 * 1e-9),
+                reference: commanders.reference().filter(|_| was_running),
+                age_s: commanders.age_s(wake.woke_ns),
+                commander: commanders.record(),
                 settings: Some(self.clients.settings.latest()),
                 request: request.or(operator.filter(|_| was_running)),
             };

@@ -116,7 +116,9 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
         record_from_the_start(&recorder.handle, path);
     }
     let recorder = recorder.recorder.start().map_err(Failure::environment)?;
-    let clients = shared_memory::start(&describe(robot), server).map_err(Failure::environment)?;
+    let timeout = robot.parameters.timing.reference_timeout;
+    let clients =
+        shared_memory::start(&describe(robot), server, timeout).map_err(Failure::environment)?;
     let mut looper = Looper::new(robot, control_loop, clients, stop, options.cycles);
     let status = looper.status();
     let settings = Settings {

@@ -4,10 +4,13 @@
 //! ```text
 //!  loop thread                        publisher thread                clients
 //!  RecordSender ──► ring of records ──────────────────► DaemonPorts ──► every record
-//!  ReferenceReceiver ◄── triple buffer ◄── time of sending ─┘      ◄── references, one client's
+//!  ReferenceReceiver ◄── ring of references ◄───────────┘          ◄── references of all clients
 //!  SettingsReceiver ◄─── triple buffer ◄── RequestServer ◄── records ◄─► requests and answers
 //!  OperatorReceiver ◄─── ring ◄───────────────────┘
 //! ```
+//!
+//! Which client commands is decided by the loop ([`supervisor::Commanders`]), not by the publisher
+//! thread.
 //!
 //! All ways are wait-free for the loop: it never waits for the publisher thread, not even when
 //! that is interrupted half-way (a multi-producer queue's `push` would then spin). The publisher
@@ -26,6 +29,7 @@ use std::time::{Duration, Instant};
 use cycle::OperatorRequest;
 use robot_state::{Description, Reference, Settings, SharedRecord};
 use rtrb::{Consumer, Producer, RingBuffer};
+use supervisor::Commanders;
 use thread_priority::ThreadPriority;
 use thread_priority::unix::{
     NormalThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy,
@@ -38,6 +42,9 @@ use crate::request_server::RequestServer;
 
 /// Largest backlog of the publisher thread, records: a quarter of a second at 1 kHz, 6 MB.
 const RING: usize = 256;
+/// References on their way to the loop, which takes all of them each cycle: several for each client
+/// that can be connected.
+const REFERENCE_RING: usize = 64;
 /// Operators' requests on their way to the loop: the request server hands over one at a time.
 const OPERATOR_RING: usize = 4;
 /// Age beyond which the loop no longer carries out a request that may start a motion: nobody
@@ -79,7 +86,8 @@ pub struct RecordSender {
 /// The loop's end for references.
 #[derive(Debug)]
 pub struct ReferenceReceiver {
-    references: triple_buffer::Output<Arrived>,
+    references: Consumer<Reference>,
+    commanders: Commanders,
 }
 
 /// The loop's end for settings.
@@ -94,14 +102,6 @@ pub struct OperatorReceiver {
     requests: Consumer<(OperatorRequest, u64)>,
 }
 
-/// A reference with its time of sending, or of arrival without one, ns on `CLOCK_MONOTONIC`; 0: none
-/// has arrived yet.
-#[derive(Debug, Clone, Default)]
-struct Arrived {
-    reference: Reference,
-    at_ns: u64,
-}
-
 #[derive(Debug, Default)]
 struct Shared {
     stop: AtomicBool,
@@ -112,12 +112,17 @@ struct Shared {
 
 /// Publishes `description` and starts the publisher thread, at which `server` serves requests, in the
 /// usual run directory. The thread inherits the caller's CPUs: call it before the loop's thread is
-/// pinned to its own.
+/// pinned to its own. A client that sends no reference for longer than `reference_timeout` (s) loses
+/// the command.
 ///
 /// # Errors
 /// Obstacles to creating the robot's services: see [`DaemonPorts::create`].
-pub fn start(description: &Description, server: RequestServer) -> Result<LoopEnds, Error> {
-    start_at(&Location::find()?, description, server)
+pub fn start(
+    description: &Description,
+    server: RequestServer,
+    reference_timeout: f64,
+) -> Result<LoopEnds, Error> {
+    start_at(&Location::find()?, description, server, reference_timeout)
 }
 
 /// [`start`] in another run directory.
@@ -128,13 +133,16 @@ pub fn start_at(
     location: &Location,
     description: &Description,
     server: RequestServer,
+    reference_timeout: f64,
 ) -> Result<LoopEnds, Error> {
     let ports = DaemonPorts::create(location, description)?;
     let (mut producer, mut consumer) = RingBuffer::new(RING);
     // Every page is written once now, so that the loop's first round through the ring faults none.
     while producer.push(SharedRecord::default()).is_ok() {}
     while consumer.pop().is_ok() {}
-    let (arrived, references) = triple_buffer::triple_buffer(&Arrived::default());
+    let (mut arrived, mut references) = RingBuffer::new(REFERENCE_RING);
+    while arrived.push(Reference::default()).is_ok() {}
+    while references.pop().is_ok() {}
     let (input, settings) = triple_buffer::triple_buffer(server.settings());
     let (operator, requests) = RingBuffer::new(OPERATOR_RING);
     let shared = Arc::new(Shared::default());
@@ -171,7 +179,10 @@ pub fn start_at(
             publisher: Some(publisher),
             parked,
         },
-        references: ReferenceReceiver { references },
+        references: ReferenceReceiver {
+            references,
+            commanders: Commanders::new(reference_timeout),
+        },
         settings: SettingsReceiver { settings },
         operator: OperatorReceiver { requests },
     })
@@ -226,12 +237,21 @@ impl Drop for RecordSender {
 }
 
 impl ReferenceReceiver {
-    /// The newest reference and its time of sending, ns on `CLOCK_MONOTONIC`; as the client sent it,
-    /// unchecked. `None` until the first has arrived. Neither waits nor allocates nor calls the
-    /// system.
-    pub fn latest(&mut self) -> Option<(&Reference, u64)> {
-        let arrived = self.references.read();
-        (arrived.at_ns != 0).then_some((&arrived.reference, arrived.at_ns))
+    /// Takes all references that have arrived, and begins the cycle of `now_ns` on `CLOCK_MONOTONIC`. Neither waits nor allocates nor calls
+    /// the system.
+    pub fn next_command(&mut self, now_ns: u64) -> &Commanders {
+        for _ in 0..REFERENCE_RING {
+            let Ok(chunk) = self.references.read_chunk(1) else {
+                break;
+            };
+            let (references, _) = chunk.as_slices();
+            for reference in references {
+                self.commanders.offer(reference, now_ns);
+            }
+            chunk.commit_all();
+        }
+        self.commanders.begin_cycle(now_ns);
+        &self.commanders
     }
 }
 
@@ -263,7 +283,7 @@ struct Publisher {
     settings: triple_buffer::Input<Settings>,
     operator: Producer<(OperatorRequest, u64)>,
     records: Consumer<SharedRecord>,
-    arrived: triple_buffer::Input<Arrived>,
+    arrived: Producer<Reference>,
     shared: Arc<Shared>,
 }
 
@@ -278,7 +298,7 @@ impl Publisher {
             if stop {
                 return;
             }
-            self.take_reference();
+            self.take_references();
             self.serve();
             if cleaned_up.elapsed() > CLEANUP_INTERVAL {
                 self.ports.cleanup_dead_clients();
@@ -334,24 +354,16 @@ impl Publisher {
         }
     }
 
-    fn take_reference(&mut self) {
-        let received = self.ports.newest_reference();
-        count_failure(&self.shared, &received);
-        if let Ok(Some(reference)) = received {
-            self.arrived.write(Arrived {
-                reference,
-                at_ns: sent_at(&reference, monotonic_ns()),
-            });
+    /// As many as the ring has room for; the rest waits in the clients' buffers.
+    fn take_references(&mut self) {
+        for _ in 0..self.arrived.slots() {
+            let received = self.ports.next_reference();
+            count_failure(&self.shared, &received);
+            let Ok(Some(reference)) = received else {
+                return;
+            };
+            let _ = self.arrived.push(reference);
         }
-    }
-}
-
-/// The instant from which a reference's age counts: that of its sending, so that time which it has
-/// waited for this thread counts too; that of its arrival if the client's clock is ahead.
-fn sent_at(reference: &Reference, arrival_ns: u64) -> u64 {
-    match reference.sent_ns {
-        0 => arrival_ns,
-        sent_ns => sent_ns.min(arrival_ns),
     }
 }
 

@@ -18,12 +18,14 @@ use test_support::read_project_file;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::bus::{FaultInjector, Faults, LockStep};
 use torqued::control_loop::ControlLoop;
-use torqued::real_time::Pace;
+use torqued::real_time::{Pace, monotonic_ns};
 use torqued::request_server::RequestServer;
 use torqued::shared_memory;
 use torqued_client::{Client, Commander, Error, Location};
 
 const PATIENCE: Duration = Duration::from_secs(10);
+/// Time-out of references: simulated time differs from the clients'.
+const TIMEOUT_S: f64 = 10.0;
 const JOINTS: usize = 6;
 
 /// The leg that an operator enables.
@@ -67,7 +69,8 @@ impl Daemon {
             ..Description::default()
         };
         let server = server.expect("a request server");
-        let mut ends = shared_memory::start_at(&run, &description, server).expect("ends");
+        let mut ends =
+            shared_memory::start_at(&run, &description, server, TIMEOUT_S).expect("ends");
         let [stop, unplugged] = [false, unplugged].map(|set| Arc::new(AtomicBool::new(set)));
         let (stopped, lost) = (Arc::clone(&stop), Arc::clone(&unplugged));
         let thread = thread::spawn(move || {
@@ -83,11 +86,12 @@ impl Daemon {
                     ..Faults::default()
                 };
                 control_loop.bus_mut().set_faults(faults);
-                let arrived = ends.references.latest();
+                let commanders = ends.references.next_command(monotonic_ns());
                 let input = ClientInput {
                     // Time here is not the clients': their leases do not end.
-                    reference: arrived.map(|(reference, _)| reference),
+                    reference: commanders.reference(),
                     age_s: 0.0,
+                    commander: commanders.record(),
                     settings: None,
                     request: ends.operator.next_request(),
                 };
@@ -178,7 +182,11 @@ fn command(client: &mut Client, commander: &mut Commander, mode: Mode, state: Ro
             let joints = reference.joints.iter_mut().zip(&pose.measured.joints);
             joints.for_each(|(desired, joint)| desired.q_d = joint.q);
         });
-        result.expect("sent");
+        // A mode that is not followed yet is an error.
+        assert!(
+            matches!(result, Ok(()) | Err(Error::NotFollowed { .. })),
+            "{result:?}"
+        );
         let record = client.next_record(PATIENCE).expect("a record");
         if since.elapsed() > SEEN && record.cycle.state == state.number() {
             return;
@@ -206,9 +214,19 @@ fn an_operator_goes_the_whole_way() {
     assert!(done(client.stop()).contains("at rest"));
     // The reference still asks for motion: it is not followed before it has asked for hold.
     client.latest().expect("records");
+    let mut refused = String::new();
     for record in client.records(PATIENCE).take(300) {
         assert_eq!(record.expect("a record").cycle.state, Holding.number());
-        commander.send(|_| ()).expect("sent");
+        if let Err(error) = commander.send(|_| ()) {
+            refused = error.to_string();
+        }
+    }
+    for part in [
+        "not followed",
+        "operator's request",
+        "ask for mode hold first",
+    ] {
+        assert!(refused.contains(part), "{part} is missing in: {refused}");
     }
     command(&mut client, &mut commander, Mode::Hold, Holding);
     command(&mut client, &mut commander, Mode::InverseDynamics, Active);

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use common::{RunDir, robot};
 use problem::Problem;
-use robot_state::{Description, Mode, Name, SharedRecord};
+use robot_state::{Description, Mode, Name, Reference, SharedRecord};
 use test_support::allocations;
 use torqued::real_time::monotonic_ns;
 use torqued::request_server::RequestServer;
@@ -15,6 +15,8 @@ use torqued::shared_memory::{self, LoopEnds};
 use torqued_client::{Client, Commander, Error};
 
 const PATIENCE: Duration = Duration::from_secs(10);
+/// Time-out of references in the tests that measure none.
+const TIMEOUT_S: f64 = 10.0;
 
 /// The daemon's end, in a run directory of one test.
 struct Daemon(RunDir);
@@ -25,8 +27,13 @@ impl Daemon {
     }
 
     fn start(&self) -> LoopEnds {
-        shared_memory::start_at(&self.0.location, &description(), request_server())
-            .expect("shared memory")
+        shared_memory::start_at(
+            &self.0.location,
+            &description(),
+            request_server(),
+            TIMEOUT_S,
+        )
+        .expect("shared memory")
     }
 
     fn client(&self) -> Client {
@@ -121,50 +128,71 @@ fn a_full_ring_refuses_and_counts_but_does_not_wait() {
     });
 }
 
+/// Runs a loop without a robot until `done`: each millisecond a record with the lease, and the
+/// references that a cycle would follow, with their ages.
+fn run_loop(ends: &mut LoopEnds, done: impl Fn() -> bool) -> Vec<(Reference, f64)> {
+    let mut seen = Vec::with_capacity(10_000);
+    let mut record = record(0);
+    while !done() {
+        let now = monotonic_ns();
+        record.cycle.sequence += 1;
+        let commanders = ends.references.next_command(now);
+        record.cycle.commander = commanders.record();
+        if let Some(reference) = commanders.reference() {
+            record.cycle.commander.sequence = reference.sequence;
+            seen.push((*reference, commanders.age_s(now)));
+        }
+        ends.records.send(&record);
+        thread::sleep(Duration::from_millis(1));
+    }
+    seen
+}
+
 #[test]
-fn references_come_with_their_time_of_sending() {
+fn references_arrive_unchanged_and_age_from_their_sending() {
     let dir = Daemon::new();
-    let ends = dir.start();
-    let (mut sender, mut references) = (ends.records, ends.references);
-    assert!(references.latest().is_none());
+    let mut ends = dir.start();
     let mut client = dir.client();
-    sender.send(&record(1));
-    let mut commander = Commander::connect(&mut client).expect("commander");
-    let before = monotonic_ns();
     let odd = f64::from_bits(0x7ff8_dead_beef_0001);
-    commander
-        .send(|r| {
-            r.mode = Mode::Torque.number();
-            r.joints[2].tau_d = odd;
-        })
-        .expect("sent");
-    let (reference, first_ns) = wait_for(|| {
-        let newest = references.latest().map(|(r, at)| (*r, at));
-        newest.filter(|(r, _)| r.mode == Mode::Torque.number())
+    let commanding = thread::spawn(move || {
+        let mut commander = Commander::connect(&mut client).expect("commander");
+        commander
+            .send(|r| {
+                r.mode = Mode::Torque.number();
+                r.joints[2].tau_d = odd;
+            })
+            .expect("sent");
+        // Nothing more is sent while it ages.
+        thread::sleep(Duration::from_millis(100));
+        commander.close().expect("given back");
+        // The loop is to see that.
+        thread::sleep(Duration::from_millis(100));
     });
-    assert!((before..=monotonic_ns()).contains(&first_ns));
+    let seen = run_loop(&mut ends, || commanding.is_finished());
+    commanding.join().expect("commanded");
+    assert_eq!(seen[0].0.mode, Mode::Hold.number());
+    let torque: Vec<_> = (seen.iter())
+        .filter(|(r, _)| r.mode == Mode::Torque.number())
+        .collect();
+    let first = torque.first().expect("followed");
     assert_eq!(
-        first_ns, reference.sent_ns,
-        "its way to the loop counts as age"
-    );
-    assert_eq!(reference.mode, Mode::Torque.number());
-    assert_eq!(
-        reference.joints[2].tau_d.to_bits(),
+        first.0.joints[2].tau_d.to_bits(),
         odd.to_bits(),
         "unchecked, untouched"
     );
-    assert_eq!(
-        references.latest().map(|(_, at)| at),
-        Some(first_ns),
-        "it only grows older"
+    for pair in torque.windows(2) {
+        assert_eq!(pair[0].0.sent_ns, pair[1].0.sent_ns);
+        assert!(pair[1].1 > pair[0].1, "it only grows older");
+    }
+    assert!(torque.last().expect("followed").1 > 0.05, "age counts");
+    let last = seen.last().expect("followed");
+    assert_eq!((last.0.mode, last.0.gives_back), (Mode::Hold.number(), 1));
+    assert!(
+        ends.references
+            .next_command(monotonic_ns())
+            .reference()
+            .is_none()
     );
-
-    drop(commander);
-    let last_ns = wait_for(|| {
-        let (reference, at) = references.latest()?;
-        (reference.mode == Mode::Hold.number()).then_some(at)
-    });
-    assert!(last_ns > first_ns);
 }
 
 #[test]
@@ -173,14 +201,18 @@ fn the_loops_thread_does_not_allocate() {
     let mut ends = dir.start();
     let mut client = dir.client();
     let mut record = Box::new(record(0));
-    ends.records.send(&record);
-    let mut commander = Commander::connect(&mut client).expect("commander");
     // Clients come and go meanwhile, which makes the publisher thread map and unmap files.
     let location = dir.0.location.clone();
     let others = thread::spawn(move || {
+        let mut commander = Commander::connect(&mut client).expect("commander");
         for _ in 0..5 {
             let mut guest = Client::connect_at(&location, "leg", PATIENCE).expect("guest");
             guest.next_record(PATIENCE).expect("record");
+            let refused = Commander::connect(&mut guest).expect_err("refused");
+            assert!(
+                matches!(refused, Error::AlreadyCommanded { .. }),
+                "{refused}"
+            );
             commander
                 .send(|r| r.mode = Mode::Torque.number())
                 .expect("sent");
@@ -189,7 +221,7 @@ fn the_loops_thread_does_not_allocate() {
     });
     let (mut arrivals, mut changes) = (0, 0);
     let first_sequence = ends.settings.latest().sequence;
-    let (mut last_ns, mut last_sequence) = (0, first_sequence);
+    let (mut last_seen, mut last_sequence) = (0, first_sequence);
     // The newest of them may still be under way.
     while !others.is_finished() || arrivals == 0 {
         let before = allocations();
@@ -198,15 +230,18 @@ fn the_loops_thread_does_not_allocate() {
         let sequence = ends.settings.latest().sequence;
         changes += u32::from(sequence > last_sequence);
         last_sequence = sequence;
-        if let Some((_, at_ns)) = ends.references.latest() {
-            arrivals += u32::from(at_ns > last_ns);
-            last_ns = at_ns;
+        let commanders = ends.references.next_command(monotonic_ns());
+        record.cycle.commander = commanders.record();
+        if let Some(reference) = commanders.reference() {
+            arrivals += u32::from(reference.sequence > last_seen);
+            last_seen = reference.sequence;
         }
         assert_eq!(allocations(), before);
         thread::sleep(Duration::from_micros(200));
     }
     others.join().expect("served");
-    assert!(record.cycle.sequence >= 5);
+    assert!(record.cycle.commander.refused >= 5);
+    assert!(arrivals >= 5);
     assert!(changes > 0);
     let choices = last_sequence - first_sequence;
     assert_eq!(choices, 5, "each is with the loop before it is answered");
@@ -234,7 +269,8 @@ fn one_daemon_at_a_time_and_the_next_may_start() {
     let dir = Daemon::new();
     let sender = dir.start().records;
     let mut client = dir.client();
-    let refused = shared_memory::start_at(&dir.0.location, &description(), request_server()).err();
+    let refused =
+        shared_memory::start_at(&dir.0.location, &description(), request_server(), TIMEOUT_S).err();
     assert_eq!(
         refused,
         Some(Error::AlreadyRunning {

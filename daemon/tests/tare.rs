@@ -18,12 +18,14 @@ use torqued::bus::LockStep;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::control_loop::ControlLoop;
 use torqued::offsets::Store;
-use torqued::real_time::Pace;
+use torqued::real_time::{Pace, monotonic_ns};
 use torqued::request_server::RequestServer;
 use torqued::shared_memory;
 use torqued_client::{Client, Commander, Error};
 
 const PATIENCE: Duration = Duration::from_secs(10);
+/// Time-out of references: simulated time differs from the clients'.
+const TIMEOUT_S: f64 = 10.0;
 const CONTACTS: &str = r#"
 [[contacts]]
 name = "standing"
@@ -91,8 +93,8 @@ impl Daemon {
             description.contact_set_names[i] = Name::new(name);
             description.contact_set_count += 1;
         }
-        let mut ends =
-            shared_memory::start_at(&place.0.location, &description, server).expect("ends");
+        let mut ends = shared_memory::start_at(&place.0.location, &description, server, TIMEOUT_S)
+            .expect("ends");
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = thread::spawn(move || {
@@ -103,11 +105,12 @@ impl Daemon {
             let mut errors = vec![[0.0; 6]; robot.parameters.ft_sensors.len()];
             let mut cycles = 0.0;
             while !stopped.load(Ordering::Relaxed) {
-                let arrived = ends.references.latest();
+                let commanders = ends.references.next_command(monotonic_ns());
                 let wanted = ClientInput {
                     // Simulated time differs from the clients': their leases do not end.
-                    reference: arrived.map(|(reference, _)| reference),
+                    reference: commanders.reference(),
                     age_s: 0.0,
+                    commander: commanders.record(),
                     settings: Some(ends.settings.latest()),
                     request: None,
                 };
@@ -309,7 +312,10 @@ fn only_a_robot_that_holds_its_position_is_tared() {
                 joint.q_d = now.q;
             }
         });
-        sent.expect("sent");
+        assert!(
+            matches!(sent, Ok(()) | Err(Error::NotFollowed { .. })),
+            "{sent:?}"
+        );
         if seen == Mode::InverseDynamics.number() {
             break;
         }

@@ -9,6 +9,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -110,12 +112,32 @@ def test_a_slow_client_counts_lost_records(daemons):
     assert client._newest_sequence - before == client.lost + received
 
 
+class Sending:
+    """A commander that goes on sending its reference, in a thread."""
+
+    def __init__(self, commander):
+        self.commander = commander
+        self.ended = threading.Event()
+        self.thread = threading.Thread(target=self.run)
+
+    def run(self):
+        while not self.ended.wait(0.005):
+            self.commander.send()
+
+    def __enter__(self):
+        self.thread.start()
+
+    def __exit__(self, *_):
+        self.ended.set()
+        self.thread.join()
+
+
 def test_references_move_the_robot_until_the_block_ends(daemons):
     daemons()
     client = torqued.Client("leg", PATIENCE_S)
     with torqued.Commander(client) as commander:
         assert commander.reference.joint_count == JOINTS
-        assert commander.reference.sequence == 1, "the first reference has been sent"
+        assert commander.status.commander.session == commander.reference.session
 
         def change(reference):
             reference.mode = torqued.Mode.INVERSE_DYNAMICS
@@ -126,14 +148,71 @@ def test_references_move_the_robot_until_the_block_ends(daemons):
         record = wait_for(client, lambda r: r.cycle.mode == torqued.Mode.INVERSE_DYNAMICS)
         assert record.cycle.measured.joints[3].q == 0.75
         assert record.cycle.commanded.joints[5].tau_d == -4.5
-        with pytest.raises(torqued.AlreadyCommandedError, match="another client"):
-            torqued.Commander(torqued.Client("leg", PATIENCE_S))
+        with Sending(commander):
+            with pytest.raises(torqued.AlreadyCommandedError, match=rf"process {os.getpid()} "):
+                torqued.Commander(torqued.Client("leg", PATIENCE_S))
     wait_for(client, lambda r: r.cycle.mode == torqued.Mode.HOLD)
     # The next one begins where the robot stands.
     with torqued.Commander(client) as commander:
         assert commander.reference.mode == torqued.Mode.HOLD
         assert [joint.q_d for joint in commander.reference.joints[2:5]] == [0.0, 0.75, 0.0]
         wait_for(client, lambda r: r.cycle.measured.joints[3].q == 0.75)
+
+
+def test_a_commander_of_higher_priority_takes_over(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    with torqued.Commander(client, priority=1) as first:
+        first.send()
+        with torqued.Commander(torqued.Client("leg", PATIENCE_S), priority=2) as second:
+            with Sending(second):
+                with pytest.raises(torqued.AlreadyCommandedError, match="priority 2"):
+                    first.send()
+        first.hold_until_ready(PATIENCE_S)
+        first.reference.mode = torqued.Mode.TORQUE
+        first.send()
+
+
+def test_references_that_are_not_followed_raise(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    with torqued.Commander(client) as commander:
+
+        def torque():
+            commander.reference.mode = torqued.Mode.TORQUE
+            for _ in range(100):
+                commander.send()
+                time.sleep(0.002)
+
+        torque()
+        # Enabled twice, this daemon latches a fault.
+        client.enable()
+        with pytest.raises(torqued.NotFollowedError, match="fault 404 enable_time_out"):
+            torque()
+        with pytest.raises(torqued.NotFollowedError, match="404"):
+            commander.hold_until_ready(0.05)
+        client.acknowledge(404)
+        with pytest.raises(torqued.NotFollowedError, match="in state ready"):
+            torque()
+        client.enable()
+        commander.hold_until_ready(PATIENCE_S)
+        torque()
+        time.sleep(0.5)  # longer than the time-out
+        with pytest.raises(torqued.CommandLostError, match="ask for mode hold"):
+            commander.send()
+        commander.reference.mode = torqued.Mode.HOLD
+        commander.send()
+        torque()
+
+
+@pytest.mark.parametrize("record", [torqued.Reference, torqued.SharedRecord, torqued.Request])
+def test_a_misspelt_field_is_an_error(record):
+    with pytest.raises(AttributeError):
+        record().qd = 1.0
+    with pytest.raises(AttributeError):
+        torqued.Reference().joints[0].qd = 1.0
+    with pytest.raises(AttributeError):
+        torqued.Reference(joint_cout=6)
 
 
 def test_a_killed_commander_makes_room(daemons):

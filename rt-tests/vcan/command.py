@@ -2,7 +2,8 @@
 
     python command.py ROBOT [nan | stubborn]
 
-nan: the first joint's desired torque is NaN; stubborn: it goes on without a daemon.
+nan: the first joint's desired torque is NaN; stubborn: it goes on without a daemon. Both go on where
+they are not followed.
 """
 
 import math
@@ -13,6 +14,7 @@ import torqued
 
 client = torqued.Client(sys.argv[1], timeout_s=10.0)
 commander = torqued.Commander(client)
+commander.hold_until_ready(10.0)
 desired = commander.reference
 desired.mode = torqued.Mode.INVERSE_DYNAMICS
 if sys.argv[2:] == ["nan"]:
@@ -24,6 +26,6 @@ while True:
     time.sleep(0.005)
     try:
         commander.send()
-    except torqued.NoDaemonError:
-        if sys.argv[2:] != ["stubborn"]:
+    except (torqued.NoDaemonError, torqued.CommandLostError, torqued.NotFollowedError):
+        if sys.argv[2:] == []:
             raise

@@ -14,7 +14,7 @@ SLOW = {
     "rate_hz = 1000.0": "rate_hz = 200.0",
     "gather_deadline_us = 750.0": "gather_deadline_us = 4500.0",
     "stale_after_ms = 20.0": "stale_after_ms = 200.0",
-    "reference_timeout_ms = 50.0": "reference_timeout_ms = 500.0",
+    "reference_timeout_ms = 40.0": "reference_timeout_ms = 500.0",
 }
 
 

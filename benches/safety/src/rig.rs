@@ -6,7 +6,8 @@ use plant::CanRobot;
 use problem::Problem;
 use robot_config::{Robot, slots};
 use robot_state::{
-    CycleRecord, Event, JointReference, Mode, Reference, RobotState, Settings, torque_flags,
+    CommanderRecord, CycleRecord, Event, JointReference, Mode, Reference, RobotState, Settings,
+    torque_flags,
 };
 
 use crate::robots::Prepared;
@@ -149,6 +150,7 @@ impl Rig {
         let client = ClientInput {
             reference: self.client.speaks.then_some(&self.client.reference),
             age_s: self.client.age_s,
+            commander: CommanderRecord::default(),
             settings: self.client.settings.as_ref(),
             request: self.client.request,
         };

@@ -5,14 +5,13 @@
         print(record.cycle.estimated.joints[0].tau_whole_body.tau)
 """
 
-from .client import (
+from .client import Client, NoDaemonError, OtherLayoutError, RefusedError, text
+from .commander import (
     AlreadyCommandedError,
-    Client,
     Commander,
-    NoDaemonError,
-    OtherLayoutError,
-    RefusedError,
-    text,
+    CommandLostError,
+    NotFollowedError,
+    why_not_followed,
 )
 from .layout import *  # noqa: F403  the records and their enumerations
 from .location import NoRoomError, RunDirectoryError, run_dir

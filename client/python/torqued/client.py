@@ -1,4 +1,4 @@
-"""Records and requests of a client, and references of a commanding one."""
+"""Records and requests of a client."""
 
 import ctypes
 import secrets
@@ -13,8 +13,6 @@ from .layout import (
     Answer,
     AnswerStatus,
     Description,
-    Mode,
-    Reference,
     Request,
     RequestKind,
     SharedRecord,
@@ -24,8 +22,6 @@ from .layout import (
 POLL_S = 0.5e-3
 #: Longest time without an answer, s; the daemon sends ten a second while it works on a request.
 ANSWER_TIMEOUT_S = 2.0
-#: Shortest and longest time that the daemon is given to see a commander's first reference, s.
-SEEN_S = (0.005, 0.1)
 #: Time limit of retries while dead processes are being cleaned up, s.
 RETRY_S = 0.5
 
@@ -39,10 +35,6 @@ class NoDaemonError(RuntimeError):
 
 class OtherLayoutError(RuntimeError):
     """Daemon and client were built with different records."""
-
-
-class AlreadyCommandedError(RuntimeError):
-    """Another client commands the robot."""
 
 
 class RefusedError(RuntimeError):
@@ -69,7 +61,7 @@ class Client:
         until = time.monotonic() + timeout_s
         service = self._open("description", Description, until)
         self._descriptions = service.subscriber_builder().create()
-        while (description := _newest(self._descriptions, Description)) is None:
+        while (description := newest_message(self._descriptions, Description)) is None:
             if time.monotonic() > until:
                 raise self._no_daemon("description")
             time.sleep(POLL_S)
@@ -219,7 +211,7 @@ class Client:
             self.lost += sequence - newest - 1
         elif newest is not None:
             # The count restarted: another daemon took over, perhaps with another configuration.
-            self.description = _newest(self._descriptions, Description) or self.description
+            self.description = newest_message(self._descriptions, Description) or self.description
         return record
 
     def _open(self, channel: str, payload: type[ctypes.Structure], until: float):
@@ -247,72 +239,17 @@ class Client:
         )
 
 
-class Commander:
-    """The right to command a robot: one client has it at a time. Used in a `with` block, which
-    leaves the robot holding its position; so does the death of this program, once
-    `loop.reference_timeout_ms` have passed.
-
-    After a restart of the daemon, references of a commander from before are not followed until it
-    has asked for mode hold: until then the records show mode hold. The same holds after a flaw in
-    a reference, a fault, and an operator's stop."""
-
-    def __init__(self, client: Client):
-        """Takes the command of the client's robot. The first reference is sent here: it asks for mode
-        hold, with `q_d` at the measured pose of the newest record, which is taken from the client."""
-        record = client.latest() or client.next_record()
-        service = client._open("reference", Reference, time.monotonic())
-        until = time.monotonic() + RETRY_S
-        while True:
-            try:
-                self._references = service.publisher_builder().create()
-                break
-            except iox2.PublisherCreateError as e:
-                if time.monotonic() > until:
-                    raise AlreadyCommandedError(
-                        f'robot "{client.robot}" is commanded by another client; one at a time '
-                        "may command: stop that one first"
-                    ) from e
-                # The process that holds the place may have died a moment ago.
-                client._node.try_cleanup_dead_nodes()
-            time.sleep(0.01)
-        #: The present reference; `send` sends it.
-        self.reference = Reference(joint_count=client.description.joint_count, mode=Mode.HOLD)
-        for desired, measured in zip(self.reference.joints, record.cycle.measured.joints):
-            desired.q_d = measured.q
-        self.send()
-        # The daemon sees the newest reference only: none follows before it has seen this one.
-        time.sleep(min(max(2.0 / max(client.description.rate_hz, 1.0), SEEN_S[0]), SEEN_S[1]))
-
-    def send(self, change: Optional[Callable[[Reference], None]] = None) -> None:
-        """Sends the reference, after `change` if given. To be called at least every
-        `loop.reference_timeout_ms`: a reference is a lease."""
-        if change is not None:
-            change(self.reference)
-        self.reference.sequence += 1
-        self.reference.sent_ns = time.monotonic_ns()
-        sample = self._references.loan_uninit().write_payload(self.reference)
-        if sample.send() == 0:
-            raise NoDaemonError("references have no receiver; torqued has stopped or was killed")
-
-    def __enter__(self) -> "Commander":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.reference.mode = Mode.HOLD
-        try:
-            self.send()
-        except NoDaemonError:
-            pass
-        self._references.delete()
-
-
 def text(name: ctypes.Array) -> str:
     """A name in a record as a string."""
     return bytes(name).split(b"\0", 1)[0].decode(errors="replace")
 
 
-def _newest(subscriber, payload: type[ctypes.Structure]):
+def newest_message(subscriber, payload: type[ctypes.Structure]):
+    """The newest message that has arrived, a copy; the others are dropped."""
     newest = None
-    while (sample := subscriber.receive()) is not None:
+    while True:
+        sample = subscriber.receive()
+        if sample is None:
+            return newest
         newest = payload.from_buffer_copy(sample.payload().contents)
-    return newest
+        del sample  # one at a time may be held

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 44
+EVENT_COUNT = 46
 
 
 class Mode(IntEnum):
@@ -96,6 +96,27 @@ class AnswerStatus(IntEnum):
     REFUSED = 3
 
 
+class LeaseRefusal(IntEnum):
+    """Reason for which a reference was refused."""
+
+    HELD = 1
+    HOLD_FIRST = 2
+    OLD_SESSION = 3
+    NOT_ADVANCED = 4
+    TOO_OLD = 5
+    INVALID = 6
+
+
+class NotFollowed(IntEnum):
+    """Reason for which no mode of the commander is followed."""
+
+    FAULT = 1
+    STATE = 2
+    HOLD_FIRST = 3
+    NOT_READY = 4
+    NOT_POSSIBLE = 5
+
+
 class Event(NamedTuple):
     """A numbered event."""
 
@@ -138,6 +159,8 @@ EVENTS = (
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
     Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints.", "-", "release"),
     Event(304, "reference_jump", "A client's desired position was far from the pose at its start, or moved faster than the joint may.", "joint.velocity_limit_rad_per_s", "release"),
+    Event(305, "commander_refused", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.", "loop.reference_timeout_ms", "warn"),
+    Event(306, "commander_replaced", "A client of higher priority took the command over.", "-", "release"),
     Event(401, "position_limit", "A commanded position, or its lead over the measured position, was limited.", "joint.position_min_deg / joint.position_max_deg", "warn"),
     Event(402, "torque_limit", "A commanded torque or current was limited.", "joint.torque_limit_Nm", "warn"),
     Event(403, "command_not_finite", "A computed command was NaN or infinite; the last command was kept.", "-", "hold"),
@@ -155,9 +178,42 @@ EVENTS = (
 )
 
 
+class CommanderRecord(ctypes.Structure):
+    """64 bytes."""
+
+    __slots__ = ()
+    _fields_ = [
+        # Session that has the lease, or 0.
+        ("session", ctypes.c_uint64),
+        # Instant at which it got the lease, ns on the machine's `CLOCK_MONOTONIC`.
+        ("since_ns", ctypes.c_uint64),
+        # Sequence of its newest reference that the cycle has seen.
+        ("sequence", ctypes.c_uint64),
+        # Session that was refused last, or 0.
+        ("refused_session", ctypes.c_uint64),
+        # Why: one of `lease_refusal`.
+        ("refused_reason", ctypes.c_uint32),
+        # References refused since start.
+        ("refused", ctypes.c_uint32),
+        # How often a session of higher priority has taken the lease over since start.
+        ("replaced", ctypes.c_uint32),
+        # Priority of the session that has the lease.
+        ("priority", ctypes.c_uint32),
+        # Its process.
+        ("pid", ctypes.c_uint32),
+        # Why no mode is followed, one of `not_followed`, or 0.
+        ("not_followed", ctypes.c_uint32),
+        # Number of the event that has caused it, or 0, e.g. for an operator's request.
+        ("cause", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
 class JointMeasured(ctypes.Structure):
     """88 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # q: joint angle, rad, newest sample.
         ("q", ctypes.c_double),
@@ -189,6 +245,7 @@ class JointMeasured(ctypes.Structure):
 class Wrench(ctypes.Structure):
     """48 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # f: force, N, x y z.
         ("force", ctypes.c_double * 3),
@@ -200,6 +257,7 @@ class Wrench(ctypes.Structure):
 class FtMeasured(ctypes.Structure):
     """168 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # Wrench that the part beyond the sensor applies to the part before it, newest sample, calibrated, `offset` subtracted.
         ("wrench", Wrench),
@@ -221,6 +279,7 @@ class FtMeasured(ctypes.Structure):
 class ImuMeasured(ctypes.Structure):
     """136 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # Angular velocity, rad/s, newest sample.
         ("gyro", ctypes.c_double * 3),
@@ -244,6 +303,7 @@ class ImuMeasured(ctypes.Structure):
 class MeasuredRecord(ctypes.Structure):
     """7120 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # Delay of the filtered quantities, s.
         ("filter_delay_s", ctypes.c_double),
@@ -259,6 +319,7 @@ class MeasuredRecord(ctypes.Structure):
 class TorqueEstimate(ctypes.Structure):
     """32 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # tau: torque that the transmission applies to the child link along +q, N·m.
         ("tau", ctypes.c_double),
@@ -276,6 +337,7 @@ class TorqueEstimate(ctypes.Structure):
 class JointEstimated(ctypes.Structure):
     """144 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # Torque from encoders and current (Z): without delay, but with slow errors of the deformation model.
         ("tau_encoder", TorqueEstimate),
@@ -297,6 +359,7 @@ class JointEstimated(ctypes.Structure):
 class FtEstimated(ctypes.Structure):
     """144 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # f_hat: wrench that the environment applies to the end-effector, at the sensor's frame, inertia and weight of the end-effector removed (D 2.2).
         ("contact_wrench", Wrench),
@@ -310,6 +373,7 @@ class FtEstimated(ctypes.Structure):
 class EstimatedRecord(ctypes.Structure):
     """10576 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # The joints, in config order.
         ("joints", JointEstimated * 64),
@@ -337,6 +401,7 @@ class EstimatedRecord(ctypes.Structure):
 class JointCommanded(ctypes.Structure):
     """112 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # tau_d: desired torque, N·m (D12).
         ("tau_d", ctypes.c_double),
@@ -374,6 +439,7 @@ class JointCommanded(ctypes.Structure):
 class CommandedRecord(ctypes.Structure):
     """7168 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # The joints, in config order.
         ("joints", JointCommanded * 64),
@@ -381,8 +447,9 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """25272 bytes."""
+    """25352 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # Cycle number since start.
         ("sequence", ctypes.c_uint64),
@@ -404,6 +471,8 @@ class CycleRecord(ctypes.Structure):
         ("possible_modes", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
         ("reserved", ctypes.c_uint32),
+        # The client that commands.
+        ("commander", CommanderRecord),
         # Joints in use.
         ("joint_count", ctypes.c_uint32),
         # F/T sensors in use.
@@ -415,13 +484,14 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 44),
+        ("events", ctypes.c_uint64 * 46),
     ]
 
 
 class LoopRecord(ctypes.Structure):
     """72 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # Cycles run.
         ("cycles", ctypes.c_uint64),
@@ -445,8 +515,9 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """25344 bytes."""
+    """25424 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # The cycle.
         ("cycle", CycleRecord),
@@ -458,6 +529,7 @@ class SharedRecord(ctypes.Structure):
 class Description(ctypes.Structure):
     """5832 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # The robot's name.
         ("robot", ctypes.c_uint8 * 48),
@@ -489,6 +561,7 @@ class Description(ctypes.Structure):
 class JointReference(ctypes.Structure):
     """32 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # q_d: desired joint angle, rad (mode inverse dynamics).
         ("q_d", ctypes.c_double),
@@ -502,31 +575,57 @@ class JointReference(ctypes.Structure):
 
 
 class Reference(ctypes.Structure):
-    """2464 bytes."""
+    """2488 bytes."""
 
+    __slots__ = ()
     _fields_ = [
-        # Count of the client's references, this one included.
+        # Session of the commander: a random number other than 0, a new one whenever it asks for the lease.
+        ("session", ctypes.c_uint64),
+        # Instant at which the session began, ns on the machine's `CLOCK_MONOTONIC`. A session older than one that has had the lease never gets it.
+        ("session_began_ns", ctypes.c_uint64),
+        # Count of the session's references, this one included: it must advance.
         ("sequence", ctypes.c_uint64),
-        # Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts from it. 0: from its arrival.
+        # Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts from it.
         ("sent_ns", ctypes.c_uint64),
         # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics.
         ("mode", ctypes.c_uint32),
         # Joints in use; must equal the robot's.
         ("joint_count", ctypes.c_uint32),
+        # Priority of the session, that of its first reference: it takes the lease over from a session of lower priority.
+        ("priority", ctypes.c_uint32),
+        # Process of the commander, to be named to others.
+        ("pid", ctypes.c_uint32),
+        # 1: the last reference of its session, which gives the lease back; the robot holds.
+        ("gives_back", ctypes.c_uint32),
+        # 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
+        ("contact_wrench_given", ctypes.c_uint32),
         # The joints, in config order.
         ("joints", JointReference * 64),
         # f_d: desired wrench of the environment on each end-effector, at the frame of its F/T sensor, in config order (mode inverse dynamics).
         ("contact_wrench", Wrench * 8),
-        # 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
-        ("contact_wrench_given", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
+    ]
+
+
+class CommanderStatus(ctypes.Structure):
+    """80 bytes."""
+
+    __slots__ = ()
+    _fields_ = [
+        # Cycle number since the daemon's start.
+        ("cycle", ctypes.c_uint64),
+        # The lease, and whether references are followed.
+        ("commander", CommanderRecord),
+        # Number of the robot's `RobotState`.
+        ("state", ctypes.c_uint32),
+        # Number of the robot's `Mode`.
+        ("mode", ctypes.c_uint32),
     ]
 
 
 class Request(ctypes.Structure):
     """1112 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # Any number that no other request has: the answers repeat it.
         ("id", ctypes.c_uint64),
@@ -552,6 +651,7 @@ class Request(ctypes.Structure):
 class TaredSensor(ctypes.Structure):
     """152 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # Offset of the tare; it is subtracted from the reading in addition to the configuration's offset.
         ("offset", Wrench),
@@ -569,6 +669,7 @@ class TaredSensor(ctypes.Structure):
 class Answer(ctypes.Structure):
     """2320 bytes."""
 
+    __slots__ = ()
     _fields_ = [
         # The request's `id`.
         ("id", ctypes.c_uint64),
@@ -590,8 +691,9 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#2663d56afd92200c")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#fe6a45cb885a6270")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#b32aab7aa4d3f9e2")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#f36959068f2015ff")
+CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#cb6f5874622f4292")
 Request.type_name = staticmethod(lambda: "torqued::Request#722a456d0d271a52")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

@@ -1,11 +1,14 @@
 //! Helpers of the tests of both ends.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
 use std::time::Duration;
 
+use nix::time::{ClockId, clock_gettime};
+use supervisor::Commanders;
 use test_support::TemporaryDirectory;
-use torqued_client::robot_state::{Description, Name, SharedRecord};
+use torqued_client::robot_state::{Description, Name, Reference, SharedRecord};
 use torqued_client::{Client, DaemonPorts, Location};
 
 /// A run directory of one test.
@@ -57,4 +60,59 @@ pub(crate) fn connect(dir: &RunDir, ports: &DaemonPorts, robot: &str) -> Client 
         done.store(true, Ordering::Relaxed);
         client.expect("a daemon runs")
     })
+}
+
+/// Lets a daemon's loop decide who commands, once a millisecond, while `act` runs. `change`
+/// changes its records before they are published. Also gives the references that it has followed.
+pub(crate) fn while_led<T>(
+    ports: &DaemonPorts,
+    reference_timeout: f64,
+    change: impl Fn(&mut SharedRecord) + Sync,
+    act: impl FnOnce() -> T,
+) -> (T, Vec<Reference>) {
+    let done = AtomicBool::new(false);
+    scope(|threads| {
+        let leading = threads.spawn(|| {
+            let mut commanders = Commanders::new(reference_timeout);
+            let mut followed: Vec<Reference> = Vec::new();
+            let mut sequence = 0;
+            while !done.load(Ordering::Relaxed) {
+                sequence += 1;
+                let mut record = record(sequence);
+                let now_ns = monotonic_ns();
+                while let Some(reference) = ports.next_reference().expect("received") {
+                    commanders.offer(&reference, now_ns);
+                }
+                commanders.begin_cycle(now_ns);
+                record.cycle.commander = commanders.record();
+                if let Some(reference) = commanders.reference() {
+                    record.cycle.commander.sequence = reference.sequence;
+                    let before = followed.last().map(|r| (r.session, r.sequence));
+                    if before != Some((reference.session, reference.sequence)) {
+                        followed.push(*reference);
+                    }
+                }
+                change(&mut record);
+                ports.publish(&record).expect("published");
+                ports.cleanup_dead_clients();
+                sleep(Duration::from_millis(1));
+            }
+            followed
+        });
+        // Also when `act` panics: the thread is joined.
+        let result = catch_unwind(AssertUnwindSafe(act));
+        // The loop is to see what was sent last.
+        sleep(Duration::from_millis(50));
+        done.store(true, Ordering::Relaxed);
+        let followed = leading.join().expect("led");
+        (
+            result.unwrap_or_else(|panic| resume_unwind(panic)),
+            followed,
+        )
+    })
+}
+
+fn monotonic_ns() -> u64 {
+    let now = clock_gettime(ClockId::CLOCK_MONOTONIC).expect("a clock");
+    now.tv_sec().unsigned_abs() * 1_000_000_000 + now.tv_nsec().unsigned_abs()
 }

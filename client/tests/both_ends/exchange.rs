@@ -1,12 +1,17 @@
 //! Both ends in one process.
 
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread::{scope, sleep};
 use std::time::Duration;
 
-use crate::common::{RunDir, connect, description, record};
-use torqued_client::robot_state::{Mode, Reference};
+use crate::common::{RunDir, connect, description, record, while_led};
+use torqued_client::robot_state::{Event, Mode, Reference, SharedRecord, not_followed};
 use torqued_client::{Client, Commander, DaemonPorts, Error, Location};
 
 const SECOND: Duration = Duration::from_secs(1);
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Time-out of references in the tests of no time-out, s.
+const LONG_S: f64 = 10.0;
 
 #[test]
 fn every_record_arrives_in_order_and_unchanged() {
@@ -86,43 +91,47 @@ fn records_can_be_held_but_not_without_end() {
 }
 
 #[test]
-fn references_arrive_newest_first_and_bit_for_bit() {
+fn references_arrive_in_order_and_bit_for_bit() {
     let dir = RunDir::new();
     let ports = DaemonPorts::create(&dir.location, &description("leg", 6)).expect("ports");
     let mut client = connect(&dir, &ports, "leg");
-    assert!(ports.newest_reference().expect("none yet").is_none());
-    let mut pose = record(1);
-    (
-        pose.cycle.measured.joints[0].q,
-        pose.cycle.measured.joints[3].q,
-    ) = (0.25, -0.5);
-    ports.publish(&pose).expect("published");
-    let mut commander = Commander::connect(&mut client).expect("commander");
-    let first = ports.newest_reference().expect("received").expect("some");
-    assert_eq!((first.sequence, first.mode), (1, Mode::Hold.number()));
-    let begins = [0, 1, 3].map(|j| first.joints[j].q_d);
-    assert_eq!(begins, [0.25, 0.0, -0.5], "it begins at the measured pose");
     // A NaN passes: judging it is the cycle's business, and it counts it.
     let odd = f64::from_bits(0x7ff8_dead_beef_0001);
-    for q_d in [1.0, 2.0, odd] {
-        let change = |r: &mut Reference| {
-            r.mode = Mode::InverseDynamics.number();
-            r.joints[3].q_d = q_d;
-        };
-        commander.send(change).expect("sent");
+    let pose = |record: &mut SharedRecord| {
+        let joints = &mut record.cycle.measured.joints;
+        (joints[0].q, joints[3].q) = (0.25, -0.5);
+    };
+    let ((), followed) = while_led(&ports, LONG_S, pose, || {
+        let mut commander = Commander::connect(&mut client).expect("commander");
+        for q_d in [1.0, 2.0, odd] {
+            let change = |r: &mut Reference| {
+                r.mode = Mode::InverseDynamics.number();
+                r.joints[3].q_d = q_d;
+            };
+            commander.send(change).expect("sent");
+            sleep(Duration::from_millis(10));
+        }
+        commander.close().expect("given back");
+    });
+    let first = &followed[0];
+    let own = (first.mode, first.pid, first.priority);
+    assert_eq!(own, (Mode::Hold.number(), std::process::id(), 0));
+    let begins = [0, 1, 3].map(|j| first.joints[j].q_d);
+    assert_eq!(begins, [0.25, 0.0, -0.5], "it begins at the measured pose");
+    for pair in followed.windows(2) {
+        assert_eq!(pair[0].session, pair[1].session);
+        assert!(pair[0].sequence < pair[1].sequence);
+        assert!(pair[0].sent_ns < pair[1].sent_ns);
     }
-    let reference = ports.newest_reference().expect("received").expect("some");
-    assert_eq!((reference.sequence, reference.joint_count), (4, 6));
-    assert_eq!(reference.joints[3].q_d.to_bits(), odd.to_bits());
-    assert!(ports.newest_reference().expect("no newer").is_none());
-
-    drop(commander);
-    let last = ports.newest_reference().expect("received").expect("some");
+    let [.., given, last] = &followed[..] else {
+        panic!("followed {}", followed.len());
+    };
     assert_eq!(
-        last.mode,
-        Mode::Hold.number(),
-        "a commander that goes leaves the robot holding"
+        (given.joint_count, given.mode),
+        (6, Mode::InverseDynamics.number())
     );
+    assert_eq!(given.joints[3].q_d.to_bits(), odd.to_bits());
+    assert_eq!((last.mode, last.gives_back), (Mode::Hold.number(), 1));
 }
 
 #[test]
@@ -133,19 +142,133 @@ fn a_second_commander_is_refused_until_the_first_has_gone() {
     let mut other = connect(&dir, &ports, "leg");
     let error = Commander::connect(&mut client).expect_err("no pose to begin at");
     assert!(matches!(error, Error::NoRecord { .. }), "{error}");
-    ports.publish(&record(1)).expect("published");
-    let first = Commander::connect(&mut client).expect("first");
-    let error = Commander::connect(&mut other).expect_err("second");
-    assert_eq!(
-        error,
-        Error::AlreadyCommanded {
-            robot: "leg".into()
-        }
+    while_led(
+        &ports,
+        LONG_S,
+        |_| (),
+        || {
+            let mut first = Commander::connect(&mut client).expect("first");
+            // It goes on while the other asks.
+            scope(|threads| {
+                let asking = threads.spawn(|| Commander::connect(&mut other).expect_err("second"));
+                while !asking.is_finished() {
+                    first.send(|_| ()).expect("sent");
+                    sleep(Duration::from_millis(1));
+                }
+                let error = asking.join().expect("asked");
+                let Error::AlreadyCommanded {
+                    pid, session, held, ..
+                } = error
+                else {
+                    panic!("{error}");
+                };
+                assert_eq!(
+                    (pid, session),
+                    (std::process::id(), first.reference().session)
+                );
+                assert!(
+                    held > Duration::from_millis(1) && held < PATIENCE,
+                    "{held:?}"
+                );
+                let pid = format!("process {pid} ");
+                assert!(error.to_string().contains(&pid), "{error}");
+            });
+            first.close().expect("given back");
+            Commander::connect(&mut other).expect("second, later, at once");
+        },
     );
-    assert!(error.to_string().contains("another client"), "{error}");
-    drop(first);
-    ports.publish(&record(2)).expect("published");
-    Commander::connect(&mut other).expect("second, later");
+}
+
+#[test]
+fn a_commander_of_higher_priority_takes_over_and_the_first_one_notices() {
+    let dir = RunDir::new();
+    let ports = DaemonPorts::create(&dir.location, &description("leg", 6)).expect("ports");
+    let mut client = connect(&dir, &ports, "leg");
+    let mut other = connect(&dir, &ports, "leg");
+    let torque = |r: &mut Reference| r.mode = Mode::Torque.number();
+    let ((), followed) = while_led(
+        &ports,
+        LONG_S,
+        |_| (),
+        || {
+            let mut first = Commander::connect_with(&mut client, 1).expect("first");
+            first.send(torque).expect("sent");
+            let second = Commander::connect_with(&mut other, 2).expect("second");
+            let lost = |error: &Error| matches!(error, Error::AlreadyCommanded { priority: 2, .. });
+            for mode in [Mode::Torque, Mode::Hold, Mode::Torque] {
+                let error = first.send(|r| r.mode = mode.number()).expect_err("lost");
+                assert!(lost(&error), "{error}");
+            }
+            let error = first
+                .hold_until_ready(PATIENCE)
+                .expect_err("held by another");
+            assert!(lost(&error), "{error}");
+            second.close().expect("given back");
+            first.hold_until_ready(PATIENCE).expect("free again");
+            first.send(torque).expect("sent");
+        },
+    );
+    let modes: Vec<_> = followed.iter().map(|r| (r.priority, r.mode)).collect();
+    let position = |wanted| modes.iter().position(|seen| *seen == wanted);
+    let taken_over = position((2, 0)).expect("followed");
+    assert!(position((1, 1)).expect("followed") < taken_over);
+    assert!(!modes[taken_over..].contains(&(2, 1)));
+    assert_eq!(modes.last(), Some(&(1, 0)), "given back: {modes:?}");
+}
+
+#[test]
+fn references_that_are_not_followed_are_an_error_until_hold_is_asked_for() {
+    let dir = RunDir::new();
+    let ports = DaemonPorts::create(&dir.location, &description("leg", 6)).expect("ports");
+    let mut client = connect(&dir, &ports, "leg");
+    let torque = |r: &mut Reference| r.mode = Mode::Torque.number();
+    let stale = Event::JointStale.number();
+    let fault = AtomicU32::new(0);
+    let latch = |record: &mut SharedRecord| {
+        let number = fault.load(Ordering::Relaxed);
+        if number != 0 {
+            let lease = &mut record.cycle.commander;
+            (lease.not_followed, lease.cause) = (not_followed::FAULT, number);
+        }
+    };
+    while_led(&ports, 0.2, latch, || {
+        let mut commander = Commander::connect(&mut client).expect("commander");
+        let send = |commander: &mut Commander| {
+            (0..50).find_map(|_| {
+                sleep(Duration::from_millis(1));
+                commander.send(torque).err()
+            })
+        };
+        assert_eq!(send(&mut commander), None);
+        fault.store(stale, Ordering::Relaxed);
+        let error = send(&mut commander).expect("a fault").to_string();
+        for part in ["not followed", "104 joint_stale", "torquectl acknowledge"] {
+            assert!(error.contains(part), "{part} is missing in: {error}");
+        }
+        let waited = commander.hold_until_ready(Duration::from_millis(50));
+        assert!(
+            matches!(waited, Err(Error::NotFollowed { .. })),
+            "{waited:?}"
+        );
+        fault.store(0, Ordering::Relaxed);
+        commander
+            .hold_until_ready(PATIENCE)
+            .expect("followed again");
+        assert_eq!(send(&mut commander), None);
+        // Longer than the time-out without a reference.
+        sleep(Duration::from_millis(300));
+        let error = commander.send(torque).expect_err("too late");
+        assert!(
+            error.to_string().contains("the command was lost"),
+            "{error}"
+        );
+        commander
+            .send(|r| r.mode = Mode::Hold.number())
+            .expect("anew");
+        // At once, within the daemon's cycle.
+        commander.send(torque).expect("sent");
+        assert_eq!(send(&mut commander), None);
+    });
 }
 
 #[test]
@@ -167,29 +290,29 @@ fn a_client_goes_on_with_the_next_daemon() {
     let dir = RunDir::new();
     let ports = DaemonPorts::create(&dir.location, &description("leg", 6)).expect("ports");
     let mut client = connect(&dir, &ports, "leg");
-    ports.publish(&record(899)).expect("published");
-    let mut commander = Commander::connect(&mut client).expect("commander");
+    let (mut commander, _) = while_led(
+        &ports,
+        LONG_S,
+        |_| (),
+        || Commander::connect(&mut client).expect("commander"),
+    );
+    client.latest().expect("records");
     ports.publish(&record(900)).expect("published");
     assert_eq!(
         client.next_record(SECOND).expect("record").cycle.sequence,
         900
     );
     drop(ports);
-    let error = commander.send(|_| ()).expect_err("no receiver");
+    let gone = (0..2).find_map(|_| commander.send(|_| ()).err());
     assert_eq!(
-        error,
-        Error::Gone {
+        gone,
+        Some(Error::Gone {
             robot: "leg".into()
-        }
+        })
     );
 
     let ports = DaemonPorts::create(&dir.location, &description("leg", 5)).expect("ports again");
-    assert!(
-        ports
-            .newest_reference()
-            .expect("no old reference")
-            .is_none()
-    );
+    assert!(ports.next_reference().expect("no old reference").is_none());
     ports.publish(&record(1)).expect("published");
     let next = client.next_record(SECOND).expect("record");
     assert_eq!((next.cycle.sequence, next.lost), (1, 0));
@@ -199,33 +322,37 @@ fn a_client_goes_on_with_the_next_daemon() {
         5,
         "the description is the new daemon's"
     );
-    // It commanded the daemon before: this one does not obey it before it has asked for hold.
-    let mut ask = |mode: u32| {
-        let change = |r: &mut Reference| (r.mode, r.joints[0].q_d) = (mode, 0.5);
-        commander.send(change).expect("sent");
-        let newest = ports.newest_reference().expect("received");
-        newest.map(|r| (r.mode, r.joints[0].q_d))
-    };
-    assert_eq!(ask(Mode::Torque.number()), None);
-    assert_eq!(ask(99), None);
-    assert_eq!(ask(Mode::Hold.number()), Some((Mode::Hold.number(), 0.5)));
-    assert_eq!(
-        ask(Mode::Torque.number()),
-        Some((Mode::Torque.number(), 0.5))
+    // It commanded the daemon before: this one does not follow it before it has asked for hold.
+    let torque = |r: &mut Reference| r.mode = Mode::Torque.number();
+    let ((), followed) = while_led(
+        &ports,
+        LONG_S,
+        |_| (),
+        || {
+            // Until the new daemon's first status arrives.
+            let noticed = (0..5000).any(|_| {
+                sleep(Duration::from_millis(1));
+                commander.send(torque).is_err()
+            });
+            assert!(noticed);
+            for _ in 0..20 {
+                let error = commander.send(torque).expect_err("lost");
+                assert!(matches!(error, Error::CommandLost { .. }), "{error}");
+            }
+            commander
+                .hold_until_ready(PATIENCE)
+                .expect("commands again");
+            commander.send(torque).expect("sent");
+            sleep(Duration::from_millis(20));
+            commander.close().expect("given back");
+            let mut newcomer = Commander::connect(&mut client).expect("another commander");
+            newcomer.send(torque).expect("sent");
+            sleep(Duration::from_millis(20));
+        },
     );
-    drop(commander);
-    ports.newest_reference().expect("received");
-    ports.publish(&record(2)).expect("published");
-    let mut newcomer = Commander::connect(&mut client).expect("another commander");
-    newcomer
-        .send(|r| r.mode = Mode::Torque.number())
-        .expect("sent");
-    let reference = ports.newest_reference().expect("received").expect("some");
-    assert_eq!(
-        reference.mode,
-        Mode::Torque.number(),
-        "a later commander is followed at once"
-    );
+    let mut modes: Vec<_> = followed.iter().map(|r| r.mode).collect();
+    modes.dedup();
+    assert_eq!(modes, [0, 1, 0, 1, 0]);
 }
 
 #[test]

@@ -17,7 +17,8 @@ use cycle::{ClientInput, Instants, OperatorRequest, Stamp};
 use plant::DriveError;
 use robot_config::slots;
 use robot_state::{
-    CycleRecord, Event, MAX_JOINTS, Mode, Reference, RobotState, Settings, command_flags,
+    CommanderRecord, CycleRecord, Event, MAX_JOINTS, Mode, Reference, RobotState, Settings,
+    command_flags,
 };
 use supervisor::Actuation;
 use test_support::Random;
@@ -308,6 +309,11 @@ impl Life {
                 age_s: match random.below(50) {
                     0 => any_number(random),
                     _ => 0.001,
+                },
+                commander: CommanderRecord {
+                    refused: random.below(5) as u32,
+                    replaced: u32::from(random.below(1000) == 0),
+                    ..CommanderRecord::default()
                 },
                 settings: (random.below(4) == 0).then_some(&settings),
                 request,

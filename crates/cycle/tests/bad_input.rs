@@ -253,8 +253,7 @@ fn a_client_that_stops_sending_makes_the_robot_hold() {
         let client = ClientInput {
             reference: Some(&reference),
             age_s: f64::from(age_ms) * 1e-3,
-            settings: None,
-            request: None,
+            ..ClientInput::default()
         };
         bench.step(&client);
     }

@@ -221,6 +221,8 @@ impl CycleMessage {
         ClientInput {
             reference: self.reference.as_ref(),
             age_s: self.age_s,
+            // The cycle fills in again what it has added.
+            commander: self.record.cycle.commander,
             settings: self.settings.as_ref(),
             request: self.request,
         }

@@ -62,6 +62,9 @@ pub(crate) fn name(section: &Section<'_, '_>, key: &'static str) -> String {
     name.to_owned()
 }
 
+/// Longest time for which a robot may follow the last reference of a client that has vanished, ms.
+const LONGEST_REFERENCE_TIMEOUT_MS: f64 = 1000.0;
+
 pub(crate) fn timing(root: &Section<'_, '_>) -> Timing {
     let mut timing = Timing {
         sample_period: f64::NAN,
@@ -92,16 +95,19 @@ pub(crate) fn timing(root: &Section<'_, '_>) -> Timing {
         );
     }
     timing.gather_deadline = us * 1e-6;
-    let at_least_a_period = |key, default_ms| {
-        let least = if timing.sample_period.is_nan() {
-            0.1
-        } else {
-            period * 1e3
-        };
-        section.number_or(key, default_ms, Allowed::Within(least, 10_000.0)) * 1e-3
+    // While the rate is unknown, the highest one counts.
+    let period_ms = match timing.sample_period.is_nan() {
+        true => 0.1,
+        false => period * 1e3,
     };
-    timing.stale_after = at_least_a_period("stale_after_ms", 20.0);
-    timing.reference_timeout = at_least_a_period("reference_timeout_ms", 50.0);
+    let limit_ms = |key, default_ms, periods, most_ms| {
+        let allowed = Allowed::Within(periods * period_ms, most_ms);
+        section.number_or(key, default_ms, allowed) * 1e-3
+    };
+    timing.stale_after = limit_ms("stale_after_ms", 20.0, 1.0, 10_000.0);
+    // Two periods: a client that sends one reference for each cycle is not lost by its jitter.
+    let most_ms = LONGEST_REFERENCE_TIMEOUT_MS;
+    timing.reference_timeout = limit_ms("reference_timeout_ms", 40.0, 2.0, most_ms);
     let choices = [("try", RealTime::Try), ("require", RealTime::Require)];
     timing.real_time = section.choice_or("real_time", RealTime::Try, &choices);
     timing.priority = section.optional_integer("priority", 1..100).unwrap_or(80) as u8;

@@ -1,6 +1,7 @@
 //! Records of one cycle, a file for each group, and of the robot's description and references.
 
 mod commanded;
+mod commander;
 mod cycle;
 mod description;
 mod estimated;
@@ -9,6 +10,7 @@ mod reference;
 mod wrench;
 
 pub use commanded::{CommandedRecord, JointCommanded, command_flags};
+pub use commander::{CommanderRecord, CommanderStatus, lease_refusal, not_followed};
 pub use cycle::{CycleRecord, LoopRecord, SharedRecord};
 pub use description::Description;
 pub use estimated::{
@@ -74,6 +76,7 @@ mod tests {
         assert_packed(&SharedRecord::SHAPE);
         assert_packed(&Description::SHAPE);
         assert_packed(&Reference::SHAPE);
+        assert_packed(&CommanderStatus::SHAPE);
         assert_packed(&crate::Settings::SHAPE);
         assert_packed(&crate::Request::SHAPE);
         assert_packed(&crate::Answer::SHAPE);

@@ -1,19 +1,23 @@
-//! Whether and how far a robot may move: states of robot and drives, plausibility of joints,
-//! limits of commands.
+//! Whether and how far a robot may move: states of robot and drives, the lease of the command,
+//! plausibility of joints, limits of commands.
 //!
 //! Nothing here commands a motion; everything here can withhold one. No reaction depends on the
 //! sensor that failed: a hold keeps the last set-point, whatever the encoders say.
 #![deny(unsafe_code)]
 
+mod commanders;
 mod drive;
 mod following;
+mod lease;
 mod limiter;
 mod plausibility;
 mod robot;
 mod signal;
 
+pub use commanders::Commanders;
 pub use drive::{ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, StatusPattern};
 pub use following::{Deviation, Following, FollowingParameters};
+pub use lease::{Bid, Holder, Lease, Verdict};
 pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
 pub use plausibility::{Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};

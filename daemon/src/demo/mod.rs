@@ -114,9 +114,7 @@ fn simulate(
         let wake = pace.wait();
         let input = ClientInput {
             reference: Some(client.reference()),
-            age_s: 0.0,
-            settings: None,
-            request: None,
+            ..ClientInput::default()
         };
         let record = control_loop.run_cycle(&wake, &input);
         client.observe(record);

@@ -240,6 +240,7 @@ impl Client {
             age_s: self.age_s,
             settings: Some(&self.settings),
             request: self.request,
+            ..ClientInput::default()
         }
     }
 }

@@ -12,8 +12,9 @@
 
 use robot_config::Robot;
 use robot_state::{
-    CommandedRecord, CycleRecord, DriveState, Event, JointMeasured, MeasuredRecord, Mode, Reaction,
-    Reactions, Reference, RobotState, Settings, measured_flags, refusal, source,
+    CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, JointMeasured,
+    MeasuredRecord, Mode, Reaction, Reactions, Reference, RobotState, Settings, measured_flags,
+    not_followed, refusal, source,
 };
 use supervisor::{
     Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, Refusal, RobotMachine,
@@ -26,10 +27,12 @@ use crate::measure::Readiness;
 /// Clients' input to one cycle, as it arrived: unchecked.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ClientInput<'a> {
-    /// The newest reference, if a client commands.
+    /// The newest reference of the client that has the lease of the command, if one has it.
     pub reference: Option<&'a Reference>,
     /// Age of that reference, s.
     pub age_s: f64,
+    /// The lease; the cycle fills in what it does with the reference.
+    pub commander: CommanderRecord,
     /// The settings in use; none: those of the configuration.
     pub settings: Option<&'a Settings>,
     /// An operator's request, in the one cycle that is to carry it out.
@@ -91,10 +94,16 @@ pub(crate) struct Supervisor {
     needs: [u32; Mode::ALL.len()],
     /// Bits of the sources that are not sound in this cycle.
     unsound: u32,
+    /// Number of the event that has made one of them so in this cycle, or 0.
+    degraded_by: u32,
     fault_subject: Option<Subject>,
     mode: Mode,
     /// The client has lost the robot until it asks for hold.
     released: bool,
+    /// Number of the event that has released the robot, or 0.
+    released_by: u32,
+    /// The lease, and what follows from it.
+    commander: CommanderRecord,
     last_sequence: Option<u64>,
     /// Desired positions followed last, rad, and the cycles since they changed.
     followed: Vec<f64>,
@@ -123,9 +132,12 @@ impl Supervisor {
             reactions: p.safety.reactions.clone(),
             needs: Mode::ALL.map(|mode| needs(mode, robot)),
             unsound: 0,
+            degraded_by: 0,
             fault_subject: None,
             mode: Mode::Hold,
             released: false,
+            released_by: 0,
+            commander: CommanderRecord::default(),
             last_sequence: None,
             followed: vec![0.0; joints],
             cycles_since: 0.0,
@@ -148,6 +160,7 @@ impl Supervisor {
         let subject = self.fault_subject.filter(|_| record.fault != 0);
         record.fault_subject = subject.map_or(0, Subject::code);
         (record.requests, record.refusal) = (self.requests, self.refusal);
+        record.commander = self.commander;
         let possible = Mode::ALL.into_iter().filter(|mode| self.is_possible(*mode));
         record.possible_modes = possible.fold(0, |bits, mode| bits | 1 << mode.number());
     }
@@ -175,9 +188,11 @@ impl Supervisor {
             false => source::WHOLE_BODY,
         };
         self.note_currents(measured, counts);
+        self.degraded_by = 0;
         self.react_to(counts);
         self.follow_drives(measured, counts);
         self.judge(readiness, measured);
+        self.follow_lease(&client.commander, counts);
         if let Some(request) = client.request {
             self.requests = self.requests.wrapping_add(1);
             self.carry_out(request);
@@ -191,7 +206,39 @@ impl Supervisor {
         let goal = self.goal(client, readiness, measured, counts);
         self.machine.set_active(goal.reference().is_some());
         self.mode = goal.mode();
+        self.explain(client.reference, readiness.joints_ready);
         goal
+    }
+
+    /// Counts refused references, and takes the robot from a commander that was replaced.
+    fn follow_lease(&mut self, lease: &CommanderRecord, counts: &mut Counts) {
+        let before = std::mem::replace(&mut self.commander, *lease);
+        let refused = lease.refused.wrapping_sub(before.refused);
+        counts.add_many(Event::CommanderRefused, u64::from(refused));
+        if lease.replaced != before.replaced {
+            self.report(Event::CommanderReplaced, None, counts);
+        }
+    }
+
+    /// Shows commanders whether and why no mode is followed, as of this cycle's reference.
+    fn explain(&mut self, reference: Option<&Reference>, ready: bool) {
+        let fault = self.machine.fault().map_or(0, Event::number);
+        let asked = reference.and_then(|reference| Mode::from_number(reference.mode));
+        let (reason, cause) = if fault != 0 {
+            (not_followed::FAULT, fault)
+        } else if !self.machine.may_follow() {
+            (not_followed::STATE, 0)
+        } else if !asked.is_none_or(|mode| self.is_possible(mode)) {
+            (not_followed::NOT_POSSIBLE, self.degraded_by)
+        } else if self.released {
+            (not_followed::HOLD_FIRST, self.released_by)
+        } else if !ready {
+            (not_followed::NOT_READY, 0)
+        } else {
+            (0, 0)
+        };
+        self.commander.sequence = reference.map_or(0, |reference| reference.sequence);
+        (self.commander.not_followed, self.commander.cause) = (reason, cause);
     }
 
     /// Whatever the operator has changed, a client is followed again only after it has asked for hold.
@@ -199,7 +246,7 @@ impl Supervisor {
         let before = self.machine.state();
         let outcome = self.machine.request(request, &self.conditions);
         if outcome.is_ok() && self.machine.state() != before {
-            self.release();
+            self.release(0);
         }
         self.refusal = outcome.map_or_else(refusal_code, |()| 0);
         if outcome.is_ok() && matches!(request, OperatorRequest::Acknowledge(_)) {
@@ -295,7 +342,7 @@ impl Supervisor {
         }
         let active = self.mode != Mode::Hold;
         if !self.is_possible(self.mode) {
-            self.release();
+            self.release(self.degraded_by);
         }
         let active = active && !self.released;
         let allowed = self.machine.may_follow() && !self.released && readiness.joints_ready;
@@ -347,8 +394,11 @@ impl Supervisor {
     fn react(&mut self, event: Event, subject: Option<Subject>) {
         match self.reactions.of(event) {
             Reaction::Warn => {}
-            Reaction::Degrade => self.unsound |= event.against(),
-            Reaction::Release => self.release(),
+            Reaction::Degrade => {
+                self.unsound |= event.against();
+                self.degraded_by = event.number();
+            }
+            Reaction::Release => self.release(event.number()),
             Reaction::Hold => self.latch(event, subject, Safety::Hold),
             Reaction::Stop => self.latch(event, subject, Safety::Stop),
             Reaction::Off => self.latch(event, subject, Safety::Off),
@@ -363,11 +413,13 @@ impl Supervisor {
             self.machine.withdraw(joint);
         }
         self.machine.latch(event, safety);
-        self.release();
+        self.release(event.number());
     }
 
-    fn release(&mut self) {
+    /// Takes the robot from its client; `cause`: number of an event, or 0.
+    fn release(&mut self, cause: u32) {
         self.released = true;
+        self.released_by = cause;
         self.mode = Mode::Hold;
     }
 
@@ -389,7 +441,7 @@ impl Supervisor {
                 if is_new {
                     self.report(flaw, None, counts);
                 }
-                self.release();
+                self.release(flaw.number());
                 None
             }
         }

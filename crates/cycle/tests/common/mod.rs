@@ -210,7 +210,6 @@ pub(crate) fn client_input(reference: &Reference) -> ClientInput<'_> {
     ClientInput {
         reference: Some(reference),
         age_s: 0.001,
-        settings: None,
-        request: None,
+        ..ClientInput::default()
     }
 }

@@ -1,6 +1,6 @@
 //! The record of one cycle, and what shared memory carries of it.
 
-use super::{CommandedRecord, EstimatedRecord, MeasuredRecord};
+use super::{CommandedRecord, CommanderRecord, EstimatedRecord, MeasuredRecord};
 use crate::event::EVENT_COUNT;
 use crate::layout::record;
 
@@ -32,6 +32,8 @@ record! {
         pub possible_modes: u32,
         /// Fills the record to a multiple of eight bytes.
         pub reserved: u32,
+        /// The client that commands.
+        pub commander: CommanderRecord,
         /// Joints in use.
         pub joint_count: u32,
         /// F/T sensors in use.

@@ -60,23 +60,34 @@ record! {
 record! {
     /// Reference of the robot.
     pub struct Reference {
-        /// Count of the client's references, this one included.
+        /// Session of the commander: a random number other than 0, a new one whenever it asks for
+        /// the lease.
+        pub session: u64,
+        /// Instant at which the session began, ns on the machine's `CLOCK_MONOTONIC`. A session
+        /// older than one that has had the lease never gets it.
+        pub session_began_ns: u64,
+        /// Count of the session's references, this one included: it must advance.
         pub sequence: u64,
         /// Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts
-        /// from it. 0: from its arrival.
+        /// from it.
         pub sent_ns: u64,
         /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics.
         pub mode: u32,
         /// Joints in use; must equal the robot's.
         pub joint_count: u32,
+        /// Priority of the session, that of its first reference: it takes the lease over from a
+        /// session of lower priority.
+        pub priority: u32,
+        /// Process of the commander, to be named to others.
+        pub pid: u32,
+        /// 1: the last reference of its session, which gives the lease back; the robot holds.
+        pub gives_back: u32,
+        /// 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
+        pub contact_wrench_given: u32,
         /// The joints, in config order.
         pub joints: [JointReference; MAX_JOINTS],
         /// f_d: desired wrench of the environment on each end-effector, at the frame of its F/T
         /// sensor, in config order (mode inverse dynamics).
         pub contact_wrench: [Wrench; MAX_FT_SENSORS],
-        /// 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
-        pub contact_wrench_given: u32,
-        /// Fills the record to a multiple of eight bytes.
-        pub reserved: u32,
     }
 }

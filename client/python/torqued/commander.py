@@ -1,0 +1,302 @@
+"""References of a commanding client."""
+
+import enum
+import os
+import secrets
+import time
+from typing import Callable, Optional
+
+import iceoryx2 as iox2
+
+from . import location
+from .client import POLL_S, RETRY_S, Client, NoDaemonError, newest_message
+from .layout import (
+    EVENTS,
+    CommanderStatus,
+    LeaseRefusal,
+    Mode,
+    NotFollowed,
+    Reference,
+    RobotState,
+)
+
+#: Longest wait for the daemon's verdict on a new session, and longest silence of the daemon, s.
+SILENCE_S = 1.0
+#: Time in which a commander that has just vanished is noticed: as long, another one asks again, s.
+HAND_OVER_S = 0.16
+#: Interval of references that ask for hold until there is a verdict, s.
+ASK_INTERVAL_S = 0.005
+
+
+class AlreadyCommandedError(RuntimeError):
+    """Another client commands the robot."""
+
+
+class CommandLostError(RuntimeError):
+    """This client no longer commands the robot."""
+
+
+class NotFollowedError(RuntimeError):
+    """References are not followed, though this client commands the robot."""
+
+
+class _Standing(enum.Enum):
+    """Standing of a commander's session with the daemon."""
+
+    ASKING = enum.auto()
+    COMMANDING = enum.auto()
+    OVER = enum.auto()  # refused, or the lease was lost
+
+
+class Commander:
+    """The right to command a robot. One client has it at a time, by lease: each reference renews it.
+    Used in a `with` block, which leaves the robot holding its position; so does the death of this
+    program or its silence, once `loop.reference_timeout_ms` have passed. A commander of higher
+    `priority` takes the lease over.
+
+    References that are not followed raise an error in `send`: after a fault, an operator's stop, a
+    flaw in a reference, the loss of the lease or a restart of the daemon. In all these cases a
+    reference that asks for mode hold begins anew."""
+
+    def __init__(self, client: Client, priority: int = 0):
+        """Takes the command of the client's robot. References begin with mode hold and `q_d` at the
+        measured pose of the newest record, which is taken from the client. Waits until the daemon
+        has given the lease, also to a robot that cannot move yet; raises `AlreadyCommandedError`."""
+        record = client.latest() or client.next_record()
+        self._robot = client.robot
+        service = client._open("commander", CommanderStatus, time.monotonic())
+        self._statuses = service.subscriber_builder().create()
+        service = client._open("reference", Reference, time.monotonic())
+        until = time.monotonic() + RETRY_S
+        while True:
+            try:
+                self._references = service.publisher_builder().create()
+                break
+            except iox2.PublisherCreateError as e:
+                if time.monotonic() > until:
+                    raise AlreadyCommandedError(
+                        f'robot "{client.robot}": the greatest number of clients try to command '
+                        "it; try again later"
+                    ) from e
+                # The process that holds the place may have died a moment ago.
+                client._node.try_cleanup_dead_nodes()
+            time.sleep(0.01)
+        location.reserve(client._run_dir)
+        #: The present reference; `send` sends it.
+        self.reference = Reference(
+            joint_count=client.description.joint_count,
+            mode=Mode.HOLD,
+            priority=priority,
+            pid=os.getpid(),
+        )
+        for desired, measured in zip(self.reference.joints, record.cycle.measured.joints):
+            desired.q_d = measured.q
+        self._status = CommanderStatus()
+        self._heard = time.monotonic()
+        self._standing = _Standing.OVER
+        #: Sequence of the first reference that asks for the present mode, if that is not hold.
+        self._mode_from: Optional[int] = None
+        try:
+            self._ask()
+        except Exception:
+            self._delete()
+            raise
+
+    @property
+    def status(self) -> CommanderStatus:
+        """What the daemon reports of this moment: who commands, the robot's state, and whether and
+        why no mode is followed."""
+        status = newest_message(self._statuses, CommanderStatus)
+        if status is not None:
+            self._status, self._heard = status, time.monotonic()
+        return self._status
+
+    def send(self, change: Optional[Callable[[Reference], None]] = None) -> None:
+        """Sends the reference, after `change` if given. To be called at least every
+        `loop.reference_timeout_ms`: each reference renews the lease. An error is about earlier
+        references: `NotFollowedError` if a mode is asked for that is not followed,
+        `CommandLostError`, `AlreadyCommandedError`, `NoDaemonError`. A reference that asks for mode
+        hold after the lease was lost begins a new session."""
+        if change is not None:
+            change(self.reference)
+        asks_hold = self.reference.mode == Mode.HOLD
+        error = self._judge()
+        if self._standing == _Standing.OVER:
+            if not asks_hold or isinstance(error, AlreadyCommandedError):
+                raise error
+            self._begin_session()
+        self._publish()
+        if not asks_hold:
+            self._mode_from = self._mode_from or self.reference.sequence
+        else:
+            self._mode_from = None
+            if isinstance(error, (CommandLostError, NotFollowedError)):
+                error = None  # mended by this very reference
+        if error is not None:
+            raise error
+
+    def hold_until_ready(self, timeout_s: float) -> None:
+        """Asks for mode hold until a mode would be followed: for a robot that an operator is about to
+        enable, or after an error of `send`. Raises `NotFollowedError` with the reason if it is not
+        so in time."""
+        until = time.monotonic() + timeout_s
+        self.reference.mode = Mode.HOLD
+        self._mode_from = None
+        hold = self.reference.sequence + 1
+        while True:
+            self._ask()
+            self._publish()
+            time.sleep(ASK_INTERVAL_S)
+            lease = self.status.commander
+            own = lease.session == self.reference.session
+            if own and lease.sequence >= hold and not lease.not_followed:
+                return
+            if time.monotonic() > until:
+                raise self._not_followed()
+
+    def close(self) -> None:
+        """Gives the lease back: the robot holds, and another client may command at once."""
+        over, self._standing = self._standing == _Standing.OVER, _Standing.OVER
+        try:
+            if not over:
+                self.reference.mode = Mode.HOLD
+                self.reference.gives_back = 1
+                self._publish()
+        finally:
+            self._delete()
+
+    def __enter__(self) -> "Commander":
+        return self
+
+    def __exit__(self, *_) -> None:
+        try:
+            self.close()
+        except NoDaemonError:
+            pass
+
+    def _delete(self) -> None:
+        for port in (self._references, self._statuses):
+            if port is not None:
+                port.delete()
+        self._references = self._statuses = None
+
+    def _ask(self) -> None:
+        """Has the lease, or asks for it until there is a verdict."""
+        since = time.monotonic()
+        asked = None
+        while True:
+            error = self._judge()
+            held = isinstance(error, AlreadyCommandedError)
+            if self._standing == _Standing.COMMANDING or (
+                self._standing == _Standing.ASKING and error is not None
+            ):
+                if error is not None:
+                    raise error
+                return
+            now = time.monotonic()
+            if self._standing == _Standing.OVER and asked is not None:
+                if now > since + (HAND_OVER_S if held else SILENCE_S):
+                    raise error
+            if asked is None or now > asked + (HAND_OVER_S / 8 if held else ASK_INTERVAL_S):
+                if self._standing == _Standing.OVER:
+                    self._begin_session()
+                self._publish()
+                asked = now
+            time.sleep(POLL_S)
+
+    def _begin_session(self) -> None:
+        self.reference.session = secrets.randbits(64) or 1
+        self.reference.session_began_ns = time.monotonic_ns()
+        self._standing = _Standing.ASKING
+        self._heard = time.monotonic()
+        self._mode_from = None
+
+    def _judge(self) -> Optional[Exception]:
+        """What the newest status means for this session and its references."""
+        lease = self.status.commander
+        own = self.reference.session
+        if own and lease.session == own:
+            self._standing = _Standing.COMMANDING
+        elif self._standing != _Standing.ASKING:
+            self._standing = _Standing.OVER
+            return self._lost()
+        elif lease.refused_session == own:
+            self._standing = _Standing.OVER
+            held = lease.refused_reason == LeaseRefusal.HELD
+            return self._already_commanded() if held else self._lost()
+        elif time.monotonic_ns() - self.reference.session_began_ns > SILENCE_S * 1e9:
+            return self._already_commanded() if lease.session else self._silent()
+        if time.monotonic() > self._heard + SILENCE_S:
+            return self._silent()
+        counts = self._mode_from is not None and lease.sequence >= self._mode_from
+        # Filters and sensors that are not ready are so for a moment only, or an event follows.
+        waits = lease.not_followed in (0, NotFollowed.NOT_READY) or (
+            lease.not_followed == NotFollowed.NOT_POSSIBLE and lease.cause == 0
+        )
+        if counts and self._standing == _Standing.COMMANDING and not waits:
+            return self._not_followed()
+        return None
+
+    def _publish(self) -> None:
+        if self._references is None:
+            raise CommandLostError(f'robot "{self._robot}": this commander was closed')
+        self.reference.sequence += 1
+        self.reference.sent_ns = time.monotonic_ns()
+        sample = self._references.loan_uninit().write_payload(self.reference)
+        if sample.send() == 0:
+            raise NoDaemonError("references have no receiver; torqued has stopped or was killed")
+
+    def _already_commanded(self) -> Exception:
+        lease = self._status.commander
+        held_s = (time.monotonic_ns() - lease.since_ns) * 1e-9
+        return AlreadyCommandedError(
+            f'robot "{self._robot}" is commanded by another client: process {lease.pid} (session '
+            f"{lease.session:016x}, priority {lease.priority}), for {held_s:.1f} s; one at a time "
+            "may command: stop that one first, or ask with a higher priority"
+        )
+
+    def _lost(self) -> Exception:
+        lease = self._status.commander
+        if lease.session and lease.priority >= self.reference.priority:
+            return self._already_commanded()
+        return CommandLostError(
+            f'robot "{self._robot}": the command was lost: no reference came for longer than '
+            "loop.reference_timeout_ms, or the daemon was started again; ask for mode hold to get "
+            "it again"
+        )
+
+    def _silent(self) -> Exception:
+        return NoDaemonError(
+            f'robot "{self._robot}": the daemon was silent for {SILENCE_S} s; torqued has stopped '
+            "or was killed: look at its log and start it again"
+        )
+
+    def _not_followed(self) -> Exception:
+        return NotFollowedError(
+            f'robot "{self._robot}": references are not followed: {why_not_followed(self._status)}'
+        )
+
+
+def why_not_followed(status: CommanderStatus) -> str:
+    """Why no mode of the commander is followed, and the next step."""
+    reason, cause = status.commander.not_followed, status.commander.cause
+    event = next((event for event in EVENTS if event.number == cause), None)
+    named = f"{event.number} {event.name} ({event.cause})" if event else ""
+    state = RobotState(status.state).name.lower()
+    if reason == NotFollowed.FAULT:
+        return (
+            f"fault {named} is latched; mend its cause, then `torquectl acknowledge` and "
+            "`torquectl enable`"
+        )
+    if reason == NotFollowed.STATE:
+        return f"the robot is in state {state}, not in holding; `torquectl state` has the next step"
+    if reason == NotFollowed.HOLD_FIRST:
+        after = named or "an operator's request"
+        return f"the robot holds after {after}; ask for mode hold first"
+    if reason == NotFollowed.NOT_READY:
+        return "the joints' filters are not full yet"
+    if reason == NotFollowed.NOT_POSSIBLE and event:
+        return f"the mode needs a source that {named} speaks against"
+    if reason == NotFollowed.NOT_POSSIBLE:
+        return "the mode needs F/T sensors or the IMU, which are not ready"
+    return f"the robot is in state {state}"

@@ -1,0 +1,80 @@
+//! The commanding client, and whether it is followed: what records and every commander get to see.
+
+use crate::layout::record;
+
+/// Reasons for which a reference is refused: its session does not have the lease.
+pub mod lease_refusal {
+    /// Another session of the same or a higher priority has the lease.
+    pub const HELD: u32 = 1;
+    /// The session does not have the lease, and only one that asks for hold gets it.
+    pub const HOLD_FIRST: u32 = 2;
+    /// The session is older than one that has had the lease since; e.g. it had it itself.
+    pub const OLD_SESSION: u32 = 3;
+    /// Sequence or time of sending do not advance.
+    pub const NOT_ADVANCED: u32 = 4;
+    /// It was sent longer ago than `loop.reference_timeout_ms`.
+    pub const TOO_OLD: u32 = 5;
+    /// Its session is 0, or began after it was sent.
+    pub const INVALID: u32 = 6;
+}
+
+/// Reasons for which no mode of the commander is followed.
+pub mod not_followed {
+    /// A fault is latched.
+    pub const FAULT: u32 = 1;
+    /// The robot is in a state without modes.
+    pub const STATE: u32 = 2;
+    /// The commander must ask for hold first: after an event that has released the robot, or after
+    /// an operator's request.
+    pub const HOLD_FIRST: u32 = 3;
+    /// The joints' filters are not full yet.
+    pub const NOT_READY: u32 = 4;
+    /// The mode needs a source that is not ready, or that an event speaks against: see
+    /// `CycleRecord::possible_modes`.
+    pub const NOT_POSSIBLE: u32 = 5;
+}
+
+record! {
+    /// The lease of the command. The loop decides on it; the cycle adds what it does with the
+    /// commander's references.
+    pub struct CommanderRecord {
+        /// Session that has the lease, or 0.
+        pub session: u64,
+        /// Instant at which it got the lease, ns on the machine's `CLOCK_MONOTONIC`.
+        pub since_ns: u64,
+        /// Sequence of its newest reference that the cycle has seen.
+        pub sequence: u64,
+        /// Session that was refused last, or 0.
+        pub refused_session: u64,
+        /// Why: one of `lease_refusal`.
+        pub refused_reason: u32,
+        /// References refused since start.
+        pub refused: u32,
+        /// How often a session of higher priority has taken the lease over since start.
+        pub replaced: u32,
+        /// Priority of the session that has the lease.
+        pub priority: u32,
+        /// Its process.
+        pub pid: u32,
+        /// Why no mode is followed, one of `not_followed`, or 0.
+        pub not_followed: u32,
+        /// Number of the event that has caused it, or 0, e.g. for an operator's request.
+        pub cause: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
+    }
+}
+
+record! {
+    /// What every commander gets to see in each cycle.
+    pub struct CommanderStatus {
+        /// Cycle number since the daemon's start.
+        pub cycle: u64,
+        /// The lease, and whether references are followed.
+        pub commander: CommanderRecord,
+        /// Number of the robot's `RobotState`.
+        pub state: u32,
+        /// Number of the robot's `Mode`.
+        pub mode: u32,
+    }
+}
