@@ -115,7 +115,7 @@ fn replay(arguments: &ReplayArguments) -> Result<Comparison, Problems> {
         if let Some(curves) = &mut curves {
             curves.take(&message.record.cycle, record);
         }
-        if message.record.cycle.sequence % BAR_STEP == 0 {
+        if message.record.cycle.sequence.is_multiple_of(BAR_STEP) {
             bar.inc(BAR_STEP);
         }
         Ok(())

@@ -132,18 +132,18 @@ impl Torques {
             return Err(Problem::new(reason, allowed).at(log.file.as_str(), 0));
         }
         let half = half as usize;
-        let (tau, mut sigma) = pass(robot, log, half)?;
+        let Pass { tau, mut sigma } = pass(robot, log, half)?;
         widen(
             &mut sigma,
             &tau,
-            &pass(robot, log, 2 * half)?.0,
+            &pass(robot, log, 2 * half)?.tau,
             half,
             REMOVED,
         );
         // What a long window has removed altogether shows beside a short one.
         let short = (0.5 * SHORT_S / log.period).round().max(2.0) as usize;
         if short < half {
-            widen(&mut sigma, &tau, &pass(robot, log, short)?.0, half, 1.0);
+            widen(&mut sigma, &tau, &pass(robot, log, short)?.tau, half, 1.0);
         }
         Ok(Self {
             tau,
@@ -184,12 +184,14 @@ fn widen(sigma: &mut [Vec<f64>], tau: &[Vec<f64>], other: &[Vec<f64>], half: usi
     }
 }
 
+/// Torques and standard deviations by joint and row.
+struct Pass {
+    tau: Vec<Vec<f64>>,
+    sigma: Vec<Vec<f64>>,
+}
+
 /// Torques and sigmas by the estimator, all signals through windows of `2 half + 1` samples.
-fn pass(
-    robot: &ReferenceRobot,
-    log: &RobotLog,
-    half: usize,
-) -> Result<(Vec<Vec<f64>>, Vec<Vec<f64>>), Problem> {
+fn pass(robot: &ReferenceRobot, log: &RobotLog, half: usize) -> Result<Pass, Problem> {
     let filtered = |signal: &[f64], derivative| smooth(signal, derivative, half, log.period);
     let gain = impulse(2, half, log.period);
     let mut motion = Vec::new();
@@ -254,7 +256,7 @@ fn pass(
             sigma[k].push(estimate.sigma[k]);
         }
     }
-    Ok((tau, sigma))
+    Ok(Pass { tau, sigma })
 }
 
 /// Standard deviation of a derivative for white noise of 1.
