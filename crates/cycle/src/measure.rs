@@ -30,7 +30,7 @@ use ft_offset::FtInput;
 use reception::{Reading, Reception, Source};
 
 /// A joint's sample with one of these is bridged.
-const NOT_USED: u32 = measured_flags::NEVER
+pub(crate) const NOT_USED: u32 = measured_flags::NEVER
     | measured_flags::MISSED
     | measured_flags::JUMP
     | measured_flags::IMPLAUSIBLE;
@@ -296,7 +296,7 @@ impl Measure {
                 measured.q = angles.q;
                 measured.theta = angles.theta;
                 measured.torsion = angles.torsion;
-            } else if flags & (measured_flags::NEVER | measured_flags::STALE) == 0 {
+            } else if !self.is_lost(j, flags) {
                 // Bridged at the last velocity: a lost reply must not step the torque.
                 measured.q += measured.dq * self.sample_period;
                 measured.theta += measured.omega * self.sample_period;
@@ -310,10 +310,22 @@ impl Measure {
             }
             measured.age_s = reading.age_s;
             measured.flags = flags;
-            self.angles[j] = if used { angles.q } else { f64::NAN };
-            self.both_angles[j] = self.angles[j];
-            self.both_angles[n + j] = if used { angles.theta } else { f64::NAN };
+            let (q, theta) = match (used, self.is_lost(j, flags)) {
+                (true, _) => (angles.q, angles.theta),
+                // Filters that bridge for ever would extrapolate the last velocity for ever.
+                (false, true) => (measured.q, measured.theta),
+                (false, false) => (f64::NAN, f64::NAN),
+            };
+            self.angles[j] = q;
+            (self.both_angles[j], self.both_angles[n + j]) = (q, theta);
         }
+    }
+
+    /// No sample of the joint has been used for so long that bridging ends: its angles stay where
+    /// they are.
+    fn is_lost(&self, joint: usize, flags: u32) -> bool {
+        let distrusted = self.plausibility[joint].trust() == Trust::Implausible;
+        flags & measured_flags::NEVER == 0 && (flags & measured_flags::STALE != 0 || distrusted)
     }
 
     /// The flag of a sample that its joint's encoders cannot both have measured.

@@ -8,7 +8,9 @@
 //! limits come first: the set-point moves no faster than the velocity limit and, near a position
 //! limit, no faster than the configured deceleration can stop; outside the limits only inwards.
 //! The *lead* comes last, by both encoders: a set-point is pulled towards the joint only where
-//! each of them indicates that it leads too far, so that no single encoder can move a joint.
+//! each of them indicates that it leads too far, so that no single encoder can move a joint. A *held*
+//! set-point gives way to a load by a small angle and slowly, and not at all by samples that cannot
+//! be used: two encoders that fail alike, e.g. by frames of another joint, must not lead it away.
 //!
 //! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that
 //! the distance to the position limits allows: the less of it is left the less torque, and beyond
@@ -92,6 +94,11 @@ pub struct Limited {
     pub flags: u32,
 }
 
+/// Greatest angle by which a held set-point gives way, rad: half of what counts as motion.
+const YIELD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// Greatest velocity at which it does, share of the velocity limit.
+const YIELD_SPEED: f64 = 0.03;
+
 /// The limiter of one joint.
 #[derive(Debug, Clone)]
 pub struct Limiter {
@@ -100,6 +107,8 @@ pub struct Limiter {
     sample_period: f64,
     /// The command sent last, rad or A.
     last: f64,
+    /// The angle by which it has given way while it is held, rad.
+    yielded: f64,
     /// The torque of that command, N·m.
     last_torque: f64,
 }
@@ -113,6 +122,7 @@ impl Limiter {
             actuation,
             sample_period,
             last: 0.0,
+            yielded: 0.0,
             last_torque: 0.0,
         }
     }
@@ -120,6 +130,7 @@ impl Limiter {
     /// Starts at a command: the position that carries `torque` (N·m) where the joint stands, or
     /// that torque's current. Returns the command.
     pub fn start(&mut self, motion: &Motion, torque: f64) -> f64 {
+        self.yielded = 0.0;
         let limit = self.limits.torque;
         let torque = if torque.is_finite() {
             torque.clamp(-limit, limit)
@@ -156,11 +167,23 @@ impl Limiter {
 
     /// The command that may be sent instead of `asked`.
     pub fn limit(&mut self, asked: f64, motion: &Motion) -> Limited {
+        self.yielded = 0.0;
+        self.limited(asked, motion, None)
+    }
+
+    /// The same for a set-point that holds: it gives way to a load by a small angle, and stays where
+    /// the sample is not `usable`.
+    pub fn hold(&mut self, asked: f64, motion: &Motion, usable: bool) -> Limited {
+        self.limited(asked, motion, Some(usable))
+    }
+
+    /// `held`: the set-point holds, and whether the sample is usable.
+    fn limited(&mut self, asked: f64, motion: &Motion, held: Option<bool>) -> Limited {
         let (applied, flags) = if !asked.is_finite() {
             (self.last, command_flags::NOT_FINITE)
         } else {
             match self.actuation {
-                Actuation::Position { .. } => self.limit_position(asked, motion),
+                Actuation::Position { .. } => self.limit_position(asked, motion, held),
                 Actuation::Current { .. } => self.limit_current(asked, motion),
             }
         };
@@ -211,7 +234,7 @@ impl Limiter {
         )
     }
 
-    fn limit_position(&mut self, asked: f64, motion: &Motion) -> (f64, u32) {
+    fn limit_position(&mut self, asked: f64, motion: &Motion, held: Option<bool>) -> (f64, u32) {
         let Actuation::Position {
             k_tau,
             k_tau_motor,
@@ -230,11 +253,13 @@ impl Limiter {
         let mut flags = 0;
 
         // Motion: how fast the set-point itself may move, and where to.
-        let (down, up) = self.allowed_velocity(self.last);
+        let last = self.last - self.yielded;
+        let (down, up) = self.allowed_velocity(last);
         let step = self.sample_period;
-        let x = asked.clamp(self.last - down * step, self.last + up * step);
+        let x = asked.clamp(last - down * step, last + up * step);
+        let moved = x;
         if x != asked {
-            let outward = if asked > self.last { up } else { down };
+            let outward = if asked > last { up } else { down };
             flags |= if outward < self.limits.velocity {
                 command_flags::POSITION_LIMITED
             } else {
@@ -286,6 +311,15 @@ impl Limiter {
             x = motion.theta + k_v * motion.dq + k_tau_motor * wanted;
         }
         self.last_torque = wanted;
+        if let Some(usable) = held {
+            if usable {
+                let change = YIELD_SPEED * self.limits.velocity * step;
+                let yielded = (x - moved).clamp(self.yielded - change, self.yielded + change);
+                self.yielded = yielded.clamp(-YIELD, YIELD);
+            }
+            x = moved + self.yielded;
+            self.last_torque = made(x).clamp(-torque, torque);
+        }
         (x, flags)
     }
 

@@ -77,7 +77,8 @@ pub struct Plausibility {
     left: Option<Course>,
     /// The course before readings that jumped, and how many did.
     jumped: Option<(Course, u32)>,
-    /// An encoder has slipped: what it measures from then on is wrong by an unknown angle.
+    /// An encoder has slipped, or trust was lost otherwise: what is measured from then on is wrong by
+    /// an unknown angle.
     slipped: bool,
 }
 
@@ -142,7 +143,10 @@ impl Plausibility {
         }
         let trusted = self.good >= self.parameters.samples_to_trust;
         let doubted = self.bad >= self.parameters.samples_to_doubt;
+        // Readings that agree with each other again may still be another joint's.
+        self.slipped |= doubted && matches!(self.trust, Trust::Plausible | Trust::Suspect);
         self.trust = match self.trust {
+            _ if self.slipped => Trust::Implausible,
             _ if trusted => Trust::Plausible,
             _ if doubted => Trust::Implausible,
             Trust::Plausible | Trust::Suspect if good => Trust::Plausible,
@@ -199,7 +203,7 @@ impl Plausibility {
         *self = Self::new(self.parameters);
     }
 
-    /// An encoder has slipped since the joint was restarted.
+    /// An encoder has slipped, or trust was lost, since the joint was restarted.
     #[must_use]
     pub fn has_slipped(&self) -> bool {
         self.slipped
@@ -296,13 +300,12 @@ mod tests {
         assert_eq!(after(&samples), Trust::Plausible);
         samples.extend([bad; 3]);
         assert_eq!(after(&samples), Trust::Implausible);
-        samples.extend([good; 4]);
-        assert_eq!(
-            after(&samples),
-            Trust::Implausible,
-            "needs as many as at the start"
-        );
-        samples.push(good);
+        samples.extend([good; 20]);
+        assert_eq!(after(&samples), Trust::Implausible, "until it is restarted");
+        // Before it was trusted, nothing depended on it.
+        let mut samples = vec![bad; 5];
+        assert_eq!(after(&samples), Trust::Implausible);
+        samples.extend([good; 5]);
         assert_eq!(after(&samples), Trust::Plausible);
     }
 

@@ -70,6 +70,28 @@ proptest! {
     }
 
     #[test]
+    fn whatever_the_encoders_read_a_held_set_point_gives_way_little_and_slowly(
+        start in -0.9..1.4f64,
+        readings in prop::collection::vec((-10.0..10.0f64, -10.0..10.0f64, -4.0..4.0f64, any::<bool>()), 1..200),
+    ) {
+        let mut limiter = Limiter::new(LIMITS, POSITION, PERIOD);
+        let hold = limiter.start(&still(start), 0.0);
+        let mut last = hold;
+        for (q, theta, dq, usable) in readings {
+            let motion = Motion { q, theta, dq, weight: 0.0 };
+            let applied = limiter.hold(hold, &motion, usable).applied;
+            prop_assert!((applied - hold).abs() <= 0.5001_f64.to_radians());
+            prop_assert!((applied - last).abs() <= 0.0301 * LIMITS.velocity * PERIOD);
+            prop_assert!(usable || applied == last, "samples that cannot be used");
+            last = applied;
+        }
+        for _ in 0..200 {
+            last = limiter.hold(hold, &still(start), true).applied;
+        }
+        prop_assert!((last - hold).abs() < 1e-9, "and comes back");
+    }
+
+    #[test]
     fn one_encoder_alone_does_not_move_a_held_set_point(
         start in -0.9..1.4f64,
         wrong in -10.0..10.0f64,

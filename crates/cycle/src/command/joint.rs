@@ -28,6 +28,7 @@ use robot_state::{
 use super::decide::Goal;
 use super::predictive::{predictive_command, sensed};
 use super::transition::Transition;
+use crate::measure::NOT_USED;
 use robot_config::{JointParameters, Parameters, TorqueLaw};
 use supervisor::{Actuation, Deviation, Following, Limiter, Limits, Motion};
 
@@ -174,7 +175,13 @@ impl JointController {
             predictive.observe(&sensed(input, &motion));
         }
         let asked = self.asked(goal, &motion, input, commanded);
-        let limited = self.limiter.limit(asked, &motion);
+        let limited = match self.state {
+            Some(State::HoldPosition { .. }) => {
+                let usable = input.measured.flags & NOT_USED == 0;
+                self.limiter.hold(asked, &motion, usable)
+            }
+            _ => self.limiter.limit(asked, &motion),
+        };
         self.following.note_sent(limited.applied);
         commanded.following_error = self.following.error();
         if let Some(predictive) = &mut self.predictive {
