@@ -31,6 +31,9 @@ struct Arguments {
     /// Only this state at the beginning, e.g. hold or "inverse dynamics"
     #[arg(long)]
     start: Option<String>,
+    /// Every robot in every state, also those that the page leaves out
+    #[arg(long)]
+    all: bool,
     /// Threads; default: all cores
     #[arg(long)]
     threads: Option<usize>,
@@ -81,7 +84,7 @@ fn work(arguments: &Arguments) -> Result<usize, String> {
     for prepared in &prepared {
         let named = |s: &Scenario| (arguments.only.as_ref()).is_none_or(|n| s.name.contains(n));
         for scenario in all().into_iter().filter(named) {
-            let its = places(prepared, &scenario);
+            let its = places(prepared, &scenario, arguments.all);
             let begins = |p: &Place| {
                 let start = arguments.start.as_deref();
                 start.is_none_or(|start| start == p.start.name())

@@ -190,10 +190,18 @@ pub fn all() -> Vec<Scenario> {
     .concat()
 }
 
-/// The places at which a scenario strikes a robot.
+/// The places at which a scenario strikes a robot; `all`: every one, else those of the page, of the
+/// humanoid and of drives that are always on only the states in which most can go wrong.
 #[must_use]
-pub fn places(prepared: &Prepared, scenario: &Scenario) -> Vec<Place> {
+pub fn places(prepared: &Prepared, scenario: &Scenario, all: bool) -> Vec<Place> {
     let variant = prepared.variant;
+    let starts: &[Start] = match (variant.robot, variant.states) {
+        _ if all => ALL_STARTS,
+        ("humanoid", false) => &[],
+        ("humanoid", true) => &[Start::PowerOn, Start::Hold, Start::InverseDynamics],
+        (_, false) => HOLD,
+        (_, true) => ALL_STARTS,
+    };
     if !(scenario.on)(&variant) {
         return Vec::new();
     }
@@ -217,7 +225,7 @@ pub fn places(prepared: &Prepared, scenario: &Scenario) -> Vec<Place> {
         bus: joints[joint].bus as u8,
         start,
     };
-    let both = scenario.group == encoder::GROUP;
+    let both = scenario.group == encoder::GROUP && (all || variant.robot == "leg");
     let of_start = |start: &Start| {
         let [strong, weak] = strong_and_weak(*start);
         let mut all = vec![place(*start, strong, weak)];
@@ -226,7 +234,11 @@ pub fn places(prepared: &Prepared, scenario: &Scenario) -> Vec<Place> {
         }
         all
     };
-    scenario.starts.iter().flat_map(of_start).collect()
+    let begins = scenario
+        .starts
+        .iter()
+        .filter(|start| starts.contains(start));
+    begins.flat_map(of_start).collect()
 }
 
 /// A fault that acts at one place of the cycle.
