@@ -413,8 +413,9 @@ impl Recorder {
             let abandoned = output.is_expired(now);
             if abandoned {
                 eprintln!("torqued: nobody asks for the recording any more: it ends");
+                output.end_after(self.history.newest().map_or(0, |(_, stamp_ns)| stamp_ns));
             }
-            let over = output.is_at_end() || abandoned || (self.ended && count == 0);
+            let over = output.is_at_end() || (self.ended && count == 0);
             match over {
                 false => self.recordings.push((slot, output)),
                 true => match output.finish() {

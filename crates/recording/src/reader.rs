@@ -208,12 +208,8 @@ fn next<R: Read>(
                     Err(error) => Found::End(Ending::Damaged(error.to_string())),
                 });
             }
-            Some(Err(McapError::UnexpectedEof)) if started => {
-                return Ok(Found::End(Ending::Truncated));
-            }
-            Some(Err(McapError::BadMagic | McapError::UnexpectedEof)) if !started => {
-                return Err(ReadError::NotMcap);
-            }
+            Some(Err(McapError::UnexpectedEof)) => return Ok(Found::End(Ending::Truncated)),
+            Some(Err(McapError::BadMagic)) if !started => return Err(ReadError::NotMcap),
             Some(Err(error)) => return Ok(Found::End(Ending::Damaged(error.to_string()))),
         }
     }

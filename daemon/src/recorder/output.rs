@@ -144,8 +144,9 @@ impl Output {
         self.at_end || (self.first_ns.is_some() && self.last_ns >= self.until_ns)
     }
 
-    /// Ends with the entry of that stamp.
+    /// Ends with the entry of that stamp, whoever still wants it.
     pub(super) fn end_after(&mut self, stamp_ns: u64) {
+        self.renewed = None;
         self.until_ns = self.until_ns.min(stamp_ns);
         self.at_end |= self.first_ns.is_none() || self.last_ns >= self.until_ns;
     }
