@@ -185,7 +185,7 @@ impl Client {
         let holding = last.state == RobotState::Holding.number();
         let moving = holding || last.state == RobotState::Active.number();
         self.request = match RobotState::from_number(last.state) {
-            Some(RobotState::Fault) if cycle % 200 == 0 => {
+            Some(RobotState::Fault) if cycle.is_multiple_of(200) => {
                 Some(OperatorRequest::Acknowledge(last.fault))
             }
             Some(RobotState::Ready) if cycle % 200 == 100 => Some(OperatorRequest::Enable),
