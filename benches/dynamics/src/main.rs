@@ -30,8 +30,12 @@ fn main() -> ExitCode {
         return ExitCode::from(2);
     };
     pin_to_last_cpu();
-    println!("medians of {ROUNDS} rounds over {STATES} random states, ns");
-    println!("robot             nv  algorithm         ours  library  generated    /lib   /gen");
+    println!(
+        "medians of {ROUNDS} rounds over {STATES} random states, ns; ratios of medians, of minima"
+    );
+    println!(
+        "robot             nv  algorithm         ours  library  generated    /lib   /gen    /lib   /gen"
+    );
     for robot in robots {
         let parts: Vec<&str> = robot.splitn(3, '=').collect();
         let [name, base @ ("fixed" | "floating"), urdf] = parts[..] else {
@@ -102,10 +106,11 @@ impl<'a> Candidate<'a> {
             times: Vec::with_capacity(ROUNDS),
         }
     }
-    fn median(&self) -> f64 {
+    /// Median and minimum.
+    fn typical(&self) -> [f64; 2] {
         let mut times = self.times.clone();
         times.sort_by(f64::total_cmp);
-        times[times.len() / 2]
+        [times[times.len() / 2], times[0]]
     }
 }
 
@@ -238,19 +243,16 @@ fn take_turns(candidates: &mut [Candidate], states: &[State]) {
 
 fn report(robot: &str, nv: usize, candidates: &[Candidate]) {
     let time = |name: &str| {
-        candidates
-            .iter()
-            .find(|c| c.name == name)
-            .map(|c| c.median())
+        let found = candidates.iter().find(|c| c.name == name);
+        found.map(Candidate::typical)
     };
     let symbol = |algorithm: Algorithm| time(algorithm.symbol());
+    let faster = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].min(b[1])];
     // The better of Pinocchio's two conventions.
-    let better = |a, b| Some(symbol(a)?.min(symbol(b)?));
+    let better = |a, b| Some(faster(symbol(a)?, symbol(b)?));
     // The faster of two compilers.
-    let generated = time("rnea_generated")
-        .into_iter()
-        .chain(time("rnea_generated_19"));
-    let generated = generated.min_by(f64::total_cmp);
+    let generated = time("rnea_generated").zip(time("rnea_generated_19"));
+    let generated = generated.map(|(a, b)| faster(a, b));
     let rows = [
         ("rnea", symbol(Algorithm::Rnea), generated),
         ("rnea_portable", symbol(Algorithm::Rnea), generated),
@@ -268,14 +270,17 @@ fn report(robot: &str, nv: usize, candidates: &[Candidate]) {
     let cell = |x: Option<f64>, digits: usize| x.map_or("-".into(), |x| format!("{x:.digits$}"));
     for (name, library, generated) in rows {
         let ours = time(name);
-        let ratio = |other: Option<f64>| Some(ours? / other?);
+        let ratio = |other: Option<[f64; 2]>, k: usize| Some(ours?[k] / other?[k]);
+        let median = |times: Option<[f64; 2]>| cell(times.map(|t| t[0]), 0);
         println!(
-            "{robot:<16} {nv:>3}  {name:<14} {:>7} {:>8} {:>10}  {:>6} {:>6}",
-            cell(ours, 0),
-            cell(library, 0),
-            cell(generated, 0),
-            cell(ratio(library), 3),
-            cell(ratio(generated), 3)
+            "{robot:<16} {nv:>3}  {name:<14} {:>7} {:>8} {:>10}  {:>6} {:>6}  {:>6} {:>6}",
+            median(ours),
+            median(library),
+            median(generated),
+            cell(ratio(library, 0), 3),
+            cell(ratio(generated, 0), 3),
+            cell(ratio(library, 1), 3),
+            cell(ratio(generated, 1), 3)
         );
     }
 }
