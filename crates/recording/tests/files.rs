@@ -93,6 +93,7 @@ impl Given {
             client: ClientInput {
                 reference: Some(&self.reference),
                 age_s: 0.25,
+                commander: self.record.cycle.commander,
                 settings: Some(&self.settings),
                 request: self.request,
             },
