@@ -18,7 +18,9 @@ fn bench(robot: &str, feedback: &str, reactions: &str, simulation: &str) -> Benc
         let text = read(path)?;
         Ok(if path == of_robot {
             let wanted = format!("torque_feedback = \"{feedback}\"");
-            let text = text.replace("torque_feedback = \"whole_body\"", &wanted);
+            let text = text
+                .replace("law = \"predictive\"", "law = \"proportional_integral\"")
+                .replace("torque_feedback = \"levelled\"", &wanted);
             assert!(text.contains(&wanted));
             format!("{text}\n[safety.reactions]\n{reactions}\n")
         } else if path == of_sim {
