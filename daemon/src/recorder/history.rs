@@ -128,7 +128,7 @@ mod tests {
             assert!(number < 40 || held > 1000 - 2 * 91, "{held} bytes of 1000");
             assert_eq!(history.get(number + 1), None);
             let from = history.oldest() + 1;
-            assert_eq!(history.since(10 * from - 3, 0), from);
+            assert!(from > number || history.since(10 * from - 3, 0) == from);
             assert_eq!(history.since(10 * number + 1, 77), 77);
         }
     }
