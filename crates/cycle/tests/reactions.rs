@@ -20,7 +20,8 @@ fn bench(robot: &str, feedback: &str, reactions: &str, simulation: &str) -> Benc
             let wanted = format!("torque_feedback = \"{feedback}\"");
             let text = text
                 .replace("law = \"predictive\"", "law = \"proportional_integral\"")
-                .replace("torque_feedback = \"levelled\"", &wanted);
+                .replace("torque_feedback = \"levelled\"", &wanted)
+                .replace("gains = { ", "gains = { K_p = 0.0, ");
             assert!(text.contains(&wanted));
             format!("{text}\n[safety.reactions]\n{reactions}\n")
         } else if path == of_sim {
