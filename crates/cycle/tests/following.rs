@@ -89,7 +89,6 @@ fn a_drive_that_does_not_follow_is_switched_off_and_the_others_are_held() {
         );
         assert_eq!(record.fault_subject, 1 << 16 | KNEE as u32);
         let (k, _) = fault_at.unwrap();
-        eprintln!("{what}: found {} ms after it began", k - 200);
         assert!(k < 700, "{what}: found after {} cycles", k - 200);
         let drive = |j: usize| DriveState::from_number(record.commanded.joints[j].drive_state);
         assert_eq!(drive(KNEE), Some(DriveState::Off));
@@ -123,7 +122,6 @@ fn drives_at_work_stay_far_from_a_following_error() {
                 greatest = greatest.max(commanded.following_error.abs() / limit);
             }
         }
-        eprintln!("{robot} {mode:?}: {greatest:.3} of the limit");
         let events = bench.cycle.record().events;
         assert_eq!(events[Event::FollowingError.index()], 0, "{robot} {mode:?}");
         assert!(greatest < 0.7, "{robot} {mode:?}: {greatest} of the limit");

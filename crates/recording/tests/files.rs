@@ -80,7 +80,7 @@ fn given(cycle: u64) -> Given {
             sequence: 7,
             ..Settings::default()
         },
-        request: (cycle % 100 == 0).then_some(OperatorRequest::Acknowledge(104)),
+        request: (cycle.is_multiple_of(100)).then_some(OperatorRequest::Acknowledge(104)),
         record,
     }
 }
@@ -107,7 +107,7 @@ fn file() -> Vec<u8> {
     let mut writer = RunWriter::new(Cursor::new(Vec::new()), &header).expect("in memory");
     for cycle in 1..=CYCLES {
         let given = given(cycle);
-        if cycle % 50 == 0 {
+        if cycle.is_multiple_of(50) {
             encoder.note(Event::LateCycle, 2);
             encoder.note(Event::SkippedCycle, 0);
         }
@@ -115,7 +115,7 @@ fn file() -> Vec<u8> {
         let glance = Glance::at(bytes).expect("a message");
         assert_eq!((glance.sequence, glance.fault), (cycle, 0));
         writer.write(bytes).expect("in memory");
-        if cycle % 100 == 0 {
+        if cycle.is_multiple_of(100) {
             writer.flush().expect("in memory");
         }
     }
@@ -152,7 +152,7 @@ fn what_was_written_is_read_again() {
         assert_eq!(client.reference, Some(&given.reference));
         assert_eq!(client.settings, Some(&given.settings));
         assert_eq!((client.age_s, client.request), (0.25, given.request));
-        let notes: &[_] = if cycle % 50 == 0 {
+        let notes: &[_] = if cycle.is_multiple_of(50) {
             &[(Event::LateCycle, 2)]
         } else {
             &[]
