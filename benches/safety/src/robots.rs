@@ -239,6 +239,7 @@ fn take_currents(table: &mut Table, robot: &Robot, inertias: &[f64]) {
         joint.insert("gains".into(), gains.into());
     }
     if let Some(Value::Table(control)) = table.get_mut("control") {
+        control.insert("law".into(), "proportional_integral".into());
         control.insert("torque_feedback".into(), "encoder".into());
     }
 }
