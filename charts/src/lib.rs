@@ -11,7 +11,7 @@ use std::path::Path;
 /// A colour: red, green, blue.
 pub type Colour = (u8, u8, u8);
 
-/// Colours that are told apart by most people, black first.
+/// Colours that most people can distinguish, black first.
 pub const COLOURS: [Colour; 6] = [
     (30, 30, 30),
     (30, 120, 200),

@@ -243,7 +243,7 @@ impl Life {
             9 => "humanoid",
             _ => "leg",
         };
-        // A current drive that cannot be switched off keeps its last current: docs/safety.md, known limits.
+        // Current drives without control words are left out: such a run once ended in boot for ever.
         let with_states = random.below(4) > 0 || robot == "test-joint";
         let read = |path: &str| {
             let text = match robot {
