@@ -83,17 +83,14 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
 fn check_simulation(config: &str, robot: &Robot) -> Result<(), Problem> {
     let path = Path::new(config).with_file_name("sim.toml");
     let name = path.to_string_lossy();
-    let unreadable = |what: &str, e: io::Error| {
-        Problem::new(format!("cannot be read: {e}"), "a readable text file").at(what, 0)
-    };
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
-        Err(e) => return Err(unreadable(&name, e)),
+        Err(e) => return Err(Problem::unreadable(&name, &e)),
     };
     let sim = SimParameters::parse(&text, &name)?;
     let urdf = &robot.parameters.urdf_path;
-    let urdf = std::fs::read_to_string(urdf).map_err(|e| unreadable(urdf, e))?;
+    let urdf = std::fs::read_to_string(urdf).map_err(|e| Problem::unreadable(urdf, &e))?;
     CanRobot::new(robot, &urdf, &sim).map_err(|problem| problem.or_at(&name, 0))?;
     Ok(())
 }

@@ -168,20 +168,15 @@ fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) ->
     start.elapsed().as_secs_f64() * 1e9 / samples.len().max(1) as f64
 }
 
-/// A file that cannot be opened, read or written.
-pub(crate) fn of_file(name: &str, error: &std::io::Error) -> Problem {
-    Problem::new(error.to_string(), "").at(name, 0)
-}
-
 pub(crate) fn read_joint(path: &Path) -> Result<JointFile, Problem> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|e| of_file(&name, &e))?;
+    let text = std::fs::read_to_string(path).map_err(|e| Problem::unreadable(&name, &e))?;
     JointFile::parse(&text, &name, &|path| std::fs::read_to_string(path))
 }
 
 pub(crate) fn open_log(path: &Path) -> Result<LogReader<BufReader<File>>, Problem> {
     let name = path.display().to_string();
-    let file = File::open(path).map_err(|e| of_file(&name, &e))?;
+    let file = File::open(path).map_err(|e| Problem::unreadable(&name, &e))?;
     LogReader::new(BufReader::new(file), &name)
 }
 
@@ -194,7 +189,7 @@ struct Output {
 impl Output {
     fn create(path: &Path, names: &[String]) -> Result<Self, Problem> {
         let name = path.display().to_string();
-        let file = File::create(path).map_err(|e| of_file(&name, &e))?;
+        let file = File::create(path).map_err(|e| Problem::unwritable(&name, &e))?;
         let mut out = Self {
             file: BufWriter::new(file),
             name,
@@ -219,11 +214,13 @@ impl Output {
     }
 
     fn line(&mut self, line: &str) -> Result<(), Problem> {
-        writeln!(self.file, "{line}").map_err(|e| of_file(&self.name, &e))
+        writeln!(self.file, "{line}").map_err(|e| Problem::unwritable(&self.name, &e))
     }
 
     fn finish(mut self) -> Result<(), Problem> {
-        self.file.flush().map_err(|e| of_file(&self.name, &e))
+        self.file
+            .flush()
+            .map_err(|e| Problem::unwritable(&self.name, &e))
     }
 }
 

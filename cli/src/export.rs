@@ -72,11 +72,7 @@ fn export(arguments: &ExportArguments) -> Result<String, Problems> {
             .output
             .clone()
             .unwrap_or_else(|| "standard output".into());
-        let problem = Problem::new(
-            format!("cannot be written: {error}"),
-            "a writable path with room",
-        );
-        problem.at(path.display().to_string(), 0)
+        Problem::unwritable(path.display(), &error)
     };
     let out: Box<dyn Write> = match &arguments.output {
         Some(path) => Box::new(File::create(path).map_err(unwritable)?),

@@ -235,10 +235,8 @@ fn write(
     let mut written = Vec::new();
     for (name, text) in &files {
         let path = out.out.with_file_name(name);
-        let shown = path.display().to_string();
-        std::fs::write(&path, text)
-            .map_err(|e| Problem::new(e.to_string(), "").at(shown.as_str(), 0))?;
-        written.push(shown);
+        std::fs::write(&path, text).map_err(|e| Problem::unwritable(path.display(), &e))?;
+        written.push(path.display().to_string());
     }
     Ok(match out.json {
         true => {

@@ -84,14 +84,12 @@ fn import(arguments: &ImportArguments) -> Result<String, Problems> {
         let reason = format!("two logs would be written to {}", twice[0]);
         return Err(Problem::new(reason, "logs of different names").into());
     }
-    let in_folder = |e: std::io::Error, path: &Path| {
-        Problem::new(format!("cannot be written: {e}"), "").at(path.display().to_string(), 0)
-    };
-    std::fs::create_dir_all(&arguments.out).map_err(|e| in_folder(e, &arguments.out))?;
+    let unwritable = |e, path: &Path| Problem::unwritable(path.display(), &e);
+    std::fs::create_dir_all(&arguments.out).map_err(|e| unwritable(e, &arguments.out))?;
     let mut report = String::new();
     for (name, text) in &files {
         let path = arguments.out.join(name);
-        std::fs::write(&path, text).map_err(|e| in_folder(e, &path))?;
+        std::fs::write(&path, text).map_err(|e| unwritable(e, &path))?;
         let _ = writeln!(
             report,
             "{}: {} rows",

@@ -95,13 +95,11 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         files.extend(texts(&robot, &log, &torques, &stem));
     }
-    let in_folder = |e: std::io::Error, path: &Path| {
-        Problem::new(format!("cannot be written: {e}"), "").at(path.display().to_string(), 0)
-    };
-    std::fs::create_dir_all(&arguments.out).map_err(|e| in_folder(e, &arguments.out))?;
+    let unwritable = |e, path: &Path| Problem::unwritable(path.display(), &e);
+    std::fs::create_dir_all(&arguments.out).map_err(|e| unwritable(e, &arguments.out))?;
     for (name, text) in &files {
         let path = arguments.out.join(name);
-        std::fs::write(&path, text).map_err(|e| in_folder(e, &path))?;
+        std::fs::write(&path, text).map_err(|e| unwritable(e, &path))?;
     }
     let _ = writeln!(
         report,

@@ -3,7 +3,6 @@
 
 mod figures;
 
-use crate::estimate::of_file;
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use identification::inputs::{LogKind, inspect};
 use identification::log::LogRow;
@@ -174,7 +173,7 @@ pub(crate) fn write(
         html += &figures::source(traces, source).svg()?;
     }
     html += "</body></html>\n";
-    std::fs::write(path, html).map_err(|e| of_file(&path.display().to_string(), &e))
+    std::fs::write(path, html).map_err(|e| Problem::unwritable(path.display(), &e))
 }
 
 /// RMS of error over sigma outside of which a cell is marked.

@@ -216,7 +216,10 @@ fn bad_input_is_named_with_file_and_line() {
     let early = message("fit kalman --joint joint.toml --log run.csv -o out.toml");
     assert!(early.contains("allowed: a table [compliance]"), "{early}");
     let nowhere = message("estimate --joint nowhere.toml --log run.csv");
-    assert!(nowhere.contains("nowhere.toml: No such file"), "{nowhere}");
+    assert!(
+        nowhere.contains("nowhere.toml: cannot be read: No such file"),
+        "{nowhere}"
+    );
     let name = message("fit current --joint joint.toml --log run.csv -o out.csv");
     assert!(
         name.contains("--out out.csv: no name of a joint file; allowed: a name in .toml"),

@@ -13,7 +13,6 @@ use nix::errno::Errno;
 use nix::fcntl::posix_fallocate;
 use nix::sys::statvfs::statvfs;
 
-use crate::channel::Transport;
 use crate::error::Error;
 use crate::location::Location;
 
@@ -39,7 +38,7 @@ pub(crate) fn check() -> Result<(), Error> {
 }
 
 /// Gives memory to all files of the node's run directory.
-pub(crate) fn reserve(node: &Node<Transport>) -> Result<(), Error> {
+pub(crate) fn reserve<S: Service>(node: &Node<S>) -> Result<(), Error> {
     let prefix = node.config().global.prefix.to_string();
     let files = std::fs::read_dir(SHARED_MEMORY)
         .into_iter()

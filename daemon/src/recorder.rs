@@ -168,7 +168,7 @@ impl Recorder {
     pub fn start(mut self) -> std::io::Result<JoinHandle<()>> {
         let thread = thread::Builder::new().name("recorder".to_owned());
         thread.spawn(move || {
-            crate::shared_memory::run_as_ordinary_thread();
+            crate::real_time::run_as_ordinary_thread();
             while !self.is_over() {
                 if !self.poll(Instant::now()) {
                     thread::sleep(POLL);

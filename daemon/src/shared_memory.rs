@@ -30,14 +30,9 @@ use cycle::OperatorRequest;
 use robot_state::{Description, Reference, Settings, SharedRecord};
 use rtrb::{Consumer, Producer, RingBuffer};
 use supervisor::Commanders;
-use thread_priority::ThreadPriority;
-use thread_priority::unix::{
-    NormalThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy,
-    thread_native_id,
-};
 use torqued_client::{DaemonPorts, Error, Location};
 
-use crate::real_time::monotonic_ns;
+use crate::real_time::{monotonic_ns, run_as_ordinary_thread};
 use crate::request_server::RequestServer;
 
 /// Largest backlog of the publisher thread, records: a quarter of a second at 1 kHz, 6 MB.
@@ -371,11 +366,4 @@ fn count_failure<T>(shared: &Shared, result: &Result<T, Error>) {
     if result.is_err() {
         shared.failures.fetch_add(1, Ordering::Relaxed);
     }
-}
-
-/// Leaves the real-time scheduler that the thread may have inherited.
-pub(crate) fn run_as_ordinary_thread() {
-    let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
-    // Giving priority up is always allowed.
-    let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, ordinary);
 }

@@ -92,9 +92,8 @@ impl Prepared {
     pub fn new(variant: Variant, read: Read<'_>) -> Result<Self, Problems> {
         let path = format!("config/{}/robot.toml", variant.robot);
         let sim_path = format!("config/{}/sim.toml", variant.robot);
-        let read_file = |path: &str| {
-            read(path).map_err(|e| Problems(vec![Problem::new(e.to_string(), "").at(path, 0)]))
-        };
+        let read_file =
+            |path: &str| read(path).map_err(|e| Problems::from(Problem::unreadable(path, &e)));
         let mut sim = SimParameters::parse(&read_file(&sim_path)?, &sim_path)?;
         let mut table = parse(&read_file(&path)?);
         if !variant.states {

@@ -212,8 +212,7 @@ fn case(
 /// # Errors
 /// Logs that cannot be read.
 pub fn judge(folder: &Path, progress: &dyn Fn(&str)) -> Result<Vec<RealCase>, Problem> {
-    let of =
-        |e: std::io::Error| Problem::new(e.to_string(), "").at(folder.display().to_string(), 0);
+    let of = |e: std::io::Error| Problem::unreadable(folder.display(), &e);
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .map_err(of)?
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())

@@ -7,8 +7,6 @@
 
 mod by_mass_matrix;
 
-pub(crate) use by_mass_matrix::packs;
-
 use crate::data::Data;
 use crate::kinematics::{base_placement, six};
 use crate::lane_schedule::{LaneSchedule, Step};

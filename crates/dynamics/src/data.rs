@@ -1,12 +1,16 @@
 //! Memory of the algorithms, allocated once per model.
 
-use crate::aba::packs;
 use crate::in_order::InOrder;
 use crate::model::Model;
 use crate::rows::{AbaRow, CrbaRow, RneaRow};
 use crate::spatial::{Inertia, Motion, Se3};
 use nalgebra::DMatrix;
-use simd::{Instructions, Pack};
+use simd::{Instructions, Pack, WIDTH};
+
+/// Packs of each column of an n × n matrix.
+pub(crate) fn packs(n: usize) -> usize {
+    n.div_ceil(WIDTH)
+}
 
 /// Results and intermediate values of every algorithm, for one model.
 #[derive(Clone, Debug)]

@@ -36,6 +36,19 @@ impl Problem {
         }
     }
 
+    /// A file that cannot be read.
+    #[must_use]
+    pub fn unreadable(file: impl fmt::Display, error: &impl fmt::Display) -> Self {
+        Self::new(format!("cannot be read: {error}"), "a readable file").at(file.to_string(), 0)
+    }
+
+    /// A file that cannot be written.
+    #[must_use]
+    pub fn unwritable(file: impl fmt::Display, error: &impl fmt::Display) -> Self {
+        let allowed = "a writable path with room";
+        Self::new(format!("cannot be written: {error}"), allowed).at(file.to_string(), 0)
+    }
+
     /// The same problem at a place; line 0 means the whole file.
     #[must_use]
     pub fn at(mut self, file: impl Into<String>, line: usize) -> Self {

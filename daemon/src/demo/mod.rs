@@ -145,10 +145,7 @@ fn load(name: &str, seed: Option<u64>) -> Result<(Robot, CanRobot, Motion), Fail
             .to_string_lossy()
             .into_owned()
     };
-    let refuse = |path: &str, e: io::Error| {
-        let problem = Problem::new(format!("cannot be read: {e}"), "a readable text file");
-        Failure::bad_input(problem.at(path, 0))
-    };
+    let refuse = |path: &str, e: io::Error| Failure::bad_input(Problem::unreadable(path, &e));
     let robot = robot_config::load(&config, &read).map_err(Failure::bad_input)?;
     let path = beside("sim.toml");
     let text = read(&path).map_err(|e| refuse(&path, e))?;

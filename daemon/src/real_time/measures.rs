@@ -9,7 +9,8 @@ use nix::unistd::Pid;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use thread_priority::{
-    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue,
+    ThreadSchedulePolicy,
 };
 
 /// Bytes of stack the loop may need; its frames are small, so this is ample.
@@ -137,6 +138,14 @@ pub(super) fn schedule_fifo(priority: u8) -> Measure {
         })
         .map_err(|error| fifo_denial(priority, &error));
     measure(format!("scheduler SCHED_FIFO {priority}"), true, outcome)
+}
+
+/// Leaves the real-time scheduler that the thread may have inherited.
+pub(crate) fn run_as_ordinary_thread() {
+    let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+    let thread = thread_priority::thread_native_id();
+    // Giving priority up is always allowed.
+    let _ = thread_priority::set_thread_priority_and_policy(thread, ThreadPriority::Min, ordinary);
 }
 
 fn fifo_denial(priority: u8, error: &thread_priority::Error) -> (String, String) {

@@ -172,7 +172,7 @@ impl JointController {
             self.following.update(shown, motion.dq)
         });
         if let Some(predictive) = &mut self.predictive {
-            predictive.observe(&sensed(input, &motion));
+            predictive.observe(&sensed(input.measured, &motion, input.fast));
         }
         let asked = self.asked(goal, &motion, input, commanded);
         let limited = match self.state {

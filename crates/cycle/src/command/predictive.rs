@@ -1,20 +1,19 @@
 //! The predictive torque law in the cycle: what it senses, and its command with its contributions.
 
 use control::predictive::{PredictiveLaw, Sensed, TorqueTerms};
-use robot_state::{JointCommanded, command_flags, measured_flags};
+use robot_state::{JointCommanded, JointMeasured, command_flags, measured_flags};
 use supervisor::Motion;
 
-use super::joint::JointInput;
 use super::transition::Transition;
 
-/// The joint's sample, as the law takes it.
-pub(super) fn sensed(input: &JointInput<'_>, motion: &Motion) -> Sensed {
+/// The joint's sample, as the law takes it, with the torque that it feeds back, N·m.
+pub(super) fn sensed(measured: &JointMeasured, motion: &Motion, torque: Option<f64>) -> Sensed {
     let missing = measured_flags::NEVER | measured_flags::MISSED | measured_flags::STALE;
     Sensed {
         theta: motion.theta,
         q: motion.q,
-        torque: input.fast,
-        fresh: input.measured.flags & missing == 0,
+        torque,
+        fresh: measured.flags & missing == 0,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Forward dynamics by the mass matrix.
 
 use crate::crba::mass_matrix;
-use crate::data::Data;
+use crate::data::{Data, packs};
 use crate::kinematics::at;
 use crate::model::Model;
 use crate::rnea::rnea;
@@ -33,11 +33,6 @@ pub(super) fn by_mass_matrix(
         x: &mut data.ddq[..model.nv()],
     };
     run(data.instructions, kernel);
-}
-
-/// Packs of each column of an n × n matrix.
-pub(crate) fn packs(n: usize) -> usize {
-    n.div_ceil(WIDTH)
 }
 
 /// Solves `M x = b` in place by `M = L^T D L` from the last row, without regard to zeros. The

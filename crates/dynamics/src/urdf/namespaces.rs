@@ -2,16 +2,14 @@
 //! common in URDFs, and no XML. Pinocchio's parser knows no namespaces and reads past them; here they
 //! get a declaration.
 
-use super::text::not_xml;
-use problem::Problem;
-use roxmltree::{Document, Error};
+use roxmltree::{Document, Error, Node};
 use std::borrow::Cow;
 
 /// More undeclared prefixes than a robot has extensions: each costs a reading of the text.
 const MOST: usize = 32;
 
 /// The text, with every prefix declared on the line of the root element.
-pub(super) fn declared(text: &str) -> Result<Cow<'_, str>, Problem> {
+pub(super) fn declared(text: &str) -> Result<Cow<'_, str>, Error> {
     let mut text = Cow::Borrowed(text);
     for _ in 0..MOST {
         match Document::parse(&text) {
@@ -23,10 +21,16 @@ pub(super) fn declared(text: &str) -> Result<Cow<'_, str>, Problem> {
                 let (before, after) = text.split_at(at);
                 text = Cow::Owned(format!("{before} xmlns:{prefix}=\"{prefix}\"{after}"));
             }
-            Err(e) => return Err(not_xml(&e)),
+            Err(e) => return Err(e),
         }
     }
     Ok(text)
+}
+
+/// True for elements of the robot's own vocabulary: `<drake:joint>` is no `<joint>`.
+pub(super) fn plain(node: &Node) -> bool {
+    let robot = node.document().root_element();
+    node.is_element() && node.tag_name().namespace() == robot.tag_name().namespace()
 }
 
 /// Where the name in the root element's start tag ends.

@@ -1,7 +1,8 @@
 //! The XML: numbers are checked where their line is known, then `urdf-rs` reads a clean copy.
 
+use super::namespaces::{self, plain};
+use super::problem_at;
 use super::transmission::{self, Transmission};
-use super::{namespaces, problem_at};
 use problem::Problem;
 use roxmltree::{Document, Node};
 use std::fmt::Write;
@@ -159,7 +160,7 @@ impl LineEnds {
 
 /// Reads the text of a URDF.
 pub(super) fn read(text: &str) -> Result<Source, Problem> {
-    let text = namespaces::declared(text)?;
+    let text = namespaces::declared(text).map_err(|e| not_xml(&e))?;
     let document = Document::parse(&text).map_err(|e| not_xml(&e))?;
     let root = document.root_element();
     let line_ends = LineEnds::of(&text);
@@ -210,14 +211,8 @@ pub(super) fn read(text: &str) -> Result<Source, Problem> {
 }
 
 /// A refusal of text that is not XML.
-pub(super) fn not_xml(error: &roxmltree::Error) -> Problem {
+fn not_xml(error: &roxmltree::Error) -> Problem {
     problem_at(error.pos().row as usize, format!("not XML: {error}"), "")
-}
-
-/// True for elements of the robot's own vocabulary: `<drake:joint>` is no `<joint>`.
-pub(super) fn plain(node: &Node) -> bool {
-    let robot = node.document().root_element();
-    node.is_element() && node.tag_name().namespace() == robot.tag_name().namespace()
 }
 
 /// Checks one element and writes its clean copy.

@@ -1,7 +1,7 @@
 //! Gear ratios and rotor inertias in `<transmission>` and `<ros2_control>`.
 
+use super::namespaces::plain;
 use super::problem_at;
-use super::text::plain;
 use problem::Problem;
 use roxmltree::Node;
 

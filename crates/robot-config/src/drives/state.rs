@@ -39,9 +39,10 @@ fn status(section: &Section<'_, '_>) -> Vec<StatusPattern> {
 }
 
 fn row(section: Section<'_, '_>) -> StatusPattern {
-    let states = DriveState::ALL.map(|state| (state.name(), state));
     // Unknown is where no row fits.
-    let state = section.choice("state", &states[1..]);
+    let known = DriveState::ALL.iter().skip(1);
+    let states: Vec<_> = known.map(|&state| (state.name(), state)).collect();
+    let state = section.choice("state", &states);
     let [mask, value] = ["mask", "value"].map(|key| section.integer(key, 0..WORDS) as u32);
     if value & !mask != 0 {
         section.problem(

@@ -77,3 +77,22 @@ impl Files {
         }
     }
 }
+
+pub(crate) const LEG: &str = "config/leg/robot.toml";
+pub(crate) const HUMANOID: &str = "config/humanoid/robot.toml";
+
+/// The only problem is on the line of `at` in the file at `path`, and its text has all `parts`.
+#[track_caller]
+pub(crate) fn refused(files: &Files, path: &str, at: &str, parts: &[&str]) {
+    let text = files.errors(path);
+    assert_eq!(text.lines().count(), 1, "{text}");
+    let place = format!("{path}:{}: ", files.line(path, at));
+    assert!(text.starts_with(&place), "{place} does not begin\n{text}");
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in\n{text}");
+    }
+}
+
+pub(crate) fn leg_with(from: &str, to: &str) -> Files {
+    Files::new().with(LEG, from, to)
+}

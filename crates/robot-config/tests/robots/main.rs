@@ -1,5 +1,6 @@
 //! Configurations of whole robots: those of the repository, and faulty ones.
 
 mod accepted;
+mod drives;
 mod files;
 mod refusals;
