@@ -8,6 +8,7 @@ mod text;
 use crate::margins;
 use crate::output::finish_or_refuse;
 use bus_load::{Bitrate, BusLoad, bus_loads};
+use dynamics::{Frame, Model};
 use plant::{CanRobot, SimParameters};
 use problem::Problem;
 use robot_config::{JointParameters, Problems, Robot};
@@ -128,7 +129,29 @@ fn warnings(robot: &Robot, buses: &[BusLoad]) -> Vec<String> {
                 .to_owned(),
         );
     }
+    for ft in &robot.parameters.ft_sensors {
+        if mass_beyond(&robot.model, &ft.sensor.frame) <= 0.0 {
+            let (name, frame) = (&ft.sensor.name, &ft.sensor.frame);
+            warnings.push(format!(
+                "F/T sensor {name}: nothing beyond it has a mass in the URDF (frame {frame})"
+            ));
+        }
+    }
     warnings
+}
+
+/// Mass of a link and of all that it carries, kg.
+fn mass_beyond(model: &Model, link: &str) -> f64 {
+    let frames = model.frames();
+    let Some(first) = model.frame_index(link) else {
+        return 0.0;
+    };
+    let carried = |&(index, _): &(usize, &Frame)| {
+        let mut chain = std::iter::successors(Some(index), |&i| frames[i].parent);
+        chain.any(|i| i == first)
+    };
+    let beyond = frames.iter().enumerate().filter(carried);
+    beyond.map(|(_, frame)| frame.inertia.mass).sum()
 }
 
 /// One count of the link-side encoder as torque, N·m: how fine torque from encoders can be.

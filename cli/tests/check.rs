@@ -127,6 +127,32 @@ fn half_the_bitrate_doubles_the_load_and_warns() {
 }
 
 #[test]
+fn an_ft_sensor_with_nothing_beyond_it_is_warned_of() {
+    let leg = Leg::new("massless");
+    let urdf = "robot-models/leg/robot.urdf";
+    let mass = |leg: &Leg| {
+        let output = leg.check(&["--json"]);
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let beyond = json["ft_sensors"][0]["mass_beyond_kg"].as_f64().unwrap();
+        (beyond, json["warnings"].to_string())
+    };
+    let (beyond, warnings) = mass(&leg);
+    assert!((beyond - 1.2).abs() < 1e-9, "{beyond}");
+    assert!(!warnings.contains("nothing beyond"), "{warnings}");
+    leg.change(
+        urdf,
+        "<parent link=\"ankle_ft\"/>",
+        "<parent link=\"ankle_roll_link\"/>",
+    );
+    let (beyond, warnings) = mass(&leg);
+    assert!(beyond.abs() < 1e-9, "{beyond}");
+    assert!(
+        warnings.contains("ankle: nothing beyond it has a mass"),
+        "{warnings}"
+    );
+}
+
+#[test]
 fn unknown_key() {
     let leg = Leg::new("unknown_key");
     let line = leg.change(TOML, "priority = 80", "priorty = 80");

@@ -2,7 +2,7 @@
 
 use super::bus_load::BusLoad;
 use super::gains::equivalent;
-use super::{command, torque_per_count};
+use super::{command, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
 use robot_config::{JointParameters, Robot};
 use serde_json::{Value, json};
@@ -67,6 +67,7 @@ pub(super) fn object(
         "ft_sensors": parameters.ft_sensors.iter().map(|ft| json!({
             "name": ft.sensor.name,
             "frame": ft.sensor.frame,
+            "mass_beyond_kg": mass_beyond(&robot.model, &ft.sensor.frame),
         })).collect::<Vec<_>>(),
         "imu_frame": parameters.imu.as_ref().map(|imu| &imu.frame),
         "torque_loops": margins::objects(judged),

@@ -2,7 +2,7 @@
 
 use super::bus_load::BusLoad;
 use super::gains::equivalent;
-use super::{command, torque_per_count};
+use super::{command, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
 use control::MotorModel;
 use dynamics::Base;
@@ -204,11 +204,19 @@ fn gain_table(robot: &Robot) -> TextTable {
 }
 
 fn sensor_table(robot: &Robot) -> TextTable {
-    let mut rows = vec![row(["sensor", "frame", "bus", "temperature", "sigma"])];
+    let mut rows = vec![row([
+        "sensor",
+        "frame",
+        "mass beyond",
+        "bus",
+        "temperature",
+        "sigma",
+    ])];
     rows.extend(robot.parameters.ft_sensors.iter().map(|ft| {
         vec![
             ft.sensor.name.clone(),
             ft.sensor.frame.clone(),
+            format!("{:.3} kg", mass_beyond(&robot.model, &ft.sensor.frame)),
             robot.parameters.buses[ft.bus].name.clone(),
             if ft.has_temperature {
                 "compensated"

@@ -20,7 +20,7 @@ pub(crate) fn whole_body(root: &Section<'_, '_>, sensors: &[FtParameters]) -> Wh
         unknown_wrench_link: None,
         angular_acceleration: Differentiate,
         weighting: Weighting::Unit,
-        sigma_model: 0.0,
+        sigma_model: 0.01,
         contacts: Vec::new(),
         blend: 0.1,
         load_rule: None,
@@ -34,7 +34,7 @@ pub(crate) fn whole_body(root: &Section<'_, '_>, sensors: &[FtParameters]) -> Wh
             section.choice_or("angular_acceleration", Differentiate, &choices);
         let choices = [("unit", Weighting::Unit), ("expected", Weighting::Expected)];
         settings.weighting = section.choice_or("weights", Weighting::Unit, &choices);
-        let per_cent = section.number_or("model_sigma_per_cent", 0.0, Allowed::Within(0.0, 100.0));
+        let per_cent = section.number_or("model_sigma_per_cent", 1.0, Allowed::Within(0.0, 100.0));
         settings.sigma_model = 0.01 * per_cent;
         let blend_ms = section.number_or("blend_ms", 100.0, Allowed::Within(0.0, 10_000.0));
         settings.blend = 1e-3 * blend_ms;
