@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 46
+EVENT_COUNT = 47
 
 
 class Mode(IntEnum):
@@ -161,6 +161,7 @@ EVENTS = (
     Event(304, "reference_jump", "A client's desired position was far from the pose at its start, or moved faster than the joint may.", "joint.velocity_limit_rad_per_s", "release"),
     Event(305, "commander_refused", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.", "loop.reference_timeout_ms", "warn"),
     Event(306, "commander_replaced", "A client of higher priority took the command over.", "-", "release"),
+    Event(307, "reference_limit", "A client's reference asked for a value beyond what joint or sensor can have, or for a velocity that its positions do not make.", "joint.torque_limit_Nm / joint.velocity_limit_rad_per_s", "release"),
     Event(401, "position_limit", "A commanded position, or its lead over the measured position, was limited.", "joint.position_min_deg / joint.position_max_deg", "warn"),
     Event(402, "torque_limit", "A commanded torque or current was limited.", "joint.torque_limit_Nm", "warn"),
     Event(403, "command_not_finite", "A computed command was NaN or infinite; the last command was kept.", "-", "hold"),
@@ -447,7 +448,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """25352 bytes."""
+    """25360 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -484,7 +485,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 46),
+        ("events", ctypes.c_uint64 * 47),
     ]
 
 
@@ -515,7 +516,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """25424 bytes."""
+    """25432 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -691,7 +692,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#fe6a45cb885a6270")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#6b4013e2f6158317")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#f36959068f2015ff")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#cb6f5874622f4292")

@@ -145,6 +145,29 @@ impl PredictiveLaw {
             }
             return;
         }
+        self.advance(torque);
+        if sensed.fresh && measurable {
+            let limit = self.parameters.disturbance_limit;
+            self.rotor.correct(sensed.theta, limit);
+            self.link.correct(sensed.q);
+            self.measured_q = sensed.q;
+        }
+    }
+
+    /// A period in which the loop did not run: no sample was taken, and the drive kept its command.
+    /// Before the sample that follows it.
+    pub fn skip(&mut self) {
+        if !self.started {
+            return;
+        }
+        self.advance(None);
+        let kept = self.commands.last().copied().unwrap_or(self.before);
+        self.sent(kept);
+    }
+
+    /// Both observers run on by a period; `torque`: T at its end, N·m, or none where it was not
+    /// measured.
+    fn advance(&mut self, torque: Option<f64>) {
         let last_torque = self.torque;
         let stiffness = self.parameters.gear.at(last_torque);
         // The torque that the last one and the model lead to, where none was measured.
@@ -159,11 +182,6 @@ impl PredictiveLaw {
             self.rotor.advance(step, force);
         }
         self.link.advance();
-        if sensed.fresh && measurable {
-            self.rotor.correct(sensed.theta, p.disturbance_limit);
-            self.link.correct(sensed.q);
-            self.measured_q = sensed.q;
-        }
         self.torque = torque;
     }
 

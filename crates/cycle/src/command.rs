@@ -1,13 +1,14 @@
 //! Command: from the client's reference to each drive's command (D10-D12), within limits.
 //!
-//! Parts: `decide` settles the mode and whether a reference is followed; `joint` computes each
-//! joint's command in that mode, on which [`supervisor::Limiter`] has the last word; `emit` makes the
-//! frames.
+//! Parts: `decide` settles the mode and whether a client is followed, `reference` whether the robot
+//! can do what it asks for; `joint` computes each joint's command in that mode, on which
+//! [`supervisor::Limiter`] has the last word; `emit` makes the frames.
 
 mod decide;
 mod emit;
 mod joint;
 mod predictive;
+mod reference;
 mod transition;
 
 use control::InverseDynamics;
@@ -15,7 +16,7 @@ use dynamics::Motion;
 use robot_config::{FastTorqueFeedback, Robot, TorqueFeedback, TorqueLaw};
 use robot_state::{
     CommandedRecord, EstimatedRecord, Event, JointEstimated, JointReference, MAX_FT_SENSORS,
-    MeasuredRecord, Reference, Wrench, command_flags, torque_flags,
+    MeasuredRecord, Mode, Reference, Wrench, command_flags, torque_flags,
 };
 
 use supervisor::Deviation;
@@ -38,6 +39,12 @@ pub(crate) struct Input<'a> {
     pub(crate) fast: &'a [FastTorque],
     /// Twist and proper acceleration of the root.
     pub(crate) base_motion: (Motion, Motion),
+    /// Age of the client's reference, s.
+    pub(crate) age_s: f64,
+    /// Periods before this cycle in which the loop did not run.
+    pub(crate) skipped: u32,
+    /// They were so many that nothing goes on.
+    pub(crate) overslept: bool,
 }
 
 /// The controllers of all joints, and the inverse dynamics that they share.
@@ -103,9 +110,14 @@ impl Command {
             estimated,
             fast,
             base_motion,
+            age_s,
+            skipped,
+            overslept,
         } = *input;
         let reference = goal.reference();
-        self.inverse_dynamics(reference, base_motion, measured, estimated);
+        // Desired accelerations and contact forces are those of inverse dynamics alone.
+        let moved = reference.filter(|_| goal.mode() == Mode::InverseDynamics);
+        self.inverse_dynamics(moved, base_motion, measured, estimated);
         let none = JointReference::default();
         for (j, joint) in self.joints.iter_mut().enumerate() {
             if !is_engaged(j) {
@@ -114,7 +126,15 @@ impl Command {
             }
             let torques = &estimated.joints[j];
             let input = JointInput {
-                reference: reference.and_then(|r| r.joints.get(j)).unwrap_or(&none),
+                reference: reference
+                    .and_then(|r| r.joints.get(j))
+                    .map_or(none, |asked| {
+                        // A reference is for the time at which it was sent.
+                        JointReference {
+                            q_d: asked.q_d + asked.dq_d * age_s,
+                            ..*asked
+                        }
+                    }),
                 inverse_dynamics: self.torques[j],
                 measured: &measured.joints[j],
                 tau_encoder: &torques.tau_encoder,
@@ -129,6 +149,8 @@ impl Command {
                 },
                 fast: fast_torque(self.torque_law, torques, fast.get(j)),
                 dt: self.sample_period,
+                skipped,
+                overslept,
             };
             match joint.update(goal, &input, &mut commanded.joints[j]) {
                 Some(Deviation::Following) => {

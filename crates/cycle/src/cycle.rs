@@ -87,6 +87,9 @@ impl Cycle {
             estimated,
             fast: self.estimate.fast_torques(),
             base_motion: self.estimate.base_motion(),
+            age_s: client.age_s,
+            skipped: self.measure.skipped(),
+            overslept: readiness.overslept,
         };
         let engaged = |joint| self.supervisor.is_engaged(joint);
         (self.command).update(&goal, engaged, &input, commanded, counts);

@@ -59,6 +59,8 @@ pub(crate) struct Readiness<'m> {
     pub(crate) joints_ready: bool,
     /// The same of F/T sensors and IMU.
     pub(crate) sensors_ready: bool,
+    /// The loop has not run for longer than samples may be old: what was followed before is over.
+    pub(crate) overslept: bool,
 }
 
 /// The joints and sensors of a robot, followed from cycle to cycle.
@@ -70,6 +72,7 @@ pub(crate) struct Measure {
     ft_inputs: Vec<FtInput>,
     imu: Option<Source>,
     sample_period: f64,
+    stale_after: f64,
     sends_velocity: Vec<bool>,
     /// Builds each joint's sample for its estimators from its readings.
     front_ends: Vec<FrontEnd>,
@@ -86,6 +89,8 @@ pub(crate) struct Measure {
     plausibility: Vec<Plausibility>,
     joint_readiness: Vec<JointReadiness>,
     last_sync: Option<Stamp>,
+    /// Periods before this cycle in which the loop did not run.
+    skipped: u32,
     /// All flags of the joints, and of the sensors.
     joint_flags: u32,
     sensor_flags: u32,
@@ -131,6 +136,7 @@ impl Measure {
                 reception.source(axes.collect(), imu.sampling, &imu.signals, true)
             }),
             sample_period: period,
+            stale_after: parameters.timing.stale_after,
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
             front_ends: (parameters.joints.iter())
                 .map(|joint| {
@@ -150,6 +156,7 @@ impl Measure {
                 .collect(),
             joint_readiness: vec![JointReadiness::default(); n],
             last_sync: None,
+            skipped: 0,
             joint_flags: measured_flags::NEVER,
             sensor_flags: measured_flags::NEVER,
             reception,
@@ -189,7 +196,13 @@ impl Measure {
             joints: &self.joint_readiness,
             joints_ready: self.joint_flags & unready == 0,
             sensors_ready: self.sensor_flags & unready == 0,
+            overslept: f64::from(self.skipped) * self.sample_period > self.stale_after,
         }
+    }
+
+    /// Periods before this cycle in which the loop did not run; not more than are bridged.
+    pub(crate) fn skipped(&self) -> u32 {
+        self.skipped
     }
 
     /// All `measured_flags` of the signals that enter the equations of motion, in one word.
@@ -244,6 +257,7 @@ impl Measure {
         let last = self.last_sync.replace(sync);
         let elapsed = last.map_or(0.0, |last| sync.0.saturating_sub(last.0) as f64 / period_ns);
         let skipped = (elapsed.round() - 1.0).clamp(0.0, MAX_BRIDGED) as u32;
+        self.skipped = skipped;
         if skipped == 0 {
             return;
         }
@@ -301,7 +315,8 @@ impl Measure {
                 measured.q += measured.dq * self.sample_period;
                 measured.theta += measured.omega * self.sample_period;
             }
-            if reading.usable {
+            // A frame with an angle that cannot be right is not believed in anything else either.
+            if reading.usable && (used || self.is_lost(j, flags)) {
                 measured.current = self.reception.slot(slots::current(j));
                 measured.status = self.reception.slot(slots::status(j)) as u32;
                 if self.sends_velocity[j] {

@@ -165,7 +165,7 @@ fn a_limit_that_acts_may_switch_the_robot_off_and_no_set_point_leaves_with_it() 
     let mut bench = bench("leg", "encoder", "torque_limit = \"off\"", "");
     let mut reference = carried(&mut bench);
     follow(&mut bench, &mut reference, Mode::Torque, 20, &[]);
-    reference.joints[3].tau_d = 1e4;
+    reference.joints[3].tau_d = 1.5 * bench.robot.parameters.joints[3].limits.torque;
     let record = follow(&mut bench, &mut reference, Mode::Torque, 1, &[]);
     assert_eq!(record.fault, Event::TorqueLimit.number());
     assert_eq!(record.fault_subject, 1 << 16 | 3, "the knee");

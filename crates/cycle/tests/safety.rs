@@ -223,59 +223,6 @@ fn a_bus_that_was_cut_does_not_move_its_joints_when_it_is_back() {
 }
 
 #[test]
-fn references_that_jump_or_ask_for_too_much_are_not_followed() {
-    for (what, change) in [
-        (
-            "zeros",
-            (|r| r.joints.iter_mut().for_each(|j| j.q_d = 0.0)) as fn(&mut robot_state::Reference),
-        ),
-        ("1e300", |r| r.joints[3].q_d = 1e300),
-    ] {
-        let mut bench = Bench::new("leg");
-        bench.run(400);
-        let mut motion = Motion::of(&bench);
-        let mut reference = bench.reference(Mode::InverseDynamics.number(), 1);
-        change(&mut reference);
-        for _ in 0..500 {
-            reference.sequence += 1;
-            bench.step(&client_input(&reference));
-            motion.take(&bench);
-        }
-        let record = bench.cycle.record();
-        assert_eq!(record.events[Event::ReferenceJump.index()], 1);
-        assert_eq!(record.mode, Mode::Hold.number());
-        motion.assert_small(&format!("reference of {what}"));
-    }
-}
-
-#[test]
-fn a_step_of_the_desired_torque_is_limited_in_rate() {
-    let mut bench = Bench::new("leg");
-    bench.run(400);
-    let mut reference = bench.reference(Mode::Torque.number(), 1);
-    bench.step(&client_input(&reference));
-    let limits = bench.robot.parameters.joints[3].limits;
-    reference.joints[3].tau_d = limits.torque;
-    let mut last = bench.plant.truth().joints[3].tau;
-    let mut greatest: f64 = 0.0;
-    for _ in 0..20 {
-        reference.sequence += 1;
-        let record = *bench.step(&client_input(&reference));
-        let flags = record.commanded.joints[3].flags;
-        let tau = bench.plant.truth().joints[3].tau;
-        greatest = greatest.max((tau - last).abs());
-        last = tau;
-        let moving = flags & (command_flags::TORQUE_RATE_LIMITED | command_flags::VELOCITY_LIMITED);
-        assert!(moving != 0 || tau > 0.5 * limits.torque, "flags {flags}");
-    }
-    let rate = limits.torque_rate * 1e-3;
-    assert!(
-        greatest < 3.0 * rate,
-        "{greatest} N·m in a cycle, rate {rate}"
-    );
-}
-
-#[test]
 fn sensors_that_fall_silent_end_the_modes_that_need_them() {
     let mut bench = Bench::new("humanoid");
     bench.run(400);
@@ -418,50 +365,6 @@ fn answers_that_are_always_too_late_latch_a_fault() {
     let record = bench.cycle.record();
     assert_eq!(record.fault, Event::JointStale.number());
     motion.assert_small("the knee answers too late");
-}
-
-#[test]
-fn skipped_cycles_do_not_step_the_torque() {
-    for skipped in [1, 3, 10] {
-        let mut bench = Bench::new("leg");
-        let mut reference = bench.follow();
-        let q0: Vec<f64> = reference.joints.iter().map(|j| j.q_d).collect();
-        let mut last: Option<CycleRecord> = None;
-        let mut greatest: f64 = 0.0;
-        for k in 0..1000 {
-            let t = f64::from(k) * 1e-3;
-            let w = std::f64::consts::PI;
-            for (joint, q0) in reference.joints.iter_mut().zip(&q0).take(6) {
-                // 0.25 rad at 0.5 Hz, begun at rest.
-                joint.q_d = q0 + 0.125 * (1.0 - (w * t).cos());
-                joint.dq_d = 0.125 * w * (w * t).sin();
-            }
-            reference.sequence += 1;
-            // The robot goes on while the loop sleeps, and its answers are lost.
-            if k == 500 {
-                for _ in 0..skipped {
-                    bench.gather();
-                }
-            }
-            let record = *bench.step(&client_input(&reference));
-            if let Some(last) = last.filter(|_| k > 490 && k < 700) {
-                let taus = |r: &CycleRecord| {
-                    (r.estimated.joints).map(|j| [j.tau_encoder.tau, j.tau_whole_body.tau])
-                };
-                for (before, after) in taus(&last).iter().zip(taus(&record)).take(6) {
-                    let steps = before.iter().zip(after).map(|(a, b)| (a - b).abs());
-                    greatest = steps.fold(greatest, f64::max);
-                }
-            }
-            last = Some(record);
-        }
-        assert_eq!(bench.cycle.record().fault, 0);
-        let limit = bench.robot.parameters.joints[3].limits.torque;
-        assert!(
-            greatest < 0.05 * limit,
-            "{skipped} skipped: {greatest} N·m in a cycle"
-        );
-    }
 }
 
 #[test]

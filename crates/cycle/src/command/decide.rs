@@ -21,6 +21,7 @@ use supervisor::{
     Safety,
 };
 
+use super::reference::ReferenceCheck;
 use crate::events::{Counts, Subject};
 use crate::measure::Readiness;
 
@@ -70,11 +71,6 @@ impl<'a> Goal<'a> {
 
 /// |dq| below which a joint counts as at rest, rad/s.
 const REST: f64 = 0.02;
-/// Greatest first distance of a desired position from the measured one: the joint's way in this
-/// time at its velocity limit, s. Later ones may move at the velocity limit.
-const FIRST_DISTANCE_S: f64 = 0.05;
-/// A desired position may be this much faster than the velocity limit, for clients' jitter.
-const PACE: f64 = 1.5;
 
 /// The state of the robot, and the memory that leads to it.
 #[derive(Debug)]
@@ -88,7 +84,7 @@ pub(crate) struct Supervisor {
     /// No control word is sent before the robot was ready or in a fault once.
     listening: bool,
     reference_timeout_s: f64,
-    sample_period: f64,
+    references: ReferenceCheck,
     reactions: Reactions,
     /// Bits of the sources that each mode needs, in the order of `Mode::ALL`.
     needs: [u32; Mode::ALL.len()],
@@ -105,9 +101,6 @@ pub(crate) struct Supervisor {
     /// The lease, and what follows from it.
     commander: CommanderRecord,
     last_sequence: Option<u64>,
-    /// Desired positions followed last, rad, and the cycles since they changed.
-    followed: Vec<f64>,
-    cycles_since: f64,
     requests: u32,
     refusal: u32,
     acknowledged: bool,
@@ -128,7 +121,7 @@ impl Supervisor {
             implausible_currents: vec![false; joints],
             listening: true,
             reference_timeout_s: p.timing.reference_timeout,
-            sample_period: p.timing.sample_period,
+            references: ReferenceCheck::new(robot),
             reactions: p.safety.reactions.clone(),
             needs: Mode::ALL.map(|mode| needs(mode, robot)),
             unsound: 0,
@@ -139,8 +132,6 @@ impl Supervisor {
             released_by: 0,
             commander: CommanderRecord::default(),
             last_sequence: None,
-            followed: vec![0.0; joints],
-            cycles_since: 0.0,
             requests: 0,
             refusal: 0,
             acknowledged: false,
@@ -340,28 +331,25 @@ impl Supervisor {
         if self.machine.is_braking() || self.machine.fault().is_some() {
             return Goal::Stop;
         }
-        let active = self.mode != Mode::Hold;
-        if !self.is_possible(self.mode) {
+        let mode = self.mode;
+        if !self.is_possible(mode) {
             self.release(self.degraded_by);
+        } else if readiness.overslept && mode != Mode::Hold {
+            self.release(Event::SkippedCycle.number());
         }
-        let active = active && !self.released;
         let allowed = self.machine.may_follow() && !self.released && readiness.joints_ready;
         let asked = asked.filter(|goal| allowed && self.is_possible(goal.mode()));
-        match asked {
-            Some(goal) if goal.mode() == Mode::InverseDynamics => {
-                match goal
-                    .reference()
-                    .filter(|r| self.follows(r, !active, measured))
-                {
-                    Some(_) => goal,
-                    None => {
-                        self.report(Event::ReferenceJump, None, counts);
-                        Goal::Hold
-                    }
-                }
+        let Some(goal) = asked else {
+            return Goal::Hold;
+        };
+        // What an earlier visit of the mode has followed does not count.
+        let first = goal.mode() != mode;
+        match self.references.follows(&goal, first, measured) {
+            Ok(()) => goal,
+            Err(flaw) => {
+                self.report(flaw, None, counts);
+                Goal::Hold
             }
-            Some(goal) => goal,
-            None => Goal::Hold,
         }
     }
 
@@ -435,7 +423,7 @@ impl Supervisor {
         };
         let is_new = self.last_sequence != Some(reference.sequence);
         self.last_sequence = Some(reference.sequence);
-        match self.decode(reference) {
+        match self.references.goal(reference) {
             Ok(goal) => Some(goal),
             Err(flaw) => {
                 if is_new {
@@ -445,55 +433,6 @@ impl Supervisor {
                 None
             }
         }
-    }
-
-    /// The goal that a reference asks for; the only place where a mode's number is read.
-    ///
-    /// # Errors
-    /// The flaw that forbids to follow the reference.
-    fn decode<'a>(&self, reference: &'a Reference) -> Result<Goal<'a>, Event> {
-        let goal = match Mode::from_number(reference.mode) {
-            Some(Mode::Hold) => Goal::Hold,
-            Some(Mode::Torque) => Goal::Torque(reference),
-            Some(Mode::InverseDynamics) => Goal::InverseDynamics(reference),
-            None => return Err(Event::ReferenceRejected),
-        };
-        if reference.joint_count as usize != self.limits.len() {
-            return Err(Event::ReferenceRejected);
-        }
-        match is_finite(reference) {
-            true => Ok(goal),
-            false => Err(Event::ReferenceNotFinite),
-        }
-    }
-
-    /// Whether the desired positions begin near the pose, and then move no faster than the joints
-    /// may. Remembers them.
-    fn follows(&mut self, reference: &Reference, first: bool, measured: &MeasuredRecord) -> bool {
-        self.cycles_since += 1.0;
-        let mut near = true;
-        let mut changed = false;
-        for (j, limits) in self.limits.iter().enumerate() {
-            let q_d = reference.joints[j].q_d;
-            let (from, time) = match first {
-                true => (measured.joints[j].q, FIRST_DISTANCE_S),
-                false => (
-                    self.followed[j],
-                    PACE * self.cycles_since * self.sample_period,
-                ),
-            };
-            // A motion that the limits allow is no jump.
-            let way = limits.velocity * time + if first { 0.0 } else { REST };
-            near &= (q_d - from).abs() <= way;
-            changed |= q_d != self.followed[j];
-        }
-        if near && (first || changed) {
-            for (followed, joint) in self.followed.iter_mut().zip(&reference.joints) {
-                *followed = joint.q_d;
-            }
-            self.cycles_since = 0.0;
-        }
-        near
     }
 }
 
@@ -526,16 +465,4 @@ fn refusal_code(reason: Refusal) -> u32 {
         Refusal::OtherFault(number) => refusal::OTHER_FAULT << 16 | number,
         Refusal::Drive(joint) => refusal::DRIVE << 16 | joint as u32,
     }
-}
-
-fn is_finite(reference: &Reference) -> bool {
-    let joints = reference.joints.iter().take(reference.joint_count as usize);
-    let joints_finite = joints
-        .flat_map(|j| [j.q_d, j.dq_d, j.ddq_d, j.tau_d])
-        .all(f64::is_finite);
-    let wrenches = reference.contact_wrench.iter();
-    joints_finite
-        && wrenches
-            .flat_map(|w| w.force.iter().chain(&w.torque))
-            .all(|x| x.is_finite())
 }

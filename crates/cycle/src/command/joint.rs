@@ -27,7 +27,7 @@ use robot_state::{
 
 use super::decide::Goal;
 use super::predictive::{predictive_command, sensed};
-use super::transition::Transition;
+use super::transition::{Stop, Transition};
 use crate::measure::NOT_USED;
 use robot_config::{JointParameters, Parameters, TorqueLaw};
 use supervisor::{Actuation, Deviation, Following, Limiter, Limits, Motion};
@@ -46,8 +46,8 @@ pub(crate) struct InverseDynamicsTorque {
 /// All that a joint's command depends on in one cycle.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct JointInput<'a> {
-    /// Zero in mode hold.
-    pub(crate) reference: &'a JointReference,
+    /// At the instant of this cycle; zero in mode hold.
+    pub(crate) reference: JointReference,
     pub(crate) inverse_dynamics: InverseDynamicsTorque,
     pub(crate) measured: &'a JointMeasured,
     pub(crate) tau_encoder: &'a TorqueEstimate,
@@ -57,13 +57,17 @@ pub(crate) struct JointInput<'a> {
     pub(crate) fast: Option<f64>,
     /// Sample period, s.
     pub(crate) dt: f64,
+    /// Periods before this cycle in which the loop did not run.
+    pub(crate) skipped: u32,
+    /// They were so many that nothing goes on.
+    pub(crate) overslept: bool,
 }
 
 /// State of the joint's present mode.
 #[derive(Debug, Clone)]
 enum State {
-    /// The drive's own position loop holds at `hold_q`, which comes to rest from `velocity`.
-    HoldPosition { hold_q: f64, velocity: f64 },
+    /// The drive's own position loop holds at `hold_q`, which comes to rest as `stop` does.
+    HoldPosition { hold_q: f64, stop: Stop },
     /// Damping, for drives without a position loop.
     Damped,
     /// The torque law holds at `hold_q`, for drives without a position loop.
@@ -172,6 +176,10 @@ impl JointController {
             self.following.update(shown, motion.dq)
         });
         if let Some(predictive) = &mut self.predictive {
+            match input.overslept {
+                true => predictive.reset(),
+                false => (0..input.skipped).for_each(|_| predictive.skip()),
+            }
             predictive.observe(&sensed(input.measured, &motion, input.fast));
         }
         let asked = self.asked(goal, &motion, input, commanded);
@@ -225,14 +233,17 @@ impl JointController {
                     Some(predictive) => predictive.hold_reference(),
                     None => last,
                 };
-                law.enter(mode, (last, from), motion)
+                // A drive that had the same set-point for so long stands.
+                let dq = if input.overslept { 0.0 } else { motion.dq };
+                law.enter(mode, (last, from), &Motion { dq, ..*motion })
             }
         };
         let state = self.state.insert(state);
         let reference = input.reference;
         let (terms, torque_loop, transition) = match state {
-            State::HoldPosition { hold_q, velocity } => {
-                return law.hold_position(hold_q, velocity, motion, input.dt, commanded);
+            State::HoldPosition { hold_q, stop } => {
+                *hold_q += stop.way(input.dt);
+                return law.hold_position(*hold_q, motion, commanded);
             }
             State::Damped => return law.damping(motion, input, commanded),
             State::HoldTorque {
@@ -341,7 +352,7 @@ impl Law {
         match (mode, self.motor) {
             (Mode::Hold, MotorModel::Position { .. }) => State::HoldPosition {
                 hold_q: last,
-                velocity: motion.dq,
+                stop: Stop::from(motion.dq, self.limits.deceleration),
             },
             (Mode::Hold, MotorModel::Current { .. }) => State::HoldTorque {
                 hold_q: motion.q,
@@ -359,25 +370,14 @@ impl Law {
         }
     }
 
-    /// The set-point goes on as the joint did, ever slower, and then stays.
-    fn hold_position(
-        &self,
-        hold_q: &mut f64,
-        velocity: &mut f64,
-        motion: &Motion,
-        dt: f64,
-        commanded: &mut JointCommanded,
-    ) -> f64 {
-        let slower = velocity.abs() - self.limits.deceleration * dt;
-        *velocity = slower.max(0.0).copysign(*velocity);
-        *hold_q += *velocity * dt;
-        let delta_q = *hold_q - motion.q;
+    fn hold_position(&self, hold_q: f64, motion: &Motion, commanded: &mut JointCommanded) -> f64 {
+        let delta_q = hold_q - motion.q;
         *commanded = JointCommanded {
             delta_q,
             feedback_position: delta_q,
             ..JointCommanded::default()
         };
-        *hold_q
+        hold_q
     }
 
     /// The current that carries the joint's weight, and damping against its motion.

@@ -5,15 +5,15 @@ use robot_state::{JointCommanded, JointMeasured, command_flags, measured_flags};
 use supervisor::Motion;
 
 use super::transition::Transition;
+use crate::measure::NOT_USED;
 
 /// The joint's sample, as the law takes it, with the torque that it feeds back, N·m.
 pub(super) fn sensed(measured: &JointMeasured, motion: &Motion, torque: Option<f64>) -> Sensed {
-    let missing = measured_flags::NEVER | measured_flags::MISSED | measured_flags::STALE;
     Sensed {
         theta: motion.theta,
         q: motion.q,
         torque,
-        fresh: measured.flags & missing == 0,
+        fresh: measured.flags & (NOT_USED | measured_flags::STALE) == 0,
     }
 }
 

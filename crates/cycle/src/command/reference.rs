@@ -1,0 +1,264 @@
+//! Reference: whether a robot can do what its client asks for.
+//!
+//! In: a client's message, field by field. Out: the goal that it asks for, or the numbered flaw that
+//! forbids to follow it. Each message is judged by itself (finite, within the limits of joints and
+//! sensors) and against those before (positions and velocities move no faster than the joints may,
+//! and velocities are those of the positions). Values that a mode does not use are only to be
+//! finite.
+//!
+//! A desired velocity that its positions do not make is a force: `K_d dq_d` pulls the joint off a
+//! `q_d` that stands still. So the way that `dq_d` makes ahead of `q_d` is followed, forgotten within
+//! [`MEMORY_S`], and limited. Positions that move without a velocity are allowed: `dq_d = 0` only
+//! damps. Smaller torques and accelerations than the limits are the client's own affair: the limiter
+//! has the last word on them, and lets them rise no faster than the torque's rate.
+
+use robot_config::{FtParameters, JointParameters, Robot};
+use robot_state::{Event, JointMeasured, JointReference, MeasuredRecord, Mode, Reference, Wrench};
+use supervisor::Limits;
+
+use super::decide::Goal;
+use crate::time::SECONDS_PER_NS;
+
+/// Greatest first distance of a desired position from the measured one: the joint's way in this
+/// time at its velocity limit, s. Later ones may move at the velocity limit.
+const FIRST_DISTANCE_S: f64 = 0.05;
+/// Desired positions and velocities may change this much faster than the limits, for clients' jitter.
+const PACE: f64 = 1.5;
+/// Way that a desired position may make at once, rad, and as a share of the velocity limit the
+/// change that a desired velocity may.
+const SLACK: f64 = 0.02;
+/// Desired positions may lie this far beyond a limit, rad: a joint may be held there by its load.
+const BEYOND_LIMIT: f64 = core::f64::consts::PI / 180.0;
+/// For rounding of values that are meant to be the limit.
+const ROUNDING: f64 = 1.001;
+/// Desired torques up to this share of the limit are limited; greater ones are no torques of this
+/// joint, and refused.
+const OVERDRIVEN: f64 = 2.0;
+/// Greatest desired acceleration over the one that the torque limit gives the joint with the robot
+/// stretched out: folded, a limb has less than half of that inertia.
+const FOLDED: f64 = 2.0;
+/// Time within which the way that `dq_d` is ahead of `q_d` is forgotten, s.
+const MEMORY_S: f64 = 0.1;
+/// Greatest such way: the joint's in this time at its velocity limit, s, and a share of the way that
+/// `dq_d` makes within `MEMORY_S`, as clients differentiate by differences.
+const AHEAD_S: f64 = 0.0025;
+const AHEAD_SHARE: f64 = 0.1;
+
+/// What a joint can do, and what was last asked of it.
+#[derive(Debug, Clone, Copy)]
+struct Joint {
+    limits: Limits,
+    /// Greatest |ddq_d|, rad/s².
+    acceleration: f64,
+    q_d: f64,
+    dq_d: f64,
+    /// Way that `q_d` may make at once, rad.
+    credit: f64,
+    /// Way that `dq_d` made and `q_d` did not, rad.
+    ahead: f64,
+}
+
+/// Follows a client's references.
+#[derive(Debug)]
+pub(super) struct ReferenceCheck {
+    joints: Vec<Joint>,
+    /// Greatest force and torque along each axis that each F/T sensor can measure, N and N·m.
+    wrenches: Vec<[f64; 6]>,
+    sample_period: f64,
+    longest: f64,
+    last: Option<(u64, u64)>,
+    /// Cycles since the last new message.
+    cycles: f64,
+}
+
+impl ReferenceCheck {
+    pub(super) fn new(robot: &Robot) -> Self {
+        let p = &robot.parameters;
+        Self {
+            joints: p.joints.iter().map(Joint::new).collect(),
+            wrenches: p.ft_sensors.iter().map(reach).collect(),
+            sample_period: p.timing.sample_period,
+            longest: p.timing.reference_timeout,
+            last: None,
+            cycles: 0.0,
+        }
+    }
+
+    /// The goal that a reference asks for; the only place where a mode's number is read.
+    ///
+    /// # Errors
+    /// The flaw that forbids to follow the reference.
+    pub(super) fn goal<'a>(&self, reference: &'a Reference) -> Result<Goal<'a>, Event> {
+        let goal = match Mode::from_number(reference.mode) {
+            Some(Mode::Hold) => Goal::Hold,
+            Some(Mode::Torque) => Goal::Torque(reference),
+            Some(Mode::InverseDynamics) => Goal::InverseDynamics(reference),
+            None => return Err(Event::ReferenceRejected),
+        };
+        if reference.joint_count as usize != self.joints.len() {
+            return Err(Event::ReferenceRejected);
+        }
+        if !is_finite(reference) {
+            return Err(Event::ReferenceNotFinite);
+        }
+        match self.is_within(&goal) {
+            true => Ok(goal),
+            false => Err(Event::ReferenceLimit),
+        }
+    }
+
+    /// Every value that the goal uses is one that joint or sensor can have.
+    fn is_within(&self, goal: &Goal<'_>) -> bool {
+        let Some(reference) = goal.reference() else {
+            return true;
+        };
+        let mut joints = self.joints.iter().zip(&reference.joints);
+        if goal.mode() == Mode::Torque {
+            return joints.all(|(joint, asked)| {
+                asked.tau_d.abs() <= OVERDRIVEN * joint.limits.torque * ROUNDING
+            });
+        }
+        let wrenches = self.wrenches.iter().zip(&reference.contact_wrench);
+        let given = reference.contact_wrench_given == 1;
+        joints.all(|(joint, asked)| joint.can(asked))
+            && (!given || wrenches.fold(true, |all, (reach, w)| all && is_measurable(reach, w)))
+    }
+
+    /// Takes the references of a mode one after the other; `first`: the mode begins.
+    ///
+    /// # Errors
+    /// The flaw that forbids to follow this one after those before.
+    pub(super) fn follows(
+        &mut self,
+        goal: &Goal<'_>,
+        first: bool,
+        measured: &MeasuredRecord,
+    ) -> Result<(), Event> {
+        self.cycles += 1.0;
+        let (Goal::InverseDynamics(reference), is_new) = (goal, self.is_new(goal)) else {
+            return Ok(());
+        };
+        if !(first || is_new) {
+            return Ok(());
+        }
+        let time = self.time_since(reference);
+        self.last = Some((reference.sequence, reference.sent_ns));
+        self.cycles = 0.0;
+        let joints = self.joints.iter_mut().zip(&reference.joints);
+        for ((joint, asked), measured) in joints.zip(&measured.joints) {
+            if first {
+                joint.start(asked, measured)?;
+            } else {
+                joint.go_on(asked, time)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn is_new(&self, goal: &Goal<'_>) -> bool {
+        let sequence = goal.reference().map(|reference| reference.sequence);
+        sequence != self.last.map(|(sequence, _)| sequence)
+    }
+
+    /// Time between the last reference and this one, s: as the loop has seen it, or longer where the
+    /// client's own times of sending show that the loop has not run.
+    fn time_since(&self, reference: &Reference) -> f64 {
+        let sent = self.last.map_or(0, |(_, last)| match last {
+            0 => 0,
+            last => reference.sent_ns.saturating_sub(last),
+        });
+        let seen = self.cycles * self.sample_period;
+        seen.max((sent as f64 * SECONDS_PER_NS).min(self.longest))
+    }
+}
+
+impl Joint {
+    fn new(joint: &JointParameters) -> Self {
+        let rotor = joint.rotor_inertia * joint.encoders.gear_ratio.powi(2);
+        Self {
+            limits: joint.limits,
+            acceleration: FOLDED * joint.limits.torque / (rotor + joint.link_inertia),
+            q_d: 0.0,
+            dq_d: 0.0,
+            credit: 0.0,
+            ahead: 0.0,
+        }
+    }
+
+    /// Position, velocity and acceleration are within the joint's limits.
+    fn can(&self, asked: &JointReference) -> bool {
+        let limits = &self.limits;
+        let range = limits.position_min - BEYOND_LIMIT..=limits.position_max + BEYOND_LIMIT;
+        range.contains(&asked.q_d)
+            && asked.dq_d.abs() <= limits.velocity * ROUNDING
+            && asked.ddq_d.abs() <= self.acceleration * ROUNDING
+    }
+
+    fn start(&mut self, asked: &JointReference, measured: &JointMeasured) -> Result<(), Event> {
+        let way = FIRST_DISTANCE_S * self.limits.velocity;
+        if (asked.q_d - measured.q).abs() > way {
+            return Err(Event::ReferenceJump);
+        }
+        let slack = SLACK * self.limits.velocity;
+        if (asked.dq_d - measured.dq).abs() > slack + PACE * self.acceleration * FIRST_DISTANCE_S {
+            return Err(Event::ReferenceLimit);
+        }
+        (self.q_d, self.dq_d) = (asked.q_d, asked.dq_d);
+        (self.credit, self.ahead) = (SLACK, 0.0);
+        Ok(())
+    }
+
+    /// `time`: since the last message, s.
+    fn go_on(&mut self, asked: &JointReference, time: f64) -> Result<(), Event> {
+        let Limits { velocity, .. } = self.limits;
+        let way = asked.q_d - std::mem::replace(&mut self.q_d, asked.q_d);
+        let change = asked.dq_d - std::mem::replace(&mut self.dq_d, asked.dq_d);
+        let pace = PACE * velocity * time;
+        self.credit = (self.credit + pace).min(SLACK.max(pace)) - way.abs();
+        if self.credit < 0.0 {
+            return Err(Event::ReferenceJump);
+        }
+        let kept = (1.0 - time / MEMORY_S).max(0.0);
+        let ahead = kept * self.ahead + asked.dq_d * time - way;
+        let most = AHEAD_S * velocity + AHEAD_SHARE * MEMORY_S * asked.dq_d.abs();
+        let pushes = ahead * asked.dq_d > 0.0 && ahead.abs() > most;
+        self.ahead = ahead.clamp(-most, most);
+        let quick = change.abs() > SLACK * velocity + PACE * self.acceleration * time;
+        match pushes || quick {
+            true => Err(Event::ReferenceLimit),
+            false => Ok(()),
+        }
+    }
+}
+
+/// Greatest |force| and |torque| along each axis that a sensor can measure, by its signals' ranges
+/// and its calibration; infinite for signals that have no range.
+fn reach(sensor: &FtParameters) -> [f64; 6] {
+    let ends = |signal: usize| {
+        let ends = sensor.signals.get(signal);
+        ends.map_or(f64::INFINITY, |s| s.min.abs().max(s.max.abs()))
+    };
+    sensor.conditioning.calibration.map(|row| {
+        let used = row.iter().enumerate().filter(|(_, gain)| **gain != 0.0);
+        used.map(|(signal, gain)| gain.abs() * ends(signal)).sum()
+    })
+}
+
+fn is_measurable(reach: &[f64; 6], wrench: &Wrench) -> bool {
+    let axes = wrench.to_array();
+    axes.iter()
+        .zip(reach)
+        .all(|(axis, most)| axis.abs() <= *most)
+}
+
+fn is_finite(reference: &Reference) -> bool {
+    let joints = reference.joints.iter().take(reference.joint_count as usize);
+    let joints_finite = joints
+        .flat_map(|j| [j.q_d, j.dq_d, j.ddq_d, j.tau_d])
+        .all(f64::is_finite);
+    let wrenches = reference.contact_wrench.iter();
+    joints_finite
+        && wrenches
+            .flat_map(|w| w.force.iter().chain(&w.torque))
+            .all(|x| x.is_finite())
+}
