@@ -15,6 +15,7 @@
 mod cross_check;
 mod delay_compensation;
 mod external_torque;
+mod torsion_check;
 mod usable;
 mod whole_body;
 
@@ -26,8 +27,8 @@ use estimators::joint::AnyEstimator;
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{
-    EstimatedRecord, Event, JointEstimated, MeasuredRecord, Settings, TorqueEstimate,
-    measured_flags, torque_flags,
+    CommandedRecord, EstimatedRecord, Event, JointEstimated, MeasuredRecord, Settings,
+    TorqueEstimate, measured_flags, torque_flags,
 };
 
 use crate::events::Counts;
@@ -36,6 +37,7 @@ use cross_check::CrossCheckStage;
 use delay_compensation::DelayCompensation;
 pub(crate) use delay_compensation::FastTorque;
 use external_torque::ExternalTorque;
+use torsion_check::TorsionCheck;
 use whole_body::WholeBodyStage;
 
 /// The estimators of all joints.
@@ -45,6 +47,7 @@ pub(crate) struct Estimate {
     delay_compensation: DelayCompensation,
     external_torque: Option<ExternalTorque>,
     cross_check: Option<CrossCheckStage>,
+    torsion_check: TorsionCheck,
     /// The settings in use.
     settings: Settings,
 }
@@ -85,6 +88,7 @@ impl Estimate {
                 .transpose()?,
             cross_check: (parameters.cross_check.as_ref())
                 .map(|settings| CrossCheckStage::new(robot, whole_body.estimator(), settings)),
+            torsion_check: TorsionCheck::new(robot),
             whole_body,
             settings: Settings::default(),
         })
@@ -98,6 +102,19 @@ impl Estimate {
     /// Torques without delay, one for each joint.
     pub(crate) fn fast_torques(&self) -> &[FastTorque] {
         self.delay_compensation.fast()
+    }
+
+    /// The joints of which an encoder drifts; `commanded`: of the last cycle.
+    pub(crate) fn drifting(
+        &mut self,
+        measured: &MeasuredRecord,
+        estimated: &EstimatedRecord,
+        commanded: &CommandedRecord,
+        found: impl FnMut(usize),
+    ) {
+        let fast = self.delay_compensation.fast();
+        let joints = (&measured.joints[..], &estimated.joints[..]);
+        (self.torsion_check).update(joints, fast, commanded, found);
     }
 
     pub(crate) fn update(

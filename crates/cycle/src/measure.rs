@@ -189,6 +189,16 @@ impl Measure {
         }
     }
 
+    /// An encoder of this joint drifts, as other stages have found: its samples are not used any more.
+    pub(crate) fn distrust(&mut self, joint: usize) {
+        if let Some(plausibility) = self.plausibility.get_mut(joint) {
+            plausibility.distrust();
+        }
+        if let Some(readiness) = self.joint_readiness.get_mut(joint) {
+            (readiness.plausible, readiness.distrusted, readiness.slipped) = (false, true, true);
+        }
+    }
+
     /// Later steps that this cycle's measured values are good enough for.
     pub(crate) fn readiness(&self) -> Readiness<'_> {
         let unready = measured_flags::NEVER | measured_flags::SETTLING;

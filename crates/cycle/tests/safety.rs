@@ -10,7 +10,7 @@ use common::motion::{Motion, engaged, state};
 use common::{Bench, client_input, current_drive};
 use cycle::{ClientInput, OperatorRequest};
 use robot_config::slots;
-use robot_state::{CycleRecord, Event, Mode, RobotState, command_flags};
+use robot_state::{Event, Mode, RobotState};
 
 /// Changes a joint's signals in the answers of this cycle.
 fn spoil(bench: &mut Bench, joint: usize, change: impl Fn(&mut [f64])) {
@@ -145,6 +145,52 @@ fn a_link_encoder_that_slips_moves_nothing() {
                 "{mode:?}, joint {joint} slips by {slip} rad"
             );
             motion.assert_small(&format!("{mode:?}, joint {joint} slips by {slip} rad"));
+        }
+    }
+}
+
+/// The torque by torsion alone changes: neither motor current nor F/T sensors do.
+#[test]
+fn a_link_encoder_that_drifts_moves_nothing() {
+    for (mode, rate) in [
+        (Mode::Hold, 0.01),
+        (Mode::Torque, 0.01),
+        (Mode::Torque, -0.03),
+        (Mode::Torque, 0.1),
+        (Mode::InverseDynamics, -0.01),
+    ] {
+        for joint in [2, 3, 5] {
+            let mut bench = Bench::new("leg");
+            bench.run(400);
+            let mut reference = bench.reference(Mode::Hold.number(), 1);
+            let carried = bench.cycle.record().estimated.joints;
+            for (reference, tau) in reference.joints.iter_mut().zip(carried) {
+                reference.tau_d = tau.tau_whole_body.tau;
+            }
+            for k in 0..400 {
+                if k == 5 {
+                    reference.mode = mode.number();
+                }
+                reference.sequence += 1;
+                bench.step(&client_input(&reference));
+            }
+            let what = format!("{mode:?}, joint {joint} drifts by {rate} rad/s");
+            assert_eq!(bench.cycle.record().mode, mode.number(), "{what}");
+            assert_eq!(bench.cycle.record().fault, 0, "{what}");
+            let mut motion = Motion::of(&bench);
+            let mut drift = 0.0;
+            for _ in 0..1000 {
+                drift += rate * 1e-3;
+                reference.sequence += 1;
+                let input = client_input(&reference);
+                run_spoilt(&mut bench, &mut motion, 1, &input, joint, |values| {
+                    values[slots::link_angle(joint)] += drift;
+                });
+            }
+            let record = bench.cycle.record();
+            assert_eq!(record.fault, Event::EncoderImplausible.number(), "{what}");
+            assert_eq!(record.fault_subject, 1 << 16 | joint as u32, "{what}");
+            motion.assert_small(&what);
         }
     }
 }

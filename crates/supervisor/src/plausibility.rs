@@ -198,6 +198,11 @@ impl Plausibility {
         torsion.abs() <= self.parameters.torsion
     }
 
+    /// An encoder is wrong, as something else than the torsion's course has shown.
+    pub fn distrust(&mut self) {
+        (self.slipped, self.trust) = (true, Trust::Implausible);
+    }
+
     /// Begins anew, as after a start.
     pub fn restart(&mut self) {
         *self = Self::new(self.parameters);

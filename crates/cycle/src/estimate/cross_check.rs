@@ -15,7 +15,7 @@ use crate::events::{Counts, Subject};
 /// Pole of the low-pass of the torque from current.
 const POLE: f64 = 0.9;
 /// |dq| over which friction changes sign, rad/s.
-const SIGN_SMOOTHING: f64 = 0.02;
+pub(super) const SIGN_SMOOTHING: f64 = 0.02;
 
 /// The cross-check of a robot, with the torque from current that it needs.
 #[derive(Debug)]

@@ -1,0 +1,210 @@
+//! Torsion check: an encoder that drifts, found by the torques that do not depend on it.
+//!
+//! In: the torque by torsion, motor current and velocity, and `tau_hat`, whose level is that of F/T
+//! sensors and rigid-body model. Out: the joints of which one encoder drifts. A drifting encoder
+//! changes the torque by torsion alone; a load changes motor current and F/T sensors too, up to
+//! friction and errors of the models. Only changes within the last [`SLOW_S`] count: what a torque
+//! constant, friction or an inertia is wrong by all the time is the cross-check's affair.
+//!
+//! ```text
+//! e_1 = T - (k_1 i - k_2 omega - k_3 sign(omega) - J omega')     by motor current (D3)
+//! e_2 = T - tau_hat                                              by F/T sensors and model
+//! ```
+//!
+//! Both must change alike, as each alone has errors that look like a drift: friction that reverses,
+//! contacts that no F/T sensor measures. Without `tau_hat` the current alone decides, from a greater
+//! change on.
+
+use robot_config::{JointParameters, Robot};
+use robot_state::{CommandedRecord, JointEstimated, JointMeasured, command_flags, measured_flags};
+
+use super::delay_compensation::FastTorque;
+use super::usable::valid;
+use crate::measure::NOT_USED;
+
+/// Time constants between which a change counts, s. The longer one bounds what a slow drift can
+/// do before it is levelled out, the shorter one is the delay of the measured velocity.
+const FAST_S: f64 = 0.008;
+const SLOW_S: f64 = 0.5;
+/// Change that both show, share of the torque limit: a fifth above the greatest of the shipped
+/// robots' faults that are not an encoder's (benches/safety, 2026-11-22).
+const SHARE: f64 = 0.08;
+/// The same of the motor current alone, besides Coulomb friction in both directions.
+const SHARE_ALONE: f64 = 0.25;
+/// Samples in a row.
+const SAMPLES: u32 = 5;
+/// Time after enabling before which the current alone does not decide: brakes let go, s.
+const SETTLING_S: f64 = 0.5;
+
+/// The change of a signal: what a fast low-pass shows beyond a slow one.
+#[derive(Debug, Clone, Copy)]
+struct Change {
+    fast: f64,
+    slow: f64,
+}
+
+impl Change {
+    fn from(x: f64) -> Self {
+        Self { fast: x, slow: x }
+    }
+
+    fn update(&mut self, x: f64, dt: f64) -> f64 {
+        self.fast += dt / FAST_S * (x - self.fast);
+        self.slow += dt / SLOW_S * (x - self.slow);
+        self.fast - self.slow
+    }
+
+    /// The same of the derivative: a low-pass of it is the signal's high-pass over the time.
+    fn of_derivative(&self, x: f64) -> f64 {
+        (x - self.fast) / FAST_S - (x - self.slow) / SLOW_S
+    }
+}
+
+/// What is followed of a joint from one sample to the next.
+#[derive(Debug, Clone, Copy)]
+struct Changes {
+    /// Of `e_1` without its inertia, of omega, and of `e_2` where it is known.
+    by_current: Change,
+    omega: Change,
+    by_level: Option<Change>,
+    /// Time since the first sample, s.
+    time: f64,
+    /// Samples in a row that contradict.
+    over: u32,
+}
+
+/// One joint.
+#[derive(Debug, Clone)]
+struct Joint {
+    /// Torque per current, N·m/A, viscous and Coulomb friction, N·m·s/rad and N·m, rotor's inertia,
+    /// kg·m²: link side.
+    k_1: f64,
+    k_2: f64,
+    k_3: f64,
+    inertia: f64,
+    gear_ratio: f64,
+    /// Velocity over which friction changes sign, rad/s.
+    smoothing: f64,
+    torque_limit: f64,
+    /// None before the first sample.
+    changes: Option<Changes>,
+}
+
+/// All joints of a robot.
+#[derive(Debug)]
+pub(crate) struct TorsionCheck {
+    joints: Vec<Joint>,
+    sample_period: f64,
+}
+
+impl TorsionCheck {
+    pub(crate) fn new(robot: &Robot) -> Self {
+        let p = &robot.parameters;
+        Self {
+            joints: p.joints.iter().map(Joint::new).collect(),
+            sample_period: p.timing.sample_period,
+        }
+    }
+
+    /// Takes the torques of a cycle; `commanded`: of the last one. Calls `found` with each joint of
+    /// which an encoder drifts.
+    pub(crate) fn update(
+        &mut self,
+        (measured, estimated): (&[JointMeasured], &[JointEstimated]),
+        fast: &[FastTorque],
+        commanded: &CommandedRecord,
+        mut found: impl FnMut(usize),
+    ) {
+        let inputs = measured.iter().zip(fast).zip(estimated);
+        let joints = self.joints.iter_mut().zip(inputs).zip(&commanded.joints);
+        for (j, ((joint, ((measured, fast), estimated)), commanded)) in joints.enumerate() {
+            if commanded.flags & command_flags::ENGAGED == 0 {
+                // Off, brakes carry the torque and the current none of it.
+                joint.changes = None;
+                continue;
+            }
+            let broken = measured_flags::IMPLAUSIBLE | measured_flags::STALE;
+            if measured.flags & broken != 0 {
+                // What comes next need not go on from what came before.
+                joint.changes = None;
+            }
+            let unusable = NOT_USED | measured_flags::STALE | measured_flags::SETTLING;
+            let Some(torsion) = fast.torsion.filter(|_| measured.flags & unusable == 0) else {
+                continue;
+            };
+            let sound = measured_flags::FLAT | measured_flags::SATURATED;
+            let hat = valid(&estimated.tau_hat).map(|hat| hat.tau);
+            let current = (measured.flags & sound == 0).then_some(measured.current);
+            if joint.update(torsion, current, measured.omega, hat, self.sample_period) {
+                found(j);
+            }
+        }
+    }
+}
+
+impl Joint {
+    fn new(joint: &JointParameters) -> Self {
+        let (n, motor) = (joint.encoders.gear_ratio, &joint.estimator.wave_generator);
+        Self {
+            k_1: n * motor.torque_constant,
+            k_2: n * n * motor.viscous_friction,
+            k_3: n * motor.friction,
+            inertia: n * n * joint.rotor_inertia,
+            gear_ratio: n,
+            smoothing: super::cross_check::SIGN_SMOOTHING,
+            torque_limit: joint.limits.torque,
+            changes: None,
+        }
+    }
+
+    /// Whether an encoder drifts.
+    fn update(
+        &mut self,
+        torsion: f64,
+        current: Option<f64>,
+        omega: f64,
+        hat: Option<f64>,
+        dt: f64,
+    ) -> bool {
+        let Some(current) = current else {
+            self.changes = None;
+            return false;
+        };
+        let omega = omega / self.gear_ratio;
+        let direction = (omega / self.smoothing).tanh();
+        //= D3: tau = K1 i - K2 dq - K3 sign(dq)
+        let motor = self.k_1 * current - self.k_2 * omega - self.k_3 * direction;
+        let changes = self.changes.get_or_insert(Changes {
+            by_current: Change::from(torsion - motor),
+            omega: Change::from(omega),
+            by_level: None,
+            time: 0.0,
+            over: 0,
+        });
+        changes.time += dt;
+        changes.omega.update(omega, dt);
+        let by_current = changes.by_current.update(torsion - motor, dt)
+            + self.inertia * changes.omega.of_derivative(omega);
+        let limit = self.torque_limit;
+        let drifts = match hat {
+            Some(hat) => {
+                let error = torsion - hat;
+                let level = changes.by_level.get_or_insert(Change::from(error));
+                let by_level = level.update(error, dt);
+                let both = by_level.abs().min(by_current.abs());
+                by_level * by_current > 0.0 && both > SHARE * limit
+            }
+            None => {
+                changes.by_level = None;
+                let settled = changes.time > SETTLING_S;
+                settled && by_current.abs() > SHARE_ALONE * limit + 2.0 * self.k_3
+            }
+        };
+        changes.over = if drifts {
+            changes.over.saturating_add(1)
+        } else {
+            0
+        };
+        changes.over >= SAMPLES
+    }
+}
