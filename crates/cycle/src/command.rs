@@ -23,8 +23,8 @@ use supervisor::Deviation;
 
 use crate::estimate::FastTorque;
 use crate::events::{Counts, Subject};
-use decide::Goal;
 use joint::{InverseDynamicsTorque, JointController, JointInput};
+use reference::Goal;
 
 pub use decide::ClientInput;
 pub(crate) use decide::Supervisor;

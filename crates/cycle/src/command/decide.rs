@@ -21,7 +21,7 @@ use supervisor::{
     Safety,
 };
 
-use super::reference::ReferenceCheck;
+use super::reference::{Goal, ReferenceCheck};
 use crate::events::{Counts, Subject};
 use crate::measure::Readiness;
 
@@ -38,35 +38,6 @@ pub struct ClientInput<'a> {
     pub settings: Option<&'a Settings>,
     /// An operator's request, in the one cycle that is to carry it out.
     pub request: Option<OperatorRequest>,
-}
-
-/// The goal of one cycle: a mode, with the checked reference that it follows.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Goal<'a> {
-    /// Every joint in use stays where its last command holds it.
-    Hold,
-    /// The same; joints whose drives have no position loop are damped, as their hold would depend on
-    /// an encoder.
-    Stop,
-    Torque(&'a Reference),
-    InverseDynamics(&'a Reference),
-}
-
-impl<'a> Goal<'a> {
-    pub(crate) fn mode(&self) -> Mode {
-        match self {
-            Self::Hold | Self::Stop => Mode::Hold,
-            Self::Torque(_) => Mode::Torque,
-            Self::InverseDynamics(_) => Mode::InverseDynamics,
-        }
-    }
-
-    pub(crate) fn reference(&self) -> Option<&'a Reference> {
-        match *self {
-            Self::Hold | Self::Stop => None,
-            Self::Torque(reference) | Self::InverseDynamics(reference) => Some(reference),
-        }
-    }
 }
 
 /// |dq| below which a joint counts as at rest, rad/s.

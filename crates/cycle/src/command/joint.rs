@@ -25,8 +25,8 @@ use robot_state::{
     measured_flags, torque_flags,
 };
 
-use super::decide::Goal;
 use super::predictive::{predictive_command, sensed};
+use super::reference::Goal;
 use super::transition::{Stop, Transition};
 use crate::measure::NOT_USED;
 use robot_config::{JointParameters, Parameters, TorqueLaw};

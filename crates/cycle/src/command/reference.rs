@@ -16,7 +16,6 @@ use robot_config::{FtParameters, JointParameters, Robot};
 use robot_state::{Event, JointMeasured, JointReference, MeasuredRecord, Mode, Reference, Wrench};
 use supervisor::Limits;
 
-use super::decide::Goal;
 use crate::time::SECONDS_PER_NS;
 
 /// Greatest first distance of a desired position from the measured one: the joint's way in this
@@ -43,6 +42,35 @@ const MEMORY_S: f64 = 0.1;
 /// `dq_d` makes within `MEMORY_S`, as clients differentiate by differences.
 const AHEAD_S: f64 = 0.0025;
 const AHEAD_SHARE: f64 = 0.1;
+
+/// The goal of one cycle: a mode, with the checked reference that it follows.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Goal<'a> {
+    /// Every joint in use stays where its last command holds it.
+    Hold,
+    /// The same; joints whose drives have no position loop are damped, as their hold would depend on
+    /// an encoder.
+    Stop,
+    Torque(&'a Reference),
+    InverseDynamics(&'a Reference),
+}
+
+impl<'a> Goal<'a> {
+    pub(crate) fn mode(&self) -> Mode {
+        match self {
+            Self::Hold | Self::Stop => Mode::Hold,
+            Self::Torque(_) => Mode::Torque,
+            Self::InverseDynamics(_) => Mode::InverseDynamics,
+        }
+    }
+
+    pub(crate) fn reference(&self) -> Option<&'a Reference> {
+        match *self {
+            Self::Hold | Self::Stop => None,
+            Self::Torque(reference) | Self::InverseDynamics(reference) => Some(reference),
+        }
+    }
+}
 
 /// What a joint can do, and what was last asked of it.
 #[derive(Debug, Clone, Copy)]
