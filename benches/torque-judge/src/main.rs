@@ -1,11 +1,18 @@
 //! Judges the fused torque on the real arm and on the family of joints.
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use identification::log::{LogReader, LogRow};
 use indicatif::{ProgressBar, ProgressStyle};
-use std::path::PathBuf;
+use joint_file::{JointFile, no_files};
+use problem::Problem;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use torque_judge::course::Training;
 use torque_judge::family::{Judged, judge};
+use torque_judge::fit::fit;
+use torque_judge::score::Score;
 use torque_judge::specimen::FIRST_JUDGED;
 use torque_judge::{page, real};
 
@@ -22,6 +29,7 @@ Examples:
   torque-judge real --logs lara8_arm
   torque-judge family --part design --joints 6 --training full --training two-thirds
   torque-judge family --part judging --json judged.json
+  torque-judge logs --joint joint.toml --turn turn.csv --training train.csv slow.csv fast.csv
 
 The real arm's logs (sweep.csv, jog_joints.csv) are columns of the repository allwinlucious/MasterThesis,
 BSD-3-Clause; every other CSV file of the folder with the same columns is judged too.";
@@ -52,6 +60,20 @@ enum Command {
         threads: usize,
         #[command(flatten)]
         out: Out,
+    },
+    /// Any logs of one joint, as joint-torque-bench writes them: errors against `tau_sensor`
+    Logs {
+        /// The joint (TOML); only its table [joint] is needed
+        #[arg(long)]
+        joint: PathBuf,
+        /// Log of one unloaded output turn each way
+        #[arg(long)]
+        turn: Option<PathBuf>,
+        /// Log of loaded motion and rest
+        #[arg(long)]
+        training: PathBuf,
+        /// The logs that are judged, from their second second on
+        logs: Vec<PathBuf>,
     },
 }
 
@@ -121,6 +143,20 @@ fn main() -> ExitCode {
             }
             (text, page::to_json(&judged, &[]), out)
         }
+        Command::Logs {
+            joint,
+            turn,
+            training,
+            logs,
+        } => {
+            return match judge_logs(&joint, turn.as_deref(), &training, &logs) {
+                Ok(text) => {
+                    print!("{text}");
+                    ExitCode::SUCCESS
+                }
+                Err(problem) => failed(&problem.to_string()),
+            };
+        }
     };
     print!("{text}");
     if let Some(path) = out.json
@@ -129,6 +165,35 @@ fn main() -> ExitCode {
         return failed(&format!("{}: {e}", path.display()));
     }
     ExitCode::SUCCESS
+}
+
+fn read_rows(path: &Path) -> Result<Vec<LogRow>, Problem> {
+    let name = path.display().to_string();
+    let file =
+        File::open(path).map_err(|e| Problem::new(e.to_string(), "").at(name.as_str(), 0))?;
+    LogReader::new(BufReader::new(file), &name)?.rows()
+}
+
+fn judge_logs(
+    joint: &Path,
+    turn: Option<&Path>,
+    training: &Path,
+    logs: &[PathBuf],
+) -> Result<String, Problem> {
+    let name = joint.display().to_string();
+    let text = std::fs::read_to_string(joint)
+        .map_err(|e| Problem::new(e.to_string(), "").at(name.as_str(), 0))?;
+    let file = JointFile::parse(&text, &name, &no_files)?;
+    let turn = turn.map(read_rows).transpose()?;
+    let (file, notes) = fit(&file, turn.as_deref(), &read_rows(training)?)?;
+    let mut scores = Vec::new();
+    for path in logs {
+        let rows = read_rows(path)?.into_iter();
+        let rows: Vec<_> = rows.map(|row| (row, row.tau_sensor)).collect();
+        let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned());
+        scores.push((stem.unwrap_or_default(), Score::of(&file, &rows, 1.0)?));
+    }
+    Ok(format!("{}\n\n{}", notes.join("\n"), page::logs(&scores)))
 }
 
 fn failed(message: &str) -> ExitCode {

@@ -3,6 +3,7 @@
 use crate::course::Training;
 use crate::family::Judged;
 use crate::real::RealCase;
+use crate::score::Score;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -100,6 +101,31 @@ pub fn sources(judged: &Judged, training: &str) -> String {
             let (percent, _) = median_worst(lines.iter().map(|l| l.0).collect());
             let (ratio, largest) = median_worst(lines.iter().map(|l| l.1).collect());
             let _ = write!(text, " {percent:.2} ({ratio:.1}, {largest:.1}) |");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// Errors of every estimator on some logs.
+#[must_use]
+pub fn logs(scores: &[(String, Score)]) -> String {
+    let names: Vec<&str> = scores.iter().map(|(name, _)| name.as_str()).collect();
+    let mut text = format!(
+        "% of the RMS torque (error/sigma):\n\n| estimator | {} |\n| --- |{}\n",
+        names.join(" | "),
+        " --- |".repeat(names.len())
+    );
+    let Some((_, first)) = scores.first() else {
+        return text;
+    };
+    for (k, line) in first.lines.iter().enumerate() {
+        let _ = write!(text, "| {} |", line.name);
+        for (_, score) in scores {
+            if let Some(line) = score.lines.get(k) {
+                let percent = 100.0 * line.rms / score.torque;
+                let _ = write!(text, " {percent:.2} ({:.2}) |", line.ratio);
+            }
         }
         text.push('\n');
     }

@@ -14,6 +14,8 @@ use std::path::Path;
 
 /// Samples at the start of a judged log whose torque is known.
 pub const TARED: usize = 50;
+/// Standard deviation of the torque that is known in a tare, of the rated torque.
+const TARE_SIGMA: f64 = 0.003;
 /// Least error that counts as a difference, of the rated torque.
 const FLOOR: f64 = 0.01;
 /// Least standard deviation of the reference, of the rated torque, for a case to be informative.
@@ -151,28 +153,28 @@ fn plain(joint: usize, train: &JointLog, judged: &JointLog) -> Vec<Method> {
     methods
 }
 
+/// The fused torque, tared by the tool's own tare.
 fn fused(file: &joint_file::JointFile, judged: &JointLog) -> Result<Method, Problem> {
     let mut set = file.estimators()?;
     let mut front_end = file.front_end()?;
     let mut last = None;
-    let (mut values, mut sigmas) = (Vec::new(), Vec::new());
-    for row in &judged.rows {
+    let (mut square, mut relative) = (0.0, 0.0);
+    for (i, row) in judged.rows.iter().enumerate() {
         front_end.bridge(last.replace(row.t), row.t);
         let e = set.update(&front_end.update(row.theta, row.q, row.current));
-        values.push(e.tau);
-        sigmas.push(e.sigma.max(1e-9));
+        if i < TARED {
+            set.tare(row.tau_sensor, TARE_SIGMA * file.joint.rated_torque);
+            continue;
+        }
+        let error = e.tau - row.tau_sensor;
+        square += error * error;
+        relative += (error / e.sigma.max(1e-9)).powi(2);
     }
-    let errors: Vec<f64> = (values.iter().zip(&judged.rows))
-        .map(|(v, row)| v - row.tau_sensor)
-        .collect();
-    let zero = errors.iter().take(TARED).sum::<f64>() / TARED as f64;
-    let relative: f64 = (errors.iter().zip(&sigmas).skip(TARED))
-        .map(|(e, s)| ((e - zero) / s).powi(2))
-        .sum();
+    let count = judged.rows.len().saturating_sub(TARED) as f64;
     Ok(Method {
         name: "fused",
-        rms: tared(&values, judged),
-        ratio: (relative / (errors.len() - TARED) as f64).sqrt(),
+        rms: (square / count).sqrt(),
+        ratio: (relative / count).sqrt(),
     })
 }
 

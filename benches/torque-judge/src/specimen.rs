@@ -115,6 +115,7 @@ impl Specimen {
             sample_rate: 1000.0,
             torque_limit: None,
             max_velocity: 30.0,
+            stiffness: None,
         };
         let current = rated / ratio / sheet.torque_constant;
         let counts = |n: f64| std::f64::consts::TAU / n;
@@ -211,6 +212,7 @@ impl Specimen {
             network: None,
             local_gp: Default::default(),
             fusion: None,
+            validity: None,
             trained: Default::default(),
         }
     }

@@ -61,11 +61,11 @@ impl fmt::Debug for Estimate {
     }
 }
 
-/// All of a calibrated joint's estimators, fused; Z's compliance where there is no calibration.
+/// A calibrated joint's fused estimators; Z's compliance where there is no calibration.
 fn joint_estimator(joint: &JointParameters) -> Result<AnyEstimator, Problem> {
     Ok(match &joint.calibration {
         Some(file) => Box::new(
-            file.estimators()
+            file.fused_estimators()
                 .map_err(|problem| problem.of(&joint.name))?,
         ),
         None => Box::new(ComplianceEstimator::new(joint.estimator.clone())),

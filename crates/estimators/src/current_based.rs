@@ -2,6 +2,8 @@
 
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::output::Output;
+use crate::uncertainty::Uncertainty;
+use crate::validity::Validity;
 use robot_state::{TorqueEstimate, torque_source};
 
 /// Motor model with friction, link side (D3), and the rotor's inertia.
@@ -38,7 +40,16 @@ pub struct CurrentEstimator {
     low_pass: crate::low_pass::LowPass,
     last_dq: Option<f64>,
     output: Output,
+    uncertainty: Option<Uncertainty>,
+    validity: Validity,
+    /// Torque of the last sample and its smoothed rate, N·m and N·m/s.
+    last: Option<(f64, f64)>,
 }
+
+/// Parameters that the covariance of a fit is about: K1, offset (as torque), K2, K3, inertia, K4.
+pub const UNCERTAIN: usize = 6;
+/// Time over which the rate of the load is smoothed, s.
+const RATE_TIME_S: f64 = 0.01;
 
 impl CurrentEstimator {
     /// An estimator that has seen no sample.
@@ -50,8 +61,34 @@ impl CurrentEstimator {
             output: Output::new(torque_source::CURRENT, parameters.torque_limit, delay_s),
             low_pass,
             last_dq: None,
+            uncertainty: None,
+            validity: Validity::default(),
+            last: None,
             parameters,
         }
+    }
+
+    /// The same with the covariance of its parameters, as the fit's directions, and the ranges that its
+    /// data covered.
+    #[must_use]
+    pub fn with_uncertainty(mut self, directions: &[Vec<f64>], validity: Validity) -> Self {
+        let fits = directions.iter().any(|d| d.len() == UNCERTAIN);
+        self.uncertainty = fits.then(|| Uncertainty::new(directions, UNCERTAIN));
+        self.validity = validity;
+        self
+    }
+
+    /// Standard deviation outside of what the data covered, N·m.
+    fn outside(&mut self, tau: f64, dq: f64) -> f64 {
+        let period = self.parameters.sample_period;
+        let rate = self.last.map_or(0.0, |(last, rate)| {
+            rate + period / (RATE_TIME_S + period) * ((tau - last) / period - rate)
+        });
+        self.last = Some((tau, rate));
+        let v = &self.validity;
+        v.torque_error(tau)
+            .hypot(v.velocity_error(dq))
+            .hypot(v.loading_error(rate))
     }
 }
 
@@ -74,12 +111,25 @@ impl JointTorqueEstimator for CurrentEstimator {
         let tau = carried / (1.0 + p.k_4 * direction * carried.signum());
         // At rest friction may point either way: uniform between its bounds.
         let unknown = (p.k_3 + p.k_4 * tau.abs()) * (1.0 - direction.abs()) / 3f64.sqrt();
-        self.output.give(sample, tau, p.sigma.hypot(unknown))
+        let own = p.sigma.hypot(unknown);
+        let mut variance = 0.0;
+        if let Some(uncertainty) = &mut self.uncertainty {
+            let loss = -direction * tau.abs();
+            let gradient = [current, 1.0, -dq, -direction, -ddq, loss];
+            for (entry, value) in uncertainty.gradient().iter_mut().zip(gradient) {
+                *entry = value;
+            }
+            variance = uncertainty.variance(1.0);
+        }
+        let outside = self.outside(tau, dq);
+        let sigma = (own * own + outside * outside + variance).sqrt();
+        self.output.give(sample, tau, sigma)
     }
 
     fn reset(&mut self) {
         self.low_pass.reset();
         self.last_dq = None;
+        self.last = None;
         self.output.reset();
     }
 }

@@ -6,7 +6,11 @@
 //! within [`MAX_VARIANCE_RATIO`] of the least takes part, with the more weight the smaller its
 //! variance. The variance is the one identified per regime (at rest or in motion, under steady or
 //! changing load), raised when a source itself reports a larger sigma than it did then, as a learned
-//! one does away from its data.
+//! one does away from its data, and the gear's outside of the ranges of its fit.
+//!
+//! The torque from the current does not depend on the torsion: both groups are combined with minimum
+//! variance, sample by sample. An innovation test compares them: where they are further apart than their
+//! variances allow, the published sigma covers it.
 
 use crate::joint::JointSample;
 use crate::output::Output;
@@ -47,6 +51,16 @@ pub struct FusionParameters {
     pub sample_period: f64,
     /// Largest |tau| that is ever reported, N·m.
     pub torque_limit: f64,
+    /// The source whose error does not depend on the torsion: that from the current.
+    pub independent: Option<usize>,
+    /// The source whose sigma covers the parameters of the gear: it raises the variance of every source
+    /// from the torsion.
+    pub reference: Option<usize>,
+    /// Sources without a weight: their sigma is published as the fit found it, no more.
+    pub left_out: Vec<usize>,
+    /// Factor of the current's variance while the joint has not moved for a while: friction then hides
+    /// part of the torque, also where a changing load moves the gear a little.
+    pub rest_factor: f64,
 }
 
 /// Combines sources into one torque.
@@ -59,7 +73,20 @@ pub struct Fusion {
     /// Torsion and its smoothed rate.
     torsion: Option<(f64, f64)>,
     output: Output,
+    /// Square of the innovation over its variance, averaged.
+    disagreement: f64,
+    /// Share of motion in the last while.
+    motion: f64,
+    /// Standard deviation of each source's present estimate, N·m.
+    sigmas: [f64; MAX_SOURCES],
 }
+
+/// Time over which the disagreement of the groups is averaged, s.
+const DISAGREEMENT_TIME_S: f64 = 1.0;
+/// Time over which motion must last to count, s.
+const MOTION_TIME_S: f64 = 0.3;
+/// Square of an innovation over its variance up to which one sample agrees: two standard deviations.
+const AGREEMENT: f64 = 4.0;
 
 impl Fusion {
     /// A fusion of at most [`MAX_SOURCES`] sources.
@@ -71,6 +98,9 @@ impl Fusion {
             shares: FIRST,
             sources: sources.min(MAX_SOURCES),
             torsion: None,
+            disagreement: 1.0,
+            motion: 0.0,
+            sigmas: [f64::INFINITY; MAX_SOURCES],
             parameters,
         }
     }
@@ -103,12 +133,76 @@ impl Fusion {
         let (mut variance, mut reported) = (0.0, 0.0);
         for (share, errors) in self.shares.iter().zip(&self.parameters.errors) {
             let known = errors.get(source).copied().unwrap_or_default();
+            if !known.variance.is_finite() {
+                return f64::INFINITY;
+            }
             variance += share * known.variance;
             reported += share * known.reported * known.reported;
         }
-        let inflation = (estimate.sigma * estimate.sigma / reported.max(1e-18)).max(1.0);
+        let excess = (estimate.sigma * estimate.sigma - reported).max(0.0);
+        // The sigma of a model with a covariance grows by what its parameters add; that of others, where
+        // it was larger than their errors, only in proportion.
+        let p = &self.parameters;
+        let share = match Some(source) == p.reference || Some(source) == p.independent {
+            true => 1.0,
+            false => (variance / reported.max(1e-18)).min(1.0),
+        };
         // Two sources without any error are as good as each other.
-        variance.max(1e-18) * inflation
+        variance.max(1e-18) + share * excess
+    }
+
+    /// Variances of all sources: those from the torsion share the gear's parameters.
+    fn variances(&self, sources: &[TorqueEstimate]) -> [f64; MAX_SOURCES] {
+        let mut variances = [f64::INFINITY; MAX_SOURCES];
+        let count = self.sources.min(sources.len());
+        for (i, (variance, source)) in variances.iter_mut().zip(sources).take(count).enumerate() {
+            *variance = self.variance(i, source);
+        }
+        let p = &self.parameters;
+        let Some(reference) = p.reference else {
+            return variances;
+        };
+        let usual: f64 = (self.shares.iter().zip(&p.errors))
+            .map(|(share, errors)| share * errors.get(reference).map_or(0.0, |e| e.variance))
+            .sum();
+        let excess = variances.get(reference).map_or(0.0, |now| now - usual);
+        if excess.is_finite() && excess > 0.0 {
+            for (i, variance) in variances.iter_mut().enumerate() {
+                if i != reference && Some(i) != p.independent {
+                    *variance += excess;
+                }
+            }
+        }
+        variances
+    }
+
+    /// Standard deviation of each source's last estimate, N·m; infinite for one that takes no part.
+    #[must_use]
+    pub fn sigmas(&self) -> &[f64] {
+        &self.sigmas
+    }
+
+    /// Mean square of the innovation between torsion and current over its variance: about 1 where both are
+    /// as good as their sigmas.
+    #[must_use]
+    pub fn disagreement(&self) -> f64 {
+        self.disagreement
+    }
+
+    /// Torque and variance of the sources from the torsion, and of the current, under their joint
+    /// covariance, with the innovation test: the published variance covers their disagreement.
+    fn combine(&mut self, group: (f64, f64), current: (f64, f64)) -> (f64, f64) {
+        let ((a, var_a), (b, var_b)) = (group, current);
+        let sum = var_a + var_b;
+        //= F Innovation: chi² = (tau_a - tau_b)² / (var_a + var_b)
+        let chi = (a - b) * (a - b) / sum;
+        let p = &self.parameters;
+        let step = p.sample_period / (DISAGREEMENT_TIME_S + p.sample_period);
+        self.disagreement += step * (chi.min(100.0) - self.disagreement);
+        let raised = (chi / AGREEMENT).max(self.disagreement).max(1.0);
+        //= F Minimum variance: tau = (var_b tau_a + var_a tau_b) / (var_a + var_b)
+        let tau = (var_b * a + var_a * b) / sum;
+        (tau, var_a * var_b / sum * raised)
     }
 
     /// The fused torque of the sources' estimates of one sample.
@@ -119,21 +213,35 @@ impl Fusion {
         for (r, share) in self.shares.iter_mut().enumerate() {
             *share += step * (f64::from(u8::from(r == regime)) - *share);
         }
-        let mut variances = [f64::INFINITY; MAX_SOURCES];
+        let mut variances = self.variances(sources);
         let count = self.sources.min(sources.len());
-        for (i, (variance, source)) in variances.iter_mut().zip(sources).take(count).enumerate() {
-            *variance = self.variance(i, source);
+        for (sigma, variance) in self.sigmas.iter_mut().zip(variances) {
+            *sigma = variance.sqrt();
         }
-        let least = variances.iter().copied().fold(f64::INFINITY, f64::min);
-        if !least.is_finite() {
-            return self.output.held();
+        for i in &self.parameters.left_out {
+            if let Some(variance) = variances.get_mut(*i) {
+                *variance = f64::INFINITY;
+            }
         }
+        let moves = sample.dq.abs() > self.parameters.moving;
+        let step = self.parameters.sample_period / (MOTION_TIME_S + self.parameters.sample_period);
+        self.motion += step * (f64::from(u8::from(moves)) - self.motion);
+        let hidden = 1.0 + (self.parameters.rest_factor - 1.0) * (1.0 - self.motion);
+        let independent = self.parameters.independent;
+        let least = (variances.iter().enumerate())
+            .filter(|(i, _)| Some(*i) != independent)
+            .map(|(_, variance)| *variance)
+            .fold(f64::INFINITY, f64::min);
+        let current = independent
+            .and_then(|i| Some((sources.get(i)?, *variances.get(i)?)))
+            .filter(|(_, variance)| variance.is_finite())
+            .map(|(estimate, variance)| (estimate, hidden * variance));
         let (mut sum, mut tau, mut delay, mut square) = (0.0, 0.0, 0.0, 0.0);
         let mut saturated = 0;
-        for (source, variance) in sources.iter().zip(variances).take(count) {
+        for (i, (source, variance)) in sources.iter().zip(variances).take(count).enumerate() {
             // Relative to the least: most for the best, down to 0 at the bound, without a step.
             let weight = (least / variance - 1.0 / MAX_VARIANCE_RATIO).max(0.0);
-            if weight == 0.0 {
+            if Some(i) == independent || weight.is_nan() || weight == 0.0 {
                 continue;
             }
             sum += weight;
@@ -143,8 +251,15 @@ impl Fusion {
             square += weight * variance;
             saturated |= source.flags & torque_flags::SATURATED;
         }
-        let mut estimate = self.output.give(sample, tau / sum, (square / sum).sqrt());
-        estimate.delay_s = delay / sum;
+        let group = (tau / sum, square / sum);
+        let (tau, variance) = match current {
+            Some((current, variance)) if sum > 0.0 => self.combine(group, (current.tau, variance)),
+            Some((current, variance)) => (current.tau, variance),
+            None if sum > 0.0 => group,
+            None => return self.output.held(),
+        };
+        let mut estimate = self.output.give(sample, tau, variance.sqrt());
+        estimate.delay_s = if sum > 0.0 { delay / sum } else { 0.0 };
         estimate.flags |= saturated;
         estimate
     }
@@ -152,6 +267,8 @@ impl Fusion {
     /// Forgets every sample.
     pub fn reset(&mut self) {
         self.torsion = None;
+        self.disagreement = 1.0;
+        self.motion = 0.0;
         self.shares = FIRST;
         self.output.reset();
     }

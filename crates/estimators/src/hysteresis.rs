@@ -10,6 +10,8 @@ use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::kinematic_error::KinematicErrorParameters;
 use crate::output::Output;
 use crate::tracking::{Tracking, TrackingParameters};
+use crate::uncertainty::Uncertainty;
+use crate::validity::Validity;
 use robot_state::{TorqueEstimate, torque_source};
 
 /// One spring that slips.
@@ -214,9 +216,72 @@ pub struct HysteresisEstimator {
     gear: Gear,
     tracking: Tracking,
     output: Output,
+    uncertainty: Option<Uncertainty>,
+    validity: Validity,
+    /// Slope of the torque in the torsion at the last sample, N·m/rad.
+    slope: f64,
+}
+
+/// Orders of the harmonics of q and theta that a fit under load may still find.
+pub const LINK_ORDERS: [u32; 2] = [1, 2];
+/// Those of theta.
+pub const MOTOR_ORDERS: [u32; 3] = [1, 2, 4];
+/// Parameters of the encoders behind those of the gear: skew, zero, harmonics.
+pub const ENCODER_PARAMETERS: usize = 2 + 2 * (LINK_ORDERS.len() + MOTOR_ORDERS.len());
+
+impl GearParameters {
+    /// Parameters that the covariance of a fit is about, those of the encoders included.
+    #[must_use]
+    pub fn uncertain(&self) -> usize {
+        let springs = self.wind_up.len() + self.slipping.len() + self.bearing.len();
+        2 + springs + 2 + ENCODER_PARAMETERS
+    }
+}
+
+/// Cosines and sines of the harmonics of [`LINK_ORDERS`] and [`MOTOR_ORDERS`].
+#[must_use]
+pub fn harmonics(q: f64, theta: f64) -> [f64; ENCODER_PARAMETERS - 2] {
+    let (s, c) = q.sin_cos();
+    let (st, ct) = theta.sin_cos();
+    let twice = |(s, c): (f64, f64)| (2.0 * s * c, c * c - s * s);
+    let (s2, c2) = twice((s, c));
+    let (st2, ct2) = twice((st, ct));
+    let (st4, ct4) = twice((st2, ct2));
+    [c, s, c2, s2, ct, st, ct2, st2, ct4, st4]
 }
 
 impl HysteresisEstimator {
+    /// The same with the covariance of its parameters, as the fit's directions, and the ranges that its
+    /// data covered.
+    #[must_use]
+    pub fn with_uncertainty(mut self, directions: &[Vec<f64>], validity: Validity) -> Self {
+        let count = self.parameters.gear.uncertain();
+        let fits = directions.iter().any(|d| d.len() == count);
+        self.uncertainty = fits.then(|| Uncertainty::new(directions, count));
+        self.validity = validity;
+        self
+    }
+
+    /// Variance of the torque at tracked torsion `x` from that of the parameters, (N·m)².
+    fn parameter_variance(&mut self, sample: &JointSample, x: f64, rate: f64) -> f64 {
+        let Some(uncertainty) = &mut self.uncertainty else {
+            return 0.0;
+        };
+        let (p, slope) = (&self.parameters.gear, self.slope);
+        let own = [x, x * x * x].into_iter();
+        let soft = p.wind_up.iter().map(|(w, _)| w * (x / w).tanh());
+        let springs = self.gear.slipping.stretches();
+        let bearing = self.gear.bearing.stretches().map(|s| -s);
+        let rates = [-sample.dq, rate, -slope * sample.dq, -slope];
+        let waves = harmonics(sample.q, sample.theta).map(|h| -slope * h);
+        let all = own.chain(soft).chain(springs).chain(bearing);
+        let all = all.chain(rates).chain(waves);
+        for (entry, value) in uncertainty.gradient().iter_mut().zip(all) {
+            *entry = value;
+        }
+        uncertainty.variance(slope)
+    }
+
     /// An estimator that has seen no sample.
     #[must_use]
     pub fn new(parameters: HysteresisParameters) -> Self {
@@ -224,6 +289,9 @@ impl HysteresisEstimator {
             gear: Gear::new(parameters.gear.clone()),
             output: Output::new(torque_source::ENCODER, parameters.torque_limit, 0.0),
             tracking: Tracking::new(parameters.tracking, parameters.sample_period),
+            uncertainty: None,
+            validity: Validity::default(),
+            slope: parameters.gear.linear,
             parameters,
         }
     }
@@ -244,16 +312,28 @@ impl JointTorqueEstimator for HysteresisEstimator {
         let carried = self.gear.update(x.clamp(-furthest, furthest)) + p.gear.damping * rate;
         let tau = carried - self.gear.bearing(sample.q, sample.dq);
         let tau = tau.clamp(-p.torque_limit, p.torque_limit);
-        self.output.give(
-            sample,
-            tau,
-            (p.gear.stiffness(x).abs() * p.torsion_sigma).min(p.torque_limit),
-        )
+        let own = p.gear.stiffness(x).abs() * p.torsion_sigma;
+        self.slope = self.gear.stiffness(x);
+        let outside = self.validity.torque_error(tau);
+        let variance = self.parameter_variance(sample, x, rate);
+        let sigma = (own * own + outside * outside + variance).sqrt();
+        let limit = self.parameters.torque_limit;
+        self.output.give(sample, tau, sigma.min(limit))
+    }
+
+    fn tare(&mut self, sigma: f64) {
+        let slope = self.slope;
+        if let Some(uncertainty) = &mut self.uncertainty {
+            uncertainty.tare(slope, sigma * sigma);
+        }
     }
 
     fn reset(&mut self) {
         self.gear.reset();
         self.tracking.reset();
         self.output.reset();
+        if let Some(uncertainty) = &mut self.uncertainty {
+            uncertainty.reset();
+        }
     }
 }

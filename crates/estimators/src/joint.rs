@@ -29,6 +29,9 @@ pub trait JointTorqueEstimator {
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate;
     /// Forgets every sample.
     fn reset(&mut self);
+    /// The torque at the last sample has become known, with a standard deviation in N·m: the reported
+    /// sigma may shrink by what a shift of the torsion's zero compensates.
+    fn tare(&mut self, _sigma: f64) {}
 }
 
 /// An estimator of any kind.

@@ -24,4 +24,6 @@ pub mod regimes;
 pub mod savitzky_golay;
 pub mod set;
 pub mod tracking;
+pub mod uncertainty;
+pub mod validity;
 pub mod wave_generator;

@@ -11,7 +11,42 @@ pub struct EstimatorSet {
     estimates: Vec<TorqueEstimate>,
     fusion: Option<Fusion>,
     fused: TorqueEstimate,
+    zero: Zero,
 }
+
+/// The torsion's zero: known from the fit, or found again after each start.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ZeroParameters {
+    /// Whether the encoders' zeros are others after each start: the torque from the current then sets
+    /// the torsion's zero, until a tare at a known torque.
+    pub unknown: bool,
+    /// N: gear ratio, 1.
+    pub gear_ratio: f64,
+    /// Stiffness of the gear, N·m/rad.
+    pub stiffness: f64,
+    /// The sources from the gear with slipping springs and from the current.
+    pub gear: Option<usize>,
+    /// That from the current.
+    pub current: Option<usize>,
+}
+
+/// The zero in use.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Zero {
+    parameters: ZeroParameters,
+    /// Torsion without torque, rad, and torque of the current without torque, N·m.
+    torsion: f64,
+    current: f64,
+    /// Samples of the tare so far.
+    tared: u32,
+    /// Samples since the start during which an unknown zero follows the current.
+    started: u32,
+}
+
+/// Samples over which an unknown zero follows the current.
+const START_SAMPLES: u32 = 50;
+/// Share of a step to the zero in one sample.
+const ZERO_STEP: f64 = 0.3;
 
 impl EstimatorSet {
     /// A set of named sources, at most [`MAX_SOURCES`]; `fusion` must be of the same sources in the same
@@ -27,6 +62,57 @@ impl EstimatorSet {
             estimates,
             fusion,
             fused: TorqueEstimate::default(),
+            zero: Zero::default(),
+        }
+    }
+
+    /// The same with a zero that may have to be found.
+    #[must_use]
+    pub fn with_zero(mut self, parameters: ZeroParameters) -> Self {
+        self.zero.parameters = parameters;
+        self
+    }
+
+    /// Tares: the torque at the last sample is `tau`, N·m, within the standard deviation `sigma`. Called
+    /// sample by sample over some tens of them at rest.
+    pub fn tare(&mut self, tau: f64, sigma: f64) {
+        let p = self.zero.parameters;
+        self.zero.started = START_SAMPLES;
+        self.shift(tau, sigma);
+        let current = p.current.and_then(|i| self.estimates.get(i));
+        if let Some(estimate) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
+            self.zero.tared = self.zero.tared.saturating_add(1);
+            let share = 1.0 / f64::from(self.zero.tared.min(START_SAMPLES));
+            self.zero.current += share * (estimate.tau - tau);
+        }
+    }
+
+    /// Moves the torsion's zero towards the one at which the gear carries `tau`.
+    fn shift(&mut self, tau: f64, sigma: f64) {
+        let p = self.zero.parameters;
+        let gear = p.gear.and_then(|i| self.estimates.get(i));
+        let Some(gear) = gear.filter(|e| e.flags & torque_flags::VALID != 0 && tau.is_finite())
+        else {
+            return;
+        };
+        if p.stiffness > 0.0 {
+            self.zero.torsion += ZERO_STEP * (gear.tau - tau) / p.stiffness;
+        }
+        self.sources
+            .iter_mut()
+            .for_each(|source| source.tare(sigma));
+    }
+
+    /// Lets an unknown zero follow the current after the start.
+    fn find_zero(&mut self) {
+        let p = self.zero.parameters;
+        if !p.unknown || self.zero.started >= START_SAMPLES {
+            return;
+        }
+        self.zero.started += 1;
+        let current = p.current.and_then(|i| self.estimates.get(i)).copied();
+        if let Some(current) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
+            self.shift(current.tau, current.sigma);
         }
     }
 
@@ -52,11 +138,30 @@ impl EstimatorSet {
 impl JointTorqueEstimator for EstimatorSet {
     /// The fused torque; without a fusion, the first source that is valid.
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
+        let zero = self.zero;
+        let sample = &JointSample {
+            theta: sample.theta - zero.parameters.gear_ratio * zero.torsion,
+            ..*sample
+        };
         for (source, estimate) in self.sources.iter_mut().zip(&mut self.estimates) {
             *estimate = source.update(sample);
         }
+        let current = zero.parameters.current;
+        if let Some(estimate) = current.and_then(|i| self.estimates.get_mut(i)) {
+            estimate.tau -= zero.current;
+        }
+        self.find_zero();
         self.fused = match &mut self.fusion {
-            Some(fusion) => fusion.update(sample, &self.estimates),
+            Some(fusion) => {
+                let fused = fusion.update(sample, &self.estimates);
+                // A source's own sigma does not cover what the fit found out about its errors.
+                for (estimate, sigma) in self.estimates.iter_mut().zip(fusion.sigmas()) {
+                    if sigma.is_finite() {
+                        estimate.sigma = *sigma;
+                    }
+                }
+                fused
+            }
             None => {
                 let valid = |e: &&TorqueEstimate| e.flags & torque_flags::VALID != 0;
                 self.fused.flags &= !torque_flags::VALID;
@@ -74,6 +179,10 @@ impl JointTorqueEstimator for EstimatorSet {
         self.sources.iter_mut().for_each(|source| source.reset());
         self.estimates.fill(TorqueEstimate::default());
         self.fused = TorqueEstimate::default();
+        self.zero = Zero {
+            parameters: self.zero.parameters,
+            ..Zero::default()
+        };
         if let Some(fusion) = &mut self.fusion {
             fusion.reset();
         }

@@ -24,6 +24,10 @@ fn fusion(errors: &[(f64, f64)]) -> Fusion {
             gear_ratio: 100.0,
             sample_period: 1e-3,
             torque_limit: 100.0,
+            independent: None,
+            reference: None,
+            left_out: Vec::new(),
+            rest_factor: 1.0,
         },
     )
 }
@@ -93,4 +97,62 @@ proptest! {
         prop_assert!(fused.sigma >= least * (1.0 - 1e-9));
         prop_assert!(fused.sigma <= least * MAX_VARIANCE_RATIO.sqrt() * (1.0 + 1e-9));
     }
+}
+
+/// Torsion (two sources, sigma 0.1) and current (sigma 0.3), with the current as the independent source.
+fn two_groups() -> Fusion {
+    let errors: Vec<SourceError> = [0.1, 0.1, 0.3]
+        .iter()
+        .map(|rms: &f64| SourceError {
+            variance: rms * rms,
+            reported: *rms,
+        })
+        .collect();
+    Fusion::new(
+        3,
+        FusionParameters {
+            moving: 0.01,
+            loading: [1e-3, 1e-2, 1e-1],
+            errors: std::array::from_fn(|_| errors.clone()),
+            blend: 0.03,
+            gear_ratio: 100.0,
+            sample_period: 1e-3,
+            torque_limit: 100.0,
+            independent: Some(2),
+            reference: Some(0),
+            left_out: Vec::new(),
+            rest_factor: 1.0,
+        },
+    )
+}
+
+#[test]
+fn torsion_and_current_combine_with_minimum_variance() {
+    let sources = [estimate(1.0, 0.1), estimate(1.0, 0.1), estimate(1.2, 0.3)];
+    let fused = two_groups().update(&JointSample::default(), &sources);
+    let expected = (0.09 * 1.0 + 0.01 * 1.2) / 0.1;
+    assert!((fused.tau - expected).abs() < 1e-9, "{}", fused.tau);
+    let sigma = f64::sqrt(0.01 * 0.09 / 0.1);
+    assert!((fused.sigma - sigma).abs() < 1e-3, "{}", fused.sigma);
+}
+
+#[test]
+fn sigma_covers_a_disagreement_and_the_reference_raises_every_torsion_source() {
+    let at = JointSample::default();
+    let mut fusion = two_groups();
+    let apart = [estimate(1.0, 0.1), estimate(1.0, 0.1), estimate(9.0, 0.3)];
+    let fused = fusion.update(&at, &apart);
+    assert!(fused.sigma > 0.3 * 8.0 / 2.0 * 0.3, "{}", fused.sigma);
+    for _ in 0..3000 {
+        fusion.update(&at, &apart);
+    }
+    assert!(fusion.disagreement() > 50.0);
+    let fused = fusion.update(&at, &apart);
+    // Either group may be the wrong one: the sigma is of the order of the smaller error.
+    assert!((fused.tau - 1.0).abs() < 2.0 * fused.sigma);
+    // The gear outside of its ranges: torsion loses its weight, also that of the other source.
+    let mut fusion = two_groups();
+    let outside = [estimate(5.0, 3.0), estimate(5.0, 0.1), estimate(2.0, 0.3)];
+    let fused = fusion.update(&at, &outside);
+    assert!((fused.tau - 2.0).abs() < 0.1, "{}", fused.tau);
 }

@@ -7,20 +7,24 @@
 //!       -> fusion
 //! ```
 
+use crate::current::MotorKnowledge;
 use crate::excitation::{Determination, Excitation, Quantity};
+use crate::fusion::{SourceKnowledge, Usual};
 use crate::gaussian_process::{self, GpOptions};
+use crate::gear::{GearFit, GearKnowledge};
 use crate::learned::Progress;
 use crate::log::LogRow;
 use crate::network::{self, NetworkOptions};
 use crate::record::Record;
 use crate::{current, deformation, fusion, gear, kinematic, noise};
 use estimators::deformation::AngularFrequency;
+use estimators::hysteresis::{LINK_ORDERS, MOTOR_ORDERS};
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::set::EstimatorSet;
 use joint_file::{
-    ComplianceTable, CurrentTable, DeformationTable, EncodersTable, FrictionTable, FusionTable,
-    HysteresisTable, JointFile, KalmanTable, SourceTable, TrainedTable,
+    ComplianceTable, CurrentTable, DeformationTable, FrictionTable, FusionTable, HysteresisTable,
+    JointFile, KalmanTable, SourceTable, TrainedTable, ValidityTable,
 };
 use problem::Problem;
 
@@ -28,9 +32,6 @@ use problem::Problem;
 const Z_TIME_CONSTANT_S: f64 = 0.0195;
 /// Time constant of the low-pass behind models that fit better, s.
 const SHORT_TIME_CONSTANT_S: f64 = 0.002;
-/// Standard deviations, and s, that a skew must exceed to be compensated.
-const SKEW_SIGNIFICANCE: f64 = 5.0;
-const MIN_SKEW_S: f64 = 2e-5;
 
 /// Stiffness of a wave generator that counts as rigid, motor side, N·m/rad.
 const RIGID: f64 = 1e9;
@@ -77,11 +78,11 @@ impl Step {
 }
 
 impl Step {
-    /// Whether it makes more of the gear than its stiffness.
+    /// Whether it makes more of the gear than its stiffness, without priors of its own.
     fn needs_stiffness(self) -> bool {
         matches!(
             self,
-            Self::Hysteresis | Self::Deformation | Self::Kalman | Self::Network | Self::LocalGp
+            Self::Deformation | Self::Kalman | Self::Network | Self::LocalGp
         )
     }
 
@@ -202,7 +203,7 @@ impl Fitted {
             Step::KinematicError => self.kinematic_error(&record),
             Step::Current => self.current(&record),
             Step::Compliance => self.compliance(&record, rows),
-            Step::Hysteresis => self.hysteresis(&record),
+            Step::Hysteresis => self.hysteresis(rows),
             Step::Deformation => self.deformation(&record),
             Step::Kalman => self.kalman(&record),
             Step::Network => self.network(&record, progress),
@@ -230,59 +231,6 @@ impl Fitted {
         Ok(())
     }
 
-    /// Z's constants with the skew; once more with the skew removed. A skew that the log does not
-    /// determine stays at its prior, zero.
-    fn compliance(&mut self, record: &Record, train: &[LogRow]) -> Result<(), Problem> {
-        let excitation = Excitation::new(record, &self.joint);
-        if let Some(constant) = excitation.undetermined(Quantity::Compliance) {
-            self.prior_compliance(&excitation, constant);
-            return Ok(());
-        }
-        if let Some(constant) = excitation.undetermined(Quantity::Skew) {
-            self.note(constant.sentence());
-        }
-        let skew_determined = excitation.determines(Quantity::Skew);
-        for pass in 0..2 {
-            let record = Record::new(&self.joint, train)?;
-            let error = self.joint.kinematic_error_parameters();
-            let motor = self.joint.wave_generator_parameters();
-            let fit = gear::compliance(&record, &error, motor)?;
-            let (skew, sigma) = fit.skew;
-            if skew_determined
-                && pass == 0
-                && skew.abs() > MIN_SKEW_S.max(SKEW_SIGNIFICANCE * sigma)
-            {
-                self.add_skew(skew);
-                continue;
-            }
-            let p = fit.parameters;
-            self.note(format!(
-                "compliance: K_fs0 {:.0} N·m/rad (95 % within ±{:.0}), C_fs {:.4} /(N·m), {:.2} \
-                 urad RMS left",
-                p.k_fs0,
-                1.96 * fit.stiffness_sigma,
-                p.c_fs,
-                1e6 * fit.rms
-            ));
-            self.joint.compliance = Some(ComplianceTable {
-                k_fs0: p.k_fs0,
-                c_fs: p.c_fs,
-                k_wg0: p.k_wg0,
-                c_wg: p.c_wg,
-                low_pass_pole: self.pole(Z_TIME_CONSTANT_S),
-                torsion_sigma: fit.rms,
-            });
-            break;
-        }
-        self.joint
-            .encoders
-            .get_or_insert_with(EncodersTable::default);
-        match skew_determined {
-            true => self.skew(train),
-            false => Ok(()),
-        }
-    }
-
     /// A gear of the stiffness that catalogues and log agree on; its sigma holds what that leaves
     /// open at the largest torque of the log.
     fn prior_compliance(&mut self, excitation: &Excitation, constant: &Determination) {
@@ -304,37 +252,104 @@ impl Fitted {
         });
     }
 
-    fn add_skew(&mut self, skew: f64) {
-        let longest = 16.0 * self.joint.sample_period();
-        let encoders = self.joint.encoders.get_or_insert_default();
-        encoders.skew = (encoders.skew + skew).clamp(-longest, longest);
-    }
-
-    /// Residual of the skew after the compliance; the gear's springs distinguish it from friction.
-    fn skew(&mut self, train: &[LogRow]) -> Result<(), Problem> {
-        let error = self.joint.kinematic_error_parameters();
-        let mut left = (0.0, 0.0);
+    /// Skew, zero and harmonics under load, then Z's constants without them.
+    /// What the log does not determine stays at its prior.
+    fn compliance(&mut self, record: &Record, train: &[LogRow]) -> Result<(), Problem> {
+        let excitation = Excitation::new(record, &self.joint);
+        if let Some(constant) = excitation.undetermined(Quantity::Compliance) {
+            self.prior_compliance(&excitation, constant);
+            return Ok(());
+        }
+        if let Some(constant) = excitation.undetermined(Quantity::Skew) {
+            self.note(constant.sentence());
+        }
+        let mut skew_sigma = 0.0;
         for _ in 0..2 {
             let record = Record::new(&self.joint, train)?;
-            left = gear::hysteresis(&record, &error)?.skew;
-            if left.0.abs() <= SKEW_SIGNIFICANCE * left.1 {
-                break;
-            }
-            self.add_skew(left.0);
+            let error = self.joint.kinematic_error_parameters();
+            let fit = gear::hysteresis(&record, &error, &self.gear_knowledge())?;
+            self.correct_encoders(&fit);
+            skew_sigma = fit.skew.1;
         }
+        let record = Record::new(&self.joint, train)?;
+        let error = self.joint.kinematic_error_parameters();
+        let motor = self.joint.wave_generator_parameters();
+        let fit = gear::compliance(&record, &error, motor)?;
+        let p = fit.parameters;
+        self.note(format!(
+            "compliance: K_fs0 {:.0} N·m/rad, C_fs {:.4} /(N·m), {:.2} urad RMS left",
+            p.k_fs0,
+            p.c_fs,
+            1e6 * fit.rms
+        ));
+        self.joint.compliance = Some(ComplianceTable {
+            k_fs0: p.k_fs0,
+            c_fs: p.c_fs,
+            k_wg0: p.k_wg0,
+            c_wg: p.c_wg,
+            low_pass_pole: self.pole(Z_TIME_CONSTANT_S),
+            torsion_sigma: fit.rms,
+        });
         let skew = self.joint.encoders.as_ref().map_or(0.0, |e| e.skew);
         self.note(format!(
             "skew: motor-side encoder {:.4} ms later than the link-side one (95 % within ±{:.4} ms)",
             1e3 * skew,
-            1.96e3 * left.1
+            1.96e3 * skew_sigma
         ));
         Ok(())
     }
 
+    /// What the data sheet and earlier steps say about the gear.
+    fn gear_knowledge(&self) -> GearKnowledge {
+        let joint = &self.joint.joint;
+        GearKnowledge {
+            rated_torque: joint.rated_torque,
+            stiffness: joint.stiffness,
+            turned: self.joint.encoders.as_ref().is_none_or(|e| !e.zero_unknown)
+                && self.joint.kinematic_error.is_some(),
+            sample_period: self.joint.sample_period(),
+        }
+    }
+
+    /// Takes over what the gear's fit found out about the encoders.
+    fn correct_encoders(&mut self, fit: &GearFit) {
+        let longest = 16.0 * self.joint.sample_period();
+        let encoders = self.joint.encoders.get_or_insert_default();
+        encoders.skew = (encoders.skew + fit.skew.0).clamp(-longest, longest);
+        let turned = self.joint.kinematic_error.is_some();
+        let error = self.joint.kinematic_error.get_or_insert_default();
+        if !turned {
+            // Without an unloaded turn nothing shows whether the encoders' zeros stay.
+            encoders.zero_unknown = true;
+        }
+        error.a0 += fit.zero.0;
+        let mut waves = fit.waves.chunks_exact(2);
+        for (list, orders) in [
+            (&mut error.link, &LINK_ORDERS[..]),
+            (&mut error.motor, &MOTOR_ORDERS[..]),
+        ] {
+            for (order, wave) in orders.iter().zip(&mut waves) {
+                let place = *order as usize - 1;
+                if list.len() <= place {
+                    list.resize(place + 1, (0.0, 0.0));
+                }
+                list[place].0 += wave[0];
+                list[place].1 += wave[1];
+            }
+        }
+    }
+
     /// D3 on the link side; Z's friction is the same on the motor side.
     fn current(&mut self, record: &Record) -> Result<(), Problem> {
-        let p = current::fit(record, self.joint.torque_limit())?;
         let n = self.joint.joint.gear_ratio;
+        let known = MotorKnowledge {
+            torque_constant: n * self.joint.joint.torque_constant,
+            inertia: n * n * self.joint.joint.rotor_inertia,
+            rated_torque: self.joint.joint.rated_torque,
+            torque_limit: self.joint.torque_limit(),
+        };
+        let fit = current::fit(record, &known)?;
+        let p = fit.parameters;
         self.joint.friction = Some(FrictionTable {
             coulomb: p.k_3 / n,
             viscous: p.k_2 / (n * n),
@@ -342,9 +357,10 @@ impl Fitted {
             published: false,
         });
         self.note(format!(
-            "current: K1 {:.4} N·m/A, friction {:.3} N·m + {:.1} % of the torque, offset {:.4} A, \
-             {:.3} N·m RMS left",
+            "current: K1 {:.4} N·m/A (95 % within ±{:.4}), friction {:.3} N·m + {:.1} % of the torque, offset {:.4} A, \
+             {:.3} N·m on held-out blocks",
             p.k_1,
+            1.96 * fit.sigma_1,
             p.k_3,
             100.0 * p.k_4,
             p.offset,
@@ -360,18 +376,26 @@ impl Fitted {
             sign_smoothing: p.sign_smoothing,
             low_pass_pole: p.low_pass_pole,
             sigma: p.sigma,
+            uncertainty: fit.uncertainty,
         });
+        self.joint.validity = Some(validity(record, fit.seconds));
         Ok(())
     }
 
-    fn hysteresis(&mut self, record: &Record) -> Result<(), Problem> {
+    fn hysteresis(&mut self, rows: &[LogRow]) -> Result<(), Problem> {
+        let record = Record::new(&self.joint, rows)?;
+        let error = self.joint.kinematic_error_parameters();
+        let fit = gear::hysteresis(&record, &error, &self.gear_knowledge())?;
+        self.correct_encoders(&fit);
+        let record = &Record::new(&self.joint, rows)?;
         let error: KinematicErrorParameters = self.joint.kinematic_error_parameters();
-        let fit = gear::hysteresis(record, &error)?;
         let p = fit.parameters;
         let width: f64 = p.slipping.iter().map(|s| 2.0 * s.limit * s.stiffness).sum();
         let (springs, stiffness) = (p.slipping.len(), p.linear);
         let mut table = HysteresisTable::from(p);
         table.torsion_sigma = fit.rms / stiffness;
+        table.uncertainty = fit.uncertainty;
+        table.held_out_ratio = (fit.held_out / fit.rms.max(1e-12)).clamp(1.0, 10.0);
         let (tracking, errors) = gear::tracking(record, &error, |tracking| {
             self.joint.hysteresis_estimator(&HysteresisTable {
                 tracking_poles: tracking.poles,
@@ -381,13 +405,16 @@ impl Fitted {
         });
         table.tracking_poles = tracking.poles;
         table.tracking_sigma = tracking.sigma;
-        if errors.sigma > 0.0 {
-            table.torsion_sigma *= errors.rms / errors.sigma;
-        }
+        table.torsion_sigma = errors.rms / stiffness;
         self.note(format!(
-            "hysteresis: {springs} springs, {width:.2} N·m wide, {:.4} N·m RMS left, in the loop \
-             {:.4} N·m with poles {:.2?}",
-            fit.rms, errors.rms, tracking.poles
+            "hysteresis: stiffness {stiffness:.0} N·m/rad (95 % within ±{:.0}), {springs} springs, \
+             {width:.2} N·m wide, {:.4} N·m RMS left, {:.4} on held-out blocks, in the loop {:.4} N·m \
+             with poles {:.2?}",
+            1.96 * fit.stiffness.1,
+            fit.rms,
+            fit.held_out,
+            errors.rms,
+            tracking.poles
         ));
         self.joint.hysteresis = Some(table);
         Ok(())
@@ -494,10 +521,37 @@ impl Fitted {
 
     fn fusion(&mut self, record: &Record) -> Result<(), Problem> {
         let mut sources = EstimatorSet::new(self.joint.sources()?, None);
-        let p = fusion::fit(record, &mut sources, self.joint.torque_limit());
+        let gear = self.joint.hysteresis.clone();
+        let turned = self.gear_knowledge().turned;
+        let known: Vec<SourceKnowledge> = (sources.names().iter())
+            .map(|name| {
+                let gear_based = ["hysteresis", "unscented_added"].contains(&name.as_str());
+                let current = name == "current";
+                SourceKnowledge {
+                    // Only models with priors know how wrong they may be away from their data.
+                    fused: gear_based || current || gear.is_none(),
+                    usual: match (current, turned) {
+                        (true, _) => Usual::CURRENT,
+                        (false, true) => Usual::TURNED,
+                        (false, false) => Usual::NOT_TURNED,
+                    },
+                    own_sigma: match name.as_str() {
+                        "hysteresis" => gear.as_ref().map(|g| g.torsion_sigma * g.linear),
+                        _ => None,
+                    },
+                    held_out_ratio: match (&gear, current) {
+                        (Some(gear), false) => gear.held_out_ratio,
+                        _ => 1.0,
+                    },
+                }
+            })
+            .collect();
+        let torques = [self.joint.joint.rated_torque, self.joint.torque_limit()];
+        let p = fusion::fit(record, &mut sources, &known, torques);
         let table = |i: usize| SourceTable {
             rms: p.errors.each_ref().map(|errors| errors[i].variance.sqrt()),
             sigma: p.errors.each_ref().map(|errors| errors[i].reported),
+            fused: !p.left_out.contains(&i),
         };
         self.joint.fusion = Some(FusionTable {
             moving_rate: p.moving,
@@ -508,5 +562,27 @@ impl Fitted {
                 .collect(),
         });
         Ok(())
+    }
+}
+
+/// Ranges that a training log covered: all but the outermost thousandth at either end.
+fn validity(record: &Record, moved_s: f64) -> ValidityTable {
+    let tau = record.smooth(&record.tau, 0);
+    let rate = record.smooth(&record.tau, 1);
+    let range = |values: &mut dyn Iterator<Item = f64>| -> [f64; 2] {
+        let mut sorted: Vec<f64> = values.filter(|x| x.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let outer = sorted.len() / 1000;
+        let at = |i: usize| sorted.get(i).copied().unwrap_or(0.0);
+        [at(outer), at(sorted.len().saturating_sub(1 + outer))]
+    };
+    let usable: Vec<usize> = record.spread(usize::MAX).collect();
+    let of = |f: &dyn Fn(usize) -> f64| range(&mut usable.iter().map(|&i| f(i)));
+    ValidityTable {
+        torque: of(&|i| tau[i]),
+        angle: of(&|i| record.samples[i].q),
+        speed: of(&|i| record.motion[i][0].abs())[1],
+        loading: of(&|i| rate[i].abs())[1],
+        moved: moved_s,
     }
 }

@@ -8,8 +8,51 @@ use robot_state::torque_flags;
 
 /// Time over which variances blend, s.
 const BLEND_S: f64 = 0.03;
-/// Weight of the mean over all regimes in each regime's variance, samples.
-const PRIOR_SAMPLES: f64 = 500.0;
+/// Time over which errors of a source are alike: so long are the samples that count as one, s.
+const ALIKE_S: f64 = 0.25;
+/// Weight of the mean over all regimes in each regime's variance, independent samples.
+const PRIOR_SAMPLES: f64 = 2.0;
+/// Usual error of a source, and the number of independent samples that it counts as.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Usual {
+    /// Error, of the rated torque.
+    pub error: f64,
+    /// Samples.
+    pub samples: f64,
+}
+
+impl Usual {
+    /// From the torsion, after an unloaded turn.
+    pub const TURNED: Self = Self {
+        error: 0.01,
+        samples: 1.0,
+    };
+    /// From the torsion, without one: harmonics and zero are known from the loaded log alone. Found on
+    /// a real arm, 2026-11.
+    pub const NOT_TURNED: Self = Self {
+        error: 0.04,
+        samples: 5.0,
+    };
+    /// From the current.
+    pub const CURRENT: Self = Self {
+        error: 0.05,
+        samples: 1.0,
+    };
+}
+
+/// What the fits found out about the sources' errors, beside the log.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SourceKnowledge {
+    /// Whether the source takes part in the fused torque.
+    pub fused: bool,
+    /// Usual error.
+    pub usual: Usual,
+    /// Part of its sigma that does not come from its parameters, N·m; none if it does not report
+    /// their part.
+    pub own_sigma: Option<f64>,
+    /// Error on held-out blocks over that on the fitted ones.
+    pub held_out_ratio: f64,
+}
 
 /// Least share of the variance seen that counts as the source's own, not the sensor's.
 const MIN_OWN_SHARE: f64 = 0.02;
@@ -18,7 +61,12 @@ const MIN_OWN_SHARE: f64 = 0.02;
 ///
 /// The sources run causally, as in the loop, so that their delays count as errors here too.
 #[must_use]
-pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> FusionParameters {
+pub fn fit(
+    record: &Record,
+    set: &mut EstimatorSet,
+    known: &[SourceKnowledge],
+    [rated_torque, torque_limit]: [f64; 2],
+) -> FusionParameters {
     let n = set.names().len();
     let fastest = record.motion.iter().fold(0.0f64, |m, v| m.max(v[0].abs()));
     let torsion = record.torsion();
@@ -37,6 +85,12 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
         gear_ratio: record.gear_ratio,
         sample_period: record.sample_period,
         torque_limit,
+        independent: None,
+        reference: None,
+        rest_factor: 1.0,
+        left_out: (0..n)
+            .filter(|i| !known.get(*i).is_some_and(|k| k.fused))
+            .collect(),
     };
     let mut regimes = Fusion::new(n, parameters.clone());
     let mut counts = [0.0; REGIMES];
@@ -60,18 +114,29 @@ pub fn fit(record: &Record, set: &mut EstimatorSet, torque_limit: f64) -> Fusion
     // The sensor's noise is no error of any source, but would make all of them look alike.
     let sensor_noise = record.noise(&record.tau);
     let all: f64 = counts.iter().sum::<f64>().max(1.0);
-    for (source, sums) in sums.iter().enumerate() {
+    let alike = (ALIKE_S / record.sample_period).max(1.0);
+    for (source, (sums, known)) in sums.iter().zip(known).enumerate() {
+        let usual = (known.usual.error * rated_torque).powi(2);
+        let worth = known.usual.samples;
         let total = sums.iter().fold((0.0, 0.0), |t, s| (t.0 + s.0, t.1 + s.1));
+        let total = (total.0 / all, total.1 / all);
         for (regime, sum) in sums.iter().enumerate() {
-            // A regime that was hardly seen leans on the mean over all.
-            let count = counts[regime];
-            let own = count / (count + PRIOR_SAMPLES);
-            let mean =
-                |sum: f64, total: f64| own * sum / count.max(1.0) + (1.0 - own) * total / all;
-            let seen = mean(sum.0, total.0);
+            // A regime that was hardly seen leans on the mean over all, and all on what is usual.
+            let count = counts[regime] / alike;
+            let here = |sum: f64, total: f64| {
+                count * sum / counts[regime].max(1.0) + PRIOR_SAMPLES * total
+            };
+            let seen = (here(sum.0, total.0) + worth * usual) / (count + PRIOR_SAMPLES + worth);
+            let reported = here(sum.1, total.1) / (count + PRIOR_SAMPLES);
+            let left = (seen - sensor_noise * sensor_noise).max(MIN_OWN_SHARE * seen);
+            // Parameters that fit these samples are further off on others.
+            let parameters_part = known
+                .own_sigma
+                .map_or(0.0, |own| (reported - own * own).max(0.0));
+            let ratio = known.held_out_ratio.max(1.0).powi(2);
             parameters.errors[regime][source] = SourceError {
-                variance: (seen - sensor_noise * sensor_noise).max(MIN_OWN_SHARE * seen),
-                reported: mean(sum.1, total.1).sqrt(),
+                variance: ratio * left + parameters_part,
+                reported: reported.sqrt(),
             };
         }
     }

@@ -1,10 +1,14 @@
 //! The gear's constants from loaded motion beside a torque sensor: Z's compliance with the skew,
 //! and the elastic curve with slipping springs.
 
+use crate::blocks::{Blocks, Posterior, Prior, directions};
 use crate::least_squares::{Batch, Solution};
 use crate::record::Record;
 use estimators::compliance::ComplianceParameters;
-use estimators::hysteresis::{Gear, GearParameters, Hysteresis, HysteresisEstimator, SlipElement};
+use estimators::hysteresis::{
+    ENCODER_PARAMETERS, Gear, GearParameters, Hysteresis, HysteresisEstimator, SlipElement,
+    harmonics,
+};
 use estimators::joint::JointTorqueEstimator;
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::tracking::TrackingParameters;
@@ -32,12 +36,44 @@ pub struct ComplianceFit {
 pub struct GearFit {
     /// The gear.
     pub parameters: GearParameters,
-    /// Residual skew between the encoders, s, and its standard deviation: the part of the torsion
-    /// that grows with dq, apart from the friction in the torque.
+    /// Stiffness of the linear part and its standard deviation, N·m/rad.
+    pub stiffness: (f64, f64),
+    /// Skew between the encoders that the samples still have, s, and its standard deviation: the
+    /// part of the torsion that grows with dq, apart from the friction in the torque.
     pub skew: (f64, f64),
+    /// Zero of the torsion, rad, and its standard deviation.
+    pub zero: (f64, f64),
+    /// Amplitudes of the harmonics that the samples still have, in the order of
+    /// [`estimators::hysteresis::harmonics`], rad.
+    pub waves: [f64; ENCODER_PARAMETERS - 2],
+    /// Directions of the covariance of [`GearParameters::uncertain`] parameters.
+    pub uncertainty: Vec<Vec<f64>>,
     /// Root mean square of the residual torque, N·m.
     pub rms: f64,
+    /// The same on contiguous blocks that were held out.
+    pub held_out: f64,
 }
+
+/// What is known about a gear before its logs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GearKnowledge {
+    /// Rated torque, N·m.
+    pub rated_torque: f64,
+    /// Stiffness by the catalogue, N·m/rad; without one that of a usual gear of its rated torque.
+    pub stiffness: Option<f64>,
+    /// Whether an unloaded turn has determined kinematic error and zero.
+    pub turned: bool,
+    /// T: time between samples, s.
+    pub sample_period: f64,
+}
+
+/// Torsion of a usual harmonic drive at its rated torque, rad (Z Table I: 1.9e-3; catalogues: 1.3e-3 to
+/// 2.4e-3).
+const RATED_TORSION: f64 = 1.8e-3;
+/// Width of the prior of the skew, s.
+const SKEW_WIDTH_S: f64 = 2e-3;
+/// Directions of the covariance that the loop evaluates.
+const DIRECTIONS: usize = 12;
 
 /// Torsion less kinematic error, smoothed; torque, smoothed.
 fn signals(record: &Record, error: &KinematicErrorParameters) -> Result<[Vec<f64>; 2], Problem> {
@@ -152,26 +188,53 @@ const SLIP: [f64; 8] = [0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.25, 0.5];
 /// Stretches at which the output bearing's springs slip, rad.
 const BEARING_SLIP: [f64; 4] = [3e-5, 1e-4, 4e-4, 2e-3];
 
-/// Fits elastic curve, slipping springs, damping and the output bearing's friction: linear in every
-/// stiffness once widths and slips are chosen, which lie on a geometric grid. Springs cannot have a
-/// stiffness below zero.
+/// Fits elastic curve, slipping springs, damping and the output bearing's friction, and what encoders and
+/// kinematic error still add to the torsion: linear in every stiffness once widths and slips are
+/// chosen, which lie on a geometric grid. Every coefficient has a prior of the gear's size; stiffness
+/// and springs are positive.
 ///
 /// # Errors
 /// A log without torque sensor or without load.
-pub fn hysteresis(record: &Record, error: &KinematicErrorParameters) -> Result<GearFit, Problem> {
+pub fn hysteresis(
+    record: &Record,
+    error: &KinematicErrorParameters,
+    known: &GearKnowledge,
+) -> Result<GearFit, Problem> {
     let [torsion, tau] = signals(record, error)?;
     let q: Vec<f64> = record.samples.iter().map(|s| s.q).collect();
-    let data = GearData {
+    let stiffness = known
+        .stiffness
+        .unwrap_or(known.rated_torque / RATED_TORSION);
+    let mut data = GearData {
         q: record.smooth(&q, 0),
         rate: record.smooth(&torsion, 1),
-        x_max: largest(&torsion),
+        x_max: 0.0,
         torsion,
         tau,
+        known: *known,
+        stiffness,
+        encoders: [0.0; ENCODER_PARAMETERS],
     };
-    // Skew moves the torsion, friction the torque: only the changing stiffness distinguishes them,
-    // and it is known after a first fit without skew.
-    let rough = data.fit(record, None)?;
-    data.fit(record, Some(&rough.parameters))
+    if !known.turned {
+        // Without a turn the zero is anywhere: a start from the prior's stiffness.
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        data.encoders[1] = mean(&data.torsion) - mean(&data.tau) / stiffness;
+    }
+    // Skew, zero and harmonics move the torsion, friction the torque: only the changing stiffness
+    // distinguishes them, and it is known after a first fit.
+    let mut rough = GearParameters {
+        linear: 0.8 * stiffness,
+        ..GearParameters::default()
+    };
+    for _ in 0..2 {
+        let fit = data.fit(record, &rough)?;
+        data.encoders = data.moved(&fit);
+        rough = fit.parameters;
+    }
+    let mut fit = data.fit(record, &rough)?;
+    let [skew, zero, waves @ ..] = data.moved(&fit);
+    (fit.skew.0, fit.zero.0, fit.waves) = (skew, zero, waves);
+    Ok(fit)
 }
 
 /// Signals of the gear's fit.
@@ -181,6 +244,10 @@ struct GearData {
     rate: Vec<f64>,
     tau: Vec<f64>,
     x_max: f64,
+    known: GearKnowledge,
+    stiffness: f64,
+    /// Skew, zero and harmonics that are taken off the torsion so far.
+    encoders: [f64; ENCODER_PARAMETERS],
 }
 
 // Columns of the gear's fit.
@@ -189,10 +256,69 @@ const FIRST_BEARING: usize = FIRST_SPRING + SLIP.len();
 const VISCOUS: usize = FIRST_BEARING + BEARING_SLIP.len();
 const DAMPING: usize = VISCOUS + 1;
 const SKEW: usize = VISCOUS + 2;
+const COLUMNS: usize = SKEW + ENCODER_PARAMETERS;
 
 impl GearData {
-    /// One pass; `rough` is the gear whose stiffness turns skew into torque.
-    fn fit(&self, record: &Record, rough: Option<&GearParameters>) -> Result<GearFit, Problem> {
+    /// Encoder parameters after a fit of their increments.
+    fn moved(&self, fit: &GearFit) -> [f64; ENCODER_PARAMETERS] {
+        let step = [fit.skew.0, fit.zero.0].into_iter().chain(fit.waves);
+        let mut moved = self.encoders;
+        moved.iter_mut().zip(step).for_each(|(x, step)| *x += step);
+        moved
+    }
+
+    /// Torsion of a sample without what is known of the encoders.
+    fn corrected(&self, record: &Record, i: usize, waves: &[f64]) -> f64 {
+        let [skew, zero, amplitudes @ ..] = &self.encoders;
+        let wave: f64 = amplitudes.iter().zip(waves).map(|(a, w)| a * w).sum();
+        self.torsion[i] - skew * record.motion[i][0] - zero - wave
+    }
+
+    fn priors(&self) -> Vec<Prior> {
+        let (k, rated) = (self.stiffness, self.known.rated_torque);
+        let torsion = rated / k;
+        let width = if self.known.stiffness.is_some() {
+            0.25
+        } else {
+            0.4
+        };
+        let mut priors = vec![
+            Prior::at_least(0.8 * k, width * k, 0.2 * k),
+            Prior::new(0.05 * k / torsion.powi(2), 0.3 * k / torsion.powi(2)),
+        ];
+        priors.extend(WIND_UP.map(|_| Prior::new(0.0, 0.25 * k)));
+        let spring = |slip: f64, mean: f64, sigma: f64| {
+            Prior::at_least(mean * rated / slip, sigma * rated / slip, 0.0)
+        };
+        priors.extend(SLIP.map(|part| spring(part * self.x_max, 0.001, 0.004)));
+        priors.extend(BEARING_SLIP.map(|slip| spring(slip, 0.0, 0.003)));
+        priors.push(Prior::at_least(0.0, 0.01 * rated, 0.0));
+        priors.push(Prior::new(0.0, 2e-3 * k));
+        let [skew, zero, waves @ ..] = &self.encoders;
+        priors.push(Prior::new(-skew, SKEW_WIDTH_S));
+        let zero_width = if self.known.turned { 0.02 } else { 2.0 };
+        priors.push(match self.known.turned {
+            true => Prior::new(-zero, zero_width * torsion),
+            false => Prior::new(0.0, zero_width * torsion),
+        });
+        let widths = match self.known.turned {
+            true => [2e-5, 1e-5, 1e-5, 1e-5, 5e-6],
+            false => [2e-4, 1e-4, 5e-5, 5e-5, 1e-5],
+        };
+        let pairs = widths.into_iter().flat_map(|w| [w, w]);
+        priors.extend(waves.iter().zip(pairs).map(|(a, w)| Prior::new(-a, w)));
+        priors
+    }
+
+    /// One pass; `rough` is the gear whose stiffness turns torsion into torque.
+    fn fit(&mut self, record: &Record, rough: &GearParameters) -> Result<GearFit, Problem> {
+        let waves: Vec<_> = (record.samples.iter().zip(&self.q))
+            .map(|(s, q)| harmonics(*q, s.theta))
+            .collect();
+        let torsion: Vec<f64> = (0..self.torsion.len())
+            .map(|i| self.corrected(record, i, &waves[i]))
+            .collect();
+        self.x_max = largest(&torsion).max(0.05 * self.known.rated_torque / self.stiffness);
         let unit = |limit| SlipElement {
             limit,
             stiffness: 1.0,
@@ -200,14 +326,15 @@ impl GearData {
         let elements: Vec<SlipElement> = SLIP.iter().map(|part| unit(part * self.x_max)).collect();
         let mut springs = Hysteresis::new(&elements);
         let mut bearing = Hysteresis::new(&BEARING_SLIP.map(unit));
-        let mut gear = rough.cloned().map(Gear::new);
-        let columns = SKEW + usize::from(rough.is_some());
-        let mut batch = Batch::new(columns);
-        let mut row = vec![0.0; columns];
-        for (i, (&x, &tau)) in self.torsion.iter().zip(&self.tau).enumerate() {
+        let mut gear = Gear::new(rough.clone());
+        let seconds = self.tau.len() as f64 * self.known.sample_period;
+        let alike = Blocks::alike(self.known.sample_period);
+        let mut blocks = Blocks::new(COLUMNS, Blocks::count(seconds), alike);
+        let mut row = vec![0.0; COLUMNS];
+        for (i, (&x, &tau)) in torsion.iter().zip(&self.tau).enumerate() {
             springs.update(x);
             bearing.update(self.q[i]);
-            gear.as_mut().map(|gear| gear.update(x));
+            gear.update(x);
             if !record.usable(i) {
                 continue;
             }
@@ -225,38 +352,42 @@ impl GearData {
                 *column = x;
             }
             (row[VISCOUS], row[DAMPING]) = (-dq, self.rate[i]);
-            if let Some(gear) = &gear {
-                row[SKEW] = -gear.stiffness(x) * dq;
+            let slope = gear.stiffness(x);
+            (row[SKEW], row[SKEW + 1]) = (-slope * dq, -slope);
+            for (column, wave) in row[SKEW + 2..].iter_mut().zip(&waves[i]) {
+                *column = -slope * wave;
             }
-            batch.add(&row, tau);
+            blocks.add(i as f64 / self.tau.len() as f64, &row, tau);
         }
-        let bounded = |i: usize| i == 0 || (FIRST_SPRING..VISCOUS).contains(&i);
-        let solution = batch
-            .solve_bounded(1e-7, bounded)
-            .filter(|s| s.x[0] > 0.0)
-            .ok_or_else(|| {
-                Problem::new("training log: the gear's stiffness is not determined", "")
-            })?;
-        Ok(self.parameters(&solution))
+        let posterior = blocks.fit(&self.priors()).ok_or_else(|| {
+            Problem::new("training log: the gear's stiffness is not determined", "")
+        })?;
+        Ok(self.parameters(&posterior))
     }
 
-    fn parameters(&self, solution: &Solution) -> GearFit {
-        let x = &solution.x;
-        let kept = |i: usize| x[i] != 0.0;
+    fn parameters(&self, posterior: &Posterior) -> GearFit {
+        let x = &posterior.x;
+        let sigma = |i: usize| posterior.covariance[(i, i)].max(0.0).sqrt();
+        let kept = |i: &usize| x[*i] != 0.0;
         let springs = |first: usize, slips: &[f64], unit: f64| -> Vec<SlipElement> {
-            let kept = (0..slips.len()).filter(|i| kept(first + i));
-            kept.map(|i| SlipElement {
-                limit: slips[i] * unit,
-                stiffness: x[first + i],
-            })
-            .collect()
+            (0..slips.len())
+                .filter(|i| kept(&(first + i)))
+                .map(|i| SlipElement {
+                    limit: slips[i] * unit,
+                    stiffness: x[first + i],
+                })
+                .collect()
         };
-        let wind_up = (0..WIND_UP.len()).filter(|i| kept(2 + i));
+        let all = (0..2 + WIND_UP.len()).chain((FIRST_SPRING..VISCOUS).filter(kept));
+        let all: Vec<usize> = all.chain(VISCOUS..COLUMNS).collect();
+        let covariance = nalgebra::DMatrix::from_fn(all.len(), all.len(), |a, b| {
+            posterior.covariance[(all[a], all[b])]
+        });
         GearFit {
             parameters: GearParameters {
                 linear: x[0],
                 cubic: x[1],
-                wind_up: wind_up
+                wind_up: (0..WIND_UP.len())
                     .map(|i| (WIND_UP[i] * self.x_max, x[2 + i]))
                     .collect(),
                 slipping: springs(FIRST_SPRING, &SLIP, self.x_max),
@@ -264,11 +395,13 @@ impl GearData {
                 bearing: springs(FIRST_BEARING, &BEARING_SLIP, 1.0),
                 bearing_viscous: x[VISCOUS],
             },
-            skew: match x.len() > SKEW {
-                true => (x[SKEW], solution.sigma[SKEW]),
-                false => (0.0, f64::INFINITY),
-            },
-            rms: solution.rms,
+            stiffness: (x[0], sigma(0)),
+            skew: (x[SKEW], sigma(SKEW)),
+            zero: (x[SKEW + 1], sigma(SKEW + 1)),
+            waves: std::array::from_fn(|i| x[SKEW + 2 + i]),
+            uncertainty: directions(&covariance, DIRECTIONS),
+            rms: posterior.rms,
+            held_out: posterior.held_out,
         }
     }
 }

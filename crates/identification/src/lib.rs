@@ -4,6 +4,7 @@
 #![deny(unsafe_code)]
 
 pub mod all;
+pub mod blocks;
 pub mod current;
 pub mod deformation;
 pub mod evaluate;

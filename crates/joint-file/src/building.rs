@@ -10,10 +10,9 @@ use estimators::joint::AnyEstimator;
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::local_gp::{LocalGp, LocalGpEstimator};
 use estimators::network::NetworkEstimator;
-use estimators::set::EstimatorSet;
+use estimators::set::{EstimatorSet, ZeroParameters};
 use estimators::tracking::TrackingParameters;
 use problem::Problem;
-use std::collections::BTreeSet;
 
 /// Models without trained files, in the order in which they are shown.
 const MODELS: [&str; 6] = [
@@ -38,6 +37,7 @@ impl JointFile {
             torque_limit: self.torque_limit(),
             gear: table.clone().into(),
         })
+        .with_uncertainty(&table.uncertainty, self.validity())
     }
 
     /// Parameters of a Kalman filter, with the compliance that it needs.
@@ -166,8 +166,27 @@ impl JointFile {
             sources.push((name.clone(), Box::new(estimator)));
         }
         let current = CurrentEstimator::new(self.current_parameters());
+        let table = self.current.as_ref();
+        let uncertainty = table.map_or(&[][..], |table| &table.uncertainty);
+        let current = current.with_uncertainty(uncertainty, self.validity());
         sources.push((CURRENT.to_owned(), Box::new(current)));
         Ok(sources)
+    }
+
+    /// The estimators that the loop runs: those whose torques are fused, or all without a fusion.
+    ///
+    /// # Errors
+    /// As [`Self::estimators`].
+    pub fn fused_estimators(&self) -> Result<EstimatorSet, Problem> {
+        let mut joint = self.clone();
+        let Some(table) = &mut joint.fusion else {
+            return self.estimators();
+        };
+        table.sources.retain(|_, source| source.fused);
+        let mut sources = joint.sources()?;
+        let kept = joint.fusion.as_ref().map(|table| &table.sources);
+        sources.retain(|(name, _)| kept.is_some_and(|kept| kept.contains_key(name)));
+        joint.set_of(sources)
     }
 
     /// Every estimator that is switched on, fused if there is a fusion.
@@ -175,22 +194,41 @@ impl JointFile {
     /// # Errors
     /// Tables that need others; a fusion of other sources than are switched on.
     pub fn estimators(&self) -> Result<EstimatorSet, Problem> {
-        let sources = self.sources()?;
-        let Some(table) = &self.fusion else {
-            return Ok(EstimatorSet::new(sources, None));
+        self.set_of(self.sources()?)
+    }
+
+    fn set_of(&self, sources: Vec<(String, AnyEstimator)>) -> Result<EstimatorSet, Problem> {
+        let place = |name: &str| sources.iter().position(|(n, _)| n == name);
+        let zero = ZeroParameters {
+            unknown: self.encoders.as_ref().is_some_and(|e| e.zero_unknown),
+            gear_ratio: self.joint.gear_ratio,
+            stiffness: self.hysteresis.as_ref().map_or(0.0, |table| table.linear),
+            gear: place(HYSTERESIS),
+            current: place(CURRENT),
         };
-        let names: BTreeSet<&String> = sources.iter().map(|(name, _)| name).collect();
-        if !names.iter().copied().eq(table.sources.keys()) {
-            let fused: Vec<&String> = table.sources.keys().collect();
+        let Some(table) = &self.fusion else {
+            return Ok(EstimatorSet::new(sources, None).with_zero(zero));
+        };
+        let missing = |name: &&String| place(name).is_none();
+        if let Some(missing) = table.sources.keys().find(missing) {
             return Err(Problem::new(
-                format!("fusion.sources has {fused:?}, and {names:?} are switched on"),
-                "the same; fit the fusion again after switching estimators on or off",
+                format!("fusion.sources.{missing}: {missing} is not switched on"),
+                "sources that are; fit the fusion again after switching estimators on or off",
             ));
         }
-        let error = |regime: usize, name: &String| SourceError {
-            variance: table.sources[name].rms[regime].powi(2),
-            reported: table.sources[name].sigma[regime],
+        // A source without errors in the table takes no part.
+        let error = |regime: usize, name: &String| {
+            let of = table.sources.get(name);
+            SourceError {
+                variance: of.map_or(f64::INFINITY, |t| t.rms[regime].powi(2)),
+                reported: of.map_or(0.0, |t| t.sigma[regime]),
+            }
         };
+        let takes_part = |name: &str| table.sources.get(name).is_some_and(|t| t.fused);
+        let fused = |name: &str| takes_part(name).then(|| place(name)).flatten();
+        let left_out = (sources.iter().enumerate())
+            .filter(|(_, (name, _))| !takes_part(name))
+            .map(|(i, _)| i);
         let fusion = Fusion::new(
             sources.len(),
             FusionParameters {
@@ -206,15 +244,23 @@ impl JointFile {
                 gear_ratio: self.joint.gear_ratio,
                 sample_period: self.sample_period(),
                 torque_limit: self.torque_limit(),
+                independent: fused(CURRENT),
+                reference: fused(HYSTERESIS),
+                left_out: left_out.collect(),
+                rest_factor: if zero.unknown { 1.0 } else { REST_FACTOR },
             },
         );
-        Ok(EstimatorSet::new(sources, Some(fusion)))
+        Ok(EstimatorSet::new(sources, Some(fusion)).with_zero(zero))
     }
 }
 
+/// Factor of the current's variance at rest where the torsion's zero is known (family of joints, 2026-11).
+const REST_FACTOR: f64 = 4.0;
 /// Time constant of the low-pass on a compliance model that is corrected, s.
 const GP_TIME_CONSTANT_S: f64 = 0.002;
 
 /// Names of the source from current and of the fusion.
 const CURRENT: &str = "current";
 const FUSED: &str = "fused";
+/// Name of the gear with slipping springs, whose sigma knows its parameters.
+const HYSTERESIS: &str = "hysteresis";

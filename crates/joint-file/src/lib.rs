@@ -22,6 +22,7 @@ use estimators::deformation::{AngularFrequency, DeformationParameters};
 use estimators::encoder::EncoderParameters;
 use estimators::front_end::FrontEnd;
 use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::validity::Validity;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use problem::{Allowed, Problem};
 use serde::{Deserialize, Serialize};
@@ -63,6 +64,8 @@ pub struct JointFile {
     pub local_gp: BTreeMap<String, TrainedTable>,
     /// Switches the fusion on.
     pub fusion: Option<FusionTable>,
+    /// Ranges that the training covered.
+    pub validity: Option<ValidityTable>,
     /// Contents of the trained files.
     #[serde(skip)]
     pub trained: Trained,
@@ -81,6 +84,11 @@ pub struct Trained {
 const VELOCITY_WINDOW_S: f64 = 0.02;
 /// Default torque limit over the rated torque: the momentary overload of a harmonic drive.
 const OVERLOAD: f64 = 2.5;
+
+/// Slower than this is noise at rest, not a range of speeds, rad/s.
+const MIN_COVERED_SPEED: f64 = 0.02;
+/// Error of the friction at twice the covered speed, of the Coulomb friction.
+const SPEED_ERROR: f64 = 0.2;
 
 impl JointFile {
     /// Reads a joint file; `file` is its path, `read` gives the text of a trained file by its path.
@@ -149,6 +157,7 @@ impl JointFile {
             ("sample_rate_hz", j.sample_rate),
             ("torque_limit_Nm", self.torque_limit()),
             ("max_velocity_rad_per_s", j.max_velocity),
+            ("stiffness_Nm_per_rad", j.stiffness.unwrap_or(1.0)),
         ];
         for (key, value) in positive {
             source.require(&format!("joint.{key}"), value, Allowed::Positive)?;
@@ -261,6 +270,21 @@ impl JointFile {
             sample_period: self.sample_period(),
             torque_limit: self.torque_limit(),
         }
+    }
+
+    /// Ranges that the training covered; without a table they have no bounds.
+    #[must_use]
+    pub fn validity(&self) -> Validity {
+        let friction = self.current.as_ref().map_or(0.0, |c| c.k_3);
+        self.validity
+            .as_ref()
+            .map_or(Validity::default(), |t| Validity {
+                torque: t.torque,
+                angle: t.angle,
+                speed: t.speed.max(MIN_COVERED_SPEED),
+                loading: t.loading,
+                speed_error: SPEED_ERROR * friction,
+            })
     }
 
     /// Parameters of S's model.

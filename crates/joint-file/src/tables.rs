@@ -40,6 +40,13 @@ pub struct JointTable {
     /// Largest |dq|, rad/s: a faster change of a reading is a jump.
     #[serde(rename = "max_velocity_rad_per_s", default = "fast")]
     pub max_velocity: f64,
+    /// Stiffness at rated torque by the gear's catalogue, N·m/rad: the fits' prior; that of a usual gear of the
+    /// rated torque if absent.
+    #[serde(
+        rename = "stiffness_Nm_per_rad",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub stiffness: Option<f64>,
 }
 
 /// No joint with a gear turns faster than this, rad/s.
@@ -57,6 +64,10 @@ pub struct EncodersTable {
     /// Samples of the straight line that velocities come from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub velocity_window: Option<usize>,
+    /// Whether the encoders' zeros are others after each start: the torsion's zero then follows the
+    /// current after the start, until a tare.
+    #[serde(default)]
+    pub zero_unknown: bool,
 }
 
 /// Z18.
@@ -210,6 +221,17 @@ pub struct HysteresisTable {
     /// Standard deviation of the torsion that the model leaves, rad.
     #[serde(rename = "torsion_sigma_rad")]
     pub torsion_sigma: f64,
+    /// Error on held-out blocks over that on the fitted ones.
+    #[serde(default = "one")]
+    pub held_out_ratio: f64,
+    /// Directions `d_k` of the parameters' covariance `sum_k d_k d_k'`: linear, cubic, wind-up, slipping,
+    /// bearing, its viscous friction, damping, skew, zero, harmonics.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub uncertainty: Vec<Vec<f64>>,
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 impl HysteresisTable {
@@ -251,6 +273,8 @@ impl From<GearParameters> for HysteresisTable {
             tracking_poles: [0.0; MODELS],
             tracking_sigma: 0.0,
             torsion_sigma: 0.0,
+            held_out_ratio: 1.0,
+            uncertainty: Vec::new(),
         }
     }
 }
@@ -293,6 +317,30 @@ pub struct CurrentTable {
     /// Standard deviation of the torque in motion, N·m.
     #[serde(rename = "sigma_Nm")]
     pub sigma: f64,
+    /// Directions of the parameters' covariance: K_1, offset (as torque), K_2, K_3, inertia, K_4.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub uncertainty: Vec<Vec<f64>>,
+}
+
+/// Ranges that the training covered; outside of them every sigma grows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ValidityTable {
+    /// Least and largest torque, N·m.
+    #[serde(rename = "torque_Nm")]
+    pub torque: [f64; 2],
+    /// Least and largest q, rad.
+    #[serde(rename = "angle_rad")]
+    pub angle: [f64; 2],
+    /// Largest |dq|, rad/s.
+    #[serde(rename = "speed_rad_per_s")]
+    pub speed: f64,
+    /// Largest |d tau/dt|, N·m/s.
+    #[serde(rename = "loading_Nm_per_s")]
+    pub loading: f64,
+    /// Time in motion, s.
+    #[serde(rename = "moved_s")]
+    pub moved: f64,
 }
 
 impl Default for CurrentTable {
@@ -307,6 +355,7 @@ impl Default for CurrentTable {
             sign_smoothing: 0.02,
             low_pass_pole: 0.8,
             sigma: 0.0,
+            uncertainty: Vec::new(),
         }
     }
 }
@@ -379,4 +428,11 @@ pub struct SourceTable {
     /// Root mean square of the sigma that the source reported, N·m.
     #[serde(rename = "sigma_Nm")]
     pub sigma: [f64; REGIMES],
+    /// Whether it takes part in the fused torque; otherwise it is published beside it.
+    #[serde(default = "yes")]
+    pub fused: bool,
+}
+
+fn yes() -> bool {
+    true
 }

@@ -124,6 +124,10 @@ fn fused_sources() {
                 gear_ratio: 100.0,
                 sample_period: 1e-3,
                 torque_limit: LIMIT,
+                independent: None,
+                reference: None,
+                left_out: Vec::new(),
+                rest_factor: 1.0,
             },
         );
         EstimatorSet::new(sources, Some(fusion))
