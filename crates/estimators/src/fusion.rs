@@ -140,12 +140,12 @@ impl Fusion {
             reported += share * known.reported * known.reported;
         }
         let excess = (estimate.sigma * estimate.sigma - reported).max(0.0);
-        // The sigma of a model with a covariance grows by what its parameters add; that of others, where
-        // it was larger than their errors, only in proportion.
+        // The sigma of a model with a covariance grows by what its parameters add; that of others in
+        // proportion to their errors.
         let p = &self.parameters;
         let share = match Some(source) == p.reference || Some(source) == p.independent {
             true => 1.0,
-            false => (variance / reported.max(1e-18)).min(1.0),
+            false => variance / reported.max(1e-18),
         };
         // Two sources without any error are as good as each other.
         variance.max(1e-18) + share * excess
