@@ -41,7 +41,7 @@ blend_s = 0.03
 rms_Nm = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3]
 sigma_Nm = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]
 [fusion.sources.current]
-rms_Nm = [1.5, 0.8, 1.5, 0.8, 1.5, 0.8, 1.5, 0.8]
+rms_Nm = [6.0, 6.0, 6.0, 6.0, 6.0, 6.0, 6.0, 6.0]
 sigma_Nm = [1.0, 0.8, 1.0, 0.8, 1.0, 0.8, 1.0, 0.8]
 ";
 
@@ -152,7 +152,7 @@ fn a_joint_file_of_another_joint_is_refused() {
         ),
         (
             JOINT.replace("sources.current", "sources.network"),
-            "fusion.sources has",
+            "fusion.sources.network: network is not switched on",
         ),
     ];
     for (joint, expected) in cases {
