@@ -225,6 +225,10 @@ fn take_currents(table: &mut Table, robot: &Robot, inertias: &[f64]) {
         drive.insert("motor".into(), motor.into());
         drive.insert("command".into(), "current".into());
         drive.insert("current_limit_A".into(), (torque / k_1).into());
+        // The simulated drives have one.
+        if let Some(Value::Table(state)) = drive.get_mut("state") {
+            state.insert("brake".into(), "while_off".into());
+        }
     }
     for ((_, joint), inertia) in each(table, "joint").into_iter().zip(inertias) {
         let stiffness = inertia * NATURAL_FREQUENCY.powi(2);

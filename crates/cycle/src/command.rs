@@ -4,12 +4,14 @@
 //! can do what it asks for; `joint` computes each joint's command in that mode, on which
 //! [`supervisor::Limiter`] has the last word; `emit` makes the frames.
 
+mod carry;
 mod decide;
 mod emit;
 mod joint;
 mod predictive;
 mod reference;
 mod transition;
+mod weight;
 
 use control::InverseDynamics;
 use dynamics::Motion;
@@ -23,8 +25,10 @@ use supervisor::Deviation;
 
 use crate::estimate::FastTorque;
 use crate::events::{Counts, Subject};
+use crate::measure::JointReadiness;
 use joint::{InverseDynamicsTorque, JointController, JointInput};
 use reference::Goal;
+use weight::{Loads, Past};
 
 pub use decide::ClientInput;
 pub(crate) use decide::Supervisor;
@@ -34,6 +38,8 @@ pub(crate) use emit::Emit;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Input<'a> {
     pub(crate) measured: &'a MeasuredRecord,
+    /// Whether each joint's samples can be relied on.
+    pub(crate) readiness: &'a [JointReadiness],
     pub(crate) estimated: &'a EstimatedRecord,
     /// Torques without delay, one for each joint.
     pub(crate) fast: &'a [FastTorque],
@@ -52,6 +58,9 @@ pub(crate) struct Input<'a> {
 pub(crate) struct Command {
     joints: Vec<JointController>,
     inverse_dynamics: InverseDynamics,
+    loads: Past,
+    /// Torques that carry the joints' weight, N·m, model order.
+    weights: Vec<f64>,
     /// Place of each joint, in config order, in the model.
     model_index: Vec<usize>,
     q_hat: Vec<f64>,
@@ -79,6 +88,8 @@ impl Command {
                 .map(|j| JointController::new(j, parameters))
                 .collect(),
             inverse_dynamics: InverseDynamics::new(&robot.model, &frames),
+            loads: Past::new(parameters.timing.sample_period),
+            weights: vec![0.0; robot.model.joint_count()],
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
             q_hat: vec![0.0; robot.model.joint_count()],
             dq_hat: vec![0.0; robot.model.joint_count()],
@@ -107,6 +118,7 @@ impl Command {
     ) {
         let Input {
             measured,
+            readiness,
             estimated,
             fast,
             base_motion,
@@ -115,6 +127,7 @@ impl Command {
             overslept,
         } = *input;
         let reference = goal.reference();
+        self.weigh(base_motion, measured, estimated);
         // Desired accelerations and contact forces are those of inverse dynamics alone.
         let moved = reference.filter(|_| goal.mode() == Mode::InverseDynamics);
         self.inverse_dynamics(moved, base_motion, measured, estimated);
@@ -137,6 +150,8 @@ impl Command {
                     }),
                 inverse_dynamics: self.torques[j],
                 measured: &measured.joints[j],
+                trusted: !readiness.get(j).is_some_and(|joint| joint.distrusted),
+                weight: self.weights[self.model_index[j]],
                 tau_encoder: &torques.tau_encoder,
                 tau_hat: match self.torque_law {
                     TorqueLaw::ProportionalIntegral(TorqueFeedback::WholeBody) => {
@@ -160,6 +175,40 @@ impl Command {
                 None => {}
             }
             count_limits(j, commanded.joints[j].flags, counts);
+        }
+    }
+
+    /// Torques that carry the joints' weight where both encoders showed them last, by the model at
+    /// rest under the loads of some time ago. Only drives without a position loop need them.
+    fn weigh(
+        &mut self,
+        (_, acceleration): (Motion, Motion),
+        measured: &MeasuredRecord,
+        estimated: &EstimatedRecord,
+    ) {
+        if !self.joints.iter().any(JointController::takes_current) {
+            return;
+        }
+        let now = Loads {
+            acceleration: acceleration.linear.into(),
+            contact: std::array::from_fn(|s| estimated.ft[s].contact_wrench),
+        };
+        self.loads.update(now, weight::is_sound(measured));
+        let loads = self.loads.loads();
+        for (&place, joint) in self.model_index.iter().zip(&measured.joints) {
+            self.q_hat[place] = joint.q;
+        }
+        (self.dq_hat.fill(0.0), self.ddq_d.fill(0.0));
+        let at_rest = Motion {
+            linear: loads.acceleration.into(),
+            ..Motion::zero()
+        };
+        let base = (Motion::zero(), at_rest);
+        self.inverse_dynamics
+            .set_motion(base, &self.q_hat, &self.dq_hat, &self.ddq_d);
+        let torques = self.inverse_dynamics.torque(&loads.contact);
+        for (weight, torque) in self.weights.iter_mut().zip(torques) {
+            *weight = *torque;
         }
     }
 

@@ -86,6 +86,7 @@ impl Cycle {
         let goal = self.supervisor.decide(client, &readiness, measured, counts);
         let input = Input {
             measured,
+            readiness: readiness.joints,
             estimated,
             fast: self.estimate.fast_torques(),
             base_motion: self.estimate.base_motion(),

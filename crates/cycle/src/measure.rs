@@ -20,12 +20,12 @@ use robot_state::{
     Event, FtMeasured, JointMeasured, MeasuredRecord, Settings, Wrench, measured_flags,
 };
 
-use supervisor::{Plausibility, Sample, Trust};
+use supervisor::{MotorSample, Plausibility, Sample, Trust};
 
 use crate::events::{Counts, Subject};
 use crate::time::{Instants, SECONDS_PER_NS, Stamp};
 use align::{AlignedBank, signals};
-use filtered::{AXES, Filtered};
+use filtered::{AXES, Course, Filtered};
 use ft_offset::FtInput;
 use reception::{Reading, Reception, Source};
 
@@ -84,9 +84,12 @@ pub(crate) struct Measure {
     control_filter: AlignedBank,
     angles: Vec<f64>,
     both_angles: Vec<f64>,
+    courses: Vec<[Course; 2]>,
     axes: Vec<f64>,
     samples: Vec<JointSample>,
     plausibility: Vec<Plausibility>,
+    /// 1/N, and torque per current, link side, N·m/A.
+    motors: Vec<[f64; 2]>,
     joint_readiness: Vec<JointReadiness>,
     last_sync: Option<Stamp>,
     /// Periods before this cycle in which the loop did not run.
@@ -149,10 +152,23 @@ impl Measure {
             control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
+            courses: (parameters.joints.iter())
+                .map(|joint| {
+                    let e = &joint.encoders;
+                    let step = e.max_velocity * period;
+                    [step, step * e.gear_ratio].map(Course::new)
+                })
+                .collect(),
             axes: vec![f64::NAN; axes],
             samples: vec![JointSample::default(); n],
             plausibility: (parameters.joints.iter())
                 .map(|joint| Plausibility::new(joint.plausibility))
+                .collect(),
+            motors: (parameters.joints.iter())
+                .map(|joint| {
+                    let n = joint.encoders.gear_ratio;
+                    [1.0 / n, n * joint.estimator.wave_generator.torque_constant]
+                })
                 .collect(),
             joint_readiness: vec![JointReadiness::default(); n],
             last_sync: None,
@@ -309,6 +325,12 @@ impl Measure {
             let used = flags & NOT_USED == 0;
             if used {
                 self.samples[j] = sample;
+                self.plausibility[j].watch_motor(MotorSample {
+                    theta: angles.theta,
+                    q: angles.q,
+                    velocity: measured.omega * self.motors[j][0],
+                    torque: self.reception.slot(slots::current(j)) * self.motors[j][1],
+                });
             }
             if flags & measured_flags::MISSED != 0 {
                 counts.add_of(Event::JointMissed, Subject::Joint(j));
@@ -342,7 +364,11 @@ impl Measure {
                 (false, false) => (f64::NAN, f64::NAN),
             };
             self.angles[j] = q;
-            (self.both_angles[j], self.both_angles[n + j]) = (q, theta);
+            // Encoders that contradict each other still show how fast they move.
+            let moves = self.is_lost(j, flags) && reading.usable;
+            let [link, motor] = &mut self.courses[j];
+            self.both_angles[j] = link.follow(q, moves.then_some(angles.q));
+            self.both_angles[n + j] = motor.follow(theta, moves.then_some(angles.theta));
         }
     }
 

@@ -243,8 +243,7 @@ impl Life {
             9 => "humanoid",
             _ => "leg",
         };
-        // Current drives without control words are left out: such a run once ended in boot for ever.
-        let with_states = random.below(4) > 0 || robot == "test-joint";
+        let with_states = random.below(4) > 0;
         let read = |path: &str| {
             let text = match robot {
                 "test-joint" => common::read_with_current_drive(path)?,

@@ -47,10 +47,16 @@ fn calibration_sign_and_offset_are_undone() {
     );
     let offset = "offset = [3, -4, 5, 0.2, -0.3, 0.1]";
     let zeros = "offset = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]";
+    // Before the matrix the signals have other units than the sensor's range.
+    let range = (ROBOT, "range_N = 1500.0\nrange_Nm = 90.0\n", "");
     for changes in [
-        vec![(ROBOT, SENSOR, sheet.as_str())],
+        vec![range, (ROBOT, SENSOR, sheet.as_str())],
         vec![(ROBOT, zeros, offset), (ROBOT, "sign = 1", "sign = -1")],
-        vec![(ROBOT, zeros, offset), (ROBOT, SENSOR, sheet.as_str())],
+        vec![
+            range,
+            (ROBOT, zeros, offset),
+            (ROBOT, SENSOR, sheet.as_str()),
+        ],
     ] {
         let same = measured(&changes);
         assert!(worst(&plain, &same) < 0.05, "{plain:?} {same:?}");

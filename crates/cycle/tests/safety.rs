@@ -7,31 +7,10 @@ mod common;
 
 use can_codec::Frame;
 use common::motion::{Motion, engaged, state};
-use common::{Bench, client_input, current_drive};
+use common::{Bench, client_input, current_drive, spoil};
 use cycle::{ClientInput, OperatorRequest};
 use robot_config::slots;
 use robot_state::{Event, Mode, RobotState};
-
-/// Changes a joint's signals in the answers of this cycle.
-fn spoil(bench: &mut Bench, joint: usize, change: impl Fn(&mut [f64])) {
-    let table = &bench.robot.receive;
-    let mut values = vec![0.0; slots::receive_len(&bench.robot.parameters)];
-    let frames: Vec<Frame> = bench.rx.iter().copied().collect();
-    bench.rx.clear();
-    for mut frame in frames {
-        if let Ok(Some(message)) = table.decode(&frame, &mut values)
-            && table
-                .slots(message)
-                .any(|slot| slot == slots::link_angle(joint))
-        {
-            let stamp_ns = frame.stamp_ns;
-            change(&mut values);
-            assert!(table.encode(message, &values, &mut frame));
-            frame.stamp_ns = stamp_ns;
-        }
-        bench.rx.push(frame);
-    }
-}
 
 /// Runs `cycles` cycles with `change` on the joint's signals.
 fn run_spoilt(

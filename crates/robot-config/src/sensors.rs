@@ -61,13 +61,21 @@ fn ft_sensor(
     let sigma_force = section.number("sigma_N", Allowed::NonNegative);
     let sigma_torque = section.number("sigma_Nm", Allowed::NonNegative);
     let calibrated = section.has("calibration");
+    let ranges = ["range_N", "range_Nm"].map(|key| {
+        let range = section.optional_number(key, Allowed::Positive);
+        if range.is_some() && calibrated {
+            let what = "the signals before the matrix have other units";
+            section.problem(key, what, "only without calibration");
+        }
+        range.unwrap_or(f64::INFINITY)
+    });
     let conditioning = conditioning(section);
     let flat_after = liveness::flat_after(section, &sampling, sample_period);
     let bus = wiring.bus(section);
     let mut signals = Vec::new();
-    for (key, first, quantity, sigma) in [
-        ("force", 0, Quantity::Force, sigma_force),
-        ("torque", 3, Quantity::Torque, sigma_torque),
+    for (key, first, quantity, sigma, range) in [
+        ("force", 0, Quantity::Force, sigma_force, ranges[0]),
+        ("torque", 3, Quantity::Torque, sigma_torque, ranges[1]),
     ] {
         section.has(key);
         if let Some(bus) = bus {
@@ -86,7 +94,7 @@ fn ft_sensor(
             });
             // The noise of the signals before the matrix is not known.
             let sigma = if calibrated { 0.0 } else { sigma };
-            let of_axis = |reach| liveness::signal(reach, sigma, flat_after);
+            let of_axis = |reach| liveness::signal(reach, sigma, flat_after).within(range);
             signals.extend(reaches.map(of_axis));
         }
     }

@@ -49,6 +49,8 @@ pub struct DriveProfile {
     pub control: Option<ControlWords>,
     /// Longest time for each step, cycles.
     pub step_limit: u32,
+    /// A brake holds the joint while the drive is off.
+    pub brake: bool,
 }
 
 impl DriveProfile {
@@ -76,13 +78,15 @@ impl DriveProfile {
                 reset: 0x80,
             }),
             step_limit,
+            brake: false,
         }
     }
 
-    /// It is the preset, whatever its time limit.
+    /// It is the preset, whatever its time limit and brake.
     #[must_use]
     pub fn is_cia402(&self) -> bool {
-        *self == Self::cia402(self.step_limit)
+        let preset = Self::cia402(self.step_limit);
+        (&self.status, &self.control) == (&preset.status, &preset.control)
     }
 
     /// The state that a status word indicates.

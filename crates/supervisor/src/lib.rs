@@ -19,6 +19,6 @@ pub use drive::{ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, Stat
 pub use following::{Deviation, Following, FollowingParameters};
 pub use lease::{Bid, Holder, Lease, Verdict};
 pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
-pub use plausibility::{Plausibility, PlausibilityParameters, Sample, Trust};
+pub use plausibility::{MotorSample, Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};
 pub use signal::{Liveness, SignalMonitor, SignalParameters};

@@ -13,8 +13,8 @@
 //! be used: two encoders that fail alike, e.g. by frames of another joint, must not lead it away.
 //!
 //! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that
-//! the distance to the position limits allows: the less of it is left the less torque, and beyond
-//! it braking.
+//! the distance to the position limits allows by both encoders: the less of it is left the less
+//! torque, and beyond it braking.
 
 use robot_state::command_flags;
 
@@ -169,6 +169,17 @@ impl Limiter {
     pub fn limit(&mut self, asked: f64, motion: &Motion) -> Limited {
         self.yielded = 0.0;
         self.limited(asked, motion, None)
+    }
+
+    /// The same for a current that brakes in a fault, which the rate limit must not hold back.
+    pub fn stop(&mut self, asked: f64, motion: &Motion) -> Limited {
+        if let Actuation::Current { k_1, .. } = self.actuation
+            && asked.is_finite()
+        {
+            let limit = self.limits.torque;
+            self.last_torque = (k_1 * asked).clamp(-limit, limit);
+        }
+        self.limit(asked, motion)
     }
 
     /// The same for a set-point that holds: it gives way to a load by a small angle, and stays where
@@ -363,7 +374,10 @@ impl Limiter {
         }
         // The less velocity is left to what is allowed, the less torque; beyond it, braking, which
         // the rate limit must not hold back.
-        let (down, up) = self.allowed_velocity(motion.q);
+        // By both encoders: what one of them shows must not press the joint.
+        let ends = [motion.q, motion.theta].map(|x| self.allowed_velocity(x));
+        let [(down, up), (other_down, other_up)] = ends;
+        let (down, up) = (down.max(other_down), up.max(other_up));
         let most = (motion.weight + damping * (up - motion.dq)).clamp(-torque, torque);
         let least = (motion.weight - damping * (down + motion.dq)).clamp(-torque, torque);
         let within = tau.min(most).max(least);

@@ -4,7 +4,8 @@
 //! that, or an encoder that moved further than its joint can, means that one of the two encoders
 //! is wrong, and nobody knows which: such a sample is not used. A joint is plausible after a
 //! number of good samples in a row, and implausible after a number of bad ones, so that one
-//! corrupt frame neither starts nor stops a robot. An encoder that has slipped makes its joint
+//! corrupt frame neither starts nor stops a robot. A motor whose torque changes by more than its
+//! friction holds moves, or its encoders do not show it. An encoder that has slipped makes its joint
 //! implausible until an operator, who has looked after it, acknowledges the fault.
 
 /// Limits of a plausible sample.
@@ -20,6 +21,38 @@ pub struct PlausibilityParameters {
     pub samples_to_trust: u32,
     /// Bad samples in a row after which it is no longer.
     pub samples_to_doubt: u32,
+    /// Torque of the motor's Coulomb friction, N·m; infinite where a standstill is not judged.
+    pub friction: f64,
+    /// Further change of the motor's torque that is no sign of motion, N·m.
+    pub torque_margin: f64,
+}
+
+/// What a sample shows of the motor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorSample {
+    /// theta, rad.
+    pub theta: f64,
+    /// q, rad.
+    pub q: f64,
+    /// Velocity some time ago, rad/s, link side.
+    pub velocity: f64,
+    /// Torque of the motor's current, N·m, link side.
+    pub torque: f64,
+}
+
+/// Velocity from which on friction is known to oppose the motion that ended, rad/s.
+const SLIDES: f64 = 0.05;
+/// Shares of Coulomb friction by which a torque may rise in the direction in which the motor slid last,
+/// and otherwise, before the motor moves: static friction exceeds sliding friction, and friction that
+/// has held the motor back may have to be overcome in the other direction.
+const BREAKS_AWAY: [f64; 2] = [0.5, 2.5];
+
+/// Where a motor stands since its last motion.
+#[derive(Debug, Clone, Copy)]
+struct Standstill {
+    from: MotorSample,
+    /// Samples in a row with a torque that would move it.
+    pressed: u32,
 }
 
 /// One sample of a joint.
@@ -75,6 +108,7 @@ pub struct Plausibility {
     course: Option<Course>,
     /// The course that the last sample left by a step.
     left: Option<Course>,
+    standstill: Option<Standstill>,
     /// The course before readings that jumped, and how many did.
     jumped: Option<(Course, u32)>,
     /// An encoder has slipped, or trust was lost otherwise: what is measured from then on is wrong by
@@ -94,6 +128,7 @@ impl Plausibility {
             last: None,
             course: None,
             left: None,
+            standstill: None,
             jumped: None,
             slipped: false,
         }
@@ -154,6 +189,40 @@ impl Plausibility {
             other => other,
         };
         self.trust
+    }
+
+    /// Judges whether a motor that does not move can stand still: not a count by either encoder, while
+    /// its torque changes by more than friction holds. One or both encoders are then flat, or the rotor
+    /// is blocked. Counts like a slip.
+    pub fn watch_motor(&mut self, sample: MotorSample) {
+        let p = &self.parameters;
+        let standstill = match self.standstill {
+            Some(last) if (last.from.theta, last.from.q) == (sample.theta, sample.q) => {
+                let change = sample.torque - last.from.torque;
+                let onwards = change * last.from.velocity > 0.0;
+                let slid = onwards && last.from.velocity.abs() > SLIDES;
+                let share = BREAKS_AWAY[usize::from(!slid)];
+                let pressed = change.abs() > share * p.friction + p.torque_margin;
+                Standstill {
+                    pressed: if pressed {
+                        last.pressed.saturating_add(1)
+                    } else {
+                        0
+                    },
+                    ..last
+                }
+            }
+            _ => Standstill {
+                from: sample,
+                pressed: 0,
+            },
+        };
+        self.standstill = Some(standstill);
+        let trusted = matches!(self.trust, Trust::Plausible | Trust::Suspect);
+        if trusted && standstill.pressed >= p.samples_to_doubt {
+            self.slipped = true;
+            self.trust = Trust::Implausible;
+        }
     }
 
     fn forget(&mut self) {
@@ -230,6 +299,8 @@ mod tests {
         step: 0.0005,
         samples_to_trust: 5,
         samples_to_doubt: 3,
+        friction: 10.0,
+        torque_margin: 4.0,
     };
 
     fn after(samples: &[Sample]) -> Trust {
@@ -312,6 +383,29 @@ mod tests {
         assert_eq!(after(&samples), Trust::Implausible);
         samples.extend([good; 5]);
         assert_eq!(after(&samples), Trust::Plausible);
+    }
+
+    #[test]
+    fn a_motor_that_more_torque_than_friction_does_not_move_has_flat_encoders() {
+        let after = |velocity: f64, torque: fn(f64) -> f64, theta: fn(f64) -> f64| {
+            let mut joint = trusted().0;
+            (0..20).position(|k| {
+                joint.watch_motor(MotorSample {
+                    theta: theta(f64::from(k)),
+                    q: 0.5,
+                    velocity,
+                    torque: torque(f64::from(k)),
+                });
+                joint.trust() == Trust::Implausible
+            })
+        };
+        let flat = |_| 1.0;
+        // 2.5 and half of 10 N·m, and 4 N·m; three samples.
+        assert_eq!(after(0.0, |k| 10.0 * k, flat), Some(5));
+        assert_eq!(after(0.2, |k| 10.0 * k, flat), Some(3));
+        assert_eq!(after(0.2, |k| -10.0 * k, flat), Some(5));
+        assert_eq!(after(0.0, |k| 10.0 * k.min(2.0), flat), None);
+        assert_eq!(after(0.0, |k| 10.0 * k, |k| 1.0 + 1e-4 * k), None);
     }
 
     #[test]

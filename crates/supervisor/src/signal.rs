@@ -35,6 +35,16 @@ pub struct SignalParameters {
 }
 
 impl SignalParameters {
+    /// The same of a sensor that measures up to `range` in either direction.
+    #[must_use]
+    pub fn within(self, range: f64) -> Self {
+        Self {
+            min: self.min.max(-range),
+            max: self.max.min(range),
+            ..self
+        }
+    }
+
     /// Equal samples in a row that noise of this standard deviation makes by chance at most once
     /// in 10¹² samples; none where it may rest for ever.
     #[must_use]

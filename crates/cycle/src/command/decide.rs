@@ -10,15 +10,15 @@
 //! *Degrade* makes the sources that an event speaks against unsound for as long as it lasts: a mode
 //! that needs one of them ends, and cannot be entered.
 
-use robot_config::Robot;
+use robot_config::{JointParameters, Robot};
 use robot_state::{
     CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, JointMeasured,
     MeasuredRecord, Mode, Reaction, Reactions, Reference, RobotState, Settings, measured_flags,
     not_followed, refusal, source,
 };
 use supervisor::{
-    Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, Refusal, RobotMachine,
-    Safety,
+    Drive, DriveGoal, DriveProfile, DriveTrouble, JointCondition, Limits, OperatorRequest, Refusal,
+    RobotMachine, Safety,
 };
 
 use super::reference::{Goal, ReferenceCheck};
@@ -43,12 +43,19 @@ pub struct ClientInput<'a> {
 /// |dq| below which a joint counts as at rest, rad/s.
 const REST: f64 = 0.02;
 
+/// Time after which a joint that cannot be held by its encoders is left to its brake, s: by then it
+/// has been stopped.
+const LEFT_TO_BRAKE_S: f64 = 0.5;
+
 /// The state of the robot, and the memory that leads to it.
 #[derive(Debug)]
 pub(crate) struct Supervisor {
     machine: RobotMachine,
     limits: Vec<Limits>,
     conditions: Vec<JointCondition>,
+    /// Cycles left until each joint that takes currents is left to its brake; none without one.
+    brakes: Vec<Option<u32>>,
+    to_brake: u32,
     drives: Vec<Drive>,
     /// Joints whose current was implausible in the last cycle.
     implausible_currents: Vec<bool>,
@@ -82,10 +89,15 @@ impl Supervisor {
         let p = &robot.parameters;
         let joints = p.joints.len();
         let cycles = |time: f64| (time / p.timing.sample_period).ceil() as u32;
+        let to_brake = cycles(LEFT_TO_BRAKE_S);
         Self {
             machine: RobotMachine::new(joints, p.safety.automatic, cycles(p.safety.time_limit)),
             limits: p.joints.iter().map(|joint| joint.limits).collect(),
             conditions: vec![JointCondition::default(); joints],
+            brakes: (p.joints.iter())
+                .map(|joint| has_brake(joint).then_some(to_brake))
+                .collect(),
+            to_brake,
             drives: (p.joints.iter())
                 .map(|joint| Drive::new(joint.drive_profile.clone()))
                 .collect(),
@@ -164,6 +176,7 @@ impl Supervisor {
         if let Some((event, joint)) = self.machine.update(&self.conditions) {
             self.report(event, joint.map(Subject::Joint), counts);
         }
+        self.leave_to_brakes();
         self.lead_drives();
         let goal = self.goal(client, readiness, measured, counts);
         self.machine.set_active(goal.reference().is_some());
@@ -269,6 +282,24 @@ impl Supervisor {
         }
     }
 
+    /// In a fault a joint whose encoders contradict each other has been stopped without them; its
+    /// drive is then switched off, and its brake holds it.
+    fn leave_to_brakes(&mut self) {
+        let stopped = self.machine.fault().is_some();
+        for (j, (left, joint)) in self.brakes.iter_mut().zip(&self.conditions).enumerate() {
+            let Some(left) = left else {
+                continue;
+            };
+            match stopped && joint.distrusted {
+                true => *left = left.saturating_sub(1),
+                false => *left = self.to_brake,
+            }
+            if *left == 0 {
+                self.machine.withdraw(j);
+            }
+        }
+    }
+
     fn judge(&mut self, readiness: &Readiness<'_>, measured: &MeasuredRecord) {
         let joints = self.conditions.iter_mut().zip(readiness.joints);
         let drives = self.drives.iter().zip(&self.limits);
@@ -299,14 +330,20 @@ impl Supervisor {
         if matches!(asked, Some(Goal::Hold)) {
             self.released = false;
         }
-        if self.machine.is_braking() || self.machine.fault().is_some() {
+        if self.machine.fault().is_some() {
             return Goal::Stop;
         }
+        if self.machine.is_braking() {
+            return Goal::Hold;
+        }
         let mode = self.mode;
+        // What the mode has commanded may have followed from the sensor that failed.
         if !self.is_possible(mode) {
             self.release(self.degraded_by);
+            return Goal::Stop;
         } else if readiness.overslept && mode != Mode::Hold {
             self.release(Event::SkippedCycle.number());
+            return Goal::Stop;
         }
         let allowed = self.machine.may_follow() && !self.released && readiness.joints_ready;
         let asked = asked.filter(|goal| allowed && self.is_possible(goal.mode()));
@@ -405,6 +442,12 @@ impl Supervisor {
             }
         }
     }
+}
+
+/// A brake holds the joint, whose drive has no position loop, while its control words keep it off.
+fn has_brake(joint: &JointParameters) -> bool {
+    let brake = |profile: &DriveProfile| profile.brake && profile.control.is_some();
+    !joint.takes_position() && joint.drive_profile.as_ref().is_some_and(brake)
 }
 
 /// Bits of the sources that a mode needs.

@@ -4,16 +4,17 @@
 //!                 ┌───────────────┐  goal: torque            ┌─────────┐
 //!   engaged ────► │ hold position │ ───────────────────────► │ torque  │
 //!   (position-    │   or          │ ◄─────────────────────── └─────────┘
-//!   commanded or  │ hold by       │  goal: hold                 ▲   │ goal: the other one
+//!   commanded or  │ carry         │  goal: hold                 ▲   │ goal: the other one
 //!   current-      │   torque law  │                             │   ▼
 //!   commanded     │               │ ◄─────────────────────── ┌──────────────────┐
 //!   drive)        └───────────────┘ ───────────────────────► │ inverse dynamics │
 //!                                    goal: inverse dynamics  └──────────────────┘
 //! ```
 //!
-//! From any state, goal stop leads to damping (current-commanded drives) or to hold position. A
-//! joint that is not engaged has no state and no command. A hold depends on no encoder: it keeps
-//! the last command, brought to rest where the joint was moving.
+//! From any state, goals stop and fault lead to a hold as well. A joint that is not engaged has no
+//! state and no command. A hold depends on no single sensor: a position-commanded drive keeps its
+//! last command, brought to rest where the joint was moving; a current-commanded one
+//! [carries](super::carry) its joint.
 //!
 //! A state owns its torque loop's integral and its transition, and is made anew at each change of
 //! mode: nothing of an earlier visit survives.
@@ -25,6 +26,7 @@ use robot_state::{
     measured_flags, torque_flags,
 };
 
+use super::carry::{Carry, CarryParameters, smaller};
 use super::predictive::{predictive_command, sensed};
 use super::reference::Goal;
 use super::transition::{Stop, Transition};
@@ -50,6 +52,10 @@ pub(crate) struct JointInput<'a> {
     pub(crate) reference: JointReference,
     pub(crate) inverse_dynamics: InverseDynamicsTorque,
     pub(crate) measured: &'a JointMeasured,
+    /// The joint's encoders do not contradict each other.
+    pub(crate) trusted: bool,
+    /// Torque that carries the joint's weight, by no sensor of the last 0.1 s but encoders, N·m.
+    pub(crate) weight: f64,
     pub(crate) tau_encoder: &'a TorqueEstimate,
     /// The torque that is fed back.
     pub(crate) tau_hat: &'a TorqueEstimate,
@@ -68,14 +74,8 @@ pub(crate) struct JointInput<'a> {
 enum State {
     /// The drive's own position loop holds at `hold_q`, which comes to rest as `stop` does.
     HoldPosition { hold_q: f64, stop: Stop },
-    /// Damping, for drives without a position loop.
-    Damped,
-    /// The torque law holds at `hold_q`, for drives without a position loop.
-    HoldTorque {
-        hold_q: f64,
-        torque_loop: TorqueLoop,
-        transition: Transition,
-    },
+    /// Hold and stop of a drive without a position loop.
+    Carry(Carry),
     /// Follows `tau_d` of the reference.
     Torque {
         torque_loop: TorqueLoop,
@@ -91,7 +91,7 @@ enum State {
 impl State {
     fn mode(&self) -> Mode {
         match self {
-            Self::HoldPosition { .. } | Self::HoldTorque { .. } | Self::Damped => Mode::Hold,
+            Self::HoldPosition { .. } | Self::Carry(_) => Mode::Hold,
             Self::Torque { .. } => Mode::Torque,
             Self::InverseDynamics { .. } => Mode::InverseDynamics,
         }
@@ -143,6 +143,11 @@ impl JointController {
         }
     }
 
+    /// Its drive takes currents.
+    pub(crate) fn takes_current(&self) -> bool {
+        matches!(self.law.actuation, Actuation::Current { .. })
+    }
+
     /// The last command, rad or A; none while no set-points are sent.
     pub(crate) fn last(&self) -> Option<f64> {
         self.state.as_ref().map(|_| self.limiter.last())
@@ -183,10 +188,18 @@ impl JointController {
             predictive.observe(&sensed(input.measured, &motion, input.fast));
         }
         let asked = self.asked(goal, &motion, input, commanded);
-        let limited = match self.state {
+        let limited = match &self.state {
             Some(State::HoldPosition { .. }) => {
                 let usable = input.measured.flags & NOT_USED == 0;
                 self.limiter.hold(asked, &motion, usable)
+            }
+            Some(State::Carry(carry)) => {
+                let weight = carry.weight();
+                let motion = Motion { weight, ..motion };
+                match carry.is_damped() {
+                    true => self.limiter.stop(asked, &motion),
+                    false => self.limiter.limit(asked, &motion),
+                }
             }
             _ => self.limiter.limit(asked, &motion),
         };
@@ -221,12 +234,8 @@ impl JointController {
             None => self.limiter.start(motion, law.load(input)),
         };
         let mode = goal.mode();
-        let damped = law.is_damped(goal, input.measured);
-        let stays =
-            |state: &State| state.mode() == mode && matches!(state, State::Damped) == damped;
-        let state = match self.state.take().filter(stays) {
+        let state = match self.state.take().filter(|state| state.mode() == mode) {
             Some(state) => state,
-            None if damped => State::Damped,
             None => {
                 let from = match &mut self.predictive {
                     // The desired torque goes on from the present one, not the command.
@@ -235,7 +244,7 @@ impl JointController {
                 };
                 // A drive that had the same set-point for so long stands.
                 let dq = if input.overslept { 0.0 } else { motion.dq };
-                law.enter(mode, (last, from), &Motion { dq, ..*motion })
+                law.enter(goal, (last, from), &Motion { dq, ..*motion }, input)
             }
         };
         let state = self.state.insert(state);
@@ -245,14 +254,12 @@ impl JointController {
                 *hold_q += stop.way(input.dt);
                 return law.hold_position(*hold_q, motion, commanded);
             }
-            State::Damped => return law.damping(motion, input, commanded),
-            State::HoldTorque {
-                hold_q,
-                torque_loop,
-                transition,
-            } => {
-                let terms = law.tracking_terms(*hold_q, 0.0, self.predictive.as_ref(), input);
-                (terms, torque_loop, transition)
+            State::Carry(carry) => {
+                let parameters = law.carry_parameters();
+                let measured = input.measured;
+                let velocities = [measured.dq, measured.omega / law.gear_ratio];
+                let motion = (motion, velocities);
+                return carry.update(&parameters, motion, input.trusted, input.dt, commanded);
             }
             State::Torque {
                 torque_loop,
@@ -292,16 +299,12 @@ impl Law {
             measured.theta / self.gear_ratio,
             measured.omega / self.gear_ratio,
         );
-        // The velocity that both encoders agree on.
-        let dq = match measured.dq * omega > 0.0 {
-            true => measured.dq.abs().min(omega.abs()).copysign(omega),
-            false => 0.0,
-        };
         Motion {
             q: measured.q,
             theta,
-            dq,
-            weight: input.inverse_dynamics.feedforward,
+            // The velocity that both encoders agree on.
+            dq: smaller(measured.dq, omega),
+            weight: input.weight,
         }
     }
 
@@ -335,30 +338,45 @@ impl Law {
         }
     }
 
-    /// Position and model of the joint are not to be used, or motion is to end.
-    fn is_damped(&self, goal: &Goal<'_>, measured: &JointMeasured) -> bool {
-        let unreliable = measured_flags::IMPLAUSIBLE | measured_flags::STALE;
-        let holds = goal.mode() == Mode::Hold;
-        matches!(self.motor, MotorModel::Current { .. })
-            && holds
-            && (matches!(goal, Goal::Stop) || measured.flags & unreliable != 0)
+    fn carry_parameters(&self) -> CarryParameters {
+        let (k_1, damping) = match self.actuation {
+            Actuation::Current { k_1, damping, .. } => (k_1, damping),
+            Actuation::Position { .. } => (1.0, 0.0),
+        };
+        CarryParameters {
+            k_s: self.gains.k_s,
+            k_d: self.gains.k_d,
+            damping,
+            k_1,
+            torque: self.limits.torque,
+        }
     }
 
     /// The state of a mode that begins now, after the command `last`; its transition begins at
     /// `from`.
-    fn enter(&self, mode: Mode, (last, from): (f64, f64), motion: &Motion) -> State {
+    fn enter(
+        &self,
+        goal: &Goal<'_>,
+        (last, from): (f64, f64),
+        motion: &Motion,
+        input: &JointInput<'_>,
+    ) -> State {
         let transition = Transition::from(from);
         let torque_loop = TorqueLoop::default();
-        match (mode, self.motor) {
+        match (goal.mode(), self.motor) {
             (Mode::Hold, MotorModel::Position { .. }) => State::HoldPosition {
                 hold_q: last,
                 stop: Stop::from(motion.dq, self.limits.deceleration),
             },
-            (Mode::Hold, MotorModel::Current { .. }) => State::HoldTorque {
-                hold_q: motion.q,
-                torque_loop,
-                transition,
-            },
+            (Mode::Hold, MotorModel::Current { .. }) => {
+                let weight = input.weight;
+                let deceleration = self.limits.deceleration;
+                let torque = last * self.carry_parameters().k_1;
+                State::Carry(match goal {
+                    Goal::Stop => Carry::stop(weight),
+                    _ => Carry::hold(motion, weight, torque, deceleration),
+                })
+            }
             (Mode::Torque, _) => State::Torque {
                 torque_loop,
                 transition,
@@ -378,26 +396,6 @@ impl Law {
             ..JointCommanded::default()
         };
         hold_q
-    }
-
-    /// The current that carries the joint's weight, and damping against its motion.
-    fn damping(
-        &self,
-        motion: &Motion,
-        input: &JointInput<'_>,
-        commanded: &mut JointCommanded,
-    ) -> f64 {
-        let Actuation::Current { k_1, damping, .. } = self.actuation else {
-            return 0.0;
-        };
-        let feedforward_torque = input.inverse_dynamics.feedforward / k_1;
-        let feedback_velocity = -damping * motion.dq / k_1;
-        *commanded = JointCommanded {
-            feedforward_torque,
-            feedback_velocity,
-            ..JointCommanded::default()
-        };
-        feedforward_torque + feedback_velocity
     }
 
     /// Terms that follow a position and a velocity by inverse dynamics.

@@ -48,8 +48,7 @@ const AHEAD_SHARE: f64 = 0.1;
 pub(crate) enum Goal<'a> {
     /// Every joint in use stays where its last command holds it.
     Hold,
-    /// The same; joints whose drives have no position loop are damped, as their hold would depend on
-    /// an encoder.
+    /// The same at once, as something has failed: matters to drives without a position loop.
     Stop,
     Torque(&'a Reference),
     InverseDynamics(&'a Reference),

@@ -114,3 +114,51 @@ impl Filtered {
         self.sensors.settling(AXES * sensor)
     }
 }
+
+/// One encoder's angle for its velocity: where encoders contradict each other it goes on by what the
+/// encoder moves, without the step by which it may have slipped.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Course {
+    /// Largest change in one period, rad.
+    max_step: f64,
+    /// What the filter was given last, rad, and the reading behind it.
+    given: f64,
+    reading: f64,
+    /// Difference of the two, rad; only changes are used.
+    shift: f64,
+    /// The last one was a change of readings.
+    by_changes: bool,
+}
+
+impl Course {
+    pub(super) fn new(max_step: f64) -> Self {
+        Self {
+            max_step,
+            given: 0.0,
+            reading: 0.0,
+            shift: 0.0,
+            by_changes: false,
+        }
+    }
+
+    /// The angle for the filter, rad: `angle`, NaN where it is to bridge; or, where only the
+    /// `reading` of a distrusted joint is known, further by its change.
+    pub(super) fn follow(&mut self, angle: f64, reading: Option<f64>) -> f64 {
+        if let Some(reading) = reading {
+            let change = reading - self.reading;
+            if change.abs() <= self.max_step {
+                self.given += change;
+            }
+            (self.reading, self.by_changes) = (reading, true);
+            return self.given;
+        }
+        if angle.is_nan() {
+            return angle;
+        }
+        if std::mem::replace(&mut self.by_changes, false) {
+            self.shift = self.given - angle;
+        }
+        (self.reading, self.given) = (angle, angle + self.shift);
+        self.given
+    }
+}

@@ -213,3 +213,24 @@ pub(crate) fn client_input(reference: &Reference) -> ClientInput<'_> {
         ..ClientInput::default()
     }
 }
+
+/// Changes a joint's signals in the answers of this cycle.
+pub(crate) fn spoil(bench: &mut Bench, joint: usize, change: impl Fn(&mut [f64])) {
+    let table = &bench.robot.receive;
+    let mut values = vec![0.0; slots::receive_len(&bench.robot.parameters)];
+    let frames: Vec<Frame> = bench.rx.iter().copied().collect();
+    bench.rx.clear();
+    for mut frame in frames {
+        if let Ok(Some(message)) = table.decode(&frame, &mut values)
+            && table
+                .slots(message)
+                .any(|slot| slot == slots::link_angle(joint))
+        {
+            let stamp_ns = frame.stamp_ns;
+            change(&mut values);
+            assert!(table.encode(message, &values, &mut frame));
+            frame.stamp_ns = stamp_ns;
+        }
+        bench.rx.push(frame);
+    }
+}

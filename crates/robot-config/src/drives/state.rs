@@ -12,12 +12,17 @@ pub(super) fn read(section: Section<'_, '_>, sample_period: f64) -> DriveProfile
     let limit_ms = section.number_or("step_time_limit_ms", 500.0, Allowed::Within(1.0, 60_000.0));
     let step_limit = (limit_ms * 1e-3 / sample_period).ceil().max(1.0) as u32;
     let cia402 = section.choice_or("profile", false, &[("cia402", true), ("table", false)]);
+    let brake = section.choice_or("brake", false, &[("while_off", true), ("none", false)]);
     let profile = match cia402 {
-        true => DriveProfile::cia402(step_limit),
+        true => DriveProfile {
+            brake,
+            ..DriveProfile::cia402(step_limit)
+        },
         false => DriveProfile {
             status: status(&section),
             control: section.optional_section("control").map(control),
             step_limit,
+            brake,
         },
     };
     section.finish();

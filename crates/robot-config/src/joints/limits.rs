@@ -22,6 +22,9 @@ const TORSION_OFFSET: f64 = 0.1 * core::f64::consts::PI / 180.0;
 /// A torque that appears from one sample to the next and stays is an encoder's step from this
 /// share of the torque limit on.
 const STEP_SHARE: f64 = 0.15;
+/// Share of the torque limit by which the torque of a motor that stands still may change beyond what
+/// friction holds.
+const STANDSTILL_SHARE: f64 = 0.05;
 /// Following error from which on a drive does not follow: this share of the lead by which its
 /// stiffness makes the torque limit, and of the lead by which it makes a velocity. What the model of
 /// the drive and its friction explain stays below a third of it (measured, shipped robots); a drive
@@ -208,5 +211,15 @@ pub(super) fn plausibility(limits: &Limits, drive: &Drive) -> PlausibilityParame
         step: STEP_SHARE * wound_up,
         samples_to_trust: SAMPLES[0],
         samples_to_doubt: SAMPLES[1],
+        friction: match drive.motor {
+            MotorModel::Current { .. } => drive.gear_ratio * drive.wave_generator.friction,
+            // The drive's own loop stops a motor whose messages are flat.
+            MotorModel::Position { .. } => f64::INFINITY,
+        },
+        torque_margin: STANDSTILL_SHARE * limits.torque
+            + NOISE_SIGMAS
+                * drive.current_sigma
+                * drive.gear_ratio
+                * drive.wave_generator.torque_constant,
     }
 }

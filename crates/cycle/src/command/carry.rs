@@ -1,0 +1,211 @@
+//! Carry: how a drive that takes currents holds its joint, and stops it in a fault.
+//!
+//! ```text
+//!              at rest, encoders agree
+//!   damped ──────────────────────────────► anchored
+//!     ▲  ◄──────────────────────────────      ▲
+//!     │        encoders contradict            │
+//!   a fault, or a sensor failed,         hold, stop
+//!   in a client's mode
+//! ```
+//!
+//! No single sensor can move the joint. The *weight* is that of the model where both encoders showed
+//! the joint last, under the [loads](super::weight) of some time before, so of before a sensor
+//! failed; from then on no F/T sensor and no IMU is used. An *anchored*
+//! joint is held by a spring, damping and an integral of the angle by which **both** encoders show it
+//! away from where it was anchored: the smaller of both angles, none where they have opposite
+//! directions. The same holds for velocities, so that damping takes energy from the joint whichever
+//! encoder is wrong. A *damped* joint carries its weight; where it moves on the way of that torque
+//! after the time for stopping, the torque is what moves it, and fades out.
+
+use robot_state::JointCommanded;
+use supervisor::Motion;
+
+use super::transition::Stop;
+
+/// Velocity below which a damped joint is anchored where it is, rad/s.
+const SLOW: f64 = 0.05;
+/// Time for stopping a damped joint, and time in which a torque fades out that moves the joint afterwards, s.
+const STOPPING_TIME: f64 = 0.3;
+/// Velocity from which on it does, rad/s.
+const MOVES: f64 = 0.02;
+/// Time in which a change of torque of the size of the limit is led over where no fault presses, s.
+const LEAD_OVER_TIME: f64 = 0.3;
+/// Integral time in units of K_d / K_s: slow enough to leave spring and damping as they are.
+const INTEGRAL_TIMES: f64 = 10.0;
+
+/// What the joint is held with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct CarryParameters {
+    /// K_s: spring, N·m/rad.
+    pub(super) k_s: f64,
+    /// K_d: its damping, N·m·s/rad.
+    pub(super) k_d: f64,
+    /// Damping that brakes as hard as the delay of the velocity allows, N·m·s/rad.
+    pub(super) damping: f64,
+    /// K1: joint torque per current, N·m/A.
+    pub(super) k_1: f64,
+    /// Greatest torque, N·m.
+    pub(super) torque: f64,
+}
+
+/// Where the joint is held, by both encoders, rad; how fast that point still moves, rad/s; and how it
+/// comes to rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Anchor {
+    q: f64,
+    theta: f64,
+    velocity: f64,
+    stop: Stop,
+}
+
+/// A joint that is held or stopped.
+#[derive(Debug, Clone)]
+pub(super) struct Carry {
+    /// None while it is damped.
+    anchor: Option<Anchor>,
+    /// The weight when the state began, N·m.
+    weight: f64,
+    /// Integral of the spring's torque, N·m.
+    integral: f64,
+    /// Share of weight and integral that is left, 1.
+    share: f64,
+    /// Time for which it has been damped, s.
+    damped_s: f64,
+    /// Torque of the command before this state, until it is led over, N·m.
+    before: Option<f64>,
+    /// What is left to be led over, N·m.
+    led_over: f64,
+}
+
+impl Carry {
+    /// Holds where the joint comes to rest, going on from the torque `before` (N·m) and decelerating
+    /// by at most `deceleration` (rad/s²).
+    pub(super) fn hold(motion: &Motion, weight: f64, before: f64, deceleration: f64) -> Self {
+        Self {
+            anchor: Some(Anchor::at(motion, motion.dq, deceleration)),
+            before: Some(before),
+            ..Self::stop(weight)
+        }
+    }
+
+    /// Stops the joint at once.
+    pub(super) fn stop(weight: f64) -> Self {
+        Self {
+            anchor: None,
+            weight,
+            integral: 0.0,
+            share: 1.0,
+            damped_s: 0.0,
+            before: None,
+            led_over: 0.0,
+        }
+    }
+
+    /// The joint is being stopped: its torque takes energy from it.
+    pub(super) fn is_damped(&self) -> bool {
+        self.anchor.is_none()
+    }
+
+    /// The weight that it carries, N·m.
+    pub(super) fn weight(&self) -> f64 {
+        self.share * (self.weight + self.integral)
+    }
+
+    /// The current before limits, A. `velocities`: by each encoder, rad/s, link side; `trusted`: the
+    /// encoders do not contradict each other.
+    pub(super) fn update(
+        &mut self,
+        parameters: &CarryParameters,
+        (motion, velocities): (&Motion, [f64; 2]),
+        trusted: bool,
+        dt: f64,
+        commanded: &mut JointCommanded,
+    ) -> f64 {
+        self.settle(motion, trusted);
+        let (position, velocity) = match &mut self.anchor {
+            Some(anchor) => {
+                let p = parameters;
+                anchor.advance(dt);
+                let away = smaller(anchor.q - motion.q, anchor.theta - motion.theta);
+                if anchor.velocity == 0.0 && p.k_d > 0.0 {
+                    let rate = p.k_s * p.k_s / (INTEGRAL_TIMES * p.k_d);
+                    let most = p.torque;
+                    self.integral = (self.integral + rate * away * dt).clamp(-most, most);
+                }
+                let [link, motor] = velocities.map(|dq| anchor.velocity - dq);
+                (p.k_s * away, p.k_d * smaller(link, motor))
+            }
+            None => {
+                self.damped_s += dt;
+                let moves = self.weight() * motion.dq > 0.0 && motion.dq.abs() > MOVES;
+                if moves && self.damped_s > STOPPING_TIME {
+                    self.share = (self.share - dt / STOPPING_TIME).max(0.0);
+                }
+                (0.0, -parameters.damping * motion.dq)
+            }
+        };
+        let torque = self.weight() + position + velocity;
+        if self.anchor.is_none() {
+            (self.before, self.led_over) = (None, 0.0);
+        }
+        let led_over = self.lead_over(torque, parameters.torque, dt);
+        let k_1 = parameters.k_1;
+        *commanded = JointCommanded {
+            tau_d: torque,
+            tau_star: torque,
+            feedforward_torque: (self.weight() + led_over) / k_1,
+            feedback_position: position / k_1,
+            feedback_velocity: velocity / k_1,
+            ..JointCommanded::default()
+        };
+        (torque + led_over) / k_1
+    }
+
+    /// Anchors a joint that has come to rest, and damps one whose encoders contradict each other.
+    fn settle(&mut self, motion: &Motion, trusted: bool) {
+        if !trusted {
+            self.anchor = None;
+        } else if self.anchor.is_none() && motion.dq.abs() < SLOW && self.damped_s > 0.0 {
+            self.anchor = Some(Anchor::at(motion, 0.0, f64::INFINITY));
+            self.damped_s = 0.0;
+        }
+    }
+
+    /// The rest of the difference to the command before this state.
+    fn lead_over(&mut self, torque: f64, limit: f64, dt: f64) -> f64 {
+        if let Some(before) = self.before.take() {
+            self.led_over = before - torque;
+        }
+        let change = limit * dt / LEAD_OVER_TIME;
+        self.led_over -= self.led_over.clamp(-change, change);
+        self.led_over
+    }
+}
+
+impl Anchor {
+    /// Where the joint is, going on at this velocity until it comes to rest.
+    fn at(motion: &Motion, velocity: f64, deceleration: f64) -> Self {
+        Self {
+            q: motion.q,
+            theta: motion.theta,
+            velocity,
+            stop: Stop::from(velocity, deceleration),
+        }
+    }
+
+    fn advance(&mut self, dt: f64) {
+        let way = self.stop.way(dt);
+        self.velocity = way / dt;
+        self.q += way;
+        self.theta += way;
+    }
+}
+
+/// The smaller of two signed values; zero where they have opposite signs or one is no number.
+pub(super) fn smaller(a: f64, b: f64) -> f64 {
+    match a * b > 0.0 {
+        true => a.abs().min(b.abs()).copysign(a),
+        false => 0.0,
+    }
+}

@@ -1,0 +1,210 @@
+//! Drives that take currents: whatever one sensor shows, a joint is held where it is, and one that
+//! moves is brought to rest and left to its brake.
+
+mod common;
+
+use common::motion::{Motion, state};
+use common::{Bench, client_input, current_drive, read_with_current_drive, spoil};
+use cycle::ClientInput;
+use robot_config::slots;
+use robot_state::{DriveState, Event, Mode, Reference, RobotState};
+
+/// Natural frequency and damping ratio of the joint under its position feedback.
+const FREQUENCY: f64 = std::f64::consts::TAU * 3.0;
+const RATIO: f64 = 1.0;
+
+/// The test joint with a drive that takes currents, and a brake; without torque feedback.
+fn braked() -> Bench {
+    let joint = &current_drive().robot.parameters.joints[0];
+    let rotor = joint.rotor_inertia * joint.encoders.gear_ratio.powi(2);
+    let inertia = rotor + joint.link_inertia;
+    let k_s = inertia * FREQUENCY.powi(2);
+    let k_d = 2.0 * RATIO * FREQUENCY * inertia;
+    Bench::reading("test-joint", &|path| {
+        let text = read_with_current_drive(path)?;
+        let profile = "profile = \"cia402\"";
+        let text = text.replace(profile, &format!("{profile}\nbrake = \"while_off\""));
+        let gains = "K_p = 2.0, K_s_Nm_per_rad = 1389.0, K_d_Nms_per_rad = 13.9";
+        let mine = format!("K_p = 0.0, K_s_Nm_per_rad = {k_s}, K_d_Nms_per_rad = {k_d}");
+        Ok(text.replace(gains, &mine))
+    })
+}
+
+/// What a sensor shows, from its values at the beginning, its values now and the cycle.
+type Lie = fn(&mut [f64], &[f64], usize);
+
+const LINK: usize = slots::link_angle(0);
+const MOTOR: usize = slots::motor_angle(0);
+
+const LIES: [(&str, Lie); 10] = [
+    ("link encoder drifts slowly", |now, _, k| {
+        now[LINK] += 1e-5 * k as f64
+    }),
+    ("link encoder drifts", |now, _, k| {
+        now[LINK] += 1e-4 * k as f64
+    }),
+    ("motor encoder drifts", |now, _, k| {
+        now[MOTOR] += 1e-2 * k as f64
+    }),
+    ("link encoder flat", |now, first, _| now[LINK] = first[LINK]),
+    ("motor encoder flat", |now, first, _| {
+        now[MOTOR] = first[MOTOR]
+    }),
+    ("link encoder reversed", |now, first, _| {
+        now[LINK] = 2.0 * first[LINK] - now[LINK]
+    }),
+    ("link encoder slips", |now, _, _| now[LINK] += 0.03),
+    ("motor encoder slips", |now, _, _| now[MOTOR] -= 1.0),
+    // 8 % of the torque limit: found by nobody.
+    ("link encoder slips a little", |now, _, _| {
+        now[LINK] += 0.0004
+    }),
+    ("link encoder trembles", |now, _, k| {
+        now[LINK] += if k % 2 == 0 { 0.01 } else { -0.01 }
+    }),
+];
+
+/// One cycle with a lie from cycle 0 on.
+fn step(bench: &mut Bench, input: &ClientInput<'_>, lie: Lie, first: &mut Vec<f64>, k: usize) {
+    bench.gather();
+    if first.is_empty() {
+        *first = vec![0.0; slots::receive_len(&bench.robot.parameters)];
+        for frame in bench.rx.iter() {
+            bench.robot.receive.decode(frame, first).unwrap();
+        }
+    }
+    spoil(bench, 0, |now| lie(now, first, k));
+    bench.compute(input);
+}
+
+#[test]
+fn a_hold_follows_no_single_encoder() {
+    for (what, lie) in LIES {
+        let mut bench = braked();
+        bench.run(900);
+        assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+        let mut motion = Motion::of(&bench);
+        let mut first = Vec::new();
+        for k in 0..2500 {
+            step(&mut bench, &ClientInput::default(), lie, &mut first, k);
+            motion.take(&bench);
+        }
+        motion.assert_small(what);
+        let fault = bench.cycle.record().fault;
+        if fault != 0 {
+            assert_eq!(fault, Event::EncoderImplausible.number(), "{what}");
+            let drive = bench.cycle.record().commanded.joints[0].drive_state;
+            assert_eq!(
+                drive,
+                DriveState::Off.number(),
+                "{what}: its brake holds it"
+            );
+        }
+    }
+}
+
+/// The joint at about 1.5 rad/s under a client's torque.
+fn moving(bench: &mut Bench) -> Reference {
+    bench.run(600);
+    let mut reference = bench.reference(Mode::Hold.number(), 1);
+    bench.step(&client_input(&reference));
+    (reference.mode, reference.joints[0].tau_d) = (Mode::Torque.number(), 12.0);
+    for _ in 0..2000 {
+        reference.sequence += 1;
+        bench.step(&client_input(&reference));
+        if bench.plant.truth().joints[0].dq > 1.5 {
+            return reference;
+        }
+    }
+    panic!("{} rad/s", bench.plant.truth().joints[0].dq);
+}
+
+#[test]
+fn a_joint_that_moves_is_brought_to_rest_whichever_encoder_has_failed() {
+    for (what, lie) in LIES {
+        let mut bench = braked();
+        let mut reference = moving(&mut bench);
+        let before = bench.plant.truth().joints[0];
+        let (mut first, mut fastest, mut faulty) = (Vec::new(), before.dq.abs(), None);
+        for k in 0..2500 {
+            reference.sequence += 1;
+            reference.mode = Mode::Hold.number();
+            let input = client_input(&reference);
+            step(&mut bench, &input, lie, &mut first, k);
+            fastest = fastest.max(bench.plant.truth().joints[0].dq.abs());
+            if bench.cycle.record().fault != 0 {
+                faulty.get_or_insert(k);
+            }
+        }
+        let joint = &bench.plant.truth().joints[0];
+        assert!(joint.dq.abs() < 0.01, "{what}: {} rad/s", joint.dq);
+        assert!(fastest < 1.3 * before.dq, "{what}: {fastest} rad/s");
+        let way = (joint.q - before.q).abs();
+        assert!(
+            way < 0.6 * before.dq,
+            "{what}: {way} rad, fault after {faulty:?} ms"
+        );
+    }
+}
+
+#[test]
+fn encoders_that_are_both_flat_are_found_by_a_torque_that_moves_nothing() {
+    let mut bench = braked();
+    let mut reference = bench.follow();
+    let q_0 = reference.joints[0].q_d;
+    let flat: Lie = |now, first, _| (now[LINK], now[MOTOR]) = (first[LINK], first[MOTOR]);
+    let (mut first, mut fastest, mut found) = (Vec::new(), 0.0_f64, None);
+    for k in 0..1500 {
+        reference.sequence += 1;
+        let t = 1e-3 * k as f64;
+        reference.joints[0].q_d = q_0 + 0.3 * t;
+        reference.joints[0].dq_d = 0.3;
+        let input = client_input(&reference);
+        if k < 500 {
+            bench.step(&input);
+            continue;
+        }
+        step(&mut bench, &input, flat, &mut first, k);
+        fastest = fastest.max(bench.plant.truth().joints[0].dq.abs());
+        if bench.cycle.record().fault == Event::EncoderImplausible.number() {
+            found.get_or_insert(k - 500);
+        }
+    }
+    let fault = bench.cycle.record().fault;
+    assert!(
+        found.is_some_and(|ms| ms < 100),
+        "{found:?} ms, fault {fault}"
+    );
+    assert!(fastest < 0.3 + 0.1 * 6.0, "{fastest} rad/s");
+    assert!(bench.plant.truth().joints[0].dq.abs() < 0.01);
+}
+
+#[test]
+fn a_client_that_ends_in_motion_leaves_no_step_of_torque() {
+    let mut bench = braked();
+    let mut reference = bench.follow();
+    let q_0 = reference.joints[0].q_d;
+    let limit = bench.robot.parameters.joints[0].limits.torque;
+    let mut taus = Vec::new();
+    for k in 0..1500 {
+        reference.sequence += 1;
+        reference.joints[0].q_d = q_0 + 0.3e-3 * k as f64;
+        reference.joints[0].dq_d = 0.3;
+        match k < 1000 {
+            true => bench.step(&client_input(&reference)),
+            false => bench.step(&ClientInput::default()),
+        };
+        taus.push(bench.plant.truth().joints[0].tau);
+    }
+    let step = |from: usize, to: usize| {
+        let pairs = (from..to).map(|k| (taus[k + 5] - taus[k]).abs() / limit);
+        pairs.fold(0.0, f64::max)
+    };
+    let (before, after) = (step(700, 990), step(990, 1490));
+    assert!(
+        after < before + 0.05,
+        "{after}, {before} of the torque limit"
+    );
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+    assert!(bench.plant.truth().joints[0].dq.abs() < 0.01);
+}
