@@ -21,7 +21,7 @@ fn badness(outcome: &Outcome, bound: Bound) -> f64 {
     let moved = &outcome.moved;
     let step = match bound {
         Bound::MotionAndStep => moved.step_share / 0.05,
-        Bound::Motion | Bound::Physics => 0.0,
+        Bound::Motion | Bound::Physics | Bound::Shown(_) => 0.0,
     };
     let verdict = match outcome.verdict {
         Verdict::Holds => 0.0,
@@ -244,6 +244,6 @@ One run: one fault, in one robot, from one cycle on. The robot is brought into a
 
 Robots: the leg hangs from its hip; the humanoid with position drives stands on the floor. The project has no robot with current drives: theirs are made in memory (`benches/safety/src/robots.rs`), torque law without torque feedback, position feedback of 3 Hz, half of the motors' friction compensated; that humanoid hangs in its harness, as it has no balance controller. Drives have states by CiA 402 and brakes; the same runs with drives that are always on are in the summary and, where they do not hold, in the table of those.
 
-**Bounds**: at most 1° and 10 % of the velocity limit; where *(step)* stands (missed replies, late cycles, clients that die, changes of mode), also at most 5 % of the torque limit within 5 ms. Where the fault itself moves the joint (gear, load, hand, power), the run is compared with one whose set-points stay as they were: *physics* means that the loop's reaction moves the robot by no more than 10 % beyond that. The tables by groups of faults show of all runs that hold the one that comes nearest to its bounds, and the same of those of physics; every run that does not hold is in the first table.
+**Bounds**: at most 1° and 10 % of the velocity limit; where *(step)* stands (missed replies, late cycles, clients that die, changes of mode), also at most 5 % of the torque limit within 5 ms. Where the fault itself moves the joint (gear, load, hand, power), the run is compared with one whose set-points stay as they were: *physics* means that the loop's reaction moves the robot by no more than 10 % beyond that. Drives that take currents go on with their last one where they hear nothing (bus cut, loop asleep): judged so as well. Where both encoders of a joint show the same motion that is none, nothing else knows better: a current drive may follow it, 10 % further at most and at 10 % of the velocity limit. The tables by groups of faults show of all runs that hold the one that comes nearest to its bounds, and the same of those of physics; every run that does not hold is in the first table.
 
 ";

@@ -60,7 +60,8 @@ pub struct Reference {
 pub enum Verdict {
     /// Within the bounds.
     Holds,
-    /// Beyond them, but by no more than the fault itself moves a robot whose set-points stay.
+    /// Beyond them, but by no more than the fault itself moves a robot whose set-points stay, or than
+    /// all sensors of the joint show.
     Physics,
     /// Beyond them.
     Fails,
@@ -338,12 +339,13 @@ pub fn run(
     outcome.state = rig.state().name();
     outcome.follows = rig.state() == RobotState::Active;
     outcome.moved = motion.moved;
-    if scenario.bound == Bound::Physics {
+    let bound = scenario.bound_on(&prepared.variant);
+    if bound == Bound::Physics {
         outcome.frozen = Some(frozen(prepared, scenario, place, reference)?);
     } else {
         outcome.recovered = Some(recovers(&mut rig));
     }
-    outcome.verdict = judge(scenario.bound, &outcome.moved, outcome.frozen.as_ref());
+    outcome.verdict = judge(bound, &outcome.moved, outcome.frozen.as_ref());
     Ok(outcome)
 }
 
@@ -417,7 +419,14 @@ fn judge(bound: Bound, moved: &Moved, frozen: Option<&Moved>) -> Verdict {
         moved.displacement <= DISPLACEMENT.max(PHYSICS_MARGIN * frozen.displacement)
             && moved.speed_share <= SPEED_SHARE.max(PHYSICS_MARGIN * frozen.speed_share)
     };
-    match frozen.is_some_and(no_worse) {
+    let as_shown = match bound {
+        Bound::Shown(rate) => {
+            let way = rate * OBSERVED as f64 * 1e-3;
+            moved.displacement <= PHYSICS_MARGIN * way && moved.speed_share <= SPEED_SHARE
+        }
+        _ => false,
+    };
+    match as_shown || frozen.is_some_and(no_worse) {
         true => Verdict::Physics,
         false => Verdict::Fails,
     }

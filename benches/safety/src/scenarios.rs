@@ -51,7 +51,7 @@ impl Start {
 }
 
 /// What must hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bound {
     /// At most 1 degree and 10 % of the velocity limit.
     Motion,
@@ -60,6 +60,9 @@ pub enum Bound {
     /// The fault itself moves the joint: at most as far and as fast as with set-points that stay as
     /// they were, or the bounds of [`Bound::Motion`].
     Physics,
+    /// Every sensor of the joint shows a motion at this rate, rad/s, that is none: the joint follows
+    /// it, no further, at no more than the share of the velocity limit of [`Bound::Motion`].
+    Shown(f64),
 }
 
 /// Where a fault strikes.
@@ -88,6 +91,8 @@ pub struct Scenario {
     pub starts: &'static [Start],
     /// What must hold.
     pub bound: Bound,
+    /// The same of drives that take currents, where it differs.
+    pub bound_of_currents: Option<Bound>,
     /// The robots that it can happen to.
     pub on: fn(&Variant) -> bool,
     /// Done to the robot when it is switched on.
@@ -127,6 +132,7 @@ impl Scenario {
             name,
             starts,
             bound: Bound::Motion,
+            bound_of_currents: None,
             on: |_| true,
             setup: None,
             make,
@@ -145,6 +151,28 @@ impl Scenario {
             bound: Bound::Physics,
             ..self
         }
+    }
+
+    /// Drives that take currents hear nothing: they go on with their last one.
+    pub(crate) const fn physics_of_currents(self) -> Self {
+        Self {
+            bound_of_currents: Some(Bound::Physics),
+            ..self
+        }
+    }
+
+    /// All sensors of a joint show a motion at this rate, rad/s, which drives that take currents follow.
+    pub(crate) const fn shown_to_currents(self, rate: f64) -> Self {
+        Self {
+            bound_of_currents: Some(Bound::Shown(rate)),
+            ..self
+        }
+    }
+
+    /// What must hold of this robot.
+    pub(crate) fn bound_on(&self, variant: &Variant) -> Bound {
+        let of_currents = (self.bound_of_currents).filter(|_| variant.drives == Drives::Current);
+        of_currents.unwrap_or(self.bound)
     }
 
     pub(crate) const fn with_states(self) -> Self {

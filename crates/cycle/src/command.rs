@@ -198,7 +198,8 @@ impl Command {
         for (&place, joint) in self.model_index.iter().zip(&measured.joints) {
             self.q_hat[place] = joint.q;
         }
-        (self.dq_hat.fill(0.0), self.ddq_d.fill(0.0));
+        self.dq_hat.fill(0.0);
+        self.ddq_d.fill(0.0);
         let at_rest = Motion {
             linear: loads.acceleration.into(),
             ..Motion::zero()

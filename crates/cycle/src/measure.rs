@@ -27,7 +27,7 @@ use crate::time::{Instants, SECONDS_PER_NS, Stamp};
 use align::{AlignedBank, signals};
 use filtered::{AXES, Course, Filtered};
 use ft_offset::FtInput;
-use reception::{Reading, Reception, Source};
+use reception::{Reception, Source, note_unsound};
 
 /// A joint's sample with one of these is bridged.
 pub(crate) const NOT_USED: u32 = measured_flags::NEVER
@@ -152,13 +152,7 @@ impl Measure {
             control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
-            courses: (parameters.joints.iter())
-                .map(|joint| {
-                    let e = &joint.encoders;
-                    let step = e.max_velocity * period;
-                    [step, step * e.gear_ratio].map(Course::new)
-                })
-                .collect(),
+            courses: filtered::courses(robot),
             axes: vec![f64::NAN; axes],
             samples: vec![JointSample::default(); n],
             plausibility: (parameters.joints.iter())
@@ -498,19 +492,6 @@ impl Measure {
             if self.long.sensor_settling(self.sensors.len()) {
                 imu.flags |= measured_flags::SETTLING;
             }
-        }
-    }
-}
-
-/// Counts a sensor that is stale, flat or saturated, once each time; `before`: its flags.
-fn note_unsound(before: u32, reading: &Reading, subject: Subject, counts: &mut Counts) {
-    for (flag, event) in [
-        (measured_flags::STALE, Event::SensorStale),
-        (measured_flags::FLAT, Event::SensorFlat),
-        (measured_flags::SATURATED, Event::SensorSaturated),
-    ] {
-        if reading.flags & flag != 0 {
-            counts.lasting(event, subject, before & flag == 0);
         }
     }
 }

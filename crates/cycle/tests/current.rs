@@ -147,23 +147,29 @@ fn a_joint_that_moves_is_brought_to_rest_whichever_encoder_has_failed() {
     }
 }
 
+/// The client's next millisecond: up to 0.3 rad/s within 0.2 s.
+fn ramp(reference: &mut Reference) {
+    let joint = &mut reference.joints[0];
+    joint.dq_d = (joint.dq_d + 0.3 / 200.0).min(0.3);
+    joint.q_d += 1e-3 * joint.dq_d;
+}
+
 #[test]
 fn encoders_that_are_both_flat_are_found_by_a_torque_that_moves_nothing() {
     let mut bench = braked();
     let mut reference = bench.follow();
-    let q_0 = reference.joints[0].q_d;
     let flat: Lie = |now, first, _| (now[LINK], now[MOTOR]) = (first[LINK], first[MOTOR]);
     let (mut first, mut fastest, mut found) = (Vec::new(), 0.0_f64, None);
     for k in 0..1500 {
         reference.sequence += 1;
-        let t = 1e-3 * k as f64;
-        reference.joints[0].q_d = q_0 + 0.3 * t;
-        reference.joints[0].dq_d = 0.3;
+        ramp(&mut reference);
         let input = client_input(&reference);
         if k < 500 {
             bench.step(&input);
             continue;
         }
+        let mode = bench.cycle.record().mode;
+        assert!(k > 500 || mode == Mode::InverseDynamics.number());
         step(&mut bench, &input, flat, &mut first, k);
         fastest = fastest.max(bench.plant.truth().joints[0].dq.abs());
         if bench.cycle.record().fault == Event::EncoderImplausible.number() {
@@ -183,17 +189,17 @@ fn encoders_that_are_both_flat_are_found_by_a_torque_that_moves_nothing() {
 fn a_client_that_ends_in_motion_leaves_no_step_of_torque() {
     let mut bench = braked();
     let mut reference = bench.follow();
-    let q_0 = reference.joints[0].q_d;
     let limit = bench.robot.parameters.joints[0].limits.torque;
     let mut taus = Vec::new();
     for k in 0..1500 {
         reference.sequence += 1;
-        reference.joints[0].q_d = q_0 + 0.3e-3 * k as f64;
-        reference.joints[0].dq_d = 0.3;
+        ramp(&mut reference);
         match k < 1000 {
             true => bench.step(&client_input(&reference)),
             false => bench.step(&ClientInput::default()),
         };
+        let moves = bench.plant.truth().joints[0].dq > 0.25;
+        assert!(k != 999 || moves, "it moves until the client ends");
         taus.push(bench.plant.truth().joints[0].tau);
     }
     let step = |from: usize, to: usize| {

@@ -168,10 +168,12 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         }),
         new("a bus cut for 0.5 s, then back", ENABLED, |p| {
             cut(move |bus, k| bus == p.bus && k < 500)
-        }),
+        })
+        .physics_of_currents(),
         new("all buses cut for 0.5 s, then back", ENABLED, |_| {
             cut(|_, k| k < 500)
-        }),
+        })
+        .physics_of_currents(),
         new(
             "answers withheld for 10 ms, then all at once",
             ENABLED,

@@ -147,7 +147,8 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             encoders(p.joint, |q, theta, k| {
                 (q + 1e-4 * k as f64, theta + 1e-2 * k as f64)
             })
-        }),
+        })
+        .shown_to_currents(0.1),
         new("link encoder reversed", ENABLED, |p| reversed(p.joint)),
         new("link encoder scaled by 1.02", ENABLED, |p| {
             encoders(p.joint, |q, theta, _| (1.02 * q, theta))

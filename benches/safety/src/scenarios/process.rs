@@ -50,7 +50,7 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         new("1 cycle skipped", ENABLED, |_| skip(1)).step(),
         new("3 cycles skipped", ENABLED, |_| skip(3)).step(),
         new("10 cycles skipped", ENABLED, |_| skip(10)).step(),
-        new("the loop sleeps for 0.2 s", ENABLED, |_| skip(200)),
+        new("the loop sleeps for 0.2 s", ENABLED, |_| skip(200)).physics_of_currents(),
         new("the clock is set back by 1 s", ENABLED, |_| {
             clock(|now| now.saturating_sub(900_000_000))
         }),

@@ -7,7 +7,7 @@ use robot_state::{Event, measured_flags};
 use supervisor::{Liveness, SignalMonitor, SignalParameters};
 
 use super::align::OVERDUE;
-use crate::events::Counts;
+use crate::events::{Counts, Subject};
 use crate::time::{Instants, SECONDS_PER_NS, Stamp};
 
 /// Error of a frame's stamp against the instant of SYNC, ns: both are read on one clock, but by
@@ -204,6 +204,19 @@ impl Reception {
             usable,
             age_s,
             flags,
+        }
+    }
+}
+
+/// Counts a sensor that is stale, flat or saturated, once each time; `before`: its flags.
+pub(super) fn note_unsound(before: u32, reading: &Reading, subject: Subject, counts: &mut Counts) {
+    for (flag, event) in [
+        (measured_flags::STALE, Event::SensorStale),
+        (measured_flags::FLAT, Event::SensorFlat),
+        (measured_flags::SATURATED, Event::SensorSaturated),
+    ] {
+        if reading.flags & flag != 0 {
+            counts.lasting(event, subject, before & flag == 0);
         }
     }
 }
