@@ -31,7 +31,7 @@ use robot_state::{
     TorqueEstimate, measured_flags, torque_flags,
 };
 
-use crate::events::Counts;
+use crate::events::{Counts, Subject};
 use crate::measure::Measure;
 use cross_check::CrossCheckStage;
 use delay_compensation::DelayCompensation;
@@ -43,6 +43,8 @@ use whole_body::WholeBodyStage;
 /// The estimators of all joints.
 pub(crate) struct Estimate {
     joints: Vec<AnyEstimator>,
+    /// Whether the sources of each joint's torque disagreed in the cycle before.
+    disagreed: Vec<bool>,
     whole_body: WholeBodyStage,
     delay_compensation: DelayCompensation,
     external_torque: Option<ExternalTorque>,
@@ -77,6 +79,7 @@ impl Estimate {
         let parameters = &robot.parameters;
         let whole_body = WholeBodyStage::new(robot)?;
         Ok(Self {
+            disagreed: vec![false; parameters.joints.len()],
             joints: parameters
                 .joints
                 .iter()
@@ -163,12 +166,20 @@ impl Estimate {
         counts: &mut Counts,
     ) {
         let samples = measure.samples().iter();
-        for ((estimator, sample), joint) in self.joints.iter_mut().zip(samples).zip(joints) {
+        let estimators = self.joints.iter_mut().zip(&mut self.disagreed);
+        for (index, ((estimator, sample), joint)) in estimators.zip(samples).zip(joints).enumerate()
+        {
+            let (estimator, disagreed) = estimator;
             joint.tau_encoder = if sample.flags & measured_flags::NEVER != 0 {
                 TorqueEstimate::default()
             } else {
                 checked(estimator.update(sample), joint.tau_encoder, counts)
             };
+            let disagrees = estimator.disagrees();
+            if disagrees {
+                counts.lasting(Event::SourcesDisagree, Subject::Joint(index), !*disagreed);
+            }
+            *disagreed = disagrees;
         }
     }
 }

@@ -6,7 +6,7 @@ use common::{Bench, read};
 use estimators::joint::JointTorqueEstimator;
 use joint_file::{JointFile, no_files};
 use robot_state::measured_flags::{MISSED, NEVER};
-use robot_state::{torque_flags, torque_source};
+use robot_state::{Event, torque_flags, torque_source};
 
 const JOINT: &str = "\
 [joint]
@@ -110,6 +110,27 @@ fn the_loop_estimates_as_an_evaluation_of_its_log_does() {
         }
         assert!(largest > 1e-4, "the joint moves: {largest}");
     }
+}
+
+/// The times that the disagreement of the sources is counted in four seconds, with a torque constant `gain`
+/// times the right one in the calibration.
+fn disagreements(gain: f64) -> u64 {
+    let current = format!(
+        "[current]\nK_1_Nm_per_A = {:.2}\nK_2_Nms_per_rad = 40.0\nK_3_Nm = 1.0\n\
+         inertia_kg_m2 = 0.1\noffset_A = 0.0\nsign_smoothing_rad_per_s = 0.02\n\
+         low_pass_pole = 0.5\nsigma_Nm = 1.0\n",
+        5.0 * gain
+    );
+    let text = JOINT.replace("6.0, 6.0", "1.5, 0.8") + &current;
+    let mut bench = Bench::reading("test-joint", &calibrated(&text));
+    bench.run(4000);
+    bench.cycle.record().events[Event::SourcesDisagree.index()]
+}
+
+#[test]
+fn a_lasting_disagreement_of_torsion_and_current_is_an_event_counted_once() {
+    assert_eq!(disagreements(1.0), 0);
+    assert_eq!(disagreements(-20.0), 1);
 }
 
 #[test]

@@ -75,6 +75,9 @@ pub struct Fusion {
     output: Output,
     /// Square of the innovation over its variance, averaged.
     disagreement: f64,
+    /// Time for which it has been too large, s, and whether that counts as lasting.
+    apart_s: f64,
+    disagrees: bool,
     /// Share of motion in the last while.
     motion: f64,
     /// Standard deviation of each source's present estimate, N·m.
@@ -83,6 +86,11 @@ pub struct Fusion {
 
 /// Time over which the disagreement of the groups is averaged, s.
 const DISAGREEMENT_TIME_S: f64 = 1.0;
+/// Mean square of the innovation over its variance that counts as a disagreement, and the one below which
+/// it is over: three and two standard deviations.
+const APART: [f64; 2] = [9.0, 4.0];
+/// Time for which it lasts before it is reported, s.
+const LASTS_S: f64 = 2.0;
 /// Time over which motion must last to count, s.
 const MOTION_TIME_S: f64 = 0.3;
 /// Square of an innovation over its variance up to which one sample agrees: two standard deviations.
@@ -99,6 +107,8 @@ impl Fusion {
             sources: sources.min(MAX_SOURCES),
             torsion: None,
             disagreement: 1.0,
+            apart_s: 0.0,
+            disagrees: false,
             motion: 0.0,
             sigmas: [f64::INFINITY; MAX_SOURCES],
             parameters,
@@ -189,6 +199,28 @@ impl Fusion {
         self.disagreement
     }
 
+    /// Whether torsion and current have been too far apart for some seconds, and still are.
+    #[must_use]
+    pub fn disagrees(&self) -> bool {
+        self.disagrees
+    }
+
+    /// Takes the disagreement of one more sample into account.
+    fn compare(&mut self, chi: f64) {
+        let period = self.parameters.sample_period;
+        let step = period / (DISAGREEMENT_TIME_S + period);
+        self.disagreement += step * (chi.min(100.0) - self.disagreement);
+        let [begins, ends] = APART;
+        self.apart_s = match self.disagreement > begins {
+            true => self.apart_s + period,
+            false => 0.0,
+        };
+        self.disagrees = match self.disagrees {
+            true => self.disagreement > ends,
+            false => self.apart_s > LASTS_S,
+        };
+    }
+
     /// Torque and variance of the sources from the torsion, and of the current, under their joint
     /// covariance, with the innovation test: the published variance covers their disagreement.
     fn combine(&mut self, group: (f64, f64), current: (f64, f64)) -> (f64, f64) {
@@ -196,9 +228,7 @@ impl Fusion {
         let sum = var_a + var_b;
         //= F Innovation: chi² = (tau_a - tau_b)² / (var_a + var_b)
         let chi = (a - b) * (a - b) / sum;
-        let p = &self.parameters;
-        let step = p.sample_period / (DISAGREEMENT_TIME_S + p.sample_period);
-        self.disagreement += step * (chi.min(100.0) - self.disagreement);
+        self.compare(chi);
         let raised = (chi / AGREEMENT).max(self.disagreement).max(1.0);
         //= F Minimum variance: tau = (var_b tau_a + var_a tau_b) / (var_a + var_b)
         let tau = (var_b * a + var_a * b) / sum;
@@ -268,6 +298,7 @@ impl Fusion {
     pub fn reset(&mut self) {
         self.torsion = None;
         self.disagreement = 1.0;
+        (self.apart_s, self.disagrees) = (0.0, false);
         self.motion = 0.0;
         self.shares = FIRST;
         self.output.reset();

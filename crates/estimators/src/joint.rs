@@ -32,6 +32,11 @@ pub trait JointTorqueEstimator {
     /// The torque at the last sample has become known, with a standard deviation in N·m: the reported
     /// sigma may shrink by what a shift of the torsion's zero compensates.
     fn tare(&mut self, _sigma: f64) {}
+    /// Whether sources that fail for different reasons have long been further apart than their sigmas
+    /// allow; never for a single source.
+    fn disagrees(&self) -> bool {
+        false
+    }
 }
 
 /// An estimator of any kind.

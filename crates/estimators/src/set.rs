@@ -175,6 +175,10 @@ impl JointTorqueEstimator for EstimatorSet {
         self.fused
     }
 
+    fn disagrees(&self) -> bool {
+        self.fusion.as_ref().is_some_and(Fusion::disagrees)
+    }
+
     fn reset(&mut self) {
         self.sources.iter_mut().for_each(|source| source.reset());
         self.estimates.fill(TorqueEstimate::default());

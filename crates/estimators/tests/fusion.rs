@@ -146,10 +146,21 @@ fn sigma_covers_a_disagreement_and_the_reference_raises_every_torsion_source() {
     for _ in 0..3000 {
         fusion.update(&at, &apart);
     }
-    assert!(fusion.disagreement() > 50.0);
+    assert!(fusion.disagreement() > 50.0 && fusion.disagrees());
     let fused = fusion.update(&at, &apart);
     // Either group may be the wrong one: the sigma is of the order of the smaller error.
     assert!((fused.tau - 1.0).abs() < 2.0 * fused.sigma);
+    // It is over soon after both agree again.
+    let near = [estimate(1.0, 0.1), estimate(1.0, 0.1), estimate(1.2, 0.3)];
+    for _ in 0..5000 {
+        fusion.update(&at, &near);
+    }
+    assert!(!fusion.disagrees());
+    // A short one is covered by the sigma and not reported.
+    for _ in 0..500 {
+        fusion.update(&at, &apart);
+        assert!(!fusion.disagrees());
+    }
     // The gear outside of its ranges: torsion loses its weight, also that of the other source.
     let mut fusion = two_groups();
     let outside = [estimate(5.0, 3.0), estimate(5.0, 0.1), estimate(2.0, 0.3)];
