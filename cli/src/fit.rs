@@ -7,6 +7,7 @@ use crate::report::{self, Traces};
 use clap::{Args, Subcommand};
 use identification::all::{self, Fitted, Step};
 use identification::inputs::{self, Inspection, LogKind};
+use identification::joined::joined;
 use identification::log::LogRow;
 use indicatif::{ProgressBar, ProgressStyle};
 use joint_file::JointFile;
@@ -27,6 +28,7 @@ Logs are CSV with columns t,theta,q,i[,tau_sensor] (see `torquectl estimate --he
 
 Examples:
   torquectl fit all --joint elbow.toml --no-load turn.csv --training train.csv -o fitted.toml
+  torquectl fit all --joint elbow.toml --no-load turn.csv --training monday.csv friday.csv -o fitted.toml
   torquectl fit kinematic-error --joint elbow.toml --log turn.csv -o elbow.toml
   torquectl fit compliance --joint elbow.toml --log train.csv -o elbow.toml
 
@@ -64,9 +66,9 @@ struct AllArguments {
     /// Log of one unloaded output turn each way (CSV: t,theta,q,i)
     #[arg(long)]
     no_load: PathBuf,
-    /// Log of loaded motion and rest (CSV: t,theta,q,i,tau_sensor)
-    #[arg(long)]
-    training: PathBuf,
+    /// Logs of loaded motion and rest (CSV: t,theta,q,i,tau_sensor); each may have encoder zeros of its own
+    #[arg(long, required = true, num_args = 1..)]
+    training: Vec<PathBuf>,
     #[command(flatten)]
     out: OutArguments,
 }
@@ -76,9 +78,9 @@ struct StepArguments {
     /// The joint (TOML), with the tables that this fit needs
     #[arg(long)]
     joint: PathBuf,
-    /// The log (CSV: t,theta,q,i,tau_sensor; kinematic-error needs no tau_sensor)
-    #[arg(long)]
-    log: PathBuf,
+    /// The logs (CSV: t,theta,q,i,tau_sensor; kinematic-error takes one, without tau_sensor)
+    #[arg(long, required = true, num_args = 1..)]
+    log: Vec<PathBuf>,
     #[command(flatten)]
     out: OutArguments,
 }
@@ -134,14 +136,14 @@ fn fit_all(arguments: &AllArguments) -> Result<String, Problems> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
     let turn = inspected(&joint, &arguments.no_load, LogKind::NoLoad);
-    let train = inspected(&joint, &arguments.training, LogKind::Training);
+    let train = training(&joint, &arguments.training);
     let ((turn, mut inputs), (train, of_train)) = both(turn, train)?;
     inputs.extend(of_train);
     let bar = bar();
     let fitted = all::fit(&joint, &turn, &train, &mut progress(&bar));
     bar.finish_and_clear();
-    let logs = [&arguments.no_load, &arguments.training].map(|path| path.display().to_string());
-    let fitted = fitted.map_err(|p| p.or_at(&logs.join(", "), 0))?;
+    let logs = names([&arguments.no_load].into_iter().chain(&arguments.training));
+    let fitted = fitted.map_err(|p| p.or_at(&logs, 0))?;
     page(&fitted, &arguments.out, &inputs, &train)?;
     Ok(write(&fitted, &arguments.out, &stem, &inputs)?)
 }
@@ -161,15 +163,18 @@ fn both<A, B>(a: Result<A, Problems>, b: Result<B, Problems>) -> Result<(A, B), 
 fn fit_one(step: Step, arguments: &StepArguments) -> Result<String, Problems> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
-    let kind = match step {
-        Step::KinematicError => LogKind::NoLoad,
-        _ => LogKind::Training,
+    let (rows, inputs) = match (step, &arguments.log[..]) {
+        (Step::KinematicError, [turn]) => inspected(&joint, turn, LogKind::NoLoad)?,
+        (Step::KinematicError, logs) => {
+            let reason = format!("--log: {} logs", logs.len());
+            return Err(Problem::new(reason, "one log of an unloaded turn each way").into());
+        }
+        (_, logs) => training(&joint, logs)?,
     };
-    let (rows, inputs) = inspected(&joint, &arguments.log, kind)?;
     let bar = bar();
     let fitted = all::fit_one(&joint, step, &rows, &mut progress(&bar));
     bar.finish_and_clear();
-    let fitted = fitted.map_err(|p| p.or_at(&arguments.log.display().to_string(), 0))?;
+    let fitted = fitted.map_err(|p| p.or_at(&names(&arguments.log), 0))?;
     page(&fitted, &arguments.out, &inputs, &rows)?;
     Ok(write(&fitted, &arguments.out, &stem, &inputs)?)
 }
@@ -252,6 +257,37 @@ fn write(
             written.join(", ")
         ),
     })
+}
+
+/// The logs' names, for a problem of all of them.
+fn names<'a>(logs: impl IntoIterator<Item = &'a PathBuf>) -> String {
+    let names = logs.into_iter().map(|path| path.display().to_string());
+    names.collect::<Vec<_>>().join(", ")
+}
+
+/// Training logs as one, with what is reported of them.
+fn training(joint: &JointFile, logs: &[PathBuf]) -> Result<(Vec<LogRow>, Vec<String>), Problems> {
+    let (mut rows, mut lines, mut problems) = (Vec::new(), Vec::new(), Vec::new());
+    for path in logs {
+        match inspected(joint, path, LogKind::Training) {
+            Ok((of_log, reported)) => {
+                rows.push(of_log);
+                lines.extend(reported);
+            }
+            Err(found) => problems.extend(found.0),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(Problems(problems));
+    }
+    let (rows, shifts) = joined(joint, rows)?;
+    for (path, shift) in logs.iter().zip(&shifts).skip(1) {
+        let (file, turns) = (path.display(), shift / std::f64::consts::TAU);
+        lines.push(format!(
+            "{file}: zero of the motor-side encoder {turns:.3} turns from that of the first log"
+        ));
+    }
+    Ok((rows, lines))
 }
 
 /// The rows of a log that can be fitted to, and what is reported of them.

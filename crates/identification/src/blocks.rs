@@ -105,10 +105,10 @@ impl Blocks {
         }
     }
 
-    /// Rows of a tenth of a second: errors of friction and gear change no faster.
+    /// Rows of three tenths of a second: errors of friction and gear change no faster (a real arm's logs, 2026-11).
     #[must_use]
     pub fn alike(sample_period: f64) -> f64 {
-        0.1 / sample_period
+        0.3 / sample_period
     }
 
     /// Blocks for a log of this length, s: of two seconds or more, as errors of a gear last that long.
@@ -169,7 +169,11 @@ impl Blocks {
         let covariance = covariance(&blocks, &all, priors, weight, &x)?;
         Some(Posterior {
             rms: (all.rest(&x) / all.rows).sqrt(),
-            held_out: best.0.sqrt(),
+            // Rows that all lie in one block cannot be held out.
+            held_out: match best.0.is_finite() {
+                true => best.0.sqrt(),
+                false => (all.rest(&x) / all.rows).sqrt(),
+            },
             covariance,
             x,
         })

@@ -20,6 +20,14 @@ const MIN_SPEED: f64 = 2e-3;
 /// Friction of a usual harmonic drive, of its rated torque, before any data; its width is the same.
 const FRICTION: f64 = 0.1;
 
+/// Tolerance of a data sheet's torque constant, relative standard deviation.
+const TORQUE_CONSTANT: f64 = 0.05;
+/// Standard deviations that no log shows: gain and offset (of the rated torque) of a torque sensor of class
+/// 0.1, and of the rotor inertia, relative, as friction that depends on the acceleration passes for it.
+const REFERENCE_GAIN: f64 = 1e-3;
+const REFERENCE_OFFSET: f64 = 5e-4;
+const INERTIA: f64 = 0.1;
+
 /// What the data sheet says about the motor, link side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorKnowledge {
@@ -52,7 +60,7 @@ impl MotorKnowledge {
         [
             Prior::at_least(
                 self.torque_constant,
-                0.1 * self.torque_constant,
+                TORQUE_CONSTANT * self.torque_constant,
                 0.6 * self.torque_constant,
             ),
             Prior::new(0.0, 0.02 * r),
@@ -142,6 +150,10 @@ fn constants(
     seconds: f64,
 ) -> CurrentFit {
     let x = &posterior.x;
+    let mut covariance = posterior.covariance.clone();
+    covariance[(0, 0)] += (REFERENCE_GAIN * x[0]).powi(2);
+    covariance[(1, 1)] += (REFERENCE_OFFSET * known.rated_torque).powi(2);
+    covariance[(4, 4)] += (INERTIA * x[4]).powi(2);
     let pole = (-record.sample_period / TIME_CONSTANT_S).exp();
     debug_assert!(LowPass::new(pole).delay_samples().is_finite());
     // A second of motion is about one independent sample of the residual; the prior counts as three.
@@ -163,8 +175,8 @@ fn constants(
             sample_period: record.sample_period,
             torque_limit: known.torque_limit,
         },
-        sigma_1: posterior.covariance[(0, 0)].max(0.0).sqrt(),
-        uncertainty: directions(&posterior.covariance, UNCERTAIN),
+        sigma_1: covariance[(0, 0)].max(0.0).sqrt(),
+        uncertainty: directions(&covariance, UNCERTAIN),
         seconds,
     }
 }

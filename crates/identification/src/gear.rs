@@ -65,6 +65,9 @@ pub struct GearKnowledge {
     pub turned: bool,
     /// T: time between samples, s.
     pub sample_period: f64,
+    /// Skew, zero and harmonics by earlier passes, which the samples no longer have: the priors are about
+    /// the sum.
+    pub found: [f64; ENCODER_PARAMETERS],
 }
 
 /// Torsion of a usual harmonic drive at its rated torque, rad (Z Table I: 1.9e-3; catalogues: 1.3e-3 to
@@ -72,6 +75,10 @@ pub struct GearKnowledge {
 const RATED_TORSION: f64 = 1.8e-3;
 /// Width of the prior of the skew, s.
 const SKEW_WIDTH_S: f64 = 2e-3;
+/// Standard deviations that no log shows: of the stiffness by the reference's gain, relative, and of the skew by
+/// lags of the gear that pass for it, s.
+const REFERENCE_GAIN: f64 = 1e-3;
+const LAG_S: f64 = 5e-6;
 /// Directions of the covariance that the loop evaluates.
 const DIRECTIONS: usize = 12;
 
@@ -294,7 +301,11 @@ impl GearData {
         priors.extend(BEARING_SLIP.map(|slip| spring(slip, 0.0, 0.003)));
         priors.push(Prior::at_least(0.0, 0.01 * rated, 0.0));
         priors.push(Prior::new(0.0, 2e-3 * k));
-        let [skew, zero, waves @ ..] = &self.encoders;
+        let mut all = self.encoders;
+        all.iter_mut()
+            .zip(self.known.found)
+            .for_each(|(x, found)| *x += found);
+        let [skew, zero, waves @ ..] = &all;
         priors.push(Prior::new(-skew, SKEW_WIDTH_S));
         let zero_width = if self.known.turned { 0.02 } else { 2.0 };
         priors.push(match self.known.turned {
@@ -359,9 +370,11 @@ impl GearData {
             }
             blocks.add(i as f64 / self.tau.len() as f64, &row, tau);
         }
-        let posterior = blocks.fit(&self.priors()).ok_or_else(|| {
+        let mut posterior = blocks.fit(&self.priors()).ok_or_else(|| {
             Problem::new("training log: the gear's stiffness is not determined", "")
         })?;
+        posterior.covariance[(0, 0)] += (REFERENCE_GAIN * posterior.x[0]).powi(2);
+        posterior.covariance[(SKEW, SKEW)] += LAG_S * LAG_S;
         Ok(self.parameters(&posterior))
     }
 
@@ -472,7 +485,12 @@ pub fn tracking(
     let poles = FAST_POLES
         .iter()
         .flat_map(|&a| SLOW_POLES.map(|b| [a, 1.0 - f64::sqrt((1.0 - a) * (1.0 - b)), b]));
-    let tried = poles.flat_map(|p| NOISE_FACTORS.map(|n| attempt(p, n * sigma)));
-    let best = tried.min_by(|a, b| a.1.typical.total_cmp(&b.1.typical));
-    best.unwrap_or_default()
+    let best_of = |tried: &mut dyn Iterator<Item = (TrackingParameters, Errors)>| {
+        let best = tried.min_by(|a, b| a.1.typical.total_cmp(&b.1.typical));
+        best.unwrap_or_default()
+    };
+    let [least, usual, most] = NOISE_FACTORS;
+    let best = best_of(&mut poles.map(|p| attempt(p, usual * sigma)));
+    let others = [least, most].map(|factor| attempt(best.0.poles, factor * sigma));
+    best_of(&mut [best].into_iter().chain(others))
 }

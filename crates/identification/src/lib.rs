@@ -13,6 +13,7 @@ pub mod fusion;
 pub mod gaussian_process;
 pub mod gear;
 pub mod inputs;
+pub mod joined;
 pub mod kinematic;
 pub mod learned;
 pub mod least_squares;

@@ -20,10 +20,15 @@ pub struct Record {
     pub sample_period: f64,
     /// N: gear ratio, 1.
     pub gear_ratio: f64,
+    /// First sample of each log: filters do not reach over a pause.
+    begins: Vec<usize>,
 }
 
 /// Window of the centred filters, s: short against motion, long against noise.
 const WINDOW_S: f64 = 0.025;
+
+/// Time without a sample that separates two logs, s.
+pub const PAUSE_S: f64 = 1.0;
 
 /// Standard deviation of a normal variable over the median of its absolute value.
 const MEDIAN_TO_SIGMA: f64 = 1.4826;
@@ -40,7 +45,13 @@ impl Record {
         let sample_period = joint.sample_period();
         let mut last = None;
         let mut samples = Vec::with_capacity(rows.len());
+        let mut begins = Vec::new();
         for row in rows {
+            if last.is_none_or(|last| row.t - last > PAUSE_S) {
+                begins.push(samples.len());
+                front_end.reset();
+                last = None;
+            }
             front_end.bridge(last.replace(row.t), row.t);
             samples.push(front_end.update(row.theta, row.q, row.current));
         }
@@ -51,6 +62,7 @@ impl Record {
             motion: Vec::new(),
             sample_period,
             gear_ratio: joint.joint.gear_ratio,
+            begins,
         };
         // The motor-side angle has the finer resolution on the link side.
         let angle: Vec<f64> = record
@@ -67,7 +79,16 @@ impl Record {
     #[must_use]
     pub fn smooth(&self, signal: &[f64], derivative: usize) -> Vec<f64> {
         let half = ((0.5 * WINDOW_S / self.sample_period) as usize).max(2);
-        smooth(signal, derivative, half, self.sample_period)
+        let logs = self.logs().map(|log| signal.get(log).unwrap_or_default());
+        logs.flat_map(|log| smooth(log, derivative, half, self.sample_period))
+            .collect()
+    }
+
+    /// The samples of each log.
+    fn logs(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
+        let ends = self.begins.iter().skip(1).copied();
+        let ends = ends.chain([self.samples.len()]);
+        self.begins.iter().zip(ends).map(|(begin, end)| *begin..end)
     }
 
     /// Standard deviation of a signal's noise, its difference from the centred filter's output.
@@ -107,7 +128,10 @@ impl Record {
             .samples
             .get(i)
             .map_or(measured_flags::NEVER, |s| s.flags);
-        flags == 0 && i >= edge && i + edge < self.samples.len()
+        let log = self.begins.partition_point(|begin| *begin <= i);
+        let begin = log.checked_sub(1).and_then(|log| self.begins.get(log));
+        let end = self.begins.get(log).copied().unwrap_or(self.samples.len());
+        flags == 0 && begin.is_some_and(|begin| i >= begin + edge) && i + edge < end
     }
 
     /// Samples that may be fitted to, at most about `most` of them, evenly spread.

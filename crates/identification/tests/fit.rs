@@ -2,7 +2,9 @@
 
 use estimators::joint::JointTorqueEstimator;
 use identification::all;
+use identification::all::Step;
 use identification::evaluate::Score;
+use identification::joined::joined;
 use identification::log::LogRow;
 use joint_file::{JointFile, no_files};
 use robot_state::torque_flags::VALID;
@@ -211,4 +213,31 @@ fn data_that_do_not_suffice_are_refused_with_what_is_needed() {
         .iter_mut()
         .for_each(|row| row.tau_sensor = -row.tau_sensor);
     assert!(message(&turn, &reversed).contains("torque does not grow"));
+}
+
+#[test]
+fn logs_with_zeros_of_their_own_are_one_log() {
+    let joint = JointFile::parse(JOINT, "joint.toml", &no_files).unwrap();
+    let turned = |rows: Vec<LogRow>, by: f64| -> Vec<LogRow> {
+        let turn = |row: LogRow| LogRow {
+            theta: row.theta + by,
+            ..row
+        };
+        rows.into_iter().map(turn).collect()
+    };
+    let turns = 7.0 * std::f64::consts::TAU;
+    let logs = vec![train(), turned(test(), turns), turned(test(), 0.4)];
+    let (rows, shifts) = joined(&joint, logs).unwrap();
+    // Whole turns are recognised; another zero is found within 0.5 N·m.
+    assert!(
+        shifts[0] == 0.0 && (shifts[1] + turns).abs() < 1e-9,
+        "{shifts:?}"
+    );
+    assert!((shifts[2] + 0.4).abs() < N * 0.5 / 9000.0, "{shifts:?}");
+    let stiffness = |rows: &[LogRow]| {
+        let fitted = all::fit_one(&joint, Step::Compliance, rows, &mut |_, _| ()).unwrap();
+        fitted.joint.compliance.unwrap().k_fs0
+    };
+    let (alone, together) = (stiffness(&train()), stiffness(&rows));
+    assert!((together / alone - 1.0).abs() < 0.05, "{alone} {together}");
 }

@@ -12,7 +12,7 @@ use crate::network::{self, NetworkOptions};
 use crate::record::Record;
 use crate::{current, deformation, fusion, gear, kinematic, noise};
 use estimators::deformation::AngularFrequency;
-use estimators::hysteresis::{LINK_ORDERS, MOTOR_ORDERS};
+use estimators::hysteresis::{ENCODER_PARAMETERS, LINK_ORDERS, MOTOR_ORDERS};
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::set::EstimatorSet;
@@ -120,12 +120,29 @@ impl Fitted {
     /// What the data sheet and earlier steps say about the gear.
     fn gear_knowledge(&self) -> GearKnowledge {
         let joint = &self.joint.joint;
+        let error = self.joint.kinematic_error.clone().unwrap_or_default();
+        let turned = self.joint.encoders.as_ref().is_none_or(|e| !e.zero_unknown)
+            && self.joint.kinematic_error.is_some();
+        let mut found = [0.0; ENCODER_PARAMETERS];
+        found[0] = self.joint.encoders.as_ref().map_or(0.0, |e| e.skew);
+        // After a turn the harmonics' priors are about what the turn has shown.
+        if !turned {
+            let wave = |list: &[(f64, f64)], order: u32| {
+                let pair = list.get(order as usize - 1).copied().unwrap_or_default();
+                [pair.0, pair.1]
+            };
+            let link = LINK_ORDERS.iter().flat_map(|n| wave(&error.link, *n));
+            let motor = MOTOR_ORDERS.iter().flat_map(|n| wave(&error.motor, *n));
+            for (found, amplitude) in found[2..].iter_mut().zip(link.chain(motor)) {
+                *found = amplitude;
+            }
+        }
         GearKnowledge {
             rated_torque: joint.rated_torque,
             stiffness: joint.stiffness,
-            turned: self.joint.encoders.as_ref().is_none_or(|e| !e.zero_unknown)
-                && self.joint.kinematic_error.is_some(),
+            turned,
             sample_period: self.joint.sample_period(),
+            found,
         }
     }
 
