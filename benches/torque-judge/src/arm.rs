@@ -40,6 +40,8 @@ const FRICTION: [[f64; 2]; JOINTS] = [
 const SMOOTHING: f64 = 5e-3;
 /// Rated torques of gears with these ratios and frictions, N·m (catalogue sizes 32, 25, 17).
 const RATED: [f64; JOINTS] = [216.0, 216.0, 108.0, 108.0, 40.0, 40.0];
+/// Their stiffnesses at rated torque by the same catalogue, N·m/rad.
+const STIFFNESS: [f64; JOINTS] = [1.05e5, 1.05e5, 4.95e4, 4.95e4, 1.47e4, 1.47e4];
 /// Rotor inertias, kg·m², of motors of that size.
 const ROTORS: [f64; JOINTS] = [1.5e-4, 1.5e-4, 5e-5, 5e-5, 1.5e-5, 1.5e-5];
 /// Time between samples after resampling, s: the controller's own, which the stamps scatter about.
@@ -74,12 +76,14 @@ pub fn joint_file(joint: usize) -> Result<joint_file::JointFile, Problem> {
     let text = format!(
         "[joint]\nname = \"lara8-{}\"\ngear_ratio = {ratio:.1}\ntorque_constant_Nm_per_A = {}\n\
          rotor_inertia_kg_m2 = {}\nrated_torque_Nm = {:.1}\nlink_counts_per_turn = {COUNTS:.1}\n\
-         motor_counts_per_turn = {COUNTS:.1}\nsample_rate_hz = {:.1}\n",
+         motor_counts_per_turn = {COUNTS:.1}\nsample_rate_hz = {:.1}\n\
+         stiffness_Nm_per_rad = {:.1}\n",
         joint + 1,
         1.0 / ratio,
         ROTORS[joint],
         RATED[joint],
         1.0 / PERIOD_S,
+        STIFFNESS[joint],
     );
     joint_file::JointFile::parse(&text, "lara8", &joint_file::no_files)
 }

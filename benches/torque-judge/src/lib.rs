@@ -5,12 +5,14 @@
 
 pub mod arm;
 pub mod course;
+pub mod drives;
 pub mod family;
 pub mod fit;
 pub mod laws;
 pub mod page;
 pub mod random;
 pub mod real;
+pub mod results;
 pub mod score;
 pub mod simulate;
 pub mod specimen;

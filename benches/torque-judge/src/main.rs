@@ -9,12 +9,13 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::{Duration, Instant};
 use torque_judge::course::Training;
-use torque_judge::family::{Judged, judge};
-use torque_judge::fit::fit;
+use torque_judge::family::{Fit, Judged, judge, plan};
+use torque_judge::fit::{fit, times};
 use torque_judge::score::Score;
 use torque_judge::specimen::FIRST_JUDGED;
-use torque_judge::{page, real};
+use torque_judge::{drives, page, real, results};
 
 /// Judge the fused joint torque where it was not tuned
 #[derive(Parser)]
@@ -29,6 +30,7 @@ Examples:
   torque-judge real --logs lara8_arm
   torque-judge family --part design --joints 6 --training full --training two-thirds
   torque-judge family --part judging --json judged.json
+  torque-judge results --logs lara8_arm --drives kuka_kr300 --out docs/results/torque-judge.md
   torque-judge logs --joint joint.toml --turn turn.csv --training train.csv slow.csv fast.csv
 
 The real arm's logs (sweep.csv, jog_joints.csv) are columns of the repository allwinlucious/MasterThesis,
@@ -60,6 +62,30 @@ enum Command {
         threads: usize,
         #[command(flatten)]
         out: Out,
+    },
+    /// The results page: the real arm, the judging part of the family, times
+    Results {
+        /// Folder of the real arm's logs
+        #[arg(long)]
+        logs: PathBuf,
+        /// Folder of the logs of drives without a torque reference (A.csv, B.csv)
+        #[arg(long)]
+        drives: PathBuf,
+        /// Joints of the family
+        #[arg(long, default_value_t = 40)]
+        joints: u64,
+        /// Fits at a time
+        #[arg(long, default_value_t = 1)]
+        threads: usize,
+        /// Begin no fit of the family after so many minutes: the page names the number of fits
+        #[arg(long)]
+        minutes: Option<f64>,
+        /// The page; its conclusions, written by hand, are kept
+        #[arg(long, short)]
+        out: PathBuf,
+        /// Write all figures to this file
+        #[arg(long)]
+        json: Option<PathBuf>,
     },
     /// Any logs of one joint, as joint-torque-bench writes them: errors against `tau_sensor`
     Logs {
@@ -139,9 +165,31 @@ fn main() -> ExitCode {
                 for (_, name) in Training::ALL {
                     text += &format!("\n{}", page::sources(&judged, name));
                 }
+                text += &format!("\n{}", page::constants(&judged));
                 text += &format!("\n{}\n", judged.reports.join("\n"));
             }
             (text, page::to_json(&judged, &[]), out)
+        }
+        Command::Results {
+            logs,
+            drives,
+            joints,
+            threads,
+            minutes,
+            out,
+            json,
+        } => {
+            let numbers: Vec<u64> = (FIRST_JUDGED..FIRST_JUDGED + joints).collect();
+            return match write_results(
+                [&logs, &drives],
+                &plan(&numbers),
+                (threads, minutes),
+                &out,
+                json.as_deref(),
+            ) {
+                Ok(()) => ExitCode::SUCCESS,
+                Err(problem) => failed(&problem.to_string()),
+            };
         }
         Command::Logs {
             joint,
@@ -196,6 +244,33 @@ fn judge_logs(
     Ok(format!("{}\n\n{}", notes.join("\n"), page::logs(&scores)))
 }
 
+/// Judges everything and writes the page.
+fn write_results(
+    [logs, drives]: [&Path; 2],
+    fits: &[Fit],
+    (threads, minutes): (usize, Option<f64>),
+    out: &Path,
+    json: Option<&Path>,
+) -> Result<(), Problem> {
+    let write = |path: &Path, text: String| {
+        let name = path.display().to_string();
+        std::fs::write(path, text).map_err(|e| Problem::new(e.to_string(), "").at(name, 0))
+    };
+    let offered = drives::judge(drives)?;
+    let cases = real::judge(logs, &|_| ())?;
+    let until = minutes.map(|minutes| Instant::now() + Duration::from_secs_f64(60.0 * minutes));
+    let judged = with_progress(fits, threads, until);
+    let times = times(FIRST_JUDGED)?;
+    if let Some(path) = json {
+        write(path, format!("{}\n", page::to_json(&judged, &cases)))?;
+    }
+    let old = std::fs::read_to_string(out).unwrap_or_default();
+    write(
+        out,
+        results::results(&cases, &offered, &judged, times, &old),
+    )
+}
+
 fn failed(message: &str) -> ExitCode {
     eprintln!("torque-judge: {message}");
     ExitCode::FAILURE
@@ -218,11 +293,23 @@ fn family(
     } else {
         trainings
     };
-    let bar = ProgressBar::new((numbers.len() * trainings.len()) as u64);
+    let each = |number: &u64| {
+        let number = *number;
+        trainings
+            .iter()
+            .map(move |training| (number, *training))
+            .collect::<Vec<_>>()
+    };
+    let fits: Vec<Fit> = numbers.iter().flat_map(each).collect();
+    with_progress(&fits, threads, None)
+}
+
+fn with_progress(fits: &[Fit], threads: usize, until: Option<Instant>) -> Judged {
+    let bar = ProgressBar::new(fits.len() as u64);
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos} of {len} fits, {elapsed}") {
         bar.set_style(style);
     }
-    let judged = judge(&numbers, trainings, threads, &|done| {
+    let judged = judge(fits, threads, until, &|done| {
         bar.set_position(bar.position().max(done as u64));
     });
     bar.finish_and_clear();

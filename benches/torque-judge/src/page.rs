@@ -69,6 +69,37 @@ pub fn family(judged: &Judged) -> String {
     text
 }
 
+/// How often intervals cover the truth.
+#[must_use]
+pub fn constants(judged: &Judged) -> String {
+    let mut text = String::from(
+        "| constant | 95 % interval covers the truth | median of \\|error\\|/sigma | largest |\n\
+         | --- | ---: | ---: | ---: |\n",
+    );
+    let mut names: Vec<&str> = judged.constants.iter().map(|c| c.name).collect();
+    names.sort_unstable();
+    names.dedup();
+    let mut line = |name: &str, ratios: Vec<f64>| {
+        let covered = ratios.iter().filter(|r| **r < 1.96).count();
+        let percent = 100.0 * covered as f64 / ratios.len().max(1) as f64;
+        let count = ratios.len();
+        let (median, worst) = median_worst(ratios);
+        let _ = writeln!(
+            text,
+            "| {name} | {percent:.0} % of {count} fits | {median:.2} | {worst:.1} |"
+        );
+    };
+    for name in names {
+        let of = judged.constants.iter().filter(|c| c.name == name);
+        line(name, of.map(|c| c.ratio.abs()).collect());
+    }
+    line(
+        "all",
+        judged.constants.iter().map(|c| c.ratio.abs()).collect(),
+    );
+    text
+}
+
 /// Every source's median error, for one training.
 #[must_use]
 pub fn sources(judged: &Judged, training: &str) -> String {
@@ -137,6 +168,8 @@ pub fn logs(scores: &[(String, Score)]) -> String {
 pub fn real(cases: &[RealCase]) -> String {
     let names = [
         "fused",
+        "torsion",
+        "current",
         "raw current",
         "current regression",
         "torsion regression",
@@ -144,7 +177,7 @@ pub fn real(cases: &[RealCase]) -> String {
     ];
     let mut text = format!(
         "RMS error, N·m, tared on the first 50 samples; `*`: informative.\n\n\
-         | joint | logs | {} | error/sigma | fused / best plain |\n| --- | --- |{} ---: | ---: |\n",
+         | joint | logs | {} | fused / best plain |\n| --- | --- |{} ---: |\n",
         names.join(" | "),
         " ---: |".repeat(names.len())
     );
@@ -152,9 +185,14 @@ pub fn real(cases: &[RealCase]) -> String {
         let mark = if c.informative { "*" } else { "" };
         let _ = write!(text, "| {}{mark} | {} |", c.joint, c.logs);
         for name in names {
-            let _ = write!(text, " {:.2} |", c.rms(name));
+            let _ = write!(text, " {:.2}", c.rms(name));
+            let ratio = c.ratio(name);
+            let _ = match ratio.is_finite() {
+                true => write!(text, " ({ratio:.2}) |"),
+                false => write!(text, " |"),
+            };
         }
-        let _ = writeln!(text, " {:.2} | {:.2} |", c.ratio(), c.over_best());
+        let _ = writeln!(text, " {:.2} |", c.over_best());
     }
     let informative: Vec<f64> = cases
         .iter()
@@ -163,7 +201,7 @@ pub fn real(cases: &[RealCase]) -> String {
         .collect();
     let mean = informative.iter().map(|x| x.ln()).sum::<f64>() / informative.len().max(1) as f64;
     let (_, worst) = median_worst(informative);
-    let relative: Vec<f64> = cases.iter().map(RealCase::ratio).collect();
+    let relative: Vec<f64> = cases.iter().map(|c| c.ratio("fused")).collect();
     let (_, largest) = median_worst(relative.clone());
     let _ = writeln!(
         text,

@@ -57,10 +57,10 @@ impl RealCase {
         found.map_or(f64::NAN, |m| m.rms)
     }
 
-    /// RMS of error over sigma of the fused torque.
+    /// RMS of error over sigma of a method; NaN if it has no sigma.
     #[must_use]
-    pub fn ratio(&self) -> f64 {
-        let found = self.methods.iter().find(|m| m.name == "fused");
+    pub fn ratio(&self, name: &str) -> f64 {
+        let found = self.methods.iter().find(|m| m.name == name);
         found.map_or(f64::NAN, |m| m.ratio)
     }
 
@@ -153,29 +153,40 @@ fn plain(joint: usize, train: &JointLog, judged: &JointLog) -> Vec<Method> {
     methods
 }
 
-/// The fused torque, tared by the tool's own tare.
-fn fused(file: &joint_file::JointFile, judged: &JointLog) -> Result<Method, Problem> {
+/// The fused torque and its two groups of sources, tared by the tool's own tare.
+fn estimated(file: &joint_file::JointFile, judged: &JointLog) -> Result<Vec<Method>, Problem> {
     let mut set = file.estimators()?;
     let mut front_end = file.front_end()?;
     let mut last = None;
-    let (mut square, mut relative) = (0.0, 0.0);
+    let place = |name: &str| set.names().iter().position(|n| n == name);
+    let places = [place("hysteresis"), place("current")];
+    let mut sums = [(0.0, 0.0); 3];
     for (i, row) in judged.rows.iter().enumerate() {
         front_end.bridge(last.replace(row.t), row.t);
-        let e = set.update(&front_end.update(row.theta, row.q, row.current));
+        let fused = set.update(&front_end.update(row.theta, row.q, row.current));
         if i < TARED {
             set.tare(row.tau_sensor, TARE_SIGMA * file.joint.rated_torque);
             continue;
         }
-        let error = e.tau - row.tau_sensor;
-        square += error * error;
-        relative += (error / e.sigma.max(1e-9)).powi(2);
+        let sources = places.map(|p| p.and_then(|p| set.estimates().get(p)));
+        let all = [Some(&fused), sources[0], sources[1]];
+        for (sum, e) in sums.iter_mut().zip(all) {
+            let error = e.map_or(f64::NAN, |e| e.tau - row.tau_sensor);
+            sum.0 += error * error;
+            sum.1 += e.map_or(f64::NAN, |e| (error / e.sigma.max(1e-9)).powi(2));
+        }
     }
     let count = judged.rows.len().saturating_sub(TARED) as f64;
-    Ok(Method {
-        name: "fused",
-        rms: (square / count).sqrt(),
-        ratio: (relative / count).sqrt(),
-    })
+    let names = ["fused", "torsion", "current"];
+    let methods = names
+        .into_iter()
+        .zip(sums)
+        .map(|(name, (square, relative))| Method {
+            name,
+            rms: (square / count).sqrt(),
+            ratio: (relative / count).sqrt(),
+        });
+    Ok(methods.collect())
 }
 
 fn case(
@@ -190,7 +201,7 @@ fn case(
     match fit(&file, None, &train.rows) {
         Ok((fitted, notes)) => {
             report = notes;
-            methods.push(fused(&fitted, judged)?);
+            methods.extend(estimated(&fitted, judged)?);
         }
         Err(e) => report.push(e.to_string()),
     }

@@ -1,0 +1,102 @@
+//! The results page: what was run, and every table.
+
+use crate::drives::Offered;
+use crate::family::Judged;
+use crate::page::{constants, family, real, sources};
+use crate::real::RealCase;
+use std::collections::BTreeSet;
+
+const CONCLUSIONS: &str = "\n## Conclusions\n";
+
+const HEAD: &str = "\
+# The fused torque, judged where it was not tuned
+
+Made by `cargo run --release -p torque-judge -- results --logs FOLDER --drives FOLDER --out docs/results/torque-judge.md`, but for \
+the [conclusions](#conclusions), which are written by hand and kept when the figures are made anew. What a sigma \
+covers: [joint-file.md](../joint-file.md#what-a-sigma-covers). Error/sigma is the root mean square of the error \
+over the sigma that was published with it; 1 is ideal, 0.5 to 2 is honest.
+
+## A real arm
+
+Two logs of a NEURA LARA8 (`sweep.csv`, `jog_joints.csv` of the repository allwinlucious/MasterThesis, \
+BSD-3-Clause), no unloaded turn, encoder zeros unknown, rated torque and stiffness by the catalogue of gears of \
+these ratios. The reference is the flange's F/T sensor through the arm's Jacobian plus the controller's \
+feed-forward without friction; its own error is some N·m. Every method is tared on the first 50 samples, the fused \
+torque and its sources by their own tare, all others by a constant. Plain methods: raw current, regressions on \
+current and on torsion, each with speed and direction. Cases marked `*` are informative. The priors' widths were \
+chosen while looking at these logs: they are design data, not held out. Error/sigma in brackets.
+
+";
+
+/// The page's text; conclusions are those of the `old` page. `times`: processor time of `fit all` and of the
+/// fused torque of a sample, s.
+#[must_use]
+pub fn results(
+    cases: &[RealCase],
+    offered: &[Offered],
+    judged: &Judged,
+    times: [f64; 2],
+    old: &str,
+) -> String {
+    let structures: BTreeSet<&str> = judged.cases.iter().map(|c| c.structure.as_str()).collect();
+    let joints: BTreeSet<u64> = judged.cases.iter().map(|c| c.number).collect();
+    let fits: BTreeSet<_> = judged
+        .cases
+        .iter()
+        .map(|c| (c.number, c.training))
+        .collect();
+    let [all, sample] = times;
+    let conclusions = old.find(CONCLUSIONS).map_or("", |at| &old[at..]);
+    let conclusions = conclusions.trim_end();
+    format!(
+        "{HEAD}{}\n\
+         ## Drives without a torque reference\n\n\
+         Two runs of three axes of a KUKA KR300 (repository JonasWeigand/Robot_Identification, MIT). The stiffness \
+         must not pass as determined, also where the motor's torque is offered as the reference.\n\n{}\n\
+         ## A family of joints\n\n\
+         {} joints of {} structures (compliance, hysteresis and friction by {}), drawn at random, of the part of \
+         the family that was not looked at while the estimators were made; their laws are neither those of the \
+         estimators nor of the project's plant. {} fits, each after an unloaded turn: by turns after the training \
+         \"full\" (120 s) and after one of the others. The learned estimators are left out. \
+         Errors are those against the true torque, without any tare.\n\n{}\n{}\n\
+         ### Constants\n\n\
+         Constants of these fits that the family's laws have in the same sense; stiffness and friction are \
+         curves there.\n\n{}\n\
+         ## Time\n\n\
+         Processor time: `fit all` on 150,000 samples {all:.0} s; the fused torque of a sample, as the loop \
+         computes it, {:.2} us.\n{conclusions}\n",
+        real(cases),
+        drives(offered),
+        joints.len(),
+        structures.len(),
+        laws(&structures),
+        fits.len(),
+        family(judged),
+        sources(judged, "full"),
+        constants(judged),
+        1e6 * sample,
+    )
+}
+
+/// What is said of each axis.
+fn drives(offered: &[Offered]) -> String {
+    let line = |o: &Offered| {
+        let determined = if o.determined {
+            "**determined**"
+        } else {
+            "not determined"
+        };
+        format!(
+            "| {} | {} | {determined} | {} |\n",
+            o.axis, o.reference, o.said
+        )
+    };
+    let lines: String = offered.iter().map(line).collect();
+    format!("| run | reference | stiffness | said |\n| --- | --- | --- | --- |\n{lines}")
+}
+
+/// The laws in the structures' names.
+fn laws(structures: &BTreeSet<&str>) -> String {
+    let laws: BTreeSet<&str> = structures.iter().flat_map(|s| s.split(", ")).collect();
+    laws.into_iter().collect::<Vec<_>>().join(", ")
+}
