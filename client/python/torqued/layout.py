@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 47
+EVENT_COUNT = 48
 
 
 class Mode(IntEnum):
@@ -155,6 +155,7 @@ EVENTS = (
     Event(209, "external_contact", "Contact detected by a joint's external torque, where the contact set has none.", "external_torque.threshold_per_cent", "warn"),
     Event(210, "encoder_implausible", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.", "joint.torque_limit_Nm", "hold"),
     Event(211, "current_implausible", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.", "drive.current_sigma_A / drive.flat_after_ms", "degrade"),
+    Event(212, "sources_disagree", "The torques of a joint from its torsion and from its motor current have been further apart for seconds than both calibrations allow: one of them no longer holds, or an encoder has slipped. The published sigma covers it.", "-", "warn"),
     Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
     Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints.", "-", "release"),
@@ -448,7 +449,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """25360 bytes."""
+    """25368 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -485,7 +486,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 47),
+        ("events", ctypes.c_uint64 * 48),
     ]
 
 
@@ -516,7 +517,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """25432 bytes."""
+    """25440 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -692,7 +693,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#6b4013e2f6158317")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#a3782e00b7d309d6")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#f36959068f2015ff")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#cb6f5874622f4292")

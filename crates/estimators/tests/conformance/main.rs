@@ -4,14 +4,16 @@ mod subjects;
 mod suite;
 
 use estimators::compliance::ComplianceEstimator;
+use estimators::current_based::UNCERTAIN;
 use estimators::deformation::AngularFrequency;
 use estimators::encoder::{EncoderParameters, JointEncoders};
 use estimators::filter_bank::FilterBank;
 use estimators::fusion::{Fusion, FusionParameters, SourceError};
-use estimators::joint::JointTorqueEstimator;
+use estimators::joint::{AnyEstimator, JointSample, JointTorqueEstimator};
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::savitzky_golay::SavitzkyGolayParameters;
-use estimators::set::EstimatorSet;
+use estimators::set::{EstimatorSet, ZeroParameters};
+use estimators::validity::Validity;
 use estimators::wave_generator::FrictionRule;
 use subjects::*;
 use suite::*;
@@ -140,6 +142,80 @@ fn fused_sources() {
             ..LOADED
         },
     );
+}
+
+/// A set as a joint file makes it: covariances, ranges of validity, an unknown zero.
+#[test]
+fn covariances_ranges_and_tares_neither_allocate_nor_break() {
+    // A hundredth of the first parameter, next to nothing of the others.
+    let directions = |n: usize, first: f64| vec![[vec![first], vec![1e-6; n - 1]].concat(); 3];
+    let validity = Validity {
+        torque: [-5.0, 5.0],
+        angle: [-0.5, 0.5],
+        speed: 0.5,
+        loading: 10.0,
+        speed_error: 0.2,
+    };
+    let error = SourceError {
+        variance: 0.2,
+        reported: 0.3,
+    };
+    let fusion = Fusion::new(
+        2,
+        FusionParameters {
+            moving: 0.01,
+            loading: [1e-3, 3e-3, 1e-2],
+            errors: std::array::from_fn(|_| vec![error; 2]),
+            blend: 0.02,
+            gear_ratio: 100.0,
+            sample_period: 1e-3,
+            torque_limit: LIMIT,
+            independent: Some(1),
+            reference: Some(0),
+            left_out: Vec::new(),
+            rest_factor: 4.0,
+        },
+    );
+    let gear = hysteresis().with_uncertainty(&directions(gear().uncertain(), 80.0), validity);
+    let current = current_based().with_uncertainty(&directions(UNCERTAIN, 0.06), validity);
+    let sources: Vec<(String, AnyEstimator)> = vec![
+        ("hysteresis".into(), Box::new(gear)),
+        ("current".into(), Box::new(current)),
+    ];
+    let mut set = EstimatorSet::new(sources, Some(fusion)).with_zero(ZeroParameters {
+        unknown: true,
+        gear_ratio: 100.0,
+        stiffness: 8000.0,
+        gear: Some(0),
+        current: Some(1),
+    });
+    let before = allocations();
+    let mut disagreed = false;
+    for i in 0..8000 {
+        let sample = match i {
+            1000..1100 => JointSample {
+                theta: f64::NAN,
+                ..motion(i)
+            },
+            // The encoder slips.
+            4000.. => JointSample {
+                theta: motion(i).theta + 0.5,
+                ..motion(i)
+            },
+            _ => motion(i),
+        };
+        let fused = set.update(&sample);
+        assert!(fused.tau.is_finite() && fused.sigma.is_finite() && fused.sigma > 0.0);
+        if (2000..2050).contains(&i) {
+            set.tare(12.0 * (2e-3 * i as f64).sin(), 0.1);
+        }
+        disagreed |= set.disagrees();
+        assert!(i >= 4000 || !disagreed, "{i}");
+    }
+    assert!(disagreed, "a slip of 40 N·m is a disagreement");
+    set.reset();
+    assert!(!set.disagrees());
+    assert_eq!(allocations(), before);
 }
 
 #[test]
