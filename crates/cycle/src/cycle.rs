@@ -81,7 +81,10 @@ impl Cycle {
         (self.measure).update(at, rx, client.settings, holds, measured, counts);
         (self.estimate).update(&self.measure, client.settings, measured, estimated, counts);
         let measure = &mut self.measure;
-        (self.estimate).drifting(measured, estimated, commanded, |j| measure.distrust(j));
+        let overslept = measure.readiness().overslept;
+        (self.estimate).drifting(measured, estimated, commanded, overslept, |j| {
+            measure.distrust(j);
+        });
         let readiness = self.measure.readiness();
         let goal = self.supervisor.decide(client, &readiness, measured, counts);
         let input = Input {

@@ -107,14 +107,19 @@ impl Estimate {
         self.delay_compensation.fast()
     }
 
-    /// The joints of which an encoder drifts; `commanded`: of the last cycle.
+    /// The joints of which an encoder drifts; `commanded`: of the last cycle; `overslept`: the loop has
+    /// not run for so long that nothing goes on.
     pub(crate) fn drifting(
         &mut self,
         measured: &MeasuredRecord,
         estimated: &EstimatedRecord,
         commanded: &CommandedRecord,
+        overslept: bool,
         found: impl FnMut(usize),
     ) {
+        if overslept {
+            self.torsion_check.restart();
+        }
         let fast = self.delay_compensation.fast();
         let joints = (&measured.joints[..], &estimated.joints[..]);
         (self.torsion_check).update(joints, fast, commanded, found);

@@ -297,6 +297,32 @@ fn a_motion_that_ends_steps_no_torque() {
     }
 }
 
+#[test]
+fn a_client_is_lost_in_the_first_cycle_in_which_its_reference_is_too_old() {
+    for timeout_ms in [2, 40, 1000] {
+        let key = format!("reference_timeout_ms = {timeout_ms}");
+        let read = |path: &str| {
+            let text = common::read(path)?;
+            Ok(match path.ends_with("config/leg/robot.toml") {
+                true => text.replace("reference_timeout_ms = 40.0", &key),
+                false => text,
+            })
+        };
+        let mut bench = Bench::reading("leg", &read);
+        let reference = bench.follow();
+        let lost = (1..=timeout_ms + 5).find(|age_ms| {
+            let input = ClientInput {
+                age_s: 1e-3 * f64::from(*age_ms),
+                ..client_input(&reference)
+            };
+            bench.step(&input).mode == Mode::Hold.number()
+        });
+        assert_eq!(lost, Some(timeout_ms + 1));
+        let stale = bench.cycle.record().events[Event::ReferenceStale.index()];
+        assert_eq!(stale, 1, "{timeout_ms} ms");
+    }
+}
+
 /// A client may send its motion more slowly than the loop runs, up to the time after which it
 /// counts as lost.
 #[test]

@@ -11,6 +11,10 @@
 /// Cycles after which a drive has acted on a set-point.
 const ACTS_WITHIN: usize = 4;
 
+/// Cycles for which one counts at most: an error of twice the limit or more is found in a quarter of
+/// the time, as what a position drive does with it grows with its square.
+const MOST: f64 = 4.0;
+
 /// Limits of a joint's following error and velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FollowingParameters {
@@ -20,7 +24,7 @@ pub struct FollowingParameters {
     pub per_velocity: f64,
     /// Greatest |dq|, rad/s.
     pub velocity: f64,
-    /// Cycles for which an excess must last.
+    /// Cycles for which an excess must last; a greater following error counts for several.
     pub samples: u32,
 }
 
@@ -40,8 +44,8 @@ pub struct Following {
     sent: [f64; ACTS_WITHIN],
     count: usize,
     error: f64,
-    /// Cycles of excess in a row: of the following error, and of the velocity.
-    over: [u32; 2],
+    /// Cycles of excess in a row: of the following error, by its square, and of the velocity.
+    over: [f64; 2],
 }
 
 impl Following {
@@ -53,7 +57,7 @@ impl Following {
             sent: [0.0; ACTS_WITHIN],
             count: 0,
             error: 0.0,
-            over: [0; 2],
+            over: [0.0; 2],
         }
     }
 
@@ -91,14 +95,18 @@ impl Following {
             link
         };
         let p = &self.parameters;
-        let excess = [
-            self.error.abs() > p.limit + p.per_velocity * velocity.abs(),
-            velocity.abs() > p.velocity,
+        let ratios = [
+            self.error.abs() / (p.limit + p.per_velocity * velocity.abs()),
+            velocity.abs() / p.velocity,
         ];
-        for (over, excess) in self.over.iter_mut().zip(excess) {
-            *over = if excess { over.saturating_add(1) } else { 0 };
+        let counted = [(ratios[0] * ratios[0]).min(MOST), 1.0];
+        let before = self.over;
+        for (over, (ratio, counted)) in self.over.iter_mut().zip(ratios.iter().zip(counted)) {
+            *over = if *ratio > 1.0 { *over + counted } else { 0.0 };
         }
-        match self.over.map(|over| over == p.samples) {
+        let samples = f64::from(p.samples);
+        let lasted = |i: usize| before[i] < samples && self.over[i] >= samples;
+        match [lasted(0), lasted(1)] {
             [true, _] => Some(Deviation::Following),
             [_, true] => Some(Deviation::Overspeed),
             _ => None,
@@ -134,8 +142,8 @@ mod tests {
         assert_eq!(found(|sent| [sent - 0.004, sent - 0.004], 1.0), None);
         let (after, deviation) = found(|_| [0.0, 0.0], 0.0).unwrap();
         assert_eq!(deviation, Deviation::Following);
-        // 10 ms until the set-point has left by the limit, four cycles, 20 ms.
-        assert!((30..40).contains(&after), "{after}");
+        // 10 ms until the set-point has left by the limit, four cycles, and less than 20 ms.
+        assert!((20..30).contains(&after), "{after}");
     }
 
     #[test]

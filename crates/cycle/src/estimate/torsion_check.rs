@@ -26,10 +26,10 @@ use crate::measure::NOT_USED;
 /// do before it is levelled out, the shorter one is the delay of the measured velocity.
 const FAST_S: f64 = 0.008;
 const SLOW_S: f64 = 0.5;
-/// Change that both show, share of the torque limit: a fifth above the greatest of the shipped
-/// robots' faults that are not an encoder's (benches/safety, 2026-11-22).
+/// Change that both show, share of the torque limit; by the motor current besides Coulomb friction in
+/// both directions, which a load that is let go reverses.
 const SHARE: f64 = 0.08;
-/// The same of the motor current alone, besides Coulomb friction in both directions.
+/// The same of the motor current alone.
 const SHARE_ALONE: f64 = 0.25;
 /// Samples in a row.
 const SAMPLES: u32 = 5;
@@ -104,6 +104,13 @@ impl TorsionCheck {
             joints: p.joints.iter().map(Joint::new).collect(),
             sample_period: p.timing.sample_period,
         }
+    }
+
+    /// Begins anew with the next sample.
+    pub(crate) fn restart(&mut self) {
+        self.joints
+            .iter_mut()
+            .for_each(|joint| joint.changes = None);
     }
 
     /// Takes the torques of a cycle; `commanded`: of the last one. Calls `found` with each joint of
@@ -185,19 +192,20 @@ impl Joint {
         changes.omega.update(omega, dt);
         let by_current = changes.by_current.update(torsion - motor, dt)
             + self.inertia * changes.omega.of_derivative(omega);
-        let limit = self.torque_limit;
+        let (limit, friction) = (self.torque_limit, 2.0 * self.k_3);
         let drifts = match hat {
             Some(hat) => {
                 let error = torsion - hat;
                 let level = changes.by_level.get_or_insert(Change::from(error));
                 let by_level = level.update(error, dt);
-                let both = by_level.abs().min(by_current.abs());
-                by_level * by_current > 0.0 && both > SHARE * limit
+                by_level * by_current > 0.0
+                    && by_level.abs() > SHARE * limit
+                    && by_current.abs() > SHARE * limit + friction
             }
             None => {
                 changes.by_level = None;
                 let settled = changes.time > SETTLING_S;
-                settled && by_current.abs() > SHARE_ALONE * limit + 2.0 * self.k_3
+                settled && by_current.abs() > SHARE_ALONE * limit + friction
             }
         };
         changes.over = if drifts {

@@ -197,6 +197,34 @@ fn wrong_types_are_refused_with_the_written_value() {
 }
 
 #[test]
+fn a_reference_may_be_as_old_as_two_periods_to_a_second() {
+    let key = "reference_timeout_ms = 40.0";
+    for ms in ["0", "-40", "1.9", "1000.1", "1e300", "nan", "inf"] {
+        let faulty = format!("reference_timeout_ms = {ms}");
+        let files = leg_with(key, &faulty);
+        refused(
+            &files,
+            LEG,
+            &faulty,
+            &[
+                "loop.reference_timeout_ms: ",
+                "allowed: a number from 2 to 1000",
+            ],
+        );
+    }
+    for (line, timeout) in [
+        ("reference_timeout_ms = 2", 0.002),
+        ("reference_timeout_ms = 1000", 1.0),
+        ("", 0.04),
+    ] {
+        let robot = leg_with(key, line).load(LEG);
+        let robot = robot.unwrap_or_else(|error| panic!("{line}: {error}"));
+        let read = robot.parameters.timing.reference_timeout;
+        assert!((read - timeout).abs() < 1e-12, "{line}: {read}");
+    }
+}
+
+#[test]
 fn impossible_conditioning_is_refused() {
     let sensor = "name = \"ankle\"\n";
     let with = |keys: &str| leg_with(sensor, &format!("{sensor}{keys}\n"));
