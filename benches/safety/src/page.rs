@@ -211,7 +211,7 @@ fn tables(text: &mut String, results: &Results) {
         }
         let step = match scenario.bound {
             Bound::MotionAndStep => " (step)",
-            Bound::Motion | Bound::Physics => "",
+            Bound::Motion | Bound::Physics | Bound::Shown(_) => "",
         };
         let of = |verdict: Verdict| {
             let its = its().filter(|(_, o)| o.verdict == verdict);
