@@ -26,9 +26,11 @@ use crate::measure::NOT_USED;
 /// do before it is levelled out, the shorter one is the delay of the measured velocity.
 const FAST_S: f64 = 0.008;
 const SLOW_S: f64 = 0.5;
-/// Change that both show, share of the torque limit; by the motor current besides Coulomb friction in
-/// both directions, which a load that is let go reverses.
+/// Change that both show, share of the torque limit.
 const SHARE: f64 = 0.08;
+/// Change of Coulomb friction by which the motor current may differ besides, as a load that is let go
+/// reverses it: 2 from one full friction to the other, less where the load was carried at rest.
+const REVERSAL: f64 = 1.5;
 /// The same of the motor current alone.
 const SHARE_ALONE: f64 = 0.25;
 /// Samples in a row.
@@ -192,7 +194,7 @@ impl Joint {
         changes.omega.update(omega, dt);
         let by_current = changes.by_current.update(torsion - motor, dt)
             + self.inertia * changes.omega.of_derivative(omega);
-        let (limit, friction) = (self.torque_limit, 2.0 * self.k_3);
+        let (limit, friction) = (self.torque_limit, REVERSAL * self.k_3);
         let drifts = match hat {
             Some(hat) => {
                 let error = torsion - hat;
