@@ -8,18 +8,21 @@
 //! T'       = k (omega - dq)
 //! ```
 //!
-//! `theta`, `omega` and the disturbance `d` (friction, model errors) come from one observer, `q`,
+//! Friction that the desired motion of the rotor foresees is a known torque beside `m`.
+//! `theta`, `omega` and the disturbance `d` (the rest of friction, model errors) come from one observer, `q`,
 //! `dq` and `ddq` from another; both run ahead, with the commands that are on their way, to the
 //! instant at which this command acts. There `m` is chosen such that the torque follows a model of
 //! second order, and the drive's relation is inverted. What the limits make of the command returns
 //! through [`PredictiveLaw::sent`]: the observer does not wind up against a limit, and a change of
 //! mode has no bump. `docs/control.md` derives the gains.
 
+mod friction;
 mod linear;
 mod observers;
 mod parameters;
 mod reference;
 
+pub use friction::FrictionModel;
 pub use parameters::{
     Contributions, Design, DriveModel, GearStiffness, LawParameters, TorqueTerms,
 };
@@ -62,11 +65,22 @@ pub struct PredictiveLaw {
     /// Velocity of the link below `Design::follow`, rad/s.
     slow_velocity: f64,
     follow_share: f64,
+    /// Friction foreseen for the next command, N·m.
+    friction: f64,
     /// Command that acted before the oldest of `commands`.
-    before: f64,
-    /// Commands on their way, oldest first: rad or A.
-    commands: Vec<f64>,
+    before: Sent,
+    /// Commands on their way, oldest first.
+    commands: Vec<Sent>,
     started: bool,
+}
+
+/// What acts on the rotor for a period.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sent {
+    /// rad or A.
+    command: f64,
+    /// Friction foreseen for that time, N·m.
+    friction: f64,
 }
 
 /// The state when a command acts.
@@ -99,8 +113,9 @@ impl PredictiveLaw {
             reference: [ReferenceState::default(); 4],
             slow_velocity: 0.0,
             follow_share: 1.0 - (-p.design.follow * dt).exp(),
-            before: 0.0,
-            commands: vec![0.0; cycles + 1],
+            friction: 0.0,
+            before: Sent::default(),
+            commands: vec![Sent::default(); cycles + 1],
             started: false,
             parameters,
         }
@@ -162,7 +177,7 @@ impl PredictiveLaw {
         }
         self.advance(None);
         let kept = self.commands.last().copied().unwrap_or(self.before);
-        self.sent(kept);
+        self.sent(kept.command);
     }
 
     /// Both observers run on by a period; `torque`: T at its end, N·m, or none where it was not
@@ -177,8 +192,8 @@ impl PredictiveLaw {
         let mean = 0.5 * (torque + last_torque);
         let acted = self.commands.first().copied().unwrap_or(self.before);
         let p = &self.parameters;
-        for (step, command) in [(&self.lag_step, self.before), (&self.rest_step, acted)] {
-            let force = p.motor_torque(command, self.rotor.theta) - mean;
+        for (step, sent) in [(&self.lag_step, self.before), (&self.rest_step, acted)] {
+            let force = p.motor_torque(sent.command, self.rotor.theta) - sent.friction - mean;
             self.rotor.advance(step, force);
         }
         self.link.advance();
@@ -193,8 +208,12 @@ impl PredictiveLaw {
         self.torque = torque;
         self.slow_velocity = 0.0;
         let command = self.parameters.command_for(torque, theta);
-        self.commands.fill(command);
-        self.before = command;
+        self.friction = 0.0;
+        self.before = Sent {
+            command,
+            friction: 0.0,
+        };
+        self.commands.fill(self.before);
         let _ = self.hold_reference();
         self.started = true;
     }
@@ -214,6 +233,7 @@ impl PredictiveLaw {
         let stiffness = p.gear.at(self.torque);
         let (stiff, damping) = p.feedback(stiffness);
         let desired = desired.within(p.torque_limit);
+        let last_torque = self.reference_torque();
         for (state, wanted) in self.reference.iter_mut().zip(desired) {
             self.reference_model.advance(state, wanted);
         }
@@ -231,7 +251,11 @@ impl PredictiveLaw {
         self.slow_velocity += self.follow_share * (self.link.velocity() - self.slow_velocity);
         let follow = p.carried_damping(self.slow_velocity, ahead.omega);
         let drive = p.own_damping(ahead.torsion_velocity);
-        let friction = follow - self.rotor.disturbance;
+        let torque = self.reference_torque();
+        let torsion = (torque - last_torque) / p.gear.at(torque);
+        let turned = torsion + p.sample_period * self.link.velocity();
+        self.friction = p.friction.after(self.friction, turned);
+        let friction = follow + self.friction - self.rotor.disturbance;
         let wanted: f64 = shares.iter().sum();
         let lead = per_torque * (wanted + feedback + drive + friction);
         let zone = p.dead_zone_inverse(lead);
@@ -252,15 +276,24 @@ impl PredictiveLaw {
         }
     }
 
+    /// w: torque of the reference model, N·m.
+    fn reference_torque(&self) -> f64 {
+        self.reference.iter().map(|state| state.value).sum()
+    }
+
     /// What was sent after all limits, rad or A; after every cycle in which a command is sent.
     pub fn sent(&mut self, command: f64) {
         if !command.is_finite() {
             return;
         }
-        self.before = self.commands.first().copied().unwrap_or(command);
+        let sent = Sent {
+            command,
+            friction: self.friction,
+        };
+        self.before = self.commands.first().copied().unwrap_or(sent);
         self.commands.rotate_left(1);
         if let Some(last) = self.commands.last_mut() {
-            *last = command;
+            *last = sent;
         }
     }
 
@@ -274,9 +307,9 @@ impl PredictiveLaw {
         let torque_at = |rotor: &Rotor, time: f64| {
             self.torque + stiffness * ((rotor.theta - theta) - velocity * time)
         };
-        let mut run = |step: &RotorStep, command: f64| {
-            let force = p.motor_torque(command, rotor.theta) - torque_at(&rotor, time);
-            rotor.advance(step, force);
+        let mut run = |step: &RotorStep, sent: Sent| {
+            let force = p.motor_torque(sent.command, rotor.theta) - sent.friction;
+            rotor.advance(step, force - torque_at(&rotor, time));
             time += step.time;
         };
         for pair in self.commands.windows(2) {
@@ -288,10 +321,12 @@ impl PredictiveLaw {
         let last = self.commands.last().copied().unwrap_or(self.before);
         run(&self.lag_step, last);
         // The command to come follows the link as the last one did.
-        run(
-            &self.half_step,
-            last + p.measured_origin(velocity * p.sample_period),
-        );
+        let follows = p.measured_origin(velocity * p.sample_period);
+        let next = Sent {
+            command: last.command + follows,
+            ..last
+        };
+        run(&self.half_step, next);
         Ahead {
             theta: rotor.theta,
             torsion_velocity: rotor.omega - velocity,
@@ -306,5 +341,6 @@ impl PredictiveLaw {
             && self.torque.is_finite()
             && self.reference.iter().all(ReferenceState::is_finite)
             && self.slow_velocity.is_finite()
+            && self.friction.is_finite()
     }
 }

@@ -2,7 +2,8 @@
 
 use control::margins::{JointLoop, Load, least_margins};
 use control::predictive::{
-    Design, DriveModel, GearStiffness, LawParameters, PredictiveLaw, Sensed, TorqueTerms,
+    Design, DriveModel, FrictionModel, GearStiffness, LawParameters, PredictiveLaw, Sensed,
+    TorqueTerms,
 };
 
 const DT: f64 = 1e-3;
@@ -32,6 +33,7 @@ fn joint([rotor_inertia, gear, stiffness, damping, link_inertia]: [f64; 5]) -> J
         },
         rotor_inertia,
         gear: GearStiffness::constant(gear),
+        friction: FrictionModel::NONE,
         torque_limit: 1e9,
         disturbance_limit: 1e9,
         design: Design::default(),

@@ -2,7 +2,8 @@
 //! share no code with the law.
 
 use control::predictive::{
-    Design, DriveModel, GearStiffness, LawParameters, PredictiveLaw, Sensed, TorqueTerms,
+    Design, DriveModel, FrictionModel, GearStiffness, LawParameters, PredictiveLaw, Sensed,
+    TorqueTerms,
 };
 
 const DT: f64 = 1e-3;
@@ -19,16 +20,29 @@ fn knee() -> LawParameters {
         },
         rotor_inertia: 1.5,
         gear: GearStiffness::constant(57_000.0),
+        friction: FrictionModel::NONE,
         torque_limit: 233.0,
         disturbance_limit: 55.0,
         design: Design::default(),
     }
 }
 
-/// A joint: rotor with Coulomb friction, gear, drive, and a link that is blocked, moved or free.
+/// Friction on the rotor.
+#[derive(Clone, Copy)]
+enum Friction {
+    None,
+    /// Bristles of this stiffness that slide at this torque (N·m/rad, N·m): a resting rotor sticks.
+    Bristles(f64, f64),
+    /// This torque (N·m) against any motion, less of it below 1 mrad/s: a resting rotor creeps.
+    Creep(f64),
+}
+
+/// A joint: rotor with friction, gear, drive, and a link that is blocked, moved or free.
 struct Joint {
     p: LawParameters,
-    friction: f64,
+    friction: Friction,
+    /// Bend of the bristles, rad.
+    bend: f64,
     link_inertia: f64,
     theta: f64,
     omega: f64,
@@ -42,7 +56,8 @@ impl Joint {
     fn new(p: LawParameters, link_inertia: f64, delay_cycles: usize) -> Self {
         Self {
             p,
-            friction: 0.0,
+            friction: Friction::None,
+            bend: 0.0,
             link_inertia,
             theta: 0.0,
             omega: 0.0,
@@ -63,6 +78,18 @@ impl Joint {
             q: self.q,
             torque: Some(self.torque()),
             fresh: true,
+        }
+    }
+
+    fn rotor_friction(&mut self, h: f64) -> f64 {
+        match self.friction {
+            Friction::None => 0.0,
+            Friction::Bristles(stiffness, level) => {
+                let share = stiffness * self.bend * self.omega.signum() / level;
+                self.bend += h * self.omega * (1.0 - share).max(0.0);
+                stiffness * self.bend + 40.0 * self.omega
+            }
+            Friction::Creep(level) => level * (self.omega / 1e-3).tanh(),
         }
     }
 
@@ -89,7 +116,7 @@ impl Joint {
                     viscous,
                 } => torque_constant * self.command - viscous * self.omega,
             };
-            let friction = self.friction * (self.omega / 1e-3).tanh();
+            let friction = self.rotor_friction(h);
             self.omega += h * (motor - friction - self.torque()) / self.p.rotor_inertia;
             self.dq += h * self.torque() / self.link_inertia;
             self.theta += h * self.omega;
@@ -125,24 +152,56 @@ fn feedforward(torque: f64) -> TorqueTerms {
 
 const BLOCKED: f64 = 1e12;
 
+/// A blocked joint whose law foresees `foreseen`: overshoot, share of a step of 30 N·m, time to 90 %,
+/// ms, and error half a second after the step, N·m.
+fn step(friction: Friction, foreseen: FrictionModel) -> (f64, usize, f64) {
+    let p = LawParameters {
+        friction: foreseen,
+        ..knee()
+    };
+    let mut law = PredictiveLaw::new(p);
+    let mut joint = Joint::new(p, BLOCKED, 1);
+    joint.friction = friction;
+    let desired = |k: usize| if k < 100 { 0.0 } else { 30.0 };
+    let torque = run(&mut law, &mut joint, desired, 600);
+    let highest = torque.iter().copied().fold(0.0, f64::max);
+    let rise = torque.iter().position(|t| *t > 27.0).unwrap() - 100;
+    (highest / 30.0 - 1.0, rise, (torque[599] - 30.0).abs())
+}
+
+/// Friction of a quarter of the step, which turns round in it; the law foresees it rightly, a fifth
+/// too much or too little, bristles of half or twice the stiffness, or not at all.
 #[test]
 fn a_step_settles_with_little_overshoot_and_without_error() {
-    let mut law = PredictiveLaw::new(knee());
-    let mut joint = Joint::new(knee(), BLOCKED, 1);
-    joint.friction = 8.0;
-    let torque = run(
-        &mut law,
-        &mut joint,
-        |k| if k < 100 { 0.0 } else { 30.0 },
-        600,
-    );
-    let highest = torque.iter().copied().fold(0.0, f64::max);
-    // Friction of a quarter of the step turns round in it.
-    assert!(highest < 30.0 * 1.1, "{highest}");
-    let rise = torque.iter().position(|t| *t > 27.0).unwrap() - 100;
-    assert!(rise < 40, "{rise} ms");
-    // 0.5 % of the joint's rated 110 N·m: a rotor in friction creeps.
-    assert!((torque[599] - 30.0).abs() < 0.55, "{}", torque[599]);
+    for stiffness in [60_000.0, 120_000.0] {
+        for (level, limit_ms) in [(8.0, 15), (9.6, 15), (6.4, 18), (0.0, 26)] {
+            let friction = Friction::Bristles(stiffness, 8.0);
+            let foreseen = FrictionModel {
+                level,
+                stiffness: 68_400.0,
+            };
+            let (overshoot, rise, error) = step(friction, foreseen);
+            let figures = format!("{stiffness}, {level}: {overshoot}, {rise} ms, {error} N·m");
+            assert!(
+                overshoot < 0.06 && rise < limit_ms && error < 0.01,
+                "{figures}"
+            );
+        }
+    }
+}
+
+/// Friction without stiction is, near standstill, a damper of 8000 N·m·s/rad: what the observer has
+/// not found yet of it acts like an inertia of some 60 kg·m², and the torque swings once in 0.25 s.
+#[test]
+fn a_creeping_rotor_swings_little() {
+    let foreseen = FrictionModel {
+        level: 8.0,
+        stiffness: 68_400.0,
+    };
+    let (overshoot, rise, error) = step(Friction::Creep(8.0), foreseen);
+    assert!(overshoot < 0.06 && rise < 15, "{overshoot} {rise}");
+    // The aim, 0.5 % of the joint's rated 110 N·m is 0.55.
+    assert!(error < 0.2, "{error} N·m");
 }
 
 /// The observer expects what the joint does, so nothing is left to be called a disturbance.

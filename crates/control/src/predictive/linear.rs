@@ -1,5 +1,6 @@
 //! The law as a linear system: its own code with states set and read, for margins.
 
+use super::friction::FrictionModel;
 use super::parameters::{DriveModel, GearStiffness, LawParameters, TorqueTerms};
 use super::{PredictiveLaw, Sensed};
 
@@ -26,6 +27,7 @@ impl LinearLaw {
         let mut law = PredictiveLaw::new(LawParameters {
             drive,
             gear: GearStiffness::constant(stiffness),
+            friction: FrictionModel::NONE,
             torque_limit: f64::INFINITY,
             disturbance_limit: f64::INFINITY,
             ..*parameters
@@ -45,10 +47,10 @@ impl LinearLaw {
         let law = &mut self.law;
         law.rotor.set_state([at(0), at(1), at(2)]);
         law.link.set_state([at(3), at(4), at(5)]);
-        (law.torque, law.slow_velocity, law.before) = (at(6), at(7), at(8));
+        (law.torque, law.slow_velocity, law.before.command) = (at(6), at(7), at(8));
         (law.reference[0].value, law.reference[0].rate) = (at(9), at(10));
-        for (i, command) in law.commands.iter_mut().enumerate() {
-            *command = at(FIXED + i);
+        for (i, sent) in law.commands.iter_mut().enumerate() {
+            sent.command = at(FIXED + i);
         }
     }
 
@@ -56,9 +58,11 @@ impl LinearLaw {
     pub(crate) fn state(&self) -> impl Iterator<Item = f64> {
         let law = &self.law;
         let w = &law.reference[0];
-        let own = [law.torque, law.slow_velocity, law.before, w.value, w.rate];
+        let before = law.before.command;
+        let own = [law.torque, law.slow_velocity, before, w.value, w.rate];
         let angles = law.rotor.state().into_iter().chain(law.link.state());
-        angles.chain(own).chain(law.commands.iter().copied())
+        let commands = law.commands.iter().map(|sent| sent.command);
+        angles.chain(own).chain(commands)
     }
 
     /// One cycle; the command is sent as it is.

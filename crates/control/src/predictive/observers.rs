@@ -192,7 +192,7 @@ fn kalman_gain(step: &Matrix3<f64>, walk: f64) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::predictive::{Design, DriveModel, GearStiffness};
+    use crate::predictive::{Design, DriveModel, FrictionModel, GearStiffness};
 
     fn parameters() -> LawParameters {
         LawParameters {
@@ -205,6 +205,7 @@ mod tests {
             },
             rotor_inertia: 0.114,
             gear: GearStiffness::constant(9000.0),
+            friction: FrictionModel::NONE,
             torque_limit: 37.0,
             disturbance_limit: 10.0,
             design: Design::default(),

@@ -1,5 +1,6 @@
 //! Parameters of the predictive torque law, link side.
 
+use super::friction::FrictionModel;
 use std::f64::consts::TAU;
 
 /// What is known of a joint and its drive. Angles, torques and inertias on the link side.
@@ -16,6 +17,8 @@ pub struct LawParameters {
     pub rotor_inertia: f64,
     /// The gear.
     pub gear: GearStiffness,
+    /// Friction on the rotor that is foreseen.
+    pub friction: FrictionModel,
     /// Largest |tau_d|, N·m.
     pub torque_limit: f64,
     /// Largest |d| that is believed, N·m.

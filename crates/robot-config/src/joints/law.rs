@@ -3,7 +3,7 @@
 use super::Reader;
 use crate::drives::Drive;
 use control::MotorModel;
-use control::predictive::{Design, DriveModel, GearStiffness, LawParameters};
+use control::predictive::{Design, DriveModel, FrictionModel, GearStiffness, LawParameters};
 use supervisor::Limits;
 
 /// Largest disturbance that is believed, as a share of the torque limit: friction is a tenth of it,
@@ -11,6 +11,10 @@ use supervisor::Limits;
 const DISTURBANCE_SHARE: f64 = 0.25;
 /// Share of a drive's lag that lies in its own loop; for the rest a command waits for the loop.
 pub(super) const LAG_OF_THE_LOOP: f64 = 0.75;
+
+/// Stiffness of friction's bristles over that of the gear. They are once to twice as stiff; less than
+/// the truth is foreseen too late, more than it too early, which is worse.
+const BRISTLES: f64 = 1.2;
 
 impl Reader<'_, '_, '_> {
     pub(super) fn law(&self, drive: &Drive, limits: &Limits) -> LawParameters {
@@ -41,6 +45,10 @@ impl Reader<'_, '_, '_> {
                 c_fs: c.c_fs,
                 k_wg0: c.k_wg0 * n * n,
                 c_wg: c.c_wg / n,
+            },
+            friction: FrictionModel {
+                level: drive.wave_generator.friction * n,
+                stiffness: BRISTLES * c.k_fs0,
             },
             torque_limit: limits.torque,
             disturbance_limit: DISTURBANCE_SHARE * limits.torque,
