@@ -1,0 +1,27 @@
+//! Any bytes: refused, or read as far as they are whole.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use recording::{Counts, CycleMessage, Decoder, Glance, Run, Timeline};
+
+fuzz_target!(|bytes: &[u8]| {
+    let mut message = CycleMessage::default();
+    let mut timeline = Timeline::default();
+    // As a file.
+    if let Ok(mut run) = Run::open(bytes) {
+        while run.next_cycle(&mut message).unwrap_or(false) {
+            timeline.observe(&message);
+        }
+        let header = run.header().clone();
+        for span in timeline.finish() {
+            let _ = span.words(&header);
+        }
+    }
+    // As a message of a file whose checksums are right.
+    let counts = Counts {
+        joints: 1,
+        sensors: 0,
+    };
+    let _ = Glance::at(bytes);
+    let _ = Decoder::new(counts).decode(bytes, &mut message);
+});
