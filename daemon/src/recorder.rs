@@ -79,6 +79,12 @@ impl RecorderHandle {
         self.shared.dropped()
     }
 
+    /// Counts up while the recorder takes or writes something.
+    #[must_use]
+    pub fn progress(&self) -> u64 {
+        self.shared.progress()
+    }
+
     /// The state of the recording that a client asked for, or of the last one.
     #[must_use]
     pub fn status(&self) -> RecordingStatus {
@@ -195,7 +201,11 @@ impl Recorder {
         self.serve(now);
         let wrote_box = self.advance_black_box(now);
         let wrote = self.advance_recordings(now);
-        taken || wrote_box || wrote
+        let any = taken || wrote_box || wrote;
+        if any {
+            self.shared.note_progress();
+        }
+        any
     }
 
     /// Moves messages from the ring into the history.

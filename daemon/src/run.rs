@@ -32,7 +32,7 @@ use torqued_client::StateDirectory;
 const SIMULATED: &str = "-simulated";
 /// Interval at which the main thread looks at the loop.
 const LOOK: Duration = Duration::from_millis(20);
-/// Longest time for the recorder to write what is left after the loop's end.
+/// Longest time in which the recorder writes nothing of what is left after the loop's end.
 const RECORDER_LIMIT: Duration = Duration::from_secs(10);
 
 /// What a run is started with, besides its robot.
@@ -111,9 +111,10 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
         .map(|store| BlackBoxes::new(store.directory()));
     let recorder = recorder::create(robot, header, boxes);
     control_loop.record_to(recorder.tap);
-    server.record_with(recorder.handle.clone());
+    let handle = recorder.handle;
+    server.record_with(handle.clone());
     if let Some(path) = options.record {
-        record_from_the_start(&recorder.handle, path);
+        record_from_the_start(&handle, path);
     }
     let recorder = recorder.recorder.start().map_err(Failure::environment)?;
     let timeout = robot.parameters.timing.reference_timeout;
@@ -149,7 +150,7 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
         }
     }
     let joined = loop_thread.join();
-    wait_for(&recorder);
+    wait_for(&recorder, &handle);
     let Ok(outcome) = joined else {
         reporter.report_fault(Event::LoopEnded.number());
         return Err(Failure::environment("the loop's thread panicked"));
@@ -185,10 +186,13 @@ fn unix_offset_ns(bus_ns: u64) -> i64 {
 }
 
 /// Waits until black boxes and recordings are on the disk, but not for a disk that hangs.
-fn wait_for(recorder: &JoinHandle<()>) {
-    let until = Instant::now() + RECORDER_LIMIT;
+fn wait_for(recorder: &JoinHandle<()>, handle: &RecorderHandle) {
+    let mut last = (handle.progress(), Instant::now());
     while !recorder.is_finished() {
-        if Instant::now() > until {
+        if handle.progress() != last.0 {
+            last = (handle.progress(), Instant::now());
+        }
+        if last.1.elapsed() > RECORDER_LIMIT {
             eprintln!(
                 "torqued: what was being recorded is not on the disk yet: no longer waited for"
             );

@@ -15,6 +15,8 @@ use super::output::{Output, RecordingStatus};
 #[derive(Debug, Default)]
 pub(super) struct Shared {
     dropped: AtomicU64,
+    /// Counts up while something is being done.
+    progress: AtomicU64,
     ended_as_asked: AtomicBool,
     /// Of each [`Slot`]; never taken by the loop.
     status: [Mutex<RecordingStatus>; 2],
@@ -32,6 +34,14 @@ pub(super) enum Slot {
 impl Shared {
     pub(super) fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn progress(&self) -> u64 {
+        self.progress.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn note_progress(&self) {
+        self.progress.fetch_add(1, Ordering::Relaxed);
     }
 
     pub(super) fn ended_as_asked(&self) -> bool {

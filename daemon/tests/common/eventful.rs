@@ -161,6 +161,9 @@ struct Client {
     age_s: f64,
     request: Option<OperatorRequest>,
     start: Option<Vec<f64>>,
+    /// Of the motion, rad; in every other round the other way, as each one begins where the last one
+    /// was interrupted.
+    amplitude: f64,
     /// Cycle of the last interruption: the client asks for hold before it moves on.
     interrupted: u64,
 }
@@ -176,6 +179,7 @@ impl Client {
             age_s: 0.0,
             request: None,
             start: None,
+            amplitude: 0.0,
             interrupted: 0,
         }
     }
@@ -202,6 +206,10 @@ impl Client {
         if holding && self.start.is_none() {
             let joints = last.measured.joints.iter().take(n);
             self.start = Some(joints.map(|joint| joint.q).collect());
+            self.amplitude = match (cycle / ROUND).is_multiple_of(2) {
+                true => 0.01,
+                false => -0.01,
+            };
         }
         self.reference.sequence += 1;
         self.reference.mode = match since {
@@ -211,7 +219,7 @@ impl Client {
         let t = since.saturating_sub(300) as f64 * 0.001;
         let start = self.start.iter().flatten();
         for (j, (joint, start)) in self.reference.joints.iter_mut().zip(start).enumerate() {
-            let (w, a) = (2.0 + 0.1 * j as f64, 0.01);
+            let (w, a) = (2.0 + 0.1 * j as f64, self.amplitude);
             joint.q_d = start + a * (1.0 - (w * t).cos());
             joint.dq_d = a * w * (w * t).sin();
             joint.ddq_d = a * w * w * (w * t).cos();
