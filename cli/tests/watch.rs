@@ -9,8 +9,8 @@ use std::thread::sleep;
 use std::time::Duration;
 use torqued_client::DaemonPorts;
 use torqued_client::robot_state::{
-    Description, Event, Mode, Name, SharedRecord, command_flags, measured_flags, torque_flags,
-    torque_source,
+    Description, Event, Mode, Name, SharedRecord, command_flags, lease_refusal, measured_flags,
+    not_followed, torque_flags, torque_source,
 };
 
 fn description() -> Description {
@@ -47,6 +47,11 @@ fn record() -> SharedRecord {
     let knee = &mut cycle.measured.joints[1];
     knee.flags = measured_flags::MISSED | measured_flags::STALE;
     knee.age_s = 0.025;
+    let commander = &mut cycle.commander;
+    (commander.session, commander.pid, commander.priority) = (u64::MAX, 4711, 2);
+    (cycle.stamp_ns, commander.since_ns) = (5_000_000_000, 3_500_000_000);
+    (commander.not_followed, commander.cause) = (not_followed::FAULT, cycle.fault);
+    (commander.refused, commander.refused_reason) = (8, lease_refusal::HELD);
     record.timing.late_cycles = 4;
     record.timing.gather_ns = 310_000;
     record
@@ -66,6 +71,8 @@ fn once_shows_torques_flags_faults_and_events_in_words() {
         "mode torque",
         "FAULT 104 joint_stale: A joint has sent no sample for longer than allowed.",
         "loop.stale_after_ms",
+        "commander: process 4711, priority 2, for 1.5 s; not followed: fault 104 joint_stale is latched",
+        "8 references refused, the last one because another client of the same or a higher priority commands",
         "12.35 ± 1.50",
         "-7.25",
         "encoder saturated, torque_limited, bit_0x200",
@@ -104,6 +111,18 @@ fn json_is_one_object_a_line() {
     assert_eq!(record["mode"], "torque");
     assert_eq!(record["fault"]["number"], 104);
     assert_eq!(record["fault"]["config_key"], "loop.stale_after_ms");
+    let commander = &record["commander"];
+    assert_eq!(commander["session"], "ffffffffffffffff");
+    assert_eq!(
+        (&commander["pid"], &commander["priority"]),
+        (&4711.into(), &2.into())
+    );
+    let reason = commander["not_followed"].as_str().expect("a reason");
+    assert!(
+        reason.starts_with("fault 104 joint_stale is latched"),
+        "{reason}"
+    );
+    assert_eq!(record["references_refused"], 8);
     let joints = record["joints"].as_array().expect("joints");
     assert_eq!(joints.len(), 2);
     assert_eq!(joints[0]["name"], "hip_yaw");

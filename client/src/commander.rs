@@ -140,7 +140,17 @@ impl Commander {
     /// [`Error::NoRecord`] if the daemon is silent, [`Error::Gone`] if it has ended.
     /// [`Error::Transport`].
     pub fn send(&mut self, change: impl FnOnce(&mut Reference)) -> Result<(), Error> {
+        let own = self.newest;
         change(&mut self.newest);
+        self.newest = Reference {
+            session: own.session,
+            session_began_ns: own.session_began_ns,
+            sequence: own.sequence,
+            priority: own.priority,
+            pid: own.pid,
+            gives_back: 0,
+            ..self.newest
+        };
         let asks_hold = self.newest.mode == Mode::Hold.number();
         let judged = self.judge();
         if self.standing == Standing::Over {

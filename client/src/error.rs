@@ -4,7 +4,9 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use robot_state::{CommanderStatus, Event, RobotState, not_followed};
+use robot_state::{
+    CommanderRecord, CommanderStatus, Event, RobotState, lease_refusal, not_followed,
+};
 
 /// An error of a client's or the daemon's use of shared memory.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -117,7 +119,7 @@ pub enum Error {
     /// References are not followed, though this client commands the robot.
     #[error(
         "robot \"{robot}\": references are not followed: {}",
-        why_not_followed(status)
+        why_not_followed(&status.commander, status.state).unwrap_or_default()
     )]
     NotFollowed {
         /// The robot.
@@ -199,11 +201,14 @@ impl Error {
     }
 }
 
-/// Why no mode is followed, and the next step.
-fn why_not_followed(status: &CommanderStatus) -> String {
-    let cause = Event::from_number(status.commander.cause);
-    let state = RobotState::from_number(status.state).map_or("unknown", RobotState::name);
-    match (status.commander.not_followed, cause) {
+/// Why no mode of the commander is followed, and the next step; `state`: number of the robot's state.
+/// None where modes are followed.
+#[must_use]
+pub fn why_not_followed(commander: &CommanderRecord, state: u32) -> Option<String> {
+    let cause = Event::from_number(commander.cause);
+    let state = RobotState::from_number(state).map_or("unknown", RobotState::name);
+    Some(match (commander.not_followed, cause) {
+        (0, _) => return None,
         (not_followed::FAULT, Some(event)) => format!(
             "fault {} {} is latched ({}); mend its cause, then `torquectl acknowledge` and \
              `torquectl enable`",
@@ -236,7 +241,21 @@ fn why_not_followed(status: &CommanderStatus) -> String {
             "the mode needs F/T sensors or the IMU, which are not ready".to_owned()
         }
         _ => format!("the robot is in state {state}"),
-    }
+    })
+}
+
+/// Why a client does not command: the words of a `lease_refusal`. None for 0.
+#[must_use]
+pub fn why_refused(reason: u32) -> Option<&'static str> {
+    Some(match reason {
+        0 => return None,
+        lease_refusal::HELD => "another client of the same or a higher priority commands",
+        lease_refusal::HOLD_FIRST => "its session did not command, and it did not ask for hold",
+        lease_refusal::OLD_SESSION => "its session is older than one that has commanded since",
+        lease_refusal::NOT_ADVANCED => "its sequence or its time of sending did not advance",
+        lease_refusal::TOO_OLD => "it was sent longer ago than loop.reference_timeout_ms",
+        _ => "its session is not valid",
+    })
 }
 
 fn which_robot(running: &[String], run_dir: &Path) -> String {

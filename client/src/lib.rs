@@ -32,7 +32,7 @@ mod state_directory;
 pub use client::{Client, Record};
 pub use commander::Commander;
 pub use daemon_ports::DaemonPorts;
-pub use error::Error;
+pub use error::{Error, why_not_followed, why_refused};
 pub use location::Location;
 pub use python_layout::python_layout;
 pub use robot_state;

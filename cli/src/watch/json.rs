@@ -2,10 +2,10 @@
 
 use crate::words;
 use serde_json::{Map, Value, json};
-use torqued_client::Record;
 use torqued_client::robot_state::{
     CycleRecord, Description, Event, ImuMeasured, LoopRecord, TorqueEstimate, Wrench,
 };
+use torqued_client::{Record, why_not_followed, why_refused};
 
 pub(super) fn object(description: &Description, record: &Record) -> Value {
     let cycle = &record.cycle;
@@ -25,6 +25,9 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
         "mode": words::mode(cycle.mode),
         "possible_modes": words::possible_modes(cycle),
         "fault": fault(description, cycle),
+        "commander": commander(cycle),
+        "references_refused": cycle.commander.refused,
+        "reference_refused_as": why_refused(cycle.commander.refused_reason),
         "warning": warning(description, cycle),
         "contact_set": words::contact_set(description, cycle),
         "contact_set_automatic": cycle.estimated.contact_set_automatic == 1,
@@ -53,6 +56,22 @@ fn fault(description: &Description, cycle: &CycleRecord) -> Value {
         "subject": words::fault_subject(description, cycle),
         "cause": event.map(|e| e.cause()),
         "config_key": event.map(|e| e.config_key()),
+    })
+}
+
+fn commander(cycle: &CycleRecord) -> Value {
+    let lease = &cycle.commander;
+    if lease.session == 0 {
+        return Value::Null;
+    }
+    json!({
+        // In text: a JSON number does not hold 64 bits.
+        "session": format!("{:016x}", lease.session),
+        "pid": lease.pid,
+        "priority": lease.priority,
+        "since_ns": lease.since_ns,
+        "sequence": lease.sequence,
+        "not_followed": why_not_followed(lease, cycle.state),
     })
 }
 

@@ -7,6 +7,7 @@ use torqued_client::Record;
 use torqued_client::robot_state::{
     CycleRecord, Description, LoopRecord, Mode, TorqueEstimate, torque_flags,
 };
+use torqued_client::{why_not_followed, why_refused};
 
 pub(super) fn screen(description: &Description, record: &Record) -> String {
     let cycle = &record.cycle;
@@ -29,6 +30,7 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
     if possible.len() < Mode::ALL.len() {
         let _ = writeln!(out, "possible modes at present: {}\n", possible.join(", "));
     }
+    let _ = writeln!(out, "{}\n", commander(cycle));
     if let Some((event, subject)) = words::warning(description, cycle) {
         let _ = writeln!(
             out,
@@ -48,6 +50,32 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         events(&cycle.events),
         timing(&record.timing, cycle.measured.filter_delay_s)
     );
+    out
+}
+
+/// Who commands, why its references are not followed, and why another client was refused last.
+fn commander(cycle: &CycleRecord) -> String {
+    let lease = &cycle.commander;
+    let mut out = match lease.session {
+        0 => "commander: none".to_owned(),
+        _ => format!(
+            "commander: process {}, priority {}, for {:.1} s; {}",
+            lease.pid,
+            lease.priority,
+            cycle.stamp_ns.saturating_sub(lease.since_ns) as f64 * 1e-9,
+            match why_not_followed(lease, cycle.state) {
+                None => "followed".to_owned(),
+                Some(reason) => format!("not followed: {reason}"),
+            }
+        ),
+    };
+    if let Some(reason) = why_refused(lease.refused_reason) {
+        let _ = write!(
+            out,
+            "\n{} references refused, the last one because {reason}",
+            lease.refused
+        );
+    }
     out
 }
 
