@@ -5,6 +5,7 @@ use crate::fir::MAX_DERIVATIVE;
 use crate::matched_filter::MatchedFilterParameters;
 use crate::savitzky_golay::SavitzkyGolayParameters;
 use problem::Problem;
+use simd::{Instructions, Kernel, Lanes, Pack, WIDTH};
 
 /// Kind of a bank's filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,8 +40,10 @@ impl From<MatchedFilterParameters> for FilterDesign {
     }
 }
 
-/// Channels that are summed at a time, so that all sums stay in registers.
-const LANES: usize = 4;
+/// Packs of channels that are summed at a time, so that all sums stay in registers.
+const PACKS: usize = 2;
+/// Their channels.
+const CHANNELS: usize = PACKS * WIDTH;
 
 /// The same filter on many channels at once.
 ///
@@ -56,10 +59,10 @@ pub struct FilterBank {
     derivatives: usize,
     delay_s: f64,
     channels: usize,
-    /// Channels rounded up to whole blocks.
-    stride: usize,
-    /// Samples, one row of channels per instant, a ring: row `newest` was written last.
-    ring: Vec<f64>,
+    instructions: Instructions,
+    /// Samples: for each block of channels a ring, one row per instant; row `newest` was written
+    /// last.
+    rings: Vec<[Pack; PACKS]>,
     newest: usize,
     /// Coefficients of value and derivatives, each twice in a row: a slice of `window` starting
     /// at the right place lies along the ring as it is stored, so nothing has to be moved.
@@ -97,18 +100,18 @@ impl FilterBank {
                 tap[d] = h[i % window];
             }
         }
-        let stride = channels.div_ceil(LANES) * LANES;
+        let blocks = channels.div_ceil(CHANNELS);
         Ok(Self {
             window,
             derivatives: kernels.taps.len() - 1,
             delay_s: kernels.delay_s,
             channels,
-            stride,
-            ring: vec![0.0; stride * window],
+            instructions: Instructions::detect(),
+            rings: vec![[Pack::ZERO; PACKS]; blocks * window],
             newest: window - 1,
             taps,
             ahead: kernels.ahead,
-            outputs: std::array::from_fn(|_| vec![0.0; stride]),
+            outputs: std::array::from_fn(|_| vec![0.0; blocks * CHANNELS]),
             state: vec![ChannelState::default(); channels],
         })
     }
@@ -133,79 +136,60 @@ impl FilterBank {
     }
 
     fn take(&mut self, channel: usize, row: usize, sample: f64) {
-        let (stride, window) = (self.stride, self.window);
         let Some(state) = self.state.get_mut(channel) else {
             return;
         };
-        if state.seen == 0 {
-            self.ring
-                .iter_mut()
-                .skip(channel)
-                .step_by(stride)
-                .for_each(|x| *x = sample);
-        } else if let Some(x) = self.ring.get_mut(row * stride + channel) {
-            *x = sample;
-        }
-        state.seen = (state.seen + 1).min(window);
         state.missed = 0;
+        let first = channel / CHANNELS * self.window;
+        if state.seen == 0 {
+            let ring = self.rings.get_mut(first..first + self.window);
+            let rows = ring.unwrap_or(&mut []).iter_mut();
+            rows.for_each(|x| *number(x, channel) = sample);
+        } else if let Some(x) = self.rings.get_mut(first + row) {
+            *number(x, channel) = sample;
+        }
+        if state.seen < self.window {
+            state.seen += 1;
+        }
     }
 
     fn bridge(&mut self, channel: usize, row: usize) {
-        let (stride, window) = (self.stride, self.window);
+        let window = self.window;
         let Some(state) = self.state.get_mut(channel) else {
             return;
         };
         state.missed = state.missed.saturating_add(1);
-        let column = |row: usize| {
-            self.ring
-                .get(row * stride + channel)
-                .copied()
-                .unwrap_or(0.0)
+        let first = channel / CHANNELS * window;
+        let Some(ring) = self.rings.get_mut(first..first + window) else {
+            return;
         };
+        let mut at = |row: usize| ring.get_mut(row).map_or(0.0, |x| *number(x, channel));
         let bridged = if state.missed > window / 8 {
-            column(self.newest)
+            at(self.newest)
         } else {
             // The oldest sample stands in the row that is written next.
-            (0..window)
-                .zip(&self.ahead)
-                .map(|(i, h)| {
-                    h * column(if row + i < window {
-                        row + i
-                    } else {
-                        row + i - window
-                    })
-                })
-                .sum()
+            let rows = (row..window).chain(0..row);
+            rows.zip(&self.ahead).map(|(row, h)| h * at(row)).sum()
         };
-        if let Some(x) = self.ring.get_mut(row * stride + channel) {
-            *x = bridged;
+        if let Some(x) = ring.get_mut(row) {
+            *number(x, channel) = bridged;
         }
     }
 
     fn fit(&mut self) {
-        let (window, stride) = (self.window, self.stride);
-        let start = window - 1 - self.newest;
-        let taps = self.taps.get(start..start + window).unwrap_or(&[]);
-        let [values, firsts, seconds] = &mut self.outputs;
-        let blocks = values
-            .chunks_exact_mut(LANES)
-            .zip(firsts.chunks_exact_mut(LANES))
-            .zip(seconds.chunks_exact_mut(LANES));
-        for (block, ((value, first), second)) in blocks.enumerate() {
-            let sums = match self.derivatives {
-                0 => dot::<1>(taps, &self.ring, stride, block),
-                1 => dot::<2>(taps, &self.ring, stride, block),
-                _ => dot::<3>(taps, &self.ring, stride, block),
-            };
-            value.copy_from_slice(&sums[0]);
-            first.copy_from_slice(&sums[1]);
-            second.copy_from_slice(&sums[2]);
-        }
+        let start = self.window - 1 - self.newest;
+        let fit = Fit {
+            derivatives: self.derivatives,
+            taps: self.taps.get(start..start + self.window).unwrap_or(&[]),
+            rings: &self.rings,
+            outputs: &mut self.outputs,
+        };
+        simd::run(self.instructions, fit);
     }
 
     /// Forgets every sample.
     pub fn reset(&mut self) {
-        self.ring.fill(0.0);
+        self.rings.fill([Pack::ZERO; PACKS]);
         self.newest = self.window - 1;
         self.outputs.iter_mut().for_each(|row| row.fill(0.0));
         self.state.fill(ChannelState::default());
@@ -264,23 +248,53 @@ impl FilterBank {
     }
 }
 
-/// The first `D` outputs of one block of channels.
-fn dot<const D: usize>(
-    taps: &[[f64; MAX_DERIVATIVE + 1]],
-    ring: &[f64],
-    stride: usize,
-    block: usize,
-) -> [[f64; LANES]; MAX_DERIVATIVE + 1] {
-    let mut sums = [[0.0; LANES]; MAX_DERIVATIVE + 1];
-    for (tap, row) in taps.iter().zip(ring.chunks_exact(stride)) {
-        let Some(row) = row[block * LANES..].first_chunk::<LANES>() else {
-            break;
-        };
-        for (sum, tap) in sums.iter_mut().zip(tap).take(D) {
-            for (sum, x) in sum.iter_mut().zip(row) {
-                *sum += tap * x;
+/// A channel's number in a row of its block.
+fn number(row: &mut [Pack; PACKS], channel: usize) -> &mut f64 {
+    &mut row[channel / WIDTH % PACKS].0[channel % WIDTH]
+}
+
+/// The outputs of all channels: products of taps and rings, summed over the window.
+struct Fit<'a> {
+    derivatives: usize,
+    taps: &'a [[f64; MAX_DERIVATIVE + 1]],
+    rings: &'a [[Pack; PACKS]],
+    outputs: &'a mut [Vec<f64>; MAX_DERIVATIVE + 1],
+}
+
+impl Kernel for Fit<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        match self.derivatives {
+            0 => self.sum::<L, 1>(),
+            1 => self.sum::<L, 2>(),
+            _ => self.sum::<L, 3>(),
+        }
+    }
+}
+
+impl Fit<'_> {
+    /// The first `D` outputs.
+    #[inline(always)]
+    fn sum<L: Lanes, const D: usize>(self) {
+        let rings = self.rings.chunks_exact(self.taps.len().max(1));
+        for (block, ring) in rings.enumerate() {
+            let mut sums = [[L::splat(0.0); PACKS]; D];
+            for (tap, row) in self.taps.iter().zip(ring) {
+                for (sums, tap) in sums.iter_mut().zip(tap) {
+                    let tap = L::splat(*tap);
+                    for (sum, samples) in sums.iter_mut().zip(row) {
+                        *sum = tap.mul_add(L::load(samples), *sum);
+                    }
+                }
+            }
+            for (output, sums) in self.outputs.iter_mut().zip(sums) {
+                let packs = output.chunks_exact_mut(WIDTH).skip(block * PACKS);
+                for (output, sum) in packs.zip(sums) {
+                    output.copy_from_slice(&sum.to_array());
+                }
             }
         }
     }
-    sums
 }

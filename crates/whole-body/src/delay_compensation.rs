@@ -303,14 +303,17 @@ fn share_of(a: f64, b: f64, n: i32) -> f64 {
 /// The fast source's last samples.
 #[derive(Debug, Clone)]
 struct Ring {
+    /// A ring twice in a row: the last ones lie side by side.
     samples: Vec<f64>,
+    length: usize,
     newest: usize,
 }
 
 impl Ring {
     fn new(length: usize) -> Self {
         Self {
-            samples: vec![0.0; length],
+            samples: vec![0.0; 2 * length],
+            length,
             newest: 0,
         }
     }
@@ -324,21 +327,37 @@ impl Ring {
     }
 
     fn push(&mut self, x: f64) {
-        self.newest = (self.newest + 1) % self.samples.len();
+        self.newest = match self.newest + 1 {
+            next if next < self.length => next,
+            _ => 0,
+        };
         self.samples[self.newest] = x;
+        self.samples[self.newest + self.length] = x;
+    }
+
+    /// The last ones, at most as many as the ring is long, the newest last.
+    fn last(&self, count: usize) -> &[f64] {
+        let end = self.newest + self.length + 1;
+        &self.samples[end - count.min(self.length)..end]
     }
 
     /// Weighted sum; the kernel's last weight is the newest sample's.
     fn through(&self, kernel: &[f64]) -> f64 {
-        let (new, old) = self.samples.split_at(self.newest + 1);
-        let backwards = new.iter().rev().chain(old.iter().rev());
-        backwards.zip(kernel.iter().rev()).map(|(x, h)| x * h).sum()
+        let (samples, rest) = self.last(kernel.len()).as_chunks::<4>();
+        let (weights, last) = kernel.as_chunks::<4>();
+        // Four sums side by side.
+        let mut sums = [0.0; 4];
+        for (samples, weights) in samples.iter().zip(weights) {
+            for ((sum, x), h) in sums.iter_mut().zip(samples).zip(weights) {
+                *sum += x * h;
+            }
+        }
+        let rest = rest.iter().zip(last).map(|(x, h)| x * h).sum::<f64>();
+        sums.iter().sum::<f64>() + rest
     }
 
     fn mean(&self, count: usize) -> f64 {
-        let (new, old) = self.samples.split_at(self.newest + 1);
-        let backwards = new.iter().rev().chain(old.iter().rev());
-        backwards.take(count).sum::<f64>() / count as f64
+        self.last(count).iter().sum::<f64>() / count as f64
     }
 }
 

@@ -100,6 +100,13 @@ impl WholeBodyEstimate {
     }
 }
 
+/// What one update computes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Extent {
+    Whole,
+    Torques,
+}
+
 /// Estimates all joint torques and contact wrenches of a robot (D 2, Algorithm 1, in general form).
 #[derive(Debug, Clone)]
 pub struct WholeBody {
@@ -114,6 +121,8 @@ pub struct WholeBody {
     weights: Vec<f64>,
     chosen: usize,
     weighting: Weighting,
+    /// Per part: a hypothesis has contacts on it whose wrenches depend on weights.
+    weighted: Vec<bool>,
     residual: Residual,
     part_labels: Vec<String>,
     /// Index of each part in the estimate: the caller's index of its sensor + 1.
@@ -177,6 +186,13 @@ impl WholeBody {
             weights,
             chosen: 0,
             weighting: p.weighting,
+            weighted: (0..parts)
+                .map(|part| {
+                    // With as many unknowns as equations weights change nothing.
+                    let depends = |set: &ContactSet| (1..6).contains(&set.parts[part].1);
+                    p.weighting == Weighting::Expected && sets.iter().any(depends)
+                })
+                .collect(),
             residual: p.residual,
             part_labels,
             part_output,
@@ -195,6 +211,16 @@ impl WholeBody {
     /// or the contacts depend on one another at this pose, the last estimate stands, marked as not
     /// valid.
     pub fn update(&mut self, input: &WholeBodyInput) -> &WholeBodyEstimate {
+        self.advance(input, Extent::Whole)
+    }
+
+    /// [`Self::update`] of `tau` and `sigma` alone, in half the time: contacts, and net wrenches and
+    /// residuals of the parts, are not of these signals.
+    pub fn update_torques(&mut self, input: &WholeBodyInput) -> &WholeBodyEstimate {
+        self.advance(input, Extent::Torques)
+    }
+
+    fn advance(&mut self, input: &WholeBodyInput, extent: Extent) -> &WholeBodyEstimate {
         self.estimate.valid = self.accept(input);
         if self.estimate.valid {
             let source = match self.layout.fixed_gravity {
@@ -208,13 +234,17 @@ impl WholeBody {
             let [q, dq, ddq] = &self.motion;
             let motion = [q.as_slice(), dq, ddq];
             (self.mechanics).update(&self.model, &self.layout, motion, &source, input.ft);
-            (self.sigma).prepare(&self.model, &self.layout, &self.mechanics);
+            self.sigma.prepare(&self.layout, &self.mechanics);
+            let parts = |part: usize| extent == Extent::Whole || self.weighted[part];
+            (self.sigma).net_wrenches(&self.model, &self.layout, &self.mechanics, parts);
             self.estimate.valid = self.solve();
         }
         if self.estimate.valid {
             self.publish_torques();
-            self.publish_contacts();
-            self.publish_parts();
+            if extent == Extent::Whole {
+                self.publish_contacts();
+                self.publish_parts();
+            }
             self.estimate.valid = self.next.is_finite();
         }
         if self.estimate.valid {
@@ -455,7 +485,8 @@ fn weights_follow(
             proper_acceleration: Vector3::from_column_slice(&random.vector(3, 10.0)),
         };
         mechanics.update(model, layout, [&q, &rest, &rest], &source, &readings);
-        sigma.prepare(model, layout, &mechanics);
+        sigma.prepare(layout, &mechanics);
+        sigma.net_wrenches(model, layout, &mechanics, |_| true);
         for (follows, covariance) in follows.iter_mut().zip(&sigma.covariance) {
             *follows |= whitening(covariance, &mut [[0.0; 6]; 6]);
         }

@@ -31,6 +31,9 @@ pub(crate) struct Sigma {
     relations: Relations,
     /// Per body: `C_j S_j`, for the joint's own part.
     lever: Vec<Force>,
+    /// Per pair of bodies, the carrying one first: `S_k C_j S_j`, the response of either joint's
+    /// torque to the other one's acceleration, for the carried joint's own part.
+    coupling: Vec<f64>,
     /// Per model's joint: effect of its acceleration on a part's net wrench.
     effect: Vec<Force>,
     response: Response,
@@ -163,6 +166,7 @@ impl Sigma {
             ddq,
             relations: Relations::new(model, layout, p.residual),
             lever: vec![Force::zero(); bodies],
+            coupling: vec![0.0; bodies * bodies],
             effect: vec![Force::zero(); joints],
             response: Response {
                 sensors: vec![Motion::zero(); sensors],
@@ -175,16 +179,30 @@ impl Sigma {
         }
     }
 
-    /// Covariances of every part's net wrench.
-    pub(crate) fn prepare(&mut self, model: &Model, layout: &Layout, m: &Mechanics) {
+    /// Levers and couplings of this pose, on which all else depends.
+    pub(crate) fn prepare(&mut self, layout: &Layout, m: &Mechanics) {
         for b in 1..m.axis.len() {
             // Nothing of the part lies beyond a joint that a sensor cuts.
             self.lever[b] = match layout.cut_at_joint[b] {
                 None => m.composite[b].mul_motion(m.axis[b]),
                 Some(_) => Force::zero(),
             };
+            let lever = self.lever[b];
+            for &k in self.relations.carrying[b].iter().chain(&[b]) {
+                self.coupling[k * m.axis.len() + b] = m.axis[k].dot(lever);
+            }
         }
-        for (g, part) in layout.parts.iter().enumerate() {
+    }
+
+    /// Covariances of the net wrenches of these parts; after `prepare`.
+    pub(crate) fn net_wrenches(
+        &mut self,
+        model: &Model,
+        layout: &Layout,
+        m: &Mechanics,
+        parts: impl Fn(usize) -> bool,
+    ) {
+        for (g, part) in layout.parts.iter().enumerate().filter(|(g, _)| parts(*g)) {
             let origin = m.origin(model, layout, g);
             let whole = m.composite[part.root_piece];
             let mut sum = Covariance::default();
@@ -276,11 +294,12 @@ impl Sigma {
         }
         response.uniform += self.lever[b];
         response.masses[layout.joint_part[b]] += axis.dot(m.inertial[b]);
+        let bodies = m.axis.len();
         for &k in &relations.carried[b] {
-            response.joints[joint(k)] += axis.dot(self.lever[k]);
+            response.joints[joint(k)] += self.coupling[b * bodies + k];
         }
         for &k in &relations.carrying[b] {
-            response.joints[joint(k)] += m.axis[k].dot(self.lever[b]);
+            response.joints[joint(k)] += self.coupling[k * bodies + b];
         }
     }
 

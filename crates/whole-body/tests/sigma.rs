@@ -140,6 +140,28 @@ fn sigma_is_that_of_the_inputs() {
     }
 }
 
+/// What is left out of `update_torques` changes none of its bits.
+#[test]
+fn torques_alone_are_those_of_the_whole_update() {
+    for seed in 0..100 {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed ^ 4);
+        for (weighting, residual) in COMBINATIONS {
+            let parameters = WholeBodyParameters {
+                weighting,
+                residual,
+                ..robot.parameters()
+            };
+            let mut whole = WholeBody::new(&robot.model, &parameters).unwrap();
+            let mut alone = whole.clone();
+            let whole = whole.update(&scene.input());
+            let alone = alone.update_torques(&scene.input());
+            assert!(whole.valid && alone.valid);
+            assert_eq!((&whole.tau, &whole.sigma), (&alone.tau, &alone.sigma));
+        }
+    }
+}
+
 /// The worst relative error of `sigma` against the spread of the outputs over random draws.
 fn monte_carlo(robots: std::ops::Range<u64>, draws: usize) -> f64 {
     let mut worst = 0.0f64;

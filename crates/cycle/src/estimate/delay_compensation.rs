@@ -84,7 +84,7 @@ impl DelayCompensation {
         counts: &mut Counts,
     ) {
         self.whole_body.blend(contact_set_shares);
-        let delayed = self.whole_body.update(&measure.short().input());
+        let delayed = self.whole_body.update_torques(&measure.short().input());
         // Short filters have settled when the long ones, which the flags are about, have.
         let usable = delayed.valid && measure.flags() & UNUSABLE == 0;
         let samples = measure.samples().iter().enumerate();
