@@ -1,0 +1,486 @@
+//! Processes killed and buses taken down on a real kernel's CAN: how soon it is noticed, what the robot
+//! does, and what is left. Each kind a few times; with KILLS_PAGE=FILE as often as that page says,
+//! which is docs/results/safety-processes.md: rt-tests/vcan/kills.sh.
+#![cfg(feature = "vcan")]
+
+mod kills;
+
+use std::fmt::Write;
+use std::process::Command;
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use iceoryx2::config::Config;
+use iceoryx2::prelude::*;
+use kills::{PATIENCE, Process, Rig, Watch, holds, is_virtual, recover, state};
+use nix::sys::signal::Signal;
+use torqued::real_time::monotonic_ns;
+use torqued_client::Client;
+use torqued_client::robot_state::{
+    Mode, Reference, SharedRecord, layout_hash, lease_refusal, measured_flags,
+};
+
+/// A commander that vanishes is noticed within this time (docs/safety.md).
+const NOTICED_WITHIN_S: f64 = 0.05;
+/// Cycles for which the robot is watched after it was noticed.
+const WATCHED: u64 = 100;
+
+/// There are two interfaces: one test at a time.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// One kind of damage, done again and again.
+struct Row {
+    what: &'static str,
+    /// State in which every one of them must end.
+    wanted: &'static str,
+    states: Vec<String>,
+    /// Until it was noticed: cycles, from the last one before, and ms, from the deed.
+    cycles: Vec<f64>,
+    ms: Vec<f64>,
+    /// Greatest distance of a joint from where it was, degrees.
+    motion: f64,
+    recovery_s: Vec<f64>,
+    unseen: u64,
+}
+
+impl Row {
+    fn new(what: &'static str, wanted: &'static str) -> Self {
+        Self {
+            what,
+            wanted,
+            states: Vec::new(),
+            cycles: Vec::new(),
+            ms: Vec::new(),
+            motion: 0.0,
+            recovery_s: Vec::new(),
+            unseen: 0,
+        }
+    }
+
+    fn add(&mut self, watch: &Watch, last: &SharedRecord) {
+        self.states.push(state(last));
+        self.motion = self.motion.max(watch.motion.to_degrees());
+        self.unseen += watch.unseen;
+    }
+
+    fn noticed(&mut self, cycles: u64, begun_ns: u64, record: &SharedRecord) {
+        self.cycles.push(cycles as f64);
+        let ns = record.cycle.stamp_ns.saturating_sub(begun_ns);
+        self.ms.push(ns as f64 * 1e-6);
+    }
+
+    fn text(&self) -> String {
+        let mut states = self.states.clone();
+        states.sort();
+        states.dedup();
+        format!(
+            "| {} | {} | {} | {} | {} | {:.3} | {} |",
+            self.what,
+            self.states.len(),
+            states.join(", "),
+            span(&self.cycles, 0),
+            span(&self.ms, 1),
+            self.motion,
+            span(&self.recovery_s, 2)
+        )
+    }
+
+    fn check(&self) {
+        assert!(
+            self.states.iter().all(|state| state == self.wanted),
+            "{}",
+            self.text()
+        );
+        assert!(self.motion < 1.0, "{}", self.text());
+    }
+}
+
+/// Least, median and greatest.
+fn span(values: &[f64], digits: usize) -> String {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    match (sorted.first(), sorted.last()) {
+        (Some(least), Some(greatest)) => {
+            let median = sorted[sorted.len() / 2];
+            format!("{least:.digits$}, {median:.digits$}, {greatest:.digits$}")
+        }
+        _ => "-".to_owned(),
+    }
+}
+
+/// The robot's processes, and this program's own client.
+struct Robot {
+    rig: Rig,
+    simulator: Process,
+    daemon: Process,
+    client: Client,
+}
+
+impl Robot {
+    fn start() -> Self {
+        let rig = Rig::new();
+        let (simulator, daemon) = (rig.simulator(), rig.daemon());
+        let mut client = rig.client();
+        Watch::begin(&mut client).until(&mut client, holds);
+        Self {
+            rig,
+            simulator,
+            daemon,
+            client,
+        }
+    }
+
+    /// Ends in an orderly way; gives what is left in shared memory.
+    fn end(self) -> Vec<String> {
+        drop(self.client);
+        self.daemon.terminate();
+        self.simulator.terminate();
+        self.rig.shared_memory()
+    }
+
+    /// SIGKILL ends a commander, SIGSTOP makes it hang, in the midst of a motion. Gives how many
+    /// had lost the command before.
+    fn stop_commanders(&mut self, row: &mut Row, signal: Signal, times: u64) -> usize {
+        let Self { rig, client, .. } = self;
+        let mut lost_before = 0;
+        while (row.states.len() as u64) < times {
+            let asked = Instant::now();
+            let (mut commander, lost) = rig.commander(client);
+            lost_before += lost;
+            let recovery_s = asked.elapsed().as_secs_f64();
+            // At another phase of its motion each time, within a quarter of a second: each client
+            // leaves the joint somewhat further, but not at its limit in the end.
+            let phase_ms = 37 * row.states.len() as u64 % 250;
+            let cycles = (phase_ms as f64 * 1e-3 * client.description().rate_hz) as u64;
+            let mut watch = Watch::begin(client);
+            let last = watch.cycles(client, 2 + cycles);
+            if last.cycle.commander.pid != commander.id() {
+                lost_before += 1;
+                continue;
+            }
+            let mut watch = Watch::begin(client);
+            let begun_ns = monotonic_ns();
+            commander.signal(signal);
+            let mut newest = (0, last.cycle.sequence);
+            let noticed = watch.until(client, |record| {
+                let lease = &record.cycle.commander;
+                if lease.session != 0 && lease.sequence != newest.0 {
+                    newest = (lease.sequence, record.cycle.sequence);
+                }
+                lease.session == 0
+            });
+            row.recovery_s.push(recovery_s);
+            row.noticed(noticed.cycle.sequence - newest.1, begun_ns, &noticed);
+            if signal == Signal::SIGSTOP {
+                // It goes on as if nothing had happened: it is not followed, and ends with an error.
+                commander.signal(Signal::SIGCONT);
+                assert!(!commander.wait().success(), "{}", commander.output());
+            }
+            let last = watch.cycles(client, WATCHED);
+            row.add(&watch, &last);
+        }
+        lost_before
+    }
+
+    /// SIGKILL to the daemon, every other time while a client commands; then another one.
+    fn kill_daemons(&mut self, row: &mut Row, times: u64) {
+        for i in 0..times {
+            let Self {
+                rig,
+                client,
+                daemon,
+                ..
+            } = self;
+            let commander = (i % 2 == 0).then(|| rig.commander(client).0);
+            let mut watch = Watch::begin(client);
+            let killed = Instant::now();
+            daemon.signal(Signal::SIGKILL);
+            daemon.wait();
+            *daemon = rig.daemon();
+            let last = watch.until(client, |record| holds(record) || record.cycle.fault != 0);
+            row.recovery_s.push(killed.elapsed().as_secs_f64());
+            if let Some(mut commander) = commander {
+                assert!(!commander.wait().success(), "{}", commander.output());
+            }
+            watch.cycles(client, WATCHED);
+            row.add(&watch, &last);
+        }
+    }
+
+    /// Takes a bus down and up, and recovers as an operator would.
+    fn cut_buses(&mut self, row: &mut Row, times: u64) {
+        let client = &mut self.client;
+        for i in 0..times {
+            let interface = if i % 2 == 0 { "vcan0" } else { "vcan1" };
+            let mut watch = Watch::begin(client);
+            let begun_ns = monotonic_ns();
+            ip(interface, "down");
+            let (cycles, noticed) = until_fault(&mut watch, client);
+            row.noticed(cycles, begun_ns, &noticed);
+            let last = watch.cycles(client, WATCHED);
+            ip(interface, "up");
+            let begun = Instant::now();
+            recover(client);
+            row.recovery_s.push(begun.elapsed().as_secs_f64());
+            watch.cycles(client, WATCHED);
+            row.add(&watch, &last);
+        }
+    }
+
+    /// SIGKILL to the simulated robot; then another one, which begins at a pose of its own.
+    fn kill_simulators(&mut self, row: &mut Row, times: u64) {
+        let Self {
+            rig,
+            simulator,
+            client,
+            ..
+        } = self;
+        for _ in 0..times {
+            let mut watch = Watch::begin(client);
+            let begun_ns = monotonic_ns();
+            simulator.signal(Signal::SIGKILL);
+            let (cycles, noticed) = until_fault(&mut watch, client);
+            row.noticed(cycles, begun_ns, &noticed);
+            let last = watch.cycles(client, WATCHED);
+            simulator.wait();
+            *simulator = rig.simulator();
+            let begun = Instant::now();
+            recover(client);
+            row.recovery_s.push(begun.elapsed().as_secs_f64());
+            let mut watch = Watch::begin(client);
+            watch.cycles(client, WATCHED);
+            row.add(&watch, &last);
+        }
+    }
+}
+
+/// Watches until a fault is latched; the cycles since the first in which a joint was missed.
+fn until_fault(watch: &mut Watch, client: &mut Client) -> (u64, Box<SharedRecord>) {
+    let mut missed = None;
+    let record = watch.until(client, |record| {
+        let mut joints = record.cycle.measured.joints.iter();
+        if joints.any(|joint| joint.flags & measured_flags::MISSED != 0) {
+            missed.get_or_insert(record.cycle.sequence);
+        }
+        record.cycle.fault != 0
+    });
+    let first = missed.unwrap_or(record.cycle.sequence);
+    (record.cycle.sequence - first + 1, record)
+}
+
+fn ip(interface: &str, state: &str) {
+    let mut command = Command::new("ip");
+    let status = command.args(["link", "set", interface, state]).status();
+    assert!(
+        status.expect("ip").success(),
+        "ip link set {interface} {state}"
+    );
+}
+
+#[test]
+fn processes_are_killed_and_buses_cut_and_the_robot_holds() {
+    let _alone = alone();
+    let page = std::env::var_os("KILLS_PAGE");
+    let times = |all: u64, few: u64| if page.is_some() { all } else { few };
+    let left_by_a_quiet_run = Robot::start().end().len();
+
+    let mut robot = Robot::start();
+    let rate_hz = robot.client.description().rate_hz;
+    let begun_with = robot.rig.shared_memory().len();
+    let mut killed = Row::new("commander, SIGKILL", "holding");
+    let mut lost = robot.stop_commanders(&mut killed, Signal::SIGKILL, times(200, 5));
+    eprintln!("{}", killed.text());
+    let mut hung = Row::new("commander, SIGSTOP", "holding");
+    lost += robot.stop_commanders(&mut hung, Signal::SIGSTOP, times(20, 2));
+    eprintln!("{}", hung.text());
+    // The daemon clears up after the dead within a moment.
+    let until = Instant::now() + PATIENCE;
+    while robot.rig.shared_memory().len() > begun_with && Instant::now() < until {
+        sleep(Duration::from_millis(50));
+    }
+    let meanwhile = robot.rig.shared_memory().len();
+    let mut cut = Row::new("bus down, then up", "fault 112");
+    robot.cut_buses(&mut cut, times(20, 2));
+    eprintln!("{}", cut.text());
+    let mut simulators = Row::new("simulated robot, SIGKILL", "fault 104");
+    robot.kill_simulators(&mut simulators, times(20, 2));
+    eprintln!("{}", simulators.text());
+    let mut daemons = Row::new("daemon, SIGKILL", "holding");
+    robot.kill_daemons(&mut daemons, times(50, 4));
+    eprintln!("{}", daemons.text());
+    let left = robot.end();
+
+    let rows = [killed, hung, cut, simulators, daemons];
+    if let Some(path) = page {
+        let counts = [begun_with, meanwhile, left_by_a_quiet_run, left.len()];
+        std::fs::write(path, text(&rows, rate_hz, lost, counts)).expect("written");
+    }
+    for row in &rows {
+        row.check();
+    }
+    for row in &rows[..2] {
+        let slowest = row.cycles.iter().fold(0.0_f64, |a, b| a.max(*b));
+        assert!(slowest / rate_hz <= NOTICED_WITHIN_S, "{}", row.text());
+    }
+    assert!(
+        meanwhile <= begun_with,
+        "{meanwhile} files, {begun_with} before"
+    );
+    assert_eq!(left.len(), left_by_a_quiet_run, "{left:?}");
+}
+
+/// The page of the results.
+fn text(rows: &[Row], rate_hz: f64, lost: usize, counts: [usize; 4]) -> String {
+    let kernel = match is_virtual() {
+        true => "User-Mode Linux, where a process may wait for many milliseconds",
+        false => "PREEMPT_RT; in a virtual machine with counted time, or on a machine of its own",
+    };
+    let mut out = format!(
+        "# Processes killed on a real CAN\n\n\
+         Written by `rt-tests/vcan/kills.sh`: `torqued`, `torqued-sim` and a compiled client as \
+         processes of their own on two vcan interfaces. Kernel: {kernel}. The leg runs at \
+         {rate_hz:.0} Hz with `reference_timeout_ms = 40`; the client moves its first joint by inverse \
+         dynamics, up to 2 degrees a second.\n\n\
+         | killed | times | state reached | noticed after, cycles: least, median, greatest | ms | \
+         largest motion of a joint, deg | recovery, s |\n\
+         | --- | --- | --- | --- | --- | --- | --- |\n"
+    );
+    for row in rows {
+        let _ = writeln!(out, "{}", row.text());
+    }
+    let unseen: u64 = rows.iter().map(|row| row.unseen).sum();
+    let [begun, meanwhile, quiet, left] = counts;
+    let _ = write!(
+        out,
+        "\n\
+         - Commander: cycles from the last one that had a new reference to the one in which the lease \
+         is free, by the daemon's records; at most 50 ms are promised. ms: from the kill, to the \
+         stamp of that cycle. Its motion counts from the kill. Recovery: until the next \
+         client, a new process, is followed.\n\
+         - A client that was stopped and goes on (SIGCONT) is not followed, and ends with an error.\n\
+         - Bus and simulated robot: cycles from the first missed joint to the latched fault. \
+         Recovery: by an operator's acknowledge and enable, until the robot holds.\n\
+         - Simulated robot: a new one begins at a pose of its own; its motion counts once it is held.\n\
+         - Daemon: every other time while a client commands, which ends with an error. Recovery: until \
+         the next daemon, started at once with `enable = \"automatic\"`, holds the robot; \
+         motion counts over the whole gap.\n\
+         - Clients that had lost the command without being killed, and were started again: {lost}. \
+         Records that the watching program missed: {unseen}.\n\
+         - Files in shared memory and in the run directory: {begun} before the first commander was \
+         killed, {meanwhile} after the last one, {left} at the end; a run in which nothing is killed \
+         leaves {quiet}.\n"
+    );
+    out
+}
+
+/// A reference in shared memory, as a program without our client could write it.
+#[repr(transparent)]
+#[derive(Debug, Clone, Copy)]
+struct RawReference(Reference);
+
+// SAFETY: a `#[repr(C)]` record of numbers, under the name that the daemon knows its layout by.
+unsafe impl ZeroCopySend for RawReference {
+    unsafe fn type_name() -> &'static str {
+        static NAME: LazyLock<String> =
+            LazyLock::new(|| format!("torqued::Reference#{:016x}", layout_hash::<Reference>()));
+        &NAME
+    }
+}
+
+/// Sends a reference some times, each with the next sequence; gives the record after the last.
+fn send_raw(
+    robot: &mut Robot,
+    mut send: impl FnMut(Reference),
+    reference: &mut Reference,
+) -> Box<SharedRecord> {
+    for _ in 0..10 {
+        reference.sequence += 1;
+        reference.sent_ns = monotonic_ns();
+        send(*reference);
+        sleep(Duration::from_millis(5));
+    }
+    robot.client.latest().expect("records");
+    Watch::begin(&mut robot.client).cycles(&mut robot.client, 2)
+}
+
+#[test]
+fn the_daemon_itself_refuses_a_second_commander() {
+    let _alone = alone();
+    let mut robot = Robot::start();
+    let location = &robot.rig.location;
+    let mut config = Config::default();
+    let root = Path::new(location.path().to_str().expect("text").as_bytes()).expect("a path");
+    config.global.set_root_path(&root);
+    config.global.prefix =
+        FileName::new(location.shared_memory_prefix().as_bytes()).expect("a name");
+    let node = NodeBuilder::new()
+        .config(&config)
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<ipc::Service>()
+        .expect("a node");
+    let service = node
+        .service_builder(&"torqued/leg/reference".try_into().expect("a name"))
+        .publish_subscribe::<RawReference>()
+        .open()
+        .expect("the daemon's service");
+    let port = service.publisher_builder().create().expect("a port");
+    let send = |reference| {
+        port.send_copy(RawReference(reference)).expect("sent");
+    };
+
+    let (mut commander, _) = robot.rig.commander(&mut robot.client);
+    let before = Watch::begin(&mut robot.client).cycles(&mut robot.client, 2);
+    let mut raw = Reference {
+        session: 4711,
+        session_began_ns: monotonic_ns(),
+        joint_count: before.cycle.joint_count,
+        pid: std::process::id(),
+        ..Reference::default()
+    };
+    for (joint, measured) in raw.joints.iter_mut().zip(&before.cycle.measured.joints) {
+        joint.q_d = measured.q + 0.1;
+    }
+    // Of the same priority; of a higher one, but for a mode at once.
+    for (priority, mode, reason) in [
+        (0, Mode::Hold, lease_refusal::HELD),
+        (0, Mode::InverseDynamics, lease_refusal::HELD),
+        (1, Mode::InverseDynamics, lease_refusal::HOLD_FIRST),
+    ] {
+        (raw.priority, raw.mode) = (priority, mode.number());
+        let refused = before.cycle.commander.refused;
+        let record = send_raw(&mut robot, send, &mut raw);
+        let lease = &record.cycle.commander;
+        assert!(lease.refused >= refused + 8, "{lease:?}");
+        assert_eq!(
+            (lease.refused_session, lease.refused_reason),
+            (4711, reason)
+        );
+        assert_eq!(
+            (lease.pid, record.cycle.mode),
+            (commander.id(), 2),
+            "{lease:?}"
+        );
+        assert!(!commander.has_ended(), "{}", commander.output());
+    }
+    // Under the number of the session that commands, which did not begin at that instant.
+    let lease = before.cycle.commander;
+    let mut copy = raw;
+    (copy.session, copy.sequence) = (lease.session, 0);
+    let record = send_raw(&mut robot, send, &mut copy);
+    assert_eq!(record.cycle.commander.pid, commander.id());
+    // Of a higher priority, and asks for hold: it takes the command over, and the first one ends.
+    raw.mode = Mode::Hold.number();
+    let record = send_raw(&mut robot, send, &mut raw);
+    assert_eq!(record.cycle.commander.pid, std::process::id());
+    assert_eq!(
+        (state(&record), record.cycle.mode),
+        ("holding".to_owned(), 0)
+    );
+    assert!(!commander.wait().success());
+    drop((port, service, node));
+    robot.end();
+}
