@@ -326,6 +326,9 @@ impl Measure {
                     torque: self.reception.slot(slots::current(j)) * self.motors[j][1],
                 });
             }
+            if flags & measured_flags::STALE != 0 {
+                self.plausibility[j].note_silence();
+            }
             if flags & measured_flags::MISSED != 0 {
                 counts.add_of(Event::JointMissed, Subject::Joint(j));
             }

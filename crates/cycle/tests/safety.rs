@@ -247,6 +247,39 @@ fn a_bus_that_was_cut_does_not_move_its_joints_when_it_is_back() {
     motion.assert_small("bus cut for 2 s");
 }
 
+/// Else it would be brought to rest from a velocity that is the filters' alone: the step by which it
+/// moved in silence.
+#[test]
+fn a_joint_that_was_silent_is_not_enabled_before_it_has_proved_itself_again() {
+    const SAMPLES_TO_TRUST: usize = 100;
+    let mut bench = Bench::new("leg");
+    bench.run(400);
+    for _ in 0..200 {
+        bench.gather();
+        bench.drop_answers(|f| f.bus == 1);
+        bench.compute(&ClientInput::default());
+    }
+    assert_eq!(bench.cycle.record().fault, Event::JointStale.number());
+    let mut motion = Motion::of(&bench);
+    for k in 0..400 {
+        let fault = bench.cycle.record().fault;
+        let request = (k >= 5 && fault != 0).then_some(OperatorRequest::Acknowledge(fault));
+        bench.step(&ClientInput {
+            request,
+            ..ClientInput::default()
+        });
+        let sent = bench.sent_set_points(|f| f.bus == 1);
+        assert!(
+            !sent || k >= SAMPLES_TO_TRUST - 1,
+            "enabled after {k} samples"
+        );
+        motion.take(&bench);
+    }
+    let record = bench.cycle.record();
+    assert_eq!((state(record), record.fault), (RobotState::Holding, 0));
+    motion.assert_small("enabled at once after a silence");
+}
+
 #[test]
 fn sensors_that_fall_silent_end_the_modes_that_need_them() {
     let mut bench = Bench::new("humanoid");

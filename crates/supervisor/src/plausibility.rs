@@ -277,6 +277,14 @@ impl Plausibility {
         *self = Self::new(self.parameters);
     }
 
+    /// The joint sends nothing. It may come back elsewhere: until it has proved itself again, filters
+    /// hold the step, and with it a velocity that the joint does not have.
+    pub fn note_silence(&mut self) {
+        if self.trust != Trust::Implausible {
+            self.restart();
+        }
+    }
+
     /// An encoder has slipped, or trust was lost, since the joint was restarted.
     #[must_use]
     pub fn has_slipped(&self) -> bool {
