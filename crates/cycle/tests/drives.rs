@@ -300,3 +300,34 @@ fn a_drive_without_control_words_is_only_watched() {
     assert!(slots.all(|slot| slot != slots::control(KNEE)));
     motion.assert_small("only watched");
 }
+
+#[test]
+fn a_silent_drive_is_acknowledged_once_and_enabled_when_it_is_back() {
+    let mut bench = enabled("leg");
+    let mut motion = Motion::of(&bench);
+    let knee = bench.robot.receive.message(KNEE).map(|m| (m.bus, m.id));
+    let silent = |bench: &mut Bench, motion: &mut Motion, request, cycles: usize| {
+        for _ in 0..cycles {
+            bench.gather();
+            bench.drop_answers(|f| Some((f.bus, f.id)) == knee);
+            bench.compute(&ClientInput {
+                request,
+                ..ClientInput::default()
+            });
+            motion.take(bench);
+        }
+        bench.cycle.record().fault
+    };
+    let stale = Event::JointStale.number();
+    assert_eq!(silent(&mut bench, &mut motion, None, 100), stale);
+    let acknowledged = Some(OperatorRequest::Acknowledge(stale));
+    silent(&mut bench, &mut motion, acknowledged, 1);
+    // Longer than its step's time limit: it cannot confirm that it is off.
+    assert_eq!(silent(&mut bench, &mut motion, None, 1500), 0);
+    run(&mut bench, &mut motion, 300);
+    assert_eq!(state(bench.cycle.record()), RobotState::Ready);
+    bench.ask(OperatorRequest::Enable);
+    run(&mut bench, &mut motion, 300);
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+    motion.assert_small("a silent drive");
+}

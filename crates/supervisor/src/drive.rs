@@ -209,7 +209,9 @@ impl Drive {
             }
             self.state = state;
         }
-        self.waited = self.waited.saturating_add(1);
+        // A drive that sends nothing cannot confirm that it is off; that it is silent is known.
+        let silent = status.is_none() && self.goal == DriveGoal::Off;
+        self.waited = self.waited.saturating_add(u32::from(!silent));
         let in_time = self.waited <= profile.step_limit;
         if self.state == DriveState::Fault {
             self.resetting &= in_time;
@@ -343,6 +345,8 @@ mod tests {
     fn a_drive_that_stays_enabled_is_noticed() {
         let mut drive = Drive::new(Some(DriveProfile::cia402(10)));
         drive.pursue(DriveGoal::Off);
+        let silent: Vec<_> = (0..20).filter_map(|_| drive.update(None)).collect();
+        assert_eq!(silent, [], "it says nothing");
         let stays: Vec<_> = (0..20).filter_map(|_| drive.update(Some(0x27))).collect();
         assert_eq!(stays, [DriveTrouble::TimeOut(DriveState::Enabled)]);
     }
