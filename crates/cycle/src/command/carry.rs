@@ -31,6 +31,10 @@ const STOPPING_TIME: f64 = 0.3;
 const MOVES: f64 = 0.02;
 /// Time in which a change of torque of the size of the limit is led over where no fault presses, s.
 const LEAD_OVER_TIME: f64 = 0.3;
+/// Periods without a sample from which on velocities are not those of the joint, and the cycles until
+/// the velocity filter's window has nothing of them any more.
+const BRIDGED: u32 = 5;
+const WINDOW: u32 = 20;
 /// Integral time in units of K_d / K_s: slow enough to leave spring and damping as they are.
 const INTEGRAL_TIMES: f64 = 10.0;
 
@@ -76,6 +80,8 @@ pub(super) struct Carry {
     before: Option<f64>,
     /// What is left to be led over, N·m.
     led_over: f64,
+    /// Cycles for which velocities are not known after a gap in the samples.
+    blind: u32,
 }
 
 impl Carry {
@@ -99,6 +105,14 @@ impl Carry {
             damped_s: 0.0,
             before: None,
             led_over: 0.0,
+            blind: 0,
+        }
+    }
+
+    /// Periods before this cycle have no sample: filters have bridged them by what was before.
+    pub(super) fn skip(&mut self, periods: u32) {
+        if periods >= BRIDGED {
+            self.blind = WINDOW;
         }
     }
 
@@ -145,6 +159,11 @@ impl Carry {
                 (0.0, -parameters.damping * motion.dq)
             }
         };
+        let (position, velocity) = match self.blind {
+            0 => (position, velocity),
+            _ => (0.0, 0.0),
+        };
+        self.blind = self.blind.saturating_sub(1);
         let torque = self.weight() + position + velocity;
         if self.anchor.is_none() {
             (self.before, self.led_over) = (None, 0.0);

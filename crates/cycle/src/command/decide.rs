@@ -422,8 +422,9 @@ impl Supervisor {
     /// The goal that the reference asks for, unless a flaw forbids to follow it. A flaw is counted
     /// once for each message, not once for each cycle in which the message is the newest.
     fn checked<'a>(&mut self, client: &ClientInput<'a>, counts: &mut Counts) -> Option<Goal<'a>> {
-        let too_old = client.age_s.is_nan() || client.age_s > self.reference_timeout_s;
-        let Some(reference) = client.reference.filter(|_| !too_old) else {
+        // One that is sent later than now has no age to go by either.
+        let in_time = (0.0..=self.reference_timeout_s).contains(&client.age_s);
+        let Some(reference) = client.reference.filter(|_| in_time) else {
             if self.mode != Mode::Hold {
                 self.report(Event::ReferenceStale, None, counts);
             }

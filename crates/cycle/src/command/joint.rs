@@ -208,6 +208,13 @@ impl JointController {
         if let Some(predictive) = &mut self.predictive {
             predictive.sent(limited.applied);
         }
+        if limited.flags & command_flags::NOT_FINITE != 0 {
+            // What made it so is no contribution to the command that stands.
+            *commanded = JointCommanded {
+                following_error: commanded.following_error,
+                ..JointCommanded::default()
+            };
+        }
         commanded.asked = limited.asked;
         commanded.flags |= limited.flags | command_flags::ENGAGED;
         match self.law.motor {
@@ -259,6 +266,7 @@ impl JointController {
                 let measured = input.measured;
                 let velocities = [measured.dq, measured.omega / law.gear_ratio];
                 let motion = (motion, velocities);
+                carry.skip(input.skipped);
                 return carry.update(&parameters, motion, input.trusted, input.dt, commanded);
             }
             State::Torque {
