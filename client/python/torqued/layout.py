@@ -155,7 +155,7 @@ EVENTS = (
     Event(209, "external_contact", "Contact detected by a joint's external torque, where the contact set has none.", "external_torque.threshold_per_cent", "warn"),
     Event(210, "encoder_implausible", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.", "joint.torque_limit_Nm", "hold"),
     Event(211, "current_implausible", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.", "drive.current_sigma_A / drive.flat_after_ms", "degrade"),
-    Event(212, "sources_disagree", "The torques of a joint from its torsion and from its motor current have been further apart for seconds than both calibrations allow: one of them no longer holds, or an encoder has slipped. The published sigma covers it.", "-", "warn"),
+    Event(212, "sources_disagree", "For seconds the torques of a joint by torsion and by motor current have differed by more than their calibrations allow: a calibration no longer holds, or an encoder has slipped. The published sigma covers the difference.", "-", "warn"),
     Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
     Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints.", "-", "release"),

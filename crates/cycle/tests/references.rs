@@ -45,6 +45,19 @@ fn misled(mut bench: Bench, mode: Mode, change: Change) -> (Bench, Motion) {
 }
 
 #[test]
+fn torques_within_their_limits_do_not_count_as_limited() {
+    let (mut bench, _) = misled(Bench::new("leg"), Mode::InverseDynamics, |_, _| {});
+    let mut reference = bench.reference(Mode::InverseDynamics.number(), 5000);
+    for _ in 0..200 {
+        reference.sequence += 1;
+        let commanded = &bench.step(&client_input(&reference)).commanded;
+        for joint in &commanded.joints {
+            assert_eq!(joint.flags & command_flags::TORQUE_LIMITED, 0, "{joint:?}");
+        }
+    }
+}
+
+#[test]
 fn references_that_ask_for_too_much_release_the_robot_and_move_nothing() {
     use Event::{ReferenceJump as Jump, ReferenceLimit as Limit};
     use Mode::{InverseDynamics as Id, Torque};

@@ -182,7 +182,7 @@ events! {
     ExternalContact = 209, "external_contact", Warn, "external_torque.threshold_per_cent", "Contact detected by a joint's external torque, where the contact set has none.";
     EncoderImplausible = 210, "encoder_implausible", Hold, "joint.torque_limit_Nm", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.";
     CurrentImplausible = 211, "current_implausible", Degrade against ENCODER_TORQUE, "drive.current_sigma_A / drive.flat_after_ms", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.";
-    SourcesDisagree = 212, "sources_disagree", Warn against ENCODER_TORQUE, "-", "The torques of a joint from its torsion and from its motor current have been further apart for seconds than both calibrations allow: one of them no longer holds, or an encoder has slipped. The published sigma covers it.";
+    SourcesDisagree = 212, "sources_disagree", Warn against ENCODER_TORQUE, "-", "For seconds the torques of a joint by torsion and by motor current have differed by more than their calibrations allow: a calibration no longer holds, or an encoder has slipped. The published sigma covers the difference.";
     ReferenceNotFinite = 301, "reference_not_finite", Release, "-", "A client's reference contained NaN or infinity.";
     ReferenceStale = 302, "reference_stale", Release, "loop.reference_timeout_ms", "The commanding client stopped sending references.";
     ReferenceRejected = 303, "reference_rejected", Release, "-", "A client's reference had an unknown mode or the wrong number of joints.";

@@ -33,7 +33,8 @@ pub(super) fn predictive_command(
         feedforward: terms.feedforward + led - tau_d,
         ..terms
     });
-    let limited = parts.desired != led;
+    // The law limits the sum of the terms, which rounds.
+    let limited = parts.desired.abs() < led.abs() * (1.0 - 1e-9) - 1e-9;
     *commanded = JointCommanded {
         tau_d,
         tau_star: parts.motor_torque,
