@@ -1,6 +1,7 @@
 //! Writes docs/results/torque-control.md: the predictive torque law beside D's, on simulated joints and
 //! robots with every disturbance on.
 
+mod cases;
 mod currents;
 mod joint;
 mod page;

@@ -1,7 +1,7 @@
 //! Tables of whole robots and of current drives.
 
+use crate::cases::parallel;
 use crate::currents::{self, LOOPS};
-use crate::page::parallel;
 use crate::robots::{self, Judged};
 use crate::variant::{Conditions, Happens, Law, shipped};
 use robot_config::FastTorqueFeedback;

@@ -1,7 +1,7 @@
 //! Tables of single joints.
 
+use crate::cases::{Case, PREDICTIVE, SEEDS, WRONG};
 use crate::joint::JOINTS;
-use crate::page::{Case, PREDICTIVE, SEEDS, WRONG};
 use crate::scenario::{Blocked, Moved, SINES, VELOCITIES};
 use charts::{COLOURS, Figure, Line, Panel};
 use std::fmt::Write;
