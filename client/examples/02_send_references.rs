@@ -38,6 +38,10 @@ fn run() -> Result<(), Box<dyn Error>> {
     client.latest()?;
     let start = client.next_record(Duration::from_secs(1))?.cycle;
     let (start_q, start_ns) = (start.measured.joints[0].q, start.stamp_ns);
+    // Towards the middle of the joint's range, so that it never meets a limit.
+    let robot = client.description();
+    let middle = 0.5 * (robot.position_min[0] + robot.position_max[0]);
+    let amplitude = AMPLITUDE.copysign(middle - start_q);
     for record in client.records(Duration::from_secs(1)) {
         // The daemon's cycles are the clock: one reference for each of its records.
         let record = record?;
@@ -49,7 +53,7 @@ fn run() -> Result<(), Box<dyn Error>> {
         commander.send(|reference| {
             reference.mode = Mode::InverseDynamics.number();
             // 1 - cos: begins at rest, and smoothly.
-            let (w, half) = (TAU * FREQUENCY_HZ, AMPLITUDE / 2.0);
+            let (w, half) = (TAU * FREQUENCY_HZ, amplitude / 2.0);
             let first = &mut reference.joints[0];
             first.q_d = start_q + half * (1.0 - (w * t).cos());
             first.dq_d = half * w * (w * t).sin();

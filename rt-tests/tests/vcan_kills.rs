@@ -152,8 +152,7 @@ impl Robot {
             let (mut commander, lost) = rig.commander(client);
             lost_before += lost;
             let recovery_s = asked.elapsed().as_secs_f64();
-            // At another phase of its motion each time, within a quarter of a second: each client
-            // leaves the joint somewhat further, but not at its limit in the end.
+            // At another phase of its motion each time, within a quarter of a second.
             let phase_ms = 37 * row.states.len() as u64 % 250;
             let cycles = (phase_ms as f64 * 1e-3 * client.description().rate_hz) as u64;
             let mut watch = Watch::begin(client);
