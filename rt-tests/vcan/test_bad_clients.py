@@ -1,5 +1,6 @@
 """Wrong references and deaths of clients: counted, reported, and the robot holds its position."""
 
+import math
 import signal
 import time
 
@@ -26,9 +27,29 @@ def record_where(client, holds, limit_s=10.0):
     return record
 
 
+def set_points(cycle):
+    """The commanded position of every joint, rad."""
+    return [cycle.commanded.joints[j].q_c for j in range(JOINTS)]
+
+
+def at_rest(client, limit_s=0.5):
+    """The record from which on the set-points stand: a motion is brought to rest first, within
+    `limit_s` and a degree."""
+    begun = last = record_where(client, lambda r: r.cycle.mode == torqued.Mode.HOLD).cycle
+    still = 0
+    while still < 20:
+        now = client.next_record(timeout_s=5.0).cycle
+        still = still + 1 if set_points(now) == set_points(last) else 0
+        for before, after in zip(set_points(begun), set_points(now)):
+            assert abs(after - before) < math.radians(1.0), f"stopped over {after - before} rad"
+        assert still or (now.stamp_ns - begun.stamp_ns) * 1e-9 < limit_s, "not at rest in time"
+        last = now
+    return last
+
+
 def assert_holds(client, seconds=0.5):
-    """Asserts that neither set-points nor joints move."""
-    first = record_where(client, lambda r: r.cycle.mode == torqued.Mode.HOLD).cycle
+    """Asserts that set-points come to rest, and that neither they nor joints move from then on."""
+    first = at_rest(client)
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         now = client.next_record(timeout_s=5.0).cycle

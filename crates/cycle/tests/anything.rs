@@ -214,7 +214,14 @@ fn check(bench: &Bench, last: &mut [Option<f64>]) {
                     || (sent - theta).abs() <= lead(k_tau_motor)
                     || (sent - measured.q) * (sent - theta) < 0.0;
                 let kept = commanded.flags & command_flags::NOT_FINITE != 0;
-                assert!(within || kept, "joint {j}: {sent} leads too far");
+                assert!(
+                    within || kept,
+                    "{}, joint {j}: {sent} leads too far: {state:?}, mode {}, q {}, theta {theta}, \
+                     {commanded:?}",
+                    bench.robot.parameters.name,
+                    record.mode,
+                    measured.q
+                );
             }
             Actuation::Current { k_1, current, .. } => {
                 assert!((sent - commanded.current_c).abs() < RESOLUTION, "{sent}");
