@@ -41,27 +41,34 @@ pub(crate) struct BodyRow {
 pub(crate) struct InOrder {
     /// Parent of each body.
     pub(crate) parents: Vec<usize>,
-    /// Column in `M` of each body's joint.
-    pub(crate) columns: Vec<usize>,
+    /// For each body but the root, by groups: one where a body is the body itself or carries it.
+    pub(crate) carriers: Vec<Pack>,
     pub(crate) groups: Vec<Group>,
     /// The root first; a multiple of four after it.
     pub(crate) bodies: Vec<BodyRow>,
 }
 
 impl InOrder {
-    /// For `bodies`, the root among them, and the base's components of `v`.
-    pub(crate) fn new(bodies: &[Body], base_size: usize) -> Self {
+    /// For `bodies`, the root among them.
+    pub(crate) fn new(bodies: &[Body]) -> Self {
         let parents: Vec<usize> = bodies.iter().map(|b| b.parent).collect();
-        let column = |b: &Body| base_size.saturating_add(b.joint);
-        let columns = bodies.iter().map(column).collect();
-        let groups = bodies.len().saturating_sub(1).div_ceil(WIDTH);
+        let moving = bodies.len().saturating_sub(1);
+        let groups = moving.div_ceil(WIDTH);
+        let mut carriers = vec![Pack::ZERO; moving * groups];
+        for (b, row) in carriers.chunks_mut(groups.max(1)).enumerate() {
+            let mut k = b + 1;
+            while k > 0 {
+                row[(k - 1) / WIDTH].0[(k - 1) % WIDTH] = 1.0;
+                k = parents[k];
+            }
+        }
         let mut bodies = vec![BodyRow::default(); 1 + groups * WIDTH];
         for (k, column) in bodies[0].columns.iter_mut().enumerate() {
             column.0[k] = 1.0;
         }
         Self {
             parents,
-            columns,
+            carriers,
             groups: vec![Group::default(); groups],
             bodies,
         }
@@ -111,6 +118,28 @@ impl<L: Lanes> Placement<L> {
             position: self.position + arm,
         };
         (child, arm)
+    }
+}
+
+/// Numbers of four bodies' joints.
+#[inline(always)]
+pub(crate) fn of_joints<L: Lanes>(x: &[f64], step: &Step) -> L {
+    match step.first_joint.and_then(|first| x.get(first..)) {
+        Some(x) => L::load_part(x),
+        None => gather(x, &step.joints),
+    }
+}
+
+/// Adds to numbers of four bodies' joints.
+#[inline(always)]
+pub(crate) fn add_to_joints<L: Lanes>(numbers: L, x: &mut [f64], step: &Step) {
+    match step.first_joint.and_then(|first| x.get_mut(first..)) {
+        Some(x) => (L::load_part(x) + numbers).store_part(x),
+        None => {
+            for (joint, number) in step.joints.iter().zip(numbers.to_array()) {
+                x[*joint] += number;
+            }
+        }
     }
 }
 

@@ -28,6 +28,9 @@ pub(crate) struct Step {
     pub(crate) idle: Pack,
     /// Index of each lane's joint, or `joint_count` where idle.
     pub(crate) joints: [usize; WIDTH],
+    /// The first lane's joint, where those of the other lanes follow it and idle lanes come after the
+    /// last joint.
+    pub(crate) first_joint: Option<usize>,
     /// Cosine and sine of the rotation about x, where `straight`.
     pub(crate) rotation_x: [Pack; 2],
     /// Rotation from the lane frame, at angle zero, to the parent's, by rows; where not `straight`.
@@ -186,6 +189,7 @@ impl LaneSchedule {
             parents: [row_of(first); WIDTH],
             idle: Pack([1.0; WIDTH]),
             joints: [model.joint_count; WIDTH],
+            first_joint: None,
             rotation_x: [Pack([1.0; WIDTH]), Pack::ZERO],
             rotation: [Pack::ZERO; 9],
             origin: [Pack::ZERO; 3],
@@ -200,6 +204,10 @@ impl LaneSchedule {
         for (lane, b) in real() {
             self.fill(model, &mut step, lane, b);
         }
+        let from = step.joints[0];
+        let follows =
+            |(lane, joint): (usize, &usize)| *joint == (from + lane).min(model.joint_count);
+        step.first_joint = step.joints.iter().enumerate().all(follows).then_some(from);
         if self.lists_ancestors && !self.in_order {
             step.ancestors = self.ancestors(model, lanes);
         }

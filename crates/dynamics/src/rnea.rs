@@ -10,11 +10,11 @@
 mod in_order;
 
 use crate::data::Data;
-use crate::kinematics::{at, base_placement, six};
+use crate::kinematics::{base_placement, six};
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
 use crate::rows::RneaRow;
-use crate::spatial::Force;
+use crate::spatial::{Force, Inertia};
 use nalgebra::Vector3;
 use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos};
 
@@ -32,31 +32,39 @@ pub fn rnea<'d>(
 ) -> &'d [f64] {
     let (bv, bq) = model.base_size();
     debug_assert!(q.len() >= model.nq() && v.len() >= model.nv() && a.len() >= model.nv());
-    set_root(model, &mut data.rnea[0], q, v, a);
+    let root = RootMotion::new(model, q, v, a);
     let tail = |x: &'_ [f64], n: usize| n.min(x.len())..x.len();
-    let joints = (&q[tail(q, bq)], &v[tail(v, bv)], &a[tail(a, bv)]);
-    if model.schedule.in_order {
-        in_order::run_in_order(model, data, joints.0, joints.1, joints.2, f_ext);
+    let (q, v, a) = (&q[tail(q, bq)], &v[tail(v, bv)], &a[tail(a, bv)]);
+    let tau = &mut data.tau[bv..];
+    tau.fill(0.0);
+    for ((t, joint), a) in tau.iter_mut().zip(&model.joints).zip(a) {
+        *t = joint.armature * a;
+    }
+    let children = if model.schedule.in_order {
+        in_order::run_in_order(model, data, &root, [q, v, a], f_ext)
     } else {
+        root.store(&mut data.rnea[0]);
         let kernel = Rnea {
             schedule: &model.schedule,
             rows: &mut data.rnea,
-            q: joints.0,
-            v: joints.1,
-            a: joints.2,
+            q,
+            v,
+            a,
             f_ext,
-            tau: &mut data.tau[bv..],
+            tau,
         };
         run(data.instructions, kernel);
-    }
-    for (i, joint) in model.joints.iter().enumerate() {
-        data.tau[bv + i] += joint.armature * at(a, bv + i);
-    }
-    let nv = model.nv();
+        let sum = |p: &[Pack; 3]| Vector3::from(p.each_ref().map(|p| p.0.iter().sum()));
+        Force::new(sum(&data.rnea[0].f), sum(&data.rnea[0].n))
+    };
     if model.base == Base::Floating {
-        finish_root(model, data, f_ext);
+        let mut total = root.own_wrench(&model.bodies[0].inertia) + children;
+        if let Some(f) = f_ext.and_then(|f| f.first()) {
+            total -= *f;
+        }
+        data.tau[..6].copy_from_slice(&total.to_array());
     }
-    &data.tau[..nv]
+    &data.tau[..model.nv()]
 }
 
 /// `nle(q, v)`: Coriolis, centrifugal and gravity torques (nv).
@@ -75,44 +83,53 @@ pub fn gravity<'d>(model: &Model, data: &'d mut Data, q: &[f64]) -> &'d [f64] {
     &data.tau[..model.nv()]
 }
 
-/// The root's motion, in all lanes; gravity enters as if the base accelerated upwards.
-fn set_root(model: &Model, root: &mut RneaRow, q: &[f64], v: &[f64], a: &[f64]) {
-    let all = |x: Vector3<f64>| [x.x, x.y, x.z].map(|x| Pack([x; WIDTH]));
-    root.f = [Pack::ZERO; 3];
-    root.n = [Pack::ZERO; 3];
-    let mut linear = -model.gravity;
-    let (mut omega, mut alpha) = (Vector3::zeros(), Vector3::zeros());
-    if model.base == Base::Floating {
-        let (v, a) = (six(v), six(a));
-        (omega, alpha) = (v.angular, a.angular);
-        let up = base_placement(model, q).rotation.tr_mul(&linear);
-        //= F Table 5.1: a_0 = -a_g, of a floating base a_0 = a - a_g
-        linear = up + a.linear + omega.cross(&v.linear);
-    }
-    root.omega = all(omega);
-    root.alpha = all(alpha);
-    root.a = all(linear);
-    let w = omega.cross_matrix();
-    let u = alpha.cross_matrix() + w * w;
-    root.u = std::array::from_fn(|k| Pack([u[(k / 3, k % 3)]; WIDTH]));
+/// Motion of the root in its axes; gravity enters as if the base accelerated upwards.
+struct RootMotion {
+    omega: Vector3<f64>,
+    alpha: Vector3<f64>,
+    /// Of the origin, minus gravity.
+    a: Vector3<f64>,
 }
 
-/// Adds the root's own wrench and the sum of its children's, which stands in the lanes.
-fn finish_root(model: &Model, data: &mut Data, f_ext: Option<&[Force]>) {
-    let root = &data.rnea[0];
-    let one = |p: &[Pack; 3]| Vector3::from(p.each_ref().map(|p| p.0[0]));
-    let sum = |p: &[Pack; 3]| Vector3::from(p.each_ref().map(|p| p.0.iter().sum()));
-    let (omega, alpha, a) = (one(&root.omega), one(&root.alpha), one(&root.a));
-    let inertia = &model.bodies[0].inertia;
-    let h = &inertia.first_moment;
-    //= F Table 5.1: f_0 = I_0 a_0 + v_0 x* I_0 v_0 - f_0^x + sum f_i, of a floating base
-    let f = a * inertia.mass + alpha.cross(h) + omega.cross(&omega.cross(h));
-    let n = inertia.rotational * alpha + omega.cross(&(inertia.rotational * omega)) + h.cross(&a);
-    let mut total = Force::new(f + sum(&root.f), n + sum(&root.n));
-    if let Some(f) = f_ext.and_then(|f| f.first()) {
-        total -= *f;
+impl RootMotion {
+    #[inline]
+    fn new(model: &Model, q: &[f64], v: &[f64], a: &[f64]) -> Self {
+        let mut root = Self {
+            omega: Vector3::zeros(),
+            alpha: Vector3::zeros(),
+            a: -model.gravity,
+        };
+        if model.base == Base::Floating {
+            let (v, a) = (six(v), six(a));
+            (root.omega, root.alpha) = (v.angular, a.angular);
+            let up = base_placement(model, q).rotation.tr_mul(&root.a);
+            //= F Table 5.1: a_0 = -a_g, of a floating base a_0 = a - a_g
+            root.a = up + a.linear + root.omega.cross(&v.linear);
+        }
+        root
     }
-    data.tau[..6].copy_from_slice(&total.to_array());
+    /// To all lanes of the root's row.
+    fn store(&self, row: &mut RneaRow) {
+        let all = |x: Vector3<f64>| [x.x, x.y, x.z].map(|x| Pack([x; WIDTH]));
+        row.f = [Pack::ZERO; 3];
+        row.n = [Pack::ZERO; 3];
+        row.omega = all(self.omega);
+        row.alpha = all(self.alpha);
+        row.a = all(self.a);
+        let w = self.omega.cross_matrix();
+        let u = self.alpha.cross_matrix() + w * w;
+        row.u = std::array::from_fn(|k| Pack([u[(k / 3, k % 3)]; WIDTH]));
+    }
+    /// The wrench that gives a floating base its motion.
+    fn own_wrench(&self, inertia: &Inertia) -> Force {
+        let Self { omega, alpha, a } = self;
+        let h = &inertia.first_moment;
+        //= F Table 5.1: f_0 = I_0 a_0 + v_0 x* I_0 v_0 - f_0^x + sum f_i, of a floating base
+        let f = a * inertia.mass + alpha.cross(h) + omega.cross(&omega.cross(h));
+        let n =
+            inertia.rotational * alpha + omega.cross(&(inertia.rotational * omega)) + h.cross(a);
+        Force::new(f, n)
+    }
 }
 
 struct Rnea<'a> {
@@ -156,7 +173,6 @@ impl Kernel for Rnea<'_> {
                 }
             });
         }
-        self.tau.fill(0.0);
         for (i, step) in self.schedule.steps.iter().enumerate().rev() {
             let (before, rest) = self.rows.split_at_mut(i + 1);
             let Some(row) = rest.first() else { return };

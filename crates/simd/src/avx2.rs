@@ -26,6 +26,16 @@ fn with_features<K: Kernel>(kernel: K) -> K::Output {
     kernel.run::<Avx2>()
 }
 
+/// Mask of the first `count` lanes.
+#[inline(always)]
+unsafe fn first_lanes(count: usize) -> __m256i {
+    // SAFETY: the caller has AVX2.
+    unsafe {
+        let count = _mm256_set1_epi64x(count.min(WIDTH) as i64);
+        _mm256_cmpgt_epi64(count, _mm256_set_epi64x(3, 2, 1, 0))
+    }
+}
+
 impl Lanes for Avx2 {
     type Single = Avx2Single;
     #[inline(always)]
@@ -37,6 +47,16 @@ impl Lanes for Avx2 {
     fn store(self, p: &mut Pack) {
         // SAFETY: AVX is there; `Pack` is 32 writable bytes aligned to 32.
         unsafe { _mm256_store_pd(p.0.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn load_part(x: &[f64]) -> Self {
+        // SAFETY: AVX2 is there; lanes that the mask leaves out are not read.
+        Avx2(unsafe { _mm256_maskload_pd(x.as_ptr(), first_lanes(x.len())) })
+    }
+    #[inline(always)]
+    fn store_part(self, x: &mut [f64]) {
+        // SAFETY: AVX2 is there; lanes that the mask leaves out are not written.
+        unsafe { _mm256_maskstore_pd(x.as_mut_ptr(), first_lanes(x.len()), self.0) }
     }
     #[inline(always)]
     fn set(x: [f64; WIDTH]) -> Self {

@@ -45,6 +45,10 @@ pub trait Lanes:
     fn load(p: &Pack) -> Self;
     /// To memory.
     fn store(self, p: &mut Pack);
+    /// The first four numbers of `x`; zero beyond its end.
+    fn load_part(x: &[f64]) -> Self;
+    /// To the first four numbers of `x`; what is beyond its end is dropped.
+    fn store_part(self, x: &mut [f64]);
     /// From four numbers.
     fn set(x: [f64; WIDTH]) -> Self;
     /// The same number four times.

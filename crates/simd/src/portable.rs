@@ -24,6 +24,16 @@ impl Lanes for Portable {
         p.0 = self.0;
     }
     #[inline(always)]
+    fn load_part(x: &[f64]) -> Self {
+        Portable(std::array::from_fn(|k| x.get(k).copied().unwrap_or(0.0)))
+    }
+    #[inline(always)]
+    fn store_part(self, x: &mut [f64]) {
+        for (to, from) in x.iter_mut().zip(self.0) {
+            *to = from;
+        }
+    }
+    #[inline(always)]
     fn set(x: [f64; WIDTH]) -> Self {
         Portable(x)
     }

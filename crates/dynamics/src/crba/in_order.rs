@@ -30,7 +30,7 @@ impl Kernel for CrbaInOrder<'_> {
     fn run<L: Lanes>(self) {
         let InOrder {
             parents,
-            columns,
+            carriers,
             groups,
             bodies,
         } = self.memory;
@@ -76,7 +76,13 @@ impl Kernel for CrbaInOrder<'_> {
                 couple_with_base(step, row, m, self.nv);
             }
         }
-        couple::<L>(parents, columns, &self.rows[1..], m, self.nv);
+        let (base, nv) = (self.base_size, self.nv);
+        couple::<L>(carriers, &self.rows[1..], &mut m[base * nv..], base, nv);
+        for column in base + 1..nv {
+            for row in base..column {
+                m[row * nv + column] = m[column * nv + row];
+            }
+        }
     }
 }
 
@@ -113,51 +119,24 @@ fn keep_root(sums: &[Pack; 3], root: &mut CrbaRow) {
 }
 
 /// Entries of every joint with itself and those that carry it: its momentum against the twists of
-/// four bodies at a time.
+/// four bodies at a time. `m`, by columns, from the joints' first column on.
 #[inline(always)]
-fn couple<L: Lanes>(
-    parents: &[usize],
-    columns: &[usize],
-    rows: &[CrbaRow],
-    m: &mut [f64],
-    nv: usize,
-) {
-    for b in 1..parents.len() {
-        let (own, lane) = ((b - 1) / WIDTH, (b - 1) % WIDTH);
+fn couple<L: Lanes>(carriers: &[Pack], rows: &[CrbaRow], m: &mut [f64], base: usize, nv: usize) {
+    let groups = rows.len();
+    for (b, column) in m.chunks_exact_mut(nv).enumerate() {
+        let (own, lane) = (b / WIDTH, b % WIDTH);
+        let splat = |p: &Pack| L::splat(p.0[lane]);
         let [fx, fy, fz, nx, ny, nz] = &rows[own].momentum;
-        let f = V3::new(
-            L::splat(fx.0[lane]),
-            L::splat(fy.0[lane]),
-            L::splat(fz.0[lane]),
-        );
-        let n = V3::new(
-            L::splat(nx.0[lane]),
-            L::splat(ny.0[lane]),
-            L::splat(nz.0[lane]),
-        );
-        let own_column = columns[b];
-        let mut k = b;
-        let mut group = own;
-        while k > 0 {
-            let [vx, vy, vz, wx, wy, wz] = &rows[group].twist;
-            let (v, w) = (
-                V3::new(L::load(vx), L::load(vy), L::load(vz)),
-                V3::new(L::load(wx), L::load(wy), L::load(wz)),
-            );
+        let f = V3::new(splat(fx), splat(fy), splat(fz));
+        let n = V3::new(splat(nx), splat(ny), splat(nz));
+        let carriers = &carriers[b * groups..];
+        for (group, (row, carriers)) in rows[..=own].iter().zip(carriers).enumerate() {
+            let [vx, vy, vz, wx, wy, wz] = &row.twist;
+            let v = V3::new(L::load(vx), L::load(vy), L::load(vz));
+            let w = V3::new(L::load(wx), L::load(wy), L::load(wz));
             //= F Table 6.2: H_ij = H_ji = F_i^T S_j, j = i and all that carry i
-            let products = f.dot_add(v, n.dot(w)).to_array();
-            // Those in this group that carry the body, nearest first.
-            while k > 0 && (k - 1) / WIDTH == group {
-                let x = products[(k - 1) % WIDTH];
-                let other = columns[k];
-                for entry in [own_column * nv + other, other * nv + own_column] {
-                    if let Some(entry) = m.get_mut(entry) {
-                        *entry = x;
-                    }
-                }
-                k = parents[k];
-            }
-            group = k.saturating_sub(1) / WIDTH;
+            let products = f.dot_add(v, n.dot(w)) * L::load(carriers);
+            products.store_part(&mut column[base + group * WIDTH..]);
         }
     }
 }

@@ -1,18 +1,18 @@
 //! Recursive Newton-Euler for bodies in their order (see `in_order`).
 
-use super::own_wrench;
+use super::{RootMotion, own_wrench};
 use crate::data::Data;
 use crate::in_order::{
-    BodyRow, Group, InOrder, Placement, add_to_parents, of_bodies, place_in_parents,
-    rotations_back, to_bodies,
+    BodyRow, Group, InOrder, Placement, add_to_joints, add_to_parents, of_bodies, of_joints,
+    place_in_parents, rotations_back, to_bodies,
 };
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::Model;
 use crate::spatial::Force;
-use simd::{Kernel, Lanes, Pack, V3, WIDTH, gather, store_all};
+use nalgebra::Vector3;
+use simd::{Kernel, Lanes, Pack, V3, WIDTH, store_all};
 
-/// `rnea` on bodies in their order; `data.rnea[0]` holds the root's motion, and takes the root's
-/// children's wrench.
+/// `rnea` on bodies in their order, the root's motion among them; adds to `tau`.
 pub(super) struct RneaInOrder<'a> {
     pub(super) schedule: &'a LaneSchedule,
     pub(super) memory: &'a mut InOrder,
@@ -36,7 +36,7 @@ impl Kernel for RneaInOrder<'_> {
         let steps = &self.schedule.steps;
         for (step, group) in steps.iter().zip(groups.iter_mut()) {
             place_in_parents::<L>(step, group, self.q);
-            let (v, a): (L, L) = (gather(self.v, &step.joints), gather(self.a, &step.joints));
+            let (v, a): (L, L) = (of_joints(self.v, step), of_joints(self.a, step));
             let (r, p) = (
                 L::load(&step.revolute_ratio),
                 L::load(&step.prismatic_ratio),
@@ -65,7 +65,6 @@ impl Kernel for RneaInOrder<'_> {
             });
         }
         add_to_parents::<L, 2>(parents, bodies);
-        self.tau.fill(0.0);
         let (fours, _) = bodies[1..].as_chunks::<WIDTH>();
         for ((step, group), four) in steps.iter().zip(&*groups).zip(fours) {
             let (f, _) = of_bodies::<L>(four, |b| &b.sums[0]);
@@ -74,10 +73,7 @@ impl Kernel for RneaInOrder<'_> {
             let v = V3::<L>::new(L::load(vx), L::load(vy), L::load(vz));
             let w = V3::new(L::load(wx), L::load(wy), L::load(wz));
             //= F Table 5.1: tau_i = S_i^T f_i
-            let torque = v.dot(f) + w.dot(n);
-            for (joint, t) in step.joints.iter().zip(torque.to_array()) {
-                self.tau[*joint] += t;
-            }
+            add_to_joints(v.dot(f) + w.dot(n), self.tau, step);
         }
     }
 }
@@ -176,19 +172,18 @@ fn push(body: &mut BodyRow, f: &[f64; 3], n: &[f64; 3]) {
     }
 }
 
-/// Puts the root's motion where the bodies' is, and its children's wrench where the root's stands.
+/// `rnea` of the joints, in `data.tau`; the wrench of the root's children, about its origin.
 pub(super) fn run_in_order(
     model: &Model,
     data: &mut Data,
-    q: &[f64],
-    v: &[f64],
-    a: &[f64],
+    root: &RootMotion,
+    [q, v, a]: [&[f64]; 3],
     f_ext: Option<&[Force]>,
-) {
+) -> Force {
     let base = model.base_size().0;
-    let (from, root) = (&data.rnea[0], &mut data.in_order.bodies[0]);
-    let first = |p: &[Pack; 3]| Pack([p[0].0[0], p[1].0[0], p[2].0[0], 0.0]);
-    (root.omega, root.alpha, root.a) = (first(&from.omega), first(&from.alpha), first(&from.a));
+    let pack = |x: &Vector3<f64>| Pack([x.x, x.y, x.z, 0.0]);
+    let body = &mut data.in_order.bodies[0];
+    (body.omega, body.alpha, body.a) = (pack(&root.omega), pack(&root.alpha), pack(&root.a));
     let kernel = RneaInOrder {
         schedule: &model.schedule,
         memory: &mut data.in_order,
@@ -199,8 +194,7 @@ pub(super) fn run_in_order(
         tau: &mut data.tau[base..],
     };
     simd::run(data.instructions, kernel);
-    let [f, n, _] = data.in_order.bodies[0].sums;
-    let one = |x: f64| Pack([x, 0.0, 0.0, 0.0]);
-    data.rnea[0].f = std::array::from_fn(|k| one(f.0[k]));
-    data.rnea[0].n = std::array::from_fn(|k| one(n.0[k]));
+    let [f, n, _] = &data.in_order.bodies[0].sums;
+    let vector = |p: &Pack| Vector3::new(p.0[0], p.0[1], p.0[2]);
+    Force::new(vector(f), vector(n))
 }
