@@ -55,8 +55,25 @@ impl Lanes for Avx2 {
     }
     #[inline(always)]
     fn store_part(self, x: &mut [f64]) {
-        // SAFETY: AVX2 is there; lanes that the mask leaves out are not written.
-        unsafe { _mm256_maskstore_pd(x.as_mut_ptr(), first_lanes(x.len()), self.0) }
+        // A masked store would not be forwarded to loads that follow it.
+        let p = x.as_mut_ptr();
+        // SAFETY: AVX is there; no more numbers are written than `x` has.
+        unsafe {
+            let (low, high) = (
+                _mm256_castpd256_pd128(self.0),
+                _mm256_extractf128_pd::<1>(self.0),
+            );
+            match x.len() {
+                0 => {}
+                1 => _mm_store_sd(p, low),
+                2 => _mm_storeu_pd(p, low),
+                3 => {
+                    _mm_storeu_pd(p, low);
+                    _mm_store_sd(p.add(2), high);
+                }
+                _ => _mm256_storeu_pd(p, self.0),
+            }
+        }
     }
     #[inline(always)]
     fn set(x: [f64; WIDTH]) -> Self {

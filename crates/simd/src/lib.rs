@@ -199,6 +199,30 @@ pub fn run<K: Kernel>(instructions: Instructions, kernel: K) -> K::Output {
 mod tests {
     use super::*;
 
+    /// Parts of a slice, to its end and beyond.
+    struct Parts<'a>(&'a mut [f64]);
+    impl Kernel for Parts<'_> {
+        type Output = ();
+        fn run<L: Lanes>(self) {
+            let doubled = L::load_part(self.0) + L::load_part(self.0);
+            doubled.store_part(self.0);
+        }
+    }
+
+    #[test]
+    fn parts_of_slices() {
+        for instructions in [Instructions::Portable, Instructions::detect()] {
+            for count in 0..=6 {
+                let mut x = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+                run(instructions, Parts(&mut x[1..1 + count]));
+                for (k, x) in x.iter().enumerate() {
+                    let doubled = (1..1 + count.min(WIDTH)).contains(&k);
+                    assert_eq!(*x, (k + 1) as f64 * if doubled { 2.0 } else { 1.0 });
+                }
+            }
+        }
+    }
+
     struct SinCos(Pack);
     impl Kernel for SinCos {
         type Output = [[f64; WIDTH]; 2];
