@@ -10,6 +10,7 @@ mod fit;
 mod import;
 mod info;
 mod margins;
+mod motion;
 mod operator;
 mod output;
 mod record;
@@ -39,6 +40,7 @@ Examples:
   torquectl margins config/leg/robot.toml --joint knee --plot knee.svg
   torquectl state
   torquectl enable
+  torquectl move knee=60 --speed 20
   torquectl watch --once
   torquectl tare --contacts in_the_air
   torquectl record -o run.mcap --seconds 10
@@ -80,6 +82,7 @@ enum Command {
     Import(import::ImportArguments),
     Reference(reference::ReferenceArguments),
     Margins(margins::MarginsArguments),
+    Move(motion::MoveArguments),
     Tare(tare::TareArguments),
     WholeBody(whole_body::WholeBodyArguments),
 }
@@ -105,6 +108,7 @@ fn main() -> ExitCode {
         Command::Import(arguments) => import::run(&arguments),
         Command::Reference(arguments) => reference::run(&arguments),
         Command::Margins(arguments) => margins::run(&arguments),
+        Command::Move(arguments) => motion::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),
     }

@@ -20,6 +20,8 @@ pub(crate) enum Failure {
     Daemon(Error),
     /// An argument is wrong.
     Argument(Problem),
+    /// The user has ended it; what it has done until then.
+    Stopped(String),
 }
 
 impl From<Error> for Failure {
@@ -34,6 +36,7 @@ pub(crate) fn end(result: Result<String, Failure>) -> ExitCode {
         Ok(text) => return finish(text),
         Err(Failure::Daemon(e)) => (e, NO_DAEMON),
         Err(Failure::Argument(problem)) => (problem, BAD_INPUT),
+        Err(Failure::Stopped(what)) => (what, NO_DAEMON),
     };
     eprintln!("{why}");
     ExitCode::from(code)

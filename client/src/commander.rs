@@ -20,6 +20,8 @@ const SILENCE: Duration = Duration::from_secs(1);
 const HAND_OVER: Duration = Duration::from_millis(160);
 /// Interval of references that ask for hold until there is a verdict; below every time-out.
 const ASK_INTERVAL: Duration = Duration::from_millis(5);
+/// Time for which a robot that has arrived at a target is led there.
+const SETTLING: Duration = Duration::from_millis(300);
 /// Interval between polls of shared memory.
 const POLL: Duration = Duration::from_micros(250);
 
@@ -193,6 +195,44 @@ impl Commander {
             if Instant::now() > until {
                 let robot = self.robot.clone();
                 return Err(Error::NotFollowed { robot, status });
+            }
+        }
+    }
+
+    /// Sends the robot to a pose, by mode position, and waits until it is there and stays there: the
+    /// caller may go on with any mode. `change` sets the targets `q_d`, and `dq_d` where a joint is to
+    /// be slower than configured. `going` is shown the time that the motion will still take and says
+    /// whether it is to go on; if not, the robot is brought to rest. True if it has arrived.
+    ///
+    /// # Errors
+    /// As [`Commander::send`].
+    pub fn go_to(
+        &mut self,
+        change: impl FnOnce(&mut Reference),
+        mut going: impl FnMut(Duration) -> bool,
+    ) -> Result<bool, Error> {
+        for joint in &mut self.newest.joints {
+            joint.dq_d = 0.0;
+        }
+        change(&mut self.newest);
+        self.newest.mode = Mode::Position.number();
+        let first = self.newest.sequence + 1;
+        let mut arrived: Option<Instant> = None;
+        loop {
+            self.send(|_| {})?;
+            sleep(ASK_INTERVAL);
+            let status = *self.status()?;
+            let follows = status.mode == Mode::Position.number();
+            if !(follows && self.status_shows(first)) {
+                continue;
+            }
+            let left = status.commander.motion_left_s;
+            if left <= 0.0 && arrived.get_or_insert_with(Instant::now).elapsed() > SETTLING {
+                return Ok(true);
+            }
+            if !going(Duration::try_from_secs_f64(left).unwrap_or_default()) {
+                self.send(|reference| reference.mode = Mode::Hold.number())?;
+                return Ok(false);
             }
         }
     }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use common::RunDir;
 use robot_state::{RobotState, torque_flags};
 use test_support::{TemporaryDirectory, project_path};
-use torqued_client::Client;
+use torqued_client::{Client, Commander};
 
 fn torqued(arguments: &[&str], run: &RunDir) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
@@ -54,6 +54,26 @@ fn a_client_reads_the_torques_of_a_robot_that_is_simulated_in_the_daemon() {
     let knee = &estimated.estimated.joints[3];
     let (a, b) = (knee.tau_encoder.tau, knee.tau_whole_body.tau);
     assert!(b.abs() > 1.0 && (a - b).abs() < 4.0, "{a} {b}");
+
+    // Sent to a pose, it goes there and holds.
+    let mut commander = Commander::connect(&mut client).expect("the lease");
+    let ready = commander.hold_until_ready(Duration::from_secs(10));
+    ready.expect("followed");
+    let target = estimated.measured.joints[3].q + 0.1;
+    let mut shown = Duration::ZERO;
+    let arrived = commander.go_to(
+        |reference| reference.joints[3].q_d = target,
+        |left| {
+            shown = shown.max(left);
+            true
+        },
+    );
+    assert!(arrived.expect("followed") && shown > Duration::from_millis(100));
+    commander.close().expect("given back");
+    client.latest().expect("records");
+    let record = client.next_record(Duration::from_secs(2)).expect("one");
+    let q = record.cycle.measured.joints[3].q;
+    assert!((q - target).abs() < 0.1f64.to_radians(), "{q} {target}");
 
     let signalled = Command::new("kill").arg(daemon.id().to_string()).status();
     assert!(signalled.expect("kill runs").success());

@@ -4,7 +4,7 @@ import enum
 import os
 import secrets
 import time
-from typing import Callable, Optional
+from typing import Callable, Dict, Optional
 
 import iceoryx2 as iox2
 
@@ -26,6 +26,8 @@ SILENCE_S = 1.0
 HAND_OVER_S = 0.16
 #: Interval of references that ask for hold until there is a verdict, s.
 ASK_INTERVAL_S = 0.005
+#: Time for which a robot that has arrived at a target is led there, s.
+SETTLING_S = 0.3
 
 
 class AlreadyCommandedError(RuntimeError):
@@ -91,6 +93,7 @@ class Commander:
         )
         for desired, measured in zip(self.reference.joints, record.cycle.measured.joints):
             desired.q_d = measured.q
+        self._joint_names = client.joint_names
         self._status = CommanderStatus()
         self._heard = time.monotonic()
         self._standing = _Standing.OVER
@@ -153,6 +156,46 @@ class Commander:
                 return
             if time.monotonic() > until:
                 raise self._not_followed()
+
+    def go_to(
+        self,
+        targets: Dict[str, float],
+        speed: Optional[float] = None,
+        going: Optional[Callable[[float], bool]] = None,
+    ) -> bool:
+        """Sends joints to angles, rad, by mode position, and waits until the robot is there and stays
+        there; joints that are not named keep their targets. `speed`: greatest speed of every joint,
+        rad/s; the configured ones if none is given. `going` is shown the time in s that the motion
+        will still take and says whether it is to go on; if not, the robot is brought to rest. True if
+        it has arrived. Raises as `send`, and `KeyError` for a joint that the robot does not have."""
+        unknown = set(targets) - set(self._joint_names)
+        if unknown:
+            raise KeyError(
+                f"{', '.join(sorted(unknown))}: not a joint of robot "
+                f'"{self._robot}", which has {", ".join(self._joint_names)}'
+            )
+        for name, joint in zip(self._joint_names, self.reference.joints):
+            joint.q_d = targets.get(name, joint.q_d)
+            joint.dq_d = speed or 0.0
+        self.reference.mode = Mode.POSITION
+        first = self.reference.sequence + 1
+        arrived = None
+        while True:
+            self.send()
+            time.sleep(ASK_INTERVAL_S)
+            status = self.status
+            lease = status.commander
+            own = lease.session == self.reference.session and lease.sequence >= first
+            if not own or status.mode != Mode.POSITION:
+                continue
+            if lease.motion_left_s <= 0.0:
+                arrived = arrived or time.monotonic()
+                if time.monotonic() > arrived + SETTLING_S:
+                    return True
+            if going is not None and not going(lease.motion_left_s):
+                self.reference.mode = Mode.HOLD
+                self.send()
+                return False
 
     def close(self) -> None:
         """Gives the lease back: the robot holds, and another client may command at once."""

@@ -18,6 +18,7 @@ class Mode(IntEnum):
     HOLD = 0
     TORQUE = 1
     INVERSE_DYNAMICS = 2
+    POSITION = 3
 
 
 class TorqueSource(IntEnum):
@@ -181,7 +182,7 @@ EVENTS = (
 
 
 class CommanderRecord(ctypes.Structure):
-    """64 bytes."""
+    """72 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -193,6 +194,8 @@ class CommanderRecord(ctypes.Structure):
         ("sequence", ctypes.c_uint64),
         # Session that was refused last, or 0.
         ("refused_session", ctypes.c_uint64),
+        # Time until the robot is at the target of mode position, s; 0 in other modes.
+        ("motion_left_s", ctypes.c_double),
         # Why: one of `lease_refusal`.
         ("refused_reason", ctypes.c_uint32),
         # References refused since start.
@@ -449,7 +452,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """25368 bytes."""
+    """25376 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -517,7 +520,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """25440 bytes."""
+    """25448 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -565,9 +568,9 @@ class JointReference(ctypes.Structure):
 
     __slots__ = ()
     _fields_ = [
-        # q_d: desired joint angle, rad (mode inverse dynamics).
+        # q_d: desired joint angle, rad (mode inverse dynamics), or the target (mode position).
         ("q_d", ctypes.c_double),
-        # dq_d: desired velocity, rad/s (mode inverse dynamics).
+        # dq_d: desired velocity, rad/s (mode inverse dynamics), or the greatest speed on the way to the target, 0 for the configured one (mode position).
         ("dq_d", ctypes.c_double),
         # ddq_d: desired acceleration, rad/s² (mode inverse dynamics).
         ("ddq_d", ctypes.c_double),
@@ -589,7 +592,7 @@ class Reference(ctypes.Structure):
         ("sequence", ctypes.c_uint64),
         # Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts from it.
         ("sent_ns", ctypes.c_uint64),
-        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics.
+        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position.
         ("mode", ctypes.c_uint32),
         # Joints in use; must equal the robot's.
         ("joint_count", ctypes.c_uint32),
@@ -609,7 +612,7 @@ class Reference(ctypes.Structure):
 
 
 class CommanderStatus(ctypes.Structure):
-    """80 bytes."""
+    """88 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -693,9 +696,9 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#a3782e00b7d309d6")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#06764dc5be6fb81a")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#f36959068f2015ff")
-CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#cb6f5874622f4292")
+CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#db0e2d65a307eda8")
 Request.type_name = staticmethod(lambda: "torqued::Request#722a456d0d271a52")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

@@ -8,6 +8,7 @@ mod carry;
 mod decide;
 mod emit;
 mod joint;
+mod motion;
 mod predictive;
 mod reference;
 mod transition;
@@ -27,6 +28,7 @@ use crate::estimate::FastTorque;
 use crate::events::{Counts, Subject};
 use crate::measure::JointReadiness;
 use joint::{InverseDynamicsTorque, JointController, JointInput};
+use motion::Motions;
 use reference::Goal;
 use weight::{Loads, Past};
 
@@ -58,6 +60,7 @@ pub(crate) struct Input<'a> {
 pub(crate) struct Command {
     joints: Vec<JointController>,
     inverse_dynamics: InverseDynamics,
+    motions: Motions,
     loads: Past,
     /// Torques that carry the joints' weight, N·m, model order.
     weights: Vec<f64>,
@@ -88,6 +91,7 @@ impl Command {
                 .map(|j| JointController::new(j, parameters))
                 .collect(),
             inverse_dynamics: InverseDynamics::new(&robot.model, &frames),
+            motions: Motions::new(parameters),
             loads: Past::new(parameters.timing.sample_period),
             weights: vec![0.0; robot.model.joint_count()],
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
@@ -104,6 +108,11 @@ impl Command {
     /// The last command of each joint, rad or A; none where none is sent.
     pub(crate) fn last(&self) -> impl Iterator<Item = Option<f64>> {
         self.joints.iter().map(JointController::last)
+    }
+
+    /// Time until the robot is at the target of a planned motion, s; 0 without one.
+    pub(crate) fn motion_left_s(&self) -> f64 {
+        self.motions.left_s()
     }
 
     /// The command of every engaged joint within all limits, with its contributions. Of one that is
@@ -126,6 +135,11 @@ impl Command {
             skipped,
             overslept,
         } = *input;
+        let planned = self.motions.follow(goal, measured, self.sample_period);
+        let (goal, age_s) = match &planned {
+            Some(planned) => (&Goal::InverseDynamics(planned), 0.0),
+            None => (goal, age_s),
+        };
         let reference = goal.reference();
         self.weigh(base_motion, measured, estimated);
         // Desired accelerations and contact forces are those of inverse dynamics alone.

@@ -101,6 +101,7 @@ impl Cycle {
         (self.command).update(&goal, engaged, &input, commanded, counts);
         self.supervisor.react_to(counts);
         self.supervisor.publish_drives(commanded);
+        let motion_left_s = self.command.motion_left_s();
         (self.emit).update(&self.command, &self.supervisor, measured, tx, counts);
         if self.supervisor.take_acknowledgement() {
             self.measure.restart_distrusted();
@@ -110,6 +111,7 @@ impl Cycle {
         record.sequence += 1;
         record.stamp_ns = at.now.0;
         self.supervisor.publish(record);
+        record.commander.motion_left_s = motion_left_s;
         record.events = counts.as_array();
         record
     }

@@ -44,7 +44,8 @@ fn no_cycle_allocates_whatever_happens_in_it() {
                 Mode::Hold.number(),
                 Mode::Torque.number(),
                 Mode::InverseDynamics.number(),
-            ][cycle as usize / 20 % 3];
+                Mode::Position.number(),
+            ][cycle as usize / 20 % 4];
             if cycle % 90 == 89 {
                 reference.joints[1].dq_d = f64::NAN;
             }

@@ -102,12 +102,12 @@ fn a_flat_sensor_ends_the_modes_that_need_it() {
         let what = format!("{robot}, slot {slot} flat, subject {subject:#x}");
         assert!(ended < 500, "{what}: followed for {ended} cycles");
         assert_eq!(count(&bench, Event::SensorFlat), 1, "{what}");
-        assert_eq!(bench.cycle.record().possible_modes, 0b001, "{what}");
+        assert_eq!(bench.cycle.record().possible_modes, 0b0001, "{what}");
         assert_eq!(bench.cycle.record().fault, 0, "{what}");
         motion.assert_small(&what);
         // Alive again.
         bench.run(300);
-        assert_eq!(bench.cycle.record().possible_modes, 0b111, "{what}");
+        assert_eq!(bench.cycle.record().possible_modes, 0b1111, "{what}");
     }
 }
 

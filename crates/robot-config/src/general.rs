@@ -1,8 +1,8 @@
 //! `[robot] [loop] [[bus]] [control] [cross_check]`.
 
 use crate::parameters::{
-    BusParameters, CrossCheckSettings, FastTorqueFeedback, RealTime, Timing, TorqueFeedback,
-    TorqueLaw,
+    BusParameters, CrossCheckSettings, FastTorqueFeedback, MotionSettings, RealTime, Timing,
+    TorqueFeedback, TorqueLaw,
 };
 use crate::reader::{Allowed, Diagnostics, Section};
 use crate::{Read, paths, unreadable};
@@ -24,6 +24,7 @@ pub(crate) struct Feedback {
     /// Time from a sample until the drives have the command computed from it, s.
     pub(crate) command_delay: f64,
     pub(crate) k_f: f64,
+    pub(crate) motion: MotionSettings,
 }
 
 /// `[[bus]]`.
@@ -195,6 +196,11 @@ pub(crate) fn feedback(root: &Section<'_, '_>, sample_period: f64) -> Feedback {
         torque_law: TorqueLaw::ProportionalIntegral(Encoder),
         command_delay: sample_period,
         k_f: 0.0,
+        motion: MotionSettings {
+            velocity: 0.25,
+            acceleration: 0.05,
+            jerk_time: 0.2,
+        },
     };
     if let Some(section) = root.section("control") {
         let laws = [("proportional_integral", false), ("predictive", true)];
@@ -220,6 +226,14 @@ pub(crate) fn feedback(root: &Section<'_, '_>, sample_period: f64) -> Feedback {
         );
         feedback.command_delay = 1e-6 * us;
         feedback.k_f = section.number_or("K_f", 0.0, Allowed::NonNegative);
+        let share = |key, default| {
+            0.01 * section.number_or(key, 100.0 * default, Allowed::Within(1.0, 100.0))
+        };
+        let motion = &mut feedback.motion;
+        motion.velocity = share("motion_velocity_per_cent", motion.velocity);
+        motion.acceleration = share("motion_acceleration_per_cent", motion.acceleration);
+        let ms = Allowed::Within(1.0, 10_000.0);
+        motion.jerk_time = 1e-3 * section.number_or("motion_jerk_ms", 1e3 * motion.jerk_time, ms);
         section.finish();
     }
     feedback

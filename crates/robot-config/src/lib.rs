@@ -159,6 +159,7 @@ fn robot(
         safety,
         torque_law: feedback.torque_law,
         k_f: feedback.k_f,
+        motion: feedback.motion,
         joints,
         ft_sensors,
         imu,

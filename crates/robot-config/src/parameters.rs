@@ -2,7 +2,7 @@
 
 use crate::sampling::Sampling;
 use control::predictive::LawParameters;
-use control::{JointGains, MotorModel};
+use control::{JointGains, MotionLimits, MotorModel};
 use dynamics::Base;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
@@ -44,6 +44,8 @@ pub struct Parameters {
     pub torque_law: TorqueLaw,
     /// K_f: gain on the contact force error (D12), 1.
     pub k_f: f64,
+    /// Limits of the motions that the loop plans.
+    pub motion: MotionSettings,
     /// The joints, in config order.
     pub joints: Vec<JointParameters>,
     /// The F/T sensors, in config order.
@@ -67,6 +69,17 @@ pub struct SafetySettings {
     pub publisher_timeout: f64,
     /// The reaction to each event.
     pub reactions: Reactions,
+}
+
+/// Limits of the motions that the loop plans, as shares of what each joint can do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotionSettings {
+    /// Of the velocity limit, 0 to 1.
+    pub velocity: f64,
+    /// Of the acceleration that the torque limit gives the joint with the robot stretched out, 0 to 1.
+    pub acceleration: f64,
+    /// Time in which the acceleration rises from 0 to its limit, s.
+    pub jerk_time: f64,
 }
 
 /// Filters of the signals.
@@ -245,11 +258,32 @@ pub struct JointParameters {
     pub current_signal: SignalParameters,
 }
 
+impl Parameters {
+    /// Limits of each joint in motions that the loop plans.
+    pub fn motion_limits(&self) -> impl Iterator<Item = MotionLimits> {
+        self.joints.iter().map(|joint| {
+            let acceleration = self.motion.acceleration * joint.acceleration();
+            MotionLimits {
+                velocity: self.motion.velocity * joint.limits.velocity,
+                acceleration,
+                jerk: acceleration / self.motion.jerk_time,
+            }
+        })
+    }
+}
+
 impl JointParameters {
     /// The drive takes positions, not currents.
     #[must_use]
     pub fn takes_position(&self) -> bool {
         matches!(self.motor, MotorModel::Position { .. })
+    }
+
+    /// Acceleration that the torque limit gives the joint with the robot stretched out, rad/s².
+    #[must_use]
+    pub fn acceleration(&self) -> f64 {
+        let rotor = self.rotor_inertia * self.encoders.gear_ratio.powi(2);
+        self.limits.torque / (rotor + self.link_inertia)
     }
 }
 

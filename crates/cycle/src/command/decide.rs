@@ -461,7 +461,7 @@ fn needs(mode: Mode, robot: &Robot) -> u32 {
         Mode::Hold => 0,
         Mode::Torque => feedback,
         // Gravity by the base's motion, and the contact wrenches.
-        Mode::InverseDynamics => feedback | source::WHOLE_BODY,
+        Mode::InverseDynamics | Mode::Position => feedback | source::WHOLE_BODY,
     }
 }
 

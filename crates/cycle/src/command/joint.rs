@@ -389,7 +389,7 @@ impl Law {
                 torque_loop,
                 transition,
             },
-            (Mode::InverseDynamics, _) => State::InverseDynamics {
+            (Mode::InverseDynamics | Mode::Position, _) => State::InverseDynamics {
                 torque_loop,
                 transition,
             },

@@ -36,6 +36,8 @@ const OVERDRIVEN: f64 = 2.0;
 /// Greatest desired acceleration over the one that the torque limit gives the joint with the robot
 /// stretched out: folded, a limb has less than half of that inertia.
 const FOLDED: f64 = 2.0;
+/// Least speed of a motion to a target, as a share of the velocity limit.
+const SLOWEST: f64 = 1e-3;
 /// Time within which the way that `dq_d` is ahead of `q_d` is forgotten, s.
 const MEMORY_S: f64 = 0.1;
 /// Greatest such way: the joint's in this time at its velocity limit, s, and a share of the way that
@@ -52,6 +54,8 @@ pub(crate) enum Goal<'a> {
     Stop,
     Torque(&'a Reference),
     InverseDynamics(&'a Reference),
+    /// The targets of the reference, on the way that the loop plans.
+    Position(&'a Reference),
 }
 
 impl<'a> Goal<'a> {
@@ -60,13 +64,16 @@ impl<'a> Goal<'a> {
             Self::Hold | Self::Stop => Mode::Hold,
             Self::Torque(_) => Mode::Torque,
             Self::InverseDynamics(_) => Mode::InverseDynamics,
+            Self::Position(_) => Mode::Position,
         }
     }
 
     pub(crate) fn reference(&self) -> Option<&'a Reference> {
         match *self {
             Self::Hold | Self::Stop => None,
-            Self::Torque(reference) | Self::InverseDynamics(reference) => Some(reference),
+            Self::Torque(reference)
+            | Self::InverseDynamics(reference)
+            | Self::Position(reference) => Some(reference),
         }
     }
 }
@@ -120,6 +127,7 @@ impl ReferenceCheck {
             Some(Mode::Hold) => Goal::Hold,
             Some(Mode::Torque) => Goal::Torque(reference),
             Some(Mode::InverseDynamics) => Goal::InverseDynamics(reference),
+            Some(Mode::Position) => Goal::Position(reference),
             None => return Err(Event::ReferenceRejected),
         };
         if reference.joint_count as usize != self.joints.len() {
@@ -144,6 +152,9 @@ impl ReferenceCheck {
             return joints.all(|(joint, asked)| {
                 asked.tau_d.abs() <= OVERDRIVEN * joint.limits.torque * ROUNDING
             });
+        }
+        if goal.mode() == Mode::Position {
+            return joints.all(|(joint, asked)| joint.can_go_to(asked));
         }
         let wrenches = self.wrenches.iter().zip(&reference.contact_wrench);
         let given = reference.contact_wrench_given == 1;
@@ -201,10 +212,9 @@ impl ReferenceCheck {
 
 impl Joint {
     fn new(joint: &JointParameters) -> Self {
-        let rotor = joint.rotor_inertia * joint.encoders.gear_ratio.powi(2);
         Self {
             limits: joint.limits,
-            acceleration: FOLDED * joint.limits.torque / (rotor + joint.link_inertia),
+            acceleration: FOLDED * joint.acceleration(),
             q_d: 0.0,
             dq_d: 0.0,
             credit: 0.0,
@@ -219,6 +229,15 @@ impl Joint {
         range.contains(&asked.q_d)
             && asked.dq_d.abs() <= limits.velocity * ROUNDING
             && asked.ddq_d.abs() <= self.acceleration * ROUNDING
+    }
+
+    /// The target is within the position limits, and the speed on the way is none or one that leads
+    /// there in a time that can be planned.
+    fn can_go_to(&self, asked: &JointReference) -> bool {
+        let limits = &self.limits;
+        let speeds = SLOWEST * limits.velocity..=limits.velocity * ROUNDING;
+        (limits.position_min..=limits.position_max).contains(&asked.q_d)
+            && (asked.dq_d == 0.0 || speeds.contains(&asked.dq_d))
     }
 
     fn start(&mut self, asked: &JointReference, measured: &JointMeasured) -> Result<(), Event> {

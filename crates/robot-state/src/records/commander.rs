@@ -46,6 +46,8 @@ record! {
         pub sequence: u64,
         /// Session that was refused last, or 0.
         pub refused_session: u64,
+        /// Time until the robot is at the target of mode position, s; 0 in other modes.
+        pub motion_left_s: f64,
         /// Why: one of `lease_refusal`.
         pub refused_reason: u32,
         /// References refused since start.

@@ -14,11 +14,19 @@ pub enum Mode {
     Torque = 1,
     /// Follow `q_d dq_d ddq_d` and contact wrenches of the client by inverse dynamics.
     InverseDynamics = 2,
+    /// Go to `q_d` on a trajectory that the loop plans, by inverse dynamics: all joints arrive at
+    /// once and stay there.
+    Position = 3,
 }
 
 impl Mode {
     /// Every mode.
-    pub const ALL: [Self; 3] = [Self::Hold, Self::Torque, Self::InverseDynamics];
+    pub const ALL: [Self; 4] = [
+        Self::Hold,
+        Self::Torque,
+        Self::InverseDynamics,
+        Self::Position,
+    ];
 
     /// The mode's number in records.
     #[must_use]
@@ -39,6 +47,7 @@ impl Mode {
             Self::Hold => "hold",
             Self::Torque => "torque",
             Self::InverseDynamics => "inverse_dynamics",
+            Self::Position => "position",
         }
     }
 }
@@ -46,9 +55,10 @@ impl Mode {
 record! {
     /// Reference of one joint.
     pub struct JointReference {
-        /// q_d: desired joint angle, rad (mode inverse dynamics).
+        /// q_d: desired joint angle, rad (mode inverse dynamics), or the target (mode position).
         pub q_d: f64,
-        /// dq_d: desired velocity, rad/s (mode inverse dynamics).
+        /// dq_d: desired velocity, rad/s (mode inverse dynamics), or the greatest speed on the way to
+        /// the target, 0 for the configured one (mode position).
         pub dq_d: f64,
         /// ddq_d: desired acceleration, rad/s² (mode inverse dynamics).
         pub ddq_d: f64,
@@ -71,7 +81,7 @@ record! {
         /// Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts
         /// from it.
         pub sent_ns: u64,
-        /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics.
+        /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position.
         pub mode: u32,
         /// Joints in use; must equal the robot's.
         pub joint_count: u32,
