@@ -564,7 +564,7 @@ class Description(ctypes.Structure):
 
 
 class JointReference(ctypes.Structure):
-    """32 bytes."""
+    """48 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -576,11 +576,15 @@ class JointReference(ctypes.Structure):
         ("ddq_d", ctypes.c_double),
         # tau_d: desired torque, N·m (mode torque).
         ("tau_d", ctypes.c_double),
+        # K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes inverse dynamics and position).
+        ("stiffness", ctypes.c_double),
+        # K_d: damping, N·m·s/rad, at most the configured one; as `stiffness`.
+        ("damping", ctypes.c_double),
     ]
 
 
 class Reference(ctypes.Structure):
-    """2488 bytes."""
+    """3520 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -604,6 +608,10 @@ class Reference(ctypes.Structure):
         ("gives_back", ctypes.c_uint32),
         # 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
         ("contact_wrench_given", ctypes.c_uint32),
+        # 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration.
+        ("gains_given", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
         # The joints, in config order.
         ("joints", JointReference * 64),
         # f_d: desired wrench of the environment on each end-effector, at the frame of its F/T sensor, in config order (mode inverse dynamics).
@@ -698,7 +706,7 @@ class Answer(ctypes.Structure):
 # The types' names in shared memory: the layout's hash makes another version a stranger.
 SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#06764dc5be6fb81a")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#f36959068f2015ff")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#4e3dedf757f58dfe")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#db0e2d65a307eda8")
 Request.type_name = staticmethod(lambda: "torqued::Request#722a456d0d271a52")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

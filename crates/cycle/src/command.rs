@@ -7,6 +7,7 @@
 mod carry;
 mod decide;
 mod emit;
+mod impedance;
 mod joint;
 mod motion;
 mod predictive;
@@ -27,6 +28,7 @@ use supervisor::Deviation;
 use crate::estimate::FastTorque;
 use crate::events::{Counts, Subject};
 use crate::measure::JointReadiness;
+use impedance::Impedance;
 use joint::{InverseDynamicsTorque, JointController, JointInput};
 use motion::Motions;
 use reference::Goal;
@@ -162,6 +164,10 @@ impl Command {
                             ..*asked
                         }
                     }),
+                impedance: reference
+                    .filter(|r| r.gains_given == 1)
+                    .and_then(|r| r.joints.get(j))
+                    .map(Impedance::of),
                 inverse_dynamics: self.torques[j],
                 measured: &measured.joints[j],
                 trusted: !readiness.get(j).is_some_and(|joint| joint.distrusted),

@@ -45,6 +45,7 @@ fn any_reference(random: &mut Random, record: &CycleRecord) -> Reference {
             _ => record.joint_count,
         },
         contact_wrench_given: random.bits() as u32 % 2,
+        gains_given: random.bits() as u32 % 2,
         ..Reference::default()
     };
     let near = random.below(20) > 0;
@@ -52,11 +53,18 @@ fn any_reference(random: &mut Random, record: &CycleRecord) -> Reference {
         let joint = &mut reference.joints[j];
         joint.q_d = record.measured.joints[j].q;
         joint.tau_d = 50.0 * random.symmetric();
+        joint.stiffness = 100.0 * random.unit();
+        joint.damping = random.unit();
+        if reference.mode == Mode::Position.number() {
+            joint.q_d += 0.5 * random.symmetric();
+        }
         if !near && random.below(3) == 0 {
             joint.q_d += any_number(random);
             joint.dq_d = any_number(random);
             joint.ddq_d = any_number(random);
             joint.tau_d = any_number(random);
+            joint.stiffness = any_number(random);
+            joint.damping = any_number(random);
         }
     }
     if !near && random.below(3) == 0 {

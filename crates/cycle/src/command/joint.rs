@@ -27,6 +27,7 @@ use robot_state::{
 };
 
 use super::carry::{Carry, CarryParameters, smaller};
+use super::impedance::Impedance;
 use super::predictive::{predictive_command, sensed};
 use super::reference::Goal;
 use super::transition::{Stop, Transition};
@@ -50,6 +51,8 @@ pub(crate) struct InverseDynamicsTorque {
 pub(crate) struct JointInput<'a> {
     /// At the instant of this cycle; zero in mode hold.
     pub(crate) reference: JointReference,
+    /// What the reference asks for; none: the configured one.
+    pub(crate) impedance: Option<Impedance>,
     pub(crate) inverse_dynamics: InverseDynamicsTorque,
     pub(crate) measured: &'a JointMeasured,
     /// The joint's encoders do not contradict each other.
@@ -85,6 +88,7 @@ enum State {
     InverseDynamics {
         torque_loop: TorqueLoop,
         transition: Transition,
+        impedance: Impedance,
     },
 }
 
@@ -282,9 +286,10 @@ impl JointController {
             State::InverseDynamics {
                 torque_loop,
                 transition,
+                impedance,
             } => {
-                let (q_d, dq_d) = (reference.q_d, reference.dq_d);
-                let terms = law.tracking_terms(q_d, dq_d, self.predictive.as_ref(), input);
+                impedance.lead(input.impedance, &law.gains, input.dt);
+                let terms = law.tracking_terms(*impedance, self.predictive.as_ref(), input);
                 (terms, torque_loop, transition)
             }
         };
@@ -392,6 +397,7 @@ impl Law {
             (Mode::InverseDynamics | Mode::Position, _) => State::InverseDynamics {
                 torque_loop,
                 transition,
+                impedance: Impedance::asked(input.impedance, &self.gains),
             },
         }
     }
@@ -409,20 +415,20 @@ impl Law {
     /// Terms that follow a position and a velocity by inverse dynamics.
     fn tracking_terms(
         &self,
-        q_d: f64,
-        dq_d: f64,
+        impedance: Impedance,
         predictive: Option<&PredictiveLaw>,
         input: &JointInput<'_>,
     ) -> TorqueTerms {
         let (measured, torque) = (input.measured, &input.inverse_dynamics);
+        let JointReference { q_d, dq_d, .. } = input.reference;
         // The observer's velocity is younger than the filter's.
         let dq = predictive.map_or(measured.dq, PredictiveLaw::link_velocity);
         // Position feedback uses the newest sample: docs/decisions/0003.
         TorqueTerms {
             feedforward: torque.feedforward,
             force: torque.force_feedback,
-            position: self.gains.k_s * (q_d - measured.q),
-            velocity: self.gains.k_d * (dq_d - dq),
+            position: impedance.stiffness * (q_d - measured.q),
+            velocity: impedance.damping * (dq_d - dq),
         }
     }
 

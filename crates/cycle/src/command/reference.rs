@@ -12,6 +12,7 @@
 //! damps. Smaller torques and accelerations than the limits are the client's own affair: the limiter
 //! has the last word on them, and lets them rise no faster than the torque's rate.
 
+use control::JointGains;
 use robot_config::{FtParameters, JointParameters, Robot};
 use robot_state::{Event, JointMeasured, JointReference, MeasuredRecord, Mode, Reference, Wrench};
 use supervisor::Limits;
@@ -82,6 +83,7 @@ impl<'a> Goal<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Joint {
     limits: Limits,
+    gains: JointGains,
     /// Greatest |ddq_d|, rad/s².
     acceleration: f64,
     q_d: f64,
@@ -153,6 +155,11 @@ impl ReferenceCheck {
                 asked.tau_d.abs() <= OVERDRIVEN * joint.limits.torque * ROUNDING
             });
         }
+        let softens = reference.gains_given == 1;
+        let mut gains = self.joints.iter().zip(&reference.joints);
+        if softens && !gains.all(|(joint, asked)| joint.can_be_as_soft(asked)) {
+            return false;
+        }
         if goal.mode() == Mode::Position {
             return joints.all(|(joint, asked)| joint.can_go_to(asked));
         }
@@ -214,6 +221,7 @@ impl Joint {
     fn new(joint: &JointParameters) -> Self {
         Self {
             limits: joint.limits,
+            gains: joint.gains,
             acceleration: FOLDED * joint.acceleration(),
             q_d: 0.0,
             dq_d: 0.0,
@@ -229,6 +237,13 @@ impl Joint {
         range.contains(&asked.q_d)
             && asked.dq_d.abs() <= limits.velocity * ROUNDING
             && asked.ddq_d.abs() <= self.acceleration * ROUNDING
+    }
+
+    /// Stiffness and damping are none that the configured ones do not contain: the margins of the loop
+    /// are those of the configuration.
+    fn can_be_as_soft(&self, asked: &JointReference) -> bool {
+        let within = |gain: f64, most: f64| (0.0..=most * ROUNDING).contains(&gain);
+        within(asked.stiffness, self.gains.k_s) && within(asked.damping, self.gains.k_d)
     }
 
     /// The target is within the position limits, and the speed on the way is none or one that leads
@@ -300,7 +315,7 @@ fn is_measurable(reach: &[f64; 6], wrench: &Wrench) -> bool {
 fn is_finite(reference: &Reference) -> bool {
     let joints = reference.joints.iter().take(reference.joint_count as usize);
     let joints_finite = joints
-        .flat_map(|j| [j.q_d, j.dq_d, j.ddq_d, j.tau_d])
+        .flat_map(|j| [j.q_d, j.dq_d, j.ddq_d, j.tau_d, j.stiffness, j.damping])
         .all(f64::is_finite);
     let wrenches = reference.contact_wrench.iter();
     joints_finite

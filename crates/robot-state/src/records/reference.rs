@@ -64,6 +64,11 @@ record! {
         pub ddq_d: f64,
         /// tau_d: desired torque, N·m (mode torque).
         pub tau_d: f64,
+        /// K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes
+        /// inverse dynamics and position).
+        pub stiffness: f64,
+        /// K_d: damping, N·m·s/rad, at most the configured one; as `stiffness`.
+        pub damping: f64,
     }
 }
 
@@ -94,6 +99,10 @@ record! {
         pub gives_back: u32,
         /// 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
         pub contact_wrench_given: u32,
+        /// 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration.
+        pub gains_given: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
         /// The joints, in config order.
         pub joints: [JointReference; MAX_JOINTS],
         /// f_d: desired wrench of the environment on each end-effector, at the frame of its F/T
