@@ -146,7 +146,7 @@ impl Motion {
             q_d: start + half * (1.0 - phase.cos()),
             dq_d: half * omega * phase.sin(),
             ddq_d: moves * half * omega * omega * phase.cos(),
-            tau_d: 0.0,
+            ..JointReference::default()
         }
     }
 }
