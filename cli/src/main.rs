@@ -1,6 +1,7 @@
 //! `torquectl`: the operator's tool.
 
 mod blackbox;
+mod calibrate;
 mod check;
 mod contacts;
 mod dynamics;
@@ -64,6 +65,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Blackbox(blackbox::BlackboxArguments),
+    Calibrate(calibrate::CalibrateArguments),
     Check(check::CheckArguments),
     State(state::StateArguments),
     Enable(operator::EnableArguments),
@@ -90,6 +92,7 @@ enum Command {
 fn main() -> ExitCode {
     match Arguments::parse().command {
         Command::Blackbox(arguments) => blackbox::run(&arguments),
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::State(arguments) => state::run(&arguments),
         Command::Enable(arguments) => operator::enable(&arguments),

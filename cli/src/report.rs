@@ -134,7 +134,7 @@ pub(crate) fn inspection(joint: &JointFile, rows: &[LogRow]) -> Vec<String> {
     }
 }
 
-const STYLE: &str = "body{font:15px/1.45 sans-serif;margin:2em auto;max-width:1080px;padding:0 1em;\
+pub(crate) const STYLE: &str = "body{font:15px/1.45 sans-serif;margin:2em auto;max-width:1080px;padding:0 1em;\
 color:#222}h1{font-size:1.5em}h2{font-size:1.2em;margin-top:2em}table{border-collapse:collapse}\
 td,th{padding:.2em .8em;border-bottom:1px solid #ccc;text-align:right}\
 td:first-child,th:first-child{text-align:left}.bad{background:#fdd}li{margin:.15em 0}\
@@ -213,7 +213,7 @@ fn table(traces: &Traces) -> String {
 }
 
 /// Text for HTML.
-fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

@@ -8,6 +8,8 @@ use std::path::Path;
 pub(crate) struct Rows {
     /// Stamps in the file's unit, increasing.
     pub(crate) t: Vec<f64>,
+    /// Line of each row.
+    pub(crate) lines: Vec<usize>,
     /// Columns by name.
     pub(crate) columns: BTreeMap<String, Vec<f64>>,
 }
@@ -22,6 +24,29 @@ impl Rows {
         path: &Path,
         delimiter: u8,
         time: &str,
+        used: impl Fn(&str) -> bool,
+    ) -> Result<Self, Problem> {
+        let rows = Self::read_in_order_of_rows(path, delimiter, &[time], used)?;
+        let backwards = rows.t.windows(2).position(|w| w[1] <= w[0]);
+        if let Some(row) = backwards {
+            let reason = format!("`{time}` is {} after {}", rows.t[row + 1], rows.t[row]);
+            let place = rows.lines.get(row + 1).copied().unwrap_or(0);
+            return Err(
+                Problem::new(reason, "stamps that increase").at(path.display().to_string(), place)
+            );
+        }
+        Ok(rows)
+    }
+
+    /// Reads the column of stamps, of one of these names and which need not increase, and those for
+    /// which `used` holds.
+    ///
+    /// # Errors
+    /// A file that cannot be read, fields that are not finite numbers, each with its line.
+    pub(crate) fn read_in_order_of_rows(
+        path: &Path,
+        delimiter: u8,
+        times: &[&str],
         used: impl Fn(&str) -> bool,
     ) -> Result<Self, Problem> {
         let log = path.display().to_string();
@@ -39,14 +64,15 @@ impl Rows {
             .iter()
             .map(|n| n.trim_start_matches('\u{feff}').to_owned())
             .collect();
-        let at = names.iter().position(|n| n == time).ok_or_else(|| {
-            let reason = format!("column `{time}` is missing");
+        let time = |n: &String| times.contains(&n.as_str());
+        let at = names.iter().position(time).ok_or_else(|| {
+            let reason = format!("column `{}` is missing", times.first().unwrap_or(&""));
             Problem::new(reason, listed(names.iter().map(String::as_str))).at(log.as_str(), 1)
         })?;
         let used: Vec<usize> = (0..names.len())
             .filter(|&i| i != at && used(&names[i]))
             .collect();
-        let mut t: Vec<f64> = Vec::new();
+        let (mut t, mut lines): (Vec<f64>, Vec<usize>) = (Vec::new(), Vec::new());
         let mut values = vec![Vec::new(); used.len()];
         let mut record = csv::StringRecord::new();
         while reader.read_record(&mut record).map_err(of_csv)? {
@@ -59,12 +85,8 @@ impl Rows {
                     Problem::new(reason, Allowed::Finite.to_string()).at(log.as_str(), line)
                 })
             };
-            let now = number(at)?;
-            if let Some(last) = t.last().filter(|last| now <= **last) {
-                let reason = format!("`{time}` is {now} after {last}");
-                return Err(Problem::new(reason, "stamps that increase").at(log.as_str(), line));
-            }
-            t.push(now);
+            t.push(number(at)?);
+            lines.push(line);
             for (column, &i) in values.iter_mut().zip(&used) {
                 column.push(number(i)?);
             }
@@ -74,6 +96,6 @@ impl Rows {
             return Err(Problem::new(reason, "at least two").at(log, 0));
         }
         let columns = used.iter().map(|&i| names[i].clone()).zip(values).collect();
-        Ok(Self { t, columns })
+        Ok(Self { t, lines, columns })
     }
 }

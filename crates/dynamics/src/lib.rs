@@ -53,4 +53,4 @@ pub use regressor::{PARAMETERS, joint_torque_regressor};
 pub use rnea::{gravity, nle, rnea};
 pub use simd::Instructions;
 pub use spatial::{Force, Inertia, Motion, Se3};
-pub use urdf::UrdfOptions;
+pub use urdf::{UrdfOptions, urdf_with_inertias};

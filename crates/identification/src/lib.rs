@@ -12,6 +12,7 @@ pub mod excitation;
 pub mod fusion;
 pub mod gaussian_process;
 pub mod gear;
+pub mod inertia;
 pub mod inputs;
 pub mod joined;
 pub mod kinematic;

@@ -2,7 +2,7 @@
 //!
 //! `namespaces` declares prefixes; `text` checks the XML and its numbers and hands `urdf-rs` a copy without visuals, collisions and
 //! extensions (it stumbles over some of them); `tree` checks the topology; `inertia` the physics;
-//! `build` makes the model. Odd but usable input ends in [`Model::warnings`].
+//! `build` makes the model; `write` gives a text other inertias. Odd but usable input ends in [`Model::warnings`].
 
 mod build;
 mod inertia;
@@ -10,6 +10,9 @@ mod namespaces;
 mod text;
 mod transmission;
 mod tree;
+mod write;
+
+pub use write::urdf_with_inertias;
 
 use crate::model::{Base, Model};
 use problem::Problem;

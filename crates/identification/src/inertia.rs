@@ -1,0 +1,374 @@
+//! Inertial parameters and friction of a robot from logs of its joints: angle and torque alone.
+//!
+//! Logs come in, repaired and put on an even grid ([`signals`]); every sample becomes a row of the
+//! joint-torque regressor with columns of friction beside it ([`rows`]); parameters are estimated by
+//! weighted least squares ([`equations`]) with the URDF's values as prior, friction terms, smoothing
+//! and the prior's weight chosen on held-out blocks ([`select`]); link inertias that a body can have are
+//! found by a convex fit ([`consistent`]); base parameters say what the motion determines
+//! ([`base`]). Every figure reported is of quarters that the fit has not seen ([`judge`]).
+
+pub mod base;
+pub mod checks;
+pub mod consistent;
+pub mod equations;
+pub mod friction;
+pub mod judge;
+pub mod rows;
+pub mod select;
+pub mod signals;
+
+use base::{Base, BaseParameter};
+use consistent::Prior;
+use dynamics::{Inertia, Model};
+use equations::Grams;
+use friction::{Friction, Term};
+use judge::Judged;
+use problem::{Problem, Problems};
+use rows::{BLOCKS, Rows, Sampling};
+use select::Fit;
+use signals::{Recording, Smoothing, Source, half_width};
+
+/// The low-pass filter passes this multiple of the motion's own frequency, within [`BAND`].
+const BAND_TIMES_MOTION: f64 = 8.0;
+/// Lowest and highest cut-off of the low-pass filter, Hz: below, a robot's slowest changes of
+/// direction are lost; above, gears and links are no longer rigid.
+const BAND: (f64, f64) = (5.0, 20.0);
+/// Cut-offs of the kinematic smoothing that are tried, as multiples of the low-pass filter's.
+const SMOOTHINGS: [f64; 5] = [0.8, 1.25, 2.0, 3.2, 5.0];
+/// Highest cut-off, as a share of the log's rate.
+const HIGHEST_SHARE: f64 = 0.3;
+
+/// Logged columns of a joint, SI units.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct JointColumns {
+    /// q: joint angle, rad or m.
+    pub q: Vec<f64>,
+    /// dq: joint velocity, rad/s or m/s; empty where the log has none.
+    pub dq: Vec<f64>,
+    /// ddq: joint acceleration; empty where the log has none.
+    pub ddq: Vec<f64>,
+    /// tau: joint torque, N·m or N.
+    pub tau: Vec<f64>,
+}
+
+/// A log of a robot.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RobotLog {
+    /// The file's name, for messages.
+    pub name: String,
+    /// Stamps, s.
+    pub t: Vec<f64>,
+    /// Columns of each joint of the model; none for a joint at rest at its neutral angle.
+    pub joints: Vec<Option<JointColumns>>,
+}
+
+/// The robot as the fits see it.
+#[derive(Debug)]
+pub struct Robot<'a> {
+    /// Its rigid bodies on a base that stands still.
+    pub model: &'a Model,
+    /// Joints that have a torque, as indices of the model's.
+    pub measured: Vec<usize>,
+    /// q of all joints of the model where no log moves them: the middle of ranges without zero.
+    pub rest: Vec<f64>,
+    /// Torques are those of the motors, as from their currents: rotors are a part of them.
+    pub motor_torque: bool,
+    /// Bodies that move.
+    pub bodies: usize,
+    /// For each measured joint the bodies, from 0, that its torque moves.
+    pub carried: Vec<Vec<usize>>,
+}
+
+impl<'a> Robot<'a> {
+    /// The robot whose logs have torques of the `measured` joints.
+    #[must_use]
+    pub fn new(model: &'a Model, measured: &[usize]) -> Self {
+        let bodies = model.bodies();
+        let drives = |joint: usize, body: usize| {
+            let mut at = Some(body);
+            while let Some(b) = at.filter(|b| *b > 0) {
+                if bodies[b].joint == joint {
+                    return true;
+                }
+                at = model.parent(b);
+            }
+            false
+        };
+        let carried = |joint: &usize| {
+            let all = 1..bodies.len();
+            all.filter(|b| drives(*joint, *b)).map(|b| b - 1).collect()
+        };
+        let rest = |j: &dynamics::Joint| match (j.limits.lower, j.limits.upper) {
+            (lower, upper) if lower <= 0.0 && upper >= 0.0 => 0.0,
+            (lower, upper) => 0.5 * (lower + upper),
+        };
+        Self {
+            model,
+            rest: model.joints().iter().map(rest).collect(),
+            measured: measured.to_vec(),
+            motor_torque: false,
+            bodies: bodies.len() - 1,
+            carried: measured.iter().map(carried).collect(),
+        }
+    }
+
+    /// Name of a measured joint.
+    #[must_use]
+    pub fn name(&self, joint: usize) -> &str {
+        &self.model.joints()[self.measured[joint]].name
+    }
+
+    /// Name of the link that a body's joint carries.
+    #[must_use]
+    pub fn link(&self, body: usize) -> &str {
+        let frames = self.model.frames().iter();
+        let mut own = frames.filter(|f| f.body == body + 1 && !f.rigid);
+        own.next().map_or("", |f| f.name.as_str())
+    }
+
+    /// Unit of a measured joint's torque.
+    #[must_use]
+    pub fn unit(&self, joint: usize) -> &'static str {
+        match self.model.joints()[self.measured[joint]].kind.is_revolute() {
+            true => "N·m",
+            false => "N",
+        }
+    }
+}
+
+/// A joint's friction as identified.
+#[derive(Debug, Clone)]
+pub struct JointFriction {
+    /// Terms and coefficients.
+    pub terms: Vec<(Term, f64)>,
+    /// v of the terms' formulas, rad/s or m/s.
+    pub speed: f64,
+    /// Standard deviation of the torque on motions not seen.
+    pub sigma: f64,
+}
+
+/// Everything that is found.
+#[derive(Debug, Clone)]
+pub struct Calibration {
+    /// Inertias of the moving bodies, in the order of the model's, each about its body's frame.
+    pub inertias: Vec<Inertia>,
+    /// Per measured joint.
+    pub friction: Vec<JointFriction>,
+    /// Per measured joint, on held-out quarters.
+    pub judged: Vec<Judged>,
+    /// Per measured joint, on the other logs, by what all of the first ones teach.
+    pub judged_on_others: Vec<Judged>,
+    /// Base parameters, and what they consist of.
+    pub base: Base,
+    /// Their values.
+    pub base_parameters: Vec<BaseParameter>,
+    /// Condition number of the base regressor, columns scaled to unit length.
+    pub condition: f64,
+    /// lambda: weight of the URDF's inertias.
+    pub lambda: f64,
+    /// How the motion was smoothed.
+    pub smoothing: Smoothing,
+    /// How rows were made of it.
+    pub sampling: Sampling,
+    /// How joints moved.
+    pub motion: checks::Motion,
+    /// Time of the logs, s, and rate, Hz.
+    pub duration: f64,
+    /// See `duration`.
+    pub rate: f64,
+    /// Rows per joint.
+    pub rows: usize,
+    /// The URDF has no masses: the prior is a guess.
+    pub guessed_prior: bool,
+    /// The URDF predicts held-out quarters better: its inertias are kept.
+    pub urdf_kept: bool,
+    /// What the user should know.
+    pub notes: Vec<String>,
+}
+
+/// Identifies a robot from logs, and predicts `others` by it. `progress`: part done, from 0 to 1,
+/// and what is done.
+///
+/// # Errors
+/// Every reason why the logs cannot be of this robot in SI units, or do not determine anything.
+pub fn calibrate(
+    robot: &Robot<'_>,
+    logs: &[RobotLog],
+    others: &[RobotLog],
+    mut progress: impl FnMut(f64, &str),
+) -> Result<Calibration, Problems> {
+    progress(0.0, "stamps and units");
+    logs.iter().chain(others).try_for_each(checks::columns)?;
+    let names: Vec<&str> = logs.iter().map(|log| log.name.as_str()).collect();
+    let placed = |p: Problem| p.or_at(&names.join(", "), 0);
+    let all_placed = |p: Problems| Problems(p.0.into_iter().map(placed).collect());
+    let recording = Recording::new(logs, &robot.measured).map_err(placed)?;
+    checks::stamps(&recording).map_err(placed)?;
+    let motion = checks::motion(robot, &recording).map_err(all_placed)?;
+    let friction: Vec<Friction> = motion
+        .speed
+        .iter()
+        .zip(&motion.moves)
+        .map(|(v, m)| Friction::new(*v, *m, robot.motor_torque))
+        .collect();
+    let band = (BAND_TIMES_MOTION * motion.frequency).clamp(BAND.0, BAND.1);
+    let cut_off = band.min(0.2 * recording.rate);
+    let (smoothings, middle) = smoothings(cut_off, &recording);
+    let widest = smoothings
+        .iter()
+        .map(|s| half_width(s.cut_off, recording.rate))
+        .fold(0.0, f64::max);
+    let sampling = Sampling::new(cut_off, &recording, widest);
+    let mut candidates = Vec::new();
+    for (k, smoothing) in smoothings.iter().enumerate() {
+        progress(
+            0.05 + 0.35 * k as f64 / smoothings.len() as f64,
+            "regressors",
+        );
+        candidates.push(Rows::new(
+            robot, &recording, &friction, &sampling, *smoothing,
+        ));
+    }
+    let prior = Prior::new(robot);
+    let base = Base::new(robot);
+    enough(&candidates[middle], &base).map_err(placed)?;
+    let mut notes = recording.notes.clone();
+    notes.extend(
+        checks::torques(robot, &candidates[middle], &friction, !prior.guessed)
+            .map_err(all_placed)?,
+    );
+    let unsolved = || {
+        placed(Problem::new(
+            "the equations have no finite solution",
+            "finite numbers of a sensible size",
+        ))
+    };
+    let judged = judge::held_out(&mut candidates, middle, &prior, &friction, |quarter| {
+        progress(0.4 + 0.12 * quarter as f64, "held-out quarters");
+    });
+    let judged = judged.ok_or_else(unsolved)?;
+    checks::explained(explained(&judged)).map_err(placed)?;
+    progress(0.9, "all blocks");
+    let all: Vec<usize> = (0..BLOCKS).collect();
+    let fit = Fit::new(&mut candidates, middle, &all, &prior, &friction).ok_or_else(unsolved)?;
+    let rows = &candidates[fit.candidate];
+    let grams = Grams::new(rows, &fit.weights);
+    let normals = base::parts_of(&grams, BLOCKS, &fit.weights.sigma);
+    let solutions: Option<Vec<_>> = normals
+        .iter()
+        .map(|normal| fit.base_of(normal, &prior))
+        .collect();
+    let base_parameters = base.parameters(&prior, &solutions.ok_or_else(unsolved)?);
+    let urdf_kept = urdf_better(&judged);
+    let solution = if urdf_kept {
+        &fit.urdf
+    } else {
+        &fit.consistent
+    };
+    let predicted = judge::Predictions {
+        urdf: &fit.urdf,
+        base: &fit.base,
+        identified: solution,
+        plain: &judge::plain(&candidates[middle], &all, &friction).ok_or_else(unsolved)?,
+        sigma: &fit.sigma,
+    };
+    let judged_on_others = match others {
+        [] => Vec::new(),
+        others => {
+            let recording = Recording::new(others, &robot.measured).map_err(placed)?;
+            checks::stamps(&recording).map_err(placed)?;
+            checks::motion(robot, &recording).map_err(all_placed)?;
+            let rows = |smoothing: Smoothing| {
+                let mut rows = Rows::new(robot, &recording, &friction, &sampling, smoothing);
+                rows.set_load(solution);
+                rows
+            };
+            predicted.judge(&rows(smoothings[fit.candidate]), &rows(smoothings[middle]))
+        }
+    };
+    let terms = |joint: usize| JointFriction {
+        terms: fit.terms(rows, joint, solution),
+        speed: friction[joint].speed,
+        sigma: fit.sigma[joint],
+    };
+    notes.extend(prior.mended.iter().map(|link| {
+        format!("link \"{link}\": no body can have the URDF's inertia: the prior is the nearest that one can")
+    }));
+    progress(1.0, "done");
+    Ok(Calibration {
+        inertias: (0..robot.bodies)
+            .map(|b| consistent::inertia(&consistent::of_body(solution, b)))
+            .collect(),
+        friction: (0..robot.measured.len()).map(terms).collect(),
+        condition: base.condition(&normals[0], &fit.choice.keep),
+        lambda: fit.choice.lambda,
+        smoothing: smoothings[fit.candidate],
+        rows: rows.len(),
+        duration: recording.duration(),
+        rate: recording.rate,
+        guessed_prior: prior.guessed,
+        judged,
+        judged_on_others,
+        base,
+        base_parameters,
+        sampling,
+        motion,
+        urdf_kept,
+        notes,
+    })
+}
+
+/// Ways to smooth that are tried, and the one that first residuals are computed by.
+fn smoothings(cut_off: f64, recording: &Recording) -> (Vec<Smoothing>, usize) {
+    let mut sources = vec![Source::Angle];
+    sources.extend(recording.has_dq.then_some(Source::Velocity));
+    sources.extend(recording.has_ddq.then_some(Source::Acceleration));
+    let highest = HIGHEST_SHARE * recording.rate;
+    let mut cut_offs: Vec<f64> = SMOOTHINGS
+        .iter()
+        .map(|k| (k * cut_off).min(highest))
+        .collect();
+    cut_offs.dedup();
+    let every = sources.iter().flat_map(|&source| {
+        cut_offs
+            .iter()
+            .map(move |&cut_off| Smoothing { cut_off, source })
+    });
+    (every.collect(), cut_offs.len().saturating_sub(1).min(2))
+}
+
+/// Rows outnumber what they shall determine.
+fn enough(rows: &Rows, base: &Base) -> Result<(), Problem> {
+    let unknowns = base.independent.len() + friction::ALWAYS * rows.joints;
+    if rows.len() * rows.joints >= 4 * unknowns && rows.len() >= 4 * BLOCKS {
+        return Ok(());
+    }
+    let reason = format!(
+        "{} rows of {} joints are left for {unknowns} parameters once filtered",
+        rows.len(),
+        rows.joints
+    );
+    Err(Problem::new(
+        reason,
+        "longer logs without gaps: 30 s and more of motion",
+    ))
+}
+
+/// Share of the torques' squares about their means, each joint over its own, that is explained.
+fn explained(judged: &[Judged]) -> f64 {
+    let share = |j: &Judged| {
+        (j.residual(judge::Model::Identified) / j.deviation().max(1e-12))
+            .powi(2)
+            .min(4.0)
+    };
+    1.0 - judged.iter().map(share).sum::<f64>() / judged.len().max(1) as f64
+}
+
+/// True if the URDF predicts held-out quarters better than what was identified, all joints
+/// together, each over the URDF's own residual.
+fn urdf_better(judged: &[Judged]) -> bool {
+    let ratio = |j: &Judged| {
+        (j.residual(judge::Model::Identified) / j.residual(judge::Model::Urdf).max(1e-12)).powi(2)
+    };
+    judged.iter().map(ratio).sum::<f64>() > judged.len() as f64
+}
