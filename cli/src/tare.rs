@@ -2,6 +2,7 @@
 
 use crate::requests::{Failure, ask, check_contacts, connect, end};
 use jiff::Timestamp;
+use problem::Problem;
 use serde_json::{Value, json};
 use std::process::ExitCode;
 use terminal::TextTable;
@@ -20,9 +21,14 @@ The robot must run, hold its position and stand still. --contacts names its pres
 A component that cannot be determined in this pose is shown as \"unknown\" and keeps its offset.
 New offsets take effect at once, without a step, and are kept after a restart.
 
+--joint and --torque: the joint stands still under a torque that is known, e.g. 0 where it hangs free.
+The zeros of its calibrated torsion and motor current follow; until torqued ends, as an encoder's zero
+may be another one then.
+
 Examples:
   torquectl tare --contacts in_the_air
   torquectl tare --robot humanoid --contacts in_the_air --json
+  torquectl tare --joint elbow --torque 0
   torquectl tare --show
   torquectl tare --forget
 
@@ -38,6 +44,17 @@ Exit codes:
 pub(crate) struct TareArguments {
     #[command(flatten)]
     what: What,
+    /// Torque that the joint carries, N·m
+    #[arg(
+        long,
+        value_name = "TAU",
+        requires = "joint",
+        allow_negative_numbers = true
+    )]
+    torque: Option<f64>,
+    /// How well that is known, as a standard deviation, N·m [default: a fiftieth of TAU, and 0.1]
+    #[arg(long, value_name = "SIGMA", requires = "joint")]
+    sigma: Option<f64>,
     /// The robot's name; optional if only one robot runs
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
@@ -58,6 +75,9 @@ struct What {
     /// Discard the offsets of all tares; those of the configuration hold again
     #[arg(long)]
     forget: bool,
+    /// Tare the calibrated gear of this joint instead, which carries a known torque
+    #[arg(long, value_name = "NAME", requires = "torque")]
+    joint: Option<String>,
 }
 
 pub(crate) fn run(arguments: &TareArguments) -> ExitCode {
@@ -66,6 +86,10 @@ pub(crate) fn run(arguments: &TareArguments) -> ExitCode {
 
 fn tare(arguments: &TareArguments) -> Result<String, Failure> {
     let client = connect(arguments.robot.as_ref())?;
+    if let (Some(joint), Some(torque)) = (&arguments.what.joint, arguments.torque) {
+        let sigma = arguments.sigma.unwrap_or((0.02 * torque).hypot(0.1));
+        return tare_joint(&client, joint, torque, sigma, arguments.json);
+    }
     let (answer, changed) = match &arguments.what.contacts {
         Some(name) => {
             check_contacts(&client, name, "")?;
@@ -77,6 +101,32 @@ fn tare(arguments: &TareArguments) -> Result<String, Failure> {
     Ok(match arguments.json {
         true => format!("{}\n", as_json(&client, &answer)),
         false => format!("{}\n{}", answer.text, table(&client, &answer, changed)),
+    })
+}
+
+fn tare_joint(
+    client: &Client,
+    joint: &str,
+    torque: f64,
+    sigma: f64,
+    json: bool,
+) -> Result<String, Failure> {
+    let description = client.description();
+    let names = description.joint_names.iter().map(|name| name.as_str());
+    let names: Vec<&str> = names.take(description.joint_count as usize).collect();
+    let Some(place) = names.iter().position(|name| *name == joint) else {
+        let what = format!("the robot has no joint {joint:?}");
+        return Err(Failure::Argument(Problem::new(what, names.join(", "))));
+    };
+    let answer = client.tare_joint(place, torque, sigma)?;
+    Ok(match json {
+        true => {
+            let object = json!({
+                "robot": client.robot(), "joint": joint, "torque_Nm": torque, "sigma_Nm": sigma,
+            });
+            format!("{object}\n")
+        }
+        false => format!("{}\n", answer.text),
     })
 }
 

@@ -26,6 +26,23 @@ impl Client {
         self.request(request::TARE, contact_set, |_| ())
     }
 
+    /// Tares one joint of a robot that holds: it is known to carry `torque`, N·m, with the standard
+    /// deviation `sigma`. Its calibrated torsion and motor current get their zeros from that; until the
+    /// daemon ends.
+    ///
+    /// # Errors
+    /// As [`Client::tare`].
+    pub fn tare_joint(&self, joint: usize, torque: f64, sigma: f64) -> Result<Answer, Error> {
+        let asked = Request {
+            kind: request::TARE_JOINT,
+            joint: joint as u32,
+            torque,
+            sigma,
+            ..Request::default()
+        };
+        self.send_request(asked, |_| ())
+    }
+
     /// The offsets in use, and when and with which contacts they were found.
     ///
     /// # Errors

@@ -18,8 +18,8 @@ use jiff::Timestamp;
 use problem::Problem;
 use robot_config::{Parameters, Robot, contact_names};
 use robot_state::{
-    Answer, MAX_FT_SENSORS, Mode, Name, Request, Settings, SharedRecord, TaredSensor, Text, Wrench,
-    answer_status, request,
+    Answer, JointTare, MAX_FT_SENSORS, Mode, Name, Request, Settings, SharedRecord, TaredSensor,
+    Text, Wrench, answer_status, request,
 };
 
 use crate::offsets::{Offsets, SensorOffset, Store};
@@ -137,6 +137,7 @@ impl RequestServer {
             (request::TARE, _) => self.begin_tare(asked, now),
             (request::SHOW_TARE, _) => Ok(Some(self.describe_tare())),
             (request::FORGET_TARE, _) => self.begin_to_forget(asked, now),
+            (request::TARE_JOINT, _) => self.tare_joint(asked, now),
             (request::CHOOSE_CONTACT_SET, _) => self.choose_contacts(asked.contact_set.as_str()),
             (request::AUTOMATIC_CONTACT_SET, _) => self.automatic_contacts(),
             (request::RECORD, _) => self.begin_recording(asked, now),
@@ -263,6 +264,30 @@ impl RequestServer {
         let taring = TareJob::new(&self.parameters, &self.model, set, &self.settings, now)?;
         self.begin(asked, Stage::Taring(Box::new(taring)), now);
         Ok(None)
+    }
+
+    fn tare_joint(&mut self, asked: &Request, now: Instant) -> Result<Option<String>, Problem> {
+        let cycle = &self.newest_record(now)?.cycle;
+        let place = asked.joint as usize;
+        fitness::judge_joint(&self.parameters, cycle, asked)?;
+        let (joint, before) = (
+            &self.parameters.joints[place],
+            &cycle.estimated.joints[place],
+        );
+        let text = format!(
+            "{}: {:.3} N·m is taken to be {:.3} N·m, within {:.3}",
+            joint.name, before.tau_encoder.tau, asked.torque, asked.sigma
+        );
+        self.change(|settings| {
+            if let Some(tare) = settings.joint_tares.get_mut(place) {
+                *tare = JointTare {
+                    torque: asked.torque,
+                    sigma: asked.sigma,
+                    count: tare.count + 1,
+                };
+            }
+        });
+        Ok(Some(text))
     }
 
     fn begin_to_forget(

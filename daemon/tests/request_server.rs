@@ -366,3 +366,82 @@ fn stored_offsets_of_another_robot_keep_the_daemon_from_starting() {
     assert_eq!(refused.file, file);
     assert!(refused.to_string().contains("remove it"), "{refused}");
 }
+
+/// The leg with a joint file of its knee.
+fn calibrated_leg() -> Robot {
+    let file = "[joint]\nname = \"knee\"\ngear_ratio = 100.0\ntorque_constant_Nm_per_A = 0.05\n\
+        rotor_inertia_kg_m2 = 1e-5\nrated_torque_Nm = 50.0\nlink_counts_per_turn = 524288\n\
+        motor_counts_per_turn = 4096\nsample_rate_hz = 1000.0\n[hysteresis]\n\
+        linear_Nm_per_rad = 7000.0\ncubic_Nm_per_rad3 = 0.0\nwind_up = []\nslipping = []\n\
+        torsion_sigma_rad = 5e-5\n";
+    let mut robot = leg();
+    let file = joint_file::JointFile::parse(file, "knee.toml", &joint_file::no_files);
+    robot.parameters.joints[3].calibration = Some(file.expect("a joint file"));
+    robot
+}
+
+#[test]
+fn a_joint_is_tared_only_where_its_torque_can_be_known() {
+    let state = TemporaryDirectory::new();
+    let store = Store::at(state.path(), "leg");
+    let mut server = RequestServer::new(&calibrated_leg(), Ok(store)).expect("a request server");
+    let good = Request {
+        joint: 3,
+        torque: 4.0,
+        sigma: 0.1,
+        ..asked(request::TARE_JOINT)
+    };
+    let mut ask = |asked: &Request, change: &dyn Fn(&mut SharedRecord)| {
+        let (mut record, now) = (still(), Instant::now());
+        change(&mut record);
+        server.observe(&record, now);
+        let answer = server.serve(asked, now);
+        let tares = server.settings().joint_tares;
+        (answer.status, answer.text.to_string(), tares[3].count)
+    };
+    let nothing = |_: &mut SharedRecord| ();
+    for (asked, why) in [
+        (Request { joint: 99, ..good }, "no joint of index 99"),
+        (
+            Request { joint: 2, ..good },
+            "hip_pitch has no calibrated gear",
+        ),
+        (
+            Request {
+                torque: f64::NAN,
+                ..good
+            },
+            "no torque that is known",
+        ),
+        (
+            Request {
+                torque: 1e6,
+                ..good
+            },
+            "no torque that is known",
+        ),
+        (Request { sigma: 0.0, ..good }, "no torque that is known"),
+    ] {
+        let (status, text, tares) = ask(&asked, &nothing);
+        assert_eq!((status, tares), (answer_status::REFUSED, 0), "{text}");
+        assert!(text.contains(why), "{text}");
+    }
+    for (change, why) in [
+        (
+            (|r| r.cycle.mode = Mode::Torque.number()) as fn(&mut SharedRecord),
+            "mode torque",
+        ),
+        (|r| r.cycle.measured.joints[3].dq = 0.1, "knee moves"),
+        (
+            |r| r.cycle.measured.joints[3].flags = measured_flags::STALE,
+            "knee has sent no sample",
+        ),
+    ] {
+        let (status, text, tares) = ask(&good, &change);
+        assert_eq!((status, tares), (answer_status::REFUSED, 0), "{text}");
+        assert!(text.contains(why), "{text}");
+    }
+    let (status, text, tares) = ask(&good, &nothing);
+    assert_eq!((status, tares), (answer_status::DONE, 1), "{text}");
+    assert!(text.starts_with("knee: "), "{text}");
+}

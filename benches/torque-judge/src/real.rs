@@ -165,7 +165,7 @@ fn estimated(file: &joint_file::JointFile, judged: &JointLog) -> Result<Vec<Meth
         front_end.bridge(last.replace(row.t), row.t);
         let fused = set.update(&front_end.update(row.theta, row.q, row.current));
         if i < TARED {
-            set.tare(row.tau_sensor, TARE_SIGMA * file.joint.rated_torque);
+            set.tare_to(row.tau_sensor, TARE_SIGMA * file.joint.rated_torque);
             continue;
         }
         let sources = places.map(|p| p.and_then(|p| set.estimates().get(p)));

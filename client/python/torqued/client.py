@@ -93,6 +93,13 @@ class Client:
         before. Raises `RefusedError` with the reason."""
         return self.request(RequestKind.TARE, contact_set)
 
+    def tare_joint(self, joint: str, torque: float, sigma: float) -> Answer:
+        """Tares one joint of a robot that holds: it is known to carry `torque`, N·m, with the standard
+        deviation `sigma`. Its calibrated torsion and motor current get their zeros from that, until
+        the daemon ends. Raises `RefusedError` with the reason."""
+        index = self.joint_names.index(joint)
+        return self.request(RequestKind.TARE_JOINT, joint=index, torque=torque, sigma=sigma)
+
     def last_tare(self) -> Answer:
         """The offsets in use, and when and with which contacts they were found."""
         return self.request(RequestKind.SHOW_TARE)
@@ -134,6 +141,9 @@ class Client:
         contact_set: str = "",
         progress: Optional[Callable[[Answer], None]] = None,
         fault: int = 0,
+        joint: int = 0,
+        torque: float = 0.0,
+        sigma: float = 0.0,
     ) -> Answer:
         """Sends a request and waits for its last answer; `progress` sees those before it. Several
         clients may ask at once."""
@@ -142,7 +152,14 @@ class Client:
         requests = self._open("request", Request, time.monotonic()).publisher_builder().create()
         location.reserve(self._run_dir)
         try:
-            asked = Request(id=secrets.randbits(64), kind=kind, fault=fault)
+            asked = Request(
+                id=secrets.randbits(64),
+                kind=kind,
+                fault=fault,
+                joint=joint,
+                torque=torque,
+                sigma=sigma,
+            )
             name = contact_set.encode()[: ctypes.sizeof(asked.contact_set)]
             ctypes.memmove(asked.contact_set, name, len(name))
             if requests.loan_uninit().write_payload(asked).send() == 0:

@@ -636,7 +636,7 @@ class CommanderStatus(ctypes.Structure):
 
 
 class Request(ctypes.Structure):
-    """1112 bytes."""
+    """1128 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -652,10 +652,14 @@ class Request(ctypes.Structure):
         ("seconds", ctypes.c_double),
         # Time before now that is recorded too, s.
         ("last_s", ctypes.c_double),
+        # tau: torque that the joint is known to carry, N·m, and its standard deviation.
+        ("torque", ctypes.c_double),
+        # See `torque`.
+        ("sigma", ctypes.c_double),
         # 1: a recording may replace the file `path`.
         ("overwrite", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
+        # Index of the joint to tare, in config order.
+        ("joint", ctypes.c_uint32),
         # Absolute path of the file to record into, as the daemon sees it.
         ("path", ctypes.c_uint8 * 1024),
     ]
@@ -708,5 +712,5 @@ SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#06764dc5be6
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#4e3dedf757f58dfe")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#db0e2d65a307eda8")
-Request.type_name = staticmethod(lambda: "torqued::Request#722a456d0d271a52")
+Request.type_name = staticmethod(lambda: "torqued::Request#07278fa438ad059f")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

@@ -43,6 +43,8 @@ use whole_body::WholeBodyStage;
 /// The estimators of all joints.
 pub(crate) struct Estimate {
     joints: Vec<AnyEstimator>,
+    /// Samples that are left of each joint's tare.
+    taring: Vec<u32>,
     /// Whether the sources of each joint's torque disagreed in the cycle before.
     disagreed: Vec<bool>,
     whole_body: WholeBodyStage,
@@ -53,6 +55,9 @@ pub(crate) struct Estimate {
     /// The settings in use.
     settings: Settings,
 }
+
+/// Samples over which a joint is tared.
+const TARE_SAMPLES: u32 = 50;
 
 impl fmt::Debug for Estimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -80,6 +85,7 @@ impl Estimate {
         let whole_body = WholeBodyStage::new(robot)?;
         Ok(Self {
             disagreed: vec![false; parameters.joints.len()],
+            taring: vec![0; parameters.joints.len()],
             joints: parameters
                 .joints
                 .iter()
@@ -151,7 +157,7 @@ impl Estimate {
         }
     }
 
-    /// Applies clients' choice of a contact set; the offsets are used where samples are read.
+    /// Applies clients' choice of a contact set and tares of joints; the offsets are used where samples are read.
     fn apply(&mut self, settings: &Settings) {
         if settings.contact_set != self.settings.contact_set {
             self.whole_body.choose_contact_set(settings.contact_set);
@@ -160,6 +166,13 @@ impl Estimate {
             && let Some(cross_check) = &mut self.cross_check
         {
             cross_check.reset();
+        }
+        let before = self.settings.joint_tares.iter();
+        let tares = settings.joint_tares.iter().zip(before);
+        for (left, (tare, before)) in self.taring.iter_mut().zip(tares) {
+            if tare.count != before.count {
+                *left = TARE_SAMPLES;
+            }
         }
         self.settings = *settings;
     }
@@ -180,6 +193,13 @@ impl Estimate {
             } else {
                 checked(estimator.update(sample), joint.tau_encoder, counts)
             };
+            if let (Some(left @ 1..), Some(tare)) = (
+                self.taring.get_mut(index),
+                self.settings.joint_tares.get(index),
+            ) {
+                *left -= 1;
+                estimator.tare_to(tare.torque, tare.sigma);
+            }
             let disagrees = estimator.disagrees();
             if disagrees {
                 counts.lasting(Event::SourcesDisagree, Subject::Joint(index), !*disagreed);

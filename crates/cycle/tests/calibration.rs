@@ -3,10 +3,11 @@
 mod common;
 
 use common::{Bench, read};
+use cycle::ClientInput;
 use estimators::joint::JointTorqueEstimator;
 use joint_file::{JointFile, no_files};
 use robot_state::measured_flags::{MISSED, NEVER};
-use robot_state::{Event, torque_flags, torque_source};
+use robot_state::{Event, JointTare, Settings, torque_flags, torque_source};
 
 const JOINT: &str = "\
 [joint]
@@ -194,4 +195,48 @@ fn a_joint_file_of_another_joint_is_refused() {
         message.contains("config/test-joint/calibration/joint.toml: entity not found"),
         "{message}"
     );
+}
+
+/// An encoder's zero is 2 mrad off: 14 N·m, until the joint is tared to the torque that it carries.
+#[test]
+fn a_joint_is_tared_to_a_known_torque() {
+    let hysteresis = "[hysteresis]\nlinear_Nm_per_rad = 7000.0\ncubic_Nm_per_rad3 = 0.0\n\
+        wind_up = []\nslipping = []\ntorsion_sigma_rad = 5e-5\n";
+    let text = JOINT
+        .replace("a0_rad = 0.0", "a0_rad = 2e-3")
+        .replace("sources.compliance]", "sources.hysteresis]")
+        .replace("[fusion]\n", &format!("{hysteresis}[fusion]\n"));
+    let mut bench = Bench::reading("test-joint", &calibrated(&text));
+    bench.run(600);
+    let error = |bench: &Bench| {
+        let truth = bench.plant.truth().joints[0].tau;
+        bench.cycle.record().estimated.joints[0].tau_encoder.tau - truth
+    };
+    assert!(error(&bench).abs() > 5.0, "{}", error(&bench));
+    let mut settings = Settings {
+        sequence: 1,
+        ..Settings::default()
+    };
+    settings.joint_tares[0] = JointTare {
+        torque: bench.plant.truth().joints[0].tau,
+        sigma: 0.1,
+        count: 1,
+    };
+    for _ in 0..200 {
+        bench.step(&ClientInput {
+            settings: Some(&settings),
+            ..ClientInput::default()
+        });
+    }
+    assert!(error(&bench).abs() < 0.3, "{}", error(&bench));
+    // Once is enough: it is not tared again when the torque changes.
+    // (The load is no part of the true torque.)
+    bench.plant.robot_mut().set_load(0, 4.0);
+    for _ in 0..500 {
+        bench.step(&ClientInput {
+            settings: Some(&settings),
+            ..ClientInput::default()
+        });
+    }
+    assert!((error(&bench) - 4.0).abs() < 1.0, "{}", error(&bench));
 }

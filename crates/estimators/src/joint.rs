@@ -32,6 +32,9 @@ pub trait JointTorqueEstimator {
     /// The torque at the last sample has become known, with a standard deviation in N·m: the reported
     /// sigma may shrink by what a shift of the torsion's zero compensates.
     fn tare(&mut self, _sigma: f64) {}
+    /// Tares: the torque at the last sample is `tau`, N·m, within the standard deviation `sigma`. Called
+    /// sample by sample over some tens of them at rest. Nothing happens where no zero can be moved.
+    fn tare_to(&mut self, _tau: f64, _sigma: f64) {}
     /// Whether sources that fail for different reasons have long been further apart than their sigmas
     /// allow; never for a single source.
     fn disagrees(&self) -> bool {

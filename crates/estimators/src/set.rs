@@ -73,20 +73,6 @@ impl EstimatorSet {
         self
     }
 
-    /// Tares: the torque at the last sample is `tau`, N·m, within the standard deviation `sigma`. Called
-    /// sample by sample over some tens of them at rest.
-    pub fn tare(&mut self, tau: f64, sigma: f64) {
-        let p = self.zero.parameters;
-        self.zero.started = START_SAMPLES;
-        self.shift(tau, sigma);
-        let current = p.current.and_then(|i| self.estimates.get(i));
-        if let Some(estimate) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
-            self.zero.tared = self.zero.tared.saturating_add(1);
-            let share = 1.0 / f64::from(self.zero.tared.min(START_SAMPLES));
-            self.zero.current += share * (estimate.tau - tau);
-        }
-    }
-
     /// Moves the torsion's zero towards the one at which the gear carries `tau`.
     fn shift(&mut self, tau: f64, sigma: f64) {
         let p = self.zero.parameters;
@@ -173,6 +159,18 @@ impl JointTorqueEstimator for EstimatorSet {
             }
         };
         self.fused
+    }
+
+    fn tare_to(&mut self, tau: f64, sigma: f64) {
+        let p = self.zero.parameters;
+        self.zero.started = START_SAMPLES;
+        self.shift(tau, sigma);
+        let current = p.current.and_then(|i| self.estimates.get(i));
+        if let Some(estimate) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
+            self.zero.tared = self.zero.tared.saturating_add(1);
+            let share = 1.0 / f64::from(self.zero.tared.min(START_SAMPLES));
+            self.zero.current += share * (estimate.tau - tau);
+        }
     }
 
     fn disagrees(&self) -> bool {

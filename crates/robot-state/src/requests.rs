@@ -2,7 +2,7 @@
 
 use crate::layout::record;
 use crate::name::{Name, Text};
-use crate::records::{MAX_FT_SENSORS, Wrench};
+use crate::records::{MAX_FT_SENSORS, MAX_JOINTS, Wrench};
 
 /// Kinds of request.
 pub mod request {
@@ -32,6 +32,9 @@ pub mod request {
     pub const RECORDING: u32 = 11;
     /// End the recording; done when the file is whole.
     pub const END_RECORDING: u32 = 12;
+    /// Take the torque of joint `joint`, at rest, to be `torque`, with a standard deviation of `sigma`:
+    /// its calibrated torsion and motor current get their zeros from it.
+    pub const TARE_JOINT: u32 = 13;
 }
 
 /// Kinds of refusal of an operator's request by the loop: the upper half of `CycleRecord::refusal`.
@@ -73,10 +76,14 @@ record! {
         pub seconds: f64,
         /// Time before now that is recorded too, s.
         pub last_s: f64,
+        /// tau: torque that the joint is known to carry, N·m, and its standard deviation.
+        pub torque: f64,
+        /// See `torque`.
+        pub sigma: f64,
         /// 1: a recording may replace the file `path`.
         pub overwrite: u32,
-        /// Fills the record to a multiple of eight bytes.
-        pub reserved: u32,
+        /// Index of the joint to tare, in config order.
+        pub joint: u32,
         /// Absolute path of the file to record into, as the daemon sees it.
         pub path: Text<1024>,
     }
@@ -122,6 +129,18 @@ record! {
 }
 
 record! {
+    /// The last tare of one joint.
+    pub struct JointTare {
+        /// tau: torque that the joint carried, N·m.
+        pub torque: f64,
+        /// Its standard deviation, N·m.
+        pub sigma: f64,
+        /// Count of its tares; 0: none.
+        pub count: u64,
+    }
+}
+
+record! {
     /// Settings that clients' requests change; the loop uses them as soon as they arrive.
     pub struct Settings {
         /// Count of changes.
@@ -133,5 +152,7 @@ record! {
         pub reserved: u32,
         /// Offset of the last tare for each F/T sensor, in addition to the configuration's offset.
         pub ft_offset: [Wrench; MAX_FT_SENSORS],
+        /// The joints' tares since start, in config order.
+        pub joint_tares: [JointTare; MAX_JOINTS],
     }
 }

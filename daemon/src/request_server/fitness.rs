@@ -2,7 +2,7 @@
 
 use problem::Problem;
 use robot_config::Parameters;
-use robot_state::{Event, Mode, SharedRecord, measured_flags};
+use robot_state::{CycleRecord, Event, Mode, Request, SharedRecord, measured_flags};
 
 /// Flags of a source that exclude a tare, and their reasons.
 const UNFIT: [(u32, &str); 3] = [
@@ -15,6 +15,9 @@ const UNFIT: [(u32, &str); 3] = [
 ];
 /// Flags of a sample that the tare passes over.
 const BRIDGED: u32 = measured_flags::MISSED | measured_flags::JUMP;
+
+/// Greatest |dq| of a joint at rest, rad/s.
+const AT_REST: f64 = 0.02;
 
 /// Refuses a robot that cannot be tared, with the reason.
 pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<(), Problem> {
@@ -34,6 +37,55 @@ pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<()
         if let Some((_, why)) = UNFIT.iter().find(|(bit, _)| flags & bit != 0) {
             return Err(Problem::new(format!("{what} {name} {why}"), ""));
         }
+    }
+    Ok(())
+}
+
+/// Refuses a joint that cannot be tared to a known torque, with the reason.
+pub(super) fn judge_joint(
+    parameters: &Parameters,
+    cycle: &CycleRecord,
+    asked: &Request,
+) -> Result<(), Problem> {
+    let place = asked.joint as usize;
+    let joint = parameters.joints.get(place);
+    let measured = cycle.measured.joints.get(place);
+    let (Some(joint), Some(measured)) = (joint, measured) else {
+        let what = format!("the robot has no joint of index {place}");
+        return Err(Problem::new(
+            what,
+            format!("below {}", parameters.joints.len()),
+        ));
+    };
+    let limit = joint.limits.torque;
+    let known = asked.torque.abs() <= limit && asked.sigma > 0.0 && asked.sigma <= limit;
+    if !known {
+        let what = format!(
+            "{} N·m within {} is no torque that is known",
+            asked.torque, asked.sigma
+        );
+        let allowed = format!("at most {limit} N·m, and a standard deviation above 0");
+        return Err(Problem::new(what, allowed));
+    }
+    if !(joint.calibration.as_ref()).is_some_and(|file| file.hysteresis.is_some()) {
+        let what = format!(
+            "joint {} has no calibrated gear whose zero could be moved",
+            joint.name
+        );
+        return Err(Problem::new(
+            what,
+            "a joint with `calibration`, a joint file with [hysteresis]",
+        ));
+    }
+    if cycle.mode != Mode::Hold.number() {
+        return Err(not_holding(cycle.mode));
+    }
+    if let Some((_, why)) = UNFIT.iter().find(|(bit, _)| measured.flags & bit != 0) {
+        return Err(Problem::new(format!("joint {} {why}", joint.name), ""));
+    }
+    if measured.dq.abs() > AT_REST {
+        let what = format!("joint {} moves at {:.3} rad/s", joint.name, measured.dq);
+        return Err(Problem::new(what, format!("below {AT_REST}")));
     }
     Ok(())
 }

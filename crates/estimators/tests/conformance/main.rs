@@ -207,7 +207,7 @@ fn covariances_ranges_and_tares_neither_allocate_nor_break() {
         let fused = set.update(&sample);
         assert!(fused.tau.is_finite() && fused.sigma.is_finite() && fused.sigma > 0.0);
         if (2000..2050).contains(&i) {
-            set.tare(12.0 * (2e-3 * i as f64).sin(), 0.1);
+            set.tare_to(12.0 * (2e-3 * i as f64).sin(), 0.1);
         }
         disagreed |= set.disagrees();
         assert!(i >= 4000 || !disagreed, "{i}");
