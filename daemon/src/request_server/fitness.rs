@@ -67,7 +67,7 @@ pub(super) fn judge_joint(
         let allowed = format!("at most {limit} N·m, and a standard deviation above 0");
         return Err(Problem::new(what, allowed));
     }
-    if !(joint.calibration.as_ref()).is_some_and(|file| file.hysteresis.is_some()) {
+    if (joint.calibration.as_ref()).is_none_or(|file| file.hysteresis.is_none()) {
         let what = format!(
             "joint {} has no calibrated gear whose zero could be moved",
             joint.name
