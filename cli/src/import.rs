@@ -14,13 +14,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use table::Table;
 
-/// Convert logs (CSV) by a map of their columns, units, signs and ratios
+/// Convert logs (CSV, MCAP) by a map of their columns, units, signs and ratios
 #[derive(Args)]
 #[command(after_long_help = FORMAT)]
 pub(crate) struct ImportArguments {
     /// Which column is what, in which unit (TOML, see --help)
     map: PathBuf,
-    /// The logs (CSV with a header)
+    /// The logs (CSV with a header, or MCAP of ROS 2)
     #[arg(required = true)]
     logs: Vec<PathBuf>,
     /// Folder for the converted logs; made if it is not there
@@ -32,7 +32,7 @@ const FORMAT: &str = r#"The map, where * marks required keys:
   sample_rate_hz* = 250            # the logs are resampled to it, without delay
   max_gap_ms = 20                  # rows in longer gaps are left out; by default five periods
   delimiter = ","
-  [time]*
+  [time]*                          # of CSV alone: messages of MCAP have stamps
   column* = "t_s"
   unit* = "s" | "ms" | "us" | "ns"
   [[joint]]                        # any number
@@ -56,6 +56,10 @@ const FORMAT: &str = r#"The map, where * marks required keys:
 Keys of a channel: column*, unit* (theta, q: rad, deg, turns, counts; i: A, mA; torques: Nm, mNm, kNm;
 "1": as scale makes it), scale, sign (1 or -1), offset (SI, added last), counts_per_turn,
 wraps = true (single turn: is unwrapped), side = "link" (theta: times gear_ratio), plus = [channels].
+
+Columns of an MCAP file: TOPIC:JOINT.position, TOPIC:JOINT.velocity and TOPIC:JOINT.effort of a
+JointState, TOPIC:fx to TOPIC:tz of a WrenchStamped, TOPIC:gx to gz and ax to az of an Imu (ROS 2, cdr);
+each topic has stamps of its own.
 
 Writes OUT/LOG.JOINT.csv with t,theta,q,i[,tau_sensor][,extra] for each log and joint, and OUT/LOG.csv
 with JOINT.theta, JOINT.q, JOINT.i, SENSOR.fx to SENSOR.tz and imu.gx to imu.az for
@@ -140,6 +144,14 @@ fn convert(map: &Map, log: &Path) -> Result<Vec<(String, String)>, Problems> {
             format!("{stem}.{}.csv", joint.name),
             text(&grid, &resampled, &prefix),
         ));
+    }
+    for (name, text) in &files {
+        let (kept, all) = (text.lines().count() - 1, grid.stamps().count());
+        if 2 * kept < all {
+            eprintln!(
+                "warning: {name}: {kept} of {all} rows are kept, others lie in gaps longer than max_gap_ms"
+            );
+        }
     }
     Ok(files)
 }

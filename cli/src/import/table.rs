@@ -1,10 +1,13 @@
-//! A log as columns: CSV with one stamp a row.
+//! A log as columns: CSV with one stamp a row, or MCAP with a stamp for each message.
 
 use super::map::{ColumnName, Map};
 use super::resample::Column;
 use crate::rows::Rows;
 use problem::Problem;
+use recording::{Ending, READ_SCHEMAS, Signal};
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
 
 /// Columns of a log, by name.
@@ -21,7 +24,56 @@ impl Table {
     /// does not increase.
     pub(super) fn read(path: &Path, map: &Map) -> Result<Self, Problem> {
         let log = path.display().to_string();
-        Self::read_csv(path, map, log)
+        match path
+            .extension()
+            .is_some_and(|extension| extension == "mcap")
+        {
+            true => Self::read_mcap(path, log),
+            false => Self::read_csv(path, map, log),
+        }
+    }
+
+    fn read_mcap(path: &Path, log: String) -> Result<Self, Problem> {
+        let unreadable = |why: &dyn std::fmt::Display| {
+            Problem::new(why.to_string(), "a readable MCAP file").at(log.as_str(), 0)
+        };
+        let file = File::open(path).map_err(|e| unreadable(&format!("cannot be read: {e}")))?;
+        let (signals, ending) =
+            recording::read_signals(BufReader::new(file)).map_err(|e| unreadable(&e))?;
+        if signals.columns.is_empty() {
+            let others = signals.others.iter();
+            let others: Vec<String> = others
+                .map(|(topic, what)| format!("{topic} ({what})"))
+                .collect();
+            let reason = format!(
+                "has no signal that can be read; topics: {}",
+                others.join(", ")
+            );
+            let allowed = format!("{} as cdr", READ_SCHEMAS.join(", "));
+            return Err(Problem::new(reason, allowed).at(log.as_str(), 0));
+        }
+        if signals.passed_over > 0 {
+            let count = signals.passed_over;
+            eprintln!(
+                "warning: {log}: {count} messages that are broken or out of order are left out"
+            );
+        }
+        match ending {
+            Ending::Complete => {}
+            Ending::Truncated => eprintln!("warning: {log}: the file ends too early"),
+            Ending::Damaged(why) => eprintln!("warning: {log}: damaged, read up to there: {why}"),
+        }
+        let column = |signal: Signal| Column {
+            t: signal.t,
+            values: signal.values,
+        };
+        let columns = signals.columns.into_iter();
+        Ok(Self {
+            log,
+            columns: columns
+                .map(|(name, signal)| (name, column(signal)))
+                .collect(),
+        })
     }
 
     /// A column by the name that the map gives.

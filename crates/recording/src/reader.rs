@@ -96,10 +96,7 @@ impl<R: Read> Run<R> {
     /// # Errors
     /// The file is not a recorded run of this version, or holds no cycle.
     pub fn open(mut source: R) -> Result<Self, ReadError> {
-        let options = LinearReaderOptions::default()
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(MAX_RECORD);
-        let mut reader = LinearReader::new_with_options(options);
+        let mut reader = LinearReader::new_with_options(options());
         let (mut header, mut channel) = (None, None);
         let mut started = false;
         loop {
@@ -188,15 +185,32 @@ fn attach(header: Option<&mut Header>, path: &str, data: Vec<u8>) {
     }
 }
 
-/// The next record of the file; `started`: it has begun as an MCAP file does.
+/// How every file is read.
+pub(crate) fn options() -> LinearReaderOptions {
+    LinearReaderOptions::default()
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(MAX_RECORD)
+}
+
 fn next<R: Read>(
     source: &mut R,
     reader: &mut LinearReader,
     started: bool,
 ) -> Result<Found, ReadError> {
+    Ok(next_record(source, reader, started, found)?.unwrap_or_else(Found::End))
+}
+
+/// What `found` makes of the next record of the file, or how that has ended; `started`: it has begun
+/// as an MCAP file does.
+pub(crate) fn next_record<R: Read, T>(
+    source: &mut R,
+    reader: &mut LinearReader,
+    started: bool,
+    found: impl FnOnce(Record<'_>) -> T,
+) -> Result<Result<T, Ending>, ReadError> {
     loop {
         match reader.next_event() {
-            None => return Ok(Found::End(Ending::Complete)),
+            None => return Ok(Err(Ending::Complete)),
             Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
                 let wanted = wanted.min(MAX_RECORD);
                 let read = read_some(source, reader.insert(wanted))?;
@@ -204,13 +218,13 @@ fn next<R: Read>(
             }
             Some(Ok(LinearReadEvent::Record { data, opcode })) => {
                 return Ok(match mcap::parse_record(opcode, data) {
-                    Ok(record) => found(record),
-                    Err(error) => Found::End(Ending::Damaged(error.to_string())),
+                    Ok(record) => Ok(found(record)),
+                    Err(error) => Err(Ending::Damaged(error.to_string())),
                 });
             }
-            Some(Err(McapError::UnexpectedEof)) => return Ok(Found::End(Ending::Truncated)),
+            Some(Err(McapError::UnexpectedEof)) => return Ok(Err(Ending::Truncated)),
             Some(Err(McapError::BadMagic)) if !started => return Err(ReadError::NotMcap),
-            Some(Err(error)) => return Ok(Found::End(Ending::Damaged(error.to_string()))),
+            Some(Err(error)) => return Ok(Err(Ending::Damaged(error.to_string()))),
         }
     }
 }
