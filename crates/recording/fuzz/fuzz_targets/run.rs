@@ -17,6 +17,11 @@ fuzz_target!(|bytes: &[u8]| {
             let _ = span.words(&header);
         }
     }
+    // As another program's file.
+    if let Ok((signals, _)) = recording::read_signals(bytes) {
+        let advances = |t: &[f64]| t.windows(2).all(|pair| pair[0] < pair[1]);
+        assert!(signals.columns.values().all(|signal| advances(&signal.t)));
+    }
     // As a message of a file whose checksums are right.
     let counts = Counts {
         joints: 1,
