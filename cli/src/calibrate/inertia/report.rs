@@ -5,6 +5,7 @@ use identification::inertia::judge::{Judged, Model};
 use identification::inertia::{Calibration, Robot, consistent};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
+use terminal::TextTable;
 
 /// Base parameters that the text lists at most.
 const LISTED: usize = 12;
@@ -12,11 +13,11 @@ const LISTED: usize = 12;
 /// The report as text.
 pub(super) fn text(robot: &Robot<'_>, found: &Calibration, written: &[String]) -> String {
     let mut out = summary(robot, found).join("\n");
-    let _ = write!(out, "\n\n{}\n", accuracy(robot, &found.judged, "held out"));
+    let _ = write!(out, "\n\n{}", accuracy(robot, &found.judged, "held out"));
     if !found.judged_on_others.is_empty() {
         let _ = write!(
             out,
-            "\n{}\n",
+            "\n{}",
             accuracy(robot, &found.judged_on_others, "other logs")
         );
     }
@@ -65,7 +66,20 @@ pub(super) fn summary(robot: &Robot<'_>, found: &Calibration) -> Vec<String> {
 
 /// Table of RMS on held-out quarters.
 fn accuracy(robot: &Robot<'_>, judged: &[Judged], of: &str) -> String {
-    let mut table = terminal_table(of);
+    let head = [
+        &format!("{of}, RMS N·m (N)"),
+        "torque",
+        "URDF",
+        "plain LS",
+        "base",
+        "identified",
+        "95 %",
+        "of largest",
+        "in motion",
+        "unfiltered",
+        "over sigma",
+    ];
+    let mut table = vec![head.map(str::to_owned).to_vec()];
     for (k, judged) in judged.iter().enumerate() {
         let (low, high) = judged.interval(Model::Identified);
         let row = [
@@ -84,50 +98,9 @@ fn accuracy(robot: &Robot<'_>, judged: &[Judged], of: &str) -> String {
             format!("{:.3}", judged.raw_residual(Model::Identified)),
             format!("{:.2}", judged.sigma_check()),
         ];
-        table.push(row);
+        table.push(row.to_vec());
     }
-    aligned(&table)
-}
-
-fn terminal_table(of: &str) -> Vec<[String; 11]> {
-    let head = [
-        of,
-        "torque",
-        "URDF",
-        "plain LS",
-        "base",
-        "identified",
-        "95 %",
-        "of largest",
-        "in motion",
-        "unfiltered",
-        "over sigma",
-    ];
-    let mut head = head.map(str::to_owned);
-    head[0] += ", RMS N·m (N)";
-    vec![head]
-}
-
-fn aligned<const N: usize>(rows: &[[String; N]]) -> String {
-    let widths: Vec<usize> = (0..N)
-        .map(|c| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or(0))
-        .collect();
-    let line = |row: &[String; N]| {
-        let cell = |(c, text): (usize, &String)| {
-            let room = " ".repeat(widths[c] - text.chars().count());
-            if c == 0 {
-                format!("{text}{room}")
-            } else {
-                format!("{room}{text}")
-            }
-        };
-        row.iter()
-            .enumerate()
-            .map(cell)
-            .collect::<Vec<_>>()
-            .join("  ")
-    };
-    rows.iter().map(line).collect::<Vec<_>>().join("\n")
+    TextTable(table).to_string()
 }
 
 /// Joints on which the URDF or the unbounded solution is better, and whether sigma is right.

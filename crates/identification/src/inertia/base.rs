@@ -1,9 +1,9 @@
 //! Base parameters: the combinations of inertial parameters that joint torques depend on (Gautier
 //! 1991), what they are made of, and how well the logs determine them.
 
-use super::Robot;
 use super::consistent::Prior;
 use super::equations::{Grams, Normal};
+use super::robot::Robot;
 use dynamics::{Data, PARAMETERS, Random, joint_torque_regressor};
 use nalgebra::{DMatrix, DVector};
 

@@ -1,9 +1,9 @@
 //! Logs that cannot be of this robot, or not in SI units, are refused with the likely cause.
 
 use super::friction::{Friction, TERMS};
+use super::robot::{Robot, RobotLog};
 use super::rows::Rows;
 use super::signals::{Recording, Smoothing, Source, instants};
-use super::{Robot, RobotLog};
 use dynamics::{Data, rnea};
 use problem::{Problem, Problems};
 

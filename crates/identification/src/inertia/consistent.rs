@@ -10,10 +10,10 @@
 //! minimise  1/2 x'A x - m'x + lambda sum_bodies [ -log det J + tr(J0^-1 J) ]
 //! ```
 //!
-//! is convex: Newton's method with a step that stays inside finds its one solution, without a
-//! solver for semidefinite programs.
+//! is convex: Newton's method with a step that stays inside finds its one solution along the
+//! central path, without a solver for semidefinite programs.
 
-use super::Robot;
+use super::robot::Robot;
 use dynamics::{Inertia, PARAMETERS};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
@@ -29,8 +29,12 @@ const GUESSED_RADIUS: f64 = 0.05;
 const GUESSED_MASS: f64 = 2.0;
 /// Mass of a body without any on a robot that has masses, as a share of the mean of the others.
 const SMALL_SHARE: f64 = 0.02;
-/// Newton steps at most.
-const STEPS: usize = 200;
+/// Newton steps at each weight of the barrier at most.
+const STEPS: usize = 50;
+/// Factor from one weight of the barrier to the next.
+const BARRIER_STEP: f64 = 0.2;
+/// Smallest weight of `tr(J0^-1 J)` beside the barrier's.
+const PULL_OF_BARRIER: f64 = 1e-4;
 
 /// The URDF's inertias, as far as bodies can have them.
 #[derive(Debug, Clone)]
@@ -249,12 +253,51 @@ fn hessian(inverse: &Matrix4<f64>) -> TenByTen {
 
 /// The solution for normal equations `A x = m` of which the first unknowns are the bodies', from
 /// a start that the prior admits. None where the equations are not finite.
+///
+/// The weight of `-log det J` falls to `lambda` in steps from one that keeps every body far from
+/// the boundary (path-following, Nesterov and Nemirovskii 1994), while that of `tr(J0^-1 J)` is
+/// `lambda` or little more throughout: pulled by it towards a prior of a much lighter body,
+/// Newton's steps would run into the boundary and creep along it.
 #[must_use]
 pub fn fit(
     a: &DMatrix<f64>,
     m: &DVector<f64>,
     prior: &Prior,
     lambda: f64,
+    start: DVector<f64>,
+) -> Option<DVector<f64>> {
+    let mut x = start;
+    let mut barrier = lambda.max(first_barrier(&(a * &x - m), prior));
+    loop {
+        // Without any pull, bodies that no torque determines would grow beyond what numbers hold.
+        let pull = lambda.max(PULL_OF_BARRIER * barrier);
+        x = minimum(a, m, prior, [pull, barrier], x)?;
+        if barrier <= lambda {
+            return Some(x);
+        }
+        barrier = (barrier * BARRIER_STEP).max(lambda);
+    }
+}
+
+/// Weight of the barrier from which the first Newton step stays inside: the gradient's length in
+/// the barrier's own metric.
+fn first_barrier(gradient: &DVector<f64>, prior: &Prior) -> f64 {
+    let bodies = prior.curvature.iter().enumerate();
+    let square = bodies.map(|(body, curvature)| {
+        let own = of_body(gradient, body);
+        curvature
+            .cholesky()
+            .map_or(0.0, |c| c.solve(&own).dot(&own))
+    });
+    square.sum::<f64>().max(0.0).sqrt()
+}
+
+/// The minimum at weights of prior and barrier by Newton's method, from a start inside.
+fn minimum(
+    a: &DMatrix<f64>,
+    m: &DVector<f64>,
+    prior: &Prior,
+    [lambda, barrier]: [f64; 2],
     start: DVector<f64>,
 ) -> Option<DVector<f64>> {
     let bodies = prior.inverse.len();
@@ -265,7 +308,7 @@ pub fn fit(
             let j = pseudo(&of_body(x, body));
             let factor = j.cholesky()?;
             let log_det = 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
-            sum += lambda * ((prior.inverse[body] * j).trace() - log_det);
+            sum += lambda * (prior.inverse[body] * j).trace() - barrier * log_det;
         }
         Some(sum)
     };
@@ -277,11 +320,11 @@ pub fn fit(
             let inverse = pseudo(&of_body(&x, body)).cholesky()?.inverse();
             let at = PARAMETERS * body;
             for (k, unit) in units.iter().enumerate() {
-                let slope = ((prior.inverse[body] - inverse) * unit).trace();
-                gradient[at + k] += lambda * slope;
+                let slope = (prior.inverse[body] * lambda - inverse * barrier) * unit;
+                gradient[at + k] += slope.trace();
             }
             let mut block = curvature.view_mut((at, at), (PARAMETERS, PARAMETERS));
-            block += hessian(&inverse) * lambda;
+            block += hessian(&inverse) * barrier;
         }
         // Rounding at the boundary: the place reached is as good as it gets.
         let Some(factor) = Factor::new(&curvature) else {
@@ -289,21 +332,26 @@ pub fn fit(
         };
         let step = -factor.solve(&gradient);
         let decrement = -gradient.dot(&step);
-        if decrement.is_nan() || decrement <= 1e-12 * (1.0 + now.abs()) {
+        // A share of the barrier's own weight: less is not seen in any body.
+        if decrement.is_nan() || decrement <= 1e-8 * barrier {
             break;
         }
         let mut length = 1.0;
-        loop {
+        let lower = |length: f64| {
             let next = &x + &step * length;
-            match value(&next).filter(|f| *f <= now - 0.25 * length * decrement) {
-                Some(lower) => {
-                    (x, now) = (next, lower);
-                    break;
-                }
-                None if length < 1e-9 => return Some(x),
-                None => length *= 0.5,
+            let lower = value(&next).filter(|f| *f <= now - 0.25 * length * decrement);
+            lower.map(|f| (next, f))
+        };
+        let found = loop {
+            match lower(length) {
+                None if length > 1e-9 => length *= 0.5,
+                found => break found,
             }
-        }
+        };
+        let Some(found) = found else {
+            break;
+        };
+        (x, now) = found;
     }
     Some(x)
 }
@@ -396,5 +444,46 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// A body fifty times heavier than the prior's, and at another place: the minimum is reached.
+    #[test]
+    fn the_minimum_is_reached_from_afar() {
+        let small = ten(&Inertia::from_central(
+            0.2,
+            Vector3::zeros(),
+            Matrix3::identity() * 1e-5,
+        ));
+        let inverse = pseudo(&small).try_inverse().unwrap();
+        let prior = Prior {
+            parameters: DVector::from_column_slice(small.as_slice()),
+            curvature: vec![hessian(&inverse)],
+            inverse: vec![inverse],
+            guessed: false,
+            mended: Vec::new(),
+        };
+        let centre = Vector3::new(0.1, 0.02, -0.15);
+        let truth = ten(&Inertia::from_central(
+            10.0,
+            centre,
+            Matrix3::identity() * 0.02,
+        ));
+        let truth = DVector::from_column_slice(truth.as_slice());
+        // Torques feel moments a hundred times less than masses, and some sums hardly at all.
+        let a = DMatrix::from_fn(10, 10, |i, j| {
+            let own = if i == j {
+                [1e6, 1e4][usize::from(i > 3)]
+            } else {
+                0.0
+            };
+            own + 1e3 * f64::from(u8::from(i > 3 && j > 3))
+        });
+        let m = &a * &truth;
+        let found = fit(&a, &m, &prior, 1e-4, prior.parameters.clone()).unwrap();
+        assert!(prior.admits(&found));
+        let error = &found - &truth;
+        assert!(error.norm() < 1e-3 * truth.norm(), "{found} {truth}");
+        let [error, moments] = [&error, &truth].map(|x| x.rows(4, 6).norm());
+        assert!(error < 1e-2 * moments, "{error} {moments}");
     }
 }

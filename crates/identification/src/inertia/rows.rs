@@ -1,8 +1,8 @@
 //! Rows of the regression: for every sample and joint the torque, the part of the regressor that
 //! is not zero, and the terms of friction, all low-passed and decimated alike (Gautier 1997).
 
-use super::Robot;
 use super::friction::{Friction, LOAD, TERMS};
+use super::robot::Robot;
 use super::signals::{Instant, Recording, Smoothing, instants};
 use dynamics::{Data, PARAMETERS, joint_torque_regressor};
 use nalgebra::{DMatrix, DVector};

@@ -5,7 +5,7 @@
 //! derivatives are the smoothed signal. One window serves all signals of an instant, so that none
 //! is delayed against another.
 
-use super::RobotLog;
+use super::robot::{JointColumns, RobotLog};
 use problem::Problem;
 
 /// Coefficients of a local polynomial.
@@ -95,11 +95,11 @@ impl Recording {
     /// A log with too few rows, or whose time runs backwards.
     pub fn new(logs: &[RobotLog], measured: &[usize]) -> Result<Self, Problem> {
         let mut all = Self::default();
-        let columns = |log: &RobotLog| -> Vec<super::JointColumns> {
+        let columns = |log: &RobotLog| -> Vec<JointColumns> {
             let joint = |j: &usize| log.joints[*j].clone().unwrap_or_default();
             measured.iter().map(joint).collect()
         };
-        let every = |has: &dyn Fn(&super::JointColumns) -> bool| {
+        let every = |has: &dyn Fn(&JointColumns) -> bool| {
             logs.iter().all(|log| columns(log).iter().all(has))
         };
         all.has_dq = every(&|c| !c.dq.is_empty());
@@ -132,7 +132,7 @@ impl Recording {
         &mut self,
         log: &RobotLog,
         index: usize,
-        columns: &[super::JointColumns],
+        columns: &[JointColumns],
     ) -> Result<Segment, Problem> {
         let signals = |k: usize| -> Vec<[f64; 4]> {
             let at = |c: &[f64]| c.get(k).copied().unwrap_or(0.0);
