@@ -94,7 +94,8 @@ fn accuracy(robot: &Robot<'_>, judged: &[Judged], of: &str) -> String {
                 "{:.2} %",
                 100.0 * judged.residual(Model::Identified) / judged.largest().max(1e-12)
             ),
-            format!("{:.3}", judged.in_motion_and_at_rest(Model::Identified)[0]),
+            judged.in_motion_and_at_rest(Model::Identified)[0]
+                .map_or("-".to_owned(), |rms| format!("{rms:.3}")),
             format!("{:.3}", judged.raw_residual(Model::Identified)),
             format!("{:.2}", judged.sigma_check()),
         ];

@@ -94,17 +94,13 @@ impl Judged {
     }
 
     /// RMS of a model's residual while the joint moves, and while it rests or turns back: static
-    /// friction then hides up to Coulomb's torque.
+    /// friction then hides up to Coulomb's torque. None where it never does.
     #[must_use]
-    pub fn in_motion_and_at_rest(&self, model: Model) -> [f64; 2] {
+    pub fn in_motion_and_at_rest(&self, model: Model) -> [Option<f64>; 2] {
         [true, false].map(|moving| {
-            let moments = self
-                .moments
-                .iter()
-                .filter(|m| m.moving == moving)
-                .copied()
-                .collect();
-            Self { moments }.residual(model)
+            let moments = self.moments.iter().filter(|m| m.moving == moving);
+            let moments: Vec<Moment> = moments.copied().collect();
+            (!moments.is_empty()).then(|| Self { moments }.residual(model))
         })
     }
 
