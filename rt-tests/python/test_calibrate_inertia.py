@@ -19,11 +19,14 @@ RATE, SECONDS = 100, 30
 def other_inertias(model, rng):
     """The same robot with masses and centres of its own: up to a quarter and 2 cm."""
     other = model.copy()
-    for inertia in other.inertias[1:]:
+    # By index: a slice holds copies.
+    for k in range(1, len(other.inertias)):
+        inertia = other.inertias[k]
         factor = 1 + rng.uniform(-0.25, 0.25)
         inertia.mass *= factor
         inertia.inertia = inertia.inertia * factor
         inertia.lever += rng.uniform(-0.02, 0.02, 3)
+    assert other.inertias[1].mass != model.inertias[1].mass
     return other
 
 
