@@ -7,7 +7,7 @@ use crate::report::{self, Traces};
 use clap::{Args, Subcommand};
 use identification::all::{self, Fitted, Step};
 use identification::inputs::{self, Inspection, LogKind};
-use identification::joined::joined;
+use identification::joined::{Zeros, joined};
 use identification::log::LogRow;
 use indicatif::{ProgressBar, ProgressStyle};
 use joint_file::JointFile;
@@ -280,8 +280,8 @@ fn training(joint: &JointFile, logs: &[PathBuf]) -> Result<(Vec<LogRow>, Vec<Str
     if !problems.is_empty() {
         return Err(Problems(problems));
     }
-    let (rows, shifts) = joined(joint, rows)?;
-    for (path, shift) in logs.iter().zip(&shifts).skip(1) {
+    let (rows, shifts) = joined(joint, rows, Zeros::OfEachLog)?;
+    for (path, (shift, _)) in logs.iter().zip(&shifts).skip(1) {
         let (file, turns) = (path.display(), shift / std::f64::consts::TAU);
         lines.push(format!(
             "{file}: zero of the motor-side encoder {turns:.3} turns from that of the first log"

@@ -46,6 +46,7 @@ Examples:
   torquectl tare --contacts in_the_air
   torquectl record -o run.mcap --seconds 10
   torquectl replay run.mcap
+  torquectl calibrate joints run.mcap -o calibrated
   torquectl estimate --joint elbow.toml --log run.csv
   torquectl help check
 

@@ -1,8 +1,8 @@
 //! `torquectl reference`: every joint's torque from the rigid-body model, for fits of joints that
 //! have no torque sensor.
 
-mod robot;
-mod torques;
+pub(crate) mod robot;
+pub(crate) mod torques;
 
 use crate::output::{finish_or_refuse, read_input};
 use clap::Args;
@@ -80,8 +80,9 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
     let mut files = Vec::new();
     let mut report = String::new();
     for path in &arguments.logs {
-        let log = RobotLog::read(path, &robot)?;
-        let torques = Torques::new(&robot, &log, 1e-3 * arguments.window_ms)?;
+        let log = RobotLog::read(path)?;
+        let signals = log.signals(&robot.joints, &robot.sensors)?;
+        let torques = Torques::new(&robot, &signals, 1e-3 * arguments.window_ms)?;
         let _ = writeln!(report, "{}: {} rows", path.display(), torques.rows().len());
         for (joint, name) in robot.joints.iter().enumerate() {
             let (low, high, sigma) = torques.range(joint);

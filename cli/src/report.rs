@@ -84,6 +84,11 @@ impl Traces {
         Ok(traces)
     }
 
+    /// Figures of the last source, fused where there is a fusion; none without a reference.
+    pub(crate) fn fused(&self) -> Option<Figures> {
+        Figures::new(self, self.names.len().checked_sub(1)?)
+    }
+
     /// Samples with a reference.
     fn judged(&self, source: usize) -> impl Iterator<Item = (&Moment, f64, f64)> {
         let both = self.moments.iter().zip(&self.estimates[source]);
@@ -93,12 +98,12 @@ impl Traces {
 }
 
 /// Figures of one source's errors.
-struct Figures {
-    rms: f64,
+pub(crate) struct Figures {
+    pub(crate) rms: f64,
     max: f64,
     sigma: f64,
     /// Root mean square of error over sigma.
-    normalised: f64,
+    pub(crate) normalised: f64,
     /// Share of the errors within 1.96 sigma.
     covered: f64,
 }
@@ -150,11 +155,22 @@ pub(crate) fn write(
     sections: &[Section],
     traces: &Traces,
 ) -> Result<(), Problem> {
-    let mut html = format!(
+    let html = page(title, &(lists(sections) + &body(traces)?));
+    std::fs::write(path, html).map_err(|e| Problem::unwritable(path.display(), &e))
+}
+
+/// A page with this body.
+pub(crate) fn page(title: &str, body: &str) -> String {
+    format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{0}</title>\
-         <style>{STYLE}</style></head><body>\n<h1>{0}</h1>\n",
+         <style>{STYLE}</style></head><body>\n<h1>{0}</h1>\n{body}</body></html>\n",
         escaped(title)
-    );
+    )
+}
+
+/// Headings with their lines.
+pub(crate) fn lists(sections: &[Section]) -> String {
+    let mut html = String::new();
     for (heading, lines) in sections.iter().filter(|(_, lines)| !lines.is_empty()) {
         let _ = write!(html, "<h2>{}</h2>\n<ul>\n", escaped(heading));
         for line in lines {
@@ -162,7 +178,12 @@ pub(crate) fn write(
         }
         html += "</ul>\n";
     }
-    html += &table(traces);
+    html
+}
+
+/// What the sources make of a log: table and figures.
+pub(crate) fn body(traces: &Traces) -> Result<String, Problem> {
+    let mut html = table(traces);
     html += "<h2>Torque</h2>\n";
     html += &figures::torque(traces).svg()?;
     for (source, name) in traces.names.iter().enumerate().rev() {
@@ -172,8 +193,13 @@ pub(crate) fn write(
         let _ = writeln!(html, "<h2>{}</h2>", escaped(name));
         html += &figures::source(traces, source).svg()?;
     }
-    html += "</body></html>\n";
-    std::fs::write(path, html).map_err(|e| Problem::unwritable(path.display(), &e))
+    Ok(html)
+}
+
+/// Figures of the last source, fused where there is a fusion, on a log: [`table`] of it, and torque beside
+/// the reference.
+pub(crate) fn summary(traces: &Traces) -> Result<String, Problem> {
+    Ok(table(traces) + &figures::torque(traces).svg()?)
 }
 
 /// RMS of error over sigma outside of which a cell is marked.

@@ -42,6 +42,8 @@ enum Command {
   torqued demo --robot leg --plot leg.svg
   torqued demo --robot my_arm/robot.toml --plot arm.svg
   torqued demo --robot test-joint --json | jq .joints[0].whole_body
+  torqued demo --robot humanoid --harness chest_pitch_link --motion sweeps.toml --seconds 60 \\
+    --fast --record sweeps.mcap
 
 A robot of your own needs a sim.toml beside its robot.toml, and may have a motion.toml
 (docs/simulation.md).")]

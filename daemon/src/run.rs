@@ -179,7 +179,7 @@ fn record_from_the_start(handle: &RecorderHandle, path: PathBuf) {
 }
 
 /// What must be added to the bus's time for Unix time, ns.
-fn unix_offset_ns(bus_ns: u64) -> i64 {
+pub(crate) fn unix_offset_ns(bus_ns: u64) -> i64 {
     let unix = SystemTime::now().duration_since(UNIX_EPOCH);
     let unix_ns = unix.map_or(0, |unix| unix.as_nanos() as i64);
     unix_ns.saturating_sub_unsigned(bus_ns)

@@ -1,9 +1,11 @@
 //! The robot whose torques are computed: URDF, payloads, sensors, contacts.
 
+use super::torques::Estimated;
 use crate::whole_body::request::ContactRecord;
 use crate::whole_body::sensors_file::SensorsFile;
 use dynamics::{Base, Model, UrdfOptions};
 use problem::Problem;
+use robot_config::FilterGains;
 use std::str::FromStr;
 use whole_body::{Hypothesis, WholeBodyParameters};
 
@@ -13,6 +15,13 @@ pub(crate) struct Payload {
     link: String,
     mass: f64,
     centre: [f64; 3],
+}
+
+impl Payload {
+    /// The link that carries it.
+    pub(crate) fn link(&self) -> &str {
+        &self.link
+    }
 }
 
 impl FromStr for Payload {
@@ -54,7 +63,7 @@ const POINT_INERTIA: f64 = 1e-9;
 
 /// Model and sensors.
 pub(super) struct ReferenceRobot {
-    pub(super) model: Model,
+    model: Model,
     pub(super) sensors: SensorsFile,
     /// Joints in the model's order.
     pub(super) joints: Vec<String>,
@@ -105,21 +114,28 @@ impl ReferenceRobot {
             hypothesis,
         })
     }
+}
 
-    /// Parameters of the estimator; standard deviation of each joint's acceleration, rad/s².
-    ///
-    /// # Errors
-    /// As the sensors' file.
-    pub(super) fn parameters(&self, sigma_ddq: Vec<f64>) -> Result<WholeBodyParameters, Problem> {
+impl Estimated for ReferenceRobot {
+    fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The sensors' file states noise as it is behind the filters; encoders' noise is found in the log.
+    fn parameters(&self, gains: &FilterGains) -> Result<WholeBodyParameters, Problem> {
         let parameters = self
             .sensors
             .parameters(&self.joints, self.hypothesis.clone())?;
-        let stated = parameters.sigma_ddq.iter().zip(&sigma_ddq);
+        let stated = parameters.sigma_ddq.iter().zip(&gains.sigma_ddq);
         let sigma_ddq = stated.map(|(a, b)| a.hypot(*b)).collect();
         Ok(WholeBodyParameters {
             sigma_ddq,
             ..parameters
         })
+    }
+
+    fn contact_set(&self) -> usize {
+        0
     }
 }
 
@@ -133,7 +149,7 @@ fn standing(model: &Model) -> String {
 }
 
 /// The URDF with a link of its own for each payload.
-fn with_payloads(urdf: &str, payloads: &[Payload]) -> String {
+pub(crate) fn with_payloads(urdf: &str, payloads: &[Payload]) -> String {
     let Some(end) = urdf.rfind("</robot>").filter(|_| !payloads.is_empty()) else {
         return urdf.to_owned();
     };

@@ -1,16 +1,48 @@
 //! Torques of a whole log, by centred filters and the whole-body estimator.
 
-use super::robot::ReferenceRobot;
 use crate::rows::Rows;
-use dynamics::ImuMotion;
+use crate::whole_body::sensors_file::SensorsFile;
+use dynamics::{ImuMotion, Model};
 use identification::record::{noise, smooth};
 use nalgebra::Vector3;
 use problem::{Problem, listed};
+use robot_config::FilterGains;
 use robot_state::Wrench;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
-use whole_body::{WholeBody, WholeBodyInput};
+use whole_body::{WholeBody, WholeBodyInput, WholeBodyParameters};
+
+/// A robot of which torques are computed.
+pub(crate) trait Estimated {
+    /// Its rigid bodies.
+    fn model(&self) -> &Model;
+
+    /// The estimator's parameters behind filters with these gains.
+    ///
+    /// # Errors
+    /// Sensors or contacts from which the torques do not follow.
+    fn parameters(&self, gains: &FilterGains) -> Result<WholeBodyParameters, Problem>;
+
+    /// Index of the contact set among the parameters' hypotheses.
+    fn contact_set(&self) -> usize;
+}
+
+/// Signals of the whole robot at a steady rate, without a gap.
+pub(crate) struct Signals {
+    /// t, s.
+    pub(crate) t: Vec<f64>,
+    /// Time between rows, s.
+    pub(crate) period: f64,
+    /// Angles as the model counts them, by joint, rad.
+    pub(crate) angles: Vec<Vec<f64>>,
+    /// Wrench that the part beyond each F/T sensor applies to the part before, by sensor and axis.
+    pub(crate) ft: Vec<[Vec<f64>; 6]>,
+    /// Gyro and accelerometer, by axis.
+    pub(crate) imu: Option<[Vec<f64>; 6]>,
+    /// What messages call them.
+    pub(crate) file: String,
+}
 
 /// A log of the whole robot.
 pub(super) struct RobotLog {
@@ -28,11 +60,11 @@ const IMU: [&str; 6] = ["gx", "gy", "gz", "ax", "ay", "az"];
 const MAX_IRREGULARITY: f64 = 0.05;
 
 impl RobotLog {
-    /// Reads a log with every column that the robot needs.
+    /// Reads a log.
     ///
     /// # Errors
-    /// As [`Rows::read`]; columns that are missing; stamps that are not at a steady rate.
-    pub(super) fn read(path: &Path, robot: &ReferenceRobot) -> Result<Self, Problem> {
+    /// As [`Rows::read`]; stamps that are not at a steady rate.
+    pub(super) fn read(path: &Path) -> Result<Self, Problem> {
         let file = path.display().to_string();
         let rows = Rows::read(path, b',', "t", |_| true)?;
         let period = (rows.t[rows.t.len() - 1] - rows.t[0]) / (rows.t.len() - 1) as f64;
@@ -45,24 +77,41 @@ impl RobotLog {
             let allowed = "stamps at a steady rate without gaps; `torquectl import` resamples";
             return Err(Problem::new(reason, allowed).at(file, i + 3));
         }
-        let log = Self {
+        Ok(Self {
             t: rows.t,
             columns: rows.columns,
             file,
             period,
-        };
-        let angles = robot
-            .joints
-            .iter()
-            .map(|joint| log.angle(joint).map(|_| ()));
-        angles.collect::<Result<(), _>>()?;
-        for sensor in &robot.sensors.ft_sensors {
-            log.six(sensor.name.get_ref(), WRENCH)?;
-        }
-        if robot.sensors.imu.is_some() {
-            log.six("imu", IMU)?;
-        }
-        Ok(log)
+        })
+    }
+
+    /// The signals that the torques of a robot with these joints and sensors follow from.
+    ///
+    /// # Errors
+    /// Columns that are missing.
+    pub(super) fn signals(
+        &self,
+        joints: &[String],
+        sensors: &SensorsFile,
+    ) -> Result<Signals, Problem> {
+        let angles = joints.iter();
+        let angles = angles.map(|joint| Ok::<_, Problem>(self.angle(joint)?.to_vec()));
+        let ft = sensors.ft_sensors.iter().map(|sensor| {
+            let sign = f64::from(sensor.sign);
+            let axes = self.six(sensor.name.get_ref(), WRENCH)?;
+            let signed = |axis: &[f64]| axis.iter().map(|x| sign * x).collect();
+            Ok::<_, Problem>(axes.map(signed))
+        });
+        let imu = sensors.imu.as_ref();
+        let imu = imu.map(|_| Ok::<_, Problem>(self.six("imu", IMU)?.map(<[f64]>::to_vec)));
+        Ok(Signals {
+            t: self.t.clone(),
+            period: self.period,
+            angles: angles.collect::<Result<_, _>>()?,
+            ft: ft.collect::<Result<_, _>>()?,
+            imu: imu.transpose()?,
+            file: self.file.clone(),
+        })
     }
 
     /// theta, q and i of a joint, where all are there.
@@ -101,7 +150,7 @@ impl RobotLog {
 }
 
 /// Torques and standard deviations of every joint.
-pub(super) struct Torques {
+pub(crate) struct Torques {
     tau: Vec<Vec<f64>>,
     sigma: Vec<Vec<f64>>,
     rows: Range<usize>,
@@ -118,11 +167,7 @@ impl Torques {
     ///
     /// # Errors
     /// A window that does not fit the log; contacts that cannot be determined.
-    pub(super) fn new(
-        robot: &ReferenceRobot,
-        log: &RobotLog,
-        window: f64,
-    ) -> Result<Self, Problem> {
+    pub(crate) fn new(robot: &dyn Estimated, log: &Signals, window: f64) -> Result<Self, Problem> {
         let half = (0.5 * window / log.period).round();
         let (most, count) = (log.t.len() / 6, log.t.len());
         if !(2.0..=most as f64).contains(&half) {
@@ -153,17 +198,17 @@ impl Torques {
     }
 
     /// Rows with a full window.
-    pub(super) fn rows(&self) -> Range<usize> {
+    pub(crate) fn rows(&self) -> Range<usize> {
         self.rows.clone()
     }
 
     /// Torque and standard deviation of a joint at a row.
-    pub(super) fn at(&self, joint: usize, row: usize) -> (f64, f64) {
+    pub(crate) fn at(&self, joint: usize, row: usize) -> (f64, f64) {
         (self.tau[joint][row], self.sigma[joint][row])
     }
 
     /// Smallest and largest torque of a joint, and its RMS sigma.
-    pub(super) fn range(&self, joint: usize) -> (f64, f64, f64) {
+    pub(crate) fn range(&self, joint: usize) -> (f64, f64, f64) {
         let (mut low, mut high, mut square) = (f64::MAX, f64::MIN, 0.0);
         for i in self.rows() {
             let (tau, sigma) = self.at(joint, i);
@@ -191,39 +236,35 @@ struct Pass {
 }
 
 /// Torques and sigmas by the estimator, all signals through windows of `2 half + 1` samples.
-fn pass(robot: &ReferenceRobot, log: &RobotLog, half: usize) -> Result<Pass, Problem> {
+fn pass(robot: &dyn Estimated, log: &Signals, half: usize) -> Result<Pass, Problem> {
     let filtered = |signal: &[f64], derivative| smooth(signal, derivative, half, log.period);
     let gain = impulse(2, half, log.period);
     let mut motion = Vec::new();
     let mut sigma_ddq = Vec::new();
-    for joint in &robot.joints {
-        let angle = log.angle(joint)?;
+    for angle in &log.angles {
         motion.push([0, 1, 2].map(|d| filtered(angle, d)));
         sigma_ddq.push(gain * noise(angle, half, log.period));
     }
-    let mut ft = Vec::new();
-    for sensor in &robot.sensors.ft_sensors {
-        let axes = log.six(sensor.name.get_ref(), WRENCH)?;
-        ft.push((f64::from(sensor.sign), axes.map(|axis| filtered(axis, 0))));
-    }
-    let imu = match &robot.sensors.imu {
-        Some(_) => Some(log.six("imu", IMU)?),
-        None => None,
-    };
-    let imu = imu.map(|axes| {
-        let rates = [0, 1, 2].map(|i| filtered(axes[i], 1));
-        (axes.map(|axis| filtered(axis, 0)), rates)
+    let ft = log.ft.iter();
+    let ft: Vec<[Vec<f64>; 6]> = ft
+        .map(|axes| axes.each_ref().map(|axis| filtered(axis, 0)))
+        .collect();
+    let imu = log.imu.as_ref().map(|axes| {
+        let rates = [0, 1, 2].map(|i| filtered(&axes[i], 1));
+        (axes.each_ref().map(|axis| filtered(axis, 0)), rates)
     });
-    let parameters = robot.parameters(sigma_ddq)?;
-    let mut whole_body = WholeBody::new(&robot.model, &parameters).map_err(|e| e.problem())?;
-    let n = robot.joints.len();
+    let sensor = [0, 1].map(|derivative| impulse(derivative, half, log.period));
+    let parameters = robot.parameters(&FilterGains { sensor, sigma_ddq })?;
+    let mut whole_body = WholeBody::new(robot.model(), &parameters).map_err(|e| e.problem())?;
+    whole_body.choose(robot.contact_set());
+    let n = log.angles.len();
     let (mut tau, mut sigma) = (vec![Vec::new(); n], vec![Vec::new(); n]);
     for i in 0..log.t.len() {
         let each = |d: usize| motion.iter().map(|m| m[d][i]).collect::<Vec<f64>>();
         let (q, dq, ddq) = (each(0), each(1), each(2));
-        let reading = |(sign, axes): &(f64, [Vec<f64>; 6])| Wrench {
-            force: [0, 1, 2].map(|k| sign * axes[k][i]),
-            torque: [3, 4, 5].map(|k| sign * axes[k][i]),
+        let reading = |axes: &[Vec<f64>; 6]| Wrench {
+            force: [0, 1, 2].map(|k| axes[k][i]),
+            torque: [3, 4, 5].map(|k| axes[k][i]),
         };
         let ft: Vec<Wrench> = ft.iter().map(reading).collect();
         let three = |axes: &[Vec<f64>]| Vector3::new(axes[0][i], axes[1][i], axes[2][i]);
@@ -246,7 +287,7 @@ fn pass(robot: &ReferenceRobot, log: &RobotLog, half: usize) -> Result<Pass, Pro
             ft: &ft,
             imu,
         };
-        let estimate = whole_body.update(&input);
+        let estimate = whole_body.update_torques(&input);
         if !estimate.valid {
             let reason = format!("at t = {} s the contacts depend on one another", log.t[i]);
             return Err(Problem::new(reason, "other contacts").at(log.file.as_str(), i + 2));

@@ -12,7 +12,7 @@ mod steps;
 use crate::excitation::{Excitation, Quantity};
 use crate::learned::Progress;
 use crate::log::LogRow;
-use crate::record::Record;
+use crate::record::{Record, ReferenceErrors};
 use joint_file::{JointFile, TrainedTable};
 use problem::Problem;
 
@@ -75,6 +75,17 @@ pub struct Fitted {
     pub joint: JointFile,
     /// One line per step.
     pub report: Vec<String>,
+    reference: ReferenceErrors,
+    harmonics: Harmonics,
+}
+
+/// Harmonics of the kinematic error that loaded motion is fitted with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Harmonics {
+    /// Those of the gear's fit alone: the others come from an unloaded turn.
+    OfTheGear,
+    /// Higher ones too.
+    Higher,
 }
 
 /// Fits everything and reports on its `progress`.
@@ -128,11 +139,55 @@ pub fn fit_one(
     Ok(fitted)
 }
 
+/// What is known of a training log, and of the encoders, beside the log.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LoadedKnowledge {
+    /// Errors of the reference as a whole.
+    pub reference: ReferenceErrors,
+    /// The encoders' zeros are the same after each start, so that the log's hold for good.
+    pub zeros_stay: bool,
+}
+
+/// Fits what the loop runs, the gear with slipping springs and the current, from loaded motion alone:
+/// without an unloaded turn, a torque sensor or learned models. The joint's own tables are its priors.
+///
+/// # Errors
+/// The first step that its data do not allow.
+pub fn fit_loaded(
+    joint: &JointFile,
+    train: &[LogRow],
+    known: LoadedKnowledge,
+    progress: Progress<'_>,
+) -> Result<Fitted, Problem> {
+    const STEPS: [(Step, &str, f64); 3] = [
+        (Step::Current, "current", 0.0),
+        (Step::Hysteresis, "hysteresis", 0.05),
+        (Step::Fusion, "fusion", 0.9),
+    ];
+    let mut fitted = Fitted {
+        reference: known.reference,
+        harmonics: Harmonics::Higher,
+        ..Fitted::new(joint)
+    };
+    for (step, name, done) in STEPS {
+        progress(done, name);
+        if step == Step::Fusion {
+            let encoders = fitted.joint.encoders.get_or_insert_default();
+            encoders.zero_unknown = !known.zeros_stay;
+        }
+        fitted.step(step, train, &mut |_, _| ())?;
+    }
+    progress(1.0, "done");
+    Ok(fitted)
+}
+
 impl Fitted {
     fn new(joint: &JointFile) -> Self {
         Self {
             joint: joint.clone(),
             report: Vec::new(),
+            reference: ReferenceErrors::of_a_sensor(joint.joint.rated_torque),
+            harmonics: Harmonics::OfTheGear,
         }
     }
 

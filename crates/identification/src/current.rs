@@ -1,7 +1,7 @@
 //! The motor's constants from loaded motion beside a torque sensor (D3, D7).
 
 use crate::blocks::{Blocks, Posterior, Prior, directions};
-use crate::record::Record;
+use crate::record::{Record, ReferenceErrors};
 use estimators::current_based::{CurrentParameters, UNCERTAIN};
 use estimators::low_pass::LowPass;
 use problem::Problem;
@@ -22,10 +22,8 @@ const FRICTION: f64 = 0.1;
 
 /// Tolerance of a data sheet's torque constant, relative standard deviation.
 const TORQUE_CONSTANT: f64 = 0.05;
-/// Standard deviations that no log shows: gain and offset (of the rated torque) of a torque sensor of class
-/// 0.1, and of the rotor inertia, relative, as friction that depends on the acceleration passes for it.
-const REFERENCE_GAIN: f64 = 1e-3;
-const REFERENCE_OFFSET: f64 = 5e-4;
+/// Relative standard deviation of the rotor inertia that no log shows, as friction that depends on the
+/// acceleration passes for it.
 const INERTIA: f64 = 0.1;
 
 /// What the data sheet says about the motor, link side.
@@ -39,6 +37,8 @@ pub struct MotorKnowledge {
     pub rated_torque: f64,
     /// Largest |tau| that is ever reported, N·m.
     pub torque_limit: f64,
+    /// Errors of the reference that no log shows.
+    pub reference: ReferenceErrors,
 }
 
 /// The constants, and what is known about them.
@@ -151,8 +151,8 @@ fn constants(
 ) -> CurrentFit {
     let x = &posterior.x;
     let mut covariance = posterior.covariance.clone();
-    covariance[(0, 0)] += (REFERENCE_GAIN * x[0]).powi(2);
-    covariance[(1, 1)] += (REFERENCE_OFFSET * known.rated_torque).powi(2);
+    covariance[(0, 0)] += (known.reference.gain * x[0]).powi(2);
+    covariance[(1, 1)] += known.reference.offset.powi(2);
     covariance[(4, 4)] += (INERTIA * x[4]).powi(2);
     let pole = (-record.sample_period / TIME_CONSTANT_S).exp();
     debug_assert!(LowPass::new(pole).delay_samples().is_finite());

@@ -3,7 +3,7 @@
 
 use crate::blocks::{Blocks, Posterior, Prior, directions};
 use crate::least_squares::{Batch, Solution};
-use crate::record::Record;
+use crate::record::{Record, ReferenceErrors};
 use estimators::compliance::ComplianceParameters;
 use estimators::hysteresis::{
     ENCODER_PARAMETERS, Gear, GearParameters, Hysteresis, HysteresisEstimator, SlipElement,
@@ -68,6 +68,8 @@ pub struct GearKnowledge {
     /// Skew, zero and harmonics by earlier passes, which the samples no longer have: the priors are about
     /// the sum.
     pub found: [f64; ENCODER_PARAMETERS],
+    /// Errors of the reference that no log shows.
+    pub reference: ReferenceErrors,
 }
 
 /// Torsion of a usual harmonic drive at its rated torque, rad (Z Table I: 1.9e-3; catalogues: 1.3e-3 to
@@ -75,9 +77,7 @@ pub struct GearKnowledge {
 const RATED_TORSION: f64 = 1.8e-3;
 /// Width of the prior of the skew, s.
 const SKEW_WIDTH_S: f64 = 2e-3;
-/// Standard deviations that no log shows: of the stiffness by the reference's gain, relative, and of the skew by
-/// lags of the gear that pass for it, s.
-const REFERENCE_GAIN: f64 = 1e-3;
+/// Standard deviation of the skew that no log shows, by lags of the gear that pass for it, s.
 const LAG_S: f64 = 5e-6;
 /// Directions of the covariance that the loop evaluates.
 const DIRECTIONS: usize = 12;
@@ -373,7 +373,10 @@ impl GearData {
         let mut posterior = blocks.fit(&self.priors()).ok_or_else(|| {
             Problem::new("training log: the gear's stiffness is not determined", "")
         })?;
-        posterior.covariance[(0, 0)] += (REFERENCE_GAIN * posterior.x[0]).powi(2);
+        let reference = self.known.reference;
+        let offset = reference.offset / self.stiffness;
+        posterior.covariance[(0, 0)] += (reference.gain * posterior.x[0]).powi(2);
+        posterior.covariance[(SKEW + 1, SKEW + 1)] += offset * offset;
         posterior.covariance[(SKEW, SKEW)] += LAG_S * LAG_S;
         Ok(self.parameters(&posterior))
     }

@@ -27,25 +27,40 @@ const ZERO: f64 = 10.0;
 /// Samples of each log, at most.
 const MAX_SAMPLES: usize = 5_000;
 
-/// The logs one after another, and the shift of each motor side, rad.
+/// Whether logs have zeros of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Zeros {
+    /// Each its own: they are looked for, and shifted to the first one's.
+    OfEachLog,
+    /// The same in all, by absolute encoders: they are looked for, and left as they are.
+    Common,
+}
+
+/// The logs one after another, and the shift of each motor side that they show, rad, with its standard
+/// deviation.
 ///
 /// # Errors
 /// A joint file from which no front end can be built; a log without a torque.
 pub fn joined(
     joint: &JointFile,
     logs: Vec<Vec<LogRow>>,
-) -> Result<(Vec<LogRow>, Vec<f64>), Problem> {
+    of_zeros: Zeros,
+) -> Result<(Vec<LogRow>, Vec<(f64, f64)>), Problem> {
     let n = joint.joint.gear_ratio;
     let zeros = match logs.len() {
         0 | 1 => vec![(0.0, 0.0); logs.len()],
         _ => zeros(joint, &logs)?,
     };
-    let (mut rows, mut shifts): (Vec<LogRow>, Vec<f64>) = (Vec::new(), Vec::new());
+    let (mut rows, mut shifts): (Vec<LogRow>, Vec<(f64, f64)>) = (Vec::new(), Vec::new());
     for (log, (zero, sigma)) in logs.into_iter().zip(zeros) {
         let mut shift = -n * zero;
         let turns = TAU * (shift / TAU).round();
         if (shift - turns).abs() <= WHOLE_TURN * n * sigma {
             shift = turns;
+        }
+        shifts.push((shift, n * sigma));
+        if of_zeros == Zeros::Common {
+            shift = 0.0;
         }
         let begin = log.first().map_or(0.0, |row| row.t);
         // Long enough for filters to start anew.
@@ -55,7 +70,6 @@ pub fn joined(
             theta: row.theta + shift,
             ..row
         }));
-        shifts.push(shift);
     }
     Ok((rows, shifts))
 }

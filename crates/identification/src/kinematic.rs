@@ -6,8 +6,10 @@
 //! generator, skew, inertia of the load) cancel just as in Z, without a grid, with every sample
 //! used once and at any course of the speed.
 
+use crate::blocks::{Blocks, Prior};
 use crate::least_squares::Batch;
 use crate::record::Record;
+use estimators::hysteresis::{Gear, GearParameters};
 use estimators::kinematic_error::KinematicErrorParameters;
 use problem::Problem;
 use std::f64::consts::TAU;
@@ -71,6 +73,77 @@ pub fn fit(record: &Record) -> Result<KinematicFit, Problem> {
         Some(fit) if fit.rms < 0.9 * one.rms => fit,
         _ => one,
     })
+}
+
+/// Harmonics by order, and their amplitudes, rad.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct HigherHarmonics {
+    /// Of q.
+    pub link: Vec<(usize, (f64, f64))>,
+    /// Of theta.
+    pub motor: Vec<(usize, (f64, f64))>,
+}
+
+/// Orders of q and theta that the gear's fit leaves out, and the widths of their priors, rad.
+const HIGHER_LINK: [(usize, f64); 1] = [(3, 1e-5)];
+const HIGHER_MOTOR: [(usize, f64); 3] = [(3, 1e-5), (5, 3e-6), (6, 3e-6)];
+/// Standard deviation of a constant torsion, rad: wide.
+const CONSTANT: f64 = 1e-3;
+
+/// Harmonics that loaded motion shows beside those of the gear's fit: what is left of the torque by a gear,
+/// over its stiffness. What the log does not show stays at zero.
+#[must_use]
+pub fn higher(
+    record: &Record,
+    error: &KinematicErrorParameters,
+    gear: &GearParameters,
+) -> HigherHarmonics {
+    let orders = || HIGHER_LINK.iter().chain(&HIGHER_MOTOR);
+    let columns = 1 + 2 * orders().count();
+    let mut priors = vec![Prior::new(0.0, CONSTANT)];
+    priors.extend(orders().flat_map(|(_, width)| [Prior::new(0.0, *width); 2]));
+    let raw: Vec<f64> = (record.samples.iter())
+        .map(|s| s.theta / record.gear_ratio - s.q - error.error(s.q, s.theta))
+        .collect();
+    // Noise would work the springs; the harmonics are looked for in what is not smoothed.
+    let (torsion, tau) = (record.smooth(&raw, 0), record.smooth(&record.tau, 0));
+    let seconds = tau.len() as f64 * record.sample_period;
+    let alike = Blocks::alike(record.sample_period);
+    let mut blocks = Blocks::new(columns, Blocks::count(seconds), alike);
+    let mut gear = Gear::new(gear.clone());
+    let mut row = vec![0.0; columns];
+    for (i, s) in record.samples.iter().enumerate() {
+        let carried = gear.update(torsion[i]) - gear.bearing(s.q, record.motion[i][0]);
+        if !record.usable(i) {
+            continue;
+        }
+        row[0] = 1.0;
+        let link = HIGHER_LINK.map(|(n, _)| n as f64 * s.q);
+        let motor = HIGHER_MOTOR.map(|(n, _)| n as f64 * s.theta);
+        for (pair, angle) in row[1..]
+            .chunks_exact_mut(2)
+            .zip(link.into_iter().chain(motor))
+        {
+            (pair[1], pair[0]) = angle.sin_cos();
+        }
+        let slope = gear.stiffness(torsion[i]).max(f64::MIN_POSITIVE);
+        let left = (carried - tau[i]) / slope + raw[i] - torsion[i];
+        blocks.add(i as f64 / tau.len() as f64, &row, left);
+    }
+    let Some(posterior) = blocks.fit(&priors) else {
+        return HigherHarmonics::default();
+    };
+    let waves = |orders: &[(usize, f64)], first: usize| {
+        let wave = |(k, (order, _)): (usize, &(usize, f64))| {
+            let at = first + 2 * k;
+            (*order, (posterior.x[at], posterior.x[at + 1]))
+        };
+        orders.iter().enumerate().map(wave).collect()
+    };
+    HigherHarmonics {
+        link: waves(&HIGHER_LINK, 1),
+        motor: waves(&HIGHER_MOTOR, 1 + 2 * HIGHER_LINK.len()),
+    }
 }
 
 fn series(record: &Record, moving: &[usize], w_motor: f64) -> Option<KinematicFit> {

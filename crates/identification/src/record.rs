@@ -7,6 +7,26 @@ use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
 use robot_state::measured_flags;
 
+/// Errors of a reference torque as a whole, which no residual shows: standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReferenceErrors {
+    /// Of its gain, 1.
+    pub gain: f64,
+    /// Of its zero, N·m.
+    pub offset: f64,
+}
+
+impl ReferenceErrors {
+    /// Those of a torque sensor of class 0.1 in a joint of this rated torque, N·m.
+    #[must_use]
+    pub fn of_a_sensor(rated_torque: f64) -> Self {
+        Self {
+            gain: 1e-3,
+            offset: 5e-4 * rated_torque,
+        }
+    }
+}
+
 /// Samples of a log as the estimators take them, and the torque sensor's.
 #[derive(Debug, Clone)]
 pub struct Record {

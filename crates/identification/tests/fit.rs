@@ -4,7 +4,7 @@ use estimators::joint::JointTorqueEstimator;
 use identification::all;
 use identification::all::Step;
 use identification::evaluate::Score;
-use identification::joined::joined;
+use identification::joined::{Zeros, joined};
 use identification::log::LogRow;
 use joint_file::{JointFile, no_files};
 use robot_state::torque_flags::VALID;
@@ -227,7 +227,13 @@ fn logs_with_zeros_of_their_own_are_one_log() {
     };
     let turns = 7.0 * std::f64::consts::TAU;
     let logs = vec![train(), turned(test(), turns), turned(test(), 0.4)];
-    let (rows, shifts) = joined(&joint, logs).unwrap();
+    let (same, found) = joined(&joint, logs.clone(), Zeros::Common).unwrap();
+    let (rows, shifts) = joined(&joint, logs, Zeros::OfEachLog).unwrap();
+    // Common zeros stay as they are, though the shift is found.
+    assert_eq!(found, shifts);
+    let ends = same.last().zip(rows.last()).unwrap();
+    assert!((ends.0.theta + shifts[2].0 - ends.1.theta).abs() < 1e-9);
+    let shifts: Vec<f64> = shifts.into_iter().map(|(shift, _)| shift).collect();
     // Whole turns are recognised; another zero is found within 0.5 N·m.
     assert!(
         shifts[0] == 0.0 && (shifts[1] + turns).abs() < 1e-9,

@@ -91,6 +91,29 @@ const MIN_COVERED_SPEED: f64 = 0.02;
 const SPEED_ERROR: f64 = 0.2;
 
 impl JointFile {
+    /// A joint by its data sheet, with no estimator but that from current.
+    #[must_use]
+    pub fn new(joint: JointTable) -> Self {
+        Self {
+            joint,
+            encoders: None,
+            kinematic_error: None,
+            friction: None,
+            compliance: None,
+            hysteresis: None,
+            current: None,
+            deformation: None,
+            kalman: None,
+            unscented: None,
+            unscented_added: None,
+            network: None,
+            local_gp: BTreeMap::new(),
+            fusion: None,
+            validity: None,
+            trained: Trained::default(),
+        }
+    }
+
     /// Reads a joint file; `file` is its path, `read` gives the text of a trained file by its path.
     ///
     /// # Errors

@@ -7,6 +7,8 @@ pub(super) struct ErrorStatistics {
     pub(super) max: f64,
     /// Root mean square of estimate - truth, N·m.
     pub(super) rms: f64,
+    /// Root mean square of the error over the sigma published with it: 1 where sigma is right.
+    pub(super) rms_of_sigma: f64,
 }
 
 /// Compares one joint's estimate with the truth at the instant of the estimate.
@@ -19,6 +21,8 @@ pub(super) struct DelayedComparison {
     largest_truth: f64,
     max: f64,
     sum_of_squares: f64,
+    /// The same of the error over its sigma.
+    sum_of_ratios: f64,
     count: usize,
 }
 
@@ -33,22 +37,25 @@ impl DelayedComparison {
             largest_truth: 0.0,
             max: 0.0,
             sum_of_squares: 0.0,
+            sum_of_ratios: 0.0,
             count: 0,
         }
     }
 
-    /// Takes this cycle's truth and, if it may be used, the estimate that is `delay` cycles late.
-    pub(super) fn push(&mut self, truth: f64, estimate: Option<f64>, delay: f64) {
+    /// Takes this cycle's truth and, if it may be used, the estimate with its sigma that is `delay`
+    /// cycles late.
+    pub(super) fn push(&mut self, truth: f64, estimate: Option<(f64, f64)>, delay: f64) {
         self.newest = (self.newest + 1) % self.truth.len();
         self.truth[self.newest] = truth;
         self.seen += 1;
         self.largest_truth = self.largest_truth.max(truth.abs());
-        if let Some(estimate) = estimate
+        if let Some((estimate, sigma)) = estimate
             && let Some(truth) = self.truth_ago(delay)
         {
             let error = estimate - truth;
             self.max = self.max.max(error.abs());
             self.sum_of_squares += error * error;
+            self.sum_of_ratios += (error / sigma.max(f64::MIN_POSITIVE)).powi(2);
             self.count += 1;
         }
     }
@@ -70,6 +77,7 @@ impl DelayedComparison {
         (self.count > 0).then(|| ErrorStatistics {
             max: self.max,
             rms: (self.sum_of_squares / self.count as f64).sqrt(),
+            rms_of_sigma: (self.sum_of_ratios / self.count as f64).sqrt(),
         })
     }
 
@@ -94,7 +102,7 @@ mod tests {
             let mut comparison = DelayedComparison::new(40);
             for cycle in 0..200 {
                 let estimate = truth(f64::from(cycle) - delay);
-                comparison.push(truth(f64::from(cycle)), Some(estimate), delay);
+                comparison.push(truth(f64::from(cycle)), Some((estimate, 0.1)), delay);
             }
             let statistics = comparison.statistics().unwrap();
             assert!(statistics.max < 1e-12, "delay {delay}: {statistics:?}");
@@ -107,12 +115,13 @@ mod tests {
         for cycle in 0..200 {
             comparison.push(
                 truth(f64::from(cycle)),
-                Some(truth(f64::from(cycle) - 10.0)),
+                Some((truth(f64::from(cycle) - 10.0), 0.5)),
                 12.0,
             );
         }
         let statistics = comparison.statistics().unwrap();
         assert!((statistics.rms - 1.0).abs() < 1e-12);
+        assert!((statistics.rms_of_sigma - 2.0).abs() < 1e-12);
         assert!((comparison.largest_truth() - truth(199.0)).abs() < 1e-12);
     }
 
@@ -120,7 +129,7 @@ mod tests {
     fn nothing_is_compared_before_the_delay_has_passed_or_when_it_is_too_long() {
         let mut comparison = DelayedComparison::new(10);
         for _ in 0..100 {
-            comparison.push(1.0, Some(1.0), 11.0);
+            comparison.push(1.0, Some((1.0, 1.0)), 11.0);
         }
         assert!(comparison.statistics().is_none());
     }

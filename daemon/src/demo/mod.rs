@@ -10,22 +10,23 @@ mod motion;
 mod plot;
 mod report;
 mod robots;
+mod scene;
 mod selection;
 mod stance;
 
 pub use client::DemoClient;
 pub use motion::Motion;
 
-use std::io::{self, IsTerminal};
-use std::path::{Path, PathBuf};
+use std::io::IsTerminal;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
 use cycle::ClientInput;
 use indicatif::{ProgressBar, ProgressStyle};
-use plant::{CanRobot, SimParameters};
-use problem::Problem;
+use plant::CanRobot;
+use recording::AttachedFile;
 use robot_config::Robot;
 
 use crate::bus::LockStep;
@@ -61,6 +62,15 @@ pub struct DemoOptions {
     /// Seed of the simulated robot's noise and imperfections [default: that of its sim.toml]
     #[arg(long)]
     pub seed: Option<u64>,
+    /// The motion [default: motion.toml beside the configuration]
+    #[arg(long, value_name = "FILE.toml")]
+    pub motion: Option<PathBuf>,
+    /// Hang the robot in a stiff harness by this link, without a floor.
+    #[arg(long, value_name = "LINK")]
+    pub harness: Option<String>,
+    /// Record every cycle into this new MCAP file.
+    #[arg(long, value_name = "RUN.mcap")]
+    pub record: Option<PathBuf>,
 }
 
 /// Runs the demo.
@@ -74,12 +84,13 @@ pub fn run(options: &DemoOptions) -> Result<ExitCode, Failure> {
             options.seconds
         )));
     }
-    let (robot, plant, motion) = load(&options.robot, options.seed)?;
-    let selection = Selection::new(&options.joints, &robot).map_err(Failure::bad_input)?;
-    let report = simulate(options, &robot, plant, motion)?;
+    let scene = scene::load(options)?;
+    let robot = &scene.robot;
+    let selection = Selection::new(&options.joints, robot).map_err(Failure::bad_input)?;
+    let report = simulate(options, robot, scene.plant, scene.motion, scene.files)?;
     if let Some(path) = &options.plot {
         let torques: Vec<f64> = report.joints.iter().map(|j| j.largest_torque).collect();
-        let joints = selection.joints(&robot, &torques);
+        let joints = selection.joints(robot, &torques);
         (report.draw(path, &joints)).map_err(Failure::bad_input)?;
     }
     if options.json {
@@ -96,6 +107,7 @@ fn simulate(
     robot: &Robot,
     plant: CanRobot,
     motion: Motion,
+    files: Vec<AttachedFile>,
 ) -> Result<Report, Failure> {
     let period = robot.parameters.timing.sample_period;
     let cycles = (options.seconds / period).ceil() as u64;
@@ -109,6 +121,15 @@ fn simulate(
     let mut report = Report::new(robot, cycles);
     let bus = LockStep::new(plant, &clock);
     let mut control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
+    let mut recording = match &options.record {
+        Some(path) => Some(scene::Recording::begin(
+            robot,
+            files,
+            path,
+            &mut control_loop,
+        )?),
+        None => None,
+    };
     let progress = progress_bar(cycles, options.json);
     for cycle in 0..cycles {
         let wake = pace.wait();
@@ -120,50 +141,15 @@ fn simulate(
         client.observe(record);
         report.take(record);
         report.compare(control_loop.bus().peer().truth());
+        recording.iter_mut().for_each(scene::Recording::poll);
         progress.set_position(cycle);
     }
     progress.finish_and_clear();
     report.finish(control_loop.bus().peer());
+    control_loop.end_as_asked();
+    drop(control_loop);
+    recording.map_or(Ok(()), scene::Recording::end)?;
     Ok(report)
-}
-
-/// The robot of that name or with that configuration, simulated, and its motion.
-fn load(name: &str, seed: Option<u64>) -> Result<(Robot, CanRobot, Motion), Failure> {
-    let own = Path::new(name).extension().is_some();
-    if !own && !robots::NAMES.contains(&name) {
-        let allowed = format!("{}, or the path of a robot.toml", robots::NAMES.join(", "));
-        let problem = Problem::new(format!("--robot: there is no robot {name:?}"), allowed);
-        return Err(Failure::bad_input(problem));
-    }
-    let (config, read): (String, fn(&str) -> io::Result<String>) = match own {
-        true => (name.to_owned(), |path| std::fs::read_to_string(path)),
-        false => (format!("config/{name}/robot.toml"), robots::read),
-    };
-    let beside = |file: &str| {
-        Path::new(&config)
-            .with_file_name(file)
-            .to_string_lossy()
-            .into_owned()
-    };
-    let refuse = |path: &str, e: io::Error| Failure::bad_input(Problem::unreadable(path, &e));
-    let robot = robot_config::load(&config, &read).map_err(Failure::bad_input)?;
-    let path = beside("sim.toml");
-    let text = read(&path).map_err(|e| refuse(&path, e))?;
-    let mut sim = SimParameters::parse(&text, &path).map_err(Failure::bad_input)?;
-    sim.seed = seed.unwrap_or(sim.seed);
-    let urdf = &robot.parameters.urdf_path;
-    let urdf = read(urdf).map_err(|e| refuse(urdf, e))?;
-    let plant = CanRobot::new(&robot, &urdf, &sim)
-        .map_err(|problem| Failure::bad_input(problem.or_at(&path, 0)))?;
-    let path = beside("motion.toml");
-    let names = robot.parameters.joints.iter().map(|j| j.name.clone());
-    let names: Vec<String> = names.collect();
-    let motion = match read(&path) {
-        Ok(text) => Motion::parse(&text, &path, &names).map_err(Failure::bad_input)?,
-        Err(e) if e.kind() == io::ErrorKind::NotFound => Motion::of_every_joint(&robot),
-        Err(e) => return Err(refuse(&path, e)),
-    };
-    Ok((robot, plant, motion))
 }
 
 /// A progress bar on a terminal; none where a program reads the output.

@@ -37,13 +37,23 @@ struct ContactMotion {
     period_s: f64,
 }
 
-/// Motion of one joint: `q_d = start + amplitude (1 - cos(2 pi t / period)) / 2`.
+/// Motion of one joint: `q_d = start + amplitude (1 - cos(2 pi t / period)) / 2`; several of one joint
+/// add up.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct JointMotion {
     name: String,
     amplitude_deg: f64,
     period_s: f64,
+}
+
+/// One joint's motion.
+#[derive(Debug, Clone, Default)]
+struct Swing {
+    /// q_d at the start, rad.
+    start: f64,
+    /// (amplitude, period) of what adds up, rad and s.
+    parts: Vec<(f64, f64)>,
 }
 
 /// Slow motion of some joints from a start pose.
@@ -53,8 +63,8 @@ pub struct Motion {
     pub(super) settle_s: f64,
     /// F/T sensors whose end-effectors carry the robot's weight.
     pub(super) stance: Vec<String>,
-    /// (start, amplitude, period) of each joint, in config order; rad, rad, s.
-    joints: Vec<(f64, f64, f64)>,
+    /// Each joint in config order.
+    joints: Vec<Swing>,
     /// Middle of each joint's range, rad: towards it the joints move; empty if the signs are given.
     middle: Vec<f64>,
     contacts: Vec<ContactMotion>,
@@ -70,7 +80,7 @@ impl Motion {
             let line = e.span().map_or(0, |span| line_at(text, span.start));
             Problem::new(e.message(), "").at(file_name, line)
         })?;
-        let mut joints = vec![(0.0, 0.0, 1.0); joint_names.len()];
+        let mut joints = vec![Swing::default(); joint_names.len()];
         for motion in &file.joint {
             let index = joint_names.iter().position(|n| *n == motion.name);
             let index = index.ok_or_else(|| {
@@ -82,7 +92,8 @@ impl Motion {
                 let allowed = "a period above 0 and a finite amplitude";
                 return Err(Problem::new(reason, allowed).at(file_name, 0));
             }
-            joints[index] = (0.0, motion.amplitude_deg.to_radians(), motion.period_s);
+            let part = (motion.amplitude_deg.to_radians(), motion.period_s);
+            joints[index].parts.push(part);
         }
         Ok(Self {
             settle_s: file.settle_s,
@@ -102,7 +113,10 @@ impl Motion {
             let limits = &joint.limits;
             let range = limits.position_max - limits.position_min;
             let amplitude = (DEFAULT_SHARE * range).min(DEFAULT_AMPLITUDE);
-            (0.0, amplitude, DEFAULT_PERIOD + 0.7 * (j % 6) as f64)
+            Swing {
+                start: 0.0,
+                parts: vec![(amplitude, DEFAULT_PERIOD + 0.7 * (j % 6) as f64)],
+            }
         };
         Self {
             settle_s: 1.0,
@@ -116,10 +130,12 @@ impl Motion {
     /// Makes `q` (rad, config order) the pose from which the motion starts.
     pub(super) fn start_from(&mut self, q: &[f64]) {
         for (joint, &q) in self.joints.iter_mut().zip(q) {
-            joint.0 = q;
+            joint.start = q;
         }
         for (joint, middle) in self.joints.iter_mut().zip(&self.middle) {
-            joint.1 = joint.1.copysign(middle - joint.0);
+            let start = joint.start;
+            let parts = joint.parts.iter_mut();
+            parts.for_each(|(amplitude, _)| *amplitude = amplitude.copysign(middle - start));
         }
     }
 
@@ -137,17 +153,21 @@ impl Motion {
     /// Desired motion of a joint at `t`, s since the start.
     #[must_use]
     pub(super) fn at(&self, joint: usize, t: f64) -> JointReference {
-        let (start, amplitude, period) = self.joints[joint];
-        let omega = TAU / period;
-        let phase = omega * (t - self.settle_s).max(0.0);
-        let half = 0.5 * amplitude;
+        let swing = &self.joints[joint];
+        let since = (t - self.settle_s).max(0.0);
         let moves = f64::from(t >= self.settle_s);
-        JointReference {
-            q_d: start + half * (1.0 - phase.cos()),
-            dq_d: half * omega * phase.sin(),
-            ddq_d: moves * half * omega * omega * phase.cos(),
+        let mut reference = JointReference {
+            q_d: swing.start,
             ..JointReference::default()
+        };
+        for (amplitude, period) in &swing.parts {
+            let (omega, half) = (TAU / period, 0.5 * amplitude);
+            let phase = omega * since;
+            reference.q_d += half * (1.0 - phase.cos());
+            reference.dq_d += half * omega * phase.sin();
+            reference.ddq_d += moves * half * omega * omega * phase.cos();
         }
+        reference
     }
 }
 
@@ -157,6 +177,7 @@ mod tests {
 
     const TEXT: &str =
         "settle_s = 1.0\n[[joint]]\nname = \"b\"\namplitude_deg = 20.0\nperiod_s = 4.0\n";
+    const FASTER: &str = "[[joint]]\nname = \"b\"\namplitude_deg = -5.0\nperiod_s = 0.7\n";
 
     fn names() -> Vec<String> {
         vec!["a".into(), "b".into()]
@@ -164,6 +185,9 @@ mod tests {
 
     #[test]
     fn velocity_and_acceleration_are_derivatives_of_position() {
+        let both = format!("{TEXT}{FASTER}");
+        let mut sum = Motion::parse(&both, "motion.toml", &names()).unwrap();
+        sum.start_from(&[0.3, -0.5]);
         let mut motion = Motion::parse(TEXT, "motion.toml", &names()).unwrap();
         motion.start_from(&[0.3, -0.5]);
         let h = 1e-4;
@@ -172,10 +196,14 @@ mod tests {
             let [before, now, after] = [t - h, t, t + h].map(|t| motion.at(1, t));
             assert!(((after.q_d - before.q_d) / (2.0 * h) - now.dq_d).abs() < 1e-7);
             assert!(((after.dq_d - before.dq_d) / (2.0 * h) - now.ddq_d).abs() < 1e-7);
+            let [before, both, after] = [t - h, t, t + h].map(|t| sum.at(1, t));
+            assert!(((after.q_d - before.q_d) / (2.0 * h) - both.dq_d).abs() < 1e-5);
+            assert!(((after.dq_d - before.dq_d) / (2.0 * h) - both.ddq_d).abs() < 1e-4);
             assert_eq!(motion.at(0, t).q_d, 0.3);
         }
         assert_eq!(motion.at(1, 0.5).q_d, -0.5);
         assert!((motion.at(1, 3.0).q_d - (-0.5 + 20f64.to_radians())).abs() < 1e-12);
+        assert!((sum.at(1, 3.8).q_d - motion.at(1, 3.8).q_d).abs() < 1e-12);
     }
 
     #[test]

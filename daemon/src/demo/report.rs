@@ -131,7 +131,8 @@ impl Report {
             self.delays_s = delays;
             trace.truth.push(column, (t, truth.tau));
             for (curve, estimate) in trace.estimates.iter_mut().zip(estimates) {
-                curve.push(column, (t, usable(estimate).unwrap_or(f64::NAN)));
+                let tau = usable(estimate).map_or(f64::NAN, |(tau, _)| tau);
+                curve.push(column, (t, tau));
             }
         }
     }
@@ -167,9 +168,9 @@ impl Report {
     }
 }
 
-/// The torque, if it is valid and not bridged.
-fn usable(estimate: &TorqueEstimate) -> Option<f64> {
-    (estimate.flags & torque_flags::VALID != 0).then_some(estimate.tau)
+/// The torque and its sigma, if it is valid and not bridged.
+fn usable(estimate: &TorqueEstimate) -> Option<(f64, f64)> {
+    (estimate.flags & torque_flags::VALID != 0).then_some((estimate.tau, estimate.sigma))
 }
 
 impl fmt::Display for Report {

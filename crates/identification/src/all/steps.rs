@@ -1,6 +1,6 @@
 //! Each fit, and what the joint file takes over from it.
 
-use super::Fitted;
+use super::{Fitted, Harmonics};
 use crate::current::MotorKnowledge;
 use crate::excitation::{Determination, Excitation, Quantity};
 use crate::fusion::{SourceKnowledge, Usual};
@@ -27,6 +27,8 @@ const Z_TIME_CONSTANT_S: f64 = 0.0195;
 /// Time constant of the low-pass behind models that fit better, s.
 const SHORT_TIME_CONSTANT_S: f64 = 0.002;
 
+/// Rounds of gear and higher harmonics.
+const HARMONIC_ROUNDS: usize = 2;
 /// Stiffness of a wave generator that counts as rigid, motor side, N·m/rad.
 const RIGID: f64 = 1e9;
 /// Largest error that a correction beyond G's may leave on held-out blocks, over the error
@@ -143,6 +145,7 @@ impl Fitted {
             turned,
             sample_period: self.joint.sample_period(),
             found,
+            reference: self.reference,
         }
     }
 
@@ -182,6 +185,7 @@ impl Fitted {
             inertia: n * n * self.joint.joint.rotor_inertia,
             rated_torque: self.joint.joint.rated_torque,
             torque_limit: self.joint.torque_limit(),
+            reference: self.reference,
         };
         let fit = current::fit(record, &known)?;
         let p = fit.parameters;
@@ -217,11 +221,45 @@ impl Fitted {
         Ok(())
     }
 
-    pub(super) fn hysteresis(&mut self, rows: &[LogRow]) -> Result<(), Problem> {
+    /// The gear beside what is known of the encoders, which takes over what the fit adds to that.
+    fn gear(&mut self, rows: &[LogRow]) -> Result<GearFit, Problem> {
         let record = Record::new(&self.joint, rows)?;
         let error = self.joint.kinematic_error_parameters();
         let fit = gear::hysteresis(&record, &error, &self.gear_knowledge())?;
         self.correct_encoders(&fit);
+        Ok(fit)
+    }
+
+    /// Harmonics of the kinematic error that the gear's fit leaves out.
+    fn higher_harmonics(&mut self, rows: &[LogRow], fit: &GearFit) -> Result<(), Problem> {
+        let record = Record::new(&self.joint, rows)?;
+        let error = self.joint.kinematic_error_parameters();
+        let found = kinematic::higher(&record, &error, &fit.parameters);
+        let table = self.joint.kinematic_error.get_or_insert_default();
+        for (list, waves) in [
+            (&mut table.link, found.link),
+            (&mut table.motor, found.motor),
+        ] {
+            for (order, (a, b)) in waves {
+                if list.len() < order {
+                    list.resize(order, (0.0, 0.0));
+                }
+                let wave = &mut list[order - 1];
+                *wave = (wave.0 + a, wave.1 + b);
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn hysteresis(&mut self, rows: &[LogRow]) -> Result<(), Problem> {
+        let mut fit = self.gear(rows)?;
+        if self.harmonics == Harmonics::Higher {
+            // Gear and harmonics in turn: each shows beside the other.
+            for _ in 0..HARMONIC_ROUNDS {
+                self.higher_harmonics(rows, &fit)?;
+                fit = self.gear(rows)?;
+            }
+        }
         let record = &Record::new(&self.joint, rows)?;
         let error: KinematicErrorParameters = self.joint.kinematic_error_parameters();
         let p = fit.parameters;

@@ -1,0 +1,172 @@
+#!/usr/bin/env python3
+"""Calibrates the shipped robots with a user's commands and judges them on another motion.
+
+    cargo build --release -p torqued -p torquectl
+    python3 benches/calibration/run.py --out docs/results/calibration.md
+
+Each robot is copied into a folder of its own. `torqued demo --record` records the daemon's loop on the
+simulated robot, `torquectl calibrate joints` reads nothing but these recordings, `commit` adopts the
+result, and `torqued demo` compares the torque from encoders with the true one in the demo's motion,
+before and after. Needs Python alone.
+"""
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+# Recordings of each robot: motion, seconds, options of `torqued demo`.
+RECORDINGS = {
+    "test-joint": [("hanging", 100, [])],
+    "leg": [("hanging", 120, [])],
+    "humanoid": [
+        ("hanging", 120, ["--harness", "chest_pitch_link"]),
+        ("standing", 100, []),
+    ],
+}
+# The masses' errors, where robot.toml does not state them, per cent.
+MODEL_SIGMA = {"test-joint": ["--model-sigma", "1"], "leg": ["--model-sigma", "1"], "humanoid": []}
+JUDGED_S = 20
+ARM = ("shoulder", "elbow", "wrist", "head")
+AIM = {"leg and trunk": 2.0, "arm and head": 4.0}
+
+
+def run(arguments, folder, codes=(0,)):
+    """Runs a command; gives what it prints."""
+    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True)
+    if done.returncode not in codes:
+        sys.exit(f"{' '.join(map(str, arguments))}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def demo(binaries, folder, robot, seed, seconds, *more):
+    """Errors of every joint's torques in a motion of the simulated robot."""
+    config = f"config/{robot}/robot.toml"
+    command = [binaries / "torqued", "demo", "--robot", config, "--seed", str(seed), "--fast", "--json"]
+    return json.loads(run([*command, "--seconds", str(seconds), *more], folder, (0, 1)))
+
+
+def calibrate(binaries, robot, seed, folder):
+    """Records, calibrates, commits; the joints' figures before and after, and the times taken."""
+    for part in (f"config/{robot}", f"robot-models/{robot}"):
+        shutil.copytree(ROOT / part, folder / part, dirs_exist_ok=True)
+    config = f"config/{robot}/robot.toml"
+    if "calibration =" in (folder / config).read_text():
+        run([binaries / "torquectl", "calibrate", "rollback", config], folder)
+    before = demo(binaries, folder, robot, seed, JUDGED_S)
+    runs = []
+    for motion, seconds, options in RECORDINGS[robot]:
+        name = f"{motion}.mcap"
+        path = f"config/{robot}/calibration/{motion}.toml"
+        report = demo(binaries, folder, robot, seed, seconds, "--motion", path, "--record", name, *options)
+        if report["fault"]:
+            sys.exit(f"{robot}, {motion}: fault {report['fault']}")
+        runs.append(name)
+    began = time.monotonic()
+    command = [binaries / "torquectl", "calibrate", "joints", *runs, "-o", "calibrated", "--json", *MODEL_SIGMA[robot]]
+    made = json.loads(run([*command, "--report", "report.html"], folder, (0, 1)))
+    took = time.monotonic() - began
+    run([binaries / "torquectl", "calibrate", "commit", config, "calibrated"], folder)
+    after = demo(binaries, folder, robot, seed, JUDGED_S)
+    return {"before": before, "after": after, "made": made, "took_s": took}
+
+
+def per_cent(joint):
+    return 100 * joint["encoder"]["rms"] / joint["largest_torque"]
+
+
+def group(name):
+    return "arm and head" if any(part in name for part in ARM) else "leg and trunk"
+
+
+def tables(robot, results):
+    """One robot's figures as Markdown, and whether each joint meets its aim."""
+    seeds = sorted(results)
+    lines = [
+        f"## {robot}\n",
+        "| joint | largest torque, N·m | before, % | after, % | after, error / sigma | held out, % | undetermined |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    met = []
+    for k, joint in enumerate(results[seeds[0]]["after"]["joints"]):
+        name = joint["name"]
+        of = lambda key: [results[s][key]["joints"][k] for s in seeds]
+        before, after = [[per_cent(j) for j in of(key)] for key in ("before", "after")]
+        ratio = [j["encoder"]["rms_of_sigma"] for j in of("after")]
+        made = of("made")
+        held = [100 * m["held_out_rms_Nm"] / m["largest_Nm"] for m in made if "held_out_rms_Nm" in m]
+        open_ = sorted({u for m in made for u in m.get("undetermined", [])})
+        why = " ".join(sorted({m["why"] for m in made if "why" in m}))
+        aim = AIM[group(name)] if robot == "humanoid" else 2.0
+        good = max(after) <= aim and 0.6 <= min(ratio) and max(ratio) <= 1.6
+        met.append((name, max(after) <= aim, 0.6 <= min(ratio) and max(ratio) <= 1.6))
+        span = lambda xs, f: f"{min(xs):{f}} to {max(xs):{f}}" if len(xs) > 1 else f"{xs[0]:{f}}"
+        torque = [j["largest_torque"] for j in of("after")]
+        lines.append(
+            f"| {name}{'' if good else ' *'} | {span(torque, '.1f')} | {span(before, '.1f')} | {span(after, '.2f')} "
+            f"| {span(ratio, '.2f')} | {span(held, '.2f') if held else 'not calibrated: ' + why} | {', '.join(open_)} |"
+        )
+    return lines, met
+
+
+def page(results, tuned, command):
+    out = [
+        "# Calibration from recordings\n",
+        f"Written by `{command}`; what the commands do: [bring-up.md](../bring-up.md). Each simulated robot is "
+        "recorded by the daemon's own loop in the motions of `config/ROBOT/calibration`, and `torquectl calibrate "
+        "joints` reads nothing but these recordings: no torque sensor, no truth, and not the kinematic error that "
+        "`robot.toml` states. The reference torque of a joint comes from F/T sensors, IMU and a model whose masses are "
+        "1 % off. Every disturbance of `sim.toml` is on.\n",
+        f"Judged on another motion (that of the demo, {JUDGED_S} s) against the true torque: RMS error of the torque "
+        "from encoders and current in % of the joint's largest torque in that motion, and RMS of error over the "
+        f"published sigma. Robots of the seeds {', '.join(map(str, sorted(next(iter(results.values())))))}; methods and "
+        f"motions were chosen on seed {tuned} alone. *: misses an aim (2 % for legs and trunk, 4 % for arms and head; "
+        "sigma within 0.6 to 1.6).\n",
+    ]
+    summary = ["| robot | joints | within the aim of RMS | sigma within 0.6 to 1.6 | median before, % | median after, % "
+               "| calibration took, s |", "| --- | --- | --- | --- | --- | --- | --- |"]
+    body = []
+    for robot, of_robot in results.items():
+        lines, met = tables(robot, of_robot)
+        body += lines + [""]
+        median = lambda key: sorted(per_cent(j) for r in of_robot.values() for j in r[key]["joints"])
+        middle = lambda xs: xs[len(xs) // 2]
+        summary.append(
+            f"| {robot} | {len(met)} | {sum(m[1] for m in met)} | {sum(m[2] for m in met)} "
+            f"| {middle(median('before')):.2f} | {middle(median('after')):.2f} "
+            f"| {max(r['took_s'] for r in of_robot.values()):.0f} |"
+        )
+    return "\n".join(out + summary + [""] + body).rstrip() + "\n"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robot", action="append", choices=list(RECORDINGS), help="only this one; may be repeated")
+    parser.add_argument("--seed", action="append", type=int, help="seeds of the simulated robots [default: 1 2 3]")
+    parser.add_argument("--binaries", type=Path, default=ROOT / "target/release", help="folder of torqued and torquectl")
+    parser.add_argument("--out", type=Path, help="the page; printed if left out")
+    parser.add_argument("--keep", type=Path, help="folder in which recordings and calibrations are kept")
+    options = parser.parse_args()
+    results = {}
+    for robot in options.robot or list(RECORDINGS):
+        results[robot] = {}
+        for seed in options.seed or [1, 2, 3]:
+            with tempfile.TemporaryDirectory() as place:
+                folder = (options.keep or Path(place)) / f"{robot}-{seed}"
+                folder.mkdir(parents=True)
+                results[robot][seed] = calibrate(options.binaries.resolve(), robot, seed, folder)
+            print(f"{robot}, seed {seed}: done", file=sys.stderr)
+    text = page(results, 1, "python3 benches/calibration/run.py --out docs/results/calibration.md")
+    if options.out:
+        options.out.write_text(text)
+    else:
+        print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,289 @@
+//! The joint file of every joint from recorded runs.
+
+use super::runs::{InContact, RecordedRun, model_sigma};
+use crate::reference::torques::Torques;
+use crate::report::{self, Traces};
+use identification::all::{Fitted, LoadedKnowledge, fit_loaded};
+use identification::inputs::{LogKind, inspect};
+use identification::joined::{Zeros, joined};
+use identification::log::LogRow;
+use identification::record::ReferenceErrors;
+use joint_file::{JointFile, JointTable};
+use problem::Problem;
+use robot_config::{JointParameters, Robot};
+use std::f64::consts::TAU;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Torsion of a usual gear at its rated torque, rad (Z Table I: 1.9e-3; catalogues: 1.3e-3 to 2.4e-3).
+const RATED_TORSION: f64 = 1.8e-3;
+/// The last part of each run, by which a fit to the rest is judged.
+const HELD_OUT: f64 = 0.25;
+/// Motion without which a joint is not calibrated, rad: one turn of the motor behind a ratio of 100, over which
+/// harmonics of the motor show.
+const LEAST_MOTION: f64 = 0.063;
+/// Difference of zeros between runs that is named: standard deviations, and rated torques.
+const SLIPPED_SIGMAS: f64 = 4.0;
+const SLIPPED_TORQUE: f64 = 0.1;
+
+/// A joint's rows of every run, and how well the reference is known.
+struct JointLogs {
+    runs: Vec<Vec<LogRow>>,
+    /// Least decile of the reference's sigma, N·m.
+    floor: f64,
+}
+
+/// What became of a joint.
+pub(crate) struct JointResult {
+    pub(crate) name: String,
+    pub(crate) outcome: Result<Calibrated, String>,
+    /// What its runs cover, leave undetermined, and what is odd.
+    pub(crate) inputs: Vec<String>,
+}
+
+/// A calibrated joint.
+pub(crate) struct Calibrated {
+    pub(crate) fitted: Fitted,
+    pub(crate) held_out: HeldOut,
+    /// Constants that stay at their priors.
+    pub(crate) undetermined: Vec<String>,
+    /// Its part of the page.
+    pub(crate) html: String,
+}
+
+/// A fit without the last part of each run, judged on it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct HeldOut {
+    /// RMS of fused torque less reference, N·m.
+    pub(crate) rms: f64,
+    /// The same over the published sigma.
+    pub(crate) rms_of_sigma: f64,
+    /// Largest reference of all runs, N·m.
+    pub(crate) largest: f64,
+}
+
+/// The joint as its configuration describes it: every prior of the fits.
+pub(crate) fn data_sheet(joint: &JointParameters, period: f64) -> JointFile {
+    let e = &joint.estimator;
+    let stiffness = e.compliance.k_fs0;
+    JointFile::new(JointTable {
+        name: joint.name.clone(),
+        gear_ratio: joint.encoders.gear_ratio,
+        torque_constant: e.wave_generator.torque_constant,
+        rotor_inertia: joint.rotor_inertia,
+        rated_torque: RATED_TORSION * stiffness,
+        link_counts_per_turn: TAU / e.link_resolution,
+        motor_counts_per_turn: TAU / e.motor_resolution,
+        sample_rate: 1.0 / period,
+        torque_limit: Some(joint.limits.torque),
+        max_velocity: joint.encoders.max_velocity,
+        stiffness: Some(stiffness),
+    })
+}
+
+/// References of all joints in all runs.
+pub(crate) struct References {
+    /// By joint.
+    logs: Vec<JointLogs>,
+}
+
+impl References {
+    /// Computes them with centred filters of a window, s.
+    ///
+    /// # Errors
+    /// Contacts from which no torque follows; a window that does not fit.
+    pub(crate) fn new(
+        runs: &[RecordedRun],
+        window: f64,
+        progress: &mut dyn FnMut(f64),
+    ) -> Result<Self, Problem> {
+        let joints = runs.first().map_or(0, |run| run.header.joints.len());
+        let mut sigmas = vec![Vec::new(); joints];
+        let mut logs: Vec<JointLogs> = (0..joints)
+            .map(|_| JointLogs {
+                runs: vec![Vec::new(); runs.len()],
+                floor: 0.0,
+            })
+            .collect();
+        let all = runs.iter().map(|run| run.stretches.len()).sum::<usize>();
+        let mut done = 0;
+        for (k, run) in runs.iter().enumerate() {
+            for stretch in &run.stretches {
+                let contact = InContact {
+                    robot: &run.robot,
+                    contact_set: stretch.contact_set,
+                };
+                let torques = Torques::new(&contact, &stretch.signals, window)?;
+                for (j, log) in logs.iter_mut().enumerate() {
+                    let (q, drive) = (&stretch.signals.angles[j], &stretch.drives[j]);
+                    for i in torques.rows().filter(|&i| drive.used[i]) {
+                        let (tau_sensor, sigma) = torques.at(j, i);
+                        log.runs[k].push(LogRow {
+                            t: stretch.signals.t[i],
+                            theta: drive.theta[i],
+                            q: q[i],
+                            current: drive.current[i],
+                            tau_sensor,
+                        });
+                        sigmas[j].push(sigma);
+                    }
+                }
+                done += 1;
+                progress(done as f64 / all.max(1) as f64);
+            }
+        }
+        for (log, sigmas) in logs.iter_mut().zip(&mut sigmas) {
+            let place = sigmas.len() / 10;
+            if place < sigmas.len() {
+                log.floor = *sigmas.select_nth_unstable_by(place, f64::total_cmp).1;
+            }
+        }
+        Ok(Self { logs })
+    }
+}
+
+/// Fits all joints of a robot, several at a time; `progress`: the share that is done, and what.
+pub(crate) fn all(
+    robot: &Robot,
+    references: &References,
+    names: &[String],
+    progress: &(dyn Fn(f64, &str) + Sync),
+) -> Vec<JointResult> {
+    let joints = &robot.parameters.joints;
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let results: Mutex<Vec<(usize, JointResult)>> = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..threads.min(joints.len()) {
+            scope.spawn(|| {
+                loop {
+                    let j = next.fetch_add(1, Ordering::Relaxed);
+                    let (Some(joint), Some(logs)) = (joints.get(j), references.logs.get(j)) else {
+                        return;
+                    };
+                    let result = one(robot, joint, logs, names);
+                    let count = 1 + done.fetch_add(1, Ordering::Relaxed);
+                    progress(count as f64 / joints.len() as f64, &joint.name);
+                    if let Ok(mut results) = results.lock() {
+                        results.push((j, result));
+                    }
+                }
+            });
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_default();
+    results.sort_by_key(|(j, _)| *j);
+    results.into_iter().map(|(_, result)| result).collect()
+}
+
+fn one(robot: &Robot, joint: &JointParameters, logs: &JointLogs, names: &[String]) -> JointResult {
+    let sheet = data_sheet(joint, robot.parameters.timing.sample_period);
+    let mut inputs = Vec::new();
+    let outcome = calibrated(robot, &sheet, logs, names, &mut inputs);
+    JointResult {
+        name: joint.name.clone(),
+        outcome: outcome.map_err(|problems| problems.join("; ")),
+        inputs,
+    }
+}
+
+fn calibrated(
+    robot: &Robot,
+    sheet: &JointFile,
+    logs: &JointLogs,
+    names: &[String],
+    inputs: &mut Vec<String>,
+) -> Result<Calibrated, Vec<String>> {
+    let one = |p: Problem| vec![p.to_string()];
+    let (mut undetermined, mut used): (Option<Vec<String>>, Vec<Vec<LogRow>>) = (None, Vec::new());
+    let mut refused = Vec::new();
+    for (name, rows) in names.iter().zip(&logs.runs) {
+        match inspect(sheet, rows, LogKind::Training) {
+            Ok(inspection) => {
+                let lines = inspection.lines();
+                inputs.extend(lines.into_iter().map(|line| format!("{name}: {line}")));
+                let open = inspection.excitation.iter().flat_map(|e| &e.constants);
+                let open: Vec<String> = open
+                    .filter(|c| !c.determined())
+                    .map(|c| c.quantity.name().to_owned())
+                    .collect();
+                undetermined = Some(match undetermined {
+                    None => open,
+                    Some(before) => before.into_iter().filter(|c| open.contains(c)).collect(),
+                });
+                used.push(rows.clone());
+            }
+            Err(problems) => {
+                refused.extend(problems.0.iter().map(|p| format!("{name}: {p}")));
+            }
+        }
+    }
+    if used.is_empty() {
+        return Err(refused);
+    }
+    inputs.extend(refused.into_iter().map(|why| format!("not used: {why}")));
+    let angles = used.iter().flatten().map(|row| row.q);
+    let [low, high] = angles.fold([f64::MAX, f64::MIN], |[a, b], q| [a.min(q), b.max(q)]);
+    if high - low < LEAST_MOTION {
+        return Err(vec![format!(
+            "never moves (its angle spans {:.4} rad): zero and kinematic error are not determined; allowed: motion \
+             over at least {LEAST_MOTION} rad",
+            high - low
+        )]);
+    }
+    let (rows, shifts) = joined(sheet, used.clone(), Zeros::Common).map_err(one)?;
+    let n = sheet.joint.gear_ratio;
+    for (shift, sigma) in &shifts {
+        let torque = (shift / n).abs() * sheet.joint.stiffness.unwrap_or(0.0);
+        let slipped = torque > SLIPPED_TORQUE * sheet.joint.rated_torque;
+        if slipped && shift.abs() > SLIPPED_SIGMAS * sigma {
+            return Err(vec![format!(
+                "the encoders' zeros differ between runs by {:.5} rad of the link: an encoder has slipped or \
+                 was set anew; allowed: runs with one zero",
+                shift / n
+            )]);
+        }
+    }
+    let known = LoadedKnowledge {
+        reference: ReferenceErrors {
+            gain: model_sigma(robot),
+            offset: logs.floor,
+        },
+        zeros_stay: true,
+    };
+    let held_out = held_out(sheet, used, known).map_err(one)?;
+    let fitted = fit_loaded(sheet, &rows, known, &mut |_, _| ()).map_err(one)?;
+    let traces = Traces::run(&fitted.joint, &rows).map_err(one)?;
+    let html = report::summary(&traces).map_err(one)?;
+    Ok(Calibrated {
+        fitted,
+        held_out,
+        undetermined: undetermined.unwrap_or_default(),
+        html,
+    })
+}
+
+/// Fits without the last part of each run and judges on it.
+fn held_out(
+    sheet: &JointFile,
+    runs: Vec<Vec<LogRow>>,
+    known: LoadedKnowledge,
+) -> Result<HeldOut, Problem> {
+    let largest = runs.iter().flatten();
+    let largest = largest.fold(0.0f64, |m, row| m.max(row.tau_sensor.abs()));
+    let (mut trained, mut judged) = (Vec::new(), Vec::new());
+    for mut rows in runs {
+        let kept = ((1.0 - HELD_OUT) * rows.len() as f64) as usize;
+        judged.push(rows.split_off(kept));
+        trained.push(rows);
+    }
+    let (trained, _) = joined(sheet, trained, Zeros::Common)?;
+    let joint = fit_loaded(sheet, &trained, known, &mut |_, _| ())?.joint;
+    let (judged, _) = joined(sheet, judged, Zeros::Common)?;
+    let figures = Traces::run(&joint, &judged)?.fused();
+    Ok(figures.map_or(HeldOut::default(), |figures| HeldOut {
+        rms: figures.rms,
+        rms_of_sigma: figures.normalised,
+        largest,
+    }))
+}

@@ -1,0 +1,422 @@
+//! Recorded runs as what fits take: raw samples of every joint, and the signals that its torque follows
+//! from.
+
+use crate::recorded;
+use crate::reference::robot::{Payload, with_payloads};
+use crate::reference::torques::{Estimated, Signals};
+use dynamics::Model;
+use problem::{Problem, Problems};
+use recording::{CycleMessage, Ending, Header};
+use robot_config::{FilterGains, Robot, Sampled, Sampling, whole_body_parameters};
+use robot_state::{CycleRecord, measured_flags};
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+use whole_body::WholeBodyParameters;
+
+/// Standard deviation of the model's masses where the configuration states none.
+const MODEL_SIGMA: f64 = 0.02;
+/// Time after a change of the contact set, and before one, that is left out, s.
+const CHANGE_S: f64 = 0.5;
+/// Time without which a stretch is too short for filters, s.
+const SHORTEST_S: f64 = 1.0;
+/// A step longer than this many periods is a gap.
+const GAP: f64 = 1.5;
+/// Samples with one of these are not fitted to.
+const NOT_USED: u32 = measured_flags::NEVER
+    | measured_flags::MISSED
+    | measured_flags::STALE
+    | measured_flags::JUMP
+    | measured_flags::IMPLAUSIBLE;
+/// Readings with one of these interrupt what torques are computed from.
+const LOST: u32 = measured_flags::NEVER | measured_flags::STALE | measured_flags::IMPLAUSIBLE;
+
+/// A recorded run.
+pub(crate) struct RecordedRun {
+    pub(crate) file: String,
+    pub(crate) sha256: String,
+    pub(crate) header: Header,
+    pub(crate) robot: Robot,
+    /// Remarks: how the file ended, what was left out.
+    pub(crate) notes: Vec<String>,
+    /// When it began.
+    pub(crate) date: String,
+    /// Duration of what is used, s.
+    pub(crate) seconds: f64,
+    pub(crate) stretches: Vec<Stretch>,
+}
+
+/// Cycles without a gap and with one contact set.
+pub(crate) struct Stretch {
+    pub(crate) signals: Signals,
+    /// Index of the contact set.
+    pub(crate) contact_set: usize,
+    /// By joint, in config order.
+    pub(crate) drives: Vec<Drive>,
+}
+
+/// Raw samples of one joint beside [`Signals::angles`].
+#[derive(Default)]
+pub(crate) struct Drive {
+    /// theta, rad.
+    pub(crate) theta: Vec<f64>,
+    /// i, A.
+    pub(crate) current: Vec<f64>,
+    /// The sample was measured, not bridged.
+    pub(crate) used: Vec<bool>,
+}
+
+impl RecordedRun {
+    /// Reads a run; `payloads` were on the robot meanwhile.
+    ///
+    /// # Errors
+    /// A file that is none; a configuration that cannot be loaded; no stretch that is long enough.
+    pub(crate) fn read(path: &Path, payloads: &[Payload]) -> Result<Self, Problems> {
+        let file = path.display().to_string();
+        let sha256 = hash(path).map_err(|e| Problem::unreadable(&file, &e))?;
+        let mut run = recorded::open(path)?;
+        let header = run.header().clone();
+        let robot = robot(&header, payloads)?;
+        let mut reader = Reader::new(&robot, &header);
+        let ending = recorded::read_all(path, &mut run, |_, message| {
+            reader.take(message);
+            Ok(())
+        })?;
+        let date = recorded::date(&header, reader.begin_ns.unwrap_or(0));
+        let mut notes = Vec::new();
+        if ending != Ending::Complete {
+            let why = recorded::describe_ending(&ending);
+            notes.push(why.trim_end().to_owned());
+        }
+        let (cycles, stretches) = reader.end(&file);
+        let seconds: f64 = stretches.iter().map(Stretch::seconds).sum();
+        if stretches.is_empty() {
+            let reason = format!(
+                "no {SHORTEST_S} s of its {cycles} cycles have all joints and sensors and one contact set"
+            );
+            let allowed = "a recording of a robot whose joints and sensors all answer";
+            return Err(Problem::new(reason, allowed).at(file, 0).into());
+        }
+        let left_out = cycles as f64 * header.period_s - seconds;
+        if left_out > SHORTEST_S {
+            notes.push(format!(
+                "{left_out:.1} s are left out: gaps, missing samples, changes of the contact set"
+            ));
+        }
+        Ok(Self {
+            file,
+            sha256,
+            header,
+            robot,
+            notes,
+            date,
+            seconds,
+            stretches,
+        })
+    }
+}
+
+impl Stretch {
+    fn seconds(&self) -> f64 {
+        self.signals.t.len() as f64 * self.signals.period
+    }
+}
+
+/// A robot with the contact set of a stretch.
+pub(crate) struct InContact<'a> {
+    pub(crate) robot: &'a Robot,
+    pub(crate) contact_set: usize,
+}
+
+impl Estimated for InContact<'_> {
+    fn model(&self) -> &Model {
+        &self.robot.model
+    }
+
+    fn parameters(&self, gains: &FilterGains) -> Result<WholeBodyParameters, Problem> {
+        let parameters = whole_body_parameters(&self.robot.parameters, &self.robot.model, gains);
+        let mut parameters = parameters.ok_or_else(|| {
+            let reason = "the robot's floating base has neither an IMU nor a stand";
+            Problem::new(reason, "[imu], or [fixed_base]")
+        })?;
+        parameters.sigma_model = model_sigma(self.robot);
+        Ok(parameters)
+    }
+
+    fn contact_set(&self) -> usize {
+        self.contact_set
+    }
+}
+
+/// Relative standard deviation of the model's masses.
+pub(crate) fn model_sigma(robot: &Robot) -> f64 {
+    match robot.parameters.whole_body.sigma_model {
+        stated if stated > 0.0 => stated,
+        _ => MODEL_SIGMA,
+    }
+}
+
+/// The robot of a recording, with payloads.
+fn robot(header: &Header, payloads: &[Payload]) -> Result<Robot, Problems> {
+    let Some(first) = header.files.first() else {
+        let reason = "the recording has no configuration";
+        return Err(Problem::new(reason, "a recording by torqued").into());
+    };
+    let read = |path: &str| {
+        let text = header.text(path).map(str::to_owned);
+        text.ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "not in the recording"))
+    };
+    let robot = robot_config::load(&first.path, &read)?;
+    if payloads.is_empty() {
+        return Ok(robot);
+    }
+    let unknown = payloads
+        .iter()
+        .find(|p| robot.model.frame_index(p.link()).is_none());
+    if let Some(payload) = unknown {
+        let reason = format!("payload: no link \"{}\"", payload.link());
+        return Err(Problem::new(reason, "a link of the URDF").into());
+    }
+    let urdf = robot.parameters.urdf_path.clone();
+    robot_config::load(&first.path, &|path| match path == urdf {
+        true => Ok(with_payloads(&read(path)?, payloads)),
+        false => read(path),
+    })
+}
+
+/// SHA-256 of a file, hexadecimal.
+pub(crate) fn hash(path: &Path) -> io::Result<String> {
+    let (mut file, mut digest) = (File::open(path)?, Sha256::new());
+    let mut part = vec![0; 1 << 16];
+    loop {
+        let read = file.read(&mut part)?;
+        if read == 0 {
+            break;
+        }
+        digest.update(&part[..read]);
+    }
+    let bytes = digest.finalize();
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Gathers stretches while a run is read.
+struct Reader<'a> {
+    robot: &'a Robot,
+    period: f64,
+    begin_ns: Option<u64>,
+    cycles: u64,
+    last_t: f64,
+    stretches: Vec<Stretch>,
+    /// Ages of the samples of joints, sensors, IMU in the present stretch, where they have some.
+    ages: Vec<(Source, Sampling, Vec<f64>)>,
+    interrupted: bool,
+}
+
+/// What may have samples of an age.
+#[derive(Clone, Copy)]
+enum Source {
+    Joint(usize),
+    Ft(usize),
+    Imu,
+}
+
+impl<'a> Reader<'a> {
+    fn new(robot: &'a Robot, header: &Header) -> Self {
+        let p = &robot.parameters;
+        let joints = p.joints.iter().enumerate();
+        let fts = p.ft_sensors.iter().enumerate();
+        let sources = joints
+            .map(|(j, joint)| (Source::Joint(j), joint.sampling))
+            .chain(fts.map(|(s, ft)| (Source::Ft(s), ft.sampling)))
+            .chain(p.imu.iter().map(|imu| (Source::Imu, imu.sampling)));
+        Self {
+            robot,
+            period: header.period_s,
+            begin_ns: None,
+            cycles: 0,
+            last_t: 0.0,
+            stretches: Vec::new(),
+            ages: sources
+                .filter(|(_, sampling)| !sampling.is_at_sync())
+                .map(|(source, sampling)| (source, sampling, Vec::new()))
+                .collect(),
+            interrupted: true,
+        }
+    }
+
+    fn take(&mut self, message: &CycleMessage) {
+        let record = &message.record.cycle;
+        let begin_ns = *self.begin_ns.get_or_insert(message.at.sync.0);
+        let t = recorded::ms_between(begin_ns, message.at.sync.0) * 1e-3;
+        let step = t - std::mem::replace(&mut self.last_t, t);
+        self.cycles += 1;
+        if self.is_lost(record) {
+            self.interrupted = true;
+            return;
+        }
+        let contact_set = record.estimated.contact_set as usize;
+        let goes_on = (self.stretches.last()).is_some_and(|s| {
+            !self.interrupted && step < GAP * self.period && s.contact_set == contact_set
+        });
+        if !goes_on {
+            self.finish_stretch();
+            self.stretches.push(self.empty(contact_set));
+            self.interrupted = false;
+        }
+        let Some(stretch) = self.stretches.last_mut() else {
+            return;
+        };
+        stretch.push(t, record);
+        let since_sync = recorded::ms_between(message.at.sync.0, message.at.now.0) * 1e-3;
+        for (source, sampling, ages) in &mut self.ages {
+            let of_stamp = match source {
+                Source::Joint(j) => record.measured.joints[*j].age_s,
+                Source::Ft(s) => record.measured.ft[*s].age_s,
+                Source::Imu => record.measured.imu.age_s,
+            };
+            ages.push(match sampling.sampled {
+                Sampled::AtSync => sampling.latency,
+                Sampled::WhenSent { .. } => of_stamp - since_sync + sampling.latency,
+            });
+        }
+    }
+
+    /// A joint or a sensor has no reading that torques can be computed from.
+    fn is_lost(&self, record: &CycleRecord) -> bool {
+        let p = &self.robot.parameters;
+        let joints = record.measured.joints.iter().take(p.joints.len());
+        let sensors = record.measured.ft.iter().take(p.ft_sensors.len());
+        let mut flags = joints.fold(0, |all, joint| all | joint.flags);
+        flags |= sensors.fold(0, |all, sensor| all | sensor.flags);
+        if p.imu.is_some() {
+            flags |= record.measured.imu.flags;
+        }
+        flags & LOST != 0
+    }
+
+    fn empty(&self, contact_set: usize) -> Stretch {
+        let p = &self.robot.parameters;
+        let n = p.joints.len();
+        Stretch {
+            signals: Signals {
+                t: Vec::new(),
+                period: self.period,
+                angles: vec![Vec::new(); n],
+                ft: vec![Default::default(); p.ft_sensors.len()],
+                imu: p.imu.as_ref().map(|_| Default::default()),
+                file: String::new(),
+            },
+            contact_set,
+            drives: (0..n).map(|_| Drive::default()).collect(),
+        }
+    }
+
+    /// Brings samples of an age to the instants of SYNC.
+    fn finish_stretch(&mut self) {
+        let Some(stretch) = self.stretches.last_mut() else {
+            return;
+        };
+        for (source, _, ages) in &mut self.ages {
+            let ages = std::mem::take(ages);
+            match *source {
+                Source::Joint(j) => {
+                    let (t, drive) = (&stretch.signals.t, &mut stretch.drives[j]);
+                    at_sync(t, &ages, &mut stretch.signals.angles[j]);
+                    at_sync(t, &ages, &mut drive.theta);
+                    at_sync(t, &ages, &mut drive.current);
+                }
+                Source::Ft(s) => {
+                    let (t, ft) = (&stretch.signals.t, &mut stretch.signals.ft[s]);
+                    ft.iter_mut().for_each(|axis| at_sync(t, &ages, axis));
+                }
+                Source::Imu => {
+                    let (t, imu) = (&stretch.signals.t, &mut stretch.signals.imu);
+                    imu.iter_mut()
+                        .flatten()
+                        .for_each(|axis| at_sync(t, &ages, axis));
+                }
+            }
+        }
+    }
+
+    fn end(mut self, file: &str) -> (u64, Vec<Stretch>) {
+        self.finish_stretch();
+        let margin = (CHANGE_S / self.period) as usize;
+        let shortest = SHORTEST_S / self.period;
+        let sets = (self.stretches.iter()).any(|s| s.contact_set != self.stretches[0].contact_set);
+        for stretch in &mut self.stretches {
+            file.clone_into(&mut stretch.signals.file);
+            if sets {
+                stretch.cut(margin);
+            }
+        }
+        self.stretches
+            .retain(|stretch| stretch.signals.t.len() as f64 >= shortest);
+        (self.cycles, self.stretches)
+    }
+}
+
+impl Stretch {
+    fn push(&mut self, t: f64, record: &CycleRecord) {
+        let signals = &mut self.signals;
+        signals.t.push(t);
+        let joints = record.measured.joints.iter();
+        for ((angle, drive), joint) in signals.angles.iter_mut().zip(&mut self.drives).zip(joints) {
+            angle.push(joint.q);
+            drive.theta.push(joint.theta);
+            drive.current.push(joint.current);
+            drive.used.push(joint.flags & NOT_USED == 0);
+        }
+        for (axes, sensor) in signals.ft.iter_mut().zip(&record.measured.ft) {
+            let wrench = sensor.wrench.to_array();
+            axes.iter_mut()
+                .zip(wrench)
+                .for_each(|(axis, x)| axis.push(x));
+        }
+        if let Some(axes) = &mut signals.imu {
+            let imu = &record.measured.imu;
+            let both = imu.gyro.into_iter().chain(imu.accelerometer);
+            axes.iter_mut().zip(both).for_each(|(axis, x)| axis.push(x));
+        }
+    }
+
+    /// Leaves out both ends.
+    fn cut(&mut self, margin: usize) {
+        let count = self.signals.t.len();
+        let kept = margin.min(count)..count.saturating_sub(margin).max(margin.min(count));
+        let cut = |values: &mut Vec<f64>| *values = values[kept.clone()].to_vec();
+        cut(&mut self.signals.t);
+        self.signals.angles.iter_mut().for_each(cut);
+        self.signals.ft.iter_mut().flatten().for_each(cut);
+        self.signals.imu.iter_mut().flatten().for_each(cut);
+        for drive in &mut self.drives {
+            cut(&mut drive.theta);
+            cut(&mut drive.current);
+            drive.used = drive.used[kept.clone()].to_vec();
+        }
+    }
+}
+
+/// Samples that were taken `ages` before the instants `t`, by straight lines at `t`; the newest sample
+/// holds where a later one is not there yet.
+fn at_sync(t: &[f64], ages: &[f64], values: &mut [f64]) {
+    let taken: Vec<f64> = t.iter().zip(ages).map(|(t, age)| t - age).collect();
+    let samples = values.to_vec();
+    let mut next = 0;
+    for (i, value) in values.iter_mut().enumerate() {
+        while next + 1 < taken.len() && taken[next] < t[i] {
+            next += 1;
+        }
+        let Some(before) = next.checked_sub(1) else {
+            continue;
+        };
+        let step = taken[next] - taken[before];
+        if step > 0.0 && taken[next] >= t[i] {
+            let share = (t[i] - taken[before]) / step;
+            *value = samples[before] + share * (samples[next] - samples[before]);
+        } else {
+            *value = samples[next];
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! `torquectl calibrate status`: which joints are calibrated, how old that is, and whether it still is of
+//! this robot.
+
+use super::adopt::Configuration;
+use super::store::Calibration;
+use crate::BAD_INPUT;
+use crate::output::finish;
+use clap::Args;
+use jiff::Timestamp;
+use problem::{Allowed, Problem, Problems};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use terminal::TextTable;
+
+/// Exit code where a calibration is missing, old or of another robot.
+const WANTED: u8 = 1;
+const HOURS_A_DAY: f64 = 24.0;
+
+const HELP: &str = "\
+A calibration is old after --days, missing where a joint names no joint file, and of another robot where
+drive, encoders, their directions and zeros, or the rate have changed since.
+
+Examples:
+  torquectl calibrate status config/leg/robot.toml
+  torquectl calibrate status config/leg/robot.toml --days 30 --json
+
+Exit codes:
+  0  every joint is calibrated
+  1  some are not, or their calibration is old or of another robot
+  2  bad input: a configuration with problems";
+
+/// Show what is calibrated, how old it is, and what is missing.
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct StatusArguments {
+    /// The robot's configuration
+    config: PathBuf,
+    /// Age from which a calibration is old, days
+    #[arg(long, default_value_t = 180.0, value_parser = days)]
+    days: f64,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+fn days(text: &str) -> Result<f64, Problem> {
+    const ALLOWED: Allowed = Allowed::Within(0.0, 36_500.0);
+    let days = text.parse().ok().filter(|days| ALLOWED.admits(*days));
+    days.ok_or_else(|| Problem::new("not a number of days", ALLOWED.to_string()))
+}
+
+/// One joint's calibration.
+struct State {
+    joint: String,
+    /// calibrated, by hand, missing, old, of another robot.
+    state: &'static str,
+    made: String,
+    /// Figures and remarks.
+    held_out: Option<(f64, f64)>,
+    undetermined: Vec<String>,
+}
+
+pub(crate) fn run(arguments: &StatusArguments) -> ExitCode {
+    let states = match states(arguments) {
+        Ok(states) => states,
+        Err(problems) => {
+            eprintln!("{problems}");
+            return ExitCode::from(BAD_INPUT);
+        }
+    };
+    let text = match arguments.json {
+        true => format!("{}\n", Value::Array(states.iter().map(object).collect())),
+        false => table(&states),
+    };
+    let good = states
+        .iter()
+        .all(|s| ["calibrated", "by hand"].contains(&s.state));
+    match (finish(&text), good) {
+        (ExitCode::SUCCESS, false) => ExitCode::from(WANTED),
+        (code, _) => code,
+    }
+}
+
+fn states(arguments: &StatusArguments) -> Result<Vec<State>, Problems> {
+    let configuration = Configuration::read(&arguments.config)?;
+    let adopted = configuration.adopted()?;
+    let joints = configuration.robot.parameters.joints.iter();
+    let state = |joint: &robot_config::JointParameters| {
+        let mut state = State {
+            joint: joint.name.clone(),
+            state: "missing",
+            made: String::new(),
+            held_out: None,
+            undetermined: Vec::new(),
+        };
+        let Some(file) = adopted.get(&joint.name) else {
+            return state;
+        };
+        let path = configuration.resolved(file);
+        let folder = path.parent().map(Calibration::read);
+        // A joint file that was fitted by hand stands in no calibration.
+        let Some(Ok(calibration)) = folder else {
+            state.state = "by hand";
+            return state;
+        };
+        let manifest = calibration.manifest;
+        let Some(entry) = manifest
+            .joints
+            .iter()
+            .find(|entry| entry.name == joint.name)
+        else {
+            state.state = "by hand";
+            return state;
+        };
+        let same = configuration.identity.hash(&joint.name).as_ref() == Some(&entry.identity);
+        let old = age_days(&manifest.made).is_none_or(|age| age > arguments.days);
+        state.state = match (same, old) {
+            (false, _) => "of another robot",
+            (true, true) => "old",
+            (true, false) => "calibrated",
+        };
+        state.made.clone_from(&manifest.made);
+        state.held_out = entry.held_out_rms.zip(entry.largest);
+        state.undetermined.clone_from(&entry.undetermined);
+        state
+    };
+    Ok(joints.map(state).collect())
+}
+
+fn age_days(made: &str) -> Option<f64> {
+    let made: Timestamp = made.parse().ok()?;
+    let age = Timestamp::now().duration_since(made);
+    Some(age.as_secs_f64() / 3600.0 / HOURS_A_DAY)
+}
+
+fn object(state: &State) -> Value {
+    json!({
+        "joint": state.joint,
+        "state": state.state,
+        "made": state.made,
+        "held_out_rms_Nm": state.held_out.map(|(rms, _)| rms),
+        "largest_Nm": state.held_out.map(|(_, largest)| largest),
+        "undetermined": state.undetermined,
+    })
+}
+
+fn table(states: &[State]) -> String {
+    let heading = [
+        "joint",
+        "state",
+        "made",
+        "held out RMS N·m",
+        "%",
+        "undetermined",
+    ];
+    let mut cells = vec![heading.map(str::to_owned).to_vec()];
+    for state in states {
+        let [rms, share] = match state.held_out {
+            Some((rms, largest)) => [
+                format!("{rms:.3}"),
+                format!("{:.2}", 100.0 * rms / largest.max(1e-9)),
+            ],
+            None => [String::new(), String::new()],
+        };
+        cells.push(vec![
+            state.joint.clone(),
+            state.state.to_owned(),
+            state.made.clone(),
+            rms,
+            share,
+            state.undetermined.join(", "),
+        ]);
+    }
+    TextTable(cells).to_string()
+}

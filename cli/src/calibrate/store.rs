@@ -1,0 +1,178 @@
+//! A calibration on the disk: a folder of joint files with what they were made from.
+
+use problem::{Problem, utf8};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// The file that says what a folder holds.
+pub(crate) const MANIFEST: &str = "calibration.toml";
+
+/// What a calibration is of, and made from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Manifest {
+    /// The robot's name.
+    pub(crate) robot: String,
+    /// When it was made, UTC.
+    pub(crate) made: String,
+    /// Version of torquectl.
+    pub(crate) version: String,
+    /// The recordings.
+    #[serde(rename = "run")]
+    pub(crate) runs: Vec<RunEntry>,
+    /// Every joint of the robot.
+    #[serde(rename = "joint")]
+    pub(crate) joints: Vec<JointEntry>,
+}
+
+/// A recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RunEntry {
+    pub(crate) file: String,
+    pub(crate) sha256: String,
+    /// When it began, UTC.
+    pub(crate) date: String,
+    /// Duration of what was used, s.
+    pub(crate) seconds: f64,
+}
+
+/// A joint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JointEntry {
+    pub(crate) name: String,
+    /// Hash of the keys that the calibration depends on.
+    pub(crate) identity: String,
+    /// Its joint file; none if it could not be calibrated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) file: Option<String>,
+    /// Why it could not be calibrated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) why: Option<String>,
+    /// RMS of fused torque less reference on a quarter of each run that was held out, N·m.
+    #[serde(rename = "held_out_rms_Nm", skip_serializing_if = "Option::is_none")]
+    pub(crate) held_out_rms: Option<f64>,
+    /// The same over the published sigma.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) held_out_rms_of_sigma: Option<f64>,
+    /// Largest reference torque, N·m.
+    #[serde(rename = "largest_Nm", skip_serializing_if = "Option::is_none")]
+    pub(crate) largest: Option<f64>,
+    /// Constants that stay at their priors.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) undetermined: Vec<String>,
+}
+
+/// A calibration as its folder holds it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Calibration {
+    pub(crate) manifest: Manifest,
+    /// Texts by file name.
+    pub(crate) files: BTreeMap<String, String>,
+}
+
+impl Calibration {
+    /// Reads a folder; every file that it names must be there.
+    ///
+    /// # Errors
+    /// A folder that holds no calibration.
+    pub(crate) fn read(folder: &Path) -> Result<Self, Problem> {
+        let text = |name: &str| {
+            let path = folder.join(name);
+            let shown = path.display().to_string();
+            let bytes = fs::read(&path).map_err(|e| {
+                let allowed = "a folder that `torquectl calibrate joints` wrote";
+                Problem::new(format!("cannot be read: {e}"), allowed).at(&shown, 0)
+            })?;
+            utf8(bytes, &shown)
+        };
+        let manifest: Manifest = toml::from_str(&text(MANIFEST)?).map_err(|e| {
+            let shown = folder.join(MANIFEST).display().to_string();
+            Problem::new(e.message(), "").at(shown, 0)
+        })?;
+        let named = manifest
+            .joints
+            .iter()
+            .filter_map(|joint| joint.file.clone());
+        let files = named.map(|name| Ok::<_, Problem>((name.clone(), text(&name)?)));
+        let files = files.collect::<Result<_, _>>()?;
+        Ok(Self { manifest, files })
+    }
+
+    /// Writes it as a new folder, all of it or nothing.
+    ///
+    /// # Errors
+    /// A folder that is there already, or a file that cannot be written: nothing is left of it.
+    pub(crate) fn write(&self, folder: &Path) -> Result<(), Problem> {
+        if folder.exists() {
+            let shown = folder.display().to_string();
+            return Err(
+                Problem::new("is there already", "a folder that is not there").at(shown, 0),
+            );
+        }
+        let manifest = toml::to_string(&self.manifest)
+            .map_err(|e| Problem::new(format!("{MANIFEST}: {e}"), ""))?;
+        let partial = partial(folder);
+        let unwritable = |e: &io::Error| Problem::unwritable(folder.display(), e);
+        let written = self.write_into(&partial, &manifest).and_then(|()| {
+            fs::rename(&partial, folder)?;
+            sync_folder(folder.parent())
+        });
+        written.map_err(|e| {
+            let _ = fs::remove_dir_all(&partial);
+            unwritable(&e)
+        })
+    }
+
+    fn write_into(&self, folder: &Path, manifest: &str) -> io::Result<()> {
+        if let Some(parent) = folder.parent().filter(|p| !p.as_os_str().is_empty()) {
+            fs::create_dir_all(parent)?;
+        }
+        fs::create_dir(folder)?;
+        for (name, text) in &self.files {
+            write_whole(&folder.join(name), text)?;
+        }
+        write_whole(&folder.join(MANIFEST), manifest)?;
+        sync_folder(Some(folder))
+    }
+}
+
+/// Replaces a file by another text, at once.
+///
+/// # Errors
+/// It cannot be written: it stays as it was.
+pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Problem> {
+    let partial = partial(path);
+    let written = write_whole(&partial, text).and_then(|()| {
+        fs::set_permissions(&partial, fs::metadata(path)?.permissions())?;
+        fs::rename(&partial, path)?;
+        sync_folder(path.parent())
+    });
+    written.map_err(|e| {
+        let _ = fs::remove_file(&partial);
+        Problem::unwritable(path.display(), &e)
+    })
+}
+
+/// A name beside `path` for what is not whole yet.
+fn partial(path: &Path) -> PathBuf {
+    let name = path
+        .file_name()
+        .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    path.with_file_name(format!(".{name}.partial-{}", std::process::id()))
+}
+
+fn write_whole(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = File::create(path)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
+}
+
+fn sync_folder(folder: Option<&Path>) -> io::Result<()> {
+    let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
+    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+}

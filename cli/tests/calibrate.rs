@@ -1,0 +1,268 @@
+//! `torquectl calibrate` as a whole process: from recordings that the daemon's loop made of the simulated
+//! test joint to joint files in its configuration, judged on another motion against the true torque.
+
+use cycle::ClientInput;
+use plant::{CanRobot, SimParameters};
+use robot_state::torque_flags::VALID;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use test_support::{project_path, read_project_file};
+use torqued::bus::LockStep;
+use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
+use torqued::control_loop::ControlLoop;
+use torqued::demo::{self, DemoClient, DemoOptions, Motion};
+use torqued::real_time::Pace;
+
+/// A folder with copies of a robot's files, as they lie in the project.
+fn folder(test: &str, robot: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("calibrate-{test}"));
+    let _ = fs::remove_dir_all(&folder);
+    for part in [format!("config/{robot}"), format!("robot-models/{robot}")] {
+        fs::create_dir_all(folder.join(&part)).unwrap();
+        for entry in fs::read_dir(project_path(&part)).unwrap() {
+            let entry = entry.unwrap();
+            if entry.file_type().unwrap().is_file() {
+                fs::copy(entry.path(), folder.join(&part).join(entry.file_name())).unwrap();
+            }
+        }
+    }
+    folder
+}
+
+fn torquectl(folder: &Path, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_torquectl"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Runs a command that must end with this exit code; gives what it printed.
+fn expect(folder: &Path, arguments: &str, code: i32) -> String {
+    let output = torquectl(folder, arguments);
+    let both = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments}\n{both}");
+    both
+}
+
+/// A recording of a robot in a motion.
+fn record(folder: &Path, robot: &str, motion: &str, seconds: f64, name: &str) {
+    let at = |path: &str| folder.join(path);
+    fs::write(at("motion.toml"), motion).unwrap();
+    demo::run(&DemoOptions {
+        robot: at(&format!("config/{robot}/robot.toml"))
+            .display()
+            .to_string(),
+        seconds,
+        plot: None,
+        joints: Vec::new(),
+        json: true,
+        fast: true,
+        seed: Some(5),
+        motion: Some(at("motion.toml")),
+        harness: None,
+        record: Some(at(name)),
+    })
+    .map_err(|failure| failure.message)
+    .unwrap();
+}
+
+const SWEEPS: &str = "settle_s = 1.0\njoint = [\n\
+    { name = \"joint\", amplitude_deg = 160, period_s = 21 },\n\
+    { name = \"joint\", amplitude_deg = -140, period_s = 15 },\n\
+    { name = \"joint\", amplitude_deg = 20, period_s = 2.3 },\n]\n";
+
+/// RMS of the encoder torque's error in the demo's own motion, N·m; the same over its sigma; largest torque.
+fn judge(folder: &Path, seconds: f64) -> [f64; 3] {
+    let read = |path: &str| fs::read_to_string(folder.join(path));
+    let config = "config/test-joint/robot.toml";
+    let robot = robot_config::load(config, &read).unwrap();
+    let mut sim = SimParameters::parse(&read("config/test-joint/sim.toml").unwrap(), "").unwrap();
+    sim.seed = 5;
+    let urdf = read(&robot.parameters.urdf_path).unwrap();
+    let clock = VirtualClock::new();
+    let bus = LockStep::new(CanRobot::new(&robot, &urdf, &sim).unwrap(), &clock);
+    let mut control_loop = ControlLoop::new(&robot, bus).unwrap();
+    let motion = read_project_file("config/test-joint/motion.toml").unwrap();
+    let motion = Motion::parse(&motion, "", &["joint".to_owned()]).unwrap();
+    let mut client = DemoClient::new(&robot, motion);
+    let mut pace = VirtualDeadline::new(&clock, 1_000_000);
+    let (mut sums, mut largest, mut count) = ([0.0; 2], 0.0f64, 0.0);
+    for _ in 0..(1e3 * seconds) as u64 {
+        let input = ClientInput {
+            reference: Some(client.reference()),
+            ..ClientInput::default()
+        };
+        let record = control_loop.run_cycle(&pace.wait(), &input);
+        client.observe(record);
+        let estimate = record.cycle.estimated.joints[0].tau_encoder;
+        let truth = control_loop.bus().peer().truth().joints[0].tau;
+        largest = largest.max(truth.abs());
+        if estimate.flags & VALID != 0 {
+            let error = estimate.tau - truth;
+            sums[0] += error * error;
+            sums[1] += (error / estimate.sigma).powi(2);
+            count += 1.0;
+        }
+    }
+    let [rms, ratio] = sums.map(|sum| f64::sqrt(sum / count));
+    [rms, ratio, largest]
+}
+
+#[test]
+fn a_joint_is_calibrated_from_its_own_recording_adopted_and_taken_back() {
+    let folder = folder("joint", "test-joint");
+    let config = "config/test-joint/robot.toml";
+    record(&folder, "test-joint", SWEEPS, 60.0, "sweeps.mcap");
+    let before = judge(&folder, 10.0);
+    assert!(expect(&folder, &format!("calibrate status {config}"), 1).contains("missing"));
+
+    let made = format!("calibrate joints sweeps.mcap --config {config} -o made --report made.html");
+    let shown = expect(&folder, &made, 0);
+    assert!(
+        shown.contains("held out") && shown.contains("written: made"),
+        "{shown}"
+    );
+    let page = fs::read_to_string(folder.join("made.html")).unwrap();
+    assert!(page.contains("<svg") && page.contains("SHA-256"));
+    // Twice into one folder: refused, and the first stays.
+    let kept = fs::read_to_string(folder.join("made/joint.toml")).unwrap();
+    assert!(expect(&folder, &made, 2).contains("is there already"));
+    assert_eq!(
+        kept,
+        fs::read_to_string(folder.join("made/joint.toml")).unwrap()
+    );
+
+    let original = fs::read_to_string(folder.join(config)).unwrap();
+    expect(&folder, &format!("calibrate commit {config} made"), 0);
+    let committed = fs::read_to_string(folder.join(config)).unwrap();
+    let line = committed
+        .lines()
+        .find(|line| line.starts_with("calibration"));
+    assert!(
+        line.is_some_and(|line| line.contains("calibrations/")),
+        "{committed}"
+    );
+    let without: Vec<&str> = committed.lines().filter(|l| Some(*l) != line).collect();
+    assert_eq!(
+        without,
+        original.lines().collect::<Vec<_>>(),
+        "nothing else changes"
+    );
+    assert!(expect(&folder, &format!("calibrate status {config}"), 0).contains("calibrated"));
+    assert!(expect(&folder, &format!("calibrate status {config} --days 0"), 1).contains("old"));
+    let shown = expect(&folder, &format!("calibrate diff {config} made"), 0);
+    assert!(
+        shown.contains("stiffness") && !shown.contains("differs"),
+        "{shown}"
+    );
+
+    let after = judge(&folder, 10.0);
+    let [rms, ratio, largest] = after;
+    assert!(rms < 0.02 * largest, "{before:?} {after:?}");
+    assert!(rms < 0.6 * before[0], "{before:?} {after:?}");
+    assert!((0.4..1.6).contains(&ratio), "{after:?}");
+
+    // An encoder that was set anew is of another robot.
+    let moved = committed.replace("offset_deg = -180.0", "offset_deg = -179.0");
+    assert_ne!(moved, committed);
+    fs::write(folder.join(config), &moved).unwrap();
+    let status = expect(&folder, &format!("calibrate status {config}"), 1);
+    assert!(status.contains("of another robot"), "{status}");
+    let refusal = expect(&folder, &format!("calibrate commit {config} made"), 2);
+    assert!(refusal.contains("zeros"), "{refusal}");
+    assert_eq!(fs::read_to_string(folder.join(config)).unwrap(), moved);
+
+    fs::write(folder.join(config), &committed).unwrap();
+    expect(&folder, &format!("calibrate rollback {config}"), 0);
+    assert_eq!(fs::read_to_string(folder.join(config)).unwrap(), original);
+    let refusal = expect(&folder, &format!("calibrate rollback {config}"), 2);
+    assert!(
+        refusal.contains("no calibration was committed"),
+        "{refusal}"
+    );
+    // And once more, twice: back is the one before.
+    expect(&folder, &format!("calibrate commit {config} made"), 0);
+    let first = fs::read_to_string(folder.join(config)).unwrap();
+    expect(&folder, &format!("calibrate commit {config} made"), 0);
+    assert_ne!(fs::read_to_string(folder.join(config)).unwrap(), first);
+    expect(&folder, &format!("calibrate rollback {config}"), 0);
+    assert_eq!(fs::read_to_string(folder.join(config)).unwrap(), first);
+}
+
+#[test]
+fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
+    let folder = folder("refusals", "test-joint");
+    record(&folder, "test-joint", SWEEPS, 12.0, "run.mcap");
+    let whole = fs::read(folder.join("run.mcap")).unwrap();
+
+    // Cut off: what is whole is used, and it is said so; without a cycle it is refused.
+    fs::write(folder.join("cut.mcap"), &whole[..whole.len() * 3 / 4]).unwrap();
+    let shown = expect(&folder, "calibrate joints cut.mcap -o cut", 0);
+    assert!(
+        shown.contains("cut.mcap: the file ends too early"),
+        "{shown}"
+    );
+    fs::write(folder.join("stub.mcap"), &whole[..200]).unwrap();
+    let shown = expect(&folder, "calibrate joints stub.mcap -o stub", 2);
+    assert!(shown.contains("stub.mcap"), "{shown}");
+    fs::write(folder.join("log.csv"), "t,q\n0,0\n").unwrap();
+    assert!(expect(&folder, "calibrate joints log.csv -o csv", 2).contains("not an MCAP file"));
+    expect(&folder, "calibrate joints none.mcap -o none", 2);
+
+    // A joint that never moves, and carries one torque.
+    record(&folder, "test-joint", "settle_s = 1.0\n", 4.0, "rest.mcap");
+    let shown = expect(&folder, "calibrate joints rest.mcap -o rest", 2);
+    assert!(shown.contains("joint: never moves"), "{shown}");
+
+    // Another robot: the same joint with another gear.
+    let config = folder.join("config/test-joint/robot.toml");
+    let original = fs::read_to_string(&config).unwrap();
+    fs::write(
+        &config,
+        original.replace("gear_ratio = 100.0", "gear_ratio = 120.0"),
+    )
+    .unwrap();
+    let path = "config/test-joint/robot.toml";
+    let shown = expect(
+        &folder,
+        &format!("calibrate joints run.mcap --config {path} -o other"),
+        2,
+    );
+    assert!(shown.contains("gear_ratio = 100.0, not 120.0"), "{shown}");
+
+    // A full disk: files of at most two blocks can be written.
+    let full = Command::new("bash")
+        .args([
+            "-c",
+            "trap '' XFSZ; ulimit -f 2; exec \"$0\" calibrate joints run.mcap -o full",
+        ])
+        .arg(env!("CARGO_BIN_EXE_torquectl"))
+        .current_dir(&folder)
+        .output()
+        .unwrap();
+    let shown = text(&full.stderr);
+    assert_eq!(full.status.code(), Some(2), "{shown}");
+    assert!(shown.contains("full: cannot be written"), "{shown}");
+    let left = fs::read_dir(&folder).unwrap();
+    let left = left.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
+    let mut left: Vec<String> = left.collect();
+    left.sort();
+    let files = [
+        "config",
+        "cut",
+        "cut.mcap",
+        "log.csv",
+        "motion.toml",
+        "rest.mcap",
+        "robot-models",
+        "run.mcap",
+        "stub.mcap",
+    ];
+    assert_eq!(left, files, "nothing half-written is left");
+}
