@@ -20,7 +20,7 @@ pub struct Results {
 fn badness(outcome: &Outcome, bound: Bound) -> f64 {
     let moved = &outcome.moved;
     let step = match bound {
-        Bound::MotionAndStep => moved.step_share / 0.05,
+        Bound::MotionAndStep | Bound::Gap(_) => moved.step_share / 0.05,
         Bound::Motion | Bound::Physics | Bound::Shown(_) => 0.0,
     };
     let verdict = match outcome.verdict {
@@ -131,7 +131,7 @@ fn without_fault(text: &mut String, results: &Results) {
 fn row_head(text: &mut String, first: &str) {
     let _ = writeln!(
         text,
-        "| {first} | begins in | joint | first event | reaction | speed, rad/s (%) | torque in 5 ms, % | displacement, ° | set-points kept: %; ° | |"
+        "| {first} | begins in | joint | first event | reaction | speed, rad/s (%) | torque in 5 ms, % | displacement, ° | compared with: %; torque, %; ° | |"
     );
     let columns = first.matches('|').count() + 1;
     let _ = writeln!(
@@ -164,9 +164,10 @@ fn row(text: &mut String, o: &Outcome) {
         (Some(ms), None) => format!("mode ended after {ms} ms; {}", o.state),
         _ => format!("goes on; {}", o.state),
     };
-    let frozen = o.frozen.map_or(String::new(), |moved| {
+    let beside = o.beside.map_or(String::new(), |moved| {
         let degrees = moved.displacement.to_degrees();
-        format!("{:.1}; {degrees:.2}", 100.0 * moved.speed_share)
+        let [speed, step] = [moved.speed_share, moved.step_share].map(|share| 100.0 * share);
+        format!("{speed:.1}; {step:.1}; {degrees:.2}")
     });
     let verdict = match o.verdict {
         Verdict::Holds => "holds",
@@ -179,7 +180,7 @@ fn row(text: &mut String, o: &Outcome) {
     };
     let _ = writeln!(
         text,
-        " {} | {} | {first} | {reaction} | {:.3} ({:.1}) | {:.1} | {:.3} | {frozen} | {verdict}{back} |",
+        " {} | {} | {first} | {reaction} | {:.3} ({:.1}) | {:.1} | {:.3} | {beside} | {verdict}{back} |",
         o.start,
         o.joint,
         o.moved.speed,
@@ -210,7 +211,7 @@ fn tables(text: &mut String, results: &Results) {
             row_head(text, "fault | hold | nearest to its bounds");
         }
         let step = match scenario.bound {
-            Bound::MotionAndStep => " (step)",
+            Bound::MotionAndStep | Bound::Gap(_) => " (step)",
             Bound::Motion | Bound::Physics | Bound::Shown(_) => "",
         };
         let of = |verdict: Verdict| {
@@ -244,6 +245,6 @@ One run: one fault, in one robot, from one cycle on. The robot is brought into a
 
 Robots: the leg hangs from its hip; the humanoid with position drives stands on the floor. The project has no robot with current drives: theirs are made in memory (`benches/safety/src/robots.rs`), torque law without torque feedback, position feedback of 3 Hz, half of the motors' friction compensated; that humanoid hangs in its harness, as it has no balance controller. Drives have states by CiA 402 and brakes; the same runs with drives that are always on are in the summary and, where they do not hold, in the table of those.
 
-**Bounds**: at most 1° and 10 % of the velocity limit; where *(step)* stands (missed replies, late cycles, clients that die, changes of mode), also at most 5 % of the torque limit within 5 ms. Where the fault itself moves the joint (gear, load, hand, power), the run is compared with one whose set-points stay as they were: *physics* means that the loop's reaction moves the robot by no more than 10 % beyond that. Drives that take currents go on with their last one where they hear nothing (bus cut, loop asleep): judged so as well. Where both encoders of a joint show the same motion that is none, nothing else knows better: a current drive may follow it, 10 % further at most and at 10 % of the velocity limit. The tables by groups of faults show of all runs that hold the one that comes nearest to its bounds, and the same of those of physics; every run that does not hold is in the first table.
+**Bounds**: at most 1° and 10 % of the velocity limit; where *(step)* stands (missed replies, late cycles, clients that die, changes of mode), also at most 5 % of the torque limit within 5 ms. Where the fault itself moves the joint (gear, load, hand, power), the run is compared with one whose set-points stay as they were: *physics* means that the loop's reaction moves the robot by no more than 10 % beyond that. In mode torque a joint has to move when its load changes: the run is then compared with one of ideal sources of the commanded torques in the same plant, which have no velocity limit (nor has the plant end stops), and must move no further and no faster; a change to mode torque of a robot that stands without a balance controller likewise. Where the loop leaves out cycles, a position drive brakes at a set-point that stands: the torque step may then be at most 10 % beyond that of a run in which set-points stay for as long. What would spare it is a set-point with velocity, or interpolation in the drive. Drives that take currents go on with their last one where they hear nothing (bus cut, loop asleep): judged so as well. Where both encoders of a joint show the same motion that is none, nothing else knows better: a current drive may follow it, 10 % further at most and at 10 % of the velocity limit. The tables by groups of faults show of all runs that hold the one that comes nearest to its bounds, and the same of those of physics; every run that does not hold is in the first table.
 
 ";

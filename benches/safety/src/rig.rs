@@ -64,6 +64,8 @@ pub struct Rig {
     pub client: Client,
     /// Time from SYNC to the computation in this cycle, ns.
     pub late_ns: u64,
+    /// The loop does not run in this cycle: answers are lost, and no command leaves.
+    pub asleep: bool,
     /// The loop does not compute in this cycle: the last set-points are repeated.
     pub frozen: bool,
     sync: Frames,
@@ -96,6 +98,7 @@ impl Rig {
                 settings: None,
             },
             late_ns: 0,
+            asleep: false,
             frozen: false,
             sync,
             received: Frames::new(MAX_FRAMES),
@@ -107,9 +110,16 @@ impl Rig {
     pub fn step(&mut self, fault: Option<(&mut Fault, usize)>) -> &CycleRecord {
         let mut none: Fault = Box::new(|_, _, _| {});
         let (act, k) = fault.unwrap_or((&mut none, 0));
-        self.late_ns = 0;
+        (self.late_ns, self.asleep) = (0, false);
         act(At::Before, self, k);
         self.answer();
+        if self.asleep {
+            // The client goes on.
+            self.rx.clear();
+            self.client.reference.sequence += 1;
+            act(At::Client, self, k);
+            return self.cycle.record();
+        }
         act(At::Answers, self, k);
         (self.client.age_s, self.client.request) = (0.001, None);
         self.client.reference.sequence += 1;
@@ -120,12 +130,6 @@ impl Rig {
         act(At::Commands, self, k);
         self.deliver();
         self.cycle.record()
-    }
-
-    /// A period in which the loop sleeps: the robot goes on, and its answers are lost.
-    pub fn sleep(&mut self) {
-        self.answer();
-        self.rx.clear();
     }
 
     fn answer(&mut self) {

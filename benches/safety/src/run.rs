@@ -95,8 +95,9 @@ pub struct Outcome {
     /// Motion in that second, beyond what the client asked for.
     #[serde(flatten)]
     pub moved: Moved,
-    /// Motion with set-points that stay as they were, where the fault itself moves the robot.
-    pub frozen: Option<Moved>,
+    /// Motion with set-points that stay as they were, where the fault itself moves the robot, or with
+    /// ideal sources of the commanded torques.
+    pub beside: Option<Moved>,
     /// With the fault gone, one acknowledgement and one enabling lead to holding; none: the fault
     /// does not go away.
     pub recovered: Option<bool>,
@@ -309,7 +310,7 @@ pub fn run(
         state: "",
         follows: false,
         moved: Moved::default(),
-        frozen: None,
+        beside: None,
         recovered: None,
         verdict: Verdict::Holds,
     };
@@ -340,12 +341,18 @@ pub fn run(
     outcome.follows = rig.state() == RobotState::Active;
     outcome.moved = motion.moved;
     let bound = scenario.bound_on(&prepared.variant);
-    if bound == Bound::Physics {
-        outcome.frozen = Some(frozen(prepared, scenario, place, reference)?);
-    } else {
+    let beside = match bound {
+        _ if (scenario.ideal)(&place) => Some(Beside::Ideal),
+        Bound::Physics => Some(Beside::Kept(OBSERVED)),
+        Bound::Gap(cycles) => Some(Beside::Kept(cycles + STEP_CYCLES)),
+        _ => None,
+    };
+    outcome.beside =
+        (beside.map(|of| run_beside(of, prepared, scenario, place, reference))).transpose()?;
+    if bound != Bound::Physics {
         outcome.recovered = Some(recovers(&mut rig));
     }
-    outcome.verdict = judge(bound, &outcome.moved, outcome.frozen.as_ref());
+    outcome.verdict = judge(bound, &outcome.moved, outcome.beside.as_ref());
     Ok(outcome)
 }
 
@@ -364,8 +371,19 @@ fn new_event(now: &[u64; EVENT_COUNT], without: &[u64; EVENT_COUNT]) -> Option<E
         .copied()
 }
 
-/// Motion by the fault alone: the loop does not compute, its last set-points are repeated.
-fn frozen(
+/// What a run is compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Beside {
+    /// Motion by the fault alone: the loop does not compute, its last set-points are repeated, for so
+    /// many cycles.
+    Kept(usize),
+    /// Motion by ideal sources of the torques that the client asks for; in mode torque already, of
+    /// those that the joints make, as the sensors need not know every load.
+    Ideal,
+}
+
+fn run_beside(
+    beside: Beside,
     prepared: &Prepared,
     scenario: &Scenario,
     place: Place,
@@ -375,6 +393,15 @@ fn frozen(
     let mut fault = (scenario.make)(place);
     let mut motion = Motion::of(&rig, Some(reference));
     let kept = rig.sent.clone();
+    let made = rig.plant.truth().joints.iter().map(|j| j.gear_torque);
+    let asked = rig.client.reference.joints.map(|joint| joint.tau_d);
+    let unknown: Vec<f64> = made
+        .zip(asked)
+        .map(|(made, asked)| match place.start {
+            Start::Torque => made - asked,
+            _ => 0.0,
+        })
+        .collect();
     rig.frozen = true;
     let mut act: Fault = Box::new(move |at, rig, k| {
         if let Some(client) = &mut client {
@@ -384,8 +411,20 @@ fn frozen(
             rig.sent.clone_from(&kept);
         }
         fault(at, rig, k);
+        if beside == Beside::Ideal && at == At::Client {
+            let joints = rig.client.reference.joints;
+            for (j, (joint, unknown)) in joints.iter().zip(&unknown).enumerate() {
+                rig.plant
+                    .robot_mut()
+                    .drive_ideally(j, joint.tau_d + unknown);
+            }
+        }
     });
-    for k in 0..OBSERVED {
+    let cycles = match beside {
+        Beside::Kept(cycles) => cycles.min(OBSERVED),
+        Beside::Ideal => OBSERVED,
+    };
+    for k in 0..cycles {
         rig.step(Some((&mut act, k)));
         motion.take(&rig);
     }
@@ -409,15 +448,21 @@ fn recovers(rig: &mut Rig) -> bool {
     rig.state() == RobotState::Holding
 }
 
-fn judge(bound: Bound, moved: &Moved, frozen: Option<&Moved>) -> Verdict {
+fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>) -> Verdict {
     let still = moved.displacement <= DISPLACEMENT && moved.speed_share <= SPEED_SHARE;
-    let stepless = bound != Bound::MotionAndStep || moved.step_share <= STEP_SHARE;
+    let steps = matches!(bound, Bound::MotionAndStep | Bound::Gap(_));
+    let stepless = !steps || moved.step_share <= STEP_SHARE;
     if still && stepless {
         return Verdict::Holds;
     }
-    let no_worse = |frozen: &Moved| {
-        moved.displacement <= DISPLACEMENT.max(PHYSICS_MARGIN * frozen.displacement)
-            && moved.speed_share <= SPEED_SHARE.max(PHYSICS_MARGIN * frozen.speed_share)
+    let no_worse = |beside: &Moved| {
+        let step = match bound {
+            Bound::Gap(_) => PHYSICS_MARGIN * beside.step_share,
+            _ => 0.0,
+        };
+        moved.displacement <= DISPLACEMENT.max(PHYSICS_MARGIN * beside.displacement)
+            && moved.speed_share <= SPEED_SHARE.max(PHYSICS_MARGIN * beside.speed_share)
+            && (!steps || moved.step_share <= STEP_SHARE.max(step))
     };
     let as_shown = match bound {
         Bound::Shown(rate) => {
@@ -426,7 +471,7 @@ fn judge(bound: Bound, moved: &Moved, frozen: Option<&Moved>) -> Verdict {
         }
         _ => false,
     };
-    match as_shown || frozen.is_some_and(no_worse) {
+    match as_shown || beside.is_some_and(no_worse) {
         true => Verdict::Physics,
         false => Verdict::Fails,
     }

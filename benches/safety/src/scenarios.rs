@@ -63,6 +63,9 @@ pub enum Bound {
     /// Every sensor of the joint shows a motion at this rate, rad/s, that is none: the joint follows
     /// it, no further, at no more than the share of the velocity limit of [`Bound::Motion`].
     Shown(f64),
+    /// No set-points come for so many cycles: the bounds of [`Bound::MotionAndStep`], or by no more
+    /// beyond that torque step than a drive makes whose set-point stands for as long.
+    Gap(usize),
 }
 
 /// Where a fault strikes.
@@ -93,6 +96,8 @@ pub struct Scenario {
     pub bound: Bound,
     /// The same of drives that take currents, where it differs.
     pub bound_of_currents: Option<Bound>,
+    /// Where a client commands the torque: an ideal source of that torque is compared with.
+    pub ideal: fn(&Place) -> bool,
     /// The robots that it can happen to.
     pub on: fn(&Variant) -> bool,
     /// Done to the robot when it is switched on.
@@ -133,6 +138,7 @@ impl Scenario {
             starts,
             bound: Bound::Motion,
             bound_of_currents: None,
+            ideal: |_| false,
             on: |_| true,
             setup: None,
             make,
@@ -144,6 +150,18 @@ impl Scenario {
             bound: Bound::MotionAndStep,
             ..self
         }
+    }
+
+    pub(crate) const fn gap(self, cycles: usize) -> Self {
+        Self {
+            bound: Bound::Gap(cycles),
+            ..self
+        }
+    }
+
+    /// The joint moves as far and as fast as with an ideal source of the commanded torque, no more.
+    pub(crate) const fn ideal(self, ideal: fn(&Place) -> bool) -> Self {
+        Self { ideal, ..self }
     }
 
     pub(crate) const fn physics(self) -> Self {

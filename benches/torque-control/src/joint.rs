@@ -127,6 +127,7 @@ impl Bench {
                 kernel: quick.kernel(),
                 fast_sigma: c.k_fs0 * counts / 12_f64.sqrt(),
                 torque_limit: joint.limits.torque,
+                error_per_angle: 600.0,
             }),
             quick,
             controller,

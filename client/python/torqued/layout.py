@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 48
+EVENT_COUNT = 49
 
 
 class Mode(IntEnum):
@@ -173,6 +173,7 @@ EVENTS = (
     Event(407, "drive_lost", "A drive is no longer enabled though nobody switched it off (emergency stop, power); its set-points are withdrawn.", "drive.state", "hold"),
     Event(408, "following_error", "A drive does not follow its set-points: torque, velocity and position show another one. Its set-points are withdrawn, and it is switched off.", "joint.following_error_deg / joint.following_error_A", "hold"),
     Event(409, "overspeed", "A joint moves at more than 1.25 times its velocity limit, by both encoders.", "joint.velocity_limit_rad_per_s", "stop"),
+    Event(410, "following_doubtful", "While a client's torque was followed, a drive's torque, velocity and position showed another set-point than was sent: it does not follow, or both encoders of its joint err alike.", "-", "hold"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
     Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
@@ -452,7 +453,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """25376 bytes."""
+    """25384 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -489,7 +490,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 48),
+        ("events", ctypes.c_uint64 * 49),
     ]
 
 
@@ -520,7 +521,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """25448 bytes."""
+    """25456 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -708,7 +709,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#06764dc5be6fb81a")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#33ba237a1dcb4a39")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#4e3dedf757f58dfe")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#db0e2d65a307eda8")

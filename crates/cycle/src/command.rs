@@ -9,6 +9,7 @@ mod decide;
 mod emit;
 mod impedance;
 mod joint;
+mod law;
 mod motion;
 mod predictive;
 mod reference;
@@ -29,7 +30,8 @@ use crate::estimate::FastTorque;
 use crate::events::{Counts, Subject};
 use crate::measure::JointReadiness;
 use impedance::Impedance;
-use joint::{InverseDynamicsTorque, JointController, JointInput};
+use joint::JointController;
+use law::{InverseDynamicsTorque, JointInput};
 use motion::Motions;
 use reference::Goal;
 use weight::{Loads, Past};
@@ -192,6 +194,9 @@ impl Command {
                     counts.add_of(Event::FollowingError, Subject::Joint(j));
                 }
                 Some(Deviation::Overspeed) => counts.add_of(Event::Overspeed, Subject::Joint(j)),
+                Some(Deviation::Doubtful) => {
+                    counts.add_of(Event::FollowingDoubtful, Subject::Joint(j));
+                }
                 None => {}
             }
             count_limits(j, commanded.joints[j].flags, counts);

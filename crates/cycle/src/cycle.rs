@@ -79,7 +79,8 @@ impl Cycle {
         let counts = &mut self.counts;
 
         (self.measure).update(at, rx, client.settings, holds, measured, counts);
-        (self.estimate).update(&self.measure, client.settings, measured, estimated, counts);
+        let settings = client.settings;
+        (self.estimate).update(&self.measure, settings, !holds, measured, estimated, counts);
         let measure = &mut self.measure;
         let overslept = measure.readiness().overslept;
         (self.estimate).drifting(measured, estimated, commanded, overslept, |j| {

@@ -131,10 +131,12 @@ impl Estimate {
         (self.torsion_check).update(joints, fast, commanded, found);
     }
 
+    /// `follows`: a client's mode is active.
     pub(crate) fn update(
         &mut self,
         measure: &Measure,
         settings: Option<&Settings>,
+        follows: bool,
         measured: &MeasuredRecord,
         estimated: &mut EstimatedRecord,
         counts: &mut Counts,
@@ -146,7 +148,9 @@ impl Estimate {
         let delay_s = measured.filter_delay_s;
         (self.whole_body).update(measure, delay_s, estimated, counts);
         let shares = self.whole_body.contact_set_shares();
-        (self.delay_compensation).update(measure, shares, &mut estimated.joints, counts);
+        let followed = follows.then_some(&measured.joints[..]);
+        let joints = &mut estimated.joints;
+        (self.delay_compensation).update(measure, shares, followed, joints, counts);
         let whole_body = self.whole_body.estimator();
         if let Some(external_torque) = &mut self.external_torque {
             external_torque.update(whole_body, &measured.joints, &mut estimated.joints, counts);

@@ -7,7 +7,9 @@
 mod align;
 mod filtered;
 mod ft_offset;
+mod imu_check;
 mod reception;
+mod sensors;
 
 use can_codec::Frames;
 use estimators::encoder::JointAngles;
@@ -16,9 +18,7 @@ use estimators::joint::JointSample;
 use joint_file::JointFile;
 use problem::Problem;
 use robot_config::{Robot, slots};
-use robot_state::{
-    Event, FtMeasured, JointMeasured, MeasuredRecord, Settings, Wrench, measured_flags,
-};
+use robot_state::{Event, JointMeasured, MeasuredRecord, Settings, measured_flags};
 
 use supervisor::{MotorSample, Plausibility, Sample, Trust};
 
@@ -27,7 +27,8 @@ use crate::time::{Instants, SECONDS_PER_NS, Stamp};
 use align::{AlignedBank, signals};
 use filtered::{AXES, Course, Filtered};
 use ft_offset::FtInput;
-use reception::{Reception, Source, note_unsound};
+use imu_check::ImuCheck;
+use reception::{Reception, Source};
 
 /// A joint's sample with one of these is bridged.
 pub(crate) const NOT_USED: u32 = measured_flags::NEVER
@@ -70,7 +71,7 @@ pub(crate) struct Measure {
     joints: Vec<Source>,
     sensors: Vec<Source>,
     ft_inputs: Vec<FtInput>,
-    imu: Option<Source>,
+    imu: Option<(Source, ImuCheck)>,
     sample_period: f64,
     stale_after: f64,
     sends_velocity: Vec<bool>,
@@ -136,7 +137,8 @@ impl Measure {
             imu: parameters.imu.as_ref().map(|imu| {
                 let gyro = (0..3).map(slots::gyro);
                 let axes = gyro.chain((0..3).map(slots::accelerometer));
-                reception.source(axes.collect(), imu.sampling, &imu.signals, true)
+                let source = reception.source(axes.collect(), imu.sampling, &imu.signals, true);
+                (source, ImuCheck::new(imu.sampling.longest_gap(period)))
             }),
             sample_period: period,
             stale_after: parameters.timing.stale_after,
@@ -216,7 +218,7 @@ impl Measure {
             joints: &self.joint_readiness,
             joints_ready: self.joint_flags & unready == 0,
             sensors_ready: self.sensor_flags & unready == 0,
-            overslept: f64::from(self.skipped) * self.sample_period > self.stale_after,
+            overslept: self.overslept(),
         }
     }
 
@@ -244,7 +246,7 @@ impl Measure {
         self.read_joints(at, &mut measured.joints, counts);
         self.take_offsets(settings, holds);
         self.read_ft_sensors(at, &mut measured.ft, counts);
-        self.read_imu(at, measured, counts);
+        self.read_imu(at, holds, measured, counts);
         let stamps = self.reception.stamps();
         (self.long).update(&self.angles, &self.axes, stamps, at.sync);
         (self.short).update(&self.angles, &self.axes, stamps, at.sync);
@@ -299,6 +301,17 @@ impl Measure {
                 measured.theta += measured.omega * self.sample_period;
             }
         }
+        if self.overslept() {
+            // The way since then would look like a velocity.
+            self.long.reset();
+            self.short.reset();
+            self.control_filter.reset();
+        }
+    }
+
+    /// The loop has not run for longer than samples may be old.
+    fn overslept(&self) -> bool {
+        f64::from(self.skipped) * self.sample_period > self.stale_after
     }
 
     fn read_joints(&mut self, at: Instants, joints: &mut [JointMeasured], counts: &mut Counts) {
@@ -383,11 +396,14 @@ impl Measure {
         } else if angles.flags != 0 {
             Sample::Missed
         } else {
-            Sample::Torsion(angles.torsion)
+            Sample::Angles {
+                torsion: angles.torsion,
+                motor: angles.theta * self.motors[joint][0],
+            }
         };
         let plausibility = &mut self.plausibility[joint];
         let good = match sample {
-            Sample::Torsion(torsion) => plausibility.explains(torsion),
+            Sample::Angles { torsion, .. } => plausibility.explains(torsion),
             Sample::Missed => true,
             Sample::Jump => false,
         };
@@ -423,59 +439,6 @@ impl Measure {
                 (sample.dq, sample.omega) = (measured.dq, measured.omega);
             }
             sample.flags = measured.flags;
-        }
-    }
-
-    /// Offsets of F/T sensors move towards those of the last tare. A tare is only taken over while
-    /// the robot holds: it was found at rest, and a mode that is active keeps what it began with.
-    fn take_offsets(&mut self, settings: Option<&Settings>, holds: bool) {
-        let (period_s, inputs) = (self.sample_period, &mut self.ft_inputs);
-        for (s, input) in inputs.iter_mut().enumerate() {
-            let tare = settings.map_or(Wrench::default(), |settings| settings.ft_offset[s]);
-            let tare = if holds { tare } else { input.target() };
-            input.follow(&tare, period_s);
-        }
-    }
-
-    fn read_ft_sensors(&mut self, at: Instants, ft: &mut [FtMeasured], counts: &mut Counts) {
-        self.axes.fill(f64::NAN);
-        for (s, sensor) in ft.iter_mut().enumerate().take(self.sensors.len()) {
-            let reading = (self.reception).reading(&mut self.sensors[s], at, counts);
-            note_unsound(sensor.flags, &reading, Subject::FtSensor(s), counts);
-            sensor.age_s = reading.age_s;
-            sensor.flags = reading.flags;
-            let input = &mut self.ft_inputs[s];
-            sensor.offset = input.offset();
-            if reading.usable {
-                let slot = |slot: usize| self.reception.slot(slot);
-                let raw: [f64; AXES] = std::array::from_fn(|axis| slot(slots::ft(s, axis)));
-                sensor.temperature = slot(slots::ft_temperature(s));
-                sensor.wrench = input.wrench(&raw, sensor.temperature);
-                self.axes[AXES * s..][..AXES].copy_from_slice(&sensor.wrench.to_array());
-            } else {
-                counts.add_of(Event::SensorMissed, Subject::FtSensor(s));
-            }
-        }
-    }
-
-    fn read_imu(&mut self, at: Instants, measured: &mut MeasuredRecord, counts: &mut Counts) {
-        let Some(source) = &mut self.imu else {
-            return;
-        };
-        let reading = (self.reception).reading(source, at, counts);
-        let imu = &mut measured.imu;
-        note_unsound(imu.flags, &reading, Subject::Imu, counts);
-        imu.age_s = reading.age_s;
-        imu.flags = reading.flags;
-        if reading.usable {
-            let slot = |slot: usize| self.reception.slot(slot);
-            imu.gyro = std::array::from_fn(|axis| slot(slots::gyro(axis)));
-            imu.accelerometer = std::array::from_fn(|axis| slot(slots::accelerometer(axis)));
-            let first = AXES * self.sensors.len();
-            self.axes[first..][..3].copy_from_slice(&imu.gyro);
-            self.axes[first + 3..][..3].copy_from_slice(&imu.accelerometer);
-        } else {
-            counts.add_of(Event::SensorMissed, Subject::Imu);
         }
     }
 

@@ -243,8 +243,8 @@ fn drives_with_own_clock_and_slow_sensors_are_as_good_as_those_at_sync() {
 fn analytic(t: f64) -> [f64; 3] {
     [
         100.0 * (TAU * 1.5 * t).sin(),
-        1.0 + 5.0 * (TAU * 1.1 * t).cos(),
-        8.0 * (TAU * 0.9 * t + 1.0).sin(),
+        0.3 + 2.0 * (TAU * 1.1 * t).cos(),
+        4.0 * (TAU * 0.9 * t + 1.0).sin(),
     ]
 }
 
@@ -298,11 +298,11 @@ fn filtered_values_are_those_of_the_published_instant() {
                 let gain: f64 = (kernel.iter().enumerate())
                     .map(|(n, c)| c * (w * h * (n as f64 - 39.5)).cos())
                     .sum();
-                let mean = if i == 1 { 1.0 } else { 0.0 };
+                let mean = if i == 1 { 0.3 } else { 0.0 };
                 mean + gain * (analytic(t)[i] - mean)
             };
-            let gain = (smooth(1, 1.1) - 1.0) / (analytic(t)[1] - 1.0);
-            let rate = gain * -5.0 * (TAU * 1.1) * (TAU * 1.1 * t).sin();
+            let gain = (smooth(1, 1.1) - 0.3) / (analytic(t)[1] - 0.3);
+            let rate = gain * -2.0 * (TAU * 1.1) * (TAU * 1.1 * t).sin();
             let errors = [
                 record.measured.ft[0].wrench_hat.force[0] - smooth(0, 1.5),
                 record.measured.imu.gyro_hat[0] - smooth(1, 1.1),

@@ -154,8 +154,33 @@ fn mend_drives(bench: &mut Bench) {
 /// The signals' resolution and rounding, in the commands' units.
 const RESOLUTION: f64 = 1.1e-3;
 
+/// What was sent to a joint before.
+#[derive(Debug, Clone, Copy, Default)]
+struct Before {
+    /// The set-point, rad.
+    q_c: Option<f64>,
+    /// Cycles in a row for which it was held.
+    held: u32,
+}
+
+/// Cycles within which a joint that is held has come to rest: half of pi times 0.2 s from its velocity
+/// limit.
+const AT_REST: u32 = 350;
+/// Share of the velocity limit at which a set-point at rest gives way.
+const YIELDS: f64 = 0.03;
+
+impl Before {
+    /// A held set-point may lead a joint that is pulled away from it by any angle: it may itself move no
+    /// faster than the joint may while it comes to rest, and then only give way.
+    fn holds(&self, q_c: f64, velocity: f64) -> bool {
+        let share = if self.held < AT_REST { 1.0 } else { YIELDS };
+        let step = share * velocity * 1e-3 + 1e-9;
+        self.q_c.is_some_and(|last| (q_c - last).abs() <= step)
+    }
+}
+
 /// What has left is what the record shows, finite, within limits, and only to engaged joints.
-fn check(bench: &Bench, last: &mut [Option<f64>]) {
+fn check(bench: &Bench, before: &mut [Before]) {
     let record = bench.cycle.record();
     let state = RobotState::from_number(record.state).expect("a state");
     let table = &bench.robot.send;
@@ -177,8 +202,8 @@ fn check(bench: &Bench, last: &mut [Option<f64>]) {
             let none = sent.is_none() || takes_current && sent == Some(0.0);
             assert!(none, "a set-point in boot");
         }
+        let last = std::mem::take(&mut before[j]);
         let Some(sent) = sent else {
-            last[j] = None;
             continue;
         };
         let measured = &record.measured.joints[j];
@@ -199,7 +224,6 @@ fn check(bench: &Bench, last: &mut [Option<f64>]) {
                 false => needed && off && (sent - measured.q).abs() < RESOLUTION,
             };
             assert!(harmless, "{sent} to joint {j}, which is not engaged");
-            last[j] = None;
             continue;
         }
         match parameters.actuation {
@@ -221,7 +245,13 @@ fn check(bench: &Bench, last: &mut [Option<f64>]) {
                 let within = (sent - measured.q).abs() <= lead(k_tau)
                     || (sent - theta).abs() <= lead(k_tau_motor)
                     || (sent - measured.q) * (sent - theta) < 0.0;
-                let kept = commanded.flags & command_flags::NOT_FINITE != 0;
+                let holds = record.mode == Mode::Hold.number();
+                let kept = commanded.flags & command_flags::NOT_FINITE != 0
+                    || holds && last.holds(commanded.q_c, limits.velocity);
+                before[j] = Before {
+                    q_c: Some(commanded.q_c),
+                    held: if holds { last.held + 1 } else { 0 },
+                };
                 assert!(
                     within || kept,
                     "{}, joint {j}: {sent} leads too far: {state:?}, mode {}, q {}, theta {theta}, \
@@ -237,7 +267,6 @@ fn check(bench: &Bench, last: &mut [Option<f64>]) {
                 assert!(sent.abs() <= most, "joint {j}: {sent} A");
             }
         }
-        last[j] = Some(sent);
     }
 }
 
@@ -292,7 +321,7 @@ impl Life {
 
     fn live(&mut self, steps: u64, random: &mut Random) {
         let bench = &mut self.bench;
-        let mut last = vec![None; bench.robot.parameters.joints.len()];
+        let mut before = vec![Before::default(); bench.robot.parameters.joints.len()];
         let mut older = Reference::default();
         let mut spoiling = false;
         for step in 0..steps {
@@ -347,7 +376,7 @@ impl Life {
                 let mut answers = Frames::default();
                 bench.plant.exchange(&bench.tx, bench.now, &mut answers);
             }
-            check(bench, &mut last);
+            check(bench, &mut before);
             let now = bench.cycle.record();
             let ready = RobotState::Ready.number();
             if now.state >= RobotState::Enabling.number() && record.state <= ready {

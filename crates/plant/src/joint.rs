@@ -51,6 +51,8 @@ pub struct Joint {
     step: Step,
     gear_torque: f64,
     tau: f64,
+    /// Torque that an ideal source makes instead of motor, friction and gear, N·m.
+    ideal: Option<f64>,
 }
 
 /// Results of `prepare` that `commit` needs.
@@ -106,6 +108,7 @@ impl Joint {
             step: Step::default(),
             gear_torque: 0.0,
             tau: 0.0,
+            ideal: None,
             sheet: sheet.clone(),
             parameters: p.clone(),
             random,
@@ -128,6 +131,12 @@ impl Joint {
     /// The gear's teeth slip by an angle, link side, rad: the link goes on at `q` lower by it.
     pub fn slip_gear(&mut self, angle: f64) {
         self.slipped += angle;
+    }
+
+    /// An ideal source makes this torque from now on, N·m, instead of motor, friction and gear; only
+    /// the bearing remains.
+    pub fn drive_ideally(&mut self, torque: f64) {
+        self.ideal = Some(torque);
     }
 
     fn is_on(&self) -> bool {
@@ -178,6 +187,17 @@ impl Joint {
     /// Starts a step of `dt` with the link at `q`, `dq`. The torque on the link over the step is
     /// `tau - armature ddq`; returns both.
     pub fn prepare(&mut self, q: f64, dq: f64, dt: f64) -> (f64, f64) {
+        if let Some(torque) = self.ideal {
+            let (bearing_torque, bearing_slope) =
+                (self.bearing).torque(&self.bearing_bristle, self.bearing_level(), dq, dt);
+            self.step = Step {
+                gear_torque: torque,
+                bearing_torque,
+                bearing_slope: dt * bearing_slope,
+                ..Step::default()
+            };
+            return (torque - bearing_torque, dt * bearing_slope);
+        }
         let n = self.sheet.gear_ratio;
         self.run_current_loop(dt);
         // Implicit step: forces at the predicted velocities, and their slopes.
@@ -219,7 +239,11 @@ impl Joint {
     /// Ends the step begun by `prepare`, the link having accelerated by `ddq`.
     pub fn commit(&mut self, q: f64, dq: f64, ddq: f64, dt: f64) {
         let (n, s) = (self.sheet.gear_ratio, self.step);
-        let alpha = (s.drive + s.gear_slope / n * ddq) / s.rotor;
+        let alpha = match self.ideal {
+            // The rotor turns with the link.
+            Some(_) => (n * (dq + dt * ddq) - self.omega) / dt,
+            None => (s.drive + s.gear_slope / n * ddq) / s.rotor,
+        };
         self.gear_torque = s.gear_torque + s.gear_slope * (alpha / n - ddq);
         self.tau = self.gear_torque - s.bearing_torque - s.bearing_slope * ddq;
         self.omega += dt * alpha;

@@ -172,6 +172,14 @@ impl SimRobot {
         }
     }
 
+    /// An ideal source makes this torque from now on instead of a joint's drive and gear, N·m: what
+    /// perfect control of the torque would do. `joint` counts in the plan's order.
+    pub fn drive_ideally(&mut self, joint: usize, torque: f64) {
+        if let Some(&dof) = self.order.get(joint) {
+            self.joints[dof].drive_ideally(torque);
+        }
+    }
+
     /// The set point that a drive follows. `joint` counts in the plan's order.
     #[must_use]
     pub fn set_point(&self, joint: usize) -> f64 {

@@ -128,6 +128,7 @@ impl Reader<'_, '_, '_> {
         for key in [
             "following_error_deg",
             "following_error_A",
+            "torque_velocity_limit_rad_per_s",
             "motor_angle",
             "link_angle",
             "current",
@@ -193,7 +194,13 @@ impl Reader<'_, '_, '_> {
             motor: drive.motor,
             gains: gains?,
             actuation: self.actuation(drive, inertia),
-            plausibility: limits::plausibility(&limits, drive),
+            torque_velocity: self.torque_velocity(&limits),
+            plausibility: limits::plausibility(
+                &limits,
+                drive,
+                motor_angle.resolution,
+                self.timing.sample_period,
+            ),
             zero_current: drive.zero_current,
             following: self.following(&limits, drive, signals.current),
             current_signal: liveness::signal(

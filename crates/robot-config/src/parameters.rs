@@ -247,6 +247,8 @@ pub struct JointParameters {
     pub limits: Limits,
     /// How the drive turns commands into torque.
     pub actuation: Actuation,
+    /// Greatest |dq| in mode torque, rad/s.
+    pub torque_velocity: f64,
     /// Limits of plausible samples.
     pub plausibility: PlausibilityParameters,
     /// Its drive takes currents, and is sent a current of zero from the withdrawal of its set-points

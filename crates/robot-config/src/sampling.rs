@@ -42,7 +42,8 @@ impl Sampling {
 
     /// Longest time between the samples of two successive cycles, s: the first may be almost one of
     /// the sensor's periods old, the second new.
-    pub(crate) fn longest_gap(&self, sample_period: f64) -> f64 {
+    #[must_use]
+    pub fn longest_gap(&self, sample_period: f64) -> f64 {
         match self.sampled {
             Sampled::AtSync => sample_period,
             Sampled::WhenSent { period } => sample_period + period,

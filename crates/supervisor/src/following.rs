@@ -7,6 +7,10 @@
 //! *following error* is the distance of that set-point from those sent in the last cycles, as long
 //! as a drive may take to act on one. Both encoders show a set-point; the nearer one counts, so that
 //! an encoder that fails makes no following error.
+//!
+//! A following error that is smaller, but more than the drive's model explains, is *doubtful*: either
+//! the drive does not follow, or both encoders err alike. It matters where what the encoders show
+//! moves the joint, as every torque law adds its torque to the position that it believes in.
 
 /// Cycles after which a drive has acted on a set-point.
 const ACTS_WITHIN: usize = 4;
@@ -26,6 +30,26 @@ pub struct FollowingParameters {
     pub velocity: f64,
     /// Cycles for which an excess must last; a greater following error counts for several.
     pub samples: u32,
+    /// Following error at rest without torque from which on it is doubtful, rad or A; infinite where
+    /// it is not judged.
+    pub doubt: f64,
+    /// Further one per lead that the drive's torque needs, 1.
+    pub doubt_per_lead: f64,
+    /// Cycles for which that must last.
+    pub doubt_samples: u32,
+}
+
+/// What a drive shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shown {
+    /// The set-points that motor-side and link-side encoder show, rad or A.
+    pub set_points: [f64; 2],
+    /// The velocity that both show, rad/s.
+    pub velocity: f64,
+    /// The lead over its motor that the drive's torque needs, rad.
+    pub lead: f64,
+    /// What the encoders show moves the joint.
+    pub followed: bool,
 }
 
 /// What is wrong with a drive's motion.
@@ -33,6 +57,8 @@ pub struct FollowingParameters {
 pub enum Deviation {
     /// The drive does not follow its set-points.
     Following,
+    /// The drive does not follow its set-points, or both encoders err alike.
+    Doubtful,
     /// The joint moves faster than it may.
     Overspeed,
 }
@@ -46,6 +72,8 @@ pub struct Following {
     error: f64,
     /// Cycles of excess in a row: of the following error, by its square, and of the velocity.
     over: [f64; 2],
+    /// Cycles in a row with a doubtful following error.
+    doubtful: u32,
 }
 
 impl Following {
@@ -58,6 +86,7 @@ impl Following {
             count: 0,
             error: 0.0,
             over: [0.0; 2],
+            doubtful: 0,
         }
     }
 
@@ -80,15 +109,17 @@ impl Following {
         self.error
     }
 
-    /// Takes the set-points that the motor-side and the link-side encoder show, rad or A, and the
-    /// velocity that both show, rad/s. A deviation is returned once, when it has lasted.
-    pub fn update(&mut self, shown: [f64; 2], velocity: f64) -> Option<Deviation> {
+    /// Takes what the drive shows. A deviation is returned once, when it has lasted.
+    pub fn update(&mut self, shown: &Shown) -> Option<Deviation> {
         if self.count < ACTS_WITHIN {
             return None;
         }
+        let velocity = shown.velocity;
         let low = self.sent.iter().copied().fold(f64::INFINITY, f64::min);
         let high = self.sent.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let [motor, link] = shown.map(|x| (x - high).max(0.0) + (x - low).min(0.0));
+        let [motor, link] = shown
+            .set_points
+            .map(|x| (x - high).max(0.0) + (x - low).min(0.0));
         self.error = if motor.abs() < link.abs() {
             motor
         } else {
@@ -106,9 +137,17 @@ impl Following {
         }
         let samples = f64::from(p.samples);
         let lasted = |i: usize| before[i] < samples && self.over[i] >= samples;
-        match [lasted(0), lasted(1)] {
+        let deviations = [lasted(0), lasted(1)];
+        let explained =
+            p.doubt + p.doubt_per_lead * shown.lead.abs() + p.per_velocity * velocity.abs();
+        self.doubtful = match shown.followed && self.error.abs() > explained {
+            true => self.doubtful.saturating_add(1),
+            false => 0,
+        };
+        match deviations {
             [true, _] => Some(Deviation::Following),
             [_, true] => Some(Deviation::Overspeed),
+            _ if self.doubtful == p.doubt_samples => Some(Deviation::Doubtful),
             _ => None,
         }
     }
@@ -123,15 +162,27 @@ mod tests {
         per_velocity: 0.005,
         velocity: 5.0,
         samples: 20,
+        doubt: 0.003,
+        doubt_per_lead: 0.3,
+        doubt_samples: 5,
     };
+
+    fn shown(set_points: [f64; 2], velocity: f64) -> Shown {
+        Shown {
+            set_points,
+            velocity,
+            lead: 0.0,
+            followed: false,
+        }
+    }
 
     /// The cycle in which a drive is found to deviate that shows these set-points for a set-point
     /// that moves at 1 rad/s.
-    fn found(shown: impl Fn(f64) -> [f64; 2], velocity: f64) -> Option<(usize, Deviation)> {
+    fn found(drive: impl Fn(f64) -> [f64; 2], velocity: f64) -> Option<(usize, Deviation)> {
         let mut following = Following::new(PARAMETERS);
         (0..1000).find_map(|k| {
             let sent = 1e-3 * k as f64;
-            let found = following.update(shown(sent), velocity);
+            let found = following.update(&shown(drive(sent), velocity));
             following.note_sent(sent);
             found.map(|deviation| (k, deviation))
         })
@@ -151,6 +202,29 @@ mod tests {
         assert_eq!(found(|sent| [sent, 5.0], 0.0), None);
         assert_eq!(found(|sent| [f64::NAN, sent], 0.0), None);
         assert!(found(|_| [5.0, 4.0], 0.0).is_some());
+    }
+
+    #[test]
+    fn a_smaller_error_is_doubtful_where_encoders_move_the_joint() {
+        let found = |error: f64, lead: f64, followed: bool| {
+            let mut following = Following::new(PARAMETERS);
+            (0..100).find_map(|k| {
+                following.note_sent(0.2);
+                let set_points = [0.2 + error, 0.2 + 1.5 * error];
+                following
+                    .update(&Shown {
+                        lead,
+                        followed,
+                        ..shown(set_points, 0.0)
+                    })
+                    .map(|deviation| (k, deviation))
+            })
+        };
+        // Four cycles until a set-point must have acted, and five.
+        assert_eq!(found(0.005, 0.0, true), Some((7, Deviation::Doubtful)));
+        assert_eq!(found(-0.005, 0.006, true), Some((7, Deviation::Doubtful)));
+        assert_eq!(found(0.005, 0.007, true), None, "an error of the stiffness");
+        assert_eq!(found(0.005, 0.0, false), None);
     }
 
     #[test]

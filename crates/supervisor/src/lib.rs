@@ -16,7 +16,7 @@ mod signal;
 
 pub use commanders::Commanders;
 pub use drive::{ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, StatusPattern};
-pub use following::{Deviation, Following, FollowingParameters};
+pub use following::{Deviation, Following, FollowingParameters, Shown};
 pub use lease::{Bid, Holder, Lease, Verdict};
 pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
 pub use plausibility::{MotorSample, Plausibility, PlausibilityParameters, Sample, Trust};

@@ -99,18 +99,29 @@ const YIELD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Greatest velocity at which it does, share of the velocity limit.
 const YIELD_SPEED: f64 = 0.03;
 
+/// Skipped periods from which on the loop resumes slowly; the cycles for which it does, of position and
+/// of current drives: a position drive brakes while its set-point stands, and must not be kept from
+/// following again; and the share of the torque's rate.
+const RESUMED_FROM: u32 = 5;
+const RESUMING: [u32; 2] = [8, 40];
+const RESUMING_SHARE: f64 = 0.1;
+
 /// The limiter of one joint.
 #[derive(Debug, Clone)]
 pub struct Limiter {
     limits: Limits,
     actuation: Actuation,
     sample_period: f64,
+    /// Greatest |dq| for now, rad/s.
+    velocity: f64,
     /// The command sent last, rad or A.
     last: f64,
     /// The angle by which it has given way while it is held, rad.
     yielded: f64,
     /// The torque of that command, N·m.
     last_torque: f64,
+    /// Cycles left in which the torque rises slowly, as the loop has not run for some.
+    resuming: u32,
 }
 
 impl Limiter {
@@ -121,9 +132,23 @@ impl Limiter {
             limits,
             actuation,
             sample_period,
+            velocity: limits.velocity,
             last: 0.0,
             yielded: 0.0,
             last_torque: 0.0,
+            resuming: 0,
+        }
+    }
+
+    /// The loop has not run for so many periods, in which the drive has kept its command. What it makes
+    /// of that may end at once; beyond it the torque rises slowly at first, until velocities are again
+    /// those of the joint.
+    pub fn resume(&mut self, skipped: u32) {
+        if skipped >= RESUMED_FROM {
+            self.resuming = match self.actuation {
+                Actuation::Position { .. } => RESUMING[0],
+                Actuation::Current { .. } => RESUMING[1],
+            };
         }
     }
 
@@ -157,6 +182,17 @@ impl Limiter {
     #[must_use]
     pub fn last(&self) -> f64 {
         self.last
+    }
+
+    /// From now on the joint may move no faster than this, rad/s, and than its limit. The damping by
+    /// which a current-commanded drive can be braked needs some way to it: at rest the whole torque
+    /// is allowed.
+    pub fn allow_velocity(&mut self, velocity: f64) {
+        let least = match self.actuation {
+            Actuation::Position { .. } => 0.0,
+            Actuation::Current { damping, .. } => self.limits.torque / damping,
+        };
+        self.velocity = velocity.max(least).min(self.limits.velocity);
     }
 
     /// The joint is within its position limits, by this angle.
@@ -219,10 +255,10 @@ impl Limiter {
         let Limits {
             position_min,
             position_max,
-            velocity,
             deceleration,
             ..
         } = self.limits;
+        let velocity = self.velocity;
         let (delay, return_time) = match self.actuation {
             Actuation::Position { .. } => (0.0, f64::INFINITY),
             Actuation::Current {
@@ -271,7 +307,7 @@ impl Limiter {
         let moved = x;
         if x != asked {
             let outward = if asked > last { up } else { down };
-            flags |= if outward < self.limits.velocity {
+            flags |= if outward < self.velocity {
                 command_flags::POSITION_LIMITED
             } else {
                 command_flags::VELOCITY_LIMITED
@@ -307,8 +343,16 @@ impl Limiter {
         let made = |x: f64| (x - motion.theta - k_v * motion.dq) / k_tau_motor;
         let tau = made(x);
         let change = torque_rate * step;
-        let mut wanted = tau.clamp(self.last_torque - change, self.last_torque + change);
-        if wanted != tau && (wanted.abs() < tau.abs()) {
+        let (mut low, mut high) = (self.last_torque - change, self.last_torque + change);
+        let resumes = self.resuming > 0 && held.is_none();
+        self.resuming = self.resuming.saturating_sub(1);
+        if resumes {
+            // What the drive makes of the last command may end.
+            let (kept, change) = (made(self.last), RESUMING_SHARE * change);
+            (low, high) = (kept.min(0.0) - change, kept.max(0.0) + change);
+        }
+        let mut wanted = tau.max(low).min(high);
+        if wanted != tau && (resumes || wanted.abs() < tau.abs()) {
             flags |= command_flags::TORQUE_RATE_LIMITED;
         } else {
             // A torque that falls is never held up.
@@ -348,10 +392,16 @@ impl Limiter {
             torque,
             torque_rate,
             power,
-            velocity,
             ..
         } = self.limits;
+        let velocity = self.velocity;
         let mut flags = 0;
+        let share = match self.resuming {
+            0 => 1.0,
+            _ => RESUMING_SHARE,
+        };
+        let change = share * torque_rate * self.sample_period;
+        self.resuming = self.resuming.saturating_sub(1);
         let mut bounded = |x: f64, bound: f64, flag: u32| {
             let y = x.clamp(-bound, bound);
             if y != x {
@@ -361,7 +411,6 @@ impl Limiter {
         };
         let asked_torque = k_1 * asked;
         let mut tau = bounded(asked_torque, torque, command_flags::TORQUE_LIMITED);
-        let change = torque_rate * self.sample_period;
         tau = self.last_torque
             + bounded(
                 tau - self.last_torque,

@@ -5,8 +5,14 @@
 //! is wrong, and nobody knows which: such a sample is not used. A joint is plausible after a
 //! number of good samples in a row, and implausible after a number of bad ones, so that one
 //! corrupt frame neither starts nor stops a robot. A motor whose torque changes by more than its
-//! friction holds moves, or its encoders do not show it. An encoder that has slipped makes its joint
+//! friction holds moves, or its encoders do not show it. A rotor's inertia lets its velocity change
+//! only as fast as torque can: a motor-side angle that steps has jumped, also where the link side's
+//! jumps alike and the torsion does not show it. An encoder that has slipped makes its joint
 //! implausible until an operator, who has looked after it, acknowledges the fault.
+
+mod steps;
+
+use steps::{Course, JITTER, Step, Steps};
 
 /// Limits of a plausible sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +23,9 @@ pub struct PlausibilityParameters {
     /// A torsion that steps by more from one sample to the next and then goes on as before, rad,
     /// is an encoder's step: an impact changes a velocity, not a position.
     pub step: f64,
+    /// The same of the motor-side angle, rad, link side: what torque can make of the rotor's velocity
+    /// within a sample, and a count; infinite where samples are not taken at the cycle's instants.
+    pub motor_step: f64,
     /// Good samples in a row after which a joint is plausible.
     pub samples_to_trust: u32,
     /// Bad samples in a row after which it is no longer.
@@ -25,6 +34,9 @@ pub struct PlausibilityParameters {
     pub friction: f64,
     /// Further change of the motor's torque that is no sign of motion, N·m.
     pub torque_margin: f64,
+    /// Greatest way of the motor within a sample, rad, at the end of which it can stand at once;
+    /// infinite where a standstill is not judged.
+    pub stop_way: f64,
 }
 
 /// What a sample shows of the motor.
@@ -51,15 +63,22 @@ const BREAKS_AWAY: [f64; 2] = [0.5, 2.5];
 #[derive(Debug, Clone, Copy)]
 struct Standstill {
     from: MotorSample,
-    /// Samples in a row with a torque that would move it.
+    /// It moved too fast before to stand all at once.
+    halted: bool,
+    /// Samples in a row with a torque that would move it, or since it halted.
     pressed: u32,
 }
 
 /// One sample of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sample {
-    /// A fresh and finite sample whose torsion is this, rad.
-    Torsion(f64),
+    /// A fresh and finite sample.
+    Angles {
+        /// theta/N - q: torsion, rad.
+        torsion: f64,
+        /// theta/N: motor-side angle on the link side, rad.
+        motor: f64,
+    },
     /// None came in time.
     Missed,
     /// An encoder moved further than its joint can.
@@ -80,22 +99,6 @@ pub enum Trust {
     Implausible,
 }
 
-/// A step of the torsion between two samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Step {
-    None,
-    /// It may be one: the next sample shows.
-    Pending,
-    Confirmed,
-}
-
-/// Torsion and its change per sample, before a step that the next sample confirms or not.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Course {
-    torsion: f64,
-    rate: f64,
-}
-
 /// Follows one joint.
 #[derive(Debug, Clone)]
 pub struct Plausibility {
@@ -103,13 +106,12 @@ pub struct Plausibility {
     trust: Trust,
     good: u32,
     bad: u32,
-    /// The last samples in a row.
-    last: Option<f64>,
-    course: Option<Course>,
-    /// The course that the last sample left by a step.
-    left: Option<Course>,
+    torsion: Steps,
+    motor: Steps,
     standstill: Option<Standstill>,
-    /// The course before readings that jumped, and how many did.
+    /// The last sample was that of the cycle before.
+    in_a_row: bool,
+    /// The torsion's course before readings that jumped, and how many did.
     jumped: Option<(Course, u32)>,
     /// An encoder has slipped, or trust was lost otherwise: what is measured from then on is wrong by
     /// an unknown angle.
@@ -125,10 +127,10 @@ impl Plausibility {
             trust: Trust::Settling,
             good: 0,
             bad: 0,
-            last: None,
-            course: None,
-            left: None,
+            torsion: Steps::default(),
+            motor: Steps::default(),
             standstill: None,
+            in_a_row: false,
             jumped: None,
             slipped: false,
         }
@@ -143,7 +145,7 @@ impl Plausibility {
                 return self.trust;
             }
             Sample::Jump => {
-                let jumped = match (self.jumped, self.course) {
+                let jumped = match (self.jumped, self.torsion.course) {
                     (Some((course, readings)), _) => Some((course, readings.saturating_add(1))),
                     (None, course) => course.map(|course| (course, 1)),
                 };
@@ -151,11 +153,11 @@ impl Plausibility {
                 self.jumped = jumped;
                 false
             }
-            Sample::Torsion(torsion) => {
+            Sample::Angles { torsion, motor } => {
                 let trusted = matches!(self.trust, Trust::Plausible | Trust::Suspect);
                 // A joint that is not trusted may step back to what is right.
                 let stepped = if trusted {
-                    self.follow(torsion)
+                    self.follow(torsion, motor)
                 } else {
                     self.forget();
                     Step::None
@@ -192,8 +194,9 @@ impl Plausibility {
     }
 
     /// Judges whether a motor that does not move can stand still: not a count by either encoder, while
-    /// its torque changes by more than friction holds. One or both encoders are then flat, or the rotor
-    /// is blocked. Counts like a slip.
+    /// its torque changes by more than friction holds, or after a motion that nothing could have ended
+    /// within a sample. One or both encoders are then flat, or the rotor is blocked. Counts like a
+    /// slip.
     pub fn watch_motor(&mut self, sample: MotorSample) {
         let p = &self.parameters;
         let standstill = match self.standstill {
@@ -202,7 +205,8 @@ impl Plausibility {
                 let onwards = change * last.from.velocity > 0.0;
                 let slid = onwards && last.from.velocity.abs() > SLIDES;
                 let share = BREAKS_AWAY[usize::from(!slid)];
-                let pressed = change.abs() > share * p.friction + p.torque_margin;
+                let torque = share * p.friction + p.torque_margin;
+                let pressed = last.halted || change.abs() > torque;
                 Standstill {
                     pressed: if pressed {
                         last.pressed.saturating_add(1)
@@ -212,12 +216,17 @@ impl Plausibility {
                     ..last
                 }
             }
-            _ => Standstill {
+            last => Standstill {
                 from: sample,
+                halted: last.is_some_and(|last| {
+                    let way = (sample.theta - last.from.theta).abs();
+                    self.in_a_row && last.pressed == 0 && way > p.stop_way
+                }),
                 pressed: 0,
             },
         };
         self.standstill = Some(standstill);
+        self.in_a_row = true;
         let trusted = matches!(self.trust, Trust::Plausible | Trust::Suspect);
         if trusted && standstill.pressed >= p.samples_to_doubt {
             self.slipped = true;
@@ -226,38 +235,27 @@ impl Plausibility {
     }
 
     fn forget(&mut self) {
-        (self.last, self.course, self.left, self.jumped) = (None, None, None, None);
+        (self.torsion, self.motor) = (Steps::default(), Steps::default());
+        (self.jumped, self.in_a_row) = (None, false);
     }
 
-    /// Whether the torsion left its course by a step.
-    fn follow(&mut self, torsion: f64) -> Step {
+    /// Whether torsion or motor-side angle left its course by a step.
+    fn follow(&mut self, torsion: f64, motor: f64) -> Step {
+        let p = &self.parameters;
         if let Some((before, readings)) = self.jumped.take() {
-            let expected = before.torsion + before.rate * f64::from(readings + 1);
-            if (torsion - expected).abs() > self.parameters.step {
+            let expected = before.angle + before.rate * f64::from(readings + 1);
+            if (torsion - expected).abs() > p.step {
                 return Step::Confirmed;
             }
         }
-        let Some(last) = self.last.replace(torsion) else {
-            return Step::None;
-        };
-        let rate = torsion - last;
-        let course = self.course.replace(Course { torsion, rate });
-        let step = self.parameters.step;
-        if let Some(left) = self.left.take() {
-            // The same course as before, shifted: a position has jumped.
-            let same_rate = (rate - left.rate).abs() < 0.5 * step;
-            let shifted = (torsion - left.torsion - 2.0 * left.rate).abs() > step;
-            if same_rate && shifted {
-                return Step::Confirmed;
-            }
-            return Step::None;
-        }
-        match course {
-            Some(course) if (rate - course.rate).abs() > step => {
-                self.left = Some(course);
-                Step::Pending
-            }
-            _ => Step::None,
+        let steps = [
+            self.torsion.follow(torsion, p.step, 0.0),
+            self.motor.follow(motor, p.motor_step, JITTER),
+        ];
+        match steps {
+            [Step::Confirmed, _] | [_, Step::Confirmed] => Step::Confirmed,
+            [Step::Pending, _] | [_, Step::Pending] => Step::Pending,
+            [Step::None, Step::None] => Step::None,
         }
     }
 
@@ -305,11 +303,21 @@ mod tests {
     const PARAMETERS: PlausibilityParameters = PlausibilityParameters {
         torsion: 0.003,
         step: 0.0005,
+        motor_step: 0.0008,
         samples_to_trust: 5,
         samples_to_doubt: 3,
         friction: 10.0,
         torque_margin: 4.0,
+        stop_way: 0.02,
     };
+
+    /// A sample whose motor stands.
+    fn wound(torsion: f64) -> Sample {
+        Sample::Angles {
+            torsion,
+            motor: 0.7,
+        }
+    }
 
     fn after(samples: &[Sample]) -> Trust {
         let mut joint = Plausibility::new(PARAMETERS);
@@ -327,7 +335,7 @@ mod tests {
         };
         let mut joint = Plausibility::new(PARAMETERS);
         for _ in 0..20 {
-            joint.update(Sample::Torsion(next()));
+            joint.update(wound(next()));
         }
         assert_eq!(joint.trust(), Trust::Plausible);
         (joint, next)
@@ -336,44 +344,58 @@ mod tests {
     #[test]
     fn a_step_that_stays_is_an_encoders_and_an_impact_is_not() {
         let (mut slipped, mut next) = trusted();
-        assert_eq!(
-            slipped.update(Sample::Torsion(next() + 0.001)),
-            Trust::Suspect
-        );
-        assert_eq!(
-            slipped.update(Sample::Torsion(next() + 0.001)),
-            Trust::Implausible
-        );
+        assert_eq!(slipped.update(wound(next() + 0.001)), Trust::Suspect);
+        assert_eq!(slipped.update(wound(next() + 0.001)), Trust::Implausible);
 
         let (mut jumped, mut next) = trusted();
         assert_eq!(jumped.update(Sample::Jump), Trust::Suspect);
         next();
-        assert_eq!(
-            jumped.update(Sample::Torsion(next() + 0.001)),
-            Trust::Implausible
-        );
+        assert_eq!(jumped.update(wound(next() + 0.001)), Trust::Implausible);
 
         let (mut hit, mut next) = trusted();
         let mut pushed = 0.0;
         let course: Vec<Trust> = (0..4)
             .map(|_| {
                 pushed += 0.0006;
-                hit.update(Sample::Torsion(next() + pushed))
+                hit.update(wound(next() + pushed))
             })
             .collect();
         assert!(!course.contains(&Trust::Implausible), "{course:?}");
 
         let (mut glitch, mut next) = trusted();
-        assert_eq!(
-            glitch.update(Sample::Torsion(next() + 0.001)),
-            Trust::Suspect
-        );
-        assert_eq!(glitch.update(Sample::Torsion(next())), Trust::Plausible);
+        assert_eq!(glitch.update(wound(next() + 0.001)), Trust::Suspect);
+        assert_eq!(glitch.update(wound(next())), Trust::Plausible);
+    }
+
+    #[test]
+    fn encoders_that_step_as_one_have_jumped_and_a_rotor_that_is_hit_has_not() {
+        let after = |motor: &dyn Fn(f64) -> f64| {
+            let mut joint = Plausibility::new(PARAMETERS);
+            let course: Vec<Trust> = (0..60)
+                .map(|k| {
+                    joint.update(Sample::Angles {
+                        torsion: 0.001,
+                        motor: motor(f64::from(k)),
+                    })
+                })
+                .collect();
+            course[20..].iter().position(|t| *t == Trust::Implausible)
+        };
+        let step = |k: f64| if k >= 30.0 { 0.003 } else { 0.0 };
+        // A sample that is bridged, and the one that confirms it; at rest and in motion.
+        assert_eq!(after(&step), Some(11));
+        assert_eq!(after(&|k| 0.004 * k + step(k)), Some(11));
+        // A torque of four times what makes 0.0002 rad a sample, and a brake that stops it again.
+        let hit = |k: f64| 0.0004 * (k - 30.0).clamp(0.0, 8.0).powi(2);
+        assert_eq!(after(&hit), None);
+        // Instants of sampling that differ by a fifth of a period, and one sample that is wrong.
+        assert_eq!(after(&|k| 0.004 * (k + 0.1 * (7.0 * k).sin())), None);
+        assert_eq!(after(&|k| if k == 30.0 { 0.003 } else { 0.0 }), None);
     }
 
     #[test]
     fn trust_needs_good_samples_in_a_row_and_doubt_bad_ones() {
-        let (good, bad) = (Sample::Torsion(0.001), Sample::Torsion(-0.004));
+        let (good, bad) = (wound(0.001), wound(-0.004));
         assert_eq!(after(&[good; 4]), Trust::Settling);
         assert_eq!(after(&[good; 5]), Trust::Plausible);
         assert_eq!(after(&[bad, good, good, good, good]), Trust::Settling);
@@ -414,6 +436,10 @@ mod tests {
         assert_eq!(after(0.2, |k| -10.0 * k, flat), Some(5));
         assert_eq!(after(0.0, |k| 10.0 * k.min(2.0), flat), None);
         assert_eq!(after(0.0, |k| 10.0 * k, |k| 1.0 + 1e-4 * k), None);
+        // A motor that moves by 0.03 rad a sample does not stand from one to the next.
+        let rest = |_| 0.0;
+        assert_eq!(after(0.2, rest, |k| 0.03 * k.min(6.0)), Some(9));
+        assert_eq!(after(0.2, rest, |k| 0.01 * k.min(6.0)), None);
     }
 
     #[test]
@@ -423,9 +449,9 @@ mod tests {
             assert_eq!(joint.update(Sample::Missed), Trust::Settling);
         }
         for _ in 0..5 {
-            joint.update(Sample::Torsion(0.0));
+            joint.update(wound(0.0));
         }
         assert_eq!(joint.update(Sample::Missed), Trust::Plausible);
-        assert_eq!(joint.update(Sample::Torsion(f64::NAN)), Trust::Suspect);
+        assert_eq!(joint.update(wound(f64::NAN)), Trust::Suspect);
     }
 }

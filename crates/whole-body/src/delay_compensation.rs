@@ -21,9 +21,11 @@
 //! right nor that its errors are slow.
 
 mod residual;
+mod stand;
 
 use residual::ResidualPredictor;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
+use stand::Stand;
 
 /// Parameters of a joint's [`DelayCompensator`].
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +39,8 @@ pub struct DelayCompensatorParameters {
     pub fast_sigma: f64,
     /// Largest |tau_hat| that is reported, N·m.
     pub torque_limit: f64,
+    /// Error of the fast source's torque per angle, N·m/rad: of its kinematic error.
+    pub error_per_angle: f64,
 }
 
 /// The delayed source's newest valid torque.
@@ -95,6 +99,9 @@ pub struct DelayCompensator {
     residual: ResidualPredictor,
     /// b: level of the delayed source above the fast one's torque, N·m.
     level: Option<f64>,
+    /// The joint's angle while the levelled torque moves it, rad, and where it stands.
+    followed: Option<f64>,
+    stand: Option<Stand>,
     /// Newest torque of the delayed source, and samples since.
     delayed: Option<DelayedTorque>,
     delayed_missed: usize,
@@ -126,6 +133,8 @@ impl DelayCompensator {
             power,
             residual: ResidualPredictor::new(window, dt),
             level: None,
+            followed: None,
+            stand: None,
             delayed: None,
             delayed_missed: 0,
             rest: 0.0,
@@ -158,6 +167,11 @@ impl DelayCompensator {
         self.output
     }
 
+    /// Before `update`: the joint's angle while its levelled torque moves it, rad.
+    pub fn follow(&mut self, angle: Option<f64>) {
+        self.followed = angle.filter(|angle| angle.is_finite());
+    }
+
     /// g: torque per torque of the fast source.
     #[must_use]
     pub fn gain(&self) -> f64 {
@@ -167,6 +181,11 @@ impl DelayCompensator {
     /// `g e + b`: the fast source's newest torque on the delayed one's level, N·m, for feedback: it
     /// has all of the fast source's noise, and none of `tau_hat`'s delay, and no state of rest. None
     /// where the fast source's newest sample is missing or the level is not known yet.
+    ///
+    /// The errors of torsion that the level makes up for belong to the angle (kinematic error) and to
+    /// the torque (stiffness, hysteresis). So while the torque is followed by a joint that stands, the
+    /// level changes by what turning and torque explain and no more: an F/T sensor that fails must not
+    /// set the joint in motion.
     #[must_use]
     pub fn levelled(&self) -> Option<f64> {
         let level = self.level.filter(|_| self.missed == 0)?;
@@ -205,11 +224,23 @@ impl DelayCompensator {
         let gain = self.gain.value;
         let levelled_gain = gain.max(MIN_LEVELLED_GAIN);
         let level = delayed.tau - levelled_gain * fast;
-        self.level = Some(self.level.map_or(level, |last| {
-            // The gain turns about the torque that is.
-            let last = last - (levelled_gain - last_gain) * fast;
+        // The gain turns about the torque that is.
+        let turned = (levelled_gain - last_gain) * fast;
+        let level = self.level.map_or(level, |last| {
+            let last = last - turned;
             last + (dt / LEVEL_TIME).min(1.0) * (level - last)
-        }));
+        });
+        self.level = Some(match self.followed {
+            Some(angle) => {
+                let stand = self.stand.get_or_insert(Stand::at(angle, level, 0.0));
+                stand.level -= turned;
+                stand.bound(&self.parameters, angle, fast, level)
+            }
+            None => {
+                self.stand = None;
+                level
+            }
+        });
         if self.delayed.is_none() {
             self.residual.restart([delayed.tau, fast], gain);
             self.rest = delayed.tau;

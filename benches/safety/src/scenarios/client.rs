@@ -96,7 +96,9 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         new("client's references get older", FOLLOWING, silent).step(),
         new("client killed, comes back after 0.2 s", MODES, comes_back).step(),
         new("change to hold", FOLLOWING, |_| change_to(Mode::Hold)).step(),
-        new("change to torque", STATIC, |_| change_to(Mode::Torque)).step(),
+        new("change to torque", STATIC, |_| change_to(Mode::Torque))
+            .step()
+            .ideal(|_| true),
         new("change to inverse dynamics", STATIC, |_| {
             change_to(Mode::InverseDynamics)
         })

@@ -5,7 +5,8 @@ use robot_config::slots;
 use std::f64::consts::PI;
 
 use super::{
-    ALL_STARTS, AT_REST, ENABLED, HOLD, POWER_ON, Place, Scenario, answers, before, both, commands,
+    ALL_STARTS, AT_REST, ENABLED, HOLD, POWER_ON, Place, Scenario, Start, answers, before, both,
+    commands,
 };
 use crate::rig::{Fault, Rig};
 
@@ -117,6 +118,11 @@ fn load(place: Place, share: fn(f64) -> f64) -> Fault {
 fn hang_weight(rig: &mut Rig, place: &Place) {
     let limit = rig.robot.parameters.joints[place.joint].limits.torque;
     rig.plant.robot_mut().set_load(place.joint, 0.2 * limit);
+}
+
+/// A joint whose torque a client commands moves when its load changes: that is its purpose.
+fn in_torque(place: &Place) -> bool {
+    place.start == Start::Torque
 }
 
 fn gear_slips(place: Place) -> Fault {
@@ -249,7 +255,8 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             load(p, |_| 0.0)
         })
         .with_setup(hang_weight)
-        .physics(),
+        .physics()
+        .ideal(in_torque),
         new(
             "hand pushes with 30 % of the torque limit for 0.3 s",
             AT_REST,
@@ -260,7 +267,8 @@ pub(super) fn scenarios() -> Vec<Scenario> {
                 })
             },
         )
-        .physics(),
+        .physics()
+        .ideal(in_torque),
         new("load of 30 % of the torque limit, and stays", HOLD, |p| {
             load(p, |t| 0.3 * (t / 0.02).min(1.0))
         })
@@ -270,7 +278,8 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             AT_REST,
             |p| load(p, |t| if t < 0.005 { 1.0 } else { 0.0 }),
         )
-        .physics(),
+        .physics()
+        .ideal(in_torque),
         new("bus cut for 0.5 s, joint pushed meanwhile", HOLD, |p| {
             let cut = answers(move |rig, k| rig.rx.retain(|f| f.bus != p.bus || k > 500));
             let deaf = commands(move |rig, k| rig.sent.retain(|f| f.bus != p.bus || k > 500));

@@ -9,13 +9,18 @@ use estimators::filter_bank::FilterBank;
 use estimators::joint::JointTorqueEstimator;
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
-use robot_state::{Event, JointEstimated, torque_flags};
+use robot_state::{Event, JointEstimated, JointMeasured, torque_flags};
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};
 
 use super::usable::{UNUSABLE, valid};
 use super::whole_body::estimator;
 use crate::events::Counts;
 use crate::measure::Measure;
+
+/// Change of torsion per angle by a strain-wave gear's kinematic error, 1, within a fraction of a degree:
+/// a quarter of the slope of 0.003 degrees twice a turn of the wave generator of a gear of 1:100 (Z
+/// Table I).
+const KINEMATIC_SLOPE: f64 = 0.0025;
 
 /// The delay compensation of all joints.
 #[derive(Debug)]
@@ -60,6 +65,7 @@ impl DelayCompensation {
                 kernel: kernel.clone(),
                 fast_sigma: resolution(&joint.estimator),
                 torque_limit: joint.limits.torque,
+                error_per_angle: KINEMATIC_SLOPE * joint.estimator.compliance.k_fs0,
             }),
             torque_limit: joint.limits.torque,
         };
@@ -75,11 +81,13 @@ impl DelayCompensation {
         &self.fast
     }
 
-    /// `contact_set_shares`: shares of the contact sets, in config order.
+    /// `contact_set_shares`: shares of the contact sets, in config order; `measured`: the joints, while
+    /// a client's mode is active.
     pub(crate) fn update(
         &mut self,
         measure: &Measure,
         contact_set_shares: &[f64],
+        measured: Option<&[JointMeasured]>,
         joints: &mut [JointEstimated],
         counts: &mut Counts,
     ) {
@@ -97,6 +105,10 @@ impl DelayCompensation {
             let within_limit = usable && tau.abs() <= own.torque_limit;
             let delayed = within_limit.then_some(DelayedTorque { tau, sigma });
             let fast = valid(&fast).map(|fast| fast.tau);
+            let angle = measured
+                .and_then(|joints| joints.get(j))
+                .map(|joint| joint.q);
+            own.compensator.follow(angle);
             joint.tau_hat = own.compensator.update(fast, delayed);
             if let Some(torque) = self.fast.get_mut(j) {
                 *torque = FastTorque {

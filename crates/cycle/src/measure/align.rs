@@ -220,6 +220,11 @@ impl AlignedBank {
             .take(|channel| outputs(bank, channel), bank.delay_s());
     }
 
+    /// Forgets every sample.
+    pub(crate) fn reset(&mut self) {
+        self.bank.reset();
+    }
+
     /// A signal's filtered value and derivatives.
     pub(crate) fn outputs(&self, signal: usize) -> Outputs {
         self.alignment.align(signal, outputs(&self.bank, signal))

@@ -88,6 +88,12 @@ impl Filtered {
         }
     }
 
+    /// Forgets every sample.
+    pub(crate) fn reset(&mut self) {
+        self.encoders.reset();
+        self.sensors.reset();
+    }
+
     /// The input of whole-body estimators.
     pub(crate) fn input(&self) -> WholeBodyInput<'_> {
         WholeBodyInput {

@@ -30,6 +30,13 @@ pub(crate) struct Source {
     needs_all: bool,
 }
 
+impl Source {
+    /// Instant of the last usable sample's oldest message, ns; none before the first.
+    pub(crate) fn last_used(&self) -> Option<u64> {
+        self.used
+    }
+}
+
 /// A source's sample in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Reading {
@@ -184,14 +191,31 @@ impl Reception {
         if usable {
             source.used = Some(oldest);
         }
-        let age_s = source.used.map_or(f64::INFINITY, |used| {
-            at.now.0.saturating_sub(used) as f64 * SECONDS_PER_NS
-        });
-        let mut flags = match source.liveness {
+        let flags = match source.liveness {
             Liveness::Live => 0,
             Liveness::Saturated => measured_flags::SATURATED,
             Liveness::Flat => measured_flags::FLAT,
         };
+        self.aged(source, at, usable, flags)
+    }
+
+    /// The reading of a sample that cannot be right: the one that was used `before` still counts.
+    pub(crate) fn reject(
+        &self,
+        source: &mut Source,
+        before: Option<u64>,
+        at: Instants,
+        reading: &Reading,
+    ) -> Reading {
+        source.used = before;
+        let flags = reading.flags | measured_flags::IMPLAUSIBLE;
+        self.aged(source, at, false, flags)
+    }
+
+    fn aged(&self, source: &Source, at: Instants, usable: bool, mut flags: u32) -> Reading {
+        let age_s = source.used.map_or(f64::INFINITY, |used| {
+            at.now.0.saturating_sub(used) as f64 * SECONDS_PER_NS
+        });
         if !usable {
             flags |= measured_flags::MISSED;
         }

@@ -22,6 +22,11 @@ const TORSION_OFFSET: f64 = 0.1 * core::f64::consts::PI / 180.0;
 /// A torque that appears from one sample to the next and stays is an encoder's step from this
 /// share of the torque limit on.
 const STEP_SHARE: f64 = 0.15;
+/// Torque that may act on a rotor at most, over the torque limit: a motor that pushes with its own
+/// against a gear that is hit with twice as much.
+const IMPACT: f64 = 3.0;
+/// Counts of noise in the second difference of an angle.
+const STEP_COUNTS: f64 = 6.0;
 /// Share of the torque limit by which the torque of a motor that stands still may change beyond what
 /// friction holds.
 const STANDSTILL_SHARE: f64 = 0.05;
@@ -30,6 +35,12 @@ const STANDSTILL_SHARE: f64 = 0.05;
 /// the drive and its friction explain stays below a third of it (measured, shipped robots); a drive
 /// that does not act at all reaches the whole.
 const FOLLOWING_SHARE: f64 = 0.5;
+/// Following error that is doubtful while a client's torque is followed: this share of the torque
+/// limit's lead, and this one of the lead that the drive's torque needs, for an error of the drive's
+/// stiffness; for so many cycles.
+const DOUBT_SHARE: f64 = 0.12;
+const DOUBT_PER_LEAD: f64 = 0.35;
+const DOUBT_SAMPLES: u32 = 5;
 /// The same of a current, as a share of the current limit, besides noise.
 const CURRENT_SHARE: f64 = 0.1;
 /// Standard deviations of the measured current that are noise.
@@ -37,6 +48,12 @@ const NOISE_SIGMAS: f64 = 6.0;
 /// Velocity from which on a joint is too fast, as a share of its limit: braking at the limit may
 /// overshoot it.
 const OVERSPEED: f64 = 1.25;
+/// Default velocity limit of mode torque, as a share of the joint's: a torque whose load is let go
+/// accelerates the joint until something ends it.
+const TORQUE_VELOCITY_SHARE: f64 = 0.25;
+/// Torque that may brake a rotor without an impact: this share of the torque limit, and this many
+/// times its friction.
+const STOPS_BY: [f64; 2] = [0.5, 2.5];
 /// Good samples in a row that make a joint plausible, and bad ones that make it implausible.
 const SAMPLES: [u32; 2] = [100, 8];
 
@@ -100,6 +117,19 @@ impl Reader<'_, '_, '_> {
         })
     }
 
+    /// Greatest |dq| in mode torque, rad/s.
+    pub(super) fn torque_velocity(&self, limits: &Limits) -> f64 {
+        let key = "torque_velocity_limit_rad_per_s";
+        let given = self.section.optional_number(key, Allowed::Positive);
+        let velocity = given.unwrap_or(TORQUE_VELOCITY_SHARE * limits.velocity);
+        if velocity > limits.velocity {
+            let what = format!("{velocity} is not allowed");
+            let allowed = format!("at most the velocity limit of {} rad/s", limits.velocity);
+            self.section.problem(key, what, allowed);
+        }
+        velocity
+    }
+
     /// Greatest lead of a command: that of the torque limit, or less.
     fn lead(&self, given_deg: Option<f64>, torque: f64, drive: &Drive) -> f64 {
         let MotorModel::Position { k_tau, .. } = drive.motor else {
@@ -131,21 +161,29 @@ impl Reader<'_, '_, '_> {
         current: Option<Reach>,
     ) -> FollowingParameters {
         let section = self.section;
-        let (used, other, limit, per_velocity) = match drive.motor {
+        let (used, other, limit, per_velocity, doubt) = match drive.motor {
             MotorModel::Position { k_tau, k_v, .. } => {
                 let motor = k_tau - 1.0 / drive.compliance.k_fs0;
                 let lead = (motor * limits.torque).min(limits.lead);
                 let given = section.optional_number("following_error_deg", Allowed::Positive);
                 let limit = given.map_or(FOLLOWING_SHARE * lead, f64::to_radians);
                 let names = ["following_error_deg", "following_error_A"];
-                (names[0], names[1], limit, FOLLOWING_SHARE * k_v)
+                let doubt = (DOUBT_SHARE * lead).min(limit);
+                (names[0], names[1], limit, FOLLOWING_SHARE * k_v, doubt)
             }
             MotorModel::Current { .. } => {
                 let resolution = current.map_or(0.0, |reach| reach.resolution);
                 let noise = NOISE_SIGMAS * drive.current_sigma + resolution;
                 let default = CURRENT_SHARE * drive.current_limit + noise;
                 let limit = section.number_or("following_error_A", default, Allowed::Positive);
-                ("following_error_A", "following_error_deg", limit, 0.0)
+                let infinite = f64::INFINITY;
+                (
+                    "following_error_A",
+                    "following_error_deg",
+                    limit,
+                    0.0,
+                    infinite,
+                )
             }
         };
         if section.has(other) {
@@ -157,6 +195,9 @@ impl Reader<'_, '_, '_> {
             per_velocity,
             velocity: OVERSPEED * limits.velocity,
             samples: (self.timing.stale_after / self.timing.sample_period).ceil() as u32,
+            doubt,
+            doubt_per_lead: DOUBT_PER_LEAD,
+            doubt_samples: DOUBT_SAMPLES,
         }
     }
 
@@ -197,7 +238,13 @@ impl Reader<'_, '_, '_> {
 }
 
 /// Range and rate of the torsion that a joint's gear can reach.
-pub(super) fn plausibility(limits: &Limits, drive: &Drive) -> PlausibilityParameters {
+pub(super) fn plausibility(
+    limits: &Limits,
+    drive: &Drive,
+    motor_resolution: f64,
+    sample_period: f64,
+) -> PlausibilityParameters {
+    let rotor = drive.rotor_inertia * drive.gear_ratio * drive.gear_ratio;
     let gear = &drive.compliance;
     let wave_generator = 1.0 / (gear.c_wg * gear.k_wg0 * drive.gear_ratio);
     let wound_up = limits.torque / gear.k_fs0;
@@ -209,6 +256,22 @@ pub(super) fn plausibility(limits: &Limits, drive: &Drive) -> PlausibilityParame
     PlausibilityParameters {
         torsion: TORSION_MARGIN * (wound_up + wave_generator) + TORSION_OFFSET,
         step: STEP_SHARE * wound_up,
+        motor_step: match drive.sampling.is_at_sync() {
+            true => {
+                IMPACT * limits.torque / rotor * sample_period * sample_period
+                    + STEP_COUNTS * motor_resolution / drive.gear_ratio
+            }
+            false => f64::INFINITY,
+        },
+        stop_way: match drive.motor {
+            MotorModel::Current { .. } if drive.sampling.is_at_sync() => {
+                let friction = drive.gear_ratio * drive.wave_generator.friction;
+                let torque = STOPS_BY[0] * limits.torque + STOPS_BY[1] * friction;
+                drive.gear_ratio * torque / rotor * sample_period * sample_period
+                    + STEP_COUNTS * motor_resolution
+            }
+            _ => f64::INFINITY,
+        },
         samples_to_trust: SAMPLES[0],
         samples_to_doubt: SAMPLES[1],
         friction: match drive.motor {

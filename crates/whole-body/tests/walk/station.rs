@@ -99,6 +99,7 @@ impl Station {
                 kernel: filters.kernel(),
                 fast_sigma,
                 torque_limit,
+                error_per_angle: 600.0,
             })
         };
         let compensator = |(e, _): &(JointEstimatorParameters, CurrentParameters)| {

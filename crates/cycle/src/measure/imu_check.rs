@@ -1,0 +1,138 @@
+//! IMU check: whether gyroscope and accelerometer can both be right.
+//!
+//! Gravity, as the sensor measures it, turns with the sensor: `g' = -omega x g`, corrected slowly by
+//! the accelerometer. A base is not accelerated by more than [`ACCELERATION`] beside it for longer
+//! than an impact lasts, and its rate of turn does not step. A sample beyond that is not used; a
+//! sensor whose axes are exchanged, reversed or offset from one sample to the next goes stale so.
+//! What is wrong from the start is not found here.
+
+/// Acceleration of the base beside gravity, m/s²: as much as gravity itself.
+const ACCELERATION: f64 = 10.0;
+/// Time constant with which the accelerometer corrects the direction of gravity, s.
+const CORRECTION: f64 = 1.0;
+/// Step of the rate of turn, rad/s per second between samples, as an impact can make it.
+const TURN_STEP: f64 = 400.0;
+/// Further change of it per second since a sample was used, rad/s².
+const TURN_RATE: f64 = 10.0;
+/// Time without a plausible sample after which the check begins anew if the robot holds, s.
+const RESTART: f64 = 1.0;
+
+/// Follows one IMU.
+#[derive(Debug, Clone)]
+pub(super) struct ImuCheck {
+    /// Longest time between samples, s.
+    gap: f64,
+    /// Proper acceleration at rest, m/s², and rate of turn of the last plausible sample, rad/s; none
+    /// before the first.
+    last: Option<[[f64; 3]; 2]>,
+    /// Time since then, s.
+    since: f64,
+}
+
+impl ImuCheck {
+    pub(super) fn new(gap: f64) -> Self {
+        Self {
+            gap,
+            last: None,
+            since: 0.0,
+        }
+    }
+
+    /// Time passes without a sample, s.
+    pub(super) fn wait(&mut self, dt: f64) {
+        self.since += dt;
+        if let Some([gravity, gyro]) = &mut self.last {
+            turn(gravity, gyro, dt);
+        }
+    }
+
+    /// Whether the sample, `dt` (s) after the last cycle, can be right; `holds`: nothing depends on it.
+    pub(super) fn is_plausible(
+        &mut self,
+        gyro: [f64; 3],
+        acceleration: [f64; 3],
+        dt: f64,
+        holds: bool,
+    ) -> bool {
+        if holds && self.since > RESTART {
+            self.last = None;
+        }
+        let Some([gravity, last]) = &mut self.last else {
+            self.last = Some([acceleration, gyro]);
+            self.since = 0.0;
+            return true;
+        };
+        let turned = distance(&gyro, last) <= TURN_STEP * self.gap + TURN_RATE * self.since;
+        turn(gravity, if turned { &gyro } else { last }, dt);
+        if !turned || distance(&acceleration, gravity) > ACCELERATION {
+            self.since += dt;
+            return false;
+        }
+        for (gravity, a) in gravity.iter_mut().zip(acceleration) {
+            *gravity += (dt / CORRECTION).min(1.0) * (a - *gravity);
+        }
+        (*last, self.since) = (gyro, 0.0);
+        true
+    }
+}
+
+/// A vector that stands, seen from axes that turn.
+fn turn(v: &mut [f64; 3], omega: &[f64; 3], dt: f64) {
+    let ([x, y, z], [a, b, c]) = (*v, *omega);
+    *v = [
+        x - dt * (b * z - c * y),
+        y - dt * (c * x - a * z),
+        z - dt * (a * y - b * x),
+    ];
+}
+
+fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b));
+    squares.sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UP: [f64; 3] = [0.0, 0.0, 9.81];
+
+    fn settled() -> ImuCheck {
+        let mut check = ImuCheck::new(1e-3);
+        assert!((0..100).all(|_| check.is_plausible([0.0; 3], UP, 1e-3, false)));
+        check
+    }
+
+    #[test]
+    fn a_base_that_turns_and_is_shaken_is_plausible() {
+        let mut check = settled();
+        // 3 rad/s within 20 ms, through a whole turn, shaken by 6 m/s².
+        let (mut angle, mut rate): (f64, f64) = (0.0, 0.0);
+        for k in 0..2000 {
+            rate = (rate + 0.15).min(3.0);
+            angle += 1e-3 * rate;
+            let shaken = 6.0 * (0.05 * f64::from(k)).sin();
+            let gravity = [0.0, 9.81 * angle.sin() + shaken, 9.81 * angle.cos()];
+            assert!(
+                check.is_plausible([rate, 0.0, 0.0], gravity, 1e-3, false),
+                "{k}"
+            );
+        }
+    }
+
+    #[test]
+    fn axes_that_change_and_a_gyroscope_that_steps_are_not() {
+        let still = |gyro: [f64; 3], acceleration: [f64; 3]| {
+            let mut check = settled();
+            (0..80).all(|_| !check.is_plausible(gyro, acceleration, 1e-3, false))
+        };
+        assert!(still([0.0; 3], [0.0, 9.81, 0.0]));
+        assert!(still([0.0; 3], [0.0, 0.0, -9.81]));
+        assert!(still([0.0, 1.5, 0.0], UP));
+        // It begins anew while the robot holds.
+        let mut check = settled();
+        let reversed = [0.0, 0.0, -9.81];
+        let used = (0..1500).position(|_| check.is_plausible([0.0; 3], reversed, 1e-3, true));
+        assert!(used.is_some_and(|k| (1000..1003).contains(&k)), "{used:?}");
+    }
+}
