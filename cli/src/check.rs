@@ -102,20 +102,25 @@ fn warnings(robot: &Robot, buses: &[BusLoad]) -> Vec<String> {
     let mut warnings: Vec<String> = of_model.map(ToString::to_string).collect();
     let timing = &robot.parameters.timing;
     for (bus, load) in robot.parameters.buses.iter().zip(buses) {
-        if load.load > 1.0 {
-            warnings.push(format!(
+        match &load.time {
+            None => warnings.push(format!(
+                "bus {}: udp_multicast is for simulated robots: datagrams have no priority, and a \
+                 lost one is noticed only by what is missing",
+                bus.name
+            )),
+            Some(time) if time.load > 1.0 => warnings.push(format!(
                 "bus {}: its frames take {:.0} us at worst, a cycle has {:.0} us",
                 bus.name,
-                (load.answers_s + load.commands_s) * 1e6,
+                (time.answers_s + time.commands_s) * 1e6,
                 timing.sample_period * 1e6
-            ));
-        } else if load.answers_s > timing.gather_deadline {
-            warnings.push(format!(
+            )),
+            Some(time) if time.answers_s > timing.gather_deadline => warnings.push(format!(
                 "bus {}: SYNC and answers take {:.0} us at worst, loop.gather_deadline_us is {:.0}",
                 bus.name,
-                load.answers_s * 1e6,
+                time.answers_s * 1e6,
                 timing.gather_deadline * 1e6
-            ));
+            )),
+            Some(_) => {}
         }
         if load.received == 0 && load.sent == 0 {
             warnings.push(format!("bus {}: no signal of it is used", bus.name));

@@ -94,6 +94,29 @@ fn a_complete_configuration_is_summed_up() {
 }
 
 #[test]
+fn a_bus_of_simulators_is_warned_of_and_has_no_load() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let run = |arguments: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_torquectl"));
+        command.args(arguments.split(' ')).current_dir(&root);
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let text = run("check config/ur5-mujoco/robot.toml");
+    for part in [
+        "239.74.163.2:43113",
+        "warning: bus arm: udp_multicast is for simulated robots",
+    ] {
+        assert!(text.contains(part), "{part:?} is not in\n{text}");
+    }
+    let json = run("check --json config/ur5-mujoco/robot.toml");
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["buses"][0]["kind"], "udp_multicast");
+    assert!(json["buses"][0]["load_percent"].is_null());
+}
+
+#[test]
 fn json_gives_loads_and_gains_in_both_forms() {
     let output = Leg::new("json").check(&["--json"]);
     assert!(output.status.success(), "{output:?}");

@@ -139,10 +139,12 @@ impl<B: Bus> ControlLoop<B> {
     fn note_events(&mut self, wake: &WakeReport, unsent: usize) {
         let counters = self.bus.counters();
         let dropped = counters.dropped - self.last_counters.dropped;
+        let refused = counters.refused_datagrams - self.last_counters.refused_datagrams;
         self.last_counters = counters;
         // The cycle itself counts what found no room in `rx`; the rest was lost before.
         let lost_before = dropped.saturating_sub(self.rx.overflow());
         self.report(Event::ReceiveOverflow, lost_before);
+        self.report(Event::DatagramRefused, refused);
         self.report(Event::SendFailed, unsent as u64);
         self.report(Event::LateCycle, u64::from(wake.late));
         self.report(Event::SkippedCycle, wake.skipped);

@@ -2,6 +2,8 @@
 
 use std::fmt::Display;
 
+use crate::bus::OpenError;
+
 /// The message for the user and the exit code.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Failure {
@@ -25,6 +27,17 @@ impl Failure {
         Self {
             message: message.to_string(),
             exit_code: 1,
+        }
+    }
+}
+
+impl From<OpenError> for Failure {
+    fn from(error: OpenError) -> Self {
+        match error {
+            OpenError::Interfaces(_) => Self::bad_input(error),
+            OpenError::NoCan(_) | OpenError::Socket(..) | OpenError::Group(..) => {
+                Self::environment(error)
+            }
         }
     }
 }

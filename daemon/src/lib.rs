@@ -1,11 +1,11 @@
 //! The daemon: the loop and everything about it that touches the world.
 
 pub mod bus;
+pub mod bus_lock;
 pub mod control_loop;
 pub mod demo;
 pub mod ending;
 pub mod failure;
-pub mod interface_lock;
 pub mod loop_monitor;
 pub mod looper;
 pub mod offsets;

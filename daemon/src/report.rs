@@ -131,7 +131,7 @@ fn silent_joints(robot: &Robot, silent: u64) -> String {
             let message = message.map_or("its state", |m| &m.name);
             format!(
                 "{} ({message} on {}, {})",
-                joint.name, bus.name, bus.interface
+                joint.name, bus.name, bus.carrier
             )
         })
         .collect();

@@ -13,10 +13,10 @@ use robot_config::{RealTime, Robot};
 use robot_state::{Description, Event, Name};
 
 use crate::bus::in_process::{SimulatedDeadline, VirtualClock};
-use crate::bus::{Bus, Line, LockStep, OpenError, SocketCan};
+use crate::bus::{Bus, LockStep, Network};
+use crate::bus_lock::BusLocks;
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
-use crate::interface_lock::InterfaceLocks;
 use crate::looper::Looper;
 use crate::offsets::Store;
 use crate::real_time::{self, Deadline, Pace, Settings};
@@ -46,19 +46,16 @@ pub struct RunOptions {
     pub record: Option<PathBuf>,
 }
 
-/// Runs the robot on its CAN interfaces until `stop` is set or `options.cycles` have begun or been skipped,
+/// Runs the robot on its buses until `stop` is set or `options.cycles` have begun or been skipped,
 /// and sums up.
 ///
 /// # Errors
 /// Obstacles to the loop's start: nothing has been sent then. A loop that does not end.
 pub fn run(robot: &Robot, options: RunOptions, stop: &Arc<AtomicBool>) -> Result<Summary, Failure> {
-    let lines: Vec<Line<'_>> = robot.parameters.buses.iter().map(Line::from).collect();
-    let bus = SocketCan::open(&lines).map_err(|error| match error {
-        OpenError::Interfaces(_) => Failure::bad_input(error),
-        OpenError::NoCan(_) | OpenError::Socket(..) => Failure::environment(error),
-    })?;
-    let _locks = InterfaceLocks::take(lines.iter().map(|line| line.interface))
-        .map_err(Failure::environment)?;
+    let buses = &robot.parameters.buses;
+    let bus = Network::open(buses)?;
+    let _locks =
+        BusLocks::take(buses.iter().map(|bus| &bus.carrier)).map_err(Failure::environment)?;
     let state = &robot.parameters.name;
     run_on(robot, bus, Deadline::new, state, options, stop)
 }
@@ -137,7 +134,7 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
                 eprintln!("torqued: {measure}");
             }
             let outcome = looper.run(&mut pace(period_ns), &mut timing);
-            Ok((outcome, timing))
+            Ok::<_, Failure>((outcome, timing))
         });
     let loop_thread = loop_thread.map_err(Failure::environment)?;
     let mut reporter = Reporter::new(robot, store, fault);

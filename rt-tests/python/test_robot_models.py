@@ -191,3 +191,19 @@ def test_drive_numbers_fit_together(robot):
         if k6 is None:
             k6 = motor["K_tau_rad_per_Nm"] * (1 + gains.get("K_p", 0.0)) * gains["K_s_Nm_per_rad"]
         assert 0 < k6 < 1.001, "stiffer than the drive's own position loop"
+
+
+def test_the_ur5_is_that_of_example_robot_data():
+    """Joints and links; the tool is ours."""
+    ours = pin.buildModelFromUrdf(str(MODELS / "ur5-mujoco" / "robot.urdf"))
+    shared = Path(sys.prefix) / "lib" / f"python3.{sys.version_info.minor}" / "site-packages" / "cmeel.prefix" / "share"
+    theirs = shared / "example-robot-data" / "robots" / "ur_description" / "urdf" / "ur5_robot.urdf"
+    theirs = pin.buildModelFromUrdf(str(theirs))
+    assert list(ours.names) == list(theirs.names)
+    for name in ("upperEffortLimit", "upperVelocityLimit", "upperPositionLimit", "lowerPositionLimit"):
+        assert getattr(ours, name) == pytest.approx(getattr(theirs, name), abs=1e-9)
+    for joint in range(1, ours.njoints):
+        assert ours.jointPlacements[joint].isApprox(theirs.jointPlacements[joint], 1e-9)
+        if joint < ours.njoints - 1:
+            assert ours.inertias[joint].isApprox(theirs.inertias[joint], 1e-9)
+    assert ours.inertias[6].mass == pytest.approx(theirs.inertias[6].mass + 1.5, abs=1e-9)

@@ -1,7 +1,7 @@
 //! Time that frames occupy a bus in the worst case.
 
 use can_codec::{EXTENDED_ID, Frame, Table};
-use robot_config::Robot;
+use robot_config::{Carrier, Robot};
 
 /// Bits a second of a bus.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +43,12 @@ impl Shape {
 pub(super) struct BusLoad {
     pub(super) received: usize,
     pub(super) sent: usize,
+    /// None for a bus without a bit rate.
+    pub(super) time: Option<WireTime>,
+}
+
+/// Time that the frames of a cycle take on a CAN bus.
+pub(super) struct WireTime {
     /// From SYNC to the last answer, s.
     pub(super) answers_s: f64,
     /// Commands, s.
@@ -75,12 +81,16 @@ pub(super) fn bus_loads(robot: &Robot, rate: Bitrate) -> Vec<BusLoad> {
         let sent = messages(&robot.send, bus);
         let answers_s = sync_shape(sync).worst_case_s(rate) + total(&received);
         let commands_s = total(&sent);
+        let carrier = robot.parameters.buses.get(bus).map(|bus| &bus.carrier);
+        let on_wire = matches!(carrier, Some(Carrier::SocketCan(_)));
         BusLoad {
             received: received.len(),
             sent: sent.len(),
-            answers_s,
-            commands_s,
-            load: (answers_s + commands_s) / robot.parameters.timing.sample_period,
+            time: on_wire.then(|| WireTime {
+                answers_s,
+                commands_s,
+                load: (answers_s + commands_s) / robot.parameters.timing.sample_period,
+            }),
         }
     };
     robot.sync.iter().enumerate().map(of_bus).collect()

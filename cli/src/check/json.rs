@@ -4,7 +4,7 @@ use super::bus_load::BusLoad;
 use super::gains::equivalent;
 use super::{command, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
-use robot_config::{JointParameters, Robot};
+use robot_config::{BusParameters, Carrier, JointParameters, Robot};
 use serde_json::{Value, json};
 
 pub(super) fn object(
@@ -14,16 +14,22 @@ pub(super) fn object(
     warnings: &[String],
 ) -> Value {
     let parameters = &robot.parameters;
-    let bus = |(bus, load): (&robot_config::BusParameters, &BusLoad)| {
+    let bus = |(bus, load): (&BusParameters, &BusLoad)| {
+        let time = load.time.as_ref();
+        let kind = match bus.carrier {
+            Carrier::SocketCan(_) => "socketcan",
+            Carrier::UdpMulticast(_) => "udp_multicast",
+        };
         json!({
             "name": bus.name,
-            "interface": bus.interface,
+            "kind": kind,
+            "interface": bus.carrier.to_string(),
             "fd": bus.fd,
             "frames_received_per_cycle": load.received,
             "frames_sent_per_cycle": load.sent + 1,
-            "answers_us": load.answers_s * 1e6,
-            "commands_us": load.commands_s * 1e6,
-            "load_percent": load.load * 100.0,
+            "answers_us": time.map(|time| time.answers_s * 1e6),
+            "commands_us": time.map(|time| time.commands_s * 1e6),
+            "load_percent": time.map(|time| time.load * 100.0),
         })
     };
     let joint = |joint: &JointParameters| {

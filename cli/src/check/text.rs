@@ -1,6 +1,6 @@
 //! The configuration as text.
 
-use super::bus_load::BusLoad;
+use super::bus_load::{BusLoad, WireTime};
 use super::gains::equivalent;
 use super::{command, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
@@ -76,16 +76,21 @@ fn bus_table(robot: &Robot, buses: &[BusLoad]) -> TextTable {
     rows.extend(robot.parameters.buses.iter().zip(buses).map(|(bus, load)| {
         vec![
             bus.name.clone(),
-            bus.interface.clone(),
+            bus.carrier.to_string(),
             if bus.fd { "FD" } else { "classic" }.to_owned(),
             load.received.to_string(),
             format!("{} + SYNC", load.sent),
-            format!("{:.0} us", load.answers_s * 1e6),
-            format!("{:.0} us", load.commands_s * 1e6),
-            format!("{:.0} %", load.load * 100.0),
+            of_time(load, |time| format!("{:.0} us", time.answers_s * 1e6)),
+            of_time(load, |time| format!("{:.0} us", time.commands_s * 1e6)),
+            of_time(load, |time| format!("{:.0} %", time.load * 100.0)),
         ]
     }));
     TextTable(rows)
+}
+
+/// A figure of a bus whose frames take time on a wire.
+fn of_time(load: &BusLoad, show: impl Fn(&WireTime) -> String) -> String {
+    load.time.as_ref().map_or_else(|| "-".to_owned(), show)
 }
 
 fn joint_table(robot: &Robot) -> TextTable {

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 49
+EVENT_COUNT = 50
 
 
 class Mode(IntEnum):
@@ -145,6 +145,7 @@ EVENTS = (
     Event(113, "send_failing", "Frames could not be sent for longer than allowed.", "safety.send_failing_ms", "hold"),
     Event(114, "sensor_flat", "A value of an F/T sensor or the IMU has stayed the same for longer than its noise explains; its samples are not used.", "ft_sensor.flat_after_ms / imu.flat_after_ms", "degrade"),
     Event(115, "sensor_saturated", "A value of an F/T sensor or the IMU stands at an end of its range in the DBC file; such samples are not used.", "-", "warn"),
+    Event(116, "datagram_refused", "A datagram on a UDP bus was no data frame of CAN, or came from another machine though the bus is limited to this one; it was not used.", "bus.hop_limit", "warn"),
     Event(201, "torque_saturated", "An estimated torque exceeded the joint's torque limit and was cut to it.", "joint.torque_limit_Nm", "warn"),
     Event(202, "encoder_jump", "An encoder moved further in one cycle than the joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "warn"),
     Event(203, "estimate_not_finite", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.", "-", "warn"),
@@ -453,7 +454,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """25384 bytes."""
+    """25392 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -490,7 +491,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 49),
+        ("events", ctypes.c_uint64 * 50),
     ]
 
 
@@ -521,7 +522,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """25456 bytes."""
+    """25464 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -709,7 +710,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#33ba237a1dcb4a39")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#4b31f18a6d85a248")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#4e3dedf757f58dfe")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#db0e2d65a307eda8")

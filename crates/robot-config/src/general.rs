@@ -1,11 +1,12 @@
 //! `[robot] [loop] [[bus]] [control] [cross_check]`.
 
 use crate::parameters::{
-    BusParameters, CrossCheckSettings, FastTorqueFeedback, MotionSettings, RealTime, Timing,
-    TorqueFeedback, TorqueLaw,
+    BusParameters, Carrier, CrossCheckSettings, FastTorqueFeedback, MotionSettings, RealTime,
+    Timing, TorqueFeedback, TorqueLaw, UdpGroup,
 };
 use crate::reader::{Allowed, Diagnostics, Section};
 use crate::{Read, paths, unreadable};
+use core::net::Ipv4Addr;
 use dynamics::Base;
 
 /// Names that a [`robot_state::Name`] can hold.
@@ -134,14 +135,21 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
         if buses.iter().any(|bus| taken(&bus.parameters.name, &name)) {
             section.problem("name", "a second bus has this name", "a name for each bus");
         }
-        let interface = interface(&section);
+        let carrier = carrier(&section);
+        if let Some(first) = buses.first() {
+            check_carrier(&section, &carrier, &first.parameters.carrier);
+        }
         if buses
             .iter()
-            .any(|bus| taken(&bus.parameters.interface, &interface))
+            .any(|bus| is_shared(&bus.parameters.carrier, &carrier))
         {
-            let what = format!("a second bus is on {interface}");
-            let allowed = "one bus for each interface; it may list several DBC files";
-            section.problem("interface", what, allowed);
+            let what = format!("a second bus is on {carrier}");
+            let (key, allowed) = match carrier {
+                Carrier::SocketCan(_) => ("interface", "one bus for each interface"),
+                Carrier::UdpMulticast(_) => ("port", "one bus for each pair of group and port"),
+            };
+            let allowed = format!("{allowed}; it may list several DBC files");
+            section.problem(key, what, allowed);
         }
         let dbcs = section.texts(
             "dbc",
@@ -152,7 +160,7 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
         buses.push(Bus {
             parameters: BusParameters {
                 name,
-                interface,
+                carrier,
                 interface_place: section.place_of("interface"),
                 dbc_paths: dbcs
                     .iter()
@@ -171,22 +179,78 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
     buses
 }
 
-/// A name that Linux accepts for a network interface.
-fn interface(section: &Section<'_, '_>) -> String {
-    const ALLOWED: &str = "1 to 15 bytes without space, / or :, as can0 or vcan0";
-    let Some(text) = section.text("interface", ALLOWED) else {
-        return String::new();
-    };
-    let name = text.value;
+/// What carries the frames of the bus.
+fn carrier(section: &Section<'_, '_>) -> Carrier {
+    if !section.choice_or(
+        "kind",
+        false,
+        &[("socketcan", false), ("udp_multicast", true)],
+    ) {
+        let interface = section.text("interface", INTERFACE);
+        return Carrier::SocketCan(interface.map_or_else(String::new, |text| {
+            check_interface(section, text.value);
+            text.value.to_owned()
+        }));
+    }
+    let interface = section.optional_text("interface", INTERFACE);
+    if let Some(text) = &interface {
+        check_interface(section, text.value);
+    }
+    Carrier::UdpMulticast(UdpGroup {
+        group: group(section),
+        port: section
+            .optional_integer("port", 1..65_536)
+            .map_or(UDP_PORT, |port| port as u16),
+        interface: interface.map(|text| text.value.to_owned()),
+        hop_limit: section.optional_integer("hop_limit", 0..256).unwrap_or(0) as u8,
+    })
+}
+
+const INTERFACE: &str = "1 to 15 bytes without space, / or :, as can0 or vcan0";
+
+/// Notes a name that Linux does not accept for a network interface.
+fn check_interface(section: &Section<'_, '_>, name: &str) {
     let bad = |c: char| c.is_whitespace() || c.is_control() || c == '/' || c == ':';
     if name.len() > 15 || name == "." || name == ".." || name.chars().any(bad) {
-        section.problem(
-            "interface",
-            format!("{name:?} is no name of an interface"),
-            ALLOWED,
-        );
+        let what = format!("{name:?} is no name of an interface");
+        section.problem("interface", what, INTERFACE);
     }
-    name.to_owned()
+}
+
+/// python-can's IPv4 group and port.
+const UDP_GROUP: Ipv4Addr = Ipv4Addr::new(239, 74, 163, 2);
+const UDP_PORT: u16 = 43_113;
+
+fn group(section: &Section<'_, '_>) -> Ipv4Addr {
+    const ALLOWED: &str = "an IPv4 multicast address, 224.0.1.0 to 239.255.255.255";
+    let Some(text) = section.optional_text("group", ALLOWED) else {
+        return UDP_GROUP;
+    };
+    // 224.0.0.0/24 belongs to routing protocols and is never filtered by switches.
+    let may_be = |group: &Ipv4Addr| group.is_multicast() && group.octets()[..3] != [224, 0, 0];
+    let group = text.value.parse().ok().filter(may_be);
+    if group.is_none() {
+        section.problem("group", format!("{:?} is not allowed", text.value), ALLOWED);
+    }
+    group.unwrap_or(UDP_GROUP)
+}
+
+fn check_carrier(section: &Section<'_, '_>, carrier: &Carrier, first: &Carrier) {
+    if core::mem::discriminant(carrier) != core::mem::discriminant(first) {
+        let what = "the buses of this robot are of two kinds";
+        section.problem("kind", what, "the kind of the first [[bus]]");
+    }
+}
+
+/// Frames of one would reach the other.
+fn is_shared(one: &Carrier, other: &Carrier) -> bool {
+    match (one, other) {
+        (Carrier::SocketCan(one), Carrier::SocketCan(other)) => !one.is_empty() && one == other,
+        (Carrier::UdpMulticast(one), Carrier::UdpMulticast(other)) => {
+            (one.group, one.port) == (other.group, other.port)
+        }
+        _ => false,
+    }
 }
 
 pub(crate) fn feedback(root: &Section<'_, '_>, sample_period: f64) -> Feedback {

@@ -3,6 +3,8 @@
 use crate::sampling::Sampling;
 use control::predictive::LawParameters;
 use control::{JointGains, MotionLimits, MotorModel};
+use core::fmt;
+use core::net::Ipv4Addr;
 use dynamics::Base;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
@@ -137,14 +139,45 @@ pub enum RealTime {
 pub struct BusParameters {
     /// Name, as joints and sensors call it.
     pub name: String,
-    /// Name of the network interface.
-    pub interface: String,
+    /// What carries its frames; the same kind for every bus of a robot.
+    pub carrier: Carrier,
     /// Place in the configuration that names the interface, as `file:line: key`.
     pub interface_place: String,
     /// Paths of the DBC files, resolved against the configuration's folder.
     pub dbc_paths: Vec<String>,
     /// The bus carries CAN FD frames.
     pub fd: bool,
+}
+
+/// What carries the frames of a bus.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Carrier {
+    /// The CAN interface of this name.
+    SocketCan(String),
+    /// Datagrams to a multicast group, for simulated robots.
+    UdpMulticast(UdpGroup),
+}
+
+impl fmt::Display for Carrier {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::SocketCan(interface) => f.write_str(interface),
+            Self::UdpMulticast(UdpGroup { group, port, .. }) => write!(f, "{group}:{port}"),
+        }
+    }
+}
+
+/// A multicast group that carries CAN frames as python-can's `udp_multicast` does.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UdpGroup {
+    /// Address of the group.
+    pub group: Ipv4Addr,
+    /// UDP port.
+    pub port: u16,
+    /// Name of the network interface; the one of the system's route to the group if none is named.
+    pub interface: Option<String>,
+    /// Routers that a datagram may pass, plus one; 0: it stays on this machine.
+    pub hop_limit: u8,
 }
 
 /// Source of the IMU's angular acceleration (D 2.1).

@@ -171,6 +171,7 @@ events! {
     SendFailing = 113, "send_failing", Hold, "safety.send_failing_ms", "Frames could not be sent for longer than allowed.";
     SensorFlat = 114, "sensor_flat", Degrade against WHOLE_BODY, "ft_sensor.flat_after_ms / imu.flat_after_ms", "A value of an F/T sensor or the IMU has stayed the same for longer than its noise explains; its samples are not used.";
     SensorSaturated = 115, "sensor_saturated", Warn against WHOLE_BODY, "-", "A value of an F/T sensor or the IMU stands at an end of its range in the DBC file; such samples are not used.";
+    DatagramRefused = 116, "datagram_refused", Warn, "bus.hop_limit", "A datagram on a UDP bus was no data frame of CAN, or came from another machine though the bus is limited to this one; it was not used.";
     TorqueSaturated = 201, "torque_saturated", Warn against ENCODER_TORQUE WHOLE_BODY, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
     EncoderJump = 202, "encoder_jump", Warn, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
     EstimateNotFinite = 203, "estimate_not_finite", Warn against ENCODER_TORQUE WHOLE_BODY, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";

@@ -12,7 +12,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use terminal::print;
-use torqued::bus::{Bus, Line, OpenError, SocketCan};
+use torqued::bus::{Bus, Network};
 use torqued::failure::Failure;
 use torqued::real_time::{self, RealTime, Settings};
 use torqued::simulation;
@@ -74,11 +74,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         other => other,
     };
     let (robot, plant) = load(arguments)?;
-    let lines: Vec<Line<'_>> = robot.parameters.buses.iter().map(Line::from).collect();
-    let bus = SocketCan::open(&lines).map_err(|error| match error {
-        OpenError::Interfaces(_) => Failure::bad_input(error),
-        _ => Failure::environment(error),
-    })?;
+    let bus = Network::open(&robot.parameters.buses)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::environment)?;
@@ -131,7 +127,7 @@ fn be_punctual(robot: &Robot) -> Option<RealTime> {
 struct Simulation<'a> {
     robot: &'a Robot,
     plant: CanRobot,
-    bus: SocketCan,
+    bus: Network,
     summary: Summary,
     /// SYNC frames of each bus.
     syncs: Vec<u64>,
@@ -140,7 +136,7 @@ struct Simulation<'a> {
 }
 
 impl<'a> Simulation<'a> {
-    fn new(robot: &'a Robot, plant: CanRobot, bus: SocketCan) -> Self {
+    fn new(robot: &'a Robot, plant: CanRobot, bus: Network) -> Self {
         Self {
             robot,
             plant,

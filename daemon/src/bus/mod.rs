@@ -1,18 +1,26 @@
 //! Sending and receiving of frames.
 //!
 //! The loop knows only [`Bus`]. Behind it stands [`SocketCan`] (all CAN interfaces through one
-//! socket), [`in_process`] (no kernel: two threads, or a simulated robot called in lock-step), or
+//! socket), [`UdpMulticast`] (datagrams in python-can's format, for simulators of other people),
+//! [`in_process`] (no kernel: two threads, or a simulated robot called in lock-step), or
 //! [`FaultInjector`] around one of them.
 
 mod fault_injector;
 pub mod in_process;
+mod messages;
+mod network;
+mod receive_clock;
 mod socketcan;
+mod udp_multicast;
 
 pub use fault_injector::{FaultInjector, Faults, Injected};
 pub use in_process::{InProcess, LockStep, Peer};
-pub use socketcan::{Line, OpenError, SendFailure, SocketCan};
+pub use network::{Network, OpenError};
+pub use socketcan::{Line, SocketCan};
+pub use udp_multicast::{Member, UdpMulticast};
 
-use can_codec::{Frames, Gather, Table};
+use crate::real_time::monotonic_ns;
+use can_codec::{Frames, Gather, MAX_FRAMES, Table};
 
 /// Counts of frames since the bus was opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -31,6 +39,29 @@ pub struct BusCounters {
     pub link_down: u64,
     /// Frames that arrived but found no room, on their way or in the caller's list.
     pub dropped: u64,
+    /// Datagrams that are no data frames, or come from a machine that is not allowed to send any.
+    pub refused_datagrams: u64,
+}
+
+impl BusCounters {
+    /// Counts a frame that the kernel did not take, by its errno.
+    fn count_refused(&mut self, errno: i32) {
+        use libc::{EADDRNOTAVAIL, ENETDOWN, ENETUNREACH, ENODEV, ENXIO};
+        self.send_failed += 1;
+        if [ENETDOWN, ENETUNREACH, ENXIO, ENODEV, EADDRNOTAVAIL].contains(&errno) {
+            self.link_down += 1;
+        }
+    }
+}
+
+/// The newest failure to send.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SendFailure {
+    /// The bus.
+    pub bus: u8,
+    /// The kernel's answer: ENOBUFS (queue full: not acknowledged, or `txqueuelen` too short),
+    /// ENETDOWN, ENXIO (interface gone), EINVAL.
+    pub errno: i32,
 }
 
 /// All buses of the robot: a frame carries the number of its bus.
@@ -69,6 +100,46 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
 
     fn now_ns(&self) -> u64 {
         (**self).now_ns()
+    }
+}
+
+/// Sockets that are read batch by batch.
+trait Sockets {
+    /// Waits for a frame until `until_ns`; true if one is there.
+    fn wait(&mut self, until_ns: u64) -> bool;
+
+    /// Reads one batch; true if more may be waiting.
+    fn read(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table) -> bool;
+}
+
+/// Batches that are read once the deadline has passed, at most: a flood of what is not handed over
+/// has an end, too.
+const LAST_BATCHES: usize = 2 * MAX_FRAMES / messages::BATCH;
+
+/// [`Bus::receive`] of sockets.
+fn receive_until(
+    sockets: &mut impl Sockets,
+    rx: &mut Frames,
+    gather: &mut Gather,
+    table: &Table,
+    until_ns: u64,
+) {
+    let mut last = 0;
+    loop {
+        let in_time = monotonic_ns() < until_ns;
+        if in_time && !gather.complete() && !sockets.wait(until_ns) {
+            continue;
+        }
+        let more = sockets.read(rx, gather, table);
+        // After the deadline, frames without room in `rx` stay for the next call: so a flood has
+        // an end, and a list of whole batches works off a backlog without loss.
+        if in_time && !gather.complete() {
+            continue;
+        }
+        last += 1;
+        if !more || rx.is_full() || last == LAST_BATCHES {
+            return;
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Configurations of whole robots: those of the repository, and faulty ones.
 
 mod accepted;
+mod buses;
 mod drives;
 mod files;
 mod refusals;

@@ -6,28 +6,21 @@
 //! stamps each frame as it arrives, counts dropped frames, and reports the controllers' error frames.
 //! The socket does not receive its own frames; other programs on the same interface do.
 
-mod clock;
 mod interface;
-mod messages;
 
-use super::{Bus, BusCounters, deliver};
+use super::messages::{self, BATCH, Messages, Received, errno, set_option};
+use super::receive_clock::ReceiveClock;
+use super::{Bus, BusCounters, OpenError, SendFailure, Sockets, deliver, receive_until};
 use crate::real_time::monotonic_ns;
-use can_codec::{Frames, Gather, Table};
-use clock::ReceiveClock;
+use can_codec::{Frame, Frames, Gather, Table};
 use libc::c_int;
-use messages::{BATCH, Messages, errno};
-use problem::Problems;
-use robot_config::BusParameters;
 use std::io;
 use std::mem::{size_of, zeroed};
 use std::os::fd::{AsFd, AsRawFd, FromRawFd, OwnedFd};
 use std::path::Path;
-use std::ptr;
 
-/// Room for frames between two reads, bytes as the kernel counts them (about 800 a frame): some
-/// 20 ms of eight buses at their fullest.
-const RECEIVE_BUFFER: c_int = 4 * 1024 * 1024;
-const NS_PER_S: u64 = 1_000_000_000;
+/// Data of a classic frame, bytes.
+const CLASSIC_DATA: usize = 8;
 
 /// A bus of the config and the name of its interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,49 +33,12 @@ pub struct Line<'a> {
     pub fd: bool,
 }
 
-impl<'a> From<&'a BusParameters> for Line<'a> {
-    fn from(bus: &'a BusParameters) -> Self {
-        Self {
-            place: &bus.interface_place,
-            interface: &bus.interface,
-            fd: bus.fd,
-        }
-    }
-}
-
-/// An obstacle to opening the buses.
-#[derive(Debug, thiserror::Error)]
-pub enum OpenError {
-    /// Interfaces that are missing, down, or not able to carry CAN FD: all of them.
-    #[error("{0}")]
-    Interfaces(Problems),
-    /// The kernel has no CAN sockets.
-    #[error(
-        "this kernel has no CAN sockets ({0}); `modprobe can_raw`, or a kernel with \
-         CONFIG_CAN_RAW; `torqued demo` needs none"
-    )]
-    NoCan(io::Error),
-    /// A failed call of the socket's set-up, and its error.
-    #[error("CAN socket: {0}: {1}")]
-    Socket(&'static str, io::Error),
-}
-
-/// The newest failure to send.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SendFailure {
-    /// The bus.
-    pub bus: u8,
-    /// The kernel's answer: ENOBUFS (queue full: not acknowledged, or `txqueuelen` too short),
-    /// ENETDOWN, ENXIO (interface gone), EINVAL.
-    pub errno: i32,
-}
-
 /// The buses of a robot on SocketCAN.
 pub struct SocketCan {
     socket: OwnedFd,
     /// Index of each bus's interface.
     interfaces: Vec<c_int>,
-    messages: Messages,
+    messages: Messages<libc::sockaddr_can, libc::canfd_frame>,
     /// Bus of each message in `messages` that is being sent.
     sending: [u8; BATCH],
     clock: ReceiveClock,
@@ -115,19 +71,7 @@ impl SocketCan {
 
     /// Waits for a frame until `until_ns`; true if one is there.
     pub fn wait(&self, until_ns: u64) -> bool {
-        let left = until_ns.saturating_sub(monotonic_ns());
-        let timeout = libc::timespec {
-            tv_sec: (left / NS_PER_S) as libc::time_t,
-            tv_nsec: (left % NS_PER_S) as libc::c_long,
-        };
-        let mut poll = libc::pollfd {
-            fd: self.socket.as_raw_fd(),
-            events: libc::POLLIN,
-            revents: 0,
-        };
-        // SAFETY: one pollfd and a timeout, both alive during the call; no signal mask.
-        let ready = unsafe { libc::ppoll(&raw mut poll, 1, &raw const timeout, ptr::null()) };
-        ready > 0
+        messages::wait(&mut [messages::readable(self.socket.as_fd())], until_ns)
     }
 
     /// The newest failure to send a frame.
@@ -136,63 +80,111 @@ impl SocketCan {
         self.send_failure
     }
 
-    /// Reads one batch; returns its number of frames.
-    fn read_batch(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table) -> usize {
+    /// The frame of message `at`, if that is one of our buses.
+    fn frame(&mut self, at: usize) -> Option<Frame> {
+        let message = self.messages.received(at)?;
+        if let Some(dropped) = message.dropped {
+            let more = dropped.wrapping_sub(self.kernel_dropped);
+            self.counters.dropped += u64::from(more);
+            self.kernel_dropped = dropped;
+        }
+        // The socket also receives from interfaces of no bus: such frames are left out.
+        let interface = message.address.can_ifindex;
+        let bus = self.interfaces.iter().position(|&it| it == interface)?;
+        let mut frame = read(&message)?;
+        frame.bus = bus as u8;
+        frame.stamp_ns = self.clock.stamp(message.real_ns);
+        Some(frame)
+    }
+
+    /// Writes the frame as message `at`; false if no interface can carry it.
+    fn write(&mut self, at: usize, frame: &Frame) -> bool {
+        let Some(&interface) = self.interfaces.get(usize::from(frame.bus)) else {
+            return false;
+        };
+        let (capacity, size) = match frame.fd {
+            true => (can_codec::MAX_DATA, libc::CANFD_MTU),
+            false => (CLASSIC_DATA, libc::CAN_MTU),
+        };
+        if frame.error || usize::from(frame.len) > capacity {
+            return false;
+        }
+        let Some((address, raw)) = self.messages.at(at) else {
+            return false;
+        };
+        address.can_family = libc::AF_CAN as libc::sa_family_t;
+        address.can_ifindex = interface;
+        raw.can_id = frame.id;
+        raw.len = frame.len;
+        // Data bytes at the data bit rate; the flag means nothing in a classic frame.
+        raw.flags = if frame.fd { libc::CANFD_BRS as u8 } else { 0 };
+        raw.data = frame.data;
+        self.messages.ready(at, size);
+        true
+    }
+
+    /// Sends the first `count` messages; returns the number that the kernel took.
+    fn send_batch(&mut self, count: usize) -> usize {
+        let Self {
+            socket,
+            messages,
+            sending,
+            counters,
+            send_failure,
+            ..
+        } = self;
+        messages.send(socket.as_fd(), count, |at, errno| {
+            let bus = sending.get(at).copied().unwrap_or(0);
+            *send_failure = Some(SendFailure { bus, errno });
+            counters.count_refused(errno);
+        })
+    }
+}
+
+/// The frame of a message, without bus and stamp; `None` if it is neither a CAN nor a CAN FD frame.
+fn read(message: &Received<'_, libc::sockaddr_can, libc::canfd_frame>) -> Option<Frame> {
+    let fd = match message.length {
+        libc::CANFD_MTU => true,
+        libc::CAN_MTU => false,
+        _ => return None,
+    };
+    let raw = message.content;
+    let error = raw.can_id & libc::CAN_ERR_FLAG != 0;
+    let capacity = if fd { raw.data.len() } else { CLASSIC_DATA };
+    let mut frame = Frame::zeroed(0, raw.can_id, raw.len.min(capacity as u8), fd);
+    frame.error = error;
+    if error {
+        frame.id &= libc::CAN_ERR_MASK;
+    }
+    // A remote frame (RTR) has a length but no data. Its flag stays in the id, so that it is
+    // unknown to every table, not decoded as a message of zeros.
+    let used = usize::from(frame.len);
+    if let (Some(to), Some(from)) = (frame.data.get_mut(..used), raw.data.get(..used)) {
+        to.copy_from_slice(from);
+    }
+    Some(frame)
+}
+
+impl Sockets for SocketCan {
+    fn wait(&mut self, until_ns: u64) -> bool {
+        Self::wait(self, until_ns)
+    }
+
+    fn read(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table) -> bool {
         let before = monotonic_ns();
         let count = self.messages.receive(self.socket.as_fd()).unwrap_or(0);
         if count > 0 {
             self.clock.update();
         }
         for at in 0..count {
-            let Some((mut frame, origin)) = self.messages.received(at) else {
-                continue;
-            };
-            if let Some(dropped) = origin.dropped {
-                let more = dropped.wrapping_sub(self.kernel_dropped);
-                self.counters.dropped += u64::from(more);
-                self.kernel_dropped = dropped;
+            if let Some(frame) = self.frame(at) {
+                deliver(frame, rx, gather, table, &mut self.counters);
             }
-            // The socket also receives from interfaces of no bus: such frames are left out.
-            let is_ours = |&index: &c_int| index == origin.interface;
-            let Some(bus) = self.interfaces.iter().position(is_ours) else {
-                continue;
-            };
-            frame.bus = bus as u8;
-            frame.stamp_ns = self.clock.stamp(origin.real_ns);
-            deliver(frame, rx, gather, table, &mut self.counters);
         }
         if count < BATCH {
             self.clock.seen_empty(before);
         }
-        count
-    }
-
-    /// Sends the first `count` messages. A frame that the kernel refuses is counted and passed
-    /// over: those behind it may belong to another bus.
-    fn send_batch(&mut self, count: usize) -> usize {
-        let (mut at, mut accepted) = (0, 0);
-        while at < count {
-            match self.messages.send(self.socket.as_fd(), at, count) {
-                Ok(sent) if sent > 0 => {
-                    at += sent;
-                    accepted += sent;
-                }
-                Err(libc::EINTR) => {}
-                Ok(_) => self.refused(&mut at, 0),
-                Err(errno) => self.refused(&mut at, errno),
-            }
-        }
-        accepted
-    }
-
-    fn refused(&mut self, at: &mut usize, errno: i32) {
-        let bus = self.sending.get(*at).copied().unwrap_or(0);
-        self.send_failure = Some(SendFailure { bus, errno });
-        self.counters.send_failed += 1;
-        if matches!(errno, libc::ENETDOWN | libc::ENXIO | libc::ENODEV) {
-            self.counters.link_down += 1;
-        }
-        *at += 1;
+        count == BATCH
     }
 }
 
@@ -202,8 +194,7 @@ impl Bus for SocketCan {
         for chunk in frames.as_slice().chunks(BATCH) {
             let mut count = 0;
             for frame in chunk {
-                let interface = self.interfaces.get(usize::from(frame.bus));
-                if interface.is_some_and(|&it| self.messages.write(count, frame, it)) {
+                if self.write(count, frame) {
                     self.sending[count] = frame.bus;
                     count += 1;
                 } else {
@@ -221,19 +212,7 @@ impl Bus for SocketCan {
     }
 
     fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, until_ns: u64) {
-        loop {
-            let in_time = monotonic_ns() < until_ns;
-            if in_time && !gather.complete() && !self.wait(until_ns) {
-                continue;
-            }
-            let more = self.read_batch(rx, gather, table) == BATCH;
-            // After the deadline, frames without room in `rx` stay for the next call: so a flood has
-            // an end, and a list of whole batches works off a backlog without loss.
-            let waiting = in_time && !gather.complete();
-            if !waiting && (!more || rx.is_full()) {
-                return;
-            }
-        }
+        receive_until(self, rx, gather, table, until_ns);
     }
 
     fn counters(&self) -> BusCounters {
@@ -260,37 +239,13 @@ fn open_socket() -> Result<OwnedFd, OpenError> {
 }
 
 fn set_options(socket: &OwnedFd) -> Result<(), OpenError> {
-    let (raw, any) = (libc::SOL_CAN_RAW, libc::SOL_SOCKET);
     let every_error = libc::CAN_ERR_MASK as c_int;
-    let set = |level, name, value| set_option(socket, level, name, value);
+    let set = |name, value| set_option(socket.as_fd(), libc::SOL_CAN_RAW, name, value);
+    let failed = |(call, error)| OpenError::Socket(call, error);
     // FD frames also where a bus has fd = false: there they are counted as unknown.
-    set(raw, libc::CAN_RAW_FD_FRAMES, 1).map_err(|e| OpenError::Socket("CAN_RAW_FD_FRAMES", e))?;
-    set(raw, libc::CAN_RAW_ERR_FILTER, every_error)
-        .map_err(|e| OpenError::Socket("CAN_RAW_ERR_FILTER", e))?;
-    set(any, libc::SO_TIMESTAMPNS, 1).map_err(|e| OpenError::Socket("SO_TIMESTAMPNS", e))?;
-    set(any, libc::SO_RXQ_OVFL, 1).map_err(|e| OpenError::Socket("SO_RXQ_OVFL", e))?;
-    // Beyond the system's limit only for the privileged; the limit itself will do.
-    set(any, libc::SO_RCVBUFFORCE, RECEIVE_BUFFER)
-        .or_else(|_| set(any, libc::SO_RCVBUF, RECEIVE_BUFFER))
-        .map_err(|e| OpenError::Socket("SO_RCVBUF", e))
-}
-
-fn set_option(socket: &OwnedFd, level: c_int, name: c_int, value: c_int) -> io::Result<()> {
-    // SAFETY: the value is alive during the call and its size is stated.
-    let answer = unsafe {
-        libc::setsockopt(
-            socket.as_raw_fd(),
-            level,
-            name,
-            (&raw const value).cast(),
-            size_of::<c_int>() as libc::socklen_t,
-        )
-    };
-    if answer == 0 {
-        Ok(())
-    } else {
-        Err(io::Error::last_os_error())
-    }
+    set(libc::CAN_RAW_FD_FRAMES, 1).map_err(|e| failed(("CAN_RAW_FD_FRAMES", e)))?;
+    set(libc::CAN_RAW_ERR_FILTER, every_error).map_err(|e| failed(("CAN_RAW_ERR_FILTER", e)))?;
+    messages::stamp_and_count(socket.as_fd()).map_err(failed)
 }
 
 fn bind_to_all(socket: &OwnedFd) -> Result<(), OpenError> {
