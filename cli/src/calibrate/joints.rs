@@ -184,7 +184,7 @@ fn one_robot(runs: &[RecordedRun], config: Option<&Path>) -> Result<Identity, Pr
         let found = first.differences(&own);
         if !found.is_empty() {
             let shown = match found.as_slice() {
-                [all @ ..] if all.len() <= 3 => all.join("; "),
+                all if all.len() <= 3 => all.join("; "),
                 all => format!("{}; and {} more", all[..3].join("; "), all.len() - 3),
             };
             let reason = format!("is a recording of another robot: {shown}");

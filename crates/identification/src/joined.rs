@@ -36,6 +36,9 @@ pub enum Zeros {
     Common,
 }
 
+/// A shift, rad, and its standard deviation.
+pub type Shift = (f64, f64);
+
 /// The logs one after another, and the shift of each motor side that they show, rad, with its standard
 /// deviation.
 ///
@@ -45,13 +48,13 @@ pub fn joined(
     joint: &JointFile,
     logs: Vec<Vec<LogRow>>,
     of_zeros: Zeros,
-) -> Result<(Vec<LogRow>, Vec<(f64, f64)>), Problem> {
+) -> Result<(Vec<LogRow>, Vec<Shift>), Problem> {
     let n = joint.joint.gear_ratio;
     let zeros = match logs.len() {
         0 | 1 => vec![(0.0, 0.0); logs.len()],
         _ => zeros(joint, &logs)?,
     };
-    let (mut rows, mut shifts): (Vec<LogRow>, Vec<(f64, f64)>) = (Vec::new(), Vec::new());
+    let (mut rows, mut shifts): (Vec<LogRow>, Vec<Shift>) = (Vec::new(), Vec::new());
     for (log, (zero, sigma)) in logs.into_iter().zip(zeros) {
         let mut shift = -n * zero;
         let turns = TAU * (shift / TAU).round();
