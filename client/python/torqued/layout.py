@@ -580,7 +580,7 @@ class JointReference(ctypes.Structure):
         ("tau_d", ctypes.c_double),
         # K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes inverse dynamics and position).
         ("stiffness", ctypes.c_double),
-        # K_d: damping, N·m·s/rad, at most the configured one; as `stiffness`.
+        # K_d: damping, N·m·s/rad, at most the configured one, and no smaller a share of it than `stiffness` is of the configured stiffness; counts as `stiffness` does.
         ("damping", ctypes.c_double),
     ]
 

@@ -144,6 +144,10 @@ impl Estimate {
         if let Some(settings) = settings {
             self.apply(settings);
         }
+        if follows {
+            // The torque was known while the robot held.
+            self.taring.fill(0);
+        }
         self.update_encoder_torques(measure, &mut estimated.joints, counts);
         let delay_s = measured.filter_delay_s;
         (self.whole_body).update(measure, delay_s, estimated, counts);
@@ -161,7 +165,8 @@ impl Estimate {
         }
     }
 
-    /// Applies clients' choice of a contact set and tares of joints; the offsets are used where samples are read.
+    /// Applies clients' choice of a contact set and tares of joints; the F/T sensors' offsets are used
+    /// where samples are read.
     fn apply(&mut self, settings: &Settings) {
         if settings.contact_set != self.settings.contact_set {
             self.whole_body.choose_contact_set(settings.contact_set);

@@ -2,12 +2,12 @@
 
 mod common;
 
-use common::{Bench, read};
+use common::{Bench, client_input, read};
 use cycle::ClientInput;
 use estimators::joint::JointTorqueEstimator;
 use joint_file::{JointFile, no_files};
 use robot_state::measured_flags::{MISSED, NEVER};
-use robot_state::{Event, JointTare, Settings, torque_flags, torque_source};
+use robot_state::{Event, JointTare, Mode, Settings, torque_flags, torque_source};
 
 const JOINT: &str = "\
 [joint]
@@ -197,9 +197,8 @@ fn a_joint_file_of_another_joint_is_refused() {
     );
 }
 
-/// An encoder's zero is 2 mrad off: 14 N·m, until the joint is tared to the torque that it carries.
-#[test]
-fn a_joint_is_tared_to_a_known_torque() {
+/// The test joint with an encoder's zero that is 2 mrad off: 14 N·m.
+fn with_a_wrong_zero() -> Bench {
     let hysteresis = "[hysteresis]\nlinear_Nm_per_rad = 7000.0\ncubic_Nm_per_rad3 = 0.0\n\
         wind_up = []\nslipping = []\ntorsion_sigma_rad = 5e-5\n";
     let text = JOINT
@@ -208,6 +207,12 @@ fn a_joint_is_tared_to_a_known_torque() {
         .replace("[fusion]\n", &format!("{hysteresis}[fusion]\n"));
     let mut bench = Bench::reading("test-joint", &calibrated(&text));
     bench.run(600);
+    bench
+}
+
+#[test]
+fn a_joint_is_tared_to_a_known_torque() {
+    let mut bench = with_a_wrong_zero();
     let error = |bench: &Bench| {
         let truth = bench.plant.truth().joints[0].tau;
         bench.cycle.record().estimated.joints[0].tau_encoder.tau - truth
@@ -239,4 +244,34 @@ fn a_joint_is_tared_to_a_known_torque() {
         });
     }
     assert!((error(&bench) - 4.0).abs() < 1.0, "{}", error(&bench));
+}
+
+/// A mode may have changed the torque that was known: the tare does not take place.
+#[test]
+fn a_tare_is_dropped_where_a_mode_is_followed() {
+    let mut bench = with_a_wrong_zero();
+    let mut reference = bench.reference(Mode::InverseDynamics.number(), 1);
+    reference.contact_wrench_given = 0;
+    let mut settings = Settings::default();
+    let error = |bench: &Bench| {
+        let truth = bench.plant.truth().joints[0].tau;
+        bench.cycle.record().estimated.joints[0].tau_encoder.tau - truth
+    };
+    for cycle in 0..300 {
+        reference.sequence += 1;
+        if cycle == 100 {
+            settings.sequence = 1;
+            settings.joint_tares[0] = JointTare {
+                torque: bench.plant.truth().joints[0].tau,
+                sigma: 0.1,
+                count: 1,
+            };
+        }
+        bench.step(&ClientInput {
+            settings: Some(&settings),
+            ..client_input(&reference)
+        });
+    }
+    assert_eq!(bench.cycle.record().mode, Mode::InverseDynamics.number());
+    assert!(error(&bench).abs() > 5.0, "{}", error(&bench));
 }

@@ -111,7 +111,9 @@ fn stiffness_comes_back_without_a_step() {
 
 #[test]
 fn gains_beyond_the_configured_ones_are_refused() {
-    let changes: [fn(&mut Reference); 4] = [
+    let changes: [fn(&mut Reference); 5] = [
+        // All stiffness, no damping: as a client that forgets it.
+        |r| r.joints[3].damping = 0.0,
         |r| r.joints[1].stiffness = 1e6,
         |r| r.joints[1].stiffness = -1.0,
         |r| r.joints[2].damping = 1e4,

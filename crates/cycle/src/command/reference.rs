@@ -239,11 +239,14 @@ impl Joint {
             && asked.ddq_d.abs() <= self.acceleration * ROUNDING
     }
 
-    /// Stiffness and damping are none that the configured ones do not contain: the margins of the loop
-    /// are those of the configuration.
+    /// Neither gain exceeds the configured one, and damping is reduced by no more than stiffness: a
+    /// stiffness with less damping than the loop's margins were judged with swings.
     fn can_be_as_soft(&self, asked: &JointReference) -> bool {
+        let JointGains { k_s, k_d, .. } = self.gains;
         let within = |gain: f64, most: f64| (0.0..=most * ROUNDING).contains(&gain);
-        within(asked.stiffness, self.gains.k_s) && within(asked.damping, self.gains.k_d)
+        within(asked.stiffness, k_s)
+            && within(asked.damping, k_d)
+            && asked.damping * k_s * ROUNDING >= asked.stiffness * k_d
     }
 
     /// The target is within the position limits, and the speed on the way is none or one that leads

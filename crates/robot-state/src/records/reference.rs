@@ -67,7 +67,8 @@ record! {
         /// K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes
         /// inverse dynamics and position).
         pub stiffness: f64,
-        /// K_d: damping, N·m·s/rad, at most the configured one; as `stiffness`.
+        /// K_d: damping, N·m·s/rad, at most the configured one, and no smaller a share of it than
+        /// `stiffness` is of the configured stiffness; counts as `stiffness` does.
         pub damping: f64,
     }
 }
