@@ -94,9 +94,11 @@ impl Packing {
     /// Puts the nearest count, or the float, into the frame's data.
     pub(crate) fn write(self, data: &mut [u8; MAX_DATA], raw: f64) {
         let bits = match self.coding {
-            Coding::Unsigned | Coding::Signed => {
-                let (min, max) = self.integer_range();
-                (raw.round_ties_even() as i128).clamp(min, max) as u64
+            // A number beyond the type becomes its end.
+            Coding::Unsigned => (raw.round_ties_even() as u64).min(self.mask()),
+            Coding::Signed => {
+                let most = (self.mask() >> 1) as i64;
+                (raw.round_ties_even() as i64).clamp(-most - 1, most) as u64
             }
             Coding::Float32 => u64::from((raw as f32).to_bits()),
             Coding::Float64 => raw.to_bits(),

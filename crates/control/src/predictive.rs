@@ -58,6 +58,8 @@ pub struct PredictiveLaw {
     link: Link,
     /// T: torque of the newest sample, N·m.
     torque: f64,
+    /// k: stiffness of the gear at that torque, N·m/rad.
+    stiffness: f64,
     /// q of the newest sample, rad.
     measured_q: f64,
     reference_model: ReferenceModel,
@@ -67,6 +69,8 @@ pub struct PredictiveLaw {
     follow_share: f64,
     /// Friction foreseen for the next command, N·m.
     friction: f64,
+    /// Command per torque of the drive, rad/(N·m) or A/(N·m).
+    per_torque: f64,
     /// Command that acted before the oldest of `commands`.
     before: Sent,
     /// Commands on their way, oldest first.
@@ -108,12 +112,14 @@ impl PredictiveLaw {
             rotor: Rotor::new(p),
             link: Link::new(p),
             torque: 0.0,
+            stiffness: parameters.gear.at(0.0),
             measured_q: 0.0,
             reference_model: ReferenceModel::new(p.design.reference, dt),
             reference: [ReferenceState::default(); 4],
             slow_velocity: 0.0,
             follow_share: 1.0 - (-p.design.follow * dt).exp(),
             friction: 0.0,
+            per_torque: parameters.command_per_torque(),
             before: Sent::default(),
             commands: vec![Sent::default(); cycles + 1],
             started: false,
@@ -184,10 +190,11 @@ impl PredictiveLaw {
     /// measured.
     fn advance(&mut self, torque: Option<f64>) {
         let last_torque = self.torque;
-        let stiffness = self.parameters.gear.at(last_torque);
         // The torque that the last one and the model lead to, where none was measured.
         let predicted = last_torque
-            + stiffness * self.parameters.sample_period * (self.rotor.omega - self.link.velocity());
+            + self.stiffness
+                * self.parameters.sample_period
+                * (self.rotor.omega - self.link.velocity());
         let torque = torque.unwrap_or(predicted);
         let mean = 0.5 * (torque + last_torque);
         let acted = self.commands.first().copied().unwrap_or(self.before);
@@ -197,7 +204,11 @@ impl PredictiveLaw {
             self.rotor.advance(step, force);
         }
         self.link.advance();
-        self.torque = torque;
+        self.set_torque(torque);
+    }
+
+    fn set_torque(&mut self, torque: f64) {
+        (self.torque, self.stiffness) = (torque, self.parameters.gear.at(torque));
     }
 
     /// The joint stands, and its drive carries what it carries.
@@ -205,7 +216,7 @@ impl PredictiveLaw {
         self.rotor.start(theta);
         self.link.start(q);
         self.measured_q = q;
-        self.torque = torque;
+        self.set_torque(torque);
         self.slow_velocity = 0.0;
         let command = self.parameters.command_for(torque, theta);
         self.friction = 0.0;
@@ -230,7 +241,7 @@ impl PredictiveLaw {
     pub fn command(&mut self, desired: &TorqueTerms) -> Contributions {
         let ahead = self.ahead();
         let p = &self.parameters;
-        let stiffness = p.gear.at(self.torque);
+        let stiffness = self.stiffness;
         let (stiff, damping) = p.feedback(stiffness);
         let desired = desired.within(p.torque_limit);
         let last_torque = self.reference_torque();
@@ -238,16 +249,17 @@ impl PredictiveLaw {
             self.reference_model.advance(state, wanted);
         }
         let (model, inertia) = (&self.reference_model, p.rotor_inertia);
-        let per_torque = p.command_per_torque();
+        let (per_torque, compliance) = (self.per_torque, 1.0 / stiffness);
         let inputs = self.reference.iter().zip(desired);
         let mut shares = [0.0; 4];
         for (share, (state, wanted)) in shares.iter_mut().zip(inputs) {
             let curvature = model.curvature(state, wanted);
             // m = T + K/k (w - T) - D ((omega - dq) - w'/k) + J w''/k - d: the terms of w.
-            *share = (stiff * state.value + damping * state.rate + inertia * curvature) / stiffness;
+            let torque = stiff * state.value + damping * state.rate + inertia * curvature;
+            *share = torque * compliance;
         }
         // The terms of the state.
-        let feedback = (1.0 - stiff / stiffness) * ahead.torque - damping * ahead.torsion_velocity;
+        let feedback = (1.0 - stiff * compliance) * ahead.torque - damping * ahead.torsion_velocity;
         self.slow_velocity += self.follow_share * (self.link.velocity() - self.slow_velocity);
         let follow = p.carried_damping(self.slow_velocity, ahead.omega);
         let drive = p.own_damping(ahead.torsion_velocity);
@@ -299,8 +311,7 @@ impl PredictiveLaw {
 
     /// Runs the observers ahead to the middle of the time for which the next command acts.
     fn ahead(&self) -> Ahead {
-        let p = &self.parameters;
-        let stiffness = p.gear.at(self.torque);
+        let (p, stiffness) = (&self.parameters, self.stiffness);
         let (theta, velocity) = (self.rotor.theta, self.link.velocity());
         let mut rotor = self.rotor;
         let mut time = 0.0;

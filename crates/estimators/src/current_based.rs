@@ -78,7 +78,7 @@ impl CurrentEstimator {
         self
     }
 
-    /// Standard deviation outside of what the data covered, N·m.
+    /// Variance outside of what the data covered, (N·m)².
     fn outside(&mut self, tau: f64, dq: f64) -> f64 {
         let period = self.parameters.sample_period;
         let rate = self.last.map_or(0.0, |(last, rate)| {
@@ -86,9 +86,12 @@ impl CurrentEstimator {
         });
         self.last = Some((tau, rate));
         let v = &self.validity;
-        v.torque_error(tau)
-            .hypot(v.velocity_error(dq))
-            .hypot(v.loading_error(rate))
+        let errors = [
+            v.torque_error(tau),
+            v.velocity_error(dq),
+            v.loading_error(rate),
+        ];
+        errors.iter().map(|error| error * error).sum()
     }
 }
 
@@ -111,18 +114,16 @@ impl JointTorqueEstimator for CurrentEstimator {
         let tau = carried / (1.0 + p.k_4 * direction * carried.signum());
         // At rest friction may point either way: uniform between its bounds.
         let unknown = (p.k_3 + p.k_4 * tau.abs()) * (1.0 - direction.abs()) / 3f64.sqrt();
-        let own = p.sigma.hypot(unknown);
-        let mut variance = 0.0;
+        let mut variance = p.sigma * p.sigma + unknown * unknown;
         if let Some(uncertainty) = &mut self.uncertainty {
             let loss = -direction * tau.abs();
             let gradient = [current, 1.0, -dq, -direction, -ddq, loss];
             for (entry, value) in uncertainty.gradient().iter_mut().zip(gradient) {
                 *entry = value;
             }
-            variance = uncertainty.variance(1.0);
+            variance += uncertainty.variance(1.0);
         }
-        let outside = self.outside(tau, dq);
-        let sigma = (own * own + outside * outside + variance).sqrt();
+        let sigma = (variance + self.outside(tau, dq)).sqrt();
         self.output.give(sample, tau, sigma)
     }
 

@@ -73,7 +73,7 @@ impl WholeBody {
         if sets.is_empty() {
             return Err(WholeBodyError::NoHypothesis);
         }
-        let mut sigma = Sigma::new(model, &layout, p);
+        let mut sigma = Sigma::new(model, &layout, p, &sets);
         if p.weighting == Weighting::Expected {
             weights_follow(model, &layout, p, &sets, &mut sigma)?;
         }
@@ -151,9 +151,9 @@ impl WholeBody {
             let [q, dq, ddq] = &self.motion;
             let motion = [q.as_slice(), dq, ddq];
             (self.mechanics).update(&self.model, &self.layout, motion, &source, input.ft);
-            self.sigma.prepare(&self.layout, &self.mechanics);
+            (self.sigma).prepare(&self.model, &self.layout, &self.mechanics);
             let parts = |part: usize| extent == Extent::Whole || self.weighted[part];
-            (self.sigma).net_wrenches(&self.model, &self.layout, &self.mechanics, parts);
+            (self.sigma).net_wrenches(&self.layout, &self.mechanics, parts);
             self.estimate.valid = self.solve();
         }
         if self.estimate.valid {
@@ -402,8 +402,8 @@ fn weights_follow(
             proper_acceleration: Vector3::from_column_slice(&random.vector(3, 10.0)),
         };
         mechanics.update(model, layout, [&q, &rest, &rest], &source, &readings);
-        sigma.prepare(layout, &mechanics);
-        sigma.net_wrenches(model, layout, &mechanics, |_| true);
+        sigma.prepare(model, layout, &mechanics);
+        sigma.net_wrenches(layout, &mechanics, |_| true);
         for (follows, covariance) in follows.iter_mut().zip(&sigma.covariance) {
             *follows |= whitening(covariance, &mut [[0.0; 6]; 6]);
         }

@@ -23,6 +23,7 @@ mod least_squares;
 mod mechanics;
 mod momentum;
 mod parameters;
+mod pieces;
 mod sigma;
 mod solution;
 mod switching;

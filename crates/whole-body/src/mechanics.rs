@@ -6,6 +6,7 @@
 //! whole robot has no effect on any wrench and is set to zero at the root's origin.
 
 use crate::layout::Layout;
+use crate::pieces::Pieces;
 use dynamics::{Force, ImuMotion, Inertia, Model, Motion, Se3};
 use nalgebra::Vector3;
 use robot_state::Wrench;
@@ -13,6 +14,7 @@ use robot_state::Wrench;
 /// See the module. Vectors have one element per body, piece, sensor or part.
 #[derive(Debug, Clone)]
 pub(crate) struct Mechanics {
+    pieces: Pieces,
     /// Per body: placement, joint axis (times a mimic joint's ratio), twist, proper acceleration.
     pub(crate) in_root: Vec<Se3>,
     pub(crate) axis: Vec<Motion>,
@@ -38,6 +40,7 @@ impl Mechanics {
         let (bodies, pieces) = (model.bodies().len(), layout.pieces.len());
         let sensors = layout.sensors.len();
         Self {
+            pieces: Pieces::new(&layout.pieces),
             in_root: vec![Se3::identity(); bodies],
             axis: vec![Motion::zero(); bodies],
             velocity: vec![Motion::zero(); bodies],
@@ -101,14 +104,14 @@ impl Mechanics {
                 + velocity.cross(rate);
             self.velocity[i] = velocity;
         }
-        for (i, piece) in layout.pieces.iter().enumerate() {
-            let inertia = piece.inertia.transformed(&self.in_root[piece.body]);
-            //= D Algorithm 1: f_i = I_i a_i + v_i x* I_i v_i
-            let wrench = inertia.wrench(self.velocity[piece.body], self.acceleration[piece.body]);
-            self.composite[i] = inertia;
-            self.inertial[i] = wrench;
-            self.needed[i] = wrench;
-        }
+        self.pieces.update(
+            &self.in_root,
+            &self.velocity,
+            &self.acceleration,
+            &mut self.composite,
+            &mut self.inertial,
+        );
+        self.needed.copy_from_slice(&self.inertial);
         self.read(layout, ft);
         self.sum(layout);
     }

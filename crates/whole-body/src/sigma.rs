@@ -10,6 +10,7 @@
 //! responses add up before they are squared. Noise of angles, velocities and gyroscope is left out:
 //! it enters by products with rates. The model's error is independent between parts.
 
+use crate::contacts::ContactSet;
 use crate::covariance::{Covariance, Six6};
 use crate::layout::Layout;
 use crate::mechanics::Mechanics;
@@ -36,6 +37,8 @@ pub(crate) struct Sigma {
     coupling: Vec<f64>,
     /// Per model's joint: effect of its acceleration on a part's net wrench.
     effect: Vec<Force>,
+    /// Per part: its origin.
+    origin: Vec<Vector3<f64>>,
     response: Response,
     /// Per part: covariance of `b` about the part's origin.
     pub(crate) covariance: Vec<Six6>,
@@ -60,10 +63,14 @@ struct Relations {
     beyond: Vec<Vec<usize>>,
     /// Per model's joint: its body, and those of its mimic joints.
     bodies: Vec<Vec<usize>>,
+    /// Per body: its joint.
+    joint: Vec<usize>,
+    /// Per body: its joint carries a contact of its own part.
+    touching: Vec<bool>,
 }
 
 impl Relations {
-    fn new(model: &Model, layout: &Layout, residual: Residual) -> Self {
+    fn new(model: &Model, layout: &Layout, residual: Residual, sets: &[ContactSet]) -> Self {
         let bodies = model.bodies().len();
         let part_count = layout.parts.len();
         let all = |keep: &dyn Fn(usize) -> bool| -> Vec<usize> {
@@ -99,8 +106,14 @@ impl Relations {
             (1..part_count).filter(takes).collect()
         };
         let same_part = |b: usize, k: usize| layout.joint_part[b] == layout.joint_part[k];
+        let touches = |b: usize| {
+            let mut contacts = sets.iter().flat_map(|set| &set.contacts);
+            contacts.any(|contact| contact.path.contains(&b))
+        };
         Self {
             accelerating: accelerating.collect(),
+            joint: model.bodies().iter().map(|body| body.joint).collect(),
+            touching: (0..bodies).map(touches).collect(),
             carried: (0..bodies)
                 .map(|b| all(&|k| same_part(b, k) && model.supports(b, k)))
                 .collect(),
@@ -140,7 +153,12 @@ impl Response {
 }
 
 impl Sigma {
-    pub(crate) fn new(model: &Model, layout: &Layout, p: &WholeBodyParameters) -> Self {
+    pub(crate) fn new(
+        model: &Model,
+        layout: &Layout,
+        p: &WholeBodyParameters,
+        sets: &[ContactSet],
+    ) -> Self {
         let (joints, bodies) = (model.joint_count(), model.bodies().len());
         let (sensors, parts) = (layout.sensors.len(), layout.parts.len());
         let mut ddq = vec![0.0; joints];
@@ -164,10 +182,11 @@ impl Sigma {
             angular_acceleration,
             model: p.sigma_model.powi(2),
             ddq,
-            relations: Relations::new(model, layout, p.residual),
+            relations: Relations::new(model, layout, p.residual, sets),
             lever: vec![Force::zero(); bodies],
             coupling: vec![0.0; bodies * bodies],
             effect: vec![Force::zero(); joints],
+            origin: vec![Vector3::zeros(); parts],
             response: Response {
                 sensors: vec![Motion::zero(); sensors],
                 uniform: Force::zero(),
@@ -179,8 +198,11 @@ impl Sigma {
         }
     }
 
-    /// Levers and couplings of this pose, on which all else depends.
-    pub(crate) fn prepare(&mut self, layout: &Layout, m: &Mechanics) {
+    /// Levers, couplings and origins of this pose, on which all else depends.
+    pub(crate) fn prepare(&mut self, model: &Model, layout: &Layout, m: &Mechanics) {
+        for (g, origin) in self.origin.iter_mut().enumerate() {
+            *origin = m.origin(model, layout, g);
+        }
         for b in 1..m.axis.len() {
             // Nothing of the part lies beyond a joint that a sensor cuts.
             self.lever[b] = match layout.cut_at_joint[b] {
@@ -197,13 +219,12 @@ impl Sigma {
     /// Covariances of the net wrenches of these parts; after `prepare`.
     pub(crate) fn net_wrenches(
         &mut self,
-        model: &Model,
         layout: &Layout,
         m: &Mechanics,
         parts: impl Fn(usize) -> bool,
     ) {
         for (g, part) in layout.parts.iter().enumerate().filter(|(g, _)| parts(*g)) {
-            let origin = m.origin(model, layout, g);
+            let origin = self.origin[g];
             let whole = m.composite[part.root_piece];
             let mut sum = Covariance::default();
             for &(s, _) in &part.boundary {
@@ -223,34 +244,27 @@ impl Sigma {
                 }
             }
             sum.add(self.model, &about(m.inertial[part.root_piece], &origin));
-            self.add_joints(model, layout, m, g, &mut sum);
+            self.add_joints(layout, m, g, &mut sum);
             self.covariance[g] = sum.whole();
         }
     }
 
     /// Share of the joints' accelerations in the covariance of a part's net wrench.
-    fn add_joints(
-        &mut self,
-        model: &Model,
-        layout: &Layout,
-        m: &Mechanics,
-        g: usize,
-        sum: &mut Covariance,
-    ) {
+    fn add_joints(&mut self, layout: &Layout, m: &Mechanics, g: usize, sum: &mut Covariance) {
         let part = &layout.parts[g];
-        let (origin, whole) = (m.origin(model, layout, g), m.composite[part.root_piece]);
-        let joint = |b: usize| model.bodies()[b].joint;
+        let (origin, whole) = (self.origin[g], m.composite[part.root_piece]);
+        let joint = &self.relations.joint;
         for &j in &self.relations.accelerating[g] {
             self.effect[j] = Force::zero();
         }
         for &b in &part.joints {
-            self.effect[joint(b)] += self.lever[b];
+            self.effect[joint[b]] += self.lever[b];
         }
         for &b in &self.relations.movers[g] {
-            self.effect[joint(b)] += whole.mul_motion(m.axis[b]);
+            self.effect[joint[b]] += whole.mul_motion(m.axis[b]);
         }
         for &b in &layout.source_path {
-            self.effect[joint(b)] -= whole.mul_motion(m.axis[b]);
+            self.effect[joint[b]] -= whole.mul_motion(m.axis[b]);
         }
         for &j in &self.relations.accelerating[g] {
             sum.add(self.ddq[j], &about(self.effect[j], &origin));
@@ -258,33 +272,27 @@ impl Sigma {
     }
 
     /// Variances of the joint torques, by the shares of the hypotheses; after `prepare`.
-    pub(crate) fn torques(
-        &mut self,
-        model: &Model,
-        layout: &Layout,
-        m: &Mechanics,
-        hypotheses: Hypotheses<'_>,
-    ) {
+    pub(crate) fn torques(&mut self, layout: &Layout, m: &Mechanics, hypotheses: Hypotheses<'_>) {
         let source = source_origin(layout, m);
         for joint in 0..self.variance.len() {
             self.response.clear();
             for i in 0..self.relations.bodies[joint].len() {
                 let b = self.relations.bodies[joint][i];
-                self.carried_by(b, model, layout, m);
-                self.through_net_wrenches(b, model, layout, m, hypotheses);
+                self.carried_by(b, layout, m);
+                self.through_net_wrenches(b, layout, m, hypotheses);
             }
             let response = &mut self.response;
             for &k in &layout.source_path {
-                response.joints[model.bodies()[k].joint] -= m.axis[k].dot(response.uniform);
+                response.joints[self.relations.joint[k]] -= m.axis[k].dot(response.uniform);
             }
             self.variance[joint] = self.squares(m, &source);
         }
     }
 
     /// Adds the responses of `S_j (f_j - r_j)`.
-    fn carried_by(&mut self, b: usize, model: &Model, layout: &Layout, m: &Mechanics) {
+    fn carried_by(&mut self, b: usize, layout: &Layout, m: &Mechanics) {
         let (relations, response) = (&self.relations, &mut self.response);
-        let joint = |k: usize| model.bodies()[k].joint;
+        let joint = &relations.joint;
         let axis = m.axis[b];
         for &s in &relations.sensors[b] {
             response.sensors[s] -= axis;
@@ -296,10 +304,10 @@ impl Sigma {
         response.masses[layout.joint_part[b]] += axis.dot(m.inertial[b]);
         let bodies = m.axis.len();
         for &k in &relations.carried[b] {
-            response.joints[joint(k)] += self.coupling[b * bodies + k];
+            response.joints[joint[k]] += self.coupling[b * bodies + k];
         }
         for &k in &relations.carrying[b] {
-            response.joints[joint(k)] += self.coupling[k * bodies + b];
+            response.joints[joint[k]] += self.coupling[k * bodies + b];
         }
     }
 
@@ -307,18 +315,18 @@ impl Sigma {
     fn through_net_wrenches(
         &mut self,
         b: usize,
-        model: &Model,
         layout: &Layout,
         m: &Mechanics,
         hypotheses: Hypotheses<'_>,
     ) {
         let (relations, response) = (&self.relations, &mut self.response);
-        let joint = |k: usize| model.bodies()[k].joint;
+        let joint = &relations.joint;
         let own = layout.joint_part[b];
         for &g in std::iter::once(&own).chain(&relations.beyond[b]) {
             let part = &layout.parts[g];
-            let origin = m.origin(model, layout, g);
+            let origin = self.origin[g];
             let z = match g == own {
+                true if !relations.touching[b] => None,
                 true => hypotheses.contacts_response(g, b, m.axis[b], &origin),
                 false => hypotheses.residual_response(g, m.axis[b], &origin),
             };
@@ -329,10 +337,10 @@ impl Sigma {
             response.uniform += whole;
             response.masses[g] += z.dot(m.inertial[part.root_piece]);
             for &k in &part.joints {
-                response.joints[joint(k)] += z.dot(self.lever[k]);
+                response.joints[joint[k]] += z.dot(self.lever[k]);
             }
             for &k in &relations.movers[g] {
-                response.joints[joint(k)] += m.axis[k].dot(whole);
+                response.joints[joint[k]] += m.axis[k].dot(whole);
             }
             for &(s, sign) in &part.boundary {
                 // A reading acts on the part before its sensor, and enters `b` with a minus.
@@ -354,9 +362,19 @@ impl Sigma {
         let turn = r.uniform.angular - source.cross(&r.uniform.linear);
         variance += self.accelerometer * r.uniform.linear.norm_squared()
             + self.angular_acceleration * turn.norm_squared();
-        for (x, ddq) in r.joints.iter().zip(&self.ddq) {
+        // Four sums side by side: one would wait for itself.
+        let ((xs, x_rest), (ddqs, ddq_rest)) =
+            (r.joints.as_chunks::<4>(), self.ddq.as_chunks::<4>());
+        let mut sums = [0.0; 4];
+        for (x, ddq) in xs.iter().zip(ddqs) {
+            for k in 0..4 {
+                sums[k] += ddq[k] * x[k] * x[k];
+            }
+        }
+        for (x, ddq) in x_rest.iter().zip(ddq_rest) {
             variance += ddq * x * x;
         }
+        variance += sums.iter().sum::<f64>();
         variance + self.model * r.masses.iter().map(|x| x * x).sum::<f64>()
     }
 }

@@ -213,7 +213,7 @@ impl<'a> Hypotheses<'a> {
 
 /// A motion of the root's frame about another point.
 fn motion_about(m: Motion, origin: &Vector3<f64>) -> Motion {
-    Se3::new(Se3::identity().rotation, *origin).inverse_act_motion(m)
+    Motion::new(m.linear - origin.cross(&m.angular), m.angular)
 }
 
 /// A wrench of the root's frame about another point.

@@ -47,7 +47,8 @@ impl LinearLaw {
         let law = &mut self.law;
         law.rotor.set_state([at(0), at(1), at(2)]);
         law.link.set_state([at(3), at(4), at(5)]);
-        (law.torque, law.slow_velocity, law.before.command) = (at(6), at(7), at(8));
+        law.set_torque(at(6));
+        (law.slow_velocity, law.before.command) = (at(7), at(8));
         (law.reference[0].value, law.reference[0].rate) = (at(9), at(10));
         for (i, sent) in law.commands.iter_mut().enumerate() {
             sent.command = at(FIXED + i);

@@ -15,7 +15,7 @@ impl WholeBody {
             solutions: &self.solutions,
             weights: &self.weights,
         };
-        (self.sigma).torques(&self.model, &self.layout, &self.mechanics, hypotheses);
+        (self.sigma).torques(&self.layout, &self.mechanics, hypotheses);
         for (i, &joint) in self.layout.joints.iter().enumerate() {
             self.next.sigma[i] = self.sigma.variance[joint].sqrt();
         }
