@@ -251,6 +251,39 @@ fn a_drive_that_refuses_or_is_too_slow_switches_all_off_again() {
     }
 }
 
+/// The drives of the plant warn by bit 7 where nothing stops them.
+#[test]
+fn a_drive_that_nothing_would_stop_on_a_broken_bus_is_not_enabled() {
+    let guarded = "profile = \"cia402\"\ntime_out_set = { mask = 0x80, value = 0 }";
+    for while_enabled in [false, true] {
+        let mut bench = bench("leg", &[("profile = \"cia402\"", guarded)]);
+        let mut motion = Motion::of(&bench);
+        each(&mut bench, |drive| drive.set_command_timeout(Some(0.02)));
+        if !while_enabled {
+            states(&mut bench, KNEE).set_command_timeout(None);
+        }
+        run(&mut bench, &mut motion, 300);
+        bench.ask(OperatorRequest::Enable);
+        run(&mut bench, &mut motion, 300);
+        if while_enabled {
+            assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+            states(&mut bench, KNEE).set_command_timeout(None);
+            run(&mut bench, &mut motion, 300);
+        }
+        let record = *bench.cycle.record();
+        assert_eq!(record.fault, Event::DriveUnguarded.number());
+        assert_eq!(engaged(&record), 0);
+        assert_eq!(drive_state(&record, KNEE), DriveState::Off);
+        states(&mut bench, KNEE).set_command_timeout(Some(0.02));
+        recover(
+            &mut bench,
+            &mut motion,
+            Event::DriveUnguarded,
+            "a drive without time limit",
+        );
+    }
+}
+
 #[test]
 fn a_drive_that_hears_nothing_faults_by_itself() {
     for cut_answers in [true, false] {

@@ -6,7 +6,8 @@
 //!               └──────────── disable voltage, quick stop, loss of power ◄─────┘
 //!  fault 0x08 ◄── over-current, set-points missing …;  fault ── rising edge of bit 7 ──► 0x40
 //! ```
-//! The words' other bits: 4 of the status word is on while the motor has power; 8 to 12 hold the
+//! The words' other bits: 4 of the status word is on while the motor has power; 7, a warning, while
+//! the drive has no time limit for set-points; 8 to 12 hold the
 //! number of the last error.
 
 use crate::parameters::StateParameters;
@@ -91,7 +92,11 @@ impl DriveStates {
     #[must_use]
     pub fn status(&self) -> u32 {
         let voltage = if self.powered { 0x10 } else { 0 };
-        self.state as u32 | voltage | self.last_error << 8
+        let endless = match self.parameters.command_timeout {
+            Some(_) => 0,
+            None => 0x80,
+        };
+        self.state as u32 | voltage | endless | self.last_error << 8
     }
 
     /// The motor makes torque.

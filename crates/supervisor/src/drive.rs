@@ -25,6 +25,15 @@ pub struct StatusPattern {
     pub state: DriveState,
 }
 
+/// Bits of the status word: `word & mask == value`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StatusBits {
+    /// Bits that matter.
+    pub mask: u32,
+    /// Their values.
+    pub value: u32,
+}
+
 /// Control words, one for each step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ControlWords {
@@ -51,6 +60,8 @@ pub struct DriveProfile {
     pub step_limit: u32,
     /// A brake holds the joint while the drive is off.
     pub brake: bool,
+    /// Status bits of a drive that stops by itself when it hears no set-points; none: it cannot tell.
+    pub time_out_set: Option<StatusBits>,
 }
 
 impl DriveProfile {
@@ -79,6 +90,7 @@ impl DriveProfile {
             }),
             step_limit,
             brake: false,
+            time_out_set: None,
         }
     }
 
@@ -117,6 +129,8 @@ pub enum DriveTrouble {
     TimeOut(DriveState),
     /// The drive has latched a fault of its own.
     Fault,
+    /// The drive would go on with its last set-point if it heard no other: its own time limit is off.
+    Unguarded,
     /// The drive was enabled and is so no longer, though nobody asked for it.
     Lost(DriveState),
 }
@@ -129,6 +143,8 @@ pub struct Drive {
     goal: DriveGoal,
     /// The operator has acknowledged the drive's fault: it is being reset.
     resetting: bool,
+    /// The drive's own time limit for set-points is off.
+    unguarded: bool,
     /// Cycles in this state while it is not that of the goal.
     waited: u32,
     /// The drive has reached `Enabled` since the goal was set.
@@ -149,6 +165,7 @@ impl Drive {
             state,
             goal: DriveGoal::Listen,
             resetting: false,
+            unguarded: false,
             waited: 0,
             reached: false,
             trouble: None,
@@ -208,6 +225,8 @@ impl Drive {
                 self.waited = 0;
             }
             self.state = state;
+            let set = profile.time_out_set;
+            self.unguarded = set.is_some_and(|bits| status & bits.mask != bits.value);
         }
         // A drive that sends nothing cannot confirm that it is off; that it is silent is known.
         let silent = status.is_none() && self.goal == DriveGoal::Off;
@@ -218,6 +237,9 @@ impl Drive {
             return (!self.resetting).then_some(DriveTrouble::Fault);
         }
         self.resetting = false;
+        if self.goal == DriveGoal::Enabled && self.unguarded {
+            return Some(DriveTrouble::Unguarded);
+        }
         let arrived = match self.goal {
             DriveGoal::Listen => true,
             // Without control words nothing switches the drive off.
@@ -244,6 +266,7 @@ impl Drive {
             (DriveGoal::Listen, _) => None,
             // The edge: the word before was `disable`.
             (_, S::Fault) if self.resetting => Some(words.reset),
+            (DriveGoal::Enabled, _) if self.unguarded => Some(words.disable),
             (DriveGoal::Enabled, S::Off | S::Unknown) => Some(words.prepare),
             (DriveGoal::Enabled, S::ReadyToSwitchOn) => Some(words.switch_on),
             (DriveGoal::Enabled, S::SwitchedOn | S::Enabled) => Some(words.enable),

@@ -15,7 +15,9 @@ mod robot;
 mod signal;
 
 pub use commanders::Commanders;
-pub use drive::{ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, StatusPattern};
+pub use drive::{
+    ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, StatusBits, StatusPattern,
+};
 pub use following::{Deviation, Following, FollowingParameters, Shown};
 pub use lease::{Bid, Holder, Lease, Verdict};
 pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};

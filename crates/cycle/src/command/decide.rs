@@ -251,6 +251,7 @@ impl Supervisor {
             let event = match self.drives[j].update(status(joint)) {
                 Some(DriveTrouble::Fault) => Event::DriveFault,
                 Some(DriveTrouble::Lost(_)) => Event::DriveLost,
+                Some(DriveTrouble::Unguarded) => Event::DriveUnguarded,
                 Some(DriveTrouble::TimeOut(_)) => Event::EnableTimeOut,
                 None => continue,
             };

@@ -2,7 +2,7 @@
 
 use crate::reader::{Allowed, Section};
 use robot_state::DriveState;
-use supervisor::{ControlWords, DriveProfile, StatusPattern};
+use supervisor::{ControlWords, DriveProfile, StatusBits, StatusPattern};
 
 /// One more than the greatest word.
 const WORDS: u64 = 1 << 32;
@@ -13,9 +13,15 @@ pub(super) fn read(section: Section<'_, '_>, sample_period: f64) -> DriveProfile
     let step_limit = (limit_ms * 1e-3 / sample_period).ceil().max(1.0) as u32;
     let cia402 = section.choice_or("profile", false, &[("cia402", true), ("table", false)]);
     let brake = section.choice_or("brake", false, &[("while_off", true), ("none", false)]);
+    let time_out_set = section.optional_section("time_out_set").map(|section| {
+        let (mask, value) = bits(&section);
+        section.finish();
+        StatusBits { mask, value }
+    });
     let profile = match cia402 {
         true => DriveProfile {
             brake,
+            time_out_set,
             ..DriveProfile::cia402(step_limit)
         },
         false => DriveProfile {
@@ -23,6 +29,7 @@ pub(super) fn read(section: Section<'_, '_>, sample_period: f64) -> DriveProfile
             control: section.optional_section("control").map(control),
             step_limit,
             brake,
+            time_out_set,
         },
     };
     section.finish();
@@ -48,6 +55,13 @@ fn row(section: Section<'_, '_>) -> StatusPattern {
     let known = DriveState::ALL.iter().skip(1);
     let states: Vec<_> = known.map(|&state| (state.name(), state)).collect();
     let state = section.choice("state", &states);
+    let (mask, value) = bits(&section);
+    section.finish();
+    StatusPattern { mask, value, state }
+}
+
+/// Bits that matter, and their values.
+fn bits(section: &Section<'_, '_>) -> (u32, u32) {
     let [mask, value] = ["mask", "value"].map(|key| section.integer(key, 0..WORDS) as u32);
     if value & !mask != 0 {
         section.problem(
@@ -56,8 +70,7 @@ fn row(section: Section<'_, '_>) -> StatusPattern {
             "bits of the mask",
         );
     }
-    section.finish();
-    StatusPattern { mask, value, state }
+    (mask, value)
 }
 
 fn control(section: Section<'_, '_>) -> ControlWords {

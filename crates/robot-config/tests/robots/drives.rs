@@ -130,6 +130,14 @@ fn a_drive_may_have_words_of_its_own_or_be_watched_only() {
     assert_eq!((profile.step_limit, profile.status.len()), (21, 2));
     assert_eq!(profile.state(3), robot_state::DriveState::Fault);
     assert_eq!(profile.control.map(|words| words.enable), Some(1));
+    let set =
+        "[drive.knee.state]\nprofile = \"cia402\"\ntime_out_set = { mask = 0x80, value = 0 }\n";
+    let robot = leg_with("[drive.knee.state]\nprofile = \"cia402\"\n", set)
+        .load(LEG)
+        .unwrap();
+    let profile = robot.parameters.joints[3].drive_profile.as_ref().unwrap();
+    let bits = profile.time_out_set.map(|bits| (bits.mask, bits.value));
+    assert_eq!((profile.is_cia402(), bits), (true, Some((0x80, 0))));
     let control = "control = { signal = \"CONTROL_B.knee_control\" }\n";
     let robot = leg_with(control, "").load(LEG).unwrap();
     let profile = robot.parameters.joints[3].drive_profile.as_ref().unwrap();
