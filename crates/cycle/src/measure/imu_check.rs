@@ -6,8 +6,9 @@
 //! sensor whose axes are exchanged, reversed or offset from one sample to the next goes stale so.
 //! What is wrong from the start is not found here.
 
-/// Acceleration of the base beside gravity, m/s²: as much as gravity itself.
-const ACCELERATION: f64 = 10.0;
+/// Acceleration of the base beside gravity, m/s²: more than that of a free fall, less than the
+/// difference of two axes of which one shows gravity.
+const ACCELERATION: f64 = 11.5;
 /// Time constant with which the accelerometer corrects the direction of gravity, s.
 const CORRECTION: f64 = 1.0;
 /// Step of the rate of turn, rad/s per second between samples, as an impact can make it.
@@ -118,6 +119,21 @@ mod tests {
                 "{k}"
             );
         }
+    }
+
+    /// Half a second of free fall by a noisy sensor that shows 3 % too much, and the landing.
+    #[test]
+    fn a_fall_is_plausible_and_a_landing_is_over_soon() {
+        let mut check = settled();
+        let up = [0.0, 0.0, 1.03 * 9.81];
+        assert!((0..3000).all(|_| check.is_plausible([0.0; 3], up, 1e-3, false)));
+        for k in 0..500 {
+            let noise = 0.3 * (1.7 * f64::from(k)).sin();
+            let falling = [noise, -noise, noise];
+            assert!(check.is_plausible([0.0; 3], falling, 1e-3, false), "{k}");
+        }
+        assert!((0..15).all(|_| !check.is_plausible([0.0; 3], [0.0, 0.0, 60.0], 1e-3, false)));
+        assert!(check.is_plausible([0.0; 3], up, 1e-3, false));
     }
 
     #[test]
