@@ -5,6 +5,7 @@ pub(crate) mod robot;
 pub(crate) mod torques;
 
 use crate::output::{finish_or_refuse, read_input};
+use crate::whole_body::of_robot::sensors_text;
 use clap::Args;
 use problem::{Problem, Problems};
 use robot::{Payload, ReferenceRobot};
@@ -20,7 +21,7 @@ pub(crate) struct ReferenceArguments {
     /// The robot's URDF file
     #[arg(long)]
     urdf: PathBuf,
-    /// The robot's sensors and contacts (TOML, see `torquectl whole-body --help`); without it the
+    /// The robot's sensors and contacts (TOML, see `torquectl whole-body --help`), or its robot.toml; without it the
     /// root link stands still, and nothing touches the robot
     #[arg(long)]
     sensors: Option<PathBuf>,
@@ -68,11 +69,10 @@ pub(crate) fn run(arguments: &ReferenceArguments) -> ExitCode {
 fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
     let urdf = read_input(&arguments.urdf)?;
     let sensors = arguments.sensors.as_deref();
-    let sensors = sensors.map(|p| Ok::<_, Problem>((read_input(p)?, p.display().to_string())));
+    let sensors = sensors.map(sensors_text).transpose()?;
     let robot = ReferenceRobot::new(
         (&urdf, &arguments.urdf.display().to_string()),
         sensors
-            .transpose()?
             .as_ref()
             .map(|(text, file)| (text.as_str(), file.as_str())),
         &arguments.payload,

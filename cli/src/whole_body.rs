@@ -2,6 +2,7 @@
 //! against another library.
 
 mod evaluation;
+pub(crate) mod of_robot;
 mod report;
 pub(crate) mod request;
 pub(crate) mod sensors_file;
@@ -9,7 +10,8 @@ pub(crate) mod sensors_file;
 use crate::output::{finish_or_refuse, read_input};
 use clap::Args;
 use evaluation::evaluate;
-use problem::Problem;
+use of_robot::sensors_text;
+use problem::{Problem, Problems};
 use request::Cases;
 use sensors_file::SensorsFile;
 use std::path::PathBuf;
@@ -22,14 +24,15 @@ pub(crate) struct WholeBodyArguments {
     /// The robot's URDF file
     #[arg(long)]
     urdf: PathBuf,
-    /// The robot's sensors, as TOML (see --help)
+    /// The robot's sensors, as TOML (see --help), or its robot.toml
     #[arg(long)]
     sensors: PathBuf,
     /// Instants, as JSON (see --help)
     cases: PathBuf,
 }
 
-const FORMAT: &str = r#"SENSORS, where * marks required keys; lengths in m, angles in degrees:
+const FORMAT: &str = r#"SENSORS is a robot's robot.toml (its F/T sensors, IMU or stand, and first contact set), or a file of its
+own, where * marks required keys; lengths in m, angles in degrees:
   [imu]                 or  [fixed_base]
   frame* = "LINK"           link* = "LINK"
   xyz_m, rpy_deg            gravity_m_per_s2 = [0, 0, -9.81]  # in that link's axes
@@ -57,6 +60,7 @@ Prints {"joints":[], "cases":[{"tau":[], "sigma":[], "contacts":[{..., "wrench":
 
 Example:
   torquectl whole-body --urdf robot.urdf --sensors sensors.toml cases.json | jq '.cases[0].tau'
+  torquectl whole-body --urdf robot.urdf --sensors config/leg/robot.toml cases.json
 
 Exit codes: 0 done; 2 bad input, or contacts whose wrenches cannot be determined.
 docs/whole-body-files.md describes the formats."#;
@@ -65,10 +69,10 @@ pub(crate) fn run(arguments: &WholeBodyArguments) -> ExitCode {
     finish_or_refuse(report(arguments))
 }
 
-fn report(arguments: &WholeBodyArguments) -> Result<String, Problem> {
+fn report(arguments: &WholeBodyArguments) -> Result<String, Problems> {
     let urdf = read_input(&arguments.urdf)?;
-    let sensors_file = arguments.sensors.display().to_string();
-    let sensors = SensorsFile::parse(&read_input(&arguments.sensors)?, &sensors_file)?;
+    let (text, sensors_file) = sensors_text(&arguments.sensors)?;
+    let sensors = SensorsFile::parse(&text, &sensors_file)?;
     let file = arguments.cases.display().to_string();
     let cases: Cases = serde_json::from_str(&read_input(&arguments.cases)?)
         .map_err(|e| Problem::new(e.to_string(), "").at(&file, 0))?;

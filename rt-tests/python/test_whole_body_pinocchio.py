@@ -120,16 +120,18 @@ def evaluate(tmp_path, request, sensors=None):
     text = f'[imu]\nframe = "{IMU}"\n'
     for name, frame in SENSORS.items():
         text += f'[[ft_sensor]]\nname = "{name}"\nframe = "{frame}"\n'
-    (tmp_path / "sensors.toml").write_text(sensors or text)
+    (tmp_path / "sensors.toml").write_text(sensors if isinstance(sensors, str) else text)
     (tmp_path / "cases.json").write_text(json.dumps(request))
-    command = [TORQUECTL, "whole-body", "--urdf", URDF, "--sensors", tmp_path / "sensors.toml", tmp_path / "cases.json"]
+    file = sensors if isinstance(sensors, Path) else tmp_path / "sensors.toml"
+    command = [TORQUECTL, "whole-body", "--urdf", URDF, "--sensors", file, tmp_path / "cases.json"]
     return subprocess.run(command, capture_output=True, text=True)
 
 
-def test_torques_and_contacts(tmp_path):
+@pytest.mark.parametrize("sensors", [None, ROOT / "config/humanoid/robot.toml"], ids=["sensors", "robot"])
+def test_torques_and_contacts(tmp_path, sensors):
     humanoid, rng = Humanoid(), np.random.default_rng(1)
     cases = [humanoid.random_case(rng) for _ in range(20)]
-    run = evaluate(tmp_path, {"joints": humanoid.joints, "contacts": CONTACTS, "cases": [c[0] for c in cases]})
+    run = evaluate(tmp_path, {"joints": humanoid.joints, "contacts": CONTACTS, "cases": [c[0] for c in cases]}, sensors)
     assert run.returncode == 0, run.stderr
     for (_, tau, wrenches), answer in zip(cases, json.loads(run.stdout)["cases"], strict=True):
         assert np.abs(tau).max() > 20
