@@ -92,8 +92,8 @@ pub(crate) fn remarks(cycle: &CycleRecord, joint: usize) -> String {
     remarks.extend(command(cycle.commanded.joints[joint].flags));
     if estimated.contact_flag == 1 {
         remarks.push(format!(
-            "contact: external torque {:.1} N·m",
-            estimated.tau_ext
+            "contact: external torque {:.1} N·m, changed by {:.1} N·m",
+            estimated.tau_ext, estimated.tau_ext_change
         ));
     }
     remarks.join(", ")

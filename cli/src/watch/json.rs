@@ -110,6 +110,8 @@ fn joint(name: &str, cycle: &CycleRecord, joint: usize) -> Value {
         "tau_current": estimate(&estimated.tau_current),
         "tau_hat": estimate(&estimated.tau_hat),
         "tau_ext_Nm": estimated.tau_ext,
+        "tau_ext_change_Nm": estimated.tau_ext_change,
+        "contact_ratio": estimated.contact_ratio,
         "contact_flag": estimated.contact_flag == 1,
         "commanded": {
             "tau_d_Nm": commanded.tau_d,

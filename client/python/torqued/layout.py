@@ -154,7 +154,7 @@ EVENTS = (
     Event(206, "torque_constant", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.", "cross_check.current_ratio_min / cross_check.current_ratio_max", "warn"),
     Event(207, "torque_sign", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.", "cross_check.current_load_per_cent", "warn"),
     Event(208, "missing_contact", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.", "cross_check.residual_sigmas", "warn"),
-    Event(209, "external_contact", "Contact detected by a joint's external torque, where the contact set has none.", "external_torque.threshold_per_cent", "warn"),
+    Event(209, "external_contact", "A joint's external torque exceeds its upper threshold: contact where the contact set has none.", "external_torque.upper_ratio", "warn"),
     Event(210, "encoder_implausible", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.", "joint.torque_limit_Nm", "hold"),
     Event(211, "current_implausible", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.", "drive.current_sigma_A / drive.flat_after_ms", "degrade"),
     Event(212, "sources_disagree", "For seconds the torques of a joint by torsion and by motor current have differed by more than their calibrations allow: a calibration no longer holds, or an encoder has slipped. The published sigma covers the difference.", "-", "warn"),
@@ -343,7 +343,7 @@ class TorqueEstimate(ctypes.Structure):
 
 
 class JointEstimated(ctypes.Structure):
-    """144 bytes."""
+    """160 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -355,9 +355,13 @@ class JointEstimated(ctypes.Structure):
         ("tau_current", TorqueEstimate),
         # tau_hat: delay-compensated torque: the present torque, from the changes of `tau_encoder` and the level of F/T sensors and rigid-body model.
         ("tau_hat", TorqueEstimate),
-        # tau_ext: torque of the environment on the joint apart from the contact wrenches that the F/T sensors determine, N·m; zero without `[external_torque]`.
+        # tau_ext: torque of the environment on the joint apart from the contact wrenches that the F/T sensors determine, N·m, by a momentum observer; zero without `[external_torque]`.
         ("tau_ext", ctypes.c_double),
-        # 1: contact detected, `tau_ext` exceeds its threshold.
+        # Change of that torque within the last half second, N·m: much later known by `tau_ext`, here some 6 ms old.
+        ("tau_ext_change", ctypes.c_double),
+        # The greater of |tau_ext| and |tau_ext_change|, each over its lower threshold, 1: 1 sets `contact_flag`, `external_torque.upper_ratio` raises event 209.
+        ("contact_ratio", ctypes.c_double),
+        # 1: contact detected.
         ("contact_flag", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
         ("reserved", ctypes.c_uint32),
@@ -379,7 +383,7 @@ class FtEstimated(ctypes.Structure):
 
 
 class EstimatedRecord(ctypes.Structure):
-    """10576 bytes."""
+    """11648 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -395,6 +399,10 @@ class EstimatedRecord(ctypes.Structure):
         ("residual", Wrench),
         # Expected standard deviation of `residual`; zero where the contacts explain any wrench.
         ("residual_sigma", Wrench),
+        # Force of the environment at `external_torque.frame` that explains `tau_ext` best, in the root's axes, N; zero without a frame or while it does not follow from the torques.
+        ("contact_force", ctypes.c_double * 3),
+        # Standard deviation of `contact_force`, N; zero where that is.
+        ("contact_force_sigma", ctypes.c_double * 3),
         # The contact set in use, an index of `Description::contact_set_names`.
         ("contact_set", ctypes.c_uint32),
         # 1: the automatic rule chooses the contact set; 0: a client or the configuration does.
@@ -455,7 +463,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """25400 bytes."""
+    """26472 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -523,7 +531,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """25472 bytes."""
+    """26544 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -711,7 +719,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#d94a4a2f182c0b1f")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#569acf591d739222")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#4e3dedf757f58dfe")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#db0e2d65a307eda8")

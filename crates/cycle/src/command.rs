@@ -15,6 +15,7 @@ mod predictive;
 mod reference;
 mod transition;
 mod weight;
+mod yielding;
 
 use control::InverseDynamics;
 use dynamics::Motion;
@@ -35,6 +36,7 @@ use law::{InverseDynamicsTorque, JointInput};
 use motion::Motions;
 use reference::Goal;
 use weight::{Loads, Past};
+use yielding::Yielding;
 
 pub use decide::ClientInput;
 pub(crate) use decide::Supervisor;
@@ -65,6 +67,7 @@ pub(crate) struct Command {
     joints: Vec<JointController>,
     inverse_dynamics: InverseDynamics,
     motions: Motions,
+    yielding: Yielding,
     loads: Past,
     /// Torques that carry the joints' weight, N·m, model order.
     weights: Vec<f64>,
@@ -96,6 +99,7 @@ impl Command {
                 .collect(),
             inverse_dynamics: InverseDynamics::new(&robot.model, &frames),
             motions: Motions::new(parameters),
+            yielding: Yielding::new(robot),
             loads: Past::new(parameters.timing.sample_period),
             weights: vec![0.0; robot.model.joint_count()],
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
@@ -139,16 +143,35 @@ impl Command {
             skipped,
             overslept,
         } = *input;
-        let planned = self.motions.follow(goal, measured, self.sample_period);
-        let (goal, age_s) = match &planned {
-            Some(planned) => (&Goal::InverseDynamics(planned), 0.0),
-            None => (goal, age_s),
+        self.weigh(base_motion, measured, estimated);
+        let loads = self.loads.loads();
+        let law = self.torque_law;
+        let offset = |j: usize| {
+            let torque = fast_torque(law, estimated.joints.get(j)?, fast.get(j))?;
+            Some(torque - fast.get(j)?.torsion?)
+        };
+        (self.yielding).update(goal, loads, (measured, estimated), offset, &self.motions);
+        // A limb that goes back is a motion to a target.
+        let (anew, dt) = (self.yielding.is_new(), self.sample_period);
+        let planned = match self.yielding.target() {
+            Some(target) => (self.motions).follow(&Goal::Position(target), anew, measured, dt),
+            None => (self.motions).follow(goal, false, measured, dt),
+        };
+        let planned = planned.or_else(|| self.yielding.soft().copied());
+        let (goal, age_s) = match (&planned, goal) {
+            (Some(planned), _) => (&Goal::InverseDynamics(planned), 0.0),
+            (None, Goal::Contact { .. }) => (&Goal::Stop, age_s),
+            (None, goal) => (goal, age_s),
         };
         let reference = goal.reference();
-        self.weigh(base_motion, measured, estimated);
         // Desired accelerations and contact forces are those of inverse dynamics alone.
         let moved = reference.filter(|_| goal.mode() == Mode::InverseDynamics);
-        self.inverse_dynamics(moved, base_motion, measured, estimated);
+        let contact = match self.yielding.loads() {
+            // The contact itself is to move the limb.
+            Some(loads) => loads.contact,
+            None => std::array::from_fn(|s| estimated.ft[s].contact_wrench),
+        };
+        self.inverse_dynamics(moved, base_motion, measured, &contact);
         let none = JointReference::default();
         for (j, joint) in self.joints.iter_mut().enumerate() {
             if !is_engaged(j) {
@@ -156,6 +179,11 @@ impl Command {
                 continue;
             }
             let torques = &estimated.joints[j];
+            let yields = self.yielding.yields(j);
+            let goal = match self.yielding.is_on() && !yields {
+                true => &Goal::Stop,
+                false => goal,
+            };
             let input = JointInput {
                 reference: reference
                     .and_then(|r| r.joints.get(j))
@@ -184,7 +212,13 @@ impl Command {
                     }
                     TorqueLaw::Predictive(_) => &torques.tau_hat,
                 },
-                fast: fast_torque(self.torque_law, torques, fast.get(j)),
+                fast: match self.yielding.torque_offset(j) {
+                    Some(offset) => (fast.get(j).and_then(|fast| fast.torsion)).map(|t| t + offset),
+                    None => fast_torque(law, torques, fast.get(j)),
+                },
+                yields,
+                yields_anew: yields && self.yielding.is_new(),
+                in_contact: self.yielding.concerns(j),
                 dt: self.sample_period,
                 skipped,
                 overslept,
@@ -211,14 +245,14 @@ impl Command {
         measured: &MeasuredRecord,
         estimated: &EstimatedRecord,
     ) {
-        if !self.joints.iter().any(JointController::takes_current) {
-            return;
-        }
         let now = Loads {
             acceleration: acceleration.linear.into(),
             contact: std::array::from_fn(|s| estimated.ft[s].contact_wrench),
         };
         self.loads.update(now, weight::is_sound(measured));
+        if !self.joints.iter().any(JointController::takes_current) {
+            return;
+        }
         let loads = self.loads.loads();
         for (&place, joint) in self.model_index.iter().zip(&measured.joints) {
             self.q_hat[place] = joint.q;
@@ -238,13 +272,13 @@ impl Command {
         }
     }
 
-    /// `M ddq_d + h_hat - J^T f` for the desired contact wrenches and for the estimated ones.
+    /// `M ddq_d + h_hat - J^T f` for the desired contact wrenches and for the estimated ones `f_hat`.
     fn inverse_dynamics(
         &mut self,
         reference: Option<&Reference>,
         base_motion: (Motion, Motion),
         measured: &MeasuredRecord,
-        estimated: &EstimatedRecord,
+        f_hat: &[Wrench; MAX_FT_SENSORS],
     ) {
         for (j, (&place, joint)) in self.model_index.iter().zip(&measured.joints).enumerate() {
             self.q_hat[place] = joint.q_hat;
@@ -253,9 +287,7 @@ impl Command {
         }
         self.inverse_dynamics
             .set_motion(base_motion, &self.q_hat, &self.dq_hat, &self.ddq_d);
-        let f_hat: [Wrench; MAX_FT_SENSORS] =
-            std::array::from_fn(|s| estimated.ft[s].contact_wrench);
-        let with_estimated = self.inverse_dynamics.torque(&f_hat);
+        let with_estimated = self.inverse_dynamics.torque(f_hat);
         for (torque, &place) in self.torques.iter_mut().zip(&self.model_index) {
             *torque = InverseDynamicsTorque {
                 feedforward: with_estimated[place],

@@ -157,7 +157,15 @@ impl Estimate {
         (self.delay_compensation).update(measure, shares, followed, joints, counts);
         let whole_body = self.whole_body.estimator();
         if let Some(external_torque) = &mut self.external_torque {
-            external_torque.update(whole_body, &measured.joints, &mut estimated.joints, counts);
+            let fast = self.delay_compensation.fast();
+            external_torque.update(
+                measure,
+                (whole_body, shares),
+                fast,
+                measured,
+                estimated,
+                counts,
+            );
         }
         if let Some(cross_check) = &mut self.cross_check {
             let samples = measure.samples();

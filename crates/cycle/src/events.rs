@@ -1,6 +1,7 @@
 //! Counts of numbered events, and those of this cycle that await their reaction.
 
-use robot_state::{EVENT_COUNT, Event};
+use robot_state::{EVENT_COUNT, Event, refusal};
+use supervisor::Refusal;
 
 const _: () = assert!(EVENT_COUNT <= u64::BITS as usize, "a bit for each event");
 
@@ -93,5 +94,16 @@ impl Counts {
 
     pub(crate) fn as_array(&self) -> [u64; EVENT_COUNT] {
         self.times
+    }
+}
+
+/// A refusal as a number: the kind in the upper half, its subject in the lower.
+pub(crate) fn refusal_code(reason: Refusal) -> u32 {
+    match reason {
+        Refusal::State(state) => refusal::STATE << 16 | state.number(),
+        Refusal::Joint(joint) => refusal::JOINT << 16 | joint as u32,
+        Refusal::Outside(joint) => refusal::OUTSIDE << 16 | joint as u32,
+        Refusal::OtherFault(number) => refusal::OTHER_FAULT << 16 | number,
+        Refusal::Drive(joint) => refusal::DRIVE << 16 | joint as u32,
     }
 }

@@ -81,6 +81,8 @@ pub(crate) struct Measure {
     long: Filtered,
     /// For the delay-compensated torque.
     short: Filtered,
+    /// For the detection of contacts, if there is one.
+    contact: Option<Filtered>,
     /// q of every joint, then theta of every joint: first derivative.
     control_filter: AlignedBank,
     angles: Vec<f64>,
@@ -151,6 +153,9 @@ impl Measure {
                 .collect::<Result<_, _>>()?,
             long: Filtered::new(robot, parameters.filters.long)?,
             short: Filtered::new(robot, parameters.filters.short)?,
+            contact: (parameters.external_torque.as_ref())
+                .map(|settings| Filtered::new(robot, settings.filters))
+                .transpose()?,
             control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
@@ -188,6 +193,11 @@ impl Measure {
     /// The signals through the short filters.
     pub(crate) fn short(&self) -> &Filtered {
         &self.short
+    }
+
+    /// The signals through the filters of contact detection.
+    pub(crate) fn contact(&self) -> Option<&Filtered> {
+        self.contact.as_ref()
     }
 
     /// Joints whose encoders contradicted each other are to prove themselves anew.
@@ -250,6 +260,9 @@ impl Measure {
         let stamps = self.reception.stamps();
         (self.long).update(&self.angles, &self.axes, stamps, at.sync);
         (self.short).update(&self.angles, &self.axes, stamps, at.sync);
+        if let Some(contact) = &mut self.contact {
+            contact.update(&self.angles, &self.axes, stamps, at.sync);
+        }
         (self.control_filter).update(&self.both_angles, stamps, at.sync);
         self.publish_joints(measured);
         self.publish_sensors(measured);
@@ -295,6 +308,9 @@ impl Measure {
             let stamps = self.reception.stamps();
             (self.long).update(&self.angles, &self.axes, stamps, instant);
             (self.short).update(&self.angles, &self.axes, stamps, instant);
+            if let Some(contact) = &mut self.contact {
+                contact.update(&self.angles, &self.axes, stamps, instant);
+            }
             (self.control_filter).update(&self.both_angles, stamps, instant);
             for measured in joints.iter_mut().take(self.joints.len()) {
                 measured.q += measured.dq * self.sample_period;
@@ -305,6 +321,7 @@ impl Measure {
             // The way since then would look like a velocity.
             self.long.reset();
             self.short.reset();
+            self.contact.iter_mut().for_each(Filtered::reset);
             self.control_filter.reset();
         }
     }

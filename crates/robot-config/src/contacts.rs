@@ -1,9 +1,7 @@
-//! `[whole_body]`, `[fixed_base]`, `[[contacts]]` and `[external_torque]`.
+//! `[whole_body]`, `[fixed_base]` and `[[contacts]]`.
 
 use crate::general::name;
-use crate::parameters::{
-    AngularAcceleration, ContactSet, ExternalTorqueSettings, FtParameters, Stand, WholeBodySettings,
-};
+use crate::parameters::{AngularAcceleration, ContactSet, FtParameters, Stand, WholeBodySettings};
 use crate::reader::{Allowed, Section};
 use robot_state::MAX_CONTACT_SETS;
 use whole_body::{ContactKind, ContactParameters, Hypothesis, LoadRule, Weighting};
@@ -206,16 +204,4 @@ fn contact(section: Section<'_, '_>) -> ContactParameters {
             Kind::Nothing => ContactKind::Nothing,
         },
     }
-}
-
-/// `[external_torque]`.
-pub(crate) fn external_torque(root: &Section<'_, '_>) -> Option<ExternalTorqueSettings> {
-    let section = root.optional_section("external_torque")?;
-    let settings = ExternalTorqueSettings {
-        gain: section.number_or("gain_per_s", 30.0, Allowed::Positive),
-        threshold_share: 0.01 * section.number_or("threshold_per_cent", 10.0, Allowed::Positive),
-        hold: 1e-3 * section.number_or("hold_ms", 20.0, Allowed::Within(0.0, 10_000.0)),
-    };
-    section.finish();
-    Some(settings)
 }

@@ -59,7 +59,7 @@ pub(crate) fn filters(root: &Section<'_, '_>, sample_period: f64) -> Filters {
     filters
 }
 
-fn matched(window: usize, sample_period: f64) -> SignalFilters {
+pub(crate) fn matched(window: usize, sample_period: f64) -> SignalFilters {
     let design = |derivatives| {
         FilterDesign::Matched(MatchedFilterParameters {
             window,

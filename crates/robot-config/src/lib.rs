@@ -7,6 +7,7 @@
 
 mod contacts;
 mod drives;
+mod external_torque;
 mod filters;
 mod general;
 mod joints;
@@ -137,7 +138,7 @@ fn robot(
     let ft_sensors = sensors::ft_sensors(&root, timing.sample_period, &mut wiring);
     let imu = sensors::imu(&root, timing.sample_period, &mut wiring);
     let whole_body = contacts::whole_body(&root, &ft_sensors);
-    let external_torque = contacts::external_torque(&root);
+    let external_torque = external_torque::external_torque(&root, timing.sample_period);
     let tare = tare::tare(&root, timing.sample_period);
     let tables = wiring.compile();
     let (readable, again) = (!diagnostics.any(), root.again());

@@ -34,7 +34,7 @@ pub struct Parameters {
     pub filters: Filters,
     /// Contacts, and the estimation of torques from F/T sensors and IMU.
     pub whole_body: WholeBodySettings,
-    /// Observer of external torques; none: they are not observed.
+    /// Detection of contacts by external torques; none: there is none.
     pub external_torque: Option<ExternalTorqueSettings>,
     /// Parameters of a tare of the F/T sensors.
     pub tare: TareParameters,
@@ -363,16 +363,53 @@ pub struct ContactSet {
     pub loaded: Vec<(usize, bool)>,
 }
 
-/// Observer of external torques.
+/// Detection of contacts by external torques, and what follows from one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExternalTorqueSettings {
-    /// K: bandwidth of the observer, 1/s.
+    /// Filters of all signals of the fast part.
+    pub filters: SignalFilters,
+    /// K: bandwidth of the momentum observer, 1/s.
     pub gain: f64,
-    /// External torque from which on the joint's contact flag is set, as a share of the torque limit,
-    /// 1.
-    pub threshold_share: f64,
-    /// Time for which it must exceed the threshold, s.
+    /// Lower thresholds.
+    pub threshold: ContactThreshold,
+    /// Upper threshold over the lower one, 1.
+    pub upper_ratio: f64,
+    /// Time for which a threshold must be exceeded, s.
     pub hold: f64,
+    /// Time for which both torques must stay below two thirds of their thresholds until the contact is
+    /// over, s.
+    pub release: f64,
+    /// Frame at which the contact force is estimated; none: it is not.
+    pub frame: Option<String>,
+    /// How a limb yields.
+    pub reaction: ContactReaction,
+}
+
+/// Lower thresholds of external torques: multiples of the standard deviation, plus shares of each
+/// joint's torque limit, 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactThreshold {
+    /// Standard deviations.
+    pub sigmas: f64,
+    /// For the change of the external torque, a joint at rest.
+    pub change: f64,
+    /// For the external torque itself, a joint at rest.
+    pub lasting: f64,
+    /// More at the velocity limit, and proportionally less below.
+    pub at_velocity_limit: f64,
+    /// More at the acceleration that the torque limit gives the joint, and proportionally less below.
+    pub at_acceleration_limit: f64,
+}
+
+/// How a limb yields to a contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactReaction {
+    /// Greatest way of a joint that complies, rad; then it is stopped.
+    pub comply_angle: f64,
+    /// Time without contact after which complying ends, s; none: only the operator ends it.
+    pub comply_until_gone: Option<f64>,
+    /// Way back of the joint that has come furthest, rad.
+    pub retract_angle: f64,
 }
 
 /// Thresholds from which on torque sources of a joint disagree.

@@ -38,14 +38,15 @@ pub(crate) fn safety(root: &Section<'_, '_>, sample_period: f64) -> SafetySettin
     );
     settings.publisher_timeout = timeout_ms * 1e-3;
     if let Some(section) = section.optional_section("reactions") {
-        settings.reactions = reactions(section);
+        settings.reactions = reactions(section, root.has("external_torque"));
     }
     section.finish();
     settings
 }
 
-/// `[safety.reactions]`: events by name, each with a reaction no weaker than its least one.
-fn reactions(section: Section<'_, '_>) -> Reactions {
+/// `[safety.reactions]`: events by name, each with a reaction no weaker than its least one. `detects`:
+/// contacts are detected.
+fn reactions(section: Section<'_, '_>, detects: bool) -> Reactions {
     let mut reactions = Reactions::default();
     for &event in Event::ALL {
         if !section.has(event.name()) {
@@ -57,6 +58,13 @@ fn reactions(section: Section<'_, '_>) -> Reactions {
             continue;
         };
         let named = Reaction::ALL.into_iter().find(|r| r.name() == text.value);
+        if named.is_some_and(Reaction::yields) && event == Event::ExternalContact && !detects {
+            let what = format!(
+                "nothing detects the contact to which {:?} reacts",
+                text.value
+            );
+            section.problem(event.name(), what, "a table [external_torque]");
+        }
         if !named.is_some_and(|reaction| reactions.choose(event, reaction)) {
             let what = format!(
                 "{:?} is not allowed for event {}",

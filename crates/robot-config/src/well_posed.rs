@@ -22,6 +22,17 @@ pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Paramete
         );
         return;
     };
+    if let Some(frame) = (parameters.external_torque.as_ref()).and_then(|e| e.frame.as_ref())
+        && (model.frame_index(frame)).is_none_or(|f| model.frames()[f].body == 0)
+        && let Some(section) = root.optional_section("external_torque")
+    {
+        let what = format!("{frame:?} is no link that joints move");
+        section.problem(
+            "frame",
+            what,
+            "a link of the URDF beyond at least one joint",
+        );
+    }
     if parameters.whole_body.contacts.is_empty() && contacts_misplaced(root, model, parameters) {
         return;
     }

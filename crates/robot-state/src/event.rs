@@ -1,6 +1,6 @@
 //! Numbered events: deviations, limits and faults while the loop runs.
 
-/// The loop's reaction to an event; later ones are stronger. The last three latch a fault.
+/// The loop's reaction to an event; later ones are stronger. The last five latch a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reaction {
     /// Counted; the cycle goes on with a bridged or limited value.
@@ -11,6 +11,12 @@ pub enum Reaction {
     /// The client's reference is no longer followed: the robot holds until the client has asked
     /// for hold once.
     Release,
+    /// The limb that a contact was detected on goes soft: weight compensated, motion damped, no
+    /// stiffness; all other joints are brought to rest.
+    Comply,
+    /// That limb goes back on the way on which it came, away from the contact, and holds; all other
+    /// joints are brought to rest.
+    Retract,
     /// Every joint keeps its last command until the operator acknowledges the fault.
     Hold,
     /// Every joint is brought to rest by damping, then held.
@@ -21,10 +27,12 @@ pub enum Reaction {
 
 impl Reaction {
     /// All reactions, the weakest first.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 8] = [
         Self::Warn,
         Self::Degrade,
         Self::Release,
+        Self::Comply,
+        Self::Retract,
         Self::Hold,
         Self::Stop,
         Self::Off,
@@ -37,6 +45,8 @@ impl Reaction {
             Self::Warn => "warn",
             Self::Degrade => "degrade",
             Self::Release => "release",
+            Self::Comply => "comply",
+            Self::Retract => "retract",
             Self::Hold => "hold",
             Self::Stop => "stop",
             Self::Off => "off",
@@ -46,7 +56,13 @@ impl Reaction {
     /// The fault is latched.
     #[must_use]
     pub fn latches(self) -> bool {
-        self >= Self::Hold
+        self >= Self::Comply
+    }
+
+    /// The limb yields to a contact, so that the event must be one.
+    #[must_use]
+    pub fn yields(self) -> bool {
+        matches!(self, Self::Comply | Self::Retract)
     }
 }
 
@@ -180,7 +196,7 @@ events! {
     TorqueConstant = 206, "torque_constant", Warn against ENCODER_TORQUE, "cross_check.current_ratio_min / cross_check.current_ratio_max", "Motor current and encoders disagree on the torque's size: the joint's torque constant is probably wrong.";
     TorqueSign = 207, "torque_sign", Warn against ENCODER_TORQUE, "cross_check.current_load_per_cent", "Motor current and encoders disagree on the torque's sign: the sign of the joint's current is probably wrong.";
     MissingContact = 208, "missing_contact", Warn against WHOLE_BODY, "cross_check.residual_sigmas", "Contact detected on the limb beyond an F/T sensor, where the contact set has none.";
-    ExternalContact = 209, "external_contact", Warn, "external_torque.threshold_per_cent", "Contact detected by a joint's external torque, where the contact set has none.";
+    ExternalContact = 209, "external_contact", Warn, "external_torque.upper_ratio", "A joint's external torque exceeds its upper threshold: contact where the contact set has none.";
     EncoderImplausible = 210, "encoder_implausible", Hold, "joint.torque_limit_Nm", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.";
     CurrentImplausible = 211, "current_implausible", Degrade against ENCODER_TORQUE, "drive.current_sigma_A / drive.flat_after_ms", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.";
     SourcesDisagree = 212, "sources_disagree", Warn against ENCODER_TORQUE, "-", "For seconds the torques of a joint by torsion and by motor current have differed by more than their calibrations allow: a calibration no longer holds, or an encoder has slipped. The published sigma covers the difference.";
@@ -213,12 +229,15 @@ events! {
 pub const EVENT_COUNT: usize = Event::ALL.len();
 
 impl Event {
-    /// The reactions that a configuration may choose: none weaker than the least one, and `degrade`
-    /// only where the event speaks against a source.
+    /// The reactions that a configuration may choose: none weaker than the least one, `degrade` only
+    /// where the event speaks against a source, and those that yield only where it is a contact.
     pub fn allowed_reactions(self) -> impl Iterator<Item = Reaction> {
         let strong = move |reaction: &Reaction| *reaction >= self.least_reaction();
-        let possible =
-            move |reaction: &Reaction| *reaction != Reaction::Degrade || self.against() != 0;
+        let possible = move |reaction: &Reaction| match reaction {
+            Reaction::Degrade => self.against() != 0,
+            Reaction::Comply | Reaction::Retract => self == Self::ExternalContact,
+            _ => true,
+        };
         let all = Reaction::ALL.into_iter();
         all.filter(strong).filter(possible)
     }

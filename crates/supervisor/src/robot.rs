@@ -20,7 +20,7 @@
 //! | holding | to all joints, unchanging | may be entered |
 //! | active | to all joints | the one that is active |
 //! | stopping | to all joints: brought to rest | none |
-//! | fault | as the fault's reaction demands: held, brought to rest, or none | none |
+//! | fault | as the fault's reaction demands: yielding to a contact, held, brought to rest, or none | none |
 //!
 //! Nothing leads from fault to motion but the operator: acknowledge, enable, and then a client.
 //! A joint that went stale or whose drive is no longer enabled has its set-points withdrawn, and
@@ -59,6 +59,10 @@ pub enum Refusal {
 /// How a robot in a fault is brought to safety.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Safety {
+    /// The limb in contact goes soft; all else is brought to rest.
+    Comply,
+    /// The limb in contact goes back; all else is brought to rest.
+    Retract,
     /// Set-points stay as they are.
     Hold,
     /// Motion is brought to rest, then held.
@@ -131,6 +135,12 @@ impl RobotMachine {
     #[must_use]
     pub fn fault(&self) -> Option<Event> {
         self.fault
+    }
+
+    /// How a robot in a fault is brought to safety; none without a fault.
+    #[must_use]
+    pub fn safety(&self) -> Option<Safety> {
+        self.fault.map(|_| self.safety)
     }
 
     /// Set-points may be sent to this joint.

@@ -12,6 +12,8 @@
 #![deny(unsafe_code)]
 
 mod conditioning;
+mod contact_detector;
+mod contact_force;
 mod contacts;
 mod covariance;
 mod cross_check;
@@ -30,6 +32,10 @@ mod switching;
 mod tare;
 
 pub use conditioning::FtConditioning;
+pub use contact_detector::{
+    ContactDetector, ContactDetectorParameters, ContactState, ContactThresholds, ExternalTorque,
+};
+pub use contact_force::ContactForce;
 pub use cross_check::{Cause, CrossCheck, CrossCheckParameters, Sources};
 pub use delay_compensation::{DelayCompensator, DelayCompensatorParameters, DelayedTorque};
 pub use error::{ContactProblem, WholeBodyError};

@@ -1,5 +1,5 @@
-//! External torque of every joint by generalised momentum, without accelerations of joints, and
-//! a contact flag from it (L: A. De Luca, R. Mattone: Sensorless robot collision detection and hybrid
+//! External torque of every joint by generalised momentum, without accelerations of joints
+//! (L: A. De Luca, R. Mattone: Sensorless robot collision detection and hybrid
 //! force/motion control, ICRA 2005).
 //!
 //! With the base's motion known (IMU), the joints obey `M ddq + h = tau + tau_ext`, where `M` is
@@ -11,17 +11,12 @@ use dynamics::{Base, Data, Force, Model, Motion, crba, rnea};
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Parameters of a [`MomentumObserver`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MomentumObserverParameters {
     /// T: time between updates, s.
     pub sample_period: f64,
     /// K: bandwidth, 1/s; its inverse is the delay of `tau_ext`.
     pub gain: f64,
-    /// Per joint of the model: |tau_ext| that sets the contact flag, N·m; friction and model errors
-    /// must stay below in sum.
-    pub threshold: Vec<f64>,
-    /// Time for which a threshold must be passed, s.
-    pub hold: f64,
 }
 
 /// Observer of one robot. Joints are in the model's order.
@@ -39,9 +34,6 @@ pub struct MomentumObserver {
     last_dq: Vec<f64>,
     last_rate: Vec<f64>,
     state: [Vec<f64>; 3],
-    /// Per joint: time for which tau_ext has contradicted the contact flag, s.
-    contradicted: Vec<f64>,
-    contact: Vec<bool>,
     started: bool,
 }
 
@@ -69,20 +61,22 @@ impl MomentumObserver {
             last_dq: vec![0.0; n],
             last_rate: vec![0.0; n],
             state: [q, vec![0.0; nv], vec![0.0; nv]],
-            contradicted: vec![0.0; n],
-            contact: vec![false; n],
             started: false,
             parameters,
             model,
         }
     }
 
+    /// The last result.
+    #[must_use]
+    pub fn tau_ext(&self) -> &[f64] {
+        &self.tau_ext
+    }
+
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.started = false;
         self.tau_ext.fill(0.0);
-        self.contradicted.fill(0.0);
-        self.contact.fill(false);
     }
 
     /// tau_ext, N·m, of every joint, from angles, velocities, torques, and the root's twist and
@@ -146,36 +140,6 @@ impl MomentumObserver {
             self.started = true;
         }
         self.last_mass.copy_from(&self.mass);
-        self.detect();
         &self.tau_ext
-    }
-
-    /// Contact flag of each joint.
-    #[must_use]
-    pub fn contacts(&self) -> &[bool] {
-        &self.contact
-    }
-
-    fn detect(&mut self) {
-        let p = &self.parameters;
-        for (j, r) in self.tau_ext.iter().enumerate() {
-            let threshold = p.threshold.get(j).copied().unwrap_or(f64::INFINITY);
-            // Released at two thirds, so that noise does not toggle it.
-            let limit = if self.contact[j] {
-                threshold / 1.5
-            } else {
-                threshold
-            };
-            let against = (r.abs() > limit) != self.contact[j];
-            self.contradicted[j] = if against {
-                self.contradicted[j] + p.sample_period
-            } else {
-                0.0
-            };
-            if self.contradicted[j] > p.hold {
-                self.contact[j] = !self.contact[j];
-                self.contradicted[j] = 0.0;
-            }
-        }
     }
 }

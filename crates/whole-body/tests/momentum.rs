@@ -11,8 +11,7 @@ use whole_body::{MomentumObserver, MomentumObserverParameters};
 
 const DT: f64 = 1e-4;
 
-/// External torques `tau_ext` on the joints are found after a few time constants, to the lag; a
-/// contact flag of the pushed joint is set, those of others are not.
+/// External torques `tau_ext` on the joints are found after a few time constants, to the lag.
 #[test]
 fn external_torques_are_found() {
     for seed in 0..6 {
@@ -31,11 +30,8 @@ fn external_torques_are_found() {
             MomentumObserverParameters {
                 sample_period: DT,
                 gain: 200.0,
-                threshold: vec![1.0; n],
-                hold: 0.005,
             },
         );
-        let mut detected = false;
         for k in 0..1000 {
             // Torques that hold the joints together loosely, and a push from 20 ms on.
             let mut tau = vec![0.0; model.nv()];
@@ -68,18 +64,11 @@ fn external_torques_are_found() {
                     );
                 }
             }
-            detected |= observer.contacts()[pushed];
-            assert!(
-                (0..n).all(|j| j == pushed || !observer.contacts()[j]),
-                "seed {seed}, step {k}"
-            );
-            assert!(k > 200 || !detected);
             for (v, a) in v.iter_mut().zip(&a) {
                 *v += DT * a;
             }
             integrate(model, &mut q, &v, DT);
         }
-        assert!(detected, "seed {seed}");
     }
 }
 
@@ -92,10 +81,8 @@ fn known_wrenches_are_not_external() {
     let parameters = MomentumObserverParameters {
         sample_period: 1e-3,
         gain: 50.0,
-        threshold: vec![1.0; n],
-        hold: 0.01,
     };
-    let mut observer = MomentumObserver::new(model, parameters.clone());
+    let mut observer = MomentumObserver::new(model, parameters);
     let q = vec![0.3; n];
     let zero = vec![0.0; n];
     let base = (

@@ -14,15 +14,15 @@ use robot_config::{JointParameters, Robot};
 use robot_state::{
     CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, JointMeasured,
     MeasuredRecord, Mode, Reaction, Reactions, Reference, RobotState, Settings, measured_flags,
-    not_followed, refusal, source,
+    not_followed, source,
 };
 use supervisor::{
-    Drive, DriveGoal, DriveProfile, DriveTrouble, JointCondition, Limits, OperatorRequest, Refusal,
+    Drive, DriveGoal, DriveProfile, DriveTrouble, JointCondition, Limits, OperatorRequest,
     RobotMachine, Safety,
 };
 
-use super::reference::{Goal, ReferenceCheck};
-use crate::events::{Counts, Subject};
+use super::reference::{Answer, Goal, ReferenceCheck, needs};
+use crate::events::{Counts, Subject, refusal_code};
 use crate::measure::Readiness;
 
 /// Clients' input to one cycle, as it arrived: unchecked.
@@ -70,6 +70,8 @@ pub(crate) struct Supervisor {
     unsound: u32,
     /// Number of the event that has made one of them so in this cycle, or 0.
     degraded_by: u32,
+    /// Bits of the sources that an event of this cycle speaks against, whatever its reaction.
+    doubted: u32,
     fault_subject: Option<Subject>,
     mode: Mode,
     /// The client has lost the robot until it asks for hold.
@@ -109,6 +111,7 @@ impl Supervisor {
             needs: Mode::ALL.map(|mode| needs(mode, robot)),
             unsound: 0,
             degraded_by: 0,
+            doubted: 0,
             fault_subject: None,
             mode: Mode::Hold,
             released: false,
@@ -162,7 +165,7 @@ impl Supervisor {
             false => source::WHOLE_BODY,
         };
         self.note_currents(measured, counts);
-        self.degraded_by = 0;
+        (self.degraded_by, self.doubted) = (0, 0);
         self.react_to(counts);
         self.follow_drives(measured, counts);
         self.judge(readiness, measured);
@@ -332,7 +335,7 @@ impl Supervisor {
             self.released = false;
         }
         if self.machine.fault().is_some() {
-            return Goal::Stop;
+            return self.safe_goal(readiness);
         }
         if self.machine.is_braking() {
             return Goal::Hold;
@@ -362,6 +365,38 @@ impl Supervisor {
         }
     }
 
+    /// What a robot in a fault does. A limb yields to a contact by its torque and by gravity: as soon as
+    /// a source of these is in doubt it is stopped instead, and stays so.
+    fn safe_goal(&mut self, readiness: &Readiness<'_>) -> Goal<'static> {
+        let (Some(Event::ExternalContact), Some(Subject::Joint(joint))) =
+            (self.machine.fault(), self.fault_subject)
+        else {
+            return Goal::Stop;
+        };
+        let mut answer = match self.machine.safety() {
+            Some(Safety::Comply) => Answer::Comply,
+            Some(Safety::Retract) => Answer::Retract,
+            Some(Safety::Stop) => Answer::Stop,
+            _ => return Goal::Stop,
+        };
+        if answer != Answer::Stop && !self.may_yield(readiness) {
+            self.machine.latch(Event::ExternalContact, Safety::Stop);
+            answer = Answer::Stop;
+        }
+        Goal::Contact { joint, answer }
+    }
+
+    /// All joints are driven, and nothing speaks against what inverse dynamics needs.
+    fn may_yield(&self, readiness: &Readiness<'_>) -> bool {
+        let needs = self.needs[Mode::InverseDynamics.number() as usize];
+        let mut joints = self.conditions.iter().enumerate();
+        (self.unsound | self.doubted) & needs == 0
+            && readiness.joints_ready
+            && !readiness.overslept
+            && joints
+                .all(|(j, joint)| joint.usable && !joint.distrusted && self.machine.is_engaged(j))
+    }
+
     /// The sources allow the mode.
     fn is_possible(&self, mode: Mode) -> bool {
         let needs = self.needs.get(mode.number() as usize);
@@ -389,6 +424,10 @@ impl Supervisor {
     }
 
     fn react(&mut self, event: Event, subject: Option<Subject>) {
+        // A collision may well exceed what a joint can bear.
+        if event != Event::TorqueSaturated {
+            self.doubted |= event.against();
+        }
         match self.reactions.of(event) {
             Reaction::Warn => {}
             Reaction::Degrade => {
@@ -396,6 +435,8 @@ impl Supervisor {
                 self.degraded_by = event.number();
             }
             Reaction::Release => self.release(event.number()),
+            Reaction::Comply => self.latch(event, subject, Safety::Comply),
+            Reaction::Retract => self.latch(event, subject, Safety::Retract),
             Reaction::Hold => self.latch(event, subject, Safety::Hold),
             Reaction::Stop => self.latch(event, subject, Safety::Stop),
             Reaction::Off => self.latch(event, subject, Safety::Off),
@@ -452,33 +493,8 @@ fn has_brake(joint: &JointParameters) -> bool {
     !joint.takes_position() && joint.drive_profile.as_ref().is_some_and(brake)
 }
 
-/// Bits of the sources that a mode needs.
-fn needs(mode: Mode, robot: &Robot) -> u32 {
-    let law = robot.parameters.torque_law;
-    let used = |used: bool, bits: u32| if used { bits } else { 0 };
-    let feedback = used(law.uses_encoders(), source::ENCODER_TORQUE)
-        | used(law.uses_sensors(), source::WHOLE_BODY);
-    match mode {
-        Mode::Hold => 0,
-        Mode::Torque => feedback,
-        // Gravity by the base's motion, and the contact wrenches.
-        Mode::InverseDynamics | Mode::Position => feedback | source::WHOLE_BODY,
-    }
-}
-
 /// The drive's status word, if one arrived in this cycle.
 fn status(measured: &JointMeasured) -> Option<u32> {
     let missed = measured_flags::NEVER | measured_flags::MISSED | measured_flags::STALE;
     (measured.flags & missed == 0).then_some(measured.status)
-}
-
-/// A refusal as a number: the kind in the upper half, its subject in the lower.
-fn refusal_code(reason: Refusal) -> u32 {
-    match reason {
-        Refusal::State(state) => refusal::STATE << 16 | state.number(),
-        Refusal::Joint(joint) => refusal::JOINT << 16 | joint as u32,
-        Refusal::Outside(joint) => refusal::OUTSIDE << 16 | joint as u32,
-        Refusal::OtherFault(number) => refusal::OTHER_FAULT << 16 | number,
-        Refusal::Drive(joint) => refusal::DRIVE << 16 | joint as u32,
-    }
 }

@@ -149,6 +149,7 @@ impl JointController {
         self.limiter.allow_velocity(match &self.state {
             // Nothing but this bounds the velocity that a torque leads to.
             Some(State::Torque { .. }) => self.law.torque_velocity,
+            Some(_) if input.yields => self.law.torque_velocity,
             _ => self.law.limits.velocity,
         });
         let limited = match &self.state {
@@ -204,7 +205,8 @@ impl JointController {
             None => self.limiter.start(motion, law.load(input)),
         };
         let mode = goal.mode();
-        let state = match self.state.take().filter(|state| state.mode() == mode) {
+        let goes_on = |state: &State| state.mode() == mode && !input.yields_anew;
+        let state = match self.state.take().filter(goes_on) {
             Some(state) => state,
             None => {
                 let from = match &mut self.predictive {
@@ -274,9 +276,19 @@ impl Law {
         motion: &Motion,
         input: &JointInput<'_>,
     ) -> State {
-        let transition = Transition::from(from);
+        let transition = match input.yields {
+            true => Transition::yielding(from),
+            false => Transition::from(from),
+        };
         let torque_loop = TorqueLoop::default();
         match (goal.mode(), self.motor) {
+            // Where the set-point would be at rest: one that came to rest slowly would press on.
+            (Mode::Hold, MotorModel::Position { k_v, .. }) if input.in_contact => {
+                State::HoldPosition {
+                    hold_q: last - k_v * motion.dq,
+                    stop: Stop::from(0.0, self.limits.deceleration),
+                }
+            }
             (Mode::Hold, MotorModel::Position { .. }) => State::HoldPosition {
                 hold_q: last,
                 stop: Stop::from(motion.dq, self.limits.deceleration),

@@ -39,6 +39,10 @@ pub(crate) struct JointInput<'a> {
     pub(crate) tau_hat: &'a TorqueEstimate,
     /// The torque that the predictive law feeds back, N·m.
     pub(crate) fast: Option<f64>,
+    /// The limb is in contact and braked, or yields, or does so from this cycle on.
+    pub(crate) in_contact: bool,
+    pub(crate) yields: bool,
+    pub(crate) yields_anew: bool,
     /// Sample period, s.
     pub(crate) dt: f64,
     /// Periods before this cycle in which the loop did not run.

@@ -29,14 +29,16 @@ impl Motions {
     }
 
     /// The reference of this cycle on the way to the goal's targets; none in other modes. A motion
-    /// begins where the joints are, and a new target leads it off its present way.
+    /// begins where the joints are, and a new target leads it off its present way. `anew`: it begins
+    /// there whatever was followed before, and at rest, so that the joints are braked.
     pub(super) fn follow(
         &mut self,
         goal: &Goal<'_>,
+        anew: bool,
         measured: &MeasuredRecord,
         dt: f64,
     ) -> Option<Reference> {
-        let begins = !self.on;
+        let begins = anew || !self.on;
         self.on = matches!(goal, Goal::Position(_));
         let Goal::Position(asked) = goal else {
             return None;
@@ -44,7 +46,11 @@ impl Motions {
         let mut reference = **asked;
         if begins {
             let joints = measured.joints.iter().zip(&self.limits);
-            (self.motion).start(joints.map(|(joint, limits)| here(joint, limits)));
+            let begin = joints.map(|(joint, limits)| PlannedMotion {
+                dq: if anew { 0.0 } else { here(joint, limits).dq },
+                ..here(joint, limits)
+            });
+            (self.motion).start(begin);
         }
         if self.take_targets(&reference) || begins {
             let ways = self.targets.iter().zip(&self.limits);

@@ -14,7 +14,9 @@
 
 use control::JointGains;
 use robot_config::{FtParameters, JointParameters, Robot};
-use robot_state::{Event, JointMeasured, JointReference, MeasuredRecord, Mode, Reference, Wrench};
+use robot_state::{
+    Event, JointMeasured, JointReference, MeasuredRecord, Mode, Reference, Wrench, source,
+};
 use supervisor::Limits;
 
 use crate::time::SECONDS_PER_NS;
@@ -46,6 +48,17 @@ const MEMORY_S: f64 = 0.1;
 const AHEAD_S: f64 = 0.0025;
 const AHEAD_SHARE: f64 = 0.1;
 
+/// What the limb of a joint in contact does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Answer {
+    /// It is braked at once.
+    Stop,
+    /// It goes soft.
+    Comply,
+    /// It goes back on its way.
+    Retract,
+}
+
 /// The goal of one cycle: a mode, with the checked reference that it follows.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Goal<'a> {
@@ -53,6 +66,11 @@ pub(crate) enum Goal<'a> {
     Hold,
     /// The same at once, as something has failed: matters to drives without a position loop.
     Stop,
+    /// The limb of a joint in contact answers it; all else stops.
+    Contact {
+        joint: usize,
+        answer: Answer,
+    },
     Torque(&'a Reference),
     InverseDynamics(&'a Reference),
     /// The targets of the reference, on the way that the loop plans.
@@ -62,7 +80,7 @@ pub(crate) enum Goal<'a> {
 impl<'a> Goal<'a> {
     pub(crate) fn mode(&self) -> Mode {
         match self {
-            Self::Hold | Self::Stop => Mode::Hold,
+            Self::Hold | Self::Stop | Self::Contact { .. } => Mode::Hold,
             Self::Torque(_) => Mode::Torque,
             Self::InverseDynamics(_) => Mode::InverseDynamics,
             Self::Position(_) => Mode::Position,
@@ -71,7 +89,7 @@ impl<'a> Goal<'a> {
 
     pub(crate) fn reference(&self) -> Option<&'a Reference> {
         match *self {
-            Self::Hold | Self::Stop => None,
+            Self::Hold | Self::Stop | Self::Contact { .. } => None,
             Self::Torque(reference)
             | Self::InverseDynamics(reference)
             | Self::Position(reference) => Some(reference),
@@ -325,4 +343,18 @@ fn is_finite(reference: &Reference) -> bool {
         && wrenches
             .flat_map(|w| w.force.iter().chain(&w.torque))
             .all(|x| x.is_finite())
+}
+
+/// Bits of the sources that a mode needs.
+pub(super) fn needs(mode: Mode, robot: &Robot) -> u32 {
+    let law = robot.parameters.torque_law;
+    let used = |used: bool, bits: u32| if used { bits } else { 0 };
+    let feedback = used(law.uses_encoders(), source::ENCODER_TORQUE)
+        | used(law.uses_sensors(), source::WHOLE_BODY);
+    match mode {
+        Mode::Hold => 0,
+        Mode::Torque => feedback,
+        // Gravity by the base's motion, and the contact wrenches.
+        Mode::InverseDynamics | Mode::Position => feedback | source::WHOLE_BODY,
+    }
 }

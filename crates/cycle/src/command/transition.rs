@@ -12,8 +12,12 @@ pub(crate) struct Transition {
     /// The last command of the mode before, until the first of this one is known.
     last: Option<f64>,
     difference: f64,
+    duration_s: f64,
     left_s: f64,
 }
+
+/// Duration of the transition of a limb that yields to a contact, s.
+const YIELDING_S: f64 = 0.03;
 
 impl Transition {
     /// From the last command of the mode before.
@@ -21,7 +25,17 @@ impl Transition {
         Self {
             last: Some(last),
             difference: 0.0,
+            duration_s: DURATION_S,
             left_s: DURATION_S,
+        }
+    }
+
+    /// The same in the shorter time that a contact demands.
+    pub(crate) fn yielding(last: f64) -> Self {
+        Self {
+            duration_s: YIELDING_S,
+            left_s: YIELDING_S,
+            ..Self::from(last)
         }
     }
 
@@ -30,7 +44,7 @@ impl Transition {
         if let Some(last) = self.last.take() {
             self.difference = last - command;
         }
-        let blended = command + self.difference * (self.left_s / DURATION_S);
+        let blended = command + self.difference * (self.left_s / self.duration_s);
         self.left_s = (self.left_s - dt).max(0.0);
         blended
     }

@@ -1,21 +1,152 @@
-//! External torque: joint torques of the environment apart from the declared contacts.
+//! External torque: joint torques of the environment apart from the declared contacts, and the
+//! contacts that they show.
 //!
-//! In: joint motion, torque from encoders, contact wrenches that the F/T sensors determine. Out:
-//! `tau_ext` and a contact flag for each joint, by a generalised-momentum observer.
+//! Two routes, each with a threshold ([`whole_body::ContactDetector`]):
+//!
+//! | route | torque of the joint | model | late by | sees |
+//! | --- | --- | --- | --- | --- |
+//! | `tau_ext` | `tau_encoder`, long filters | momentum observer | 40 ms and 1/K | lasting pressure |
+//! | `tau_ext_change` | torsion on the level of F/T sensors, within half a second | `M ddq + h - J^T f`, short filters | half their window | blows |
+//!
+//! The second forgets what lasts, and with it slow errors of gear and model.
 
 use dynamics::Force;
 use estimators::filter_bank::FilterBank;
 use problem::Problem;
-use robot_config::{ExternalTorqueSettings, Robot};
-use robot_state::{Event, JointEstimated, JointMeasured};
-use whole_body::{MomentumObserver, MomentumObserverParameters, WholeBody};
+use robot_config::{ExternalTorqueSettings, JointParameters, Robot};
+use robot_state::{EstimatedRecord, Event, JointMeasured, MeasuredRecord, measured_flags};
+use whole_body::{
+    ContactDetector, ContactDetectorParameters, ContactForce, ContactThresholds, MomentumObserver,
+    MomentumObserverParameters, WholeBody,
+};
 
-use super::usable::UNUSABLE;
+use super::FastTorque;
+use super::usable::{UNUSABLE, valid};
+use super::whole_body::estimator;
 use crate::events::{Counts, Subject};
+use crate::measure::{Measure, NOT_USED};
 
-/// The observer of all joints; its inputs all have the delay of the long filters.
+/// Samples that may be missing in a row: one is bridged well enough for a second derivative.
+const BRIDGED: u32 = 1;
+
+/// One external torque of the joint with the standard deviations of both torques that it is the
+/// difference of, N·m.
+type External = whole_body::ExternalTorque;
+
+/// Detection of contacts for all joints.
 #[derive(Debug)]
 pub(crate) struct ExternalTorque {
+    lasting: Lasting,
+    change: Change,
+    detectors: Vec<ContactDetector>,
+    force: Option<ContactForce>,
+    /// Standard deviations of tau_ext, N·m, model order.
+    sigma: Vec<f64>,
+    /// Joints beyond their upper threshold in the cycle before.
+    upper: Vec<bool>,
+}
+
+impl ExternalTorque {
+    pub(crate) fn new(robot: &Robot, settings: &ExternalTorqueSettings) -> Result<Self, Problem> {
+        let joints = &robot.parameters.joints;
+        let period = robot.parameters.timing.sample_period;
+        let frame = settings.frame.as_ref();
+        let frame = frame.and_then(|frame| robot.model.frame_index(frame));
+        let detector = |joint| ContactDetector::new(detection(joint, settings, period));
+        Ok(Self {
+            lasting: Lasting::new(robot, settings)?,
+            change: Change::new(robot, settings)?,
+            detectors: joints.iter().map(detector).collect(),
+            force: frame.map(|frame| ContactForce::new(&robot.model, frame)),
+            sigma: vec![0.0; robot.model.joint_count()],
+            upper: vec![false; joints.len()],
+        })
+    }
+
+    /// `whole_body`: behind the long filters, with the shares of the contact sets.
+    pub(crate) fn update(
+        &mut self,
+        measure: &Measure,
+        (whole_body, shares): (&WholeBody, &[f64]),
+        fast: &[FastTorque],
+        measured: &MeasuredRecord,
+        estimated: &mut EstimatedRecord,
+        counts: &mut Counts,
+    ) {
+        let known = (self.lasting).update(measure, whole_body, &measured.joints, estimated);
+        (self.change).update(measure, shares, fast, measured, known);
+        let mut worst: Option<(usize, f64)> = None;
+        for (j, detector) in self.detectors.iter_mut().enumerate() {
+            let joint = &mut estimated.joints[j];
+            if !known {
+                detector.reset();
+                (joint.tau_ext, joint.tau_ext_change) = (0.0, 0.0);
+                (joint.contact_ratio, joint.contact_flag) = (0.0, 0);
+                self.upper[j] = false;
+                continue;
+            }
+            let change = self.change.of(j, joint.tau_hat.sigma);
+            let lasting = External {
+                tau: joint.tau_ext,
+                sigma: [joint.tau_encoder.sigma, joint.tau_whole_body.sigma],
+            };
+            let acceleration = self.change.acceleration(measure, j);
+            let motion = [measured.joints[j].dq, acceleration];
+            let encoder = valid(&joint.tau_encoder).map(|_| lasting);
+            let state = detector.update(motion, [change, encoder]);
+            joint.tau_ext_change = change.map_or(0.0, |change: External| change.tau);
+            (joint.contact_ratio, joint.contact_flag) = (state.ratio, u32::from(state.contact));
+            if state.upper {
+                counts.lasting(Event::ExternalContact, Subject::Joint(j), !self.upper[j]);
+                worst = worst
+                    .filter(|(_, ratio)| *ratio >= state.ratio)
+                    .or(Some((j, state.ratio)));
+            }
+            self.upper[j] = state.upper;
+        }
+        if let Some((worst, _)) = worst {
+            // What the reaction is about: the joint that shows it best.
+            counts.lasting(Event::ExternalContact, Subject::Joint(worst), false);
+        }
+        self.publish_force(known, estimated);
+    }
+
+    fn publish_force(&mut self, known: bool, estimated: &mut EstimatedRecord) {
+        for (&place, joint) in self.lasting.model_index.iter().zip(&estimated.joints) {
+            self.sigma[place] = joint.tau_encoder.sigma.hypot(joint.tau_whole_body.sigma);
+        }
+        let lasting = &self.lasting;
+        let force = (self.force.as_mut())
+            .filter(|_| known)
+            .and_then(|force| force.update(&lasting.q, lasting.observer.tau_ext(), &self.sigma));
+        (estimated.contact_force, estimated.contact_force_sigma) =
+            force.map_or_else(Default::default, |(f, sigma)| (f.into(), sigma.into()));
+    }
+}
+
+fn detection(
+    joint: &JointParameters,
+    settings: &ExternalTorqueSettings,
+    sample_period: f64,
+) -> ContactDetectorParameters {
+    let (limit, share) = (joint.limits.torque, settings.threshold);
+    ContactDetectorParameters {
+        sample_period,
+        thresholds: ContactThresholds {
+            sigmas: share.sigmas,
+            at_rest: [limit * share.change, limit * share.lasting],
+            per_velocity: limit * share.at_velocity_limit / joint.limits.velocity,
+            per_acceleration: limit * share.at_acceleration_limit / joint.acceleration(),
+        },
+        upper_ratio: settings.upper_ratio,
+        hold: settings.hold,
+        release: settings.release,
+    }
+}
+
+/// The momentum observer; its inputs all have the delay of the long filters.
+#[derive(Debug)]
+struct Lasting {
     observer: MomentumObserver,
     /// Delays the torque from encoders like the other inputs.
     filter: FilterBank,
@@ -26,23 +157,15 @@ pub(crate) struct ExternalTorque {
     dq: Vec<f64>,
     tau: Vec<f64>,
     forces: Vec<Force>,
-    /// Contact flags of the cycle before.
-    contact_flags: Vec<bool>,
 }
 
-impl ExternalTorque {
-    pub(crate) fn new(robot: &Robot, settings: &ExternalTorqueSettings) -> Result<Self, Problem> {
+impl Lasting {
+    fn new(robot: &Robot, settings: &ExternalTorqueSettings) -> Result<Self, Problem> {
         let p = &robot.parameters;
         let (n, joints) = (robot.model.joint_count(), p.joints.len());
-        let mut threshold = vec![f64::INFINITY; n];
-        for joint in &p.joints {
-            threshold[joint.model_index] = settings.threshold_share * joint.limits.torque;
-        }
         let parameters = MomentumObserverParameters {
             sample_period: p.timing.sample_period,
             gain: settings.gain,
-            threshold,
-            hold: settings.hold,
         };
         Ok(Self {
             observer: MomentumObserver::new(&robot.model, parameters),
@@ -53,52 +176,163 @@ impl ExternalTorque {
             dq: vec![0.0; n],
             tau: vec![0.0; n],
             forces: vec![Force::zero(); robot.model.bodies().len()],
-            contact_flags: vec![false; joints],
         })
     }
 
-    pub(crate) fn update(
+    /// Sets `tau_ext` of every joint; false where it does not follow from the signals.
+    fn update(
         &mut self,
+        measure: &Measure,
         whole_body: &WholeBody,
         measured: &[JointMeasured],
-        joints: &mut [JointEstimated],
-        counts: &mut Counts,
-    ) {
-        for (newest, joint) in self.newest.iter_mut().zip(&*joints) {
+        estimated: &mut EstimatedRecord,
+    ) -> bool {
+        for (newest, joint) in self.newest.iter_mut().zip(&estimated.joints) {
             *newest = joint.tau_encoder.tau;
         }
         self.filter.update(&self.newest);
-        let mut flags = 0;
         for (j, (&place, joint)) in self.model_index.iter().zip(measured).enumerate() {
             self.q[place] = joint.q_hat;
             self.dq[place] = joint.dq_hat;
             self.tau[place] = self.filter.values()[j];
-            flags |= joint.flags;
         }
-        if flags & UNUSABLE != 0 || !whole_body.estimate().valid || self.filter.settling(0) {
+        let settling = self.filter.settling(0) || measure.flags() & UNUSABLE != 0;
+        if settling || !whole_body.estimate().valid {
             self.observer.reset();
-            for joint in joints.iter_mut().take(self.model_index.len()) {
-                (joint.tau_ext, joint.contact_flag) = (0.0, 0);
-            }
-            self.contact_flags.fill(false);
-            return;
+            return false;
         }
         self.forces.fill(Force::zero());
         whole_body.add_contact_forces(&mut self.forces);
         let base = whole_body.base_motion();
         let forces = Some(self.forces.as_slice());
         let tau_ext = (self.observer).update(&self.q, &self.dq, &self.tau, base, forces);
-        for (joint, &place) in joints.iter_mut().zip(&self.model_index) {
+        for (joint, &place) in estimated.joints.iter_mut().zip(&self.model_index) {
             joint.tau_ext = tau_ext[place];
         }
-        let detected = self.observer.contacts();
-        let before = self.contact_flags.iter_mut().zip(&self.model_index);
-        for (j, (joint, (before, &place))) in joints.iter_mut().zip(before).enumerate() {
-            if detected[place] {
-                counts.lasting(Event::ExternalContact, Subject::Joint(j), !*before);
+        true
+    }
+}
+
+/// Torque of joints less that of the model, both behind short filters.
+#[derive(Debug)]
+struct Change {
+    whole_body: WholeBody,
+    /// Delays the torque like the other inputs.
+    filter: FilterBank,
+    window: u32,
+    newest: Vec<f64>,
+    /// Cycles for which each joint's torque has not been known, and those since, up to the window.
+    missed: Vec<u32>,
+    seen: Vec<u32>,
+    /// The same of every joint's and sensor's signals together.
+    gaps: Gaps,
+}
+
+impl Change {
+    fn new(robot: &Robot, settings: &ExternalTorqueSettings) -> Result<Self, Problem> {
+        let joints = robot.parameters.joints.len();
+        let filter = FilterBank::new(joints, settings.filters.sensor)?;
+        Ok(Self {
+            whole_body: estimator(robot, settings.filters)?,
+            window: filter.kernel().len() as u32,
+            filter,
+            newest: vec![f64::NAN; joints],
+            missed: vec![u32::MAX; joints],
+            seen: vec![0; joints],
+            gaps: Gaps {
+                joints: vec![0; joints],
+                sensors: vec![0; robot.parameters.ft_sensors.len() + 1],
+                left: 0,
+            },
+        })
+    }
+
+    fn update(
+        &mut self,
+        measure: &Measure,
+        shares: &[f64],
+        fast: &[FastTorque],
+        measured: &MeasuredRecord,
+        known: bool,
+    ) {
+        let states = self.missed.iter_mut().zip(&mut self.seen);
+        for ((newest, (missed, seen)), fast) in self.newest.iter_mut().zip(states).zip(fast) {
+            // Without the level the error of a gear at rest would look like a change.
+            *newest = fast.levelled.unwrap_or(f64::NAN);
+            *missed = match newest.is_finite() {
+                true => 0,
+                false => missed.saturating_add(1),
+            };
+            *seen = match *missed > BRIDGED {
+                true => 0,
+                false => (*seen + 1).min(self.window),
+            };
+        }
+        self.filter.update(&self.newest);
+        self.gaps.update(measure, measured, self.window);
+        if let Some(signals) = measure.contact() {
+            self.whole_body.blend(shares);
+            self.whole_body.update_torques(&signals.input());
+        }
+        if !known {
+            self.seen.fill(0);
+        }
+    }
+
+    /// The change of the external torque of a joint; none while it is not known.
+    fn of(&self, joint: usize, sigma: f64) -> Option<External> {
+        let model = self.whole_body.estimate();
+        let full = self
+            .seen
+            .get(joint)
+            .is_some_and(|seen| *seen >= self.window);
+        if !(full && model.valid && self.gaps.left == 0) {
+            return None;
+        }
+        Some(External {
+            tau: model.tau.get(joint)? - self.filter.values().get(joint)?,
+            sigma: [sigma, *model.sigma.get(joint)?],
+        })
+    }
+
+    /// |ddq| of a joint, rad/s².
+    fn acceleration(&self, measure: &Measure, joint: usize) -> f64 {
+        let signals = measure.contact().map(|signals| signals.input());
+        let ddq = signals.and_then(|signals| signals.ddq.get(joint).copied());
+        ddq.filter(|_| self.gaps.left == 0).unwrap_or(0.0)
+    }
+}
+
+/// Samples missing in a row, of any signal: what bridges them has no true second derivative.
+#[derive(Debug)]
+struct Gaps {
+    joints: Vec<u32>,
+    /// The F/T sensors, then the IMU.
+    sensors: Vec<u32>,
+    /// Cycles until the filters hold nothing of the last gap.
+    left: u32,
+}
+
+impl Gaps {
+    fn update(&mut self, measure: &Measure, measured: &MeasuredRecord, window: u32) {
+        self.left = self.left.saturating_sub(1);
+        let mut gap = measure.skipped() > 0;
+        let mut count = |missed: &mut u32, lost: bool| {
+            *missed = if lost { missed.saturating_add(1) } else { 0 };
+            gap |= *missed > BRIDGED;
+        };
+        for (missed, joint) in self.joints.iter_mut().zip(&measured.joints) {
+            count(missed, joint.flags & NOT_USED != 0);
+        }
+        let not_used = measured_flags::MISSED | measured_flags::FLAT | measured_flags::SATURATED;
+        if let Some((imu, sensors)) = self.sensors.split_last_mut() {
+            for (missed, ft) in sensors.iter_mut().zip(&measured.ft) {
+                count(missed, ft.flags & not_used != 0);
             }
-            *before = detected[place];
-            joint.contact_flag = u32::from(detected[place]);
+            count(imu, measured.imu.flags & not_used != 0);
+        }
+        if gap {
+            self.left = window;
         }
     }
 }

@@ -171,8 +171,15 @@ fn reactions_are_never_weaker_than_the_least_one() {
         (
             "external_contact = \"comply\"",
             [
-                "\"comply\" is not allowed for event 209",
-                "warn, release, hold",
+                "nothing detects the contact to which \"comply\" reacts",
+                "a table [external_torque]",
+            ],
+        ),
+        (
+            "overspeed = \"retract\"",
+            [
+                "\"retract\" is not allowed for event 409",
+                "hold, stop, off",
             ],
         ),
         (

@@ -59,9 +59,16 @@ record! {
         /// `tau_encoder` and the level of F/T sensors and rigid-body model.
         pub tau_hat: TorqueEstimate,
         /// tau_ext: torque of the environment on the joint apart from the contact wrenches that
-        /// the F/T sensors determine, N·m; zero without `[external_torque]`.
+        /// the F/T sensors determine, N·m, by a momentum observer; zero without
+        /// `[external_torque]`.
         pub tau_ext: f64,
-        /// 1: contact detected, `tau_ext` exceeds its threshold.
+        /// Change of that torque within the last half second, N·m: much later known by `tau_ext`,
+        /// here some 6 ms old.
+        pub tau_ext_change: f64,
+        /// The greater of |tau_ext| and |tau_ext_change|, each over its lower threshold, 1: 1 sets
+        /// `contact_flag`, `external_torque.upper_ratio` raises event 209.
+        pub contact_ratio: f64,
+        /// 1: contact detected.
         pub contact_flag: u32,
         /// Fills the record to a multiple of eight bytes.
         pub reserved: u32,
@@ -99,6 +106,11 @@ record! {
         pub residual: Wrench,
         /// Expected standard deviation of `residual`; zero where the contacts explain any wrench.
         pub residual_sigma: Wrench,
+        /// Force of the environment at `external_torque.frame` that explains `tau_ext` best, in the
+        /// root's axes, N; zero without a frame or while it does not follow from the torques.
+        pub contact_force: [f64; 3],
+        /// Standard deviation of `contact_force`, N; zero where that is.
+        pub contact_force_sigma: [f64; 3],
         /// The contact set in use, an index of `Description::contact_set_names`.
         pub contact_set: u32,
         /// 1: the automatic rule chooses the contact set; 0: a client or the configuration does.

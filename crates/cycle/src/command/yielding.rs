@@ -1,0 +1,384 @@
+//! Yielding: how a limb answers a contact (event 209) that is not only warned of.
+//!
+//! The limb is the joint in contact with all joints beyond it, and those before it up to the first
+//! branch of the tree or the root. It *complies*: inverse dynamics without stiffness, damped, with the
+//! weight and loads of some time before the contact, since the forces of the contact itself are to
+//! move it. Or it goes *back* to a pose on the way of its last second. It does neither where it
+//! stands on a loaded foot, which would let the robot fall, nor further than a limit; then, and when
+//! it has come back or, if so configured, the contact is over, it is stopped: braked at once, without
+//! the gentle end of other stops, which would press on. So it is for the first milliseconds of any
+//! answer.
+
+use robot_config::{ContactReaction, Robot};
+use robot_state::{EstimatedRecord, JointReference, MAX_JOINTS, MeasuredRecord, Reference};
+
+use super::motion::Motions;
+use super::reference::{Answer, Goal};
+use super::weight::Loads;
+
+/// Length of the way that is remembered, s, and time between its poses, s.
+const MEMORY_S: f64 = 1.0;
+const POSES_S: f64 = 0.01;
+/// Time between the offsets of torques, s: what counts is up to twice as old, of before the contact.
+const OFFSETS_S: f64 = 0.05;
+/// Least way that a limb goes back, over the configured one: one that has hardly moved did not come
+/// from anywhere.
+const LEAST_WAY: f64 = 0.1;
+/// Share of the robot's weight on an end from which on a limb bears the robot.
+const BEARING: f64 = 0.1;
+/// Time for which the limb is braked at once before it yields, s: its own momentum makes the first
+/// and greatest force.
+const BRAKING_S: f64 = 0.02;
+
+/// Where the limb yields to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Way {
+    /// Soft.
+    Soft,
+    /// Back to a pose.
+    Back,
+    /// At an end, or not at all: it is stopped.
+    Ended,
+}
+
+/// One contact and what the limb does.
+#[derive(Debug, Clone)]
+struct Contact {
+    way: Way,
+    /// It yields from this cycle on.
+    new: bool,
+    /// Time for which it is still braked before, s.
+    braking_s: f64,
+    /// Index into the limbs.
+    joint: usize,
+    reference: Reference,
+    loads: Loads,
+    /// Poses at its begin, rad, and torques that are fed back less those of torsion before it, N·m.
+    /// Later ones forget the contact, which no F/T sensor explains.
+    begin: [f64; MAX_JOINTS],
+    offsets: [Option<f64>; MAX_JOINTS],
+    /// Time without contact, s.
+    gone_s: f64,
+}
+
+/// Gives way to contacts.
+#[derive(Debug)]
+pub(super) struct Yielding {
+    settings: Option<ContactReaction>,
+    sample_period: f64,
+    /// Per joint: the joints of its limb, and the F/T sensors that these carry.
+    limbs: Vec<Vec<bool>>,
+    sensors: Vec<Vec<usize>>,
+    /// Force on an end from which on its limb bears the robot, N; none with a fixed base.
+    bearing: Option<f64>,
+    /// K_d of each joint, N·m·s/rad.
+    damping: Vec<f64>,
+    /// The last poses, a row of joints each: a ring.
+    poses: Vec<Vec<f64>>,
+    newest: usize,
+    kept: usize,
+    since_pose_s: f64,
+    /// Offsets of torques, the last ones and those before.
+    offsets: [[Option<f64>; MAX_JOINTS]; 2],
+    since_offset_s: f64,
+    contact: Option<Contact>,
+}
+
+impl Yielding {
+    pub(super) fn new(robot: &Robot) -> Self {
+        let p = &robot.parameters;
+        let limbs: Vec<Vec<bool>> = (p.joints.iter())
+            .map(|joint| limb(robot, joint.model_index))
+            .collect();
+        let model = &robot.model;
+        let sensors = |limb: &Vec<bool>| {
+            let carries = |(_, ft): &(usize, &robot_config::FtParameters)| {
+                let frame = model.frame_index(&ft.sensor.frame);
+                let body = frame.map_or(0, |frame| model.frames()[frame].body);
+                (p.joints.iter().zip(limb)).any(|(joint, own)| {
+                    *own && bodies(robot, joint.model_index).any(|b| model.supports(b, body))
+                })
+            };
+            let all = p.ft_sensors.iter().enumerate();
+            all.filter(carries).map(|(s, _)| s).collect()
+        };
+        let settings = p.external_torque.as_ref().map(|e| e.reaction);
+        let poses = match settings {
+            Some(_) => (MEMORY_S / POSES_S) as usize,
+            None => 0,
+        };
+        Self {
+            sample_period: p.timing.sample_period,
+            sensors: limbs.iter().map(sensors).collect(),
+            limbs,
+            bearing: (model.base() == dynamics::Base::Floating)
+                .then(|| BEARING * dynamics::GRAVITY * model.total_mass()),
+            damping: p.joints.iter().map(|joint| joint.gains.k_d).collect(),
+            poses: vec![vec![0.0; p.joints.len()]; poses],
+            newest: 0,
+            kept: 0,
+            since_pose_s: 0.0,
+            offsets: [[None; MAX_JOINTS]; 2],
+            since_offset_s: 0.0,
+            contact: None,
+            settings,
+        }
+    }
+
+    /// Goes on with the contact of the goal, or begins with it. `loads`: those of some time before;
+    /// `offset`: of a joint's torque that is fed back over that of torsion, N·m.
+    pub(super) fn update(
+        &mut self,
+        goal: &Goal<'_>,
+        loads: &Loads,
+        (measured, estimated): (&MeasuredRecord, &EstimatedRecord),
+        offset: impl Fn(usize) -> Option<f64>,
+        motions: &Motions,
+    ) {
+        let (Some(settings), &Goal::Contact { joint, answer }) = (self.settings, goal) else {
+            self.contact = None;
+            self.remember(measured, offset);
+            return;
+        };
+        let Some(mut contact) = self.contact.take() else {
+            self.contact = Some(Contact {
+                offsets: self.offsets[1],
+                ..self.begin(joint, answer, &settings, loads, measured)
+            });
+            return;
+        };
+        let first = std::mem::replace(&mut contact.new, false);
+        if answer == Answer::Stop {
+            contact.way = Way::Ended;
+        }
+        let before = contact.braking_s;
+        contact.braking_s = (before - self.sample_period).max(0.0);
+        contact.new = before > 0.0 && contact.braking_s == 0.0;
+        if before > 0.0 {
+            self.contact = Some(contact);
+            return;
+        }
+        let limb = self.limbs.get(contact.joint);
+        let own = |j: usize| limb.and_then(|limb| limb.get(j)).copied() == Some(true);
+        match contact.way {
+            Way::Soft => {
+                let joints = measured.joints.iter().zip(&contact.begin).enumerate();
+                let mut moved = joints.filter(|(j, _)| own(*j));
+                let far = moved.any(|(_, (joint, q))| (joint.q - q).abs() > settings.comply_angle);
+                let mut joints = estimated.joints.iter().enumerate();
+                let touched = joints.any(|(j, joint)| own(j) && joint.contact_flag == 1);
+                contact.gone_s = match touched {
+                    true => 0.0,
+                    false => contact.gone_s + self.sample_period,
+                };
+                let gone = settings.comply_until_gone;
+                if far || gone.is_some_and(|gone| contact.gone_s > gone) {
+                    contact.way = Way::Ended;
+                }
+            }
+            Way::Back if !first && motions.left_s() <= 0.0 => contact.way = Way::Ended,
+            Way::Back | Way::Ended => {}
+        }
+        self.contact = Some(contact);
+    }
+
+    fn begin(
+        &self,
+        joint: usize,
+        answer: Answer,
+        settings: &ContactReaction,
+        loads: &Loads,
+        measured: &MeasuredRecord,
+    ) -> Contact {
+        let mut reference = Reference {
+            joint_count: self.damping.len() as u32,
+            gains_given: u32::from(answer == Answer::Comply),
+            ..Reference::default()
+        };
+        let joints = reference.joints.iter_mut().zip(&measured.joints);
+        for ((asked, joint), damping) in joints.zip(&self.damping) {
+            *asked = JointReference {
+                q_d: joint.q,
+                damping: *damping,
+                ..JointReference::default()
+            };
+        }
+        let way = match answer {
+            Answer::Stop => Way::Ended,
+            _ if self.bears(joint, loads) => Way::Ended,
+            Answer::Comply => Way::Soft,
+            Answer::Retract => {
+                let angle = settings.retract_angle;
+                match self.lead_back(joint, angle, measured, &mut reference) {
+                    true => Way::Back,
+                    false => Way::Ended,
+                }
+            }
+        };
+        Contact {
+            way,
+            new: false,
+            braking_s: BRAKING_S,
+            joint,
+            reference,
+            loads: *loads,
+            begin: measured.joints.map(|joint| joint.q),
+            offsets: [None; MAX_JOINTS],
+            gone_s: 0.0,
+        }
+    }
+
+    /// The robot stands on the limb's end, or leans on it.
+    fn bears(&self, joint: usize, loads: &Loads) -> bool {
+        let Some(bearing) = self.bearing else {
+            return false;
+        };
+        let force = |s: &usize| {
+            let wrench = loads.contact.get(*s);
+            wrench.map_or(0.0, |w| w.force.iter().map(|f| f * f).sum::<f64>().sqrt())
+        };
+        let sensors = self.sensors.get(joint);
+        // A force that is no number bears as well.
+        sensors.is_none_or(|all| all.iter().map(force).any(|f| f.is_nan() || f >= bearing))
+    }
+
+    /// Puts the pose on the way of the last second at which the limb's joint that has come furthest
+    /// was `angle` away into the reference; false where it has hardly moved.
+    fn lead_back(
+        &self,
+        joint: usize,
+        angle: f64,
+        measured: &MeasuredRecord,
+        reference: &mut Reference,
+    ) -> bool {
+        let Some(limb) = self.limbs.get(joint) else {
+            return false;
+        };
+        let mut furthest: Option<(&[f64], f64)> = None;
+        for age in 0..self.kept {
+            let row = (self.newest + self.poses.len() - age) % self.poses.len().max(1);
+            let Some(pose) = self.poses.get(row) else {
+                break;
+            };
+            let ways = pose.iter().zip(&measured.joints).zip(limb);
+            let way = ways
+                .filter(|(_, own)| **own)
+                .fold(0.0f64, |most, ((q, joint), _)| {
+                    most.max((q - joint.q).abs())
+                });
+            if furthest.is_none_or(|(_, most)| way > most) {
+                furthest = Some((pose, way));
+            }
+            if way >= angle {
+                break;
+            }
+        }
+        let Some((pose, way)) = furthest.filter(|(_, way)| *way >= LEAST_WAY * angle) else {
+            return false;
+        };
+        let share = (angle / way).min(1.0);
+        let joints = reference.joints.iter_mut().zip(pose).zip(limb);
+        for ((asked, q), _) in joints.filter(|(_, own)| **own) {
+            asked.q_d += share * (q - asked.q_d);
+        }
+        true
+    }
+
+    fn remember(&mut self, measured: &MeasuredRecord, offset: impl Fn(usize) -> Option<f64>) {
+        self.since_offset_s += self.sample_period;
+        if self.since_offset_s >= OFFSETS_S {
+            self.since_offset_s = 0.0;
+            self.offsets = [std::array::from_fn(offset), self.offsets[0]];
+        }
+        self.since_pose_s += self.sample_period;
+        if self.since_pose_s < POSES_S || self.poses.is_empty() {
+            return;
+        }
+        self.since_pose_s = 0.0;
+        self.newest = (self.newest + 1) % self.poses.len();
+        self.kept = (self.kept + 1).min(self.poses.len());
+        if let Some(pose) = self.poses.get_mut(self.newest) {
+            for (q, joint) in pose.iter_mut().zip(&measured.joints) {
+                *q = joint.q;
+            }
+        }
+    }
+
+    /// A contact is yielded to, or its limb has been stopped.
+    pub(super) fn is_on(&self) -> bool {
+        self.contact.is_some()
+    }
+
+    /// The limb yields from this cycle on.
+    pub(super) fn is_new(&self) -> bool {
+        self.contact.as_ref().is_some_and(|contact| contact.new)
+    }
+
+    /// The joint belongs to the limb in contact.
+    pub(super) fn concerns(&self, joint: usize) -> bool {
+        self.contact.as_ref().is_some_and(|contact| {
+            let limb = self.limbs.get(contact.joint);
+            limb.and_then(|limb| limb.get(joint)) == Some(&true)
+        })
+    }
+
+    /// It does, and its limb yields.
+    pub(super) fn yields(&self, joint: usize) -> bool {
+        let contact = self.contact.as_ref();
+        let yields = |c: &Contact| c.way != Way::Ended && c.braking_s == 0.0;
+        contact.is_some_and(yields) && self.concerns(joint)
+    }
+
+    /// The joint's torque over that of torsion, N·m, for a limb in contact.
+    pub(super) fn torque_offset(&self, joint: usize) -> Option<f64> {
+        let contact = self.contact.as_ref().filter(|_| self.concerns(joint))?;
+        contact.offsets.get(joint).copied().flatten()
+    }
+
+    /// What inverse dynamics is to follow while the limb is soft.
+    pub(super) fn soft(&self) -> Option<&Reference> {
+        self.reference(Way::Soft)
+    }
+
+    /// The target while it goes back.
+    pub(super) fn target(&self) -> Option<&Reference> {
+        self.reference(Way::Back)
+    }
+
+    /// The loads of some time before the contact.
+    pub(super) fn loads(&self) -> Option<&Loads> {
+        self.contact.as_ref().map(|contact| &contact.loads)
+    }
+
+    fn reference(&self, way: Way) -> Option<&Reference> {
+        let contact = self.contact.as_ref()?;
+        (contact.way == way && contact.braking_s == 0.0).then_some(&contact.reference)
+    }
+}
+
+/// Bodies that a joint of the model moves: several with mimic joints.
+fn bodies(robot: &Robot, joint: usize) -> impl Iterator<Item = usize> {
+    let bodies = robot.model.bodies().iter().enumerate().skip(1);
+    bodies
+        .filter(move |(_, body)| body.joint == joint)
+        .map(|(b, _)| b)
+}
+
+/// Per joint, in config order: it belongs to the limb of a joint of the model.
+fn limb(robot: &Robot, joint: usize) -> Vec<bool> {
+    let model = &robot.model;
+    let Some(mut top) = bodies(robot, joint).next() else {
+        return vec![false; robot.parameters.joints.len()];
+    };
+    let children = |parent: usize| {
+        let all = 1..model.bodies().len();
+        all.filter(|&b| model.parent(b) == Some(parent)).count()
+    };
+    while let Some(parent) = model.parent(top).filter(|&p| p != 0 && children(p) == 1) {
+        top = parent;
+    }
+    let joints = robot.parameters.joints.iter();
+    joints
+        .map(|joint| bodies(robot, joint.model_index).any(|b| model.supports(top, b)))
+        .collect()
+}
