@@ -6,7 +6,7 @@ mod fit;
 mod identity;
 mod inertia;
 mod joints;
-mod runs;
+pub(crate) mod runs;
 mod status;
 mod store;
 

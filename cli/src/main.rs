@@ -8,6 +8,7 @@ mod dynamics;
 mod estimate;
 mod export;
 mod fit;
+mod identify;
 mod import;
 mod info;
 mod margins;
@@ -47,6 +48,7 @@ Examples:
   torquectl record -o run.mcap --seconds 10
   torquectl replay run.mcap
   torquectl calibrate joints run.mcap -o calibrated
+  torquectl identify drive run.mcap --joint knee
   torquectl estimate --joint elbow.toml --log run.csv
   torquectl help check
 
@@ -79,6 +81,7 @@ enum Command {
     Estimate(estimate::EstimateArguments),
     Export(export::ExportArguments),
     Fit(fit::FitArguments),
+    Identify(identify::IdentifyArguments),
     Info(info::InfoArguments),
     Record(record::RecordArguments),
     Replay(replay::ReplayArguments),
@@ -106,6 +109,7 @@ fn main() -> ExitCode {
         Command::Contacts(arguments) => contacts::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::Identify(arguments) => identify::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),

@@ -5,6 +5,7 @@ use crate::recorded;
 use crate::reference::robot::{Payload, with_payloads};
 use crate::reference::torques::{Estimated, Signals};
 use dynamics::Model;
+use identification::drive::recorded::at_sync;
 use problem::{Problem, Problems};
 use recording::{CycleMessage, Ending, Header};
 use robot_config::{FilterGains, Robot, Sampled, Sampling, whole_body_parameters};
@@ -158,7 +159,7 @@ pub(crate) fn model_sigma(robot: &Robot) -> f64 {
 }
 
 /// The robot of a recording, with payloads.
-fn robot(header: &Header, payloads: &[Payload]) -> Result<Robot, Problems> {
+pub(crate) fn robot(header: &Header, payloads: &[Payload]) -> Result<Robot, Problems> {
     let Some(first) = header.files.first() else {
         let reason = "the recording has no configuration";
         return Err(Problem::new(reason, "a recording by torqued").into());
@@ -394,29 +395,6 @@ impl Stretch {
             cut(&mut drive.theta);
             cut(&mut drive.current);
             drive.used = drive.used[kept.clone()].to_vec();
-        }
-    }
-}
-
-/// Samples that were taken `ages` before the instants `t`, by straight lines at `t`; the newest sample
-/// holds where a later one is not there yet.
-fn at_sync(t: &[f64], ages: &[f64], values: &mut [f64]) {
-    let taken: Vec<f64> = t.iter().zip(ages).map(|(t, age)| t - age).collect();
-    let samples = values.to_vec();
-    let mut next = 0;
-    for (i, value) in values.iter_mut().enumerate() {
-        while next + 1 < taken.len() && taken[next] < t[i] {
-            next += 1;
-        }
-        let Some(before) = next.checked_sub(1) else {
-            continue;
-        };
-        let step = taken[next] - taken[before];
-        if step > 0.0 && taken[next] >= t[i] {
-            let share = (t[i] - taken[before]) / step;
-            *value = samples[before] + share * (samples[next] - samples[before]);
-        } else {
-            *value = samples[next];
         }
     }
 }

@@ -132,6 +132,36 @@ impl Blocks {
         block.rows += 1.0;
     }
 
+    /// The coefficients with a given number of rows that count as one, the variance of a row found from
+    /// the rest: for rows whose errors are known to last that long. None without rows.
+    #[must_use]
+    pub fn fit_at(&self, priors: &[Prior], rows_per_one: f64) -> Option<Posterior> {
+        let mut blocks = self.blocks.clone();
+        for block in &mut blocks {
+            block.gram.fill_lower_triangle_with_upper_triangle();
+        }
+        let mut all = Normal::new(priors.len());
+        blocks.iter().for_each(|block| all.add(block, 1.0));
+        if all.rows < 1.0 {
+            return None;
+        }
+        let floor = 1e-8 * all.square / all.rows + 1e-300;
+        let mut weight = 1.0 / ((floor + 0.01 * all.square / all.rows) * rows_per_one);
+        let mut x = solve(&all, priors, weight)?;
+        for _ in 0..3 {
+            weight = 1.0 / ((floor + all.rest(&x) / all.rows) * rows_per_one);
+            x = solve(&all, priors, weight)?;
+        }
+        let covariance = covariance(&blocks, &all, priors, weight, &x)?;
+        let rms = (all.rest(&x) / all.rows).sqrt();
+        Some(Posterior {
+            rms,
+            held_out: rms,
+            covariance,
+            x,
+        })
+    }
+
     /// The coefficients; none without rows.
     #[must_use]
     pub fn fit(&self, priors: &[Prior]) -> Option<Posterior> {

@@ -342,6 +342,12 @@ impl Joint {
         }
     }
 
+    /// Torque of the motor over the current that its sensor reads without offset, N·m/A.
+    #[must_use]
+    pub fn torque_of_current(&self) -> f64 {
+        self.torque_constant / self.current_gain
+    }
+
     /// The set point that the drive follows: rad (link side) or A.
     #[must_use]
     pub fn set_point(&self) -> f64 {

@@ -180,6 +180,13 @@ impl SimRobot {
         }
     }
 
+    /// Torque of a joint's motor over the current that its sensor reads, N·m/A. `joint` counts in the
+    /// plan's order.
+    #[must_use]
+    pub fn torque_of_current(&self, joint: usize) -> f64 {
+        (self.order.get(joint)).map_or(0.0, |&dof| self.joints[dof].torque_of_current())
+    }
+
     /// The set point that a drive follows. `joint` counts in the plan's order.
     #[must_use]
     pub fn set_point(&self, joint: usize) -> f64 {

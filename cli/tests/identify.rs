@@ -1,0 +1,118 @@
+//! `torquectl identify drive` as a whole process, on a recording that the daemon's loop made of the
+//! simulated test joint.
+
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use test_support::project_path;
+use torqued::demo::{self, DemoOptions};
+
+/// A slow swing with sines up to 22 Hz.
+const MOTION: &str = "settle_s = 0.5\njoint = [\n\
+    { name = \"joint\", amplitude_deg = 8, period_s = 2.7 },\n\
+    { name = \"joint\", amplitude_deg = 2, period_s = 0.41 },\n\
+    { name = \"joint\", amplitude_deg = 0.5, period_s = 0.153 },\n\
+    { name = \"joint\", amplitude_deg = 0.2, period_s = 0.083 },\n\
+    { name = \"joint\", amplitude_deg = 0.1, period_s = 0.0453 },\n]\n";
+
+fn folder() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("identify");
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Runs a command that must end with this exit code; gives what it printed.
+fn expect(folder: &Path, arguments: &str, code: i32) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_torquectl"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let both = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments}\n{both}");
+    both
+}
+
+fn record(folder: &Path) {
+    fs::write(folder.join("motion.toml"), MOTION).unwrap();
+    demo::run(&DemoOptions {
+        robot: project_path("config/test-joint/robot.toml"),
+        seconds: 13.0,
+        plot: None,
+        joints: Vec::new(),
+        json: true,
+        fast: true,
+        seed: Some(8),
+        motion: Some(folder.join("motion.toml")),
+        harness: None,
+        record: Some(folder.join("run.mcap")),
+    })
+    .map_err(|failure| failure.message)
+    .unwrap();
+}
+
+#[test]
+fn a_drive_is_identified_from_the_daemons_recording() {
+    let folder = folder();
+    record(&folder);
+    let json = expect(
+        &folder,
+        "identify drive run.mcap --joint joint --model asymmetric --json -o joint.toml --report joint.html",
+        0,
+    );
+    let found: Value = serde_json::from_str(&json).unwrap();
+    let parameters = found["parameters"].as_array().unwrap();
+    let near = |name: &str, truth: f64, share: f64| {
+        let row = parameters
+            .iter()
+            .find(|p| p["name"].as_str().unwrap().starts_with(name));
+        let value = row.unwrap()["value"].as_f64().unwrap();
+        assert!(
+            (value / truth - 1.0).abs() < share,
+            "{name} {value}, true: {truth}\n{json}"
+        );
+    };
+    near("stiffness", 8350.0, 0.15);
+    near("damping", 58.0, 0.15);
+    near("dead zone", 57.6, 0.2);
+    near("rotor inertia", 11.4, 0.15);
+    near("delay", 1.2, 0.2 / 1.2);
+    let [newton, program] = ["newton", "quadratic_program"].map(|way| {
+        found["motor"][way]["constants"][0]["value"]
+            .as_f64()
+            .unwrap()
+    });
+    assert!((newton / program - 1.0).abs() < 0.2, "{newton} {program}");
+    let keys = fs::read_to_string(folder.join("joint.toml")).unwrap();
+    let keys: toml::Table = keys.parse().unwrap();
+    assert!(
+        keys["drive"]["joint"]["motor"]["K_tau_rad_per_Nm"]
+            .as_float()
+            .unwrap()
+            > 0.0,
+        "{keys}"
+    );
+    let html = fs::read_to_string(folder.join("joint.html")).unwrap();
+    assert!(html.matches("<svg").count() == 1 && html.ends_with("</body></html>\n"));
+    for model in ["least-squares", "piecewise", "two-stage"] {
+        let text = expect(
+            &folder,
+            &format!("identify drive run.mcap --joint joint --model {model}"),
+            0,
+        );
+        assert!(
+            text.contains("95 % interval") && text.contains("K_tau"),
+            "{text}"
+        );
+    }
+    let refused = expect(&folder, "identify drive run.mcap --joint knee", 2);
+    assert!(
+        refused.contains("no joint \"knee\"; allowed: joint"),
+        "{refused}"
+    );
+    let none = expect(&folder, "identify drive motion.toml --joint joint", 2);
+    assert!(none.contains("motion.toml"), "{none}");
+}
