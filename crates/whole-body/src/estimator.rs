@@ -22,6 +22,8 @@ use robot_state::Wrench;
 enum Extent {
     Whole,
     Torques,
+    /// Without their standard deviations.
+    TorquesAlone,
 }
 
 /// Estimates all joint torques and contact wrenches of a robot (D 2, Algorithm 1, in general form).
@@ -137,6 +139,11 @@ impl WholeBody {
         self.advance(input, Extent::Torques)
     }
 
+    /// [`Self::update`] of `tau` alone: `sigma` is that of an earlier update.
+    pub fn update_torques_alone(&mut self, input: &WholeBodyInput) -> &WholeBodyEstimate {
+        self.advance(input, Extent::TorquesAlone)
+    }
+
     fn advance(&mut self, input: &WholeBodyInput, extent: Extent) -> &WholeBodyEstimate {
         self.estimate.valid = self.accept(input);
         if self.estimate.valid {
@@ -151,13 +158,19 @@ impl WholeBody {
             let [q, dq, ddq] = &self.motion;
             let motion = [q.as_slice(), dq, ddq];
             (self.mechanics).update(&self.model, &self.layout, motion, &source, input.ft);
-            (self.sigma).prepare(&self.model, &self.layout, &self.mechanics);
+            if extent != Extent::TorquesAlone || self.weighted.contains(&true) {
+                (self.sigma).prepare(&self.model, &self.layout, &self.mechanics);
+            }
             let parts = |part: usize| extent == Extent::Whole || self.weighted[part];
             (self.sigma).net_wrenches(&self.layout, &self.mechanics, parts);
             self.estimate.valid = self.solve();
         }
         if self.estimate.valid {
             self.publish_torques();
+            match extent {
+                Extent::TorquesAlone => self.next.sigma.clone_from(&self.estimate.sigma),
+                Extent::Whole | Extent::Torques => self.publish_sigmas(),
+            }
             if extent == Extent::Whole {
                 self.publish_contacts();
                 self.publish_parts();

@@ -8,7 +8,7 @@
 //! momentum be the external torque: `r = K (M dq - integral)`, a first-order lag of `tau_ext`.
 
 use dynamics::{Base, Data, Force, Model, Motion, crba, rnea};
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::Vector3;
 
 /// Parameters of a [`MomentumObserver`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,11 +26,11 @@ pub struct MomentumObserver {
     data: Data,
     parameters: MomentumObserverParameters,
     tau_ext: Vec<f64>,
-    integral: DVector<f64>,
-    mass: DMatrix<f64>,
-    last_mass: DMatrix<f64>,
-    momentum: DVector<f64>,
-    dq: DVector<f64>,
+    /// p_hat and M dq.
+    integral: Vec<f64>,
+    momentum: Vec<f64>,
+    /// M and dq of the last update; M by columns.
+    last_mass: Vec<f64>,
     last_dq: Vec<f64>,
     last_rate: Vec<f64>,
     state: [Vec<f64>; 3],
@@ -53,11 +53,9 @@ impl MomentumObserver {
         Self {
             data: Data::new(&model),
             tau_ext: vec![0.0; n],
-            integral: DVector::zeros(n),
-            mass: DMatrix::zeros(n, n),
-            last_mass: DMatrix::zeros(n, n),
-            momentum: DVector::zeros(n),
-            dq: DVector::zeros(n),
+            integral: vec![0.0; n],
+            last_mass: vec![0.0; n * n],
+            momentum: vec![0.0; n],
             last_dq: vec![0.0; n],
             last_rate: vec![0.0; n],
             state: [q, vec![0.0; nv], vec![0.0; nv]],
@@ -109,12 +107,28 @@ impl MomentumObserver {
             v[..6].copy_from_slice(&motions[0]);
             a[..6].copy_from_slice(&motions[1]);
         }
-        let full = crba(&self.model, &mut self.data, full_q);
-        self.mass.copy_from(&full.view((bv, bv), (n, n)));
+        let mass = crba(&self.model, &mut self.data, full_q).as_slice();
+        self.momentum.fill(0.0);
+        let columns = mass.chunks_exact(bv + n).skip(bv);
+        let last_columns = self.last_mass.chunks_exact_mut(n.max(1));
+        let rates = dq.iter().zip(&mut self.last_dq);
+        for ((column, last_column), (dq, last_dq)) in columns.zip(last_columns).zip(rates) {
+            let mean = match self.started {
+                true => 0.5 * (dq + *last_dq),
+                false => 0.0,
+            };
+            *last_dq = *dq;
+            let sums = self.momentum.iter_mut().zip(&mut self.integral);
+            let entries = column[bv..].iter().zip(last_column);
+            for ((momentum, integral), (mass, last_mass)) in sums.zip(entries) {
+                *momentum += mass * dq;
+                // dM/dt dq dt
+                *integral += (mass - *last_mass) * mean;
+                *last_mass = *mass;
+            }
+        }
         //= L: h = C dq + g, with the base's motion, less the known contacts
         let h = &rnea(&self.model, &mut self.data, full_q, v, a, known)[bv..];
-        self.dq.copy_from_slice(&dq[..n]);
-        self.momentum.gemv(1.0, &self.mass, &self.dq, 0.0);
         let dt = self.parameters.sample_period;
         for j in 0..n {
             let rate = tau[j] - h[j];
@@ -123,23 +137,17 @@ impl MomentumObserver {
             //= L: p_hat = int (tau + C^T dq - g + r) dt, C^T dq = dM/dt dq - C dq
             self.integral[j] += (mean + self.tau_ext[j]) * dt;
             self.last_rate[j] = rate;
-            self.dq[j] = 0.5 * (self.dq[j] + self.last_dq[j]);
-            self.last_dq[j] = dq[j];
         }
-        if self.started {
-            // dM/dt dq dt
-            self.last_mass -= &self.mass;
-            self.integral.gemv(-1.0, &self.last_mass, &self.dq, 1.0);
-            let errors = self.momentum.iter().zip(&self.integral);
-            for (r, (p, i)) in self.tau_ext.iter_mut().zip(errors) {
-                //= L: r = K (M dq - p_hat)
-                *r = self.parameters.gain * (p - i);
-            }
-        } else {
-            self.integral.copy_from(&self.momentum);
+        if !self.started {
+            self.integral.copy_from_slice(&self.momentum);
             self.started = true;
+            return &self.tau_ext;
         }
-        self.last_mass.copy_from(&self.mass);
+        let errors = self.momentum.iter().zip(&self.integral);
+        for (r, (p, i)) in self.tau_ext.iter_mut().zip(errors) {
+            //= L: r = K (M dq - p_hat)
+            *r = self.parameters.gain * (p - i);
+        }
         &self.tau_ext
     }
 }

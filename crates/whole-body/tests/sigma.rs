@@ -155,9 +155,13 @@ fn torques_alone_are_those_of_the_whole_update() {
             let mut whole = WholeBody::new(&robot.model, &parameters).unwrap();
             let mut alone = whole.clone();
             let whole = whole.update(&scene.input());
-            let alone = alone.update_torques(&scene.input());
-            assert!(whole.valid && alone.valid);
-            assert_eq!((&whole.tau, &whole.sigma), (&alone.tau, &alone.sigma));
+            let torques = alone.update_torques(&scene.input());
+            assert!(whole.valid && torques.valid);
+            assert_eq!((&whole.tau, &whole.sigma), (&torques.tau, &torques.sigma));
+            let other = Scene::random(&robot, seed ^ 5);
+            alone.update_torques_alone(&other.input());
+            let without = alone.update_torques_alone(&scene.input());
+            assert_eq!((&whole.tau, &whole.sigma), (&without.tau, &without.sigma));
         }
     }
 }

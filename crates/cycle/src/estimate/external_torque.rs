@@ -29,6 +29,10 @@ use crate::measure::{Measure, NOT_USED};
 /// Samples that may be missing in a row: one is bridged well enough for a second derivative.
 const BRIDGED: u32 = 1;
 
+/// Cycles after which the standard deviations of the model's torques are computed anew: the pose
+/// hardly changes in them.
+const SIGMA_EVERY: u32 = 10;
+
 /// One external torque of the joint with the standard deviations of both torques that it is the
 /// difference of, N·m.
 type External = whole_body::ExternalTorque;
@@ -217,6 +221,10 @@ impl Lasting {
 #[derive(Debug)]
 struct Change {
     whole_body: WholeBody,
+    /// Cycles until its standard deviations are computed anew, and the contact sets' shares by which
+    /// they were.
+    sigma_left: u32,
+    shares: Vec<f64>,
     /// Delays the torque like the other inputs.
     filter: FilterBank,
     window: u32,
@@ -232,8 +240,11 @@ impl Change {
     fn new(robot: &Robot, settings: &ExternalTorqueSettings) -> Result<Self, Problem> {
         let joints = robot.parameters.joints.len();
         let filter = FilterBank::new(joints, settings.filters.sensor)?;
+        let whole_body = estimator(robot, settings.filters)?;
         Ok(Self {
-            whole_body: estimator(robot, settings.filters)?,
+            sigma_left: 0,
+            shares: vec![0.0; whole_body.hypotheses().len()],
+            whole_body,
             window: filter.kernel().len() as u32,
             filter,
             newest: vec![f64::NAN; joints],
@@ -272,7 +283,24 @@ impl Change {
         self.gaps.update(measure, measured, self.window);
         if let Some(signals) = measure.contact() {
             self.whole_body.blend(shares);
-            self.whole_body.update_torques(&signals.input());
+            let input = signals.input();
+            // They change with the pose and with the contact sets.
+            let estimate = match self.sigma_left {
+                1.. if self.shares == shares => {
+                    self.sigma_left -= 1;
+                    self.whole_body.update_torques_alone(&input)
+                }
+                _ => {
+                    self.sigma_left = SIGMA_EVERY - 1;
+                    self.whole_body.update_torques(&input)
+                }
+            };
+            if !estimate.valid {
+                self.sigma_left = 0;
+            }
+            for (before, share) in self.shares.iter_mut().zip(shares) {
+                *before = *share;
+            }
         }
         if !known {
             self.seen.fill(0);

@@ -9,16 +9,19 @@ use nalgebra::Vector3;
 use robot_state::Wrench;
 
 impl WholeBody {
-    pub(super) fn publish_torques(&mut self) {
+    pub(super) fn publish_sigmas(&mut self) {
         let hypotheses = Hypotheses {
             sets: &self.sets,
             solutions: &self.solutions,
             weights: &self.weights,
         };
         (self.sigma).torques(&self.layout, &self.mechanics, hypotheses);
-        for (i, &joint) in self.layout.joints.iter().enumerate() {
-            self.next.sigma[i] = self.sigma.variance[joint].sqrt();
+        for (sigma, &joint) in self.next.sigma.iter_mut().zip(&self.layout.joints) {
+            *sigma = self.sigma.variance[joint].sqrt();
         }
+    }
+
+    pub(super) fn publish_torques(&mut self) {
         // A mimic joint's torque adds to that of the joint it follows.
         self.by_joint.fill(0.0);
         for (body, tau) in self.model.bodies().iter().zip(&self.tau).skip(1) {
