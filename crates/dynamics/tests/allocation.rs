@@ -21,6 +21,7 @@ fn nothing_allocates() {
             base,
             mimic,
             chain: seed == 4,
+            aligned: false,
         };
         let model = support::random_model(seed, kind);
         let [mut q, v, a] = support::random_state(seed, &model);

@@ -8,8 +8,9 @@ use proptest::prelude::*;
 use support::{Kind, error, random_model, random_state, textbook};
 
 fn kinds() -> impl Strategy<Value = (u64, Kind)> {
-    let flags = (any::<bool>(), any::<bool>(), any::<bool>());
-    (any::<u32>(), 1..24usize, flags).prop_map(|(seed, links, (floating, mimic, chain))| {
+    let flags = any::<[bool; 4]>();
+    (any::<u32>(), 1..24usize, flags).prop_map(|(seed, links, flags)| {
+        let [floating, mimic, chain, aligned] = flags;
         let base = if floating {
             Base::Floating
         } else {
@@ -20,6 +21,7 @@ fn kinds() -> impl Strategy<Value = (u64, Kind)> {
             base,
             mimic,
             chain,
+            aligned,
         };
         (u64::from(seed), kind)
     })

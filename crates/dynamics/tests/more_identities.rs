@@ -22,6 +22,7 @@ fn kinds() -> impl Strategy<Value = (u64, Kind)> {
                     base,
                     mimic,
                     chain: seed % 2 == 1,
+                    aligned: seed % 4 > 1,
                 },
             )
         },

@@ -4,6 +4,7 @@
 pub(crate) mod textbook;
 
 use dynamics::{Base, Model, Random};
+use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
 
 /// Size and kinds of a random robot.
@@ -14,6 +15,8 @@ pub(crate) struct Kind {
     pub(crate) mimic: bool,
     /// Every link on the one before.
     pub(crate) chain: bool,
+    /// Axes parallel or at right angles to each other, and often intersecting or the same.
+    pub(crate) aligned: bool,
 }
 
 /// Text of a robot: a random tree of all kinds of joints, with realisable inertias.
@@ -36,14 +39,20 @@ pub(crate) fn random_urdf(seed: u64, kind: Kind) -> String {
             3 => "continuous",
             _ => "revolute",
         };
-        let axis = if r.uniform(0.0, 1.0) < 0.5 {
+        let axis = if r.uniform(0.0, 1.0) < 0.5 || kind.aligned {
             let mut unit = [0.0; 3];
             unit[r.uniform(0.0, 3.0) as usize] = if r.uniform(0.0, 1.0) < 0.5 { 1.0 } else { -1.0 };
             unit.to_vec()
         } else {
             r.vector(3, 1.0)
         };
-        let (p, o) = (r.vector(3, 0.4), r.vector(3, 3.0));
+        let (mut p, mut o) = (r.vector(3, 0.4), r.vector(3, 3.0));
+        if kind.aligned {
+            p.iter_mut()
+                .filter(|p| p.abs() < 0.25)
+                .for_each(|p| *p = 0.0);
+            o.iter_mut().for_each(|o| *o = o.round() * FRAC_PI_2);
+        }
         let _ = write!(
             text,
             "<joint name=\"j{}\" type=\"{joint_type}\"><parent link=\"l{parent}\"/><child link=\"l{i}\"/>\
