@@ -6,6 +6,7 @@ mod check;
 mod contacts;
 mod dynamics;
 mod estimate;
+mod excite;
 mod export;
 mod fit;
 mod identify;
@@ -46,6 +47,7 @@ Examples:
   torquectl watch --once
   torquectl tare --contacts in_the_air
   torquectl record -o run.mcap --seconds 10
+  torquectl excite config/leg/excite.toml --record run.mcap
   torquectl replay run.mcap
   torquectl calibrate joints run.mcap -o calibrated
   torquectl identify drive run.mcap --joint knee
@@ -79,6 +81,7 @@ enum Command {
     Watch(watch::WatchArguments),
     Dynamics(dynamics::DynamicsArguments),
     Estimate(estimate::EstimateArguments),
+    Excite(excite::ExciteArguments),
     Export(export::ExportArguments),
     Fit(fit::FitArguments),
     Identify(identify::IdentifyArguments),
@@ -106,6 +109,7 @@ fn main() -> ExitCode {
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Dynamics(arguments) => dynamics::run(&arguments),
         Command::Estimate(arguments) => estimate::run(&arguments),
+        Command::Excite(arguments) => excite::run(&arguments),
         Command::Contacts(arguments) => contacts::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),

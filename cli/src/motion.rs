@@ -64,12 +64,12 @@ pub(crate) struct MoveArguments {
 
 /// A joint's angle, rad.
 #[derive(Debug, Clone, PartialEq)]
-struct Target {
+pub(crate) struct Target {
     joint: String,
     angle: f64,
 }
 
-fn target(text: &str) -> Result<Target, Problem> {
+pub(crate) fn target(text: &str) -> Result<Target, Problem> {
     let parsed = text.rsplit_once('=').and_then(|(joint, angle)| {
         let angle: f64 = angle.trim().trim_end_matches("deg").parse().ok()?;
         let joint = joint.trim().to_owned();
@@ -97,7 +97,7 @@ pub(crate) fn run(arguments: &MoveArguments) -> ExitCode {
 }
 
 /// The targets by joint, in the robot's order; none for joints that are not named.
-fn by_joint(names: &[&str], targets: &[Target]) -> Result<Vec<Option<f64>>, Problem> {
+pub(crate) fn by_joint(names: &[&str], targets: &[Target]) -> Result<Vec<Option<f64>>, Problem> {
     let mut angles = vec![None; names.len()];
     for target in targets {
         let joint = names.iter().position(|name| *name == target.joint);
@@ -114,13 +114,7 @@ fn by_joint(names: &[&str], targets: &[Target]) -> Result<Vec<Option<f64>>, Prob
 }
 
 fn go(arguments: &MoveArguments) -> Result<String, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        let registered = signal_hook::flag::register(signal, Arc::clone(&stop));
-        registered.map_err(|e| {
-            Failure::Argument(Problem::new(format!("signals cannot be caught: {e}"), ""))
-        })?;
-    }
+    let stop = catch_signals().map_err(Failure::Argument)?;
     let mut client = connect(arguments.robot.as_ref())?;
     let description = client.description();
     let joints = description.joint_names.iter().map(|name| name.as_str());
@@ -159,7 +153,25 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
     })
 }
 
-fn bar() -> ProgressBar {
+/// Set once the user or the system wants an end.
+pub(crate) fn catch_signals() -> Result<Arc<AtomicBool>, Problem> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        let registered = signal_hook::flag::register(signal, Arc::clone(&stop));
+        registered.map_err(|e| Problem::new(format!("signals cannot be caught: {e}"), ""))?;
+    }
+    Ok(stop)
+}
+
+/// For work whose end is not known.
+pub(crate) fn spinner() -> ProgressBar {
+    match io::stderr().is_terminal() {
+        true => ProgressBar::new_spinner(),
+        false => ProgressBar::hidden(),
+    }
+}
+
+pub(crate) fn bar() -> ProgressBar {
     let bar = match io::stderr().is_terminal() {
         true => ProgressBar::new(1),
         false => ProgressBar::hidden(),

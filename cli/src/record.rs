@@ -1,18 +1,17 @@
 //! `torquectl record`: the daemon's recorder writes a recorded run.
 
+use crate::motion::catch_signals;
 use crate::requests::{Failure, connect, end};
 use indicatif::{ProgressBar, ProgressStyle};
 use problem::{Allowed, Problem};
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::io::{self, IsTerminal};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread::sleep;
 use std::time::Duration;
-use torqued_client::Client;
 use torqued_client::robot_state::{Answer, Request, Text, request};
+use torqued_client::{Client, Error};
 
 const HELP: &str = "\
 The daemon writes the file itself, so the path must be writable for it. The file holds everything that
@@ -61,44 +60,71 @@ pub(crate) fn run(arguments: &RecordArguments) -> ExitCode {
 }
 
 fn record(arguments: &RecordArguments) -> Result<String, Failure> {
-    let unusable =
-        |why: String| Failure::Argument(Problem::new(why, "a path of at most 1024 bytes"));
-    let path = std::path::absolute(&arguments.output).map_err(|e| unusable(e.to_string()))?;
-    let path = path.to_str().filter(|path| path.len() <= 1024);
-    let path = path.ok_or_else(|| unusable("the path is too long, or not UTF-8".to_owned()))?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        let registered = signal_hook::flag::register(signal, Arc::clone(&stop));
-        registered.map_err(|e| unusable(format!("signals cannot be caught: {e}")))?;
-    }
+    let stop = catch_signals().map_err(Failure::Argument)?;
     let client = connect(arguments.robot.as_ref())?;
-    let begin = Request {
-        kind: request::RECORD,
-        seconds: arguments.seconds.unwrap_or(-1.0),
-        last_s: arguments.last,
-        overwrite: u32::from(arguments.force),
-        path: Text::new(path),
-        ..Request::default()
-    };
-    client.send_request(begin, |_| ())?;
-    let bar = bar(path);
-    let last = loop {
-        let answer = ask(&client, request::RECORDING)?;
+    let (path, seconds) = (&arguments.output, arguments.seconds);
+    let recording = Recording::begin(&client, path, seconds, arguments.last, arguments.force)?;
+    let bar = bar(&recording.path);
+    loop {
+        let answer = recording.state(&client)?;
         if answer.progress >= 1.0 {
-            break answer;
+            bar.finish_and_clear();
+            return Ok(format!("{}: {}\n", recording.path, answer.text));
         }
         bar.set_message(answer.text.to_string());
         if stop.load(Ordering::Relaxed) {
-            break ask(&client, request::END_RECORDING)?;
+            bar.finish_and_clear();
+            return Ok(recording.end(&client)? + "\n");
         }
         sleep(ASK);
-    };
-    bar.finish_and_clear();
-    Ok(format!("{path}: {}\n", last.text))
+    }
 }
 
-fn ask(client: &Client, kind: u32) -> Result<Answer, Failure> {
-    Ok(client.request(kind, "", |_| ())?)
+/// A recording that the daemon makes. One that is not asked after for 5 s ends.
+pub(crate) struct Recording {
+    path: String,
+}
+
+impl Recording {
+    /// Begins with `last` s before now; without `seconds` it goes on until its end is asked for.
+    ///
+    /// # Errors
+    /// A path that cannot be used, a file that is there and may not be replaced.
+    pub(crate) fn begin(
+        client: &Client,
+        path: &Path,
+        seconds: Option<f64>,
+        last: f64,
+        force: bool,
+    ) -> Result<Self, Failure> {
+        let unusable =
+            |why: String| Failure::Argument(Problem::new(why, "a path of at most 1024 bytes"));
+        let path = std::path::absolute(path).map_err(|e| unusable(e.to_string()))?;
+        let path = path.to_str().filter(|path| path.len() <= 1024);
+        let path = path.ok_or_else(|| unusable("the path is too long, or not UTF-8".to_owned()))?;
+        let begin = Request {
+            kind: request::RECORD,
+            seconds: seconds.unwrap_or(-1.0),
+            last_s: last,
+            overwrite: u32::from(force),
+            path: Text::new(path),
+            ..Request::default()
+        };
+        client.send_request(begin, |_| ())?;
+        let path = path.to_owned();
+        Ok(Self { path })
+    }
+
+    /// Its state; to be asked for every second or so.
+    pub(crate) fn state(&self, client: &Client) -> Result<Answer, Error> {
+        client.request(request::RECORDING, "", |_| ())
+    }
+
+    /// Ends it; gives the path and the daemon's words about the file.
+    pub(crate) fn end(self, client: &Client) -> Result<String, Error> {
+        let answer = client.request(request::END_RECORDING, "", |_| ())?;
+        Ok(format!("{}: {}", self.path, answer.text))
+    }
 }
 
 fn bar(path: &str) -> ProgressBar {

@@ -11,6 +11,7 @@ use std::io::Write;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use control::{MotionLimits, TrajectoryLimits};
 use nix::time::{ClockId, clock_gettime};
 use supervisor::Commanders;
 use torqued_client::robot_state::{
@@ -51,7 +52,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut record = SharedRecord::default();
     record.cycle.joint_count = description.joint_count;
     record.cycle.state = RobotState::Holding.number();
-    let mut commanders = Commanders::new(REFERENCE_TIMEOUT_S);
+    let limits = TrajectoryLimits {
+        position_min: -1.0,
+        position_max: 1.0,
+        velocity: 5.0,
+        acceleration: 100.0,
+        stop: MotionLimits {
+            velocity: 5.0,
+            acceleration: 50.0,
+            jerk: 1e3,
+        },
+    };
+    let mut commanders = Commanders::new(REFERENCE_TIMEOUT_S).with_trajectories([limits; JOINTS]);
     let start = Instant::now();
     for cycle in 1u32.. {
         let t = f64::from(cycle) * PERIOD.as_secs_f64();
@@ -61,6 +73,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         let now_ns = monotonic_ns()?;
         while let Some(reference) = ports.next_reference()? {
             commanders.offer(&reference, now_ns);
+        }
+        while let Some(piece) = ports.next_piece()? {
+            let _ = commanders.offer_piece(&piece);
         }
         commanders.begin_cycle(now_ns);
         record.cycle.commander = commanders.record();

@@ -5,6 +5,7 @@
 //! | `torqued/<robot>/description`  | daemon    | names and constants, once         |
 //! | `torqued/<robot>/state`        | daemon    | every cycle's record              |
 //! | `torqued/<robot>/reference`    | clients   | references; one session has the lease |
+//! | `torqued/<robot>/trajectory`   | clients   | pieces of trajectories, sent ahead |
 //! | `torqued/<robot>/commander`    | daemon    | every cycle: who commands, followed or not |
 //! | `torqued/<robot>/request`      | clients   | requests: tare, contact set       |
 //! | `torqued/<robot>/answer`       | daemon    | answers, with the request's id    |
@@ -23,7 +24,8 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as Factory;
 use robot_state::{
-    Answer, CommanderStatus, Description, Layout, Reference, Request, SharedRecord, layout_hash,
+    Answer, CommanderStatus, Description, Layout, Reference, Request, SharedRecord,
+    TrajectoryPiece, layout_hash,
 };
 
 use crate::error::Error;
@@ -116,6 +118,17 @@ message!(
     Reference,
     "reference",
     BUFFER = 8,
+    HISTORY = 0,
+    BORROWED = 1,
+    SUBSCRIBERS = 1,
+    PUBLISHERS = MAX_CLIENTS
+);
+// A piece lasts longer than the daemon takes to fetch it.
+message!(
+    PieceMessage,
+    TrajectoryPiece,
+    "trajectory",
+    BUFFER = 4,
     HISTORY = 0,
     BORROWED = 1,
     SUBSCRIBERS = 1,
@@ -388,6 +401,7 @@ mod tests {
                 <DescriptionMessage as ZeroCopySend>::type_name(),
                 <ReferenceMessage as ZeroCopySend>::type_name(),
                 <StatusMessage as ZeroCopySend>::type_name(),
+                <PieceMessage as ZeroCopySend>::type_name(),
                 <RequestMessage as ZeroCopySend>::type_name(),
                 <AnswerMessage as ZeroCopySend>::type_name(),
             ]
@@ -396,7 +410,8 @@ mod tests {
         assert_eq!(names[1], type_name::<Description>("Description"));
         assert_eq!(names[2], type_name::<Reference>("Reference"));
         assert_eq!(names[3], type_name::<CommanderStatus>("CommanderStatus"));
-        assert_eq!(names[4], type_name::<Request>("Request"));
-        assert_eq!(names[5], type_name::<Answer>("Answer"));
+        assert_eq!(names[4], type_name::<TrajectoryPiece>("TrajectoryPiece"));
+        assert_eq!(names[5], type_name::<Request>("Request"));
+        assert_eq!(names[6], type_name::<Answer>("Answer"));
     }
 }

@@ -5,9 +5,9 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use nix::time::{ClockId, clock_gettime};
-use robot_state::{CommanderStatus, Mode, Reference, lease_refusal, not_followed};
+use robot_state::{CommanderStatus, Mode, Reference, TrajectoryPiece, lease_refusal, not_followed};
 
-use crate::channel::{self, Receiver, ReferenceMessage, Sender, StatusMessage};
+use crate::channel::{self, PieceMessage, Receiver, ReferenceMessage, Sender, StatusMessage};
 use crate::client::{Client, newest};
 use crate::error::Error;
 
@@ -21,7 +21,7 @@ const HAND_OVER: Duration = Duration::from_millis(160);
 /// Interval of references that ask for hold until there is a verdict; below every time-out.
 const ASK_INTERVAL: Duration = Duration::from_millis(5);
 /// Time for which a robot that has arrived at a target is led there.
-const SETTLING: Duration = Duration::from_millis(300);
+pub(crate) const SETTLING: Duration = Duration::from_millis(300);
 /// Interval between polls of shared memory.
 const POLL: Duration = Duration::from_micros(250);
 
@@ -37,6 +37,9 @@ const POLL: Duration = Duration::from_micros(250);
 pub struct Commander {
     robot: String,
     references: Sender<ReferenceMessage>,
+    pieces: Sender<PieceMessage>,
+    /// Pieces that its sessions have sent.
+    piece_count: u64,
     statuses: Receiver<StatusMessage>,
     newest: Reference,
     status: CommanderStatus,
@@ -87,6 +90,11 @@ impl Commander {
             channel::sender(&client.node, &service)?.ok_or_else(|| Error::TooManyCommanders {
                 robot: robot.clone(),
             })?;
+        let service = channel::open::<PieceMessage>(&client.node, &robot, Duration::ZERO)?;
+        let pieces =
+            channel::sender(&client.node, &service)?.ok_or_else(|| Error::TooManyCommanders {
+                robot: robot.clone(),
+            })?;
         let mut newest = Reference {
             joint_count: client.description().joint_count,
             mode: Mode::Hold.number(),
@@ -101,6 +109,8 @@ impl Commander {
         let mut commander = Self {
             robot,
             references,
+            pieces,
+            piece_count: 0,
             statuses,
             newest,
             status: CommanderStatus::default(),
@@ -194,6 +204,7 @@ impl Commander {
             }
             if Instant::now() > until {
                 let robot = self.robot.clone();
+                let status = Box::new(status);
                 return Err(Error::NotFollowed { robot, status });
             }
         }
@@ -211,6 +222,7 @@ impl Commander {
         change: impl FnOnce(&mut Reference),
         mut going: impl FnMut(Duration) -> bool,
     ) -> Result<bool, Error> {
+        self.newest.trajectory = 0;
         for joint in &mut self.newest.joints {
             joint.dq_d = 0.0;
         }
@@ -329,7 +341,7 @@ impl Commander {
         if counts && self.standing == Standing::Commanding && !waits {
             return Err(Error::NotFollowed {
                 robot: self.robot.clone(),
-                status: self.status,
+                status: Box::new(self.status),
             });
         }
         Ok(())
@@ -338,6 +350,20 @@ impl Commander {
     /// Age of the session.
     fn age(&self) -> Duration {
         Duration::from_nanos(monotonic_ns().saturating_sub(self.newest.session_began_ns))
+    }
+
+    /// Sends a piece of a trajectory as the session's next; gives its sequence.
+    pub(crate) fn send_piece(&mut self, piece: &mut TrajectoryPiece) -> Result<u64, Error> {
+        self.piece_count += 1;
+        (piece.session, piece.sequence) = (self.newest.session, self.piece_count);
+        self.pieces
+            .send_copy(PieceMessage(*piece))
+            .map_err(|e| Error::transport("trajectory", "publish on", &e))?;
+        Ok(self.piece_count)
+    }
+
+    pub(crate) fn robot(&self) -> &str {
+        &self.robot
     }
 
     fn status_shows(&self, sequence: u64) -> bool {

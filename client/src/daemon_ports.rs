@@ -2,11 +2,13 @@
 
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{Node, PortFactory};
-use robot_state::{Answer, CommanderStatus, Description, Reference, Request, SharedRecord};
+use robot_state::{
+    Answer, CommanderStatus, Description, Reference, Request, SharedRecord, TrajectoryPiece,
+};
 
 use crate::channel::{
-    self, AnswerMessage, DescriptionMessage, Message, Receiver, RecordMessage, ReferenceMessage,
-    RequestMessage, Sender, StatusMessage, Transport,
+    self, AnswerMessage, DescriptionMessage, Message, PieceMessage, Receiver, RecordMessage,
+    ReferenceMessage, RequestMessage, Sender, StatusMessage, Transport,
 };
 use crate::error::Error;
 use crate::location::Location;
@@ -18,6 +20,7 @@ pub struct DaemonPorts {
     state: Sender<RecordMessage>,
     description: Sender<DescriptionMessage>,
     reference: Receiver<ReferenceMessage>,
+    piece: Receiver<PieceMessage>,
     status: Sender<StatusMessage>,
     request: Receiver<RequestMessage>,
     answer: Sender<AnswerMessage>,
@@ -46,6 +49,9 @@ impl DaemonPorts {
             .map_err(|e| Error::transport(service.name(), "publish on", &e))?;
         let status = channel::create::<StatusMessage>(&node, robot)?;
         let status = channel::sender(&node, &status)?.ok_or_else(taken)?;
+        // Clients open it after the references': it is there then.
+        let piece = channel::create::<PieceMessage>(&node, robot)?;
+        let piece = channel::receiver(&node, &piece)?;
         let reference = channel::create::<ReferenceMessage>(&node, robot)?;
         let reference = channel::receiver(&node, &reference)?;
         // Answers first, so that every request can be answered.
@@ -57,6 +63,7 @@ impl DaemonPorts {
             state,
             description: sender,
             reference,
+            piece,
             status,
             request,
             answer,
@@ -95,6 +102,19 @@ impl DaemonPorts {
         received
             .map(|message| message.map(|message| message.0))
             .map_err(|e| Error::transport(ReferenceMessage::CHANNEL, "receive from", &e))
+    }
+
+    /// The next piece of a trajectory of any client, as it came: unchecked. To be asked for after the
+    /// references, and handed over before those: then a reference never overtakes a piece that was
+    /// sent before it.
+    ///
+    /// # Errors
+    /// [`Error::Transport`] if a commanding client could not be reached.
+    pub fn next_piece(&self) -> Result<Option<TrajectoryPiece>, Error> {
+        let received = self.piece.receive();
+        received
+            .map(|message| message.map(|message| message.0))
+            .map_err(|e| Error::transport(PieceMessage::CHANNEL, "receive from", &e))
     }
 
     /// The next request of any client, as it came: unchecked.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use robot_state::{
-    CommanderRecord, CommanderStatus, Event, RobotState, lease_refusal, not_followed,
+    CommanderRecord, CommanderStatus, Event, RobotState, lease_refusal, not_followed, piece_refusal,
 };
 
 /// An error of a client's or the daemon's use of shared memory.
@@ -125,7 +125,27 @@ pub enum Error {
         /// The robot.
         robot: String,
         /// What the daemon reports.
-        status: CommanderStatus,
+        status: Box<CommanderStatus>,
+    },
+    /// A piece of a trajectory was refused.
+    #[error(
+        "robot \"{robot}\": a piece of the trajectory was refused: {}; the robot holds",
+        why_piece_refused(*reason).unwrap_or_default()
+    )]
+    PieceRefused {
+        /// The robot.
+        robot: String,
+        /// One of [`piece_refusal`].
+        reason: u32,
+    },
+    /// A trajectory ended in motion.
+    #[error(
+        "robot \"{robot}\": the trajectory ended in motion, since its next points had not come in \
+             time or there were none; the robot was brought to rest"
+    )]
+    TrajectoryEnded {
+        /// The robot.
+        robot: String,
     },
     /// The greatest number of clients command, or try to.
     #[error("robot \"{robot}\": the greatest number of clients try to command it; try again later")]
@@ -255,6 +275,26 @@ pub fn why_refused(reason: u32) -> Option<&'static str> {
         lease_refusal::NOT_ADVANCED => "its sequence or its time of sending did not advance",
         lease_refusal::TOO_OLD => "it was sent longer ago than loop.reference_timeout_ms",
         _ => "its session is not valid",
+    })
+}
+
+/// Why a piece of a trajectory is not followed: the words of a [`piece_refusal`]. None for 0.
+#[must_use]
+pub fn why_piece_refused(reason: u32) -> Option<&'static str> {
+    Some(match reason {
+        0 => return None,
+        piece_refusal::SESSION => "its session does not command",
+        piece_refusal::LIMIT => {
+            "a point is beyond a joint's limits of position, velocity or acceleration, or not within \
+             their reach from the one before"
+        }
+        piece_refusal::NOT_ADVANCED => "its sequence did not advance",
+        piece_refusal::LATE => "its first point had passed already, or the trajectory had ended",
+        piece_refusal::GAP => "its first point lies beyond the end of those before",
+        piece_refusal::APART => "at its first point it is not where those before lead",
+        piece_refusal::TOO_FAR => "it lies further ahead than a trajectory is buffered",
+        piece_refusal::BUSY => "another trajectory is followed, and is not at rest",
+        _ => "its joints, its points or their spacing are not valid, or a number is not finite",
     })
 }
 

@@ -4,8 +4,9 @@ use std::fmt::Write;
 
 use robot_state::{
     Answer, CommanderStatus, Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS,
-    Mode, Reference, Request, RobotState, Shape, SharedRecord, answer_status, command_flags,
-    lease_refusal, measured_flags, not_followed, request, torque_flags, torque_source,
+    MAX_POINTS, Mode, Reference, Request, RobotState, Shape, SharedRecord, TrajectoryPiece,
+    answer_status, command_flags, lease_refusal, measured_flags, not_followed, piece_refusal,
+    request, torque_flags, torque_source,
 };
 
 use crate::channel::type_name;
@@ -27,7 +28,7 @@ pub fn python_layout() -> String {
     let mut out = String::from(HEAD);
     let _ = write!(
         out,
-        "\nMAX_JOINTS = {MAX_JOINTS}\nMAX_FT_SENSORS = {MAX_FT_SENSORS}\nEVENT_COUNT = {EVENT_COUNT}\n"
+        "\nMAX_JOINTS = {MAX_JOINTS}\nMAX_FT_SENSORS = {MAX_FT_SENSORS}\nMAX_POINTS = {MAX_POINTS}\nEVENT_COUNT = {EVENT_COUNT}\n"
     );
     enumeration(
         &mut out,
@@ -160,11 +161,29 @@ pub fn python_layout() -> String {
             ("NOT_POSSIBLE", not_followed::NOT_POSSIBLE),
         ],
     );
+    enumeration(
+        &mut out,
+        "IntEnum",
+        "PieceRefusal",
+        "Reason for which a piece of a trajectory was refused.",
+        &[
+            ("SESSION", piece_refusal::SESSION),
+            ("INVALID", piece_refusal::INVALID),
+            ("LIMIT", piece_refusal::LIMIT),
+            ("NOT_ADVANCED", piece_refusal::NOT_ADVANCED),
+            ("LATE", piece_refusal::LATE),
+            ("GAP", piece_refusal::GAP),
+            ("APART", piece_refusal::APART),
+            ("TOO_FAR", piece_refusal::TOO_FAR),
+            ("BUSY", piece_refusal::BUSY),
+        ],
+    );
     events(&mut out);
     let mut done = Vec::new();
     record(&mut out, &mut done, &SharedRecord::SHAPE);
     record(&mut out, &mut done, &Description::SHAPE);
     record(&mut out, &mut done, &Reference::SHAPE);
+    record(&mut out, &mut done, &TrajectoryPiece::SHAPE);
     record(&mut out, &mut done, &CommanderStatus::SHAPE);
     record(&mut out, &mut done, &Request::SHAPE);
     record(&mut out, &mut done, &Answer::SHAPE);
@@ -174,12 +193,14 @@ pub fn python_layout() -> String {
          SharedRecord.type_name = staticmethod(lambda: \"{}\")\n\
          Description.type_name = staticmethod(lambda: \"{}\")\n\
          Reference.type_name = staticmethod(lambda: \"{}\")\n\
+         TrajectoryPiece.type_name = staticmethod(lambda: \"{}\")\n\
          CommanderStatus.type_name = staticmethod(lambda: \"{}\")\n\
          Request.type_name = staticmethod(lambda: \"{}\")\n\
          Answer.type_name = staticmethod(lambda: \"{}\")\n",
         type_name::<SharedRecord>("SharedRecord"),
         type_name::<Description>("Description"),
         type_name::<Reference>("Reference"),
+        type_name::<TrajectoryPiece>("TrajectoryPiece"),
         type_name::<CommanderStatus>("CommanderStatus"),
         type_name::<Request>("Request"),
         type_name::<Answer>("Answer"),

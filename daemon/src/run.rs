@@ -11,6 +11,7 @@ use problem::Problem;
 use recording::{AttachedFile, Header, Start};
 use robot_config::{RealTime, Robot};
 use robot_state::{Description, Event, Name};
+use supervisor::Commanders;
 
 use crate::bus::in_process::{SimulatedDeadline, VirtualClock};
 use crate::bus::{Bus, LockStep, Network};
@@ -114,9 +115,10 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
         record_from_the_start(&handle, path);
     }
     let recorder = recorder.recorder.start().map_err(Failure::environment)?;
-    let timeout = robot.parameters.timing.reference_timeout;
+    let commanders = Commanders::new(parameters.timing.reference_timeout)
+        .with_trajectories(parameters.trajectory_limits());
     let clients =
-        shared_memory::start(&describe(robot), server, timeout).map_err(Failure::environment)?;
+        shared_memory::start(&describe(robot), server, commanders).map_err(Failure::environment)?;
     let mut looper = Looper::new(robot, control_loop, clients, stop, options.cycles);
     let status = looper.status();
     let settings = Settings {

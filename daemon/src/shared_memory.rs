@@ -4,7 +4,8 @@
 //! ```text
 //!  loop thread                        publisher thread                clients
 //!  RecordSender ──► ring of records ──────────────────► DaemonPorts ──► every record
-//!  ReferenceReceiver ◄── ring of references ◄───────────┘          ◄── references of all clients
+//!  ReferenceReceiver ◄── ring of references ◄───────────┤          ◄── references of all clients
+//!                    ◄── ring of pieces ◄───────────────┤          ◄── pieces of trajectories
 //!  SettingsReceiver ◄─── triple buffer ◄── RequestServer ◄── records ◄─► requests and answers
 //!  OperatorReceiver ◄─── ring ◄───────────────────┘
 //! ```
@@ -27,7 +28,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use cycle::OperatorRequest;
-use robot_state::{Description, Reference, Settings, SharedRecord};
+use robot_state::{Description, Reference, Settings, SharedRecord, TrajectoryPiece};
 use rtrb::{Consumer, Producer, RingBuffer};
 use supervisor::Commanders;
 use torqued_client::{DaemonPorts, Error, Location};
@@ -40,6 +41,8 @@ const RING: usize = 256;
 /// References on their way to the loop, which takes all of them each cycle: several for each client
 /// that can be connected.
 const REFERENCE_RING: usize = 64;
+/// Pieces of trajectories on their way to the loop: a client sends one every tenth of a second or so.
+const PIECE_RING: usize = 4;
 /// Operators' requests on their way to the loop: the request server hands over one at a time.
 const OPERATOR_RING: usize = 4;
 /// Age beyond which the loop no longer carries out a request that may start a motion: nobody
@@ -82,6 +85,7 @@ pub struct RecordSender {
 #[derive(Debug)]
 pub struct ReferenceReceiver {
     references: Consumer<Reference>,
+    pieces: Consumer<TrajectoryPiece>,
     commanders: Commanders,
 }
 
@@ -107,17 +111,16 @@ struct Shared {
 
 /// Publishes `description` and starts the publisher thread, at which `server` serves requests, in the
 /// usual run directory. The thread inherits the caller's CPUs: call it before the loop's thread is
-/// pinned to its own. A client that sends no reference for longer than `reference_timeout` (s) loses
-/// the command.
+/// pinned to its own. `commanders` decide whose references the loop follows.
 ///
 /// # Errors
 /// Obstacles to creating the robot's services: see [`DaemonPorts::create`].
 pub fn start(
     description: &Description,
     server: RequestServer,
-    reference_timeout: f64,
+    commanders: Commanders,
 ) -> Result<LoopEnds, Error> {
-    start_at(&Location::find()?, description, server, reference_timeout)
+    start_at(&Location::find()?, description, server, commanders)
 }
 
 /// [`start`] in another run directory.
@@ -128,7 +131,7 @@ pub fn start_at(
     location: &Location,
     description: &Description,
     server: RequestServer,
-    reference_timeout: f64,
+    commanders: Commanders,
 ) -> Result<LoopEnds, Error> {
     let ports = DaemonPorts::create(location, description)?;
     let (mut producer, mut consumer) = RingBuffer::new(RING);
@@ -138,6 +141,9 @@ pub fn start_at(
     let (mut arrived, mut references) = RingBuffer::new(REFERENCE_RING);
     while arrived.push(Reference::default()).is_ok() {}
     while references.pop().is_ok() {}
+    let (mut sent_ahead, mut pieces) = RingBuffer::new(PIECE_RING);
+    while sent_ahead.push(TrajectoryPiece::default()).is_ok() {}
+    while pieces.pop().is_ok() {}
     let (input, settings) = triple_buffer::triple_buffer(server.settings());
     let (operator, requests) = RingBuffer::new(OPERATOR_RING);
     let shared = Arc::new(Shared::default());
@@ -150,6 +156,8 @@ pub fn start_at(
         operator,
         records: consumer,
         arrived,
+        just_read: Vec::with_capacity(REFERENCE_RING),
+        sent_ahead,
         shared: Arc::clone(&shared),
     };
     let (started, wait_started) = mpsc::channel();
@@ -176,7 +184,8 @@ pub fn start_at(
         },
         references: ReferenceReceiver {
             references,
-            commanders: Commanders::new(reference_timeout),
+            pieces,
+            commanders,
         },
         settings: SettingsReceiver { settings },
         operator: OperatorReceiver { requests },
@@ -232,8 +241,8 @@ impl Drop for RecordSender {
 }
 
 impl ReferenceReceiver {
-    /// Takes all references that have arrived, and begins the cycle of `now_ns` on `CLOCK_MONOTONIC`. Neither waits nor allocates nor calls
-    /// the system.
+    /// Takes all references and pieces of trajectories that have arrived, and begins the cycle of
+    /// `now_ns` on `CLOCK_MONOTONIC`. Neither waits nor allocates nor calls the system.
     pub fn next_command(&mut self, now_ns: u64) -> &Commanders {
         for _ in 0..REFERENCE_RING {
             let Ok(chunk) = self.references.read_chunk(1) else {
@@ -242,6 +251,17 @@ impl ReferenceReceiver {
             let (references, _) = chunk.as_slices();
             for reference in references {
                 self.commanders.offer(reference, now_ns);
+            }
+            chunk.commit_all();
+        }
+        for _ in 0..PIECE_RING {
+            let Ok(chunk) = self.pieces.read_chunk(1) else {
+                break;
+            };
+            let (pieces, _) = chunk.as_slices();
+            for piece in pieces {
+                // A refusal is in the record.
+                let _ = self.commanders.offer_piece(piece);
             }
             chunk.commit_all();
         }
@@ -279,6 +299,9 @@ struct Publisher {
     operator: Producer<(OperatorRequest, u64)>,
     records: Consumer<SharedRecord>,
     arrived: Producer<Reference>,
+    /// Those of this round.
+    just_read: Vec<Reference>,
+    sent_ahead: Producer<TrajectoryPiece>,
     shared: Arc<Shared>,
 }
 
@@ -349,14 +372,26 @@ impl Publisher {
         }
     }
 
-    /// As many as the ring has room for; the rest waits in the clients' buffers.
+    /// As many as the rings have room for; the rest waits in the clients' buffers. A piece is read
+    /// after the references and handed over before them: what was sent first arrives first.
     fn take_references(&mut self) {
         for _ in 0..self.arrived.slots() {
             let received = self.ports.next_reference();
             count_failure(&self.shared, &received);
             let Ok(Some(reference)) = received else {
-                return;
+                break;
             };
+            self.just_read.push(reference);
+        }
+        for _ in 0..self.sent_ahead.slots() {
+            let received = self.ports.next_piece();
+            count_failure(&self.shared, &received);
+            let Ok(Some(piece)) = received else {
+                break;
+            };
+            let _ = self.sent_ahead.push(piece);
+        }
+        for reference in self.just_read.drain(..) {
             let _ = self.arrived.push(reference);
         }
     }

@@ -127,8 +127,13 @@ fn run<B: Bus>(
         joint_count: 6,
         ..Description::default()
     };
-    let ends = shared_memory::start_at(&directory.location, &description, server, 0.04)
-        .expect("shared memory");
+    let ends = shared_memory::start_at(
+        &directory.location,
+        &description,
+        server,
+        supervisor::Commanders::new(0.04),
+    )
+    .expect("shared memory");
     let stop = Arc::new(AtomicBool::new(false));
     let mut looper = Looper::new(&robot, control_loop, ends, &stop, cycles);
     let mut act = |cycle: u64| {

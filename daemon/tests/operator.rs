@@ -69,8 +69,13 @@ impl Daemon {
             ..Description::default()
         };
         let server = server.expect("a request server");
-        let mut ends =
-            shared_memory::start_at(&run, &description, server, TIMEOUT_S).expect("ends");
+        let mut ends = shared_memory::start_at(
+            &run,
+            &description,
+            server,
+            supervisor::Commanders::new(TIMEOUT_S),
+        )
+        .expect("ends");
         let [stop, unplugged] = [false, unplugged].map(|set| Arc::new(AtomicBool::new(set)));
         let (stopped, lost) = (Arc::clone(&stop), Arc::clone(&unplugged));
         let thread = thread::spawn(move || {

@@ -33,7 +33,13 @@ fn a_bus_error_of_the_publisher_thread_does_not_end_the_loop_but_is_a_fault() {
         joint_count: 6,
         ..Description::default()
     };
-    let mut ends = shared_memory::start_at(&location, &description, server, 0.04).expect("started");
+    let mut ends = shared_memory::start_at(
+        &location,
+        &description,
+        server,
+        supervisor::Commanders::new(0.04),
+    )
+    .expect("started");
     let mut monitor = LoopMonitor::new(&leg, BusCounters::default());
     let mut cycle = || {
         ends.records.send(&SharedRecord::default());

@@ -31,7 +31,7 @@ impl Daemon {
             &self.0.location,
             &description(),
             request_server(),
-            TIMEOUT_S,
+            supervisor::Commanders::new(TIMEOUT_S),
         )
         .expect("shared memory")
     }
@@ -269,8 +269,13 @@ fn one_daemon_at_a_time_and_the_next_may_start() {
     let dir = Daemon::new();
     let sender = dir.start().records;
     let mut client = dir.client();
-    let refused =
-        shared_memory::start_at(&dir.0.location, &description(), request_server(), TIMEOUT_S).err();
+    let refused = shared_memory::start_at(
+        &dir.0.location,
+        &description(),
+        request_server(),
+        supervisor::Commanders::new(TIMEOUT_S),
+    )
+    .err();
     assert_eq!(
         refused,
         Some(Error::AlreadyRunning {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use common::RunDir;
 use robot_state::{RobotState, torque_flags};
 use test_support::{TemporaryDirectory, project_path};
-use torqued_client::{Client, Commander};
+use torqued_client::{Client, Commander, Timing};
 
 fn torqued(arguments: &[&str], run: &RunDir) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
@@ -69,6 +69,33 @@ fn a_client_reads_the_torques_of_a_robot_that_is_simulated_in_the_daemon() {
         },
     );
     assert!(arrived.expect("followed") && shown > Duration::from_millis(100));
+
+    // Along a trajectory, by a client that does nothing for a tenth of a second now and then.
+    let start = commander.reference().joints;
+    let mut asked = 0;
+    let followed = commander.follow(
+        Timing {
+            duration: Duration::from_secs(2),
+            spacing: Duration::from_millis(5),
+        },
+        |t, joints| {
+            asked += 1;
+            if asked % 50 == 0 {
+                std::thread::sleep(Duration::from_millis(120));
+            }
+            for (joint, start) in joints.iter_mut().zip(&start) {
+                joint.q_d = start.q_d;
+            }
+            // From rest to rest, back and forth.
+            let (s, k, size) = (t / 2.0, 0.5, 0.1 * 64.0);
+            let (u, du, ddu) = (s * (1.0 - s), k * (1.0 - 2.0 * s), -2.0 * k * k);
+            joints[3].q_d += size * u * u * u;
+            joints[3].dq_d = size * 3.0 * u * u * du;
+            joints[3].ddq_d = size * (6.0 * u * du * du + 3.0 * u * u * ddu);
+        },
+        |_| true,
+    );
+    assert_eq!(followed, Ok(true));
     commander.close().expect("given back");
     client.latest().expect("records");
     let record = client.next_record(Duration::from_secs(2)).expect("one");

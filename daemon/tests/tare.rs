@@ -93,8 +93,13 @@ impl Daemon {
             description.contact_set_names[i] = Name::new(name);
             description.contact_set_count += 1;
         }
-        let mut ends = shared_memory::start_at(&place.0.location, &description, server, TIMEOUT_S)
-            .expect("ends");
+        let mut ends = shared_memory::start_at(
+            &place.0.location,
+            &description,
+            server,
+            supervisor::Commanders::new(TIMEOUT_S),
+        )
+        .expect("ends");
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = thread::spawn(move || {

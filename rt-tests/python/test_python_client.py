@@ -159,6 +159,46 @@ def test_references_move_the_robot_until_the_block_ends(daemons):
         wait_for(client, lambda r: r.cycle.measured.joints[3].q == 0.75)
 
 
+def back_and_forth(size):
+    """Of one second, for all joints: at rest at both ends."""
+
+    def at(t):
+        u, du = t * (1 - t), 1 - 2 * t
+        k = 64 * size
+        point = (k * u**3, 3 * k * u**2 * du, k * (6 * u * du**2 - 6 * u**2))
+        return [point] * JOINTS
+
+    return at
+
+
+def test_a_trajectory_is_sent_ahead_and_followed(daemons):
+    daemons()
+    client = torqued.Client("leg")
+    with torqued.Commander(client) as commander:
+        commander.hold_until_ready(PATIENCE_S)
+        shown, places = [], []
+
+        def going(progress):
+            shown.append(progress)
+            client.latest()  # those from before
+            places.append(client.next_record().cycle.measured.joints[2].q)
+            # A program that does something else for a while.
+            time.sleep(0.1)
+            return True
+
+        assert commander.follow(1.0, back_and_forth(0.2), going=going)
+        assert 0.15 < max(places) < 0.201
+        assert shown[-1].time_s > 0.9 and max(p.buffered_s for p in shown) > 0.2
+        # Beyond the limits of position; stopped on the way; ended in motion.
+        with pytest.raises(torqued.TrajectoryError, match="LIMIT"):
+            commander.follow(1.0, back_and_forth(1.5))
+        assert not commander.follow(
+            1.0, back_and_forth(0.2), going=lambda progress: progress.time_s < 0.3
+        )
+        with pytest.raises(torqued.TrajectoryError, match="ended in motion"):
+            commander.follow(0.3, back_and_forth(0.2))
+
+
 def test_a_commander_of_higher_priority_takes_over(daemons):
     daemons()
     client = torqued.Client("leg", PATIENCE_S)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
-EVENT_COUNT = 51
+MAX_POINTS = 32
+EVENT_COUNT = 53
 
 
 class Mode(IntEnum):
@@ -118,6 +119,20 @@ class NotFollowed(IntEnum):
     NOT_POSSIBLE = 5
 
 
+class PieceRefusal(IntEnum):
+    """Reason for which a piece of a trajectory was refused."""
+
+    SESSION = 1
+    INVALID = 2
+    LIMIT = 3
+    NOT_ADVANCED = 4
+    LATE = 5
+    GAP = 6
+    APART = 7
+    TOO_FAR = 8
+    BUSY = 9
+
+
 class Event(NamedTuple):
     """A numbered event."""
 
@@ -165,6 +180,8 @@ EVENTS = (
     Event(305, "commander_refused", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.", "loop.reference_timeout_ms", "warn"),
     Event(306, "commander_replaced", "A client of higher priority took the command over.", "-", "release"),
     Event(307, "reference_limit", "A client's reference asked for a value beyond what joint or sensor can have, or for a velocity that its positions do not make.", "joint.torque_limit_Nm / joint.velocity_limit_rad_per_s", "release"),
+    Event(308, "trajectory_ended", "A client's trajectory ended in motion, as no further piece of it had come; the joints were brought to rest.", "-", "warn"),
+    Event(309, "trajectory_refused", "A piece of a client's trajectory was refused; what was buffered before stands.", "joint.velocity_limit_rad_per_s / joint.torque_limit_Nm", "warn"),
     Event(401, "position_limit", "A commanded position, or its lead over the measured position, was limited.", "joint.position_min_deg / joint.position_max_deg", "warn"),
     Event(402, "torque_limit", "A commanded torque or current was limited.", "joint.torque_limit_Nm", "warn"),
     Event(403, "command_not_finite", "A computed command was NaN or infinite; the last command was kept.", "-", "hold"),
@@ -185,7 +202,7 @@ EVENTS = (
 
 
 class CommanderRecord(ctypes.Structure):
-    """72 bytes."""
+    """120 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -199,7 +216,17 @@ class CommanderRecord(ctypes.Structure):
         ("refused_session", ctypes.c_uint64),
         # Time until the robot is at the target of mode position, s; 0 in other modes.
         ("motion_left_s", ctypes.c_double),
-        # Why: one of `lease_refusal`.
+        # Trajectory that is buffered or followed, or 0.
+        ("trajectory", ctypes.c_uint64),
+        # Sequence of its session's newest piece that was judged, or 0.
+        ("piece", ctypes.c_uint64),
+        # Sequence of the piece that was refused last, or 0.
+        ("refused_piece", ctypes.c_uint64),
+        # Time since the trajectory began, s; 0 before.
+        ("trajectory_s", ctypes.c_double),
+        # Time until its last buffered point, s; 0 at rest there.
+        ("trajectory_left_s", ctypes.c_double),
+        # Why session `refused_session` was refused: one of `lease_refusal`.
         ("refused_reason", ctypes.c_uint32),
         # References refused since start.
         ("refused", ctypes.c_uint32),
@@ -213,8 +240,12 @@ class CommanderRecord(ctypes.Structure):
         ("not_followed", ctypes.c_uint32),
         # Number of the event that has caused it, or 0, e.g. for an operator's request.
         ("cause", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
+        # Why the piece `refused_piece` was refused: one of `piece_refusal`.
+        ("piece_refusal", ctypes.c_uint32),
+        # Pieces of trajectories refused since start.
+        ("pieces_refused", ctypes.c_uint32),
+        # Trajectories that ended in motion since start: no further piece had come.
+        ("trajectories_ended", ctypes.c_uint32),
     ]
 
 
@@ -463,7 +494,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """26472 bytes."""
+    """26536 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -500,7 +531,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 51),
+        ("events", ctypes.c_uint64 * 53),
     ]
 
 
@@ -531,7 +562,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """26544 bytes."""
+    """26608 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -595,7 +626,7 @@ class JointReference(ctypes.Structure):
 
 
 class Reference(ctypes.Structure):
-    """3520 bytes."""
+    """3528 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -607,6 +638,8 @@ class Reference(ctypes.Structure):
         ("sequence", ctypes.c_uint64),
         # Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts from it.
         ("sent_ns", ctypes.c_uint64),
+        # Trajectory whose points give `q_d dq_d ddq_d` of every cycle, or 0: those of this reference (mode inverse dynamics). It counts from the trajectory's first piece on.
+        ("trajectory", ctypes.c_uint64),
         # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position.
         ("mode", ctypes.c_uint32),
         # Joints in use; must equal the robot's.
@@ -630,8 +663,56 @@ class Reference(ctypes.Structure):
     ]
 
 
+class JointPoint(ctypes.Structure):
+    """24 bytes."""
+
+    __slots__ = ()
+    _fields_ = [
+        # q_d, rad.
+        ("q_d", ctypes.c_double),
+        # dq_d, rad/s.
+        ("dq_d", ctypes.c_double),
+        # ddq_d, rad/s².
+        ("ddq_d", ctypes.c_double),
+    ]
+
+
+class TrajectoryPoint(ctypes.Structure):
+    """1536 bytes."""
+
+    __slots__ = ()
+    _fields_ = [
+        # The joints, in config order.
+        ("joints", JointPoint * 64),
+    ]
+
+
+class TrajectoryPiece(ctypes.Structure):
+    """49200 bytes."""
+
+    __slots__ = ()
+    _fields_ = [
+        # Session of the commander.
+        ("session", ctypes.c_uint64),
+        # Number of the trajectory, of the client's choice, other than 0; references name it.
+        ("trajectory", ctypes.c_uint64),
+        # Count of the session's pieces, this one included: it must advance.
+        ("sequence", ctypes.c_uint64),
+        # Time of the first point since the trajectory's begin, ns. The trajectory begins in the cycle that first follows it; its first piece has 0 here.
+        ("begins_ns", ctypes.c_uint64),
+        # Time between two points, ns.
+        ("spacing_ns", ctypes.c_uint64),
+        # Joints in use; must equal the robot's.
+        ("joint_count", ctypes.c_uint32),
+        # Points in use, at least 2.
+        ("point_count", ctypes.c_uint32),
+        # The points.
+        ("points", TrajectoryPoint * 32),
+    ]
+
+
 class CommanderStatus(ctypes.Structure):
-    """88 bytes."""
+    """136 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -719,9 +800,10 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#569acf591d739222")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#e96b49c69e13c7b0")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#4e3dedf757f58dfe")
-CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#db0e2d65a307eda8")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#98d885875527a17e")
+TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")
+CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#ca593c6c51e26f62")
 Request.type_name = staticmethod(lambda: "torqued::Request#07278fa438ad059f")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

@@ -12,9 +12,11 @@ mod motor;
 mod point_to_point;
 pub mod predictive;
 mod torque_loop;
+mod trajectory;
 
 pub use gains::{EquivalentGains, JointGains};
 pub use inverse_dynamics::InverseDynamics;
 pub use motor::{MotorModel, smooth_sign};
 pub use point_to_point::{MotionLimits, PlannedMotion, PointToPoint};
 pub use torque_loop::TorqueLoop;
+pub use trajectory::{BufferedTrajectory, TrajectoryLimits, interpolate};

@@ -3,7 +3,7 @@
 //! Trajectory Generation with Arbitrary Target States, RSS 2021), planned by the library rsruckig.
 
 use rsruckig::error::{RuckigError, RuckigErrorHandler};
-use rsruckig::prelude::{InputParameter, Ruckig, RuckigResult, Trajectory};
+use rsruckig::prelude::{ControlInterface, InputParameter, Ruckig, RuckigResult, Trajectory};
 
 /// Limits of one joint's motion; all above zero and finite.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,6 +98,21 @@ impl PointToPoint {
     /// Plans the motion from the present state to `target`, rad, a target and its limits for each
     /// joint. False where there is none, as with a target that is not finite: the motion before goes on.
     pub fn go_to(&mut self, target: impl IntoIterator<Item = (f64, MotionLimits)>) -> bool {
+        self.plan(ControlInterface::Position, target)
+    }
+
+    /// Plans how every joint comes to rest, all at once, within its limits and wherever that is.
+    /// False where there is no such motion: the motion before goes on.
+    pub fn stop(&mut self, limits: impl IntoIterator<Item = MotionLimits>) -> bool {
+        let anywhere = limits.into_iter().map(|limits| (0.0, limits));
+        self.plan(ControlInterface::Velocity, anywhere)
+    }
+
+    fn plan(
+        &mut self,
+        interface: ControlInterface,
+        target: impl IntoIterator<Item = (f64, MotionLimits)>,
+    ) -> bool {
         let input = &mut self.input;
         for (j, (now, (target, limits))) in self.now.iter().zip(target).enumerate() {
             let numbers = [now.q, now.dq, now.ddq, target, limits.velocity];
@@ -113,13 +128,27 @@ impl PointToPoint {
             input.max_acceleration[j] = limits.acceleration;
             input.max_jerk[j] = limits.jerk;
         }
+        input.control_interface = interface;
         let result = self.planner.calculate(&self.input, &mut self.planned);
         let found = matches!(result, Ok(RuckigResult::Working | RuckigResult::Finished))
             && self.planned.duration.is_finite();
         if found {
             std::mem::swap(&mut self.planned, &mut self.followed);
-            for (j, target) in self.targets.iter_mut().enumerate() {
-                *target = self.input.target_position[j];
+            match interface {
+                ControlInterface::Position => {
+                    for (j, target) in self.targets.iter_mut().enumerate() {
+                        *target = self.input.target_position[j];
+                    }
+                }
+                _ => {
+                    let targets = &mut self.targets;
+                    let end = self.followed.duration;
+                    each_at(&self.followed, end, |joint, planned| {
+                        if let Some(target) = targets.get_mut(joint) {
+                            *target = planned.q;
+                        }
+                    });
+                }
             }
             self.time = Some(0.0);
         }
@@ -144,11 +173,9 @@ impl PointToPoint {
             self.time = None;
             return &self.now;
         }
-        let mut section = 0;
-        (self.followed).state_to_integrate_from(*time, &mut section, |joint, t, p, v, a, jerk| {
-            let (q, dq, ddq) = rsruckig::util::integrate(t, p, v, a, jerk);
+        each_at(&self.followed, *time, |joint, planned| {
             if let Some(now) = now.get_mut(joint) {
-                *now = PlannedMotion { q, dq, ddq };
+                *now = planned;
             }
         });
         &self.now
@@ -159,4 +186,17 @@ impl PointToPoint {
     pub fn left_s(&self) -> f64 {
         (self.time).map_or(0.0, |time| (self.followed.duration - time).max(0.0))
     }
+}
+
+/// Every joint at a time since the trajectory's begin, s.
+fn each_at(
+    trajectory: &Trajectory<AT_RUN_TIME>,
+    time: f64,
+    mut take: impl FnMut(usize, PlannedMotion),
+) {
+    let mut section = 0;
+    trajectory.state_to_integrate_from(time, &mut section, |joint, t, p, v, a, jerk| {
+        let (q, dq, ddq) = rsruckig::util::integrate(t, p, v, a, jerk);
+        take(joint, PlannedMotion { q, dq, ddq });
+    });
 }

@@ -2,7 +2,7 @@
 
 use crate::sampling::Sampling;
 use control::predictive::LawParameters;
-use control::{JointGains, MotionLimits, MotorModel};
+use control::{JointGains, MotionLimits, MotorModel, TrajectoryLimits};
 use core::fmt;
 use core::net::Ipv4Addr;
 use dynamics::Base;
@@ -307,7 +307,33 @@ impl Parameters {
     }
 }
 
+impl Parameters {
+    /// Limits of each joint on trajectories that clients send ahead.
+    pub fn trajectory_limits(&self) -> impl Iterator<Item = TrajectoryLimits> {
+        let joints = self.joints.iter().zip(self.motion_limits());
+        joints.map(|(joint, stop)| TrajectoryLimits {
+            position_min: joint.limits.position_min - BEYOND_LIMIT,
+            position_max: joint.limits.position_max + BEYOND_LIMIT,
+            velocity: joint.limits.velocity,
+            acceleration: joint.desired_acceleration(),
+            stop,
+        })
+    }
+}
+
+/// Desired positions may lie this far beyond a limit, rad: a joint may be held there by its load.
+pub const BEYOND_LIMIT: f64 = core::f64::consts::PI / 180.0;
+/// Greatest desired acceleration over the one that the torque limit gives the joint with the robot
+/// stretched out: folded, a limb has less than half of that inertia.
+const FOLDED: f64 = 2.0;
+
 impl JointParameters {
+    /// Greatest |ddq_d| of a reference, rad/s².
+    #[must_use]
+    pub fn desired_acceleration(&self) -> f64 {
+        FOLDED * self.acceleration()
+    }
+
     /// The drive takes positions, not currents.
     #[must_use]
     pub fn takes_position(&self) -> bool {

@@ -207,6 +207,8 @@ events! {
     CommanderRefused = 305, "commander_refused", Warn, "loop.reference_timeout_ms", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.";
     CommanderReplaced = 306, "commander_replaced", Release, "-", "A client of higher priority took the command over.";
     ReferenceLimit = 307, "reference_limit", Release, "joint.torque_limit_Nm / joint.velocity_limit_rad_per_s", "A client's reference asked for a value beyond what joint or sensor can have, or for a velocity that its positions do not make.";
+    TrajectoryEnded = 308, "trajectory_ended", Warn, "-", "A client's trajectory ended in motion, as no further piece of it had come; the joints were brought to rest.";
+    TrajectoryRefused = 309, "trajectory_refused", Warn, "joint.velocity_limit_rad_per_s / joint.torque_limit_Nm", "A piece of a client's trajectory was refused; what was buffered before stands.";
     PositionLimit = 401, "position_limit", Warn, "joint.position_min_deg / joint.position_max_deg", "A commanded position, or its lead over the measured position, was limited.";
     TorqueLimit = 402, "torque_limit", Warn, "joint.torque_limit_Nm", "A commanded torque or current was limited.";
     CommandNotFinite = 403, "command_not_finite", Hold, "-", "A computed command was NaN or infinite; the last command was kept.";

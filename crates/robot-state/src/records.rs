@@ -10,14 +10,16 @@ mod reference;
 mod wrench;
 
 pub use commanded::{CommandedRecord, JointCommanded, command_flags};
-pub use commander::{CommanderRecord, CommanderStatus, lease_refusal, not_followed};
+pub use commander::{CommanderRecord, CommanderStatus, lease_refusal, not_followed, piece_refusal};
 pub use cycle::{CycleRecord, LoopRecord, SharedRecord};
 pub use description::Description;
 pub use estimated::{
     EstimatedRecord, FtEstimated, JointEstimated, TorqueEstimate, torque_flags, torque_source,
 };
 pub use measured::{FtMeasured, ImuMeasured, JointMeasured, MeasuredRecord, measured_flags};
-pub use reference::{JointReference, Mode, Reference};
+pub use reference::{
+    JointPoint, JointReference, MAX_POINTS, Mode, Reference, TrajectoryPiece, TrajectoryPoint,
+};
 pub use wrench::Wrench;
 
 /// Joints a record can hold.
@@ -76,6 +78,7 @@ mod tests {
         assert_packed(&SharedRecord::SHAPE);
         assert_packed(&Description::SHAPE);
         assert_packed(&Reference::SHAPE);
+        assert_packed(&TrajectoryPiece::SHAPE);
         assert_packed(&CommanderStatus::SHAPE);
         assert_packed(&crate::Settings::SHAPE);
         assert_packed(&crate::Request::SHAPE);

@@ -140,12 +140,20 @@ pub(super) fn schedule_fifo(priority: u8) -> Measure {
     measure(format!("scheduler SCHED_FIFO {priority}"), true, outcome)
 }
 
+/// The library's priority, of 0 to 99, that is a nice value of 0: that of any program. Clients' references
+/// pass through such a thread; with the lowest one they were late on a busy machine by a tenth of a
+/// second.
+const NICE_0: u8 = 47;
+
 /// Leaves the real-time scheduler that the thread may have inherited.
 pub(crate) fn run_as_ordinary_thread() {
     let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
     let thread = thread_priority::thread_native_id();
-    // Giving priority up is always allowed.
-    let _ = thread_priority::set_thread_priority_and_policy(thread, ThreadPriority::Min, ordinary);
+    let priority = ThreadPriorityValue::try_from(NICE_0).map(ThreadPriority::Crossplatform);
+    // Without the right to a smaller nice value than the process has, the thread keeps that.
+    let _ = priority.map(|priority| {
+        thread_priority::set_thread_priority_and_policy(thread, priority, ordinary)
+    });
 }
 
 fn fifo_denial(priority: u8, error: &thread_priority::Error) -> (String, String) {
@@ -184,6 +192,30 @@ mod tests {
             let denied = schedule_fifo(priority).outcome.unwrap_err();
             assert!(denied.mend.contains("1 to 99"), "{denied:?}");
         }
+    }
+
+    /// Nice value of the calling thread.
+    fn nice() -> i32 {
+        let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
+        // The name may contain spaces.
+        let (_, after_name) = stat.rsplit_once(')').unwrap();
+        after_name
+            .split_whitespace()
+            .nth(16)
+            .unwrap()
+            .parse()
+            .unwrap()
+    }
+
+    #[test]
+    fn an_ordinary_thread_is_no_nicer_than_its_program() {
+        let own = nice();
+        let ordinary = std::thread::spawn(|| {
+            run_as_ordinary_thread();
+            nice()
+        });
+        let ordinary = ordinary.join().unwrap();
+        assert!(ordinary == 0 || ordinary == own, "{ordinary} {own}");
     }
 
     #[test]

@@ -124,8 +124,13 @@ impl Recorded<'_> {
             ..Description::default()
         };
         let location = &self.directory.location;
-        let clients =
-            shared_memory::start_at(location, &description, server, 0.04).expect("memory");
+        let clients = shared_memory::start_at(
+            location,
+            &description,
+            server,
+            supervisor::Commanders::new(0.04),
+        )
+        .expect("memory");
         let stop = Arc::new(AtomicBool::new(false));
         let mut looper = Looper::new(robot, control_loop, clients, &stop, None);
         let mut script = Script {

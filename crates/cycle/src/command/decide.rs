@@ -10,17 +10,16 @@
 //! *Degrade* makes the sources that an event speaks against unsound for as long as it lasts: a mode
 //! that needs one of them ends, and cannot be entered.
 
-use robot_config::{JointParameters, Robot};
+use robot_config::Robot;
 use robot_state::{
-    CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, JointMeasured,
-    MeasuredRecord, Mode, Reaction, Reactions, Reference, RobotState, Settings, measured_flags,
-    not_followed, source,
+    CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, MeasuredRecord, Mode,
+    Reaction, Reactions, Reference, RobotState, Settings, measured_flags, not_followed, source,
 };
 use supervisor::{
-    Drive, DriveGoal, DriveProfile, DriveTrouble, JointCondition, Limits, OperatorRequest,
-    RobotMachine, Safety,
+    Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, RobotMachine, Safety,
 };
 
+use super::emit::{has_brake, status};
 use super::reference::{Answer, Goal, ReferenceCheck, needs};
 use crate::events::{Counts, Subject, refusal_code};
 use crate::measure::Readiness;
@@ -80,7 +79,8 @@ pub(crate) struct Supervisor {
     released_by: u32,
     /// The lease, and what follows from it.
     commander: CommanderRecord,
-    last_sequence: Option<u64>,
+    /// Sequence of the message whose flaw was counted last.
+    flawed: Option<u64>,
     requests: u32,
     refusal: u32,
     acknowledged: bool,
@@ -117,7 +117,7 @@ impl Supervisor {
             released: false,
             released_by: 0,
             commander: CommanderRecord::default(),
-            last_sequence: None,
+            flawed: None,
             requests: 0,
             refusal: 0,
             acknowledged: false,
@@ -191,8 +191,13 @@ impl Supervisor {
     /// Counts refused references, and takes the robot from a commander that was replaced.
     fn follow_lease(&mut self, lease: &CommanderRecord, counts: &mut Counts) {
         let before = std::mem::replace(&mut self.commander, *lease);
-        let refused = lease.refused.wrapping_sub(before.refused);
-        counts.add_many(Event::CommanderRefused, u64::from(refused));
+        let since = |now: u32, before: u32| u64::from(now.wrapping_sub(before));
+        let refused = since(lease.refused, before.refused);
+        counts.add_many(Event::CommanderRefused, refused);
+        let refused = since(lease.pieces_refused, before.pieces_refused);
+        counts.add_many(Event::TrajectoryRefused, refused);
+        let ended = since(lease.trajectories_ended, before.trajectories_ended);
+        counts.add_many(Event::TrajectoryEnded, ended);
         if lease.replaced != before.replaced {
             self.report(Event::CommanderReplaced, None, counts);
         }
@@ -472,12 +477,13 @@ impl Supervisor {
             }
             return None;
         };
-        let is_new = self.last_sequence != Some(reference.sequence);
-        self.last_sequence = Some(reference.sequence);
-        match self.references.goal(reference) {
+        let goal = self.references.goal(reference);
+        let flawed = goal.is_err().then_some(reference.sequence);
+        let before = std::mem::replace(&mut self.flawed, flawed);
+        match goal {
             Ok(goal) => Some(goal),
             Err(flaw) => {
-                if is_new {
+                if before != flawed {
                     self.report(flaw, None, counts);
                 }
                 self.release(flaw.number());
@@ -485,16 +491,4 @@ impl Supervisor {
             }
         }
     }
-}
-
-/// A brake holds the joint, whose drive has no position loop, while its control words keep it off.
-fn has_brake(joint: &JointParameters) -> bool {
-    let brake = |profile: &DriveProfile| profile.brake && profile.control.is_some();
-    !joint.takes_position() && joint.drive_profile.as_ref().is_some_and(brake)
-}
-
-/// The drive's status word, if one arrived in this cycle.
-fn status(measured: &JointMeasured) -> Option<u32> {
-    let missed = measured_flags::NEVER | measured_flags::MISSED | measured_flags::STALE;
-    (measured.flags & missed == 0).then_some(measured.status)
 }

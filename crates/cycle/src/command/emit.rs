@@ -6,9 +6,9 @@
 //! measured last, if its drive is kept off by control words; else the message ends for all of them.
 
 use can_codec::{Frames, Table};
-use robot_config::{Robot, slots};
+use robot_config::{JointParameters, Robot, slots};
 use robot_state::{DriveState, Event, JointMeasured, MeasuredRecord, measured_flags};
-use supervisor::Drive;
+use supervisor::{Drive, DriveProfile};
 
 use super::{Command, Supervisor};
 use crate::events::Counts;
@@ -170,4 +170,16 @@ fn shared(table: &Table) -> Vec<Vec<usize>> {
     };
     let messages = (0..table.message_count()).map(joints);
     messages.filter(|joints| joints.len() > 1).collect()
+}
+
+/// A brake holds the joint, whose drive has no position loop, while its control words keep it off.
+pub(super) fn has_brake(joint: &JointParameters) -> bool {
+    let brake = |profile: &DriveProfile| profile.brake && profile.control.is_some();
+    !joint.takes_position() && joint.drive_profile.as_ref().is_some_and(brake)
+}
+
+/// The drive's status word, if one arrived in this cycle.
+pub(super) fn status(measured: &JointMeasured) -> Option<u32> {
+    let missed = measured_flags::NEVER | measured_flags::MISSED | measured_flags::STALE;
+    (measured.flags & missed == 0).then_some(measured.status)
 }

@@ -13,7 +13,7 @@
 //! has the last word on them, and lets them rise no faster than the torque's rate.
 
 use control::JointGains;
-use robot_config::{FtParameters, JointParameters, Robot};
+use robot_config::{BEYOND_LIMIT, FtParameters, JointParameters, Robot};
 use robot_state::{
     Event, JointMeasured, JointReference, MeasuredRecord, Mode, Reference, Wrench, source,
 };
@@ -29,16 +29,11 @@ const PACE: f64 = 1.5;
 /// Way that a desired position may make at once, rad, and as a share of the velocity limit the
 /// change that a desired velocity may.
 const SLACK: f64 = 0.02;
-/// Desired positions may lie this far beyond a limit, rad: a joint may be held there by its load.
-const BEYOND_LIMIT: f64 = core::f64::consts::PI / 180.0;
 /// For rounding of values that are meant to be the limit.
 const ROUNDING: f64 = 1.001;
 /// Desired torques up to this share of the limit are limited; greater ones are no torques of this
 /// joint, and refused.
 const OVERDRIVEN: f64 = 2.0;
-/// Greatest desired acceleration over the one that the torque limit gives the joint with the robot
-/// stretched out: folded, a limb has less than half of that inertia.
-const FOLDED: f64 = 2.0;
 /// Least speed of a motion to a target, as a share of the velocity limit.
 const SLOWEST: f64 = 1e-3;
 /// Time within which the way that `dq_d` is ahead of `q_d` is forgotten, s.
@@ -219,8 +214,9 @@ impl ReferenceCheck {
     }
 
     fn is_new(&self, goal: &Goal<'_>) -> bool {
-        let sequence = goal.reference().map(|reference| reference.sequence);
-        sequence != self.last.map(|(sequence, _)| sequence)
+        // A trajectory's reference is another one in every cycle, by its time alone.
+        let message = goal.reference().map(|r| (r.sequence, r.sent_ns));
+        message != self.last
     }
 
     /// Time between the last reference and this one, s: as the loop has seen it, or longer where the
@@ -240,7 +236,7 @@ impl Joint {
         Self {
             limits: joint.limits,
             gains: joint.gains,
-            acceleration: FOLDED * joint.acceleration(),
+            acceleration: joint.desired_acceleration(),
             q_d: 0.0,
             dq_d: 0.0,
             credit: 0.0,

@@ -34,6 +34,30 @@ pub mod not_followed {
     pub const NOT_POSSIBLE: u32 = 5;
 }
 
+/// Reasons for which a piece of a trajectory is refused; what was buffered before stands.
+pub mod piece_refusal {
+    /// Its session does not have the lease.
+    pub const SESSION: u32 = 1;
+    /// Joints, points or spacing are not those of a piece of this robot, or a number is not finite.
+    pub const INVALID: u32 = 2;
+    /// A point is beyond a joint's limits of position, velocity or acceleration, or cannot be reached
+    /// within them from the one before.
+    pub const LIMIT: u32 = 3;
+    /// Its sequence does not advance.
+    pub const NOT_ADVANCED: u32 = 4;
+    /// Its first point is not ahead of the present time, or the trajectory has ended.
+    pub const LATE: u32 = 5;
+    /// Its first point lies beyond the end of what is buffered.
+    pub const GAP: u32 = 6;
+    /// At its first point it is not where the buffered trajectory is: joining them would take too
+    /// much acceleration.
+    pub const APART: u32 = 7;
+    /// Its last point lies further ahead than a trajectory may be buffered.
+    pub const TOO_FAR: u32 = 8;
+    /// Another trajectory is being followed, and has not come to rest.
+    pub const BUSY: u32 = 9;
+}
+
 record! {
     /// The lease of the command. The loop decides on it; the cycle adds what it does with the
     /// commander's references.
@@ -48,7 +72,17 @@ record! {
         pub refused_session: u64,
         /// Time until the robot is at the target of mode position, s; 0 in other modes.
         pub motion_left_s: f64,
-        /// Why: one of `lease_refusal`.
+        /// Trajectory that is buffered or followed, or 0.
+        pub trajectory: u64,
+        /// Sequence of its session's newest piece that was judged, or 0.
+        pub piece: u64,
+        /// Sequence of the piece that was refused last, or 0.
+        pub refused_piece: u64,
+        /// Time since the trajectory began, s; 0 before.
+        pub trajectory_s: f64,
+        /// Time until its last buffered point, s; 0 at rest there.
+        pub trajectory_left_s: f64,
+        /// Why session `refused_session` was refused: one of `lease_refusal`.
         pub refused_reason: u32,
         /// References refused since start.
         pub refused: u32,
@@ -62,8 +96,12 @@ record! {
         pub not_followed: u32,
         /// Number of the event that has caused it, or 0, e.g. for an operator's request.
         pub cause: u32,
-        /// Fills the record to a multiple of eight bytes.
-        pub reserved: u32,
+        /// Why the piece `refused_piece` was refused: one of `piece_refusal`.
+        pub piece_refusal: u32,
+        /// Pieces of trajectories refused since start.
+        pub pieces_refused: u32,
+        /// Trajectories that ended in motion since start: no further piece had come.
+        pub trajectories_ended: u32,
     }
 }
 

@@ -3,6 +3,9 @@
 use super::{MAX_FT_SENSORS, MAX_JOINTS, Wrench};
 use crate::layout::record;
 
+/// Most points of a piece of a trajectory.
+pub const MAX_POINTS: usize = 32;
+
 /// A mode of the robot. Records carry its number.
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -87,6 +90,9 @@ record! {
         /// Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts
         /// from it.
         pub sent_ns: u64,
+        /// Trajectory whose points give `q_d dq_d ddq_d` of every cycle, or 0: those of this reference
+        /// (mode inverse dynamics). It counts from the trajectory's first piece on.
+        pub trajectory: u64,
         /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position.
         pub mode: u32,
         /// Joints in use; must equal the robot's.
@@ -109,5 +115,50 @@ record! {
         /// f_d: desired wrench of the environment on each end-effector, at the frame of its F/T
         /// sensor, in config order (mode inverse dynamics).
         pub contact_wrench: [Wrench; MAX_FT_SENSORS],
+    }
+}
+
+record! {
+    /// One joint at one point of a trajectory.
+    pub struct JointPoint {
+        /// q_d, rad.
+        pub q_d: f64,
+        /// dq_d, rad/s.
+        pub dq_d: f64,
+        /// ddq_d, rad/s².
+        pub ddq_d: f64,
+    }
+}
+
+record! {
+    /// All joints at one point of a trajectory.
+    pub struct TrajectoryPoint {
+        /// The joints, in config order.
+        pub joints: [JointPoint; MAX_JOINTS],
+    }
+}
+
+record! {
+    /// A piece of a trajectory, sent ahead. The loop interpolates between its points in every cycle,
+    /// exact at the points and continuous up to the acceleration. It replaces what was buffered
+    /// after its first point, and must agree with it there.
+    pub struct TrajectoryPiece {
+        /// Session of the commander.
+        pub session: u64,
+        /// Number of the trajectory, of the client's choice, other than 0; references name it.
+        pub trajectory: u64,
+        /// Count of the session's pieces, this one included: it must advance.
+        pub sequence: u64,
+        /// Time of the first point since the trajectory's begin, ns. The trajectory begins in the
+        /// cycle that first follows it; its first piece has 0 here.
+        pub begins_ns: u64,
+        /// Time between two points, ns.
+        pub spacing_ns: u64,
+        /// Joints in use; must equal the robot's.
+        pub joint_count: u32,
+        /// Points in use, at least 2.
+        pub point_count: u32,
+        /// The points.
+        pub points: [TrajectoryPoint; MAX_POINTS],
     }
 }

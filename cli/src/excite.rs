@@ -1,0 +1,349 @@
+//! `torquectl excite`: planned motions that show a robot's constants, checked as a whole before the
+//! first of them, and recorded.
+//!
+//! For other commands: [`prepare`] plans and checks, [`run`] moves the robot.
+
+mod checks;
+mod hulls;
+mod motion;
+mod multisine;
+mod plan;
+mod report;
+mod rigid;
+
+use crate::motion::{Target, bar, by_joint, catch_signals, target};
+use crate::output::{finish_or_refuse, read_input};
+use crate::record::Recording;
+use crate::requests::{Failure, PATIENCE, connect, end};
+use checks::Needs;
+use hulls::Hulls;
+use motion::{Motion, SPACING_S};
+pub(crate) use plan::Part;
+use plan::{PlanFile, SelfDistance};
+use problem::{Problem, Problems};
+use robot_config::Robot;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use torqued_client::{Client, Commander, Timing};
+
+/// Period at which a recording is asked after.
+const ASK: Duration = Duration::from_secs(1);
+
+const HELP: &str = "\
+The whole plan is checked before the robot moves: position, velocity, acceleration, torque (inverse
+dynamics with the base held where it is), lead of the set-points, and the robot's distance to itself.
+The robot goes to the plan's pose, follows the plan from points that are sent ahead, and holds in the
+end. Ctrl-C brings it to rest. docs/excitation.md describes plans.
+
+Examples:
+  torquectl excite config/leg/excite.toml --dry-run
+  torquectl excite config/leg/excite.toml --dry-run --from knee=20 --plot plan.svg
+  torquectl excite config/leg/excite.toml --record run.mcap
+  torquectl excite config/humanoid/excite-arms.toml --robot humanoid --record arms.mcap --json
+
+Exit codes:
+  0  done: followed to its end, or planned
+  1  stopped on its way; torqued could not be reached, or did not follow
+  2  bad input: arguments, plan or configuration, or a plan that the robot must not follow";
+
+/// Move a robot as planned, so that its constants show, and record it.
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub(crate) struct ExciteArguments {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+    /// The robot's name; optional if only one robot runs
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// Move nothing: plan and check
+    #[arg(long, conflicts_with_all = ["robot", "record"])]
+    dry_run: bool,
+    /// Where joints are that the plan does not place, in degrees [default: 0, or the nearest limit]
+    #[arg(long, value_name = "JOINT=DEGREES", requires = "dry_run", value_parser = target, num_args = 1..)]
+    from: Vec<Target>,
+    /// Draw the plan: positions, velocities and torques
+    #[arg(long, visible_alias = "preview", value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Let the daemon record it
+    #[arg(long, value_name = "RUN.mcap")]
+    record: Option<PathBuf>,
+    /// Replace the recording if it is there
+    #[arg(long, requires = "record")]
+    force: bool,
+    /// Do not check the robot's distance to itself
+    #[arg(long)]
+    no_self_distance: bool,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+/// A plan that the robot may follow.
+pub(crate) struct Prepared {
+    /// The robot's configuration.
+    pub(crate) robot: Robot,
+    /// Where the motion begins, rad, in config order.
+    pub(crate) pose: Vec<f64>,
+    /// The motion.
+    pub(crate) motion: Motion,
+    /// What it needs.
+    pub(crate) needs: Needs,
+}
+
+/// Whether and how the robot's distance to itself is checked.
+pub(crate) enum SelfCheck<'a> {
+    /// By the URDF's collision geometry, or radii that the plan gives.
+    Done(Option<&'a SelfDistance>),
+    /// Not at all.
+    LeftOut,
+}
+
+pub(crate) fn run(arguments: &ExciteArguments) -> ExitCode {
+    match arguments.dry_run {
+        true => finish_or_refuse(dry_run(arguments)),
+        false => match moved(arguments) {
+            Ok(result) => end(result),
+            Err(problems) => finish_or_refuse(Err(problems)),
+        },
+    }
+}
+
+/// Plans parts about `pose` (rad, config order) and checks them, with the way from `here` to it.
+///
+/// # Errors
+/// Every reason for which the robot must not follow the plan.
+pub(crate) fn prepare(
+    robot: Robot,
+    parts: &[Part],
+    here: &[f64],
+    pose: Vec<f64>,
+    self_check: &SelfCheck<'_>,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Prepared, Problems> {
+    let motion = motion::plan(&robot, parts, &pose, progress)?;
+    progress("checking");
+    let hulls = match self_check {
+        SelfCheck::LeftOut => None,
+        SelfCheck::Done(given) => {
+            let urdf = read_input(Path::new(&robot.parameters.urdf_path))?;
+            Some(Hulls::new(&robot, &urdf, *given)?)
+        }
+    };
+    let approach = motion::approach(&robot, here, &pose)?;
+    checks::check(&robot, &approach, hulls.as_ref())?;
+    let needs = checks::check(&robot, &motion, hulls.as_ref())?;
+    Ok(Prepared {
+        robot,
+        pose,
+        motion,
+        needs,
+    })
+}
+
+/// Moves the robot to the plan's pose and along the plan, recorded where `record` names a file and
+/// whether it may be replaced; it holds in the end. Ends early, at rest, once `stop` is set: `false`
+/// then. Gives the daemon's last words on the recording too.
+///
+/// # Errors
+/// As [`Commander::follow`].
+pub(crate) fn follow(
+    client: &mut Client,
+    prepared: &Prepared,
+    record: Option<(&Path, bool)>,
+    stop: &AtomicBool,
+) -> Result<(bool, Option<String>), Failure> {
+    let mut commander = Commander::connect(client)?;
+    commander.hold_until_ready(PATIENCE)?;
+    let bar = bar();
+    let duration = prepared.motion.duration();
+    bar.set_length((1e3 * duration) as u64);
+    bar.set_message("to the plan's pose");
+    let arrived = commander.go_to(
+        |reference| {
+            for (joint, q) in reference.joints.iter_mut().zip(&prepared.pose) {
+                joint.q_d = *q;
+            }
+        },
+        |_| !stop.load(Ordering::Relaxed),
+    )?;
+    if !arrived {
+        bar.finish_and_clear();
+        return Ok((false, None));
+    }
+    // It begins with the first rest, while another thread renews the lease: a request takes its time.
+    let (mut recording, mut refused) = (None, None);
+    let timing = Timing {
+        duration: Duration::from_secs_f64(duration),
+        spacing: Duration::from_secs_f64(SPACING_S),
+    };
+    let mut asked = Instant::now();
+    let mut lost = None;
+    let followed = commander.follow(
+        timing,
+        |t, joints| {
+            for (joint, planned) in joints.iter_mut().zip(prepared.motion.at(t)) {
+                (joint.q_d, joint.dq_d, joint.ddq_d) = (planned.q, planned.dq, planned.ddq);
+            }
+        },
+        |progress| {
+            let time = progress.time.as_secs_f64();
+            bar.set_position((1e3 * time) as u64);
+            let title = prepared.motion.title((time / SPACING_S) as usize);
+            bar.set_message(format!("{time:.0} of {duration:.0} s, {title}"));
+            if let (Some((path, force)), None) = (record, &recording) {
+                match Recording::begin(client, path, None, 0.0, force) {
+                    Ok(begun) => recording = Some(begun),
+                    Err(failure) => refused = Some(failure),
+                }
+            }
+            // A recording that is not asked after ends; one that has ended is of no use.
+            if let (Some(recording), true) = (&recording, asked.elapsed() > ASK) {
+                asked = Instant::now();
+                lost = match recording.state(client) {
+                    Ok(answer) if answer.progress < 1.0 => None,
+                    Ok(answer) => Some(answer.text.to_string()),
+                    Err(error) => Some(error.to_string()),
+                };
+            }
+            let goes_on = lost.is_none() && refused.is_none();
+            goes_on && !stop.load(Ordering::Relaxed)
+        },
+    );
+    bar.finish_and_clear();
+    let closed = commander.close();
+    if let Some(failure) = refused {
+        return Err(failure);
+    }
+    if let Some(why) = lost {
+        let what = format!("the recording has ended: {why}; the robot was brought to rest");
+        return Err(Failure::Stopped(what));
+    }
+    let written = recording.map(|recording| recording.end(client)).transpose();
+    let followed = followed?;
+    closed?;
+    Ok((followed, written?))
+}
+
+/// The plan, and the robot that it is for.
+fn read(path: &Path) -> Result<(PlanFile, Robot), Problems> {
+    let text = read_input(path)?;
+    let name = path.display().to_string();
+    let plan = PlanFile::parse(&text, &name)?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let config = folder.join(&plan.config).display().to_string();
+    let robot = robot_config::load(&config, &|path: &str| std::fs::read_to_string(path))?;
+    plan.check(&robot, &text, &name)?;
+    Ok((plan, robot))
+}
+
+/// Where the plan begins: its pose, other joints as they are.
+fn start(plan: &PlanFile, robot: &Robot, here: &[f64]) -> Vec<f64> {
+    let joints = robot.parameters.joints.iter().zip(here);
+    let place = joints.map(|(joint, here)| {
+        let angle = plan.pose.get(&joint.name);
+        angle.map_or(*here, |angle| angle.to_radians())
+    });
+    place.collect()
+}
+
+fn self_check<'a>(arguments: &ExciteArguments, plan: &'a PlanFile) -> SelfCheck<'a> {
+    match arguments.no_self_distance {
+        true => SelfCheck::LeftOut,
+        false => SelfCheck::Done(plan.self_distance.as_ref()),
+    }
+}
+
+fn prepared(
+    arguments: &ExciteArguments,
+    plan: &PlanFile,
+    robot: Robot,
+    here: &[f64],
+) -> Result<Prepared, Problems> {
+    let parts: Vec<Part> = plan
+        .parts
+        .iter()
+        .map(|part| part.get_ref().clone())
+        .collect();
+    let pose = start(plan, &robot, here);
+    let check = self_check(arguments, plan);
+    let bar = crate::motion::spinner();
+    let prepared = prepare(robot, &parts, here, pose, &check, &mut |text| {
+        bar.set_message(text.to_owned());
+    });
+    bar.finish_and_clear();
+    let prepared = prepared?;
+    if let Some(path) = &arguments.plot {
+        report::figure(&prepared).write(path)?;
+    }
+    Ok(prepared)
+}
+
+fn dry_run(arguments: &ExciteArguments) -> Result<String, Problems> {
+    let (plan, robot) = read(&arguments.plan)?;
+    let joints = &robot.parameters.joints;
+    let names: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
+    let from = by_joint(&names, &arguments.from)?;
+    let here: Vec<f64> = (from.iter().zip(joints).zip(&names))
+        .map(|((from, joint), name)| {
+            let limits = &joint.limits;
+            let nearest = 0.0f64.clamp(limits.position_min, limits.position_max);
+            let planned = plan.pose.get(*name).map(|angle| angle.to_radians());
+            from.or(planned).unwrap_or(nearest)
+        })
+        .collect();
+    let prepared = prepared(arguments, &plan, robot, &here)?;
+    Ok(report::text(
+        &prepared,
+        arguments.no_self_distance,
+        arguments.json,
+        None,
+    ))
+}
+
+fn moved(arguments: &ExciteArguments) -> Result<Result<String, Failure>, Problems> {
+    let (plan, robot) = read(&arguments.plan)?;
+    let stop = catch_signals()?;
+    let mut client = match connect(arguments.robot.as_ref()) {
+        Ok(client) => client,
+        Err(error) => return Ok(Err(error.into())),
+    };
+    if client.robot() != robot.parameters.name {
+        let what = format!("the plan is for robot {:?}", robot.parameters.name);
+        return Err(Problem::new(what, client.robot())
+            .at(arguments.plan.display().to_string(), 0)
+            .into());
+    }
+    let here = match client.next_record(PATIENCE) {
+        Ok(record) => {
+            let joints = record.cycle.measured.joints.iter();
+            let here = joints
+                .take(robot.parameters.joints.len())
+                .map(|joint| joint.q);
+            here.collect::<Vec<_>>()
+        }
+        Err(error) => return Ok(Err(error.into())),
+    };
+    let prepared = prepared(arguments, &plan, robot, &here)?;
+    let record = arguments
+        .record
+        .as_deref()
+        .map(|path| (path, arguments.force));
+    let followed = follow(&mut client, &prepared, record, &stop);
+    Ok(followed.and_then(|(done, recording)| {
+        let text = report::text(
+            &prepared,
+            arguments.no_self_distance,
+            arguments.json,
+            Some((done, recording.as_deref())),
+        );
+        match done {
+            true => Ok(text),
+            false => Err(Failure::Stopped(format!(
+                "{text}stopped on its way; the robot holds"
+            ))),
+        }
+    }))
+}

@@ -1,0 +1,234 @@
+//! Whether a robot may follow a planned motion: every point against the joints' limits, the torque of
+//! inverse dynamics, the lead of the set-points, and the robot's own bodies.
+
+use super::hulls::Hulls;
+use super::motion::{Motion, SPACING_S};
+use super::rigid::Rigid;
+use problem::{Problem, Problems};
+use robot_config::{JointParameters, Robot};
+use supervisor::{Actuation, Limits};
+
+/// Greatest share of the limits of velocity, torque, power and lead that a plan may take: the rest is
+/// for the loop's feedback.
+const SHARE: f64 = 0.9;
+/// A plan stays this far from the position limits, rad.
+const MARGIN: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// Most problems that are listed.
+const LISTED: usize = 12;
+
+/// What a joint is asked for at most, as shares of its limits, and where it goes, rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Need {
+    pub(crate) least: f64,
+    pub(crate) most: f64,
+    pub(crate) velocity: f64,
+    pub(crate) acceleration: f64,
+    pub(crate) torque: f64,
+    pub(crate) lead: f64,
+}
+
+/// The self-distance of a motion.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Distance {
+    /// Least distance, m, and what is allowed there: less for bodies that were closer at the start.
+    pub(crate) least_m: f64,
+    pub(crate) allowed_m: f64,
+    /// Between these bodies.
+    pub(crate) between: (String, String),
+    /// At this time, s.
+    pub(crate) time_s: f64,
+}
+
+/// What a motion needs.
+#[derive(Debug, Clone)]
+pub(crate) struct Needs {
+    pub(crate) joints: Vec<Need>,
+    /// None: it was not checked.
+    pub(crate) distance: Option<Distance>,
+    /// Pairs of bodies that were not compared, as they touch where the motion begins.
+    pub(crate) touching: Vec<(String, String)>,
+    /// Bodies whose distance was not checked, as they have no geometry.
+    pub(crate) without: Vec<String>,
+}
+
+/// Checks a motion; `hulls`: none leaves the self-distance out.
+///
+/// # Errors
+/// Every kind of violation of each joint, where it is worst, with what is allowed.
+pub(crate) fn check(
+    robot: &Robot,
+    motion: &Motion,
+    hulls: Option<&Hulls>,
+) -> Result<Needs, Problems> {
+    let joints = &robot.parameters.joints;
+    let mut rigid = Rigid::new(robot);
+    let mut worst: Vec<[Worst; 6]> = vec![Default::default(); joints.len()];
+    let mut needs: Vec<Need> = vec![NOTHING; joints.len()];
+    // A joint that stands near its limit may stay there.
+    let ranges: Vec<(f64, f64)> = (joints.iter().zip(motion.point(0)))
+        .map(|(joint, start)| {
+            let Limits {
+                position_min,
+                position_max,
+                ..
+            } = joint.limits;
+            (
+                (position_min + MARGIN).min(start.q),
+                (position_max - MARGIN).max(start.q),
+            )
+        })
+        .collect();
+    for index in 0..motion.len() {
+        let point = motion.point(index);
+        rigid.set(point);
+        let torques = rigid.torques().to_vec();
+        for (j, (joint, at)) in joints.iter().zip(point).enumerate() {
+            let rotor = rigid.rotor(j) * at.ddq;
+            let torque = torques[j].abs().max((torques[j] + rotor).abs());
+            let limits = &joint.limits;
+            let outside = (ranges[j].0 - at.q).max(at.q - ranges[j].1);
+            let shares = [
+                outside,
+                at.dq.abs() / limits.velocity,
+                at.ddq.abs() / joint.desired_acceleration(),
+                torque / limits.torque,
+                lead(joint, torques[j]),
+                torques[j] * at.dq / limits.power,
+            ];
+            let need = &mut needs[j];
+            (need.least, need.most) = (need.least.min(at.q), need.most.max(at.q));
+            need.velocity = need.velocity.max(shares[1]);
+            need.acceleration = need.acceleration.max(shares[2]);
+            need.torque = need.torque.max(shares[3]);
+            need.lead = need.lead.max(shares[4]);
+            for (worst, share) in worst[j].iter_mut().zip(shares) {
+                worst.take(share, index);
+            }
+        }
+    }
+    let mut problems = Vec::new();
+    for ((joint, worst), need) in joints.iter().zip(&worst).zip(&needs) {
+        problems.extend(refusals(joint, worst, need, motion));
+    }
+    let mut found = Needs {
+        joints: needs,
+        distance: None,
+        touching: Vec::new(),
+        without: hulls.map_or_else(Vec::new, |hulls| hulls.without.clone()),
+    };
+    if let Some(hulls) = hulls {
+        let (distance, touching) = hulls.least(&mut rigid, motion);
+        if let Some(distance) = distance.as_ref().filter(|d| d.least_m < d.allowed_m) {
+            let (a, b) = &distance.between;
+            problems.push(Problem::new(
+                format!(
+                    "{a} and {b} come within {:.0} mm of each other at {:.1} s, in {:?}",
+                    1e3 * distance.least_m,
+                    distance.time_s,
+                    motion.title((distance.time_s / SPACING_S).round() as usize)
+                ),
+                format!("at least {:.0} mm", 1e3 * distance.allowed_m),
+            ));
+        }
+        (found.distance, found.touching) = (distance, touching);
+    }
+    problems.truncate(LISTED);
+    match problems.is_empty() {
+        true => Ok(found),
+        false => Err(Problems(problems)),
+    }
+}
+
+const NOTHING: Need = Need {
+    least: f64::INFINITY,
+    most: f64::NEG_INFINITY,
+    velocity: 0.0,
+    acceleration: 0.0,
+    torque: 0.0,
+    lead: 0.0,
+};
+
+/// The greatest value so far, and its point.
+#[derive(Debug, Clone, Copy)]
+struct Worst {
+    value: f64,
+    index: usize,
+}
+
+impl Default for Worst {
+    fn default() -> Self {
+        Self {
+            value: f64::NEG_INFINITY,
+            index: 0,
+        }
+    }
+}
+
+impl Worst {
+    fn take(&mut self, value: f64, index: usize) {
+        // A number that is none is the worst.
+        if value > self.value || value.is_nan() {
+            *self = Self { value, index };
+        }
+    }
+}
+
+/// Lead of the set-point over the joint for a torque, as a share of the greatest one.
+fn lead(joint: &JointParameters, torque: f64) -> f64 {
+    match joint.actuation {
+        Actuation::Position { k_tau, .. } => k_tau * torque.abs() / joint.limits.lead,
+        Actuation::Current { k_1, current, .. } => torque.abs() / (k_1 * current),
+    }
+}
+
+/// Also true of a value that is no number.
+fn exceeds(value: f64, most: f64) -> bool {
+    value > most || value.is_nan()
+}
+
+fn refusals(
+    joint: &JointParameters,
+    worst: &[Worst; 6],
+    need: &Need,
+    motion: &Motion,
+) -> Vec<Problem> {
+    let name = &joint.name;
+    let limits = &joint.limits;
+    let place = |worst: &Worst| {
+        let time = worst.index as f64 * SPACING_S;
+        format!("at {time:.1} s, in {:?}", motion.title(worst.index))
+    };
+    let mut problems = Vec::new();
+    if exceeds(worst[0].value, 1e-9) {
+        let (low, high) = (limits.position_min + MARGIN, limits.position_max - MARGIN);
+        problems.push(Problem::new(
+            format!(
+                "joint {name:?} goes from {:.1} to {:.1} deg, {}",
+                need.least.to_degrees(),
+                need.most.to_degrees(),
+                place(&worst[0])
+            ),
+            format!("{:.1} to {:.1} deg", low.to_degrees(), high.to_degrees()),
+        ));
+    }
+    let shares = [
+        ("a velocity", limits.velocity.to_degrees(), "deg/s"),
+        ("an acceleration", joint.desired_acceleration(), "rad/s²"),
+        ("a torque", limits.torque, "N·m"),
+        ("a lead", 1.0, "of its limit"),
+        ("a power", limits.power, "W"),
+    ];
+    for (worst, (what, limit, unit)) in worst[1..].iter().zip(shares) {
+        if exceeds(worst.value, SHARE) {
+            problems.push(Problem::new(
+                format!(
+                    "joint {name:?} needs {what} of {:.3} {unit} {}",
+                    worst.value * limit,
+                    place(worst)
+                ),
+                format!("at most {:.3} {unit}", SHARE * limit),
+            ));
+        }
+    }
+    problems
+}

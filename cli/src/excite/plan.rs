@@ -1,0 +1,377 @@
+//! The plan's file: TOML.
+
+use problem::{Problem, Problems, line_at, listed};
+use robot_config::Robot;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use toml::Spanned;
+
+/// Angles by joint, in degrees.
+pub(crate) type Angles = BTreeMap<String, f64>;
+
+/// A plan as written.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PlanFile {
+    /// The robot's configuration, relative to the plan.
+    pub(crate) config: String,
+    /// Where joints are before, between and after the parts, degrees; others stay.
+    #[serde(default)]
+    pub(crate) pose: Angles,
+    /// Hulls for the self-distance, where the URDF has none.
+    #[serde(default)]
+    pub(crate) self_distance: Option<SelfDistance>,
+    /// The parts, one after the other.
+    #[serde(default, rename = "part")]
+    pub(crate) parts: Vec<Spanned<Part>>,
+}
+
+/// Hulls for the self-distance.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SelfDistance {
+    /// Radius of the capsules from joint to joint, for a robot whose URDF has no collision geometry, m.
+    #[serde(default)]
+    pub(crate) radius_m: Option<f64>,
+    /// The same for the bodies beyond single joints, m.
+    #[serde(default)]
+    pub(crate) radii_m: BTreeMap<String, f64>,
+    /// Least distance, m.
+    #[serde(default = "clearance")]
+    pub(crate) least_m: f64,
+}
+
+fn clearance() -> f64 {
+    0.02
+}
+
+/// Kind of a part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Kind {
+    /// Both ways at one slow speed.
+    Sweep,
+    /// A sinusoid that grows from nothing (D 3.4.2).
+    GrowingSine,
+    /// A sinusoid whose frequency rises.
+    Chirp,
+    /// A sum of sinusoids of several joints, chosen for inertial parameters.
+    Multisine,
+    /// Poses at rest.
+    Poses,
+}
+
+/// What stays the same as a chirp's frequency rises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Constant {
+    /// The amplitude of the position.
+    Position,
+    /// That of the velocity.
+    #[default]
+    Velocity,
+    /// That of the acceleration.
+    Acceleration,
+}
+
+/// One part of a plan: what its kind needs.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Part {
+    pub(crate) kind: Kind,
+    /// A name for reports.
+    #[serde(default)]
+    pub(crate) name: Option<String>,
+    #[serde(default)]
+    pub(crate) joints: Vec<String>,
+    /// All joints at the same time, not one after the other.
+    #[serde(default)]
+    pub(crate) together: bool,
+    /// Where joints are during this part, degrees, beside the plan's pose.
+    #[serde(default)]
+    pub(crate) pose: Angles,
+    #[serde(default)]
+    pub(crate) from_deg: Option<f64>,
+    #[serde(default)]
+    pub(crate) to_deg: Option<f64>,
+    #[serde(default)]
+    pub(crate) speed_deg_per_s: Option<f64>,
+    #[serde(default)]
+    pub(crate) times: Option<u32>,
+    #[serde(default)]
+    pub(crate) amplitude_deg: Option<f64>,
+    #[serde(default)]
+    pub(crate) frequency_hz: Option<f64>,
+    #[serde(default)]
+    pub(crate) from_hz: Option<f64>,
+    #[serde(default)]
+    pub(crate) to_hz: Option<f64>,
+    #[serde(default)]
+    pub(crate) duration_s: Option<f64>,
+    #[serde(default)]
+    pub(crate) constant: Option<Constant>,
+    #[serde(default)]
+    pub(crate) harmonics: Option<u32>,
+    #[serde(default)]
+    pub(crate) seed: Option<u64>,
+    #[serde(default)]
+    pub(crate) tries: Option<u32>,
+    #[serde(default)]
+    pub(crate) position_per_cent: Option<f64>,
+    #[serde(default)]
+    pub(crate) velocity_per_cent: Option<f64>,
+    #[serde(default)]
+    pub(crate) torque_per_cent: Option<f64>,
+    #[serde(default)]
+    pub(crate) poses: Vec<Angles>,
+    #[serde(default)]
+    pub(crate) hold_s: Option<f64>,
+}
+
+impl Part {
+    #[allow(dead_code, reason = "for the identification of drives")]
+    /// A chirp of one joint about the plan's pose: amplitude at `from_hz`, degrees.
+    pub(crate) fn chirp(joint: &str, amplitude_deg: f64, hz: (f64, f64), duration_s: f64) -> Self {
+        Self {
+            amplitude_deg: Some(amplitude_deg),
+            from_hz: Some(hz.0),
+            to_hz: Some(hz.1),
+            duration_s: Some(duration_s),
+            ..Self::of(Kind::Chirp, vec![joint.to_owned()])
+        }
+    }
+
+    /// A part without any number yet.
+    pub(crate) fn of(kind: Kind, joints: Vec<String>) -> Self {
+        Self {
+            kind,
+            name: None,
+            joints,
+            together: false,
+            pose: Angles::new(),
+            from_deg: None,
+            to_deg: None,
+            speed_deg_per_s: None,
+            times: None,
+            amplitude_deg: None,
+            frequency_hz: None,
+            from_hz: None,
+            to_hz: None,
+            duration_s: None,
+            constant: None,
+            harmonics: None,
+            seed: None,
+            tries: None,
+            position_per_cent: None,
+            velocity_per_cent: None,
+            torque_per_cent: None,
+            poses: Vec::new(),
+            hold_s: None,
+        }
+    }
+
+    /// Its name, or its kind.
+    pub(crate) fn title(&self) -> String {
+        let kind = match self.kind {
+            Kind::Sweep => "sweep",
+            Kind::GrowingSine => "growing_sine",
+            Kind::Chirp => "chirp",
+            Kind::Multisine => "multisine",
+            Kind::Poses => "poses",
+        };
+        self.name.clone().unwrap_or_else(|| kind.to_owned())
+    }
+
+    /// Keys with numbers that this part gives.
+    fn given(&self) -> Vec<(&'static str, f64)> {
+        let keys = [
+            ("from_deg", self.from_deg),
+            ("to_deg", self.to_deg),
+            ("speed_deg_per_s", self.speed_deg_per_s),
+            ("times", self.times.map(f64::from)),
+            ("amplitude_deg", self.amplitude_deg),
+            ("frequency_hz", self.frequency_hz),
+            ("from_hz", self.from_hz),
+            ("to_hz", self.to_hz),
+            ("duration_s", self.duration_s),
+            ("harmonics", self.harmonics.map(f64::from)),
+            ("seed", self.seed.map(|seed| seed as f64)),
+            ("tries", self.tries.map(f64::from)),
+            ("position_per_cent", self.position_per_cent),
+            ("velocity_per_cent", self.velocity_per_cent),
+            ("torque_per_cent", self.torque_per_cent),
+            ("hold_s", self.hold_s),
+        ];
+        let given = |(key, value): (_, Option<f64>)| value.map(|value| (key, value));
+        keys.into_iter().filter_map(given).collect()
+    }
+
+    /// Keys that a part of this kind needs, and those that it may have.
+    fn keys(&self) -> (&'static [&'static str], &'static [&'static str]) {
+        match self.kind {
+            Kind::Sweep => (&["speed_deg_per_s"], &["from_deg", "to_deg", "times"]),
+            Kind::GrowingSine => (&["amplitude_deg", "frequency_hz", "duration_s"], &[]),
+            Kind::Chirp => (&["amplitude_deg", "from_hz", "to_hz", "duration_s"], &[]),
+            Kind::Multisine => (
+                &["frequency_hz", "harmonics"],
+                &[
+                    "times",
+                    "seed",
+                    "tries",
+                    "position_per_cent",
+                    "velocity_per_cent",
+                    "torque_per_cent",
+                ],
+            ),
+            Kind::Poses => (&["hold_s"], &[]),
+        }
+    }
+
+    /// Refuses numbers that are missing, of another kind, or out of range.
+    fn check(&self, names: &[&str]) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let mut refuse = |what: String, allowed: String| problems.push(Problem::new(what, allowed));
+        let (needed, possible) = self.keys();
+        let title = self.title();
+        let given = self.given();
+        for key in needed {
+            if !given.iter().any(|(own, _)| own == key) {
+                refuse(format!("part {title:?} has no {key}"), (*key).to_owned());
+            }
+        }
+        for (key, value) in &given {
+            if !needed.contains(key) && !possible.contains(key) {
+                let all = needed.iter().chain(possible).copied();
+                refuse(format!("{key} is not of a part of this kind"), listed(all));
+                continue;
+            }
+            let (least, most) = range(key);
+            if !(least..=most).contains(value) {
+                refuse(format!("{key} = {value}"), format!("{least} to {most}"));
+            }
+        }
+        if self.constant.is_some() && self.kind != Kind::Chirp {
+            refuse(
+                "constant is not of a part of this kind".to_owned(),
+                "a chirp".to_owned(),
+            );
+        }
+        let (poses, moves) = (self.kind == Kind::Poses, !self.joints.is_empty());
+        if poses == moves {
+            let allowed = "joints, except in a part of poses, which has poses";
+            refuse(format!("part {title:?}: joints"), allowed.to_owned());
+        }
+        if poses == self.poses.is_empty() {
+            refuse(
+                format!("part {title:?}: poses"),
+                "a list of poses in a part of kind poses, and in no other".to_owned(),
+            );
+        }
+        let named = (self.joints.iter()).chain(
+            self.pose
+                .keys()
+                .chain(self.poses.iter().flat_map(|p| p.keys())),
+        );
+        for joint in named {
+            if !names.contains(&joint.as_str()) {
+                let what = format!("the robot has no joint {joint:?}");
+                refuse(what, listed(names.iter().copied()));
+            }
+        }
+        let angles = self.pose.iter().chain(self.poses.iter().flatten());
+        problems.extend(angles.filter_map(beyond));
+        problems
+    }
+}
+
+/// An angle that is none of a joint.
+fn beyond((joint, angle): (&String, &f64)) -> Option<Problem> {
+    let (least, most) = range("from_deg");
+    let allowed = || format!("{least} to {most}");
+    let is_one = (least..=most).contains(angle);
+    (!is_one).then(|| Problem::new(format!("{joint} = {angle}"), allowed()))
+}
+
+/// Least and greatest value of a key.
+fn range(key: &str) -> (f64, f64) {
+    match key {
+        "from_deg" | "to_deg" => (-720.0, 720.0),
+        "speed_deg_per_s" => (0.01, 1000.0),
+        "times" => (1.0, 1000.0),
+        "amplitude_deg" => (1e-3, 360.0),
+        "frequency_hz" | "from_hz" | "to_hz" => (1e-3, 50.0),
+        "duration_s" => (0.5, 3600.0),
+        "harmonics" => (1.0, 12.0),
+        "tries" => (0.0, 100_000.0),
+        "position_per_cent" | "velocity_per_cent" | "torque_per_cent" => (1.0, 90.0),
+        "hold_s" => (0.1, 600.0),
+        _ => (f64::NEG_INFINITY, f64::INFINITY),
+    }
+}
+
+impl PlanFile {
+    /// Reads a plan; `file`: its path, for messages.
+    ///
+    /// # Errors
+    /// A key or value that is not allowed, with file and line.
+    pub(crate) fn parse(text: &str, file: &str) -> Result<Self, Problem> {
+        toml::from_str(text).map_err(|e| {
+            let line = e.span().map_or(0, |span| line_at(text, span.start));
+            Problem::new(e.message(), "").at(file, line)
+        })
+    }
+
+    /// Refuses whatever the robot does not have, all at once.
+    ///
+    /// # Errors
+    /// Every problem, with file and line.
+    pub(crate) fn check(&self, robot: &Robot, text: &str, file: &str) -> Result<(), Problems> {
+        let joints = &robot.parameters.joints;
+        let names: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
+        let mut problems = Vec::new();
+        for joint in self
+            .pose
+            .keys()
+            .filter(|joint| !names.contains(&joint.as_str()))
+        {
+            let what = format!("pose: the robot has no joint {joint:?}");
+            problems.push(Problem::new(what, listed(names.iter().copied())).at(file, 0));
+        }
+        problems.extend(
+            self.pose
+                .iter()
+                .filter_map(beyond)
+                .map(|p| p.of("pose").at(file, 0)),
+        );
+        if self.parts.is_empty() {
+            problems.push(Problem::new("the plan has no parts", "[[part]]").at(file, 0));
+        }
+        for part in &self.parts {
+            let line = line_at(text, part.span().start);
+            let wrong = part.get_ref().check(&names).into_iter();
+            problems.extend(wrong.map(|problem| problem.at(file, line)));
+        }
+        if let Some(hulls) = &self.self_distance {
+            let radii = hulls.radii_m.values().chain(&hulls.radius_m);
+            if !radii
+                .chain([&hulls.least_m])
+                .all(|r| (1e-3..=2.0).contains(r))
+            {
+                let what = "self_distance: a radius or distance";
+                problems.push(Problem::new(what, "0.001 to 2 m").at(file, 0));
+            }
+            let strange = hulls
+                .radii_m
+                .keys()
+                .find(|name| !names.contains(&name.as_str()));
+            if let Some(name) = strange {
+                let what = format!("self_distance.radii_m: the robot has no joint {name:?}");
+                problems.push(Problem::new(what, listed(names.iter().copied())).at(file, 0));
+            }
+        }
+        match problems.is_empty() {
+            true => Ok(()),
+            false => Err(Problems(problems)),
+        }
+    }
+}

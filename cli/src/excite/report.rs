@@ -1,0 +1,192 @@
+//! What a plan needs, as text, JSON and picture.
+
+use super::Prepared;
+use super::motion::SPACING_S;
+use super::rigid::Rigid;
+use charts::{COLOURS, Figure, Line, Panel};
+use serde_json::json;
+use std::fmt::Write as _;
+use terminal::TextTable;
+
+/// Points of a curve at most; a picture shows no more.
+const POINTS: usize = 1500;
+
+/// What the plan needs, and whether it was followed to its end.
+pub(super) fn text(
+    prepared: &Prepared,
+    no_self_distance: bool,
+    as_json: bool,
+    followed: Option<(bool, Option<&str>)>,
+) -> String {
+    match as_json {
+        true => format!("{:#}\n", as_value(prepared, followed)),
+        false => as_text(prepared, no_self_distance, followed),
+    }
+}
+
+fn as_value(prepared: &Prepared, followed: Option<(bool, Option<&str>)>) -> serde_json::Value {
+    let joints = &prepared.robot.parameters.joints;
+    let needs = &prepared.needs;
+    let joint = |(joint, need): (&robot_config::JointParameters, &super::checks::Need)| {
+        json!({
+            "joint": joint.name,
+            "least_rad": need.least, "most_rad": need.most,
+            "velocity_share": need.velocity, "acceleration_share": need.acceleration,
+            "torque_share": need.torque, "lead_share": need.lead,
+        })
+    };
+    let distance = needs.distance.as_ref().map(|distance| {
+        json!({
+            "least_m": distance.least_m, "between": distance.between, "time_s": distance.time_s,
+            "not_compared": needs.touching, "without_geometry": needs.without,
+        })
+    });
+    let choices = prepared.motion.choices.iter().map(|choice| {
+        json!({
+            "part": choice.title, "base_parameters": choice.parameters, "tries": choice.tries,
+            "condition_before": choice.before, "condition_after": choice.after,
+        })
+    });
+    let spans = prepared.motion.spans.iter().map(|span| {
+        json!({
+            "title": span.title,
+            "from_s": span.points.start as f64 * SPACING_S,
+            "to_s": span.points.end as f64 * SPACING_S,
+        })
+    });
+    json!({
+        "robot": prepared.robot.parameters.name,
+        "duration_s": prepared.motion.duration(),
+        "joints": joints.iter().zip(&needs.joints).map(joint).collect::<Vec<_>>(),
+        "self_distance": distance,
+        "multisines": choices.collect::<Vec<_>>(),
+        "parts": spans.collect::<Vec<_>>(),
+        "followed": followed.map(|(done, _)| done),
+        "recording": followed.and_then(|(_, recording)| recording),
+    })
+}
+
+fn as_text(
+    prepared: &Prepared,
+    no_self_distance: bool,
+    followed: Option<(bool, Option<&str>)>,
+) -> String {
+    let needs = &prepared.needs;
+    let mut out = format!(
+        "{}: {:.1} s\n",
+        prepared.robot.parameters.name,
+        prepared.motion.duration()
+    );
+    let head = [
+        "joint",
+        "from deg",
+        "to",
+        "velocity %",
+        "acceleration %",
+        "torque %",
+        "lead %",
+    ];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for (joint, need) in prepared.robot.parameters.joints.iter().zip(&needs.joints) {
+        if need.velocity == 0.0 {
+            continue;
+        }
+        let per_cent = |share: f64| format!("{:.0}", 100.0 * share);
+        rows.push(vec![
+            joint.name.clone(),
+            format!("{:.1}", need.least.to_degrees()),
+            format!("{:.1}", need.most.to_degrees()),
+            per_cent(need.velocity),
+            per_cent(need.acceleration),
+            per_cent(need.torque),
+            per_cent(need.lead),
+        ]);
+    }
+    let _ = write!(out, "{}", TextTable(rows));
+    out.push_str("% of each joint's limits; torques with the base held where it is\n");
+    for choice in &prepared.motion.choices {
+        let _ = writeln!(
+            out,
+            "{}: condition number {:.0}, before the search {:.0}; {} base parameters, {} tries",
+            choice.title, choice.after, choice.before, choice.parameters, choice.tries
+        );
+    }
+    match &needs.distance {
+        Some(distance) => {
+            let (a, b) = &distance.between;
+            let _ = writeln!(
+                out,
+                "least self-distance: {:.0} mm, {a} and {b} at {:.1} s",
+                1e3 * distance.least_m,
+                distance.time_s
+            );
+        }
+        None if no_self_distance => out.push_str("self-distance: NOT checked, as asked\n"),
+        None => out.push_str("self-distance: no two bodies to compare\n"),
+    }
+    if !needs.touching.is_empty() {
+        let pairs = needs.touching.iter().map(|(a, b)| format!("{a} and {b}"));
+        let pairs: Vec<_> = pairs.collect();
+        let _ = writeln!(
+            out,
+            "not compared, as they touch at the start: {}",
+            pairs.join("; ")
+        );
+    }
+    if !needs.without.is_empty() {
+        let _ = writeln!(
+            out,
+            "not compared, without geometry: {}",
+            needs.without.join(", ")
+        );
+    }
+    if let Some((done, recording)) = followed {
+        if done {
+            out.push_str("followed to its end; the robot holds\n");
+        }
+        if let Some(recording) = recording {
+            let _ = writeln!(out, "{recording}");
+        }
+    }
+    out
+}
+
+/// Positions, velocities and torques of the joints that move.
+pub(super) fn figure(prepared: &Prepared) -> Figure {
+    let motion = &prepared.motion;
+    let joints = &prepared.robot.parameters.joints;
+    let moving: Vec<usize> = (0..joints.len())
+        .filter(|&j| prepared.needs.joints[j].velocity > 0.0)
+        .collect();
+    let step = (motion.len() / POINTS).max(1);
+    let mut rigid = Rigid::new(&prepared.robot);
+    let mut curves = vec![vec![Vec::new(); moving.len()]; 3];
+    for index in (0..motion.len()).step_by(step) {
+        let point = motion.point(index);
+        rigid.set(point);
+        let torques = rigid.torques();
+        let t = index as f64 * SPACING_S;
+        for (k, &j) in moving.iter().enumerate() {
+            let at = point[j];
+            let values = [at.q.to_degrees(), at.dq.to_degrees(), torques[j]];
+            for (curve, value) in curves.iter_mut().zip(values) {
+                curve[k].push((t, value));
+            }
+        }
+    }
+    let captions = ["position, degrees", "velocity, degrees/s", "torque, N·m"];
+    let panel = |(caption, curves): (&str, Vec<Vec<(f64, f64)>>)| Panel {
+        caption: caption.to_owned(),
+        x_unit: "s".to_owned(),
+        lines: (curves.into_iter().zip(&moving).zip(COLOURS.iter().cycle()))
+            .map(|((points, &j), colour)| Line::new(&joints[j].name, *colour, points))
+            .collect(),
+        ..Panel::default()
+    };
+    Figure {
+        title: format!("Plan of {}", prepared.robot.parameters.name),
+        columns: 1,
+        panel_size: (760, 190),
+        panels: captions.into_iter().zip(curves).map(panel).collect(),
+    }
+}
