@@ -22,6 +22,12 @@ struct Arguments {
     /// Only this robot: leg or humanoid; with --only
     #[arg(long)]
     robot: Option<String>,
+    /// Only states with this text in their names, e.g. step; with --only
+    #[arg(long, default_value = "")]
+    state: String,
+    /// Only this seed; with --only
+    #[arg(long)]
+    seed: Option<u64>,
     /// Simulated seconds without contact, of each robot, motion and seed
     #[arg(long, default_value_t = 200.0)]
     seconds: f64,

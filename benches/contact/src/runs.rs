@@ -17,7 +17,7 @@ pub(crate) struct Step {
 
 /// Time for which a step acts, and for which the robot is left alone after it, cycles.
 const ACTS: usize = 60;
-const RESTS: usize = 900;
+const RESTS: usize = 300;
 
 /// Steps of `share` of the rated torque, up and down in turn, on every joint.
 ///
@@ -29,7 +29,7 @@ pub(crate) fn steps(study: &Study, doing: Doing, share: f64) -> Result<Vec<Step>
     for (joint, rated) in study.rated.iter().enumerate() {
         let torque = share * rated * if joint % 2 == 0 { 1.0 } else { -1.0 };
         // A flag of before is no answer to this step.
-        for _ in 0..5 * RESTS {
+        for _ in 0..10 * RESTS {
             busy.step(|_, _, _| {});
             if flagged(busy.rig.cycle.record()).next().is_none() {
                 break;

@@ -323,6 +323,57 @@ fn contacts_must_cover_every_part() {
 }
 
 #[test]
+fn detection_of_contacts_is_judged() {
+    let humanoid = |from: &str, to: &str| Files::new().with(HUMANOID, from, to);
+    let with = |keys: &str| {
+        humanoid(
+            "[external_torque]\n",
+            &format!("[external_torque]\n{keys}\n"),
+        )
+    };
+    let with_reaction = |keys: &str| with(&format!("[external_torque.reaction]\n{keys}"));
+    for (keys, parts) in [
+        ("window = 3", ["external_torque.window", "5 to 100"]),
+        (
+            "upper_ratio = 0.9",
+            ["external_torque.upper_ratio", "1 to 20"],
+        ),
+        ("sigmas = 0.0", ["external_torque.sigmas", "1 to 20"]),
+        (
+            "change_per_cent = 101.0",
+            ["external_torque.change_per_cent", "0 to 100"],
+        ),
+        (
+            "threshold_per_cent = 10.0",
+            ["unknown key", "velocity_per_cent"],
+        ),
+        (
+            "frame = \"base_link\"",
+            ["\"base_link\" is no link that joints move", "a link"],
+        ),
+        (
+            "frame = \"left_paw\"",
+            ["\"left_paw\" is no link that joints move", "a link"],
+        ),
+    ] {
+        refused(&with(keys), HUMANOID, keys, &parts);
+    }
+    for (keys, parts) in [
+        ("comply_deg = 200.0", ["comply_deg", "0.1 to 180"]),
+        (
+            "gone_ms = 100.0",
+            ["does not end with the contact", "contact_gone"],
+        ),
+    ] {
+        refused(&with_reaction(keys), HUMANOID, keys, &parts);
+    }
+    let keys = "[external_torque.reaction]\ncomply_ends = \"contact_gone\"\ngone_ms = 100.0";
+    let robot = with(keys).load(HUMANOID).unwrap();
+    let settings = robot.parameters.external_torque.unwrap();
+    assert_eq!(settings.reaction.comply_until_gone, Some(0.1));
+}
+
+#[test]
 fn filters_are_matched_or_not() {
     let files = leg_with("sensor = { window = 80, order = 1 }", "matched = 40");
     let parts = ["filters.encoder: ", "matched, or encoder and sensor"];
