@@ -255,6 +255,9 @@ impl Busy {
                 rig.follow(Mode::Hold);
                 rig.run(10);
                 rig.follow(Mode::InverseDynamics);
+                // A desired force of zero: the harness carries, and the legs are springs. The estimated
+                // one instead would let the load wander between feet and harness.
+                rig.client.reference.contact_wrench_given = u32::from(doing == Doing::Step);
                 None
             }
         };
