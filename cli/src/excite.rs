@@ -5,6 +5,7 @@
 
 mod checks;
 mod hulls;
+mod jet;
 mod motion;
 mod multisine;
 mod plan;

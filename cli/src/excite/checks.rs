@@ -1,7 +1,7 @@
 //! Whether a robot may follow a planned motion: every point against the joints' limits, the torque of
 //! inverse dynamics, the lead of the set-points, and the robot's own bodies.
 
-use super::hulls::Hulls;
+use super::hulls::{Distance, Hulls};
 use super::motion::{Motion, SPACING_S};
 use super::rigid::Rigid;
 use problem::{Problem, Problems};
@@ -25,18 +25,6 @@ pub(crate) struct Need {
     pub(crate) acceleration: f64,
     pub(crate) torque: f64,
     pub(crate) lead: f64,
-}
-
-/// The self-distance of a motion.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Distance {
-    /// Least distance, m, and what is allowed there: less for bodies that were closer at the start.
-    pub(crate) least_m: f64,
-    pub(crate) allowed_m: f64,
-    /// Between these bodies.
-    pub(crate) between: (String, String),
-    /// At this time, s.
-    pub(crate) time_s: f64,
 }
 
 /// What a motion needs.

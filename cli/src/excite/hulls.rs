@@ -6,7 +6,6 @@
 //! are not compared, nor are bodies two joints apart that touch where the motion begins; joints in
 //! one place, as those of a hip, count as one. Others that are close there may come no closer.
 
-use super::checks::Distance;
 use super::motion::{Motion, SPACING_S};
 use super::plan::SelfDistance;
 use super::rigid::Rigid;
@@ -27,6 +26,18 @@ const STEP: usize = 5;
 const ONE_PLACE: f64 = 0.03;
 /// A box is cut along the edges that are longer than this, but for its longest, m.
 const THICK: f64 = 0.04;
+
+/// The self-distance of a motion.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Distance {
+    /// Least distance, m, and what is allowed there: less for bodies that were closer at the start.
+    pub(crate) least_m: f64,
+    pub(crate) allowed_m: f64,
+    /// Between these bodies.
+    pub(crate) between: (String, String),
+    /// At this time, s.
+    pub(crate) time_s: f64,
+}
 
 /// The points of a body within `radius` of a line from `a` to `b`, in the body's frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,7 +4,7 @@
 //! The search is a (1+1) evolution strategy with the 1/5 rule: deterministic for a seed. Whatever it
 //! tries is scaled to the shares of the joints' limits first.
 
-use super::motion::{Jet, window};
+use super::jet::{Jet, window};
 use super::plan::Part;
 use super::rigid::Rigid;
 use control::PlannedMotion;

@@ -28,6 +28,7 @@ mod wiring;
 pub use parameters::*;
 pub use problem::{Problem, Problems};
 pub use sampling::{Sampled, Sampling};
+pub use units::BEYOND_LIMIT;
 pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};

@@ -1,6 +1,7 @@
 //! Parameters of a robot, validated, in SI units.
 
 use crate::sampling::Sampling;
+use crate::units::BEYOND_LIMIT;
 use control::predictive::LawParameters;
 use control::{JointGains, MotionLimits, MotorModel, TrajectoryLimits};
 use core::fmt;
@@ -305,9 +306,7 @@ impl Parameters {
             }
         })
     }
-}
 
-impl Parameters {
     /// Limits of each joint on trajectories that clients send ahead.
     pub fn trajectory_limits(&self) -> impl Iterator<Item = TrajectoryLimits> {
         let joints = self.joints.iter().zip(self.motion_limits());
@@ -321,17 +320,11 @@ impl Parameters {
     }
 }
 
-/// Desired positions may lie this far beyond a limit, rad: a joint may be held there by its load.
-pub const BEYOND_LIMIT: f64 = core::f64::consts::PI / 180.0;
-/// Greatest desired acceleration over the one that the torque limit gives the joint with the robot
-/// stretched out: folded, a limb has less than half of that inertia.
-const FOLDED: f64 = 2.0;
-
 impl JointParameters {
-    /// Greatest |ddq_d| of a reference, rad/s².
+    /// Greatest |ddq_d| of a reference, rad/s²: folded, a limb has less than half of that inertia.
     #[must_use]
     pub fn desired_acceleration(&self) -> f64 {
-        FOLDED * self.acceleration()
+        2.0 * self.acceleration()
     }
 
     /// The drive takes positions, not currents.

@@ -60,3 +60,6 @@ impl Quantity {
         })
     }
 }
+
+/// Desired positions may lie this far beyond a limit, rad: a joint may be held there by its load.
+pub const BEYOND_LIMIT: f64 = core::f64::consts::PI / 180.0;
