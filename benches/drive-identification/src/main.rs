@@ -28,6 +28,9 @@ struct Arguments {
     /// The leg as shipped alone, with this seed; nothing is written
     #[arg(long, value_name = "SEED")]
     glance: Option<u64>,
+    /// With --glance: the leg with another drive, named as on the page
+    #[arg(long, value_name = "NAME", requires = "glance")]
+    other: Option<String>,
 }
 
 const EXAMPLES: &str = "\
@@ -57,10 +60,10 @@ pub(crate) struct Outcome {
 
 /// Seeds of the shipped robots, and of the variants.
 const SEEDS: std::ops::RangeInclusive<u64> = 1..=5;
-const VARIANT_SEEDS: std::ops::RangeInclusive<u64> = 11..=11;
-/// Joints of the leg that move together with other drives, to halve the time that takes.
+const VARIANT_SEED: u64 = 11;
+/// Joints of the leg that move at a time.
 const PAIRS: [[usize; 2]; 3] = [[0, 3], [1, 4], [2, 5]];
-/// Joints of a limb, one of each moves at a time.
+/// Joints of the limbs, of each of which two move at a time.
 const HUMANOID_LIMBS: [&str; 5] = [
     "left_hip left_knee left_ankle",
     "right_hip right_knee right_ankle",
@@ -72,25 +75,28 @@ const HUMANOID_LIMBS: [&str; 5] = [
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let cases = match arguments.glance {
-        Some(seed) => leg(seed, Variant::Shipped),
+        Some(seed) => {
+            let named = |v: &&Variant| Some(v.name()) == arguments.other.as_deref();
+            let variant = Variant::OTHERS.iter().find(named).copied();
+            leg(seed, variant.unwrap_or(Variant::Shipped))
+        }
         None => cases(),
     };
-    let outcomes = match cases.and_then(|cases| run(&cases, arguments.threads)) {
-        Ok(outcomes) => outcomes,
+    let path = arguments.out.join("drive-identification.md");
+    let write = |outcomes: &[&Outcome]| match arguments.glance {
+        Some(_) => Ok(()),
+        // After every case: a run that is ended leaves a page of what it has seen.
+        None => std::fs::write(&path, page::page(outcomes)),
+    };
+    match cases.and_then(|cases| run(&cases, arguments.threads, &write)) {
+        Ok(outcomes) => {
+            if arguments.glance.is_some() {
+                print!("{}", page::lines(&outcomes));
+            }
+            ExitCode::SUCCESS
+        }
         Err(message) => {
             eprintln!("drive-identification-bench: {message}");
-            return ExitCode::FAILURE;
-        }
-    };
-    if arguments.glance.is_some() {
-        print!("{}", page::lines(&outcomes));
-        return ExitCode::SUCCESS;
-    }
-    let path = arguments.out.join("drive-identification.md");
-    match std::fs::write(&path, page::page(&outcomes)) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(e) => {
-            eprintln!("{}: {e}", path.display());
             ExitCode::FAILURE
         }
     }
@@ -117,37 +123,44 @@ fn cases() -> Result<Vec<Case>, String> {
         of_limb.map(|(j, _)| j).collect::<Vec<_>>()
     });
     let most = limbs.iter().map(Vec::len).max().unwrap_or(0);
+    let paired = |seed, variant| {
+        PAIRS.map(|joints| Case {
+            robot: "leg",
+            joints: joints.to_vec(),
+            seed,
+            variant,
+        })
+    };
     let mut cases = Vec::new();
+    SEEDS.for_each(|seed| cases.extend(paired(seed, Variant::Shipped)));
+    for variant in Variant::OTHERS {
+        cases.extend(paired(VARIANT_SEED, variant));
+    }
     for seed in SEEDS {
-        cases.extend(leg(seed, Variant::Shipped)?);
-        cases.extend((0..most).map(|k| {
+        // Two of a limb: the first and the fourth, the second and the fifth, and so on.
+        cases.extend((0..most.div_ceil(2)).map(|k| {
             Case {
                 robot: "humanoid",
-                joints: limbs
-                    .iter()
-                    .filter_map(|limb| limb.get(k).copied())
+                joints: (limbs.iter())
+                    .flat_map(|limb| [limb.get(k), limb.get(k + most.div_ceil(2))])
+                    .flatten()
+                    .copied()
                     .collect(),
                 seed,
                 variant: Variant::Shipped,
             }
         }));
     }
-    for variant in Variant::OTHERS {
-        for seed in VARIANT_SEEDS {
-            cases.extend(PAIRS.map(|joints| Case {
-                robot: "leg",
-                joints: joints.to_vec(),
-                seed,
-                variant,
-            }));
-        }
-    }
     Ok(cases)
 }
 
-fn run(cases: &[Case], threads: usize) -> Result<Vec<Outcome>, String> {
+fn run(
+    cases: &[Case],
+    threads: usize,
+    write: &(dyn Fn(&[&Outcome]) -> std::io::Result<()> + Sync),
+) -> Result<Vec<Outcome>, String> {
     let next = Mutex::new(0);
-    let done = Mutex::new(Vec::new());
+    let done = Mutex::new(Vec::<(usize, Result<Vec<Outcome>, String>)>::new());
     let take = || {
         let mut next = next.lock().ok()?;
         *next += 1;
@@ -161,14 +174,19 @@ fn run(cases: &[Case], threads: usize) -> Result<Vec<Outcome>, String> {
                     let outcomes = judge(case);
                     if let Ok(mut done) = done.lock() {
                         done.push((index, outcomes));
+                        done.sort_by_key(|(index, _): &(usize, _)| *index);
+                        let all = done.iter().filter_map(|(_, one)| one.as_ref().ok());
+                        let all: Vec<&Outcome> = all.flatten().collect();
+                        if let Err(e) = write(&all) {
+                            eprintln!("the page cannot be written: {e}");
+                        }
                     }
                 }
             });
         }
     });
     eprintln!();
-    let mut done = done.into_inner().map_err(|e| e.to_string())?;
-    done.sort_by_key(|(index, _)| *index);
+    let done = done.into_inner().map_err(|e| e.to_string())?;
     let all: Result<Vec<Vec<Outcome>>, String> = done.into_iter().map(|(_, one)| one).collect();
     Ok(all?.into_iter().flatten().collect())
 }

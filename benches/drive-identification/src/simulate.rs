@@ -125,7 +125,10 @@ pub(crate) fn run(
                 joint.q_d = *q;
             }
             for (&j, chirp) in joints.iter().zip(&chirps) {
-                let [q, dq, ddq] = chirp.at(motion);
+                let [q, dq, ddq] = match variant {
+                    Variant::Plan => parts(motion, chirp),
+                    _ => chirp.at(motion),
+                };
                 let range = &p.joints[j].limits;
                 // Towards the middle of its range.
                 let middle = 0.5 * (range.position_min + range.position_max);
@@ -179,6 +182,20 @@ fn delay(sim: &SimParameters, drive: &plant::parameters::DriveParameters, period
         }
     }
     transport + wait / f64::from(20 * count) + drive.controller.current_loop
+}
+
+/// The parts of the command's own plan: a growing sine, then low and high chirps in turn.
+fn parts(t: f64, chirp: &Chirp) -> [f64; 3] {
+    let plan = chirp.parts();
+    let lengths = plan.map(|part| part.duration);
+    let mut start = 0.0;
+    for (part, length) in plan.iter().zip(lengths) {
+        if t < start + length {
+            return part.at(t - start);
+        }
+        start += length;
+    }
+    [0.0; 3]
 }
 
 /// A stiff harness instead of the floor.

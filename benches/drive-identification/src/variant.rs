@@ -29,10 +29,12 @@ pub(crate) enum Variant {
     WideZone,
     /// No dead zone.
     NoZone,
+    /// The drive as shipped, moved as `torquectl identify drive` plans it: part after part.
+    Plan,
 }
 
 impl Variant {
-    pub(crate) const OTHERS: [Self; 11] = [
+    pub(crate) const OTHERS: [Self; 12] = [
         Self::OtherFriction,
         Self::Softer,
         Self::Stiffer,
@@ -44,6 +46,7 @@ impl Variant {
         Self::FastLoop,
         Self::WideZone,
         Self::NoZone,
+        Self::Plan,
     ];
 
     pub(crate) fn name(self) -> &'static str {
@@ -60,6 +63,7 @@ impl Variant {
             Self::FastLoop => "drive's loop at 10 kHz",
             Self::WideZone => "dead zone × 3",
             Self::NoZone => "no dead zone",
+            Self::Plan => "as shipped, moved part after part",
         }
     }
 

@@ -25,6 +25,65 @@ pub struct Chirp {
     pub acceleration: f64,
 }
 
+/// One part of the same motion as plans of excitation have it: with a window, about the pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Part {
+    /// Duration, s.
+    pub duration: f64,
+    /// First and last frequency, Hz: equal for a sine that grows.
+    pub frequencies: [f64; 2],
+    /// Amplitude at the first frequency, or at the end of the growth, rad.
+    pub amplitude: f64,
+    /// Power of the frequency with which the amplitude falls: 1 with velocity, 2 with acceleration constant.
+    pub power: i32,
+}
+
+impl Part {
+    /// Displacement, rad, velocity and acceleration at `t` since its beginning.
+    #[must_use]
+    pub fn at(&self, t: f64) -> [f64; 3] {
+        derivatives(|t| self.displacement(t), t)
+    }
+
+    fn displacement(&self, t: f64) -> f64 {
+        if !(0.0..self.duration).contains(&t) {
+            return 0.0;
+        }
+        let [first, last] = self.frequencies;
+        let fade = (1.0 / first).min(0.25 * self.duration);
+        let window = smooth_step(t / fade) * smooth_step((self.duration - t) / fade);
+        let rate = (last / first).ln() / self.duration;
+        let (phase, share) = match rate > 1e-9 {
+            true => {
+                let growth = (rate * t).exp();
+                (
+                    TAU * first * (growth - 1.0) / rate,
+                    growth.powi(-self.power),
+                )
+            }
+            false => (TAU * first * t, t / self.duration),
+        };
+        window * self.amplitude * share * phase.sin()
+    }
+}
+
+/// From 0 to 1, at rest at both ends.
+fn smooth_step(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+}
+
+/// A function with two derivatives by differences.
+fn derivatives(of: impl Fn(f64) -> f64, t: f64) -> [f64; 3] {
+    const H: f64 = 1e-4;
+    let [before, now, after] = [t - H, t, t + H].map(of);
+    [
+        now,
+        (after - before) / (2.0 * H),
+        (after - 2.0 * now + before) / (H * H),
+    ]
+}
+
 /// Share of a joint's torque limit that sweeps may take.
 const TORQUE_SHARE: f64 = 0.3;
 /// Share of a joint's velocity limit that sweeps may take.
@@ -47,32 +106,48 @@ impl Chirp {
         }
     }
 
-    /// Largest distance from the start, rad.
+    /// The same shares of the limits, part after part: a growing sine, then low and high chirps in turn.
     #[must_use]
-    pub fn reach(&self) -> f64 {
-        self.amplitude + self.swing[0]
+    pub fn parts(&self) -> [Part; 7] {
+        let [first, last] = self.frequencies;
+        let [swing, slow] = self.swing;
+        let middle = (first * last).sqrt();
+        let omega = TAU * first;
+        let low = self.amplitude.min(self.velocity / omega);
+        let low = low.min(self.acceleration / (omega * TAU * middle));
+        let sine = Part {
+            duration: 4.0,
+            frequencies: [slow; 2],
+            amplitude: swing,
+            power: 0,
+        };
+        let low = Part {
+            duration: 2.0,
+            frequencies: [first, middle],
+            amplitude: low,
+            power: 1,
+        };
+        let high = Part {
+            duration: 1.5,
+            frequencies: [middle, last],
+            amplitude: (self.acceleration / (TAU * middle).powi(2))
+                .min(self.velocity / (TAU * middle)),
+            power: 2,
+        };
+        [sine, low, high, low, high, low, high]
     }
 
     /// Displacement, rad, velocity and acceleration at `t` since the start.
     #[must_use]
     pub fn at(&self, t: f64) -> [f64; 3] {
-        const H: f64 = 1e-4;
-        let [before, now, after] = [t - H, t, t + H].map(|t| self.displacement(t));
-        [
-            now,
-            (after - before) / (2.0 * H),
-            (after - 2.0 * now + before) / (H * H),
-        ]
+        derivatives(|t| self.displacement(t), t)
     }
 
     fn displacement(&self, t: f64) -> f64 {
         if !(0.0..self.duration).contains(&t) {
             return 0.0;
         }
-        let fade = |x: f64| {
-            let x = (x / FADE_S).clamp(0.0, 1.0);
-            x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
-        };
+        let fade = |x: f64| smooth_step(x / FADE_S);
         let whole = fade(t) * fade(self.duration - t);
         let length = self.duration / self.sweeps as f64;
         let since = t % length;

@@ -118,6 +118,13 @@ pub(super) fn fit(known: &DriveKnowledge, log: &DriveLog, law: &Law) -> Option<R
     let found = fit(&fast, &priors)?;
     let mut inertia = value(&found, INERTIA, known.inertia, known.inertia);
     let mut later = value(&found, LATER, 0.0, 0.3);
+    // What the equation leaves is its model's error, not noise: half of it may go with a term.
+    let share = |column: usize| {
+        let size = rms(fast.iter().map(|(_, row, _)| row[column]));
+        0.5 * found.rms / size.max(1e-300)
+    };
+    inertia.sigma = inertia.sigma.hypot(share(INERTIA));
+    later.sigma = later.sigma.hypot(share(LATER).min(0.3));
     let other = fit(&smoother, &priors)?;
     inertia.sigma = inertia.sigma.hypot(inertia.value - other.x[INERTIA]);
     later.sigma = later.sigma.hypot(later.value - other.x[LATER]);
