@@ -197,6 +197,17 @@ def state(can_id, joint, fd):
     return message
 
 
+def state_of_motor(can_id, joint):
+    """Answer of a drive whose encoder is on the motor: it counts turns."""
+    message = Message(can_id, f"{joint.upper()}_STATE", 8, "DRIVES", "Answer to SYNC, sampled at SYNC.")
+    message.signals = [
+        intel("motor_angle", 0, 24, "-", 1, "count"),
+        intel("current", 24, 16, "-", 1, "mA"),
+        intel("status", 40, 13, "+", 1, ""),
+    ]
+    return message
+
+
 def command(can_id, name, joints, size, bits, scale):
     """Set-points of several drives in one frame: each drive takes its own signal."""
     message = Message(can_id, name, size, "TORQUED", "Position set-points, link side, taken on reception.")
@@ -345,6 +356,25 @@ def leg():
     return Robot("leg", base, joints, tuple(messages))
 
 
+def hrp2_like():
+    """The leg below a torso with an IMU, its encoders on the motors."""
+    joints = (*leg_chain("", 0, "base_link", (0, 0, 0)), Joint("imu_link", "base_link", (-0.03, 0, 0.35)))
+    base = (Solid("box", (0.16, 0.14, 0.04), (0, 0, 0.12), 3.0), Solid("box", (0.22, 0.32, 0.40), (-0.02, 0, 0.34), 17.0))
+    order = names(joints)
+    messages = [state_of_motor(0x101 + k, name) for k, name in enumerate(order)]
+    messages += [
+        triple(0x181, "ANKLE_FT_F", WRENCH[:3], 0.05, "N"),
+        triple(0x182, "ANKLE_FT_T", WRENCH[3:], 0.003, "Nm"),
+        triple(0x191, "IMU_GYRO", IMU[:3], 0.0005, "rad/s"),
+        triple(0x192, "IMU_ACC", IMU[3:], 0.003, "m/s2"),
+        control(0x1f1, "CONTROL_A", order[:3]),
+        control(0x1f2, "CONTROL_B", order[3:]),
+        command(0x201, "COMMAND_A", order[:3], 8, 21, 3e-6),
+        command(0x202, "COMMAND_B", order[3:], 8, 21, 3e-6),
+    ]
+    return Robot("hrp2-like", base, joints, tuple(messages))
+
+
 def humanoid():
     base = (
         Solid("box", (0.20, 0.20, 0.14), (-0.01, 0, 0.10), 4.5),
@@ -388,7 +418,7 @@ def humanoid():
     return Robot("humanoid", base, joints, tuple(messages), fd=True)
 
 
-ROBOTS = (test_joint(), leg(), humanoid())
+ROBOTS = (test_joint(), leg(), hrp2_like(), humanoid())
 
 
 def main(folder):

@@ -159,9 +159,32 @@ fn mass_beyond(model: &Model, link: &str) -> f64 {
     beyond.map(|(_, frame)| frame.inertia.mass).sum()
 }
 
-/// One count of the link-side encoder as torque, N·m: how fine torque from encoders can be.
-fn torque_per_count(joint: &JointParameters) -> f64 {
-    joint.estimator.compliance.k_fs0 * joint.estimator.link_resolution
+/// One count of the link-side encoder as torque, N·m: how fine torque from encoders can be; none without
+/// that encoder.
+fn torque_per_count(joint: &JointParameters) -> Option<f64> {
+    let e = &joint.estimator;
+    (joint.has_link_encoder).then_some(e.compliance.k_fs0 * e.link_resolution)
+}
+
+/// What joints without a link-side encoder lack, in sentences; none where every joint has one.
+fn lacking(robot: &Robot) -> Option<String> {
+    let p = &robot.parameters;
+    let alone = p.joints.iter().filter(|joint| !joint.has_link_encoder);
+    let names: Vec<&str> = alone.map(|joint| joint.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{}: no link-side encoder.\n\
+             q is the motor's angle less the torsion that the estimated torque explains; dq and ddq contain no \
+             vibration of the link on its gear.\n\
+             No torque from encoders: torque is fed back from F/T sensors and IMU, {:.0} ms late; tau_hat has \
+             its changes from motor current, with the motor's friction.\n\
+             No second encoder contradicts one that slips or drifts: a step beyond what torque can make of the \
+             rotor's velocity is found, and a drive whose current shows another set-point than was sent. A slow \
+             drift is not found.",
+            names.join(", "),
+            1e3 * (p.filters.window - 1) as f64 * 0.5 * p.timing.sample_period,
+        )
+    })
 }
 
 fn command(joint: &JointParameters) -> &'static str {

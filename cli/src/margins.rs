@@ -104,7 +104,8 @@ fn joint_loop(joint: &JointParameters) -> JointLoop {
 
 /// Judges every joint's loop, on all cores.
 pub(crate) fn judge(robot: &Robot) -> Vec<JudgedJoint> {
-    let joints = &robot.parameters.joints;
+    let has_link = |joint: &&JointParameters| joint.has_link_encoder;
+    let joints: Vec<_> = robot.parameters.joints.iter().filter(has_link).collect();
     let next = AtomicUsize::new(0);
     let done = Mutex::new(Vec::new());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -113,7 +114,7 @@ pub(crate) fn judge(robot: &Robot) -> Vec<JudgedJoint> {
             scope.spawn(|| {
                 while let Some((index, joint)) = {
                     let index = next.fetch_add(1, Ordering::Relaxed);
-                    joints.get(index).map(|joint| (index, joint))
+                    joints.get(index).map(|joint| (index, *joint))
                 } {
                     let judged = judge_joint(joint);
                     if let Ok(mut done) = done.lock() {

@@ -151,6 +151,18 @@ fn the_demo_runs_a_robot_by_its_path_and_moves_its_joints_without_a_motion_file(
         "{text}"
     );
 
+    // Of a joint without a link-side encoder there is no torque from encoders, and nothing breaks.
+    let out = demo("hrp2-like");
+    let report: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
+    assert_eq!((out.status.code(), &report["fault"]), (Some(0), &0.into()));
+    let knee = &report["joints"][3];
+    assert!(knee["encoder"].is_null(), "{knee}");
+    let largest = knee["largest_torque"].as_f64().expect("a number");
+    for source in ["whole_body", "delay_compensated"] {
+        let rms = knee[source]["rms"].as_f64().expect("a number");
+        assert!(rms < 0.05 * largest, "{source}: {rms} of {largest}");
+    }
+
     let out = demo("arm");
     let error = String::from_utf8_lossy(&out.stderr);
     assert_eq!(out.status.code(), Some(2), "{error}");

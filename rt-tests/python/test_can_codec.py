@@ -12,7 +12,7 @@ import pytest
 from processes import example, json_program
 
 ROOT = Path(__file__).resolve().parents[2]
-ROBOTS = ["test-joint", "leg", "humanoid"]
+ROBOTS = ["test-joint", "leg", "hrp2-like", "humanoid"]
 FRAMES = 20
 
 

@@ -22,6 +22,7 @@ TRUNK = ["chest_yaw", "chest_pitch", "head_yaw", "head_pitch"]
 JOINTS = {
     "test-joint": ["joint"],
     "leg": LEG,
+    "hrp2-like": LEG,
     "humanoid": [
         *(f"{side}_{name}" for side in ("left", "right") for name in LEG),
         *TRUNK,
@@ -29,7 +30,7 @@ JOINTS = {
     ],
 }
 # Moving mass, kg: the base counts where it floats. 58 kg is HRP-2's.
-MASS = {"test-joint": 2.482, "leg": 11.9, "humanoid": 58.0}
+MASS = {"test-joint": 2.482, "leg": 11.9, "hrp2-like": 31.9, "humanoid": 58.0}
 CYCLE_US = 1000.0
 
 robots = pytest.mark.parametrize("robot", sorted(JOINTS))
@@ -114,7 +115,7 @@ def test_sensor_frames_are_fixed_links(robot):
     robot_model, settings = model(robot), config(robot)
     frames = [sensor["frame"] for sensor in settings.get("ft_sensor", [])]
     frames += [settings["imu"]["frame"]] if "imu" in settings else []
-    assert len(frames) == {"test-joint": 0, "leg": 1, "humanoid": 5}[robot]
+    assert len(frames) == {"test-joint": 0, "leg": 1, "hrp2-like": 2, "humanoid": 5}[robot]
     for name in frames:
         assert robot_model.existFrame(name, pin.FrameType.BODY), name
         assert robot_model.existFrame(f"{name}_mount", pin.FrameType.FIXED_JOINT), name
@@ -172,9 +173,15 @@ def test_limits_of_configuration_and_model_agree(robot):
         assert joint["torque_limit_Nm"] == robot_model.upperEffortLimit[index]
         assert drive["max_velocity_rad_per_s"] == robot_model.upperVelocityLimit[index]
         # The absolute encoder may not wrap inside the joint's range.
-        direction, offset = joint["link_angle"]["direction"], joint["link_angle"]["offset_deg"]
         lower, upper = (math.degrees(limit[position])
                         for limit in (robot_model.lowerPositionLimit, robot_model.upperPositionLimit))
+        if "link_angle" not in joint:
+            angle = database(robot).get_message_by_name(f"{joint['name'].upper()}_STATE")
+            angle = angle.get_signal_by_name("motor_angle")
+            turns = 360 / drive["motor_counts_per_turn"] / drive["gear_ratio"]
+            assert angle.minimum * turns < lower and upper < angle.maximum * turns
+            continue
+        direction, offset = joint["link_angle"]["direction"], joint["link_angle"]["offset_deg"]
         start = offset if direction == 1 else offset - 360
         assert start <= lower + 1e-6 and upper - 1e-6 <= start + 360
 

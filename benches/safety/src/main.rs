@@ -25,7 +25,7 @@ struct Arguments {
     /// Only scenarios with this text in their names; prints the runs and writes no page
     #[arg(long)]
     only: Option<String>,
-    /// Only this robot: leg or humanoid; prints the runs and writes no page
+    /// Only this robot: leg, hrp2-like or humanoid; prints the runs and writes no page
     #[arg(long)]
     robot: Option<String>,
     /// Only this state at the beginning, e.g. hold or "inverse dynamics"

@@ -22,7 +22,7 @@ pub enum Drives {
 /// One robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Variant {
-    /// `leg` or `humanoid`.
+    /// `leg`, `hrp2-like` (encoders on the motors alone) or `humanoid`.
     pub robot: &'static str,
     /// What its drives follow.
     pub drives: Drives,
@@ -40,9 +40,10 @@ const fn variant(robot: &'static str, drives: Drives, states: bool) -> Variant {
 
 impl Variant {
     /// Every robot.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         variant("leg", Drives::Position, true),
         variant("humanoid", Drives::Position, true),
+        variant("hrp2-like", Drives::Position, true),
         variant("leg", Drives::Current, true),
         variant("humanoid", Drives::Current, true),
         variant("leg", Drives::Position, false),

@@ -180,7 +180,8 @@ fn moving(rig: &Rig) -> Fault {
     let arms = ["shoulder", "elbow", "wrist"];
     let moves: Vec<bool> = (rig.robot.parameters.joints.iter())
         .map(|joint| {
-            rig.robot.parameters.name == "leg" || arms.iter().any(|arm| joint.name.contains(arm))
+            let one_leg = ["leg", "hrp2-like"].contains(&rig.robot.parameters.name.as_str());
+            one_leg || arms.iter().any(|arm| joint.name.contains(arm))
         })
         .collect();
     let q_0 = rig.client.reference.joints.map(|joint| joint.q_d);

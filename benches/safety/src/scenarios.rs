@@ -207,9 +207,16 @@ impl Scenario {
         }
     }
 
-    pub(crate) const fn of_humanoid(self) -> Self {
+    pub(crate) const fn with_imu(self) -> Self {
         Self {
-            on: |variant| variant.robot == "humanoid",
+            on: |variant| matches!(variant.robot, "humanoid" | "hrp2-like"),
+            ..self
+        }
+    }
+
+    pub(crate) const fn of_two_encoders(self) -> Self {
+        Self {
+            on: |variant| variant.robot != "hrp2-like",
             ..self
         }
     }

@@ -179,7 +179,13 @@ pub(crate) fn all(
 fn one(robot: &Robot, joint: &JointParameters, logs: &JointLogs, names: &[String]) -> JointResult {
     let sheet = data_sheet(joint, robot.parameters.timing.sample_period);
     let mut inputs = Vec::new();
-    let outcome = calibrated(robot, &sheet, logs, names, &mut inputs);
+    let outcome = match joint.has_link_encoder {
+        true => calibrated(robot, &sheet, logs, names, &mut inputs),
+        // Its recorded torsion is the one that the configuration explains.
+        false => Err(vec![
+            "has no link-side encoder: no torsion is measured".to_owned(),
+        ]),
+    };
     JointResult {
         name: joint.name.clone(),
         outcome: outcome.map_err(|problems| problems.join("; ")),

@@ -39,6 +39,7 @@ pub(super) fn object(
             "bus": parameters.buses[joint.bus].name,
             "drive": joint.drive,
             "command": command(joint),
+            "link_encoder": joint.has_link_encoder,
             "gear_ratio": joint.encoders.gear_ratio,
             "torque_limit_Nm": joint.limits.torque,
             "position_min_deg": joint.limits.position_min.to_degrees(),

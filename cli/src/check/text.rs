@@ -2,7 +2,7 @@
 
 use super::bus_load::{BusLoad, WireTime};
 use super::gains::equivalent;
-use super::{command, mass_beyond, torque_per_count};
+use super::{command, lacking, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
 use control::MotorModel;
 use dynamics::Base;
@@ -39,6 +39,9 @@ pub(super) fn page(
     text += &bus_table(robot, buses).to_string();
     text += "\nJoints: N gear ratio; count: one link-side count as torque\n";
     text += &joint_table(robot).to_string();
+    if let Some(lacking) = lacking(robot) {
+        text += &format!("\n{lacking}\n");
+    }
     text += "\nDrives\n";
     text += &drive_table(robot).to_string();
     text += "\nGains (D11-12) and the same in the commanded position (D13-14); K_f = ";
@@ -116,7 +119,7 @@ fn joint_table(robot: &Robot) -> TextTable {
                 true => format!("±{:.3} deg", limits.lead.to_degrees()),
                 false => "-".to_owned(),
             },
-            format!("{:.3} N·m", torque_per_count(joint)),
+            torque_per_count(joint).map_or_else(|| "-".to_owned(), |tau| format!("{tau:.3} N·m")),
         ]
     }));
     TextTable(rows)

@@ -313,8 +313,12 @@ impl Found<'_> {
                 }
             }
             None => {
-                // K_tau is the softness of drive and gear in series (control.md); the gear's stays.
-                let gear = 1.0 / self.joint.law.gear.k_fs0;
+                // K_tau is the softness of drive and gear in series (control.md); the gear's stays. Over
+                // the motor's angle there is no gear.
+                let gear = match self.joint.has_link_encoder {
+                    true => 1.0 / self.joint.law.gear.k_fs0,
+                    false => 0.0,
+                };
                 if let (Some(k), Some(c)) = (&d.stiffness, &d.damping) {
                     text += &key("K_tau_rad_per_Nm", 1.0 / k.value + gear, k);
                     text += &key("K_v_s", c.value / k.value, c);

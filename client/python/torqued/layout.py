@@ -254,11 +254,11 @@ class JointMeasured(ctypes.Structure):
 
     __slots__ = ()
     _fields_ = [
-        # q: joint angle, rad, newest sample.
+        # q: joint angle, rad, newest sample; without a link-side encoder theta/N less `torsion`.
         ("q", ctypes.c_double),
         # theta: motor-side angle, rad, unwrapped over many turns, newest sample.
         ("theta", ctypes.c_double),
-        # torsion: theta/N - q, rad; positive when the motor drives the joint.
+        # torsion: theta/N - q, rad; positive when the motor drives the joint. Without a link-side encoder it is the one that the torque from F/T sensors and IMU explains.
         ("torsion", ctypes.c_double),
         # i: motor current, A, newest sample.
         ("current", ctypes.c_double),
@@ -378,13 +378,13 @@ class JointEstimated(ctypes.Structure):
 
     __slots__ = ()
     _fields_ = [
-        # Torque from encoders and current (Z): without delay, but with slow errors of the deformation model.
+        # Torque from encoders and current (Z): without delay, but with slow errors of the deformation model. No source and never valid without a link-side encoder.
         ("tau_encoder", TorqueEstimate),
         # Torque from F/T sensors and IMU (D 2): independent of the joint's gear and motor, but delayed by the filters.
         ("tau_whole_body", TorqueEstimate),
-        # Torque from the motor current less friction (D3), a third opinion for the cross-check; not valid without `[cross_check]`.
+        # Torque from the motor current less friction (D3), a third opinion for the cross-check; not valid without `[cross_check]`, but for joints without a link-side encoder.
         ("tau_current", TorqueEstimate),
-        # tau_hat: delay-compensated torque: the present torque, from the changes of `tau_encoder` and the level of F/T sensors and rigid-body model.
+        # tau_hat: delay-compensated torque: the present torque, from the changes of `tau_encoder` (without a link-side encoder `tau_current`) and the level of F/T sensors and rigid-body model.
         ("tau_hat", TorqueEstimate),
         # tau_ext: torque of the environment on the joint apart from the contact wrenches that the F/T sensors determine, N·m, by a momentum observer; zero without `[external_torque]`.
         ("tau_ext", ctypes.c_double),

@@ -9,6 +9,7 @@ mod decide;
 mod emit;
 mod impedance;
 mod joint;
+mod late;
 mod law;
 mod motion;
 mod predictive;
@@ -19,6 +20,7 @@ mod yielding;
 
 use control::InverseDynamics;
 use dynamics::Motion;
+use problem::Problem;
 use robot_config::{FastTorqueFeedback, Robot, TorqueFeedback, TorqueLaw};
 use robot_state::{
     CommandedRecord, EstimatedRecord, Event, JointEstimated, JointReference, MAX_FT_SENSORS,
@@ -83,7 +85,7 @@ pub(crate) struct Command {
 }
 
 impl Command {
-    pub(crate) fn new(robot: &Robot) -> Self {
+    pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
         let n = parameters.joints.len();
         let frames: Vec<usize> = parameters
@@ -91,12 +93,12 @@ impl Command {
             .iter()
             .filter_map(|ft| robot.model.frame_index(&ft.sensor.frame))
             .collect();
-        Self {
+        Ok(Self {
             joints: parameters
                 .joints
                 .iter()
                 .map(|j| JointController::new(j, parameters))
-                .collect(),
+                .collect::<Result<_, _>>()?,
             inverse_dynamics: InverseDynamics::new(&robot.model, &frames),
             motions: Motions::new(parameters),
             yielding: Yielding::new(robot),
@@ -110,7 +112,7 @@ impl Command {
             torque_law: parameters.torque_law,
             k_f: parameters.k_f,
             sample_period: parameters.timing.sample_period,
-        }
+        })
     }
 
     /// The last command of each joint, rad or A; none where none is sent.
@@ -204,6 +206,7 @@ impl Command {
                 weight: self.weights[self.model_index[j]],
                 tau_encoder: &torques.tau_encoder,
                 tau_hat: match self.torque_law {
+                    _ if joint.is_late() => &torques.tau_whole_body,
                     TorqueLaw::ProportionalIntegral(TorqueFeedback::WholeBody) => {
                         &torques.tau_whole_body
                     }

@@ -46,7 +46,7 @@ impl Cycle {
             measure: Measure::new(robot).map_err(|problem| problem.of("[filters]"))?,
             estimate: Estimate::new(robot)?,
             supervisor: Supervisor::new(robot),
-            command: Command::new(robot),
+            command: Command::new(robot).map_err(|problem| problem.of("[filters]"))?,
             emit: Emit::new(robot),
             counts: Counts::new(),
             record,
@@ -82,6 +82,9 @@ impl Cycle {
         let settings = client.settings;
         (self.estimate).update(&self.measure, settings, !holds, measured, estimated, counts);
         let measure = &mut self.measure;
+        (self.estimate).explain_torsions(measured, estimated, |j, torsion| {
+            measure.explain_torsion(j, torsion);
+        });
         let overslept = measure.readiness().overslept;
         (self.estimate).drifting(measured, estimated, commanded, overslept, |j| {
             measure.distrust(j);

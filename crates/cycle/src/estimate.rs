@@ -10,11 +10,15 @@
 //! | `tau_hat`        | changes of `tau_encoder`, level of the torque from F/T sensors | none | clients |
 //!
 //! The first is fast and drifts with the deformation model; the second is accurate and late; the
-//! third is coarse and independent of both; the fourth joins the first two.
+//! third is coarse and independent of both; the fourth joins the first two. A joint without a link-side
+//! encoder has no `tau_encoder`: there `tau_current` takes its place in `tau_hat` and external torque, and
+//! the second alone is fed back.
 
 mod cross_check;
+mod current;
 mod delay_compensation;
 mod external_torque;
+mod gear_torsion;
 mod torsion_check;
 mod usable;
 mod whole_body;
@@ -34,15 +38,20 @@ use robot_state::{
 use crate::events::{Counts, Subject};
 use crate::measure::Measure;
 use cross_check::CrossCheckStage;
+use current::CurrentTorques;
 use delay_compensation::DelayCompensation;
 pub(crate) use delay_compensation::FastTorque;
 use external_torque::ExternalTorque;
+use gear_torsion::GearTorsion;
 use torsion_check::TorsionCheck;
 use whole_body::WholeBodyStage;
 
 /// The estimators of all joints.
 pub(crate) struct Estimate {
-    joints: Vec<AnyEstimator>,
+    /// None for a joint without a link-side encoder.
+    joints: Vec<Option<AnyEstimator>>,
+    currents: CurrentTorques,
+    gear_torsion: GearTorsion,
     /// Samples that are left of each joint's tare.
     taring: Vec<u32>,
     /// Whether the sources of each joint's torque disagreed in the cycle before.
@@ -68,14 +77,16 @@ impl fmt::Debug for Estimate {
     }
 }
 
-/// A calibrated joint's fused estimators; Z's compliance where there is no calibration.
-fn joint_estimator(joint: &JointParameters) -> Result<AnyEstimator, Problem> {
+/// A calibrated joint's fused estimators; Z's compliance where there is no calibration; none where there
+/// is no second encoder.
+fn joint_estimator(joint: &JointParameters) -> Result<Option<AnyEstimator>, Problem> {
     Ok(match &joint.calibration {
-        Some(file) => Box::new(
+        _ if !joint.has_link_encoder => None,
+        Some(file) => Some(Box::new(
             file.fused_estimators()
                 .map_err(|problem| problem.of(&joint.name))?,
-        ),
-        None => Box::new(ComplianceEstimator::new(joint.estimator.clone())),
+        )),
+        None => Some(Box::new(ComplianceEstimator::new(joint.estimator.clone()))),
     })
 }
 
@@ -91,6 +102,8 @@ impl Estimate {
                 .iter()
                 .map(joint_estimator)
                 .collect::<Result<_, _>>()?,
+            currents: CurrentTorques::new(robot),
+            gear_torsion: GearTorsion::new(robot),
             delay_compensation: DelayCompensation::new(robot)?,
             external_torque: (parameters.external_torque.as_ref())
                 .map(|settings| ExternalTorque::new(robot, settings))
@@ -131,6 +144,17 @@ impl Estimate {
         (self.torsion_check).update(joints, fast, commanded, found);
     }
 
+    /// Calls `explain` with each joint that has no link-side encoder and its torsion, rad, by the
+    /// torques of this cycle.
+    pub(crate) fn explain_torsions(
+        &mut self,
+        measured: &MeasuredRecord,
+        estimated: &EstimatedRecord,
+        explain: impl FnMut(usize, f64),
+    ) {
+        (self.gear_torsion).update(&measured.joints, &estimated.joints, explain);
+    }
+
     /// `follows`: a client's mode is active.
     pub(crate) fn update(
         &mut self,
@@ -149,6 +173,8 @@ impl Estimate {
             self.taring.fill(0);
         }
         self.update_encoder_torques(measure, &mut estimated.joints, counts);
+        let samples = measure.samples();
+        (self.currents).update(samples, &measured.joints, &mut estimated.joints);
         let delay_s = measured.filter_delay_s;
         (self.whole_body).update(measure, delay_s, estimated, counts);
         let shares = self.whole_body.contact_set_shares();
@@ -168,8 +194,7 @@ impl Estimate {
             );
         }
         if let Some(cross_check) = &mut self.cross_check {
-            let samples = measure.samples();
-            cross_check.update(samples, &measured.joints, whole_body, estimated, counts);
+            cross_check.update(whole_body, estimated, counts);
         }
     }
 
@@ -204,7 +229,10 @@ impl Estimate {
         let estimators = self.joints.iter_mut().zip(&mut self.disagreed);
         for (index, ((estimator, sample), joint)) in estimators.zip(samples).zip(joints).enumerate()
         {
-            let (estimator, disagreed) = estimator;
+            let (Some(estimator), disagreed) = estimator else {
+                joint.tau_encoder = TorqueEstimate::default();
+                continue;
+            };
             joint.tau_encoder = if sample.flags & measured_flags::NEVER != 0 {
                 TorqueEstimate::default()
             } else {

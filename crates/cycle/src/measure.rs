@@ -93,6 +93,8 @@ pub(crate) struct Measure {
     plausibility: Vec<Plausibility>,
     /// 1/N, and torque per current, link side, N·m/A.
     motors: Vec<[f64; 2]>,
+    /// Torsion that the estimated torque explains, rad, of joints without a link-side encoder.
+    torsions: Vec<Option<f64>>,
     joint_readiness: Vec<JointReadiness>,
     last_sync: Option<Stamp>,
     /// Periods before this cycle in which the loop did not run.
@@ -112,11 +114,10 @@ impl Measure {
         let [_, control, _] = signals(robot);
         let joints = parameters.joints.iter().enumerate().map(|(j, joint)| {
             // The current first: it is monitored.
-            let mut needed = vec![
-                slots::current(j),
-                slots::motor_angle(j),
-                slots::link_angle(j),
-            ];
+            let mut needed = vec![slots::current(j), slots::motor_angle(j)];
+            if joint.has_link_encoder {
+                needed.push(slots::link_angle(j));
+            }
             if joint.has_velocity {
                 needed.push(slots::velocity(j));
             }
@@ -148,7 +149,10 @@ impl Measure {
             front_ends: (parameters.joints.iter())
                 .map(|joint| {
                     let window = joint.calibration.as_ref().map(JointFile::velocity_window);
-                    FrontEnd::new(joint.encoders, window)
+                    match joint.has_link_encoder {
+                        true => FrontEnd::new(joint.encoders, window),
+                        false => Ok(FrontEnd::of_motor(joint.encoders)),
+                    }
                 })
                 .collect::<Result<_, _>>()?,
             long: Filtered::new(robot, parameters.filters.long)?,
@@ -171,6 +175,9 @@ impl Measure {
                     [1.0 / n, n * joint.estimator.wave_generator.torque_constant]
                 })
                 .collect(),
+            torsions: (parameters.joints.iter())
+                .map(|joint| (!joint.has_link_encoder).then_some(0.0))
+                .collect(),
             joint_readiness: vec![JointReadiness::default(); n],
             last_sync: None,
             skipped: 0,
@@ -178,6 +185,16 @@ impl Measure {
             sensor_flags: measured_flags::NEVER,
             reception,
         })
+    }
+
+    /// The torsion of a joint without a link-side encoder from the next cycle on, rad: what the
+    /// estimated torque explains.
+    pub(crate) fn explain_torsion(&mut self, joint: usize, torsion: f64) {
+        if let Some(Some(known)) = self.torsions.get_mut(joint)
+            && torsion.is_finite()
+        {
+            *known = torsion;
+        }
     }
 
     /// Every joint's sample of this cycle, the input of the joint estimators.
@@ -344,7 +361,7 @@ impl Measure {
                 slot(slots::link_angle(j)),
                 slot(slots::current(j)),
             );
-            let angles = *self.front_ends[j].angles();
+            let mut angles = *self.front_ends[j].angles();
             let flags = reading.flags | angles.flags | self.implausible(j, &angles);
             let used = flags & NOT_USED == 0;
             if used {
@@ -355,6 +372,9 @@ impl Measure {
                     velocity: measured.omega * self.motors[j][0],
                     torque: self.reception.slot(slots::current(j)) * self.motors[j][1],
                 });
+            }
+            if let Some(torsion) = self.torsions[j] {
+                (angles.q, angles.torsion) = (angles.q - torsion, torsion);
             }
             if flags & measured_flags::STALE != 0 {
                 self.plausibility[j].note_silence();

@@ -129,10 +129,12 @@ impl History {
     }
 }
 
-/// Both encoders of a joint, followed over many turns.
+/// Both encoders of a joint, or its motor's alone, followed over many turns.
 #[derive(Debug, Clone)]
 pub struct JointEncoders {
     parameters: EncoderParameters,
+    /// There is a link-side encoder.
+    has_link: bool,
     motor: Unwrapped,
     link: Unwrapped,
     /// theta - N q when both readings were last used, rad: the torsion, motor side.
@@ -162,6 +164,7 @@ impl JointEncoders {
         let skew = parameters.skew.clamp(-longest, longest);
         Self {
             parameters: EncoderParameters { skew, ..parameters },
+            has_link: true,
             motor: Unwrapped::new(parameters.motor_wrap, max_step * gear_ratio),
             link: Unwrapped::new(parameters.link_wrap, max_step),
             offset: 0.0,
@@ -173,9 +176,22 @@ impl JointEncoders {
         }
     }
 
+    /// The motor-side encoder of a joint that has no other. Its first reading is taken as the turn
+    /// nearest to zero, and `q` is `theta/N`: the torsion is not known here and counts as zero.
+    #[must_use]
+    pub fn of_motor(parameters: EncoderParameters) -> Self {
+        Self {
+            has_link: false,
+            ..Self::new(parameters)
+        }
+    }
+
     /// Forgets everything, also which turn the motor is on.
     pub fn reset(&mut self) {
-        *self = Self::new(self.parameters);
+        *self = Self {
+            has_link: self.has_link,
+            ..Self::new(self.parameters)
+        };
     }
 
     /// The angles after the last readings.
@@ -187,6 +203,9 @@ impl JointEncoders {
     /// Takes one reading of each encoder; NaN where there is none.
     pub fn update(&mut self, motor_reading: f64, link_reading: f64) -> JointAngles {
         let n = self.parameters.gear_ratio;
+        if !self.has_link {
+            return self.update_motor(motor_reading);
+        }
         // The link-side encoder first: it determines the motor's turn. Its own first
         // reading is taken as the turn nearest to zero.
         let link = self.link.take(link_reading, self.link.angle.unwrap_or(0.0));
@@ -227,6 +246,29 @@ impl JointEncoders {
             _ => measured_flags::MISSED,
         };
         self.last = self.align(theta, q, flags);
+        self.last
+    }
+
+    /// Takes the reading of the only encoder.
+    fn update_motor(&mut self, reading: f64) -> JointAngles {
+        let taken = (self.motor).take(reading, self.motor.angle.unwrap_or(0.0));
+        let Some(theta) = self.motor.angle else {
+            self.last.flags = measured_flags::NEVER | measured_flags::MISSED;
+            return self.last;
+        };
+        let q = theta / self.parameters.gear_ratio;
+        self.last = JointAngles {
+            theta,
+            q,
+            aligned_theta: theta,
+            aligned_q: q,
+            torsion: 0.0,
+            flags: match taken {
+                Taken::Used => 0,
+                Taken::Missed => measured_flags::MISSED,
+                Taken::Jumped => measured_flags::JUMP,
+            },
+        };
         self.last
     }
 

@@ -43,6 +43,17 @@ impl FrontEnd {
         })
     }
 
+    /// Of a joint whose only encoder is the motor's. It has no velocities of its own.
+    #[must_use]
+    pub fn of_motor(parameters: EncoderParameters) -> Self {
+        Self {
+            encoders: JointEncoders::of_motor(parameters),
+            velocity: None,
+            current: 0.0,
+            sample_period: parameters.sample_period,
+        }
+    }
+
     /// Takes one reading of each; NaN where there is none.
     pub fn update(&mut self, theta: f64, q: f64, current: f64) -> JointSample {
         let angles = self.encoders.update(theta, q);

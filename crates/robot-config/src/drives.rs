@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 use supervisor::DriveProfile;
 
 /// A kind of drive.
+#[derive(Clone)]
 pub(crate) struct Drive {
     pub(crate) gear_ratio: f64,
     pub(crate) rotor_inertia: f64,
@@ -30,12 +31,24 @@ pub(crate) struct Drive {
     pub(crate) compliance: ComplianceParameters,
     pub(crate) wave_generator: WaveGeneratorParameters,
     pub(crate) motor: MotorModel,
+    /// The gear's part of K_tau, rad/(N·m).
+    pub(crate) gear_softness: f64,
     /// Errors below this make no torque, rad.
     pub(crate) dead_zone: f64,
     /// Time in which the drive answers a command, s.
     pub(crate) lag: f64,
     /// None: the drive has no states.
     pub(crate) profile: Option<DriveProfile>,
+}
+
+impl Drive {
+    /// The drive of a joint whose only angle is the motor's: its K_tau contains no gear.
+    pub(crate) fn at_motor(&self) -> Self {
+        Self {
+            gear_softness: 0.0,
+            ..self.clone()
+        }
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -115,6 +128,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
         current_sigma,
         flat_after,
         sampling,
+        gear_softness: 1.0 / compliance.k_fs0,
         compliance,
         wave_generator: friction?,
         motor,

@@ -4,6 +4,7 @@ mod calibration;
 mod gains;
 mod law;
 mod limits;
+mod motor_alone;
 mod signals;
 
 use crate::Files;
@@ -13,11 +14,12 @@ use crate::liveness;
 use crate::parameters::{JointParameters, Timing};
 use crate::reader::{Allowed, Section};
 use crate::sampling;
-use crate::wiring::Wiring;
+use crate::wiring::{Reach, Wiring};
 use dynamics::{Data, Model, crba, neutral};
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
+pub(crate) use motor_alone::check_torque_source;
 use robot_state::MAX_JOINTS;
 use signals::Signals;
 use std::collections::BTreeMap;
@@ -69,6 +71,7 @@ pub(crate) fn read(
         section.finish();
         named.push(name);
     }
+    motor_alone::check_drives(root, &joints);
     if let Some(model) = model {
         let forgotten = model
             .joint_names()
@@ -113,9 +116,13 @@ impl Reader<'_, '_, '_> {
         let section = self.section;
         let model_index = model.and_then(|model| self.in_model(&name, model));
         let drive = self.drive(drives);
+        let has_link = self.has_link();
+        let at_motor = drive.filter(|_| !has_link).map(Drive::at_motor);
+        // What control sees of the drive: without a link-side encoder it does not see the gear.
+        let seen = at_motor.as_ref().or(drive);
         let torque_limit = section.number("torque_limit_Nm", Allowed::Positive);
-        let limits = self.limits(torque_limit, drive, model.zip(model_index));
-        let gains = self.gains(drive);
+        let limits = self.limits(torque_limit, seen, model.zip(model_index));
+        let gains = self.gains(seen);
         let kinematic_error = self.kinematic_error();
         let longest = sampling::MAX_PERIODS * self.timing.sample_period * 1e6;
         let skew = section.number_or("skew_us", 0.0, Allowed::Within(-longest, longest)) * 1e-6;
@@ -143,8 +150,20 @@ impl Reader<'_, '_, '_> {
         let inertia = model
             .zip(model_index)
             .map_or(0.0, |(model, j)| inertia(model, j));
-        let (drive, signals) = (drive?, signals?);
-        let (motor_angle, link_angle) = (signals.motor_angle?, signals.link_angle?);
+        let (drive, seen, signals) = (drive?, seen?, signals?);
+        let motor_angle = signals.motor_angle?;
+        let link_angle = match has_link {
+            true => signals.link_angle?,
+            // Its angle is as fine as the motor's, and wraps as that does.
+            false => Reach {
+                wrap: f64::INFINITY,
+                resolution: motor_angle.resolution / drive.gear_ratio,
+                ..motor_angle
+            },
+        };
+        if !has_link {
+            self.check_motor_alone(drive);
+        }
         let gap = drive.sampling.longest_gap(self.timing.sample_period);
         let encoders = EncoderParameters {
             gear_ratio: drive.gear_ratio,
@@ -168,6 +187,7 @@ impl Reader<'_, '_, '_> {
             model_index: model_index?,
             bus: bus?,
             drive: section.text("drive", "")?.value.to_owned(),
+            has_link_encoder: has_link,
             has_velocity: signals.has_velocity,
             has_status: signals.has_status,
             drive_profile: self.profile(drive, &signals),
@@ -188,21 +208,21 @@ impl Reader<'_, '_, '_> {
                 kinematic_error,
             },
             calibration,
-            law: self.law(drive, &limits),
+            law: self.law(seen, &limits),
             drive_lag: law::LAG_OF_THE_LOOP * drive.lag,
             link_inertia: inertia,
-            motor: drive.motor,
+            motor: seen.motor,
             gains: gains?,
-            actuation: self.actuation(drive, inertia),
+            actuation: self.actuation(seen, inertia),
             torque_velocity: self.torque_velocity(&limits),
             plausibility: limits::plausibility(
                 &limits,
                 drive,
-                motor_angle.resolution,
+                (motor_angle.resolution, has_link),
                 self.timing.sample_period,
             ),
             zero_current: drive.zero_current,
-            following: self.following(&limits, drive, signals.current),
+            following: self.following(&limits, seen, signals.current),
             current_signal: liveness::signal(
                 signals.current,
                 drive.current_sigma,

@@ -167,6 +167,7 @@ fn robot(
         imu,
     };
     if readable {
+        joints::check_torque_source(&again, &parameters);
         well_posed::check(&again, &model, &parameters);
     }
     Some(Robot {

@@ -249,6 +249,9 @@ pub struct JointParameters {
     pub bus: usize,
     /// Name of its kind of drive.
     pub drive: String,
+    /// The joint has an encoder on its link. Without one `q` is `theta/N` less the torsion that the
+    /// estimated torque explains, and `motor`, `actuation` and lead are those over the motor-side angle.
+    pub has_link_encoder: bool,
     /// True if the drive sends a velocity.
     pub has_velocity: bool,
     /// True if the drive sends a status word.
@@ -294,7 +297,24 @@ pub struct JointParameters {
     pub current_signal: SignalParameters,
 }
 
+/// Ratio of the links' frequency on their gears to the bandwidth of the explained torsion: its square is
+/// the inverse of the loop's gain.
+const TORSION_FREQUENCY_RATIO: f64 = 4.0;
+
 impl Parameters {
+    /// Bandwidth in which the torque explains the torsion of joints without a link-side encoder, rad/s:
+    /// a share of the least frequency that their links can have on their gears, from the inertias with the
+    /// robot stretched out and the gears without load, where they are softest. Infinite without such joints.
+    #[must_use]
+    pub fn torsion_bandwidth(&self) -> f64 {
+        let joints = self.joints.iter().filter(|joint| !joint.has_link_encoder);
+        let squares = joints.map(|joint| {
+            let (gear, n) = (&joint.estimator.compliance, joint.encoders.gear_ratio);
+            joint.link_inertia * (1.0 / gear.k_fs0 + 1.0 / (n * n * gear.k_wg0))
+        });
+        1.0 / (TORSION_FREQUENCY_RATIO * squares.sum::<f64>().sqrt())
+    }
+
     /// Limits of each joint in motions that the loop plans.
     pub fn motion_limits(&self) -> impl Iterator<Item = MotionLimits> {
         self.joints.iter().map(|joint| {

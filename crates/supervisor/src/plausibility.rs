@@ -26,6 +26,9 @@ pub struct PlausibilityParameters {
     /// The same of the motor-side angle, rad, link side: what torque can make of the rotor's velocity
     /// within a sample, and a count; infinite where samples are not taken at the cycle's instants.
     pub motor_step: f64,
+    /// A motor-side angle that is off its course after readings that jumped, by more than this for each
+    /// of them, rad, link side, has stepped; infinite where a second encoder shows it.
+    pub jump: f64,
     /// Good samples in a row after which a joint is plausible.
     pub samples_to_trust: u32,
     /// Bad samples in a row after which it is no longer.
@@ -111,8 +114,8 @@ pub struct Plausibility {
     standstill: Option<Standstill>,
     /// The last sample was that of the cycle before.
     in_a_row: bool,
-    /// The torsion's course before readings that jumped, and how many did.
-    jumped: Option<(Course, u32)>,
+    /// The courses of torsion and motor-side angle before readings that jumped, and how many did.
+    jumped: Option<([Course; 2], u32)>,
     /// An encoder has slipped, or trust was lost otherwise: what is measured from then on is wrong by
     /// an unknown angle.
     slipped: bool,
@@ -145,9 +148,10 @@ impl Plausibility {
                 return self.trust;
             }
             Sample::Jump => {
-                let jumped = match (self.jumped, self.torsion.course) {
-                    (Some((course, readings)), _) => Some((course, readings.saturating_add(1))),
-                    (None, course) => course.map(|course| (course, 1)),
+                let courses = self.torsion.course.zip(self.motor.course);
+                let jumped = match (self.jumped, courses) {
+                    (Some((before, readings)), _) => Some((before, readings.saturating_add(1))),
+                    (None, courses) => courses.map(|(torsion, motor)| ([torsion, motor], 1)),
                 };
                 self.forget();
                 self.jumped = jumped;
@@ -243,8 +247,9 @@ impl Plausibility {
     fn follow(&mut self, torsion: f64, motor: f64) -> Step {
         let p = &self.parameters;
         if let Some((before, readings)) = self.jumped.take() {
-            let expected = before.angle + before.rate * f64::from(readings + 1);
-            if (torsion - expected).abs() > p.step {
+            let expected = before.map(|x| x.angle + x.rate * f64::from(readings + 1));
+            let off = [torsion - expected[0], motor - expected[1]].map(f64::abs);
+            if off[0] > p.step || off[1] > p.jump * f64::from(readings) {
                 return Step::Confirmed;
             }
         }
@@ -304,6 +309,7 @@ mod tests {
         torsion: 0.003,
         step: 0.0005,
         motor_step: 0.0008,
+        jump: f64::INFINITY,
         samples_to_trust: 5,
         samples_to_doubt: 3,
         friction: 10.0,

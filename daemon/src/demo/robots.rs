@@ -21,6 +21,11 @@ const FILES: &[(&str, &str)] = &[
     embedded!("config/leg/motion.toml"),
     embedded!("robot-models/leg/robot.urdf"),
     embedded!("robot-models/leg/drives.dbc"),
+    embedded!("config/hrp2-like/robot.toml"),
+    embedded!("config/hrp2-like/sim.toml"),
+    embedded!("config/hrp2-like/motion.toml"),
+    embedded!("robot-models/hrp2-like/robot.urdf"),
+    embedded!("robot-models/hrp2-like/drives.dbc"),
     embedded!("config/humanoid/robot.toml"),
     embedded!("config/humanoid/sim.toml"),
     embedded!("config/humanoid/motion.toml"),
@@ -29,7 +34,7 @@ const FILES: &[(&str, &str)] = &[
 ];
 
 /// Names of the demo's robots.
-pub(super) const NAMES: &[&str] = &["test-joint", "leg", "humanoid"];
+pub(super) const NAMES: &[&str] = &["test-joint", "leg", "hrp2-like", "humanoid"];
 
 /// The text of a file of the demo's robots.
 ///

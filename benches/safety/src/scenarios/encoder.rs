@@ -21,7 +21,7 @@ fn encoders(
         });
         if let Some(out) = out {
             rig.spoil(
-                |slot| slot == q,
+                |slot| slot == theta,
                 |values| {
                     (values[q], values[theta]) = out;
                 },
@@ -35,7 +35,7 @@ fn read(rig: &Rig, joint: usize, mut take: impl FnMut(&[f64])) {
     let table = &rig.robot.receive;
     let mut values = vec![0.0; slots::receive_len(&rig.robot.parameters)];
     for frame in &rig.rx {
-        if rig.carries(frame, |slot| slot == slots::link_angle(joint))
+        if rig.carries(frame, |slot| slot == slots::motor_angle(joint))
             && table.decode(frame, &mut values).is_ok()
         {
             take(&values);
@@ -96,7 +96,13 @@ fn exchanged(place: Place) -> Fault {
 }
 
 pub(super) fn scenarios() -> Vec<Scenario> {
-    let new = |name, starts, make| Scenario::new(GROUP, name, starts, make);
+    let new = |name: &'static str, starts, make| {
+        let scenario = Scenario::new(GROUP, name, starts, make);
+        match name.starts_with("link encoder") {
+            true => scenario.of_two_encoders(),
+            false => scenario,
+        }
+    };
     vec![
         new("link encoder reads 0 in its first frame", POWER_ON, |p| {
             first(p, true, false)

@@ -112,23 +112,23 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         new("F/T sensor's axes exchanged", FOLLOWING, |_| {
             ft(|axes, _| *axes = [axes[1], axes[2], axes[0], axes[4], axes[5], axes[3]])
         }),
-        new("IMU silent", ENABLED, |_| silent(Source::Imu)).of_humanoid(),
-        new("IMU flat", ENABLED, |_| imu(kept())).of_humanoid(),
+        new("IMU silent", ENABLED, |_| silent(Source::Imu)).with_imu(),
+        new("IMU flat", ENABLED, |_| imu(kept())).with_imu(),
         new("IMU's axes exchanged", FOLLOWING, |_| {
             imu(|axes, _| *axes = [axes[1], axes[2], axes[0], axes[4], axes[5], axes[3]])
         })
-        .of_humanoid(),
+        .with_imu(),
         new("IMU's accelerometer reversed", FOLLOWING, |_| {
             imu(|axes, _| axes[3..].iter_mut().for_each(|x| *x = -*x))
         })
-        .of_humanoid(),
+        .with_imu(),
         new("IMU's gyro steps by 1 rad/s", FOLLOWING, |_| {
             imu(|axes, _| axes[1] += 1.0)
         })
-        .of_humanoid(),
+        .with_imu(),
         new("IMU saturated", FOLLOWING, |_| {
             imu(|axes, _| *axes = [30.0, 30.0, 30.0, 150.0, 150.0, 150.0])
         })
-        .of_humanoid(),
+        .with_imu(),
     ]
 }

@@ -18,7 +18,8 @@ impl FrictionModel {
 
     /// The friction after the rotor went on by `turned` (rad), N·m:
     /// `h' = sigma omega (1 - h sign(omega) / level)`, solved exactly.
-    pub(super) fn after(&self, friction: f64, turned: f64) -> f64 {
+    #[must_use]
+    pub fn after(&self, friction: f64, turned: f64) -> f64 {
         if self.level <= 0.0 {
             return 0.0;
         }

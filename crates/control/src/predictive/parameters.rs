@@ -172,6 +172,21 @@ impl GearStiffness {
 }
 
 impl LawParameters {
+    /// Lag of the gear's torque behind the desired one where commands are relative to the rotor, s:
+    /// half a period of hold, the way to the drive, and the gear that is wound up against the drive's
+    /// damping, to which the delay of such a command adds.
+    #[must_use]
+    pub fn torque_lag(&self) -> f64 {
+        let (stiffness, damping) = match self.drive {
+            DriveModel::Position {
+                stiffness, damping, ..
+            } => (stiffness, damping),
+            DriveModel::Current { viscous, .. } => (0.0, viscous),
+        };
+        let wound_up = (damping + stiffness * self.delay) / self.gear.k_fs0;
+        0.5 * self.sample_period + self.delay + wound_up
+    }
+
     /// Whole periods of the delay, and the rest, s.
     pub(super) fn delay_in_cycles(&self) -> (usize, f64) {
         let dt = self.sample_period;
@@ -274,7 +289,8 @@ impl LawParameters {
     }
 
     /// Further lead that brings a position-commanded drive through its dead zone, rad.
-    pub(super) fn dead_zone_inverse(&self, lead: f64) -> f64 {
+    #[must_use]
+    pub fn dead_zone_inverse(&self, lead: f64) -> f64 {
         match self.drive {
             DriveModel::Position { dead_zone, .. } if dead_zone > 0.0 => {
                 dead_zone * (lead / (0.25 * dead_zone)).tanh()

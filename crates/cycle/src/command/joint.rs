@@ -25,11 +25,13 @@ use robot_state::{JointCommanded, Mode, command_flags, measured_flags};
 
 use super::carry::Carry;
 use super::impedance::Impedance;
+use super::late::LateTorque;
 use super::law::{JointInput, Law};
 use super::predictive::{predictive_command, sensed};
 use super::reference::Goal;
 use super::transition::{Stop, Transition};
 use crate::measure::NOT_USED;
+use problem::Problem;
 use robot_config::{JointParameters, Parameters, TorqueLaw};
 use supervisor::{Actuation, Deviation, Following, Limiter, Motion, Shown};
 
@@ -71,30 +73,42 @@ pub(crate) struct JointController {
     following: Following,
     /// None: the PI law (D11).
     predictive: Option<PredictiveLaw>,
+    /// Feedback of the PI law without a link-side encoder.
+    late: Option<LateTorque>,
     /// None while no set-points are sent.
     state: Option<State>,
 }
 
 impl JointController {
-    pub(crate) fn new(joint: &JointParameters, parameters: &Parameters) -> Self {
+    pub(crate) fn new(joint: &JointParameters, parameters: &Parameters) -> Result<Self, Problem> {
         let sample_period = parameters.timing.sample_period;
-        Self {
+        let has_link = joint.has_link_encoder;
+        Ok(Self {
             law: Law {
                 motor: joint.motor,
                 gains: joint.gains,
                 limits: joint.limits,
                 actuation: joint.actuation,
                 gear_ratio: joint.encoders.gear_ratio,
+                has_link_encoder: has_link,
                 torque_per_current: joint.encoders.gear_ratio
                     * joint.estimator.wave_generator.torque_constant,
                 torque_velocity: joint.torque_velocity,
             },
             following: Following::new(joint.following),
             limiter: Limiter::new(joint.limits, joint.actuation, sample_period),
-            predictive: matches!(parameters.torque_law, TorqueLaw::Predictive(_))
+            predictive: (has_link && matches!(parameters.torque_law, TorqueLaw::Predictive(_)))
                 .then(|| PredictiveLaw::new(joint.law)),
+            late: (!has_link)
+                .then(|| LateTorque::new(joint, parameters))
+                .transpose()?,
             state: None,
-        }
+        })
+    }
+
+    /// The joint feeds back the torque from F/T sensors and IMU, whatever the robot's law is.
+    pub(crate) fn is_late(&self) -> bool {
+        self.late.is_some()
     }
 
     /// Its drive takes currents.
@@ -209,10 +223,14 @@ impl JointController {
         let state = match self.state.take().filter(goes_on) {
             Some(state) => state,
             None => {
-                let from = match &mut self.predictive {
+                let from = match (&mut self.predictive, &mut self.late) {
                     // The desired torque goes on from the present one, not the command.
-                    Some(predictive) => predictive.hold_reference(),
-                    None => last,
+                    (Some(predictive), _) => predictive.hold_reference(),
+                    (None, Some(late)) => {
+                        let lead = last - motion.theta - law.motor.friction_part(motion.dq);
+                        late.begin(lead, input.torque(), &law.gains)
+                    }
+                    (None, None) => last,
                 };
                 // A drive that had the same set-point for so long stands.
                 let dq = if input.overslept { 0.0 } else { motion.dq };
@@ -221,6 +239,9 @@ impl JointController {
         };
         let state = self.state.insert(state);
         let reference = input.reference;
+        if let (Some(late), Mode::Hold) = (&mut self.late, state.mode()) {
+            late.rest(input.torque());
+        }
         let (terms, torque_loop, transition) = match state {
             State::HoldPosition { hold_q, stop } => {
                 *hold_q += stop.way(input.dt);
@@ -254,12 +275,22 @@ impl JointController {
                 (terms, torque_loop, transition)
             }
         };
-        match &mut self.predictive {
-            Some(predictive) => {
+        match (&mut self.predictive, &mut self.late) {
+            (Some(predictive), _) => {
                 predictive_command(predictive, terms, transition, input.dt, commanded)
             }
-            None => {
-                let command = law.torque_command(terms, torque_loop, input, commanded);
+            (None, Some(late)) => {
+                // The desired torque is led from that of the last command, as its feedback has to know.
+                let tau_d = terms.sum();
+                let led = transition.blend(tau_d, input.dt);
+                let terms = TorqueTerms {
+                    feedforward: terms.feedforward + led - tau_d,
+                    ..terms
+                };
+                law.torque_command(terms, (torque_loop, Some(late)), input, commanded)
+            }
+            (None, None) => {
+                let command = law.torque_command(terms, (torque_loop, None), input, commanded);
                 transition.blend(command, input.dt)
             }
         }

@@ -9,6 +9,7 @@ use supervisor::{Actuation, Limits, Motion, Shown};
 
 use super::carry::{CarryParameters, smaller};
 use super::impedance::Impedance;
+use super::late::LateTorque;
 
 /// Torques of one joint by inverse dynamics, N·m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -51,6 +52,14 @@ pub(crate) struct JointInput<'a> {
     pub(crate) overslept: bool,
 }
 
+impl JointInput<'_> {
+    /// The torque that is fed back, where it is valid, N·m.
+    pub(super) fn torque(&self) -> Option<f64> {
+        let valid = self.tau_hat.flags & torque_flags::VALID != 0;
+        valid.then_some(self.tau_hat.tau)
+    }
+}
+
 /// Constants of one joint's control law.
 #[derive(Debug, Clone)]
 pub(super) struct Law {
@@ -59,6 +68,8 @@ pub(super) struct Law {
     pub(super) limits: Limits,
     pub(super) actuation: Actuation,
     pub(super) gear_ratio: f64,
+    /// Without an encoder on its link a joint is where its motor is: commands lead the motor-side angle.
+    pub(super) has_link_encoder: bool,
     /// Motor torque per current, link side, N·m/A.
     pub(super) torque_per_current: f64,
     /// Greatest |dq| in mode torque, rad/s.
@@ -72,11 +83,16 @@ impl Law {
             measured.theta / self.gear_ratio,
             measured.omega / self.gear_ratio,
         );
-        Motion {
-            q: measured.q,
-            theta,
+        let (q, dq) = match self.has_link_encoder {
             // The velocity that both encoders agree on.
-            dq: smaller(measured.dq, omega),
+            true => (measured.q, smaller(measured.dq, omega)),
+            // By no torque of F/T sensors: a sensor that fails must not move the joint.
+            false => (theta, omega),
+        };
+        Motion {
+            q,
+            theta,
+            dq,
             weight: input.weight,
         }
     }
@@ -96,7 +112,7 @@ impl Law {
                 //= D6: delta_q = K_tau tau + K_v dq + K_c sign(dq)
                 let set_points = [
                     motion.theta + lead + k_v * omega,
-                    motion.q + k_tau * tau + k_v * measured.dq,
+                    motion.q + k_tau * tau + k_v * self.velocity(measured.dq, omega),
                 ];
                 (set_points, lead)
             }
@@ -110,10 +126,19 @@ impl Law {
         }
     }
 
+    /// By the link side's encoder where there is one, else by the motor's, rad/s.
+    fn velocity(&self, dq: f64, omega: f64) -> f64 {
+        if self.has_link_encoder { dq } else { omega }
+    }
+
     /// The torque that the joint carries where it stands, as far as it is known, N·m.
     pub(super) fn load(&self, input: &JointInput<'_>) -> f64 {
         let tau = input.tau_encoder;
         match (self.motor, tau.flags & torque_flags::VALID != 0) {
+            // The lead that the drive holds already, whatever the torque is: none while it is off.
+            (MotorModel::Position { .. }, _) if !self.has_link_encoder => {
+                self.torque_per_current * input.measured.current
+            }
             (MotorModel::Position { .. }, true) => tau.tau,
             _ => 0.0,
         }
@@ -168,10 +193,11 @@ impl Law {
         }
     }
 
+    /// `late`: how a joint without a link-side encoder feeds its torque back, instead of `torque_loop`.
     pub(super) fn torque_command(
         &self,
         terms: TorqueTerms,
-        torque_loop: &mut TorqueLoop,
+        (torque_loop, mut late): (&mut TorqueLoop, Option<&mut LateTorque>),
         input: &JointInput<'_>,
         commanded: &mut JointCommanded,
     ) -> f64 {
@@ -185,16 +211,22 @@ impl Law {
         //= D12: tau_d = M ddq_d + h_hat - J^T f* + K_s (q_d - q) + K_d (dq_d - dq)
         let tau_d = feedforward + force + position + velocity;
         let valid = tau_hat.flags & torque_flags::VALID != 0;
-        let tau_star = torque_loop.update(
-            tau_d,
-            valid.then_some(tau_hat.tau),
-            &self.gains,
-            self.limits.torque,
-            input.dt,
-        );
+        let fed_back = valid.then_some(tau_hat.tau);
+        let tau_star = match &mut late {
+            Some(late) => late.update(tau_d, fed_back, &self.gains, input.dt),
+            None => {
+                let limit = self.limits.torque;
+                torque_loop.update(tau_d, fed_back, &self.gains, limit, input.dt)
+            }
+        };
         let limit = self.limits.torque;
         let limited = tau_star.clamp(-limit, limit);
-        let friction = self.motor.friction_part(measured.dq);
+        let omega = measured.omega / self.gear_ratio;
+        let mut friction = self.motor.friction_part(self.velocity(measured.dq, omega));
+        if let Some(late) = late {
+            let lead = self.motor.torque_part(limited);
+            friction += late.against_friction(tau_d, lead, measured.dq, input.dt);
+        }
         //= D10: delta_q = K_tau tau* + K_v dq + K_c sign(dq)
         let command = self.motor.torque_part(limited) + friction;
 
@@ -229,7 +261,8 @@ impl Law {
             ..JointCommanded::default()
         };
         match self.motor {
-            MotorModel::Position { .. } => measured.q + command,
+            MotorModel::Position { .. } if self.has_link_encoder => measured.q + command,
+            MotorModel::Position { .. } => measured.theta / self.gear_ratio + command,
             MotorModel::Current { .. } => command,
         }
     }

@@ -345,8 +345,10 @@ fn is_finite(reference: &Reference) -> bool {
 pub(super) fn needs(mode: Mode, robot: &Robot) -> u32 {
     let law = robot.parameters.torque_law;
     let used = |used: bool, bits: u32| if used { bits } else { 0 };
-    let feedback = used(law.uses_encoders(), source::ENCODER_TORQUE)
-        | used(law.uses_sensors(), source::WHOLE_BODY);
+    let joints = &robot.parameters.joints;
+    let by_encoders = law.uses_encoders() && joints.iter().any(|j| j.has_link_encoder);
+    let by_sensors = law.uses_sensors() || joints.iter().any(|j| !j.has_link_encoder);
+    let feedback = used(by_encoders, source::ENCODER_TORQUE) | used(by_sensors, source::WHOLE_BODY);
     match mode {
         Mode::Hold => 0,
         Mode::Torque => feedback,

@@ -1,28 +1,23 @@
 //! Cross-check: comparison of the torques from encoders, F/T sensors and current.
 //!
-//! In: the estimates of the cycle. Out: `tau_current`, and the warnings 204 to 208, each naming the
-//! joint or sensor that is probably wrong.
+//! In: the estimates of the cycle. Out: the warnings 204 to 208, each naming the joint or sensor that is
+//! probably wrong. Of a joint without a link-side encoder F/T sensors and current are compared: the current
+//! stands where else the encoders do, with the friction that its torque is uncertain by.
 
-use estimators::current_based::{CurrentEstimator, CurrentParameters};
-use estimators::joint::{JointSample, JointTorqueEstimator};
 use robot_config::{CrossCheckSettings, JointParameters, Robot};
-use robot_state::{EstimatedRecord, Event, JointMeasured, TorqueEstimate};
+use robot_state::{EstimatedRecord, Event, TorqueEstimate};
 use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
 
 use super::usable::valid;
 use crate::events::{Counts, Subject};
 
-/// Pole of the low-pass of the torque from current.
-const POLE: f64 = 0.9;
-/// |dq| over which friction changes sign, rad/s.
-pub(super) const SIGN_SMOOTHING: f64 = 0.02;
-
-/// The cross-check of a robot, with the torque from current that it needs.
+/// The cross-check of a robot.
 #[derive(Debug)]
 pub(crate) struct CrossCheckStage {
     check: CrossCheck,
-    currents: Vec<CurrentEstimator>,
     sources: Vec<Sources>,
+    /// The joint has no link-side encoder.
+    by_current: Vec<bool>,
     /// Causes that were found in the cycle before.
     reported: Vec<Cause>,
 }
@@ -40,7 +35,9 @@ impl CrossCheckStage {
             window: p.filters.window,
             average: settings.average,
             hold: settings.hold,
-            encoder_threshold: limits(settings.encoder_share),
+            encoder_threshold: (p.joints.iter())
+                .map(|j| settings.encoder_share * j.limits.torque + friction(j))
+                .collect(),
             current_load: limits(settings.current_load_share),
             current_ratio: settings.current_ratio,
             residual_ratio: settings.residual_ratio,
@@ -49,10 +46,8 @@ impl CrossCheckStage {
         let n = p.joints.len();
         Self {
             check: CrossCheck::new(whole_body, check),
-            currents: (p.joints.iter())
-                .map(|j| CurrentEstimator::new(current(j, p.timing.sample_period)))
-                .collect(),
             sources: vec![Sources::default(); n],
+            by_current: p.joints.iter().map(|j| !j.has_link_encoder).collect(),
             reported: Vec::with_capacity(3 * n + 2 * p.ft_sensors.len()),
         }
     }
@@ -64,22 +59,18 @@ impl CrossCheckStage {
 
     pub(crate) fn update(
         &mut self,
-        samples: &[JointSample],
-        measured: &[JointMeasured],
         whole_body: &WholeBody,
         estimated: &mut EstimatedRecord,
         counts: &mut Counts,
     ) {
         let valid = |e: &TorqueEstimate| valid(e).map(|e| e.tau);
-        for (j, sample) in samples.iter().enumerate() {
-            let joint = &mut estimated.joints[j];
-            let sample = JointSample {
-                dq: measured[j].dq,
-                ..*sample
-            };
-            joint.tau_current = self.currents[j].update(&sample);
-            self.sources[j] = Sources {
-                encoder: valid(&joint.tau_encoder),
+        let joints = estimated.joints.iter().zip(&self.by_current);
+        for (sources, (joint, by_current)) in self.sources.iter_mut().zip(joints) {
+            *sources = Sources {
+                encoder: match by_current {
+                    true => valid(&joint.tau_current),
+                    false => valid(&joint.tau_encoder),
+                },
                 whole_body: valid(&joint.tau_whole_body),
                 current: valid(&joint.tau_current),
             };
@@ -111,22 +102,15 @@ fn event(cause: Cause) -> (Event, Subject) {
     }
 }
 
-/// Parameters of the torque from current, link side.
-fn current(joint: &JointParameters, sample_period: f64) -> CurrentParameters {
-    let e = &joint.estimator;
-    let (n, motor) = (e.gear_ratio, &e.wave_generator);
-    CurrentParameters {
-        k_1: n * motor.torque_constant,
-        k_2: n * n * motor.viscous_friction,
-        k_3: n * motor.friction,
-        k_4: 0.0,
-        inertia: n * n * joint.rotor_inertia,
-        offset: 0.0,
-        sign_smoothing: SIGN_SMOOTHING,
-        low_pass_pole: POLE,
-        sigma: 0.0,
-        sample_period,
-        // A wrong torque constant must show, not saturate.
-        torque_limit: 10.0 * joint.limits.torque,
+/// Further difference that is normal, N·m: what friction makes of the torque by current where that stands
+/// for the encoders', as it may point either way and exceed sliding friction at rest.
+fn friction(joint: &JointParameters) -> f64 {
+    let coulomb = joint.encoders.gear_ratio * joint.estimator.wave_generator.friction;
+    match joint.has_link_encoder {
+        true => 0.0,
+        false => STICTION * coulomb,
     }
 }
+
+/// Greatest friction at rest over that in motion.
+const STICTION: f64 = 1.5;

@@ -1,7 +1,8 @@
 //! Delay compensation: the present torque of every joint.
 //!
 //! In: the torque from encoders, fast but drifting, and the torque from F/T sensors, accurate but
-//! delayed by the short filters. Out: `tau_hat`.
+//! delayed by the short filters. Out: `tau_hat`. Of a joint without a link-side encoder the torque from
+//! motor current stands for that from encoders: it drifts by its friction.
 
 use estimators::compliance::ComplianceEstimator;
 use estimators::compliance::JointEstimatorParameters;
@@ -31,11 +32,20 @@ pub(crate) struct DelayCompensation {
     fast: Vec<FastTorque>,
 }
 
+/// The torque without delay.
+#[derive(Debug)]
+enum Fast {
+    /// By the compliance without its low-pass, which would add delay.
+    Compliance(Box<ComplianceEstimator>),
+    /// By a joint file's estimators, which have none.
+    Calibrated,
+    /// By motor current.
+    Current,
+}
+
 #[derive(Debug)]
 struct Joint {
-    /// The compliance without its low-pass, which would add delay; none where a joint file's
-    /// estimators, which have none, are used.
-    fast: Option<ComplianceEstimator>,
+    fast: Fast,
     compensator: DelayCompensator,
     torque_limit: f64,
 }
@@ -54,16 +64,23 @@ impl DelayCompensation {
         let p = &robot.parameters;
         let kernel = FilterBank::new(1, p.filters.short.sensor)?.kernel();
         let joint = |joint: &JointParameters| Joint {
-            fast: joint.calibration.is_none().then(|| {
-                ComplianceEstimator::new(JointEstimatorParameters {
-                    low_pass_pole: 0.0,
-                    ..joint.estimator.clone()
-                })
-            }),
+            fast: match (joint.has_link_encoder, &joint.calibration) {
+                (false, _) => Fast::Current,
+                (true, Some(_)) => Fast::Calibrated,
+                (true, None) => Fast::Compliance(Box::new(ComplianceEstimator::new(
+                    JointEstimatorParameters {
+                        low_pass_pole: 0.0,
+                        ..joint.estimator.clone()
+                    },
+                ))),
+            },
             compensator: DelayCompensator::new(DelayCompensatorParameters {
                 sample_period: p.timing.sample_period,
                 kernel: kernel.clone(),
-                fast_sigma: resolution(&joint.estimator),
+                fast_sigma: match joint.has_link_encoder {
+                    true => resolution(&joint.estimator),
+                    false => by_current(joint),
+                },
                 torque_limit: joint.limits.torque,
                 error_per_angle: KINEMATIC_SLOPE * joint.estimator.compliance.k_fs0,
             }),
@@ -97,9 +114,10 @@ impl DelayCompensation {
         let usable = delayed.valid && measure.flags() & UNUSABLE == 0;
         let samples = measure.samples().iter().enumerate();
         for ((own, (j, sample)), joint) in (self.joints.iter_mut().zip(samples)).zip(joints) {
-            let fast = match &mut own.fast {
-                Some(compliance) => compliance.update(sample),
-                None => joint.tau_encoder,
+            let (fast, by_torsion) = match &mut own.fast {
+                Fast::Compliance(compliance) => (compliance.update(sample), true),
+                Fast::Calibrated => (joint.tau_encoder, true),
+                Fast::Current => (joint.tau_current, false),
             };
             let (tau, sigma) = (delayed.tau[j], delayed.sigma[j]);
             let within_limit = usable && tau.abs() <= own.torque_limit;
@@ -111,9 +129,12 @@ impl DelayCompensation {
             own.compensator.follow(angle);
             joint.tau_hat = own.compensator.update(fast, delayed);
             if let Some(torque) = self.fast.get_mut(j) {
-                *torque = FastTorque {
-                    torsion: fast,
-                    levelled: own.compensator.levelled(),
+                *torque = match by_torsion {
+                    true => FastTorque {
+                        torsion: fast,
+                        levelled: own.compensator.levelled(),
+                    },
+                    false => FastTorque::default(),
                 };
             }
             if joint.tau_hat.flags & torque_flags::SATURATED != 0 {
@@ -128,4 +149,11 @@ impl DelayCompensation {
 fn resolution(e: &JointEstimatorParameters) -> f64 {
     let counts = (e.motor_resolution / e.gear_ratio).hypot(e.link_resolution);
     e.compliance.k_fs0 * counts / 12f64.sqrt()
+}
+
+/// The same of the torque by motor current: its noise, and its count.
+fn by_current(joint: &JointParameters) -> f64 {
+    let e = &joint.estimator;
+    let count = joint.current_signal.resolution / 12f64.sqrt();
+    e.gear_ratio * e.wave_generator.torque_constant * e.current_sigma.hypot(count)
 }

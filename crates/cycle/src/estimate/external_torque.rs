@@ -8,7 +8,8 @@
 //! | `tau_ext` | `tau_encoder`, long filters | momentum observer | 40 ms and 1/K | lasting pressure |
 //! | `tau_ext_change` | torsion on the level of F/T sensors, within half a second | `M ddq + h - J^T f`, short filters | half their window | blows |
 //!
-//! The second forgets what lasts, and with it slow errors of gear and model.
+//! The second forgets what lasts, and with it slow errors of gear and model. A joint without a link-side
+//! encoder has `tau_ext` by motor current, with its friction, and shows no contact.
 
 use dynamics::Force;
 use estimators::filter_bank::FilterBank;
@@ -156,6 +157,8 @@ struct Lasting {
     filter: FilterBank,
     /// Place of each joint, in config order, in the model.
     model_index: Vec<usize>,
+    /// The joint's torque is that by motor current, as it has no link-side encoder.
+    by_current: Vec<bool>,
     newest: Vec<f64>,
     q: Vec<f64>,
     dq: Vec<f64>,
@@ -175,6 +178,7 @@ impl Lasting {
             observer: MomentumObserver::new(&robot.model, parameters),
             filter: FilterBank::new(joints, p.filters.long.sensor)?,
             model_index: p.joints.iter().map(|j| j.model_index).collect(),
+            by_current: p.joints.iter().map(|j| !j.has_link_encoder).collect(),
             newest: vec![f64::NAN; joints],
             q: vec![0.0; n],
             dq: vec![0.0; n],
@@ -191,8 +195,12 @@ impl Lasting {
         measured: &[JointMeasured],
         estimated: &mut EstimatedRecord,
     ) -> bool {
-        for (newest, joint) in self.newest.iter_mut().zip(&estimated.joints) {
-            *newest = joint.tau_encoder.tau;
+        let sources = estimated.joints.iter().zip(&self.by_current);
+        for (newest, (joint, by_current)) in self.newest.iter_mut().zip(sources) {
+            *newest = match by_current {
+                true => joint.tau_current.tau,
+                false => joint.tau_encoder.tau,
+            };
         }
         self.filter.update(&self.newest);
         for (j, (&place, joint)) in self.model_index.iter().zip(measured).enumerate() {

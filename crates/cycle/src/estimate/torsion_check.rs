@@ -161,7 +161,7 @@ impl Joint {
             k_3: n * motor.friction,
             inertia: n * n * joint.rotor_inertia,
             gear_ratio: n,
-            smoothing: super::cross_check::SIGN_SMOOTHING,
+            smoothing: super::current::SIGN_SMOOTHING,
             torque_limit: joint.limits.torque,
             changes: None,
         }

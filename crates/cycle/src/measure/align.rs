@@ -263,7 +263,12 @@ pub(crate) fn signals(robot: &Robot) -> [Vec<Signal>; 3] {
         }
     };
     let joints = || p.joints.iter().enumerate();
-    let links = || joints().map(|(j, joint)| signal(joint.sampling, slots::link_angle(j)));
+    let links = || {
+        joints().map(|(j, joint)| match joint.has_link_encoder {
+            true => signal(joint.sampling, slots::link_angle(j)),
+            false => signal(joint.sampling, slots::motor_angle(j)),
+        })
+    };
     let motors = joints().map(|(j, joint)| {
         let mut sampling = joint.sampling;
         sampling.latency -= joint.encoders.skew;

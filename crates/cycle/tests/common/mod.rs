@@ -224,7 +224,7 @@ pub(crate) fn spoil(bench: &mut Bench, joint: usize, change: impl Fn(&mut [f64])
         if let Ok(Some(message)) = table.decode(&frame, &mut values)
             && table
                 .slots(message)
-                .any(|slot| slot == slots::link_angle(joint))
+                .any(|slot| slot == slots::motor_angle(joint))
         {
             let stamp_ns = frame.stamp_ns;
             change(&mut values);

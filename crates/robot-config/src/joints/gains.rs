@@ -10,13 +10,14 @@ impl Reader<'_, '_, '_> {
     /// Either `K_s` and `K_d`, or for position-commanded drives `K6` and `K7` (D13-14).
     pub(super) fn gains(&self, drive: Option<&Drive>) -> Option<JointGains> {
         let section = self.section.section("gains")?;
-        // The predictive law has no gain on the torque's error: its keys are unknown there.
+        // The predictive law has no gain on the torque's error: its keys are unknown there. A joint without
+        // a link-side encoder has the other law in any case.
         let (k_p, k_i) = match self.feedback.torque_law {
-            TorqueLaw::ProportionalIntegral(_) => (
+            TorqueLaw::Predictive(_) if self.has_link() => (0.0, 0.0),
+            _ => (
                 section.number("K_p", Allowed::NonNegative),
                 section.number_or("K_i_per_s", 0.0, Allowed::NonNegative),
             ),
-            TorqueLaw::Predictive(_) => (0.0, 0.0),
         };
         let equivalent = section.has("K6") || section.has("K7_s");
         let gains = if equivalent {

@@ -27,7 +27,7 @@ impl Reader<'_, '_, '_> {
                 MotorModel::Position { k_tau, k_v, .. } => {
                     // K_tau is the softness of gear and drive in series. The actuation checks that
                     // the gear leaves something to the drive.
-                    let softness = (k_tau - 1.0 / c.k_fs0).max(1e-9);
+                    let softness = (k_tau - drive.gear_softness).max(1e-9);
                     DriveModel::Position {
                         stiffness: 1.0 / softness,
                         damping: k_v / softness,

@@ -27,6 +27,9 @@ const STEP_SHARE: f64 = 0.15;
 const IMPACT: f64 = 3.0;
 /// Counts of noise in the second difference of an angle.
 const STEP_COUNTS: f64 = 6.0;
+/// Share of the greatest way in a sample by which an angle is off its course after each reading that
+/// jumped by more than that way, if it has stepped; the rest is what torque can make of its velocity.
+const JUMP_SHARE: f64 = 0.5;
 /// Share of the torque limit by which the torque of a motor that stands still may change beyond what
 /// friction holds.
 const STANDSTILL_SHARE: f64 = 0.05;
@@ -163,7 +166,7 @@ impl Reader<'_, '_, '_> {
         let section = self.section;
         let (used, other, limit, per_velocity, doubt) = match drive.motor {
             MotorModel::Position { k_tau, k_v, .. } => {
-                let motor = k_tau - 1.0 / drive.compliance.k_fs0;
+                let motor = k_tau - drive.gear_softness;
                 let lead = (motor * limits.torque).min(limits.lead);
                 let given = section.optional_number("following_error_deg", Allowed::Positive);
                 let limit = given.map_or(FOLLOWING_SHARE * lead, f64::to_radians);
@@ -205,7 +208,7 @@ impl Reader<'_, '_, '_> {
     pub(super) fn actuation(&self, drive: &Drive, inertia: f64) -> Actuation {
         match drive.motor {
             MotorModel::Position { k_tau, k_v, .. } => {
-                let gear = 1.0 / drive.compliance.k_fs0;
+                let gear = drive.gear_softness;
                 if gear >= k_tau {
                     let what = format!("{k_tau} leaves no stiffness to the drive's position loop");
                     let allowed = format!("above 1/K_fs0, which is {gear:e}");
@@ -241,7 +244,7 @@ impl Reader<'_, '_, '_> {
 pub(super) fn plausibility(
     limits: &Limits,
     drive: &Drive,
-    motor_resolution: f64,
+    (motor_resolution, has_link): (f64, bool),
     sample_period: f64,
 ) -> PlausibilityParameters {
     let rotor = drive.rotor_inertia * drive.gear_ratio * drive.gear_ratio;
@@ -262,6 +265,10 @@ pub(super) fn plausibility(
                     + STEP_COUNTS * motor_resolution / drive.gear_ratio
             }
             false => f64::INFINITY,
+        },
+        jump: match has_link {
+            true => f64::INFINITY,
+            false => JUMP_SHARE * drive.max_velocity * sample_period,
         },
         stop_way: match drive.motor {
             MotorModel::Current { .. } if drive.sampling.is_at_sync() => {

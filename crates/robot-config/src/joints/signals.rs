@@ -32,6 +32,7 @@ impl Reader<'_, '_, '_> {
             counts_per_turn: drive.motor_counts_per_turn,
             key: "motor_counts_per_turn",
         };
+        let has_link = self.has_link();
         let link_counts = Quantity::Angle {
             counts_per_turn: drive.link_counts_per_turn,
             key: "link_counts_per_turn",
@@ -95,12 +96,16 @@ impl Reader<'_, '_, '_> {
                 slots::motor_angle(joint),
                 motor_counts,
             ),
-            link_angle: signal(
-                "link_angle",
-                Way::Receive,
-                slots::link_angle(joint),
-                link_counts,
-            ),
+            link_angle: has_link
+                .then(|| {
+                    signal(
+                        "link_angle",
+                        Way::Receive,
+                        slots::link_angle(joint),
+                        link_counts,
+                    )
+                })
+                .flatten(),
             current,
             has_velocity,
             has_status,
@@ -129,16 +134,21 @@ impl Reader<'_, '_, '_> {
             }
         }
         let range = (limits.position_min, limits.position_max);
-        let half = 0.5 * encoders.link_wrap;
+        // Without a link-side encoder nothing but its range shows the motor's turn.
+        let (key, wrap) = match self.has_link() {
+            true => ("link_angle", encoders.link_wrap),
+            false => ("motor_angle", encoders.motor_wrap / encoders.gear_ratio),
+        };
+        let half = 0.5 * wrap;
         if range.0.is_finite() && range.1.is_finite() && (range.0 < -half || range.1 > half) {
             let what = format!(
-                "the signal starts again after {:.3} deg, and the joint moves from {:.3} to {:.3} deg",
-                encoders.link_wrap.to_degrees(),
+                "the signal starts again after {:.3} deg of the joint, and the joint moves from {:.3} to {:.3} deg",
+                wrap.to_degrees(),
                 range.0.to_degrees(),
                 range.1.to_degrees()
             );
             let allowed = "position limits within half the signal's range on either side of zero";
-            self.section.problem("link_angle", what, allowed);
+            self.section.problem(key, what, allowed);
         }
     }
 }

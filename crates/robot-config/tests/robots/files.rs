@@ -13,12 +13,15 @@ macro_rules! repository {
 const FILES: &[(&str, &str)] = repository![
     "config/test-joint/robot.toml",
     "config/leg/robot.toml",
+    "config/hrp2-like/robot.toml",
     "config/humanoid/robot.toml",
     "robot-models/test-joint/robot.urdf",
     "robot-models/leg/robot.urdf",
+    "robot-models/hrp2-like/robot.urdf",
     "robot-models/humanoid/robot.urdf",
     "robot-models/test-joint/drives.dbc",
     "robot-models/leg/drives.dbc",
+    "robot-models/hrp2-like/drives.dbc",
     "robot-models/humanoid/drives.dbc",
 ];
 
@@ -79,6 +82,7 @@ impl Files {
 }
 
 pub(crate) const LEG: &str = "config/leg/robot.toml";
+pub(crate) const HRP2_LIKE: &str = "config/hrp2-like/robot.toml";
 pub(crate) const HUMANOID: &str = "config/humanoid/robot.toml";
 
 /// The only problem is on the line of `at` in the file at `path`, and its text has all `parts`.

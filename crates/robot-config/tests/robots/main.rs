@@ -4,4 +4,5 @@ mod accepted;
 mod buses;
 mod drives;
 mod files;
+mod motor_alone;
 mod refusals;

@@ -47,16 +47,17 @@ record! {
     /// Estimated torques of one joint.
     pub struct JointEstimated {
         /// Torque from encoders and current (Z): without delay, but with slow errors of the
-        /// deformation model.
+        /// deformation model. No source and never valid without a link-side encoder.
         pub tau_encoder: TorqueEstimate,
         /// Torque from F/T sensors and IMU (D 2): independent of the joint's gear and motor, but
         /// delayed by the filters.
         pub tau_whole_body: TorqueEstimate,
         /// Torque from the motor current less friction (D3), a third opinion for the cross-check;
-        /// not valid without `[cross_check]`.
+        /// not valid without `[cross_check]`, but for joints without a link-side encoder.
         pub tau_current: TorqueEstimate,
         /// tau_hat: delay-compensated torque: the present torque, from the changes of
-        /// `tau_encoder` and the level of F/T sensors and rigid-body model.
+        /// `tau_encoder` (without a link-side encoder `tau_current`) and the level of F/T sensors and
+        /// rigid-body model.
         pub tau_hat: TorqueEstimate,
         /// tau_ext: torque of the environment on the joint apart from the contact wrenches that
         /// the F/T sensors determine, N·m, by a momentum observer; zero without

@@ -26,11 +26,12 @@ pub mod measured_flags {
 record! {
     /// Measured values of one joint, on the link side of the gear unless stated.
     pub struct JointMeasured {
-        /// q: joint angle, rad, newest sample.
+        /// q: joint angle, rad, newest sample; without a link-side encoder theta/N less `torsion`.
         pub q: f64,
         /// theta: motor-side angle, rad, unwrapped over many turns, newest sample.
         pub theta: f64,
-        /// torsion: theta/N - q, rad; positive when the motor drives the joint.
+        /// torsion: theta/N - q, rad; positive when the motor drives the joint. Without a link-side
+        /// encoder it is the one that the torque from F/T sensors and IMU explains.
         pub torsion: f64,
         /// i: motor current, A, newest sample.
         pub current: f64,
