@@ -145,7 +145,7 @@ const LIMITS: &str = "
 ## What limits it
 
 - **Delay.** A sample shows only in which period a set-point's current rises. Where in the period follows from the rotor's motion between samples, and there friction, hysteresis and damping of the gear look alike for a part: hence errors of a tenth of a millisecond, and intervals to match.
-- **Viscous friction** cannot be told from an angle that the drive uses a tenth of a millisecond later: k_d times that time is more than the friction's own coefficient. It is said to be not determined.
+- **Viscous friction** cannot be distinguished from an angle that the drive uses a tenth of a millisecond later: k_d times that time is more than the friction's own coefficient. It is said to be not determined.
 - **A drive whose damping outweighs its stiffness** (hip yaw) makes its torque as the small difference of two large terms; encoder counts in the velocity then count most.
 - **Light joints and ones that can hardly be accelerated** (humanoid: wrists, chest pitch, which moves the hanging half of the robot): counts of the encoders are then a large part of the motion. A wrist's dead zone of four encoder counts is missed by up to 42 %; what is not determined is mostly of these.
 - **A drive's loop as slow as the robot's**, with a velocity as late as that, is another law than K_4, K_5 without lag: the identification finds a smaller damping, since a late velocity damps less.

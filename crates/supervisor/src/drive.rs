@@ -60,7 +60,8 @@ pub struct DriveProfile {
     pub step_limit: u32,
     /// A brake holds the joint while the drive is off.
     pub brake: bool,
-    /// Status bits of a drive that stops by itself when it hears no set-points; none: it cannot tell.
+    /// Status bits of a drive that stops by itself when it hears no set-points; none: no bit
+    /// indicates it.
     pub time_out_set: Option<StatusBits>,
 }
 
