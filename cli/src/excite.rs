@@ -19,9 +19,10 @@ use crate::requests::{Failure, PATIENCE, connect, end};
 use checks::Needs;
 use hulls::Hulls;
 use motion::{Motion, SPACING_S};
-pub(crate) use plan::Part;
+pub(crate) use plan::{Constant, Kind, Part};
 use plan::{PlanFile, SelfDistance};
 use problem::{Problem, Problems};
+pub(crate) use report::{figure, text};
 use robot_config::Robot;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -277,9 +278,44 @@ fn prepared(
     bar.finish_and_clear();
     let prepared = prepared?;
     if let Some(path) = &arguments.plot {
-        report::figure(&prepared).write(path)?;
+        figure(&prepared).write(path)?;
     }
     Ok(prepared)
+}
+
+/// Where the joints of a robot that is not asked are taken to be, rad: where `from` says, or the pose of
+/// the motion, or 0, or the nearest limit.
+pub(crate) fn supposed(robot: &Robot, from: &[Option<f64>], pose: &[Option<f64>]) -> Vec<f64> {
+    let joints = robot.parameters.joints.iter().zip(from.iter().zip(pose));
+    let place = joints.map(|(joint, (from, pose))| {
+        let limits = &joint.limits;
+        let nearest = 0.0f64.clamp(limits.position_min, limits.position_max);
+        from.or(*pose).unwrap_or(nearest)
+    });
+    place.collect()
+}
+
+/// The running robot of a configuration, and where its joints are, rad. `file` is named where another
+/// robot runs.
+///
+/// # Errors
+/// No daemon, or that of another robot.
+pub(crate) fn running(
+    name: Option<&String>,
+    robot: &Robot,
+    file: &Path,
+) -> Result<(Client, Vec<f64>), Failure> {
+    let mut client = connect(name)?;
+    if client.robot() != robot.parameters.name {
+        let what = format!("this is of robot {:?}", robot.parameters.name);
+        let problem = Problem::new(what, client.robot()).at(file.display().to_string(), 0);
+        return Err(Failure::Argument(problem));
+    }
+    let record = client.next_record(PATIENCE)?;
+    let joints = record.cycle.measured.joints.iter();
+    let joints = joints.take(robot.parameters.joints.len());
+    let here = joints.map(|joint| joint.q).collect();
+    Ok((client, here))
 }
 
 fn dry_run(arguments: &ExciteArguments) -> Result<String, Problems> {
@@ -287,16 +323,12 @@ fn dry_run(arguments: &ExciteArguments) -> Result<String, Problems> {
     let joints = &robot.parameters.joints;
     let names: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
     let from = by_joint(&names, &arguments.from)?;
-    let here: Vec<f64> = (from.iter().zip(joints).zip(&names))
-        .map(|((from, joint), name)| {
-            let limits = &joint.limits;
-            let nearest = 0.0f64.clamp(limits.position_min, limits.position_max);
-            let planned = plan.pose.get(*name).map(|angle| angle.to_radians());
-            from.or(planned).unwrap_or(nearest)
-        })
-        .collect();
+    let pose = names
+        .iter()
+        .map(|name| plan.pose.get(*name).map(|angle| angle.to_radians()));
+    let here = supposed(&robot, &from, &pose.collect::<Vec<_>>());
     let prepared = prepared(arguments, &plan, robot, &here)?;
-    Ok(report::text(
+    Ok(text(
         &prepared,
         arguments.no_self_distance,
         arguments.json,
@@ -307,25 +339,9 @@ fn dry_run(arguments: &ExciteArguments) -> Result<String, Problems> {
 fn moved(arguments: &ExciteArguments) -> Result<Result<String, Failure>, Problems> {
     let (plan, robot) = read(&arguments.plan)?;
     let stop = catch_signals()?;
-    let mut client = match connect(arguments.robot.as_ref()) {
-        Ok(client) => client,
-        Err(error) => return Ok(Err(error.into())),
-    };
-    if client.robot() != robot.parameters.name {
-        let what = format!("the plan is for robot {:?}", robot.parameters.name);
-        return Err(Problem::new(what, client.robot())
-            .at(arguments.plan.display().to_string(), 0)
-            .into());
-    }
-    let here = match client.next_record(PATIENCE) {
-        Ok(record) => {
-            let joints = record.cycle.measured.joints.iter();
-            let here = joints
-                .take(robot.parameters.joints.len())
-                .map(|joint| joint.q);
-            here.collect::<Vec<_>>()
-        }
-        Err(error) => return Ok(Err(error.into())),
+    let (mut client, here) = match running(arguments.robot.as_ref(), &robot, &arguments.plan) {
+        Ok(running) => running,
+        Err(failure) => return Ok(Err(failure)),
     };
     let prepared = prepared(arguments, &plan, robot, &here)?;
     let record = arguments
@@ -334,7 +350,7 @@ fn moved(arguments: &ExciteArguments) -> Result<Result<String, Failure>, Problem
         .map(|path| (path, arguments.force));
     let followed = follow(&mut client, &prepared, record, &stop);
     Ok(followed.and_then(|(done, recording)| {
-        let text = report::text(
+        let text = text(
             &prepared,
             arguments.no_self_distance,
             arguments.json,

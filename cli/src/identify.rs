@@ -1,11 +1,14 @@
-//! `torquectl identify drive`: a joint's drive and motor from a recording of its own motion.
+//! `torquectl identify drive`: a joint's drive and motor from its own motion, recorded before or made now.
 
 mod found;
+mod moving;
 mod page;
 
 use crate::calibrate::runs::robot;
+use crate::motion::{Target, target};
 use crate::output::finish_or_refuse;
 use crate::recorded;
+use crate::requests::end;
 use clap::{Args, Subcommand, ValueEnum};
 use found::{Found, Motor};
 use identification::drive::recorded::{Gather, knowledge, motor_rows};
@@ -30,31 +33,67 @@ enum What {
 }
 
 const EXAMPLES: &str = "\
-The recording is the daemon's own (torquectl record): of the joint in motion with set-points sent, 12 s
-with slow swings and sweeps up to 25 Hz; docs/drive-identification.md shows a plan. Values come with 95 %
-intervals beside those of the configuration that was in use; robot.toml itself is never changed: -o
-writes the keys to change. What the recording does not determine is said, and left as configured.
+With --config the joint of the running robot is moved, 23 s in all: a slow swing of 2 degrees, and sweeps up
+to 25 Hz with a fifth of its velocity limit and at most 30 % of the acceleration that its torque limit
+gives, checked as torquectl excite checks a plan before anything moves, and recorded. Ctrl-C brings it to
+rest. Without it, recordings of such a motion are read (docs/drive-identification.md).
+
+Values come with 95 % intervals beside those of the configuration that was in use; robot.toml itself is
+never changed: -o writes the keys to change. What the motion does not determine is said, and left as
+configured.
 
 Models of D 3, of command against torque and velocity, beside the drive's own parameters:
   least-squares  D7          asymmetric  D8 by Newton's method, and D9 as a quadratic program
   piecewise      D 3.2.2     two-stage   D 3.3.1: at rest, then in motion
 
 Examples:
+  torquectl identify drive --joint knee --config config/leg/robot.toml --dry-run --plot knee.svg
+  torquectl identify drive --joint knee --config config/leg/robot.toml --pose hip_pitch=-20 knee=40
   torquectl identify drive run.mcap --joint knee
   torquectl identify drive run.mcap --joint knee --model asymmetric -o knee.toml
   torquectl identify drive monday.mcap tuesday.mcap --joint knee --json --report knee.html
 
 Exit codes:
   0  identified
-  2  bad input: arguments, or a recording in which the joint did not move under command";
+  1  stopped on its way; torqued could not be reached, or did not follow
+  2  bad input: arguments, a motion that the robot must not follow, or a recording in which the joint
+     did not move under command";
 
 /// Identify stiffness, damping, dead zone, inertia, friction and delay of a joint's drive
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 struct DriveArguments {
-    /// Recordings of the joint in motion
-    #[arg(required = true, value_name = "RUN.mcap")]
+    /// Recordings of the joint in motion, instead of moving it
+    #[arg(required_unless_present = "config", value_name = "RUN.mcap")]
     runs: Vec<PathBuf>,
+    /// Move the joint of the running robot with this configuration
+    #[arg(long, value_name = "CONFIG", conflicts_with = "runs")]
+    config: Option<PathBuf>,
+    /// Where joints are during the motion, in degrees [default: where they are, or as far from a limit
+    /// as the motion needs]
+    #[arg(long, value_name = "JOINT=DEGREES", requires = "config", value_parser = target, num_args = 1..)]
+    pose: Vec<Target>,
+    /// The recording that is made [default: drive-JOINT.mcap]
+    #[arg(long, value_name = "RUN.mcap", requires = "config")]
+    record: Option<PathBuf>,
+    /// Replace the recording if it is there
+    #[arg(long, requires = "config")]
+    force: bool,
+    /// The robot's name; optional if only one robot runs
+    #[arg(long, value_name = "NAME", requires = "config")]
+    robot: Option<String>,
+    /// Move nothing: plan and check
+    #[arg(long, requires = "config", conflicts_with_all = ["robot", "record", "model", "report", "output"])]
+    dry_run: bool,
+    /// Where joints are before the motion, in degrees [default: 0, or the nearest limit]
+    #[arg(long, value_name = "JOINT=DEGREES", requires = "dry_run", value_parser = target, num_args = 1..)]
+    from: Vec<Target>,
+    /// Draw the motion: positions, velocities and torques
+    #[arg(long, requires = "config", value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Do not check the robot's distance to itself
+    #[arg(long, requires = "config")]
+    no_self_distance: bool,
     /// The joint
     #[arg(long, value_name = "NAME")]
     joint: String,
@@ -85,14 +124,27 @@ const MOTOR_ROWS: usize = 4000;
 
 pub(crate) fn run(arguments: &IdentifyArguments) -> ExitCode {
     match &arguments.what {
-        What::Drive(arguments) => finish_or_refuse(drive(arguments)),
+        What::Drive(arguments) => match &arguments.config {
+            Some(config) if arguments.dry_run => {
+                finish_or_refuse(moving::dry_run(arguments, config))
+            }
+            Some(config) => match moving::record(arguments, config) {
+                Ok(Ok((run, followed))) => {
+                    eprint!("{followed}");
+                    finish_or_refuse(drive(arguments, &[run]))
+                }
+                Ok(Err(failure)) => end(Err(failure)),
+                Err(problems) => finish_or_refuse(Err(problems)),
+            },
+            None => finish_or_refuse(drive(arguments, &arguments.runs)),
+        },
     }
 }
 
-fn drive(arguments: &DriveArguments) -> Result<String, Problems> {
+fn drive(arguments: &DriveArguments, runs: &[PathBuf]) -> Result<String, Problems> {
     let mut read: Option<Recorded> = None;
     let mut remarks = Vec::new();
-    for path in &arguments.runs {
+    for path in runs {
         let (next, remark) = Recorded::read(path, &arguments.joint)?;
         remarks.extend(remark);
         match &mut read {
@@ -111,7 +163,7 @@ fn drive(arguments: &DriveArguments) -> Result<String, Problems> {
     let Some(Recorded { known, joint, log }) = read else {
         return Err(Problem::new("no recording", "RUN.mcap").into());
     };
-    let file = arguments.runs[0].display().to_string();
+    let file = runs[0].display().to_string();
     let mut drive = identify(&known, &log).map_err(|Problems(problems)| {
         let of_joint = |p: Problem| p.of(&arguments.joint).or_at(&file, 0);
         Problems(problems.into_iter().map(of_joint).collect())
@@ -121,11 +173,7 @@ fn drive(arguments: &DriveArguments) -> Result<String, Problems> {
         .model
         .map(|model| fit(model, &log, &known))
         .transpose()?;
-    let files: Vec<String> = arguments
-        .runs
-        .iter()
-        .map(|p| p.display().to_string())
-        .collect();
+    let files = runs.iter().map(|p| p.display().to_string()).collect();
     let found = Found {
         joint: &joint,
         known: &known,

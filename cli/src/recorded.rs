@@ -6,6 +6,8 @@ use recording::{CycleMessage, Ending, Header, ReadError, Run};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
+use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::thread;
 
 /// A recorded run in a file.
 pub(crate) type RunFile = Run<BufReader<File>>;
@@ -22,21 +24,67 @@ pub(crate) fn refusal(path: &Path, error: &ReadError) -> Problem {
     Problem::new(error.to_string(), "").at(path.display().to_string(), 0)
 }
 
-/// Reads all cycles; gives how the file ended.
+/// Cycles that are read ahead at a time.
+const BATCH: usize = 64;
+
+/// Reads all cycles, ahead on another thread; gives how the file ended.
 pub(crate) fn read_all(
     path: &Path,
     run: &mut RunFile,
     mut take: impl FnMut(&Header, &CycleMessage) -> Result<(), Problem>,
 ) -> Result<Ending, Problem> {
-    let mut message = CycleMessage::default();
     let header = run.header().clone();
-    while run
-        .next_cycle(&mut message)
-        .map_err(|e| refusal(path, &e))?
-    {
-        take(&header, &message)?;
-    }
+    thread::scope(|threads| {
+        let (filled, batches) = sync_channel(1);
+        let (emptied, used) = channel();
+        let reading = &mut *run;
+        threads.spawn(move || read_ahead(reading, &filled, &used));
+        // A refusal drops the channel, and that ends the reader.
+        for batch in batches {
+            let (messages, count): (Vec<CycleMessage>, usize) =
+                batch.map_err(|error| refusal(path, &error))?;
+            for message in messages.iter().take(count) {
+                take(&header, message)?;
+            }
+            let _ = emptied.send(messages);
+        }
+        Ok::<_, Problem>(())
+    })?;
     Ok(run.ending().cloned().unwrap_or(Ending::Complete))
+}
+
+/// Reads cycles into batches until the run ends, or nobody takes them; the memory of a batch that was
+/// taken comes back.
+fn read_ahead(
+    run: &mut RunFile,
+    filled: &SyncSender<Result<(Vec<CycleMessage>, usize), ReadError>>,
+    used: &Receiver<Vec<CycleMessage>>,
+) {
+    loop {
+        let mut messages = used
+            .try_recv()
+            .unwrap_or_else(|_| vec![CycleMessage::default(); BATCH]);
+        let mut count = 0;
+        let mut failure = None;
+        for message in &mut messages {
+            match run.next_cycle(message) {
+                Ok(true) => count += 1,
+                Ok(false) => break,
+                Err(error) => {
+                    failure = Some(error);
+                    break;
+                }
+            }
+        }
+        let goes_on = count == messages.len();
+        let taken = filled.send(Ok((messages, count))).is_ok();
+        if let Some(error) = failure {
+            let _ = filled.send(Err(error));
+        }
+        if !(goes_on && taken) {
+            return;
+        }
+    }
 }
 
 /// What is said about a file that does not end as it should; empty if it does.

@@ -116,3 +116,50 @@ fn a_drive_is_identified_from_the_daemons_recording() {
     let none = expect(&folder, "identify drive motion.toml --joint joint", 2);
     assert!(none.contains("motion.toml"), "{none}");
 }
+
+/// `--config` plans a motion within every limit, of that joint alone, wherever the joint stands.
+#[test]
+fn the_motion_of_a_joint_is_planned() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let config = project_path("config/leg/robot.toml");
+    for (joint, from) in [("knee", 0.0), ("knee", 130.0), ("ankle_roll", -18.0)] {
+        let arguments = format!(
+            "identify drive --joint {joint} --config {config} --dry-run --json --from {joint}={from}"
+        );
+        let plan: Value = serde_json::from_str(&expect(folder, &arguments, 0)).unwrap();
+        let moving = |row: &&Value| row["velocity_share"].as_f64().unwrap() > 0.0;
+        let moving: Vec<&Value> = plan["joints"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(moving)
+            .collect();
+        assert_eq!(moving.len(), 1, "{plan}");
+        assert_eq!(moving[0]["joint"], joint);
+        let number = |key: &str| moving[0][key].as_f64().unwrap();
+        // Of the swing's 0.06 rad: it grows, and is faded out before it is largest.
+        let way = 0.5 * (number("most_rad") - number("least_rad"));
+        assert!((0.03..0.06).contains(&way), "{plan}");
+        assert!(
+            number("velocity_share") < 0.25 && number("torque_share") < 0.9,
+            "{plan}"
+        );
+        assert!(plan["duration_s"].as_f64().unwrap() > 12.0);
+    }
+    let refused = |arguments: &str| {
+        let arguments = format!("identify drive {arguments} --config {config} --dry-run");
+        expect(folder, &arguments, 2)
+    };
+    let unknown = refused("--joint kne");
+    assert!(
+        unknown.contains("no joint \"kne\"; allowed: ") && unknown.contains("knee"),
+        "{unknown}"
+    );
+    let beyond = refused("--joint knee --pose knee=170");
+    assert!(
+        beyond.contains("knee") && beyond.contains("allowed: 0.5 to 149.5 deg"),
+        "{beyond}"
+    );
+    let nothing = expect(folder, "identify drive --joint knee", 2);
+    assert!(nothing.contains("RUN.mcap"), "{nothing}");
+}

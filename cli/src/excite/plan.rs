@@ -129,18 +129,6 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    #[allow(dead_code, reason = "for the identification of drives")]
-    /// A chirp of one joint about the plan's pose: amplitude at `from_hz`, degrees.
-    pub(crate) fn chirp(joint: &str, amplitude_deg: f64, hz: (f64, f64), duration_s: f64) -> Self {
-        Self {
-            amplitude_deg: Some(amplitude_deg),
-            from_hz: Some(hz.0),
-            to_hz: Some(hz.1),
-            duration_s: Some(duration_s),
-            ..Self::of(Kind::Chirp, vec![joint.to_owned()])
-        }
-    }
-
     /// A part without any number yet.
     pub(crate) fn of(kind: Kind, joints: Vec<String>) -> Self {
         Self {

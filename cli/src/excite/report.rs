@@ -12,7 +12,7 @@ use terminal::TextTable;
 const POINTS: usize = 1500;
 
 /// What the plan needs, and whether it was followed to its end.
-pub(super) fn text(
+pub(crate) fn text(
     prepared: &Prepared,
     no_self_distance: bool,
     as_json: bool,
@@ -152,7 +152,7 @@ fn as_text(
 }
 
 /// Positions, velocities and torques of the joints that move.
-pub(super) fn figure(prepared: &Prepared) -> Figure {
+pub(crate) fn figure(prepared: &Prepared) -> Figure {
     let motion = &prepared.motion;
     let joints = &prepared.robot.parameters.joints;
     let moving: Vec<usize> = (0..joints.len())
