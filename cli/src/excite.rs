@@ -157,6 +157,13 @@ pub(crate) fn follow(
     record: Option<(&Path, bool)>,
     stop: &AtomicBool,
 ) -> Result<(bool, Option<String>), Failure> {
+    // The daemon refuses it too, but only once the robot stands at the pose.
+    if let Some((path, false)) = record
+        && path.exists()
+    {
+        let problem = Problem::new("it is there already", "a new file, or --force");
+        return Err(Failure::Argument(problem.at(path.display().to_string(), 0)));
+    }
     let mut commander = Commander::connect(client)?;
     commander.hold_until_ready(PATIENCE)?;
     let bar = bar();
