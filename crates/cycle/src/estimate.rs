@@ -50,6 +50,9 @@ use whole_body::WholeBodyStage;
 pub(crate) struct Estimate {
     /// None for a joint without a link-side encoder.
     joints: Vec<Option<AnyEstimator>>,
+    /// Torques of the joints' estimators without their filters' delay, N·m; see
+    /// [`estimators::joint::JointTorqueEstimator::undelayed`].
+    undelayed: Vec<Option<f64>>,
     currents: CurrentTorques,
     gear_torsion: GearTorsion,
     /// Samples that are left of each joint's tare.
@@ -97,6 +100,7 @@ impl Estimate {
         Ok(Self {
             disagreed: vec![false; parameters.joints.len()],
             taring: vec![0; parameters.joints.len()],
+            undelayed: vec![None; parameters.joints.len()],
             joints: parameters
                 .joints
                 .iter()
@@ -179,8 +183,9 @@ impl Estimate {
         (self.whole_body).update(measure, delay_s, estimated, counts);
         let shares = self.whole_body.contact_set_shares();
         let followed = follows.then_some(&measured.joints[..]);
-        let joints = &mut estimated.joints;
-        (self.delay_compensation).update(measure, shares, followed, joints, counts);
+        let joints = &mut estimated.joints[..];
+        let torques = (joints, &self.undelayed[..]);
+        (self.delay_compensation).update(measure, shares, followed, torques, counts);
         let whole_body = self.whole_body.estimator();
         if let Some(external_torque) = &mut self.external_torque {
             let fast = self.delay_compensation.fast();
@@ -226,17 +231,22 @@ impl Estimate {
         counts: &mut Counts,
     ) {
         let samples = measure.samples().iter();
-        let estimators = self.joints.iter_mut().zip(&mut self.disagreed);
+        let states = self.disagreed.iter_mut().zip(&mut self.undelayed);
+        let estimators = self.joints.iter_mut().zip(states);
         for (index, ((estimator, sample), joint)) in estimators.zip(samples).zip(joints).enumerate()
         {
-            let (Some(estimator), disagreed) = estimator else {
+            let (estimator, (disagreed, undelayed)) = estimator;
+            *undelayed = None;
+            let Some(estimator) = estimator else {
                 joint.tau_encoder = TorqueEstimate::default();
                 continue;
             };
             joint.tau_encoder = if sample.flags & measured_flags::NEVER != 0 {
                 TorqueEstimate::default()
             } else {
-                checked(estimator.update(sample), joint.tau_encoder, counts)
+                let torque = estimator.update(sample);
+                *undelayed = estimator.undelayed();
+                checked(torque, joint.tau_encoder, counts)
             };
             if let (Some(left @ 1..), Some(tare)) = (
                 self.taring.get_mut(index),

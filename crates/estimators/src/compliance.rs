@@ -293,6 +293,11 @@ impl JointTorqueEstimator for ComplianceEstimator {
         self.last
     }
 
+    fn undelayed(&self) -> Option<f64> {
+        let usable = torque_flags::VALID | torque_flags::SATURATED;
+        (self.last.flags & usable == torque_flags::VALID).then_some(self.tau)
+    }
+
     fn reset(&mut self) {
         self.wave_generator.reset();
         self.low_pass.reset();

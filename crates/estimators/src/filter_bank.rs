@@ -72,6 +72,9 @@ pub struct FilterBank {
     /// Value, first and second derivative, a row of channels each.
     outputs: [Vec<f64>; MAX_DERIVATIVE + 1],
     state: Vec<ChannelState>,
+    /// Every channel's window is full of real samples, and its last one was not missed: the next
+    /// ones, if none is missed, change no state.
+    settled: bool,
 }
 
 /// Samples that a channel has received.
@@ -113,6 +116,7 @@ impl FilterBank {
             ahead: kernels.ahead,
             outputs: std::array::from_fn(|_| vec![0.0; blocks * CHANNELS]),
             state: vec![ChannelState::default(); channels],
+            settled: false,
         })
     }
 
@@ -125,14 +129,38 @@ impl FilterBank {
         } else {
             0
         };
-        for channel in 0..self.channels {
-            match samples.get(channel) {
-                Some(&sample) if sample.is_finite() => self.take(channel, next, sample),
-                _ => self.bridge(channel, next),
+        match samples.get(..self.channels) {
+            Some(samples) if self.settled && samples.iter().all(|x| x.is_finite()) => {
+                self.take_all(next, samples);
             }
+            _ => self.take_or_bridge(next, samples),
         }
         self.newest = next;
         self.fit();
+    }
+
+    /// One sample of every channel.
+    fn take_all(&mut self, row: usize, samples: &[f64]) {
+        let rings = self.rings.chunks_exact_mut(self.window);
+        for (ring, samples) in rings.zip(samples.chunks(CHANNELS)) {
+            let packs = ring.get_mut(row).into_iter().flatten();
+            for (pack, samples) in packs.zip(samples.chunks(WIDTH)) {
+                for (x, sample) in pack.0.iter_mut().zip(samples) {
+                    *x = *sample;
+                }
+            }
+        }
+    }
+
+    fn take_or_bridge(&mut self, row: usize, samples: &[f64]) {
+        for channel in 0..self.channels {
+            match samples.get(channel) {
+                Some(&sample) if sample.is_finite() => self.take(channel, row, sample),
+                _ => self.bridge(channel, row),
+            }
+        }
+        let settled = |s: &ChannelState| s.seen == self.window && s.missed == 0;
+        self.settled = self.state.iter().all(settled);
     }
 
     fn take(&mut self, channel: usize, row: usize, sample: f64) {
@@ -193,6 +221,7 @@ impl FilterBank {
         self.newest = self.window - 1;
         self.outputs.iter_mut().for_each(|row| row.fill(0.0));
         self.state.fill(ChannelState::default());
+        self.settled = false;
     }
 
     /// Filtered values, one per channel.

@@ -27,6 +27,11 @@ pub struct JointSample {
 pub trait JointTorqueEstimator {
     /// Takes one sample and gives the torque at its instant.
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate;
+    /// The last sample's torque without a filter's delay, N·m; none where the estimate has no filter,
+    /// the sample was not usable or its torque is saturated.
+    fn undelayed(&self) -> Option<f64> {
+        None
+    }
     /// Forgets every sample.
     fn reset(&mut self);
     /// The torque at the last sample has become known, with a standard deviation in N·m: the reported

@@ -260,7 +260,7 @@ impl Check<'_> {
         let mut best = vec![0; set.parts.len()];
         for _ in 0..POSES {
             let q = random.vector(self.model.joint_count(), 1.5);
-            mechanics.place(self.model, &q);
+            mechanics.place(&q);
             for (part, best) in best.iter_mut().enumerate() {
                 let origin = mechanics.origin(self.model, self.layout, part);
                 let columns = set.columns(&mechanics, part, &origin);

@@ -22,8 +22,32 @@ use robot_state::Wrench;
 enum Extent {
     Whole,
     Torques,
-    /// Without their standard deviations.
-    TorquesAlone,
+}
+
+/// When covariances are computed anew.
+#[derive(Debug, Clone)]
+struct Refreshing {
+    /// Updates from one computation to the next, and the place of this one among them.
+    every: u32,
+    place: u32,
+    /// Shares of the hypotheses by which they were computed, and whether in a valid update.
+    weights: Vec<f64>,
+    known: bool,
+}
+
+impl Refreshing {
+    /// Whether it is time to, in an update with these shares.
+    fn is_due(&mut self, weights: &[f64]) -> bool {
+        self.place = match self.place + 1 {
+            next if next < self.every => next,
+            _ => 0,
+        };
+        let due = self.place == 0 || !self.known || self.weights != weights;
+        if due {
+            self.weights.copy_from_slice(weights);
+        }
+        due
+    }
 }
 
 /// Estimates all joint torques and contact wrenches of a robot (D 2, Algorithm 1, in general form).
@@ -38,6 +62,7 @@ pub struct WholeBody {
     solutions: Vec<Solution>,
     /// Share of each hypothesis in the torques; they add up to one.
     weights: Vec<f64>,
+    refreshing: Refreshing,
     chosen: usize,
     weighting: Weighting,
     /// Per part: a hypothesis has contacts on it whose wrenches depend on weights.
@@ -102,6 +127,12 @@ impl WholeBody {
             sigma,
             names: p.hypotheses.iter().map(|h| h.name.clone()).collect(),
             solutions: sets.iter().map(Solution::new).collect(),
+            refreshing: Refreshing {
+                every: 1,
+                place: 0,
+                weights: weights.clone(),
+                known: false,
+            },
             weights,
             chosen: 0,
             weighting: p.weighting,
@@ -126,6 +157,18 @@ impl WholeBody {
         })
     }
 
+    /// The same, but covariances of torques, contacts and residuals are computed anew in one of `every`
+    /// updates, in the `place`-th of these, and where the shares of the hypotheses have changed. They
+    /// follow from pose and acceleration, which change little within milliseconds, and take half of an
+    /// update's time; estimators with places of their own do not take it in the same cycle.
+    /// Covariances that the torques depend on ([`Weighting::Expected`]) are always those of the update.
+    #[must_use]
+    pub fn with_covariances_every(mut self, every: u32, place: u32) -> Self {
+        self.refreshing.every = every.max(1);
+        self.refreshing.place = place;
+        self
+    }
+
     /// Takes one cycle's signals. If any is not finite or a slice is too short, a result overflows,
     /// or the contacts depend on one another at this pose, the last estimate stands, marked as not
     /// valid.
@@ -139,12 +182,8 @@ impl WholeBody {
         self.advance(input, Extent::Torques)
     }
 
-    /// [`Self::update`] of `tau` alone: `sigma` is that of an earlier update.
-    pub fn update_torques_alone(&mut self, input: &WholeBodyInput) -> &WholeBodyEstimate {
-        self.advance(input, Extent::TorquesAlone)
-    }
-
     fn advance(&mut self, input: &WholeBodyInput, extent: Extent) -> &WholeBodyEstimate {
+        let refresh = self.refreshing.is_due(&self.weights);
         self.estimate.valid = self.accept(input);
         if self.estimate.valid {
             let source = match self.layout.fixed_gravity {
@@ -158,18 +197,19 @@ impl WholeBody {
             let [q, dq, ddq] = &self.motion;
             let motion = [q.as_slice(), dq, ddq];
             (self.mechanics).update(&self.model, &self.layout, motion, &source, input.ft);
-            if extent != Extent::TorquesAlone || self.weighted.contains(&true) {
+            if refresh || self.weighted.contains(&true) {
+                self.mechanics.carry(&self.layout);
                 (self.sigma).prepare(&self.model, &self.layout, &self.mechanics);
             }
-            let parts = |part: usize| extent == Extent::Whole || self.weighted[part];
+            let parts = |part: usize| refresh && extent == Extent::Whole || self.weighted[part];
             (self.sigma).net_wrenches(&self.layout, &self.mechanics, parts);
             self.estimate.valid = self.solve();
         }
         if self.estimate.valid {
             self.publish_torques();
-            match extent {
-                Extent::TorquesAlone => self.next.sigma.clone_from(&self.estimate.sigma),
-                Extent::Whole | Extent::Torques => self.publish_sigmas(),
+            match refresh {
+                true => self.publish_sigmas(),
+                false => self.next.sigma.clone_from(&self.estimate.sigma),
             }
             if extent == Extent::Whole {
                 self.publish_contacts();
@@ -177,6 +217,7 @@ impl WholeBody {
             }
             self.estimate.valid = self.next.is_finite();
         }
+        self.refreshing.known = self.estimate.valid && (refresh || self.refreshing.known);
         if self.estimate.valid {
             self.next.valid = true;
             std::mem::swap(&mut self.estimate, &mut self.next);
@@ -415,6 +456,7 @@ fn weights_follow(
             proper_acceleration: Vector3::from_column_slice(&random.vector(3, 10.0)),
         };
         mechanics.update(model, layout, [&q, &rest, &rest], &source, &readings);
+        mechanics.carry(layout);
         sigma.prepare(model, layout, &mechanics);
         sigma.net_wrenches(layout, &mechanics, |_| true);
         for (follows, covariance) in follows.iter_mut().zip(&sigma.covariance) {

@@ -26,6 +26,7 @@ mod mechanics;
 mod momentum;
 mod parameters;
 mod pieces;
+mod placements;
 mod sigma;
 mod solution;
 mod switching;

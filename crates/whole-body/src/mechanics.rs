@@ -7,6 +7,7 @@
 
 use crate::layout::Layout;
 use crate::pieces::Pieces;
+use crate::placements::Placements;
 use dynamics::{Force, ImuMotion, Inertia, Model, Motion, Se3};
 use nalgebra::Vector3;
 use robot_state::Wrench;
@@ -14,13 +15,17 @@ use robot_state::Wrench;
 /// See the module. Vectors have one element per body, piece, sensor or part.
 #[derive(Debug, Clone)]
 pub(crate) struct Mechanics {
+    placements: Placements,
     pieces: Pieces,
     /// Per body: placement, joint axis (times a mimic joint's ratio), twist, proper acceleration.
     pub(crate) in_root: Vec<Se3>,
     pub(crate) axis: Vec<Motion>,
     pub(crate) velocity: Vec<Motion>,
     pub(crate) acceleration: Vec<Motion>,
-    /// Per piece: inertia, its own, then with all that it carries in its part.
+    /// Per piece: its own inertia, and its own inertial and gravity wrench.
+    inertia: Vec<Inertia>,
+    own: Vec<Force>,
+    /// Per piece: inertia with all that it carries in its part.
     pub(crate) composite: Vec<Inertia>,
     /// Per piece: inertial and gravity wrench with all that it carries in its part.
     pub(crate) inertial: Vec<Force>,
@@ -40,11 +45,14 @@ impl Mechanics {
         let (bodies, pieces) = (model.bodies().len(), layout.pieces.len());
         let sensors = layout.sensors.len();
         Self {
+            placements: Placements::new(model),
             pieces: Pieces::new(&layout.pieces),
             in_root: vec![Se3::identity(); bodies],
             axis: vec![Motion::zero(); bodies],
             velocity: vec![Motion::zero(); bodies],
             acceleration: vec![Motion::zero(); bodies],
+            inertia: vec![Inertia::zero(); pieces],
+            own: vec![Force::zero(); pieces],
             composite: vec![Inertia::zero(); pieces],
             inertial: vec![Force::zero(); pieces],
             needed: vec![Force::zero(); pieces],
@@ -56,18 +64,8 @@ impl Mechanics {
     }
 
     /// Placements and joint axes.
-    pub(crate) fn place(&mut self, model: &Model, q: &[f64]) {
-        for (i, body) in model.bodies().iter().enumerate().skip(1) {
-            let angle = q[body.joint] * body.ratio + body.offset;
-            let placement = self.in_root[body.parent].compose(&body.placement_at(angle));
-            let axis = placement.rotation * (body.axis * body.ratio);
-            self.axis[i] = if body.kind.is_revolute() {
-                Motion::new(placement.translation.cross(&axis), axis)
-            } else {
-                Motion::new(axis, Vector3::zeros())
-            };
-            self.in_root[i] = placement;
-        }
+    pub(crate) fn place(&mut self, q: &[f64]) {
+        (self.placements).update(q, &mut self.in_root, &mut self.axis);
     }
 
     /// Origin of a part's first link.
@@ -84,7 +82,8 @@ impl Mechanics {
         self.in_root[body].compose(&part.placement)
     }
 
-    /// Everything, from the joints' motion, that of the source's frame, and the sensors' readings.
+    /// All but [`Self::carry`], from the joints' motion, that of the source's frame, and the sensors'
+    /// readings.
     pub(crate) fn update(
         &mut self,
         model: &Model,
@@ -93,7 +92,7 @@ impl Mechanics {
         source: &ImuMotion,
         ft: &[Wrench],
     ) {
-        self.place(model, q);
+        self.place(q);
         self.base(model, layout, dq, ddq, source);
         for (i, body) in model.bodies().iter().enumerate().skip(1) {
             let rate = self.axis[i] * dq[body.joint];
@@ -108,10 +107,10 @@ impl Mechanics {
             &self.in_root,
             &self.velocity,
             &self.acceleration,
-            &mut self.composite,
-            &mut self.inertial,
+            &mut self.inertia,
+            &mut self.own,
         );
-        self.needed.copy_from_slice(&self.inertial);
+        self.needed.copy_from_slice(&self.own);
         self.read(layout, ft);
         self.sum(layout);
     }
@@ -161,6 +160,21 @@ impl Mechanics {
         }
     }
 
+    /// Inertias and inertial wrenches with all that each piece carries in its part, which standard
+    /// deviations alone need; after `update`.
+    pub(crate) fn carry(&mut self, layout: &Layout) {
+        self.composite.copy_from_slice(&self.inertia);
+        self.inertial.copy_from_slice(&self.own);
+        for i in (1..self.in_root.len()).rev() {
+            if layout.cut_at_joint[i].is_none() {
+                let carrier = layout.carrier[i];
+                let (inertial, composite) = (self.inertial[i], self.composite[i]);
+                self.inertial[carrier] += inertial;
+                self.composite[carrier] += composite;
+            }
+        }
+    }
+
     /// Sums from the leaves to each part's root.
     fn sum(&mut self, layout: &Layout) {
         for i in (1..self.in_root.len()).rev() {
@@ -168,14 +182,10 @@ impl Mechanics {
                 self.tau[i] = -self.axis[i].dot(self.reading[s]);
                 continue;
             }
-            let carrier = layout.carrier[i];
-            let (needed, inertial, composite) =
-                (self.needed[i], self.inertial[i], self.composite[i]);
+            let needed = self.needed[i];
             //= D Algorithm 1: tau_i = S_i^T f_i; f_p = f_p + f_i
             self.tau[i] = self.axis[i].dot(needed);
-            self.needed[carrier] += needed;
-            self.inertial[carrier] += inertial;
-            self.composite[carrier] += composite;
+            self.needed[layout.carrier[i]] += needed;
         }
         for (g, part) in layout.parts.iter().enumerate() {
             self.net[g] = self.needed[part.root_piece];

@@ -9,6 +9,7 @@
 
 use dynamics::{Base, Data, Force, Model, Motion, crba, rnea};
 use nalgebra::Vector3;
+use simd::{Instructions, Kernel, Lanes, Pack, WIDTH};
 
 /// Parameters of a [`MomentumObserver`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,9 +30,12 @@ pub struct MomentumObserver {
     /// p_hat and M dq.
     integral: Vec<f64>,
     momentum: Vec<f64>,
-    /// M and dq of the last update; M by columns.
-    last_mass: Vec<f64>,
+    /// M of the last update: of each four rows all columns.
+    last_mass: Vec<Pack>,
     last_dq: Vec<f64>,
+    /// Mean of dq and the last one.
+    mean_dq: Vec<f64>,
+    instructions: Instructions,
     last_rate: Vec<f64>,
     state: [Vec<f64>; 3],
     started: bool,
@@ -54,7 +58,9 @@ impl MomentumObserver {
             data: Data::new(&model),
             tau_ext: vec![0.0; n],
             integral: vec![0.0; n],
-            last_mass: vec![0.0; n * n],
+            last_mass: vec![Pack::ZERO; n.div_ceil(WIDTH) * n],
+            mean_dq: vec![0.0; n],
+            instructions: Instructions::detect(),
             momentum: vec![0.0; n],
             last_dq: vec![0.0; n],
             last_rate: vec![0.0; n],
@@ -108,25 +114,24 @@ impl MomentumObserver {
             a[..6].copy_from_slice(&motions[1]);
         }
         let mass = crba(&self.model, &mut self.data, full_q).as_slice();
-        self.momentum.fill(0.0);
-        let columns = mass.chunks_exact(bv + n).skip(bv);
-        let last_columns = self.last_mass.chunks_exact_mut(n.max(1));
         let rates = dq.iter().zip(&mut self.last_dq);
-        for ((column, last_column), (dq, last_dq)) in columns.zip(last_columns).zip(rates) {
-            let mean = match self.started {
-                true => 0.5 * (dq + *last_dq),
+        for ((dq, last), mean) in rates.zip(&mut self.mean_dq) {
+            *mean = match self.started {
+                true => 0.5 * (dq + *last),
                 false => 0.0,
             };
-            *last_dq = *dq;
-            let sums = self.momentum.iter_mut().zip(&mut self.integral);
-            let entries = column[bv..].iter().zip(last_column);
-            for ((momentum, integral), (mass, last_mass)) in sums.zip(entries) {
-                *momentum += mass * dq;
-                // dM/dt dq dt
-                *integral += (mass - *last_mass) * mean;
-                *last_mass = *mass;
-            }
+            *last = *dq;
         }
+        let momenta = Momenta {
+            mass,
+            base: bv,
+            last_mass: &mut self.last_mass,
+            dq: &dq[..n],
+            mean_dq: &self.mean_dq,
+            momentum: &mut self.momentum,
+            integral: &mut self.integral,
+        };
+        simd::run(self.instructions, momenta);
         //= L: h = C dq + g, with the base's motion, less the known contacts
         let h = &rnea(&self.model, &mut self.data, full_q, v, a, known)[bv..];
         let dt = self.parameters.sample_period;
@@ -149,5 +154,43 @@ impl MomentumObserver {
             *r = self.parameters.gain * (p - i);
         }
         &self.tau_ext
+    }
+}
+
+/// `M dq`, and the integral's share of the change of M since the last update.
+struct Momenta<'a> {
+    /// M by columns, with the base's rows and columns first.
+    mass: &'a [f64],
+    base: usize,
+    last_mass: &'a mut [Pack],
+    dq: &'a [f64],
+    mean_dq: &'a [f64],
+    momentum: &'a mut [f64],
+    integral: &'a mut [f64],
+}
+
+impl Kernel for Momenta<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let n = self.dq.len().max(1);
+        let rows = (self.momentum.chunks_mut(WIDTH)).zip(self.integral.chunks_mut(WIDTH));
+        let last_mass = self.last_mass.chunks_exact_mut(n);
+        for (four, ((momentum, integral), last_mass)) in rows.zip(last_mass).enumerate() {
+            let columns = self.mass.chunks_exact(self.base + n).skip(self.base);
+            let rates = self.dq.iter().zip(self.mean_dq);
+            let (mut sum, mut change) = (L::splat(0.0), L::load_part(integral));
+            for ((column, last), (dq, mean)) in columns.zip(last_mass).zip(rates) {
+                let own = column.get(self.base + WIDTH * four..).unwrap_or(&[]);
+                let mass = L::load_part(own);
+                sum = mass.mul_add(L::splat(*dq), sum);
+                // dM/dt dq dt
+                change = (mass - L::load(last)).mul_add(L::splat(*mean), change);
+                mass.store(last);
+            }
+            sum.store_part(momentum);
+            change.store_part(integral);
+        }
     }
 }

@@ -158,10 +158,43 @@ fn torques_alone_are_those_of_the_whole_update() {
             let torques = alone.update_torques(&scene.input());
             assert!(whole.valid && torques.valid);
             assert_eq!((&whole.tau, &whole.sigma), (&torques.tau, &torques.sigma));
-            let other = Scene::random(&robot, seed ^ 5);
-            alone.update_torques_alone(&other.input());
-            let without = alone.update_torques_alone(&scene.input());
-            assert_eq!((&whole.tau, &whole.sigma), (&without.tau, &without.sigma));
+        }
+    }
+}
+
+/// Covariances of an update stand until it is their turn again; without them torques and wrenches
+/// have the same bits.
+#[test]
+fn covariances_in_their_turn_change_nothing_else() {
+    for seed in 0..30 {
+        let robot = Robot::random(seed);
+        for (weighting, residual) in COMBINATIONS {
+            let parameters = WholeBodyParameters {
+                weighting,
+                residual,
+                ..robot.parameters()
+            };
+            let mut always = WholeBody::new(&robot.model, &parameters).unwrap();
+            let mut in_turn = always.clone().with_covariances_every(3, 1);
+            let mut last = Vec::new();
+            for k in 0..7 {
+                let scene = Scene::random(&robot, seed ^ (10 + k));
+                let all = always.update(&scene.input());
+                let some = in_turn.update(&scene.input());
+                assert!(all.valid && some.valid);
+                assert_eq!(all.tau, some.tau);
+                for (all, some) in all.contacts.iter().zip(&some.contacts) {
+                    assert_eq!(all.wrench, some.wrench);
+                }
+                for (all, some) in all.parts.iter().zip(&some.parts) {
+                    assert_eq!((all.net, all.residual), (some.net, some.residual));
+                }
+                // The first one, as none is known, and then each third: place 0 of 3.
+                if k == 0 || k % 3 == 1 {
+                    last.clone_from(&all.sigma);
+                }
+                assert_eq!(some.sigma, last, "update {k}");
+            }
         }
     }
 }

@@ -4,17 +4,15 @@
 //! delayed by the short filters. Out: `tau_hat`. Of a joint without a link-side encoder the torque from
 //! motor current stands for that from encoders: it drifts by its friction.
 
-use estimators::compliance::ComplianceEstimator;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::filter_bank::FilterBank;
-use estimators::joint::JointTorqueEstimator;
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{Event, JointEstimated, JointMeasured, torque_flags};
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};
 
 use super::usable::{UNUSABLE, valid};
-use super::whole_body::estimator;
+use super::whole_body::{Place, estimator};
 use crate::events::Counts;
 use crate::measure::Measure;
 
@@ -33,10 +31,10 @@ pub(crate) struct DelayCompensation {
 }
 
 /// The torque without delay.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 enum Fast {
-    /// By the compliance without its low-pass, which would add delay.
-    Compliance(Box<ComplianceEstimator>),
+    /// By the compliance before its low-pass, which would add delay.
+    Compliance,
     /// By a joint file's estimators, which have none.
     Calibrated,
     /// By motor current.
@@ -67,12 +65,7 @@ impl DelayCompensation {
             fast: match (joint.has_link_encoder, &joint.calibration) {
                 (false, _) => Fast::Current,
                 (true, Some(_)) => Fast::Calibrated,
-                (true, None) => Fast::Compliance(Box::new(ComplianceEstimator::new(
-                    JointEstimatorParameters {
-                        low_pass_pole: 0.0,
-                        ..joint.estimator.clone()
-                    },
-                ))),
+                (true, None) => Fast::Compliance,
             },
             compensator: DelayCompensator::new(DelayCompensatorParameters {
                 sample_period: p.timing.sample_period,
@@ -87,7 +80,7 @@ impl DelayCompensation {
             torque_limit: joint.limits.torque,
         };
         Ok(Self {
-            whole_body: estimator(robot, p.filters.short)?,
+            whole_body: estimator(robot, p.filters.short, Place::DelayCompensation)?,
             joints: p.joints.iter().map(joint).collect(),
             fast: vec![FastTorque::default(); p.joints.len()],
         })
@@ -99,30 +92,29 @@ impl DelayCompensation {
     }
 
     /// `contact_set_shares`: shares of the contact sets, in config order; `measured`: the joints, while
-    /// a client's mode is active.
+    /// a client's mode is active; `undelayed`: torques from encoders without their filters' delay, N·m.
     pub(crate) fn update(
         &mut self,
         measure: &Measure,
         contact_set_shares: &[f64],
         measured: Option<&[JointMeasured]>,
-        joints: &mut [JointEstimated],
+        (joints, undelayed): (&mut [JointEstimated], &[Option<f64>]),
         counts: &mut Counts,
     ) {
         self.whole_body.blend(contact_set_shares);
         let delayed = self.whole_body.update_torques(&measure.short().input());
         // Short filters have settled when the long ones, which the flags are about, have.
         let usable = delayed.valid && measure.flags() & UNUSABLE == 0;
-        let samples = measure.samples().iter().enumerate();
-        for ((own, (j, sample)), joint) in (self.joints.iter_mut().zip(samples)).zip(joints) {
-            let (fast, by_torsion) = match &mut own.fast {
-                Fast::Compliance(compliance) => (compliance.update(sample), true),
-                Fast::Calibrated => (joint.tau_encoder, true),
-                Fast::Current => (joint.tau_current, false),
+        for (j, (own, joint)) in self.joints.iter_mut().zip(joints).enumerate() {
+            let torque = |estimate| valid(estimate).map(|estimate| estimate.tau);
+            let (fast, by_torsion) = match own.fast {
+                Fast::Compliance => (undelayed.get(j).copied().flatten(), true),
+                Fast::Calibrated => (torque(&joint.tau_encoder), true),
+                Fast::Current => (torque(&joint.tau_current), false),
             };
             let (tau, sigma) = (delayed.tau[j], delayed.sigma[j]);
             let within_limit = usable && tau.abs() <= own.torque_limit;
             let delayed = within_limit.then_some(DelayedTorque { tau, sigma });
-            let fast = valid(&fast).map(|fast| fast.tau);
             let angle = measured
                 .and_then(|joints| joints.get(j))
                 .map(|joint| joint.q);

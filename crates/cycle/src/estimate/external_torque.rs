@@ -23,16 +23,12 @@ use whole_body::{
 
 use super::FastTorque;
 use super::usable::{UNUSABLE, valid};
-use super::whole_body::estimator;
+use super::whole_body::{Place, estimator};
 use crate::events::{Counts, Subject};
 use crate::measure::{Measure, NOT_USED};
 
 /// Samples that may be missing in a row: one is bridged well enough for a second derivative.
 const BRIDGED: u32 = 1;
-
-/// Cycles after which the standard deviations of the model's torques are computed anew: the pose
-/// hardly changes in them.
-const SIGMA_EVERY: u32 = 10;
 
 /// One external torque of the joint with the standard deviations of both torques that it is the
 /// difference of, N·m.
@@ -118,7 +114,8 @@ impl ExternalTorque {
 
     fn publish_force(&mut self, known: bool, estimated: &mut EstimatedRecord) {
         for (&place, joint) in self.lasting.model_index.iter().zip(&estimated.joints) {
-            self.sigma[place] = joint.tau_encoder.sigma.hypot(joint.tau_whole_body.sigma);
+            let (a, b) = (joint.tau_encoder.sigma, joint.tau_whole_body.sigma);
+            self.sigma[place] = (a * a + b * b).sqrt();
         }
         let lasting = &self.lasting;
         let force = (self.force.as_mut())
@@ -229,10 +226,6 @@ impl Lasting {
 #[derive(Debug)]
 struct Change {
     whole_body: WholeBody,
-    /// Cycles until its standard deviations are computed anew, and the contact sets' shares by which
-    /// they were.
-    sigma_left: u32,
-    shares: Vec<f64>,
     /// Delays the torque like the other inputs.
     filter: FilterBank,
     window: u32,
@@ -248,11 +241,8 @@ impl Change {
     fn new(robot: &Robot, settings: &ExternalTorqueSettings) -> Result<Self, Problem> {
         let joints = robot.parameters.joints.len();
         let filter = FilterBank::new(joints, settings.filters.sensor)?;
-        let whole_body = estimator(robot, settings.filters)?;
         Ok(Self {
-            sigma_left: 0,
-            shares: vec![0.0; whole_body.hypotheses().len()],
-            whole_body,
+            whole_body: estimator(robot, settings.filters, Place::Contacts)?,
             window: filter.kernel().len() as u32,
             filter,
             newest: vec![f64::NAN; joints],
@@ -291,24 +281,7 @@ impl Change {
         self.gaps.update(measure, measured, self.window);
         if let Some(signals) = measure.contact() {
             self.whole_body.blend(shares);
-            let input = signals.input();
-            // They change with the pose and with the contact sets.
-            let estimate = match self.sigma_left {
-                1.. if self.shares == shares => {
-                    self.sigma_left -= 1;
-                    self.whole_body.update_torques_alone(&input)
-                }
-                _ => {
-                    self.sigma_left = SIGMA_EVERY - 1;
-                    self.whole_body.update_torques(&input)
-                }
-            };
-            if !estimate.valid {
-                self.sigma_left = 0;
-            }
-            for (before, share) in self.shares.iter_mut().zip(shares) {
-                *before = *share;
-            }
+            self.whole_body.update_torques(&signals.input());
         }
         if !known {
             self.seen.fill(0);

@@ -11,8 +11,24 @@ use super::usable::UNUSABLE;
 use crate::events::Counts;
 use crate::measure::Measure;
 
+/// Cycles after which an estimator's covariances are computed anew.
+const COVARIANCES_EVERY: u32 = 10;
+
+/// The cycle, of [`COVARIANCES_EVERY`], in which an estimator's covariances are computed: never those
+/// of two estimators in the same one.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Place {
+    WholeBody = 0,
+    DelayCompensation = 3,
+    Contacts = 6,
+}
+
 /// The whole-body estimator with standard deviations as they are behind these filters.
-pub(crate) fn estimator(robot: &Robot, filters: SignalFilters) -> Result<WholeBody, Problem> {
+pub(crate) fn estimator(
+    robot: &Robot,
+    filters: SignalFilters,
+    place: Place,
+) -> Result<WholeBody, Problem> {
     let parameters = &robot.parameters;
     let sensors = FilterBank::new(1, filters.sensor)?;
     let ddq_gain = FilterBank::new(1, filters.encoder)?.noise_gain(2);
@@ -27,7 +43,9 @@ pub(crate) fn estimator(robot: &Robot, filters: SignalFilters) -> Result<WholeBo
         let reason = "the robot's floating base has neither an IMU nor a stand";
         return Err(Problem::new(reason, "[imu], or [fixed_base]"));
     };
-    WholeBody::new(&robot.model, &parameters).map_err(|error| error.problem().of("[whole_body]"))
+    WholeBody::new(&robot.model, &parameters)
+        .map(|estimator| estimator.with_covariances_every(COVARIANCES_EVERY, place as u32))
+        .map_err(|error| error.problem().of("[whole_body]"))
 }
 
 /// The estimator behind the long filters, and the choice among contact sets.
@@ -43,7 +61,7 @@ pub(crate) struct WholeBodyStage {
 impl WholeBodyStage {
     pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
-        let estimator = estimator(robot, parameters.filters.long)?;
+        let estimator = estimator(robot, parameters.filters.long, Place::WholeBody)?;
         Ok(Self {
             contact_sets: contact_switch(robot, &estimator),
             contact_counts: estimator.contact_counts(),

@@ -230,6 +230,22 @@ impl AlignedBank {
         self.alignment.align(signal, outputs(&self.bank, signal))
     }
 
+    /// Values, first and second derivatives of the first signals, as many as there is room for.
+    pub(crate) fn all_outputs(&self, [values, rates, curvatures]: [&mut [f64]; 3]) {
+        let bank = &self.bank;
+        if self.alignment.moments.is_empty() {
+            // All samples are of SYNC, as on most robots.
+            copy(bank.values(), values);
+            copy(bank.first_derivatives(), rates);
+            copy(bank.second_derivatives(), curvatures);
+            return;
+        }
+        let rows = values.iter_mut().zip(rates).zip(curvatures);
+        for (signal, ((value, rate), curvature)) in rows.enumerate() {
+            [*value, *rate, *curvature] = self.outputs(signal);
+        }
+    }
+
     /// Delay of the outputs against SYNC, s.
     pub(crate) fn delay_s(&self) -> f64 {
         self.bank.delay_s()
@@ -239,6 +255,11 @@ impl AlignedBank {
     pub(crate) fn settling(&self, signal: usize) -> bool {
         self.bank.settling(signal)
     }
+}
+
+fn copy(from: &[f64], to: &mut [f64]) {
+    let count = from.len().min(to.len());
+    to[..count].copy_from_slice(&from[..count]);
 }
 
 /// A channel's value and derivatives, before alignment.

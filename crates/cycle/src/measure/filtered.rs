@@ -69,9 +69,7 @@ impl Filtered {
     ) {
         self.encoders.update(angles, stamps, sync);
         self.sensors.update(axes, stamps, sync);
-        for j in 0..self.q.len() {
-            [self.q[j], self.dq[j], self.ddq[j]] = self.encoders.outputs(j);
-        }
+        (self.encoders).all_outputs([&mut self.q, &mut self.dq, &mut self.ddq]);
         let sensors = &self.sensors;
         let three =
             |first: usize| -> [f64; 3] { std::array::from_fn(|i| sensors.outputs(first + i)[0]) };

@@ -11,6 +11,9 @@ const ERROR_AVERAGING_TIME: f64 = 0.5;
 /// Delayed torque `l`, and fast torque through the same filter, `h*e`. The residual is formed only
 /// when it is needed, so that a change of the gain does not act on stored values.
 type Pair = [f64; 2];
+/// The predictors' pairs: all delayed torques, then all fast ones, as the processor takes them side by
+/// side.
+type Pairs = [[f64; PREDICTORS]; 2];
 
 /// The predicted residual for one gain.
 #[derive(Debug, Clone, Default)]
@@ -36,7 +39,7 @@ pub(super) struct ResidualPredictor {
     /// Rings of the last inputs and predictions.
     inputs: Vec<Pair>,
     newest: usize,
-    predictions: Vec<[Pair; PREDICTORS]>,
+    predictions: Vec<Pairs>,
     oldest: usize,
     means: [Pair; 3],
     /// Number of predictions since the start, and of those that have been judged.
@@ -53,7 +56,7 @@ impl ResidualPredictor {
             dt,
             inputs: vec![[0.0; 2]; window / 2 + 1],
             newest: 0,
-            predictions: vec![[[0.0; 2]; PREDICTORS]; (3 * window / 4).max(1)],
+            predictions: vec![[[0.0; PREDICTORS]; 2]; (3 * window / 4).max(1)],
             oldest: 0,
             means: [[0.0; 2]; 3],
             made: 0,
@@ -90,8 +93,10 @@ impl ResidualPredictor {
             *mean = [0, 1].map(|k| mean[k] + share * (pair[k] - mean[k]));
         }
         let [a, b, c] = self.means;
-        let line = |times: f64| [0, 1].map(|k| pair[k] + times * ahead * (pair[k] - first[k]));
-        let predictions = [pair, a, b, c, line(0.5), line(1.0)];
+        let predictions = [0, 1].map(|k| {
+            let line = |times: f64| pair[k] + times * ahead * (pair[k] - first[k]);
+            [pair[k], a[k], b[k], c[k], line(0.5), line(1.0)]
+        });
         self.predictions[self.oldest] = predictions;
         self.oldest = (self.oldest + 1) % self.predictions.len();
         self.made = self.made.saturating_add(1);
@@ -102,26 +107,24 @@ impl ResidualPredictor {
 
 impl Prediction {
     /// Compares past predictions with the present residual.
-    fn judge(&mut self, predictions: &[Pair; PREDICTORS], pair: Pair, gain: f64, share: f64) {
+    fn judge(&mut self, predictions: &Pairs, pair: Pair, gain: f64, share: f64) {
         let observed = residual(pair, gain);
-        for (error, prediction) in self.errors.iter_mut().zip(predictions) {
-            *error += share * ((observed - residual(*prediction, gain)).powi(2) - *error);
+        let residuals = residuals(predictions, gain);
+        for (error, predicted) in self.errors.iter_mut().zip(residuals) {
+            *error += share * ((observed - predicted).powi(2) - *error);
         }
     }
 
     /// Mean of the predictors, weighted by the inverse cubes of their mean square errors.
-    fn combine(&mut self, predictions: &[Pair; PREDICTORS], gain: f64) {
+    fn combine(&mut self, predictions: &Pairs, gain: f64) {
         let best = self.errors.iter().copied().fold(f64::INFINITY, f64::min);
         let weights = self.errors.map(|error| match error > best {
             true => (best / error).powi(3),
             false => 1.0,
         });
         let sum: f64 = weights.iter().sum();
-        let weighted = weights.iter().zip(predictions);
-        self.value = weighted
-            .map(|(w, prediction)| w * residual(*prediction, gain))
-            .sum::<f64>()
-            / sum;
+        let weighted = weights.iter().zip(residuals(predictions, gain));
+        self.value = weighted.map(|(w, residual)| w * residual).sum::<f64>() / sum;
         let errors = weights.iter().zip(&self.errors);
         self.variance = errors.map(|(w, error)| w * error).sum::<f64>() / sum;
     }
@@ -129,4 +132,8 @@ impl Prediction {
 
 fn residual([delayed, fast]: Pair, gain: f64) -> f64 {
     delayed - gain * fast
+}
+
+fn residuals([delayed, fast]: &Pairs, gain: f64) -> [f64; PREDICTORS] {
+    std::array::from_fn(|i| residual([delayed[i], fast[i]], gain))
 }
