@@ -5,7 +5,7 @@
     python3 benches/calibration/run.py --out docs/results/calibration.md
 
 Each robot is copied into a folder of its own. `torqued demo --record` records the daemon's loop on the
-simulated robot, `torquectl calibrate joints` reads nothing but these recordings, `commit` adopts the
+simulated robot, `torquectl calibrate` reads nothing but these recordings, `commit` adopts the
 result, and `torqued demo` compares the torque from encoders with the true one in the demo's motion,
 before and after. Needs Python alone.
 """
@@ -89,7 +89,7 @@ def calibrate(binaries, robot, seed, folder):
         runs.append(name)
     if not (folder / "calibrated").exists():
         began = time.monotonic()
-        command = [binaries / "torquectl", "calibrate", "joints", *runs, "-o", "calibrated", "--report", "report.html"]
+        command = [binaries / "torquectl", "calibrate", "--only", "joints", *runs, "-o", "calibrated", "--report", "report.html"]
         run(command, folder, (0, 1))
         (folder / "took").write_text(str(time.monotonic() - began))
         run([binaries / "torquectl", "calibrate", "commit", config, "calibrated"], folder)

@@ -2,11 +2,16 @@
 
 mod adopt;
 mod difference;
+mod drives;
+mod everything;
 mod fit;
 mod identity;
 mod inertia;
-mod joints;
+mod loads;
+mod payload;
 pub(crate) mod runs;
+mod sensors;
+mod shown;
 mod status;
 mod store;
 
@@ -17,25 +22,22 @@ use std::process::ExitCode;
 
 /// Calibrate a robot from its own recordings, and adopt the result
 #[derive(Args)]
-#[command(after_long_help = EXAMPLES)]
+#[command(
+    after_long_help = everything::HELP,
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true
+)]
 pub(crate) struct CalibrateArguments {
     #[command(subcommand)]
-    what: What,
+    what: Option<What>,
+    #[command(flatten)]
+    runs: everything::RunsArguments,
 }
-
-const EXAMPLES: &str = "\
-Examples:
-  torquectl calibrate joints sweeps.mcap stance.mcap -o calibrated --report calibrated.html
-  torquectl calibrate diff config/leg/robot.toml calibrated
-  torquectl calibrate commit config/leg/robot.toml calibrated
-  torquectl calibrate status config/leg/robot.toml
-  torquectl calibrate rollback config/leg/robot.toml
-  torquectl calibrate inertia --help";
 
 #[derive(Subcommand)]
 enum What {
     Inertia(inertia::InertiaArguments),
-    Joints(joints::JointsArguments),
+    Payload(payload::PayloadArguments),
     Status(status::StatusArguments),
     Diff(difference::DiffArguments),
     /// Adopt a calibration into the robot's configuration; the old one is kept
@@ -46,15 +48,17 @@ enum What {
 }
 
 const COMMIT: &str = "\
-The joint files go into a new folder calibrations/DATE beside the configuration, then the configuration's
-keys `calibration` name them: that file is replaced at once, so that there is always a whole one. The
-daemon reads it when it is started next. Joints that the calibration lacks keep what they have.";
+The files go into a new folder calibrations/DATE beside the configuration, whose keys then name them: joint
+files, the URDF with other inertias, offsets of F/T sensors, and what drives differ in (calibration.toml lists
+all under [settings]). The configuration is replaced at once, so that there is always a whole one. The daemon
+reads it when it is started next. What the calibration lacks stays as it is. Offsets and masses beyond F/T
+sensors that changed make an earlier tare wrong: tare again.";
 
 #[derive(Args)]
 struct CommitArguments {
     /// The robot's configuration
     config: PathBuf,
-    /// The folder that `torquectl calibrate joints` wrote
+    /// The folder that `torquectl calibrate` wrote
     calibration: PathBuf,
 }
 
@@ -66,21 +70,22 @@ struct RollbackArguments {
 
 pub(crate) fn run(arguments: &CalibrateArguments) -> ExitCode {
     match &arguments.what {
-        What::Inertia(arguments) => inertia::run(arguments),
-        What::Joints(arguments) => joints::run(arguments),
-        What::Status(arguments) => status::run(arguments),
-        What::Diff(arguments) => difference::run(arguments),
-        What::Commit(CommitArguments {
+        None => everything::run(&arguments.runs),
+        Some(What::Inertia(arguments)) => inertia::run(arguments),
+        Some(What::Payload(arguments)) => payload::run(arguments),
+        Some(What::Status(arguments)) => status::run(arguments),
+        Some(What::Diff(arguments)) => difference::run(arguments),
+        Some(What::Commit(CommitArguments {
             config,
             calibration,
-        }) => {
+        })) => {
             let done = adopt::commit(config, calibration);
             finish_or_refuse(done.map(|folder| {
                 let (config, folder) = (config.display(), folder.display());
                 format!("{config}: uses {folder} from the daemon's next start on\n")
             }))
         }
-        What::Rollback(RollbackArguments { config }) => {
+        Some(What::Rollback(RollbackArguments { config })) => {
             finish_or_refuse(adopt::rollback(config).map(|folder| {
                 let (config, folder) = (config.display(), folder.display());
                 format!("{config}: no longer uses {folder}, which is kept\n")

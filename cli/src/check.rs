@@ -90,7 +90,7 @@ fn check_simulation(config: &str, robot: &Robot) -> Result<(), Problem> {
         Err(e) => return Err(Problem::unreadable(&name, &e)),
     };
     let sim = SimParameters::parse(&text, &name)?;
-    let urdf = &robot.parameters.urdf_path;
+    let urdf = sim.urdf_or(&robot.parameters.urdf_path);
     let urdf = std::fs::read_to_string(urdf).map_err(|e| Problem::unreadable(urdf, &e))?;
     CanRobot::new(robot, &urdf, &sim).map_err(|problem| problem.or_at(&name, 0))?;
     Ok(())

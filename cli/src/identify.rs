@@ -1,6 +1,6 @@
 //! `torquectl identify drive`: a joint's drive and motor from its own motion, recorded before or made now.
 
-mod found;
+pub(crate) mod found;
 mod moving;
 mod page;
 
@@ -226,7 +226,7 @@ impl Recorded {
     fn read(path: &Path, name: &str) -> Result<(Self, Option<String>), Problems> {
         let mut run = recorded::open(path)?;
         let header = run.header().clone();
-        let robot = robot(&header, &[])?;
+        let robot = robot(&header, &[], None)?;
         let joints = &robot.parameters.joints;
         let Some(index) = joints.iter().position(|joint| joint.name == name) else {
             let names = listed(joints.iter().map(|joint| joint.name.as_str()));

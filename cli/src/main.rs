@@ -49,7 +49,7 @@ Examples:
   torquectl record -o run.mcap --seconds 10
   torquectl excite config/leg/excite.toml --record run.mcap
   torquectl replay run.mcap
-  torquectl calibrate joints run.mcap -o calibrated
+  torquectl calibrate run.mcap -o calibrated
   torquectl identify drive run.mcap --joint knee
   torquectl estimate --joint elbow.toml --log run.csv
   torquectl help check

@@ -122,7 +122,7 @@ fn a_joint_is_calibrated_from_its_own_recording_adopted_and_taken_back() {
     let before = judge(&folder, 10.0);
     assert!(expect(&folder, &format!("calibrate status {config}"), 1).contains("missing"));
 
-    let made = format!("calibrate joints sweeps.mcap --config {config} -o made --report made.html");
+    let made = format!("calibrate sweeps.mcap --config {config} -o made --report made.html");
     let shown = expect(&folder, &made, 0);
     assert!(
         shown.contains("held out") && shown.contains("written: made"),
@@ -203,21 +203,21 @@ fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
 
     // Cut off: what is whole is used, and it is said so; without a cycle it is refused.
     fs::write(folder.join("cut.mcap"), &whole[..whole.len() * 3 / 4]).unwrap();
-    let shown = expect(&folder, "calibrate joints cut.mcap -o cut", 0);
+    let shown = expect(&folder, "calibrate cut.mcap -o cut", 0);
     assert!(
         shown.contains("cut.mcap: the file ends too early"),
         "{shown}"
     );
     fs::write(folder.join("stub.mcap"), &whole[..200]).unwrap();
-    let shown = expect(&folder, "calibrate joints stub.mcap -o stub", 2);
+    let shown = expect(&folder, "calibrate stub.mcap -o stub", 2);
     assert!(shown.contains("stub.mcap"), "{shown}");
     fs::write(folder.join("log.csv"), "t,q\n0,0\n").unwrap();
-    assert!(expect(&folder, "calibrate joints log.csv -o csv", 2).contains("not an MCAP file"));
-    expect(&folder, "calibrate joints none.mcap -o none", 2);
+    assert!(expect(&folder, "calibrate log.csv -o csv", 2).contains("not an MCAP file"));
+    expect(&folder, "calibrate none.mcap -o none", 2);
 
     // A joint that never moves, and carries one torque.
     record(&folder, "test-joint", "settle_s = 1.0\n", 4.0, "rest.mcap");
-    let shown = expect(&folder, "calibrate joints rest.mcap -o rest", 2);
+    let shown = expect(&folder, "calibrate rest.mcap -o rest", 2);
     assert!(shown.contains("joint: never moves"), "{shown}");
 
     // Another robot: the same joint with another gear.
@@ -231,7 +231,7 @@ fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
     let path = "config/test-joint/robot.toml";
     let shown = expect(
         &folder,
-        &format!("calibrate joints run.mcap --config {path} -o other"),
+        &format!("calibrate run.mcap --config {path} -o other"),
         2,
     );
     assert!(shown.contains("gear_ratio = 100.0, not 120.0"), "{shown}");
@@ -240,7 +240,7 @@ fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
     let full = Command::new("bash")
         .args([
             "-c",
-            "trap '' XFSZ; ulimit -f 2; exec \"$0\" calibrate joints run.mcap -o full",
+            "trap '' XFSZ; ulimit -f 2; exec \"$0\" calibrate run.mcap -o full",
         ])
         .arg(env!("CARGO_BIN_EXE_torquectl"))
         .current_dir(&folder)
@@ -265,4 +265,175 @@ fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
         "stub.mcap",
     ];
     assert_eq!(left, files, "nothing half-written is left");
+}
+
+const LEG: &str = "settle_s = 1.0\njoint = [\n\
+    { name = \"hip_yaw\", amplitude_deg = 20, period_s = 13 },\n\
+    { name = \"hip_roll\", amplitude_deg = 25, period_s = 17 },\n\
+    { name = \"hip_pitch\", amplitude_deg = -60, period_s = 19 },\n\
+    { name = \"knee\", amplitude_deg = 60, period_s = 11 },\n\
+    { name = \"ankle_pitch\", amplitude_deg = 45, period_s = 7 },\n\
+    { name = \"ankle_roll\", amplitude_deg = 20, period_s = 5 },\n]\n";
+const OTHER: &str = "settle_s = 1.0\njoint = [\n\
+    { name = \"hip_pitch\", amplitude_deg = -70, period_s = 12 },\n\
+    { name = \"knee\", amplitude_deg = 80, period_s = 9 },\n\
+    { name = \"ankle_pitch\", amplitude_deg = -30, period_s = 5 },\n\
+    { name = \"ankle_roll\", amplitude_deg = -15, period_s = 4 },\n\
+    { name = \"hip_roll\", amplitude_deg = -15, period_s = 7 },\n]\n";
+
+/// The number before ` ±` behind a key of calibration.toml's `[[ft_sensor]]`.
+fn entry(folder: &Path, calibration: &str, key: &str) -> Vec<[f64; 2]> {
+    let text = fs::read_to_string(folder.join(calibration).join("calibration.toml")).unwrap();
+    let table: toml::Table = toml::from_str(&text).unwrap();
+    let value = &table["ft_sensor"][0][key];
+    let pair = |v: &toml::Value| [0, 1].map(|k| v[k].as_float().unwrap());
+    match value[0].is_array() {
+        true => value.as_array().unwrap().iter().map(pair).collect(),
+        false => vec![pair(value)],
+    }
+}
+
+#[test]
+fn an_ft_sensor_and_a_payload_are_found_adopted_and_taken_back() {
+    let folder = folder("sensor", "leg");
+    let at = |path: &str| folder.join(path);
+    let config = "config/leg/robot.toml";
+    let urdf = fs::read_to_string(at("robot-models/leg/robot.urdf")).unwrap();
+    // The true foot is heavier than the URDF's and lies elsewhere, and the sensor was never tared.
+    let (foot, true_foot) = (
+        "<origin xyz=\"0.0133333333 0 -0.0308333333\" rpy=\"0 0 0\"/>\n      <mass value=\"1.2\"/>",
+        "<origin xyz=\"0.02 0.006 -0.025\" rpy=\"0 0 0\"/>\n      <mass value=\"1.35\"/>",
+    );
+    let truth = urdf.replace(foot, true_foot);
+    assert_ne!(truth, urdf);
+    fs::write(at("config/leg/true.urdf"), &truth).unwrap();
+    let sim = fs::read_to_string(at("config/leg/sim.toml")).unwrap();
+    let sim = sim.replace("inertia_error_per_cent = 1", "inertia_error_per_cent = 0");
+    let sim = sim
+        .replace("bias_N = 0.05", "ignores_offset = true\nbias_N = 8")
+        .replace("bias_Nm = 0.002", "bias_Nm = 0.4");
+    let with = |urdf: &str| {
+        fs::write(at("config/leg/sim.toml"), format!("urdf = {urdf:?}\n{sim}")).unwrap();
+    };
+    with("true.urdf");
+    record(&folder, "leg", LEG, 32.0, "run.mcap");
+    let refusal = expect(&folder, "calibrate run.mcap --only ft -o sensor", 2);
+    assert!(refusal.contains("--untouched"), "{refusal}");
+    let shown = expect(
+        &folder,
+        "calibrate run.mcap --only ft --untouched -o sensor --report sensor.html",
+        0,
+    );
+    assert!(shown.contains("mass of foot"), "{shown}");
+    assert!(
+        fs::read_to_string(at("sensor.html"))
+            .unwrap()
+            .contains("F/T sensors")
+    );
+    let [mass, width] = entry(&folder, "sensor", "mass_kg")[0];
+    assert!(
+        (mass - 1.35).abs() < 0.015 && (mass - 1.35).abs() < 2.0 * width,
+        "{mass} ± {width}\n{shown}"
+    );
+    for ([x, width], truth) in entry(&folder, "sensor", "centre_m")
+        .iter()
+        .zip([0.02, 0.006, -0.025])
+    {
+        assert!(
+            (x - truth).abs() < 0.002 && width < &0.004,
+            "{x} ± {width}, true {truth}\n{shown}"
+        );
+    }
+    let original = fs::read_to_string(at(config)).unwrap();
+    expect(&folder, &format!("calibrate commit {config} sensor"), 0);
+    let committed = fs::read_to_string(at(config)).unwrap();
+    assert!(
+        committed.contains("urdf = \"calibrations/") && !committed.contains("offset = [0.0, 0.0")
+    );
+    let status = expect(&folder, &format!("calibrate status {config}"), 1);
+    assert!(
+        status.contains("ft_sensor ankle") && status.contains("calibrated"),
+        "{status}"
+    );
+
+    // With it the sensor shows nothing that the model lacks, in another motion too.
+    record(&folder, "leg", OTHER, 20.0, "again.mcap");
+    expect(
+        &folder,
+        "calibrate again.mcap --only ft --untouched -o again",
+        0,
+    );
+    let offsets = [
+        entry(&folder, "sensor", "offset"),
+        entry(&folder, "again", "offset"),
+    ];
+    for (k, ([a, _], [b, _])) in offsets[0].iter().zip(&offsets[1]).enumerate() {
+        assert!(
+            (a - b).abs() < if k < 3 { 0.15 } else { 0.01 },
+            "{k}: {a} {b}"
+        );
+    }
+    let [again, _] = entry(&folder, "again", "mass_kg")[0];
+    assert!((again - mass).abs() < 0.01, "{mass} {again}");
+    let shown = expect(&folder, &format!("calibrate diff {config} again"), 0);
+    assert!(
+        shown.contains("F/T sensor ankle") && shown.contains("mass beyond"),
+        "{shown}"
+    );
+
+    // A payload on the foot: by the sensor, and by the torques of the joints.
+    let load = "<link name=\"load\"><inertial><origin xyz=\"0.03 0.01 -0.06\"/><mass value=\"1.5\"/>\
+        <inertia ixx=\"0.002\" iyy=\"0.002\" izz=\"0.002\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>\
+        <joint name=\"load\" type=\"fixed\"><parent link=\"foot\"/><child link=\"load\"/></joint></robot>";
+    fs::write(
+        at("config/leg/loaded.urdf"),
+        truth.replace("</robot>", load),
+    )
+    .unwrap();
+    with("loaded.urdf");
+    record(&folder, "leg", LEG, 32.0, "loaded.mcap");
+    let payload = |options: &str| -> (f64, [f64; 3]) {
+        let text = expect(
+            &folder,
+            &format!("calibrate payload loaded.mcap --link foot --untouched {options}"),
+            0,
+        );
+        let option = text
+            .lines()
+            .find_map(|l| l.strip_prefix("--payload foot="))
+            .expect(&text);
+        let numbers: Vec<f64> = option.split(',').map(|x| x.parse().unwrap()).collect();
+        (numbers[0], [numbers[1], numbers[2], numbers[3]])
+    };
+    let (mass, centre) = payload("-o loaded-model.urdf");
+    assert!((mass - 1.5).abs() < 0.02, "{mass}");
+    for (x, truth) in centre.iter().zip([0.03, 0.01, -0.06]) {
+        assert!((x - truth).abs() < 0.003, "{centre:?}");
+    }
+    assert!(
+        fs::read_to_string(at("loaded-model.urdf"))
+            .unwrap()
+            .contains("__payload")
+    );
+    let (mass, _) = payload("--from joints --empty again.mcap");
+    assert!((mass - 1.5).abs() < 0.25, "{mass}");
+    let refusal = expect(
+        &folder,
+        "calibrate payload again.mcap --link foot --untouched --empty again.mcap",
+        2,
+    );
+    assert!(refusal.contains("no payload"), "{refusal}");
+
+    // Back, to the last byte; and what was of another robot.
+    expect(&folder, &format!("calibrate rollback {config}"), 0);
+    assert_eq!(fs::read_to_string(at(config)).unwrap(), original);
+    fs::write(at(config), original.replace("sign = 1", "sign = -1")).unwrap();
+    let refusal = expect(&folder, &format!("calibrate commit {config} sensor"), 2);
+    assert!(refusal.contains("F/T sensor ankle"), "{refusal}");
+    let heavier = urdf.replace("<mass value=\"0.6\"/>", "<mass value=\"0.7\"/>");
+    fs::write(at(config), &original).unwrap();
+    fs::write(at("robot-models/leg/robot.urdf"), heavier).unwrap();
+    let refusal = expect(&folder, &format!("calibrate commit {config} sensor"), 2);
+    assert!(refusal.contains("the URDF has changed"), "{refusal}");
+    assert_eq!(fs::read_to_string(at(config)).unwrap(), original);
 }

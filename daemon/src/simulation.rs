@@ -29,7 +29,7 @@ pub fn parameters(file: &Path, seed: Option<u64>) -> Result<SimParameters, Failu
 /// # Errors
 /// Parameters that do not fit the robot.
 pub fn robot(robot: &Robot, sim: &SimParameters, file: &Path) -> Result<CanRobot, Failure> {
-    let urdf = text(Path::new(&robot.parameters.urdf_path))?;
+    let urdf = text(Path::new(sim.urdf_or(&robot.parameters.urdf_path)))?;
     CanRobot::new(robot, &urdf, sim)
         .map_err(|problem| Failure::bad_input(problem.or_at(&file.to_string_lossy(), 0)))
 }

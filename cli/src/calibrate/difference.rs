@@ -1,6 +1,7 @@
 //! `torquectl calibrate diff`: parameters of two calibrations side by side, with their intervals.
 
 use super::adopt::Configuration;
+use super::sensors::carrier;
 use super::store::Calibration;
 use crate::output::finish_or_refuse;
 use clap::Args;
@@ -14,7 +15,7 @@ use std::process::ExitCode;
 use terminal::TextTable;
 
 const HELP: &str = "\
-A and B are each a folder of `torquectl calibrate joints` or a robot's configuration. Intervals are 95 %;
+A and B are each a folder of `torquectl calibrate` or a robot's configuration. Intervals are 95 %;
 a difference that both intervals together do not cover is marked.
 
 Examples:
@@ -29,9 +30,9 @@ pub(crate) struct DiffArguments {
     a: PathBuf,
     /// Another one
     b: PathBuf,
-    /// Only this joint; may be repeated
+    /// Only this joint, F/T sensor or kind of drive; may be repeated
     #[arg(long, value_name = "NAME")]
-    joint: Vec<String>,
+    part: Vec<String>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -48,39 +49,47 @@ type Known = (f64, Option<f64>);
 const HALF_WIDTH: f64 = 1.96;
 
 fn difference(arguments: &DiffArguments) -> Result<String, Problems> {
-    let [a, b] = [joints(&arguments.a)?, joints(&arguments.b)?];
+    let [mut a, mut b] = [parts(&arguments.a)?, parts(&arguments.b)?];
+    // A configuration has every part; a calibration only those that it is of.
+    if !arguments.a.is_dir() {
+        a.retain(|name, _| b.contains_key(name) || !name.contains(' '));
+    }
+    if !arguments.b.is_dir() {
+        b.retain(|name, _| a.contains_key(name) || !name.contains(' '));
+    }
     let mut names: Vec<&String> = a.keys().chain(b.keys()).collect();
     names.sort();
     names.dedup();
-    if let Some(unknown) = arguments.joint.iter().find(|name| !names.contains(name)) {
+    let is = |name: &str, part: &str| name.rsplit(' ').next() == Some(part);
+    let unknown = |part: &&String| !names.iter().any(|name| is(name, part));
+    if let Some(unknown) = arguments.part.iter().find(unknown) {
         let known = problem::listed(names.iter().map(|name| name.as_str()));
-        return Err(Problem::new(format!("--joint: there is no joint {unknown:?}"), known).into());
+        return Err(Problem::new(format!("--part: there is no part {unknown:?}"), known).into());
     }
-    names.retain(|name| arguments.joint.is_empty() || arguments.joint.contains(name));
+    names.retain(|name| {
+        arguments.part.is_empty() || arguments.part.iter().any(|part| is(name, part))
+    });
     let mut out = String::new();
     let mut all = serde_json::Map::new();
     for name in names {
-        let [old, new] = [a.get(name), b.get(name)].map(|joint| joint.map(parameters));
+        let (old, new) = (a.get(name), b.get(name));
         let missing = |file: &Path| format!("{name}: not in {}\n", file.display());
-        match (&old, &new) {
+        match (old, new) {
             (None, _) => out += &missing(&arguments.a),
             (_, None) => out += &missing(&arguments.b),
             (Some(old), Some(new)) => {
                 let _ = writeln!(out, "{name}\n{}", table(old, new));
             }
         }
-        let value = |known: &Option<BTreeMap<&'static str, Known>>| {
-            known.as_ref().map(|all| {
+        let value = |known: Option<&Parameters>| {
+            known.map(|all| {
                 let each = all.iter().map(|(key, (value, width))| {
-                    (
-                        (*key).to_owned(),
-                        json!({"value": value, "interval": width}),
-                    )
+                    (key.clone(), json!({"value": value, "interval": width}))
                 });
                 serde_json::Value::Object(each.collect())
             })
         };
-        all.insert(name.clone(), json!({"a": value(&old), "b": value(&new)}));
+        all.insert(name.clone(), json!({"a": value(old), "b": value(new)}));
     }
     Ok(match arguments.json {
         true => format!("{}\n", serde_json::Value::Object(all)),
@@ -88,29 +97,113 @@ fn difference(arguments: &DiffArguments) -> Result<String, Problems> {
     })
 }
 
-/// The joint files of a folder or a configuration.
-fn joints(path: &Path) -> Result<BTreeMap<String, JointFile>, Problems> {
+/// Parameters by name and unit.
+type Parameters = BTreeMap<String, Known>;
+
+/// The parts of a folder or a configuration.
+fn parts(path: &Path) -> Result<BTreeMap<String, Parameters>, Problems> {
+    let named = |all: BTreeMap<&'static str, Known>| -> Parameters {
+        all.into_iter()
+            .map(|(key, x)| (key.to_owned(), x))
+            .collect()
+    };
     if path.is_dir() {
         let calibration = Calibration::read(path)?;
-        let parsed = calibration.manifest.joints.iter().filter_map(|joint| {
-            let file = joint.file.as_ref()?;
+        let manifest = &calibration.manifest;
+        let mut all = BTreeMap::new();
+        for joint in &manifest.joints {
+            let Some((file, text)) = joint
+                .file
+                .as_ref()
+                .and_then(|f| Some((f, calibration.files.get(f)?)))
+            else {
+                continue;
+            };
             let shown = path.join(file).display().to_string();
-            let text = calibration.files.get(file)?;
-            Some(
-                JointFile::parse(text, &shown, &|path| std::fs::read_to_string(path))
-                    .map(|file| (joint.name.clone(), file)),
-            )
-        });
-        return Ok(parsed.collect::<Result<_, _>>()?);
+            let file = JointFile::parse(text, &shown, &|path| std::fs::read_to_string(path))?;
+            all.insert(joint.name.clone(), named(parameters(&file)));
+        }
+        for sensor in manifest.sensors.iter().filter(|s| s.why.is_none()) {
+            let values = sensor
+                .mass
+                .iter()
+                .chain(&sensor.centre)
+                .chain(&sensor.offset);
+            let known = values.map(|[value, width]| (*value, Some(*width)));
+            let keys = OF_SENSOR.map(str::to_owned).into_iter();
+            all.insert(
+                format!("F/T sensor {}", sensor.name),
+                keys.zip(known).collect(),
+            );
+        }
+        for drive in manifest.drives.iter().filter(|d| !d.keys.is_empty()) {
+            let keys = drive.keys.iter();
+            let known = keys.map(|key| (key.address.clone(), (key.value[0], Some(key.value[1]))));
+            all.insert(format!("drive {}", drive.name), known.collect());
+        }
+        return Ok(all);
     }
     let configuration = Configuration::read(path)?;
-    let joints = configuration.robot.parameters.joints.into_iter();
-    Ok(joints
-        .filter_map(|j| Some((j.name, j.calibration?)))
-        .collect())
+    let robot = &configuration.robot;
+    let joints = robot.parameters.joints.iter();
+    let mut all: BTreeMap<String, Parameters> = joints
+        .filter_map(|j| Some((j.name.clone(), named(parameters(j.calibration.as_ref()?)))))
+        .collect();
+    let signs = configuration.identity.signs(robot);
+    for (ft, sign) in robot.parameters.ft_sensors.iter().zip(signs) {
+        let link = carrier(&robot.model, &ft.sensor.frame);
+        let Some(link) = link.map(|k| &robot.model.frames()[k]) else {
+            continue;
+        };
+        let centre = link.inertia.center();
+        let offset = ft.conditioning.offset.map(|x| sign * x);
+        let values = [link.inertia.mass]
+            .into_iter()
+            .chain(centre.iter().copied())
+            .chain(offset);
+        let keys = OF_SENSOR.map(str::to_owned).into_iter();
+        all.insert(
+            format!("F/T sensor {}", ft.sensor.name),
+            keys.zip(values.map(|x| (x, None))).collect(),
+        );
+    }
+    for name in configuration.identity.drives.keys() {
+        let mut own = Parameters::new();
+        for key in OF_DRIVE {
+            let address = format!("drive.{name}.{key}");
+            if let Some(value) = configuration.value(&address)?.and_then(|v| v.as_float()) {
+                own.insert(address, (value, None));
+            }
+        }
+        all.insert(format!("drive {name}"), own);
+    }
+    Ok(all)
 }
 
-/// What is compared, by name and unit.
+/// Parameters of an F/T sensor, in their order.
+const OF_SENSOR: [&str; 10] = [
+    "mass beyond kg",
+    "its centre x m",
+    "its centre y m",
+    "its centre z m",
+    "offset fx N",
+    "offset fy N",
+    "offset fz N",
+    "offset tx N·m",
+    "offset ty N·m",
+    "offset tz N·m",
+];
+/// Keys of a drive that recordings show.
+const OF_DRIVE: [&str; 6] = [
+    "rotor_inertia_kg_m2",
+    "friction.coulomb_Nm",
+    "friction.viscous_Nms_per_rad",
+    "motor.K_tau_rad_per_Nm",
+    "motor.K_v_s",
+    "motor.dead_zone_rad",
+];
+
+/// What is compared of a joint, by name and unit.
 fn parameters(joint: &JointFile) -> BTreeMap<&'static str, Known> {
     let mut all = BTreeMap::new();
     // The standard deviation of a parameter is the root of its directions' squares.
@@ -176,7 +269,7 @@ fn parameters(joint: &JointFile) -> BTreeMap<&'static str, Known> {
     all
 }
 
-fn table(a: &BTreeMap<&'static str, Known>, b: &BTreeMap<&'static str, Known>) -> String {
+fn table(a: &Parameters, b: &Parameters) -> String {
     let heading = ["", "A", "±", "B", "±", ""];
     let mut cells = vec![heading.map(str::to_owned).to_vec()];
     let mut keys: Vec<_> = a.keys().chain(b.keys()).collect();
@@ -187,14 +280,14 @@ fn table(a: &BTreeMap<&'static str, Known>, b: &BTreeMap<&'static str, Known>) -
             None => ["-".to_owned(), String::new()],
             Some((value, width)) => [number(*value), width.map_or_else(String::new, number)],
         };
-        let (old, new) = (a.get(*key), b.get(*key));
+        let (old, new) = (a.get(key.as_str()), b.get(key.as_str()));
         let beyond = match (old, new) {
             (Some((a, Some(wide_a))), Some((b, Some(wide_b)))) => {
                 (a - b).abs() > wide_a.hypot(*wide_b)
             }
             _ => false,
         };
-        let mut row = vec![(*key).to_owned()];
+        let mut row = vec![key.to_string()];
         row.extend(shown(old).into_iter().chain(shown(new)));
         row.push(if beyond { "differs" } else { "" }.to_owned());
         cells.push(row);

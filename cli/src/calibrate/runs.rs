@@ -9,6 +9,7 @@ use identification::drive::recorded::at_sync;
 use problem::{Problem, Problems};
 use recording::{CycleMessage, Ending, Header};
 use robot_config::{FilterGains, Robot, Sampled, Sampling, whole_body_parameters};
+use robot_state::torque_flags::VALID;
 use robot_state::{CycleRecord, measured_flags};
 use sha2::{Digest, Sha256};
 use std::fs::File;
@@ -48,11 +49,13 @@ pub(crate) struct RecordedRun {
     pub(crate) stretches: Vec<Stretch>,
 }
 
-/// Cycles without a gap and with one contact set.
+/// Cycles without a gap, with one contact set and one tare.
 pub(crate) struct Stretch {
     pub(crate) signals: Signals,
     /// Index of the contact set.
     pub(crate) contact_set: usize,
+    /// Offsets that were subtracted from the F/T sensors' readings, by sensor.
+    pub(crate) offsets: Vec<[f64; 6]>,
     /// By joint, in config order.
     pub(crate) drives: Vec<Drive>,
 }
@@ -66,6 +69,9 @@ pub(crate) struct Drive {
     pub(crate) current: Vec<f64>,
     /// The sample was measured, not bridged.
     pub(crate) used: Vec<bool>,
+    /// Torque from encoders and current as published, and its standard deviation, N·m; NaN where it was not
+    /// valid.
+    pub(crate) torque: Vec<[f64; 2]>,
 }
 
 impl RecordedRun {
@@ -78,7 +84,7 @@ impl RecordedRun {
         let sha256 = hash(path).map_err(|e| Problem::unreadable(&file, &e))?;
         let mut run = recorded::open(path)?;
         let header = run.header().clone();
-        let robot = robot(&header, payloads)?;
+        let robot = robot(&header, payloads, None)?;
         let mut reader = Reader::new(&robot, &header);
         let ending = recorded::read_all(path, &mut run, |_, message| {
             reader.take(message);
@@ -158,8 +164,17 @@ pub(crate) fn model_sigma(robot: &Robot) -> f64 {
     }
 }
 
-/// The robot of a recording, with payloads.
-pub(crate) fn robot(header: &Header, payloads: &[Payload]) -> Result<Robot, Problems> {
+/// The text of the URDF in a recording.
+pub(crate) fn urdf<'a>(header: &'a Header, robot: &Robot) -> &'a str {
+    header.text(&robot.parameters.urdf_path).unwrap_or("")
+}
+
+/// The robot of a recording, with payloads, by its own URDF or another one.
+pub(crate) fn robot(
+    header: &Header,
+    payloads: &[Payload],
+    urdf: Option<&str>,
+) -> Result<Robot, Problems> {
     let Some(first) = header.files.first() else {
         let reason = "the recording has no configuration";
         return Err(Problem::new(reason, "a recording by torqued").into());
@@ -169,7 +184,7 @@ pub(crate) fn robot(header: &Header, payloads: &[Payload]) -> Result<Robot, Prob
         text.ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "not in the recording"))
     };
     let robot = robot_config::load(&first.path, &read)?;
-    if payloads.is_empty() {
+    if payloads.is_empty() && urdf.is_none() {
         return Ok(robot);
     }
     let unknown = payloads
@@ -179,9 +194,12 @@ pub(crate) fn robot(header: &Header, payloads: &[Payload]) -> Result<Robot, Prob
         let reason = format!("payload: no link \"{}\"", payload.link());
         return Err(Problem::new(reason, "a link of the URDF").into());
     }
-    let urdf = robot.parameters.urdf_path.clone();
-    robot_config::load(&first.path, &|path| match path == urdf {
-        true => Ok(with_payloads(&read(path)?, payloads)),
+    let own = robot.parameters.urdf_path.clone();
+    robot_config::load(&first.path, &|path| match path == own {
+        true => {
+            let text = urdf.map_or_else(|| read(path), |text| Ok(text.to_owned()))?;
+            Ok(with_payloads(&text, payloads))
+        }
         false => read(path),
     })
 }
@@ -257,12 +275,17 @@ impl<'a> Reader<'a> {
             return;
         }
         let contact_set = record.estimated.contact_set as usize;
+        let same_tare = |s: &Stretch| {
+            let mut offsets = s.offsets.iter().zip(&record.measured.ft);
+            offsets.all(|(offset, ft)| *offset == ft.offset.to_array())
+        };
         let goes_on = (self.stretches.last()).is_some_and(|s| {
-            !self.interrupted && step < GAP * self.period && s.contact_set == contact_set
+            let gap = step >= GAP * self.period;
+            !self.interrupted && !gap && s.contact_set == contact_set && same_tare(s)
         });
         if !goes_on {
             self.finish_stretch();
-            self.stretches.push(self.empty(contact_set));
+            self.stretches.push(self.empty(contact_set, record));
             self.interrupted = false;
         }
         let Some(stretch) = self.stretches.last_mut() else {
@@ -296,9 +319,10 @@ impl<'a> Reader<'a> {
         flags & LOST != 0
     }
 
-    fn empty(&self, contact_set: usize) -> Stretch {
+    fn empty(&self, contact_set: usize, record: &CycleRecord) -> Stretch {
         let p = &self.robot.parameters;
         let n = p.joints.len();
+        let sensors = record.measured.ft.iter().take(p.ft_sensors.len());
         Stretch {
             signals: Signals {
                 t: Vec::new(),
@@ -309,6 +333,7 @@ impl<'a> Reader<'a> {
                 file: String::new(),
             },
             contact_set,
+            offsets: sensors.map(|ft| ft.offset.to_array()).collect(),
             drives: (0..n).map(|_| Drive::default()).collect(),
         }
     }
@@ -363,11 +388,18 @@ impl Stretch {
         let signals = &mut self.signals;
         signals.t.push(t);
         let joints = record.measured.joints.iter();
-        for ((angle, drive), joint) in signals.angles.iter_mut().zip(&mut self.drives).zip(joints) {
+        let joints = joints.zip(&record.estimated.joints);
+        let mut own = signals.angles.iter_mut().zip(&mut self.drives);
+        for ((angle, drive), (joint, estimated)) in own.by_ref().zip(joints) {
             angle.push(joint.q);
             drive.theta.push(joint.theta);
             drive.current.push(joint.current);
             drive.used.push(joint.flags & NOT_USED == 0);
+            let torque = &estimated.tau_encoder;
+            drive.torque.push(match torque.flags & VALID != 0 {
+                true => [torque.tau, torque.sigma],
+                false => [f64::NAN; 2],
+            });
         }
         for (axes, sensor) in signals.ft.iter_mut().zip(&record.measured.ft) {
             let wrench = sensor.wrench.to_array();
@@ -395,6 +427,7 @@ impl Stretch {
             cut(&mut drive.theta);
             cut(&mut drive.current);
             drive.used = drive.used[kept.clone()].to_vec();
+            drive.torque = drive.torque[kept.clone()].to_vec();
         }
     }
 }

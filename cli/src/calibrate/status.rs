@@ -2,7 +2,7 @@
 //! this robot.
 
 use super::adopt::Configuration;
-use super::store::Calibration;
+use super::store::{Calibration, Manifest};
 use crate::BAD_INPUT;
 use crate::output::finish;
 use clap::Args;
@@ -19,7 +19,9 @@ const HOURS_A_DAY: f64 = 24.0;
 
 const HELP: &str = "\
 A calibration is old after --days, missing where a joint names no joint file, and of another robot where
-drive, encoders, their directions and zeros, or the rate have changed since.
+drive, encoders, their directions and zeros, or the rate have changed since. F/T sensors and drives that no
+calibration has are as configured; where their keys are others than the calibration set, they are changed
+since.
 
 Examples:
   torquectl calibrate status config/leg/robot.toml
@@ -50,10 +52,12 @@ fn days(text: &str) -> Result<f64, Problem> {
     days.ok_or_else(|| Problem::new("not a number of days", ALLOWED.to_string()))
 }
 
-/// One joint's calibration.
+/// The calibration of a joint, an F/T sensor or a kind of drive.
 struct State {
-    joint: String,
-    /// calibrated, by hand, missing, old, of another robot.
+    /// joint, ft_sensor, drive.
+    kind: &'static str,
+    name: String,
+    /// calibrated, by hand, as configured, missing, old, changed since, of another robot.
     state: &'static str,
     made: String,
     /// Figures and remarks.
@@ -75,7 +79,7 @@ pub(crate) fn run(arguments: &StatusArguments) -> ExitCode {
     };
     let good = states
         .iter()
-        .all(|s| ["calibrated", "by hand"].contains(&s.state));
+        .all(|s| ["calibrated", "by hand", "as configured"].contains(&s.state));
     match (finish(&text), good) {
         (ExitCode::SUCCESS, false) => ExitCode::from(WANTED),
         (code, _) => code,
@@ -88,7 +92,8 @@ fn states(arguments: &StatusArguments) -> Result<Vec<State>, Problems> {
     let joints = configuration.robot.parameters.joints.iter();
     let state = |joint: &robot_config::JointParameters| {
         let mut state = State {
-            joint: joint.name.clone(),
+            kind: "joint",
+            name: joint.name.clone(),
             state: "missing",
             made: String::new(),
             held_out: None,
@@ -125,7 +130,83 @@ fn states(arguments: &StatusArguments) -> Result<Vec<State>, Problems> {
         state.undetermined.clone_from(&entry.undetermined);
         state
     };
-    Ok(joints.map(state).collect())
+    let mut all: Vec<State> = joints.map(state).collect();
+    all.extend(others(&configuration, arguments.days)?);
+    Ok(all)
+}
+
+/// F/T sensors and drives, by the newest calibration that has them.
+fn others(configuration: &Configuration, days: f64) -> Result<Vec<State>, Problem> {
+    let folders = configuration.committed();
+    let read = folders.iter().rev().map(|folder| Calibration::read(folder));
+    let manifests: Vec<Manifest> = read
+        .flatten()
+        .map(|calibration| calibration.manifest)
+        .collect();
+    let identity = &configuration.identity;
+    let mut all = Vec::new();
+    for ft in &configuration.robot.parameters.ft_sensors {
+        let name = &ft.sensor.name;
+        let found = manifests.iter().find_map(|manifest| {
+            let own = manifest
+                .sensors
+                .iter()
+                .find(|s| s.name == *name && s.why.is_none())?;
+            Some((manifest, &own.identity, own.undetermined.clone()))
+        });
+        let same = |theirs: &String| identity.of_sensor(name).as_ref() == Some(theirs);
+        let state = other("ft_sensor", name, found, same, (configuration, days))?;
+        all.push(state);
+    }
+    for name in identity.drives.keys() {
+        let found = manifests.iter().find_map(|manifest| {
+            let own = manifest
+                .drives
+                .iter()
+                .find(|d| d.name == *name && !d.keys.is_empty())?;
+            Some((manifest, &own.identity, Vec::new()))
+        });
+        let same = |theirs: &String| identity.of_drive(name).as_ref() == Some(theirs);
+        let state = other("drive", name, found, same, (configuration, days))?;
+        all.push(state);
+    }
+    Ok(all)
+}
+
+fn other(
+    kind: &'static str,
+    name: &str,
+    found: Option<(&Manifest, &String, Vec<String>)>,
+    same: impl Fn(&String) -> bool,
+    (configuration, days): (&Configuration, f64),
+) -> Result<State, Problem> {
+    let mut state = State {
+        kind,
+        name: name.to_owned(),
+        state: "as configured",
+        made: String::new(),
+        held_out: None,
+        undetermined: Vec::new(),
+    };
+    let Some((manifest, identity, undetermined)) = found else {
+        return Ok(state);
+    };
+    let mut unchanged = true;
+    let prefix = format!("{kind}.{name}.");
+    let settings = manifest.settings.iter();
+    for (address, value) in settings.filter(|(address, _)| address.starts_with(&prefix)) {
+        unchanged &= configuration.value(address)?.as_ref() == Some(value);
+    }
+    let old = age_days(&manifest.made).is_none_or(|age| age > days);
+    state.state = match (same(identity), unchanged, old) {
+        (false, ..) => "of another robot",
+        (true, false, _) => "changed since",
+        (true, true, true) => "old",
+        (true, true, false) => "calibrated",
+    };
+    state.made.clone_from(&manifest.made);
+    state.undetermined = undetermined;
+    Ok(state)
 }
 
 fn age_days(made: &str) -> Option<f64> {
@@ -136,7 +217,8 @@ fn age_days(made: &str) -> Option<f64> {
 
 fn object(state: &State) -> Value {
     json!({
-        "joint": state.joint,
+        "kind": state.kind,
+        "name": state.name,
         "state": state.state,
         "made": state.made,
         "held_out_rms_Nm": state.held_out.map(|(rms, _)| rms),
@@ -146,14 +228,7 @@ fn object(state: &State) -> Value {
 }
 
 fn table(states: &[State]) -> String {
-    let heading = [
-        "joint",
-        "state",
-        "made",
-        "held out RMS N·m",
-        "%",
-        "undetermined",
-    ];
+    let heading = ["", "state", "made", "held out RMS N·m", "%", "undetermined"];
     let mut cells = vec![heading.map(str::to_owned).to_vec()];
     for state in states {
         let [rms, share] = match state.held_out {
@@ -164,7 +239,10 @@ fn table(states: &[State]) -> String {
             None => [String::new(), String::new()],
         };
         cells.push(vec![
-            state.joint.clone(),
+            match state.kind {
+                "joint" => state.name.clone(),
+                kind => format!("{kind} {}", state.name),
+            },
             state.state.to_owned(),
             state.made.clone(),
             rms,

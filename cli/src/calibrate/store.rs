@@ -24,8 +24,105 @@ pub(crate) struct Manifest {
     #[serde(rename = "run")]
     pub(crate) runs: Vec<RunEntry>,
     /// Every joint of the robot.
-    #[serde(rename = "joint")]
+    #[serde(default, rename = "joint")]
     pub(crate) joints: Vec<JointEntry>,
+    /// Every F/T sensor.
+    #[serde(default, rename = "ft_sensor", skip_serializing_if = "Vec::is_empty")]
+    pub(crate) sensors: Vec<SensorEntry>,
+    /// Every kind of drive.
+    #[serde(default, rename = "drive", skip_serializing_if = "Vec::is_empty")]
+    pub(crate) drives: Vec<DriveEntry>,
+    /// Keys of robot.toml that a commit sets beside `calibration`, by their address.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) settings: BTreeMap<String, toml::Value>,
+    /// The URDF with other inertias, where there are some.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) urdf: Option<UrdfEntry>,
+}
+
+/// A URDF whose inertias are corrected.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct UrdfEntry {
+    pub(crate) file: String,
+    /// SHA-256 of the URDF that it corrects.
+    pub(crate) of_sha256: String,
+}
+
+/// A number and half the width of its 95 % interval.
+pub(crate) type Interval = [f64; 2];
+
+/// An F/T sensor.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SensorEntry {
+    pub(crate) name: String,
+    pub(crate) identity: String,
+    /// Why it could not be calibrated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) why: Option<String>,
+    /// The link that holds the mass beyond the sensor.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub(crate) link: String,
+    /// Reading without load, before the sign: fx to tz, N and N·m.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) offset: Vec<Interval>,
+    #[serde(rename = "mass_kg", default, skip_serializing_if = "Option::is_none")]
+    pub(crate) mass: Option<Interval>,
+    #[serde(rename = "centre_m", default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) centre: Vec<Interval>,
+    /// Angles about x, y, z by which the sensor's axes are turned against its frame.
+    #[serde(
+        rename = "misalignment_deg",
+        default,
+        skip_serializing_if = "Vec::is_empty"
+    )]
+    pub(crate) misalignment: Vec<Interval>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) undetermined: Vec<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) condition: Option<f64>,
+    /// Largest angle between two directions of gravity in the link's axes.
+    #[serde(
+        rename = "gravity_turned_deg",
+        default,
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub(crate) turned: Option<f64>,
+    /// RMS as it was configured, and held out: with the offset found alone, and with everything found.
+    #[serde(rename = "rms_N", default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) rms_force: Vec<f64>,
+    #[serde(rename = "rms_Nm", default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) rms_torque: Vec<f64>,
+    /// Whether mass and centre predict what was held out better than the URDF's: only then they are adopted.
+    #[serde(default)]
+    pub(crate) better: bool,
+}
+
+/// A kind of drive.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct DriveEntry {
+    pub(crate) name: String,
+    pub(crate) identity: String,
+    /// Joints whose motion shows it.
+    pub(crate) joints: Vec<String>,
+    /// Why some joints show nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) why: Vec<String>,
+    #[serde(default, rename = "key", skip_serializing_if = "Vec::is_empty")]
+    pub(crate) keys: Vec<KeyEntry>,
+}
+
+/// A key of a kind of drive.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct KeyEntry {
+    pub(crate) address: String,
+    pub(crate) value: Interval,
+    pub(crate) configured: f64,
+    /// agrees, differs, or how joints contradict one another.
+    pub(crate) state: String,
 }
 
 /// A recording.
@@ -85,7 +182,7 @@ impl Calibration {
             let path = folder.join(name);
             let shown = path.display().to_string();
             let bytes = fs::read(&path).map_err(|e| {
-                let allowed = "a folder that `torquectl calibrate joints` wrote";
+                let allowed = "a folder that `torquectl calibrate` wrote";
                 Problem::new(format!("cannot be read: {e}"), allowed).at(&shown, 0)
             })?;
             utf8(bytes, &shown)
@@ -94,10 +191,9 @@ impl Calibration {
             let shown = folder.join(MANIFEST).display().to_string();
             Problem::new(e.message(), "").at(shown, 0)
         })?;
-        let named = manifest
-            .joints
-            .iter()
-            .filter_map(|joint| joint.file.clone());
+        let named = manifest.joints.iter();
+        let named = named.filter_map(|joint| joint.file.clone());
+        let named = named.chain(manifest.urdf.iter().map(|urdf| urdf.file.clone()));
         let files = named.map(|name| Ok::<_, Problem>((name.clone(), text(&name)?)));
         let files = files.collect::<Result<_, _>>()?;
         Ok(Self { manifest, files })
@@ -152,6 +248,19 @@ pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Problem> {
         fs::rename(&partial, path)?;
         sync_folder(path.parent())
     });
+    written.map_err(|e| {
+        let _ = fs::remove_file(&partial);
+        Problem::unwritable(path.display(), &e)
+    })
+}
+
+/// Writes a new file, or replaces one, at once.
+///
+/// # Errors
+/// It cannot be written: nothing is left of it.
+pub(crate) fn create(path: &Path, text: &str) -> Result<(), Problem> {
+    let partial = partial(path);
+    let written = write_whole(&partial, text).and_then(|()| fs::rename(&partial, path));
     written.map_err(|e| {
         let _ = fs::remove_file(&partial);
         Problem::unwritable(path.display(), &e)

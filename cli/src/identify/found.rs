@@ -8,16 +8,28 @@ use std::fmt::Write as _;
 use terminal::TextTable;
 
 /// What was identified.
-pub(super) struct Found<'a> {
-    pub(super) joint: &'a JointParameters,
-    pub(super) known: &'a DriveKnowledge,
-    pub(super) drive: &'a Drive,
-    pub(super) motor: Option<Motor>,
-    pub(super) files: Vec<String>,
+pub(crate) struct Found<'a> {
+    pub(crate) joint: &'a JointParameters,
+    pub(crate) known: &'a DriveKnowledge,
+    pub(crate) drive: &'a Drive,
+    pub(crate) motor: Option<Motor>,
+    pub(crate) files: Vec<String>,
+}
+
+/// A key of robot.toml in `[drive.NAME]` or a table of it, as a recording shows it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Setting {
+    /// The table in the drive's own; empty for that one.
+    pub(crate) table: &'static str,
+    pub(crate) key: &'static str,
+    pub(crate) value: f64,
+    /// Half of the 95 % interval.
+    pub(crate) width: f64,
+    pub(crate) configured: f64,
 }
 
 /// The motor by a model of D 3.
-pub(super) enum Motor {
+pub(crate) enum Motor {
     Linear(MotorFit, &'static str),
     Asymmetric { newton: MotorFit, program: MotorFit },
     Piecewise(MotorFit, [Piecewise; 2]),
@@ -269,24 +281,73 @@ impl Found<'_> {
     }
 
     /// The keys of robot.toml that the recording determines.
-    pub(super) fn toml(&self) -> String {
+    pub(crate) fn settings(&self) -> Vec<Setting> {
         let (d, n) = (self.drive, self.known.gear_ratio);
-        let name = &self.joint.drive;
-        let key = |key: &str, value: f64, of: &Value| {
+        let mut all = Vec::new();
+        let mut key = |table, key, of: &Value, shown: &dyn Fn(f64) -> f64| {
+            let (value, configured) = (shown(of.value), shown(of.configured));
             let [least, most] = of.interval();
             let width = (most - least) / 2.0 * (value / of.value).abs();
-            match of.determined && value > 0.0 {
-                true => format!("{key} = {}  # 95 %: ± {}\n", digits(value), digits(width)),
-                false => String::new(),
+            if of.determined && value > 0.0 {
+                all.push(Setting {
+                    table,
+                    key,
+                    value,
+                    width,
+                    configured,
+                });
             }
         };
+        let plain = |x: f64| x;
+        key("", "rotor_inertia_kg_m2", &d.inertia, &|x| x / (n * n));
+        key("friction", "coulomb_Nm", &d.coulomb, &|x| x / n);
+        key("friction", "viscous_Nms_per_rad", &d.viscous, &|x| {
+            x / (n * n)
+        });
+        if let (None, Some(k), Some(c)) = (self.motor_fit(), &d.stiffness, &d.damping) {
+            // K_tau is the softness of drive and gear in series (control.md); the gear's stays. Over the
+            // motor's angle there is no gear.
+            let gear = match self.joint.has_link_encoder {
+                true => 1.0 / self.joint.law.gear.k_fs0,
+                false => 0.0,
+            };
+            key("motor", "K_tau_rad_per_Nm", k, &|x| 1.0 / x + gear);
+            let ratio = Value {
+                value: c.value / k.value,
+                sigma: c.sigma / k.value,
+                configured: c.configured / k.configured,
+                ..*c
+            };
+            key("motor", "K_v_s", &ratio, &plain);
+        }
+        if let Some(zone) = &d.dead_zone {
+            key("motor", "dead_zone_rad", zone, &plain);
+        }
+        if let Some(fit) = self.motor_fit() {
+            let fitted = self.motor_keys().into_iter().zip(self.constants(fit));
+            all.extend(fitted.filter(|(_, (_, value, ..))| *value > 0.0).map(
+                |(key, (_, value, sigma, _))| Setting {
+                    table: "motor",
+                    key,
+                    value,
+                    width: 1.96 * sigma,
+                    configured: f64::NAN,
+                },
+            ));
+        }
+        all
+    }
+
+    /// The same as lines of robot.toml.
+    pub(super) fn toml(&self) -> String {
+        let name = &self.joint.drive;
         let mut text = format!(
             "# Keys of robot.toml to change, from joint {} in {}.\n\
              # All joints of the kind {name:?} share them: compare joints before one's values are adopted.\n",
             self.joint.name,
             self.files.join(", ")
         );
-        let delay = &d.delay;
+        let delay = &self.drive.delay;
         if delay.determined {
             let _ = writeln!(
                 text,
@@ -296,37 +357,14 @@ impl Found<'_> {
                 digits(1e6 * delay.configured)
             );
         }
-        let _ = write!(text, "\n[drive.{name}]\n");
-        text += &key("rotor_inertia_kg_m2", d.inertia.value / (n * n), &d.inertia);
-        let _ = write!(text, "\n[drive.{name}.friction]\n");
-        text += &key("coulomb_Nm", d.coulomb.value / n, &d.coulomb);
-        text += &key("viscous_Nms_per_rad", d.viscous.value / (n * n), &d.viscous);
-        let _ = write!(text, "\n[drive.{name}.motor]\n");
-        match self.motor_fit() {
-            Some(fit) => {
-                for (key, (_, value, sigma, _)) in self.motor_keys().iter().zip(self.constants(fit))
-                {
-                    if value > 0.0 {
-                        let (value, width) = (digits(value), digits(1.96 * sigma));
-                        let _ = writeln!(text, "{key} = {value}  # 95 %: ± {width}");
-                    }
-                }
+        let settings = self.settings();
+        for table in ["", "friction", "motor"] {
+            let dot = if table.is_empty() { "" } else { "." };
+            let _ = write!(text, "\n[drive.{name}{dot}{table}]\n");
+            for s in settings.iter().filter(|s| s.table == table) {
+                let (value, width) = (digits(s.value), digits(s.width));
+                let _ = writeln!(text, "{} = {value}  # 95 %: ± {width}", s.key);
             }
-            None => {
-                // K_tau is the softness of drive and gear in series (control.md); the gear's stays. Over
-                // the motor's angle there is no gear.
-                let gear = match self.joint.has_link_encoder {
-                    true => 1.0 / self.joint.law.gear.k_fs0,
-                    false => 0.0,
-                };
-                if let (Some(k), Some(c)) = (&d.stiffness, &d.damping) {
-                    text += &key("K_tau_rad_per_Nm", 1.0 / k.value + gear, k);
-                    text += &key("K_v_s", c.value / k.value, c);
-                }
-            }
-        }
-        if let Some(zone) = &d.dead_zone {
-            text += &key("dead_zone_rad", zone.value, zone);
         }
         text
     }
@@ -348,7 +386,7 @@ impl Found<'_> {
 }
 
 /// Four significant digits.
-pub(super) fn digits(x: f64) -> String {
+pub(crate) fn digits(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return format!("{x}");
     }

@@ -3,7 +3,8 @@
 use super::torques::Estimated;
 use crate::whole_body::request::ContactRecord;
 use crate::whole_body::sensors_file::SensorsFile;
-use dynamics::{Base, Model, UrdfOptions};
+use dynamics::{Base, Inertia, Model, UrdfOptions};
+use nalgebra::Matrix3;
 use problem::Problem;
 use robot_config::FilterGains;
 use std::str::FromStr;
@@ -150,25 +151,46 @@ fn standing(model: &Model) -> String {
 
 /// The URDF with a link of its own for each payload.
 pub(crate) fn with_payloads(urdf: &str, payloads: &[Payload]) -> String {
+    let each = payloads.iter().map(|payload| {
+        let point = Matrix3::zeros();
+        let inertia = Inertia::from_central(payload.mass, payload.centre.into(), point);
+        (payload.link.as_str(), inertia)
+    });
+    with_links(urdf, &each.collect::<Vec<_>>())
+}
+
+/// The URDF with a link of its own for a payload, in the axes of the link that carries it.
+pub(crate) fn with_payload(urdf: &str, link: &str, inertia: &Inertia) -> String {
+    with_links(urdf, &[(link, *inertia)])
+}
+
+fn with_links(urdf: &str, payloads: &[(&str, Inertia)]) -> String {
     let Some(end) = urdf.rfind("</robot>").filter(|_| !payloads.is_empty()) else {
         return urdf.to_owned();
     };
     let mut text = urdf[..end].to_owned();
-    for (i, payload) in payloads.iter().enumerate() {
-        let Payload {
-            link,
-            mass,
-            centre: [x, y, z],
-        } = payload;
+    for (i, (link, inertia)) in payloads.iter().enumerate() {
         let link = link
             .replace('&', "&amp;")
             .replace('"', "&quot;")
             .replace('<', "&lt;");
+        let (c, about) = (inertia.center(), inertia.central());
+        let at = |r: usize, c: usize| about[(r, c)] + if r == c { POINT_INERTIA } else { 0.0 };
         text += &format!(
-            "<link name=\"__payload_{i}\"><inertial><origin xyz=\"{x} {y} {z}\"/><mass value=\"{mass}\"/>\
-             <inertia ixx=\"{POINT_INERTIA}\" iyy=\"{POINT_INERTIA}\" izz=\"{POINT_INERTIA}\" ixy=\"0\" \
-             ixz=\"0\" iyz=\"0\"/></inertial></link><joint name=\"__payload_{i}\" type=\"fixed\">\
-             <parent link=\"{link}\"/><child link=\"__payload_{i}\"/></joint>"
+            "<link name=\"__payload_{i}\"><inertial><origin xyz=\"{} {} {}\"/><mass value=\"{}\"/>\
+             <inertia ixx=\"{}\" iyy=\"{}\" izz=\"{}\" ixy=\"{}\" ixz=\"{}\" iyz=\"{}\"/></inertial></link>\
+             <joint name=\"__payload_{i}\" type=\"fixed\"><parent link=\"{link}\"/>\
+             <child link=\"__payload_{i}\"/></joint>",
+            c.x,
+            c.y,
+            c.z,
+            inertia.mass,
+            at(0, 0),
+            at(1, 1),
+            at(2, 2),
+            at(0, 1),
+            at(0, 2),
+            at(1, 2)
         );
     }
     text + &urdf[end..]

@@ -19,6 +19,7 @@ pub mod joined;
 pub mod kinematic;
 pub mod learned;
 pub mod least_squares;
+pub mod load;
 pub mod log;
 pub mod motor;
 pub mod network;

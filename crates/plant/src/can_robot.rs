@@ -57,7 +57,7 @@ impl CanRobot {
             sync: robot.sync.clone(),
             answered: vec![true; parameters.buses.len()],
             electronics: (parameters.ft_sensors.iter())
-                .map(Electronics::of)
+                .map(|ft| Electronics::of(ft, sim.ft_sensor.ignores_offset))
                 .collect(),
             values: vec![0.0; slots::receive_len(parameters)],
             commands: vec![0.0; slots::send_len(parameters)],
@@ -261,13 +261,16 @@ struct Electronics {
 }
 
 impl Electronics {
-    fn of(ft: &FtParameters) -> Self {
+    fn of(ft: &FtParameters, ignores_offset: bool) -> Self {
         let rows = &ft.conditioning.calibration;
         let calibration = Matrix6::from_fn(|i, j| rows[i][j]);
         Self {
             // The configuration was checked: the matrix is invertible.
             sheet: (calibration.try_inverse()).unwrap_or_else(Matrix6::identity),
-            unloaded: ft.conditioning.offset.into(),
+            unloaded: match ignores_offset {
+                true => Vector6::zeros(),
+                false => ft.conditioning.offset.into(),
+            },
         }
     }
 

@@ -4,6 +4,7 @@ use problem::Problem;
 use read::*;
 use serde::Deserialize;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 mod drive;
 mod read;
@@ -20,6 +21,8 @@ pub struct SimParameters {
     /// Step of the simulation, s.
     #[serde(rename = "substep_us", deserialize_with = "micro")]
     pub substep: f64,
+    /// URDF of the simulated robot; none: the configuration's. Relative to the file, once it is read.
+    pub urdf: Option<String>,
     /// Masses, centres of mass and inertias differ from the URDF by up to this fraction.
     #[serde(
         default,
@@ -188,6 +191,9 @@ pub struct FtParameters {
     /// Bias of each torque axis, drawn up to this, N·m.
     #[serde(default, rename = "bias_Nm", deserialize_with = "non_negative")]
     pub bias_torque: f64,
+    /// The readings without load are the biases alone, not those and the configuration's `offset`.
+    #[serde(default)]
+    pub ignores_offset: bool,
     /// Growth of the biases, fraction of the bias per minute.
     #[serde(
         default,
@@ -305,12 +311,21 @@ impl SimParameters {
         own.map(|(name, _)| format!("{name}.sampling"))
     }
 
+    /// The simulated robot's URDF beside that of its configuration.
+    #[must_use]
+    pub fn urdf_or<'a>(&'a self, configured: &'a str) -> &'a str {
+        self.urdf.as_deref().unwrap_or(configured)
+    }
+
     /// Reads a `sim.toml`.
     ///
     /// # Errors
     /// A [`Problem`] with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, Problem> {
-        let parameters: Self = toml::from_str(text).map_err(|e| locate(text, file, &e))?;
+        let mut parameters: Self = toml::from_str(text).map_err(|e| locate(text, file, &e))?;
+        let beside = |urdf: &String| Path::new(file).with_file_name("").join(urdf);
+        let urdf = parameters.urdf.as_ref().map(beside);
+        parameters.urdf = urdf.map(|path| path.to_string_lossy().into_owned());
         if parameters.substep > 1e-3 {
             let us = 1e6 * parameters.substep;
             return Err(Problem::new(format!("substep_us: {us}"), "at most 1000").at(file, 0));

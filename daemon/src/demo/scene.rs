@@ -66,7 +66,7 @@ pub(super) fn load(options: &DemoOptions) -> Result<Scene, Failure> {
     if let Some(link) = &options.harness {
         hang(&mut sim, link);
     }
-    let urdf = &robot.parameters.urdf_path;
+    let urdf = sim.urdf_or(&robot.parameters.urdf_path);
     let urdf = read(urdf).map_err(|e| refuse(urdf, e))?;
     let plant = CanRobot::new(&robot, &urdf, &sim)
         .map_err(|problem| Failure::bad_input(problem.or_at(&path, 0)))?;
