@@ -33,8 +33,8 @@ Exit codes:
 
 /// Check a robot's configuration with its URDF and DBC files, and print a summary.
 ///
-/// Nothing is started: CAN interfaces need not exist. A predictive torque loop with less margin than 30
-/// degrees or 6 dB is refused.
+/// Nothing is started: CAN interfaces need not exist. A torque loop with less margin than 30 degrees or 6 dB is
+/// refused, that of the predictive law and that of joints without a link-side encoder.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct CheckArguments {
@@ -66,10 +66,7 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
     };
     let buses = bus_loads(&robot, rate);
     let warnings = warnings(&robot, &buses);
-    let judged = match margins::is_predictive(&robot) {
-        true => margins::judge(&robot),
-        false => Vec::new(),
-    };
+    let judged = margins::judge(&robot);
     let refused = margins::refusals(&judged, &arguments.config);
     if !refused.is_empty() {
         return Err(Problems(refused));

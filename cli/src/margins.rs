@@ -2,10 +2,10 @@
 
 use crate::output::finish_or_refuse;
 use charts::{COLOURS, Figure, Line, Panel};
-use control::margins::{JointLoop, Load, Margins, NEEDED, Point};
+use control::margins::{JointLoop, LateLoop, Load, Margins, NEEDED, Point};
 use control::margins::{largest_damping, largest_stiffness, least_margins};
 use problem::{Problem, Problems};
-use robot_config::{JointParameters, Robot, TorqueLaw};
+use robot_config::{JointParameters, Parameters, Robot, TorqueLaw};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -28,7 +28,8 @@ Exit codes:
   0  every joint has at least 30 degrees and 6 dB
   2  a joint has less, or the configuration has a problem";
 
-/// Print the margins of every joint's torque loop with the predictive law.
+/// Print the margins of every joint's torque loop: of the predictive law, and of the feedback of joints without a
+/// link-side encoder.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct MarginsArguments {
@@ -52,23 +53,23 @@ pub(crate) fn run(arguments: &MarginsArguments) -> ExitCode {
 
 fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
     let read = |path: &str| std::fs::read_to_string(path);
-    let mut robot = robot_config::load(&arguments.config, &read)?;
+    let robot = robot_config::load(&arguments.config, &read)?;
+    let mut loops = loops(&robot);
     if let Some(name) = &arguments.joint {
-        let names: Vec<String> = (robot.parameters.joints.iter())
-            .map(|joint| joint.name.clone())
-            .collect();
-        robot.parameters.joints.retain(|joint| joint.name == *name);
-        if robot.parameters.joints.is_empty() {
-            let what = format!("--joint {name}: the robot has no such joint");
-            return Err(Problem::new(what, names.join(", ")).into());
+        let names: Vec<&str> = loops.iter().map(|l| l.name.as_str()).collect();
+        let what = format!("--joint {name}: the robot has no such joint");
+        let problem = Problem::new(what, names.join(", "));
+        loops.retain(|l| l.name == *name);
+        if loops.is_empty() {
+            return Err(problem.into());
         }
     }
-    let judged = judge(&robot);
-    if let (Some(path), Some(joint)) = (&arguments.plot, robot.parameters.joints.first()) {
-        figure(joint).write(path).map_err(Problems::from)?;
+    let judged = judge_loops(&loops);
+    if let (Some(path), Some(of_joint)) = (&arguments.plot, loops.first()) {
+        figure(of_joint).write(path).map_err(Problems::from)?;
     }
     let refused = refusals(&judged, &arguments.config);
-    if !refused.is_empty() && is_predictive(&robot) {
+    if !refused.is_empty() {
         return Err(Problems(refused));
     }
     Ok(match arguments.json {
@@ -79,13 +80,17 @@ fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
 
 /// What the table cannot explain by its heads.
 pub(crate) const NOTE: &str = "\
-torque: bandwidth of the torque with a blocked link, without friction and stuck in it; phase and gain
-margins over the five loads; with K_s, K_d: over the three free links; K_s, K_d most: alone, at 30
+K_i: of joints without a link-side encoder, chosen by the margins where none is given; torque: bandwidth
+of the torque with a blocked link, without friction and stuck in it; phase and gain margins over the five loads; with K_s, K_d: over the three free links; K_s, K_d most: alone, at 30
 degrees and 6 dB, K_s with the configured K_d / K_s\n";
 
 /// The loop of one joint, judged.
 pub(crate) struct JudgedJoint {
     name: String,
+    /// The robot follows this law, so that too little margin is refused.
+    bound: bool,
+    /// K_i of the feedback of a late torque, 1/s.
+    k_i: Option<f64>,
     bandwidth: [f64; 2],
     torque: (Margins, [Load; 2]),
     /// With the configured stiffness and damping in space.
@@ -93,19 +98,52 @@ pub(crate) struct JudgedJoint {
     most: [f64; 2],
 }
 
-/// The robot's torque law is the predictive one.
-pub(crate) fn is_predictive(robot: &Robot) -> bool {
-    matches!(robot.parameters.torque_law, TorqueLaw::Predictive(_))
+/// One joint's loop.
+struct Loop {
+    name: String,
+    bound: bool,
+    kind: Kind,
 }
 
-fn joint_loop(joint: &JointParameters) -> JointLoop {
-    JointLoop::nominal(joint.law, joint.drive_lag, joint.link_inertia)
+enum Kind {
+    /// By the predictive law, with K_s and K_d.
+    Predictive(JointLoop),
+    Late(LateLoop),
 }
 
-/// Judges every joint's loop, on all cores.
+fn loops(robot: &Robot) -> Vec<Loop> {
+    let joints = robot.parameters.joints.iter();
+    joints
+        .map(|joint| joint_loop(joint, &robot.parameters))
+        .collect()
+}
+
+fn joint_loop(joint: &JointParameters, parameters: &Parameters) -> Loop {
+    let predictive = matches!(parameters.torque_law, TorqueLaw::Predictive(_));
+    let late = robot_config::late_loop(joint, parameters);
+    Loop {
+        name: joint.name.clone(),
+        bound: predictive || late.is_some(),
+        kind: match late {
+            Some(late) => Kind::Late(late),
+            None => Kind::Predictive(JointLoop {
+                stiffness: joint.gains.k_s,
+                damping: joint.gains.k_d,
+                ..JointLoop::nominal(joint.law, joint.drive_lag, joint.link_inertia)
+            }),
+        },
+    }
+}
+
+/// Judges the loops by which the robot's joints are controlled.
 pub(crate) fn judge(robot: &Robot) -> Vec<JudgedJoint> {
-    let has_link = |joint: &&JointParameters| joint.has_link_encoder;
-    let joints: Vec<_> = robot.parameters.joints.iter().filter(has_link).collect();
+    let mut loops = loops(robot);
+    loops.retain(|of_joint| of_joint.bound);
+    judge_loops(&loops)
+}
+
+/// Judges loops on all cores.
+fn judge_loops(joints: &[Loop]) -> Vec<JudgedJoint> {
     let next = AtomicUsize::new(0);
     let done = Mutex::new(Vec::new());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -114,7 +152,7 @@ pub(crate) fn judge(robot: &Robot) -> Vec<JudgedJoint> {
             scope.spawn(|| {
                 while let Some((index, joint)) = {
                     let index = next.fetch_add(1, Ordering::Relaxed);
-                    joints.get(index).map(|joint| (index, *joint))
+                    joints.get(index).map(|joint| (index, joint))
                 } {
                     let judged = judge_joint(joint);
                     if let Ok(mut done) = done.lock() {
@@ -129,34 +167,59 @@ pub(crate) fn judge(robot: &Robot) -> Vec<JudgedJoint> {
     done.into_iter().map(|(_, judged)| judged).collect()
 }
 
-fn judge_joint(joint: &JointParameters) -> JudgedJoint {
-    let torque = joint_loop(joint);
-    let gains = joint.gains;
-    let ratio = match gains.k_s > 0.0 {
-        true => gains.k_d / gains.k_s,
-        false => 0.01,
-    };
-    let space = JointLoop {
-        stiffness: gains.k_s,
-        damping: gains.k_d,
-        ..torque
-    };
-    JudgedJoint {
-        name: joint.name.clone(),
-        bandwidth: [Load::Blocked, Load::Stuck].map(|load| torque.with(load).bandwidth()),
-        torque: least_margins(&torque, &Load::ALL),
-        space: least_margins(&space, &Load::MOVING),
-        most: [
-            largest_stiffness(&torque, ratio, NEEDED),
-            largest_damping(&torque, NEEDED),
-        ],
+/// The torque's own loop, without stiffness and damping in space.
+fn without_space(space: &JointLoop) -> JointLoop {
+    JointLoop {
+        stiffness: 0.0,
+        damping: 0.0,
+        ..*space
     }
 }
 
-/// A problem for each joint that has too little margin.
+fn judge_joint(joint: &Loop) -> JudgedJoint {
+    let ratio = |k_s: f64, k_d: f64| if k_s > 0.0 { k_d / k_s } else { 0.01 };
+    let (name, bound) = (joint.name.clone(), joint.bound);
+    let stuck = [Load::Blocked, Load::Stuck];
+    match &joint.kind {
+        Kind::Predictive(space) => {
+            let torque = without_space(space);
+            let ratio = ratio(space.stiffness, space.damping);
+            JudgedJoint {
+                name,
+                bound,
+                k_i: None,
+                bandwidth: stuck.map(|load| torque.with(load).bandwidth()),
+                torque: least_margins(&torque, &Load::ALL),
+                space: least_margins(space, &Load::MOVING),
+                most: [
+                    largest_stiffness(&torque, ratio, NEEDED),
+                    largest_damping(&torque, NEEDED),
+                ],
+            }
+        }
+        Kind::Late(space) => {
+            let torque = space.of_torque();
+            let ratio = ratio(space.gains.k_s, space.gains.k_d);
+            JudgedJoint {
+                name,
+                bound,
+                k_i: Some(space.gains.k_i),
+                bandwidth: stuck.map(|load| torque.bandwidth(load)),
+                torque: torque.least_margins(&Load::ALL),
+                space: space.least_margins(&Load::MOVING),
+                most: [
+                    torque.largest_stiffness(ratio, NEEDED),
+                    torque.largest_damping(NEEDED),
+                ],
+            }
+        }
+    }
+}
+
+/// A problem for each joint that has too little margin by the law that it follows.
 pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
     let mut problems = Vec::new();
-    for joint in judged {
+    for joint in judged.iter().filter(|joint| joint.bound) {
         for (what, (margins, at)) in [
             ("torque loop", &joint.torque),
             ("K_s and K_d", &joint.space),
@@ -169,8 +232,12 @@ pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
                     at[0].name(),
                     at[1].name(),
                 );
+                let less = match joint.k_i {
+                    Some(k_i) => format!("K_i_per_s below {k_i:.1} or none given, "),
+                    None => String::new(),
+                };
                 let allowed = format!(
-                    "at least 30 degrees and 6 dB: less delay, or K_s up to {:.0} N·m/rad",
+                    "at least 30 degrees and 6 dB: {less}less delay, or K_s up to {:.0} N·m/rad",
                     joint.most[0]
                 );
                 problems.push(Problem::new(reason, allowed).at(file, 0));
@@ -184,6 +251,7 @@ pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
 pub(crate) fn table(judged: &[JudgedJoint]) -> String {
     let head = [
         "joint",
+        "K_i 1/s",
         "torque",
         "stuck",
         "phase",
@@ -204,6 +272,7 @@ pub(crate) fn table(judged: &[JudgedJoint]) -> String {
         let (space_degrees, space_db) = space.in_degrees_and_db();
         rows.push(vec![
             joint.name.clone(),
+            (joint.k_i).map_or_else(|| "-".to_owned(), |k_i| format!("{k_i:.1}")),
             format!("{:.0} Hz", joint.bandwidth[0]),
             format!("{:.0} Hz", joint.bandwidth[1]),
             format!("{degrees:.0} deg"),
@@ -237,6 +306,7 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
     let object = |joint: &JudgedJoint| {
         json!({
             "name": joint.name,
+            "K_i_per_s": joint.k_i,
             "bandwidth_Hz": joint.bandwidth[0],
             "bandwidth_stuck_Hz": joint.bandwidth[1],
             "torque": margins(&joint.torque),
@@ -252,12 +322,17 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
 type Curve = (Load, Vec<Point>, Vec<Point>);
 
 /// Bode and Nyquist curves of the open loop, and the torque's response, at every load.
-fn figure(joint: &JointParameters) -> Figure {
-    let torque = joint_loop(joint);
+fn figure(joint: &Loop) -> Figure {
     let curves: Vec<Curve> = (Load::ALL.iter())
-        .map(|&load| {
-            let closed = torque.with(load);
-            (load, closed.open_loop(), closed.torque_response())
+        .map(|&load| match &joint.kind {
+            Kind::Predictive(space) => {
+                let closed = without_space(space).with(load);
+                (load, closed.open_loop(), closed.torque_response())
+            }
+            Kind::Late(space) => {
+                let torque = space.of_torque();
+                (load, torque.open_loop(load), torque.torque_response(load))
+            }
         })
         .collect();
     let lines = |of: &dyn Fn(&Curve) -> Vec<(f64, f64)>| {

@@ -10,7 +10,7 @@ from typing import NamedTuple
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
 MAX_POINTS = 32
-EVENT_COUNT = 53
+EVENT_COUNT = 54
 
 
 class Mode(IntEnum):
@@ -173,6 +173,7 @@ EVENTS = (
     Event(210, "encoder_implausible", "The two encoders of a joint differ by more than its gear can wind up, or one of them has jumped: one of them is wrong.", "joint.torque_limit_Nm", "hold"),
     Event(211, "current_implausible", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.", "drive.current_sigma_A / drive.flat_after_ms", "degrade"),
     Event(212, "sources_disagree", "For seconds the torques of a joint by torsion and by motor current have differed by more than their calibrations allow: a calibration no longer holds, or an encoder has slipped. The published sigma covers the difference.", "-", "warn"),
+    Event(213, "ft_implausible", "The torque of a joint without a link-side encoder by F/T sensors and IMU has changed otherwise than its motor current, by more than friction explains: a sensor errs, or something touches the limb where no sensor measures it. The torque is not fed back until both agree again, or the sensor is tared.", "-", "warn"),
     Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
     Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints.", "-", "release"),
@@ -494,7 +495,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """26536 bytes."""
+    """26544 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -531,7 +532,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 53),
+        ("events", ctypes.c_uint64 * 54),
     ]
 
 
@@ -562,7 +563,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """26608 bytes."""
+    """26616 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -800,7 +801,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#e96b49c69e13c7b0")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#2354ddd227785309")
 Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#98d885875527a17e")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")

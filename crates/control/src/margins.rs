@@ -6,9 +6,11 @@
 //! inertia and delay alike. The law runs once in a period, the plant in `SUBSTEPS` steps; the
 //! response to a sine is that of the whole period, averaged over its steps.
 
+mod late;
 mod lifted;
 mod response;
 
+pub use late::LateLoop;
 pub use response::{ClosedLoop, Point};
 
 use crate::predictive::LawParameters;
@@ -158,6 +160,10 @@ pub const NEEDED: Margins = Margins {
 /// The least margins over some loads, each with the load at which it occurs.
 #[must_use]
 pub fn least_margins(joint: &JointLoop, loads: &[Load]) -> (Margins, [Load; 2]) {
+    least(loads, |load| joint.with(load).margins())
+}
+
+fn least(loads: &[Load], of: impl Fn(Load) -> Margins) -> (Margins, [Load; 2]) {
     let mut least = Margins {
         phase: f64::INFINITY,
         gain: f64::INFINITY,
@@ -165,7 +171,7 @@ pub fn least_margins(joint: &JointLoop, loads: &[Load]) -> (Margins, [Load; 2]) 
     };
     let mut at = [Load::Blocked; 2];
     for &load in loads {
-        let margins = joint.with(load).margins();
+        let margins = of(load);
         if margins.phase < least.phase {
             at[0] = load;
         }

@@ -1,6 +1,7 @@
 //! Margins against simulations in time that turn gain or phase until the loop rings.
 
-use control::margins::{JointLoop, Load, least_margins};
+use control::JointGains;
+use control::margins::{JointLoop, LateLoop, Load, Margins, least_margins};
 use control::predictive::{
     Design, DriveModel, FrictionModel, GearStiffness, LawParameters, PredictiveLaw, Sensed,
     TorqueTerms,
@@ -44,10 +45,82 @@ fn joint([rotor_inertia, gear, stiffness, damping, link_inertia]: [f64; 5]) -> J
 /// A complex number as two real ones.
 type Complex = [f64; 2];
 
-/// Growth of the torsion within 1.5 s of the loop in which the motor's torque is multiplied by
-/// `gain e^(i phase)`. Two copies of the law run side by side, one for each part: it is linear.
-fn growth(joint: &JointLoop, load: Load, gain: f64, phase: f64) -> f64 {
-    let p = joint.truth;
+/// A law: the command for the angles of rotor and link, for a cycle each.
+type Law<'a> = Box<dyn FnMut(f64, f64) -> f64 + 'a>;
+
+fn predictive(joint: &JointLoop) -> Law<'_> {
+    let mut law = PredictiveLaw::new(joint.law);
+    let gear = joint.truth.gear.at(0.0);
+    Box::new(move |theta, q| {
+        law.observe(&Sensed {
+            theta,
+            q,
+            torque: Some(gear * (theta - q)),
+            fresh: true,
+        });
+        let wish = TorqueTerms {
+            feedforward: -joint.stiffness * q - joint.damping * law.link_velocity(),
+            ..TorqueTerms::default()
+        };
+        let sent = law.command(&wish).command;
+        law.sent(sent);
+        sent
+    })
+}
+
+/// The feedback of a late torque, step by step.
+fn late(joint: &LateLoop) -> Law<'_> {
+    let gear = joint.law.gear.at(0.0);
+    let DriveModel::Position {
+        stiffness, damping, ..
+    } = joint.law.drive
+    else {
+        panic!("position-commanded");
+    };
+    let share = |time: f64| DT / (DT + time);
+    let shares = [
+        share(joint.law.torque_lag()),
+        share(1.0 / joint.torsion_bandwidth),
+    ];
+    let mut torques = vec![0.0; joint.smoothing.len()];
+    let mut desired = torques.clone();
+    let mut angles = vec![[0.0; 2]; joint.velocity.len()];
+    let (mut lagged, mut integral, mut torsion) = (0.0, 0.0, [0.0; 2]);
+    let g = joint.gains;
+    let weighted = |of: &[f64], by: &[f64]| of.iter().zip(by).map(|(a, b)| a * b).sum::<f64>();
+    Box::new(move |theta, q| {
+        torques.remove(0);
+        torques.push(gear * (theta - q));
+        let tau_hat = weighted(&torques, &joint.smoothing);
+        let seen = theta - torsion[1];
+        torsion[0] += shares[1] * (tau_hat / gear - torsion[0]);
+        torsion[1] += shares[1] * (torsion[0] - torsion[1]);
+        angles.remove(0);
+        angles.push([theta, seen]);
+        let rate = |part: usize| {
+            let angles: Vec<f64> = angles.iter().map(|both| both[part]).collect();
+            weighted(&angles, &joint.velocity)
+        };
+        let tau_d = -g.k_s * seen - g.k_d * rate(1);
+        lagged += shares[0] * (tau_d - lagged);
+        desired.remove(0);
+        desired.push(lagged);
+        let error = weighted(&desired, &joint.smoothing) - tau_hat;
+        integral += g.k_i * error * DT;
+        let tau = tau_d + g.k_p * error + integral;
+        theta + tau / stiffness + damping / stiffness * rate(0)
+    })
+}
+
+/// Growth of the torsion, within `cycles` after the first ones, of the loop in which the motor's torque is
+/// multiplied by `gain e^(i phase)`. Two copies of the law run side by side, one for each part: it is linear.
+fn growth(
+    (p, link_inertia): (LawParameters, f64),
+    mut laws: [Law<'_>; 2],
+    load: Load,
+    turn: [f64; 2],
+    cycles: usize,
+) -> f64 {
     let gear = p.gear.at(0.0);
     let gear_damping = 0.04 * (gear * p.rotor_inertia).sqrt();
     let DriveModel::Position {
@@ -58,37 +131,22 @@ fn growth(joint: &JointLoop, load: Load, gain: f64, phase: f64) -> f64 {
     };
     let (inverse_inertia, spring) = match load {
         Load::Blocked | Load::Stuck => (0.0, 0.0),
-        Load::Free => (1.0 / joint.link_inertia, 0.0),
-        Load::Light => (5.0 / joint.link_inertia, 0.0),
-        Load::Heavy => (0.2 / joint.link_inertia, 0.0),
-        Load::Spring => (1.0 / joint.link_inertia, gear / 3.0),
+        Load::Free => (1.0 / link_inertia, 0.0),
+        Load::Light => (5.0 / link_inertia, 0.0),
+        Load::Heavy => (0.2 / link_inertia, 0.0),
+        Load::Spring => (1.0 / link_inertia, gear / 3.0),
     };
     let stick = if load == Load::Stuck { 2.0 * gear } else { 0.0 };
     let h = 1e-5;
-    let mut laws = [0, 1].map(|_| PredictiveLaw::new(joint.law));
     let zero: Complex = [0.0; 2];
     let (mut theta, mut omega, mut q, mut dq) = (zero, zero, zero, zero);
     let (mut command, mut next, mut filtered) = (zero, zero, zero);
     let mut made = std::collections::VecDeque::from(vec![zero; (LAG / h).round() as usize]);
-    let turn = [gain * phase.cos(), gain * phase.sin()];
     let mut energy = [0.0; 2];
-    for cycle in 0..3200_usize {
+    for cycle in 0..1700 + cycles {
         let arriving = std::mem::take(&mut next);
         for part in 0..2 {
-            let law = &mut laws[part];
-            law.observe(&Sensed {
-                theta: theta[part],
-                q: q[part],
-                torque: Some(gear * (theta[part] - q[part])),
-                fresh: true,
-            });
-            let wish = TorqueTerms {
-                feedforward: -joint.stiffness * q[part] - joint.damping * law.link_velocity(),
-                ..TorqueTerms::default()
-            };
-            let sent = law.command(&wish).command;
-            law.sent(sent);
-            next[part] = sent;
+            next[part] = laws[part](theta[part], q[part]);
         }
         if cycle > 0 {
             command = arriving;
@@ -118,10 +176,10 @@ fn growth(joint: &JointLoop, load: Load, gain: f64, phase: f64) -> f64 {
             }
         }
         let torsion = (theta[0] - q[0]).hypot(theta[1] - q[1]);
-        match cycle {
-            1300..1700 => energy[0] += torsion,
-            2800..3200 => energy[1] += torsion,
-            _ => {}
+        if (1300..1700).contains(&cycle) {
+            energy[0] += torsion;
+        } else if cycle >= 1300 + cycles {
+            energy[1] += torsion;
         }
     }
     energy[1] / energy[0].max(1e-300)
@@ -134,37 +192,117 @@ fn simulations_in_time_ring_where_the_margins_end() {
         let joint = joint(numbers);
         for load in Load::ALL {
             let margins = joint.with(load).margins();
-            let (degrees, db) = margins.in_degrees_and_db();
-            let grows = |gain: f64, phase: f64| growth(&joint, load, gain, phase) > 1.0;
-            let near = 1.06; // 0.5 dB
-            if db < 20.0 {
-                let (within, beyond) = (margins.gain / near, margins.gain * near);
-                assert!(
-                    !grows(within, 0.0) && !grows(1.0 / within, 0.0),
-                    "{load:?} {db}"
-                );
-                assert!(
-                    grows(beyond, 0.0) || grows(1.0 / beyond, 0.0),
-                    "{load:?} {db}"
-                );
-                checked += 1;
-            }
-            let near = 2.0_f64.to_radians();
-            let (within, beyond) = (margins.phase - near, margins.phase + near);
-            if degrees < 170.0 {
-                assert!(
-                    !grows(1.0, within) && !grows(1.0, -within),
-                    "{load:?} {degrees}"
-                );
-                assert!(
-                    grows(1.0, beyond) || grows(1.0, -beyond),
-                    "{load:?} {degrees}"
-                );
-                checked += 1;
-            }
+            checked += ends_at(load, &margins, |turn| {
+                let laws = [predictive(&joint), predictive(&joint)];
+                growth((joint.truth, joint.link_inertia), laws, load, turn, 1500) > 1.0
+            });
         }
     }
     assert!(checked > 15, "{checked}");
+}
+
+/// Asserts that a loop rings from 0.5 dB and 2 degrees beyond its margins on, and not that much within; returns
+/// the number of margins that it has. `rings`: with the motor's torque multiplied by a complex number.
+fn ends_at(load: Load, margins: &Margins, rings: impl Fn([f64; 2]) -> bool) -> usize {
+    let (degrees, db) = margins.in_degrees_and_db();
+    let grows = |gain: f64, phase: f64| rings([gain * phase.cos(), gain * phase.sin()]);
+    let mut checked = 0;
+    let near = 1.06; // 0.5 dB
+    if db < 20.0 {
+        let (within, beyond) = (margins.gain / near, margins.gain * near);
+        assert!(
+            !grows(within, 0.0) && (margins.reduction < within || !grows(1.0 / within, 0.0)),
+            "{load:?} {db}"
+        );
+        assert!(
+            grows(beyond, 0.0) || grows(1.0 / beyond, 0.0),
+            "{load:?} {db}"
+        );
+        checked += 1;
+    }
+    let near = 2.0_f64.to_radians();
+    let (within, beyond) = (margins.phase - near, margins.phase + near);
+    if degrees < 170.0 {
+        assert!(
+            !grows(1.0, within) && !grows(1.0, -within),
+            "{load:?} {degrees}"
+        );
+        assert!(
+            grows(1.0, beyond) || grows(1.0, -beyond),
+            "{load:?} {degrees}"
+        );
+        checked += 1;
+    }
+    checked
+}
+
+/// A joint without a link-side encoder: a bell of 80 samples smooths its torque, the slope of a line through 16
+/// is its velocity.
+fn late_joint(numbers: [f64; 5], k_i: f64, k_6: f64) -> LateLoop {
+    let JointLoop {
+        law,
+        drive_lag,
+        link_inertia,
+        ..
+    } = joint(numbers);
+    let k_s = k_6 * law.drive_stiffness();
+    let bell = |k: i32| {
+        let x = (f64::from(k) - 39.5) / 40.0;
+        (1.0 - x * x).powi(2)
+    };
+    let sum: f64 = (0..80).map(bell).sum();
+    let middle = |k: i32| f64::from(k) - 7.5;
+    let squares: f64 = (0..16).map(|k| middle(k).powi(2)).sum();
+    LateLoop {
+        law,
+        drive_lag,
+        link_inertia,
+        torque: 0.0,
+        gains: JointGains {
+            k_p: 0.0,
+            k_i,
+            k_s,
+            k_d: 0.01 * k_s,
+        },
+        smoothing: (0..80).map(|k| bell(k) / sum).collect(),
+        velocity: (0..16).map(|k| middle(k) / squares / DT).collect(),
+        torsion_bandwidth: 22.0,
+    }
+}
+
+#[test]
+fn simulations_in_time_of_a_late_torque_ring_where_its_margins_end() {
+    let mut checked = 0;
+    for (numbers, k_i) in [(JOINTS[1], 4.0), (JOINTS[3], 8.0), (JOINTS[4], 8.0)] {
+        for (k_6, loads) in [(0.0, &Load::ALL[..]), (0.2, &Load::MOVING)] {
+            let joint = late_joint(numbers, k_i, k_6);
+            for &load in loads {
+                let margins = joint.margins(load);
+                assert!(margins != Margins::NONE, "{numbers:?} {load:?} {k_6}");
+                checked += ends_at(load, &margins, |turn| {
+                    let laws = [late(&joint), late(&joint)];
+                    growth((joint.law, joint.link_inertia), laws, load, turn, 8000) > 1.0
+                });
+            }
+        }
+    }
+    assert!(checked > 30, "{checked}");
+}
+
+#[test]
+fn a_late_torque_that_rings_has_no_margins() {
+    let joint = late_joint(JOINTS[3], 60.0, 0.0);
+    for load in Load::ALL {
+        let laws = [late(&joint), late(&joint)];
+        let grows = growth(
+            (joint.law, joint.link_inertia),
+            laws,
+            load,
+            [1.0, 0.0],
+            4000,
+        ) > 1.0;
+        assert_eq!(joint.margins(load) == Margins::NONE, grows, "{load:?}");
+    }
 }
 
 /// Another program's least phase margins of these joints, by eigenvalues of a linear model that holds

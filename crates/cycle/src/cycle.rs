@@ -81,6 +81,7 @@ impl Cycle {
         (self.measure).update(at, rx, client.settings, holds, measured, counts);
         let settings = client.settings;
         (self.estimate).update(&self.measure, settings, !holds, measured, estimated, counts);
+        (self.estimate).contradict(measured, estimated, commanded, counts);
         let measure = &mut self.measure;
         (self.estimate).explain_torsions(measured, estimated, |j, torsion| {
             measure.explain_torsion(j, torsion);

@@ -19,6 +19,7 @@ mod current;
 mod delay_compensation;
 mod external_torque;
 mod gear_torsion;
+mod torque_check;
 mod torsion_check;
 mod usable;
 mod whole_body;
@@ -43,6 +44,7 @@ use delay_compensation::DelayCompensation;
 pub(crate) use delay_compensation::FastTorque;
 use external_torque::ExternalTorque;
 use gear_torsion::GearTorsion;
+use torque_check::TorqueCheck;
 use torsion_check::TorsionCheck;
 use whole_body::WholeBodyStage;
 
@@ -64,6 +66,7 @@ pub(crate) struct Estimate {
     external_torque: Option<ExternalTorque>,
     cross_check: Option<CrossCheckStage>,
     torsion_check: TorsionCheck,
+    torque_check: TorqueCheck,
     /// The settings in use.
     settings: Settings,
 }
@@ -115,6 +118,7 @@ impl Estimate {
             cross_check: (parameters.cross_check.as_ref())
                 .map(|settings| CrossCheckStage::new(robot, whole_body.estimator(), settings)),
             torsion_check: TorsionCheck::new(robot),
+            torque_check: TorqueCheck::new(robot)?,
             whole_body,
             settings: Settings::default(),
         })
@@ -146,6 +150,19 @@ impl Estimate {
         let fast = self.delay_compensation.fast();
         let joints = (&measured.joints[..], &estimated.joints[..]);
         (self.torsion_check).update(joints, fast, commanded, found);
+    }
+
+    /// Judges the torques from F/T sensors and IMU that are fed back, by motor current; `commanded`: of the
+    /// last cycle.
+    pub(crate) fn contradict(
+        &mut self,
+        measured: &MeasuredRecord,
+        estimated: &mut EstimatedRecord,
+        commanded: &CommandedRecord,
+        counts: &mut Counts,
+    ) {
+        let joints = (&measured.joints[..], &mut estimated.joints[..]);
+        (self.torque_check).update(joints, commanded, counts);
     }
 
     /// Calls `explain` with each joint that has no link-side encoder and its torsion, rad, by the
@@ -213,6 +230,9 @@ impl Estimate {
             && let Some(cross_check) = &mut self.cross_check
         {
             cross_check.reset();
+        }
+        if settings.ft_offset != self.settings.ft_offset {
+            self.torque_check.restart();
         }
         let before = self.settings.joint_tares.iter();
         let tares = settings.joint_tares.iter().zip(before);

@@ -264,8 +264,7 @@ fn mixed(path: &str) -> io::Result<String> {
             "K_tau_rad_per_Nm = 5.1e-05".to_owned(),
         ),
         (
-            "K_p = 0.0, K_i_per_s = 8.0, K_s_Nm_per_rad = 14448.0, K_d_Nms_per_rad = 144.5"
-                .to_owned(),
+            "K_p = 0.0, K_s_Nm_per_rad = 14448.0, K_d_Nms_per_rad = 144.5".to_owned(),
             "K_s_Nm_per_rad = 9804.0, K_d_Nms_per_rad = 98.0".to_owned(),
         ),
         (

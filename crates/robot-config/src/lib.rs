@@ -25,6 +25,7 @@ mod well_posed;
 mod whole_body;
 mod wiring;
 
+pub use joints::late_loop;
 pub use parameters::*;
 pub use problem::{Problem, Problems};
 pub use sampling::{Sampled, Sampling};
@@ -147,7 +148,7 @@ fn robot(
 
     let (named, model) = (named?, model?);
     let (receive, send, sync) = tables?;
-    let parameters = Parameters {
+    let mut parameters = Parameters {
         name: named.name,
         urdf_path: named.urdf_path,
         base: named.base,
@@ -166,6 +167,7 @@ fn robot(
         ft_sensors,
         imu,
     };
+    joints::choose_feedback(&mut parameters);
     if readable {
         joints::check_torque_source(&again, &parameters);
         well_posed::check(&again, &model, &parameters);

@@ -37,6 +37,8 @@ pub struct FollowingParameters {
     pub doubt_per_lead: f64,
     /// Cycles for which that must last.
     pub doubt_samples: u32,
+    /// Cycles for which one of them counts at most, by the square of the error over what is explained.
+    pub doubt_counts: f64,
 }
 
 /// What a drive shows.
@@ -72,8 +74,8 @@ pub struct Following {
     error: f64,
     /// Cycles of excess in a row: of the following error, by its square, and of the velocity.
     over: [f64; 2],
-    /// Cycles in a row with a doubtful following error.
-    doubtful: u32,
+    /// Cycles in a row with a doubtful following error; a greater one counts for several.
+    doubtful: f64,
 }
 
 impl Following {
@@ -86,7 +88,7 @@ impl Following {
             count: 0,
             error: 0.0,
             over: [0.0; 2],
-            doubtful: 0,
+            doubtful: 0.0,
         }
     }
 
@@ -140,14 +142,18 @@ impl Following {
         let deviations = [lasted(0), lasted(1)];
         let explained =
             p.doubt + p.doubt_per_lead * shown.lead.abs() + p.per_velocity * velocity.abs();
-        self.doubtful = match shown.followed && self.error.abs() > explained {
-            true => self.doubtful.saturating_add(1),
-            false => 0,
+        let doubt = self.error.abs() / explained;
+        let doubtful_before = self.doubtful;
+        self.doubtful = match shown.followed && doubt > 1.0 {
+            true => self.doubtful + (doubt * doubt).min(p.doubt_counts),
+            false => 0.0,
         };
+        let doubt_samples = f64::from(p.doubt_samples);
+        let doubted = doubtful_before < doubt_samples && self.doubtful >= doubt_samples;
         match deviations {
             [true, _] => Some(Deviation::Following),
             [_, true] => Some(Deviation::Overspeed),
-            _ if self.doubtful == p.doubt_samples => Some(Deviation::Doubtful),
+            _ if doubted => Some(Deviation::Doubtful),
             _ => None,
         }
     }
@@ -165,6 +171,7 @@ mod tests {
         doubt: 0.003,
         doubt_per_lead: 0.3,
         doubt_samples: 5,
+        doubt_counts: 1.0,
     };
 
     fn shown(set_points: [f64; 2], velocity: f64) -> Shown {
@@ -225,6 +232,28 @@ mod tests {
         assert_eq!(found(-0.005, 0.006, true), Some((7, Deviation::Doubtful)));
         assert_eq!(found(0.005, 0.007, true), None, "an error of the stiffness");
         assert_eq!(found(0.005, 0.0, false), None);
+    }
+
+    #[test]
+    fn where_one_encoder_alone_decides_a_great_error_is_doubtful_sooner() {
+        let found = |error: f64| {
+            let mut following = Following::new(FollowingParameters {
+                doubt_counts: 2.5,
+                ..PARAMETERS
+            });
+            (0..100).find(|_| {
+                following.note_sent(0.2);
+                let found = following.update(&Shown {
+                    followed: true,
+                    ..shown([0.2 + error; 2], 0.0)
+                });
+                found == Some(Deviation::Doubtful)
+            })
+        };
+        // Four cycles until a set-point must have acted; never by a single sample.
+        assert_eq!(found(0.0031), Some(7));
+        assert_eq!(found(0.009), Some(4));
+        assert_eq!(found(0.1), Some(4));
     }
 
     #[test]

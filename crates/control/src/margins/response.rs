@@ -6,7 +6,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
 /// Lowest frequency of interest, Hz.
-const LOWEST: f64 = 0.2;
+pub(super) const LOWEST: f64 = 0.2;
 /// Frequencies of a curve.
 const POINTS: usize = 300;
 /// Highest frequency of the open loop, over the rate of the samples: the drive's own loop is faster.
@@ -99,34 +99,47 @@ impl ClosedLoop {
     /// Frequency at which the torque response has fallen by 3 dB, Hz.
     #[must_use]
     pub fn bandwidth(&self) -> f64 {
-        let response = self.torque_response();
-        let fallen = response.windows(2).find(|pair| {
-            matches!(pair, [a, b] if a.gain() >= 0.5_f64.sqrt() && b.gain() < 0.5_f64.sqrt())
-        });
-        match fallen {
-            Some([a, b]) => {
-                let share = (a.gain() - 0.5_f64.sqrt()) / (a.gain() - b.gain());
-                a.frequency + share * (b.frequency - a.frequency)
-            }
-            _ if response.first().is_some_and(|p| p.gain() < 0.5_f64.sqrt()) => 0.0,
-            _ => response.last().map_or(0.0, |p| p.frequency),
-        }
+        fallen_by_3_db(&self.torque_response())
     }
 
     /// Gain and phase margin.
     #[must_use]
     pub fn margins(&self) -> Margins {
         match self.is_stable() {
-            true => margins(&self.open_loop()),
+            true => least_distances(&self.open_loop()),
             false => Margins::NONE,
         }
     }
 
     /// From the lowest frequency to a share of the sample rate.
     fn frequencies(&self, share: f64) -> impl Iterator<Item = f64> {
-        let highest = share / self.lifted.sample_period;
-        let ratio = (highest / LOWEST).powf(1.0 / (POINTS - 1) as f64);
-        (0..POINTS).map(move |k| LOWEST * ratio.powi(k as i32))
+        frequencies(share / self.lifted.sample_period)
+    }
+}
+
+/// From the lowest frequency to this one, Hz, at equal ratios.
+pub(super) fn frequencies(highest: f64) -> impl Iterator<Item = f64> {
+    frequencies_between(LOWEST, highest)
+}
+
+/// From one frequency to another, Hz, at equal ratios.
+pub(super) fn frequencies_between(lowest: f64, highest: f64) -> impl Iterator<Item = f64> {
+    let ratio = (highest / lowest).powf(1.0 / (POINTS - 1) as f64);
+    (0..POINTS).map(move |k| lowest * ratio.powi(k as i32))
+}
+
+/// Frequency at which a response has fallen by 3 dB, Hz; zero if it begins below.
+pub(super) fn fallen_by_3_db(response: &[Point]) -> f64 {
+    let fallen = response.windows(2).find(
+        |pair| matches!(pair, [a, b] if a.gain() >= 0.5_f64.sqrt() && b.gain() < 0.5_f64.sqrt()),
+    );
+    match fallen {
+        Some([a, b]) => {
+            let share = (a.gain() - 0.5_f64.sqrt()) / (a.gain() - b.gain());
+            a.frequency + share * (b.frequency - a.frequency)
+        }
+        _ if response.first().is_some_and(|p| p.gain() < 0.5_f64.sqrt()) => 0.0,
+        _ => response.last().map_or(0.0, |p| p.frequency),
     }
 }
 
@@ -190,7 +203,7 @@ impl Resolvent {
 }
 
 /// Margins of a stable closed loop by its open loop's curve.
-fn margins(open: &[Point]) -> Margins {
+pub(super) fn least_distances(open: &[Point]) -> Margins {
     let mut least = Margins {
         phase: PI,
         gain: f64::INFINITY,

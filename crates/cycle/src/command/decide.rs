@@ -13,7 +13,8 @@
 use robot_config::Robot;
 use robot_state::{
     CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, MeasuredRecord, Mode,
-    Reaction, Reactions, Reference, RobotState, Settings, measured_flags, not_followed, source,
+    Reaction, Reactions, Reference, RobotState, Settings, command_flags, measured_flags,
+    not_followed, source,
 };
 use supervisor::{
     Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, RobotMachine, Safety,
@@ -246,10 +247,13 @@ impl Supervisor {
         &self.drives
     }
 
-    /// Writes each drive's state into the record.
+    /// Writes each drive's state into the record; a command that was withdrawn is not sent.
     pub(crate) fn publish_drives(&self, commanded: &mut CommandedRecord) {
-        for (joint, drive) in commanded.joints.iter_mut().zip(&self.drives) {
+        for (j, (joint, drive)) in commanded.joints.iter_mut().zip(&self.drives).enumerate() {
             joint.drive_state = drive.state().number();
+            if !self.machine.is_engaged(j) {
+                joint.flags &= !command_flags::ENGAGED;
+            }
         }
     }
 

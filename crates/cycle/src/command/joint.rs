@@ -75,6 +75,8 @@ pub(crate) struct JointController {
     predictive: Option<PredictiveLaw>,
     /// Feedback of the PI law without a link-side encoder.
     late: Option<LateTorque>,
+    /// Its only encoder is in doubt since the last mode: so is the velocity that it shows.
+    doubted: bool,
     /// None while no set-points are sent.
     state: Option<State>,
 }
@@ -102,6 +104,7 @@ impl JointController {
             late: (!has_link)
                 .then(|| LateTorque::new(joint, parameters))
                 .transpose()?,
+            doubted: false,
             state: None,
         })
     }
@@ -158,7 +161,12 @@ impl JointController {
             }
             predictive.observe(&sensed(input.measured, &motion, input.fast));
         }
-        let asked = self.asked(goal, &motion, input, commanded);
+        self.doubted |= self.late.is_some() && deviation.flatten() == Some(Deviation::Doubtful);
+        let braked = JointInput {
+            in_contact: input.in_contact || self.doubted,
+            ..*input
+        };
+        let asked = self.asked(goal, &motion, &braked, commanded);
         self.limiter.resume(input.skipped);
         self.limiter.allow_velocity(match &self.state {
             // Nothing but this bounds the velocity that a torque leads to.
@@ -234,6 +242,7 @@ impl JointController {
                 };
                 // A drive that had the same set-point for so long stands.
                 let dq = if input.overslept { 0.0 } else { motion.dq };
+                self.doubted &= mode == Mode::Hold;
                 law.enter(goal, (last, from), &Motion { dq, ..*motion }, input)
             }
         };

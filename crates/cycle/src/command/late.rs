@@ -12,18 +12,26 @@
 //! overshoots by `K_p` times the step. Friction is foreseen, as the predictive law does: by a bristle that the
 //! desired torque, which winds up the gear, and the joint's motion bend. What is left to correct is what the
 //! motor model does not explain: the rest of the friction, errors of the drive's stiffness. The feedback is
-//! limited to that much, so that an F/T sensor that fails does not set the joint in motion by more.
+//! limited to that much, and while joint and desired torque stand, it stands as well (`stand.rs`): an F/T
+//! sensor that fails does not set a joint in motion. A torque that is found invalid takes back what it has led
+//! to in the last [`BELIEVED_AFTER_S`].
+
+mod stand;
 
 use control::JointGains;
 use control::predictive::{DriveModel, LawParameters};
 use estimators::filter_bank::FilterBank;
 use problem::Problem;
 use robot_config::{JointParameters, Parameters};
+use stand::Stand;
 
 /// Coulomb friction over the one in motion, by which it holds a joint at rest.
 const STICTION: f64 = 1.5;
 /// Share of the desired torque by which stiffness and torque constant may be wrong.
 const MODEL_SHARE: f64 = 0.35;
+/// Time until the feedback that a torque has led to is believed, s: once to twice this time is taken back, more
+/// than the filters and the check of the torque take.
+const BELIEVED_AFTER_S: f64 = 0.1;
 
 /// The feedback of one joint.
 #[derive(Debug, Clone)]
@@ -39,6 +47,14 @@ pub(super) struct LateTorque {
     last: f64,
     /// Friction and dead zone, N·m.
     unexplained: f64,
+    torque_limit: f64,
+    /// What the feedback may be while the joint stands; none before a mode's first cycle.
+    stand: Option<Stand>,
+    /// The feedback once and twice `BELIEVED_AFTER_S` ago, N·m, the time since the newer one, s, and whether the
+    /// estimate was valid in the last cycle.
+    believed: [f64; 2],
+    since: f64,
+    was_valid: bool,
 }
 
 impl LateTorque {
@@ -61,6 +77,11 @@ impl LateTorque {
             friction: 0.0,
             last: 0.0,
             unexplained: STICTION * law.friction.level + dead_zone,
+            torque_limit: joint.limits.torque,
+            stand: None,
+            believed: [0.0; 2],
+            since: 0.0,
+            was_valid: false,
         })
     }
 
@@ -102,6 +123,8 @@ impl LateTorque {
             Some(tau_hat) if gains.k_i > 0.0 => self.within(rest - self.friction, tau_hat),
             _ => 0.0,
         };
+        (self.stand, self.believed, self.since) = (None, [self.integral; 2], 0.0);
+        self.was_valid = estimated.is_some();
         self.last = made - self.friction - self.integral;
         self.last
     }
@@ -114,22 +137,39 @@ impl LateTorque {
     }
 
     /// tau*: the torque that the motor is to produce, N·m, for the desired one and the late estimate,
-    /// without which the feedback stays as it is.
+    /// without which the feedback stays as it is; `angle`: the motor's, link side.
     pub(super) fn update(
         &mut self,
-        tau_d: f64,
-        estimated: Option<f64>,
+        (tau_d, estimated): (f64, Option<f64>),
+        angle: f64,
         gains: &JointGains,
         dt: f64,
     ) -> f64 {
         let shown = self.follow(tau_d);
         let error = estimated.map_or(0.0, |tau_hat| shown - tau_hat);
-        // What lies beyond the limit is not gathered.
-        let integral = self.within(self.integral + gains.k_i * error * dt, tau_d);
-        if integral.is_finite() {
-            self.integral = integral;
+        self.believe(estimated.is_some(), dt);
+        let proportional = gains.k_p * error;
+        let asked = proportional + self.integral + gains.k_i * error * dt;
+        let stand = (self.stand).get_or_insert(Stand::at(angle, self.integral, tau_d, 0.0));
+        let bound = stand.bound((angle, tau_d), asked, self.torque_limit, dt);
+        let feedback = self.within(bound, tau_d);
+        // What lies beyond the limits is not gathered.
+        if feedback.is_finite() {
+            self.integral = feedback - proportional;
         }
-        tau_d + self.within(gains.k_p * error + self.integral, tau_d)
+        tau_d + self.within(proportional + self.integral, tau_d)
+    }
+
+    /// Takes back what a torque has led to that is found invalid, as it may have erred before.
+    fn believe(&mut self, valid: bool, dt: f64) {
+        if self.was_valid && !valid {
+            self.integral = self.believed[1];
+        }
+        self.was_valid = valid;
+        self.since += dt;
+        if self.since > BELIEVED_AFTER_S || !valid {
+            (self.believed, self.since) = ([self.integral, self.believed[0]], 0.0);
+        }
     }
 
     /// The lead against friction and dead zone, rad, for the desired torque, the lead that makes the motor's,

@@ -213,7 +213,10 @@ impl Law {
         let valid = tau_hat.flags & torque_flags::VALID != 0;
         let fed_back = valid.then_some(tau_hat.tau);
         let tau_star = match &mut late {
-            Some(late) => late.update(tau_d, fed_back, &self.gains, input.dt),
+            Some(late) => {
+                let angle = measured.theta / self.gear_ratio;
+                late.update((tau_d, fed_back), angle, &self.gains, input.dt)
+            }
             None => {
                 let limit = self.limits.torque;
                 torque_loop.update(tau_d, fed_back, &self.gains, limit, input.dt)

@@ -234,3 +234,29 @@ pub(crate) fn spoil(bench: &mut Bench, joint: usize, change: impl Fn(&mut [f64])
         bench.rx.push(frame);
     }
 }
+
+/// Changes the first F/T sensor's signals in the answers of this cycle.
+pub(crate) fn spoil_ft(bench: &mut Bench, change: impl Fn(&mut [f64; 6])) {
+    let table = &bench.robot.receive;
+    let mut values = vec![0.0; slots::receive_len(&bench.robot.parameters)];
+    let is_ft = |slot| slots::source(slot) == slots::Source::Ft(0);
+    let mut frames: Vec<_> = bench.rx.iter().copied().collect();
+    for frame in &frames {
+        table.decode(frame, &mut values).unwrap();
+    }
+    let mut axes = std::array::from_fn(|axis| values[slots::ft(0, axis)]);
+    change(&mut axes);
+    for (axis, x) in axes.into_iter().enumerate() {
+        values[slots::ft(0, axis)] = x;
+    }
+    bench.rx.clear();
+    for frame in &mut frames {
+        let message = table.classify(frame).unwrap();
+        if table.slots(message).any(is_ft) {
+            let stamp_ns = frame.stamp_ns;
+            assert!(table.encode(message, &values, frame));
+            frame.stamp_ns = stamp_ns;
+        }
+        bench.rx.push(*frame);
+    }
+}

@@ -6,6 +6,9 @@ use crate::parameters::TorqueLaw;
 use crate::reader::Allowed;
 use control::{EquivalentGains, JointGains, MotorModel};
 
+/// K_i of a joint without a link-side encoder where none is given, until the margins have chosen it.
+pub(super) const AS_MARGINS_ALLOW: f64 = f64::INFINITY;
+
 impl Reader<'_, '_, '_> {
     /// Either `K_s` and `K_d`, or for position-commanded drives `K6` and `K7` (D13-14).
     pub(super) fn gains(&self, drive: Option<&Drive>) -> Option<JointGains> {
@@ -14,9 +17,13 @@ impl Reader<'_, '_, '_> {
         // a link-side encoder has the other law in any case.
         let (k_p, k_i) = match self.feedback.torque_law {
             TorqueLaw::Predictive(_) if self.has_link() => (0.0, 0.0),
-            _ => (
+            _ if self.has_link() => (
                 section.number("K_p", Allowed::NonNegative),
                 section.number_or("K_i_per_s", 0.0, Allowed::NonNegative),
+            ),
+            _ => (
+                section.number("K_p", Allowed::NonNegative),
+                section.number_or("K_i_per_s", AS_MARGINS_ALLOW, Allowed::NonNegative),
             ),
         };
         let equivalent = section.has("K6") || section.has("K7_s");

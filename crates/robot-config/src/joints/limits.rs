@@ -44,6 +44,9 @@ const FOLLOWING_SHARE: f64 = 0.5;
 const DOUBT_SHARE: f64 = 0.12;
 const DOUBT_PER_LEAD: f64 = 0.35;
 const DOUBT_SAMPLES: u32 = 5;
+/// Cycles for which a doubtful error counts at most where the motor's encoder is the only one: it is the drive's
+/// own, and an error of it sets the joint in motion.
+const DOUBT_COUNTS_ALONE: f64 = 2.5;
 /// The same of a current, as a share of the current limit, besides noise.
 const CURRENT_SHARE: f64 = 0.1;
 /// Standard deviations of the measured current that are noise.
@@ -54,6 +57,9 @@ const OVERSPEED: f64 = 1.25;
 /// Default velocity limit of mode torque, as a share of the joint's: a torque whose load is let go
 /// accelerates the joint until something ends it.
 const TORQUE_VELOCITY_SHARE: f64 = 0.25;
+/// The same where nothing contradicts the motor's encoder, nor F/T sensors at once: an error of either moves the
+/// joint at that velocity.
+const TORQUE_VELOCITY_SHARE_ALONE: f64 = 0.07;
 /// Torque that may brake a rotor without an impact: this share of the torque limit, and this many
 /// times its friction.
 const STOPS_BY: [f64; 2] = [0.5, 2.5];
@@ -124,7 +130,11 @@ impl Reader<'_, '_, '_> {
     pub(super) fn torque_velocity(&self, limits: &Limits) -> f64 {
         let key = "torque_velocity_limit_rad_per_s";
         let given = self.section.optional_number(key, Allowed::Positive);
-        let velocity = given.unwrap_or(TORQUE_VELOCITY_SHARE * limits.velocity);
+        let share = match self.has_link() {
+            true => TORQUE_VELOCITY_SHARE,
+            false => TORQUE_VELOCITY_SHARE_ALONE,
+        };
+        let velocity = given.unwrap_or(share * limits.velocity);
         if velocity > limits.velocity {
             let what = format!("{velocity} is not allowed");
             let allowed = format!("at most the velocity limit of {} rad/s", limits.velocity);
@@ -201,6 +211,10 @@ impl Reader<'_, '_, '_> {
             doubt,
             doubt_per_lead: DOUBT_PER_LEAD,
             doubt_samples: DOUBT_SAMPLES,
+            doubt_counts: match self.has_link() {
+                true => 1.0,
+                false => DOUBT_COUNTS_ALONE,
+            },
         }
     }
 

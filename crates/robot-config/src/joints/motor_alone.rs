@@ -6,12 +6,20 @@
 //! move it.
 
 use super::Reader;
+use super::gains::AS_MARGINS_ALLOW;
 use crate::drives::Drive;
 use crate::parameters::{
     FastTorqueFeedback, JointParameters, Parameters, TorqueFeedback, TorqueLaw,
 };
 use crate::reader::Section;
 use control::MotorModel;
+use control::margins::{LateLoop, NEEDED};
+use estimators::filter_bank::{FilterBank, FilterDesign};
+
+/// Torque at which margins are judged, share of the limit, as those of the predictive law are.
+const CARRIED_SHARE: f64 = 0.15;
+/// Largest K_i that is chosen, 1/s: friction and errors of the stiffness, which it is for, change more slowly.
+const LARGEST_K_I: f64 = 8.0;
 
 impl Reader<'_, '_, '_> {
     /// The joint has a link-side encoder.
@@ -79,21 +87,83 @@ pub(super) fn check_drives(root: &Section<'_, '_>, joints: &[JointParameters]) {
     }
 }
 
+/// The feedback of a late torque as its margins are computed from it; none of a joint with a link-side encoder.
+#[must_use]
+pub fn late_loop(joint: &JointParameters, parameters: &Parameters) -> Option<LateLoop> {
+    let filters = &parameters.filters;
+    (!joint.has_link_encoder).then(|| LateLoop {
+        law: joint.law,
+        drive_lag: joint.drive_lag,
+        link_inertia: joint.link_inertia,
+        torque: CARRIED_SHARE * joint.limits.torque,
+        gains: joint.gains,
+        smoothing: taps(filters.long.sensor, 0),
+        velocity: taps(filters.control.into(), 1),
+        torsion_bandwidth: parameters.torsion_bandwidth(),
+    })
+}
+
+/// Weights of the samples in a filter's value or derivative, oldest first: its response to an impulse, backwards.
+fn taps(filter: FilterDesign, derivative: usize) -> Vec<f64> {
+    let Ok(mut bank) = FilterBank::new(1, filter) else {
+        // The configuration refuses it.
+        return Vec::new();
+    };
+    let window = bank.kernel().len();
+    (0..window).for_each(|_| bank.update(&[0.0]));
+    let response = (0..window).map(|k| {
+        bank.update(&[f64::from(u8::from(k == 0))]);
+        let values = match derivative {
+            0 => bank.values(),
+            _ => bank.first_derivatives(),
+        };
+        values.first().copied().unwrap_or(0.0)
+    });
+    let mut taps: Vec<f64> = response.collect();
+    taps.reverse();
+    taps
+}
+
+/// Chooses K_i where none is given: the largest that keeps the margins, up to [`LARGEST_K_I`]; 0 where there is no
+/// torque to feed back, or no such gain.
+pub(crate) fn choose_feedback(parameters: &mut Parameters) {
+    let sensed = !parameters.ft_sensors.is_empty();
+    for j in 0..parameters.joints.len() {
+        let joint = &parameters.joints[j];
+        if joint.gains.k_i != AS_MARGINS_ALLOW {
+            continue;
+        }
+        let largest = match late_loop(joint, parameters) {
+            Some(feedback) if sensed => feedback.largest_k_i(LARGEST_K_I, NEEDED),
+            _ => 0.0,
+        };
+        parameters.joints[j].gains.k_i = largest;
+    }
+}
+
 /// Notes a feedback of torque where no sensor measures a contact's torque.
 pub(crate) fn check_torque_source(root: &Section<'_, '_>, parameters: &Parameters) {
-    if !parameters.ft_sensors.is_empty() {
-        return;
-    }
     let fed_back = |joint: &&JointParameters| {
         !joint.has_link_encoder && (joint.gains.k_p > 0.0 || joint.gains.k_i > 0.0)
     };
+    let sensed = !parameters.ft_sensors.is_empty();
     for joint in parameters.joints.iter().filter(fed_back) {
+        let (what, allowed) = match sensed {
+            false => (
+                "K_p or K_i_per_s is above 0, and the robot has no torque to feed back: the joint has no \
+                 link-side encoder, and no F/T sensor measures contacts",
+                "K_p = 0 and K_i_per_s = 0, a link-side encoder, or an F/T sensor",
+            ),
+            true if joint.estimator.wave_generator.friction <= 0.0 => (
+                "the torque of F/T sensors is fed back without a link-side encoder, and friction.coulomb_Nm of \
+                 the drive is 0: motor current cannot tell whether that torque is right",
+                "K_p = 0 and K_i_per_s = 0, a coulomb_Nm above 0, or a link-side encoder",
+            ),
+            true => continue,
+        };
         let mut sections = root.list("joint").into_iter();
         if let Some(mut section) = sections.find(|section| section.is("name", &joint.name)) {
             section.which = format!(" ({})", joint.name);
-            let what = "K_p or K_i_per_s is above 0, and the robot has no torque to feed back: the joint \
-                        has no link-side encoder, and no F/T sensor measures contacts";
-            let allowed = "K_p = 0 and K_i_per_s = 0, a link-side encoder, or an F/T sensor";
             section.problem("gains", what, allowed);
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::files::{Files, HRP2_LIKE, LEG, leg_with, refused};
 use control::MotorModel;
-use robot_config::slots;
+use robot_config::{Robot, slots};
 use supervisor::Actuation;
 
 const KNEE_LINK: &str =
@@ -109,6 +109,11 @@ fn what_needs_a_second_encoder_is_refused() {
     let to = toml.find("[imu]").unwrap();
     let text = Files::new()
         .with(HRP2_LIKE, &toml[from..to], "")
+        .with(
+            HRP2_LIKE,
+            "gains = { K_p = 0.0, K_s_Nm_per_rad = 3066.0",
+            "gains = { K_p = 0.0, K_i_per_s = 8.0, K_s_Nm_per_rad = 3066.0",
+        )
         .errors(HRP2_LIKE);
     assert!(text.contains("joint.gains (ankle_roll)"), "{text}");
     assert!(text.contains("no torque to feed back"), "{text}");
@@ -145,4 +150,57 @@ fn a_joint_that_forgets_its_encoder_says_so_by_its_gains() {
         text.contains("joint.gains.K_p (knee): the key is missing"),
         "{text}"
     );
+}
+
+/// The integral that brings the torque to the level of F/T sensors and IMU is the largest that the margins allow.
+#[test]
+fn the_margins_choose_the_feedback() {
+    let k_i = |robot: &Robot| -> Vec<f64> {
+        let joints = robot.parameters.joints.iter();
+        joints.map(|joint| joint.gains.k_i).collect()
+    };
+    let robot = Files::new().load(HRP2_LIKE).unwrap();
+    assert_eq!(k_i(&robot), [8.0; 6]);
+    // A torque that is 150 ms late can be followed less closely.
+    let later = Files::new()
+        .with(
+            HRP2_LIKE,
+            "encoder = { window = 80",
+            "encoder = { window = 300",
+        )
+        .with(
+            HRP2_LIKE,
+            "sensor = { window = 80",
+            "sensor = { window = 300",
+        );
+    for k_i in k_i(&later.load(HRP2_LIKE).unwrap()) {
+        assert!((0.5..8.0).contains(&k_i), "{k_i}");
+    }
+    for (joint, _) in robot.parameters.joints.iter().zip(0..) {
+        let feedback = robot_config::late_loop(joint, &robot.parameters).unwrap();
+        assert!((feedback.smoothing.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+        // The velocity of a unit rate.
+        let rate = |(k, weight): (usize, &f64)| k as f64 * 1e-3 * weight;
+        let velocity: f64 = feedback.velocity.iter().enumerate().map(rate).sum();
+        assert!((velocity - 1.0).abs() < 1e-9, "{velocity}");
+        assert!(feedback.keeps(control::margins::NEEDED), "{}", joint.name);
+    }
+}
+
+#[test]
+fn a_torque_that_no_current_can_judge_is_not_fed_back() {
+    let files = Files::new();
+    let toml = files.text(HRP2_LIKE);
+    let drive = toml.find("[drive.knee.friction]").unwrap();
+    let line = toml[drive..]
+        .lines()
+        .find(|l| l.starts_with("coulomb_Nm"))
+        .unwrap();
+    let friction = &toml[drive..drive + toml[drive..].find(line).unwrap() + line.len()];
+    let without = friction.replace(line, "coulomb_Nm = 0.0");
+    let text = Files::new()
+        .with(HRP2_LIKE, friction, &without)
+        .errors(HRP2_LIKE);
+    assert!(text.contains("joint.gains (knee)"), "{text}");
+    assert!(text.contains("motor current cannot tell"), "{text}");
 }
