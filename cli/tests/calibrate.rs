@@ -316,7 +316,7 @@ fn an_ft_sensor_and_a_payload_are_found_adopted_and_taken_back() {
         fs::write(at("config/leg/sim.toml"), format!("urdf = {urdf:?}\n{sim}")).unwrap();
     };
     with("true.urdf");
-    record(&folder, "leg", LEG, 32.0, "run.mcap");
+    record(&folder, "leg", LEG, 26.0, "run.mcap");
     let refusal = expect(&folder, "calibrate run.mcap --only ft -o sensor", 2);
     assert!(refusal.contains("--untouched"), "{refusal}");
     let shown = expect(
@@ -357,7 +357,7 @@ fn an_ft_sensor_and_a_payload_are_found_adopted_and_taken_back() {
     );
 
     // With it the sensor shows nothing that the model lacks, in another motion too.
-    record(&folder, "leg", OTHER, 20.0, "again.mcap");
+    record(&folder, "leg", OTHER, 18.0, "again.mcap");
     expect(
         &folder,
         "calibrate again.mcap --only ft --untouched -o again",
@@ -391,7 +391,7 @@ fn an_ft_sensor_and_a_payload_are_found_adopted_and_taken_back() {
     )
     .unwrap();
     with("loaded.urdf");
-    record(&folder, "leg", LEG, 32.0, "loaded.mcap");
+    record(&folder, "leg", LEG, 26.0, "loaded.mcap");
     let payload = |options: &str| -> (f64, [f64; 3]) {
         let text = expect(
             &folder,
