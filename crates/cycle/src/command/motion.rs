@@ -15,6 +15,8 @@ pub(super) struct Motions {
     on: bool,
     /// Target and speed that each joint was sent to last.
     targets: Vec<(f64, f64)>,
+    /// They are newer than those of the motion that is followed or being planned.
+    newer: bool,
 }
 
 impl Motions {
@@ -25,6 +27,7 @@ impl Motions {
             limits: parameters.motion_limits().collect(),
             on: false,
             targets: vec![(0.0, 0.0); joints.len()],
+            newer: false,
         }
     }
 
@@ -52,11 +55,19 @@ impl Motions {
             });
             (self.motion).start(begin);
         }
-        if self.take_targets(&reference) || begins {
-            let ways = self.targets.iter().zip(&self.limits);
-            // Of a target that the checks before have let pass there always is a motion; without one
-            // the joints stay.
-            (self.motion).go_to(ways.map(|((q, speed), limits)| (*q, limits.no_faster(*speed))));
+        self.newer |= self.take_targets(&reference);
+        let ways = self.targets.iter().zip(&self.limits);
+        let ways = ways.map(|((q, speed), limits)| (*q, limits.no_faster(*speed)));
+        // Of a target that the checks before have let pass there always is a motion; without one the
+        // joints stay.
+        if begins {
+            self.motion.go_to(ways);
+            self.newer = false;
+        } else if self.newer && !self.motion.is_planning() {
+            // Targets that come meanwhile wait: the plans of many joints together would make a cycle
+            // long.
+            self.motion.go_on_to(ways, dt);
+            self.newer = false;
         }
         for (joint, planned) in reference.joints.iter_mut().zip(self.motion.advance(dt)) {
             (joint.q_d, joint.dq_d, joint.ddq_d) = (planned.q, planned.dq, planned.ddq);
