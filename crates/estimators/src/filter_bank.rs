@@ -40,8 +40,9 @@ impl From<MatchedFilterParameters> for FilterDesign {
     }
 }
 
-/// Packs of channels that are summed at a time, so that all sums stay in registers.
-const PACKS: usize = 2;
+/// Packs of channels that are summed at a time: so many that sums do not wait for one another, so few
+/// that those of value and two derivatives stay in sixteen registers.
+const PACKS: usize = 4;
 /// Their channels.
 const CHANNELS: usize = PACKS * WIDTH;
 

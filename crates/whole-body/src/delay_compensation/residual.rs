@@ -117,11 +117,13 @@ impl Prediction {
 
     /// Mean of the predictors, weighted by the inverse cubes of their mean square errors.
     fn combine(&mut self, predictions: &Pairs, gain: f64) {
-        let best = self.errors.iter().copied().fold(f64::INFINITY, f64::min);
-        let weights = self.errors.map(|error| match error > best {
-            true => (best / error).powi(3),
-            false => 1.0,
+        // Bounded, as the quotient of two zeros is to be one; without a branch, to be taken side by side.
+        let errors = self.errors.map(|error| match error > f64::MIN_POSITIVE {
+            true => error,
+            false => f64::MIN_POSITIVE,
         });
+        let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
+        let weights = errors.map(|error| (best / error).powi(3));
         let sum: f64 = weights.iter().sum();
         let weighted = weights.iter().zip(residuals(predictions, gain));
         self.value = weighted.map(|(w, residual)| w * residual).sum::<f64>() / sum;
