@@ -5,6 +5,12 @@
 //! `valgrind --tool=callgrind --toggle-collect='cycle::cycle::Cycle::step' target/release/examples/humanoid 500`
 //! counts the instructions of `Cycle::step` alone.
 
+#![allow(
+    clippy::disallowed_macros,
+    clippy::disallowed_methods,
+    reason = "prints what the clock shows"
+)]
+
 use can_codec::{Frames, MAX_FRAMES};
 use cycle::{ClientInput, Cycle, Instants, Stamp};
 use plant::{CanRobot, SimParameters};
