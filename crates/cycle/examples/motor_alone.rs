@@ -360,11 +360,11 @@ fn main() {
         };
         let with_links = worst(leg, frequency, false, &mut faults);
         println!(
-            "## Every joint swings at {frequency} Hz, by inverse dynamics with K6 = 0.5\n\nTorque from F/T sensors and \
+            "## Every joint swings at {frequency} Hz, by inverse dynamics with K6 = 0.5 (hip_pitch 0.3)\n\nTorque from F/T sensors and \
              IMU against the truth at its own instant, and `tau_hat` against the truth now: RMS in per cent of the \
              largest torque (normed: by its sigma). Angle: RMS error of `q`, and of the motor's angle over N, which is \
-             D's. Position: RMS and greatest error of the true angle. D: greatest error on HRP-2's stairs at the same \
-             K6 (Table 3), another motion on another robot.\n\n| joint | largest, N·m | F/T + IMU, % | with link \
+             D's. Position: RMS and greatest error of the true angle. D: greatest error on HRP-2's stairs at K6 = 0.5 \
+             (Table 3), another motion on another robot.\n\n| joint | largest, N·m | F/T + IMU, % | with link \
              encoders, % | normed | tau_hat, % | angle, mrad | theta/N, mrad | position, mrad | greatest, mrad | with \
              link encoders, mrad | D, mrad |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
         );

@@ -120,6 +120,23 @@ impl Command {
         self.joints.iter().map(JointController::last)
     }
 
+    /// Withdraws the commands of joints that were formed in this cycle and did not leave: their joints begin
+    /// where they stand when commands leave again, not where they were held.
+    pub(crate) fn withdraw(
+        &mut self,
+        is_driven: impl Fn(usize) -> bool,
+        commanded: &mut CommandedRecord,
+    ) {
+        for (j, (joint, commanded)) in
+            (self.joints.iter_mut().zip(&mut commanded.joints)).enumerate()
+        {
+            if joint.last().is_some() && !is_driven(j) {
+                joint.forget();
+                commanded.flags &= !command_flags::ENGAGED;
+            }
+        }
+    }
+
     /// Time until the robot is at the target of a planned motion, s; 0 without one.
     pub(crate) fn motion_left_s(&self) -> f64 {
         self.motions.left_s()

@@ -108,6 +108,8 @@ impl Cycle {
         self.supervisor.publish_drives(commanded);
         let motion_left_s = self.command.motion_left_s();
         (self.emit).update(&self.command, &self.supervisor, measured, tx, counts);
+        let driven = |j: usize| self.supervisor.is_engaged(j) && self.emit.reaches(j);
+        (self.command).withdraw(driven, commanded);
         if self.supervisor.take_acknowledgement() {
             self.measure.restart_distrusted();
         }

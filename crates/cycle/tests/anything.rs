@@ -4,13 +4,16 @@
 //! Several robots live one life after another, each from being switched on, some with a fault of an
 //! earlier run: position and current drives, with states by CiA 402 and without, enabled by an
 //! operator or by themselves. Spoilt are frames and their stamps, references, settings, operators'
-//! requests, cycles that are left out, commands that do not arrive, and the drives.
+//! requests, cycles that are left out, commands that do not arrive, and the drives. In every other life
+//! clients send trajectories ahead, through the lease; their pieces, sessions and silences are spoilt too.
 //!
 //! `CYCLE_STEPS` sets the number of steps in all lives (default 60,000; 10,000,000 take a quarter of an
 //! hour in release), `CYCLE_SEED` the random numbers.
 
+mod anything_ahead;
 mod common;
 
+use anything_ahead::Ahead;
 use can_codec::{EXTENDED_ID, Frame, Frames};
 use common::{Bench, client_input};
 use cycle::{ClientInput, Instants, OperatorRequest, Stamp};
@@ -24,7 +27,7 @@ use supervisor::Actuation;
 use test_support::Random;
 
 /// A number that a client may send.
-fn any_number(random: &mut Random) -> f64 {
+pub(crate) fn any_number(random: &mut Random) -> f64 {
     match random.below(9) {
         0 => f64::NAN,
         1 => f64::INFINITY,
@@ -255,10 +258,11 @@ fn check(bench: &Bench, before: &mut [Before]) {
                 assert!(
                     within || kept,
                     "{}, joint {j}: {sent} leads too far: {state:?}, mode {}, q {}, theta {theta}, \
-                     {commanded:?}",
+                     {commanded:?} after {last:?}, flags {:#x}",
                     bench.robot.parameters.name,
                     record.mode,
-                    measured.q
+                    measured.q,
+                    measured.flags
                 );
             }
             Actuation::Current { k_1, current, .. } => {
@@ -273,6 +277,8 @@ fn check(bench: &Bench, before: &mut [Before]) {
 /// One robot, and what came of it.
 struct Life {
     bench: Bench,
+    /// The client that sends trajectories ahead, in a life that has one.
+    ahead: Option<Ahead>,
     automatic: bool,
     active: u64,
     enabled: bool,
@@ -312,6 +318,7 @@ impl Life {
             bench.cycle.start_with_fault(events[random.below(3)]);
         }
         Self {
+            ahead: (index % 2 == 1).then(|| Ahead::new(&bench)),
             bench,
             automatic,
             active: 0,
@@ -348,19 +355,30 @@ impl Life {
             }
             let settings = any_settings(random);
             let request = any_request(random, &record);
-            let input = ClientInput {
-                reference: (random.below(4) > 0).then_some(&reference),
-                age_s: match random.below(50) {
-                    0 => any_number(random),
-                    _ => 0.001,
+            let settings = (random.below(4) == 0).then_some(&settings);
+            let input = match &mut self.ahead {
+                Some(ahead) => {
+                    ahead.cycle(random, bench.now, &record, &reference);
+                    ClientInput {
+                        settings,
+                        request,
+                        ..ahead.input(bench.now)
+                    }
+                }
+                None => ClientInput {
+                    reference: (random.below(4) > 0).then_some(&reference),
+                    age_s: match random.below(50) {
+                        0 => any_number(random),
+                        _ => 0.001,
+                    },
+                    commander: CommanderRecord {
+                        refused: random.below(5) as u32,
+                        replaced: u32::from(random.below(1000) == 0),
+                        ..CommanderRecord::default()
+                    },
+                    settings,
+                    request,
                 },
-                commander: CommanderRecord {
-                    refused: random.below(5) as u32,
-                    replaced: u32::from(random.below(1000) == 0),
-                    ..CommanderRecord::default()
-                },
-                settings: (random.below(4) == 0).then_some(&settings),
-                request,
             };
             if random.below(20_000) == 0 {
                 let event = [Event::LatenessLasts, Event::LateCycle, Event::BusDown];
@@ -420,9 +438,16 @@ impl Life {
         assert_eq!(
             record.state,
             RobotState::Holding.number(),
-            "{fault:?} {:#x} {:?}",
+            "{fault:?} {:#x} {:?} {:?}",
             record.refusal,
-            self.unusable()
+            self.unusable(),
+            self.bench
+                .plant
+                .truth()
+                .joints
+                .iter()
+                .map(|j| j.q)
+                .collect::<Vec<_>>()
         );
         // And a client is followed that asks for hold first.
         let mut reference = bench.reference(Mode::Hold.number(), record.sequence + 100);
@@ -439,7 +464,7 @@ fn whatever_comes_in_what_leaves_is_within_limits_and_the_operator_reaches_holdi
     let steps = number("CYCLE_STEPS", 60_000);
     let mut random = Random::new(number("CYCLE_SEED", 1));
     let (mut done, mut index) = (0, 0);
-    let (mut active, mut enabled) = (0, 0);
+    let (mut active, mut enabled, mut led) = (0, 0, 0);
     while done < steps {
         // Long lives reach what takes long; a run of the tests has short ones.
         let life = (steps / 10).min(20_000);
@@ -447,10 +472,15 @@ fn whatever_comes_in_what_leaves_is_within_limits_and_the_operator_reaches_holdi
         robot.live(life, &mut random);
         robot.recover();
         (active, enabled) = (active + robot.active, enabled + u64::from(robot.enabled));
+        led += robot.ahead.as_ref().map_or(0, |ahead| ahead.led);
         (done, index) = (done + life, index + 1);
     }
     assert!(
         enabled > index / 2 && active > done / 200,
         "{enabled} of {index} lives held, {active} of {done} steps in a client's mode"
+    );
+    assert!(
+        led > done / 400,
+        "{led} of {done} steps on trajectories sent ahead"
     );
 }

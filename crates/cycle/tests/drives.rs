@@ -364,3 +364,58 @@ fn a_silent_drive_is_acknowledged_once_and_enabled_when_it_is_back() {
     assert_eq!(state(bench.cycle.record()), RobotState::Holding);
     motion.assert_small("a silent drive");
 }
+
+/// A joint whose frame ends because another one's set-point in it was withdrawn hears nothing, wherever it goes
+/// meanwhile: it begins where it then stands.
+#[test]
+fn a_joint_whose_frame_ended_begins_where_it_stands() {
+    let mut bench = Bench::reading("leg", &|path| {
+        let text = common::read(path)?;
+        if !path.ends_with("leg/robot.toml") {
+            return Ok(text);
+        }
+        let text = text.replace("enable = \"automatic\"", "enable = \"operator\"");
+        let lines = text.split_inclusive('\n');
+        Ok(lines
+            .filter(|line| !line.starts_with("control = {"))
+            .collect())
+    });
+    bench.run(300);
+    bench.ask(OperatorRequest::Enable);
+    bench.run(50);
+    assert_eq!(engaged(bench.cycle.record()), 6);
+    // The ankle falls silent, and shares a frame with the knee.
+    let ankle = KNEE + 1;
+    let is_ankles = |slot| slot == slots::motor_angle(ankle);
+    let table = bench.robot.receive.clone();
+    let held = bench.cycle.record().commanded.joints[KNEE].q_c;
+    for k in 0..300 {
+        bench.gather();
+        if k < 50 {
+            bench.drop_answers(|frame| {
+                let message = table.classify(frame);
+                message.is_some_and(|message| table.slots(message).any(is_ankles))
+            });
+        }
+        bench.compute(&ClientInput::default());
+        if k > 60 {
+            assert!(!bench.sent_set_points(|frame| frame.bus == 1), "cycle {k}");
+            assert_eq!(engaged(bench.cycle.record()), 3);
+            // Others move the knee.
+            let to = held - 0.3 * f64::from(k - 60) / 239.0;
+            bench.plant.robot_mut().command(KNEE, to);
+        }
+    }
+    bench.run(50);
+    let stands = bench.plant.truth().joints[KNEE].q;
+    assert!((stands - held).abs() > 0.2, "{stands} {held}");
+    let fault = bench.cycle.record().fault;
+    assert_eq!(fault, Event::JointStale.number());
+    bench.ask(OperatorRequest::Acknowledge(fault));
+    bench.ask(OperatorRequest::Enable);
+    let mut motion = Motion::of(&bench);
+    run(&mut bench, &mut motion, 300);
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+    assert_eq!(engaged(bench.cycle.record()), 6);
+    motion.assert_small("enabled again");
+}

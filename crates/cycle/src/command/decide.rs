@@ -10,11 +10,10 @@
 //! *Degrade* makes the sources that an event speaks against unsound for as long as it lasts: a mode
 //! that needs one of them ends, and cannot be entered.
 
-use robot_config::Robot;
+use robot_config::{BEYOND_LIMIT, Robot};
 use robot_state::{
     CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, MeasuredRecord, Mode,
-    Reaction, Reactions, Reference, RobotState, Settings, command_flags, measured_flags,
-    not_followed, source,
+    Reaction, Reactions, Reference, RobotState, Settings, measured_flags, not_followed, source,
 };
 use supervisor::{
     Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, RobotMachine, Safety,
@@ -247,13 +246,10 @@ impl Supervisor {
         &self.drives
     }
 
-    /// Writes each drive's state into the record; a command that was withdrawn is not sent.
+    /// Writes each drive's state into the record.
     pub(crate) fn publish_drives(&self, commanded: &mut CommandedRecord) {
-        for (j, (joint, drive)) in commanded.joints.iter_mut().zip(&self.drives).enumerate() {
+        for (joint, drive) in commanded.joints.iter_mut().zip(&self.drives) {
             joint.drive_state = drive.state().number();
-            if !self.machine.is_engaged(j) {
-                joint.flags &= !command_flags::ENGAGED;
-            }
         }
     }
 
@@ -324,7 +320,9 @@ impl Supervisor {
                 stale: joint.stale,
                 distrusted: joint.distrusted,
                 slipped: joint.slipped,
-                inside: (limits.position_min..=limits.position_max).contains(&measured.q),
+                // One that was stopped at its limit stands beyond by its torsion; only inwards it moves.
+                inside: (limits.position_min - BEYOND_LIMIT..=limits.position_max + BEYOND_LIMIT)
+                    .contains(&measured.q),
                 drive_enabled: drive.is_enabled(),
                 drive_fault: drive.state() == DriveState::Fault,
                 at_rest: measured.dq.abs() < REST,

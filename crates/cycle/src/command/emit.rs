@@ -93,6 +93,16 @@ impl Emit {
         counts.add_many(Event::SendFailed, tx.overflow());
     }
 
+    /// Its set-point can leave: no joint without one shares its message. To be asked after `update`.
+    pub(crate) fn reaches(&self, joint: usize) -> bool {
+        let has = |j: &usize| {
+            let slot = self.slots.get(slots::command(*j));
+            slot.is_some_and(|x| !x.is_nan())
+        };
+        let mut its = self.shared.iter().filter(|joints| joints.contains(&joint));
+        its.all(|joints| joints.iter().all(has))
+    }
+
     /// Zero for a drive that would go on with the last current.
     fn no_current(&mut self, joint: usize, state: DriveState) -> Option<f64> {
         let joint = self.joints.get_mut(joint)?;

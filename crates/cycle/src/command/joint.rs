@@ -124,13 +124,18 @@ impl JointController {
         self.state.as_ref().map(|_| self.limiter.last())
     }
 
-    /// No set-points from now on.
-    pub(crate) fn release(&mut self, q: f64, commanded: &mut JointCommanded) {
+    /// What set-points have led to is forgotten: they end, and begin anew where the joint then stands.
+    pub(crate) fn forget(&mut self) {
         self.state = None;
         self.following.restart();
         if let Some(predictive) = &mut self.predictive {
             predictive.reset();
         }
+    }
+
+    /// No set-points from now on.
+    pub(crate) fn release(&mut self, q: f64, commanded: &mut JointCommanded) {
+        self.forget();
         *commanded = JointCommanded {
             q_c: q,
             ..JointCommanded::default()
