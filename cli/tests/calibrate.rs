@@ -235,6 +235,37 @@ fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
         2,
     );
     assert!(shown.contains("gear_ratio = 100.0, not 120.0"), "{shown}");
+    record(&folder, "test-joint", SWEEPS, 3.0, "other.mcap");
+    let shown = expect(&folder, "calibrate run.mcap other.mcap -o mixed", 2);
+    assert!(
+        shown.contains("other.mcap: is a recording of another robot"),
+        "{shown}"
+    );
+    fs::write(&config, &original).unwrap();
+
+    // A full disk, and an end by force, leave the configuration that there was.
+    let full = Command::new("bash")
+        .args([
+            "-c",
+            &format!("trap '' XFSZ; ulimit -f 2; exec \"$0\" calibrate commit {path} cut"),
+        ])
+        .arg(env!("CARGO_BIN_EXE_torquectl"))
+        .current_dir(&folder)
+        .output()
+        .unwrap();
+    let shown = text(&full.stderr);
+    assert_eq!(full.status.code(), Some(2), "{shown}");
+    assert!(shown.contains("cannot be written"), "{shown}");
+    assert_eq!(fs::read_to_string(&config).unwrap(), original);
+    let mut killed = Command::new(env!("CARGO_BIN_EXE_torquectl"))
+        .args(["calibrate", "run.mcap", "-o", "killed"])
+        .current_dir(&folder)
+        .spawn()
+        .unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    killed.kill().unwrap();
+    assert!(!killed.wait().unwrap().success());
+    assert_eq!(fs::read_to_string(&config).unwrap(), original);
 
     // A full disk: files of at most two blocks can be written.
     let full = Command::new("bash")
@@ -259,6 +290,7 @@ fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
         "cut.mcap",
         "log.csv",
         "motion.toml",
+        "other.mcap",
         "rest.mcap",
         "robot-models",
         "run.mcap",

@@ -11,7 +11,9 @@ use identification::record::ReferenceErrors;
 use joint_file::{JointFile, JointTable};
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
+use std::io;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -259,6 +261,7 @@ fn calibrated(
     };
     let held_out = held_out(sheet, used, known).map_err(one)?;
     let fitted = fit_loaded(sheet, &rows, known, &mut |_, _| ()).map_err(one)?;
+    readable(&fitted, &sheet.joint.name).map_err(one)?;
     let traces = Traces::run(&fitted.joint, &rows).map_err(one)?;
     let html = report::summary(&traces).map_err(one)?;
     Ok(Calibrated {
@@ -267,6 +270,24 @@ fn calibrated(
         undetermined: undetermined.unwrap_or_default(),
         html,
     })
+}
+
+/// Refuses a joint file that the daemon would refuse.
+fn readable(fitted: &Fitted, name: &str) -> Result<(), Problem> {
+    let files: BTreeMap<String, String> = fitted.files(name)?.into_iter().collect();
+    let missing = || io::Error::new(io::ErrorKind::NotFound, "not written");
+    let own = format!("{name}.toml");
+    let text = files.get(&own).ok_or_else(missing);
+    let text = text.map_err(|e| Problem::unreadable(&own, &e))?;
+    let read = |path: &str| files.get(path).cloned().ok_or_else(missing);
+    let parsed = JointFile::parse(text, &own, &read);
+    let why = |p: Problem| {
+        Problem::new(
+            format!("the fit has no usable result: {p}"),
+            "other recordings",
+        )
+    };
+    parsed.map(|_| ()).map_err(why)
 }
 
 /// Fits without the last part of each run and judges on it.

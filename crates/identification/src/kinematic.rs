@@ -14,6 +14,8 @@ use estimators::kinematic_error::KinematicErrorParameters;
 use problem::Problem;
 use std::f64::consts::TAU;
 
+/// Share of the gear's stiffness below which a torque shows no angle.
+const LEAST_SLOPE: f64 = 0.01;
 /// Harmonics of the link-side angle that are fitted.
 const LINK_HARMONICS: usize = 8;
 /// Harmonics of the motor-side angle that are fitted.
@@ -110,11 +112,14 @@ pub fn higher(
     let seconds = tau.len() as f64 * record.sample_period;
     let alike = Blocks::alike(record.sample_period);
     let mut blocks = Blocks::new(columns, Blocks::count(seconds), alike);
+    let least = LEAST_SLOPE * gear.linear;
     let mut gear = Gear::new(gear.clone());
     let mut row = vec![0.0; columns];
     for (i, s) in record.samples.iter().enumerate() {
         let carried = gear.update(torsion[i]) - gear.bearing(s.q, record.motion[i][0]);
-        if !record.usable(i) {
+        let slope = gear.stiffness(torsion[i]);
+        // A fit with little load may have a gear that yields without end where it carried nothing.
+        if !record.usable(i) || slope <= least {
             continue;
         }
         row[0] = 1.0;
@@ -126,7 +131,6 @@ pub fn higher(
         {
             (pair[1], pair[0]) = angle.sin_cos();
         }
-        let slope = gear.stiffness(torsion[i]).max(f64::MIN_POSITIVE);
         let left = (carried - tau[i]) / slope + raw[i] - torsion[i];
         blocks.add(i as f64 / tau.len() as f64, &row, left);
     }
