@@ -1,6 +1,7 @@
 //! `torquectl check`: a configuration and its files, checked without starting anything.
 
 mod bus_load;
+mod frames;
 mod gains;
 mod json;
 mod text;

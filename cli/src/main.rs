@@ -2,6 +2,7 @@
 
 mod blackbox;
 mod calibrate;
+mod cartesian;
 mod check;
 mod contacts;
 mod dynamics;
@@ -44,6 +45,7 @@ Examples:
   torquectl state
   torquectl enable
   torquectl move knee=60 --speed 20
+  torquectl cartesian foot --stiffness 2000 --shift 0,0,-20
   torquectl watch --once
   torquectl tare --contacts in_the_air
   torquectl record -o run.mcap --seconds 10
@@ -71,6 +73,7 @@ struct Arguments {
 enum Command {
     Blackbox(blackbox::BlackboxArguments),
     Calibrate(calibrate::CalibrateArguments),
+    Cartesian(cartesian::CartesianArguments),
     Check(check::CheckArguments),
     State(state::StateArguments),
     Enable(operator::EnableArguments),
@@ -100,6 +103,7 @@ fn main() -> ExitCode {
     match Arguments::parse().command {
         Command::Blackbox(arguments) => blackbox::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Cartesian(arguments) => cartesian::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::State(arguments) => state::run(&arguments),
         Command::Enable(arguments) => operator::enable(&arguments),

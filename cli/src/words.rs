@@ -1,8 +1,8 @@
 //! Numbers of a record in words.
 
 use torqued_client::robot_state::{
-    CycleRecord, Description, Event, Mode, RobotState, command_flags, measured_flags, torque_flags,
-    torque_source,
+    CycleRecord, Description, Event, Mode, RobotState, command_flags, frame_flags, measured_flags,
+    torque_flags, torque_source,
 };
 
 const MEASURED: &[(u32, &str)] = &[
@@ -29,6 +29,14 @@ const COMMAND: &[(u32, &str)] = &[
     (command_flags::POWER_LIMITED, "power_limited"),
     (command_flags::NOT_FINITE, "not_finite"),
     (command_flags::ENGAGED, "engaged"),
+];
+
+const FRAME: &[(u32, &str)] = &[
+    (frame_flags::ACTIVE, "active"),
+    (frame_flags::WRENCH_LIMITED, "wrench_limited"),
+    (frame_flags::GAINS_LIMITED, "gains_limited"),
+    (frame_flags::FORCE_KNOWN, "force_known"),
+    (frame_flags::LED, "led"),
 ];
 
 /// The cross-check's warning that stands, and the joint or sensor that it is about.
@@ -64,6 +72,11 @@ pub(crate) fn torque(flags: u32) -> Vec<String> {
 
 pub(crate) fn command(flags: u32) -> Vec<String> {
     words(flags, COMMAND)
+}
+
+/// Of a frame that is shown.
+pub(crate) fn frame(flags: u32) -> Vec<String> {
+    words(flags & !frame_flags::VALID, FRAME)
 }
 
 /// The names of the bits that are set; one that has no name shows as its number.

@@ -5,7 +5,10 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use nix::time::{ClockId, clock_gettime};
-use robot_state::{CommanderStatus, Mode, Reference, TrajectoryPiece, lease_refusal, not_followed};
+use robot_state::{
+    CommanderStatus, FrameReference, Mode, Reference, TrajectoryPiece, frame_flags, lease_refusal,
+    not_followed,
+};
 
 use crate::channel::{self, PieceMessage, Receiver, ReferenceMessage, Sender, StatusMessage};
 use crate::client::{Client, newest};
@@ -245,6 +248,60 @@ impl Commander {
             if !going(Duration::try_from_secs_f64(left).unwrap_or_default()) {
                 self.send(|reference| reference.mode = Mode::Hold.number())?;
                 return Ok(false);
+            }
+        }
+    }
+
+    /// Prepares mode Cartesian with these frames, by their index: the robot holds until their poses are
+    /// shown, and the reference asks for these poses and for the joints' angles, without stiffness or
+    /// force, and damping ratio 1. The caller goes on by setting stiffness, force and mode. `client`: of the
+    /// same robot; its records are taken.
+    ///
+    /// # Errors
+    /// [`Error::NoFrame`]; as [`Commander::send`] and [`Client::next_record`].
+    pub fn lead_frames(&mut self, client: &mut Client, frames: &[usize]) -> Result<(), Error> {
+        let count = client.description().frame_count as usize;
+        if let Some(&frame) = frames.iter().find(|&&frame| frame >= count) {
+            let robot = self.robot.clone();
+            return Err(Error::NoFrame {
+                robot,
+                frame,
+                count,
+            });
+        }
+        for (i, frame) in self.newest.frames.iter_mut().enumerate() {
+            *frame = FrameReference {
+                orientation: [1.0, 0.0, 0.0, 0.0],
+                damping_ratio: 1.0,
+                used: u32::from(frames.contains(&i)),
+                ..FrameReference::default()
+            };
+        }
+        let since = Instant::now();
+        loop {
+            self.send(|reference| reference.mode = Mode::Hold.number())?;
+            sleep(ASK_INTERVAL);
+            let Some(record) = client.latest()? else {
+                continue;
+            };
+            let shown = &record.cycle.commanded.frames;
+            if frames
+                .iter()
+                .all(|&i| shown[i].flags & frame_flags::VALID != 0)
+            {
+                let poses = self.newest.frames.iter_mut().zip(shown);
+                for (frame, shown) in poses.filter(|(frame, _)| frame.used == 1) {
+                    (frame.position, frame.orientation) = (shown.position, shown.orientation);
+                }
+                let joints = record.cycle.measured.joints.iter();
+                for (desired, joint) in self.newest.joints.iter_mut().zip(joints) {
+                    (desired.q_d, desired.dq_d, desired.ddq_d) = (joint.q, 0.0, 0.0);
+                }
+                (self.newest.gains_given, self.newest.trajectory) = (0, 0);
+                return Ok(());
+            }
+            if since.elapsed() > SILENCE {
+                return Err(self.silent());
             }
         }
     }

@@ -49,6 +49,18 @@ pub enum Error {
         /// The time waited.
         waited: Duration,
     },
+    /// The robot does not have that frame.
+    #[error(
+        "robot \"{robot}\" has {count} frames [[frame]] for mode Cartesian: there is none of index {frame}"
+    )]
+    NoFrame {
+        /// The robot.
+        robot: String,
+        /// The index asked for.
+        frame: usize,
+        /// Frames of the robot.
+        count: usize,
+    },
     /// The daemon is there but no record arrives.
     #[error(
         "robot \"{robot}\": no record for {waited:?}; torqued has stopped or was killed: look at \

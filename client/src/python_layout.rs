@@ -3,10 +3,10 @@
 use std::fmt::Write;
 
 use robot_state::{
-    Answer, CommanderStatus, Description, EVENT_COUNT, Event, Layout, MAX_FT_SENSORS, MAX_JOINTS,
-    MAX_POINTS, Mode, Reference, Request, RobotState, Shape, SharedRecord, TrajectoryPiece,
-    answer_status, command_flags, lease_refusal, measured_flags, not_followed, piece_refusal,
-    request, torque_flags, torque_source,
+    Answer, CommanderStatus, Description, EVENT_COUNT, Event, Layout, MAX_FRAMES, MAX_FT_SENSORS,
+    MAX_JOINTS, MAX_POINTS, Mode, Reference, Request, RobotState, Shape, SharedRecord,
+    TrajectoryPiece, answer_status, command_flags, frame_flags, lease_refusal, measured_flags,
+    not_followed, piece_refusal, request, torque_flags, torque_source,
 };
 
 use crate::channel::type_name;
@@ -28,7 +28,7 @@ pub fn python_layout() -> String {
     let mut out = String::from(HEAD);
     let _ = write!(
         out,
-        "\nMAX_JOINTS = {MAX_JOINTS}\nMAX_FT_SENSORS = {MAX_FT_SENSORS}\nMAX_POINTS = {MAX_POINTS}\nEVENT_COUNT = {EVENT_COUNT}\n"
+        "\nMAX_JOINTS = {MAX_JOINTS}\nMAX_FT_SENSORS = {MAX_FT_SENSORS}\nMAX_POINTS = {MAX_POINTS}\nMAX_FRAMES = {MAX_FRAMES}\nEVENT_COUNT = {EVENT_COUNT}\n"
     );
     enumeration(
         &mut out,
@@ -146,6 +146,20 @@ pub fn python_layout() -> String {
             ("NOT_ADVANCED", lease_refusal::NOT_ADVANCED),
             ("TOO_OLD", lease_refusal::TOO_OLD),
             ("INVALID", lease_refusal::INVALID),
+        ],
+    );
+    enumeration(
+        &mut out,
+        "IntFlag",
+        "FrameFlags",
+        "Flag bits of a frame in mode Cartesian.",
+        &[
+            ("VALID", frame_flags::VALID),
+            ("ACTIVE", frame_flags::ACTIVE),
+            ("WRENCH_LIMITED", frame_flags::WRENCH_LIMITED),
+            ("GAINS_LIMITED", frame_flags::GAINS_LIMITED),
+            ("FORCE_KNOWN", frame_flags::FORCE_KNOWN),
+            ("LED", frame_flags::LED),
         ],
     );
     enumeration(

@@ -246,6 +246,10 @@ fn describe(robot: &Robot) -> Description {
         description.contact_set_names[i] = Name::new(name);
         description.contact_set_count += 1;
     }
+    for (name, frame) in description.frame_names.iter_mut().zip(&parameters.frames) {
+        *name = Name::new(&frame.name);
+        description.frame_count += 1;
+    }
     for (s, ft) in parameters.ft_sensors.iter().enumerate() {
         description.ft_names[s] = Name::new(&ft.sensor.name);
     }

@@ -1,6 +1,7 @@
 //! The configuration as JSON.
 
 use super::bus_load::BusLoad;
+use super::frames;
 use super::gains::equivalent;
 use super::{command, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
@@ -77,6 +78,7 @@ pub(super) fn object(
             "mass_beyond_kg": mass_beyond(&robot.model, &ft.sensor.frame),
         })).collect::<Vec<_>>(),
         "imu_frame": parameters.imu.as_ref().map(|imu| &imu.frame),
+        "frames": frames::objects(robot),
         "torque_loops": margins::objects(judged),
         "warnings": warnings,
     })

@@ -1,6 +1,7 @@
 //! The configuration as text.
 
 use super::bus_load::{BusLoad, WireTime};
+use super::frames;
 use super::gains::equivalent;
 use super::{command, lacking, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
@@ -51,6 +52,11 @@ pub(super) fn page(
         text += "\nTorque loops\n";
         text += &margins::table(judged);
         text += margins::NOTE;
+    }
+    if !parameters.frames.is_empty() {
+        text += "\nFrames of mode Cartesian: stiffness and damping as far as the joints bear them in the middle of \
+                 their ranges\n";
+        text += &frames::table(robot).to_string();
     }
     if !parameters.ft_sensors.is_empty() {
         text += "\nF/T sensors\n";

@@ -3,7 +3,7 @@
 use crate::words;
 use serde_json::{Map, Value, json};
 use torqued_client::robot_state::{
-    CycleRecord, Description, Event, ImuMeasured, LoopRecord, TorqueEstimate, Wrench,
+    CycleRecord, Description, Event, ImuMeasured, LoopRecord, TorqueEstimate, Wrench, frame_flags,
 };
 use torqued_client::{Record, why_not_followed, why_refused};
 
@@ -39,6 +39,7 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
         "unknown_wrench_sigma": wrench(&cycle.estimated.unknown_wrench_sigma),
         "residual": wrench(&cycle.estimated.residual),
         "residual_sigma": wrench(&cycle.estimated.residual_sigma),
+        "frames": frames(description, cycle),
         "events": events,
         "timing": timing(&record.timing),
     })
@@ -91,6 +92,7 @@ fn joint(name: &str, cycle: &CycleRecord, joint: usize) -> Value {
     let measured = &cycle.measured.joints[joint];
     let estimated = &cycle.estimated.joints[joint];
     let commanded = &cycle.commanded.joints[joint];
+    let known = commanded.command_delay_sigma_s > 0.0;
     json!({
         "name": name,
         "q_rad": measured.q,
@@ -120,6 +122,8 @@ fn joint(name: &str, cycle: &CycleRecord, joint: usize) -> Value {
             "q_c_rad": commanded.q_c,
             "current_c_A": commanded.current_c,
             "flags": words::command(commanded.flags),
+            "delay_s": known.then_some(commanded.command_delay_s),
+            "delay_sigma_s": known.then_some(commanded.command_delay_sigma_s),
         },
     })
 }
@@ -152,6 +156,24 @@ fn ft_sensor(name: &str, cycle: &CycleRecord, sensor: usize) -> Value {
         "age_s": measured.age_s,
         "flags": words::measured(measured.flags),
     })
+}
+
+/// The frames that a client uses.
+fn frames(description: &Description, cycle: &CycleRecord) -> Vec<Value> {
+    let named = description.frame_names.iter().zip(&cycle.commanded.frames);
+    let used = named.filter(|(_, frame)| frame.flags & frame_flags::VALID != 0);
+    used.map(|(name, frame)| {
+        let known = frame.flags & frame_flags::FORCE_KNOWN != 0;
+        json!({
+            "name": name.as_str(),
+            "position_m": frame.position,
+            "orientation_wxyz": frame.orientation,
+            "wrench": frame.wrench,
+            "force_estimated": known.then_some(frame.force_estimated),
+            "flags": words::frame(frame.flags),
+        })
+    })
+    .collect()
 }
 
 fn imu(imu: &ImuMeasured) -> Value {

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use terminal::TextTable;
 use torqued_client::Record;
 use torqued_client::robot_state::{
-    CycleRecord, Description, LoopRecord, Mode, TorqueEstimate, torque_flags,
+    CycleRecord, Description, LoopRecord, Mode, TorqueEstimate, frame_flags, torque_flags,
 };
 use torqued_client::{why_not_followed, why_refused};
 
@@ -27,7 +27,8 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         words::fault(description, cycle),
     );
     let possible = words::possible_modes(cycle);
-    if possible.len() < Mode::ALL.len() {
+    let missing = usize::from(description.frame_count == 0);
+    if possible.len() < Mode::ALL.len() - missing {
         let _ = writeln!(out, "possible modes at present: {}\n", possible.join(", "));
     }
     let _ = writeln!(out, "{}\n", commander(cycle));
@@ -43,6 +44,9 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
     let _ = writeln!(out, "{}", joints(description, cycle));
     if cycle.ft_count > 0 {
         let _ = writeln!(out, "{}", ft_sensors(description, cycle));
+    }
+    if let Some(frames) = frames(description, cycle) {
+        let _ = writeln!(out, "{frames}");
     }
     let _ = write!(
         out,
@@ -89,6 +93,7 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
         "desired N·m",
         "commanded N·m",
         "age ms",
+        "delay ms",
         "remarks",
     ];
     let mut rows = vec![heading.map(str::to_owned).to_vec()];
@@ -106,6 +111,14 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
             format!("{:.2}", commanded.tau_d),
             format!("{:.2}", commanded.tau_star),
             format!("{:.1}", measured.age_s * 1e3),
+            match commanded.command_delay_sigma_s > 0.0 {
+                true => format!(
+                    "{:.1} ±{:.1}",
+                    commanded.command_delay_s * 1e3,
+                    commanded.command_delay_sigma_s * 1e3
+                ),
+                false => "-".to_owned(),
+            },
             words::remarks(cycle, j),
         ]);
     }
@@ -145,6 +158,36 @@ fn ft_sensors(description: &Description, cycle: &CycleRecord) -> TextTable {
         ]);
     }
     TextTable(rows)
+}
+
+/// The frames that a client uses.
+fn frames(description: &Description, cycle: &CycleRecord) -> Option<TextTable> {
+    let heading = [
+        "frame",
+        "position mm",
+        "wrench N, N·m",
+        "felt N, N·m",
+        "remarks",
+    ];
+    let mut rows = vec![heading.map(str::to_owned).to_vec()];
+    let named = description.frame_names.iter().zip(&cycle.commanded.frames);
+    for (name, frame) in named.filter(|(_, frame)| frame.flags & frame_flags::VALID != 0) {
+        let numbers = |x: &[f64]| {
+            let numbers: Vec<String> = x.iter().map(|x| format!("{x:.1}")).collect();
+            numbers.join(" ")
+        };
+        rows.push(vec![
+            name.to_string(),
+            numbers(&frame.position.map(|x| 1e3 * x)),
+            numbers(&frame.wrench),
+            match frame.flags & frame_flags::FORCE_KNOWN {
+                0 => "-".to_owned(),
+                _ => numbers(&frame.force_estimated),
+            },
+            words::frame(frame.flags).join(", "),
+        ]);
+    }
+    (rows.len() > 1).then_some(TextTable(rows))
 }
 
 fn events(counts: &[u64]) -> String {

@@ -77,6 +77,12 @@ class Client:
         return [text(name) for name in names]
 
     @property
+    def frame_names(self) -> list[str]:
+        """Names of the frames of mode Cartesian, in the order of every record's `frames`."""
+        names = self.description.frame_names[: self.description.frame_count]
+        return [text(name) for name in names]
+
+    @property
     def ft_names(self) -> list[str]:
         """The F/T sensors' names, in config order."""
         return [text(name) for name in self.description.ft_names[: self.description.ft_count]]

@@ -14,8 +14,11 @@ from . import location
 from .client import POLL_S, RETRY_S, Client, NoDaemonError, newest_message
 from .layout import (
     EVENTS,
+    MAX_FRAMES,
     MAX_POINTS,
     CommanderStatus,
+    FrameFlags,
+    FrameReference,
     LeaseRefusal,
     Mode,
     NotFollowed,
@@ -224,6 +227,49 @@ class Commander:
                 self.reference.mode = Mode.HOLD
                 self.send()
                 return False
+
+    def lead_frames(self, client: Client, names: Sequence[str]) -> Dict[str, FrameReference]:
+        """Prepares mode Cartesian with these frames: the robot holds until their poses are shown, and
+        the reference asks for these poses and for the joints' angles, without stiffness or force, and
+        damping ratio 1. Returns their references, to be changed in place before each `send`; go on by
+        setting stiffness or force in them, and `reference.mode = Mode.CARTESIAN`. `client`: of the same
+        robot; its records are taken. Raises as `send`, and `KeyError` for a frame that the robot does
+        not have."""
+        unknown = set(names) - set(client.frame_names)
+        if unknown:
+            raise KeyError(
+                f"{', '.join(sorted(unknown))}: not a frame of robot "
+                f'"{self._robot}", which has {", ".join(client.frame_names) or "none"}'
+            )
+        for index in range(MAX_FRAMES):
+            self.reference.frames[index] = FrameReference(
+                orientation=(1.0, 0.0, 0.0, 0.0), damping_ratio=1.0
+            )
+        used = {name: self.reference.frames[client.frame_names.index(name)] for name in names}
+        for frame in used.values():
+            frame.used = 1
+        self.reference.mode = Mode.HOLD
+        until = time.monotonic() + SILENCE_S
+        while True:
+            self.send()
+            time.sleep(ASK_INTERVAL_S)
+            record = client.latest()
+            if record is not None:
+                shown = {
+                    name: record.cycle.commanded.frames[client.frame_names.index(name)]
+                    for name in names
+                }
+                if all(frame.flags & FrameFlags.VALID for frame in shown.values()):
+                    break
+            if time.monotonic() > until:
+                raise self._silent()
+        for name, frame in used.items():
+            frame.position[:] = shown[name].position[:]
+            frame.orientation[:] = shown[name].orientation[:]
+        for desired, measured in zip(self.reference.joints, record.cycle.measured.joints):
+            desired.q_d, desired.dq_d, desired.ddq_d = measured.q, 0.0, 0.0
+        self.reference.gains_given = self.reference.trajectory = 0
+        return used
 
     def follow(
         self,

@@ -10,7 +10,8 @@ from typing import NamedTuple
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
 MAX_POINTS = 32
-EVENT_COUNT = 54
+MAX_FRAMES = 4
+EVENT_COUNT = 55
 
 
 class Mode(IntEnum):
@@ -20,6 +21,7 @@ class Mode(IntEnum):
     TORQUE = 1
     INVERSE_DYNAMICS = 2
     POSITION = 3
+    CARTESIAN = 4
 
 
 class TorqueSource(IntEnum):
@@ -109,6 +111,17 @@ class LeaseRefusal(IntEnum):
     INVALID = 6
 
 
+class FrameFlags(IntFlag):
+    """Flag bits of a frame in mode Cartesian."""
+
+    VALID = 1
+    ACTIVE = 2
+    WRENCH_LIMITED = 4
+    GAINS_LIMITED = 8
+    FORCE_KNOWN = 16
+    LED = 32
+
+
 class NotFollowed(IntEnum):
     """Reason for which no mode of the commander is followed."""
 
@@ -194,6 +207,7 @@ EVENTS = (
     Event(409, "overspeed", "A joint moves at more than 1.25 times its velocity limit, by both encoders.", "joint.velocity_limit_rad_per_s", "stop"),
     Event(410, "following_doubtful", "While a client's torque was followed, a drive's torque, velocity and position showed another set-point than was sent: it does not follow, or both encoders of its joint err alike.", "-", "hold"),
     Event(411, "drive_unguarded", "A drive's own time limit for set-points is off: if the bus broke it would go on with the last one. It is not enabled.", "drive.state.time_out_set", "off"),
+    Event(412, "command_delay", "The delay from a command to its effect, as measured, is another one than configured: torque control may ring.", "control.command_delay_us", "warn"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
     Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
@@ -447,7 +461,7 @@ class EstimatedRecord(ctypes.Structure):
 
 
 class JointCommanded(ctypes.Structure):
-    """112 bytes."""
+    """128 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -477,6 +491,10 @@ class JointCommanded(ctypes.Structure):
         ("feedback_force", ctypes.c_double),
         # Distance of the set-point that torque, velocity and position of the drive show from those sent last, rad or A; zero while no set-points are sent.
         ("following_error", ctypes.c_double),
+        # Delay from the sample that a command is computed from to its effect in the motor's current, s, as measured while a client is followed; 0 until it is known.
+        ("command_delay_s", ctypes.c_double),
+        # Standard deviation of `command_delay_s`, s.
+        ("command_delay_sigma_s", ctypes.c_double),
         # Bits of `command_flags`.
         ("flags", ctypes.c_uint32),
         # Number of the drive's `DriveState`; a drive without states counts as enabled.
@@ -484,18 +502,40 @@ class JointCommanded(ctypes.Structure):
     ]
 
 
+class FrameCommanded(ctypes.Structure):
+    """160 bytes."""
+
+    __slots__ = ()
+    _fields_ = [
+        # x: position of the frame's origin in its base, m.
+        ("position", ctypes.c_double * 3),
+        # R: orientation of the frame in its base, a unit quaternion w x y z.
+        ("orientation", ctypes.c_double * 4),
+        # Wrench that the frame applies to its surroundings by springs, dampers and desired force, N and N·m.
+        ("wrench", ctypes.c_double * 6),
+        # f_hat: wrench that the environment applies to the frame, N and N·m.
+        ("force_estimated", ctypes.c_double * 6),
+        # Bits of `frame_flags`.
+        ("flags", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
 class CommandedRecord(ctypes.Structure):
-    """7168 bytes."""
+    """8832 bytes."""
 
     __slots__ = ()
     _fields_ = [
         # The joints, in config order.
         ("joints", JointCommanded * 64),
+        # The frames of mode Cartesian, in config order; all zeros while a client uses none.
+        ("frames", FrameCommanded * 4),
     ]
 
 
 class CycleRecord(ctypes.Structure):
-    """26544 bytes."""
+    """28216 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -503,7 +543,7 @@ class CycleRecord(ctypes.Structure):
         ("sequence", ctypes.c_uint64),
         # Instant of the cycle, ns on the caller's clock.
         ("stamp_ns", ctypes.c_uint64),
-        # Number of a `Mode`, that of this cycle: 0 hold, 1 torque, 2 inverse dynamics.
+        # Number of a `Mode`, that of this cycle: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4 Cartesian.
         ("mode", ctypes.c_uint32),
         # Number of the latched fault's event, or 0.
         ("fault", ctypes.c_uint32),
@@ -532,7 +572,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 54),
+        ("events", ctypes.c_uint64 * 55),
     ]
 
 
@@ -563,7 +603,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """26616 bytes."""
+    """28288 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -575,7 +615,7 @@ class SharedRecord(ctypes.Structure):
 
 
 class Description(ctypes.Structure):
-    """5832 bytes."""
+    """6024 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -599,10 +639,12 @@ class Description(ctypes.Structure):
         ("position_max", ctypes.c_double * 64),
         # Contact sets in use.
         ("contact_set_count", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
+        # Frames that mode Cartesian can lead.
+        ("frame_count", ctypes.c_uint32),
         # Names of the contact sets; the first is in use at the start.
         ("contact_set_names", ctypes.c_uint8 * 48 * 16),
+        # Names of the frames, in the order of every record's `frames`.
+        ("frame_names", ctypes.c_uint8 * 48 * 4),
     ]
 
 
@@ -611,23 +653,51 @@ class JointReference(ctypes.Structure):
 
     __slots__ = ()
     _fields_ = [
-        # q_d: desired joint angle, rad (mode inverse dynamics), or the target (mode position).
+        # q_d: desired joint angle, rad (modes inverse dynamics and Cartesian), or the target (mode position).
         ("q_d", ctypes.c_double),
-        # dq_d: desired velocity, rad/s (mode inverse dynamics), or the greatest speed on the way to the target, 0 for the configured one (mode position).
+        # dq_d: desired velocity, rad/s (modes inverse dynamics and Cartesian), or the greatest speed on the way to the target, 0 for the configured one (mode position).
         ("dq_d", ctypes.c_double),
-        # ddq_d: desired acceleration, rad/s² (mode inverse dynamics).
+        # ddq_d: desired acceleration, rad/s² (modes inverse dynamics and Cartesian).
         ("ddq_d", ctypes.c_double),
         # tau_d: desired torque, N·m (mode torque).
         ("tau_d", ctypes.c_double),
-        # K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes inverse dynamics and position).
+        # K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes inverse dynamics, position and Cartesian).
         ("stiffness", ctypes.c_double),
         # K_d: damping, N·m·s/rad, at most the configured one, and no smaller a share of it than `stiffness` is of the configured stiffness; counts as `stiffness` does.
         ("damping", ctypes.c_double),
     ]
 
 
+class FrameReference(ctypes.Structure):
+    """224 bytes."""
+
+    __slots__ = ()
+    _fields_ = [
+        # x_d: desired position of the frame's origin in its base, m.
+        ("position", ctypes.c_double * 3),
+        # R_d: desired orientation of the frame in its base, a unit quaternion w x y z.
+        ("orientation", ctypes.c_double * 4),
+        # v_d: desired velocity, linear m/s and angular rad/s.
+        ("velocity", ctypes.c_double * 6),
+        # K: stiffness along and about each axis, N/m and N·m/rad.
+        ("stiffness", ctypes.c_double * 6),
+        # f_d: desired force and torque that the environment applies to the frame, N and N·m: a robot that presses down on a table gets an upward force.
+        ("force", ctypes.c_double * 6),
+        # zeta: damping ratio of the springs with the limb's inertia, 0.3 to 2.
+        ("damping_ratio", ctypes.c_double),
+        # 1: the frame is led; 0: it is not. Together with mode hold: its pose is shown.
+        ("used", ctypes.c_uint32),
+        # 1: stiffness, velocity and force are along the axes of the desired orientation; 0: along those of the base.
+        ("own_axes", ctypes.c_uint32),
+        # Axes on which K_f feeds the force back, a bit for each: x y z of force, x y z of torque; their stiffness must be 0.
+        ("force_axes", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
 class Reference(ctypes.Structure):
-    """3528 bytes."""
+    """4424 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -641,7 +711,7 @@ class Reference(ctypes.Structure):
         ("sent_ns", ctypes.c_uint64),
         # Trajectory whose points give `q_d dq_d ddq_d` of every cycle, or 0: those of this reference (mode inverse dynamics). It counts from the trajectory's first piece on.
         ("trajectory", ctypes.c_uint64),
-        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position.
+        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4 Cartesian.
         ("mode", ctypes.c_uint32),
         # Joints in use; must equal the robot's.
         ("joint_count", ctypes.c_uint32),
@@ -661,6 +731,8 @@ class Reference(ctypes.Structure):
         ("joints", JointReference * 64),
         # f_d: desired wrench of the environment on each end-effector, at the frame of its F/T sensor, in config order (mode inverse dynamics).
         ("contact_wrench", Wrench * 8),
+        # The frames, in config order (mode Cartesian).
+        ("frames", FrameReference * 4),
     ]
 
 
@@ -801,9 +873,9 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#2354ddd227785309")
-Description.type_name = staticmethod(lambda: "torqued::Description#0d1e39a76b8262d8")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#98d885875527a17e")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#71e3d7f2216de143")
+Description.type_name = staticmethod(lambda: "torqued::Description#e8cea11efb8d7c9b")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#72e45eccb15aa146")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#ca593c6c51e26f62")
 Request.type_name = staticmethod(lambda: "torqued::Request#07278fa438ad059f")

@@ -5,6 +5,7 @@
 //! after construction.
 #![deny(unsafe_code)]
 
+mod cartesian;
 mod gains;
 mod inverse_dynamics;
 pub mod margins;
@@ -14,6 +15,10 @@ pub mod predictive;
 mod torque_loop;
 mod trajectory;
 
+pub use cartesian::{
+    CartesianLaw, CartesianLimits, CartesianTarget, CartesianWrench, DAMPING_RATIOS, Limb,
+    pose_error, unit_quaternion,
+};
 pub use gains::{EquivalentGains, JointGains};
 pub use inverse_dynamics::InverseDynamics;
 pub use motor::{MotorModel, smooth_sign};

@@ -5,7 +5,9 @@
 //! [`supervisor::Limiter`] has the last word; `emit` makes the frames.
 
 mod carry;
+mod cartesian;
 mod decide;
+mod delay;
 mod emit;
 mod impedance;
 mod joint;
@@ -32,6 +34,8 @@ use supervisor::Deviation;
 use crate::estimate::FastTorque;
 use crate::events::{Counts, Subject};
 use crate::measure::JointReadiness;
+use cartesian::{Frames, Known};
+use delay::CommandDelay;
 use impedance::Impedance;
 use joint::JointController;
 use law::{InverseDynamicsTorque, JointInput};
@@ -55,7 +59,9 @@ pub(crate) struct Input<'a> {
     pub(crate) fast: &'a [FastTorque],
     /// Twist and proper acceleration of the root.
     pub(crate) base_motion: (Motion, Motion),
-    /// Age of the client's reference, s.
+    /// The client's newest reference, unchecked: frames that it uses are shown in any mode.
+    pub(crate) client: Option<&'a Reference>,
+    /// Its age, s.
     pub(crate) age_s: f64,
     /// Periods before this cycle in which the loop did not run.
     pub(crate) skipped: u32,
@@ -70,6 +76,8 @@ pub(crate) struct Command {
     inverse_dynamics: InverseDynamics,
     motions: Motions,
     yielding: Yielding,
+    frames: Frames,
+    delay: CommandDelay,
     loads: Past,
     /// Torques that carry the joints' weight, N·m, model order.
     weights: Vec<f64>,
@@ -102,6 +110,8 @@ impl Command {
             inverse_dynamics: InverseDynamics::new(&robot.model, &frames),
             motions: Motions::new(parameters),
             yielding: Yielding::new(robot),
+            frames: Frames::new(robot),
+            delay: CommandDelay::new(robot),
             loads: Past::new(parameters.timing.sample_period),
             weights: vec![0.0; robot.model.joint_count()],
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
@@ -158,6 +168,7 @@ impl Command {
             estimated,
             fast,
             base_motion,
+            client,
             age_s,
             skipped,
             overslept,
@@ -184,13 +195,28 @@ impl Command {
         };
         let reference = goal.reference();
         // Desired accelerations and contact forces are those of inverse dynamics alone.
-        let moved = reference.filter(|_| goal.mode() == Mode::InverseDynamics);
+        let moved = match goal.mode() {
+            Mode::InverseDynamics | Mode::Cartesian => reference,
+            _ => None,
+        };
         let contact = match self.yielding.loads() {
             // The contact itself is to move the limb.
             Some(loads) => loads.contact,
             None => std::array::from_fn(|s| estimated.ft[s].contact_wrench),
         };
         self.inverse_dynamics(moved, base_motion, measured, &contact);
+        match goal {
+            Goal::Cartesian(reference) => {
+                let dq = |j: usize| self.joints[j].velocity(&measured.joints[j]);
+                let torques = &mut self.torques;
+                let known = Known {
+                    measured,
+                    estimated,
+                };
+                (self.frames).lead((reference, age_s), known, dq, torques, commanded);
+            }
+            _ => self.frames.show(client, measured, commanded),
+        }
         let none = JointReference::default();
         for (j, joint) in self.joints.iter_mut().enumerate() {
             if !is_engaged(j) {
@@ -213,10 +239,13 @@ impl Command {
                             ..*asked
                         }
                     }),
-                impedance: reference
-                    .filter(|r| r.gains_given == 1)
-                    .and_then(|r| r.joints.get(j))
-                    .map(Impedance::of),
+                impedance: self.frames.posture(
+                    j,
+                    reference
+                        .filter(|r| r.gains_given == 1)
+                        .and_then(|r| r.joints.get(j))
+                        .map(Impedance::of),
+                ),
                 inverse_dynamics: self.torques[j],
                 measured: &measured.joints[j],
                 trusted: !readiness.get(j).is_some_and(|joint| joint.distrusted),
@@ -237,6 +266,7 @@ impl Command {
                     None => fast_torque(law, torques, fast.get(j)),
                 },
                 yields,
+                led: self.frames.leads(j),
                 yields_anew: yields && self.yielding.is_new(),
                 in_contact: self.yielding.concerns(j),
                 dt: self.sample_period,
@@ -255,6 +285,8 @@ impl Command {
             }
             count_limits(j, commanded.joints[j].flags, counts);
         }
+        let gap = skipped > 0 || overslept;
+        (self.delay).update(goal.mode(), gap, measured, commanded, counts);
     }
 
     /// Torques that carry the joints' weight where both encoders showed them last, by the model at
@@ -314,7 +346,9 @@ impl Command {
                 ..InverseDynamicsTorque::default()
             };
         }
-        let Some(reference) = reference.filter(|r| r.contact_wrench_given == 1) else {
+        let given =
+            |r: &&Reference| r.contact_wrench_given == 1 && r.mode != Mode::Cartesian.number();
+        let Some(reference) = reference.filter(given) else {
             return;
         };
         let with_desired = self.inverse_dynamics.torque(&reference.contact_wrench);
@@ -326,6 +360,7 @@ impl Command {
                 //= D12: f* = f_d + K_f (f_d - f_hat)
                 force_feedback: self.k_f * contact_error,
                 contact_error,
+                ..InverseDynamicsTorque::default()
             };
         }
     }

@@ -98,6 +98,7 @@ impl Cycle {
             estimated,
             fast: self.estimate.fast_torques(),
             base_motion: self.estimate.base_motion(),
+            client: client.reference,
             age_s: client.age_s,
             skipped: self.measure.skipped(),
             overslept: readiness.overslept,

@@ -9,6 +9,7 @@ mod contacts;
 mod drives;
 mod external_torque;
 mod filters;
+mod frames;
 mod general;
 mod joints;
 mod liveness;
@@ -139,6 +140,7 @@ fn robot(
     let joints = joints::read(&root, &surroundings, &mut wiring);
     let ft_sensors = sensors::ft_sensors(&root, timing.sample_period, &mut wiring);
     let imu = sensors::imu(&root, timing.sample_period, &mut wiring);
+    let frames = frames::read(&root, model.as_ref(), &joints, &ft_sensors);
     let whole_body = contacts::whole_body(&root, &ft_sensors);
     let external_torque = external_torque::external_torque(&root, timing.sample_period);
     let tare = tare::tare(&root, timing.sample_period);
@@ -166,6 +168,7 @@ fn robot(
         joints,
         ft_sensors,
         imu,
+        frames,
     };
     joints::choose_feedback(&mut parameters);
     if readable {

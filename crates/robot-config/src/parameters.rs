@@ -3,7 +3,7 @@
 use crate::sampling::Sampling;
 use crate::units::BEYOND_LIMIT;
 use control::predictive::LawParameters;
-use control::{JointGains, MotionLimits, MotorModel, TrajectoryLimits};
+use control::{CartesianLimits, JointGains, MotionLimits, MotorModel, TrajectoryLimits};
 use core::fmt;
 use core::net::Ipv4Addr;
 use dynamics::Base;
@@ -55,6 +55,29 @@ pub struct Parameters {
     pub ft_sensors: Vec<FtParameters>,
     /// The IMU, if there is one.
     pub imu: Option<ImuParameters>,
+    /// The frames that mode Cartesian can lead, in config order.
+    pub frames: Vec<FrameParameters>,
+}
+
+/// A frame that mode Cartesian leads.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameParameters {
+    /// Its name, as clients call it.
+    pub name: String,
+    /// Index of its frame in the model.
+    pub link: usize,
+    /// Index of the frame in whose axes it is led; the root's by default.
+    pub base: usize,
+    /// Indices of the joints between base and frame, in config order: its limb.
+    pub joints: Vec<usize>,
+    /// Index of the F/T sensor that measures the forces on the frame; none: external torques do, if at all.
+    pub sensor: Option<usize>,
+    /// Limits of force, stiffness and velocity.
+    pub limits: CartesianLimits,
+    /// Share of `K_s` with which the limb's joints keep their posture, 0 to 1.
+    pub posture_stiffness: f64,
+    /// Share of `K_d` with which they are damped, 0 to 1.
+    pub posture_damping: f64,
 }
 
 /// When the robot may move, and how long waits may last.

@@ -221,6 +221,7 @@ events! {
     Overspeed = 409, "overspeed", Stop from Hold, "joint.velocity_limit_rad_per_s", "A joint moves at more than 1.25 times its velocity limit, by both encoders.";
     FollowingDoubtful = 410, "following_doubtful", Hold, "-", "While a client's torque was followed, a drive's torque, velocity and position showed another set-point than was sent: it does not follow, or both encoders of its joint err alike.";
     DriveUnguarded = 411, "drive_unguarded", Off, "drive.state.time_out_set", "A drive's own time limit for set-points is off: if the bus broke it would go on with the last one. It is not enabled.";
+    CommandDelay = 412, "command_delay", Warn, "control.command_delay_us", "The delay from a command to its effect, as measured, is another one than configured: torque control may ring.";
     LateCycle = 501, "late_cycle", Warn, "loop.rate_hz", "A cycle ended after the next one should have begun.";
     SkippedCycle = 502, "skipped_cycle", Warn, "loop.rate_hz", "A cycle was left out because the one before it ended too late.";
     LatenessLasts = 503, "lateness_lasts", Stop, "safety.late_per_cent", "Within a second, a greater share of cycles was late or left out than allowed.";

@@ -5,6 +5,7 @@ mod commander;
 mod cycle;
 mod description;
 mod estimated;
+mod frames;
 mod measured;
 mod reference;
 mod wrench;
@@ -16,6 +17,7 @@ pub use description::Description;
 pub use estimated::{
     EstimatedRecord, FtEstimated, JointEstimated, TorqueEstimate, torque_flags, torque_source,
 };
+pub use frames::{FrameCommanded, FrameReference, MAX_FRAMES, frame_flags};
 pub use measured::{FtMeasured, ImuMeasured, JointMeasured, MeasuredRecord, measured_flags};
 pub use reference::{
     JointPoint, JointReference, MAX_POINTS, Mode, Reference, TrajectoryPiece, TrajectoryPoint,

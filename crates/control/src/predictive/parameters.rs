@@ -187,6 +187,16 @@ impl LawParameters {
         0.5 * self.sample_period + self.delay + wound_up
     }
 
+    /// Inertia that the link feels besides its own, kg·m²: the law lets the drive's damping go along with
+    /// slow velocities; from `follow` on it brakes, which is what an inertia does.
+    #[must_use]
+    pub fn felt_inertia(&self) -> f64 {
+        match self.drive {
+            DriveModel::Position { damping, .. } => damping / self.design.follow,
+            DriveModel::Current { .. } => 0.0,
+        }
+    }
+
     /// Whole periods of the delay, and the rest, s.
     pub(super) fn delay_in_cycles(&self) -> (usize, f64) {
         let dt = self.sample_period;

@@ -63,8 +63,8 @@ pub(crate) struct Supervisor {
     reference_timeout_s: f64,
     references: ReferenceCheck,
     reactions: Reactions,
-    /// Bits of the sources that each mode needs, in the order of `Mode::ALL`.
-    needs: [u32; Mode::ALL.len()],
+    /// Bits of the sources that each mode needs, in the order of `Mode::ALL`; none: there is no such mode.
+    needs: [Option<u32>; Mode::ALL.len()],
     /// Bits of the sources that are not sound in this cycle.
     unsound: u32,
     /// Number of the event that has made one of them so in this cycle, or 0.
@@ -395,7 +395,7 @@ impl Supervisor {
 
     /// All joints are driven, and nothing speaks against what inverse dynamics needs.
     fn may_yield(&self, readiness: &Readiness<'_>) -> bool {
-        let needs = self.needs[Mode::InverseDynamics.number() as usize];
+        let needs = self.needs[Mode::InverseDynamics.number() as usize].unwrap_or(u32::MAX);
         let mut joints = self.conditions.iter().enumerate();
         (self.unsound | self.doubted) & needs == 0
             && readiness.joints_ready
@@ -406,7 +406,7 @@ impl Supervisor {
 
     /// The sources allow the mode.
     fn is_possible(&self, mode: Mode) -> bool {
-        let needs = self.needs.get(mode.number() as usize);
+        let needs = self.needs.get(mode.number() as usize).copied().flatten();
         needs.is_some_and(|needs| needs & self.unsound == 0)
     }
 

@@ -21,7 +21,7 @@
 
 use control::predictive::{PredictiveLaw, TorqueTerms};
 use control::{MotorModel, TorqueLoop};
-use robot_state::{JointCommanded, Mode, command_flags, measured_flags};
+use robot_state::{JointCommanded, JointMeasured, Mode, command_flags, measured_flags};
 
 use super::carry::Carry;
 use super::impedance::Impedance;
@@ -52,6 +52,8 @@ enum State {
         torque_loop: TorqueLoop,
         transition: Transition,
         impedance: Impedance,
+        /// Beside frames that are led.
+        cartesian: bool,
     },
 }
 
@@ -60,6 +62,9 @@ impl State {
         match self {
             Self::HoldPosition { .. } | Self::Carry(_) => Mode::Hold,
             Self::Torque { .. } => Mode::Torque,
+            Self::InverseDynamics {
+                cartesian: true, ..
+            } => Mode::Cartesian,
             Self::InverseDynamics { .. } => Mode::InverseDynamics,
         }
     }
@@ -112,6 +117,11 @@ impl JointController {
     /// The joint feeds back the torque from F/T sensors and IMU, whatever the robot's law is.
     pub(crate) fn is_late(&self) -> bool {
         self.late.is_some()
+    }
+
+    /// Velocity of the link, rad/s: the law's own, where it has one, is younger than the filter's.
+    pub(crate) fn velocity(&self, measured: &JointMeasured) -> f64 {
+        (self.predictive.as_ref()).map_or(measured.dq, PredictiveLaw::link_velocity)
     }
 
     /// Its drive takes currents.
@@ -176,7 +186,7 @@ impl JointController {
         self.limiter.allow_velocity(match &self.state {
             // Nothing but this bounds the velocity that a torque leads to.
             Some(State::Torque { .. }) => self.law.torque_velocity,
-            Some(_) if input.yields => self.law.torque_velocity,
+            Some(_) if input.yields || input.led => self.law.torque_velocity,
             _ => self.law.limits.velocity,
         });
         let limited = match &self.state {
@@ -283,6 +293,7 @@ impl JointController {
                 torque_loop,
                 transition,
                 impedance,
+                ..
             } => {
                 impedance.lead(input.impedance, &law.gains, input.dt);
                 let terms = law.tracking_terms(*impedance, self.predictive.as_ref(), input);
@@ -351,11 +362,14 @@ impl Law {
                 torque_loop,
                 transition,
             },
-            (Mode::InverseDynamics | Mode::Position, _) => State::InverseDynamics {
-                torque_loop,
-                transition,
-                impedance: Impedance::asked(input.impedance, &self.gains),
-            },
+            (mode @ (Mode::InverseDynamics | Mode::Position | Mode::Cartesian), _) => {
+                State::InverseDynamics {
+                    torque_loop,
+                    transition,
+                    impedance: Impedance::asked(input.impedance, &self.gains),
+                    cartesian: mode == Mode::Cartesian,
+                }
+            }
         }
     }
 }

@@ -20,6 +20,10 @@ pub(crate) struct InverseDynamicsTorque {
     pub(crate) force_feedback: f64,
     /// `-J^T (f_d - f_hat)`: share of the contact force in the torque error.
     pub(crate) contact_error: f64,
+    /// `J^T K (x_d - x)` of frames that are led.
+    pub(crate) frame_position: f64,
+    /// `J^T D (v_d - v)` of frames that are led.
+    pub(crate) frame_velocity: f64,
 }
 
 /// All that a joint's command depends on in one cycle.
@@ -44,6 +48,8 @@ pub(crate) struct JointInput<'a> {
     pub(crate) in_contact: bool,
     pub(crate) yields: bool,
     pub(crate) yields_anew: bool,
+    /// A frame leads the joint: nothing but a torque holds it.
+    pub(crate) led: bool,
     /// Sample period, s.
     pub(crate) dt: f64,
     /// Periods before this cycle in which the loop did not run.
@@ -188,8 +194,8 @@ impl Law {
         TorqueTerms {
             feedforward: torque.feedforward,
             force: torque.force_feedback,
-            position: impedance.stiffness * (q_d - measured.q),
-            velocity: impedance.damping * (dq_d - dq),
+            position: impedance.stiffness * (q_d - measured.q) + torque.frame_position,
+            velocity: impedance.damping * (dq_d - dq) + torque.frame_velocity,
         }
     }
 

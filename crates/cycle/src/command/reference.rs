@@ -19,6 +19,7 @@ use robot_state::{
 };
 use supervisor::Limits;
 
+use super::cartesian::FrameCheck;
 use crate::time::SECONDS_PER_NS;
 
 /// Greatest first distance of a desired position from the measured one: the joint's way in this
@@ -70,6 +71,8 @@ pub(crate) enum Goal<'a> {
     InverseDynamics(&'a Reference),
     /// The targets of the reference, on the way that the loop plans.
     Position(&'a Reference),
+    /// The frames of the reference, besides inverse dynamics.
+    Cartesian(&'a Reference),
 }
 
 impl<'a> Goal<'a> {
@@ -79,6 +82,7 @@ impl<'a> Goal<'a> {
             Self::Torque(_) => Mode::Torque,
             Self::InverseDynamics(_) => Mode::InverseDynamics,
             Self::Position(_) => Mode::Position,
+            Self::Cartesian(_) => Mode::Cartesian,
         }
     }
 
@@ -87,7 +91,8 @@ impl<'a> Goal<'a> {
             Self::Hold | Self::Stop | Self::Contact { .. } => None,
             Self::Torque(reference)
             | Self::InverseDynamics(reference)
-            | Self::Position(reference) => Some(reference),
+            | Self::Position(reference)
+            | Self::Cartesian(reference) => Some(reference),
         }
     }
 }
@@ -113,6 +118,7 @@ pub(super) struct ReferenceCheck {
     joints: Vec<Joint>,
     /// Greatest force and torque along each axis that each F/T sensor can measure, N and N·m.
     wrenches: Vec<[f64; 6]>,
+    frames: FrameCheck,
     sample_period: f64,
     longest: f64,
     last: Option<(u64, u64)>,
@@ -126,6 +132,7 @@ impl ReferenceCheck {
         Self {
             joints: p.joints.iter().map(Joint::new).collect(),
             wrenches: p.ft_sensors.iter().map(reach).collect(),
+            frames: FrameCheck::new(robot),
             sample_period: p.timing.sample_period,
             longest: p.timing.reference_timeout,
             last: None,
@@ -143,6 +150,8 @@ impl ReferenceCheck {
             Some(Mode::Torque) => Goal::Torque(reference),
             Some(Mode::InverseDynamics) => Goal::InverseDynamics(reference),
             Some(Mode::Position) => Goal::Position(reference),
+            Some(Mode::Cartesian) if self.frames.exist() => Goal::Cartesian(reference),
+            Some(Mode::Cartesian) => return Err(Event::ReferenceRejected),
             None => return Err(Event::ReferenceRejected),
         };
         if reference.joint_count as usize != self.joints.len() {
@@ -176,6 +185,10 @@ impl ReferenceCheck {
         if goal.mode() == Mode::Position {
             return joints.all(|(joint, asked)| joint.can_go_to(asked));
         }
+        if goal.mode() == Mode::Cartesian {
+            return joints.all(|(joint, asked)| joint.can(asked))
+                && self.frames.is_within(reference);
+        }
         let wrenches = self.wrenches.iter().zip(&reference.contact_wrench);
         let given = reference.contact_wrench_given == 1;
         joints.all(|(joint, asked)| joint.can(asked))
@@ -193,7 +206,9 @@ impl ReferenceCheck {
         measured: &MeasuredRecord,
     ) -> Result<(), Event> {
         self.cycles += 1.0;
-        let (Goal::InverseDynamics(reference), is_new) = (goal, self.is_new(goal)) else {
+        let (Goal::InverseDynamics(reference) | Goal::Cartesian(reference), is_new) =
+            (goal, self.is_new(goal))
+        else {
             return Ok(());
         };
         if !(first || is_new) {
@@ -202,6 +217,15 @@ impl ReferenceCheck {
         let time = self.time_since(reference);
         self.last = Some((reference.sequence, reference.sent_ns));
         self.cycles = 0.0;
+        if matches!(goal, Goal::Cartesian(_)) {
+            match first {
+                true if !self.frames.begins_near(reference, measured) => {
+                    return Err(Event::ReferenceJump);
+                }
+                false if !self.frames.goes_on(reference) => return Err(Event::ReferenceRejected),
+                _ => {}
+            }
+        }
         let joints = self.joints.iter_mut().zip(&reference.joints);
         for ((joint, asked), measured) in joints.zip(&measured.joints) {
             if first {
@@ -336,23 +360,25 @@ fn is_finite(reference: &Reference) -> bool {
         .all(f64::is_finite);
     let wrenches = reference.contact_wrench.iter();
     joints_finite
+        && super::cartesian::is_finite(reference)
         && wrenches
             .flat_map(|w| w.force.iter().chain(&w.torque))
             .all(|x| x.is_finite())
 }
 
-/// Bits of the sources that a mode needs.
-pub(super) fn needs(mode: Mode, robot: &Robot) -> u32 {
+/// Bits of the sources that a mode needs; none: the robot does not have the mode.
+pub(super) fn needs(mode: Mode, robot: &Robot) -> Option<u32> {
     let law = robot.parameters.torque_law;
     let used = |used: bool, bits: u32| if used { bits } else { 0 };
     let joints = &robot.parameters.joints;
     let by_encoders = law.uses_encoders() && joints.iter().any(|j| j.has_link_encoder);
     let by_sensors = law.uses_sensors() || joints.iter().any(|j| !j.has_link_encoder);
     let feedback = used(by_encoders, source::ENCODER_TORQUE) | used(by_sensors, source::WHOLE_BODY);
-    match mode {
+    let needs = match mode {
         Mode::Hold => 0,
         Mode::Torque => feedback,
         // Gravity by the base's motion, and the contact wrenches.
-        Mode::InverseDynamics | Mode::Position => feedback | source::WHOLE_BODY,
-    }
+        Mode::InverseDynamics | Mode::Position | Mode::Cartesian => feedback | source::WHOLE_BODY,
+    };
+    (mode != Mode::Cartesian || !robot.parameters.frames.is_empty()).then_some(needs)
 }

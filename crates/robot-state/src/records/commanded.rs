@@ -1,6 +1,6 @@
 //! Commanded values: written by the stage `command` from estimated and measured ones.
 
-use super::MAX_JOINTS;
+use super::{FrameCommanded, MAX_FRAMES, MAX_JOINTS};
 use crate::layout::record;
 
 /// Flag bits of a joint's command: which limits acted, and whether it is sent.
@@ -53,6 +53,11 @@ record! {
         /// Distance of the set-point that torque, velocity and position of the drive show from those
         /// sent last, rad or A; zero while no set-points are sent.
         pub following_error: f64,
+        /// Delay from the sample that a command is computed from to its effect in the motor's current,
+        /// s, as measured while a client is followed; 0 until it is known.
+        pub command_delay_s: f64,
+        /// Standard deviation of `command_delay_s`, s.
+        pub command_delay_sigma_s: f64,
         /// Bits of `command_flags`.
         pub flags: u32,
         /// Number of the drive's `DriveState`; a drive without states counts as enabled.
@@ -65,5 +70,7 @@ record! {
     pub struct CommandedRecord {
         /// The joints, in config order.
         pub joints: [JointCommanded; MAX_JOINTS],
+        /// The frames of mode Cartesian, in config order; all zeros while a client uses none.
+        pub frames: [FrameCommanded; MAX_FRAMES],
     }
 }

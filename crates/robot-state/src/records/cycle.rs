@@ -12,7 +12,8 @@ record! {
         pub sequence: u64,
         /// Instant of the cycle, ns on the caller's clock.
         pub stamp_ns: u64,
-        /// Number of a `Mode`, that of this cycle: 0 hold, 1 torque, 2 inverse dynamics.
+        /// Number of a `Mode`, that of this cycle: 0 hold, 1 torque, 2 inverse dynamics, 3
+        /// position, 4 Cartesian.
         pub mode: u32,
         /// Number of the latched fault's event, or 0.
         pub fault: u32,

@@ -1,6 +1,6 @@
 //! Names and constants of a robot.
 
-use super::{MAX_CONTACT_SETS, MAX_FT_SENSORS, MAX_JOINTS};
+use super::{MAX_CONTACT_SETS, MAX_FRAMES, MAX_FT_SENSORS, MAX_JOINTS};
 use crate::layout::record;
 use crate::name::Name;
 
@@ -27,9 +27,11 @@ record! {
         pub position_max: [f64; MAX_JOINTS],
         /// Contact sets in use.
         pub contact_set_count: u32,
-        /// Fills the record to a multiple of eight bytes.
-        pub reserved: u32,
+        /// Frames that mode Cartesian can lead.
+        pub frame_count: u32,
         /// Names of the contact sets; the first is in use at the start.
         pub contact_set_names: [Name; MAX_CONTACT_SETS],
+        /// Names of the frames, in the order of every record's `frames`.
+        pub frame_names: [Name; MAX_FRAMES],
     }
 }

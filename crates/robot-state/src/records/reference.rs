@@ -1,6 +1,6 @@
 //! References: what a commanding client sends each cycle.
 
-use super::{MAX_FT_SENSORS, MAX_JOINTS, Wrench};
+use super::{FrameReference, MAX_FRAMES, MAX_FT_SENSORS, MAX_JOINTS, Wrench};
 use crate::layout::record;
 
 /// Most points of a piece of a trajectory.
@@ -20,15 +20,19 @@ pub enum Mode {
     /// Go to `q_d` on a trajectory that the loop plans, by inverse dynamics: all joints arrive at
     /// once and stay there.
     Position = 3,
+    /// Lead frames by springs, dampers and desired forces, and the joints besides by inverse dynamics:
+    /// joints that move a frame keep their posture with the configured share of their stiffness.
+    Cartesian = 4,
 }
 
 impl Mode {
     /// Every mode.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::Hold,
         Self::Torque,
         Self::InverseDynamics,
         Self::Position,
+        Self::Cartesian,
     ];
 
     /// The mode's number in records.
@@ -51,6 +55,7 @@ impl Mode {
             Self::Torque => "torque",
             Self::InverseDynamics => "inverse_dynamics",
             Self::Position => "position",
+            Self::Cartesian => "cartesian",
         }
     }
 }
@@ -58,17 +63,17 @@ impl Mode {
 record! {
     /// Reference of one joint.
     pub struct JointReference {
-        /// q_d: desired joint angle, rad (mode inverse dynamics), or the target (mode position).
+        /// q_d: desired joint angle, rad (modes inverse dynamics and Cartesian), or the target (mode position).
         pub q_d: f64,
-        /// dq_d: desired velocity, rad/s (mode inverse dynamics), or the greatest speed on the way to
+        /// dq_d: desired velocity, rad/s (modes inverse dynamics and Cartesian), or the greatest speed on the way to
         /// the target, 0 for the configured one (mode position).
         pub dq_d: f64,
-        /// ddq_d: desired acceleration, rad/s² (mode inverse dynamics).
+        /// ddq_d: desired acceleration, rad/s² (modes inverse dynamics and Cartesian).
         pub ddq_d: f64,
         /// tau_d: desired torque, N·m (mode torque).
         pub tau_d: f64,
         /// K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes
-        /// inverse dynamics and position).
+        /// inverse dynamics, position and Cartesian).
         pub stiffness: f64,
         /// K_d: damping, N·m·s/rad, at most the configured one, and no smaller a share of it than
         /// `stiffness` is of the configured stiffness; counts as `stiffness` does.
@@ -93,7 +98,8 @@ record! {
         /// Trajectory whose points give `q_d dq_d ddq_d` of every cycle, or 0: those of this reference
         /// (mode inverse dynamics). It counts from the trajectory's first piece on.
         pub trajectory: u64,
-        /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position.
+        /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4
+        /// Cartesian.
         pub mode: u32,
         /// Joints in use; must equal the robot's.
         pub joint_count: u32,
@@ -115,6 +121,8 @@ record! {
         /// f_d: desired wrench of the environment on each end-effector, at the frame of its F/T
         /// sensor, in config order (mode inverse dynamics).
         pub contact_wrench: [Wrench; MAX_FT_SENSORS],
+        /// The frames, in config order (mode Cartesian).
+        pub frames: [FrameReference; MAX_FRAMES],
     }
 }
 
