@@ -1,6 +1,5 @@
 //! A client that sends trajectories ahead, and spoils what can be spoilt of them.
 
-use crate::any_number;
 use crate::common::Bench;
 use cycle::ClientInput;
 use robot_state::{CycleRecord, JointPoint, Mode, Reference, TrajectoryPiece};
@@ -8,6 +7,19 @@ use supervisor::Commanders;
 use test_support::Random;
 
 const MS: u64 = 1_000_000;
+
+/// A number that a client may send.
+pub(crate) fn any_number(random: &mut Random) -> f64 {
+    match random.below(9) {
+        0 => f64::NAN,
+        1 => f64::INFINITY,
+        2 => f64::NEG_INFINITY,
+        3 => -1e300,
+        4 => 0.0,
+        5 => 1e3 * (random.symmetric()),
+        _ => random.symmetric(),
+    }
+}
 
 /// The client, and the lease that it goes through.
 #[derive(Debug)]
