@@ -6,7 +6,7 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use common::{Bench, client_input, read, spoil_ft};
+use common::{Bench, FLOOR, client_input, read, spoil_ft};
 use control::margins::Load;
 use robot_state::{Event, JointReference, Mode, Reference, torque_flags};
 use std::f64::consts::TAU;
@@ -17,19 +17,6 @@ const JOINTS: usize = 6;
 const SEEDS: [u64; 5] = [1, 2, 3, 4, 5];
 /// D Table 3, K6 = 0.5: greatest tracking error on the stairs, mrad; hip yaw is not in it.
 const D_TABLE_3: [&str; JOINTS] = ["-", "2.95", "7.83", "41.55", "5.92", "3.69"];
-const FLOOR: &str = "
-[ground]
-height_m = -0.6485
-stiffness_N_per_m = 150000
-damping_Ns_per_m = 1000
-tangential_stiffness_N_per_m = 150000
-tangential_damping_Ns_per_m = 500
-friction = 0.7
-
-[[foot]]
-link = \"foot\"
-corners_m = [[0.14, 0.07, -0.055], [0.14, -0.07, -0.055], [-0.1, 0.07, -0.055], [-0.1, -0.07, -0.055]]
-";
 
 /// What is changed in a robot's files.
 #[derive(Clone, Copy)]

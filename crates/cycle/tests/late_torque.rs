@@ -4,7 +4,7 @@
 mod common;
 
 use common::motion::Motion;
-use common::{Bench, client_input, read, spoil, spoil_ft};
+use common::{Bench, FLOOR, client_input, read, spoil, spoil_ft};
 use robot_config::slots;
 use robot_state::{Event, JointReference, Mode, Reference, torque_flags};
 use std::f64::consts::TAU;
@@ -12,21 +12,6 @@ use std::io;
 
 const ROBOT: &str = "hrp2-like";
 const KNEE: usize = 3;
-
-/// The foot stands on the floor, pressed down by the harness.
-const FLOOR: &str = "
-[ground]
-height_m = -0.6485
-stiffness_N_per_m = 150000
-damping_Ns_per_m = 1000
-tangential_stiffness_N_per_m = 150000
-tangential_damping_Ns_per_m = 500
-friction = 0.7
-
-[[foot]]
-link = \"foot\"
-corners_m = [[0.14, 0.07, -0.055], [0.14, -0.07, -0.055], [-0.1, 0.07, -0.055], [-0.1, -0.07, -0.055]]
-";
 
 /// A push on a link, N, while the robot swings.
 fn push(link: &str, force: f64) -> String {

@@ -12,6 +12,21 @@ use robot_state::{CycleRecord, JointReference, Mode, Reference};
 /// Files of the project; configurations name theirs relative to themselves.
 pub(crate) use test_support::read_project_file as read;
 
+/// Of a simulated hrp2-like whose foot stands on the floor, pressed down by the harness.
+pub(crate) const FLOOR: &str = "
+[ground]
+height_m = -0.6485
+stiffness_N_per_m = 150000
+damping_Ns_per_m = 1000
+tangential_stiffness_N_per_m = 150000
+tangential_damping_Ns_per_m = 500
+friction = 0.7
+
+[[foot]]
+link = \"foot\"
+corners_m = [[0.14, 0.07, -0.055], [0.14, -0.07, -0.055], [-0.1, 0.07, -0.055], [-0.1, -0.07, -0.055]]
+";
+
 /// The cycle, the robot, and the frames between them.
 pub(crate) struct Bench {
     pub(crate) robot: Robot,
