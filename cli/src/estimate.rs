@@ -39,7 +39,7 @@ pub(crate) struct EstimateArguments {
 
 const FORMAT: &str = "\
 The log has columns t (s), theta (rad, motor side, unwrapped), q (rad, link side), i (A) and may have
-tau_sensor (N·m), in any order; other columns are ignored. theta/N - q > 0 for positive torque.
+tau_sensor and tau_feedforward (N·m), in any order; other columns are ignored. theta/N - q > 0 for positive torque.
 The log is read line by line: its length does not matter.
 Without tau_sensor there are no errors to compute: only sigma and time are printed.
 
@@ -105,7 +105,7 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     let mut timed = Vec::new();
     while let Some(row) = log.next_row()? {
         front_end.bridge(last.replace(row.t), row.t);
-        let sample = front_end.update(row.theta, row.q, row.current);
+        let sample = row.sample(&mut front_end);
         if timed.len() < TIMED {
             timed.push(sample);
         }

@@ -24,7 +24,7 @@ pub(crate) struct FitArguments {
 }
 
 const EXAMPLES: &str = "\
-Logs are CSV with columns t,theta,q,i[,tau_sensor] (see `torquectl estimate --help`).
+Logs are CSV with columns t,theta,q,i[,tau_sensor][,tau_feedforward] (see `torquectl estimate --help`).
 
 Examples:
   torquectl fit all --joint elbow.toml --no-load turn.csv --training train.csv -o fitted.toml
@@ -42,6 +42,8 @@ enum What {
     KinematicError(StepArguments),
     /// Motor friction and the constants of the current-based torque
     Current(StepArguments),
+    /// Feed-forward (column tau_feedforward) as a further source
+    FeedForward(StepArguments),
     /// Compliance of the harmonic drive (Zhang et al.), and the skew between the encoders
     Compliance(StepArguments),
     /// Gear model with slipping springs (hysteresis)
@@ -104,6 +106,7 @@ impl What {
             Self::All(_) => return None,
             Self::KinematicError(a) => (Step::KinematicError, a),
             Self::Current(a) => (Step::Current, a),
+            Self::FeedForward(a) => (Step::FeedForward, a),
             Self::Compliance(a) => (Step::Compliance, a),
             Self::Hysteresis(a) => (Step::Hysteresis, a),
             Self::Deformation(a) => (Step::Deformation, a),

@@ -42,8 +42,9 @@ const FORMAT: &str = r#"The map, where * marks required keys:
   q*     = { column = "link3", unit = "deg", wraps = true }
   i*     = { column = "current3", unit = "mA" }
   tau_sensor = { column = "fx", unit = "1", scale = -0.87, plus = [{ column = "ty", unit = "Nm" }] }
+  tau_feedforward = { column = "ff3", unit = "Nm" }   # what controller or rigid-body model expects
   [joint.extra]
-  tau_feedforward = { column = "ff3", unit = "Nm" }
+  angle = { column = "q3", unit = "rad" }
   [[ft_sensor]]
   name* = "flange"
   columns* = ["fx", "fy", "fz", "tx", "ty", "tz"]   # N and N·m
@@ -61,7 +62,7 @@ Columns of an MCAP file: TOPIC:JOINT.position, TOPIC:JOINT.velocity and TOPIC:JO
 JointState, TOPIC:fx to TOPIC:tz of a WrenchStamped, TOPIC:gx to gz and ax to az of an Imu (ROS 2, cdr);
 each topic has stamps of its own.
 
-Writes OUT/LOG.JOINT.csv with t,theta,q,i[,tau_sensor][,extra] for each log and joint, and OUT/LOG.csv
+Writes OUT/LOG.JOINT.csv with t,theta,q,i[,tau_sensor][,tau_feedforward][,extra] for each log and joint, and OUT/LOG.csv
 with JOINT.theta, JOINT.q, JOINT.i, SENSOR.fx to SENSOR.tz and imu.gx to imu.az for
 `torquectl reference`. Signs: theta/N - q > 0 for positive torque.
 

@@ -43,7 +43,7 @@ const FORMAT: &str = "\
 The logs have columns t (s, at a steady rate) and, for every moving joint of the URDF,
   JOINT.q                   rad, as the URDF counts it; or, where the encoder's zero is unknown,
   JOINT.angle               the controller's angle, used by the model in place of q
-  JOINT.theta, JOINT.i      rad and A, passed on
+  JOINT.theta, JOINT.i      rad and A, passed on, as is JOINT.tau_feedforward (N·m) where it is there
 and SENSOR.fx .. SENSOR.tz of every F/T sensor (N, N·m, tared), imu.gx .. imu.az of the IMU (rad/s,
 m/s^2). `torquectl import` writes such logs.
 
@@ -53,7 +53,7 @@ position-controlled gears swing at 10 to 20 Hz. Ends of a log without a full win
 model's masses, as the sensors' file states them (2 % without a file), the accelerations' noise, and
 what the filter may have removed.
 
-Writes OUT/LOG.JOINT.csv with t,theta,q,i,tau_sensor,sigma_sensor for joints with theta and i, and
+Writes OUT/LOG.JOINT.csv with t,theta,q,i,tau_sensor,sigma_sensor[,tau_feedforward] for joints with theta and i, and
 OUT/LOG.torques.csv with JOINT.tau and JOINT.sigma of all. A reference is no better than masses,
 payload and F/T offsets: a payload that is 1 % off makes it 1 % off.
 
@@ -136,14 +136,20 @@ fn texts(
         let Some([theta, q, current]) = log.drive(name) else {
             continue;
         };
-        let mut text = "t,theta,q,i,tau_sensor,sigma_sensor\n".to_owned();
+        let feed_forward = log.feed_forward(name);
+        let further = feed_forward.map_or("", |_| ",tau_feedforward");
+        let mut text = format!("t,theta,q,i,tau_sensor,sigma_sensor{further}\n");
         for i in torques.rows() {
             let (tau, sigma) = torques.at(joint, i);
-            let _ = writeln!(
+            let _ = write!(
                 text,
                 "{},{},{},{},{tau},{sigma}",
                 log.t[i], theta[i], q[i], current[i]
             );
+            if let Some(model) = feed_forward {
+                let _ = write!(text, ",{}", model[i]);
+            }
+            text.push('\n');
         }
         files.push((format!("{stem}.{name}.csv"), text));
     }

@@ -75,7 +75,7 @@ impl Traces {
         let mut last = None;
         for row in rows {
             front_end.bridge(last.replace(row.t), row.t);
-            let sample = front_end.update(row.theta, row.q, row.current);
+            let sample = row.sample(&mut front_end);
             let fused = set.update(&sample);
             let fused = set.fuses().then_some(&fused);
             let all: Vec<_> = set.estimates().iter().chain(fused).copied().collect();

@@ -17,7 +17,6 @@ theta = { column = "m", unit = "counts", counts_per_turn = 4096, sign = -1, wrap
 q = { column = "l", unit = "deg", offset = 0.5 }
 i = { column = "mA", unit = "mA" }
 tau_sensor = { column = "fx", unit = "1", scale = -0.5, plus = [{ column = "ty", unit = "Nm" }] }
-[joint.extra]
 tau_feedforward = { column = "ff", unit = "kNm" }
 [[joint]]
 name = "ankle"

@@ -84,7 +84,7 @@ fn outcome(joint: &BenchJoint, fitted: &Fitted, scenario: &Scenario) -> Result<O
     let mut scores = vec![Score::new(file.sample_period()); names.len()];
     let mut trace = Vec::new();
     for (i, (row, tau)) in run(joint, scenario).iter().enumerate() {
-        let sample = front_end.update(row.theta, row.q, row.current);
+        let sample = row.sample(&mut front_end);
         let fused = set.update(&sample);
         if row.t < scenario.judged_from {
             continue;

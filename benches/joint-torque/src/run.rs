@@ -56,6 +56,7 @@ pub fn run(joint: &BenchJoint, scenario: &Scenario) -> Vec<(LogRow, f64)> {
                 q: sample.reading.q,
                 current: sample.reading.current,
                 tau_sensor: tau + joint.sensor_noise * noise.normal(),
+                feed_forward: f64::NAN,
             };
             (row, tau)
         })

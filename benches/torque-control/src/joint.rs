@@ -162,6 +162,7 @@ impl Bench {
             dq: self.sample.truth.dq,
             omega: self.sample.truth.omega,
             current: reading.current,
+            feed_forward: None,
             flags: 0,
         });
         // F/T sensors and the robot's model: half a per cent wrong, and noisy.

@@ -50,10 +50,9 @@ pub const PERIOD_S: f64 = 4e-3;
 /// One log of one joint at equal steps.
 #[derive(Debug, Clone)]
 pub struct JointLog {
-    /// Rows; the current counts as joint torque (its torque constant is 1/N).
+    /// Rows; the current counts as joint torque (its torque constant is 1/N), the feed-forward is without
+    /// friction.
     pub rows: Vec<LogRow>,
-    /// Feed-forward, N·m.
-    pub feed_forward: Vec<f64>,
 }
 
 impl JointLog {
@@ -62,7 +61,18 @@ impl JointLog {
     pub fn part(&self, from: usize, to: usize) -> Self {
         Self {
             rows: self.rows[from..to].to_vec(),
-            feed_forward: self.feed_forward[from..to].to_vec(),
+        }
+    }
+
+    /// The same without feed-forward.
+    #[must_use]
+    pub fn without_feed_forward(&self) -> Self {
+        let without = |row: &LogRow| LogRow {
+            feed_forward: f64::NAN,
+            ..*row
+        };
+        Self {
+            rows: self.rows.iter().map(without).collect(),
         }
     }
 }
@@ -203,25 +213,27 @@ pub fn read(path: &Path) -> Result<Vec<JointLog>, Problem> {
                     let [coulomb, viscous] = FRICTION[j];
                     let v = target[j][i];
                     let friction = coulomb * (v / SMOOTHING).tanh() + viscous * v;
+                    let model = forward[j][i] - friction;
                     LogRow {
                         t: t[i],
                         theta: angle(motor[j][i]) - ratio * zero,
                         q: links[i],
                         current: current[j][i],
-                        tau_sensor: outside[i][j] + forward[j][i] - friction,
+                        tau_sensor: outside[i][j] + model,
+                        feed_forward: model,
                     }
                 })
                 .collect();
-            resampled(&rows, &forward[j])
+            resampled(&rows)
         })
         .collect())
 }
 
 /// Equal steps by straight lines between the samples: the stamps lie 0.3 to 15 ms apart.
-fn resampled(rows: &[LogRow], forward: &[f64]) -> JointLog {
+fn resampled(rows: &[LogRow]) -> JointLog {
     let (first, last) = (rows[0].t, rows[rows.len() - 1].t);
     let count = ((last - first) / PERIOD_S) as usize;
-    let (mut out, mut feed_forward, mut i) = (Vec::new(), Vec::new(), 0);
+    let (mut out, mut i) = (Vec::new(), 0);
     for k in 0..count {
         let t = first + k as f64 * PERIOD_S;
         while i + 2 < rows.len() && rows[i + 1].t < t {
@@ -236,13 +248,10 @@ fn resampled(rows: &[LogRow], forward: &[f64]) -> JointLog {
             q: mix(a.q, b.q),
             current: mix(a.current, b.current),
             tau_sensor: mix(a.tau_sensor, b.tau_sensor),
+            feed_forward: mix(a.feed_forward, b.feed_forward),
         });
-        feed_forward.push(mix(forward[i], forward[i + 1]));
     }
-    JointLog {
-        rows: out,
-        feed_forward,
-    }
+    JointLog { rows: out }
 }
 
 #[cfg(test)]

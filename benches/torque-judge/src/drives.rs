@@ -97,6 +97,7 @@ fn read(path: &Path, axis: usize) -> Result<Vec<LogRow>, Problem> {
             q: link.to_radians(),
             current: torque,
             tau_sensor: f64::NAN,
+            feed_forward: f64::NAN,
         });
     }
     Ok(rows)

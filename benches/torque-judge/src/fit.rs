@@ -11,8 +11,9 @@ use problem::Problem;
 
 /// The steps that are judged. The learned estimators take two thirds of the time of `fit all` and
 /// need more data than most trainings here have.
-const STEPS: [Step; 6] = [
+const STEPS: [Step; 7] = [
     Step::Current,
+    Step::FeedForward,
     Step::Compliance,
     Step::Hysteresis,
     Step::Deformation,
@@ -41,7 +42,11 @@ pub fn fit(
     if let Some(turn) = turn {
         take(Step::KinematicError, turn);
     }
-    STEPS.into_iter().for_each(|step| take(step, training));
+    let forward = training.iter().all(|row| row.feed_forward.is_finite());
+    let steps = STEPS.into_iter();
+    steps
+        .filter(|step| *step != Step::FeedForward || forward)
+        .for_each(|step| take(step, training));
     match file.fusion.is_some() {
         true => Ok((file, notes)),
         false => Err(Problem::new(notes.join("; "), "")),
@@ -71,7 +76,7 @@ pub fn times(number: u64) -> Result<[f64; 2], Problem> {
     let fitted = processor_time();
     let (mut set, mut front_end) = (file.fused_estimators()?, file.front_end()?);
     let samples: Vec<_> = (training.iter())
-        .map(|row| front_end.update(row.theta, row.q, row.current))
+        .map(|row| row.sample(&mut front_end))
         .collect();
     let start = processor_time();
     let mut sum = 0.0;

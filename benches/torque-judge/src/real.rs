@@ -74,9 +74,24 @@ impl RealCase {
             .iter()
             .map(|n| self.rms(n))
             .fold(f64::INFINITY, f64::min);
-        self.rms("fused").max(floor) / best.max(floor)
+        self.rms(FUSED).max(floor) / best.max(floor)
+    }
+
+    /// Error of the fused torque with the feed-forward over that of the regression that has it, both at least
+    /// 1 % of the rated torque.
+    #[must_use]
+    pub fn with_feed_forward(&self) -> f64 {
+        let floor = FLOOR * self.rated;
+        let [fused, regression] =
+            [WITH_FEED_FORWARD, "with feed-forward"].map(|name| self.rms(name).max(floor));
+        fused / regression
     }
 }
+
+/// The fused torque, and that with the feed-forward as a source.
+pub const FUSED: &str = "fused";
+/// The same with the feed-forward.
+pub const WITH_FEED_FORWARD: &str = "fused with feed-forward";
 
 /// Columns of a regression.
 type Columns = fn(&LogRow, f64, f64) -> Vec<f64>;
@@ -89,7 +104,7 @@ fn speed(log: &JointLog, i: usize) -> f64 {
 }
 
 fn regression(train: &JointLog, judged: &JointLog, columns: Columns) -> Option<Vec<f64>> {
-    let row = |log: &JointLog, i: usize| columns(&log.rows[i], speed(log, i), log.feed_forward[i]);
+    let row = |log: &JointLog, i: usize| columns(&log.rows[i], speed(log, i), log.rows[i].feed_forward);
     let mut batch = Batch::new(row(train, 0).len());
     for i in 0..train.rows.len() {
         batch.add(&row(train, i), train.rows[i].tau_sensor);
@@ -153,8 +168,13 @@ fn plain(joint: usize, train: &JointLog, judged: &JointLog) -> Vec<Method> {
     methods
 }
 
-/// The fused torque and its two groups of sources, tared by the tool's own tare.
-fn estimated(file: &joint_file::JointFile, judged: &JointLog) -> Result<Vec<Method>, Problem> {
+/// The fused torque and its two groups of sources, tared by the tool's own tare; sources without a name are
+/// left out.
+fn estimated(
+    file: &joint_file::JointFile,
+    judged: &JointLog,
+    names: [&'static str; 3],
+) -> Result<Vec<Method>, Problem> {
     let mut set = file.estimators()?;
     let mut front_end = file.front_end()?;
     let mut last = None;
@@ -163,7 +183,7 @@ fn estimated(file: &joint_file::JointFile, judged: &JointLog) -> Result<Vec<Meth
     let mut sums = [(0.0, 0.0); 3];
     for (i, row) in judged.rows.iter().enumerate() {
         front_end.bridge(last.replace(row.t), row.t);
-        let fused = set.update(&front_end.update(row.theta, row.q, row.current));
+        let fused = set.update(&row.sample(&mut front_end));
         if i < TARED {
             set.tare_to(row.tau_sensor, TARE_SIGMA * file.joint.rated_torque);
             continue;
@@ -177,10 +197,10 @@ fn estimated(file: &joint_file::JointFile, judged: &JointLog) -> Result<Vec<Meth
         }
     }
     let count = judged.rows.len().saturating_sub(TARED) as f64;
-    let names = ["fused", "torsion", "current"];
     let methods = names
         .into_iter()
         .zip(sums)
+        .filter(|(name, _)| !name.is_empty())
         .map(|(name, (square, relative))| Method {
             name,
             rms: (square / count).sqrt(),
@@ -198,12 +218,19 @@ fn case(
     let file = joint_file(joint)?;
     let mut methods = plain(joint, train, judged);
     let mut report = Vec::new();
-    match fit(&file, None, &train.rows) {
-        Ok((fitted, notes)) => {
-            report = notes;
-            methods.extend(estimated(&fitted, judged)?);
+    let without = train.without_feed_forward();
+    for (train, name) in [(&without, FUSED), (train, WITH_FEED_FORWARD)] {
+        match fit(&file, None, &train.rows) {
+            Ok((fitted, notes)) => {
+                report.extend(notes);
+                let sources = match name {
+                    FUSED => [name, "torsion", "current"],
+                    _ => [name, "", ""],
+                };
+                methods.extend(estimated(&fitted, judged, sources)?);
+            }
+            Err(e) => report.push(e.to_string()),
         }
-        Err(e) => report.push(e.to_string()),
     }
     let tau = judged.rows.iter().map(|row| row.tau_sensor);
     let mean = tau.clone().sum::<f64>() / judged.rows.len() as f64;

@@ -23,7 +23,7 @@ BSD-3-Clause), no unloaded turn, encoder zeros unknown, rated torque and stiffne
 these ratios. The reference is the flange's F/T sensor through the arm's Jacobian plus the controller's \
 feed-forward without friction; its own error is some N·m. Every method is tared on the first 50 samples, the fused \
 torque and its sources by their own tare, all others by a constant. Plain methods: raw current, regressions on \
-current and on torsion, each with speed and direction. Cases marked `*` are informative. The priors' widths were \
+current and on torsion, each with speed and direction; one with torsion and feed-forward (without its friction). Cases marked `*` are informative. The priors' widths were \
 chosen while looking at these logs: they are design data, not held out. Error/sigma in brackets.
 
 ";

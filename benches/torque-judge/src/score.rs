@@ -58,7 +58,7 @@ impl Score {
         let (mut last, mut square, mut count) = (None, 0.0, 0.0);
         for (row, tau) in rows {
             front_end.bridge(last.replace(row.t), row.t);
-            let sample = front_end.update(row.theta, row.q, row.current);
+            let sample = row.sample(&mut front_end);
             let fused = set.update(&sample);
             if row.t < from || !tau.is_finite() {
                 continue;

@@ -160,6 +160,7 @@ pub fn simulate(joint: &Specimen, run: &Run) -> Vec<(LogRow, f64)> {
                     + s.current_noise * draw.normal(),
                 tau_sensor: truth.tau[k] * s.torque_gain
                     + rated * (s.torque_offset + s.torque_noise * draw.normal()),
+                feed_forward: f64::NAN,
             };
             (row, truth.tau[k])
         })

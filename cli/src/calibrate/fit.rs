@@ -126,6 +126,7 @@ impl References {
                             q: q[i],
                             current: drive.current[i],
                             tau_sensor,
+                            feed_forward: f64::NAN,
                         });
                         sigmas[j].push(sigma);
                     }

@@ -79,6 +79,7 @@ pub(super) struct Joint {
     q: Channel,
     i: Channel,
     tau_sensor: Option<Channel>,
+    tau_feedforward: Option<Channel>,
     #[serde(default)]
     extra: BTreeMap<String, Channel>,
 }
@@ -88,7 +89,8 @@ impl Joint {
     pub(super) fn channels(&self) -> impl Iterator<Item = (String, &Channel)> {
         let fixed = [("theta", &self.theta), ("q", &self.q), ("i", &self.i)];
         let sensor = self.tau_sensor.iter().map(|c| ("tau_sensor", c));
-        let named = fixed.into_iter().chain(sensor);
+        let model = self.tau_feedforward.iter().map(|c| ("tau_feedforward", c));
+        let named = fixed.into_iter().chain(sensor).chain(model);
         let named = named.map(|(name, channel)| (name.to_owned(), channel));
         named.chain(
             self.extra
@@ -179,7 +181,7 @@ impl Channel {
         let allowed = match key {
             "theta" | "q" => Some((ANGLES, "rad, deg, turns, counts or 1")),
             "i" => Some((CURRENTS, "A, mA or 1")),
-            "tau_sensor" => Some((TORQUES, "Nm, mNm, kNm or 1")),
+            "tau_sensor" | "tau_feedforward" => Some((TORQUES, "Nm, mNm, kNm or 1")),
             _ => None,
         };
         if let Some((_, names)) = allowed.filter(|(units, _)| !units.contains(&self.unit)) {

@@ -124,6 +124,12 @@ impl RobotLog {
         Some([column("theta")?, column("q")?, column("i")?])
     }
 
+    /// tau_feedforward of a joint, where it is there.
+    pub(super) fn feed_forward(&self, joint: &str) -> Option<&[f64]> {
+        let column = self.columns.get(&format!("{joint}.tau_feedforward"));
+        column.map(Vec::as_slice)
+    }
+
     /// The joint's angle as the URDF counts it.
     fn angle(&self, joint: &str) -> Result<&[f64], Problem> {
         match self.columns.get(&format!("{joint}.angle")) {

@@ -50,6 +50,7 @@ fn motion() -> Vec<JointSample> {
                 dq: dq + 0.01 * noise(),
                 omega: 100.0 * dq + noise(),
                 current: tau / 5.0 + 0.4 * dq.clamp(-1.0, 1.0) + 0.05 * noise(),
+                feed_forward: None,
                 flags: 0,
             }
         })

@@ -76,6 +76,7 @@ impl FrontEnd {
             dq,
             omega,
             current: self.current,
+            feed_forward: None,
             flags,
         }
     }

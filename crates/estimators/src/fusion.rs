@@ -10,8 +10,10 @@
 //!
 //! The torque from the current does not depend on the torsion: both groups are combined with minimum
 //! variance, sample by sample. An innovation test compares them: where they are further apart than their
-//! variances allow, the published sigma covers it.
+//! variances allow, the published sigma covers it. A feed-forward corrects the slow error of both
+//! ([`crate::feed_forward`]).
 
+use crate::feed_forward::{Correction, CorrectionParameters};
 use crate::joint::JointSample;
 use crate::output::Output;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
@@ -61,6 +63,8 @@ pub struct FusionParameters {
     /// Factor of the current's variance while the joint has not moved for a while: friction then hides
     /// part of the torque, also where a changing load moves the gear a little.
     pub rest_factor: f64,
+    /// The source that is a feed-forward, and how the others differ from it.
+    pub feed_forward: Option<(usize, CorrectionParameters)>,
 }
 
 /// Combines sources into one torque.
@@ -80,6 +84,7 @@ pub struct Fusion {
     disagrees: bool,
     /// Share of motion in the last while.
     motion: f64,
+    correction: Option<(usize, Correction)>,
     /// Standard deviation of each source's present estimate, N·m.
     sigmas: [f64; MAX_SOURCES],
 }
@@ -104,6 +109,7 @@ impl Fusion {
         Self {
             output: Output::new(torque_source::FUSED, parameters.torque_limit, 0.0),
             shares: FIRST,
+            correction: (parameters.feed_forward).map(|(i, p)| (i, Correction::new(p))),
             sources: sources.min(MAX_SOURCES),
             torsion: None,
             disagreement: 1.0,
@@ -153,12 +159,51 @@ impl Fusion {
         // The sigma of a model with a covariance grows by what its parameters add; that of others in
         // proportion to their errors.
         let p = &self.parameters;
-        let share = match Some(source) == p.reference || Some(source) == p.independent {
+        let known = [p.reference, p.independent, self.model()];
+        let share = match known.contains(&Some(source)) {
             true => 1.0,
             false => variance / reported.max(1e-18),
         };
         // Two sources without any error are as good as each other.
         variance.max(1e-18) + share * excess
+    }
+
+    /// The source that is a feed-forward.
+    fn model(&self) -> Option<usize> {
+        self.correction.as_ref().map(|(i, _)| *i)
+    }
+
+    /// The torque of the other sources, corrected by the feed-forward where it is valid.
+    fn corrected(
+        &mut self,
+        others: (f64, f64),
+        sources: &[TorqueEstimate],
+        variances: &[f64],
+    ) -> (f64, f64) {
+        let motion = self.motion;
+        let Some((i, correction)) = &mut self.correction else {
+            return others;
+        };
+        match sources.get(*i).zip(variances.get(*i)) {
+            Some((model, variance)) if variance.is_finite() => {
+                correction.update(others, (model.tau, *variance), motion)
+            }
+            _ => others,
+        }
+    }
+
+    /// How the other sources differ from the feed-forward beyond the slow part, N·m, and the share of
+    /// motion.
+    #[must_use]
+    pub fn change(&self) -> Option<(f64, f64)> {
+        self.correction.as_ref()?.1.change()
+    }
+
+    /// The sources have been zeroed to a torque that is known.
+    pub fn tare(&mut self) {
+        if let Some((_, correction)) = &mut self.correction {
+            correction.tare();
+        }
     }
 
     /// Variances of all sources: those from the torsion share the gear's parameters.
@@ -178,7 +223,7 @@ impl Fusion {
         let excess = variances.get(reference).map_or(0.0, |now| now - usual);
         if excess.is_finite() && excess > 0.0 {
             for (i, variance) in variances.iter_mut().enumerate() {
-                if i != reference && Some(i) != p.independent {
+                if i != reference && Some(i) != p.independent && Some(i) != self.model() {
                     *variance += excess;
                 }
             }
@@ -259,7 +304,7 @@ impl Fusion {
         let hidden = 1.0 + (self.parameters.rest_factor - 1.0) * (1.0 - self.motion);
         let independent = self.parameters.independent;
         let least = (variances.iter().enumerate())
-            .filter(|(i, _)| Some(*i) != independent)
+            .filter(|(i, _)| Some(*i) != independent && Some(*i) != self.model())
             .map(|(_, variance)| *variance)
             .fold(f64::INFINITY, f64::min);
         let current = independent
@@ -271,7 +316,8 @@ impl Fusion {
         for (i, (source, variance)) in sources.iter().zip(variances).take(count).enumerate() {
             // Relative to the least: most for the best, down to 0 at the bound, without a step.
             let weight = (least / variance - 1.0 / MAX_VARIANCE_RATIO).max(0.0);
-            if Some(i) == independent || weight.is_nan() || weight == 0.0 {
+            let apart = Some(i) == independent || Some(i) == self.model();
+            if apart || weight.is_nan() || weight == 0.0 {
                 continue;
             }
             sum += weight;
@@ -288,6 +334,7 @@ impl Fusion {
             None if sum > 0.0 => group,
             None => return self.output.held(),
         };
+        let (tau, variance) = self.corrected((tau, variance), sources, &variances);
         let mut estimate = self.output.give(sample, tau, variance.sqrt());
         estimate.delay_s = if sum > 0.0 { delay / sum } else { 0.0 };
         estimate.flags |= saturated;
@@ -300,6 +347,9 @@ impl Fusion {
         self.disagreement = 1.0;
         (self.apart_s, self.disagrees) = (0.0, false);
         self.motion = 0.0;
+        if let Some((_, correction)) = &mut self.correction {
+            correction.reset();
+        }
         self.shares = FIRST;
         self.output.reset();
     }

@@ -15,6 +15,8 @@ pub struct JointSample {
     pub omega: f64,
     /// i: motor current, A.
     pub current: f64,
+    /// Feed-forward: torque that a controller or a rigid-body model expects, N·m; none where there is none.
+    pub feed_forward: Option<f64>,
     /// Bits of `robot_state::measured_flags`.
     pub flags: u32,
 }

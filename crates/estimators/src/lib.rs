@@ -7,6 +7,7 @@ pub mod deformation;
 pub mod encoder;
 mod exponential;
 pub mod features;
+pub mod feed_forward;
 pub mod filter_bank;
 mod fir;
 pub mod front_end;

@@ -37,6 +37,7 @@ impl Output {
             omega,
             current,
             flags,
+            feed_forward: _,
         } = *sample;
         let finite = [q, theta, dq, omega, current].iter().all(|x| x.is_finite());
         finite && flags & measured_flags::NEVER == 0

@@ -28,6 +28,8 @@ pub struct ZeroParameters {
     pub gear: Option<usize>,
     /// That from the current.
     pub current: Option<usize>,
+    /// That from the feed-forward.
+    pub feed_forward: Option<usize>,
 }
 
 /// The zero in use.
@@ -37,6 +39,8 @@ struct Zero {
     /// Torsion without torque, rad, and torque of the current without torque, N·m.
     torsion: f64,
     current: f64,
+    /// Torque of the feed-forward without torque, N·m.
+    feed_forward: f64,
     /// Samples of the tare so far.
     tared: u32,
     /// Samples since the start during which an unknown zero follows the current.
@@ -84,9 +88,29 @@ impl EstimatorSet {
         if p.stiffness > 0.0 {
             self.zero.torsion += ZERO_STEP * (gear.tau - tau) / p.stiffness;
         }
-        self.sources
-            .iter_mut()
-            .for_each(|source| source.tare(sigma));
+        for (i, source) in self.sources.iter_mut().enumerate() {
+            // The feed-forward has a zero of its own.
+            if Some(i) != p.feed_forward {
+                source.tare(sigma);
+            }
+        }
+    }
+
+    /// Moves the zero of the feed-forward towards the one at which it is `tau`.
+    fn shift_feed_forward(&mut self, tau: f64, sigma: f64, share: f64) {
+        let Some(i) = self.zero.parameters.feed_forward else {
+            return;
+        };
+        let valid = |e: &&TorqueEstimate| e.flags & torque_flags::VALID != 0;
+        if let Some(estimate) = self.estimates.get(i).filter(valid) {
+            self.zero.feed_forward += share * (estimate.tau - tau);
+            if let Some(source) = self.sources.get_mut(i) {
+                source.tare(sigma);
+            }
+        }
+        if let Some(fusion) = &mut self.fusion {
+            fusion.tare();
+        }
     }
 
     /// Lets an unknown zero follow the current after the start.
@@ -114,6 +138,13 @@ impl EstimatorSet {
         &self.estimates
     }
 
+    /// How the fused sources differ from the feed-forward beyond the slow part, N·m, and the share of
+    /// motion; none without a feed-forward.
+    #[must_use]
+    pub fn change(&self) -> Option<(f64, f64)> {
+        self.fusion.as_ref()?.change()
+    }
+
     /// Whether the sources are fused.
     #[must_use]
     pub fn fuses(&self) -> bool {
@@ -135,6 +166,10 @@ impl JointTorqueEstimator for EstimatorSet {
         let current = zero.parameters.current;
         if let Some(estimate) = current.and_then(|i| self.estimates.get_mut(i)) {
             estimate.tau -= zero.current;
+        }
+        let feed_forward = zero.parameters.feed_forward;
+        if let Some(estimate) = feed_forward.and_then(|i| self.estimates.get_mut(i)) {
+            estimate.tau -= zero.feed_forward;
         }
         self.find_zero();
         self.fused = match &mut self.fusion {
@@ -165,12 +200,13 @@ impl JointTorqueEstimator for EstimatorSet {
         let p = self.zero.parameters;
         self.zero.started = START_SAMPLES;
         self.shift(tau, sigma);
+        self.zero.tared = self.zero.tared.saturating_add(1);
+        let share = 1.0 / f64::from(self.zero.tared.min(START_SAMPLES));
         let current = p.current.and_then(|i| self.estimates.get(i));
         if let Some(estimate) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
-            self.zero.tared = self.zero.tared.saturating_add(1);
-            let share = 1.0 / f64::from(self.zero.tared.min(START_SAMPLES));
             self.zero.current += share * (estimate.tau - tau);
         }
+        self.shift_feed_forward(tau, sigma, share);
     }
 
     fn disagrees(&self) -> bool {

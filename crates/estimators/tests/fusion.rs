@@ -28,6 +28,7 @@ fn fusion(errors: &[(f64, f64)]) -> Fusion {
             reference: None,
             left_out: Vec::new(),
             rest_factor: 1.0,
+            feed_forward: None,
         },
     )
 }
@@ -122,6 +123,7 @@ fn two_groups() -> Fusion {
             reference: Some(0),
             left_out: Vec::new(),
             rest_factor: 1.0,
+            feed_forward: None,
         },
     )
 }

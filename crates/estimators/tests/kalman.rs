@@ -82,6 +82,7 @@ fn run<const S: usize>(transform: Transform, offset: f64) -> Outcome {
             omega,
             dq: omega / N,
             current: tau_m / 0.06 + offset,
+            feed_forward: None,
             flags: 0,
         };
         let estimate = filter.update(&sample);

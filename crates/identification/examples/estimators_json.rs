@@ -178,6 +178,7 @@ fn kalman(request: &Value) -> Answer {
                 dq: s[2],
                 omega: s[3],
                 current: s[4],
+                feed_forward: None,
                 flags: 0,
             });
             let x = filter.state().ok_or("the filter lost its state")?;

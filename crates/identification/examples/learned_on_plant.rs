@@ -148,7 +148,7 @@ fn figures(
     let mut score = Score::new(joint.sample_period());
     let (mut square, mut count) = (0.0, 0.0);
     for row in rows {
-        let sample = front_end.update(row.theta, row.q, row.current);
+        let sample = row.sample(&mut front_end);
         let e = estimator.update(&sample);
         if row.t > 1.5 {
             score.add(e.tau, row.tau_sensor);

@@ -10,6 +10,7 @@
 mod steps;
 
 use crate::excitation::{Excitation, Quantity};
+use crate::feed_forward;
 use crate::learned::Progress;
 use crate::log::LogRow;
 use crate::record::{Record, ReferenceErrors};
@@ -23,6 +24,8 @@ pub enum Step {
     KinematicError,
     /// Motor friction and the constants of the current-based torque (D3).
     Current,
+    /// The feed-forward as a source, of logs that have it.
+    FeedForward,
     /// Z's compliance, and the skew between the encoders.
     Compliance,
     /// Gear with slipping springs.
@@ -41,9 +44,10 @@ pub enum Step {
 
 impl Step {
     /// Every step in its order, its name, and its share of the time that all take.
-    pub const ALL: [(Self, &'static str, f64); 9] = [
+    pub const ALL: [(Self, &'static str, f64); 10] = [
         (Self::KinematicError, "kinematic-error", 0.01),
         (Self::Current, "current", 0.01),
+        (Self::FeedForward, "feed-forward", 0.0),
         (Self::Compliance, "compliance", 0.05),
         (Self::Hysteresis, "hysteresis", 0.1),
         (Self::Deformation, "deformation", 0.01),
@@ -105,6 +109,9 @@ pub fn fit(
             Step::KinematicError => turn,
             _ => train,
         };
+        if step == Step::FeedForward && !feeds_forward(rows) {
+            continue;
+        }
         let mut inner = |part: f64, what: &str| progress(done + share * part, what);
         inner(0.0, name);
         match (step, fitted.step(step, rows, &mut inner)) {
@@ -118,6 +125,11 @@ pub fn fit(
     }
     progress(1.0, "done");
     Ok(fitted)
+}
+
+/// Whether every row has a feed-forward.
+fn feeds_forward(rows: &[LogRow]) -> bool {
+    rows.iter().all(|row| row.feed_forward.is_finite())
 }
 
 /// Fits one thing; the results it builds on must be in the joint already. A fusion that is there is
@@ -234,14 +246,50 @@ impl Fitted {
         match step {
             Step::KinematicError => self.kinematic_error(&record),
             Step::Current => self.current(&record),
+            Step::FeedForward => self.feed_forward(&record),
             Step::Compliance => self.compliance(&record, rows),
             Step::Hysteresis => self.hysteresis(rows),
             Step::Deformation => self.deformation(&record),
             Step::Kalman => self.kalman(&record),
             Step::Network => self.network(&record, progress),
             Step::LocalGp => self.local_gp(&record, progress),
-            Step::Fusion => self.fusion(&record),
+            Step::Fusion => {
+                if self.joint.feed_forward.is_some() && !feeds_forward(rows) {
+                    self.joint.feed_forward = None;
+                    self.note("feed-forward: no longer a source, as the log has none".to_owned());
+                }
+                self.fusion(&record)?;
+                self.change_sigma(&record)
+            }
         }
+    }
+
+    /// What of the torque the feed-forward explains.
+    fn feed_forward(&mut self, record: &Record) -> Result<(), Problem> {
+        let smoothing = self.joint.current_parameters().sign_smoothing;
+        let rated = self.joint.joint.rated_torque;
+        let table = feed_forward::fit(record, rated, smoothing, self.reference)?;
+        self.note(format!(
+            "feed-forward: {:.3} of it, offset {:.3} N·m, friction in it {:.3} N·m, {:.4} N·m on held-out blocks",
+            table.gain, table.offset, table.coulomb, table.sigma
+        ));
+        self.joint.feed_forward = Some(table);
+        Ok(())
+    }
+
+    /// How the other sources change against the feed-forward.
+    fn change_sigma(&mut self, record: &Record) -> Result<(), Problem> {
+        let ratio = self.joint.hysteresis.as_ref().map_or(1.0, |g| g.held_out_ratio);
+        let Some(table) = &mut self.joint.feed_forward else {
+            return Ok(());
+        };
+        table.change_sigma = [feed_forward::UNBOUNDED; 2];
+        let mut set = self.joint.estimators()?;
+        let change_sigma = feed_forward::change_sigma(record, &mut set, ratio);
+        if let Some(table) = &mut self.joint.feed_forward {
+            table.change_sigma = change_sigma;
+        }
+        Ok(())
     }
 
     fn note(&mut self, line: String) {

@@ -33,6 +33,11 @@ impl Usual {
         error: 0.04,
         samples: 5.0,
     };
+    /// From the feed-forward: other payloads, other parts of the pose.
+    pub const FEED_FORWARD: Self = Self {
+        error: 0.04,
+        samples: 5.0,
+    };
     /// From the current.
     pub const CURRENT: Self = Self {
         error: 0.05,
@@ -88,6 +93,7 @@ pub fn fit(
         independent: None,
         reference: None,
         rest_factor: 1.0,
+        feed_forward: None,
         left_out: (0..n)
             .filter(|i| !known.get(*i).is_some_and(|k| k.fused))
             .collect(),

@@ -10,6 +10,7 @@ pub mod deformation;
 pub mod drive;
 pub mod evaluate;
 pub mod excitation;
+pub mod feed_forward;
 pub mod fusion;
 pub mod gaussian_process;
 pub mod gear;

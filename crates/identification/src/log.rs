@@ -1,5 +1,7 @@
 //! Recorded logs of one joint: CSV with a header, read line by line in constant memory.
 
+use estimators::front_end::FrontEnd;
+use estimators::joint::JointSample;
 use problem::{Allowed, Problem};
 use std::io::BufRead;
 
@@ -16,10 +18,23 @@ pub struct LogRow {
     pub current: f64,
     /// tau_sensor: torque, N·m; NaN where the log has no such column.
     pub tau_sensor: f64,
+    /// tau_feedforward: torque that a controller or a rigid-body model expects, N·m; NaN where the log has no
+    /// such column.
+    pub feed_forward: f64,
 }
 
-/// The columns that a log must have, and the one that it may have.
-const COLUMNS: [&str; 5] = ["t", "theta", "q", "i", "tau_sensor"];
+impl LogRow {
+    /// The row as the estimators take it.
+    pub fn sample(&self, front_end: &mut FrontEnd) -> JointSample {
+        JointSample {
+            feed_forward: Some(self.feed_forward).filter(|tau| tau.is_finite()),
+            ..front_end.update(self.theta, self.q, self.current)
+        }
+    }
+}
+
+/// The columns that a log must have, and those that it may have.
+const COLUMNS: [&str; 6] = ["t", "theta", "q", "i", "tau_sensor", "tau_feedforward"];
 /// A line longer than this is not one of numbers.
 const LONGEST_LINE: u64 = 64 * 1024;
 
@@ -29,8 +44,8 @@ pub struct LogReader<R> {
     file: String,
     line: usize,
     text: String,
-    /// Place of each of `COLUMNS`; the last may be missing.
-    places: [Option<usize>; 5],
+    /// Place of each of `COLUMNS`; the last two may be missing.
+    places: [Option<usize>; 6],
     last_t: f64,
 }
 
@@ -45,7 +60,7 @@ impl<R: BufRead> LogReader<R> {
             file: file.to_owned(),
             line: 0,
             text: String::new(),
-            places: [None; 5],
+            places: [None; 6],
             last_t: f64::NEG_INFINITY,
         };
         if !reader.next_line()? {
@@ -73,7 +88,7 @@ impl<R: BufRead> LogReader<R> {
             if place < 4 && reader.places[place].is_none() {
                 let names = names.join(",");
                 let reason = format!("column `{column}` is missing among `{names}`");
-                let allowed = "`t,theta,q,i[,tau_sensor]` and any others";
+                let allowed = "`t,theta,q,i[,tau_sensor][,tau_feedforward]` and any others";
                 return Err(reader.problem(reason, allowed));
             }
         }
@@ -100,7 +115,7 @@ impl<R: BufRead> LogReader<R> {
                 break;
             }
         }
-        let mut values = [f64::NAN; 5];
+        let mut values = [f64::NAN; 6];
         for (value, (place, column)) in values.iter_mut().zip(self.places.iter().zip(COLUMNS)) {
             let Some(place) = place else { continue };
             let Some(field) = self.text.split(',').nth(*place) else {
@@ -116,7 +131,7 @@ impl<R: BufRead> LogReader<R> {
                 }
             }
         }
-        let [t, theta, q, current, tau_sensor] = values;
+        let [t, theta, q, current, tau_sensor, feed_forward] = values;
         if t <= self.last_t {
             let last = self.last_t;
             let reason = format!("time {t} s follows {last} s");
@@ -129,6 +144,7 @@ impl<R: BufRead> LogReader<R> {
             q,
             current,
             tau_sensor,
+            feed_forward,
         }))
     }
 

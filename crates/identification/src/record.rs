@@ -73,7 +73,7 @@ impl Record {
                 last = None;
             }
             front_end.bridge(last.replace(row.t), row.t);
-            samples.push(front_end.update(row.theta, row.q, row.current));
+            samples.push(row.sample(&mut front_end));
         }
         let tau = rows.iter().map(|row| row.tau_sensor).collect();
         let mut record = Self {

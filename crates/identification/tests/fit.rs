@@ -78,6 +78,7 @@ fn log(seconds: f64, seed: u64, q: impl Fn(f64) -> f64, tau: impl Fn(f64) -> f64
                 q: read(q(t), 524_288.0),
                 current: (load + friction) / 5.2 + 0.03 + 0.02 * random.symmetric(),
                 tau_sensor: load + 0.01 * random.symmetric(),
+                feed_forward: f64::NAN,
             }
         })
         .collect()
@@ -163,7 +164,7 @@ fn all_fits_together_recover_the_joint() {
     let mut front_end = joint.front_end().unwrap();
     let mut scores: Vec<Score> = (0..=set.names().len()).map(|_| Score::new(T)).collect();
     for row in test() {
-        let sample = front_end.update(row.theta, row.q, row.current);
+        let sample = row.sample(&mut front_end);
         let fused = set.update(&sample);
         assert!(fused.flags & VALID != 0);
         if row.t > 0.2 {

@@ -138,7 +138,7 @@ fn units_and_signs() {
 fn channels() {
     let first = TRAIN[0];
     let held = |n: usize| placed(move |i, r| r.q = TRAIN[i / n * n].q);
-    let cases: [(&str, Vec<LogRow>, &str); 14] = [
+    let cases: [(&str, Vec<LogRow>, &str); 16] = [
         (
             "i constant",
             changed(|r| r.current = first.current),
@@ -204,6 +204,16 @@ fn channels() {
             "late copy",
             placed(|i, r| r.tau_sensor = 5.0 * TRAIN[i.saturating_sub(10)].current),
             "computed from",
+        ),
+        (
+            "feed-forward as reference",
+            changed(|r| r.feed_forward = 1.1 * r.tau_sensor + 0.3),
+            "computed from the feed-forward",
+        ),
+        (
+            "current as feed-forward",
+            changed(|r| r.feed_forward = 5.0 * r.current),
+            "`tau_feedforward` is computed from the current",
         ),
     ];
     for (name, rows, expected) in cases {

@@ -48,7 +48,7 @@ fn errors(
     let (mut square, mut count) = (0.0, 0.0);
     estimator.reset();
     for row in rows {
-        let e = estimator.update(&front_end.update(row.theta, row.q, row.current));
+        let e = estimator.update(&row.sample(&mut front_end));
         assert!(e.flags & torque_flags::VALID != 0 || row.t < 0.1);
         if row.t > 1.5 {
             score.add(e.tau, row.tau_sensor);
@@ -146,7 +146,7 @@ fn a_base_that_lags_teaches_no_residual() {
     let mut rows = bench::training(40.0, 0.8);
     let mut front_end = joint.front_end().unwrap();
     for row in &mut rows {
-        let sample = front_end.update(row.theta, row.q, row.current);
+        let sample = row.sample(&mut front_end);
         row.tau_sensor = SPRING.clone().update(&sample).tau;
     }
     struct Late(estimators::low_pass::LowPass);

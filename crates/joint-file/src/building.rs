@@ -1,9 +1,12 @@
 //! The estimators that a joint file switches on.
 
-use crate::{ComplianceTable, HysteresisTable, JointFile, KalmanTable};
+use crate::{ComplianceTable, FeedForwardTable, HysteresisTable, JointFile, KalmanTable};
 use estimators::compliance::ComplianceEstimator;
 use estimators::current_based::CurrentEstimator;
 use estimators::deformation::DeformationEstimator;
+use estimators::feed_forward::{
+    CorrectionParameters, FeedForwardEstimator, FeedForwardParameters,
+};
 use estimators::fusion::{Fusion, FusionParameters, SourceError};
 use estimators::hysteresis::{HysteresisEstimator, HysteresisParameters};
 use estimators::joint::AnyEstimator;
@@ -151,7 +154,9 @@ impl JointFile {
             sources.push(("network".to_owned(), Box::new(network)));
         }
         for (name, trained) in &self.trained.local_gp {
-            if sources.iter().any(|(other, _)| other == name) || name == CURRENT || name == FUSED {
+            let reserved = [CURRENT, FEED_FORWARD, FUSED];
+            let taken = sources.iter().any(|(other, _)| other == name);
+            if taken || reserved.contains(&name.as_str()) {
                 let reason = format!("local_gp.{name}: another source has that name");
                 return Err(Problem::new(reason, "each name once"));
             }
@@ -170,10 +175,41 @@ impl JointFile {
         let uncertainty = table.map_or(&[][..], |table| &table.uncertainty);
         let current = current.with_uncertainty(uncertainty, self.validity());
         sources.push((CURRENT.to_owned(), Box::new(current)));
+        if let Some(table) = &self.feed_forward {
+            let estimator = self.feed_forward_estimator(table);
+            sources.push((FEED_FORWARD.to_owned(), Box::new(estimator)));
+        }
         Ok(sources)
     }
 
-    /// The estimators that the loop runs: those whose torques are fused, or all without a fusion.
+    /// The feed-forward as an estimator.
+    #[must_use]
+    pub fn feed_forward_estimator(&self, table: &FeedForwardTable) -> FeedForwardEstimator {
+        FeedForwardEstimator::new(FeedForwardParameters {
+            gain: table.gain,
+            offset: table.offset,
+            viscous: table.viscous,
+            coulomb: table.coulomb,
+            sign_smoothing: table.sign_smoothing,
+            sigma: table.sigma,
+            torque_limit: self.torque_limit(),
+        })
+        .with_uncertainty(&table.uncertainty, self.validity())
+    }
+
+    /// How the other sources differ from a feed-forward without contacts.
+    #[must_use]
+    pub fn correction_parameters(&self, change_sigma: [f64; 2]) -> CorrectionParameters {
+        CorrectionParameters {
+            change_sigma,
+            loading: LOADING * self.joint.rated_torque,
+            sample_period: self.sample_period(),
+        }
+    }
+
+    /// The estimators that the loop runs: those whose torques are fused, or all without a fusion. The
+    /// feed-forward is not among them: the loop compares the torque with its rigid-body model to find slips,
+    /// drifts and contacts, and `tau_hat` has the model's level.
     ///
     /// # Errors
     /// As [`Self::estimators`].
@@ -183,6 +219,8 @@ impl JointFile {
             return self.estimators();
         };
         table.sources.retain(|_, source| source.fused);
+        table.sources.remove(FEED_FORWARD);
+        joint.feed_forward = None;
         let mut sources = joint.sources()?;
         let kept = joint.fusion.as_ref().map(|table| &table.sources);
         sources.retain(|(name, _)| kept.is_some_and(|kept| kept.contains_key(name)));
@@ -205,6 +243,7 @@ impl JointFile {
             stiffness: self.hysteresis.as_ref().map_or(0.0, |table| table.linear),
             gear: place(HYSTERESIS),
             current: place(CURRENT),
+            feed_forward: place(FEED_FORWARD),
         };
         let Some(table) = &self.fusion else {
             return Ok(EstimatorSet::new(sources, None).with_zero(zero));
@@ -226,6 +265,8 @@ impl JointFile {
         };
         let takes_part = |name: &str| table.sources.get(name).is_some_and(|t| t.fused);
         let fused = |name: &str| takes_part(name).then(|| place(name)).flatten();
+        let correction = (self.feed_forward.as_ref())
+            .map(|table| self.correction_parameters(table.change_sigma));
         let left_out = (sources.iter().enumerate())
             .filter(|(_, (name, _))| !takes_part(name))
             .map(|(i, _)| i);
@@ -246,6 +287,7 @@ impl JointFile {
                 torque_limit: self.torque_limit(),
                 independent: fused(CURRENT),
                 reference: fused(HYSTERESIS),
+                feed_forward: fused(FEED_FORWARD).zip(correction),
                 left_out: left_out.collect(),
                 rest_factor: if zero.unknown { 1.0 } else { REST_FACTOR },
             },
@@ -262,5 +304,9 @@ const GP_TIME_CONSTANT_S: f64 = 0.002;
 /// Names of the source from current and of the fusion.
 const CURRENT: &str = "current";
 const FUSED: &str = "fused";
+/// Name of the feed-forward.
+const FEED_FORWARD: &str = "feed_forward";
+/// Rate of the feed-forward that counts as motion, of the rated torque per second.
+const LOADING: f64 = 0.1;
 /// Name of the gear with slipping springs, whose sigma knows its parameters.
 const HYSTERESIS: &str = "hysteresis";

@@ -49,6 +49,8 @@ pub struct JointFile {
     pub hysteresis: Option<HysteresisTable>,
     /// Constants of the current-based torque (D3), which is always on.
     pub current: Option<CurrentTable>,
+    /// Switches the feed-forward as a source on.
+    pub feed_forward: Option<FeedForwardTable>,
     /// Switches S's deformation model on.
     pub deformation: Option<DeformationTable>,
     /// Switches the linear Kalman filter on (U: CM-KF).
@@ -102,6 +104,7 @@ impl JointFile {
             compliance: None,
             hysteresis: None,
             current: None,
+            feed_forward: None,
             deformation: None,
             kalman: None,
             unscented: None,

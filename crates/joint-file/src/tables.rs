@@ -322,6 +322,36 @@ pub struct CurrentTable {
     pub uncertainty: Vec<Vec<f64>>,
 }
 
+/// Feed-forward as a source.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FeedForwardTable {
+    /// Torque per feed-forward, 1.
+    pub gain: f64,
+    /// Torque without feed-forward, N·m.
+    #[serde(rename = "offset_Nm")]
+    pub offset: f64,
+    /// Viscous friction in the feed-forward that the joint's torque lacks, N·m·s/rad.
+    #[serde(rename = "viscous_Nms_per_rad", default)]
+    pub viscous: f64,
+    /// Coulomb friction in it, N·m.
+    #[serde(rename = "coulomb_Nm", default)]
+    pub coulomb: f64,
+    /// |dq| at which sign(dq) is smoothed, rad/s.
+    #[serde(rename = "sign_smoothing_rad_per_s")]
+    pub sign_smoothing: f64,
+    /// Standard deviation of the torque without contacts, N·m.
+    #[serde(rename = "sigma_Nm")]
+    pub sigma: f64,
+    /// Standard deviation of the other sources' difference to it about its slow part, at rest and in motion,
+    /// N·m: what changes more is a contact.
+    #[serde(rename = "change_sigma_Nm", default)]
+    pub change_sigma: [f64; 2],
+    /// Directions of the parameters' covariance: gain, offset, viscous, Coulomb.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub uncertainty: Vec<Vec<f64>>,
+}
+
 /// Ranges that the training covered; outside of them every sigma grows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

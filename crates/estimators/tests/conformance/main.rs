@@ -7,6 +7,7 @@ use estimators::compliance::ComplianceEstimator;
 use estimators::current_based::UNCERTAIN;
 use estimators::deformation::AngularFrequency;
 use estimators::encoder::{EncoderParameters, JointEncoders};
+use estimators::feed_forward::{CorrectionParameters, UNCERTAIN as OF_FEED_FORWARD};
 use estimators::filter_bank::FilterBank;
 use estimators::fusion::{Fusion, FusionParameters, SourceError};
 use estimators::joint::{AnyEstimator, JointSample, JointTorqueEstimator};
@@ -48,6 +49,11 @@ fn compliance_with_hysteresis() {
 #[test]
 fn current_based_torque() {
     conforms(&|| Box::new(current_based()), LOADED);
+}
+
+#[test]
+fn feed_forward_torque() {
+    conforms(&|| Box::new(feed_forward()), LOADED);
 }
 
 #[test]
@@ -130,6 +136,7 @@ fn fused_sources() {
                 reference: None,
                 left_out: Vec::new(),
                 rest_factor: 1.0,
+                feed_forward: None,
             },
         );
         EstimatorSet::new(sources, Some(fusion))
@@ -160,12 +167,17 @@ fn covariances_ranges_and_tares_neither_allocate_nor_break() {
         variance: 0.2,
         reported: 0.3,
     };
+    let correction = CorrectionParameters {
+        change_sigma: [0.3, 0.6],
+        loading: 2.0,
+        sample_period: 1e-3,
+    };
     let fusion = Fusion::new(
-        2,
+        3,
         FusionParameters {
             moving: 0.01,
             loading: [1e-3, 3e-3, 1e-2],
-            errors: std::array::from_fn(|_| vec![error; 2]),
+            errors: std::array::from_fn(|_| vec![error; 3]),
             blend: 0.02,
             gear_ratio: 100.0,
             sample_period: 1e-3,
@@ -174,13 +186,16 @@ fn covariances_ranges_and_tares_neither_allocate_nor_break() {
             reference: Some(0),
             left_out: Vec::new(),
             rest_factor: 4.0,
+            feed_forward: Some((2, correction)),
         },
     );
     let gear = hysteresis().with_uncertainty(&directions(gear().uncertain(), 80.0), validity);
     let current = current_based().with_uncertainty(&directions(UNCERTAIN, 0.06), validity);
+    let model = feed_forward().with_uncertainty(&directions(OF_FEED_FORWARD, 0.06), validity);
     let sources: Vec<(String, AnyEstimator)> = vec![
         ("hysteresis".into(), Box::new(gear)),
         ("current".into(), Box::new(current)),
+        ("feed_forward".into(), Box::new(model)),
     ];
     let mut set = EstimatorSet::new(sources, Some(fusion)).with_zero(ZeroParameters {
         unknown: true,
@@ -188,6 +203,7 @@ fn covariances_ranges_and_tares_neither_allocate_nor_break() {
         stiffness: 8000.0,
         gear: Some(0),
         current: Some(1),
+        feed_forward: Some(2),
     });
     let before = allocations();
     let mut disagreed = false;

@@ -8,6 +8,7 @@ use estimators::deformation::{
     AngularFrequency, COEFFICIENTS, DeformationEstimator, DeformationParameters,
 };
 use estimators::features::FeatureSet;
+use estimators::feed_forward::{FeedForwardEstimator, FeedForwardParameters};
 use estimators::hysteresis::{
     GearParameters, HysteresisEstimator, HysteresisParameters, SlipElement,
 };
@@ -110,6 +111,18 @@ pub(crate) fn current_based() -> CurrentEstimator {
         low_pass_pole: 0.9,
         sigma: 1.0,
         sample_period: 1e-3,
+        torque_limit: LIMIT,
+    })
+}
+
+pub(crate) fn feed_forward() -> FeedForwardEstimator {
+    FeedForwardEstimator::new(FeedForwardParameters {
+        gain: 1.2,
+        offset: 0.0,
+        viscous: 0.3,
+        coulomb: 0.5,
+        sign_smoothing: 0.05,
+        sigma: 1.0,
         torque_limit: LIMIT,
     })
 }

@@ -18,6 +18,7 @@ pub(crate) fn motion(i: usize) -> JointSample {
         dq: 3.0 * c,
         omega: 300.0 * c,
         current: tau / 6.0 + 0.33 * c.signum(),
+        feed_forward: Some(0.8 * tau),
         flags: 0,
     }
 }
@@ -29,6 +30,7 @@ pub(crate) fn negated(s: JointSample) -> JointSample {
         dq: -s.dq,
         omega: -s.omega,
         current: -s.current,
+        feed_forward: s.feed_forward.map(|tau| -tau),
         flags: s.flags,
     }
 }
@@ -63,6 +65,7 @@ pub(crate) fn any_input_gives_finite_output(new: &dyn Fn() -> Box<dyn JointTorqu
             dq: next(),
             omega: next(),
             current: next(),
+            feed_forward: Some(next()),
             flags: 0,
         };
         assert_sound(&estimator.update(&wild));
@@ -86,6 +89,7 @@ pub(crate) fn too_much_load_saturates_and_never_wraps(
             let load = JointSample {
                 theta: 100.0 * torsion,
                 current: 9000.0 * torsion / 6.0,
+                feed_forward: Some(9000.0 * torsion),
                 ..JointSample::default()
             };
             let mut estimator = new();

@@ -410,10 +410,12 @@ impl Fitted {
             .map(|name| {
                 let gear_based = ["hysteresis", "unscented_added"].contains(&name.as_str());
                 let current = name == "current";
+                let model = name == "feed_forward";
                 SourceKnowledge {
                     // Only models with priors know how wrong they may be away from their data.
-                    fused: gear_based || current || gear.is_none(),
+                    fused: gear_based || current || model || gear.is_none(),
                     usual: match (current, turned) {
+                        _ if model => Usual::FEED_FORWARD,
                         (true, _) => Usual::CURRENT,
                         (false, true) => Usual::TURNED,
                         (false, false) => Usual::NOT_TURNED,
@@ -422,7 +424,7 @@ impl Fitted {
                         "hysteresis" => gear.as_ref().map(|g| g.torsion_sigma * g.linear),
                         _ => None,
                     },
-                    held_out_ratio: match (&gear, current) {
+                    held_out_ratio: match (&gear, current || model) {
                         (Some(gear), false) => gear.held_out_ratio,
                         _ => 1.0,
                     },

@@ -98,7 +98,7 @@ pub(super) fn check(
             ));
         }
     }
-    if let Some((factor, rest)) = copied(s) {
+    if let Some((factor, rest)) = copied(s, &s.current, &s.tau) {
         refuse(
             format!(
                 "`tau_sensor` is computed from the current (it is {factor:.4} times `i`, but for \
@@ -107,6 +107,25 @@ pub(super) fn check(
             ),
             "a torque sensor's column, or a reference by `torquectl reference`",
         );
+    }
+    if let Some(model) = s.feed_forward.as_deref().filter(|model| !constant(model)) {
+        if let Some((factor, rest)) = copied(s, model, &s.tau) {
+            let reason = format!(
+                "`tau_sensor` is computed from the feed-forward (it is {factor:.4} times `tau_feedforward`, but for \
+                 {:.2} %): neither shows the other's errors",
+                100.0 * rest
+            );
+            refuse(reason, "a torque sensor's column, or no `tau_feedforward`");
+        }
+        if let Some((factor, rest)) = copied(s, &s.current, model) {
+            let reason = format!(
+                "`tau_feedforward` is computed from the current (it is {factor:.4} times `i`, but for {:.2} %): it is \
+                 no further source",
+                100.0 * rest
+            );
+            let allowed = "the torque that a controller or a rigid-body model expects";
+            refuse(reason, allowed);
+        }
     }
 }
 
@@ -151,11 +170,11 @@ fn clipped(s: &Signals, values: &[f64]) -> (f64, f64) {
     (rows as f64 / values.len() as f64, at)
 }
 
-/// Factor of a reference that is the current once more, perhaps filtered, delayed or either one
-/// shifted, and the part of its deviation that is not.
-fn copied(s: &Signals) -> Option<(f64, f64)> {
+/// Factor of a column that is another one once more, as a reference that is the current, perhaps filtered,
+/// delayed or either one shifted, and the part of its deviation that is not.
+fn copied(s: &Signals, from: &[f64], tau: &[f64]) -> Option<(f64, f64)> {
     let period = (s.t.last()? - s.t.first()?) / (s.t.len() - 1).max(1) as f64;
-    let whole = deviation(&s.tau);
+    let whole = deviation(tau);
     let mut best: Option<(f64, f64)> = None;
     let mut attempt = |filtered: &[f64], reference: &[f64]| {
         let mut batch = Batch::new(2);
@@ -171,11 +190,11 @@ fn copied(s: &Signals) -> Option<(f64, f64)> {
         }
     };
     for time in COPY_TIMES_S {
-        attempt(&low_pass(&s.current, time / period), &s.tau);
+        attempt(&low_pass(from, time / period), tau);
         let delay = (time / period).round() as usize;
-        if delay > 0 && delay < s.tau.len() {
-            attempt(&s.current[..s.tau.len() - delay], &s.tau[delay..]);
-            attempt(&s.current[delay..], &s.tau[..s.tau.len() - delay]);
+        if delay > 0 && delay < tau.len() {
+            attempt(&from[..tau.len() - delay], &tau[delay..]);
+            attempt(&from[delay..], &tau[..tau.len() - delay]);
         }
     }
     best.filter(|(_, rest)| *rest < COPIED)

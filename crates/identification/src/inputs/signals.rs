@@ -20,6 +20,8 @@ pub(super) struct Signals {
     pub(super) current: Vec<f64>,
     /// tau_sensor, N·m; NaN where there is none.
     pub(super) tau: Vec<f64>,
+    /// tau_feedforward, N·m; none where not every row has one.
+    pub(super) feed_forward: Option<Vec<f64>>,
 }
 
 impl Signals {
@@ -37,6 +39,8 @@ impl Signals {
             u: (rows.iter().map(|r| r.theta / joint.joint.gear_ratio)).collect(),
             current: column(|r| r.current),
             tau: column(|r| r.tau_sensor),
+            feed_forward: Some(column(|r| r.feed_forward))
+                .filter(|all| all.iter().all(|tau| tau.is_finite())),
             t,
             q,
         }

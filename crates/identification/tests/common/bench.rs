@@ -18,7 +18,7 @@ const LEVEL: RigLoad = RigLoad {
     arm: 0.0,
 };
 /// A pendulum of 11 N·m.
-const PENDULUM: RigLoad = RigLoad {
+pub(crate) const PENDULUM: RigLoad = RigLoad {
     inertia: 0.59,
     mass: 2.5,
     arm: 0.45,
@@ -64,6 +64,11 @@ fn drive() -> DriveParameters {
     SimParameters::parse(text, "sim.toml").unwrap().drives["joint"].clone()
 }
 
+/// The joint with a load, at rest.
+pub(crate) fn rig(load: RigLoad, seed: u64) -> JointRig {
+    JointRig::new(&sheet(), &drive(), load, TIMING, 0.0, seed)
+}
+
 /// A log of the joint that follows `q(t)` while `external(t)` acts on the link; the first second
 /// brings both in from rest.
 fn log(
@@ -73,7 +78,7 @@ fn log(
     q: impl Fn(f64) -> f64,
     external: impl Fn(f64) -> f64,
 ) -> Vec<LogRow> {
-    let mut rig = JointRig::new(&sheet(), &drive(), load, TIMING, 0.0, seed);
+    let mut rig = rig(load, seed);
     let count = (seconds / T) as usize;
     let row = |i: usize| {
         let t = T * i as f64;
@@ -86,18 +91,19 @@ fn log(
             q: s.reading.q,
             current: s.reading.current,
             tau_sensor: s.truth.tau,
+            feed_forward: f64::NAN,
         }
     };
     (0..count).map(row).collect()
 }
 
-fn smooth(x: f64) -> f64 {
+pub(crate) fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
 /// The joint, always with the same errors of its own: those come from the seed.
-const SEED: u64 = 1;
+pub(crate) const SEED: u64 = 1;
 
 /// One unloaded turn each way, slow: a fast one would excite the gear by its own kinematic error.
 pub(crate) fn turn() -> Vec<LogRow> {

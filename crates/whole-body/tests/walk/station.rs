@@ -194,6 +194,7 @@ impl Station {
                 dq: self.dq.first_derivatives()[j],
                 omega: reading.omega,
                 current: reading.current,
+                feed_forward: None,
                 flags: angles.flags,
             };
             self.fast[j] = self.compliance[j].update(&sample).tau;
