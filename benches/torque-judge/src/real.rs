@@ -104,7 +104,8 @@ fn speed(log: &JointLog, i: usize) -> f64 {
 }
 
 fn regression(train: &JointLog, judged: &JointLog, columns: Columns) -> Option<Vec<f64>> {
-    let row = |log: &JointLog, i: usize| columns(&log.rows[i], speed(log, i), log.rows[i].feed_forward);
+    let row =
+        |log: &JointLog, i: usize| columns(&log.rows[i], speed(log, i), log.rows[i].feed_forward);
     let mut batch = Batch::new(row(train, 0).len());
     for i in 0..train.rows.len() {
         batch.add(&row(train, i), train.rows[i].tau_sensor);

@@ -205,6 +205,7 @@ impl Specimen {
             compliance: None,
             hysteresis: None,
             current: None,
+            feed_forward: None,
             deformation: None,
             kalman: None,
             unscented: None,

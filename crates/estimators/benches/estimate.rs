@@ -352,6 +352,8 @@ fn current() -> CurrentEstimator {
         inertia: 0.114,
         offset: 0.0,
         sign_smoothing: 0.05,
+        presliding: [(1e-4, 0.4), (5e-4, 0.3), (3e-3, 0.3)],
+        gear_ratio: 100.0,
         low_pass_pole: 0.9,
         sigma: 1.0,
         sample_period: 1e-3,

@@ -1,5 +1,11 @@
 //! Joint torque from the motor current (D3): independent of both encoders' difference.
+//!
+//! Friction keeps its state at rest: it follows the rotor's way, not the sign of a velocity that is noise there.
+//! Stops in parallel along theta/N (as in [`crate::hysteresis`]) take the place of sign(dq): a Maxwell-slip
+//! model of friction (F. Al-Bender, V. Lampaert, J. Swevers, The generalized Maxwell-slip model, IEEE Trans.
+//! Automatic Control 50(11), 2005, without its sliding dynamics).
 
+use crate::hysteresis::{Hysteresis, SlipElement};
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::output::Output;
 use crate::uncertainty::Uncertainty;
@@ -21,8 +27,12 @@ pub struct CurrentParameters {
     pub inertia: f64,
     /// Current without torque, A.
     pub offset: f64,
-    /// |dq| at which sign(dq) is smoothed, rad/s, link side.
+    /// |dq| at which sign(dq) is smoothed, rad/s, link side; without presliding.
     pub sign_smoothing: f64,
+    /// Ways of theta/N over which friction builds up, rad, and the share of each; none: sign(dq).
+    pub presliding: [(f64, f64); STOPS],
+    /// N: gear ratio, 1.
+    pub gear_ratio: f64,
     /// Pole of the low-pass on current and acceleration, 0 to below 1.
     pub low_pass_pole: f64,
     /// Standard deviation of the torque while the joint turns, N·m; identified.
@@ -42,10 +52,16 @@ pub struct CurrentEstimator {
     output: Output,
     uncertainty: Option<Uncertainty>,
     validity: Validity,
+    /// Stops, and the theta/N at which they begin.
+    friction: Option<(Hysteresis, Option<f64>)>,
     /// Torque of the last sample and its smoothed rate, N·m and N·m/s.
     last: Option<(f64, f64)>,
 }
 
+/// Stops of the friction.
+pub const STOPS: usize = 3;
+/// Friction by sign(dq).
+pub const NO_PRESLIDING: [(f64, f64); STOPS] = [(0.0, 0.0); STOPS];
 /// Parameters that the covariance of a fit is about: K1, offset (as torque), K2, K3, inertia, K4.
 pub const UNCERTAIN: usize = 6;
 /// Time over which the rate of the load is smoothed, s.
@@ -64,6 +80,7 @@ impl CurrentEstimator {
             uncertainty: None,
             validity: Validity::default(),
             last: None,
+            friction: stops(&parameters.presliding),
             parameters,
         }
     }
@@ -76,6 +93,17 @@ impl CurrentEstimator {
         self.uncertainty = fits.then(|| Uncertainty::new(directions, UNCERTAIN));
         self.validity = validity;
         self
+    }
+
+    /// Direction of friction, -1 to 1.
+    fn direction(&mut self, sample: &JointSample) -> f64 {
+        let p = &self.parameters;
+        let Some((stops, begin)) = &mut self.friction else {
+            return (sample.dq / p.sign_smoothing.max(f64::MIN_POSITIVE)).tanh();
+        };
+        let place = sample.theta / p.gear_ratio;
+        //= F Presliding: sign(dq) -> sum_j w_j s_j / r_j,  s_j = min(max(s_j + x - x_last, -r_j), r_j),  x = theta/N
+        stops.update(place - *begin.get_or_insert(place))
     }
 
     /// Variance outside of what the data covered, (N·m)².
@@ -95,19 +123,30 @@ impl CurrentEstimator {
     }
 }
 
+/// Stops of unit friction in all; none without shares.
+fn stops(presliding: &[(f64, f64); STOPS]) -> Option<(Hysteresis, Option<f64>)> {
+    let usable = |(way, share): &&(f64, f64)| *way > 0.0 && *share > 0.0;
+    let element = |(way, share): &(f64, f64)| SlipElement {
+        limit: *way,
+        stiffness: share / way,
+    };
+    let elements: Vec<SlipElement> = presliding.iter().filter(usable).map(element).collect();
+    (!elements.is_empty()).then(|| (Hysteresis::new(&elements), None))
+}
+
 impl JointTorqueEstimator for CurrentEstimator {
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
         if !Output::usable(sample) {
             self.last_dq = None;
             return self.output.held();
         }
+        let direction = self.direction(sample);
         let p = &self.parameters;
         let JointSample { dq, current, .. } = *sample;
         let ddq = self
             .last_dq
             .map_or(0.0, |last| (dq - last) / p.sample_period);
         self.last_dq = Some(dq);
-        let direction = (dq / p.sign_smoothing.max(f64::MIN_POSITIVE)).tanh();
         //= D3: tau = K1 i - K2 dq - (K3 + K4 |tau|) sign(dq), solved for tau
         let driven = p.k_1 * (current - p.offset) - p.inertia * ddq;
         let carried = self.low_pass.update(driven) - p.k_2 * dq - p.k_3 * direction;
@@ -131,6 +170,10 @@ impl JointTorqueEstimator for CurrentEstimator {
         self.low_pass.reset();
         self.last_dq = None;
         self.last = None;
+        if let Some((stops, begin)) = &mut self.friction {
+            stops.reset();
+            *begin = None;
+        }
         self.output.reset();
     }
 }

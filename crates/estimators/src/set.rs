@@ -156,14 +156,18 @@ impl JointTorqueEstimator for EstimatorSet {
     /// The fused torque; without a fusion, the first source that is valid.
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
         let zero = self.zero;
+        let read = sample;
         let sample = &JointSample {
             theta: sample.theta - zero.parameters.gear_ratio * zero.torsion,
             ..*sample
         };
-        for (source, estimate) in self.sources.iter_mut().zip(&mut self.estimates) {
-            *estimate = source.update(sample);
-        }
         let current = zero.parameters.current;
+        let all = self.sources.iter_mut().zip(&mut self.estimates);
+        for (i, (source, estimate)) in all.enumerate() {
+            // The torsion's zero is no way of the rotor, along which friction builds up.
+            let of_current = Some(i) == current;
+            *estimate = source.update(if of_current { read } else { sample });
+        }
         if let Some(estimate) = current.and_then(|i| self.estimates.get_mut(i)) {
             estimate.tau -= zero.current;
         }

@@ -279,7 +279,11 @@ impl Fitted {
 
     /// How the other sources change against the feed-forward.
     fn change_sigma(&mut self, record: &Record) -> Result<(), Problem> {
-        let ratio = self.joint.hysteresis.as_ref().map_or(1.0, |g| g.held_out_ratio);
+        let ratio = self
+            .joint
+            .hysteresis
+            .as_ref()
+            .map_or(1.0, |g| g.held_out_ratio);
         let Some(table) = &mut self.joint.feed_forward else {
             return Ok(());
         };

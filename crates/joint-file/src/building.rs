@@ -4,9 +4,7 @@ use crate::{ComplianceTable, FeedForwardTable, HysteresisTable, JointFile, Kalma
 use estimators::compliance::ComplianceEstimator;
 use estimators::current_based::CurrentEstimator;
 use estimators::deformation::DeformationEstimator;
-use estimators::feed_forward::{
-    CorrectionParameters, FeedForwardEstimator, FeedForwardParameters,
-};
+use estimators::feed_forward::{CorrectionParameters, FeedForwardEstimator, FeedForwardParameters};
 use estimators::fusion::{Fusion, FusionParameters, SourceError};
 use estimators::hysteresis::{HysteresisEstimator, HysteresisParameters};
 use estimators::joint::AnyEstimator;

@@ -291,6 +291,10 @@ impl JointFile {
             inertia: table.inertia,
             offset: table.offset,
             sign_smoothing: table.sign_smoothing,
+            presliding: std::array::from_fn(|k| {
+                table.presliding.get(k).copied().unwrap_or_default()
+            }),
+            gear_ratio: j.gear_ratio,
             low_pass_pole: table.low_pass_pole,
             sigma: table.sigma,
             sample_period: self.sample_period(),

@@ -309,9 +309,12 @@ pub struct CurrentTable {
     /// Current without torque, A.
     #[serde(rename = "offset_A")]
     pub offset: f64,
-    /// |dq| at which sign(dq) is smoothed, rad/s.
+    /// |dq| at which sign(dq) is smoothed, rad/s; without presliding.
     #[serde(rename = "sign_smoothing_rad_per_s")]
     pub sign_smoothing: f64,
+    /// Ways of theta/N over which friction builds up (rad), and the share of each; the first three count.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub presliding: Vec<(f64, f64)>,
     /// Pole of the low-pass on current and acceleration, 0 to below 1.
     pub low_pass_pole: f64,
     /// Standard deviation of the torque in motion, N·m.
@@ -383,6 +386,7 @@ impl Default for CurrentTable {
             inertia: 0.0,
             offset: 0.0,
             sign_smoothing: 0.02,
+            presliding: Vec::new(),
             low_pass_pole: 0.8,
             sigma: 0.0,
             uncertainty: Vec::new(),

@@ -4,7 +4,7 @@
 //! `[cross_check]`, and those without a link-side encoder, where it is the torque without delay. There the
 //! velocity is the motor's, and the low-pass is shorter: the delay compensation averages by itself.
 
-use estimators::current_based::{CurrentEstimator, CurrentParameters};
+use estimators::current_based::{CurrentEstimator, CurrentParameters, NO_PRESLIDING};
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use robot_config::{JointParameters, Robot};
 use robot_state::{JointEstimated, JointMeasured};
@@ -72,6 +72,8 @@ fn current(joint: &JointParameters, sample_period: f64) -> CurrentParameters {
         inertia: n * n * joint.rotor_inertia,
         offset: 0.0,
         sign_smoothing: SIGN_SMOOTHING,
+        presliding: NO_PRESLIDING,
+        gear_ratio: n,
         low_pass_pole: POLES[usize::from(!joint.has_link_encoder)],
         sigma: 0.0,
         sample_period,

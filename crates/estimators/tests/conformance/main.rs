@@ -49,6 +49,7 @@ fn compliance_with_hysteresis() {
 #[test]
 fn current_based_torque() {
     conforms(&|| Box::new(current_based()), LOADED);
+    conforms(&|| Box::new(current_with_presliding()), LOADED);
 }
 
 #[test]
@@ -190,7 +191,8 @@ fn covariances_ranges_and_tares_neither_allocate_nor_break() {
         },
     );
     let gear = hysteresis().with_uncertainty(&directions(gear().uncertain(), 80.0), validity);
-    let current = current_based().with_uncertainty(&directions(UNCERTAIN, 0.06), validity);
+    let current =
+        current_with_presliding().with_uncertainty(&directions(UNCERTAIN, 0.06), validity);
     let model = feed_forward().with_uncertainty(&directions(OF_FEED_FORWARD, 0.06), validity);
     let sources: Vec<(String, AnyEstimator)> = vec![
         ("hysteresis".into(), Box::new(gear)),

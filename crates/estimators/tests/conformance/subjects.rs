@@ -3,7 +3,7 @@
 use crate::suite::LIMIT;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::compliance::{ComplianceEstimator, ComplianceParameters};
-use estimators::current_based::{CurrentEstimator, CurrentParameters};
+use estimators::current_based::{CurrentEstimator, CurrentParameters, NO_PRESLIDING};
 use estimators::deformation::{
     AngularFrequency, COEFFICIENTS, DeformationEstimator, DeformationParameters,
 };
@@ -99,8 +99,20 @@ pub(crate) fn compliance() -> ComplianceEstimator {
     ComplianceEstimator::new(test_joint(FrictionRule::Physical, 0.95))
 }
 
-pub(crate) fn current_based() -> CurrentEstimator {
+/// The same with friction that builds up along the rotor's way.
+pub(crate) fn current_with_presliding() -> CurrentEstimator {
     CurrentEstimator::new(CurrentParameters {
+        presliding: [(1e-4, 0.4), (5e-4, 0.3), (3e-3, 0.3)],
+        ..current_parameters()
+    })
+}
+
+pub(crate) fn current_based() -> CurrentEstimator {
+    CurrentEstimator::new(current_parameters())
+}
+
+fn current_parameters() -> CurrentParameters {
+    CurrentParameters {
         k_1: 6.0,
         k_2: 0.3,
         k_3: 2.0,
@@ -108,11 +120,13 @@ pub(crate) fn current_based() -> CurrentEstimator {
         inertia: 0.114,
         offset: 0.0,
         sign_smoothing: 0.05,
+        presliding: NO_PRESLIDING,
+        gear_ratio: 100.0,
         low_pass_pole: 0.9,
         sigma: 1.0,
         sample_period: 1e-3,
         torque_limit: LIMIT,
-    })
+    }
 }
 
 pub(crate) fn feed_forward() -> FeedForwardEstimator {

@@ -213,6 +213,9 @@ impl Fitted {
             inertia: p.inertia,
             offset: p.offset,
             sign_smoothing: p.sign_smoothing,
+            presliding: (p.presliding.into_iter())
+                .filter(|(_, share)| *share > 0.0)
+                .collect(),
             low_pass_pole: p.low_pass_pole,
             sigma: p.sigma,
             uncertainty: fit.uncertainty,

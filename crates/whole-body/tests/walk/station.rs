@@ -3,7 +3,7 @@
 use super::*;
 use estimators::compliance::ComplianceEstimator;
 use estimators::compliance::JointEstimatorParameters;
-use estimators::current_based::{CurrentEstimator, CurrentParameters};
+use estimators::current_based::{CurrentEstimator, CurrentParameters, NO_PRESLIDING};
 use estimators::encoder::JointEncoders;
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use whole_body::{
@@ -70,6 +70,8 @@ fn joint_parts(config: &Robot) -> Vec<(JointEstimatorParameters, CurrentParamete
                 inertia: n * n * j.rotor_inertia,
                 offset: 0.0,
                 sign_smoothing: 0.02,
+                presliding: NO_PRESLIDING,
+                gear_ratio: n,
                 low_pass_pole: 0.9,
                 sigma: 0.1 * e.torque_limit,
                 sample_period: PERIOD,
