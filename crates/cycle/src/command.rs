@@ -9,6 +9,7 @@ mod cartesian;
 mod decide;
 mod delay;
 mod emit;
+mod frame_check;
 mod impedance;
 mod joint;
 mod late;

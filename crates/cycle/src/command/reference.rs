@@ -19,7 +19,7 @@ use robot_state::{
 };
 use supervisor::Limits;
 
-use super::cartesian::FrameCheck;
+use super::frame_check::FrameCheck;
 use crate::time::SECONDS_PER_NS;
 
 /// Greatest first distance of a desired position from the measured one: the joint's way in this
@@ -360,7 +360,7 @@ fn is_finite(reference: &Reference) -> bool {
         .all(f64::is_finite);
     let wrenches = reference.contact_wrench.iter();
     joints_finite
-        && super::cartesian::is_finite(reference)
+        && super::frame_check::is_finite(reference)
         && wrenches
             .flat_map(|w| w.force.iter().chain(&w.torque))
             .all(|x| x.is_finite())
