@@ -12,6 +12,7 @@ const LINK: &str = "the name of a link of the URDF";
 /// Joints from which on a limb can change its posture without moving its end.
 const REDUNDANT: usize = 7;
 
+/// Without a model the keys alone are read: then something else is wrong, and joints may be missing.
 pub(crate) fn read(
     root: &Section<'_, '_>,
     model: Option<&Model>,
@@ -40,7 +41,7 @@ pub(crate) fn read(
             joints,
             sensors,
         };
-        frames.extend(model.and_then(|model| reader.frame(name, model)));
+        frames.extend(reader.frame(name, model));
         section.finish();
     }
     frames
@@ -54,7 +55,7 @@ struct Reader<'r, 'n, 't> {
 
 impl Reader<'_, '_, '_> {
     /// Reads every key, also where an earlier one is wrong.
-    fn frame(&self, name: String, model: &Model) -> Option<FrameParameters> {
+    fn frame(&self, name: String, model: Option<&Model>) -> Option<FrameParameters> {
         let section = self.section;
         let link = section.text("link", LINK);
         let base = section.optional_text("base", LINK);
@@ -76,7 +77,8 @@ impl Reader<'_, '_, '_> {
             share("posture_stiffness_per_cent"),
             share("posture_damping_per_cent"),
         ];
-        let found = self.index("link", link.as_ref()?.value, model);
+        let (link, model) = (link?, model?);
+        let found = self.index("link", link.value, model);
         let base = match &base {
             Some(base) => self.index("base", base.value, model),
             None => model.frames().iter().position(|f| f.parent.is_none()),

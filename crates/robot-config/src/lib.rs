@@ -140,7 +140,8 @@ fn robot(
     let joints = joints::read(&root, &surroundings, &mut wiring);
     let ft_sensors = sensors::ft_sensors(&root, timing.sample_period, &mut wiring);
     let imu = sensors::imu(&root, timing.sample_period, &mut wiring);
-    let frames = frames::read(&root, model.as_ref(), &joints, &ft_sensors);
+    let sound = model.as_ref().filter(|_| !diagnostics.any());
+    let frames = frames::read(&root, sound, &joints, &ft_sensors);
     let whole_body = contacts::whole_body(&root, &ft_sensors);
     let external_torque = external_torque::external_torque(&root, timing.sample_period);
     let tare = tare::tare(&root, timing.sample_period);
