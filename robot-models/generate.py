@@ -54,7 +54,10 @@ def composite(solids):
 
 @dataclass(frozen=True)
 class Joint:
-    """A revolute joint and the link that it carries; without an axis the link is fixed."""
+    """A joint and the link that it carries; without an axis the link is fixed.
+
+    Its range is in degrees, of a joint that slides along its axis in mm.
+    """
 
     name: str
     parent: str
@@ -64,6 +67,8 @@ class Joint:
     drive: str = None
     solids: tuple = ()
     link: str = None  # default: the joint's name with _link, or the name itself when fixed
+    slides: bool = False
+    mimic: str = None  # the joint that it follows, one to one
 
     @property
     def child(self):
@@ -77,6 +82,9 @@ DRIVES = {
     "shd20_100": (57.0, 5.0),
     "shd25_100": (110.0, 4.5),
     "shd32_100": (233.0, 4.0),
+    # Screws of 5 and 2 mm: force (N), speed (m/s).
+    "screw_5": (600.0, 0.25),
+    "screw_2": (100.0, 0.1),
 }
 
 
@@ -118,7 +126,7 @@ def link_xml(name, solids):
 
 
 def joint_xml(joint):
-    kind = "revolute" if joint.axis else "fixed"
+    kind = ("prismatic" if joint.slides else "revolute") if joint.axis else "fixed"
     name = joint.name if joint.axis else f"{joint.name}_mount"
     lines = [
         f'  <joint name="{name}" type="{kind}">',
@@ -127,13 +135,15 @@ def joint_xml(joint):
         f'    <origin xyz="{numbers(joint.xyz)}" rpy="0 0 0"/>',
     ]
     if joint.axis:
-        lower, upper = (math.radians(v) for v in joint.range_deg)
+        lower, upper = (1e-3 * v if joint.slides else math.radians(v) for v in joint.range_deg)
         effort, velocity = DRIVES[joint.drive]
         lines += [
             f'    <axis xyz="{numbers(joint.axis)}"/>',
             f'    <limit lower="{number(lower)}" upper="{number(upper)}"'
             f' effort="{number(effort)}" velocity="{number(velocity)}"/>',
         ]
+    if joint.mimic:
+        lines.append(f'    <mimic joint="{joint.mimic}" multiplier="1" offset="0"/>')
     return lines + ["  </joint>"]
 
 
@@ -178,9 +188,9 @@ def motorola(name, byte, scale, unit):
     return signal(name, 8 * byte + 7, 16, 0, "-", scale, unit, "TORQUED")
 
 
-def state(can_id, joint, fd):
+def state(can_id, joint, fd, link="link_angle"):
     message = Message(can_id, f"{joint.upper()}_STATE", 12 if fd else 8, "DRIVES", "Answer to SYNC, sampled at SYNC.")
-    message.signals.append(intel("link_angle", 0, 19, "+", 1, "count"))
+    message.signals.append(intel(link, 0, 19, "+", 1, "count"))
     if fd:
         message.signals += [
             intel("motor_angle", 24, 24, "+", 1, "count"),
@@ -337,7 +347,7 @@ def arm_chain(prefix, side):
 
 
 def names(joints):
-    return [j.name for j in joints if j.axis]
+    return [j.name for j in joints if j.axis and not j.mimic]
 
 
 def leg():
@@ -418,7 +428,42 @@ def humanoid():
     return Robot("humanoid", base, joints, tuple(messages), fd=True)
 
 
-ROBOTS = (test_joint(), leg(), hrp2_like(), humanoid())
+def lift_gripper():
+    """A torso on a vertical screw, a boom, and a gripper whose second finger follows the first."""
+    base = (
+        Solid("box", (0.50, 0.50, 0.20), (0, 0, 0.10), 40.0),
+        Solid("box", (0.12, 0.12, 0.90), (-0.10, 0, 0.65), 12.0),
+    )
+    finger = Solid("box", (0.06, 0.03, 0.012), (0.03, 0, 0.012), 0.12)
+    follower = Solid("box", (0.06, 0.03, 0.012), (0.03, 0, -0.012), 0.12)
+    joints = (
+        Joint("imu_link", "base_link", (0.10, 0, 0.20)),
+        Joint("lift", "base_link", (0.05, 0, 0.70), Z, (-200, 200), "screw_5",
+              (Solid("box", (0.16, 0.30, 0.30), (0.08, 0, 0.10), 9.0),), slides=True),
+        Joint("boom", "lift_link", (0.15, 0, 0.10), Y, (-60, 60), "shd20_100",
+              (Solid("box", (0.35, 0.06, 0.06), (0.175, 0, 0), 2.0),)),
+        Joint("wrist_ft", "boom_link", (0.35, 0, 0)),
+        Joint("gripper", "wrist_ft", (0, 0, 0), solids=(Solid("box", (0.06, 0.05, 0.12), (0.03, 0, 0), 0.8),)),
+        Joint("finger", "gripper", (0.06, 0, 0), Z, (0, 40), "screw_2", (finger,), slides=True),
+        Joint("finger_follower", "gripper", (0.06, 0, 0), (0, 0, -1), (0, 40), "screw_2", (follower,),
+              slides=True, mimic="finger"),
+    )
+    set_points = command(0x201, "COMMAND", ["boom"], 12, 32, 1e-7)
+    for k, joint in enumerate(("lift", "finger"), 1):
+        set_points.signals.append(intel(f"{joint}_position", 32 * k, 32, "-", 1e-8, "m", "DRIVES"))
+    messages = (
+        state(0x101, "lift", True, "link_position"),
+        state(0x102, "boom", True),
+        state(0x103, "finger", True, "link_position"),
+        sextuple(0x181, "WRIST_FT", WRENCH, (0.01, 0.0005), ("N", "Nm")),
+        sextuple(0x191, "IMU", IMU, (0.0005, 0.003), ("rad/s", "m/s2")),
+        control(0x1f1, "CONTROL", ["lift", "boom", "finger"]),
+        set_points,
+    )
+    return Robot("lift-gripper", base, joints, messages, fd=True)
+
+
+ROBOTS = (test_joint(), leg(), hrp2_like(), lift_gripper(), humanoid())
 
 
 def main(folder):

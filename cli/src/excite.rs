@@ -328,11 +328,12 @@ pub(crate) fn running(
 fn dry_run(arguments: &ExciteArguments) -> Result<String, Problems> {
     let (plan, robot) = read(&arguments.plan)?;
     let joints = &robot.parameters.joints;
-    let names: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
+    let names = joints.iter().map(|joint| (joint.name.as_str(), joint.kind));
+    let names: Vec<_> = names.collect();
     let from = by_joint(&names, &arguments.from)?;
-    let pose = names
+    let pose = joints
         .iter()
-        .map(|name| plan.pose.get(*name).map(|angle| angle.to_radians()));
+        .map(|joint| plan.pose.get(&joint.name).map(|angle| angle.to_radians()));
     let here = supposed(&robot, &from, &pose.collect::<Vec<_>>());
     let prepared = prepared(arguments, &plan, robot, &here)?;
     Ok(text(

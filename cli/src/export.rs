@@ -3,7 +3,7 @@
 use crate::output::finish_or_refuse;
 use crate::recorded;
 use problem::{Problem, Problems};
-use recording::{Counts, Field, Fields, Header, unit_of};
+use recording::{Counts, Field, Fields, Header};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -64,7 +64,7 @@ fn export(arguments: &ExportArguments) -> Result<String, Problems> {
     if arguments.list {
         let lines = columns
             .iter()
-            .map(|column| format!("{}: {}\n", column.title, column.field.doc.trim()));
+            .map(|column| format!("{}: {}\n", column.title, column.field.meaning(run.header())));
         return Ok(lines.collect());
     }
     let unwritable = |error: io::Error| {
@@ -139,7 +139,8 @@ fn columns(header: &Header, arguments: &ExportArguments) -> Result<Vec<Column>, 
     let counts: Counts = header.counts();
     let column = |of_reference: bool| {
         move |field: Field| {
-            let unit = unit_of(field.doc).map_or_else(String::new, |unit| format!(" [{unit}]"));
+            let unit = field.unit(header);
+            let unit = unit.map_or_else(String::new, |unit| format!(" [{unit}]"));
             let before = if of_reference { "reference." } else { "" };
             let title = format!("{before}{}{unit}", field.named(header));
             Column {

@@ -19,6 +19,7 @@ use recording::Ending;
 use robot_config::JointParameters;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use torqued_client::robot_state::JointKind;
 
 /// Identify parts of a robot from its own motion
 #[derive(Args)]
@@ -141,6 +142,16 @@ pub(crate) fn run(arguments: &IdentifyArguments) -> ExitCode {
     }
 }
 
+/// Refuses a joint whose drive is not identified.
+fn check_kind(joint: &JointParameters) -> Result<(), Problem> {
+    if joint.kind == JointKind::Prismatic {
+        let what = format!("--joint: joint {:?} is prismatic", joint.name);
+        let allowed = "a revolute joint: drives of prismatic joints are not identified";
+        return Err(Problem::new(what, allowed));
+    }
+    Ok(())
+}
+
 fn drive(arguments: &DriveArguments, runs: &[PathBuf]) -> Result<String, Problems> {
     let mut read: Option<Recorded> = None;
     let mut remarks = Vec::new();
@@ -233,6 +244,7 @@ impl Recorded {
             let problem = Problem::new(format!("--joint: the robot has no joint {name:?}"), names);
             return Err(problem.into());
         };
+        check_kind(&joints[index])?;
         let mut gather = Gather::new(index, &joints[index], header.period_s);
         let mut begin = None;
         let ending = recorded::read_all(path, &mut run, |_, message| {

@@ -4,6 +4,7 @@ mod summary;
 
 use crate::output::finish_or_refuse;
 use crate::recorded::{date, describe_ending, ms_between};
+use crate::units::{cell, keys};
 use problem::Problems;
 use recording::{Happening, Span};
 use serde_json::{Value, json};
@@ -150,16 +151,18 @@ fn joints(run: &RunSummary) -> TextTable {
         .joints
         .iter()
         .zip(&run.joints)
-        .map(|(name, joint)| {
+        .enumerate()
+        .map(|(j, (name, joint))| {
+            let kind = run.header.kind(j);
             let per_cent =
                 |cycles: u64| format!("{:.2}", 100.0 * cycles as f64 / run.cycles.max(1) as f64);
             vec![
                 name.clone(),
-                format!("{:.2}", joint.q_min.to_degrees()),
-                format!("{:.2}", joint.q_max.to_degrees()),
-                format!("{:.3}", joint.dq_max),
-                format!("{:.2}", joint.tau_max),
-                format!("{:.2}", joint.mean_sigma()),
+                cell(kind, format!("{:.2}", kind.shown(joint.q_min)), "deg"),
+                cell(kind, format!("{:.2}", kind.shown(joint.q_max)), "deg"),
+                cell(kind, format!("{:.3}", joint.dq_max), "rad/s"),
+                cell(kind, format!("{:.2}", joint.tau_max), "N·m"),
+                cell(kind, format!("{:.2}", joint.mean_sigma()), "N·m"),
                 per_cent(joint.missed),
                 per_cent(joint.limited),
             ]
@@ -182,8 +185,8 @@ fn events(run: &RunSummary) -> TextTable {
 
 fn object(run: &RunSummary) -> Value {
     let header = &run.header;
-    let joint = |(name, joint): (&String, &JointSummary)| {
-        json!({
+    let joint = |(j, (name, joint)): (usize, (&String, &JointSummary))| {
+        let object = json!({
             "name": name,
             "q_min_rad": joint.q_min,
             "q_max_rad": joint.q_max,
@@ -192,7 +195,8 @@ fn object(run: &RunSummary) -> Value {
             "sigma_mean_Nm": joint.mean_sigma(),
             "cycles_without_sample": joint.missed,
             "cycles_limited": joint.limited,
-        })
+        });
+        keys(header.kind(j), object)
     };
     let event = |(event, times): &(Event, u64)| json!({ "number": event.number(), "name": event.name(), "times": times });
     let span = |span: &Span| {
@@ -218,7 +222,7 @@ fn object(run: &RunSummary) -> Value {
         "frames_received": run.received,
         "frames_sent": run.sent,
         "ending": describe_ending(&run.ending).trim_end(),
-        "joints": header.joints.iter().zip(&run.joints).map(joint).collect::<Vec<_>>(),
+        "joints": header.joints.iter().zip(&run.joints).enumerate().map(joint).collect::<Vec<_>>(),
         "events": run.events.iter().map(event).collect::<Vec<_>>(),
         "timeline": run.spans.iter().map(span).collect::<Vec<_>>(),
         "files": header.files.iter().map(file).collect::<Vec<_>>(),

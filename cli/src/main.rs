@@ -26,6 +26,7 @@ mod requests;
 mod rows;
 mod state;
 mod tare;
+mod units;
 mod watch;
 mod whole_body;
 mod words;

@@ -12,6 +12,7 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use terminal::TextTable;
+use torqued_client::robot_state::JointKind;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -91,6 +92,7 @@ pub(crate) struct JudgedJoint {
     bound: bool,
     /// K_i of the feedback of a late torque, 1/s.
     k_i: Option<f64>,
+    joint_kind: JointKind,
     bandwidth: [f64; 2],
     torque: (Margins, [Load; 2]),
     /// With the configured stiffness and damping in space.
@@ -102,6 +104,7 @@ pub(crate) struct JudgedJoint {
 struct Loop {
     name: String,
     bound: bool,
+    joint_kind: JointKind,
     kind: Kind,
 }
 
@@ -124,6 +127,7 @@ fn joint_loop(joint: &JointParameters, parameters: &Parameters) -> Loop {
     Loop {
         name: joint.name.clone(),
         bound: predictive || late.is_some(),
+        joint_kind: joint.kind,
         kind: match late {
             Some(late) => Kind::Late(late),
             None => Kind::Predictive(JointLoop {
@@ -187,6 +191,7 @@ fn judge_joint(joint: &Loop) -> JudgedJoint {
             JudgedJoint {
                 name,
                 bound,
+                joint_kind: joint.joint_kind,
                 k_i: None,
                 bandwidth: stuck.map(|load| torque.with(load).bandwidth()),
                 torque: least_margins(&torque, &Load::ALL),
@@ -203,6 +208,7 @@ fn judge_joint(joint: &Loop) -> JudgedJoint {
             JudgedJoint {
                 name,
                 bound,
+                joint_kind: joint.joint_kind,
                 k_i: Some(space.gains.k_i),
                 bandwidth: stuck.map(|load| torque.bandwidth(load)),
                 torque: torque.least_margins(&Load::ALL),
@@ -237,8 +243,9 @@ pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
                     None => String::new(),
                 };
                 let allowed = format!(
-                    "at least 30 degrees and 6 dB: {less}less delay, or K_s up to {:.0} N·m/rad",
-                    joint.most[0]
+                    "at least 30 degrees and 6 dB: {less}less delay, or K_s up to {:.0} {}",
+                    joint.most[0],
+                    joint.joint_kind.units("N·m/rad")
                 );
                 problems.push(Problem::new(reason, allowed).at(file, 0));
             }
@@ -283,8 +290,12 @@ pub(crate) fn table(judged: &[JudgedJoint]) -> String {
             space_at[0].name().to_owned(),
             format!("{space_db:.0} dB"),
             format!("{:.0} dB", 20.0 * space.reduction.log10()),
-            format!("{:.0} N·m/rad", joint.most[0]),
-            format!("{:.1} N·m·s/rad", joint.most[1]),
+            format!("{:.0} {}", joint.most[0], joint.joint_kind.units("N·m/rad")),
+            format!(
+                "{:.1} {}",
+                joint.most[1],
+                joint.joint_kind.units("N·m·s/rad")
+            ),
         ]);
     }
     TextTable(rows).to_string()
@@ -304,6 +315,9 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
         })
     };
     let object = |joint: &JudgedJoint| {
+        // Only these keys have units of the joint: a phase is in degrees.
+        let [stiffness, damping] = ["largest_K_s_Nm_per_rad", "largest_K_d_Nms_per_rad"]
+            .map(|key| joint.joint_kind.units(key));
         json!({
             "name": joint.name,
             "K_i_per_s": joint.k_i,
@@ -311,8 +325,8 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
             "bandwidth_stuck_Hz": joint.bandwidth[1],
             "torque": margins(&joint.torque),
             "with_K_s_K_d": margins(&joint.space),
-            "largest_K_s_Nm_per_rad": joint.most[0],
-            "largest_K_d_Nms_per_rad": joint.most[1],
+            (stiffness): joint.most[0],
+            (damping): joint.most[1],
         })
     };
     judged.iter().map(object).collect()

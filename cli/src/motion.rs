@@ -15,6 +15,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use torqued_client::Commander;
+use torqued_client::robot_state::JointKind;
 
 const HELP: &str = "\
 All joints arrive at once, within the limits of velocity, acceleration and jerk that [control] of the
@@ -24,6 +25,7 @@ Ctrl-C brings it to rest.
 Examples:
   torquectl move knee=60 ankle_pitch=-30
   torquectl move knee=60 --speed 20 --robot leg
+  torquectl move lift=250mm gripper=20mm
   torquectl move knee=60 --preview config/leg/robot.toml --from knee=20 --plot way.svg
   torquectl move knee=60 --preview config/leg/robot.toml -o way.csv --json
 
@@ -32,14 +34,14 @@ Exit codes:
   1  it was stopped on its way, torqued could not be reached, or did not follow
   2  bad input: arguments, a joint that the robot does not have, or configuration";
 
-/// Move joints of an enabled robot to angles, and hold there.
+/// Move joints of an enabled robot to positions, and hold there.
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub(crate) struct MoveArguments {
-    /// Joints and the angles that they go to, in degrees
-    #[arg(value_name = "JOINT=DEGREES", required = true, value_parser = target)]
+    /// Joints and the positions that they go to, in degrees, of prismatic joints in mm
+    #[arg(value_name = "JOINT=POSITION", required = true, value_parser = target)]
     targets: Vec<Target>,
-    /// Greatest speed of each joint, degrees/s [default: that of the configuration]
+    /// Greatest speed of each joint, degrees/s or mm/s [default: that of the configuration]
     #[arg(long, value_name = "SPEED", value_parser = speed)]
     speed: Option<f64>,
     /// The robot's name; optional if only one robot runs
@@ -48,10 +50,10 @@ pub(crate) struct MoveArguments {
     /// Move nothing: plan the way with the limits of this configuration
     #[arg(long, value_name = "CONFIG", conflicts_with = "robot")]
     preview: Option<PathBuf>,
-    /// Where joints are in the preview, in degrees [default: 0, or the nearest limit]
-    #[arg(long, value_name = "JOINT=DEGREES", requires = "preview", value_parser = target, num_args = 1..)]
+    /// Where joints are in the preview, in degrees or mm [default: 0, or the nearest limit]
+    #[arg(long, value_name = "JOINT=POSITION", requires = "preview", value_parser = target, num_args = 1..)]
     from: Vec<Target>,
-    /// Write the preview as CSV: t in s, q, dq and ddq of each joint in rad, rad/s, rad/s²
+    /// Write the preview as CSV: t in s, q, dq and ddq of each joint in rad, rad/s, rad/s², or in m
     #[arg(short, long, value_name = "FILE.csv", requires = "preview")]
     output: Option<PathBuf>,
     /// Draw the preview
@@ -62,31 +64,44 @@ pub(crate) struct MoveArguments {
     json: bool,
 }
 
-/// A joint's angle, rad.
+impl MoveArguments {
+    /// Greatest speed of a joint, rad/s or m/s; 0 for that of the configuration.
+    fn speed(&self, kind: JointKind) -> f64 {
+        self.speed.map_or(0.0, |speed| kind.si(speed))
+    }
+}
+
+/// A joint's position as the user writes it: in degrees or mm.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Target {
     joint: String,
-    angle: f64,
+    shown: f64,
+    /// The unit, where the user wrote one.
+    unit: Option<&'static str>,
 }
 
 pub(crate) fn target(text: &str) -> Result<Target, Problem> {
-    let parsed = text.rsplit_once('=').and_then(|(joint, angle)| {
-        let angle: f64 = angle.trim().trim_end_matches("deg").parse().ok()?;
+    let parsed = text.rsplit_once('=').and_then(|(joint, position)| {
+        let position = position.trim();
+        let with = |unit: &'static str| Some((position.strip_suffix(unit)?, Some(unit)));
+        let (number, unit) = with("deg")
+            .or_else(|| with("mm"))
+            .unwrap_or((position, None));
+        let shown: f64 = number.trim().parse().ok()?;
         let joint = joint.trim().to_owned();
-        (angle.is_finite() && !joint.is_empty()).then_some((joint, angle.to_radians()))
+        (shown.is_finite() && !joint.is_empty()).then_some(Target { joint, shown, unit })
     });
-    let allowed = "a joint, = and an angle in degrees, as knee=60";
-    let parsed = parsed.ok_or_else(|| Problem::new(format!("{text:?} is no target"), allowed));
-    parsed.map(|(joint, angle)| Target { joint, angle })
+    let allowed = "a joint, = and an angle in degrees or of a prismatic joint a way in mm, as knee=60 or lift=250mm";
+    parsed.ok_or_else(|| Problem::new(format!("{text:?} is no target"), allowed))
 }
 
+/// In degrees/s or mm/s.
 fn speed(text: &str) -> Result<f64, Problem> {
     let speed = text
         .parse()
         .ok()
         .filter(|x: &f64| x.is_finite() && *x > 0.0);
-    let speed = speed.ok_or_else(|| Problem::new("not a speed", "above 0 degrees/s"));
-    speed.map(f64::to_radians)
+    speed.ok_or_else(|| Problem::new("not a speed", "above 0 degrees/s or mm/s"))
 }
 
 pub(crate) fn run(arguments: &MoveArguments) -> ExitCode {
@@ -96,38 +111,58 @@ pub(crate) fn run(arguments: &MoveArguments) -> ExitCode {
     }
 }
 
-/// The targets by joint, in the robot's order; none for joints that are not named.
-pub(crate) fn by_joint(names: &[&str], targets: &[Target]) -> Result<Vec<Option<f64>>, Problem> {
-    let mut angles = vec![None; names.len()];
+/// The targets by joint, rad or m, in the robot's order; none for joints that are not named.
+pub(crate) fn by_joint(
+    joints: &[(&str, JointKind)],
+    targets: &[Target],
+) -> Result<Vec<Option<f64>>, Problem> {
+    let mut positions = vec![None; joints.len()];
     for target in targets {
-        let joint = names.iter().position(|name| *name == target.joint);
-        let Some(angle) = joint.and_then(|joint| angles.get_mut(joint)) else {
+        let found = joints.iter().zip(&mut positions);
+        let found = found
+            .into_iter()
+            .find(|((name, _), _)| *name == target.joint);
+        let Some(((name, kind), position)) = found else {
             let what = format!("the robot has no joint {:?}", target.joint);
-            return Err(Problem::new(what, listed(names.iter().copied())));
+            return Err(Problem::new(
+                what,
+                listed(joints.iter().map(|(name, _)| *name)),
+            ));
         };
-        if angle.replace(target.angle).is_some() {
+        let unit = kind.units("deg");
+        if target.unit.is_some_and(|own| *own != *unit) {
+            let what = format!("joint {name:?} is {}", kind.name());
+            return Err(Problem::new(what, format!("{name}={}{unit}", target.shown)));
+        }
+        if position.replace(kind.si(target.shown)).is_some() {
             let what = format!("joint {:?} is named twice", target.joint);
-            return Err(Problem::new(what, "one angle for each joint"));
+            return Err(Problem::new(what, "one position for each joint"));
         }
     }
-    Ok(angles)
+    Ok(positions)
 }
 
 fn go(arguments: &MoveArguments) -> Result<String, Failure> {
     let stop = catch_signals().map_err(Failure::Argument)?;
     let mut client = connect(arguments.robot.as_ref())?;
     let description = client.description();
-    let joints = description.joint_names.iter().map(|name| name.as_str());
-    let names: Vec<&str> = joints.take(description.joint_count as usize).collect();
-    let angles = by_joint(&names, &arguments.targets).map_err(Failure::Argument)?;
+    let joints = description.joint_names.iter().enumerate();
+    let joints = joints.map(|(j, name)| (name.as_str(), description.joint_kind(j)));
+    let joints: Vec<_> = joints.take(description.joint_count as usize).collect();
+    let positions = by_joint(&joints, &arguments.targets).map_err(Failure::Argument)?;
+    let speeds: Vec<f64> = joints
+        .iter()
+        .map(|(_, kind)| arguments.speed(*kind))
+        .collect();
     let mut commander = Commander::connect(&mut client)?;
     commander.hold_until_ready(PATIENCE)?;
     let bar = bar();
     let mut whole = 0.0f64;
     let change = |reference: &mut torqued_client::robot_state::Reference| {
-        for (joint, angle) in reference.joints.iter_mut().zip(angles) {
-            joint.q_d = angle.unwrap_or(joint.q_d);
-            joint.dq_d = arguments.speed.unwrap_or(0.0);
+        let joints = reference.joints.iter_mut().zip(positions);
+        for ((joint, position), speed) in joints.zip(speeds) {
+            joint.q_d = position.unwrap_or(joint.q_d);
+            joint.dq_d = speed;
         }
     };
     let arrived = commander.go_to(change, |left| {
@@ -194,7 +229,8 @@ fn preview(config: &Path, arguments: &MoveArguments) -> Result<String, Problems>
     let read = |path: &str| std::fs::read_to_string(path);
     let robot = robot_config::load(&config.display().to_string(), &read)?;
     let parameters = &robot.parameters;
-    let names: Vec<&str> = parameters.joints.iter().map(|j| j.name.as_str()).collect();
+    let names = parameters.joints.iter().map(|j| (j.name.as_str(), j.kind));
+    let names: Vec<_> = names.collect();
     let (from, to) = (
         by_joint(&names, &arguments.from)?,
         by_joint(&names, &arguments.targets)?,
@@ -203,7 +239,7 @@ fn preview(config: &Path, arguments: &MoveArguments) -> Result<String, Problems>
     let ways: Vec<Way> = joints
         .zip(from.into_iter().zip(to))
         .map(|((joint, limits), (from, to))| {
-            let limits = limits.no_faster(arguments.speed.unwrap_or(0.0));
+            let limits = limits.no_faster(arguments.speed(joint.kind));
             let range = joint.limits.position_min..=joint.limits.position_max;
             let from = from.unwrap_or_else(|| 0.0f64.clamp(*range.start(), *range.end()));
             let to = to.unwrap_or(from);
@@ -215,11 +251,16 @@ fn preview(config: &Path, arguments: &MoveArguments) -> Result<String, Problems>
                     limits,
                 }),
                 false => Err(Problem::new(
-                    format!("{}={} is beyond its limits", joint.name, to.to_degrees()),
                     format!(
-                        "{:.1} to {:.1}",
-                        range.start().to_degrees(),
-                        range.end().to_degrees()
+                        "{}={} is beyond its limits",
+                        joint.name,
+                        joint.kind.shown(to)
+                    ),
+                    format!(
+                        "{:.1} to {:.1} {}",
+                        joint.kind.shown(*range.start()),
+                        joint.kind.shown(*range.end()),
+                        joint.kind.units("deg")
                     ),
                 )),
             }
@@ -238,12 +279,13 @@ fn preview(config: &Path, arguments: &MoveArguments) -> Result<String, Problems>
         return Ok(format!("{duration:.3} s\n"));
     }
     let joint = |way: &Way| {
-        json!({
+        let object = json!({
             "joint": way.joint.name, "from_rad": way.from, "to_rad": way.to,
             "velocity_rad_per_s": way.limits.velocity,
             "acceleration_rad_per_s2": way.limits.acceleration,
             "jerk_rad_per_s3": way.limits.jerk,
-        })
+        });
+        crate::units::keys(way.joint.kind, object)
     };
     let joints = Value::from(ways.iter().map(joint).collect::<Vec<_>>());
     Ok(format!(
@@ -301,8 +343,13 @@ fn figure(ways: &[Way], period: f64, samples: &[Vec<PlannedMotion>]) -> Figure {
             .zip(COLOURS.iter().cycle())
             .map(|((j, way), colour)| {
                 let points = samples.iter().enumerate();
-                let points = points.map(|(k, at)| (k as f64 * period, value(&at[j]).to_degrees()));
-                Line::new(&way.joint.name, *colour, points.collect())
+                let kind = way.joint.kind;
+                let points = points.map(|(k, at)| (k as f64 * period, kind.shown(value(&at[j]))));
+                let name = match kind {
+                    JointKind::Revolute => way.joint.name.clone(),
+                    JointKind::Prismatic => format!("{}, mm", way.joint.name),
+                };
+                Line::new(&name, *colour, points.collect())
             })
             .collect(),
         ..Panel::default()

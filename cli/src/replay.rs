@@ -4,6 +4,7 @@ mod html;
 
 use crate::BAD_INPUT;
 use crate::recorded::{self, describe_ending};
+use crate::units::{cell, keys};
 use indicatif::{ProgressBar, ProgressStyle};
 use problem::{Problem, Problems};
 use recording::{CycleMessage, Ending, Header, Replay, Replayed, TORQUES};
@@ -247,11 +248,16 @@ pub(crate) fn table(comparison: &Comparison) -> TextTable {
         .header
         .joints
         .iter()
-        .zip(&comparison.result.joints);
-    let rows = joints.map(|(name, torques)| {
+        .zip(&comparison.result.joints)
+        .enumerate();
+    let rows = joints.map(|(j, (name, torques))| {
+        let kind = comparison.header.kind(j);
         let cells = torques.iter().map(|torque| match torque.cycles {
             0 => "-".to_owned(),
-            _ => format!("{:.3} / {:.3}", torque.rms(), torque.largest),
+            _ => {
+                let both = format!("{:.3} / {:.3}", torque.rms(), torque.largest);
+                cell(kind, both, "N·m")
+            }
         });
         std::iter::once(name.clone()).chain(cells).collect()
     });
@@ -269,7 +275,8 @@ fn object(comparison: &Comparison) -> Value {
         })
     });
     let joints = comparison.header.joints.iter().zip(&result.joints);
-    let joints = joints.map(|(name, torques)| {
+    let joints = joints.enumerate().map(|(j, (name, torques))| {
+        let kind = comparison.header.kind(j);
         let torques = TORQUES.iter().zip(torques).map(|(torque, sum)| {
             let value = json!({
                 "cycles": sum.cycles,
@@ -277,7 +284,7 @@ fn object(comparison: &Comparison) -> Value {
                 "largest_Nm": sum.largest,
                 "largest_cycle": sum.largest_at,
             });
-            ((*torque).to_owned(), value)
+            ((*torque).to_owned(), keys(kind, value))
         });
         json!({ "name": name, "difference": torques.collect::<serde_json::Map<_, _>>() })
     });

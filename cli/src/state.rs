@@ -75,7 +75,7 @@ fn object(description: &Description, cycle: &CycleRecord) -> Value {
             "name": event.name(),
             "subject": words::fault_subject(description, cycle),
             "cause": event.cause(),
-            "config_key": event.config_key(),
+            "config_key": words::config_key(description, cycle, event),
         })
     });
     let engaged = cycle.commanded.joints.iter();
@@ -103,6 +103,8 @@ fn obstacles<'a>(
     joints.filter_map(|(j, joint)| {
         let [min, max] = [description.position_min[j], description.position_max[j]];
         let outside = !(min..=max).contains(&joint.q);
+        let kind = description.joint_kind(j);
+        let unit = kind.units("deg");
         let obstacle = match joint.defect() {
             Some(defect) => defect.to_owned(),
             None if cycle.commanded.joints[j].drive_state == DriveState::Fault.number() => {
@@ -112,10 +114,10 @@ fn obstacles<'a>(
                 )
             }
             None if outside => format!(
-                "stands outside its position limits: {:.1} deg, allowed {:.1} to {:.1} deg",
-                joint.q.to_degrees(),
-                min.to_degrees(),
-                max.to_degrees()
+                "stands outside its position limits: {:.1} {unit}, allowed {:.1} to {:.1} {unit}",
+                kind.shown(joint.q),
+                kind.shown(min),
+                kind.shown(max)
             ),
             None => return None,
         };

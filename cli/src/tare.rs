@@ -124,6 +124,7 @@ fn tare_joint(
             let object = json!({
                 "robot": client.robot(), "joint": joint, "torque_Nm": torque, "sigma_Nm": sigma,
             });
+            let object = crate::units::keys(description.joint_kind(place), object);
             format!("{object}\n")
         }
         false => format!("{}\n", answer.text),

@@ -1,5 +1,6 @@
 //! Numbers of a record in words.
 
+use std::borrow::Cow;
 use torqued_client::robot_state::{
     CycleRecord, Description, Event, Mode, RobotState, command_flags, frame_flags, measured_flags,
     torque_flags, torque_source,
@@ -92,7 +93,7 @@ fn words(flags: u32, names: &[(u32, &str)]) -> Vec<String> {
 }
 
 /// Everything about a joint that an operator should notice.
-pub(crate) fn remarks(cycle: &CycleRecord, joint: usize) -> String {
+pub(crate) fn remarks(description: &Description, cycle: &CycleRecord, joint: usize) -> String {
     let estimated = &cycle.estimated.joints[joint];
     let mut remarks = measured(cycle.measured.joints[joint].flags);
     for (estimate, of) in [
@@ -104,8 +105,9 @@ pub(crate) fn remarks(cycle: &CycleRecord, joint: usize) -> String {
     }
     remarks.extend(command(cycle.commanded.joints[joint].flags));
     if estimated.contact_flag == 1 {
+        let unit = description.joint_kind(joint).units("N·m");
         remarks.push(format!(
-            "contact: external torque {:.1} N·m, changed by {:.1} N·m",
+            "contact: external torque {:.1} {unit}, changed by {:.1} {unit}",
             estimated.tau_ext, estimated.tau_ext_change
         ));
     }
@@ -153,8 +155,23 @@ pub(crate) fn fault(description: &Description, cycle: &CycleRecord) -> String {
             fault_subject(description, cycle)
                 .map_or_else(String::new, |subject| format!(" ({subject})")),
             event.cause(),
-            event.config_key(),
+            config_key(description, cycle, event),
         ),
+    }
+}
+
+/// The key of the configuration that sets the latched fault's threshold, with the units of its joint.
+pub(crate) fn config_key(
+    description: &Description,
+    cycle: &CycleRecord,
+    event: Event,
+) -> Cow<'static, str> {
+    let (kind, index) = (cycle.fault_subject >> 16, cycle.fault_subject & 0xffff);
+    match kind {
+        1 => description
+            .joint_kind(index as usize)
+            .units(event.config_key()),
+        _ => Cow::Borrowed(event.config_key()),
     }
 }
 

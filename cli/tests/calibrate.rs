@@ -89,7 +89,12 @@ fn judge(folder: &Path, seconds: f64) -> [f64; 3] {
     let bus = LockStep::new(CanRobot::new(&robot, &urdf, &sim).unwrap(), &clock);
     let mut control_loop = ControlLoop::new(&robot, bus).unwrap();
     let motion = read_project_file("config/test-joint/motion.toml").unwrap();
-    let motion = Motion::parse(&motion, "", &["joint".to_owned()]).unwrap();
+    let motion = Motion::parse(
+        &motion,
+        "",
+        &[("joint".to_owned(), robot_state::JointKind::Revolute)],
+    )
+    .unwrap();
     let mut client = DemoClient::new(&robot, motion);
     let mut pace = VirtualDeadline::new(&clock, 1_000_000);
     let (mut sums, mut largest, mut count) = ([0.0; 2], 0.0f64, 0.0);

@@ -3,10 +3,10 @@
 use std::fmt::Write;
 
 use robot_state::{
-    Answer, CommanderStatus, Description, EVENT_COUNT, Event, Layout, MAX_FRAMES, MAX_FT_SENSORS,
-    MAX_JOINTS, MAX_POINTS, Mode, Reference, Request, RobotState, Shape, SharedRecord,
-    TrajectoryPiece, answer_status, command_flags, frame_flags, lease_refusal, measured_flags,
-    not_followed, piece_refusal, request, torque_flags, torque_source,
+    Answer, CommanderStatus, Description, EVENT_COUNT, Event, JointKind, Layout, MAX_FRAMES,
+    MAX_FT_SENSORS, MAX_JOINTS, MAX_POINTS, Mode, Reference, Request, RobotState, Shape,
+    SharedRecord, TrajectoryPiece, answer_status, command_flags, frame_flags, lease_refusal,
+    measured_flags, not_followed, piece_refusal, request, torque_flags, torque_source,
 };
 
 use crate::channel::type_name;
@@ -36,6 +36,13 @@ pub fn python_layout() -> String {
         "Mode",
         "Mode of the robot.",
         &Mode::ALL.map(|mode| (mode.name(), mode.number())),
+    );
+    enumeration(
+        &mut out,
+        "IntEnum",
+        "JointKind",
+        "Kind of a joint: of a prismatic one m stands for rad and N for N·m on the link side.",
+        &JointKind::ALL.map(|kind| (kind.name(), kind.number())),
     );
     enumeration(
         &mut out,

@@ -10,8 +10,8 @@
 use robot_state::{CycleRecord, RobotState};
 use supervisor::OperatorRequest;
 
-/// |dq| below which a joint of a robot in a fault counts as at rest, rad/s.
-const REST: f64 = 0.05;
+/// |dq| below which a joint of a robot in a fault counts as at rest, over that of other states.
+const REST: f64 = 2.5;
 /// Time for which control words that switch the drives off are sent, s.
 const DISABLE_S: f64 = 0.1;
 
@@ -32,18 +32,22 @@ pub struct Ending {
     left: u64,
     stop_cycles: u64,
     disable_cycles: u64,
+    /// |dq| below which each joint counts as at rest, rad/s.
+    rest: Vec<f64>,
 }
 
 impl Ending {
-    /// `time_limit`: longest time to bring the robot to rest, s.
+    /// `time_limit`: longest time to bring the robot to rest, s; `rest`: |dq| below which each joint
+    /// counts as at rest, rad/s.
     #[must_use]
-    pub fn new(time_limit: f64, sample_period: f64) -> Self {
+    pub fn new(time_limit: f64, sample_period: f64, rest: Vec<f64>) -> Self {
         let cycles = |time: f64| (time / sample_period).ceil() as u64;
         Self {
             phase: Phase::Running,
             left: 0,
             stop_cycles: cycles(time_limit),
             disable_cycles: cycles(DISABLE_S),
+            rest,
         }
     }
 
@@ -67,7 +71,7 @@ impl Ending {
                 (self.phase, self.left) = (Phase::Stopping, self.stop_cycles);
                 Some(OperatorRequest::Stop)
             }
-            Phase::Stopping if self.left == 0 || is_at_rest(last) => {
+            Phase::Stopping if self.left == 0 || is_at_rest(last, &self.rest) => {
                 (self.phase, self.left) = (Phase::Disabling, self.disable_cycles);
                 Some(OperatorRequest::Disable)
             }
@@ -94,13 +98,11 @@ impl Ending {
 
 /// Whether the robot is at rest. In a fault it may still be braking; in all other states the state
 /// machine knows.
-fn is_at_rest(record: &CycleRecord) -> bool {
-    let joints = record.measured.joints.iter();
+fn is_at_rest(record: &CycleRecord, rest: &[f64]) -> bool {
+    let mut joints = record.measured.joints.iter().zip(rest);
     match RobotState::from_number(record.state) {
         Some(RobotState::Stopping | RobotState::Active) => false,
-        Some(RobotState::Fault) => joints
-            .take(record.joint_count as usize)
-            .all(|joint| joint.dq.abs() < REST),
+        Some(RobotState::Fault) => joints.all(|(joint, rest)| joint.dq.abs() < REST * rest),
         _ => true,
     }
 }
@@ -121,7 +123,7 @@ mod tests {
 
     #[test]
     fn the_robot_is_stopped_then_disabled() {
-        let mut ending = Ending::new(2.0, 0.001);
+        let mut ending = Ending::new(2.0, 0.001, vec![0.02]);
         let active = record(RobotState::Active, 1.0);
         assert_eq!(ending.advance(false, 1, &active), None);
         assert_eq!(
@@ -149,7 +151,7 @@ mod tests {
     #[test]
     fn neither_a_joint_that_never_rests_nor_a_fault_prevents_the_end() {
         for state in [RobotState::Stopping, RobotState::Fault, RobotState::Active] {
-            let mut ending = Ending::new(2.0, 0.001);
+            let mut ending = Ending::new(2.0, 0.001, vec![0.02]);
             let moving = record(state, f64::NAN);
             let mut requests = Vec::new();
             let mut cycles = 0;

@@ -88,11 +88,12 @@ impl<B: Bus> Looper<B> {
             parameters.safety.time_limit,
             parameters.timing.sample_period,
         );
+        let rest = parameters.joints.iter().map(|joint| joint.limits.rest);
         Self {
             monitor: LoopMonitor::new(robot, control_loop.bus().counters()),
             control_loop,
             clients,
-            ending: Ending::new(limit, period),
+            ending: Ending::new(limit, period, rest.collect()),
             status: Arc::default(),
             stop: Arc::clone(stop),
             cycles: cycles.unwrap_or(u64::MAX),

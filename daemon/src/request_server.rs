@@ -275,8 +275,12 @@ impl RequestServer {
             &cycle.estimated.joints[place],
         );
         let text = format!(
-            "{}: {:.3} N·m is taken to be {:.3} N·m, within {:.3}",
-            joint.name, before.tau_encoder.tau, asked.torque, asked.sigma
+            "{}: {:.3} {unit} is taken to be {:.3} {unit}, within {:.3}",
+            joint.name,
+            before.tau_encoder.tau,
+            asked.torque,
+            asked.sigma,
+            unit = joint.kind.units("N·m"),
         );
         self.change(|settings| {
             if let Some(tare) = settings.joint_tares.get_mut(place) {

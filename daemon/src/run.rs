@@ -238,6 +238,7 @@ fn describe(robot: &Robot) -> Description {
     };
     for (j, joint) in parameters.joints.iter().enumerate() {
         description.joint_names[j] = Name::new(&joint.name);
+        description.joint_kinds[j] = joint.kind.number();
         description.torque_limits[j] = joint.limits.torque;
         description.position_min[j] = joint.limits.position_min;
         description.position_max[j] = joint.limits.position_max;

@@ -12,7 +12,7 @@ import pytest
 from processes import example, json_program
 
 ROOT = Path(__file__).resolve().parents[2]
-ROBOTS = ["test-joint", "leg", "hrp2-like", "humanoid"]
+ROBOTS = ["test-joint", "leg", "hrp2-like", "lift-gripper", "humanoid"]
 FRAMES = 20
 
 

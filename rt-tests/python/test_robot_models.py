@@ -23,6 +23,7 @@ JOINTS = {
     "test-joint": ["joint"],
     "leg": LEG,
     "hrp2-like": LEG,
+    "lift-gripper": ["lift", "boom", "finger"],
     "humanoid": [
         *(f"{side}_{name}" for side in ("left", "right") for name in LEG),
         *TRUNK,
@@ -30,7 +31,9 @@ JOINTS = {
     ],
 }
 # Moving mass, kg: the base counts where it floats. 58 kg is HRP-2's.
-MASS = {"test-joint": 2.482, "leg": 11.9, "hrp2-like": 31.9, "humanoid": 58.0}
+MASS = {"test-joint": 2.482, "leg": 11.9, "hrp2-like": 31.9, "lift-gripper": 64.04, "humanoid": 58.0}
+# Joints that follow others: no drive, no encoder.
+FOLLOWERS = {"lift-gripper": ["finger_follower"]}
 CYCLE_US = 1000.0
 
 robots = pytest.mark.parametrize("robot", sorted(JOINTS))
@@ -48,6 +51,24 @@ def database(robot):
 
 def config(robot):
     return tomllib.loads((ROOT / "config" / robot / "robot.toml").read_text(encoding="utf-8"))
+
+
+def is_prismatic(robot, joint):
+    robot_model = model(robot)
+    return "JointModelP" in robot_model.joints[robot_model.getJointId(joint["name"])].shortname()
+
+
+def in_units(robot, joint, key):
+    """A key of a revolute joint with the units of this joint."""
+    if not is_prismatic(robot, joint):
+        return key
+    units = {"Nm": "N", "rad": "m", "deg": "mm", "Nms": "Ns"}
+    return "_".join(units.get(part, part) for part in key.split("_"))
+
+
+def gear_ratio(drive):
+    """Motor's angle for a way of the joint: 1, or rad/m."""
+    return drive.get("gear_ratio") or 2 * math.pi / (1e-3 * drive["lead_mm_per_turn"])
 
 
 def bus_signals(robot):
@@ -76,7 +97,7 @@ def test_generated_files_are_up_to_date(tmp_path):
 def test_joints_and_mass(robot):
     robot_model = model(robot)
     names = [name for name in robot_model.names if name not in ("universe", "root_joint")]
-    assert sorted(names) == sorted(JOINTS[robot])
+    assert sorted(names) == sorted(JOINTS[robot] + FOLLOWERS.get(robot, []))
     assert pin.computeTotalMass(robot_model) == pytest.approx(MASS[robot], abs=1e-9)
     assert [joint["name"] for joint in config(robot)["joint"]] == JOINTS[robot]
 
@@ -115,7 +136,7 @@ def test_sensor_frames_are_fixed_links(robot):
     robot_model, settings = model(robot), config(robot)
     frames = [sensor["frame"] for sensor in settings.get("ft_sensor", [])]
     frames += [settings["imu"]["frame"]] if "imu" in settings else []
-    assert len(frames) == {"test-joint": 0, "leg": 1, "hrp2-like": 2, "humanoid": 5}[robot]
+    assert len(frames) == {"test-joint": 0, "leg": 1, "hrp2-like": 2, "lift-gripper": 2, "humanoid": 5}[robot]
     for name in frames:
         assert robot_model.existFrame(name, pin.FrameType.BODY), name
         assert robot_model.existFrame(f"{name}_mount", pin.FrameType.FIXED_JOINT), name
@@ -170,10 +191,14 @@ def test_limits_of_configuration_and_model_agree(robot):
         index = robot_model.joints[robot_model.getJointId(joint["name"])].idx_v
         position = robot_model.joints[robot_model.getJointId(joint["name"])].idx_q
         drive = settings["drive"][joint["drive"]]
-        assert joint["torque_limit_Nm"] == robot_model.upperEffortLimit[index]
-        assert drive["max_velocity_rad_per_s"] == robot_model.upperVelocityLimit[index]
+        def key(name):
+            return in_units(robot, joint, name)
+
+        assert joint[key("torque_limit_Nm")] == robot_model.upperEffortLimit[index]
+        assert drive[key("max_velocity_rad_per_s")] == robot_model.upperVelocityLimit[index]
+        prismatic = is_prismatic(robot, joint)
         # The absolute encoder may not wrap inside the joint's range.
-        lower, upper = (math.degrees(limit[position])
+        lower, upper = (1e3 * limit[position] if prismatic else math.degrees(limit[position])
                         for limit in (robot_model.lowerPositionLimit, robot_model.upperPositionLimit))
         if "link_angle" not in joint:
             angle = database(robot).get_message_by_name(f"{joint['name'].upper()}_STATE")
@@ -181,9 +206,14 @@ def test_limits_of_configuration_and_model_agree(robot):
             turns = 360 / drive["motor_counts_per_turn"] / drive["gear_ratio"]
             assert angle.minimum * turns < lower and upper < angle.maximum * turns
             continue
-        direction, offset = joint["link_angle"]["direction"], joint["link_angle"]["offset_deg"]
-        start = offset if direction == 1 else offset - 360
-        assert start <= lower + 1e-6 and upper - 1e-6 <= start + 360
+        direction, offset = joint["link_angle"]["direction"], joint["link_angle"][key("offset_deg")]
+        way = 360
+        if prismatic:
+            message, signal = joint["link_angle"]["signal"].split(".")
+            signal = database(robot).get_message_by_name(message).get_signal_by_name(signal)
+            way = (signal.maximum - signal.minimum + 1) / drive["link_counts_per_mm"]
+        start = offset if direction == 1 else offset - way
+        assert start <= lower + 1e-6 and upper - 1e-6 <= start + way
 
 
 @robots
@@ -191,14 +221,19 @@ def test_drive_numbers_fit_together(robot):
     settings = config(robot)
     for joint in settings["joint"]:
         drive, gains = settings["drive"][joint["drive"]], joint["gains"]
-        limit, motor, gear = joint["torque_limit_Nm"], drive["motor"], drive["compliance"]
-        assert limit / drive["gear_ratio"] / drive["torque_constant_Nm_per_A"] < 32.767, "current signal's range"
+
+        def key(name):
+            return in_units(robot, joint, name)
+
+        limit, motor, gear = joint[key("torque_limit_Nm")], drive["motor"], drive["compliance"]
+        assert limit / gear_ratio(drive) / drive["torque_constant_Nm_per_A"] < 32.767, "current signal's range"
         # Over the motor's angle, where there is no other, K_tau contains no gear.
         if "link_angle" in joint:
-            assert motor["K_tau_rad_per_Nm"] > 1 / gear["K_fs0_Nm_per_rad"], "stiffer than its gear"
+            assert motor[key("K_tau_rad_per_Nm")] > 1 / gear[key("K_fs0_Nm_per_rad")], "stiffer than its gear"
         k6 = gains.get("K6")
         if k6 is None:
-            k6 = motor["K_tau_rad_per_Nm"] * (1 + gains.get("K_p", 0.0)) * gains["K_s_Nm_per_rad"]
+            k_tau, k_s = motor[key("K_tau_rad_per_Nm")], gains[key("K_s_Nm_per_rad")]
+            k6 = k_tau * (1 + gains.get("K_p", 0.0)) * k_s
         assert 0 < k6 < 1.001, "stiffer than the drive's own position loop"
 
 

@@ -246,7 +246,7 @@ impl Busy {
                     text = text.replace("settle_s = 1.0", "settle_s = 1e9");
                 }
                 let joints = rig.robot.parameters.joints.iter();
-                let names: Vec<String> = joints.map(|j| j.name.clone()).collect();
+                let names: Vec<_> = joints.map(|j| (j.name.clone(), j.kind)).collect();
                 let motion = Motion::parse(&text, &path, &names).map_err(|e| e.to_string())?;
                 Some(DemoClient::new(&rig.robot, motion))
             }

@@ -5,6 +5,7 @@ use crate::scenario::Scenario;
 use identification::log::LogRow;
 use plant::random::Random;
 use plant::{Command, DriveSheet, JointRig, KinematicError, RigTiming};
+use robot_state::JointKind;
 
 /// Set points between two samples: drives interpolate (CiA 402's interpolated position mode). A
 /// staircase of one step a sample would make a pulse of current in each, always sampled at its
@@ -18,6 +19,7 @@ const SUBSTEPS: usize = 2;
 pub fn run(joint: &BenchJoint, scenario: &Scenario) -> Vec<(LogRow, f64)> {
     let j = &joint.file.joint;
     let sheet = DriveSheet {
+        kind: JointKind::Revolute,
         gear_ratio: j.gear_ratio,
         torque_constant: j.torque_constant,
         rotor_inertia: j.rotor_inertia,

@@ -127,6 +127,7 @@ impl Bench {
                 kernel: quick.kernel(),
                 fast_sigma: c.k_fs0 * counts / 12_f64.sqrt(),
                 torque_limit: joint.limits.torque,
+                stands_within: joint.limits.gives_way,
                 error_per_angle: 600.0,
             }),
             quick,
@@ -227,6 +228,7 @@ fn sheet(joint: &JointParameters) -> DriveSheet {
     let known = &e.kinematic_error;
     let pairs = |list: &[(f64, f64)]| list.iter().map(|(a, b)| [*a, *b]).collect();
     DriveSheet {
+        kind: joint.kind,
         gear_ratio: e.gear_ratio,
         torque_constant: e.wave_generator.torque_constant,
         rotor_inertia: joint.rotor_inertia,

@@ -70,7 +70,7 @@ pub(crate) fn run(name: &str, seconds: f64, conditions: &Conditions) -> Result<J
     let urdf = read(&p.urdf_path).map_err(|e| e.to_string())?;
     let mut plant = CanRobot::new(&robot, &urdf, &sim).map_err(|e| e.to_string())?;
     let path = format!("config/{name}/motion.toml");
-    let names: Vec<String> = p.joints.iter().map(|j| j.name.clone()).collect();
+    let names: Vec<_> = p.joints.iter().map(|j| (j.name.clone(), j.kind)).collect();
     let motion = read(&path).map_err(|e| e.to_string())?;
     let motion = Motion::parse(&motion, &path, &names).map_err(|e| e.to_string())?;
     let mut client = DemoClient::new(&robot, motion);

@@ -2,6 +2,7 @@
 
 use super::analysis::BlackBox;
 use crate::recorded::{date, describe_ending, ms_between};
+use crate::units::{cell, keys};
 use crate::words;
 use recording::Span;
 use serde_json::{Value, json};
@@ -101,12 +102,13 @@ fn joints(black_box: &BlackBox) -> TextTable {
         .enumerate()
         .map(|(j, (name, ((measured, estimated), commanded)))| {
             let good_ns = black_box.good_ns.get(j).copied().flatten();
+            let kind = black_box.header.kind(j);
             vec![
                 name.clone(),
-                format!("{:.2}", measured.q.to_degrees()),
-                format!("{:.3}", measured.dq),
-                format!("{:.2}", estimated.tau_hat.tau),
-                format!("{:.2}", estimated.tau_hat.sigma),
+                cell(kind, format!("{:.2}", kind.shown(measured.q)), "deg"),
+                cell(kind, format!("{:.3}", measured.dq), "rad/s"),
+                cell(kind, format!("{:.2}", estimated.tau_hat.tau), "N·m"),
+                cell(kind, format!("{:.2}", estimated.tau_hat.sigma), "N·m"),
                 good_ns.map_or_else(
                     || "none".to_owned(),
                     |good_ns| format!("{:.1}", ms_between(black_box.fault_ns, good_ns)),
@@ -143,7 +145,7 @@ pub(crate) fn json(black_box: &BlackBox) -> Value {
         let measured = &record.measured.joints[j];
         let estimated = &record.estimated.joints[j];
         let good_ns = black_box.good_ns.get(j).copied().flatten();
-        json!({
+        let object = json!({
             "name": name,
             "q_rad": measured.q,
             "dq_rad_per_s": measured.dq,
@@ -154,7 +156,8 @@ pub(crate) fn json(black_box: &BlackBox) -> Value {
             "status": measured.status,
             "flags": words::measured(measured.flags),
             "command": words::command(record.commanded.joints[j].flags),
-        })
+        });
+        keys(header.kind(j), object)
     });
     json!({
         "robot": header.robot,

@@ -16,6 +16,7 @@ use std::f64::consts::TAU;
 use std::io;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use torqued_client::robot_state::JointKind;
 
 /// Torsion of a usual gear at its rated torque, rad (Z Table I: 1.9e-3; catalogues: 1.3e-3 to 2.4e-3).
 const RATED_TORSION: f64 = 1.8e-3;
@@ -183,6 +184,9 @@ fn one(robot: &Robot, joint: &JointParameters, logs: &JointLogs, names: &[String
     let sheet = data_sheet(joint, robot.parameters.timing.sample_period);
     let mut inputs = Vec::new();
     let outcome = match joint.has_link_encoder {
+        _ if joint.kind == JointKind::Prismatic => Err(vec![
+            "is prismatic: joint files hold angles and torques".to_owned(),
+        ]),
         true => calibrated(robot, &sheet, logs, names, &mut inputs),
         // Its recorded torsion is the one that the configuration explains.
         false => Err(vec![

@@ -7,6 +7,7 @@ use super::{command, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
 use robot_config::{BusParameters, Carrier, JointParameters, Robot};
 use serde_json::{Value, json};
+use torqued_client::robot_state::JointKind;
 
 pub(super) fn object(
     robot: &Robot,
@@ -35,17 +36,23 @@ pub(super) fn object(
     };
     let joint = |joint: &JointParameters| {
         let same = equivalent(joint, parameters.k_f);
-        json!({
+        let kind = joint.kind;
+        let gear_ratio = match kind {
+            JointKind::Revolute => "gear_ratio",
+            JointKind::Prismatic => "gear_ratio_rad_per_m",
+        };
+        let object = json!({
             "name": joint.name,
+            "kind": kind.name(),
             "bus": parameters.buses[joint.bus].name,
             "drive": joint.drive,
             "command": command(joint),
             "link_encoder": joint.has_link_encoder,
-            "gear_ratio": joint.encoders.gear_ratio,
+            (gear_ratio): joint.encoders.gear_ratio,
             "torque_limit_Nm": joint.limits.torque,
-            "position_min_deg": joint.limits.position_min.to_degrees(),
-            "position_max_deg": joint.limits.position_max.to_degrees(),
-            "delta_q_limit_deg": joint.limits.lead.to_degrees(),
+            "position_min_deg": kind.shown(joint.limits.position_min),
+            "position_max_deg": kind.shown(joint.limits.position_max),
+            "delta_q_limit_deg": kind.shown(joint.limits.lead),
             "velocity_limit_rad_per_s": joint.limits.velocity,
             "deceleration_rad_per_s2": joint.limits.deceleration,
             "torque_rate_Nm_per_s": joint.limits.torque_rate,
@@ -63,7 +70,8 @@ pub(super) fn object(
                 "K8_per_M_rad_per_Nm": same.k8_per_m,
                 "K9_per_JT_rad_per_Nm": same.k9_per_jt,
             })),
-        })
+        });
+        crate::units::keys(kind, object)
     };
     json!({
         "robot": parameters.name,

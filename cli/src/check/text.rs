@@ -5,10 +5,12 @@ use super::frames;
 use super::gains::equivalent;
 use super::{command, lacking, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
+use crate::units::cell;
 use control::MotorModel;
 use dynamics::Base;
 use robot_config::{JointParameters, Robot};
 use terminal::TextTable;
+use torqued_client::robot_state::JointKind;
 
 fn row<const N: usize>(cells: [&str; N]) -> Vec<String> {
     cells.map(str::to_owned).to_vec()
@@ -107,25 +109,31 @@ fn joint_table(robot: &Robot) -> TextTable {
         "joint", "bus", "drive", "command", "N", "torque", "position", "velocity", "lead", "count",
     ])];
     rows.extend(robot.parameters.joints.iter().map(|joint| {
-        let limits = &joint.limits;
+        let (limits, kind) = (&joint.limits, joint.kind);
+        let unit = |unit| kind.units(unit);
         vec![
             joint.name.clone(),
             robot.parameters.buses[joint.bus].name.clone(),
             joint.drive.clone(),
             command(joint).to_owned(),
-            joint.encoders.gear_ratio.to_string(),
-            format!("±{} N·m", limits.torque),
+            match kind {
+                JointKind::Revolute => joint.encoders.gear_ratio.to_string(),
+                JointKind::Prismatic => format!("{:.4} rad/m", joint.encoders.gear_ratio),
+            },
+            format!("±{} {}", limits.torque, unit("N·m")),
             format!(
-                "{:.1} to {:.1} deg",
-                limits.position_min.to_degrees(),
-                limits.position_max.to_degrees()
+                "{:.1} to {:.1} {}",
+                kind.shown(limits.position_min),
+                kind.shown(limits.position_max),
+                unit("deg")
             ),
-            format!("±{} rad/s", limits.velocity),
+            format!("±{} {}", limits.velocity, unit("rad/s")),
             match limits.lead.is_finite() {
-                true => format!("±{:.3} deg", limits.lead.to_degrees()),
+                true => format!("±{:.3} {}", kind.shown(limits.lead), unit("deg")),
                 false => "-".to_owned(),
             },
-            torque_per_count(joint).map_or_else(|| "-".to_owned(), |tau| format!("{tau:.3} N·m")),
+            torque_per_count(joint)
+                .map_or_else(|| "-".to_owned(), |tau| format!("{tau:.3} {}", unit("N·m"))),
         ]
     }));
     TextTable(rows)
@@ -161,18 +169,20 @@ fn drive_table(robot: &Robot) -> TextTable {
             MotorModel::Position {
                 k_tau, k_v, k_c, ..
             } => {
-                format!("K_tau {k_tau} rad/Nm, K_v {k_v} s, K_c {k_c} rad")
+                let text = format!("K_tau {k_tau} rad/Nm, K_v {k_v} s, K_c {k_c} rad");
+                joint.kind.units(&text).into_owned()
             }
             MotorModel::Current { k1, k2, k3, .. } => {
-                format!("K_1 {k1} Nm/A, K_2 {k2} Nms/rad, K_3 {k3} Nm")
+                let text = format!("K_1 {k1} Nm/A, K_2 {k2} Nms/rad, K_3 {k3} Nm");
+                joint.kind.units(&text).into_owned()
             }
         };
         vec![
             joint.drive.clone(),
             estimator.wave_generator.torque_constant.to_string(),
             format!("{:e}", joint.rotor_inertia),
-            compliance.k_fs0.to_string(),
-            compliance.c_fs.to_string(),
+            cell(joint.kind, compliance.k_fs0.to_string(), "Nm/rad"),
+            cell(joint.kind, compliance.c_fs.to_string(), "1/Nm"),
             compliance.k_wg0.to_string(),
             compliance.c_wg.to_string(),
             estimator.wave_generator.friction.to_string(),
@@ -200,15 +210,15 @@ fn gain_table(robot: &Robot) -> TextTable {
             joint.name.clone(),
             gains.k_p.to_string(),
             gains.k_i.to_string(),
-            format!("{:.1}", gains.k_s),
-            format!("{:.2}", gains.k_d),
+            cell(joint.kind, format!("{:.1}", gains.k_s), "Nm/rad"),
+            cell(joint.kind, format!("{:.2}", gains.k_d), "Nms/rad"),
         ];
         match equivalent(joint, robot.parameters.k_f) {
             Some(same) => cells.extend([
                 format!("{:.3}", same.k6),
                 format!("{:.4}", same.k7),
-                format!("{:.3e}", same.k8_per_m),
-                format!("{:.3e}", same.k9_per_jt),
+                cell(joint.kind, format!("{:.3e}", same.k8_per_m), "rad/Nm"),
+                cell(joint.kind, format!("{:.3e}", same.k9_per_jt), "rad/Nm"),
             ]),
             None => cells.extend(row(["-"; 4])),
         }

@@ -1,10 +1,11 @@
 //! The plan's file: TOML.
 
 use problem::{Problem, Problems, line_at, listed};
-use robot_config::Robot;
+use robot_config::{JointParameters, Robot};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use toml::Spanned;
+use torqued_client::robot_state::JointKind;
 
 /// Angles by joint, in degrees.
 pub(crate) type Angles = BTreeMap<String, f64>;
@@ -317,6 +318,22 @@ impl PlanFile {
         let joints = &robot.parameters.joints;
         let names: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
         let mut problems = Vec::new();
+        let named = |joint: &&JointParameters| {
+            let mut angles = self.pose.keys().chain(self.parts.iter().flat_map(|part| {
+                let part = part.get_ref();
+                let poses = part.poses.iter().flat_map(BTreeMap::keys);
+                part.joints.iter().chain(part.pose.keys()).chain(poses)
+            }));
+            joint.kind == JointKind::Prismatic && angles.any(|name| *name == joint.name)
+        };
+        for joint in joints.iter().filter(named) {
+            let what = format!(
+                "joint {:?} is prismatic: plans move and place joints by angles",
+                joint.name
+            );
+            let allowed = "revolute joints; prismatic ones stay where they are";
+            problems.push(Problem::new(what, allowed).at(file, 0));
+        }
         for joint in self
             .pose
             .keys()

@@ -9,6 +9,7 @@ use identification::drive::chirp::Chirp;
 use problem::{Problem, Problems, listed};
 use robot_config::{JointParameters, Robot};
 use std::path::{Path, PathBuf};
+use torqued_client::robot_state::JointKind;
 
 /// Shares of the motion's amplitudes that are tried where the whole motion is refused: a heavy joint
 /// leaves less torque for it, one near its limits less room.
@@ -74,9 +75,11 @@ fn load(config: &Path) -> Result<Robot, Problems> {
     robot_config::load(&config, &|path: &str| std::fs::read_to_string(path))
 }
 
-fn names(robot: &Robot) -> Vec<&str> {
+fn names(robot: &Robot) -> Vec<(&str, JointKind)> {
     let joints = robot.parameters.joints.iter();
-    joints.map(|joint| joint.name.as_str()).collect()
+    joints
+        .map(|joint| (joint.name.as_str(), joint.kind))
+        .collect()
 }
 
 /// The largest share of the motion that the robot may follow, from `here`, rad.
@@ -103,11 +106,13 @@ fn attempt(
 ) -> Result<Prepared, Problems> {
     let robot = load(config)?;
     let names = names(&robot);
-    let Some(index) = names.iter().position(|name| *name == arguments.joint) else {
+    let Some(index) = names.iter().position(|(name, _)| *name == arguments.joint) else {
         let what = format!("--joint: the robot has no joint {:?}", arguments.joint);
-        return Err(Problem::new(what, listed(names)).into());
+        let names = listed(names.into_iter().map(|(name, _)| name));
+        return Err(Problem::new(what, names).into());
     };
     let joint = &robot.parameters.joints[index];
+    super::check_kind(joint)?;
     let given = by_joint(&names, &arguments.pose)?;
     let mut pose: Vec<f64> = (given.iter().zip(here))
         .map(|(given, here)| given.unwrap_or(*here))

@@ -115,25 +115,32 @@ pub(super) fn page(comparison: &Comparison, curves: &Curves) -> String {
         let _ = write!(out, "<th>{torque}</th>");
     }
     out += "</tr>\n";
-    for (name, torques) in header.joints.iter().zip(&comparison.result.joints) {
+    let joints = header.joints.iter().zip(&comparison.result.joints);
+    for (j, (name, torques)) in joints.enumerate() {
         let _ = write!(out, "<tr><td>{}</td>", escape(name));
+        let unit = |text: String| crate::units::cell(header.kind(j), text, "N·m");
         for torque in torques {
             let _ = match torque.cycles {
                 0 => write!(out, "<td>-</td>"),
-                _ => write!(out, "<td>{:.3} / {:.3}</td>", torque.rms(), torque.largest),
+                _ => {
+                    let both = format!("{:.3} / {:.3}", torque.rms(), torque.largest);
+                    write!(out, "<td>{}</td>", unit(both))
+                }
             };
         }
         out += "</tr>\n";
     }
-    out += "</table>\n<h2>tau_hat</h2>\n<p>Grey: recorded. Blue: computed again. N·m over the run.</p>\n";
-    for (name, curve) in header.joints.iter().zip(&curves.joints) {
-        let _ = writeln!(out, "<h3>{}</h3>\n{}", escape(name), plot(curve));
+    out +=
+        "</table>\n<h2>tau_hat</h2>\n<p>Grey: recorded. Blue: computed again. Over the run.</p>\n";
+    for (j, (name, curve)) in header.joints.iter().zip(&curves.joints).enumerate() {
+        let unit = header.kind(j).units("N·m");
+        let _ = writeln!(out, "<h3>{}</h3>\n{}", escape(name), plot(curve, &unit));
     }
     out += "</body></html>\n";
     out
 }
 
-fn plot(curve: &[Interval]) -> String {
+fn plot(curve: &[Interval], unit: &str) -> String {
     let mut range = [f64::INFINITY, f64::NEG_INFINITY];
     for value in curve
         .iter()
@@ -159,7 +166,7 @@ fn plot(curve: &[Interval]) -> String {
         }
     }
     format!(
-        "<p>{low:.2} to {high:.2} N·m</p>\n<svg width=\"{WIDTH}\" height=\"{HEIGHT}\">\
+        "<p>{low:.2} to {high:.2} {unit}</p>\n<svg width=\"{WIDTH}\" height=\"{HEIGHT}\">\
          <path d=\"{}\" stroke=\"#999\" stroke-width=\"2\"/><path d=\"{}\" stroke=\"#06c\"/></svg>",
         paths[0], paths[1]
     )

@@ -32,7 +32,10 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
         "contact_set": words::contact_set(description, cycle),
         "contact_set_automatic": cycle.estimated.contact_set_automatic == 1,
         "filter_delay_s": cycle.measured.filter_delay_s,
-        "joints": joints.map(|(j, name)| joint(name.as_str(), cycle, j)).collect::<Vec<_>>(),
+        "joints": joints.map(|(j, name)| {
+            let kind = description.joint_kind(j);
+            crate::units::keys(kind, joint(name.as_str(), cycle, j))
+        }).collect::<Vec<_>>(),
         "ft": sensors.map(|(s, name)| ft_sensor(name.as_str(), cycle, s)).collect::<Vec<_>>(),
         "imu": imu(&cycle.measured.imu),
         "unknown_wrench": wrench(&cycle.estimated.unknown_wrench),
@@ -56,7 +59,7 @@ fn fault(description: &Description, cycle: &CycleRecord) -> Value {
         "name": event.map(|e| e.name()),
         "subject": words::fault_subject(description, cycle),
         "cause": event.map(|e| e.cause()),
-        "config_key": event.map(|e| e.config_key()),
+        "config_key": event.map(|event| words::config_key(description, cycle, event)),
     })
 }
 

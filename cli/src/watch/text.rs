@@ -1,5 +1,6 @@
 //! A record for the eye.
 
+use crate::units::cell;
 use crate::words;
 use std::fmt::Write;
 use terminal::TextTable;
@@ -102,14 +103,16 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
         let measured = &cycle.measured.joints[j];
         let estimated = &cycle.estimated.joints[j];
         let commanded = &cycle.commanded.joints[j];
+        let kind = description.joint_kind(j);
+        let torque = |text: String| cell(kind, text, "N·m");
         rows.push(vec![
             name.to_string(),
-            format!("{:.2}", measured.q.to_degrees()),
-            estimate(&estimated.tau_encoder),
-            estimate(&estimated.tau_whole_body),
-            estimate(&estimated.tau_hat),
-            format!("{:.2}", commanded.tau_d),
-            format!("{:.2}", commanded.tau_star),
+            cell(kind, format!("{:.2}", kind.shown(measured.q)), "deg"),
+            torque(estimate(&estimated.tau_encoder)),
+            torque(estimate(&estimated.tau_whole_body)),
+            torque(estimate(&estimated.tau_hat)),
+            torque(format!("{:.2}", commanded.tau_d)),
+            torque(format!("{:.2}", commanded.tau_star)),
             format!("{:.1}", measured.age_s * 1e3),
             match commanded.command_delay_sigma_s > 0.0 {
                 true => format!(
@@ -119,7 +122,7 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
                 ),
                 false => "-".to_owned(),
             },
-            words::remarks(cycle, j),
+            words::remarks(description, cycle, j),
         ]);
     }
     TextTable(rows)

@@ -13,6 +13,7 @@ from .layout import (
     Answer,
     AnswerStatus,
     Description,
+    JointKind,
     Request,
     RequestKind,
     SharedRecord,
@@ -81,6 +82,12 @@ class Client:
         """Names of the frames of mode Cartesian, in the order of every record's `frames`."""
         names = self.description.frame_names[: self.description.frame_count]
         return [text(name) for name in names]
+
+    @property
+    def joint_kinds(self) -> list[JointKind]:
+        """The joints' kinds: of a prismatic one every link-side quantity is in m and N, not in rad and N·m."""
+        kinds = self.description.joint_kinds[: self.description.joint_count]
+        return [JointKind(kind) for kind in kinds]
 
     @property
     def ft_names(self) -> list[str]:

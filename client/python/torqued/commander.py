@@ -193,9 +193,9 @@ class Commander:
         speed: Optional[float] = None,
         going: Optional[Callable[[float], bool]] = None,
     ) -> bool:
-        """Sends joints to angles, rad, by mode position, and waits until the robot is there and stays
+        """Sends joints to positions, rad or m, by mode position, and waits until the robot is there and stays
         there; joints that are not named keep their targets. `speed`: greatest speed of every joint,
-        rad/s; the configured ones if none is given. `going` is shown the time in s that the motion
+        rad/s or m/s; the configured ones if none is given. `going` is shown the time in s that the motion
         will still take and says whether it is to go on; if not, the robot is brought to rest. True if
         it has arrived. Raises as `send`, and `KeyError` for a joint that the robot does not have."""
         unknown = set(targets) - set(self._joint_names)

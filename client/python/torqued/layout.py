@@ -24,6 +24,13 @@ class Mode(IntEnum):
     CARTESIAN = 4
 
 
+class JointKind(IntEnum):
+    """Kind of a joint: of a prismatic one m stands for rad and N for N·m on the link side."""
+
+    REVOLUTE = 0
+    PRISMATIC = 1
+
+
 class TorqueSource(IntEnum):
     """Source of a torque estimate."""
 
@@ -615,7 +622,7 @@ class SharedRecord(ctypes.Structure):
 
 
 class Description(ctypes.Structure):
-    """6024 bytes."""
+    """6280 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -631,6 +638,8 @@ class Description(ctypes.Structure):
         ("joint_names", ctypes.c_uint8 * 48 * 64),
         # Names of the F/T sensors, in the order of every record's `ft`.
         ("ft_names", ctypes.c_uint8 * 48 * 8),
+        # Kinds of the joints, numbers of `JointKind`. Of a prismatic joint every link-side quantity of every record is in m where its documentation has rad, and in N where it has N·m.
+        ("joint_kinds", ctypes.c_uint32 * 64),
         # Torque limits of the joints, N·m.
         ("torque_limits", ctypes.c_double * 64),
         # Lower position limits of the joints, rad.
@@ -874,7 +883,7 @@ class Answer(ctypes.Structure):
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
 SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#71e3d7f2216de143")
-Description.type_name = staticmethod(lambda: "torqued::Description#e8cea11efb8d7c9b")
+Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#72e45eccb15aa146")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#ca593c6c51e26f62")

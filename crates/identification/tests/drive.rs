@@ -6,6 +6,7 @@ use identification::drive::chirp::Chirp;
 use identification::drive::recorded::gear_torque;
 use identification::drive::{Drive, DriveKnowledge, DriveLog, DriveStretch, Value, identify};
 use plant::{Command, DriveSheet, JointRig, KinematicError, RigLoad, RigTiming, SimParameters};
+use robot_state::JointKind;
 use test_support::{Random, read_project_file};
 
 const T: f64 = 1e-3;
@@ -52,6 +53,7 @@ fn rig(
     let mut sim = SimParameters::parse(&text, "sim.toml").unwrap();
     change(&mut sim);
     let sheet = DriveSheet {
+        kind: JointKind::Revolute,
         gear_ratio: N,
         torque_constant: K_T,
         rotor_inertia: 1.14e-5,

@@ -9,8 +9,8 @@
 //! body's articulated inertia, one that acts on a joint adds the same to the joint's armature.
 
 use crate::spatial::{cross_force, cross_motion, split, stack, symmetric, turn};
-use crate::tree::{Body, Frame, State, Tree};
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use crate::tree::{Body, Frame, Hinge, Mimic, State, Tree};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector3, Vector6};
 
 /// Gravity, m/s², along the world's -z.
 pub const GRAVITY: f64 = 9.81;
@@ -90,10 +90,15 @@ impl Dynamics {
             m.position = position;
             m.velocity = velocity;
             m.bias.fill(0.0);
-            if let Some((dof, axis)) = body.hinge {
+            if let Some(Hinge { dof, axis, slides }) = body.hinge {
                 let world = rotation * axis;
-                m.axis = stack(world, position.cross(&world));
-                m.rotation *= turn(&axis, state.q[dof]);
+                if slides {
+                    m.axis = stack(Vector3::zeros(), world);
+                    m.position += state.q[dof] * world;
+                } else {
+                    m.axis = stack(world, position.cross(&world));
+                    m.rotation *= turn(&axis, state.q[dof]);
+                }
                 m.velocity += m.axis * state.dq[dof];
                 m.bias = cross_motion(&velocity, &m.axis) * state.dq[dof];
             }
@@ -117,9 +122,52 @@ impl Dynamics {
         m.resistance -= matrix * stack(Vector3::zeros(), GRAVITY * Vector3::z());
     }
 
-    /// Joint and base accelerations from joint torques `tau - armature ddq` and the pushes.
-    /// Returns the base's true spatial acceleration.
+    /// Joint and base accelerations from joint torques `tau - armature ddq` and the pushes, joints that
+    /// follow others as their ratios demand. Returns the base's true spatial acceleration.
+    ///
+    /// The linkage between a joint and its driver transmits a force `f`: `f` on the follower, `-ratio f` on
+    /// the driver. The accelerations are linear in these forces, so that as many solutions of the tree with
+    /// a force of one as there are followers determine the forces that keep every `ddq_follower` at
+    /// `ratio ddq_driver`.
     pub fn solve(
+        &mut self,
+        tree: &Tree,
+        tau: &[f64],
+        armature: &[f64],
+        ddq: &mut [f64],
+    ) -> Vector6<f64> {
+        let mimics = tree.mimics();
+        if mimics.is_empty() {
+            return self.solve_tree(tree, tau, armature, ddq);
+        }
+        let apart = |ddq: &[f64]| -> Vec<f64> {
+            let apart = |m: &Mimic| ddq[m.follower] - m.ratio * ddq[m.driver];
+            mimics.iter().map(apart).collect()
+        };
+        let mut torques = tau.to_vec();
+        self.clone().solve_tree(tree, &torques, armature, ddq);
+        let free = apart(ddq);
+        let mut answers = DMatrix::zeros(mimics.len(), mimics.len());
+        for (k, mimic) in mimics.iter().enumerate() {
+            torques.copy_from_slice(tau);
+            transmit(&mut torques, mimic, 1.0);
+            self.clone().solve_tree(tree, &torques, armature, ddq);
+            for (i, (with, without)) in apart(ddq).iter().zip(&free).enumerate() {
+                answers[(i, k)] = with - without;
+            }
+        }
+        torques.copy_from_slice(tau);
+        // Bodies have inertia, so that the matrix has an inverse; without one the joints go on freely.
+        if let Some(forces) = answers.lu().solve(&-DVector::from_vec(free)) {
+            for (mimic, force) in mimics.iter().zip(forces.iter()) {
+                transmit(&mut torques, mimic, *force);
+            }
+        }
+        self.solve_tree(tree, &torques, armature, ddq)
+    }
+
+    /// The same, every joint moving by itself.
+    fn solve_tree(
         &mut self,
         tree: &Tree,
         tau: &[f64],
@@ -132,7 +180,7 @@ impl Dynamics {
             };
             let (before, from) = self.bodies.split_at_mut(i);
             let (p, m) = (&mut before[parent], &mut from[0]);
-            if let Some((dof, _)) = tree.bodies[i].hinge {
+            if let Some(Hinge { dof, .. }) = tree.bodies[i].hinge {
                 m.u = m.articulated * m.axis;
                 m.d = m.axis.dot(&m.u) + armature[dof];
                 m.drive = tau[dof] - m.axis.dot(&m.resistance);
@@ -158,7 +206,7 @@ impl Dynamics {
             let carried = self.bodies[parent].acceleration + self.bodies[i].bias;
             let m = &mut self.bodies[i];
             m.acceleration = carried;
-            if let Some((dof, _)) = tree.bodies[i].hinge {
+            if let Some(Hinge { dof, .. }) = tree.bodies[i].hinge {
                 ddq[dof] = (m.drive - m.u.dot(&carried)) / m.d;
                 m.acceleration += m.axis * ddq[dof];
             }
@@ -212,7 +260,7 @@ impl Dynamics {
     #[must_use]
     pub fn torque(&self, tree: &Tree, dof: usize) -> f64 {
         (tree.bodies.iter().zip(&self.bodies))
-            .find(|(b, _)| b.hinge.is_some_and(|(d, _)| d == dof))
+            .find(|(b, _)| b.hinge.is_some_and(|hinge| hinge.dof == dof))
             .map_or(0.0, |(_, m)| m.axis.dot(&m.through))
     }
 
@@ -294,6 +342,12 @@ impl Dynamics {
         let sum = (self.bodies.iter()).fold(Vector3::zeros(), |s, m| s + m.first_moment());
         sum / tree.mass()
     }
+}
+
+/// The force of the linkage between a joint and the one that it follows.
+fn transmit(torques: &mut [f64], mimic: &Mimic, force: f64) {
+    torques[mimic.follower] += force;
+    torques[mimic.driver] -= mimic.ratio * force;
 }
 
 impl Moving {

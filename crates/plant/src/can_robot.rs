@@ -315,6 +315,7 @@ fn joint_plan(joint: &JointParameters) -> Result<JointPlan, Problem> {
         name: joint.name.clone(),
         drive: joint.drive.clone(),
         sheet: DriveSheet {
+            kind: joint.kind,
             gear_ratio: estimator.gear_ratio,
             torque_constant: estimator.wave_generator.torque_constant,
             rotor_inertia: joint.rotor_inertia,

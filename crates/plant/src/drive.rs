@@ -1,6 +1,7 @@
 //! The public side of a drive: data sheet, set point, reading.
 
 use crate::kinematic_error::KinematicError;
+use robot_state::JointKind;
 
 /// Quantity of a drive's set point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,7 +15,9 @@ pub enum Command {
 /// A drive's data sheet.
 #[derive(Debug, Clone)]
 pub struct DriveSheet {
-    /// N: gear ratio.
+    /// Kind of the joint: link-side quantities are in m and N of a prismatic one.
+    pub kind: JointKind,
+    /// N: gear ratio, 1 or rad/m.
     pub gear_ratio: f64,
     /// K_t: torque constant, motor side, N·m/A.
     pub torque_constant: f64,
@@ -22,7 +25,7 @@ pub struct DriveSheet {
     pub rotor_inertia: f64,
     /// Counts per turn of the motor encoder.
     pub motor_counts_per_turn: f64,
-    /// Counts per turn of the link encoder.
+    /// Counts of the link encoder for `2 pi` of the joint, rad or m.
     pub link_counts_per_turn: f64,
     /// Quantity of the set points.
     pub command: Command,

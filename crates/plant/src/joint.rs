@@ -77,7 +77,7 @@ impl Joint {
     pub fn new(sheet: &DriveSheet, parameters: &DriveParameters, mut random: Random) -> Self {
         let p = parameters;
         let stiffness = p.friction.coulomb * p.friction.static_ratio / p.friction.presliding;
-        let bearing_stiffness = p.bearing.coulomb / 1e-4;
+        let bearing_stiffness = p.bearing.coulomb / sheet.kind.threshold(1e-4);
         Self {
             torque_constant: sheet.torque_constant
                 * (1.0 + p.sensors.torque_constant * random.symmetric()),
@@ -290,7 +290,7 @@ impl Joint {
             + 0.5
                 * f.ripple
                 * ((2.0 * self.theta + self.ripple_phase[0]).sin()
-                    + (3.0 * q + self.ripple_phase[1]).sin());
+                    + (3.0 * q / self.sheet.kind.threshold(1.0) + self.ripple_phase[1]).sin());
         let sliding =
             f.coulomb * ripple + f.meshing * self.gear_torque.abs() / self.sheet.gear_ratio;
         stribeck(sliding, f.static_ratio * sliding, self.omega, f.stribeck)

@@ -1,13 +1,16 @@
 //! `sim.toml`: true parameters of the simulated robot that its configuration does not contain.
 
-use problem::Problem;
+use problem::{Problem, line_at};
 use read::*;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
+use toml::de::{DeTable, Deserializer};
+use units::ReadError;
 
 mod drive;
 mod read;
+mod units;
 
 pub use drive::*;
 
@@ -89,6 +92,9 @@ pub struct StartParameters {
     /// Joint angles by name, rad; others are zero.
     #[serde(default, rename = "joints_deg", deserialize_with = "degrees_map")]
     pub joints: BTreeMap<String, f64>,
+    /// Positions of prismatic joints by name, m; others are zero.
+    #[serde(default, rename = "joints_mm", deserialize_with = "milli_map")]
+    pub ways: BTreeMap<String, f64>,
 }
 
 /// `[ground]`: a level floor of springs and dampers, acting at the soles' corners.
@@ -296,6 +302,18 @@ pub enum Sampled {
 }
 
 impl SimParameters {
+    fn read(text: &str) -> Result<Self, ReadError> {
+        let mut root = DeTable::parse(text)?;
+        let prismatic = units::to_revolute(root.get_mut())?;
+        let mut parameters = Self::deserialize(Deserializer::from(root))?;
+        for drive in prismatic {
+            if let Some(drive) = parameters.drives.get_mut(&drive) {
+                drive.set_prismatic();
+            }
+        }
+        Ok(parameters)
+    }
+
     /// The first table of a sensor with a clock of its own.
     #[must_use]
     pub fn free_running(&self) -> Option<String> {
@@ -322,7 +340,10 @@ impl SimParameters {
     /// # Errors
     /// A [`Problem`] with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, Problem> {
-        let mut parameters: Self = toml::from_str(text).map_err(|e| locate(text, file, &e))?;
+        let mut parameters = Self::read(text).map_err(|error| match error {
+            ReadError::Toml(error) => locate(text, file, &error),
+            ReadError::Units(problem, place) => problem.at(file, line_at(text, place)),
+        })?;
         let beside = |urdf: &String| Path::new(file).with_file_name("").join(urdf);
         let urdf = parameters.urdf.as_ref().map(beside);
         parameters.urdf = urdf.map(|path| path.to_string_lossy().into_owned());

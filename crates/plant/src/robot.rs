@@ -79,7 +79,7 @@ impl SimRobot {
         let substeps = (plan.period / sim.substep).round().max(1.0) as usize;
         let dt = plan.period / substeps as f64;
         let control_every = joints.iter().map(|j| j.control_every(dt)).collect();
-        let n = joints.len();
+        let (n, moving) = (joints.len(), tree.joint_names().len());
         let external = surroundings.feet.len()
             + usize::from(surroundings.harness.is_some())
             + surroundings.pushes.len();
@@ -116,10 +116,10 @@ impl SimRobot {
             control_every,
             steps_done: 0,
             on_the_way: vec![OnTheWay::default(); n],
-            tau: vec![0.0; n],
+            tau: vec![0.0; moving],
             load: vec![0.0; n],
-            armature: vec![0.0; n],
-            ddq: vec![0.0; n],
+            armature: vec![0.0; moving],
+            ddq: vec![0.0; moving],
         };
         robot.balance(sim)?;
         Ok(robot)
@@ -291,7 +291,8 @@ impl SimRobot {
 }
 
 fn no_joint(place: &str) -> Problem {
-    Problem::new(format!("{place}: not a moving joint of the URDF"), "")
+    let what = format!("{place}: not a joint of the URDF that moves by itself");
+    Problem::new(what, "")
 }
 
 fn build_joints(
@@ -300,9 +301,10 @@ fn build_joints(
     sim: &SimParameters,
 ) -> Result<(Vec<usize>, Vec<Joint>), Problem> {
     let mut order = Vec::new();
-    let mut joints: Vec<Option<Joint>> = vec![None; tree.joint_names().len()];
+    let driven = tree.driven_names();
+    let mut joints: Vec<Option<Joint>> = vec![None; driven.len()];
     for (i, joint) in plan.joints.iter().enumerate() {
-        let dof = (tree.joint_names().iter().position(|n| *n == joint.name))
+        let dof = (driven.iter().position(|n| *n == joint.name))
             .ok_or_else(|| no_joint(&format!("joint {}", joint.name)))?;
         let drive = sim.drives.get(&joint.drive).ok_or_else(|| {
             let known: Vec<&str> = sim.drives.keys().map(String::as_str).collect();
@@ -310,6 +312,15 @@ fn build_joints(
             let reason = format!("drive.{drive}: missing, joint {joint} uses it; present: {known}");
             Problem::new(reason, "")
         })?;
+        if drive.kind != joint.sheet.kind {
+            let what = format!("drive.{}: of {} joints", joint.drive, drive.kind.name());
+            let allowed = format!(
+                "keys of {} joints, as {}",
+                joint.sheet.kind.name(),
+                joint.name
+            );
+            return Err(Problem::new(what, allowed));
+        }
         let random = Random::new(sim.seed, 100 + i as u64);
         let made = Joint::new(&joint.sheet, drive, random);
         joints[dof] = Some(match joint.states {
@@ -320,7 +331,7 @@ fn build_joints(
     }
     let missing = joints.iter().position(Option::is_none);
     if let Some(dof) = missing {
-        let name = &tree.joint_names()[dof];
+        let name = &driven[dof];
         let reason = format!("joint {name} of the URDF has no drive");
         return Err(Problem::new(reason, ""));
     }
@@ -363,10 +374,26 @@ fn place(state: &mut State, tree: &Tree, sim: &SimParameters) -> Result<(), Prob
     state.position = Vector3::from(sim.start.base_position);
     let [roll, pitch, yaw] = sim.start.base_rpy;
     state.orientation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-    for (name, angle) in &sim.start.joints {
-        let dof = (tree.joint_names().iter().position(|n| n == name))
-            .ok_or_else(|| no_joint(&format!("start.joints_deg.{name}")))?;
-        state.q[dof] = *angle;
+    let keys = [
+        ("joints_deg", false, &sim.start.joints),
+        ("joints_mm", true, &sim.start.ways),
+    ];
+    for (key, slides, joints) in keys {
+        for (name, position) in joints {
+            let place = format!("start.{key}.{name}");
+            let dof = tree.driven_names().iter().position(|n| n == name);
+            let dof = dof.ok_or_else(|| no_joint(&place))?;
+            if tree.slides()[dof] != slides {
+                let (is, other) = match slides {
+                    true => ("revolute", "joints_deg"),
+                    false => ("prismatic", "joints_mm"),
+                };
+                let what = format!("{place}: the joint is {is}");
+                return Err(Problem::new(what, format!("start.{other}.{name}")));
+            }
+            state.q[dof] = *position;
+        }
     }
+    tree.place_followers(state);
     Ok(())
 }

@@ -1,17 +1,35 @@
 //! The robot's bodies as a tree, and the state that they are in.
 
 use crate::spatial::split;
-use crate::urdf::Urdf;
+use crate::urdf::{Joint, Urdf};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3, Vector6};
 use problem::Problem;
+
+/// A moving joint between a body and its parent.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hinge {
+    /// Index into `State::q`.
+    pub(crate) dof: usize,
+    pub(crate) axis: Vector3<f64>,
+    /// The body moves along the axis, not about it.
+    pub(crate) slides: bool,
+}
+
+/// A joint that follows another: `q_follower = ratio q_driver + offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Mimic {
+    pub(crate) follower: usize,
+    pub(crate) driver: usize,
+    pub(crate) ratio: f64,
+    pub(crate) offset: f64,
+}
 
 /// A rigid body: a URDF link with all links fixed to it.
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     pub(crate) parent: Option<usize>,
-    /// Degree of freedom and axis of the joint to the parent; `None` for the base and for the far
-    /// side of an F/T sensor.
-    pub(crate) hinge: Option<(usize, Vector3<f64>)>,
+    /// The joint to the parent; `None` for the base and for the far side of an F/T sensor.
+    pub(crate) hinge: Option<Hinge>,
     pub(crate) rotation: Matrix3<f64>,
     pub(crate) offset: Vector3<f64>,
     pub(crate) mass: f64,
@@ -38,7 +56,10 @@ pub struct Frame {
 pub struct Tree {
     pub(crate) bodies: Vec<Body>,
     frames: Vec<Frame>,
+    /// Of all moving joints, those that follow others last.
     joint_names: Vec<String>,
+    mimics: Vec<Mimic>,
+    slides: Vec<bool>,
     floating: bool,
 }
 
@@ -51,9 +72,9 @@ pub struct State {
     pub orientation: UnitQuaternion<f64>,
     /// Base twist about the world's origin, `[omega; v]`, rad/s and m/s.
     pub twist: Vector6<f64>,
-    /// q: joint angles, rad.
+    /// q: joint angles, rad; of prismatic joints m. Those that follow others last.
     pub q: Vec<f64>,
-    /// dq: joint velocities, rad/s.
+    /// dq: joint velocities, rad/s or m/s.
     pub dq: Vec<f64>,
 }
 
@@ -69,12 +90,23 @@ impl Tree {
                 return Err(Problem::new(format!("there is no link {cut}"), ""));
             }
         }
+        let moving = || urdf.joints.iter().filter(|joint| joint.axis.is_some());
+        let followers = moving().filter(|joint| joint.mimic.is_some());
+        let drivers = moving().filter(|joint| joint.mimic.is_none());
+        let ordered: Vec<_> = drivers.chain(followers).collect();
         let mut tree = Self {
             bodies: Vec::new(),
             frames: Vec::new(),
-            joint_names: Vec::new(),
+            joint_names: ordered.iter().map(|joint| joint.name.clone()).collect(),
+            slides: ordered.iter().map(|joint| joint.slides).collect(),
+            mimics: Vec::new(),
             floating,
         };
+        for (follower, joint) in ordered.iter().enumerate() {
+            if joint.mimic.is_some() {
+                tree.mimics.push(tree.follow(&ordered, follower)?);
+            }
+        }
         tree.start_body(None, None, Matrix3::identity(), Vector3::zeros());
         tree.attach(
             urdf,
@@ -93,7 +125,7 @@ impl Tree {
     fn start_body(
         &mut self,
         parent: Option<usize>,
-        hinge: Option<(usize, Vector3<f64>)>,
+        hinge: Option<Hinge>,
         rotation: Matrix3<f64>,
         offset: Vector3<f64>,
     ) -> usize {
@@ -134,10 +166,11 @@ impl Tree {
         for joint in urdf.joints.iter().filter(|j| j.parent == link) {
             let r = rotation * joint.rotation;
             let p = rotation * joint.offset + offset;
-            if let Some(axis) = joint.axis {
-                let dof = self.joint_names.len();
-                self.joint_names.push(joint.name.clone());
-                let new = self.start_body(Some(body), Some((dof, axis)), r, p);
+            let dof = self.joint_names.iter().position(|name| *name == joint.name);
+            if let (Some(axis), Some(dof)) = (joint.axis, dof) {
+                let slides = joint.slides;
+                let hinge = Hinge { dof, axis, slides };
+                let new = self.start_body(Some(body), Some(hinge), r, p);
                 self.attach(
                     urdf,
                     joint.child,
@@ -162,10 +195,64 @@ impl Tree {
         }
     }
 
+    /// The joint at the end of the chain of joints that one follows.
+    fn follow(&self, joints: &[&Joint], follower: usize) -> Result<Mimic, Problem> {
+        let (mut driver, mut ratio, mut offset) = (follower, 1.0, 0.0);
+        for _ in 0..=joints.len() {
+            let Some((name, multiplier, by)) = &joints[driver].mimic else {
+                return Ok(Mimic {
+                    follower,
+                    driver,
+                    ratio,
+                    offset,
+                });
+            };
+            let next = self.joint_names.iter().position(|other| other == name);
+            driver = next.ok_or_else(|| {
+                let own = &joints[follower].name;
+                Problem::new(
+                    format!("joint {own} mimics {name}, which is no moving joint"),
+                    "",
+                )
+            })?;
+            offset += ratio * by;
+            ratio *= multiplier;
+        }
+        let own = &joints[follower].name;
+        Err(Problem::new(
+            format!("joint {own} mimics itself in the end"),
+            "",
+        ))
+    }
+
     /// Names of the moving joints, in the order of `State::q`.
     #[must_use]
     pub fn joint_names(&self) -> &[String] {
         &self.joint_names
+    }
+
+    /// Names of the joints that move by themselves, the first of `State::q`.
+    #[must_use]
+    pub fn driven_names(&self) -> &[String] {
+        &self.joint_names[..self.joint_names.len() - self.mimics.len()]
+    }
+
+    /// For each moving joint: true if it is prismatic.
+    #[must_use]
+    pub fn slides(&self) -> &[bool] {
+        &self.slides
+    }
+
+    pub(crate) fn mimics(&self) -> &[Mimic] {
+        &self.mimics
+    }
+
+    /// Puts the joints that follow others where they belong.
+    pub(crate) fn place_followers(&self, state: &mut State) {
+        for mimic in &self.mimics {
+            state.q[mimic.follower] = mimic.ratio * state.q[mimic.driver] + mimic.offset;
+            state.dq[mimic.follower] = mimic.ratio * state.dq[mimic.driver];
+        }
     }
 
     /// True for a base that moves freely.
@@ -192,16 +279,18 @@ impl Tree {
         self.bodies.iter().map(|b| b.mass).sum()
     }
 
-    /// A state at rest with all angles zero.
+    /// A state at rest with all angles zero, but for joints that follow others.
     #[must_use]
     pub fn rest(&self) -> State {
-        State {
+        let mut state = State {
             position: Vector3::zeros(),
             orientation: UnitQuaternion::identity(),
             twist: Vector6::zeros(),
             q: vec![0.0; self.joint_names.len()],
             dq: vec![0.0; self.joint_names.len()],
-        }
+        };
+        self.place_followers(&mut state);
+        state
     }
 }
 
@@ -229,6 +318,7 @@ pub fn integrate(
         *dq += dt * ddq;
         *q += dt * *dq;
     }
+    tree.place_followers(state);
     if tree.floating {
         state.twist += dt * base_acceleration;
         let (omega, v) = split(&state.twist);

@@ -1,4 +1,5 @@
-//! The plant's own reading of a URDF: links with inertia, revolute and fixed joints.
+//! The plant's own reading of a URDF: links with inertia, revolute, prismatic and fixed joints, mimic
+//! joints.
 //!
 //! Deliberately independent of `dynamics`, so that a comparison reveals a mistake in either.
 
@@ -34,6 +35,10 @@ pub struct Joint {
     pub offset: Vector3<f64>,
     /// Unit axis in the joint's frame; `None` for a fixed joint.
     pub axis: Option<Vector3<f64>>,
+    /// The child moves along the axis, not about it.
+    pub slides: bool,
+    /// The joint that this one follows, with multiplier and offset.
+    pub mimic: Option<(String, f64, f64)>,
 }
 
 /// Links and joints of a robot as written in its URDF.
@@ -130,7 +135,7 @@ fn joint(node: roxmltree::Node, links: &[Link]) -> Result<Joint, Problem> {
     let (rotation, offset) = origin(node)?;
     let axis = match attribute(node, "type")? {
         "fixed" => None,
-        "revolute" | "continuous" => {
+        "revolute" | "continuous" | "prismatic" => {
             let axis = match child(node, "axis") {
                 Some(axis) => triple(attribute(axis, "xyz")?)?,
                 None => Vector3::x(),
@@ -141,11 +146,18 @@ fn joint(node: roxmltree::Node, links: &[Link]) -> Result<Joint, Problem> {
         other => {
             return Err(Problem::new(
                 format!("joint {name}: type {other} cannot be simulated"),
-                "revolute, continuous, fixed",
+                "revolute, continuous, prismatic, fixed",
             ));
         }
     };
+    let mimic = child(node, "mimic").map(|mimic| {
+        let value = |key, default: f64| mimic.attribute(key).map_or(Ok(default), number);
+        let driver = attribute(mimic, "joint")?.to_owned();
+        Ok((driver, value("multiplier", 1.0)?, value("offset", 0.0)?))
+    });
     Ok(Joint {
+        slides: attribute(node, "type")? == "prismatic",
+        mimic: mimic.transpose()?.filter(|_| axis.is_some()),
         name,
         parent,
         child: child_link,

@@ -1,6 +1,8 @@
 //! The numbers of a record by name: for tables, and to name what differs between two records.
 
-use robot_state::{Layout, Shape};
+use std::borrow::Cow;
+
+use robot_state::{JointKind, Layout, Shape};
 
 use crate::compact::{Counts, size, used};
 use crate::header::Header;
@@ -70,6 +72,26 @@ impl Field {
             (Kind::U64, Ok(bytes)) => u64::from_le_bytes(bytes).to_string(),
             _ => self.value(record).to_string(),
         }
+    }
+
+    /// Its unit, of a joint's field that of the joint's kind.
+    #[must_use]
+    pub fn unit(&self, header: &Header) -> Option<Cow<'static, str>> {
+        unit_of(self.doc).map(|unit| self.kind(header).units(unit))
+    }
+
+    /// Its documentation, of a joint's field with the units of the joint's kind.
+    #[must_use]
+    pub fn meaning(&self, header: &Header) -> Cow<'static, str> {
+        self.kind(header).units(self.doc.trim())
+    }
+
+    /// The kind of joint whose units it has.
+    fn kind(&self, header: &Header) -> JointKind {
+        // The motor's side is in rad whatever the joint is.
+        let motor_side = self.doc.contains("motor-side");
+        let joint = self.joint.filter(|_| !motor_side);
+        joint.map_or(JointKind::Revolute, |joint| header.kind(joint))
     }
 
     /// The path, with joint or sensor by name.
@@ -162,17 +184,29 @@ fn collect(shape: &Shape, here: &Field, counts: Counts, fields: &mut Vec<Field>)
 }
 
 /// Units as documentation writes them, longer ones first.
-const UNITS: [&str; 10] = [
-    "rad/s²", "m/s²", "rad/s", "N·m", "rad", "°C", "ns", "A", "N", "s",
+const UNITS: [&str; 12] = [
+    "N·m·s/rad",
+    "N·m/rad",
+    "rad/s²",
+    "m/s²",
+    "rad/s",
+    "N·m",
+    "rad",
+    "°C",
+    "ns",
+    "A",
+    "N",
+    "s",
 ];
 
 /// The unit that a field's documentation names: after a comma, before the next sign or word.
-#[must_use]
-pub fn unit_of(doc: &str) -> Option<&'static str> {
+fn unit_of(doc: &str) -> Option<&'static str> {
     doc.split(", ").skip(1).find_map(|part| {
         UNITS.into_iter().find(|unit| {
             let rest = part.strip_prefix(unit);
-            rest.is_some_and(|rest| !rest.starts_with(|c: char| c.is_alphanumeric() || c == '/'))
+            rest.is_some_and(|rest| {
+                !rest.starts_with(|c: char| c.is_alphanumeric() || "/·".contains(c))
+            })
         })
     })
 }
@@ -200,6 +234,7 @@ mod tests {
         let torque = field("cycle.measured.ft[0].wrench.torque[1]");
         assert_eq!(unit_of(torque.doc), Some("N·m"));
         assert_eq!(unit_of(field("cycle.stamp_ns").doc), Some("ns"));
+        assert_eq!(unit_of("K_s: stiffness, N·m/rad, at most"), Some("N·m/rad"));
         assert_eq!(
             unit_of(field("cycle.measured.joints[0].current").doc),
             Some("A")

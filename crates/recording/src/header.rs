@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use robot_config::Robot;
 use robot_state::{
-    Event, MAX_FT_SENSORS, MAX_JOINTS, Reference, Settings, SharedRecord, layout_hash,
+    Event, JointKind, MAX_FT_SENSORS, MAX_JOINTS, Reference, Settings, SharedRecord, layout_hash,
 };
 use sha2::{Digest, Sha256};
 
@@ -55,6 +55,8 @@ pub struct Header {
     pub period_s: f64,
     /// Names of the joints, in the order of the records.
     pub joints: Vec<String>,
+    /// Their kinds, and with them the units of what the records have of them.
+    pub kinds: Vec<JointKind>,
     /// Names of the F/T sensors, in the order of the records.
     pub sensors: Vec<String>,
     /// Names of the contact sets.
@@ -78,6 +80,7 @@ impl Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             period_s: parameters.timing.sample_period,
             joints: parameters.joints.iter().map(|j| j.name.clone()).collect(),
+            kinds: parameters.joints.iter().map(|j| j.kind).collect(),
             sensors: sensors.map(|ft| ft.sensor.name.clone()).collect(),
             contact_sets: (robot_config::contact_names(parameters).into_iter())
                 .map(str::to_owned)
@@ -95,6 +98,12 @@ impl Header {
             joints: self.joints.len(),
             sensors: self.sensors.len(),
         }
+    }
+
+    /// The kind of a joint.
+    #[must_use]
+    pub fn kind(&self, joint: usize) -> JointKind {
+        self.kinds.get(joint).copied().unwrap_or_default()
     }
 
     /// The text of the file at that path.
@@ -125,6 +134,16 @@ impl Header {
             // As bits: the same number when read.
             ("period_bits", self.period_s.to_bits().to_string()),
             ("joints", names(&self.joints)),
+            (
+                "joint_kinds",
+                names(
+                    &self
+                        .kinds
+                        .iter()
+                        .map(|kind| kind.name().to_owned())
+                        .collect::<Vec<_>>(),
+                ),
+            ),
             ("sensors", names(&self.sensors)),
             ("contact_sets", names(&self.contact_sets)),
             ("buses", names(&self.buses)),
@@ -169,7 +188,14 @@ impl Header {
         if joints.len() > MAX_JOINTS || sensors.len() > MAX_FT_SENSORS {
             return None;
         }
+        // Runs without kinds are of robots whose joints are all revolute.
+        let kind = |name: &String| {
+            let named = |kind: &JointKind| kind.name() == name;
+            JointKind::ALL.into_iter().find(named).unwrap_or_default()
+        };
+        let kinds = names("joint_kinds").unwrap_or_default();
         let header = Self {
+            kinds: kinds.iter().map(kind).collect(),
             robot: text("robot")?,
             version: text("version")?,
             period_s: f64::from_bits(text("period_bits")?.parse().ok()?),

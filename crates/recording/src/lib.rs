@@ -22,7 +22,7 @@ mod timeline;
 mod writer;
 
 pub use compact::Counts;
-pub use fields::{Field, Fields, Kind, unit_of};
+pub use fields::{Field, Fields, Kind};
 pub use header::{AttachedFile, Header, Start};
 pub use message::{CycleInput, CycleMessage, Decoder, Encoder, Glance, Note};
 pub use reader::{Ending, ReadError, Run};

@@ -8,13 +8,14 @@ use recording::{
     AttachedFile, CycleInput, CycleMessage, Encoder, Ending, Glance, Header, ReadError, Run,
     RunWriter, Start,
 };
-use robot_state::{Event, Reference, Settings, SharedRecord};
+use robot_state::{Event, JointKind, Reference, Settings, SharedRecord};
 use test_support::{Random, allocations};
 
 const CYCLES: u64 = 400;
 
 fn header() -> Header {
     Header {
+        kinds: vec![JointKind::Prismatic, JointKind::Revolute],
         robot: "leg".to_owned(),
         version: "0.1.0".to_owned(),
         period_s: 0.001,

@@ -6,19 +6,25 @@ use crate::liveness;
 use crate::reader::{Allowed, Section};
 use crate::sampling::{self, Sampling};
 use control::MotorModel;
+use core::f64::consts::TAU;
 use estimators::compliance::ComplianceParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
+use robot_state::JointKind;
 use std::collections::BTreeMap;
 use supervisor::DriveProfile;
 
 /// A kind of drive.
 #[derive(Clone)]
 pub(crate) struct Drive {
+    /// Kind of the joints that it moves.
+    pub(crate) kind: JointKind,
+    /// N: motor's angle for a way of the joint, 1 or rad/m.
     pub(crate) gear_ratio: f64,
     pub(crate) rotor_inertia: f64,
     pub(crate) max_velocity: f64,
     pub(crate) motor_counts_per_turn: Option<f64>,
-    pub(crate) link_counts_per_turn: Option<f64>,
+    /// Counts of the link-side encoder, of a revolute joint for a turn, of a prismatic one for a mm.
+    pub(crate) link_counts: Option<f64>,
     pub(crate) current_limit: f64,
     /// A drive whose set-points are withdrawn is sent no current until it is off.
     pub(crate) zero_current: bool,
@@ -31,9 +37,9 @@ pub(crate) struct Drive {
     pub(crate) compliance: ComplianceParameters,
     pub(crate) wave_generator: WaveGeneratorParameters,
     pub(crate) motor: MotorModel,
-    /// The gear's part of K_tau, rad/(N·m).
+    /// The gear's part of K_tau, rad/(N·m) or m/N.
     pub(crate) gear_softness: f64,
-    /// Errors below this make no torque, rad.
+    /// Errors below this make no torque, rad or m.
     pub(crate) dead_zone: f64,
     /// Time in which the drive answers a command, s.
     pub(crate) lag: f64,
@@ -73,13 +79,14 @@ pub(crate) fn read<'n>(
 }
 
 fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
-    let gear_ratio = section.number("gear_ratio", Allowed::Within(1.0, 10_000.0));
+    let (kind, gear_ratio) = gear(&section);
+    let section = section.of_kind(kind);
     let torque_constant = section.number("torque_constant_Nm_per_A", Allowed::Positive);
     let rotor_inertia = section.number("rotor_inertia_kg_m2", Allowed::Positive);
     let max_velocity = section.number("max_velocity_rad_per_s", Allowed::Positive);
     let counts = Allowed::Within(2.0, 4_294_967_296.0);
     let motor_counts_per_turn = section.optional_number("motor_counts_per_turn", counts);
-    let link_counts_per_turn = section.optional_number("link_counts_per_turn", counts);
+    let link_counts = section.optional_number(link_counts_key(kind), counts);
     let current_sigma = section.number_or("current_sigma_A", 0.0, Allowed::NonNegative);
     let sampling = sampling::read(&section, sample_period);
     let flat_after = liveness::flat_after(&section, &sampling, sample_period);
@@ -116,11 +123,12 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
     let (compliance, low_pass_pole, torsion_sigma) = compliance?;
     let (motor, dead_zone) = motor?;
     Some(Drive {
+        kind,
         gear_ratio,
         rotor_inertia,
         max_velocity,
         motor_counts_per_turn,
-        link_counts_per_turn,
+        link_counts,
         current_limit,
         zero_current,
         low_pass_pole,
@@ -138,6 +146,32 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
     })
 }
 
+/// The kind of the drive's joints and N: the gear ratio, or of a prismatic joint `2 pi` over the lead.
+fn gear(section: &Section<'_, '_>) -> (JointKind, f64) {
+    let Some(lead) = section.optional_number("lead_mm_per_turn", Allowed::Within(1e-3, 1e4)) else {
+        let ratio = section.number("gear_ratio", Allowed::Within(1.0, 10_000.0));
+        return (JointKind::Revolute, ratio);
+    };
+    if section.has("gear_ratio") {
+        let what =
+            "the lead contains the gear already: it is the joint's way for a turn of the motor";
+        section.problem(
+            "gear_ratio",
+            what,
+            "lead_mm_per_turn or gear_ratio, not both",
+        );
+    }
+    (JointKind::Prismatic, TAU / (1e-3 * lead))
+}
+
+/// The key of the link-side encoder's resolution.
+pub(crate) fn link_counts_key(kind: JointKind) -> &'static str {
+    match kind {
+        JointKind::Revolute => "link_counts_per_turn",
+        JointKind::Prismatic => "link_counts_per_mm",
+    }
+}
+
 /// The model, the low-pass's pole, and the standard deviation of the unmodelled torsion.
 fn compliance(section: Section<'_, '_>) -> (ComplianceParameters, f64, f64) {
     let parameters = ComplianceParameters {
@@ -148,11 +182,14 @@ fn compliance(section: Section<'_, '_>) -> (ComplianceParameters, f64, f64) {
     };
     let pole = section.number_or("low_pass_pole", 0.95, Allowed::Below(0.0, 1.0));
     let sigma = section.number_or("torsion_sigma_deg", 0.0, Allowed::NonNegative);
+    let sigma = section.kind.si(sigma);
     section.finish();
-    (parameters, pole, sigma.to_radians())
+    (parameters, pole, sigma)
 }
 
 fn friction(section: Section<'_, '_>, torque_constant: f64) -> WaveGeneratorParameters {
+    // It is the motor's.
+    let section = section.of_kind(JointKind::Revolute);
     let rules = [
         ("physical", FrictionRule::Physical),
         ("published", FrictionRule::Published),
@@ -186,7 +223,10 @@ fn motor(section: Section<'_, '_>, command: Command) -> (MotorModel, f64) {
         },
     };
     let dead_zone = match command {
-        Command::Position => section.number_or("dead_zone_rad", 0.0, Allowed::Below(0.0, 0.1)),
+        Command::Position => {
+            let widest = section.kind.threshold(0.1);
+            section.number_or("dead_zone_rad", 0.0, Allowed::Below(0.0, widest))
+        }
         Command::Current => 0.0,
     };
     section.finish();

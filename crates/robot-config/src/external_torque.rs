@@ -4,6 +4,12 @@ use crate::filters::matched;
 use crate::parameters::{ContactReaction, ContactThreshold, ExternalTorqueSettings};
 use crate::reader::{Allowed, Section};
 
+/// Default ways of complying and of going back.
+const COMPLY_DEG: f64 = 30.0;
+const COMPLY_MM: f64 = 50.0;
+const RETRACT_DEG: f64 = 5.0;
+const RETRACT_MM: f64 = 10.0;
+
 /// Longest window of the fast part, samples: beyond it would not be fast.
 const MAX_WINDOW: u64 = 100;
 
@@ -45,9 +51,9 @@ pub(crate) fn external_torque(
 /// `[external_torque.reaction]`.
 fn reaction(section: &Section<'_, '_>, least_ms: f64) -> ContactReaction {
     let mut reaction = ContactReaction {
-        comply_angle: 30f64.to_radians(),
+        comply: [COMPLY_DEG.to_radians(), 1e-3 * COMPLY_MM],
         comply_until_gone: None,
-        retract_angle: 5f64.to_radians(),
+        retract: [RETRACT_DEG.to_radians(), 1e-3 * RETRACT_MM],
     };
     let Some(section) = section.optional_section("reaction") else {
         return reaction;
@@ -56,8 +62,16 @@ fn reaction(section: &Section<'_, '_>, least_ms: f64) -> ContactReaction {
         let degrees = section.number_or(key, default, Allowed::Within(0.1, 180.0));
         degrees.to_radians()
     };
-    reaction.comply_angle = angle("comply_deg", 30.0);
-    reaction.retract_angle = angle("retract_deg", 5.0);
+    let length =
+        |key, default| 1e-3 * section.number_or(key, default, Allowed::Within(0.1, 1000.0));
+    reaction.comply = [
+        angle("comply_deg", COMPLY_DEG),
+        length("comply_mm", COMPLY_MM),
+    ];
+    reaction.retract = [
+        angle("retract_deg", RETRACT_DEG),
+        length("retract_mm", RETRACT_MM),
+    ];
     let ends = [("operator", false), ("contact_gone", true)];
     let gone = section.choice_or("comply_ends", false, &ends);
     let after = section.number_or("gone_ms", 1000.0, Allowed::Within(least_ms, 60_000.0));

@@ -21,7 +21,7 @@ use estimators::encoder::EncoderParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
 pub use motor_alone::late_loop;
 pub(crate) use motor_alone::{check_torque_source, choose_feedback};
-use robot_state::MAX_JOINTS;
+use robot_state::{JointKind, MAX_JOINTS};
 use signals::Signals;
 use std::collections::BTreeMap;
 use supervisor::DriveProfile;
@@ -61,6 +61,7 @@ pub(crate) fn read(
         if !name.is_empty() && named.contains(&name) {
             section.problem("name", "a second joint has this name", "each joint once");
         }
+        section.kind = kind(&section, &name, surroundings);
         let reader = Reader {
             section: &section,
             index,
@@ -89,7 +90,23 @@ pub(crate) fn read(
     joints
 }
 
-/// Inertia at a joint with the robot stretched out and its other joints held, kg·m².
+/// The kind of a joint: that of the URDF, or else of its drive.
+fn kind(section: &Section<'_, '_>, name: &str, surroundings: &Surroundings<'_, '_>) -> JointKind {
+    let in_urdf = surroundings.model.and_then(|model| {
+        let joint = model.joints().get(model.joint_index(name)?)?;
+        Some(match joint.kind.is_revolute() {
+            true => JointKind::Revolute,
+            false => JointKind::Prismatic,
+        })
+    });
+    let mut drives = surroundings.drives.iter();
+    let drive = drives.find(|(drive, _)| section.is("drive", drive));
+    let of_drive = drive.and_then(|(_, drive)| Some(drive.as_ref()?.kind));
+    in_urdf.or(of_drive).unwrap_or_default()
+}
+
+/// Inertia at a joint with the robot stretched out and its other joints held, kg·m²; of a prismatic
+/// joint mass, kg.
 fn inertia(model: &Model, joint: usize) -> f64 {
     let mut data = Data::new(model);
     let first = model.base_size().0;
@@ -116,7 +133,7 @@ impl Reader<'_, '_, '_> {
     ) -> Option<JointParameters> {
         let section = self.section;
         let model_index = model.and_then(|model| self.in_model(&name, model));
-        let drive = self.drive(drives);
+        let drive = self.drive(drives).filter(|drive| self.fits(drive));
         let has_link = self.has_link();
         let at_motor = drive.filter(|_| !has_link).map(Drive::at_motor);
         // What control sees of the drive: without a link-side encoder it does not see the gear.
@@ -185,6 +202,7 @@ impl Reader<'_, '_, '_> {
         self.wraps(&encoders, &limits);
         Some(JointParameters {
             name,
+            kind: section.kind,
             model_index: model_index?,
             bus: bus?,
             drive: section.text("drive", "")?.value.to_owned(),
@@ -258,18 +276,33 @@ impl Reader<'_, '_, '_> {
         let names = || model.joint_names().collect::<Vec<_>>().join(", ");
         match index {
             None => {
-                let what = format!("the URDF has no moving joint {name}");
+                let body = model.bodies().iter().skip(1).find(|body| body.name == name);
+                let driver = body.and_then(|body| model.joints().get(body.joint));
+                let what = match driver {
+                    Some(driver) => format!(
+                        "the joint follows {} (<mimic> of the URDF): it has no drive of its own",
+                        driver.name
+                    ),
+                    None => format!("the URDF has no moving joint {name}"),
+                };
                 self.section.problem("name", what, names());
-                None
-            }
-            Some(joint) if !model.joints().get(joint)?.kind.is_revolute() => {
-                let what = format!("the URDF's joint {name} is prismatic");
-                self.section
-                    .problem("name", what, "revolute and continuous joints");
                 None
             }
             found => found,
         }
+    }
+
+    /// The drive is for joints of this kind; notes it if not.
+    fn fits(&self, drive: &Drive) -> bool {
+        let (kind, other) = (self.section.kind, drive.kind);
+        if kind != other {
+            let (kind, other) = (kind.name(), other.name());
+            let what = format!("the joint is {kind}, the drive is for {other} joints");
+            let allowed =
+                "a drive with gear_ratio for revolute, with lead_mm_per_turn for prismatic joints";
+            self.section.problem("drive", what, allowed);
+        }
+        kind == other
     }
 
     fn drive<'d>(&self, drives: &'d BTreeMap<&str, Option<Drive>>) -> Option<&'d Drive> {
@@ -287,20 +320,24 @@ impl Reader<'_, '_, '_> {
         let Some(section) = self.section.optional_section("kinematic_error") else {
             return KinematicErrorParameters::default();
         };
-        let radians = |pairs: Vec<(f64, f64)>| {
+        let kind = section.kind;
+        let si = |pairs: Vec<(f64, f64)>| {
             let pairs = pairs.into_iter();
-            pairs
-                .map(|(a, b)| (a.to_radians(), b.to_radians()))
-                .collect()
+            pairs.map(|(a, b)| (kind.si(a), kind.si(b))).collect()
+        };
+        let link: Vec<_> = si(section.pairs("link_deg"));
+        let w_link = match kind {
+            JointKind::Revolute => section.number_or("w_link", 1.0, Allowed::Finite),
+            // A way has no period of its own.
+            JointKind::Prismatic if link.is_empty() && !section.has("w_link_per_m") => 0.0,
+            JointKind::Prismatic => section.number("w_link_per_m", Allowed::Finite),
         };
         let parameters = KinematicErrorParameters {
-            a0: section
-                .number_or("a0_deg", 0.0, Allowed::Finite)
-                .to_radians(),
-            w_link: section.number_or("w_link", 1.0, Allowed::Finite),
-            link: radians(section.pairs("link_deg")),
+            a0: kind.si(section.number_or("a0_deg", 0.0, Allowed::Finite)),
+            w_link,
+            link,
             w_motor: section.number_or("w_motor", 1.0, Allowed::Finite),
-            motor: radians(section.pairs("motor_deg")),
+            motor: si(section.pairs("motor_deg")),
         };
         section.finish();
         parameters

@@ -30,7 +30,6 @@ pub use joints::late_loop;
 pub use parameters::*;
 pub use problem::{Problem, Problems};
 pub use sampling::{Sampled, Sampling};
-pub use units::BEYOND_LIMIT;
 pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};

@@ -6,13 +6,14 @@ use control::predictive::LawParameters;
 use control::{CartesianLimits, JointGains, MotionLimits, MotorModel, TrajectoryLimits};
 use core::fmt;
 use core::net::Ipv4Addr;
+use core::ops::RangeInclusive;
 use dynamics::Base;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::filter_bank::FilterDesign;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
-use robot_state::Reactions;
+use robot_state::{JointKind, Reactions};
 use supervisor::{
     Actuation, DriveProfile, FollowingParameters, Limits, PlausibilityParameters, SignalParameters,
 };
@@ -261,11 +262,14 @@ pub enum TorqueFeedback {
     Encoder,
 }
 
-/// One joint.
+/// One joint. Its link-side quantities are in the units of its kind: m where rad is written, N where N·m
+/// is, and kg where kg·m² is, if it is prismatic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointParameters {
     /// The URDF's name.
     pub name: String,
+    /// Its kind, and with it the units of its quantities.
+    pub kind: JointKind,
     /// Index of the joint in the model.
     pub model_index: usize,
     /// Index of its bus.
@@ -354,8 +358,8 @@ impl Parameters {
     pub fn trajectory_limits(&self) -> impl Iterator<Item = TrajectoryLimits> {
         let joints = self.joints.iter().zip(self.motion_limits());
         joints.map(|(joint, stop)| TrajectoryLimits {
-            position_min: joint.limits.position_min - BEYOND_LIMIT,
-            position_max: joint.limits.position_max + BEYOND_LIMIT,
+            position_min: *joint.desired_range().start(),
+            position_max: *joint.desired_range().end(),
             velocity: joint.limits.velocity,
             acceleration: joint.desired_acceleration(),
             stop,
@@ -368,6 +372,14 @@ impl JointParameters {
     #[must_use]
     pub fn desired_acceleration(&self) -> f64 {
         2.0 * self.acceleration()
+    }
+
+    /// Positions that a reference may ask for, rad: a little beyond the limits, where the joint may be
+    /// held by its load.
+    #[must_use]
+    pub fn desired_range(&self) -> RangeInclusive<f64> {
+        let beyond = self.kind.threshold(BEYOND_LIMIT);
+        self.limits.position_min - beyond..=self.limits.position_max + beyond
     }
 
     /// The drive takes positions, not currents.
@@ -466,12 +478,13 @@ pub struct ContactThreshold {
 /// How a limb yields to a contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactReaction {
-    /// Greatest way of a joint that complies, rad; then it is stopped.
-    pub comply_angle: f64,
+    /// Greatest way of a joint that complies, of a revolute (rad) and of a prismatic joint (m); then it is
+    /// stopped.
+    pub comply: [f64; 2],
     /// Time without contact after which complying ends, s; none: only the operator ends it.
     pub comply_until_gone: Option<f64>,
-    /// Way back of the joint that has come furthest, rad.
-    pub retract_angle: f64,
+    /// Way back of the joint that has come furthest, of a revolute (rad) and of a prismatic joint (m).
+    pub retract: [f64; 2],
 }
 
 /// Thresholds from which on torque sources of a joint disagree.

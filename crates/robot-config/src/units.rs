@@ -11,6 +11,11 @@ pub(crate) enum Quantity {
         counts_per_turn: Option<f64>,
         key: &'static str,
     },
+    /// A way; the unit `count` needs the counts of a mm, which `key` of the drive gives.
+    Length {
+        counts_per_mm: Option<f64>,
+        key: &'static str,
+    },
     Velocity,
     Current,
     Force,
@@ -25,6 +30,11 @@ pub(crate) enum Quantity {
 const STANDARD_GRAVITY: f64 = 9.80665;
 
 impl Quantity {
+    /// An angle or a way: its integers count on beyond their range.
+    pub(crate) fn is_position(self) -> bool {
+        matches!(self, Self::Angle { .. } | Self::Length { .. })
+    }
+
     /// SI units per `unit`.
     pub(crate) fn si_per(self, unit: &str) -> Result<f64, Problem> {
         let degree = TAU / 360.0;
@@ -42,6 +52,14 @@ impl Quantity {
                 }
                 &[("rad", 1.0), ("deg", degree)]
             }
+            Self::Length { counts_per_mm, key } => {
+                if matches!(unit, "count" | "counts") {
+                    return counts_per_mm.map(|counts| 1e-3 / counts).ok_or_else(|| {
+                        refused(format!("m, mm, um, or count with {key} of the drive"))
+                    });
+                }
+                &[("m", 1.0), ("mm", 1e-3), ("um", 1e-6)]
+            }
             Self::Velocity => &[("rad/s", 1.0), ("deg/s", degree), ("rpm", TAU / 60.0)],
             Self::Current => &[("A", 1.0), ("mA", 1e-3)],
             Self::Force => &[("N", 1.0)],
@@ -53,7 +71,7 @@ impl Quantity {
         let found = table.iter().find(|(name, _)| *name == unit);
         found.map(|(_, factor)| *factor).ok_or_else(|| {
             let mut names: Vec<&str> = table.iter().map(|(name, _)| *name).collect();
-            if let Self::Angle { .. } = self {
+            if self.is_position() {
                 names.push("count");
             }
             refused(names.join(", "))
@@ -61,5 +79,6 @@ impl Quantity {
     }
 }
 
-/// Desired positions may lie this far beyond a limit, rad: a joint may be held there by its load.
-pub const BEYOND_LIMIT: f64 = core::f64::consts::PI / 180.0;
+/// Desired positions may lie this far beyond a limit, rad of a revolute joint: it may be held there by
+/// its load.
+pub(crate) const BEYOND_LIMIT: f64 = core::f64::consts::PI / 180.0;

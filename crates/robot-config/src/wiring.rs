@@ -129,7 +129,7 @@ impl<'n, 't> Wiring<'n, 't> {
         let resolution = (signal.scale * factor).abs();
         let counts = signal.coding.is_integer();
         let signal_ends = [signal.min, signal.max];
-        let wraps = counts && matches!(how.quantity, Quantity::Angle { .. });
+        let wraps = counts && how.quantity.is_position();
         let map = SignalMap {
             slot: how.slot,
             message: message.to_owned(),

@@ -7,6 +7,7 @@
 #![deny(unsafe_code)]
 
 mod event;
+mod joint_kind;
 mod layout;
 mod name;
 mod records;
@@ -14,6 +15,7 @@ mod requests;
 mod state;
 
 pub use event::{EVENT_COUNT, Event, Reaction, Reactions, source};
+pub use joint_kind::JointKind;
 pub use layout::{Field, Layout, Shape, layout_hash};
 pub use name::{Name, Text};
 pub use records::*;

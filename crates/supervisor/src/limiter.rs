@@ -38,6 +38,10 @@ pub struct Limits {
     /// Greatest lead of a command over the measured position, rad, where it is less than the
     /// torque limit's.
     pub lead: f64,
+    /// |dq| below which the joint counts as at rest, rad/s.
+    pub rest: f64,
+    /// Greatest way by which a held set-point gives way to a load, rad.
+    pub gives_way: f64,
 }
 
 /// How a drive turns commands into torque.
@@ -94,9 +98,7 @@ pub struct Limited {
     pub flags: u32,
 }
 
-/// Greatest angle by which a held set-point gives way, rad: half of what counts as motion.
-const YIELD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Greatest velocity at which it does, share of the velocity limit.
+/// Greatest velocity at which a held set-point gives way, share of the velocity limit.
 const YIELD_SPEED: f64 = 0.03;
 
 /// Skipped periods from which on the loop resumes slowly; the cycles for which it does, of position and
@@ -370,7 +372,8 @@ impl Limiter {
             if usable {
                 let change = YIELD_SPEED * self.limits.velocity * step;
                 let yielded = (x - moved).clamp(self.yielded - change, self.yielded + change);
-                self.yielded = yielded.clamp(-YIELD, YIELD);
+                let most = self.limits.gives_way;
+                self.yielded = yielded.clamp(-most, most);
             }
             x = moved + self.yielded;
             self.last_torque = made(x).clamp(-torque, torque);

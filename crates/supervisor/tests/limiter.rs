@@ -14,6 +14,8 @@ const LIMITS: Limits = Limits {
     torque_rate: f64::INFINITY,
     power: f64::INFINITY,
     lead: 0.05,
+    rest: 0.02,
+    gives_way: 0.0087,
 };
 /// D Table 1, hip pitch, on a gear of 27 kN·m/rad.
 const POSITION: Actuation = Actuation::Position {

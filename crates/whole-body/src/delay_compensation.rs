@@ -39,6 +39,8 @@ pub struct DelayCompensatorParameters {
     pub fast_sigma: f64,
     /// Largest |tau_hat| that is reported, N·m.
     pub torque_limit: f64,
+    /// Way within which the joint counts as standing for the level, rad.
+    pub stands_within: f64,
     /// Error of the fast source's torque per angle, N·m/rad: of its kinematic error.
     pub error_per_angle: f64,
 }

@@ -40,6 +40,7 @@ fn nothing_allocates() {
         kernel: vec![0.1; 10],
         fast_sigma: 0.1,
         torque_limit: 100.0,
+        stands_within: 0.0087,
         error_per_angle: 600.0,
     });
     let before = allocations();

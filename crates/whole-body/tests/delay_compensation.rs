@@ -38,6 +38,7 @@ impl Joint {
                 kernel: filter.kernel(),
                 fast_sigma: 0.7 * fast_noise,
                 torque_limit: LIMIT,
+                stands_within: 0.0087,
                 error_per_angle: 600.0,
             }),
             sigma: late_noise * filter.noise_gain(0),

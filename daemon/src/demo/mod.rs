@@ -41,7 +41,7 @@ use terminal::print;
 /// Options of `torqued demo`.
 #[derive(Debug, Clone, Args)]
 pub struct DemoOptions {
-    /// The robot: test-joint, leg, hrp2-like, humanoid, or the path of a robot.toml with a sim.toml beside it.
+    /// The robot: test-joint, leg, hrp2-like, lift-gripper, humanoid, or the path of a robot.toml with a sim.toml beside it.
     #[arg(long, value_name = "ROBOT", default_value = "humanoid")]
     pub robot: String,
     /// Duration, s.

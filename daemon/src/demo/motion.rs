@@ -2,16 +2,17 @@
 
 use std::f64::consts::TAU;
 
-use problem::{Problem, line_at};
+use problem::{Problem, line_at, listed};
 use robot_config::{JointParameters, Robot};
-use robot_state::JointReference;
+use robot_state::{JointKind, JointReference};
 use serde::Deserialize;
 use supervisor::Limits;
 
 /// Motion of a joint without a motion file: share of its range, at most so far (rad), and shortest
-/// period, s.
+/// period, s. A prismatic joint moves as far as a hand does by a forearm's length at that angle.
 const DEFAULT_SHARE: f64 = 0.1;
 const DEFAULT_AMPLITUDE: f64 = TAU / 36.0;
+const DEFAULT_WAY: f64 = 0.05;
 const DEFAULT_PERIOD: f64 = 5.0;
 
 /// A motion file as written.
@@ -43,8 +44,29 @@ struct ContactMotion {
 #[serde(deny_unknown_fields)]
 struct JointMotion {
     name: String,
-    amplitude_deg: f64,
+    amplitude_deg: Option<f64>,
+    amplitude_mm: Option<f64>,
     period_s: f64,
+}
+
+impl JointMotion {
+    /// The amplitude of a joint of that kind, rad or m.
+    fn amplitude(&self, kind: JointKind) -> Result<f64, Problem> {
+        let (own, other) = match kind {
+            JointKind::Revolute => (self.amplitude_deg, self.amplitude_mm),
+            JointKind::Prismatic => (self.amplitude_mm, self.amplitude_deg),
+        };
+        let finite = own.filter(|own| own.is_finite() && other.is_none());
+        finite.map(|own| kind.si(own)).ok_or_else(|| {
+            let what = format!(
+                "joint {}: its amplitude; the joint is {}",
+                self.name,
+                kind.name()
+            );
+            let allowed = format!("a finite {}", kind.units("amplitude_deg"));
+            Problem::new(what, allowed)
+        })
+    }
 }
 
 /// One joint's motion.
@@ -71,29 +93,34 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Reads a motion file for joints of these names.
+    /// Reads a motion file for joints of these names and kinds.
     ///
     /// # Errors
     /// A key or value that is not allowed, with the file.
-    pub fn parse(text: &str, file_name: &str, joint_names: &[String]) -> Result<Self, Problem> {
+    pub fn parse(
+        text: &str,
+        file_name: &str,
+        of_robot: &[(String, JointKind)],
+    ) -> Result<Self, Problem> {
         let file: MotionFile = toml::from_str(text).map_err(|e| {
             let line = e.span().map_or(0, |span| line_at(text, span.start));
             Problem::new(e.message(), "").at(file_name, line)
         })?;
-        let mut joints = vec![Swing::default(); joint_names.len()];
+        let mut joints = vec![Swing::default(); of_robot.len()];
         for motion in &file.joint {
-            let index = joint_names.iter().position(|n| *n == motion.name);
+            let index = of_robot.iter().position(|(name, _)| *name == motion.name);
             let index = index.ok_or_else(|| {
                 let reason = format!("joint.name: there is no joint {:?}", motion.name);
-                Problem::new(reason, joint_names.join(", ")).at(file_name, 0)
+                let names = listed(of_robot.iter().map(|(name, _)| name.as_str()));
+                Problem::new(reason, names).at(file_name, 0)
             })?;
-            if !(motion.period_s > 0.0 && motion.amplitude_deg.is_finite()) {
-                let reason = format!("joint {}: period_s or amplitude_deg", motion.name);
-                let allowed = "a period above 0 and a finite amplitude";
-                return Err(Problem::new(reason, allowed).at(file_name, 0));
+            let amplitude = motion.amplitude(of_robot[index].1);
+            let amplitude = amplitude.map_err(|problem| problem.at(file_name, 0))?;
+            if motion.period_s.is_nan() || motion.period_s <= 0.0 {
+                let reason = format!("joint {}: period_s", motion.name);
+                return Err(Problem::new(reason, "a period above 0").at(file_name, 0));
             }
-            let part = (motion.amplitude_deg.to_radians(), motion.period_s);
-            joints[index].parts.push(part);
+            joints[index].parts.push((amplitude, motion.period_s));
         }
         Ok(Self {
             settle_s: file.settle_s,
@@ -112,7 +139,10 @@ impl Motion {
         let joint = |(j, joint): (usize, &JointParameters)| {
             let limits = &joint.limits;
             let range = limits.position_max - limits.position_min;
-            let amplitude = (DEFAULT_SHARE * range).min(DEFAULT_AMPLITUDE);
+            let amplitude = (DEFAULT_SHARE * range).min(match joint.kind {
+                JointKind::Revolute => DEFAULT_AMPLITUDE,
+                JointKind::Prismatic => DEFAULT_WAY,
+            });
             Swing {
                 start: 0.0,
                 parts: vec![(amplitude, DEFAULT_PERIOD + 0.7 * (j % 6) as f64)],
@@ -173,14 +203,31 @@ impl Motion {
 
 #[cfg(test)]
 mod tests {
-    use super::Motion;
+    use super::{JointKind, Motion};
 
     const TEXT: &str =
         "settle_s = 1.0\n[[joint]]\nname = \"b\"\namplitude_deg = 20.0\nperiod_s = 4.0\n";
     const FASTER: &str = "[[joint]]\nname = \"b\"\namplitude_deg = -5.0\nperiod_s = 0.7\n";
 
-    fn names() -> Vec<String> {
-        vec!["a".into(), "b".into()]
+    fn names() -> Vec<(String, JointKind)> {
+        vec![
+            ("a".into(), JointKind::Prismatic),
+            ("b".into(), JointKind::Revolute),
+        ]
+    }
+
+    #[test]
+    fn prismatic_joints_move_by_mm() {
+        let text = "settle_s = 0.0\n[[joint]]\nname = \"a\"\namplitude_mm = 30.0\nperiod_s = 4.0\n";
+        let motion = Motion::parse(text, "m.toml", &names()).unwrap();
+        assert!((motion.at(0, 2.0).q_d - 0.03).abs() < 1e-12);
+        let error = Motion::parse(&text.replace("_mm", "_deg"), "m.toml", &names());
+        let error = error.unwrap_err().to_string();
+        assert!(
+            error.contains("prismatic") && error.contains("amplitude_mm"),
+            "{error}"
+        );
+        assert!(Motion::parse(&text.replace("\"a\"", "\"b\""), "m.toml", &names()).is_err());
     }
 
     #[test]

@@ -5,11 +5,13 @@ use std::path::Path;
 use charts::{COLOURS, Curve, Figure, Line, Panel};
 use problem::Problem;
 
-/// Torques of one joint over time, N·m over s; only where they are valid.
+/// Torques of one joint over time, N·m over s (N of a prismatic joint); only where they are valid.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Trace {
     /// The joint's name.
     pub(super) name: String,
+    /// Unit of its torques.
+    pub(super) unit: String,
     /// True torque, of the plant.
     pub(super) truth: Curve,
     /// Torque from encoders and current, from F/T sensors and IMU, delay-compensated torque.
@@ -22,7 +24,7 @@ impl Trace {
         let [encoder, whole_body, compensated] = &self.estimates;
         let line = |label, colour, curve: &Curve| Line::new(label, colour, curve.points().to_vec());
         Panel {
-            caption: format!("{}, N·m", self.name),
+            caption: format!("{}, {}", self.name, self.unit),
             x_unit: "s".to_owned(),
             // The truth last, so that it is drawn on top.
             lines: vec![

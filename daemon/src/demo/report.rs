@@ -24,6 +24,8 @@ const COLUMNS: u64 = 500;
 pub(super) struct JointReport {
     /// The joint's name.
     pub(super) name: String,
+    /// Unit of the joint's torques: N·m, or N of a prismatic joint.
+    pub(super) unit: String,
     /// Largest |true torque|, N·m.
     pub(super) largest_torque: f64,
     /// Error of the torque from encoders and current; none if it was never valid.
@@ -62,14 +64,16 @@ struct Collected {
 impl Report {
     pub(crate) fn new(robot: &Robot, cycles: u64) -> Self {
         let parameters = &robot.parameters;
-        let names = parameters.joints.iter().map(|j| j.name.clone());
+        let units = parameters.joints.iter().map(|j| j.kind.units("N·m"));
+        let names = parameters.joints.iter().map(|j| j.name.clone()).zip(units);
         let last = SharedRecord::default();
         let timing = Timing::new();
         Self {
             joints: names
                 .clone()
-                .map(|name| JointReport {
+                .map(|(name, unit)| JointReport {
                     name,
+                    unit: unit.into_owned(),
                     largest_torque: 0.0,
                     encoder: None,
                     whole_body: None,
@@ -85,8 +89,9 @@ impl Report {
                     .map(|_| std::array::from_fn(|_| DelayedComparison::new(LONGEST_DELAY)))
                     .collect(),
                 traces: names
-                    .map(|name| Trace {
+                    .map(|(name, unit)| Trace {
                         name,
+                        unit: unit.into_owned(),
                         ..Trace::default()
                     })
                     .collect(),
@@ -197,7 +202,11 @@ impl fmt::Display for Report {
             format!("   {:>8} {:>7} {:>7}", "max", "RMS", "RMS %").repeat(3)
         )?;
         for joint in &self.joints {
-            write!(f, "{:22} {:>8.3}", joint.name, joint.largest_torque)?;
+            let name = match joint.unit.as_str() {
+                "N·m" => joint.name.clone(),
+                unit => format!("{} ({unit})", joint.name),
+            };
+            write!(f, "{name:22} {:>8.3}", joint.largest_torque)?;
             for error in [joint.encoder, joint.whole_body, joint.delay_compensated] {
                 match error {
                     Some(error) => {

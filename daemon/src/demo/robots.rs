@@ -26,6 +26,11 @@ const FILES: &[(&str, &str)] = &[
     embedded!("config/hrp2-like/motion.toml"),
     embedded!("robot-models/hrp2-like/robot.urdf"),
     embedded!("robot-models/hrp2-like/drives.dbc"),
+    embedded!("config/lift-gripper/robot.toml"),
+    embedded!("config/lift-gripper/sim.toml"),
+    embedded!("config/lift-gripper/motion.toml"),
+    embedded!("robot-models/lift-gripper/robot.urdf"),
+    embedded!("robot-models/lift-gripper/drives.dbc"),
     embedded!("config/humanoid/robot.toml"),
     embedded!("config/humanoid/sim.toml"),
     embedded!("config/humanoid/motion.toml"),
@@ -34,7 +39,7 @@ const FILES: &[(&str, &str)] = &[
 ];
 
 /// Names of the demo's robots.
-pub(super) const NAMES: &[&str] = &["test-joint", "leg", "hrp2-like", "humanoid"];
+pub(super) const NAMES: &[&str] = &["test-joint", "leg", "hrp2-like", "lift-gripper", "humanoid"];
 
 /// The text of a file of the demo's robots.
 ///

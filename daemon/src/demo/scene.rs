@@ -70,8 +70,8 @@ pub(super) fn load(options: &DemoOptions) -> Result<Scene, Failure> {
     let urdf = read(urdf).map_err(|e| refuse(urdf, e))?;
     let plant = CanRobot::new(&robot, &urdf, &sim)
         .map_err(|problem| Failure::bad_input(problem.or_at(&path, 0)))?;
-    let names = robot.parameters.joints.iter().map(|j| j.name.clone());
-    let names: Vec<String> = names.collect();
+    let names = robot.parameters.joints.iter();
+    let names: Vec<_> = names.map(|j| (j.name.clone(), j.kind)).collect();
     let path = match &options.motion {
         Some(path) => path.display().to_string(),
         None => beside("motion.toml"),

@@ -16,9 +16,6 @@ const UNFIT: [(u32, &str); 3] = [
 /// Flags of a sample that the tare passes over.
 const BRIDGED: u32 = measured_flags::MISSED | measured_flags::JUMP;
 
-/// Greatest |dq| of a joint at rest, rad/s.
-const AT_REST: f64 = 0.02;
-
 /// Refuses a robot that cannot be tared, with the reason.
 pub(super) fn judge(parameters: &Parameters, record: &SharedRecord) -> Result<(), Problem> {
     let cycle = &record.cycle;
@@ -59,12 +56,13 @@ pub(super) fn judge_joint(
     };
     let limit = joint.limits.torque;
     let known = asked.torque.abs() <= limit && asked.sigma > 0.0 && asked.sigma <= limit;
+    let unit = joint.kind.units("N·m");
     if !known {
         let what = format!(
-            "{} N·m within {} is no torque that is known",
+            "{} {unit} within {} is no torque that is known",
             asked.torque, asked.sigma
         );
-        let allowed = format!("at most {limit} N·m, and a standard deviation above 0");
+        let allowed = format!("at most {limit} {unit}, and a standard deviation above 0");
         return Err(Problem::new(what, allowed));
     }
     if (joint.calibration.as_ref()).is_none_or(|file| file.hysteresis.is_none()) {
@@ -83,9 +81,11 @@ pub(super) fn judge_joint(
     if let Some((_, why)) = UNFIT.iter().find(|(bit, _)| measured.flags & bit != 0) {
         return Err(Problem::new(format!("joint {} {why}", joint.name), ""));
     }
-    if measured.dq.abs() > AT_REST {
-        let what = format!("joint {} moves at {:.3} rad/s", joint.name, measured.dq);
-        return Err(Problem::new(what, format!("below {AT_REST}")));
+    let rest = joint.limits.rest;
+    if measured.dq.abs() > rest {
+        let unit = joint.kind.units("rad/s");
+        let what = format!("joint {} moves at {:.3} {unit}", joint.name, measured.dq);
+        return Err(Problem::new(what, format!("below {rest}")));
     }
     Ok(())
 }

@@ -19,8 +19,6 @@ use super::PROGRESS;
 const TAKE: Duration = Duration::from_millis(500);
 /// Time that a wait may last beyond the loop's own limit.
 const MARGIN: Duration = Duration::from_secs(1);
-/// |dq| from which a joint is shown as moving, rad/s.
-const MOVING: f64 = 0.02;
 
 /// The end of a request, or what is waited for, in words.
 pub(super) enum Outcome {
@@ -223,7 +221,7 @@ fn reached(parameters: &Parameters, request: OperatorRequest, record: &CycleReco
             Done("no set-points are sent: there is no motion to stop".to_owned())
         }
         (OperatorRequest::Stop, RobotState::Fault) => {
-            match names(parameters, record, |joint, _| moves(joint)).is_empty() {
+            match moving_joints(parameters, record).is_empty() {
                 true => Done(format!("at rest; fault {} is latched", fault())),
                 false => Waiting(moving(parameters, record)),
             }
@@ -292,14 +290,18 @@ fn reason(
         },
         refusal::OUTSIDE => {
             let limits = joint.map(|joint| joint.limits);
+            let kind = joint.map(|joint| joint.kind).unwrap_or_default();
+            let unit = kind.units("deg");
+            // To a tenth.
+            let shown = |q: f64| (10.0 * kind.shown(q)).round() / 10.0;
             let allowed = limits.map_or_else(String::new, |limits| {
-                let [min, max] = [limits.position_min, limits.position_max].map(degrees);
-                format!(", allowed {min} to {max} deg")
+                let [min, max] = [limits.position_min, limits.position_max].map(shown);
+                format!(", allowed {min} to {max} {unit}")
             });
             format!(
-                "joint `{name}` stands outside its position limits: {:.1} deg{allowed}; move it \
+                "joint `{name}` stands outside its position limits: {:.1} {unit}{allowed}; move it \
                  inside by hand",
-                measured.q.to_degrees()
+                kind.shown(measured.q)
             )
         }
         refusal::DRIVE => format!(
@@ -335,12 +337,16 @@ fn unready(parameters: &Parameters, record: &CycleRecord) -> String {
 }
 
 fn moving(parameters: &Parameters, record: &CycleRecord) -> String {
-    let joints = names(parameters, record, |joint, _| moves(joint));
+    let joints = moving_joints(parameters, record);
     format!("the robot is being brought to rest: {joints}")
 }
 
-fn moves(joint: &JointMeasured) -> bool {
-    joint.dq.abs() >= MOVING
+/// The names of the joints that are not at rest.
+fn moving_joints(parameters: &Parameters, record: &CycleRecord) -> String {
+    let joints = parameters.joints.iter().zip(&record.measured.joints);
+    let moving = joints.filter(|(joint, measured)| measured.dq.abs() >= joint.limits.rest);
+    let named: Vec<&str> = moving.map(|(joint, _)| joint.name.as_str()).collect();
+    named.join(", ")
 }
 
 fn engaged(joint: &JointCommanded) -> bool {
@@ -380,9 +386,4 @@ fn names(
 fn fault_name(number: u32) -> String {
     let name = Event::from_number(number).map_or("unknown", Event::name);
     format!("{number} {name}")
-}
-
-/// To a tenth of a degree.
-fn degrees(angle: f64) -> f64 {
-    (10.0 * angle.to_degrees()).round() / 10.0
 }

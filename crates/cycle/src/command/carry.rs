@@ -23,12 +23,10 @@ use supervisor::Motion;
 
 use super::transition::Stop;
 
-/// Velocity below which a damped joint is anchored where it is, rad/s.
-const SLOW: f64 = 0.05;
+/// Velocity below which a damped joint is anchored where it is, over that of rest.
+const SLOW: f64 = 2.5;
 /// Time for stopping a damped joint, and time in which a torque fades out that moves the joint afterwards, s.
 const STOPPING_TIME: f64 = 0.3;
-/// Velocity from which on it does, rad/s.
-const MOVES: f64 = 0.02;
 /// Time in which a change of torque of the size of the limit is led over where no fault presses, s.
 const LEAD_OVER_TIME: f64 = 0.3;
 /// Periods without a sample from which on velocities are not those of the joint, and the cycles until
@@ -51,6 +49,8 @@ pub(super) struct CarryParameters {
     pub(super) k_1: f64,
     /// Greatest torque, N·m.
     pub(super) torque: f64,
+    /// |dq| below which the joint counts as at rest, rad/s.
+    pub(super) rest: f64,
 }
 
 /// Where the joint is held, by both encoders, rad; how fast that point still moves, rad/s; and how it
@@ -136,7 +136,7 @@ impl Carry {
         dt: f64,
         commanded: &mut JointCommanded,
     ) -> f64 {
-        self.settle(motion, trusted);
+        self.settle(motion, trusted, parameters.rest);
         let (position, velocity) = match &mut self.anchor {
             Some(anchor) => {
                 let p = parameters;
@@ -152,7 +152,7 @@ impl Carry {
             }
             None => {
                 self.damped_s += dt;
-                let moves = self.weight() * motion.dq > 0.0 && motion.dq.abs() > MOVES;
+                let moves = self.weight() * motion.dq > 0.0 && motion.dq.abs() > parameters.rest;
                 if moves && self.damped_s > STOPPING_TIME {
                     self.share = (self.share - dt / STOPPING_TIME).max(0.0);
                 }
@@ -182,10 +182,10 @@ impl Carry {
     }
 
     /// Anchors a joint that has come to rest, and damps one whose encoders contradict each other.
-    fn settle(&mut self, motion: &Motion, trusted: bool) {
+    fn settle(&mut self, motion: &Motion, trusted: bool, rest: f64) {
         if !trusted {
             self.anchor = None;
-        } else if self.anchor.is_none() && motion.dq.abs() < SLOW && self.damped_s > 0.0 {
+        } else if self.anchor.is_none() && motion.dq.abs() < SLOW * rest && self.damped_s > 0.0 {
             self.anchor = Some(Anchor::at(motion, 0.0, f64::INFINITY));
             self.damped_s = 0.0;
         }

@@ -10,7 +10,9 @@
 //! *Degrade* makes the sources that an event speaks against unsound for as long as it lasts: a mode
 //! that needs one of them ends, and cannot be entered.
 
-use robot_config::{BEYOND_LIMIT, Robot};
+use core::ops::RangeInclusive;
+
+use robot_config::Robot;
 use robot_state::{
     CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, MeasuredRecord, Mode,
     Reaction, Reactions, Reference, RobotState, Settings, measured_flags, not_followed, source,
@@ -39,9 +41,6 @@ pub struct ClientInput<'a> {
     pub request: Option<OperatorRequest>,
 }
 
-/// |dq| below which a joint counts as at rest, rad/s.
-const REST: f64 = 0.02;
-
 /// Time after which a joint that cannot be held by its encoders is left to its brake, s: by then it
 /// has been stopped.
 const LEFT_TO_BRAKE_S: f64 = 0.5;
@@ -51,6 +50,8 @@ const LEFT_TO_BRAKE_S: f64 = 0.5;
 pub(crate) struct Supervisor {
     machine: RobotMachine,
     limits: Vec<Limits>,
+    /// Positions at which a joint may be enabled, rad.
+    ranges: Vec<RangeInclusive<f64>>,
     conditions: Vec<JointCondition>,
     /// Cycles left until each joint that takes currents is left to its brake; none without one.
     brakes: Vec<Option<u32>>,
@@ -95,6 +96,9 @@ impl Supervisor {
         Self {
             machine: RobotMachine::new(joints, p.safety.automatic, cycles(p.safety.time_limit)),
             limits: p.joints.iter().map(|joint| joint.limits).collect(),
+            ranges: (p.joints.iter())
+                .map(|joint| joint.desired_range())
+                .collect(),
             conditions: vec![JointCondition::default(); joints],
             brakes: (p.joints.iter())
                 .map(|joint| has_brake(joint).then_some(to_brake))
@@ -311,8 +315,9 @@ impl Supervisor {
 
     fn judge(&mut self, readiness: &Readiness<'_>, measured: &MeasuredRecord) {
         let joints = self.conditions.iter_mut().zip(readiness.joints);
-        let drives = self.drives.iter().zip(&self.limits);
-        for ((condition, joint), ((drive, limits), measured)) in
+        let limits = self.limits.iter().zip(&self.ranges);
+        let drives = self.drives.iter().zip(limits);
+        for ((condition, joint), ((drive, (limits, range)), measured)) in
             joints.zip(drives.zip(&measured.joints))
         {
             *condition = JointCondition {
@@ -321,11 +326,10 @@ impl Supervisor {
                 distrusted: joint.distrusted,
                 slipped: joint.slipped,
                 // One that was stopped at its limit stands beyond by its torsion; only inwards it moves.
-                inside: (limits.position_min - BEYOND_LIMIT..=limits.position_max + BEYOND_LIMIT)
-                    .contains(&measured.q),
+                inside: range.contains(&measured.q),
                 drive_enabled: drive.is_enabled(),
                 drive_fault: drive.state() == DriveState::Fault,
-                at_rest: measured.dq.abs() < REST,
+                at_rest: measured.dq.abs() < limits.rest,
             };
         }
     }

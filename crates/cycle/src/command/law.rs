@@ -161,6 +161,7 @@ impl Law {
             damping,
             k_1,
             torque: self.limits.torque,
+            rest: self.limits.rest,
         }
     }
 

@@ -12,8 +12,10 @@
 //! damps. Smaller torques and accelerations than the limits are the client's own affair: the limiter
 //! has the last word on them, and lets them rise no faster than the torque's rate.
 
+use core::ops::RangeInclusive;
+
 use control::JointGains;
-use robot_config::{BEYOND_LIMIT, FtParameters, JointParameters, Robot};
+use robot_config::{FtParameters, JointParameters, Robot};
 use robot_state::{
     Event, JointMeasured, JointReference, MeasuredRecord, Mode, Reference, Wrench, source,
 };
@@ -98,9 +100,11 @@ impl<'a> Goal<'a> {
 }
 
 /// What a joint can do, and what was last asked of it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Joint {
     limits: Limits,
+    /// Positions that a reference may ask for, rad.
+    range: RangeInclusive<f64>,
     gains: JointGains,
     /// Greatest |ddq_d|, rad/s².
     acceleration: f64,
@@ -259,6 +263,7 @@ impl Joint {
     fn new(joint: &JointParameters) -> Self {
         Self {
             limits: joint.limits,
+            range: joint.desired_range(),
             gains: joint.gains,
             acceleration: joint.desired_acceleration(),
             q_d: 0.0,
@@ -271,8 +276,7 @@ impl Joint {
     /// Position, velocity and acceleration are within the joint's limits.
     fn can(&self, asked: &JointReference) -> bool {
         let limits = &self.limits;
-        let range = limits.position_min - BEYOND_LIMIT..=limits.position_max + BEYOND_LIMIT;
-        range.contains(&asked.q_d)
+        self.range.contains(&asked.q_d)
             && asked.dq_d.abs() <= limits.velocity * ROUNDING
             && asked.ddq_d.abs() <= self.acceleration * ROUNDING
     }

@@ -10,7 +10,9 @@
 //! answer.
 
 use robot_config::{ContactReaction, Robot};
-use robot_state::{EstimatedRecord, JointReference, MAX_JOINTS, MeasuredRecord, Reference};
+use robot_state::{
+    EstimatedRecord, JointKind, JointReference, MAX_JOINTS, MeasuredRecord, Reference,
+};
 
 use super::motion::Motions;
 use super::reference::{Answer, Goal};
@@ -73,6 +75,9 @@ pub(super) struct Yielding {
     bearing: Option<f64>,
     /// K_d of each joint, N·m·s/rad.
     damping: Vec<f64>,
+    /// Greatest way of each joint that complies, and way back of one that retracts, rad.
+    comply: Vec<f64>,
+    retract: Vec<f64>,
     /// The last poses, a row of joints each: a ring.
     poses: Vec<Vec<f64>>,
     newest: usize,
@@ -103,6 +108,14 @@ impl Yielding {
             all.filter(carries).map(|(s, _)| s).collect()
         };
         let settings = p.external_torque.as_ref().map(|e| e.reaction);
+        let ways = |of_kind: Option<[f64; 2]>| -> Vec<f64> {
+            let joints = p.joints.iter().map(|joint| match (of_kind, joint.kind) {
+                (Some([angle, _]), JointKind::Revolute) => angle,
+                (Some([_, length]), JointKind::Prismatic) => length,
+                (None, _) => f64::INFINITY,
+            });
+            joints.collect()
+        };
         let poses = match settings {
             Some(_) => (MEMORY_S / POSES_S) as usize,
             None => 0,
@@ -114,6 +127,8 @@ impl Yielding {
             bearing: (model.base() == dynamics::Base::Floating)
                 .then(|| BEARING * dynamics::GRAVITY * model.total_mass()),
             damping: p.joints.iter().map(|joint| joint.gains.k_d).collect(),
+            comply: ways(settings.map(|s| s.comply)),
+            retract: ways(settings.map(|s| s.retract)),
             poses: vec![vec![0.0; p.joints.len()]; poses],
             newest: 0,
             kept: 0,
@@ -143,7 +158,7 @@ impl Yielding {
         let Some(mut contact) = self.contact.take() else {
             self.contact = Some(Contact {
                 offsets: self.offsets[1],
-                ..self.begin(joint, answer, &settings, loads, measured)
+                ..self.begin(joint, answer, loads, measured)
             });
             return;
         };
@@ -163,8 +178,8 @@ impl Yielding {
         match contact.way {
             Way::Soft => {
                 let joints = measured.joints.iter().zip(&contact.begin).enumerate();
-                let mut moved = joints.filter(|(j, _)| own(*j));
-                let far = moved.any(|(_, (joint, q))| (joint.q - q).abs() > settings.comply_angle);
+                let mut moved = joints.zip(&self.comply).filter(|((j, _), _)| own(*j));
+                let far = moved.any(|((_, (joint, q)), comply)| (joint.q - q).abs() > *comply);
                 let mut joints = estimated.joints.iter().enumerate();
                 let touched = joints.any(|(j, joint)| own(j) && joint.contact_flag == 1);
                 contact.gone_s = match touched {
@@ -186,7 +201,6 @@ impl Yielding {
         &self,
         joint: usize,
         answer: Answer,
-        settings: &ContactReaction,
         loads: &Loads,
         measured: &MeasuredRecord,
     ) -> Contact {
@@ -207,13 +221,10 @@ impl Yielding {
             Answer::Stop => Way::Ended,
             _ if self.bears(joint, loads) => Way::Ended,
             Answer::Comply => Way::Soft,
-            Answer::Retract => {
-                let angle = settings.retract_angle;
-                match self.lead_back(joint, angle, measured, &mut reference) {
-                    true => Way::Back,
-                    false => Way::Ended,
-                }
-            }
+            Answer::Retract => match self.lead_back(joint, measured, &mut reference) {
+                true => Way::Back,
+                false => Way::Ended,
+            },
         };
         Contact {
             way,
@@ -242,12 +253,11 @@ impl Yielding {
         sensors.is_none_or(|all| all.iter().map(force).any(|f| f.is_nan() || f >= bearing))
     }
 
-    /// Puts the pose on the way of the last second at which the limb's joint that has come furthest
-    /// was `angle` away into the reference; false where it has hardly moved.
+    /// Puts the pose on the way of the last second at which the limb's joint that has come furthest, as a
+    /// share of its way back, was that way away into the reference; false where it has hardly moved.
     fn lead_back(
         &self,
         joint: usize,
-        angle: f64,
         measured: &MeasuredRecord,
         reference: &mut Reference,
     ) -> bool {
@@ -260,23 +270,26 @@ impl Yielding {
             let Some(pose) = self.poses.get(row) else {
                 break;
             };
-            let ways = pose.iter().zip(&measured.joints).zip(limb);
+            let ways = pose
+                .iter()
+                .zip(&measured.joints)
+                .zip(limb.iter().zip(&self.retract));
             let way = ways
-                .filter(|(_, own)| **own)
-                .fold(0.0f64, |most, ((q, joint), _)| {
-                    most.max((q - joint.q).abs())
+                .filter(|(_, (own, _))| **own)
+                .fold(0.0f64, |most, ((q, joint), (_, retract))| {
+                    most.max((q - joint.q).abs() / retract)
                 });
             if furthest.is_none_or(|(_, most)| way > most) {
                 furthest = Some((pose, way));
             }
-            if way >= angle {
+            if way >= 1.0 {
                 break;
             }
         }
-        let Some((pose, way)) = furthest.filter(|(_, way)| *way >= LEAST_WAY * angle) else {
+        let Some((pose, way)) = furthest.filter(|(_, way)| *way >= LEAST_WAY) else {
             return false;
         };
-        let share = (angle / way).min(1.0);
+        let share = (1.0 / way).min(1.0);
         let joints = reference.joints.iter_mut().zip(pose).zip(limb);
         for ((asked, q), _) in joints.filter(|(_, own)| **own) {
             asked.q_d += share * (q - asked.q_d);

@@ -11,8 +11,13 @@ use robot_state::{JointEstimated, JointMeasured};
 
 /// Poles of the low-pass of the torque from current: with a link-side encoder, and without.
 const POLES: [f64; 2] = [0.9, 0.5];
-/// |dq| over which friction changes sign, rad/s.
-pub(super) const SIGN_SMOOTHING: f64 = 0.02;
+/// |dq| over which friction changes sign, rad/s of a revolute joint.
+const SIGN_SMOOTHING: f64 = 0.02;
+
+/// |dq| over which the joint's friction changes sign, rad/s.
+pub(super) fn sign_smoothing(joint: &JointParameters) -> f64 {
+    joint.kind.threshold(SIGN_SMOOTHING)
+}
 
 /// The torque from current of one joint.
 #[derive(Debug)]
@@ -71,7 +76,7 @@ fn current(joint: &JointParameters, sample_period: f64) -> CurrentParameters {
         k_4: 0.0,
         inertia: n * n * joint.rotor_inertia,
         offset: 0.0,
-        sign_smoothing: SIGN_SMOOTHING,
+        sign_smoothing: sign_smoothing(joint),
         presliding: NO_PRESLIDING,
         gear_ratio: n,
         low_pass_pole: POLES[usize::from(!joint.has_link_encoder)],

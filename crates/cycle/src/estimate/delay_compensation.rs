@@ -75,6 +75,7 @@ impl DelayCompensation {
                     false => by_current(joint),
                 },
                 torque_limit: joint.limits.torque,
+                stands_within: joint.limits.gives_way,
                 error_per_angle: KINEMATIC_SLOPE * joint.estimator.compliance.k_fs0,
             }),
             torque_limit: joint.limits.torque,

@@ -161,7 +161,7 @@ impl Joint {
             k_3: n * motor.friction,
             inertia: n * n * joint.rotor_inertia,
             gear_ratio: n,
-            smoothing: super::current::SIGN_SMOOTHING,
+            smoothing: super::current::sign_smoothing(joint),
             torque_limit: joint.limits.torque,
             changes: None,
         }

@@ -5,6 +5,7 @@ use identification::log::LogRow;
 use joint_file::{JointFile, no_files};
 use plant::parameters::DriveParameters;
 use plant::{Command, DriveSheet, JointRig, KinematicError, RigLoad, RigTiming, SimParameters};
+use robot_state::JointKind;
 
 const T: f64 = 1e-3;
 const TIMING: RigTiming = RigTiming {
@@ -43,6 +44,7 @@ pub(crate) fn joint() -> JointFile {
 
 fn sheet() -> DriveSheet {
     DriveSheet {
+        kind: JointKind::Revolute,
         gear_ratio: 100.0,
         torque_constant: 0.05,
         rotor_inertia: 1.14e-5,

@@ -3,12 +3,17 @@
 use super::SamplingParameters;
 use super::read::*;
 use crate::kinematic_error::KinematicError;
+use robot_state::JointKind;
 use serde::Deserialize;
 
 /// `[drive.NAME]`: true parameters of a kind of drive.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriveParameters {
+    /// Kind of the joints that it moves, by the units of its keys: what is said to be in rad and N·m on the
+    /// link side is in m and N of a prismatic joint.
+    #[serde(skip)]
+    pub kind: JointKind,
     /// The gear.
     pub transmission: TransmissionParameters,
     /// Kinematic error besides the one in `robot.toml`.
@@ -27,6 +32,19 @@ pub struct DriveParameters {
     /// Its states, where `robot.toml` knows some.
     #[serde(default)]
     pub states: StateParameters,
+}
+
+impl DriveParameters {
+    /// The tables had the keys of a prismatic joint, whose values were read as those of a revolute one.
+    pub(super) fn set_prismatic(&mut self) {
+        self.kind = JointKind::Prismatic;
+        let error = &mut self.kinematic_error;
+        for amplitude in error.link.iter_mut().chain(&mut error.motor).flatten() {
+            *amplitude = self.kind.si(amplitude.to_degrees());
+        }
+        // A way has no period of its own: that of an angle of as much.
+        error.link_frequency = 1.0 / self.kind.threshold(1.0);
+    }
 }
 
 /// `[drive.NAME.states]`: how fast the drive changes its state, and its holding brake.

@@ -119,6 +119,13 @@ pub(super) fn degrees_map<'de, D: Deserializer<'de>>(
         .collect())
 }
 
+pub(super) fn milli_map<'de, D: Deserializer<'de>>(d: D) -> Read<BTreeMap<String, f64>, D::Error> {
+    let map = BTreeMap::<String, Finite>::deserialize(d)?;
+    Ok((map.into_iter())
+        .map(|(name, x)| (name, 1e-3 * x.0))
+        .collect())
+}
+
 pub(super) fn degree_pairs<'de, D: Deserializer<'de>>(d: D) -> Read<Vec<[f64; 2]>, D::Error> {
     let pairs = Vec::<[Finite; 2]>::deserialize(d)?;
     Ok((pairs.into_iter())

@@ -23,7 +23,10 @@ impl SimRobot {
         }
         self.load();
         for i in 0..self.joints.len() {
-            let tau = self.dynamics.torque(&self.tree, i);
+            let mut tau = self.dynamics.torque(&self.tree, i);
+            for mimic in self.tree.mimics().iter().filter(|mimic| mimic.driver == i) {
+                tau += mimic.ratio * self.dynamics.torque(&self.tree, mimic.follower);
+            }
             self.joints[i].settle(self.state.q[i], tau);
         }
         Ok(())

@@ -3,6 +3,7 @@
 use crate::common::parameters;
 use plant::parameters::DriveParameters;
 use plant::{Command, DriveSheet, JointRig, KinematicError, RigLoad, RigSample, RigTiming};
+use robot_state::JointKind;
 
 const TIMING: RigTiming = RigTiming {
     period: 1e-3,
@@ -17,6 +18,7 @@ const LEVEL: RigLoad = RigLoad {
 
 fn sheet() -> DriveSheet {
     DriveSheet {
+        kind: JointKind::Revolute,
         gear_ratio: 100.0,
         torque_constant: 0.05,
         rotor_inertia: 1.14e-5,

@@ -9,6 +9,7 @@ use plant::tree::{State, Tree, integrate};
 use plant::urdf::Urdf;
 
 const HUMANOID: &str = include_str!("../../../../robot-models/humanoid/robot.urdf");
+const LIFT_GRIPPER: &str = include_str!("../../../../robot-models/lift-gripper/robot.urdf");
 const LEG: &str = include_str!("../../../../robot-models/leg/robot.urdf");
 
 fn tree(urdf: &str, floating: bool, cuts: &[&str]) -> Tree {
@@ -24,7 +25,56 @@ fn random_state(tree: &Tree, random: &mut Random) -> State {
     }
     state.q.fill_with(|| random.symmetric());
     state.dq.fill_with(|| random.symmetric());
+    // As a step without time leaves them: where those that follow others belong.
+    let still = vec![0.0; state.q.len()];
+    integrate(tree, &mut state, &Vector6::zeros(), &still, 0.0);
     state
+}
+
+/// A random tree of revolute, prismatic and fixed joints, every third moving joint following an earlier
+/// one, which may follow another itself.
+fn random_robot(seed: u64) -> String {
+    let mut random = Random::new(seed, 9);
+    let mut three = |size: f64| {
+        let v = random.normal3(size);
+        format!("{} {} {}", v.x, v.y, v.z)
+    };
+    let mut text = String::from("<robot name=\"random\"><link name=\"l0\"/>");
+    let mut moving: Vec<usize> = Vec::new();
+    let mut choice = Random::new(seed, 10);
+    for i in 1..=9 {
+        let parent = (choice.unit() * i as f64) as usize;
+        let kind = ["revolute", "prismatic", "revolute", "fixed"][(4.0 * choice.unit()) as usize];
+        let [xx, yy, zz] = std::array::from_fn(|_| 0.01 + 0.05 * choice.unit());
+        text += &format!(
+            "<link name=\"l{i}\"><inertial><origin xyz=\"{}\" rpy=\"{}\"/><mass value=\"{}\"/>
+             <inertia ixx=\"{}\" iyy=\"{}\" izz=\"{}\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>
+             <joint name=\"j{i}\" type=\"{kind}\"><parent link=\"l{parent}\"/><child link=\"l{i}\"/>
+             <origin xyz=\"{}\" rpy=\"{}\"/><axis xyz=\"{}\"/>
+             <limit lower=\"-3\" upper=\"3\" effort=\"10\" velocity=\"5\"/>",
+            three(0.1),
+            three(1.0),
+            0.2 + 3.0 * choice.unit(),
+            yy + zz,
+            xx + zz,
+            xx + yy,
+            three(0.3),
+            three(1.0),
+            three(1.0),
+        );
+        if kind != "fixed" {
+            if moving.len() % 3 == 2 {
+                let driver = moving[(choice.unit() * moving.len() as f64) as usize];
+                let (ratio, offset) = (2.0 * choice.symmetric(), choice.symmetric());
+                text += &format!(
+                    "<mimic joint=\"j{driver}\" multiplier=\"{ratio}\" offset=\"{offset}\"/>"
+                );
+            }
+            moving.push(i);
+        }
+        text += "</joint>";
+    }
+    text + "</robot>"
 }
 
 /// Rates of a state: base acceleration and joint accelerations without any torque.
@@ -200,16 +250,19 @@ fn assert_agrees_with_rnea(urdf: &str, floating: bool, pushed: &str) {
     let mut data = dynamics::Data::new(&model);
     let mut work = Dynamics::new(&tree);
     let mut random = Random::new(11, 0);
-    let n = tree.joint_names().len();
-    let place: Vec<usize> = (tree.joint_names().iter())
+    let all = tree.joint_names().len();
+    let n = tree.driven_names().len();
+    let place: Vec<usize> = (tree.driven_names().iter())
         .map(|name| model.joint_index(name).unwrap())
         .collect();
     let (nb, nqb) = if floating { (6, 7) } else { (0, 0) };
     for _ in 0..20 {
         let state = random_state(&tree, &mut random);
-        let tau: Vec<f64> = (0..n).map(|_| 30.0 * random.symmetric()).collect();
-        let armature: Vec<f64> = (0..n).map(|_| random.unit()).collect();
-        let mut ddq = vec![0.0; n];
+        let driven = |i: usize| f64::from(u8::from(i < n));
+        let mut draw = |i, size: f64| driven(i) * size * random.symmetric();
+        let tau: Vec<f64> = (0..all).map(|i| draw(i, 30.0)).collect();
+        let armature: Vec<f64> = (0..all).map(|i| draw(i, 1.0).abs()).collect();
+        let mut ddq = vec![0.0; all];
         work.kinematics(&tree, &state);
         let frame = tree.frame(pushed).unwrap();
         let (r, p) = work.placement(frame);
@@ -258,7 +311,8 @@ fn assert_agrees_with_rnea(urdf: &str, floating: bool, pushed: &str) {
         }
         // The same by the plant's own backward pass.
         work.wrenches(&tree);
-        for i in 0..n {
+        // The linkage of a joint that others follow takes a part, so that they are not compared.
+        for i in (0..n).filter(|_| all == n) {
             let got = tau[i] - armature[i] * ddq[i];
             assert!((work.torque(&tree, i) - got).abs() < 1e-8 * (1.0 + got.abs()));
         }
@@ -273,4 +327,55 @@ fn forward_dynamics_agrees_with_an_independent_newton_euler() {
     assert_agrees_with_rnea(HUMANOID, true, "left_ankle_ft");
     assert_agrees_with_rnea(HUMANOID, false, "right_wrist_ft");
     assert_agrees_with_rnea(LEG, false, "ankle_ft");
+}
+
+#[test]
+fn random_robots_with_prismatic_and_mimic_joints_agree_with_newton_euler() {
+    assert_agrees_with_rnea(LIFT_GRIPPER, true, "wrist_ft");
+    assert_agrees_with_rnea(LIFT_GRIPPER, false, "finger_follower_link");
+    let (mut slide, mut follow) = (0, 0);
+    for seed in 0..40 {
+        let urdf = random_robot(seed);
+        let tree = tree(&urdf, false, &[]);
+        slide += tree.slides().iter().filter(|slides| **slides).count();
+        follow += tree.joint_names().len() - tree.driven_names().len();
+        assert_agrees_with_rnea(&urdf, seed % 2 == 0, "l9");
+    }
+    assert!(slide > 40 && follow > 30, "{slide} {follow}");
+}
+
+#[test]
+fn a_robot_with_followers_keeps_its_energy() {
+    let tree = tree(LIFT_GRIPPER, true, &[]);
+    let mut dynamics = Dynamics::new(&tree);
+    let mut state = random_state(&tree, &mut Random::new(4, 0));
+    dynamics.kinematics(&tree, &state);
+    let energy = dynamics.energy();
+    for _ in 0..500 {
+        runge_kutta(&tree, &mut dynamics, &mut state, 2e-4);
+    }
+    dynamics.kinematics(&tree, &state);
+    let now = dynamics.energy();
+    let drift = (now.0 + now.1 - energy.0 - energy.1).abs();
+    assert!((now.0 - energy.0).abs() > 1.0, "nothing moved");
+    assert!(
+        drift < 1e-5 * energy.0,
+        "energy drifts by {drift} of {energy:?}"
+    );
+    let [finger, follower] = ["finger", "finger_follower"]
+        .map(|name| tree.joint_names().iter().position(|n| n == name).unwrap());
+    assert!((state.q[finger] - state.q[follower]).abs() < 1e-9);
+}
+
+#[test]
+fn joints_that_cannot_follow_are_refused() {
+    let refused = |from: &str, to: &str| {
+        assert!(LIFT_GRIPPER.contains(from));
+        let urdf = Urdf::parse(&LIFT_GRIPPER.replace(from, to), "robot.urdf").unwrap();
+        Tree::new(&urdf, false, &[]).unwrap_err().to_string()
+    };
+    let error = refused("mimic joint=\"finger\"", "mimic joint=\"nobody\"");
+    assert!(error.contains("finger_follower mimics nobody"), "{error}");
+    let error = refused("mimic joint=\"finger\"", "mimic joint=\"finger_follower\"");
+    assert!(error.contains("mimics itself"), "{error}");
 }

@@ -4,6 +4,7 @@ use super::Reader;
 use crate::drives::Drive;
 use crate::paths;
 use joint_file::JointFile;
+use robot_state::JointKind;
 
 impl Reader<'_, '_, '_> {
     /// The joint file that `calibration` names; it must match this joint's drive and rate.
@@ -15,6 +16,11 @@ impl Reader<'_, '_, '_> {
         const ALLOWED: &str = "the path of a joint file that `torquectl fit` wrote";
         let section = self.section;
         let named = section.optional_text("calibration", ALLOWED)?;
+        if section.kind == JointKind::Prismatic {
+            let what = "joint files hold angles and torques, and this joint is prismatic";
+            section.problem("calibration", what, "no such key for a prismatic joint");
+            return None;
+        }
         let path = paths::resolved(self.files.config, named.value);
         let problem = |what: String| section.problem("calibration", what, ALLOWED);
         let text = match (self.files.read)(&path) {
@@ -70,7 +76,7 @@ impl Reader<'_, '_, '_> {
             (
                 "link_counts_per_turn",
                 theirs.link_counts_per_turn,
-                counts(|d| d.link_counts_per_turn),
+                counts(|d| d.link_counts),
             ),
         ] {
             let Some(ours) = ours else { continue };

@@ -38,7 +38,8 @@ impl Reader<'_, '_, '_> {
                 }
                 Some(MotorModel::Current { .. }) => {
                     let what = "the drive takes currents, not positions";
-                    section.problem("K6", what, "K_s_Nm_per_rad and K_d_Nms_per_rad");
+                    let allowed = section.kind.units("K_s_Nm_per_rad and K_d_Nms_per_rad");
+                    section.problem("K6", what, allowed);
                     None
                 }
                 None => None,

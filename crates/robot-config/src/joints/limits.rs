@@ -8,6 +8,11 @@ use control::MotorModel;
 use dynamics::Model;
 use supervisor::{Actuation, FollowingParameters, Limits, PlausibilityParameters};
 
+/// |dq| below which a joint counts as at rest, rad/s of a revolute joint.
+const REST: f64 = 0.02;
+/// Greatest angle by which a held set-point gives way, rad of a revolute joint: half of what counts as
+/// motion.
+const GIVES_WAY: f64 = 0.5 * core::f64::consts::PI / 180.0;
 /// Default time in which a joint stops from its greatest velocity, s.
 const STOPPING_TIME: f64 = 0.2;
 /// Default time in which a torque may rise from zero to its limit, s.
@@ -17,7 +22,7 @@ const TORQUE_RISE_TIME: f64 = 0.05;
 const BRAKING_PERIODS: f64 = 12.0;
 /// Greatest torsion over that of the torque limit: gears are softer than their catalogue.
 const TORSION_MARGIN: f64 = 1.5;
-/// Torsion that kinematic error, backlash and encoder offsets may add, rad.
+/// Torsion that kinematic error, backlash and encoder offsets may add, rad of a revolute joint.
 const TORSION_OFFSET: f64 = 0.1 * core::f64::consts::PI / 180.0;
 /// A torque that appears from one sample to the next and stays is an encoder's step from this
 /// share of the torque limit on.
@@ -84,23 +89,28 @@ impl Reader<'_, '_, '_> {
         let given = [min_deg, max_deg].map(|key| section.optional_number(key, Allowed::Finite));
         let (model, index) = joint?;
         let urdf = model.joint_limits(index)?;
-        let min = given[0].map_or(urdf.lower, f64::to_radians);
-        let max = given[1].map_or(urdf.upper, f64::to_radians);
-        // Limits in degrees may exceed the URDF's by their rounding, rad.
+        let kind = section.kind;
+        let [min, max] = [(given[0], urdf.lower), (given[1], urdf.upper)]
+            .map(|(given, urdf)| given.map_or(urdf, |given| kind.si(given)));
+        // Limits in degrees or mm may exceed the URDF's by their rounding, rad or m.
         let rounding = 1e-6;
         let allowed = format!(
             "{:.3} to {:.3}, the URDF's limits",
-            urdf.lower.to_degrees(),
-            urdf.upper.to_degrees()
+            kind.shown(urdf.lower),
+            kind.shown(urdf.upper)
         );
         for (key, value) in [(min_deg, min), (max_deg, max)] {
             if value < urdf.lower - rounding || value > urdf.upper + rounding {
-                let what = format!("{:.3} is not allowed", value.to_degrees());
+                let what = format!("{:.3} is not allowed", kind.shown(value));
                 section.problem(key, what, &allowed);
             }
         }
         if min >= max {
-            let what = format!("{:.3} is not above {min_deg}", max.to_degrees());
+            let what = format!(
+                "{:.3} is not above {}",
+                kind.shown(max),
+                kind.units(min_deg)
+            );
             section.problem(max_deg, what, allowed);
         }
         let drive = drive?;
@@ -108,7 +118,8 @@ impl Reader<'_, '_, '_> {
         let velocity = match velocity {
             Some(limit) if limit > drive.max_velocity => {
                 let what = format!("{limit} is not allowed");
-                let allowed = format!("at most the drive's {} rad/s", drive.max_velocity);
+                let unit = kind.units("rad/s");
+                let allowed = format!("at most the drive's {} {unit}", drive.max_velocity);
                 section.problem("velocity_limit_rad_per_s", what, allowed);
                 limit
             }
@@ -123,10 +134,12 @@ impl Reader<'_, '_, '_> {
             torque_rate: torque_rate.unwrap_or(torque / TORQUE_RISE_TIME),
             power,
             lead: self.lead(lead, torque, drive),
+            rest: kind.threshold(REST),
+            gives_way: kind.threshold(GIVES_WAY),
         })
     }
 
-    /// Greatest |dq| in mode torque, rad/s.
+    /// Greatest |dq| in mode torque, rad/s or m/s.
     pub(super) fn torque_velocity(&self, limits: &Limits) -> f64 {
         let key = "torque_velocity_limit_rad_per_s";
         let given = self.section.optional_number(key, Allowed::Positive);
@@ -137,29 +150,33 @@ impl Reader<'_, '_, '_> {
         let velocity = given.unwrap_or(share * limits.velocity);
         if velocity > limits.velocity {
             let what = format!("{velocity} is not allowed");
-            let allowed = format!("at most the velocity limit of {} rad/s", limits.velocity);
+            let unit = self.section.kind.units("rad/s");
+            let allowed = format!("at most the velocity limit of {} {unit}", limits.velocity);
             self.section.problem(key, what, allowed);
         }
         velocity
     }
 
     /// Greatest lead of a command: that of the torque limit, or less.
-    fn lead(&self, given_deg: Option<f64>, torque: f64, drive: &Drive) -> f64 {
+    fn lead(&self, given: Option<f64>, torque: f64, drive: &Drive) -> f64 {
         let MotorModel::Position { k_tau, .. } = drive.motor else {
             return f64::INFINITY;
         };
         let greatest = k_tau * torque;
-        let given = given_deg.map_or(greatest, f64::to_radians);
-        // A rounded degree may lie a hair above.
+        let kind = self.section.kind;
+        let given = given.map_or(greatest, |given| kind.si(given));
+        // A rounded degree or mm may lie a hair above.
         if given > greatest + 1e-6 {
             let what = format!(
-                "{:.3} lets a command ask for {:.0} N·m",
-                given.to_degrees(),
-                given / k_tau
+                "{:.3} lets a command ask for {:.0} {}",
+                kind.shown(given),
+                given / k_tau,
+                kind.units("N·m")
             );
             let allowed = format!(
-                "at most K_tau times the torque limit of {torque} N·m, {:.4}, or no such key",
-                greatest.to_degrees()
+                "at most K_tau times the torque limit of {torque} {}, {:.4}, or no such key",
+                kind.units("N·m"),
+                kind.shown(greatest)
             );
             self.section.problem("delta_q_limit_deg", what, allowed);
         }
@@ -179,7 +196,7 @@ impl Reader<'_, '_, '_> {
                 let motor = k_tau - drive.gear_softness;
                 let lead = (motor * limits.torque).min(limits.lead);
                 let given = section.optional_number("following_error_deg", Allowed::Positive);
-                let limit = given.map_or(FOLLOWING_SHARE * lead, f64::to_radians);
+                let limit = given.map_or(FOLLOWING_SHARE * lead, |given| section.kind.si(given));
                 let names = ["following_error_deg", "following_error_A"];
                 let doubt = (DOUBT_SHARE * lead).min(limit);
                 (names[0], names[1], limit, FOLLOWING_SHARE * k_v, doubt)
@@ -228,7 +245,10 @@ impl Reader<'_, '_, '_> {
                     let allowed = format!("above 1/K_fs0, which is {gear:e}");
                     self.section.problem(
                         "drive",
-                        format!("K_tau_rad_per_Nm of its drive: {what}"),
+                        format!(
+                            "{} of its drive: {what}",
+                            self.section.kind.units("K_tau_rad_per_Nm")
+                        ),
                         allowed,
                     );
                 }
@@ -271,7 +291,8 @@ pub(super) fn plausibility(
         0.0
     };
     PlausibilityParameters {
-        torsion: TORSION_MARGIN * (wound_up + wave_generator) + TORSION_OFFSET,
+        torsion: TORSION_MARGIN * (wound_up + wave_generator)
+            + drive.kind.threshold(TORSION_OFFSET),
         step: STEP_SHARE * wound_up,
         motor_step: match drive.sampling.is_at_sync() {
             true => {

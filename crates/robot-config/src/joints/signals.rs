@@ -1,13 +1,14 @@
 //! Signals of a joint on its bus, and whether its encoders' turns can be counted.
 
 use super::Reader;
-use crate::drives::Drive;
+use crate::drives::{Drive, link_counts_key};
 use crate::reader::Allowed;
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Reach, Use, Way, Wiring};
 use control::MotorModel;
 use estimators::encoder::EncoderParameters;
+use robot_state::JointKind;
 use supervisor::Limits;
 
 /// The ranges of a joint's encoders, and which optional signals it has.
@@ -33,23 +34,35 @@ impl Reader<'_, '_, '_> {
             key: "motor_counts_per_turn",
         };
         let has_link = self.has_link();
-        let link_counts = Quantity::Angle {
-            counts_per_turn: drive.link_counts_per_turn,
-            key: "link_counts_per_turn",
+        let kind = self.section.kind;
+        let (counts, key) = (drive.link_counts, link_counts_key(kind));
+        let link_counts = match kind {
+            JointKind::Revolute => Quantity::Angle {
+                counts_per_turn: counts,
+                key,
+            },
+            JointKind::Prismatic => Quantity::Length {
+                counts_per_mm: counts,
+                key,
+            },
         };
         let set_point = match drive.motor {
             MotorModel::Position { .. } => link_counts,
             MotorModel::Current { .. } => Quantity::Current,
         };
         let mut signal = |key, way, slot, quantity| {
-            let section = self.section.section(key)?;
+            // The motor's angle is an angle, whatever its joint is.
+            let section = self.section.section(key)?.of_kind(match quantity {
+                Quantity::Length { .. } => JointKind::Prismatic,
+                _ => JointKind::Revolute,
+            });
             let sign = match quantity {
                 Quantity::Status => 1.0,
                 _ => section.sign_or("direction", 1.0),
             };
-            let offset = match quantity {
-                Quantity::Angle { .. } => section.number_or("offset_deg", 0.0, Allowed::Finite),
-                _ => 0.0,
+            let offset = match quantity.is_position() {
+                true => section.number_or("offset_deg", 0.0, Allowed::Finite),
+                false => 0.0,
             };
             let how = Use {
                 way,
@@ -57,7 +70,7 @@ impl Reader<'_, '_, '_> {
                 slot,
                 quantity,
                 sign,
-                offset: offset.to_radians(),
+                offset: section.kind.si(offset),
             };
             let path = section.text("signal", "MESSAGE.signal");
             let reach = path.and_then(|path| wiring.connect(&section.path("signal"), &path, &how));
@@ -116,20 +129,23 @@ impl Reader<'_, '_, '_> {
     /// Notes encoders whose turns cannot be counted.
     pub(super) fn wraps(&self, encoders: &EncoderParameters, limits: &Limits) {
         let travel = encoders.max_velocity * encoders.sample_period;
+        let kind = self.section.kind;
         let sides = [
             (
                 "motor_angle",
                 encoders.motor_wrap,
                 travel * encoders.gear_ratio,
+                "rad".into(),
             ),
-            ("link_angle", encoders.link_wrap, travel),
+            ("link_angle", encoders.link_wrap, travel, kind.units("rad")),
         ];
-        for (key, wrap, travel) in sides {
+        for (key, wrap, travel, unit) in sides {
             if wrap <= 2.0 * travel {
                 let what = format!(
-                    "the signal starts again after {wrap:.4} rad, and the joint can move {travel:.4} rad in a cycle"
+                    "the signal starts again after {wrap:.4} {unit}, and the joint can move {travel:.4} {unit} in a cycle"
                 );
-                let allowed = "a range of more than twice that, see drive.max_velocity_rad_per_s";
+                let allowed =
+                    kind.units("a range of more than twice that, see drive.max_velocity_rad_per_s");
                 self.section.problem(key, what, allowed);
             }
         }
@@ -142,10 +158,11 @@ impl Reader<'_, '_, '_> {
         let half = 0.5 * wrap;
         if range.0.is_finite() && range.1.is_finite() && (range.0 < -half || range.1 > half) {
             let what = format!(
-                "the signal starts again after {:.3} deg of the joint, and the joint moves from {:.3} to {:.3} deg",
-                wrap.to_degrees(),
-                range.0.to_degrees(),
-                range.1.to_degrees()
+                "the signal starts again after {:.3} {unit} of the joint, and the joint moves from {:.3} to {:.3} {unit}",
+                kind.shown(wrap),
+                kind.shown(range.0),
+                kind.shown(range.1),
+                unit = kind.units("deg"),
             );
             let allowed = "position limits within half the signal's range on either side of zero";
             self.section.problem(key, what, allowed);

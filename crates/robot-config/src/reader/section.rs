@@ -4,6 +4,8 @@ use super::{Diagnostics, show};
 use core::cell::RefCell;
 use core::fmt;
 use problem::Problem;
+use robot_state::JointKind;
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -17,8 +19,18 @@ pub(crate) struct Section<'n, 't> {
     path: String,
     /// Name among several such tables, as in ` (hip_yaw)`.
     pub(crate) which: String,
-    known: RefCell<BTreeSet<&'static str>>,
+    /// Kind of the joint or of the drive's joints: keys are asked for with the units of a revolute joint,
+    /// and are in the file with those of this kind.
+    pub(crate) kind: JointKind,
+    known: RefCell<BTreeSet<Cow<'static, str>>>,
 }
+
+/// Keys of a drive's tables that are of the motor side, where every joint's units are the same.
+const MOTOR_SIDE: [&str; 3] = [
+    "torque_constant_Nm_per_A",
+    "K_wg0_Nm_per_rad",
+    "C_wg_per_Nm",
+];
 
 impl<'n, 't> Section<'n, 't> {
     pub(crate) fn root(diagnostics: &'n Diagnostics<'t>, table: &'n DeTable<'t>) -> Self {
@@ -37,6 +49,7 @@ impl<'n, 't> Section<'n, 't> {
             place,
             path,
             which: String::new(),
+            kind: JointKind::Revolute,
             known: RefCell::new(BTreeSet::new()),
         }
     }
@@ -47,24 +60,44 @@ impl<'n, 't> Section<'n, 't> {
 
     /// The same table once more.
     pub(crate) fn again(&self) -> Self {
-        let which = self.which.clone();
         let same = Self::new(self.diagnostics, self.table, self.place, self.path.clone());
-        Self { which, ..same }
+        Self {
+            which: self.which.clone(),
+            kind: self.kind,
+            ..same
+        }
+    }
+
+    /// The table with the units of that kind of joint.
+    pub(crate) fn of_kind(self, kind: JointKind) -> Self {
+        Self { kind, ..self }
+    }
+
+    /// The key as the file has it.
+    fn key<'k>(&self, key: &'k str) -> Cow<'k, str> {
+        match MOTOR_SIDE.contains(&key) {
+            true => Cow::Borrowed(key),
+            false => self.kind.units(key),
+        }
     }
 
     /// The key has that text.
     pub(crate) fn is(&self, key: &str, text: &str) -> bool {
-        let value = self.table.get(key).map(Spanned::get_ref);
+        let value = self.table.get(&*self.key(key)).map(Spanned::get_ref);
         value.and_then(DeValue::as_str) == Some(text)
     }
 
     /// The key's path in the schema, with the name of the section it belongs to.
     pub(crate) fn path(&self, key: &str) -> String {
-        let dot = if self.path.is_empty() || key.is_empty() {
-            ""
-        } else {
-            "."
-        };
+        match key.is_empty() {
+            true => format!("{}{}", self.path, self.which),
+            false => self.in_table(&self.key(key)),
+        }
+    }
+
+    /// The path of a key that the file has.
+    fn in_table(&self, key: &str) -> String {
+        let dot = if self.path.is_empty() { "" } else { "." };
         format!("{}{dot}{key}{}", self.path, self.which)
     }
 
@@ -72,7 +105,7 @@ impl<'n, 't> Section<'n, 't> {
     pub(crate) fn problem(&self, key: &str, what: impl fmt::Display, allowed: impl fmt::Display) {
         let place = self
             .table
-            .get(key)
+            .get(&*self.key(key))
             .map_or(self.place, |value| value.span().start);
         let colon = if key.is_empty() { "" } else { ":" };
         let reason = format!("{}{colon} {what}", self.path(key));
@@ -86,15 +119,17 @@ impl<'n, 't> Section<'n, 't> {
 
     /// `file:line: key`, for a problem that shows only later.
     pub(crate) fn place_of(&self, key: &str) -> String {
-        let value = self.table.get(key);
+        let value = self.table.get(&*self.key(key));
         let place = value.map_or(self.place, |value| value.span().start);
         let line = self.diagnostics.line(place);
         format!("{}:{line}: {}", self.diagnostics.file, self.path(key))
     }
 
     pub(super) fn find(&self, key: &'static str) -> Option<&'n Spanned<DeValue<'t>>> {
+        let key = self.key(key);
+        let value = self.table.get(&*key);
         self.known.borrow_mut().insert(key);
-        self.table.get(key)
+        value
     }
 
     pub(crate) fn has(&self, key: &'static str) -> bool {
@@ -135,6 +170,7 @@ impl<'n, 't> Section<'n, 't> {
         match value.get_ref() {
             DeValue::Table(table) => Some(Section {
                 which: self.which.clone(),
+                kind: self.kind,
                 ..Section::new(
                     self.diagnostics,
                     table,
@@ -194,12 +230,31 @@ impl<'n, 't> Section<'n, 't> {
     /// Notes every key that was never read.
     pub(crate) fn finish(self) {
         let known = self.known.borrow();
-        let allowed = known.iter().copied().collect::<Vec<_>>().join(", ");
-        for key in self.table.keys() {
-            if !known.contains(&**key.get_ref()) {
-                let reason = format!("{}: unknown key", self.path(key.get_ref()));
-                self.diagnostics
-                    .at(key.span().start, reason, allowed.clone());
+        let allowed = known
+            .iter()
+            .map(|key| &**key)
+            .collect::<Vec<_>>()
+            .join(", ");
+        for found in self.table.keys() {
+            let (key, place) = (&**found.get_ref(), found.span().start);
+            if known.contains(key) {
+                continue;
+            }
+            let path = format!("{}: ", self.in_table(key));
+            let meant = self.key(key);
+            // Only a prismatic joint's table translates keys.
+            if meant != key && known.contains(&*meant) {
+                let reason = format!("{path}the joint is prismatic, the key has other units");
+                self.diagnostics.at(place, reason, meant);
+            } else if self.kind == JointKind::Revolute
+                && let Some(own) = known
+                    .iter()
+                    .find(|own| JointKind::Prismatic.units(own) == key)
+            {
+                let reason = format!("{path}the joint is revolute, the key has other units");
+                self.diagnostics.at(place, reason, own.clone());
+            } else {
+                (self.diagnostics).at(place, format!("{path}unknown key"), allowed.clone());
             }
         }
     }

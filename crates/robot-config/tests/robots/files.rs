@@ -14,14 +14,17 @@ const FILES: &[(&str, &str)] = repository![
     "config/test-joint/robot.toml",
     "config/leg/robot.toml",
     "config/hrp2-like/robot.toml",
+    "config/lift-gripper/robot.toml",
     "config/humanoid/robot.toml",
     "robot-models/test-joint/robot.urdf",
     "robot-models/leg/robot.urdf",
     "robot-models/hrp2-like/robot.urdf",
+    "robot-models/lift-gripper/robot.urdf",
     "robot-models/humanoid/robot.urdf",
     "robot-models/test-joint/drives.dbc",
     "robot-models/leg/drives.dbc",
     "robot-models/hrp2-like/drives.dbc",
+    "robot-models/lift-gripper/drives.dbc",
     "robot-models/humanoid/drives.dbc",
 ];
 
@@ -83,6 +86,7 @@ impl Files {
 
 pub(crate) const LEG: &str = "config/leg/robot.toml";
 pub(crate) const HRP2_LIKE: &str = "config/hrp2-like/robot.toml";
+pub(crate) const LIFT_GRIPPER: &str = "config/lift-gripper/robot.toml";
 pub(crate) const HUMANOID: &str = "config/humanoid/robot.toml";
 
 /// The only problem is on the line of `at` in the file at `path`, and its text has all `parts`.

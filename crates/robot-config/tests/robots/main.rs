@@ -5,4 +5,5 @@ mod buses;
 mod drives;
 mod files;
 mod motor_alone;
+mod prismatic;
 mod refusals;

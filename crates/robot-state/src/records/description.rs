@@ -1,6 +1,7 @@
 //! Names and constants of a robot.
 
 use super::{MAX_CONTACT_SETS, MAX_FRAMES, MAX_FT_SENSORS, MAX_JOINTS};
+use crate::joint_kind::JointKind;
 use crate::layout::record;
 use crate::name::Name;
 
@@ -19,6 +20,9 @@ record! {
         pub joint_names: [Name; MAX_JOINTS],
         /// Names of the F/T sensors, in the order of every record's `ft`.
         pub ft_names: [Name; MAX_FT_SENSORS],
+        /// Kinds of the joints, numbers of `JointKind`. Of a prismatic joint every link-side quantity of
+        /// every record is in m where its documentation has rad, and in N where it has N·m.
+        pub joint_kinds: [u32; MAX_JOINTS],
         /// Torque limits of the joints, N·m.
         pub torque_limits: [f64; MAX_JOINTS],
         /// Lower position limits of the joints, rad.
@@ -33,5 +37,14 @@ record! {
         pub contact_set_names: [Name; MAX_CONTACT_SETS],
         /// Names of the frames, in the order of every record's `frames`.
         pub frame_names: [Name; MAX_FRAMES],
+    }
+}
+
+impl Description {
+    /// The kind of a joint.
+    #[must_use]
+    pub fn joint_kind(&self, joint: usize) -> JointKind {
+        let number = self.joint_kinds.get(joint).copied().unwrap_or_default();
+        JointKind::from_number(number)
     }
 }

@@ -6,9 +6,7 @@
 
 use super::{DelayCompensatorParameters, LEVEL_TIME};
 
-/// Angle within which a joint counts as standing for the level, rad, and time after a greater motion
-/// until which the level still follows, s.
-const STANDS_WITHIN: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// Time after a motion until which the level still follows, s.
 const LEVEL_SETTLING_TIME: f64 = 3.0 * LEVEL_TIME;
 /// Change of the level of a joint that stands, share of the torque limit: creep of the gear, noise.
 const CREEP_SHARE: f64 = 5e-4;
@@ -48,7 +46,7 @@ impl Stand {
         asked: f64,
     ) -> f64 {
         let way = (angle - self.angle).abs();
-        if way > STANDS_WITHIN {
+        if way > p.stands_within {
             *self = Self::at(angle, asked, LEVEL_SETTLING_TIME);
             return asked;
         }

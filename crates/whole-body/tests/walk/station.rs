@@ -101,6 +101,7 @@ impl Station {
                 kernel: filters.kernel(),
                 fast_sigma,
                 torque_limit,
+                stands_within: 0.0087,
                 error_per_angle: 600.0,
             })
         };

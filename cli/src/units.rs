@@ -1,0 +1,49 @@
+//! Units of joints in tables and JSON: headings and keys are those of revolute joints.
+
+use serde_json::Value;
+use torqued_client::robot_state::JointKind;
+
+/// A cell of a table whose heading has the unit of revolute joints: of a prismatic joint with its own.
+pub(crate) fn cell(kind: JointKind, text: String, unit: &str) -> String {
+    match kind {
+        JointKind::Revolute => text,
+        JointKind::Prismatic => format!("{text} {}", kind.units(unit)),
+    }
+}
+
+/// An object of a joint whose keys have the units of a revolute joint, with those of its kind.
+pub(crate) fn keys(kind: JointKind, object: Value) -> Value {
+    // The motor's side is in rad whatever the joint is.
+    let motor_side = ["theta_rad", "omega_rad_per_s"];
+    match (kind, object) {
+        (JointKind::Prismatic, Value::Object(object)) => {
+            let pairs = object.into_iter().map(|(key, value)| {
+                let own = match motor_side.contains(&key.as_str()) {
+                    true => key,
+                    false => kind.units(&key).into_owned(),
+                };
+                (own, keys(kind, value))
+            });
+            Value::Object(pairs.collect())
+        }
+        (_, other) => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn keys_of_prismatic_joints() {
+        let object = json!({
+            "q_rad": 1.0, "theta_rad": 2.0, "tau_hat": { "tau_Nm": 3.0 }, "flags": ["missed"],
+        });
+        assert_eq!(keys(JointKind::Revolute, object.clone()), object);
+        let prismatic = json!({
+            "q_m": 1.0, "theta_rad": 2.0, "tau_hat": { "tau_N": 3.0 }, "flags": ["missed"],
+        });
+        assert_eq!(keys(JointKind::Prismatic, object), prismatic);
+    }
+}
