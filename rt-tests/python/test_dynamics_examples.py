@@ -14,7 +14,9 @@ REFUSED = {
 
 
 def name(urdf):
-    return str(urdf.relative_to(EXAMPLES))
+    """Path in example-robot-data, or robot and file of one of the project's own."""
+    own = not urdf.is_relative_to(EXAMPLES)
+    return str(urdf.relative_to(urdf.parent.parent if own else EXAMPLES))
 
 
 def test_all_of_them_are_here():
