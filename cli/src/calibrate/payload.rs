@@ -143,7 +143,7 @@ fn payload(arguments: &PayloadArguments) -> Result<String, Problems> {
     let load = identify(&known, &gathered.samples, gathered.seconds)?;
     if !load.mass.determined {
         let reason = format!(
-            "gravity turns by {:.0} degrees in the axes of {}: mass and offsets cannot be told apart",
+            "gravity turns by {:.0} degrees in the axes of {}: mass and offsets cannot be separated",
             load.turned.to_degrees(),
             arguments.link
         );

@@ -262,7 +262,7 @@ fn check(bench: &Bench, before: &mut [Before]) {
 }
 
 /// The humanoid hangs in its harness. Nobody balances it here: standing it falls, through the floor, which its feet
-/// alone touch, and swings from them; their blows on the floor are more than an ankle's encoders can tell from a
+/// alone touch, and swings from them; their blows on the floor are more than an ankle's encoders can separate from a
 /// slip, so that 210 is latched again and again.
 fn hung(sim: &str) -> String {
     let hung = sim.replace("on_ground = true", "base_position_m = [0.0, 0.0, 1.2]");

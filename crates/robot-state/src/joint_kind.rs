@@ -34,7 +34,7 @@ const UNITS: [(&str, &str); 11] = [
     ("DEGREES", "MM"),
 ];
 
-/// Way along the axis of a prismatic joint that counts as much as an angle, m/rad: thresholds that tell
+/// Way along the axis of a prismatic joint that counts as much as an angle, m/rad: thresholds that separate
 /// rest from motion, or an error from a normal difference, are angles for revolute joints. It is the way
 /// of a gear's teeth at 0.1 m from the axis.
 const WAY_PER_ANGLE: f64 = 0.1;

@@ -156,7 +156,7 @@ pub(crate) fn check_torque_source(root: &Section<'_, '_>, parameters: &Parameter
             ),
             true if joint.estimator.wave_generator.friction <= 0.0 => (
                 "the torque of F/T sensors is fed back without a link-side encoder, and friction.coulomb_Nm of \
-                 the drive is 0: motor current cannot tell whether that torque is right",
+                 the drive is 0: motor current cannot show whether that torque is right",
                 "K_p = 0 and K_i_per_s = 0, a coulomb_Nm above 0, or a link-side encoder",
             ),
             true => continue,

@@ -202,5 +202,5 @@ fn a_torque_that_no_current_can_judge_is_not_fed_back() {
         .with(HRP2_LIKE, friction, &without)
         .errors(HRP2_LIKE);
     assert!(text.contains("joint.gains (knee)"), "{text}");
-    assert!(text.contains("motor current cannot tell"), "{text}");
+    assert!(text.contains("motor current cannot show"), "{text}");
 }
