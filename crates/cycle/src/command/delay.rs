@@ -11,8 +11,8 @@
 //!
 //! and the `j` that explains it best, by far better than any other, is the number of periods after which a
 //! command shows. It acts up to a period before, so what is found is the delay in whole periods, and parts of
-//! one only where it varies from one time to the next; [`identification::drive`](../../../identification/src/drive.rs) finds parts from a recording
-//! of a motion that excites the drive. Here whatever the client asks for has to do: torque control answers
+//! one only where it varies from one time to the next; `torquectl identify drive` finds parts from a motion
+//! that excites the drive. Here whatever the client asks for has to do: torque control answers
 //! the encoders' noise in every cycle, which is enough; a held set-point shows nothing.
 
 use nalgebra::{SMatrix, SVector};
