@@ -44,13 +44,23 @@ coverage=(-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4
 host=$(rustc -vV | sed -n 's/^host: //p')
 
 rt-tests/install.sh --fuzz
+crate_of() {
+    local crate
+    crate=$(printf '%s\n' "${targets[@]}" | sed -n "s/:$1\$//p")
+    [ -n "$crate" ] || { echo "fuzz: no target '$1'; allowed: ${targets[*]##*:}" >&2; exit 2; }
+    echo "$crate"
+}
+
+# All are built before the first runs: a target that no longer compiles is found at once.
 for target in "$@"; do
-    crate=$(printf '%s\n' "${targets[@]}" | sed -n "s/:$target\$//p")
-    [ -n "$crate" ] || { echo "fuzz: no target '$target'; allowed: ${targets[*]##*:}" >&2; exit 2; }
-    fuzz=crates/$crate/fuzz
+    crate=$(crate_of "$target")
     # With --target the flags do not reach build scripts.
-    RUSTFLAGS="${coverage[*]}" cargo build --release --locked --quiet --manifest-path "$fuzz/Cargo.toml" \
+    RUSTFLAGS="${coverage[*]}" cargo build --release --locked --quiet \
+        --manifest-path "crates/$crate/fuzz/Cargo.toml" \
         --bin "$target" --target "$host" --target-dir target/fuzz
+done
+for target in "$@"; do
+    fuzz=crates/$(crate_of "$target")/fuzz
     named=$fuzz/corpus/$target archive=$fuzz/corpus/$target.tar.gz
     found=target/fuzz/corpus/$target crashes=target/fuzz/crashes/$target
     program=target/fuzz/$host/release/$target

@@ -13,10 +13,12 @@ mod fit;
 mod identify;
 mod import;
 mod info;
+mod learn;
 mod margins;
 mod motion;
 mod operator;
 mod output;
+mod passive;
 mod record;
 mod recorded;
 mod reference;
@@ -47,6 +49,7 @@ Examples:
   torquectl enable
   torquectl move knee=60 --speed 20
   torquectl cartesian foot --stiffness 2000 --shift 0,0,-20
+  torquectl passive knee --seconds 30
   torquectl watch --once
   torquectl tare --contacts in_the_air
   torquectl record -o run.mcap --seconds 10
@@ -54,6 +57,7 @@ Examples:
   torquectl replay run.mcap
   torquectl calibrate run.mcap -o calibrated
   torquectl identify drive run.mcap --joint knee
+  torquectl learn run.mcap -o learned
   torquectl estimate --joint elbow.toml --log run.csv
   torquectl help check
 
@@ -90,12 +94,14 @@ enum Command {
     Fit(fit::FitArguments),
     Identify(identify::IdentifyArguments),
     Info(info::InfoArguments),
+    Learn(learn::LearnArguments),
     Record(record::RecordArguments),
     Replay(replay::ReplayArguments),
     Import(import::ImportArguments),
     Reference(reference::ReferenceArguments),
     Margins(margins::MarginsArguments),
     Move(motion::MoveArguments),
+    Passive(passive::PassiveArguments),
     Tare(tare::TareArguments),
     WholeBody(whole_body::WholeBodyArguments),
 }
@@ -120,12 +126,14 @@ fn main() -> ExitCode {
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Learn(arguments) => learn::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
         Command::Reference(arguments) => reference::run(&arguments),
         Command::Margins(arguments) => margins::run(&arguments),
         Command::Move(arguments) => motion::run(&arguments),
+        Command::Passive(arguments) => passive::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),
     }

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 use torqued_client::robot_state::{
-    CycleRecord, Description, Event, Mode, RobotState, command_flags, frame_flags, measured_flags,
-    torque_flags, torque_source,
+    CycleRecord, Description, Event, MAX_FURTHER_IMUS, Mode, RobotState, command_flags,
+    frame_flags, measured_flags, torque_flags, torque_source,
 };
 
 const MEASURED: &[(u32, &str)] = &[
@@ -15,6 +15,7 @@ const MEASURED: &[(u32, &str)] = &[
     (measured_flags::IMPLAUSIBLE, "implausible"),
     (measured_flags::FLAT, "flat"),
     (measured_flags::SATURATED, "saturated"),
+    (measured_flags::STANDS_IN, "stands_in"),
 ];
 const TORQUE: &[(u32, &str)] = &[
     (torque_flags::VALID, "valid"),
@@ -175,6 +176,9 @@ pub(crate) fn config_key(
     }
 }
 
+/// IMUs, in config order.
+const IMUS: [&str; 1 + MAX_FURTHER_IMUS] = ["imu", "second imu", "third imu", "fourth imu"];
+
 /// The joint or sensor that the latched fault is about, by its name.
 pub(crate) fn fault_subject<'a>(
     description: &'a Description,
@@ -184,7 +188,7 @@ pub(crate) fn fault_subject<'a>(
     let names: &[_] = match kind {
         1 => &description.joint_names,
         2 => &description.ft_names,
-        3 => return Some("imu"),
+        3 => return IMUS.get(index as usize).copied(),
         _ => return None,
     };
     names.get(index as usize).map(|name| name.as_str())

@@ -57,7 +57,10 @@ impl Swing {
                 write!(log, ",{name}.{axis}").unwrap();
             }
         }
-        log += ",imu.gx,imu.gy,imu.gz,imu.ax,imu.ay,imu.az\n";
+        if !plant.readings().imus.is_empty() {
+            log += ",imu.gx,imu.gy,imu.gz,imu.ax,imu.ay,imu.az";
+        }
+        log.push('\n');
         let mut truth = vec![Vec::new(); joints.len()];
         for k in 0..(seconds / plan.period) as usize {
             let t = k as f64 * plan.period;
@@ -72,7 +75,7 @@ impl Swing {
                 write!(log, ",{},{},{},{}", j.theta, j.q, j.current, truth.tau).unwrap();
             }
             let six = r.ft.iter().flat_map(|w| w.to_array());
-            for x in six.chain(r.gyro).chain(r.accelerometer) {
+            for x in six.chain(r.imus.iter().flatten().copied()) {
                 write!(log, ",{x}").unwrap();
             }
             log.push('\n');
@@ -82,7 +85,7 @@ impl Swing {
         }
         // The sensors as the robot's data sheet has them; masses within 1 %.
         let mut sensors = "model_sigma_per_cent = 1\n".to_owned();
-        match (p.base, &p.imu) {
+        match (p.base, p.imus.first()) {
             (Base::Floating, Some(imu)) => {
                 let frame = &imu.frame;
                 let noise = "sigma_m_per_s2 = 0.02\nsigma_rad_per_s2 = 0.05";

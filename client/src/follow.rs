@@ -3,7 +3,8 @@
 //!
 //! A thread of its own renews the lease every few milliseconds and sends the pieces; the caller's
 //! thread computes them. If the process dies, the loop notices the lost lease as always; if the
-//! caller's thread hangs, the motion comes to rest at the end of what is buffered.
+//! caller's thread hangs, the motion comes to rest at the end of what is buffered. And the opposite of
+//! following: joints that are let go.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -11,7 +12,7 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use robot_state::{JointPoint, MAX_POINTS, Mode, TrajectoryPiece};
+use robot_state::{JointPoint, MAX_JOINTS, MAX_POINTS, Mode, TrajectoryPiece};
 
 use crate::commander::{Commander, SETTLING};
 use crate::error::Error;
@@ -71,6 +72,20 @@ impl Commander {
     pub fn follow(
         &mut self,
         timing: Timing,
+        at: impl FnMut(f64, &mut [JointPoint]),
+        going: impl FnMut(Progress) -> bool,
+    ) -> Result<bool, Error> {
+        self.follow_in(Mode::InverseDynamics, timing, at, going)
+    }
+
+    /// The same by another mode that follows trajectories: torque-feedback motion or low-gain tracking.
+    ///
+    /// # Errors
+    /// As [`Commander::follow`].
+    pub fn follow_in(
+        &mut self,
+        mode: Mode,
+        timing: Timing,
         mut at: impl FnMut(f64, &mut [JointPoint]),
         mut going: impl FnMut(Progress) -> bool,
     ) -> Result<bool, Error> {
@@ -81,7 +96,7 @@ impl Commander {
         let (pieces, sent) = mpsc::channel();
         thread::scope(|threads| {
             let (of, words) = (&grid, &shared);
-            let beat = move || self.keep_sending(trajectory, of, &sent, words);
+            let beat = move || self.keep_sending((mode, trajectory), of, &sent, words);
             let beating = thread::Builder::new()
                 .name("heartbeat".to_owned())
                 .spawn_scoped(threads, beat)
@@ -125,17 +140,35 @@ impl Commander {
         })
     }
 
+    /// Lets joints go, by mode passive: a hand can move them, the others hold where they stood when they
+    /// were let go first. Where joints are held anew, they are held where the client's reference has
+    /// them. To be called as [`Commander::send`].
+    ///
+    /// # Errors
+    /// As [`Commander::send`].
+    pub fn let_go(&mut self, joints: &[usize]) -> Result<(), Error> {
+        let let_go = joints.iter().filter(|&&joint| joint < MAX_JOINTS);
+        let bits = let_go.fold(0, |bits, joint| bits | 1_u64 << joint);
+        self.send(|reference| {
+            (reference.mode, reference.trajectory) = (Mode::Passive.number(), 0);
+            reference.held_joints = !bits;
+            for joint in &mut reference.joints {
+                (joint.dq_d, joint.ddq_d) = (0.0, 0.0);
+            }
+        })
+    }
+
     /// Sends pieces as they come, and references in between, until the end of the trajectory.
     fn keep_sending(
         &mut self,
-        trajectory: u64,
+        (mode, trajectory): (Mode, u64),
         grid: &Grid,
         pieces: &Receiver<Box<TrajectoryPiece>>,
         shared: &Shared,
     ) -> Result<bool, Error> {
         let before = self.status()?.commander;
         let (mut first, mut arrived) = (None, None::<Instant>);
-        let mut last = [JointPoint::default(); robot_state::MAX_JOINTS];
+        let mut last = [JointPoint::default(); MAX_JOINTS];
         loop {
             match pieces.recv_timeout(BEAT) {
                 Ok(mut piece) => {
@@ -154,7 +187,7 @@ impl Commander {
             }
             self.send(|reference| {
                 if first.is_some() {
-                    reference.mode = Mode::InverseDynamics.number();
+                    reference.mode = mode.number();
                     reference.trajectory = trajectory;
                 }
             })?;

@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use robot_state::{
     Answer, CommanderStatus, Description, EVENT_COUNT, Event, JointKind, Layout, MAX_FRAMES,
-    MAX_FT_SENSORS, MAX_JOINTS, MAX_POINTS, Mode, Reference, Request, RobotState, Shape,
-    SharedRecord, TrajectoryPiece, answer_status, command_flags, frame_flags, lease_refusal,
+    MAX_FT_SENSORS, MAX_FURTHER_IMUS, MAX_JOINTS, MAX_POINTS, Mode, Reference, Request, RobotState,
+    Shape, SharedRecord, TrajectoryPiece, answer_status, command_flags, frame_flags, lease_refusal,
     measured_flags, not_followed, piece_refusal, request, torque_flags, torque_source,
 };
 
@@ -28,7 +28,7 @@ pub fn python_layout() -> String {
     let mut out = String::from(HEAD);
     let _ = write!(
         out,
-        "\nMAX_JOINTS = {MAX_JOINTS}\nMAX_FT_SENSORS = {MAX_FT_SENSORS}\nMAX_POINTS = {MAX_POINTS}\nMAX_FRAMES = {MAX_FRAMES}\nEVENT_COUNT = {EVENT_COUNT}\n"
+        "\nMAX_JOINTS = {MAX_JOINTS}\nMAX_FT_SENSORS = {MAX_FT_SENSORS}\nMAX_FURTHER_IMUS = {MAX_FURTHER_IMUS}\nMAX_POINTS = {MAX_POINTS}\nMAX_FRAMES = {MAX_FRAMES}\nEVENT_COUNT = {EVENT_COUNT}\n"
     );
     enumeration(
         &mut out,
@@ -69,6 +69,9 @@ pub fn python_layout() -> String {
             ("NEVER", measured_flags::NEVER),
             ("SETTLING", measured_flags::SETTLING),
             ("IMPLAUSIBLE", measured_flags::IMPLAUSIBLE),
+            ("FLAT", measured_flags::FLAT),
+            ("SATURATED", measured_flags::SATURATED),
+            ("STANDS_IN", measured_flags::STANDS_IN),
         ],
     );
     enumeration(

@@ -90,6 +90,11 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     stop: &Arc<AtomicBool>,
 ) -> Result<Summary, Failure> {
     let parameters = &robot.parameters;
+    if let Some(cpu) = parameters.timing.cpu
+        && let Err(why) = real_time::keep_off_cpu(cpu)
+    {
+        eprintln!("torqued: publisher and recorder may run on the loop's CPU {cpu}: {why}");
+    }
     let mut control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
     let (store, fault) = stored_fault(state)?;
     if let Some(event) = fault {

@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use common::RunDir;
-use robot_state::{RobotState, torque_flags};
+use robot_state::{Mode, RobotState, torque_flags};
 use test_support::{TemporaryDirectory, project_path};
 use torqued_client::{Client, Commander, Timing};
 
@@ -101,6 +101,18 @@ fn a_client_reads_the_torques_of_a_robot_that_is_simulated_in_the_daemon() {
     let record = client.next_record(Duration::from_secs(2)).expect("one");
     let q = record.cycle.measured.joints[3].q;
     assert!((q - target).abs() < 0.1f64.to_radians(), "{q} {target}");
+
+    // A joint is let go, and held again where it then is.
+    let mut commander = Commander::connect(&mut client).expect("the lease");
+    let ready = commander.hold_until_ready(Duration::from_secs(10));
+    ready.expect("followed");
+    for _ in 0..50 {
+        commander.let_go(&[3]).expect("let go");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let status = commander.status().expect("a status");
+    assert_eq!(status.mode, Mode::Passive.number());
+    commander.close().expect("given back");
 
     let signalled = Command::new("kill").arg(daemon.id().to_string()).status();
     assert!(signalled.expect("kill runs").success());

@@ -199,6 +199,21 @@ def test_a_trajectory_is_sent_ahead_and_followed(daemons):
             commander.follow(0.3, back_and_forth(0.2))
 
 
+def test_joints_are_let_go(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    with torqued.Commander(client) as commander:
+        commander.hold_until_ready(PATIENCE_S)
+        for _ in range(20):
+            commander.let_go(["joint_3"])
+            time.sleep(0.005)
+        client.latest()  # those from before
+        assert client.next_record().cycle.mode == torqued.Mode.PASSIVE
+        assert commander.reference.held_joints == (1 << 64) - 1 - (1 << 3)
+        with pytest.raises(KeyError, match="elbow"):
+            commander.let_go(["elbow"])
+
+
 def test_a_commander_of_higher_priority_takes_over(daemons):
     daemons()
     client = torqued.Client("leg", PATIENCE_S)

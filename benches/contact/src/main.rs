@@ -25,7 +25,7 @@ struct Arguments {
     /// Only states with this text in their names, e.g. step; with --only
     #[arg(long, default_value = "")]
     state: String,
-    /// Only this seed; with --only
+    /// Only this seed; default: 1, 2 and 3
     #[arg(long)]
     seed: Option<u64>,
     /// Simulated seconds without contact, of each robot, motion and seed

@@ -18,7 +18,7 @@ pub(crate) struct Changes {
     pub(crate) error: f64,
     /// Mass on the shin or on one forearm that no sensor measures and no model has, kg.
     pub(crate) payload: f64,
-    /// A surface below the thigh.
+    /// A surface below the limb that comes down ([`Limb`]); a humanoid hangs in its harness.
     pub(crate) surface: bool,
     /// The chest in a harness, the soles just on the ground.
     pub(crate) harness: bool,
@@ -33,10 +33,51 @@ pub(crate) struct Study {
     pub(crate) rated: Vec<f64>,
 }
 
-/// Stiffness of the surface, N/m, and where the thigh meets it: its length, m, and its angle, rad.
-const SURFACE: f64 = 75_000.0;
-pub(crate) const THIGH: f64 = 0.3;
-pub(crate) const MEETS: f64 = -80.0 * PI / 180.0;
+/// Stiffness of the surface, N/m, and the limb's angle where it meets it, rad.
+pub(crate) const SURFACE: f64 = 75_000.0;
+const MEETS: f64 = -80.0 * PI / 180.0;
+
+/// The limb that comes down on a surface.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limb {
+    /// The joint that moves it, and the link of whose end the surface is met.
+    pub(crate) joint: &'static str,
+    link: &'static str,
+    /// Height of the joint's axis, and distance of the link's end from it, m.
+    axis: f64,
+    pub(crate) length: f64,
+    /// What the start says, and what it says instead.
+    start: &'static [(&'static str, &'static str)],
+}
+
+/// The leg's thigh; the humanoid's left upper arm.
+pub(crate) fn limb(robot: &str) -> Limb {
+    match robot {
+        "humanoid" => Limb {
+            joint: "left_shoulder_pitch",
+            link: "left_shoulder_yaw_link",
+            axis: 1.73,
+            length: 0.25,
+            start: &[
+                ("on_ground = true", "base_position_m = [0, 0, 1.2]"),
+                ("left_shoulder_pitch = 15", "left_shoulder_pitch = -95"),
+                ("left_shoulder_roll = 10", "left_shoulder_roll = 0"),
+                ("left_elbow = -45", "left_elbow = -90"),
+            ],
+        },
+        // Its hip is the world's origin.
+        _ => Limb {
+            joint: "hip_pitch",
+            link: "hip_pitch_link",
+            axis: 0.0,
+            length: 0.3,
+            start: &[(
+                "joints_deg = { hip_pitch = -25, knee = 50, ankle_pitch = -25 }",
+                "joints_deg = { hip_pitch = -95, knee = 90, ankle_pitch = 0 }",
+            )],
+        },
+    }
+}
 
 fn read_file(path: &str) -> std::io::Result<String> {
     std::fs::read_to_string(path)
@@ -57,7 +98,7 @@ impl Study {
         let read = |path: &str| {
             let text = read_file(path)?;
             Ok(if path == sim_path {
-                simulation(&text, changes)
+                simulation(&text, robot, changes)
             } else if path == robot_path {
                 configuration(&text, changes)
             } else {
@@ -122,25 +163,35 @@ fn configuration(text: &str, changes: &Changes) -> String {
     text
 }
 
-fn simulation(text: &str, changes: &Changes) -> String {
+/// `[harness]` of a humanoid.
+const HARNESS: &str = "\n[harness]\nlink = \"chest_pitch_link\"\nstiffness_N_per_m = 50000\n\
+    damping_Ns_per_m = 2000\nstiffness_Nm_per_rad = 5000\ndamping_Nms_per_rad = 200\n";
+
+fn simulation(text: &str, robot: &str, changes: &Changes) -> String {
     let mut text = text.replace("seed = 1\n", &format!("seed = {}\n", changes.seed));
     if changes.error > 0.0 {
         let error = format!("inertia_error_per_cent = {}", 100.0 * changes.error);
         text = text.replace("inertia_error_per_cent = 1", &error);
     }
     if changes.surface {
-        let pose = "joints_deg = { hip_pitch = -25, knee = 50, ankle_pitch = -25 }";
-        text = text.replace(
-            pose,
-            "joints_deg = { hip_pitch = -95, knee = 90, ankle_pitch = 0 }",
-        );
-        // Of the thigh's end; the leg's hip is the world's origin.
-        let height = -THIGH * MEETS.cos();
+        let limb = limb(robot);
+        if let (Some(from), Some(to)) = (text.find("[ground]"), text.find("[ft_sensor]"))
+            && from < to
+        {
+            // The floor, and the feet that stand on it.
+            text.replace_range(from..to, "");
+            text += HARNESS;
+        }
+        for (said, says) in limb.start {
+            text = text.replace(said, says);
+        }
+        let height = limb.axis - limb.length * MEETS.cos();
         text += &format!(
             "\n[ground]\nheight_m = {height}\nstiffness_N_per_m = {SURFACE}\n\
              damping_Ns_per_m = 50\ntangential_stiffness_N_per_m = 1000\n\
              tangential_damping_Ns_per_m = 10\nfriction = 0\n\n\
-             [[foot]]\nlink = \"hip_pitch_link\"\ncorners_m = [[0, 0, -{THIGH}]]\n"
+             [[foot]]\nlink = \"{}\"\ncorners_m = [[0, 0, -{}]]\n",
+            limb.link, limb.length
         );
     }
     if changes.hangs_at > 0.0 {
@@ -149,9 +200,7 @@ fn simulation(text: &str, changes: &Changes) -> String {
             changes.hangs_at
         );
         text = text.replace("on_ground = true", &at);
-        text += "\n[harness]\nlink = \"chest_pitch_link\"\nstiffness_N_per_m = 50000\n\
-                 damping_Ns_per_m = 2000\nstiffness_Nm_per_rad = 5000\n\
-                 damping_Nms_per_rad = 200\n";
+        text += HARNESS;
     }
     text
 }
@@ -201,6 +250,8 @@ pub(crate) enum Doing {
     Quick,
     /// Both legs in turn lift their feet and put them down, in the harness.
     Step,
+    /// Hangs in the harness, or stands on nothing, and waits for what the run asks for.
+    Hang,
 }
 
 impl Doing {
@@ -211,6 +262,7 @@ impl Doing {
             Self::Demo => "demo's motion",
             Self::Quick => "quick motion",
             Self::Step => "stepping in a harness",
+            Self::Hang => "hanging",
         }
     }
 }

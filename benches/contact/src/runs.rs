@@ -1,6 +1,6 @@
 //! The runs: steps of external torque, motion without contact, collisions.
 
-use crate::robots::{Busy, Changes, Doing, MEETS, Study, THIGH, swell};
+use crate::robots::{Busy, Changes, Doing, SURFACE, Study, limb, swell};
 use robot_state::{CycleRecord, Event, JointReference, Mode, Reference, RobotState};
 use safety_bench::{At, Drives, Rig};
 
@@ -138,7 +138,7 @@ pub(crate) fn quiet(study: &Study, doing: Doing, seconds: f64) -> Result<Quiet, 
 /// A collision.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Collision {
-    /// Speed of the thigh's end when it meets the surface, m/s.
+    /// Speed of the limb's end when it meets the surface, m/s.
     pub(crate) speed: f64,
     /// Greatest force, N, and when, ms after the first touch; force after a second, N.
     pub(crate) peak: f64,
@@ -153,12 +153,12 @@ pub(crate) struct Collision {
     pub(crate) state: u32,
 }
 
-/// The knee comes down on a surface at `speed`, m/s.
+/// A limb's end comes down on a surface at `speed`, m/s.
 ///
 /// # Errors
 /// A robot that does not get into the state.
 pub(crate) fn collision(
-    drives: Drives,
+    (robot, drives): (&'static str, Drives),
     reaction: &'static str,
     seed: u64,
     speed: f64,
@@ -169,15 +169,16 @@ pub(crate) fn collision(
         surface: true,
         ..Changes::default()
     };
-    let study = Study::new("leg", drives, &changes)?;
-    let mut busy = Busy::new(&study, Doing::Stand)?;
+    let study = Study::new(robot, drives, &changes)?;
+    let mut busy = Busy::new(&study, Doing::Hang)?;
+    let limb = limb(robot);
     let names = &study.prepared.robot.parameters.joints;
     let hip = names
         .iter()
-        .position(|joint| joint.name == "hip_pitch")
+        .position(|joint| joint.name == limb.joint)
         .unwrap_or(0);
     let begin = busy.rig.client.reference;
-    let rate = speed / THIGH;
+    let rate = speed / limb.length;
     let mut result = Collision::default();
     let mut touched: Option<usize> = None;
     for k in 0..2500 {
@@ -201,15 +202,14 @@ pub(crate) fn collision(
             }
             if force > 0.0 {
                 touched = Some(k);
-                result.speed = THIGH * truth.joints[hip].dq;
+                result.speed = limb.length * truth.joints[hip].dq;
             }
             continue;
         };
         if force > result.peak {
             (result.peak, result.peak_ms) = (force, (k - begin) as f64);
         }
-        let depth = THIGH * (MEETS.cos() - truth.joints[hip].q.cos());
-        result.depth = result.depth.max(-1e3 * depth);
+        result.depth = result.depth.max(1e3 * force / SURFACE);
         if flagged(record).next().is_some() {
             result.flag_ms.get_or_insert(k - begin);
         }
@@ -217,13 +217,6 @@ pub(crate) fn collision(
             result.event_ms.get_or_insert(k - begin);
         }
         if k - begin == 1000 {
-            if std::env::var("DEBUG").is_ok() {
-                for (event, count) in Event::ALL.iter().zip(record.events) {
-                    if count > 0 {
-                        eprintln!("{reaction} {event:?} {count}");
-                    }
-                }
-            }
             (result.after, result.fault, result.state) = (force, record.fault, record.state);
             break;
         }

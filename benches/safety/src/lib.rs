@@ -6,14 +6,16 @@
 //! motion of all joints for a second, and then lets an operator acknowledge and enable. The
 //! program writes `docs/results/safety.md` from all of them; the tests run some of them.
 
+mod motion;
 mod page;
 mod rig;
 mod robots;
 mod run;
 mod scenarios;
 
+pub use motion::Moved;
 pub use page::{Results, line, page};
 pub use rig::{At, Client, Fault, Rig};
 pub use robots::{Drives, Prepared, Variant};
-pub use run::{Moved, Outcome, Reference, Verdict, reference, run};
+pub use run::{Outcome, Reference, Verdict, reference, run};
 pub use scenarios::{Bound, Place, Scenario, Start, all, places};

@@ -6,8 +6,8 @@ use plant::CanRobot;
 use problem::Problem;
 use robot_config::{Robot, slots};
 use robot_state::{
-    CommanderRecord, CycleRecord, Event, JointReference, Mode, Reference, RobotState, Settings,
-    torque_flags,
+    CommanderRecord, CycleRecord, Event, FrameReference, JointReference, Mode, Reference,
+    RobotState, Settings, frame_flags, torque_flags,
 };
 
 use crate::robots::Prepared;
@@ -79,6 +79,21 @@ impl Rig {
     /// # Errors
     /// A robot that the cycle cannot run.
     pub fn new(prepared: &Prepared) -> Result<Self, Problem> {
+        Self::before(prepared, &prepared.plant)
+    }
+
+    /// The same, its first frame held by something stiff, if it has one.
+    ///
+    /// # Errors
+    /// A robot that the cycle cannot run.
+    pub fn clamped(prepared: &Prepared) -> Result<Self, Problem> {
+        Self::before(
+            prepared,
+            prepared.clamped.as_ref().unwrap_or(&prepared.plant),
+        )
+    }
+
+    fn before(prepared: &Prepared, plant: &CanRobot) -> Result<Self, Problem> {
         let mut sync = Frames::default();
         for frame in &prepared.robot.sync {
             sync.push(*frame);
@@ -86,7 +101,7 @@ impl Rig {
         Ok(Self {
             cycle: Cycle::new(&prepared.robot)?,
             robot: prepared.robot.clone(),
-            plant: prepared.plant.clone(),
+            plant: plant.clone(),
             now: 1_000_000_000,
             rx: Vec::new(),
             sent: Vec::new(),
@@ -212,7 +227,41 @@ impl Rig {
                 ..JointReference::default()
             };
         }
+        if mode == Mode::Cartesian {
+            reference.frames[0] = self.frame();
+        }
         (self.client.reference, self.client.speaks) = (reference, true);
+    }
+
+    /// The first frame where it is, with springs of some stiffness; of one that is not shown yet, what
+    /// makes the loop show it.
+    #[must_use]
+    pub fn frame(&self) -> FrameReference {
+        let shown = &self.cycle.record().commanded.frames[0];
+        let mut asked = FrameReference {
+            orientation: [1.0, 0.0, 0.0, 0.0],
+            damping_ratio: 1.0,
+            used: 1,
+            ..FrameReference::default()
+        };
+        let frames = &self.robot.parameters.frames;
+        if let Some(frame) = frames
+            .first()
+            .filter(|_| shown.flags & frame_flags::VALID != 0)
+        {
+            (asked.position, asked.orientation) = (shown.position, shown.orientation);
+            asked.stiffness = std::array::from_fn(|axis| 0.6 * frame.limits.stiffness[axis / 3]);
+        }
+        asked
+    }
+
+    /// The client asks for the same with a force instead of springs: the environment's on the frame, N, in
+    /// the base's axes.
+    pub fn press(&mut self, force: [f64; 3]) {
+        let asked = &mut self.client.reference.frames[0];
+        asked.stiffness[..3].fill(0.0);
+        asked.force[..3].copy_from_slice(&force);
+        asked.force_axes = 0b111;
     }
 
     /// The state of the robot.

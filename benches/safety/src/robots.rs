@@ -22,7 +22,8 @@ pub enum Drives {
 /// One robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Variant {
-    /// `leg`, `hrp2-like` (encoders on the motors alone) or `humanoid`.
+    /// `leg`, `hrp2-like` (encoders on the motors alone), `lift-gripper` (prismatic joints, one of which
+    /// another follows) or `humanoid`.
     pub robot: &'static str,
     /// What its drives follow.
     pub drives: Drives,
@@ -40,10 +41,11 @@ const fn variant(robot: &'static str, drives: Drives, states: bool) -> Variant {
 
 impl Variant {
     /// Every robot.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         variant("leg", Drives::Position, true),
         variant("humanoid", Drives::Position, true),
         variant("hrp2-like", Drives::Position, true),
+        variant("lift-gripper", Drives::Position, true),
         variant("leg", Drives::Current, true),
         variant("humanoid", Drives::Current, true),
         variant("leg", Drives::Position, false),
@@ -83,6 +85,8 @@ pub struct Prepared {
     pub robot: Robot,
     /// The simulated robot.
     pub plant: CanRobot,
+    /// The same, its first frame held by something stiff; none: it has no frame to be led.
+    pub clamped: Option<CanRobot>,
 }
 
 impl Prepared {
@@ -96,6 +100,8 @@ impl Prepared {
         let read_file =
             |path: &str| read(path).map_err(|e| Problems::from(Problem::unreadable(path, &e)));
         let mut sim = SimParameters::parse(&read_file(&sim_path)?, &sim_path)?;
+        // Nothing but the fault pushes.
+        sim.pushes.clear();
         let mut table = parse(&read_file(&path)?);
         if !variant.states {
             always_on(&mut table);
@@ -123,10 +129,18 @@ impl Prepared {
         };
         let urdf = read_file(&robot.parameters.urdf_path)?;
         let plant = CanRobot::new(&robot, &urdf, &sim)?;
+        let clamped = match robot.parameters.frames.first() {
+            Some(frame) => {
+                clamp(&mut sim, &frame.name);
+                Some(CanRobot::new(&robot, &urdf, &sim)?)
+            }
+            None => None,
+        };
         Ok(Self {
             variant,
             robot,
             plant,
+            clamped,
         })
     }
 }
@@ -171,6 +185,19 @@ fn hang(sim: &mut SimParameters) {
         damping: 2_000.0,
         angular_stiffness: 5_000.0,
         angular_damping: 200.0,
+        slack: 0.0,
+        angular_slack: 0.0,
+    });
+}
+
+/// A link is held by something as stiff as a floor.
+fn clamp(sim: &mut SimParameters, link: &str) {
+    sim.harness = Some(HarnessParameters {
+        link: link.into(),
+        stiffness: 600_000.0,
+        damping: 2_000.0,
+        angular_stiffness: 5_000.0,
+        angular_damping: 15.0,
         slack: 0.0,
         angular_slack: 0.0,
     });

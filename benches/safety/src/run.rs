@@ -2,10 +2,11 @@
 
 use cycle::OperatorRequest;
 use problem::Problem;
-use robot_state::{EVENT_COUNT, Event, Mode, RobotState};
+use robot_state::{EVENT_COUNT, Event, JointKind, Mode, RobotState};
 use serde::Serialize;
 use std::f64::consts::PI;
 
+use crate::motion::{Motion, Moved, STEP_CYCLES};
 use crate::rig::{At, Fault, Rig};
 use crate::robots::Prepared;
 use crate::scenarios::{Bound, Place, Scenario, Start};
@@ -16,11 +17,15 @@ const OBSERVED: usize = 1000;
 const SETTLING: usize = 500;
 /// Cycles in a client's mode before the fault: the blend into it takes 300.
 const IN_MODE: usize = 350;
+/// The same of a frame that presses: its force feedback takes half a second to begin.
+const PRESSING: usize = 1000;
+/// Share of its greatest force with which a frame presses.
+const PRESSED: f64 = 0.2;
+/// Greatest amplitude of the motion of a prismatic joint, as the share of its velocity limit at which it then
+/// moves.
+const PRISMATIC_SHARE: f64 = 0.1;
 /// Cycles after an operator's request within which the robot is where it leads.
 const RECOVERY: usize = 400;
-/// Cycles over which a torque step is taken: a drive's loops need some milliseconds to follow one.
-const STEP_CYCLES: usize = 5;
-
 /// Greatest uncommanded displacement, rad, share of the velocity limit, share of the torque limit.
 const DISPLACEMENT: f64 = PI / 180.0;
 const SPEED_SHARE: f64 = 0.1;
@@ -28,28 +33,14 @@ const STEP_SHARE: f64 = 0.05;
 /// What set-points that stay as they are may be exceeded by before a reaction counts as making it worse.
 const PHYSICS_MARGIN: f64 = 1.1;
 
-/// Motion of the joints, the worst of them.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Moved {
-    /// Greatest speed, rad/s.
-    pub speed: f64,
-    /// Greatest share of a joint's velocity limit, 1.
-    pub speed_share: f64,
-    /// Greatest displacement, rad.
-    pub displacement: f64,
-    /// Greatest change of the true torque within 5 ms that the run without the fault does not have at
-    /// that time, share of the joint's limit, 1.
-    pub step_share: f64,
-}
-
 /// The same robot, state and time without a fault.
 #[derive(Debug, Clone)]
 pub struct Reference {
     events: Vec<[u64; EVENT_COUNT]>,
     /// Least and greatest q of each joint, and greatest |dq|.
-    range: Vec<(f64, f64, f64)>,
+    pub(crate) range: Vec<(f64, f64, f64)>,
     /// True torques in each cycle, N·m, from the one before the first on.
-    taus: Vec<Vec<f64>>,
+    pub(crate) taus: Vec<Vec<f64>>,
     /// What it does by itself.
     pub moved: Moved,
 }
@@ -105,96 +96,33 @@ pub struct Outcome {
     pub verdict: Verdict,
 }
 
-/// Follows the joints from the fault on.
-struct Motion<'a> {
-    /// Least and greatest q that count as commanded, and |dq|.
-    range: Vec<(f64, f64, f64)>,
-    taus: Vec<Vec<f64>>,
-    moved: Moved,
-    limits: Vec<(f64, f64)>,
-    reference: Option<&'a Reference>,
-}
-
-impl<'a> Motion<'a> {
-    fn of(rig: &Rig, reference: Option<&'a Reference>) -> Self {
-        let joints = &rig.plant.truth().joints;
-        let here = joints.iter().map(|j| (j.q, j.q, 0.0)).collect();
-        let limits = rig.robot.parameters.joints.iter();
-        Self {
-            range: reference.map_or(here, |reference| reference.range.clone()),
-            taus: vec![joints.iter().map(|j| j.tau).collect()],
-            moved: Moved::default(),
-            limits: limits
-                .map(|j| (j.limits.velocity, j.limits.torque))
-                .collect(),
-            reference,
-        }
-    }
-
-    fn take(&mut self, rig: &Rig) {
-        let joints = &rig.plant.truth().joints;
-        for (j, joint) in joints.iter().enumerate() {
-            let (velocity, torque) = self.limits[j];
-            let (low, high, speed) = self.range[j];
-            let beyond = (low - joint.q).max(joint.q - high).max(0.0);
-            let faster = (joint.dq.abs() - speed).max(0.0);
-            let step = self.step(j, joint.tau);
-            let moved = &mut self.moved;
-            moved.displacement = moved.displacement.max(beyond);
-            moved.speed = moved.speed.max(faster);
-            moved.speed_share = moved.speed_share.max(faster / velocity);
-            moved.step_share = moved.step_share.max(step / torque);
-        }
-        self.taus.push(joints.iter().map(|j| j.tau).collect());
-    }
-
-    /// Change of a torque over the last cycles, beyond what it does without the fault: a robot that
-    /// is stopped does not make the steps that it would have made, nor the other way round.
-    fn step(&self, joint: usize, tau: f64) -> f64 {
-        let now = self.taus.len();
-        let before = now.saturating_sub(STEP_CYCLES);
-        let change = tau - self.taus[before][joint];
-        let without = self.reference.and_then(|reference| {
-            let at = |k: usize| reference.taus.get(k).map(|taus| taus[joint]);
-            Some(at(now)? - at(before)?)
-        });
-        change.abs().min((change - without.unwrap_or(0.0)).abs())
-    }
-
-    /// From now on, only its own motion counts.
-    fn widen(&mut self, rig: &Rig) {
-        if self.reference.is_none() {
-            for (range, joint) in self.range.iter_mut().zip(&rig.plant.truth().joints) {
-                *range = (
-                    range.0.min(joint.q),
-                    range.1.max(joint.q),
-                    joint.dq.abs().max(range.2),
-                );
-            }
-        }
-    }
-}
-
 /// The client's motion: 0.25 rad at 0.5 Hz.
 fn moving(rig: &Rig) -> Fault {
     let arms = ["shoulder", "elbow", "wrist"];
     let moves: Vec<bool> = (rig.robot.parameters.joints.iter())
         .map(|joint| {
-            let one_leg = ["leg", "hrp2-like"].contains(&rig.robot.parameters.name.as_str());
-            one_leg || arms.iter().any(|arm| joint.name.contains(arm))
+            let whole = rig.robot.parameters.name != "humanoid";
+            whole || arms.iter().any(|arm| joint.name.contains(arm))
         })
         .collect();
     let q_0 = rig.client.reference.joints.map(|joint| joint.q_d);
+    let ways: Vec<f64> = (rig.robot.parameters.joints.iter())
+        .map(|joint| match joint.kind {
+            JointKind::Revolute => 0.125,
+            JointKind::Prismatic => PRISMATIC_SHARE * joint.limits.velocity / PI,
+        })
+        .collect();
     Box::new(move |at, rig, k| {
         if at != At::Client {
             return;
         }
         let (w, t) = (PI, 1e-3 * k as f64);
         let joints = rig.client.reference.joints.iter_mut();
-        for ((joint, q_0), _) in joints.zip(q_0).zip(&moves).filter(|(_, moves)| **moves) {
-            joint.q_d = q_0 + 0.125 * (1.0 - (w * t).cos());
-            joint.dq_d = 0.125 * w * (w * t).sin();
-            joint.ddq_d = 0.125 * w * w * (w * t).cos();
+        let moving = moves.iter().zip(&ways);
+        for ((joint, q_0), (_, way)) in joints.zip(q_0).zip(moving).filter(|(_, m)| *m.0) {
+            joint.q_d = q_0 + way * (1.0 - (w * t).cos());
+            joint.dq_d = way * w * (w * t).sin();
+            joint.ddq_d = way * w * w * (w * t).cos();
         }
     })
 }
@@ -205,7 +133,10 @@ fn begin(
     place: &Place,
     setup: Option<fn(&mut Rig, &Place)>,
 ) -> Result<(Rig, Option<Fault>), Problem> {
-    let mut rig = Rig::new(prepared)?;
+    let mut rig = match place.start {
+        Start::Pressing => Rig::clamped(prepared)?,
+        _ => Rig::new(prepared)?,
+    };
     if let Some(setup) = setup {
         setup(&mut rig, place);
     }
@@ -218,8 +149,17 @@ fn begin(
         return Ok((rig, None));
     }
     rig.follow(Mode::Hold);
+    if place.start.mode() == Mode::Cartesian {
+        rig.client.reference.frames[0] = rig.frame();
+    }
     rig.run(2);
     rig.follow(place.start.mode());
+    if place.start == Start::Pressing {
+        let frame = rig.robot.parameters.frames.first();
+        let force = frame.map_or(0.0, |frame| PRESSED * frame.limits.wrench[0]);
+        rig.press([0.0, 0.0, force]);
+        rig.run(PRESSING - IN_MODE);
+    }
     if place.start != Start::Motion {
         rig.run(IN_MODE);
         expect(&rig, place, RobotState::Active)?;
@@ -248,6 +188,12 @@ fn expect(rig: &Rig, place: &Place, state: RobotState) -> Result<(), Problem> {
     Err(Problem::new(reason, ""))
 }
 
+/// The client asks for motion; or for nothing but torques, and a joint without weight on it goes wherever the error of
+/// an estimated torque leads it.
+fn moves_by_itself(start: Start) -> bool {
+    matches!(start, Start::Motion | Start::Torque)
+}
+
 /// The run without a fault that others are compared with.
 ///
 /// # Errors
@@ -263,13 +209,13 @@ pub fn reference(
     for k in 0..OBSERVED {
         rig.step(motion.as_mut().map(|motion| (motion, k)));
         events.push(rig.cycle.record().events);
-        if place.start == Start::Motion {
+        if moves_by_itself(place.start) {
             moved.widen(&rig);
         }
         moved.take(&rig);
     }
     let range = match place.start {
-        Start::Motion => moved.range,
+        start if moves_by_itself(start) => moved.range,
         // At rest the pose at the beginning counts, not where the robot goes by itself.
         _ => moved
             .range
@@ -341,8 +287,9 @@ pub fn run(
     outcome.state = rig.state().name();
     outcome.follows = rig.state() == RobotState::Active;
     outcome.moved = motion.moved;
-    let bound = scenario.bound_on(&prepared.variant);
+    let bound = scenario.bound_at(&place);
     let beside = match bound {
+        Bound::Torque => None,
         _ if (scenario.ideal)(&place) => Some(Beside::Ideal),
         Bound::Physics => Some(Beside::Kept(OBSERVED)),
         Bound::Gap(cycles) => Some(Beside::Kept(cycles + STEP_CYCLES)),
@@ -350,7 +297,7 @@ pub fn run(
     };
     outcome.beside =
         (beside.map(|of| run_beside(of, prepared, scenario, place, reference))).transpose()?;
-    if bound != Bound::Physics {
+    if !matches!(bound, Bound::Physics | Bound::Torque) {
         outcome.recovered = Some(recovers(&mut rig));
     }
     outcome.verdict = judge(bound, &outcome.moved, outcome.beside.as_ref());
@@ -378,8 +325,8 @@ enum Beside {
     /// Motion by the fault alone: the loop does not compute, its last set-points are repeated, for so
     /// many cycles.
     Kept(usize),
-    /// Motion by ideal sources of the torques that the client asks for; in mode torque already, of
-    /// those that the joints make, as the sensors need not know every load.
+    /// Motion by ideal sources of the torques that the client asks for; in modes torque and Cartesian
+    /// already, of those that the joints make, as the sensors need not know every load.
     Ideal,
 }
 
@@ -399,7 +346,7 @@ fn run_beside(
     let unknown: Vec<f64> = made
         .zip(asked)
         .map(|(made, asked)| match place.start {
-            Start::Torque => made - asked,
+            Start::Torque | Start::Cartesian | Start::Pressing => made - asked,
             _ => 0.0,
         })
         .collect();
@@ -466,6 +413,7 @@ fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>) -> Verdict {
             && (!steps || moved.step_share <= STEP_SHARE.max(step))
     };
     let as_shown = match bound {
+        Bound::Torque => moved.torque_speed_share <= PHYSICS_MARGIN,
         Bound::Shown(rate) => {
             let way = rate * OBSERVED as f64 * 1e-3;
             moved.displacement <= PHYSICS_MARGIN * way && moved.speed_share <= SPEED_SHARE

@@ -4,6 +4,7 @@ mod bus;
 mod client;
 mod drive;
 mod encoder;
+mod frame;
 mod process;
 mod sensor;
 
@@ -25,6 +26,10 @@ pub enum Start {
     InverseDynamics,
     /// The same, in motion: 0.25 rad at 0.5 Hz; of the humanoid the arms move.
     Motion,
+    /// A client leads the first frame by springs, at rest.
+    Cartesian,
+    /// The same without springs: it presses on something stiff, its force fed back.
+    Pressing,
 }
 
 impl Start {
@@ -37,6 +42,8 @@ impl Start {
             Self::Torque => "torque",
             Self::InverseDynamics => "inverse dynamics",
             Self::Motion => "motion",
+            Self::Cartesian => "Cartesian",
+            Self::Pressing => "pressing",
         }
     }
 
@@ -46,6 +53,7 @@ impl Start {
             Self::PowerOn | Self::Hold => Mode::Hold,
             Self::Torque => Mode::Torque,
             Self::InverseDynamics | Self::Motion => Mode::InverseDynamics,
+            Self::Cartesian | Self::Pressing => Mode::Cartesian,
         }
     }
 }
@@ -60,6 +68,9 @@ pub enum Bound {
     /// The fault itself moves the joint: at most as far and as fast as with set-points that stay as
     /// they were, or the bounds of [`Bound::Motion`].
     Physics,
+    /// Nothing but a torque holds the joint, and that changes: it moves no faster than the velocity limit of
+    /// such modes.
+    Torque,
     /// Every sensor of the joint shows a motion at this rate, rad/s, that is none: the joint follows
     /// it, no further, at no more than the share of the velocity limit of [`Bound::Motion`].
     Shown(f64),
@@ -112,16 +123,59 @@ pub(crate) const ALL_STARTS: &[Start] = &[
     Start::Torque,
     Start::InverseDynamics,
     Start::Motion,
+    Start::Cartesian,
 ];
 pub(crate) const ENABLED: &[Start] = &[
     Start::Hold,
     Start::Torque,
     Start::InverseDynamics,
     Start::Motion,
+    Start::Cartesian,
 ];
-pub(crate) const AT_REST: &[Start] = &[Start::Hold, Start::Torque, Start::InverseDynamics];
-pub(crate) const MODES: &[Start] = &[Start::Torque, Start::InverseDynamics];
-pub(crate) const FOLLOWING: &[Start] = &[Start::Torque, Start::InverseDynamics, Start::Motion];
+/// What may happen to a frame that presses, besides.
+pub(crate) const ENABLED_PRESSING: &[Start] = &[
+    Start::Hold,
+    Start::Torque,
+    Start::InverseDynamics,
+    Start::Motion,
+    Start::Cartesian,
+    Start::Pressing,
+];
+pub(crate) const AT_REST: &[Start] = &[
+    Start::Hold,
+    Start::Torque,
+    Start::InverseDynamics,
+    Start::Cartesian,
+];
+pub(crate) const MODES: &[Start] = &[Start::Torque, Start::InverseDynamics, Start::Cartesian];
+pub(crate) const FOLLOWING: &[Start] = &[
+    Start::Torque,
+    Start::InverseDynamics,
+    Start::Motion,
+    Start::Cartesian,
+];
+pub(crate) const FOLLOWING_PRESSING: &[Start] = &[
+    Start::Torque,
+    Start::InverseDynamics,
+    Start::Motion,
+    Start::Cartesian,
+    Start::Pressing,
+];
+pub(crate) const CARTESIAN: &[Start] = &[Start::Cartesian, Start::Pressing];
+/// Modes from which a client goes over to leading frames.
+pub(crate) const UNLED: &[Start] = &[Start::Torque, Start::InverseDynamics];
+pub(crate) const PRESSING: &[Start] = &[Start::Pressing];
+/// The states of robots with and without frames that can be led.
+const LED: &[Start] = &[
+    Start::PowerOn,
+    Start::Hold,
+    Start::Torque,
+    Start::InverseDynamics,
+    Start::Motion,
+    Start::Cartesian,
+    Start::Pressing,
+];
+const NOT_LED: &[Start] = LED.split_at(5).0;
 pub(crate) const POWER_ON: &[Start] = &[Start::PowerOn];
 pub(crate) const HOLD: &[Start] = &[Start::Hold];
 
@@ -188,9 +242,17 @@ impl Scenario {
     }
 
     /// What must hold of this robot.
-    pub(crate) fn bound_on(&self, variant: &Variant) -> Bound {
-        let of_currents = (self.bound_of_currents).filter(|_| variant.drives == Drives::Current);
+    pub(crate) fn bound_at(&self, place: &Place) -> Bound {
+        let currents = place.variant.drives == Drives::Current;
+        let of_currents = (self.bound_of_currents).filter(|_| currents);
         of_currents.unwrap_or(self.bound)
+    }
+
+    pub(crate) const fn torque(self) -> Self {
+        Self {
+            bound: Bound::Torque,
+            ..self
+        }
     }
 
     pub(crate) const fn with_states(self) -> Self {
@@ -209,7 +271,15 @@ impl Scenario {
 
     pub(crate) const fn with_imu(self) -> Self {
         Self {
-            on: |variant| matches!(variant.robot, "humanoid" | "hrp2-like"),
+            on: |variant| variant.robot != "leg",
+            ..self
+        }
+    }
+
+    /// Of robots with frames that can be led.
+    pub(crate) const fn of_led_frames(self) -> Self {
+        Self {
+            on: |variant| variant.robot == "leg" && variant.states,
             ..self
         }
     }
@@ -237,6 +307,7 @@ pub fn all() -> Vec<Scenario> {
         process::scenarios(),
         encoder::scenarios(),
         sensor::scenarios(),
+        frame::scenarios(),
         drive::scenarios(),
         client::scenarios(),
     ]
@@ -249,11 +320,13 @@ pub fn all() -> Vec<Scenario> {
 pub fn places(prepared: &Prepared, scenario: &Scenario, all: bool) -> Vec<Place> {
     let variant = prepared.variant;
     let starts: &[Start] = match (variant.robot, variant.states) {
-        _ if all => ALL_STARTS,
+        _ if all && prepared.clamped.is_some() => LED,
+        _ if all => NOT_LED,
         ("humanoid", false) => &[],
         ("humanoid", true) => &[Start::PowerOn, Start::Hold, Start::InverseDynamics],
         (_, false) => HOLD,
-        (_, true) => ALL_STARTS,
+        (_, true) if prepared.clamped.is_some() => LED,
+        (_, true) => NOT_LED,
     };
     if !(scenario.on)(&variant) {
         return Vec::new();
@@ -269,6 +342,7 @@ pub fn places(prepared: &Prepared, scenario: &Scenario, all: bool) -> Vec<Place>
     let strong_and_weak = |start: Start| match (variant.robot, start) {
         ("humanoid", Start::Motion) => [index("left_elbow"), index("left_wrist_pitch")],
         ("humanoid", _) => [index("left_knee"), index("left_wrist_pitch")],
+        ("lift-gripper", _) => [index("lift"), index("finger")],
         _ => [index("knee"), index("ankle_roll")],
     };
     let place = |start: Start, joint: usize, other: usize| Place {
@@ -329,6 +403,12 @@ pub(crate) fn both(mut one: Fault, mut other: Fault) -> Fault {
         one(at, rig, k);
         other(at, rig, k);
     })
+}
+
+/// Way of a joint, rad or m, that counts as much as this angle of the others'.
+pub(crate) fn way(rig: &Rig, joint: usize, angle: f64) -> f64 {
+    let kind = rig.robot.parameters.joints.get(joint).map(|j| j.kind);
+    kind.unwrap_or_default().threshold(angle)
 }
 
 /// Numbers in (-1, 1) that a seed repeats: Marsaglia's xorshift.

@@ -34,6 +34,46 @@ const WINDOW: usize = 80;
 /// An inertia that nothing moves, kg·m².
 const WORLD: f64 = 1e9;
 
+const BLOCKED: RigLoad = RigLoad {
+    inertia: WORLD,
+    mass: 0.0,
+    arm: 0.0,
+};
+const TIMING: RigTiming = RigTiming {
+    period: DT,
+    substeps: 10,
+};
+/// Where a joint begins, rad.
+pub(crate) const START: f64 = 0.3;
+
+/// What is wished for in a cycle.
+pub(crate) enum Wish {
+    /// A torque, N·m.
+    Torque(f64),
+    /// A set-point of the drive's own position loop, rad.
+    Position(f64),
+}
+
+/// A joint whose motor makes no torque, its link moved by a hand: its drive takes currents, and gets zero.
+///
+/// # Errors
+/// Files that cannot be read.
+pub(crate) fn unpowered(index: usize, conditions: &Conditions) -> Result<JointRig, String> {
+    let (name, joint, _) = JOINTS[index];
+    let (mut robot, mut sim) = load(name)?;
+    apply(conditions, &mut robot, &mut sim);
+    let own = robot.parameters.joints.iter().find(|own| own.name == joint);
+    let own = own.ok_or_else(|| format!("no joint {joint}"))?;
+    let drive = sim.drives.get(&own.drive).ok_or("no such drive")?;
+    let sheet = DriveSheet {
+        command: Command::Current,
+        ..sheet(own)
+    };
+    let mut rig = JointRig::new(&sheet, drive, BLOCKED, TIMING, START, sim.seed);
+    rig.command(0.0);
+    Ok(rig)
+}
+
 enum Controller {
     D {
         torque_loop: TorqueLoop,
@@ -43,10 +83,21 @@ enum Controller {
     Predictive(Box<PredictiveLaw>),
 }
 
+/// What a client of the joint sees in a cycle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    /// q, rad.
+    pub(crate) q: f64,
+    /// dq by the law's observer, rad/s.
+    pub(crate) dq: f64,
+    /// The torque that is fed back, N·m.
+    pub(crate) torque: f64,
+}
+
 /// A joint under a law.
 pub(crate) struct Bench {
     rig: JointRig,
-    joint: JointParameters,
+    pub(crate) joint: JointParameters,
     pub(crate) rated: f64,
     controller: Controller,
     fast: ComplianceEstimator,
@@ -65,10 +116,22 @@ impl Bench {
     /// # Errors
     /// Files that cannot be read.
     pub(crate) fn new(index: usize, conditions: &Conditions) -> Result<Self, String> {
+        Self::with_load(index, conditions, |_| BLOCKED)
+    }
+
+    /// The same with a load on its link, by the joint's parameters.
+    ///
+    /// # Errors
+    /// Files that cannot be read.
+    pub(crate) fn with_load(
+        index: usize,
+        conditions: &Conditions,
+        load_of: impl Fn(&JointParameters) -> RigLoad,
+    ) -> Result<Self, String> {
         let (name, joint, rated) = JOINTS[index];
         let (mut robot, mut sim) = load(name)?;
         apply(conditions, &mut robot, &mut sim);
-        let mut bench = Self::of(&robot, &sim, joint, rated, conditions.law)?;
+        let mut bench = Self::of(&robot, &sim, (joint, rated), conditions.law, load_of)?;
         for _ in 0..conditions.delay_cycles as usize {
             bench.on_the_way.push_back(bench.rig.set_point());
         }
@@ -78,23 +141,15 @@ impl Bench {
     fn of(
         robot: &Robot,
         sim: &SimParameters,
-        name: &str,
-        rated: f64,
+        (name, rated): (&str, f64),
         law: Law,
+        load_of: impl Fn(&JointParameters) -> RigLoad,
     ) -> Result<Self, String> {
         let joint = (robot.parameters.joints.iter()).find(|joint| joint.name == name);
         let joint = joint.ok_or_else(|| format!("no joint {name}"))?.clone();
         let drive = sim.drives.get(&joint.drive).ok_or("no such drive")?;
-        let load = RigLoad {
-            inertia: WORLD,
-            mass: 0.0,
-            arm: 0.0,
-        };
-        let timing = RigTiming {
-            period: DT,
-            substeps: 10,
-        };
-        let mut rig = JointRig::new(&sheet(&joint), drive, load, timing, 0.3, sim.seed);
+        let load = load_of(&joint);
+        let mut rig = JointRig::new(&sheet(&joint), drive, load, TIMING, START, sim.seed);
         let sample = rig.advance(0.0);
         let short = robot.parameters.filters.short.sensor;
         let quick = FilterBank::new(1, short).map_err(|e| e.to_string())?;
@@ -128,6 +183,7 @@ impl Bench {
                 fast_sigma: c.k_fs0 * counts / 12_f64.sqrt(),
                 torque_limit: joint.limits.torque,
                 stands_within: joint.limits.gives_way,
+                gain: 1.0,
                 error_per_angle: 600.0,
             }),
             quick,
@@ -155,6 +211,16 @@ impl Bench {
 
     /// One cycle with this desired torque; the true torque one period later.
     pub(crate) fn step(&mut self, tau_d: f64) -> f64 {
+        self.step_by(|_| Wish::Torque(tau_d))
+    }
+
+    /// q of the link, rad.
+    pub(crate) fn angle(&self) -> f64 {
+        self.sample.truth.q
+    }
+
+    /// One cycle with what is wished for by what is seen; the true torque one period later.
+    pub(crate) fn step_by(&mut self, wish: impl FnOnce(&Seen) -> Wish) -> f64 {
         let n = self.joint.estimator.gear_ratio;
         let reading = self.sample.reading;
         let fast = self.fast.update(&JointSample {
@@ -191,12 +257,22 @@ impl Bench {
                     torque: Some(torque),
                     fresh: true,
                 });
-                let wish = TorqueTerms {
-                    feedforward: tau_d,
-                    ..TorqueTerms::default()
+                let wish = wish(&Seen {
+                    q: reading.q,
+                    dq: law.link_velocity(),
+                    torque: law.torque(),
+                });
+                let command = match wish {
+                    Wish::Torque(feedforward) => {
+                        let terms = TorqueTerms {
+                            feedforward,
+                            ..TorqueTerms::default()
+                        };
+                        let asked = law.command(&terms).command;
+                        reading.q + (asked - reading.q).clamp(-lead, lead)
+                    }
+                    Wish::Position(command) => command,
                 };
-                let asked = law.command(&wish).command;
-                let command = reading.q + (asked - reading.q).clamp(-lead, lead);
                 law.sent(command);
                 command
             }
@@ -207,6 +283,17 @@ impl Bench {
             } => {
                 velocity.update(&[reading.q]);
                 let dq = velocity.first_derivatives()[0];
+                let torque = fast.tau;
+                let wish = wish(&Seen {
+                    q: reading.q,
+                    dq,
+                    torque,
+                });
+                let tau_d = match wish {
+                    Wish::Torque(tau_d) => tau_d,
+                    // The drive's own loop.
+                    Wish::Position(_) => 0.0,
+                };
                 let tau_hat = self.late.iter().sum::<f64>() / WINDOW as f64;
                 let tau_star = torque_loop.update(tau_d, Some(tau_hat), gains, limit.torque, DT);
                 let delta = motor.torque_part(tau_star) + motor.friction_part(dq);

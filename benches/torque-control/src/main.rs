@@ -1,9 +1,10 @@
-//! Writes docs/results/torque-control.md: the predictive torque law beside D's, on simulated joints and
-//! robots with every disturbance on.
+//! Writes docs/results/torque-control.md, the predictive torque law beside D's, and torque-modes.md, the
+//! experiments of Z and G, on simulated joints and robots with every disturbance on.
 
 mod cases;
 mod currents;
 mod joint;
+mod modes;
 mod page;
 mod robots;
 mod rows;
@@ -15,26 +16,35 @@ use clap::Parser;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Judge the torque laws on simulated joints and robots, and write the page of results
+/// Judge torque laws and modes on simulated joints and robots, and write the pages of results
 #[derive(Parser)]
 #[command(after_help = EXAMPLES)]
 struct Arguments {
-    /// The folder of the page and its picture
+    /// The folder of the pages and their picture
     #[arg(long, default_value = "docs/results")]
     out: PathBuf,
     /// Joints alone
     #[arg(long)]
     joints_only: bool,
+    /// The page of Z's and G's experiments alone
+    #[arg(long)]
+    modes_only: bool,
 }
 
 const EXAMPLES: &str = "\
 Examples:
   cargo run --release -p torque-control-bench                        some minutes on two cores
-  cargo run --release -p torque-control-bench -- --joints-only --out /tmp";
+  cargo run --release -p torque-control-bench -- --joints-only --out /tmp
+  cargo run --release -p torque-control-bench -- --modes-only        passive mode and tracking alone";
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    match page::write(&arguments.out, arguments.joints_only) {
+    let (out, joints_only) = (&arguments.out, arguments.joints_only);
+    let written = modes::write(out, joints_only).and_then(|()| match arguments.modes_only {
+        true => Ok(()),
+        false => page::write(out, joints_only),
+    });
+    match written {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             eprintln!("torque-control-bench: {message}");

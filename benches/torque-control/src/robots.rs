@@ -3,9 +3,9 @@
 use crate::variant::{Conditions, Happens, apply};
 use can_codec::{Frames, MAX_FRAMES};
 use cycle::{ClientInput, Cycle, Instants, Stamp};
-use plant::{CanRobot, SimParameters};
-use robot_config::Robot;
-use robot_state::{CommanderRecord, Settings, SharedRecord};
+use plant::{CanRobot, SimParameters, Truth};
+use robot_config::{Parameters, Robot};
+use robot_state::{CommanderRecord, CycleRecord, Mode, Reference, Settings, SharedRecord};
 use torqued::demo::{DemoClient, Motion};
 
 /// How a robot did, over its joints.
@@ -59,72 +59,115 @@ pub(crate) fn load(name: &str) -> Result<(Robot, SimParameters), String> {
 /// Seconds at the start that do not count: hand-over and the motion's beginning.
 const START: f64 = 2.0;
 
+/// A robot that is run through the demo's motion.
+pub(crate) struct Driven<'a> {
+    /// Its configuration's folder.
+    pub(crate) name: &'a str,
+    /// Time, s.
+    pub(crate) seconds: f64,
+    /// The conditions.
+    pub(crate) conditions: &'a Conditions,
+    /// Changes what the loop is given, and the simulated robot's URDF.
+    pub(crate) change: &'a dyn Fn(&mut Robot, &mut String),
+    /// Changes the demo's references.
+    pub(crate) ask: &'a dyn Fn(&mut Reference),
+}
+
+impl Driven<'_> {
+    /// Runs it; `each` cycle after its commands: time, reference, record, truth. The parameters it ran with.
+    ///
+    /// # Errors
+    /// Files that cannot be read, parts that do not fit.
+    pub(crate) fn run(
+        &self,
+        mut each: impl FnMut(f64, &Reference, &CycleRecord, &Truth),
+    ) -> Result<Parameters, String> {
+        let (name, conditions) = (self.name, self.conditions);
+        let (mut robot, mut sim) = load(name)?;
+        apply(conditions, &mut robot, &mut sim);
+        let mut urdf = read(&robot.parameters.urdf_path).map_err(|e| e.to_string())?;
+        (self.change)(&mut robot, &mut urdf);
+        let p = &robot.parameters;
+        let mut plant = CanRobot::new(&robot, &urdf, &sim).map_err(|e| e.to_string())?;
+        let path = format!("config/{name}/motion.toml");
+        let names: Vec<_> = p.joints.iter().map(|j| (j.name.clone(), j.kind)).collect();
+        let motion = read(&path).map_err(|e| e.to_string())?;
+        let motion = Motion::parse(&motion, &path, &names).map_err(|e| e.to_string())?;
+        let mut client = DemoClient::new(&robot, motion);
+        let mut cycle = Cycle::new(&robot).map_err(|e| e.to_string())?;
+        let (mut rx, mut tx) = (Frames::new(MAX_FRAMES), Frames::new(MAX_FRAMES));
+        let (mut sync, mut none) = (Frames::default(), Frames::default());
+        for frame in &robot.sync {
+            sync.push(*frame);
+        }
+        let dt = p.timing.sample_period;
+        let mut now = 1_000_000_000_u64;
+        let mut record = Box::new(SharedRecord::default());
+        let contacts = conditions.happens == Happens::Contacts;
+        for k in 0..(self.seconds / dt) as usize {
+            now += (1e9 * dt) as u64;
+            rx.clear();
+            plant.exchange(&sync, now, &mut rx);
+            tx.clear();
+            let at = Instants {
+                sync: Stamp(now),
+                now: Stamp(now),
+            };
+            let settings = contacts.then(|| Settings {
+                sequence: 1,
+                // One foot, both again: what the motion's contact sets begin with.
+                contact_set: if (3500..5500).contains(&k) { 2 } else { 1 },
+                ..Settings::default()
+            });
+            let mut reference = *client.reference();
+            (self.ask)(&mut reference);
+            let input = ClientInput {
+                reference: Some(&reference),
+                age_s: 0.0,
+                commander: CommanderRecord::default(),
+                settings: settings.as_ref(),
+                request: None,
+            };
+            record.cycle = *cycle.step(at, &rx, &input, &mut tx);
+            each(k as f64 * dt, &reference, &record.cycle, plant.truth());
+            client.observe(&record);
+            plant.exchange(&tx, now, &mut none);
+        }
+        Ok(robot.parameters)
+    }
+}
+
 /// Runs a robot through the demo's motion.
 ///
 /// # Errors
 /// Files that cannot be read, parts that do not fit.
 pub(crate) fn run(name: &str, seconds: f64, conditions: &Conditions) -> Result<Judged, String> {
-    let (mut robot, mut sim) = load(name)?;
-    apply(conditions, &mut robot, &mut sim);
-    let p = &robot.parameters;
-    let urdf = read(&p.urdf_path).map_err(|e| e.to_string())?;
-    let mut plant = CanRobot::new(&robot, &urdf, &sim).map_err(|e| e.to_string())?;
-    let path = format!("config/{name}/motion.toml");
-    let names: Vec<_> = p.joints.iter().map(|j| (j.name.clone(), j.kind)).collect();
-    let motion = read(&path).map_err(|e| e.to_string())?;
-    let motion = Motion::parse(&motion, &path, &names).map_err(|e| e.to_string())?;
-    let mut client = DemoClient::new(&robot, motion);
-    let mut cycle = Cycle::new(&robot).map_err(|e| e.to_string())?;
-    let (mut rx, mut tx) = (Frames::new(MAX_FRAMES), Frames::new(MAX_FRAMES));
-    let (mut sync, mut none) = (Frames::default(), Frames::default());
-    for frame in &robot.sync {
-        sync.push(*frame);
-    }
-    let dt = p.timing.sample_period;
-    let mut now = 1_000_000_000_u64;
-    let mut record = Box::new(SharedRecord::default());
-    let mut traces = vec![Trace::default(); names.len()];
-    let cycles = (seconds / dt) as usize;
-    let contacts = conditions.happens == Happens::Contacts;
-    for k in 0..cycles {
-        now += (1e9 * dt) as u64;
-        rx.clear();
-        plant.exchange(&sync, now, &mut rx);
-        tx.clear();
-        let at = Instants {
-            sync: Stamp(now),
-            now: Stamp(now),
-        };
-        let settings = contacts.then(|| Settings {
-            sequence: 1,
-            // One foot, both again: what the motion's contact sets begin with.
-            contact_set: if (3500..5500).contains(&k) { 2 } else { 1 },
-            ..Settings::default()
-        });
-        let input = ClientInput {
-            reference: Some(client.reference()),
-            age_s: 0.0,
-            commander: CommanderRecord::default(),
-            settings: settings.as_ref(),
-            request: None,
-        };
-        record.cycle = *cycle.step(at, &rx, &input, &mut tx);
-        for (j, trace) in traces.iter_mut().enumerate() {
-            if k as f64 * dt > START && record.cycle.mode == 2 {
-                let truth = plant.truth().joints[j];
-                trace
-                    .position
-                    .push(truth.q - client.reference().joints[j].q_d);
-                trace.torque.push(truth.tau);
-                let desired = record.cycle.commanded.joints[j].tau_d;
-                trace.error.push(truth.tau - desired);
-            }
+    let mut traces: Vec<Trace> = Vec::new();
+    let (mut cycles, mut fault) = (0, 0);
+    let driven = Driven {
+        name,
+        seconds,
+        conditions,
+        change: &|_, _| {},
+        ask: &|_| {},
+    };
+    let p = driven.run(|t, reference, record, truth| {
+        (cycles, fault) = (cycles + 1, record.fault);
+        traces.resize_with(truth.joints.len(), Trace::default);
+        if t <= START || record.mode != Mode::InverseDynamics.number() {
+            return;
         }
-        client.observe(&record);
-        plant.exchange(&tx, now, &mut none);
-    }
+        for (j, (trace, truth)) in traces.iter_mut().zip(&truth.joints).enumerate() {
+            trace.position.push(truth.q - reference.joints[j].q_d);
+            trace.torque.push(truth.tau);
+            trace
+                .error
+                .push(truth.tau - record.commanded.joints[j].tau_d);
+        }
+    })?;
+    let dt = p.timing.sample_period;
     if traces.iter().any(|trace| trace.torque.len() * 3 < cycles) {
-        return Err(format!("{name}: fault {}", record.cycle.fault));
+        return Err(format!("{name}: fault {fault}"));
     }
     let n = traces.len() as f64;
     let mean = |of: &dyn Fn(&Trace) -> f64| traces.iter().map(of).sum::<f64>() / n;
@@ -139,7 +182,7 @@ pub(crate) fn run(name: &str, seconds: f64, conditions: &Conditions) -> Result<J
             most(&|t| ripple(&t.torque, dt)),
         ],
         step: steps.fold(0.0, f64::max),
-        fault: record.cycle.fault,
+        fault,
     })
 }
 

@@ -80,6 +80,9 @@ enum Command {
         /// Begin no fit of the family after so many minutes: the page names the number of fits
         #[arg(long)]
         minutes: Option<f64>,
+        /// Keep the family's and the times' part of the page as it is; the page says so
+        #[arg(long, conflicts_with_all = ["joints", "threads", "minutes", "json"])]
+        keep_family: bool,
         /// The page; its conclusions, written by hand, are kept
         #[arg(long, short)]
         out: PathBuf,
@@ -176,9 +179,16 @@ fn main() -> ExitCode {
             joints,
             threads,
             minutes,
+            keep_family,
             out,
             json,
         } => {
+            if keep_family {
+                return match renew(&logs, &drives, &out) {
+                    Ok(()) => ExitCode::SUCCESS,
+                    Err(problem) => failed(&problem.to_string()),
+                };
+            }
             let numbers: Vec<u64> = (FIRST_JUDGED..FIRST_JUDGED + joints).collect();
             return match write_results(
                 [&logs, &drives],
@@ -244,6 +254,23 @@ fn judge_logs(
     Ok(format!("{}\n\n{}", notes.join("\n"), page::logs(&scores)))
 }
 
+fn write(path: &Path, text: String) -> Result<(), Problem> {
+    let name = path.display().to_string();
+    std::fs::write(path, text).map_err(|e| Problem::new(e.to_string(), "").at(name, 0))
+}
+
+/// Judges the real arm and the drives and writes the page, the rest as it was.
+fn renew(logs: &Path, drives: &Path, out: &Path) -> Result<(), Problem> {
+    let old = std::fs::read_to_string(out).map_err(|e| Problem::unreadable(out.display(), &e))?;
+    let offered = drives::judge(drives)?;
+    let cases = real::judge(logs, &|_| ())?;
+    let page = results::without_family(&cases, &offered, &old).ok_or_else(|| {
+        let reason = format!("{}: no family's part to keep", out.display());
+        Problem::new(reason, "a page that this command has made")
+    })?;
+    write(out, page)
+}
+
 /// Judges everything and writes the page.
 fn write_results(
     [logs, drives]: [&Path; 2],
@@ -252,10 +279,6 @@ fn write_results(
     out: &Path,
     json: Option<&Path>,
 ) -> Result<(), Problem> {
-    let write = |path: &Path, text: String| {
-        let name = path.display().to_string();
-        std::fs::write(path, text).map_err(|e| Problem::new(e.to_string(), "").at(name, 0))
-    };
     let offered = drives::judge(drives)?;
     let cases = real::judge(logs, &|_| ())?;
     let until = minutes.map(|minutes| Instant::now() + Duration::from_secs_f64(60.0 * minutes));

@@ -2,7 +2,7 @@
 
 use crate::course::Training;
 use crate::family::Judged;
-use crate::real::{RealCase, WITH_FEED_FORWARD};
+use crate::real::{FEED_FORWARD, REGRESSION, RealCase, WITH_FEED_FORWARD};
 use crate::score::Score;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -173,8 +173,9 @@ pub fn real(cases: &[RealCase]) -> String {
         "raw current",
         "current regression",
         "torsion regression",
-        "with feed-forward",
-        "fused with feed-forward",
+        REGRESSION,
+        FEED_FORWARD,
+        WITH_FEED_FORWARD,
     ];
     let mut text = format!(
         "RMS error, N·m, tared on the first 50 samples; `*`: informative.\n\n\

@@ -83,14 +83,18 @@ impl RealCase {
     pub fn with_feed_forward(&self) -> f64 {
         let floor = FLOOR * self.rated;
         let [fused, regression] =
-            [WITH_FEED_FORWARD, "with feed-forward"].map(|name| self.rms(name).max(floor));
+            [WITH_FEED_FORWARD, REGRESSION].map(|name| self.rms(name).max(floor));
         fused / regression
     }
 }
 
 /// The fused torque, and that with the feed-forward as a source.
 pub const FUSED: &str = "fused";
-/// The same with the feed-forward.
+/// The plain regression on torsion and feed-forward.
+pub const REGRESSION: &str = "regression with feed-forward";
+/// The feed-forward alone.
+pub const FEED_FORWARD: &str = "feed-forward";
+/// The fused torque with it.
 pub const WITH_FEED_FORWARD: &str = "fused with feed-forward";
 
 /// Columns of a regression.
@@ -156,7 +160,7 @@ fn plain(joint: usize, train: &JointLog, judged: &JointLog) -> Vec<Method> {
     let regressions = [
         ("current regression", current),
         ("torsion regression", torsion),
-        ("with feed-forward", with),
+        (REGRESSION, with),
     ];
     for (name, columns) in regressions {
         let rms = regression(train, judged, columns).map_or(f64::NAN, |v| tared(&v, judged));
@@ -169,19 +173,18 @@ fn plain(joint: usize, train: &JointLog, judged: &JointLog) -> Vec<Method> {
     methods
 }
 
-/// The fused torque and its two groups of sources, tared by the tool's own tare; sources without a name are
-/// left out.
+/// The fused torque and its sources, tared by the tool's own tare; sources without a name are left out.
 fn estimated(
     file: &joint_file::JointFile,
     judged: &JointLog,
-    names: [&'static str; 3],
+    names: [&'static str; 4],
 ) -> Result<Vec<Method>, Problem> {
     let mut set = file.estimators()?;
     let mut front_end = file.front_end()?;
     let mut last = None;
     let place = |name: &str| set.names().iter().position(|n| n == name);
-    let places = [place("hysteresis"), place("current")];
-    let mut sums = [(0.0, 0.0); 3];
+    let places = [place("hysteresis"), place("current"), place("feed_forward")];
+    let mut sums = [(0.0, 0.0); 4];
     for (i, row) in judged.rows.iter().enumerate() {
         front_end.bridge(last.replace(row.t), row.t);
         let fused = set.update(&row.sample(&mut front_end));
@@ -190,7 +193,7 @@ fn estimated(
             continue;
         }
         let sources = places.map(|p| p.and_then(|p| set.estimates().get(p)));
-        let all = [Some(&fused), sources[0], sources[1]];
+        let all = [Some(&fused), sources[0], sources[1], sources[2]];
         for (sum, e) in sums.iter_mut().zip(all) {
             let error = e.map_or(f64::NAN, |e| e.tau - row.tau_sensor);
             sum.0 += error * error;
@@ -225,8 +228,8 @@ fn case(
             Ok((fitted, notes)) => {
                 report.extend(notes);
                 let sources = match name {
-                    FUSED => [name, "torsion", "current"],
-                    _ => [name, "", ""],
+                    FUSED => [name, "torsion", "current", ""],
+                    _ => [name, "", "", FEED_FORWARD],
                 };
                 methods.extend(estimated(&fitted, judged, sources)?);
             }

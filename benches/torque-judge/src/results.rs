@@ -23,10 +23,41 @@ BSD-3-Clause), no unloaded turn, encoder zeros unknown, rated torque and stiffne
 these ratios. The reference is the flange's F/T sensor through the arm's Jacobian plus the controller's \
 feed-forward without friction; its own error is some N·m. Every method is tared on the first 50 samples, the fused \
 torque and its sources by their own tare, all others by a constant. Plain methods: raw current, regressions on \
-current and on torsion, each with speed and direction; one with torsion and feed-forward (without its friction). Cases marked `*` are informative. The priors' widths were \
+current and on torsion, each with speed and direction; one with torsion and feed-forward (without its friction). \
+\"Feed-forward\" is that source alone, as fitted and tared. Cases marked `*` are informative. The priors' widths were \
 chosen while looking at these logs: they are design data, not held out. Error/sigma in brackets.
 
 ";
+
+/// Where the family's part of the page begins.
+const FAMILY: &str = "\n## A family of joints\n";
+/// What its part says when it has been kept.
+const KEPT: &str = "\n**Older than the tables above**: this section and the next are of an earlier state of the estimators, see the \
+[conclusions](#conclusions).\n";
+
+/// The page's text with the part of family and times of the `old` page, which then says so; none if it has no
+/// such part.
+#[must_use]
+pub fn without_family(cases: &[RealCase], offered: &[Offered], old: &str) -> Option<String> {
+    let (_, kept) = old.split_once(FAMILY)?;
+    let kept = kept.strip_prefix(KEPT).unwrap_or(kept);
+    Some(format!(
+        "{}{FAMILY}{KEPT}{kept}",
+        without_figures(cases, offered)
+    ))
+}
+
+/// The page's head, the real arm and the drives.
+fn without_figures(cases: &[RealCase], offered: &[Offered]) -> String {
+    format!(
+        "{HEAD}{}\n\
+         ## Drives without a torque reference\n\n\
+         Two runs of three axes of a KUKA KR300 (repository JonasWeigand/Robot_Identification, MIT). The stiffness \
+         must not pass as determined, also where the motor's torque is offered as the reference.\n\n{}",
+        real(cases),
+        drives(offered),
+    )
+}
 
 /// The page's text; conclusions are those of the `old` page. `times`: processor time of `fit all` and of the
 /// fused torque of a sample, s.
@@ -49,11 +80,7 @@ pub fn results(
     let conclusions = old.find(CONCLUSIONS).map_or("", |at| &old[at..]);
     let conclusions = conclusions.trim_end();
     format!(
-        "{HEAD}{}\n\
-         ## Drives without a torque reference\n\n\
-         Two runs of three axes of a KUKA KR300 (repository JonasWeigand/Robot_Identification, MIT). The stiffness \
-         must not pass as determined, also where the motor's torque is offered as the reference.\n\n{}\n\
-         ## A family of joints\n\n\
+        "{}{FAMILY}\n\
          {} joints of {} structures (compliance, hysteresis and friction by {}), drawn at random, of the part of \
          the family that was not looked at while the estimators were made; their laws are neither those of the \
          estimators nor of the project's plant. {} fits, each after an unloaded turn: by turns after the training \
@@ -65,8 +92,7 @@ pub fn results(
          ## Time\n\n\
          Processor time: `fit all` on 150,000 samples {all:.0} s; the fused torque of a sample, as the loop \
          computes it, {:.2} us.\n{conclusions}\n",
-        real(cases),
-        drives(offered),
+        without_figures(cases, offered),
         joints.len(),
         structures.len(),
         laws(&structures),

@@ -197,25 +197,7 @@ impl Specimen {
     /// The joint file before any fit: the data sheet alone.
     #[must_use]
     pub fn file(&self) -> JointFile {
-        JointFile {
-            joint: self.sheet.clone(),
-            encoders: None,
-            kinematic_error: None,
-            friction: None,
-            compliance: None,
-            hysteresis: None,
-            current: None,
-            feed_forward: None,
-            deformation: None,
-            kalman: None,
-            unscented: None,
-            unscented_added: None,
-            network: None,
-            local_gp: Default::default(),
-            fusion: None,
-            validity: None,
-            trained: Default::default(),
-        }
+        JointFile::new(self.sheet.clone())
     }
 
     /// The same joint with three times the noise on every signal.

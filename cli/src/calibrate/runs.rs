@@ -32,7 +32,10 @@ const NOT_USED: u32 = measured_flags::NEVER
     | measured_flags::JUMP
     | measured_flags::IMPLAUSIBLE;
 /// Readings with one of these interrupt what torques are computed from.
-const LOST: u32 = measured_flags::NEVER | measured_flags::STALE | measured_flags::IMPLAUSIBLE;
+const LOST: u32 = measured_flags::NEVER
+    | measured_flags::STALE
+    | measured_flags::IMPLAUSIBLE
+    | measured_flags::STANDS_IN;
 
 /// A recorded run.
 pub(crate) struct RecordedRun {
@@ -248,7 +251,7 @@ impl<'a> Reader<'a> {
         let sources = joints
             .map(|(j, joint)| (Source::Joint(j), joint.sampling))
             .chain(fts.map(|(s, ft)| (Source::Ft(s), ft.sampling)))
-            .chain(p.imu.iter().map(|imu| (Source::Imu, imu.sampling)));
+            .chain(p.imus.first().map(|imu| (Source::Imu, imu.sampling)));
         Self {
             robot,
             period: header.period_s,
@@ -313,7 +316,7 @@ impl<'a> Reader<'a> {
         let sensors = record.measured.ft.iter().take(p.ft_sensors.len());
         let mut flags = joints.fold(0, |all, joint| all | joint.flags);
         flags |= sensors.fold(0, |all, sensor| all | sensor.flags);
-        if p.imu.is_some() {
+        if !p.imus.is_empty() {
             flags |= record.measured.imu.flags;
         }
         flags & LOST != 0
@@ -329,7 +332,7 @@ impl<'a> Reader<'a> {
                 period: self.period,
                 angles: vec![Vec::new(); n],
                 ft: vec![Default::default(); p.ft_sensors.len()],
-                imu: p.imu.as_ref().map(|_| Default::default()),
+                imu: p.imus.first().map(|_| Default::default()),
                 file: String::new(),
             },
             contact_set,

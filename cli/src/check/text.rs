@@ -27,13 +27,18 @@ pub(super) fn page(
         Base::Fixed => "fixed",
         Base::Floating => "floating",
     };
+    let imus = match parameters.imus.len() {
+        0 => "no IMU".to_owned(),
+        1 => "IMU".to_owned(),
+        imus => format!("{imus} IMUs"),
+    };
     let mut text = format!(
         "{}: {} joints, {} buses, {} F/T sensors, {}, {} base, {:.2} kg, {} Hz\n",
         parameters.name,
         parameters.joints.len(),
         buses.len(),
         parameters.ft_sensors.len(),
-        parameters.imu.as_ref().map_or("no IMU", |_| "IMU"),
+        imus,
         base,
         robot.model.total_mass(),
         1.0 / parameters.timing.sample_period

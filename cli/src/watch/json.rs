@@ -38,6 +38,7 @@ pub(super) fn object(description: &Description, record: &Record) -> Value {
         }).collect::<Vec<_>>(),
         "ft": sensors.map(|(s, name)| ft_sensor(name.as_str(), cycle, s)).collect::<Vec<_>>(),
         "imu": imu(&cycle.measured.imu),
+        "further_imus": further_imus(cycle),
         "unknown_wrench": wrench(&cycle.estimated.unknown_wrench),
         "unknown_wrench_sigma": wrench(&cycle.estimated.unknown_wrench_sigma),
         "residual": wrench(&cycle.estimated.residual),
@@ -177,6 +178,12 @@ fn frames(description: &Description, cycle: &CycleRecord) -> Vec<Value> {
         })
     })
     .collect()
+}
+
+/// Those that have ever sent a sample, or are missed: places that the robot does not use are all zero.
+fn further_imus(cycle: &CycleRecord) -> Vec<Value> {
+    let used = |imu: &&ImuMeasured| imu.flags != 0 || imu.age_s > 0.0;
+    (cycle.measured.further_imus.iter().take_while(used).map(imu)).collect()
 }
 
 fn imu(imu: &ImuMeasured) -> Value {

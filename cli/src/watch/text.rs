@@ -6,7 +6,7 @@ use std::fmt::Write;
 use terminal::TextTable;
 use torqued_client::Record;
 use torqued_client::robot_state::{
-    CycleRecord, Description, LoopRecord, Mode, TorqueEstimate, frame_flags, torque_flags,
+    CycleRecord, Description, LoopRecord, TorqueEstimate, frame_flags, torque_flags,
 };
 use torqued_client::{why_not_followed, why_refused};
 
@@ -27,11 +27,8 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         },
         words::fault(description, cycle),
     );
-    let possible = words::possible_modes(cycle);
-    let missing = usize::from(description.frame_count == 0);
-    if possible.len() < Mode::ALL.len() - missing {
-        let _ = writeln!(out, "possible modes at present: {}\n", possible.join(", "));
-    }
+    let possible = words::possible_modes(cycle).join(", ");
+    let _ = writeln!(out, "possible modes at present: {possible}\n");
     let _ = writeln!(out, "{}\n", commander(cycle));
     if let Some((event, subject)) = words::warning(description, cycle) {
         let _ = writeln!(

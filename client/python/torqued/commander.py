@@ -271,14 +271,35 @@ class Commander:
         self.reference.gains_given = self.reference.trajectory = 0
         return used
 
+    def let_go(self, names: Sequence[str]) -> None:
+        """Lets joints go, by mode passive: a hand can move them, the others are held at `q_d` of the
+        reference, as they stood when this commander began. To be called as `send`, and raises as it;
+        `KeyError` for a joint that the robot does not have."""
+        unknown = set(names) - set(self._joint_names)
+        if unknown:
+            raise KeyError(
+                f"{', '.join(sorted(unknown))}: not a joint of robot "
+                f'"{self._robot}", which has {", ".join(self._joint_names)}'
+            )
+        held = (1 << 64) - 1
+        for name in names:
+            held &= ~(1 << self._joint_names.index(name))
+        self.reference.mode, self.reference.held_joints = Mode.PASSIVE, held
+        self.reference.trajectory = 0
+        for joint in self.reference.joints:
+            joint.dq_d = joint.ddq_d = 0.0
+        self.send()
+
     def follow(
         self,
         duration_s: float,
         at: Callable[[float], Sequence[Tuple[float, float, float]]],
         spacing_s: float = 0.005,
         going: Optional[Callable[[Progress], bool]] = None,
+        mode: Mode = Mode.INVERSE_DYNAMICS,
     ) -> bool:
-        """Follows a trajectory by mode inverse dynamics, from the robot's present pose on, and waits
+        """Follows a trajectory by mode inverse dynamics, or torque-feedback motion or low-gain
+        tracking, from the robot's present pose on, and waits
         until it has ended: the program may go on with any mode. `at` gives position, velocity and
         acceleration of every joint, in config order, at a time since the begin; it is asked every
         `spacing_s`, and the loop interpolates. It should begin at the present pose and end at rest.
@@ -295,7 +316,7 @@ class Commander:
         spacing = max(1, int(1e9 * duration_s / last))
         ahead = min(AHEAD_NS, AHEAD_POINTS * spacing)
         count = min(max(1, PIECE_NS // spacing), MAX_POINTS - 1)
-        beat = _Heartbeat(self, last * spacing)
+        beat = _Heartbeat(self, last * spacing, mode)
         beat.start()
         sent = 0
         try:
@@ -451,9 +472,9 @@ class Commander:
 class _Heartbeat(threading.Thread):
     """Renews the lease and sends pieces as they come, until the end of the trajectory."""
 
-    def __init__(self, commander: Commander, end_ns: int):
+    def __init__(self, commander: Commander, end_ns: int, mode: Mode):
         super().__init__(name="heartbeat", daemon=True)
-        self._commander, self._end_ns = commander, end_ns
+        self._commander, self._end_ns, self._mode = commander, end_ns, mode
         self.trajectory = secrets.randbits(64) or 1
         #: Pieces to be sent, each with whether it is the last.
         self.pieces: "queue.SimpleQueue[Tuple[TrajectoryPiece, bool]]" = queue.SimpleQueue()
@@ -479,7 +500,7 @@ class _Heartbeat(threading.Thread):
                 piece.session, piece.sequence = reference.session, commander._piece_count
                 commander._pieces.loan_uninit().write_payload(piece).send()
                 first = first or piece.sequence
-                reference.mode, reference.trajectory = Mode.INVERSE_DYNAMICS, self.trajectory
+                reference.mode, reference.trajectory = self._mode, self.trajectory
                 newest = piece
             except queue.Empty:
                 pass

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 MAX_JOINTS = 64
 MAX_FT_SENSORS = 8
+MAX_FURTHER_IMUS = 3
 MAX_POINTS = 32
 MAX_FRAMES = 4
-EVENT_COUNT = 55
+EVENT_COUNT = 58
 
 
 class Mode(IntEnum):
@@ -22,6 +23,9 @@ class Mode(IntEnum):
     INVERSE_DYNAMICS = 2
     POSITION = 3
     CARTESIAN = 4
+    PASSIVE = 5
+    TORQUE_FEEDBACK_MOTION = 6
+    LOW_GAIN_TRACKING = 7
 
 
 class JointKind(IntEnum):
@@ -50,6 +54,9 @@ class MeasuredFlags(IntFlag):
     NEVER = 8
     SETTLING = 16
     IMPLAUSIBLE = 32
+    FLAT = 64
+    SATURATED = 128
+    STANDS_IN = 256
 
 
 class TorqueFlags(IntFlag):
@@ -181,6 +188,9 @@ EVENTS = (
     Event(114, "sensor_flat", "A value of an F/T sensor or the IMU has stayed the same for longer than its noise explains; its samples are not used.", "ft_sensor.flat_after_ms / imu.flat_after_ms", "degrade"),
     Event(115, "sensor_saturated", "A value of an F/T sensor or the IMU stands at an end of its range in the DBC file; such samples are not used.", "-", "warn"),
     Event(116, "datagram_refused", "A datagram on a UDP bus was no data frame of CAN, or came from another machine though the bus is limited to this one; it was not used.", "bus.hop_limit", "warn"),
+    Event(117, "imu_lost", "An IMU beside the first one has sent no usable sample for longer than allowed: it neither checks the first one nor can stand in for it.", "loop.stale_after_ms / imu.flat_after_ms", "warn"),
+    Event(118, "imu_disagrees", "An IMU disagrees with the first one about the base's motion, carried over by the joints between them, for longer than allowed: one of the two, or an encoder between them, errs.", "imu.disagreement_rad_per_s / imu.disagreement_m_per_s2", "warn"),
+    Event(119, "imu_stands_in", "The first IMU has sent no usable sample for longer than allowed; one that agreed with it until then stands in for it.", "loop.stale_after_ms", "warn"),
     Event(201, "torque_saturated", "An estimated torque exceeded the joint's torque limit and was cut to it.", "joint.torque_limit_Nm", "warn"),
     Event(202, "encoder_jump", "An encoder moved further in one cycle than the joint can; the sample was not used.", "drive.max_velocity_rad_per_s", "warn"),
     Event(203, "estimate_not_finite", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.", "-", "warn"),
@@ -196,7 +206,7 @@ EVENTS = (
     Event(213, "ft_implausible", "The torque of a joint without a link-side encoder by F/T sensors and IMU has changed otherwise than its motor current, by more than friction explains: a sensor errs, or something touches the limb where no sensor measures it. The torque is not fed back until both agree again, or the sensor is tared.", "-", "warn"),
     Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
-    Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints.", "-", "release"),
+    Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints, or let a joint go that bears a contact.", "-", "release"),
     Event(304, "reference_jump", "A client's desired position was far from the pose at its start, or moved faster than the joint may.", "joint.velocity_limit_rad_per_s", "release"),
     Event(305, "commander_refused", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.", "loop.reference_timeout_ms", "warn"),
     Event(306, "commander_replaced", "A client of higher priority took the command over.", "-", "release"),
@@ -362,7 +372,7 @@ class ImuMeasured(ctypes.Structure):
 
 
 class MeasuredRecord(ctypes.Structure):
-    """7120 bytes."""
+    """7528 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -372,8 +382,10 @@ class MeasuredRecord(ctypes.Structure):
         ("joints", JointMeasured * 64),
         # The F/T sensors, in config order.
         ("ft", FtMeasured * 8),
-        # The IMU; zero if there is none.
+        # The first IMU, which shows the base's motion, or what stands in for it; zero if there is none.
         ("imu", ImuMeasured),
+        # The other IMUs, in config order.
+        ("further_imus", ImuMeasured * 3),
     ]
 
 
@@ -542,7 +554,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """28216 bytes."""
+    """28648 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -579,7 +591,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 55),
+        ("events", ctypes.c_uint64 * 58),
     ]
 
 
@@ -610,7 +622,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """28288 bytes."""
+    """28720 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -662,15 +674,15 @@ class JointReference(ctypes.Structure):
 
     __slots__ = ()
     _fields_ = [
-        # q_d: desired joint angle, rad (modes inverse dynamics and Cartesian), or the target (mode position).
+        # q_d: desired joint angle, rad, or the target (mode position).
         ("q_d", ctypes.c_double),
-        # dq_d: desired velocity, rad/s (modes inverse dynamics and Cartesian), or the greatest speed on the way to the target, 0 for the configured one (mode position).
+        # dq_d: desired velocity, rad/s, or the greatest speed on the way to the target, 0 for the configured one (mode position).
         ("dq_d", ctypes.c_double),
-        # ddq_d: desired acceleration, rad/s² (modes inverse dynamics and Cartesian).
+        # ddq_d: desired acceleration, rad/s² (modes inverse dynamics, Cartesian and low-gain tracking).
         ("ddq_d", ctypes.c_double),
         # tau_d: desired torque, N·m (mode torque).
         ("tau_d", ctypes.c_double),
-        # K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes inverse dynamics, position and Cartesian).
+        # K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (not in mode torque).
         ("stiffness", ctypes.c_double),
         # K_d: damping, N·m·s/rad, at most the configured one, and no smaller a share of it than `stiffness` is of the configured stiffness; counts as `stiffness` does.
         ("damping", ctypes.c_double),
@@ -706,7 +718,7 @@ class FrameReference(ctypes.Structure):
 
 
 class Reference(ctypes.Structure):
-    """4424 bytes."""
+    """4432 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -718,9 +730,11 @@ class Reference(ctypes.Structure):
         ("sequence", ctypes.c_uint64),
         # Instant of sending, ns on the machine's `CLOCK_MONOTONIC`: the reference's age counts from it.
         ("sent_ns", ctypes.c_uint64),
-        # Trajectory whose points give `q_d dq_d ddq_d` of every cycle, or 0: those of this reference (mode inverse dynamics). It counts from the trajectory's first piece on.
+        # Trajectory whose points give `q_d dq_d ddq_d` of every cycle, or 0: those of this reference (modes inverse dynamics, torque-feedback motion and low-gain tracking). It counts from the trajectory's first piece on.
         ("trajectory", ctypes.c_uint64),
-        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4 Cartesian.
+        # Mode passive: bit k is 1 where joint k is held at `q_d`, with its `stiffness` and `damping` or the configured ones; the other joints are let go.
+        ("held_joints", ctypes.c_uint64),
+        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4 Cartesian, 5 passive, 6 torque-feedback motion, 7 low-gain tracking.
         ("mode", ctypes.c_uint32),
         # Joints in use; must equal the robot's.
         ("joint_count", ctypes.c_uint32),
@@ -732,7 +746,7 @@ class Reference(ctypes.Structure):
         ("gives_back", ctypes.c_uint32),
         # 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
         ("contact_wrench_given", ctypes.c_uint32),
-        # 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration.
+        # 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode.
         ("gains_given", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
         ("reserved", ctypes.c_uint32),
@@ -882,9 +896,9 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#71e3d7f2216de143")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#d08d2bb5249f518d")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#72e45eccb15aa146")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#ca593c6c51e26f62")
 Request.type_name = staticmethod(lambda: "torqued::Request#07278fa438ad059f")

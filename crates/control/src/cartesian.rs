@@ -4,8 +4,8 @@
 //! the desired pose, stiffness, force. Out: the wrench that the frame is to apply, and its torques `J^T w`.
 //!
 //! ```text
-//! w = within(K e(x_d, x) + D v_d - f_d - within'(K_f e_f)) - D v
-//! e = (p_d - p, log(R_d R^T))                    e_f = r * f_d - f_hat
+//! w = within(K e(x_d, x) + D v_d - f_d - within'(K_f e_f + d_f)) - D v
+//! e = (p_d - p, log(R_d R^T))                    e_f = r * f_d - f_hat                d_f' = w_f e_f
 //! D = 2 zeta K^1/2 (K^1/2 J M^-1 J^T K^1/2 + w_0² I)^-1/2 K^1/2
 //! ```
 //!
@@ -15,8 +15,10 @@
 //! a direction in which the limb cannot move, the mobility is zero and `w_0` bounds the damping.
 //!
 //! `r` is the lag of the force that is felt behind the desired one, so that a step which is followed makes
-//! no error. There is no integral: with friction that sticks it hunts. The feedback is limited to a share of
-//! the greatest force: an F/T sensor that fails unnoticed must not press with more.
+//! no error. `d_f` makes up for what the joints' torques are wrong by while they stand: hysteresis and windup of
+//! their gears. A force follows as fast as the frame, with its damping, gives way into what it presses on: `r` has
+//! that lag besides, `D / K_o`, with the object's stiffness `K_o` as force and way have shown it. The feedback is
+//! limited to a share of the greatest force: a failed F/T sensor or a lost object must not lead to more.
 //!
 //! `M` contains what the joints' torque laws make a limb feel besides its own inertia, the drives' damping in
 //! fast motion; on a stiff object that is most of it. Axes on which a force is fed back are damped as
@@ -32,11 +34,9 @@ use nalgebra::{Matrix3, Matrix6, Rotation3, SymmetricEigen, UnitQuaternion, Vect
 
 /// Natural frequency below which damping grows no more with the inertia, rad/s.
 const SLOWEST: f64 = 1.0;
-/// Stiffness for which an axis without one and without feedback of its force is damped, as a share of its
-/// greatest.
+/// Stiffness for which an axis without one and without feedback of its force is damped, over its greatest.
 const DAMPED: f64 = 0.02;
-/// Stiffness for which an axis with feedback of its force is damped, over the frame's greatest: that of the
-/// object.
+/// Stiffness for which an axis with feedback of its force is damped, over the frame's greatest: the object's.
 const OBJECT: f64 = 15.0;
 /// Steps after which an eigenvalue's iteration is given up; a handful are usual.
 const MOST_STEPS: usize = 60;
@@ -47,6 +47,13 @@ const FEEDBACK: f64 = 0.2;
 /// Time by which a force follows the desired one where it is felt at once: reference model and delay of the
 /// joints' torque laws, s.
 const FOLLOWS_S: f64 = 0.008;
+/// w_f times the lag of r, 1.
+const CORRECTS: f64 = 0.4;
+/// Time for which a force and a way count as a change, and in which what they show is forgotten, s; the way
+/// below which they show nothing, m; least stiffness of an object over that as long as nothing shows it.
+const CHANGES_S: [f64; 2] = [0.2, 2.0];
+const SEEN: f64 = 5e-6;
+const SOFTEST: f64 = 0.05;
 /// Greatest damping ratio that a client may ask for, and the least.
 pub const DAMPING_RATIOS: core::ops::RangeInclusive<f64> = 0.3..=2.0;
 
@@ -142,6 +149,9 @@ pub struct CartesianLaw {
     feedback: Vector6<f64>,
     /// r * f_d, in the base's axes.
     shown: Vector6<f64>,
+    /// d_f, in the base's axes.
+    correction: Vector6<f64>,
+    object: Object,
     damping_ratio: f64,
     /// Damping, and the least share of it that the joints bear, as of the last cycle that found them.
     damping: Option<(Matrix6<f64>, f64)>,
@@ -220,6 +230,8 @@ impl CartesianLaw {
             stiffness: Vector6::zeros(),
             feedback: Vector6::zeros(),
             shown: Vector6::zeros(),
+            correction: Vector6::zeros(),
+            object: Object::default(),
             damping_ratio: 1.0,
             damping: None,
         }
@@ -241,6 +253,7 @@ impl CartesianLaw {
         self.stiffness = target.stiffness;
         self.feedback = Vector6::zeros();
         self.shown = self.force;
+        (self.correction, self.object) = Default::default();
         self.damping_ratio = target.damping_ratio;
     }
 
@@ -275,7 +288,7 @@ impl CartesianLaw {
         let wanted = damping * target.velocity;
         //= D12: f* = f_d + K_f (f_d - f_hat)
         let feedforward = -turned(&to_axes, &self.force);
-        let force = -self.force_feedback(&to_axes, limb, dt);
+        let force = -self.force_feedback(&to_axes, &damping, limb, dt);
         let active = position + wanted + feedforward + force;
         let shares = within(&active, self.limits.wrench);
         // What only takes energy away is not limited.
@@ -348,15 +361,37 @@ impl CartesianLaw {
     }
 
     /// Feedback of the force, along the axes.
-    fn force_feedback(&mut self, to_axes: &Matrix3<f64>, limb: &Limb<'_>, dt: f64) -> Vector6<f64> {
-        let lag = FOLLOWS_S + limb.late;
-        self.shown += (self.force - self.shown) * (dt / (dt + lag));
-        let Some(f_hat) = limb.force else {
+    fn force_feedback(
+        &mut self,
+        to_axes: &Matrix3<f64>,
+        damping: &Matrix6<f64>,
+        limb: &Limb<'_>,
+        dt: f64,
+    ) -> Vector6<f64> {
+        let lag = Vector6::from_fn(|i, _| {
+            let soft = OBJECT * self.limits.stiffness[i / 3];
+            FOLLOWS_S + limb.late + damping[(i, i)] / self.object.stiffness(i, soft)
+        });
+        let shown = turned(to_axes, &self.shown);
+        let way = turned(to_axes, &self.force) - shown;
+        let shown = shown + Vector6::from_fn(|i, _| way[i] * (dt / (dt + lag[i])));
+        self.shown = turned(&to_axes.transpose(), &shown);
+        let Some(f_hat) = limb.force.map(|f| turned(to_axes, &f)) else {
+            self.correction = Vector6::zeros();
             return Vector6::zeros();
         };
-        let error = turned(to_axes, &(self.shown - f_hat));
+        let place = six(limb.pose.translation, Vector3::zeros());
+        self.object.update(turned(to_axes, &place), f_hat, dt);
+        let error = shown - f_hat;
         let most = self.limits.wrench.map(|most| FEEDBACK * most);
-        let feedback = self.feedback.component_mul(&error);
+        let correction = turned(to_axes, &self.correction);
+        let correction = Vector6::from_fn(|i, _| {
+            let on = self.feedback[i] / self.limits.k_f.max(f64::MIN_POSITIVE);
+            on * (correction[i] + error[i] * (CORRECTS * dt / lag[i]).min(1.0))
+        });
+        let correction = scaled(&correction, within(&correction, most));
+        self.correction = turned(&to_axes.transpose(), &correction);
+        let feedback = self.feedback.component_mul(&error) + correction;
         scaled(&feedback, within(&feedback, most))
     }
 
@@ -399,6 +434,34 @@ impl CartesianLaw {
         });
         let stiff = bound(&(Matrix6::from_diagonal(&self.stiffness) * stiff));
         (damping, [stiff.max(1.0).recip(), damped])
+    }
+}
+
+/// What a frame presses on: averages of place and force, of the way's square, and of its product with the force.
+#[derive(Debug, Clone, Copy, Default)]
+struct Object {
+    means: Option<[Vector6<f64>; 2]>,
+    square: Vector6<f64>,
+    product: Vector6<f64>,
+}
+
+impl Object {
+    fn update(&mut self, place: Vector6<f64>, force: Vector6<f64>, dt: f64) {
+        let [mean_place, mean_force] = self.means.get_or_insert([place, force]);
+        let share = (dt / CHANGES_S[0]).min(1.0);
+        *mean_place += (place - *mean_place) * share;
+        *mean_force += (force - *mean_force) * share;
+        let (way, change) = (place - *mean_place, force - *mean_force);
+        let share = (dt / CHANGES_S[1]).min(1.0);
+        self.square += (way.component_mul(&way) - self.square) * share;
+        self.product += (way.component_mul(&change) - self.product) * share;
+    }
+
+    /// K_o along an axis, N/m; `else_it`: as long as nothing shows it, and about an axis.
+    fn stiffness(&self, axis: usize, else_it: f64) -> f64 {
+        let known =
+            (SEEN * SEEN * else_it - self.product[axis]) / (SEEN * SEEN + self.square[axis]);
+        known.max(SOFTEST * else_it)
     }
 }
 

@@ -5,6 +5,7 @@
 //! after construction.
 #![deny(unsafe_code)]
 
+mod carried;
 mod cartesian;
 mod gains;
 mod inverse_dynamics;
@@ -15,6 +16,7 @@ pub mod predictive;
 mod torque_loop;
 mod trajectory;
 
+pub use carried::{CarriedTorque, largest_follow};
 pub use cartesian::{
     CartesianLaw, CartesianLimits, CartesianTarget, CartesianWrench, DAMPING_RATIOS, Limb,
     pose_error, unit_quaternion,

@@ -81,6 +81,8 @@ pub struct JointLoop {
     pub stiffness: f64,
     /// K_d: damping in space, N·m·s/rad.
     pub damping: f64,
+    /// Bandwidth in which the carried torque is fed back (Z IV-B), rad/s; 0: it is not.
+    pub load_follow: f64,
 }
 
 impl JointLoop {
@@ -97,6 +99,7 @@ impl JointLoop {
             torque_gain: 1.0,
             stiffness: 0.0,
             damping: 0.0,
+            load_follow: 0.0,
         }
     }
 

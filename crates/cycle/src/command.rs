@@ -14,6 +14,7 @@ mod impedance;
 mod joint;
 mod late;
 mod law;
+mod modes;
 mod motion;
 mod predictive;
 mod reference;
@@ -40,8 +41,10 @@ use delay::CommandDelay;
 use impedance::Impedance;
 use joint::JointController;
 use law::{InverseDynamicsTorque, JointInput};
+use modes::Modes;
 use motion::Motions;
 use reference::Goal;
+pub(crate) use reference::reach;
 use weight::{Loads, Past};
 use yielding::Yielding;
 
@@ -78,6 +81,7 @@ pub(crate) struct Command {
     motions: Motions,
     yielding: Yielding,
     frames: Frames,
+    modes: Modes,
     delay: CommandDelay,
     loads: Past,
     /// Torques that carry the joints' weight, N·m, model order.
@@ -112,6 +116,7 @@ impl Command {
             motions: Motions::new(parameters),
             yielding: Yielding::new(robot),
             frames: Frames::new(robot),
+            modes: Modes::new(robot)?,
             delay: CommandDelay::new(robot),
             loads: Past::new(parameters.timing.sample_period),
             weights: vec![0.0; robot.model.joint_count()],
@@ -197,7 +202,7 @@ impl Command {
         let reference = goal.reference();
         // Desired accelerations and contact forces are those of inverse dynamics alone.
         let moved = match goal.mode() {
-            Mode::InverseDynamics | Mode::Cartesian => reference,
+            Mode::InverseDynamics | Mode::Cartesian | Mode::LowGainTracking => reference,
             _ => None,
         };
         let contact = match self.yielding.loads() {
@@ -218,6 +223,10 @@ impl Command {
             }
             _ => self.frames.show(client, measured, commanded),
         }
+        let goal = match self.of_mode((goal, age_s), (estimated, fast), counts) {
+            true => goal,
+            false => &Goal::Stop,
+        };
         let none = JointReference::default();
         for (j, joint) in self.joints.iter_mut().enumerate() {
             if !is_engaged(j) {
@@ -231,21 +240,29 @@ impl Command {
                 false => goal,
             };
             let input = JointInput {
-                reference: reference
-                    .and_then(|r| r.joints.get(j))
-                    .map_or(none, |asked| {
-                        // A reference is for the time at which it was sent.
-                        JointReference {
-                            q_d: asked.q_d + asked.dq_d * age_s,
-                            ..*asked
-                        }
-                    }),
-                impedance: self.frames.posture(
+                reference: self.modes.asked(
+                    goal,
                     j,
                     reference
-                        .filter(|r| r.gains_given == 1)
                         .and_then(|r| r.joints.get(j))
-                        .map(Impedance::of),
+                        .map_or(none, |asked| {
+                            // A reference is for the time at which it was sent.
+                            JointReference {
+                                q_d: asked.q_d + asked.dq_d * age_s,
+                                ..*asked
+                            }
+                        }),
+                ),
+                impedance: self.frames.posture(
+                    j,
+                    self.modes.impedance(
+                        goal,
+                        j,
+                        reference
+                            .filter(|r| r.gains_given == 1)
+                            .and_then(|r| r.joints.get(j))
+                            .map(Impedance::of),
+                    ),
                 ),
                 inverse_dynamics: self.torques[j],
                 measured: &measured.joints[j],
@@ -267,7 +284,7 @@ impl Command {
                     None => fast_torque(law, torques, fast.get(j)),
                 },
                 yields,
-                led: self.frames.leads(j),
+                led: self.frames.leads(j) || goal.lets_go(j),
                 yields_anew: yields && self.yielding.is_new(),
                 in_contact: self.yielding.concerns(j),
                 dt: self.sample_period,
@@ -323,6 +340,32 @@ impl Command {
         for (weight, torque) in self.weights.iter_mut().zip(torques) {
             *weight = *torque;
         }
+    }
+
+    /// The torques that the goal's mode makes of those of inverse dynamics; false: the joints must stop.
+    fn of_mode(
+        &mut self,
+        (goal, age_s): (&Goal<'_>, f64),
+        (estimated, fast): (&EstimatedRecord, &[FastTorque]),
+        counts: &mut Counts,
+    ) -> bool {
+        let law = self.torque_law;
+        let carried = |j: usize| fast_torque(law, estimated.joints.get(j)?, fast.get(j));
+        let free = match goal {
+            Goal::Passive(_) => self
+                .inverse_dynamics
+                .torque(&[Wrench::default(); MAX_FT_SENSORS]),
+            _ => &[],
+        };
+        let free = |j: usize| {
+            let place = self.model_index.get(j);
+            place
+                .and_then(|&place| free.get(place))
+                .copied()
+                .unwrap_or(0.0)
+        };
+        let (torques, dt) = (&mut self.torques, self.sample_period);
+        (self.modes).update((goal, age_s), carried, free, dt, torques, counts)
     }
 
     /// `M ddq_d + h_hat - J^T f` for the desired contact wrenches and for the estimated ones `f_hat`.

@@ -10,15 +10,14 @@ const _: () = assert!(EVENT_COUNT <= u64::BITS as usize, "a bit for each event")
 pub(crate) enum Subject {
     Joint(usize),
     FtSensor(usize),
-    Imu,
+    Imu(usize),
 }
 
 impl Subject {
     /// Its index among those of its kind.
     pub(crate) fn index(self) -> u32 {
         match self {
-            Self::Joint(index) | Self::FtSensor(index) => index as u32,
-            Self::Imu => 0,
+            Self::Joint(index) | Self::FtSensor(index) | Self::Imu(index) => index as u32,
         }
     }
 
@@ -27,7 +26,7 @@ impl Subject {
         let kind = match self {
             Self::Joint(_) => 1,
             Self::FtSensor(_) => 2,
-            Self::Imu => 3,
+            Self::Imu(_) => 3,
         };
         kind << 16 | self.index()
     }

@@ -8,6 +8,7 @@ mod align;
 mod filtered;
 mod ft_offset;
 mod imu_check;
+mod imus;
 mod reception;
 mod sensors;
 
@@ -19,7 +20,6 @@ use joint_file::JointFile;
 use problem::Problem;
 use robot_config::{Robot, slots};
 use robot_state::{Event, JointMeasured, MeasuredRecord, Settings, measured_flags};
-
 use supervisor::{MotorSample, Plausibility, Sample, Trust};
 
 use crate::events::{Counts, Subject};
@@ -28,6 +28,7 @@ use align::{AlignedBank, signals};
 use filtered::{AXES, Course, Filtered};
 use ft_offset::FtInput;
 use imu_check::ImuCheck;
+use imus::Imus;
 use reception::{Reception, Source};
 
 /// A joint's sample with one of these is bridged.
@@ -71,7 +72,8 @@ pub(crate) struct Measure {
     joints: Vec<Source>,
     sensors: Vec<Source>,
     ft_inputs: Vec<FtInput>,
-    imu: Option<(Source, ImuCheck)>,
+    imu_sources: Vec<(Source, ImuCheck)>,
+    imus: Imus,
     sample_period: f64,
     stale_after: f64,
     sends_velocity: Vec<bool>,
@@ -109,7 +111,7 @@ impl Measure {
         let parameters = &robot.parameters;
         let reception = Reception::new(robot);
         let n = parameters.joints.len();
-        let axes = AXES * (parameters.ft_sensors.len() + 1);
+        let axes = AXES * (parameters.ft_sensors.len() + parameters.imus.len());
         let period = parameters.timing.sample_period;
         let [_, control, _] = signals(robot);
         let joints = parameters.joints.iter().enumerate().map(|(j, joint)| {
@@ -137,12 +139,15 @@ impl Measure {
             joints: joints.collect(),
             sensors: sensors.collect(),
             ft_inputs: parameters.ft_sensors.iter().map(FtInput::new).collect(),
-            imu: parameters.imu.as_ref().map(|imu| {
-                let gyro = (0..3).map(slots::gyro);
-                let axes = gyro.chain((0..3).map(slots::accelerometer));
-                let source = reception.source(axes.collect(), imu.sampling, &imu.signals, true);
-                (source, ImuCheck::new(imu.sampling.longest_gap(period)))
-            }),
+            imu_sources: (parameters.imus.iter().enumerate())
+                .map(|(i, imu)| {
+                    let gyro = (0..3).map(|axis| slots::gyro(i, axis));
+                    let axes = gyro.chain((0..3).map(|axis| slots::accelerometer(i, axis)));
+                    let source = reception.source(axes.collect(), imu.sampling, &imu.signals, true);
+                    (source, ImuCheck::new(imu.sampling.longest_gap(period)))
+                })
+                .collect(),
+            imus: Imus::new(robot)?,
             sample_period: period,
             stale_after: parameters.timing.stale_after,
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
@@ -212,7 +217,7 @@ impl Measure {
         &self.short
     }
 
-    /// The signals through the filters of contact detection.
+    /// Those of contact detection.
     pub(crate) fn contact(&self) -> Option<&Filtered> {
         self.contact.as_ref()
     }
@@ -273,7 +278,7 @@ impl Measure {
         self.read_joints(at, &mut measured.joints, counts);
         self.take_offsets(settings, holds);
         self.read_ft_sensors(at, &mut measured.ft, counts);
-        self.read_imu(at, holds, measured, counts);
+        self.read_imus(at, holds, measured, counts);
         let stamps = self.reception.stamps();
         (self.long).update(&self.angles, &self.axes, stamps, at.sync);
         (self.short).update(&self.angles, &self.axes, stamps, at.sync);
@@ -281,6 +286,9 @@ impl Measure {
             contact.update(&self.angles, &self.axes, stamps, at.sync);
         }
         (self.control_filter).update(&self.both_angles, stamps, at.sync);
+        if self.imu_sources.len() > 1 {
+            self.compare_imus(measured, counts);
+        }
         self.publish_joints(measured);
         self.publish_sensors(measured);
         self.judge(measured);
@@ -487,14 +495,6 @@ impl Measure {
                 sensor.flags |= measured_flags::SETTLING;
             }
         }
-        if self.imu.is_some() {
-            let imu = &mut measured.imu;
-            imu.gyro_hat = long.imu.angular_velocity.into();
-            imu.accelerometer_hat = long.imu.proper_acceleration.into();
-            imu.angular_acceleration_hat = long.imu.angular_acceleration.into();
-            if self.long.sensor_settling(self.sensors.len()) {
-                imu.flags |= measured_flags::SETTLING;
-            }
-        }
+        self.publish_imus(measured);
     }
 }

@@ -256,14 +256,14 @@ fn analytic_cycle(bench: &mut Bench, k: u32, age: f64) {
     let mut values = vec![0.0; slots::receive_len(&robot.parameters)];
     let [force, gyro, accelerometer] = analytic(1e-3 * f64::from(k) - age);
     values[slots::ft(0, 0)] = force;
-    values[slots::gyro(0)] = gyro;
-    values[slots::accelerometer(0)] = accelerometer;
+    values[slots::gyro(0, 0)] = gyro;
+    values[slots::accelerometer(0, 0)] = accelerometer;
     let frames: Vec<Frame> = bench.rx.iter().copied().collect();
     bench.rx.clear();
     for mut frame in frames {
         let index = robot.receive.classify(&frame).unwrap();
         let first = robot.receive.slots(index).next().unwrap();
-        if [Source::Imu, Source::Ft(0)].contains(&slots::source(first)) {
+        if [Source::Imu(0), Source::Ft(0)].contains(&slots::source(first)) {
             if age.is_nan() {
                 continue;
             }

@@ -2,66 +2,32 @@
 //! robot is enabled; and with everything in order again the operator reaches holding.
 //!
 //! Several robots live one life after another, each from being switched on, some with a fault of an
-//! earlier run: position and current drives, with states by CiA 402 and without, enabled by an
+//! earlier run: position and current drives, prismatic joints and one that follows another, with states by CiA 402 and without, enabled by an
 //! operator or by themselves. Spoilt are frames and their stamps, references, settings, operators'
-//! requests, cycles that are left out, commands that do not arrive, and the drives. In every other life
-//! clients send trajectories ahead, through the lease; their pieces, sessions and silences are spoilt too.
+//! requests, cycles that are left out, commands that do not arrive, and the drives; encoders and F/T sensors
+//! lie for a while, two of them at once now and then. In some lives clients send trajectories ahead, through the
+//! lease; their pieces, sessions and silences are spoilt too. In others they lead frames in mode Cartesian, free
+//! or pressing on something, which may let go.
 //!
-//! `CYCLE_STEPS` sets the number of steps in all lives (default 60,000; 10,000,000 take a quarter of an
-//! hour in release), `CYCLE_SEED` the random numbers.
+//! `CYCLE_STEPS` sets the number of steps in all lives (default 60,000; 10,000,000 take an hour in
+//! release), `CYCLE_SEED` the random numbers.
 
-mod anything_ahead;
+#[path = "anything/check.rs"]
+mod check;
+#[path = "anything/clients.rs"]
+mod clients;
 mod common;
+#[path = "anything/faults.rs"]
+mod faults;
 
-use anything_ahead::{Ahead, any_number};
-use can_codec::{EXTENDED_ID, Frame, Frames};
-use common::{Bench, client_input};
+use can_codec::Frames;
+use check::{Before, check};
+use clients::{Ahead, Leading, any_reference};
+use common::{Bench, any_number, client_input};
 use cycle::{ClientInput, Instants, OperatorRequest, Stamp};
-use plant::DriveError;
-use robot_config::slots;
-use robot_state::{
-    CommanderRecord, CycleRecord, Event, MAX_JOINTS, Mode, Reference, RobotState, Settings,
-    command_flags,
-};
-use supervisor::Actuation;
+use faults::{Lie, mend_drives, spoil, spoil_drive};
+use robot_state::{CommanderRecord, CycleRecord, Event, Mode, Reference, RobotState, Settings};
 use test_support::Random;
-
-fn any_reference(random: &mut Random, record: &CycleRecord) -> Reference {
-    let mut reference = Reference {
-        sequence: random.bits() % 4 + record.sequence,
-        mode: random.bits() as u32 % 5,
-        joint_count: match random.below(20) {
-            0 => random.bits() as u32,
-            _ => record.joint_count,
-        },
-        contact_wrench_given: random.bits() as u32 % 2,
-        gains_given: random.bits() as u32 % 2,
-        ..Reference::default()
-    };
-    let near = random.below(20) > 0;
-    for j in 0..MAX_JOINTS.min(record.joint_count as usize) {
-        let joint = &mut reference.joints[j];
-        joint.q_d = record.measured.joints[j].q;
-        joint.tau_d = 50.0 * random.symmetric();
-        joint.stiffness = 100.0 * random.unit();
-        joint.damping = random.unit();
-        if reference.mode == Mode::Position.number() {
-            joint.q_d += 0.5 * random.symmetric();
-        }
-        if !near && random.below(3) == 0 {
-            joint.q_d += any_number(random);
-            joint.dq_d = any_number(random);
-            joint.ddq_d = any_number(random);
-            joint.tau_d = any_number(random);
-            joint.stiffness = any_number(random);
-            joint.damping = any_number(random);
-        }
-    }
-    if !near && random.below(3) == 0 {
-        reference.contact_wrench[0].force[2] = any_number(random);
-    }
-    reference
-}
 
 fn any_request(random: &mut Random, record: &CycleRecord) -> Option<OperatorRequest> {
     Some(match random.below(600) {
@@ -86,181 +52,6 @@ fn any_settings(random: &mut Random) -> Settings {
     settings
 }
 
-/// Spoils the answers of one cycle in some way.
-fn spoil(random: &mut Random, rx: &mut Frames, now: u64) {
-    let frames: Vec<Frame> = rx.iter().copied().collect();
-    rx.clear();
-    for mut frame in frames {
-        match random.below(40) {
-            0 => continue,
-            1 => frame.data[random.below(8)] ^= 1 << random.below(8),
-            2 => frame.data[..8].fill_with(|| random.bits() as u8),
-            3 => frame.len = random.below(9) as u8,
-            4 => frame.id = random.bits() as u32,
-            5 => frame.error = true,
-            6 => frame.stamp_ns = random.bits(),
-            7 => frame.stamp_ns = now.saturating_sub(random.below(5_000_000) as u64),
-            8 => _ = rx.push(frame),
-            _ => {}
-        }
-        rx.push(frame);
-    }
-    if random.below(10) == 0 {
-        rx.push(Frame::zeroed(
-            1,
-            random.bits() as u32 | EXTENDED_ID,
-            8,
-            true,
-        ));
-    }
-}
-
-/// Changes something about one drive.
-fn spoil_drive(random: &mut Random, bench: &mut Bench) {
-    let joint = random.below(bench.robot.parameters.joints.len());
-    let Some(states) = bench.plant.drive_states(joint) else {
-        return;
-    };
-    match random.below(5) {
-        0 => states.set_power(random.below(2) == 0),
-        1 => states.set_cause(Some(DriveError::OverCurrent)),
-        2 => states.set_cause(None),
-        3 => states.set_refuses(random.below(2) == 0),
-        _ => states.set_step_time(random.unit() * 0.1),
-    }
-}
-
-fn mend_drives(bench: &mut Bench) {
-    for joint in 0..bench.robot.parameters.joints.len() {
-        if let Some(states) = bench.plant.drive_states(joint) {
-            states.set_power(true);
-            states.set_cause(None);
-            states.set_refuses(false);
-            states.set_step_time(2e-3);
-        }
-    }
-}
-
-/// The signals' resolution and rounding, in the commands' units.
-const RESOLUTION: f64 = 1.1e-3;
-
-/// What was sent to a joint before.
-#[derive(Debug, Clone, Copy, Default)]
-struct Before {
-    /// The set-point, rad.
-    q_c: Option<f64>,
-    /// Cycles in a row for which it was held.
-    held: u32,
-}
-
-/// Cycles within which a joint that is held has come to rest: half of pi times 0.2 s from its velocity
-/// limit.
-const AT_REST: u32 = 350;
-/// Share of the velocity limit at which a set-point at rest gives way.
-const YIELDS: f64 = 0.03;
-
-impl Before {
-    /// A held set-point may lead a joint that is pulled away from it by any angle: it may itself move no
-    /// faster than the joint may while it comes to rest, and then only give way.
-    fn holds(&self, q_c: f64, velocity: f64) -> bool {
-        let share = if self.held < AT_REST { 1.0 } else { YIELDS };
-        let step = share * velocity * 1e-3 + 1e-9;
-        self.q_c.is_some_and(|last| (q_c - last).abs() <= step)
-    }
-}
-
-/// What has left is what the record shows, finite, within limits, and only to engaged joints.
-fn check(bench: &Bench, before: &mut [Before]) {
-    let record = bench.cycle.record();
-    let state = RobotState::from_number(record.state).expect("a state");
-    let table = &bench.robot.send;
-    let mut values = vec![f64::NAN; slots::send_len(&bench.robot.parameters)];
-    for frame in bench.tx.iter() {
-        table
-            .decode(frame, &mut values)
-            .expect("a frame of the robot's");
-    }
-    for (j, parameters) in bench.robot.parameters.joints.iter().enumerate() {
-        let (commanded, limits) = (&record.commanded.joints[j], &parameters.limits);
-        let engaged = commanded.flags & command_flags::ENGAGED != 0;
-        let sent = Some(values[slots::command(j)]).filter(|x| !x.is_nan());
-        assert!(commanded.q_c.is_finite() && commanded.delta_q.is_finite());
-        assert!(commanded.current_c.is_finite());
-        let takes_current = matches!(parameters.actuation, Actuation::Current { .. });
-        if matches!(state, RobotState::Boot) {
-            // No current is no set-point.
-            let none = sent.is_none() || takes_current && sent == Some(0.0);
-            assert!(none, "a set-point in boot");
-        }
-        let last = std::mem::take(&mut before[j]);
-        let Some(sent) = sent else {
-            continue;
-        };
-        let measured = &record.measured.joints[j];
-        if !engaged {
-            // No current; or its place in a message that an engaged joint needs, and no torque.
-            let table = &bench.robot.send;
-            let messages = (0..table.message_count()).map(|m| table.slots(m).collect::<Vec<_>>());
-            let mut its = messages.filter(|slots| slots.contains(&slots::command(j)));
-            let needed = its.any(|slots| {
-                let joints = record.commanded.joints.iter().enumerate();
-                let mut engaged = joints.filter(|(_, c)| c.flags & command_flags::ENGAGED != 0);
-                engaged.any(|(other, _)| slots.contains(&slots::command(other)))
-            });
-            let profile = parameters.drive_profile.as_ref();
-            let off = profile.is_some_and(|profile| profile.control.is_some());
-            let harmless = match takes_current {
-                true => sent == 0.0,
-                false => needed && off && (sent - measured.q).abs() < RESOLUTION,
-            };
-            assert!(harmless, "{sent} to joint {j}, which is not engaged");
-            continue;
-        }
-        match parameters.actuation {
-            Actuation::Position {
-                k_tau,
-                k_tau_motor,
-                k_v,
-            } => {
-                assert!((sent - commanded.q_c).abs() < RESOLUTION, "{sent}");
-                let theta = measured.theta / parameters.encoders.gear_ratio;
-                // Inside, or pulled out by a joint that both encoders show outside.
-                let reach = limits.lead + 0.3;
-                let low = limits.position_min.min(measured.q.min(theta)) - reach;
-                let high = limits.position_max.max(measured.q.max(theta)) + reach;
-                assert!((low..=high).contains(&sent), "joint {j}: {sent}");
-                // By one encoder at least it asks for no more than the torque limit.
-                let dq = measured.dq.abs();
-                let lead = |k: f64| (k * limits.torque).min(limits.lead) + k_v * dq + RESOLUTION;
-                let within = (sent - measured.q).abs() <= lead(k_tau)
-                    || (sent - theta).abs() <= lead(k_tau_motor)
-                    || (sent - measured.q) * (sent - theta) < 0.0;
-                let holds = record.mode == Mode::Hold.number();
-                let kept = commanded.flags & command_flags::NOT_FINITE != 0
-                    || holds && last.holds(commanded.q_c, limits.velocity);
-                before[j] = Before {
-                    q_c: Some(commanded.q_c),
-                    held: if holds { last.held + 1 } else { 0 },
-                };
-                assert!(
-                    within || kept,
-                    "{}, joint {j}: {sent} leads too far: {state:?}, mode {}, q {}, theta {theta}, \
-                     {commanded:?} after {last:?}, flags {:#x}",
-                    bench.robot.parameters.name,
-                    record.mode,
-                    measured.q,
-                    measured.flags
-                );
-            }
-            Actuation::Current { k_1, current, .. } => {
-                assert!((sent - commanded.current_c).abs() < RESOLUTION, "{sent}");
-                let most = current.min(limits.torque / k_1) + RESOLUTION;
-                assert!(sent.abs() <= most, "joint {j}: {sent} A");
-            }
-        }
-    }
-}
-
 /// The humanoid hangs in its harness. Nobody balances it here: standing it falls, through the floor, which its feet
 /// alone touch, and swings from them; their blows on the floor are more than an ankle's encoders can separate from a
 /// slip, so that 210 is latched again and again.
@@ -277,11 +68,28 @@ damping_Nms_per_rad = 200.0
 "
 }
 
+/// The foot is held by something stiff.
+const CLAMPED: &str = "
+[harness]
+link = \"foot\"
+stiffness_N_per_m = 6e5
+damping_Ns_per_m = 2e3
+stiffness_Nm_per_rad = 5e3
+damping_Nms_per_rad = 15.0
+";
+
+/// Who commands the robot in a life.
+enum Client {
+    /// A message of any kind in each cycle.
+    Any,
+    Ahead(Box<Ahead>),
+    Leading(Box<Leading>),
+}
+
 /// One robot, and what came of it.
 struct Life {
     bench: Bench,
-    /// The client that sends trajectories ahead, in a life that has one.
-    ahead: Option<Ahead>,
+    client: Client,
     automatic: bool,
     active: u64,
     enabled: bool,
@@ -293,10 +101,12 @@ impl Life {
         let automatic = random.below(4) == 0;
         let robot = match index % 10 {
             3 | 6 => "test-joint",
+            5 | 8 => "lift-gripper",
             9 => "humanoid",
             _ => "leg",
         };
         let with_states = random.below(4) > 0;
+        let clamped = index % 10 == 7;
         let read = |path: &str| {
             let text = match robot {
                 "test-joint" => common::read_with_current_drive(path)?,
@@ -304,6 +114,9 @@ impl Life {
             };
             if path.ends_with("humanoid/sim.toml") {
                 return Ok(hung(&text));
+            }
+            if clamped && path.ends_with("leg/sim.toml") {
+                return Ok(text + CLAMPED);
             }
             if !path.ends_with("robot.toml") {
                 return Ok(text);
@@ -324,7 +137,11 @@ impl Life {
             bench.cycle.start_with_fault(events[random.below(3)]);
         }
         Self {
-            ahead: (index % 2 == 1).then(|| Ahead::new(&bench)),
+            client: match index % 10 {
+                2 | 7 => Client::Leading(Box::new(Leading::new(&bench))),
+                1 | 3 | 5 | 9 => Client::Ahead(Box::new(Ahead::new(&bench))),
+                _ => Client::Any,
+            },
             bench,
             automatic,
             active: 0,
@@ -337,11 +154,19 @@ impl Life {
         let mut before = vec![Before::default(); bench.robot.parameters.joints.len()];
         let mut older = Reference::default();
         let mut spoiling = false;
+        let mut lies: Vec<Lie> = Vec::new();
         for step in 0..steps {
             // Episodes with good frames let the robot get anywhere; others spoil what can be spoilt.
             if step % 500 == 0 {
                 spoiling = random.below(3) == 0;
                 mend_drives(bench);
+                let liars = if spoiling { random.below(3) } else { 0 };
+                lies.clear();
+                lies.extend((0..liars).map(|_| Lie::new(random, bench)));
+            }
+            let leads = matches!(self.client, Client::Leading(_));
+            if spoiling && leads && random.below(5_000) == 0 {
+                bench.plant.robot_mut().release_harness();
             }
             if spoiling && random.below(300) == 0 {
                 spoil_drive(random, bench);
@@ -351,6 +176,9 @@ impl Life {
                 (0..random.below(12)).for_each(|_| bench.gather());
             }
             bench.gather();
+            for lie in &mut lies {
+                lie.apply(bench);
+            }
             if spoiling {
                 spoil(random, &mut bench.rx, bench.now);
             }
@@ -362,8 +190,9 @@ impl Life {
             let settings = any_settings(random);
             let request = any_request(random, &record);
             let settings = (random.below(4) == 0).then_some(&settings);
-            let input = match &mut self.ahead {
-                Some(ahead) => {
+            let led;
+            let input = match &mut self.client {
+                Client::Ahead(ahead) => {
                     ahead.cycle(random, bench.now, &record, &reference);
                     ClientInput {
                         settings,
@@ -371,7 +200,17 @@ impl Life {
                         ..ahead.input(bench.now)
                     }
                 }
-                None => ClientInput {
+                Client::Leading(leading) => {
+                    led = leading.cycle(random, &record);
+                    ClientInput {
+                        reference: Some(&led.0),
+                        age_s: led.1,
+                        settings,
+                        request,
+                        ..ClientInput::default()
+                    }
+                }
+                Client::Any => ClientInput {
                     reference: (random.below(4) > 0).then_some(&reference),
                     age_s: match random.below(50) {
                         0 => any_number(random),
@@ -459,8 +298,17 @@ impl Life {
         let mut reference = bench.reference(Mode::Hold.number(), record.sequence + 100);
         bench.step(&client_input(&reference));
         (reference.mode, reference.sequence) = (Mode::Torque.number(), reference.sequence + 1);
-        let record = bench.step(&client_input(&reference));
-        assert_eq!(record.mode, Mode::Torque.number());
+        let record = *bench.step(&client_input(&reference));
+        assert_eq!(
+            record.mode,
+            Mode::Torque.number(),
+            "{}: {:?}, possible {:#x}, state {}, {:?}",
+            self.bench.robot.parameters.name,
+            Event::from_number(record.commander.cause),
+            record.possible_modes,
+            record.state,
+            self.unusable()
+        );
     }
 }
 
@@ -470,7 +318,7 @@ fn whatever_comes_in_what_leaves_is_within_limits_and_the_operator_reaches_holdi
     let steps = number("CYCLE_STEPS", 60_000);
     let mut random = Random::new(number("CYCLE_SEED", 1));
     let (mut done, mut index) = (0, 0);
-    let (mut active, mut enabled, mut led) = (0, 0, 0);
+    let (mut active, mut enabled, mut led, mut frames) = (0, 0, 0, 0);
     while done < steps {
         // Long lives reach what takes long; a run of the tests has short ones.
         let life = (steps / 10).min(20_000);
@@ -478,7 +326,11 @@ fn whatever_comes_in_what_leaves_is_within_limits_and_the_operator_reaches_holdi
         robot.live(life, &mut random);
         robot.recover();
         (active, enabled) = (active + robot.active, enabled + u64::from(robot.enabled));
-        led += robot.ahead.as_ref().map_or(0, |ahead| ahead.led);
+        match &robot.client {
+            Client::Ahead(ahead) => led += ahead.led,
+            Client::Leading(leading) => frames += leading.led,
+            Client::Any => {}
+        }
         (done, index) = (done + life, index + 1);
     }
     assert!(
@@ -488,5 +340,9 @@ fn whatever_comes_in_what_leaves_is_within_limits_and_the_operator_reaches_holdi
     assert!(
         led > done / 400,
         "{led} of {done} steps on trajectories sent ahead"
+    );
+    assert!(
+        frames > done / 100,
+        "{frames} of {done} steps leading frames"
     );
 }

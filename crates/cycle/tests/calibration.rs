@@ -173,6 +173,10 @@ fn a_joint_file_of_another_joint_is_refused() {
             "unknown field `complaint`",
         ),
         (
+            format!("{JOINT}[torsion_gain]\ngain = 3.0\nsigma = 0.1\n"),
+            "torsion_gain.gain",
+        ),
+        (
             JOINT.replace("sources.current", "sources.network"),
             "fusion.sources.network: network is not switched on",
         ),

@@ -25,10 +25,17 @@ fn leg(more: &str) -> Bench {
     })
 }
 
-/// The foot is held by something stiff.
-const CLAMPED: &str = "[harness]\nlink = \"foot\"\nstiffness_N_per_m = 600000\n\
-    damping_Ns_per_m = 2000\nstiffness_Nm_per_rad = 5000\ndamping_Nms_per_rad = 15\n\
-    slack_m = 0\nslack_deg = 0\n";
+/// The foot is held by something of this stiffness, N/m.
+fn clamped(stiffness: f64) -> String {
+    format!(
+        "[harness]\nlink = \"foot\"\nstiffness_N_per_m = {stiffness}\n\
+         damping_Ns_per_m = {}\nstiffness_Nm_per_rad = {}\ndamping_Nms_per_rad = {}\n\
+         slack_m = 0\nslack_deg = 0\n",
+        stiffness / 300.0,
+        stiffness / 120.0,
+        stiffness / 40_000.0
+    )
+}
 
 fn pushed(force: [f64; 3]) -> String {
     format!("[[push]]\nlink = \"foot\"\nstart_s = 3\nduration_s = 8\nforce_N = {force:?}\n")
@@ -157,16 +164,22 @@ fn a_frame_is_as_stiff_as_asked() {
 
 /// D 5.4: the foot on a floor as stiff as that of the simulated humanoid applies a force that swings about a
 /// mean: it overshoots by at most 5 % of the amplitude, and so much is felt along the other axes. Without
-/// mean, along the other axes, too; but where the knee's torque passes zero friction shows on z.
+/// mean, along the other axes, too; but where the knee's torque passes zero its gear winds up, which shows on
+/// z for longer than a tenth of a second: three times the aim; 1 Hz is up to twice the aim. Pulling, and on an object an
+/// eighth as stiff, as well.
 #[test]
 fn a_force_is_applied_to_a_stiff_object() {
-    for (axis, bias, hz, coupling) in [
-        (2, 150.0, 0.5, 0.05),
-        (0, 0.0, 0.25, 0.3),
-        (1, 0.0, 0.25, 0.05),
+    for (stiffness, axis, bias, hz, overshoots, coupling) in [
+        (6e5, 2, 150.0, 0.5, 0.05, 0.05),
+        (6e5, 2, 150.0, 1.0, 0.1, 0.05),
+        (6e5, 2, -100.0, 0.5, 0.05, 0.05),
+        (6e5, 0, 0.0, 0.25, 0.05, 0.18),
+        (6e5, 1, 0.0, 0.25, 0.05, 0.05),
+        (7.5e4, 2, 200.0, 0.5, 0.05, 0.05),
     ] {
         let amplitude = 100.0;
-        let (mut bench, mut reference) = led(leg(CLAMPED), [0.0, 0.0, 0.0, 100.0, 100.0, 100.0]);
+        let held = leg(&clamped(stiffness));
+        let (mut bench, mut reference) = led(held, [0.0, 0.0, 0.0, 100.0, 100.0, 100.0]);
         reference.frames[0].force_axes = 0b111;
         reference.frames[0].force[axis] = bias;
         let mut steps = Steps::default();
@@ -182,9 +195,13 @@ fn a_force_is_applied_to_a_stiff_object() {
                 coupled = coupled.max(felt[other].abs());
             }
         }
-        let what = format!("axis {axis}, {hz} Hz");
+        let what = format!("{stiffness} N/m, axis {axis}, {hz} Hz");
         let overshoot = most / amplitude - 1.0;
-        assert!(overshoot.abs() < 0.05, "{what}: {:.1} %", 100.0 * overshoot);
+        assert!(
+            overshoot.abs() < overshoots,
+            "{what}: {:.1} %",
+            100.0 * overshoot
+        );
         let coupled = coupled / amplitude;
         assert!(
             coupled < coupling,
@@ -203,11 +220,11 @@ fn a_force_is_applied_to_a_stiff_object() {
             }
             let end = force(&bench)[axis] - wanted;
             assert!(
-                beyond < 0.25 * amplitude,
+                beyond < 0.2 * amplitude,
                 "{what} to {wanted}: {beyond:.1} N beyond"
             );
             assert!(
-                end.abs() < 0.15 * amplitude,
+                end.abs() < 0.05 * amplitude,
                 "{what} at {wanted}: {end:.1} N off"
             );
             last = wanted;
@@ -380,7 +397,7 @@ fn frames_do_not_change_on_the_way() {
 /// The F/T sensor falls silent while the foot presses: the mode ends, and the leg holds.
 #[test]
 fn a_sensor_that_fails_ends_the_mode() {
-    let (mut bench, mut reference) = led(leg(CLAMPED), [0.0, 0.0, 0.0, 100.0, 100.0, 100.0]);
+    let (mut bench, mut reference) = led(leg(&clamped(6e5)), [0.0, 0.0, 0.0, 100.0, 100.0, 100.0]);
     reference.frames[0].force[2] = 60.0;
     reference.frames[0].force_axes = 0b111;
     let mut steps = Steps::default();

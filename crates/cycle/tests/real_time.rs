@@ -45,7 +45,10 @@ fn no_cycle_allocates_whatever_happens_in_it() {
                 Mode::Torque.number(),
                 Mode::InverseDynamics.number(),
                 Mode::Position.number(),
-            ][cycle as usize / 20 % 4];
+                Mode::Passive.number(),
+                Mode::TorqueFeedbackMotion.number(),
+            ][cycle as usize / 20 % 6];
+            reference.held_joints = cycle;
             if cycle % 90 == 89 {
                 reference.joints[1].dq_d = f64::NAN;
             }

@@ -292,7 +292,7 @@ fn sensors_that_fall_silent_end_the_modes_that_need_them() {
     assert_eq!(state(bench.cycle.record()), RobotState::Active);
     let table = bench.robot.receive.clone();
     let imu: Vec<(u8, u32)> = (0..table.message_count())
-        .filter(|&m| table.slots(m).any(|slot| slot == slots::gyro(0)))
+        .filter(|&m| table.slots(m).any(|slot| slot == slots::gyro(0, 0)))
         .filter_map(|m| table.message(m).map(|m| (m.bus, m.id)))
         .collect();
     let mut motion = Motion::of(&bench);

@@ -91,12 +91,14 @@ fn a_flat_sensor_ends_the_modes_that_need_it() {
     for (robot, slot, subject) in [
         ("leg", slots::ft(0, 2), 2 << 16),
         ("humanoid", slots::ft(1, 4), 2 << 16 | 1),
-        ("humanoid", slots::gyro(1), 3 << 16),
-        ("humanoid", slots::accelerometer(2), 3 << 16),
+        ("humanoid", slots::gyro(0, 1), 3 << 16),
+        ("humanoid", slots::accelerometer(0, 2), 3 << 16),
     ] {
         let mut bench = bench(robot, "whole_body");
         let mut reference = following(&mut bench, Mode::InverseDynamics);
         let mut motion = Motion::of(&bench);
+        let all = bench.cycle.record().possible_modes;
+        assert_eq!(all & 0b1111, 0b1111, "{all:b}");
         let ended = freeze(&mut bench, &mut reference, slot, 3000);
         motion.take(&bench);
         let what = format!("{robot}, slot {slot} flat, subject {subject:#x}");
@@ -107,8 +109,6 @@ fn a_flat_sensor_ends_the_modes_that_need_it() {
         motion.assert_small(&what);
         // Alive again.
         bench.run(300);
-        let cartesian = u32::from(!bench.robot.parameters.frames.is_empty()) << 4;
-        let all = 0b1111 | cartesian;
         assert_eq!(bench.cycle.record().possible_modes, all, "{what}");
     }
 }
@@ -118,7 +118,7 @@ fn a_saturated_sensor_ends_the_modes_that_need_it() {
     for (robot, slot, end) in [
         ("leg", slots::ft(0, 2), 1e9),
         ("humanoid", slots::ft(0, 3), -1e9),
-        ("humanoid", slots::accelerometer(0), 1e9),
+        ("humanoid", slots::accelerometer(0, 0), 1e9),
     ] {
         let mut bench = bench(robot, "whole_body");
         let mut reference = following(&mut bench, Mode::InverseDynamics);

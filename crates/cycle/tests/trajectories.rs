@@ -3,8 +3,8 @@
 
 mod common;
 
-use common::Bench;
 use common::motion::Motion;
+use common::{Bench, spoil_piece};
 use cycle::ClientInput;
 use robot_state::{
     CycleRecord, Event, JointPoint, Mode, Reference, TrajectoryPiece, piece_refusal,
@@ -271,17 +271,6 @@ fn nothing_moves_without_a_piece_of_ones_own() {
     led.assert_no_flaw();
 }
 
-/// A number that a client may send.
-fn any_number(random: &mut Random) -> f64 {
-    match random.below(8) {
-        0 => f64::NAN,
-        1 => f64::INFINITY,
-        2 => -1e300,
-        3 => 1e3 * random.symmetric(),
-        _ => random.symmetric(),
-    }
-}
-
 /// The next piece, spoilt in some way or another, or none.
 fn any_piece(led: &Led, random: &mut Random, end: u64, way: f64) -> TrajectoryPiece {
     let mut piece = led.piece(end, 2 + random.below(31));
@@ -297,20 +286,7 @@ fn any_piece(led: &Led, random: &mut Random, end: u64, way: f64) -> TrajectoryPi
             joint.ddq_d = way * rate * rate * (rate * t).cos();
         }
     }
-    let (point, joint) = (random.below(32), random.below(6));
-    match random.below(16) {
-        0 => piece.points[point].joints[joint].q_d = any_number(random),
-        1 => piece.points[point].joints[joint].dq_d = any_number(random),
-        2 => piece.points[point].joints[joint].ddq_d = any_number(random),
-        3 => piece.begins_ns = random.bits() >> random.below(64),
-        4 => piece.spacing_ns = random.bits() >> random.below(64),
-        5 => piece.point_count = random.bits() as u32 >> random.below(32),
-        6 => piece.joint_count = random.bits() as u32 >> random.below(32),
-        7 => piece.trajectory = random.bits() % 3,
-        8 => piece.sequence = random.bits() % 100,
-        9 => piece.session = random.bits() % 9,
-        _ => {}
-    }
+    spoil_piece(&mut piece, 6, random);
     piece
 }
 

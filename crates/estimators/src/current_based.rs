@@ -64,6 +64,13 @@ pub const STOPS: usize = 3;
 pub const NO_PRESLIDING: [(f64, f64); STOPS] = [(0.0, 0.0); STOPS];
 /// Parameters that the covariance of a fit is about: K1, offset (as torque), K2, K3, inertia, K4.
 pub const UNCERTAIN: usize = 6;
+/// Usual errors of data sheets and of friction measured without load, relative standard deviations:
+/// the torque constant's tolerance, friction over temperature, wear and joints alike, the rotor's
+/// inertia with the wave generator's. By index of the parameter.
+const DATA_SHEET: [(usize, f64); 4] = [(0, 0.05), (2, 0.3), (3, 0.3), (4, 0.1)];
+/// Share of the torque that meshing gears lose and data sheets do not state, 1: K4's standard
+/// deviation.
+const MESHING_LOSS: f64 = 0.05;
 /// Time over which the rate of the load is smoothed, s.
 const RATE_TIME_S: f64 = 0.01;
 
@@ -83,6 +90,23 @@ impl CurrentEstimator {
             friction: stops(&parameters.presliding),
             parameters,
         }
+    }
+
+    /// An estimator whose parameters are a data sheet's: no fit has narrowed their usual errors, and
+    /// its sigma holds them.
+    #[must_use]
+    pub fn of_data_sheet(parameters: CurrentParameters) -> Self {
+        let p = &parameters;
+        let values = [p.k_1, 0.0, p.k_2, p.k_3, p.inertia, 1.0];
+        let errors = DATA_SHEET.into_iter().chain([(5, MESHING_LOSS)]);
+        let directions: Vec<Vec<f64>> = errors
+            .map(|(k, error)| {
+                let mut direction = vec![0.0; UNCERTAIN];
+                direction[k] = error * values[k];
+                direction
+            })
+            .collect();
+        Self::new(parameters).with_uncertainty(&directions, Validity::default())
     }
 
     /// The same with the covariance of its parameters, as the fit's directions, and the ranges that its

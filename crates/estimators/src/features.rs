@@ -19,6 +19,9 @@ pub enum FeatureSet {
     Position,
     /// `torsion, i, dq`: for residuals that do not depend on the place.
     Load,
+    /// Position, velocity and acceleration of a joint and of its two neighbours: for a feed-forward of the
+    /// motion. A joint's sample does not have them.
+    Motion,
 }
 
 impl FeatureSet {
@@ -26,7 +29,7 @@ impl FeatureSet {
     #[must_use]
     pub const fn len(self) -> usize {
         match self {
-            Self::Phase => 9,
+            Self::Phase | Self::Motion => 9,
             Self::Published => 6,
             Self::Position => 4,
             Self::Load => 3,
@@ -58,6 +61,7 @@ impl FeatureSet {
                 x[..4].copy_from_slice(&[s.q, sin, cos, current]);
             }
             Self::Load => x[..3].copy_from_slice(&[torsion, current, s.dq]),
+            Self::Motion => {}
         }
         x
     }

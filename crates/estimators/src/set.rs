@@ -41,8 +41,9 @@ struct Zero {
     current: f64,
     /// Torque of the feed-forward without torque, N·m.
     feed_forward: f64,
-    /// Samples of the tare so far.
+    /// Samples of the tare so far, and samples since its last one.
     tared: u32,
+    since: u32,
     /// Samples since the start during which an unknown zero follows the current.
     started: u32,
 }
@@ -156,6 +157,7 @@ impl JointTorqueEstimator for EstimatorSet {
     /// The fused torque; without a fusion, the first source that is valid.
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
         let zero = self.zero;
+        self.zero.since = zero.since.saturating_add(1);
         let read = sample;
         let sample = &JointSample {
             theta: sample.theta - zero.parameters.gear_ratio * zero.torsion,
@@ -204,7 +206,12 @@ impl JointTorqueEstimator for EstimatorSet {
         let p = self.zero.parameters;
         self.zero.started = START_SAMPLES;
         self.shift(tau, sigma);
-        self.zero.tared = self.zero.tared.saturating_add(1);
+        // After a sample without one it is another tare: the mean begins anew.
+        self.zero.tared = match self.zero.since {
+            0 | 1 => self.zero.tared.saturating_add(1),
+            _ => 1,
+        };
+        self.zero.since = 0;
         let share = 1.0 / f64::from(self.zero.tared.min(START_SAMPLES));
         let current = p.current.and_then(|i| self.estimates.get(i));
         if let Some(estimate) = current.filter(|e| e.flags & torque_flags::VALID != 0) {

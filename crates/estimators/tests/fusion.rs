@@ -2,7 +2,8 @@
 //! gaps count.
 
 use estimators::fusion::{Fusion, FusionParameters, MAX_VARIANCE_RATIO, SourceError};
-use estimators::joint::JointSample;
+use estimators::joint::{AnyEstimator, JointSample, JointTorqueEstimator};
+use estimators::set::{EstimatorSet, ZeroParameters};
 use proptest::prelude::*;
 use robot_state::{TorqueEstimate, torque_flags};
 
@@ -17,18 +18,9 @@ fn fusion(errors: &[(f64, f64)]) -> Fusion {
     Fusion::new(
         errors.len(),
         FusionParameters {
-            moving: 0.01,
-            loading: [1e-3, 1e-2, 1e-1],
-            errors: std::array::from_fn(|_| errors.clone()),
-            blend: 0.03,
-            gear_ratio: 100.0,
-            sample_period: 1e-3,
-            torque_limit: 100.0,
             independent: None,
             reference: None,
-            left_out: Vec::new(),
-            rest_factor: 1.0,
-            feed_forward: None,
+            ..parameters(errors)
         },
     )
 }
@@ -102,30 +94,29 @@ proptest! {
 
 /// Torsion (two sources, sigma 0.1) and current (sigma 0.3), with the current as the independent source.
 fn two_groups() -> Fusion {
-    let errors: Vec<SourceError> = [0.1, 0.1, 0.3]
-        .iter()
-        .map(|rms: &f64| SourceError {
-            variance: rms * rms,
-            reported: *rms,
-        })
-        .collect();
-    Fusion::new(
-        3,
-        FusionParameters {
-            moving: 0.01,
-            loading: [1e-3, 1e-2, 1e-1],
-            errors: std::array::from_fn(|_| errors.clone()),
-            blend: 0.03,
-            gear_ratio: 100.0,
-            sample_period: 1e-3,
-            torque_limit: 100.0,
-            independent: Some(2),
-            reference: Some(0),
-            left_out: Vec::new(),
-            rest_factor: 1.0,
-            feed_forward: None,
-        },
-    )
+    let errors = [0.1, 0.1, 0.3].map(|rms: f64| SourceError {
+        variance: rms * rms,
+        reported: rms,
+    });
+    Fusion::new(3, parameters(errors.to_vec()))
+}
+
+/// Two sources from the torsion, the first of them the reference, and the current.
+fn parameters(errors: Vec<SourceError>) -> FusionParameters {
+    FusionParameters {
+        moving: 0.01,
+        loading: [1e-3, 1e-2, 1e-1],
+        errors: std::array::from_fn(|_| errors.clone()),
+        blend: 0.03,
+        gear_ratio: 100.0,
+        sample_period: 1e-3,
+        torque_limit: 100.0,
+        independent: Some(2),
+        reference: Some(0),
+        left_out: Vec::new(),
+        rest_factor: 1.0,
+        feed_forward: None,
+    }
 }
 
 #[test]
@@ -168,4 +159,39 @@ fn sigma_covers_a_disagreement_and_the_reference_raises_every_torsion_source() {
     let outside = [estimate(5.0, 3.0), estimate(5.0, 0.1), estimate(2.0, 0.3)];
     let fused = fusion.update(&at, &outside);
     assert!((fused.tau - 2.0).abs() < 0.1, "{}", fused.tau);
+}
+
+/// The torque from a current whose offset may change.
+struct FromCurrent;
+
+impl JointTorqueEstimator for FromCurrent {
+    fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
+        estimate(sample.current, 0.1)
+    }
+
+    fn reset(&mut self) {}
+}
+
+#[test]
+fn every_tare_zeroes_the_current_wholly() {
+    let zero = ZeroParameters {
+        current: Some(0),
+        ..ZeroParameters::default()
+    };
+    let sources: Vec<(String, AnyEstimator)> = vec![("current".into(), Box::new(FromCurrent))];
+    let mut set = EstimatorSet::new(sources, None).with_zero(zero);
+    for current in [5.0, 9.0] {
+        let sample = JointSample {
+            current,
+            ..JointSample::default()
+        };
+        for i in 0..150 {
+            let tau = set.update(&sample).tau;
+            if (50..100).contains(&i) {
+                set.tare_to(2.0, 0.1);
+            } else if i >= 100 {
+                assert!((tau - 2.0).abs() < 1e-9, "{current}: {tau}");
+            }
+        }
+    }
 }

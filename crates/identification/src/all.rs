@@ -14,7 +14,8 @@ use crate::feed_forward;
 use crate::learned::Progress;
 use crate::log::LogRow;
 use crate::record::{Record, ReferenceErrors};
-use joint_file::{JointFile, TrainedTable};
+use crate::torsion_gain;
+use joint_file::{JointFile, TorsionGainTable, TrainedTable};
 use problem::Problem;
 
 /// One fit.
@@ -259,7 +260,8 @@ impl Fitted {
                     self.note("feed-forward: no longer a source, as the log has none".to_owned());
                 }
                 self.fusion(&record)?;
-                self.change_sigma(&record)
+                self.change_sigma(&record)?;
+                self.torsion_gain(&record)
             }
         }
     }
@@ -274,6 +276,20 @@ impl Fitted {
             table.gain, table.offset, table.coulomb, table.sigma
         ));
         self.joint.feed_forward = Some(table);
+        Ok(())
+    }
+
+    /// How the reference's fast changes go with those of the fused torque.
+    fn torsion_gain(&mut self, record: &Record) -> Result<(), Problem> {
+        self.joint.torsion_gain = None;
+        let mut set = self.joint.fused_estimators()?;
+        self.joint.torsion_gain = torsion_gain::fit(record, &mut set);
+        self.note(match &self.joint.torsion_gain {
+            Some(TorsionGainTable { gain, sigma }) => {
+                format!("torsion gain: {gain:.3} +- {sigma:.3}")
+            }
+            None => "torsion gain: not determined, the loop begins with 1".to_owned(),
+        });
         Ok(())
     }
 

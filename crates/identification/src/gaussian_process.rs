@@ -9,8 +9,12 @@
 
 mod clustering;
 mod hyper_parameters;
+mod motion;
+mod recorded_motion;
 
 pub use hyper_parameters::{HyperParameters, log_marginal_likelihood};
+pub use motion::{MotionLog, motion_options, train_motion};
+pub use recorded_motion::GatherMotion;
 
 use crate::learned::{Judged, Progress, Use, judge, motion, of_use, uses, zero_phase};
 use crate::record::Record;

@@ -27,3 +27,4 @@ pub mod network;
 pub mod noise;
 pub mod quasi_newton;
 pub mod record;
+pub mod torsion_gain;

@@ -104,6 +104,13 @@ impl Record {
             .collect()
     }
 
+    /// A signal through `of`, each log by itself.
+    #[must_use]
+    pub fn each_log(&self, signal: &[f64], of: impl Fn(&[f64]) -> Vec<f64>) -> Vec<f64> {
+        let logs = self.logs().map(|log| signal.get(log).unwrap_or_default());
+        logs.flat_map(of).collect()
+    }
+
     /// The samples of each log.
     fn logs(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
         let ends = self.begins.iter().skip(1).copied();

@@ -122,8 +122,9 @@ fn it_corrects_and_its_sigma_holds() {
     let [with, without] = [true, false].map(|with| fused(&file, &rows, with));
     let error = |e: &[(f64, f64)]| rms(errors(e, &rows, 1.5).map(|(error, _)| error));
     let ratio = rms(errors(&with, &rows, 1.5).map(|(error, sigma)| error / sigma));
+    // How much it takes off depends on how wrong the others are and on both sigmas: a fifth of their error here.
     assert!(
-        error(&with) < 0.9 * error(&without),
+        error(&with) < 0.85 * error(&without),
         "{} {}",
         error(&with),
         error(&without)
@@ -141,7 +142,7 @@ fn change(values: impl Fn(usize) -> f64, at: f64, after: f64) -> f64 {
 fn shown(file: &JointFile, rows: &[LogRow], at: f64, after: f64) -> f64 {
     let [with, without] = [true, false].map(|with| fused(file, rows, with));
     let truth = change(|i| rows[i].tau_sensor, at, after);
-    assert!(truth.abs() > 0.5, "{truth}");
+    assert!(truth.abs() > 0.3, "{truth}");
     change(|i| with[i].0, at, after) / change(|i| without[i].0, at, after)
 }
 
@@ -150,11 +151,11 @@ fn collisions_show_at_once_and_stay() {
     let file = fitted();
     // In motion: at 0.4 rad/s against a wall, and blows of a quarter of the rated torque.
     let wall = Contact {
-        wall: Some((4.0, 1500.0)),
+        wall: Some((4.0, 400.0)),
         ..NONE
     };
     let rows = log(5.0, motion, &wall);
-    for after in [0.01, 0.02, 0.04] {
+    for after in [0.01, 0.02, 0.05, 0.1, 0.3] {
         let share = shown(&file, &rows, 4.0, after);
         assert!((0.9..1.1).contains(&share), "wall, {after} s: {share}");
     }

@@ -6,6 +6,8 @@ use identification::all::Step;
 use identification::evaluate::Score;
 use identification::joined::{Zeros, joined};
 use identification::log::LogRow;
+use identification::record::Record;
+use identification::torsion_gain;
 use joint_file::{JointFile, no_files};
 use robot_state::torque_flags::VALID;
 use std::collections::BTreeMap;
@@ -108,6 +110,13 @@ fn train() -> Vec<LogRow> {
     log(40.0, 2, q, tau)
 }
 
+/// Loads that change within some tenths of a second, at rest and in motion.
+fn quick() -> Vec<LogRow> {
+    let q = |t: f64| smooth((t - 6.0) / 2.0) * 1.2 * (0.9 * t).sin();
+    let tau = |t: f64| 5.0 * (0.37 * t).sin() + 2.0 * (15.0 * t).sin() + (34.0 * t).sin();
+    log(20.0, 4, q, tau)
+}
+
 /// Other motion, other load.
 fn test() -> Vec<LogRow> {
     let q = |t: f64| 0.9 * (1.4 * t).sin() * smooth((t - 2.0) / 2.0) + 0.4;
@@ -136,6 +145,7 @@ fn all_fits_together_recover_the_joint() {
     );
     assert_eq!(joint.hysteresis, fitted.joint.hysteresis);
     assert_eq!(joint.fusion, fitted.joint.fusion);
+    assert_eq!(joint.torsion_gain, fitted.joint.torsion_gain);
     let message = JointFile::parse(&files["fitted.toml"], "fitted.toml", &no_files).unwrap_err();
     assert!(
         message
@@ -159,6 +169,22 @@ fn all_fits_together_recover_the_joint() {
         "{report}"
     );
     assert!((current.offset - 0.03).abs() < 0.01, "{report}");
+
+    // g: the slow loads of the training log do not show it, quicker ones do; near one, as the hysteresis is known.
+    assert_eq!(joint.torsion_gain, None, "{report}");
+    let mut fused = joint.fused_estimators().unwrap();
+    let mut gain = |scale: f64| {
+        let rows = quick().into_iter().map(|row| LogRow {
+            tau_sensor: scale * row.tau_sensor,
+            ..row
+        });
+        let record = Record::new(&joint, &rows.collect::<Vec<_>>()).unwrap();
+        torsion_gain::fit(&record, &mut fused)
+    };
+    let (one, more) = (gain(1.0).unwrap(), gain(1.2).unwrap());
+    assert!((one.gain - 1.0).abs() < 0.15 && one.sigma < 0.05, "{one:?}");
+    let ratio = more.gain / one.gain;
+    assert!((ratio - 1.2).abs() < 0.03, "{one:?} {more:?}");
 
     let mut set = joint.estimators().unwrap();
     let mut front_end = joint.front_end().unwrap();

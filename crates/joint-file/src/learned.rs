@@ -7,11 +7,12 @@ use problem::{Allowed, Problem};
 use serde::{Deserialize, Serialize};
 
 /// Names of the sets of inputs in files.
-const FEATURES: [(FeatureSet, &str); 4] = [
+const FEATURES: [(FeatureSet, &str); 5] = [
     (FeatureSet::Phase, "phase"),
     (FeatureSet::Published, "published"),
     (FeatureSet::Position, "position"),
     (FeatureSet::Load, "load"),
+    (FeatureSet::Motion, "motion"),
 ];
 
 pub(crate) fn feature_name(set: FeatureSet) -> String {

@@ -12,7 +12,7 @@ mod network;
 mod source;
 mod tables;
 
-pub use local_gp::TrainedLocalGp;
+pub use local_gp::{TrainedLocalGp, feed_forward_base};
 pub use network::TrainedNetwork;
 pub use tables::*;
 
@@ -20,6 +20,7 @@ use estimators::compliance::JointEstimatorParameters;
 use estimators::current_based::CurrentParameters;
 use estimators::deformation::{AngularFrequency, DeformationParameters};
 use estimators::encoder::EncoderParameters;
+use estimators::features::FeatureSet;
 use estimators::front_end::FrontEnd;
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::validity::Validity;
@@ -51,6 +52,8 @@ pub struct JointFile {
     pub current: Option<CurrentTable>,
     /// Switches the feed-forward as a source on.
     pub feed_forward: Option<FeedForwardTable>,
+    /// g: torque per fused torque, for fast changes.
+    pub torsion_gain: Option<TorsionGainTable>,
     /// Switches S's deformation model on.
     pub deformation: Option<DeformationTable>,
     /// Switches the linear Kalman filter on (U: CM-KF).
@@ -82,6 +85,7 @@ pub struct Trained {
     pub local_gp: BTreeMap<String, TrainedLocalGp>,
 }
 
+const ALLOWED_GP: &str = "a file that `torquectl fit local-gp` wrote";
 /// Default window of the velocity filter, s.
 const VELOCITY_WINDOW_S: f64 = 0.02;
 /// Default torque limit over the rated torque: the momentary overload of a harmonic drive.
@@ -105,6 +109,7 @@ impl JointFile {
             hysteresis: None,
             current: None,
             feed_forward: None,
+            torsion_gain: None,
             deformation: None,
             kalman: None,
             unscented: None,
@@ -158,6 +163,11 @@ impl JointFile {
         for (name, table) in &self.local_gp {
             let (text, path) = text(&format!("local_gp.{name}"), table)?;
             let gp = TrainedLocalGp::from_text(&text, &path)?;
+            if gp.parameters.features == FeatureSet::Motion {
+                let what =
+                    format!("{path}: its inputs are desired motions, not a joint's readings");
+                return Err(source.refusal(&format!("local_gp.{name}.file"), what, ALLOWED_GP));
+            }
             trained.local_gp.insert(name.clone(), gp);
         }
         Ok(trained)
@@ -187,6 +197,11 @@ impl JointFile {
         ];
         for (key, value) in positive {
             source.require(&format!("joint.{key}"), value, Allowed::Positive)?;
+        }
+        if let Some(table) = &self.torsion_gain {
+            let (gain, sigma) = (table.gain, table.sigma);
+            source.require("torsion_gain.gain", gain, Allowed::Within(0.5, 2.0))?;
+            source.require("torsion_gain.sigma", sigma, Allowed::Positive)?;
         }
         let longest = 16.0 * self.sample_period();
         let skew = self.encoders.as_ref().map_or(0.0, |e| e.skew);

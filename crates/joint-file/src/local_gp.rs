@@ -17,6 +17,12 @@ pub struct TrainedLocalGp {
     pub held_out_rms: (f64, f64),
 }
 
+/// What a learned feed-forward of a robot's joint corrects.
+#[must_use]
+pub fn feed_forward_base(joint: &str) -> String {
+    format!("inverse dynamics of {joint}")
+}
+
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {

@@ -355,6 +355,16 @@ pub struct FeedForwardTable {
     pub uncertainty: Vec<Vec<f64>>,
 }
 
+/// g: torque per fused torque, for fast changes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TorsionGainTable {
+    /// g, 1: 0.5 to 2.
+    pub gain: f64,
+    /// Its standard deviation, 1.
+    pub sigma: f64,
+}
+
 /// Ranges that the training covered; outside of them every sigma grows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -18,7 +18,7 @@ use robot_config::{FtParameters, JointParameters, Robot, slots};
 use robot_state::Wrench;
 use std::f64::consts::TAU;
 
-/// Answers SYNC as drives, F/T sensors and IMU do, and follows commands.
+/// Answers SYNC as drives, F/T sensors and IMUs do, and follows commands.
 ///
 /// Time passes by one period each cycle: at the first SYNC of a bus that has already been
 /// answered since the last period. So all buses answer from the same instant whatever the order
@@ -183,9 +183,10 @@ impl CanRobot {
                 *place = temperature;
             }
         }
-        let readings = self.robot.readings();
-        let imu = six(readings.gyro, readings.accelerometer);
-        self.set(Source::Imu, &imu);
+        for i in 0..self.robot.readings().imus.len() {
+            let imu = self.robot.readings().imus[i];
+            self.set(Source::Imu(i), &imu);
+        }
     }
 
     /// Stores a source's readings in the values that frames encode.
@@ -209,13 +210,13 @@ impl CanRobot {
                     set(slots::ft(s, axis), *value);
                 }
             }
-            Source::Imu => {
+            Source::Imu(i) => {
                 let [x, y, z, a, b, c] = *values;
                 for (axis, (gyro, accelerometer)) in
                     [x, y, z].into_iter().zip([a, b, c]).enumerate()
                 {
-                    set(slots::gyro(axis), gyro);
-                    set(slots::accelerometer(axis), accelerometer);
+                    set(slots::gyro(i, axis), gyro);
+                    set(slots::accelerometer(i, axis), accelerometer);
                 }
             }
         }
@@ -294,7 +295,9 @@ impl Plan {
             ft_sensors: (parameters.ft_sensors.iter())
                 .map(|ft| ft.sensor.frame.clone())
                 .collect(),
-            imu: parameters.imu.as_ref().map(|imu| imu.frame.clone()),
+            imus: (parameters.imus.iter())
+                .map(|imu| imu.frame.clone())
+                .collect(),
             period: parameters.timing.sample_period,
         })
     }

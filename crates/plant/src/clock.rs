@@ -76,8 +76,8 @@ pub(crate) struct Clocks {
     /// In the plan's order.
     pub(crate) joints: Vec<Clock>,
     pub(crate) ft: Vec<Clock>,
-    pub(crate) imu: Clock,
-    /// True if an F/T sensor or the IMU measures the input between two SYNCs.
+    pub(crate) imus: Vec<Clock>,
+    /// True if an F/T sensor or an IMU measures the input between two SYNCs.
     pub(crate) all_steps: bool,
 }
 
@@ -95,12 +95,16 @@ impl Clocks {
         let ft = (0..plan.ft_sensors.len())
             .map(|s| Clock::new(&sim.ft_sensor.sampling, plan.period, random(1 + s)));
         let (joints, ft): (_, Vec<Clock>) = (joints.collect(), ft.collect());
-        let imu = Clock::new(&sim.imu.sampling, plan.period, random(0));
+        // The first one's stream is that of robots with one.
+        let imus = (0..plan.imus.len())
+            .map(|i| if i == 0 { 0 } else { 50 + i })
+            .map(|stream| Clock::new(&sim.imu.sampling, plan.period, random(stream)));
+        let imus: Vec<Clock> = imus.collect();
         Self {
-            all_steps: !imu.needs_no_past() || !ft.iter().all(Clock::needs_no_past),
+            all_steps: !imus.iter().chain(&ft).all(Clock::needs_no_past),
             joints,
             ft,
-            imu,
+            imus,
         }
     }
 }

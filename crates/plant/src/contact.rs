@@ -163,6 +163,11 @@ impl Harness {
         self.wrench
     }
 
+    /// It holds nothing any more.
+    pub fn release(&mut self) {
+        (self.parameters.slack, self.parameters.angular_slack) = (f64::INFINITY, f64::INFINITY);
+    }
+
     /// Adds this step's wrench to the dynamics.
     pub fn prepare(&mut self, dynamics: &mut Dynamics, dt: f64) {
         let p = &self.parameters;

@@ -24,8 +24,8 @@ pub struct Plan {
     pub joints: Vec<JointPlan>,
     /// Frames of the F/T sensors.
     pub ft_sensors: Vec<String>,
-    /// Frame of the IMU.
-    pub imu: Option<String>,
+    /// Frames of the IMUs.
+    pub imus: Vec<String>,
     /// Time between two samples of the sensors, s.
     pub period: f64,
 }

@@ -13,10 +13,8 @@ pub struct Readings {
     pub ft: Vec<Wrench>,
     /// Temperatures of the F/T sensors, °C.
     pub ft_temperature: Vec<f64>,
-    /// Gyro, rad/s.
-    pub gyro: [f64; 3],
-    /// Accelerometer, m/s².
-    pub accelerometer: [f64; 3],
+    /// IMUs: gyro, rad/s, then accelerometer, m/s².
+    pub imus: Vec<[f64; 6]>,
     /// Samples of sensors with clocks of their own, up to the next period.
     pub sent: Vec<Sent>,
 }

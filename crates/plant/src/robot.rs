@@ -35,7 +35,7 @@ pub struct SimRobot {
     pub(crate) order: Vec<usize>,
     pub(crate) surroundings: Surroundings,
     pub(crate) ft: Vec<FtSensor>,
-    pub(crate) imu: Option<Imu>,
+    pub(crate) imus: Vec<Imu>,
     pub(crate) clocks: Clocks,
     pub(crate) dt: f64,
     substeps: usize,
@@ -75,7 +75,7 @@ impl SimRobot {
         let mut dynamics = Dynamics::new(&tree);
         dynamics.kinematics(&tree, &state);
         let surroundings = Surroundings::new(&tree, &dynamics, sim)?;
-        let (sensors, imu) = build_sensors(plan, &tree, sim)?;
+        let (sensors, imus) = build_sensors(plan, &tree, sim)?;
         let substeps = (plan.period / sim.substep).round().max(1.0) as usize;
         let dt = plan.period / substeps as f64;
         let control_every = joints.iter().map(|j| j.control_every(dt)).collect();
@@ -97,8 +97,7 @@ impl SimRobot {
                 ],
                 ft: vec![Wrench::default(); sensors.len()],
                 ft_temperature: vec![sim.ft_sensor.temperature; sensors.len()],
-                gyro: [0.0; 3],
-                accelerometer: [0.0; 3],
+                imus: vec![[0.0; 6]; imus.len()],
                 sent: Vec::new(),
             },
             truth: Truth::new(n, sensors.len(), external),
@@ -109,7 +108,7 @@ impl SimRobot {
             order,
             surroundings,
             ft: sensors,
-            imu,
+            imus,
             clocks: Clocks::new(plan, sim),
             dt,
             substeps,
@@ -165,6 +164,13 @@ impl SimRobot {
         }
     }
 
+    /// The harness, if there is one, lets go: what it held is free from now on.
+    pub fn release_harness(&mut self) {
+        if let Some((_, harness)) = &mut self.surroundings.harness {
+            harness.release();
+        }
+    }
+
     /// The teeth of a joint's gear slip by an angle, link side, rad. `joint` counts in the plan's order.
     pub fn slip_gear(&mut self, joint: usize, angle: f64) {
         if let Some(&dof) = self.order.get(joint) {
@@ -213,7 +219,7 @@ impl SimRobot {
     #[must_use]
     pub fn answers(&self, source: Source) -> bool {
         let clock = match source {
-            Source::Imu => Some(&self.clocks.imu),
+            Source::Imu(i) => self.clocks.imus.get(i),
             Source::Ft(s) => self.clocks.ft.get(s),
             Source::Joint(j) => self.clocks.joints.get(j),
         };
@@ -259,7 +265,7 @@ impl SimRobot {
         if last || self.clocks.all_steps {
             self.dynamics.wrenches(&self.tree);
             self.ft.iter_mut().for_each(|ft| ft.record(&self.dynamics));
-            self.imu
+            self.imus
                 .iter_mut()
                 .for_each(|imu| imu.record(&self.dynamics));
         }
@@ -342,7 +348,7 @@ fn build_sensors(
     plan: &Plan,
     tree: &Tree,
     sim: &SimParameters,
-) -> Result<(Vec<FtSensor>, Option<Imu>), Problem> {
+) -> Result<(Vec<FtSensor>, Vec<Imu>), Problem> {
     let sensors = (plan.ft_sensors.iter().zip(2_u64..))
         .map(|(name, stream)| {
             let random = Random::new(sim.seed, stream);
@@ -354,20 +360,15 @@ fn build_sensors(
             ))
         })
         .collect::<Result<Vec<_>, Problem>>()?;
-    let imu = match &plan.imu {
-        Some(name) => {
-            let random = Random::new(sim.seed, 50);
+    let imus = (plan.imus.iter().zip(50_u64..))
+        .map(|(name, stream)| {
+            let random = Random::new(sim.seed, stream);
             let steps = steps_kept(&sim.imu.sampling, sim);
-            Some(Imu::new(
-                tree.frame_of("imu.frame", name)?,
-                &sim.imu,
-                random,
-                steps,
-            ))
-        }
-        None => None,
-    };
-    Ok((sensors, imu))
+            let frame = tree.frame_of("imu.frame", name)?;
+            Ok(Imu::new(frame, &sim.imu, random, steps))
+        })
+        .collect::<Result<Vec<_>, Problem>>()?;
+    Ok((sensors, imus))
 }
 
 fn place(state: &mut State, tree: &Tree, sim: &SimParameters) -> Result<(), Problem> {

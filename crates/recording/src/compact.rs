@@ -1,16 +1,18 @@
-//! The bytes of a record that are in use: of its arrays of joints and of F/T sensors only as many
+//! The bytes of a record that are in use: of its arrays of joints, F/T sensors and IMUs only as many
 //! elements as the robot has.
 
 use core::ops::Range;
-use robot_state::{Layout, MAX_FT_SENSORS, MAX_JOINTS, Shape};
+use robot_state::{Layout, MAX_FT_SENSORS, MAX_FURTHER_IMUS, MAX_JOINTS, Shape};
 
-/// Joints and F/T sensors of a robot.
+/// Joints and sensors of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
     /// Joints.
     pub joints: usize,
     /// F/T sensors.
     pub sensors: usize,
+    /// IMUs beside the first one.
+    pub further_imus: usize,
 }
 
 /// The parts of one type of record that are in use, in order.
@@ -61,6 +63,7 @@ pub(crate) fn used(element: &Shape, count: usize, counts: Counts) -> usize {
         // Only arrays of records: a text or a list of counts may happen to be as long.
         (Shape::Record(..), MAX_JOINTS) => counts.joints.min(count),
         (Shape::Record(..), MAX_FT_SENSORS) => counts.sensors.min(count),
+        (Shape::Record("ImuMeasured", ..), MAX_FURTHER_IMUS) => counts.further_imus.min(count),
         _ => count,
     }
 }
@@ -110,6 +113,7 @@ mod tests {
         let counts = Counts {
             joints: 30,
             sensors: 4,
+            further_imus: 1,
         };
         let compact = Compact::new::<SharedRecord>(counts);
         let bytes: Vec<u8> = (0..size_of::<SharedRecord>())

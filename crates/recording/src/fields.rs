@@ -221,6 +221,7 @@ mod tests {
         let counts = Counts {
             joints: 3,
             sensors: 1,
+            further_imus: 0,
         };
         let fields = Fields::new::<SharedRecord>(counts).0;
         let field = |path: &str| fields.iter().find(|f| f.path == path).expect(path);
@@ -250,6 +251,7 @@ mod tests {
         let fields = Fields::new::<SharedRecord>(Counts {
             joints: 3,
             sensors: 1,
+            further_imus: 0,
         });
         let (one, mut other) = (SharedRecord::ZERO, SharedRecord::ZERO);
         assert_eq!(

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use robot_config::Robot;
 use robot_state::{
-    Event, JointKind, MAX_FT_SENSORS, MAX_JOINTS, Reference, Settings, SharedRecord, layout_hash,
+    Event, JointKind, MAX_FT_SENSORS, MAX_FURTHER_IMUS, MAX_JOINTS, Reference, Settings,
+    SharedRecord, layout_hash,
 };
 use sha2::{Digest, Sha256};
 
@@ -59,6 +60,8 @@ pub struct Header {
     pub kinds: Vec<JointKind>,
     /// Names of the F/T sensors, in the order of the records.
     pub sensors: Vec<String>,
+    /// Frames of the IMUs, in the order of the records.
+    pub imus: Vec<String>,
     /// Names of the contact sets.
     pub contact_sets: Vec<String>,
     /// Names of the buses.
@@ -82,6 +85,9 @@ impl Header {
             joints: parameters.joints.iter().map(|j| j.name.clone()).collect(),
             kinds: parameters.joints.iter().map(|j| j.kind).collect(),
             sensors: sensors.map(|ft| ft.sensor.name.clone()).collect(),
+            imus: (parameters.imus.iter())
+                .map(|imu| imu.frame.clone())
+                .collect(),
             contact_sets: (robot_config::contact_names(parameters).into_iter())
                 .map(str::to_owned)
                 .collect(),
@@ -97,6 +103,7 @@ impl Header {
         Counts {
             joints: self.joints.len(),
             sensors: self.sensors.len(),
+            further_imus: self.imus.len().saturating_sub(1),
         }
     }
 
@@ -145,6 +152,7 @@ impl Header {
                 ),
             ),
             ("sensors", names(&self.sensors)),
+            ("imus", names(&self.imus)),
             ("contact_sets", names(&self.contact_sets)),
             ("buses", names(&self.buses)),
             (
@@ -184,8 +192,9 @@ impl Header {
         };
         let fault: u32 = text("start_fault")?.parse().ok()?;
         let files = names("files")?;
-        let (joints, sensors) = (names("joints")?, names("sensors")?);
-        if joints.len() > MAX_JOINTS || sensors.len() > MAX_FT_SENSORS {
+        let (joints, sensors, imus) = (names("joints")?, names("sensors")?, names("imus")?);
+        let most = 1 + MAX_FURTHER_IMUS;
+        if joints.len() > MAX_JOINTS || sensors.len() > MAX_FT_SENSORS || imus.len() > most {
             return None;
         }
         // Runs without kinds are of robots whose joints are all revolute.
@@ -201,6 +210,7 @@ impl Header {
             period_s: f64::from_bits(text("period_bits")?.parse().ok()?),
             joints,
             sensors,
+            imus,
             contact_sets: names("contact_sets")?,
             buses: names("buses")?,
             start: Start {

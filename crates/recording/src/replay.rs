@@ -106,12 +106,13 @@ impl Replay {
     /// With the robot of the recording, or one that differs in its parameters.
     ///
     /// # Errors
-    /// Another robot: other joints or sensors; those of [`Cycle::new`].
+    /// Another robot: other joints, sensors or IMUs; those of [`Cycle::new`].
     pub fn new(robot: &Robot, header: &Header) -> Result<Self, Problem> {
         let own = Header::new(robot, Vec::new(), header.start);
         for (kind, own, recorded) in [
             ("joints", &own.joints, &header.joints),
             ("F/T sensors", &own.sensors, &header.sensors),
+            ("IMUs", &own.imus, &header.imus),
         ] {
             if own != recorded {
                 return Err(Problem::new(

@@ -26,7 +26,7 @@ pub enum Happening {
     JointFlag(u32),
     /// A bit of `measured_flags` of an F/T sensor, the subject.
     SensorFlag(u32),
-    /// A bit of `measured_flags` of the IMU.
+    /// A bit of `measured_flags` of an IMU, the subject.
     ImuFlag(u32),
     /// The status word of a joint's drive changed from, to; the subject is the joint.
     StatusWord(u32, u32),
@@ -196,8 +196,14 @@ impl Timeline {
                 self.hold(Happening::SensorFlag(bit), s, record, 1);
             }
         }
-        for bit in bits(record.measured.imu.flags & !measured_flags::SETTLING) {
-            self.hold(Happening::ImuFlag(bit), ROBOT, record, 1);
+        let further = &record.measured.further_imus;
+        for (i, imu) in std::iter::once(&record.measured.imu)
+            .chain(further)
+            .enumerate()
+        {
+            for bit in bits(imu.flags & !measured_flags::SETTLING) {
+                self.hold(Happening::ImuFlag(bit), i, record, 1);
+            }
         }
     }
 
@@ -370,6 +376,7 @@ fn flag(bit: u32) -> &'static str {
         measured_flags::JUMP => "encoder jumped",
         measured_flags::NEVER => "has never answered",
         measured_flags::IMPLAUSIBLE => "encoders contradict each other",
+        measured_flags::STANDS_IN => "another one stands in",
         _ => "unknown flag",
     }
 }

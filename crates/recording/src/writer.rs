@@ -45,7 +45,7 @@ impl From<McapError> for WriteError {
 struct RosChannels {
     joints: u16,
     wrenches: Vec<u16>,
-    imu: u16,
+    imus: Vec<u16>,
 }
 
 /// A file that is being written, cycle by cycle. It is never seeked in: what was flushed stays
@@ -104,7 +104,11 @@ impl<W: Write + Seek> RunWriter<W> {
         let wrenches =
             wrenches.map(|sensor| ros_channel(name, &text, &format!("/wrench/{sensor}")));
         let wrenches = wrenches.collect::<Result<_, _>>()?;
-        let imu = ros_channel("sensor_msgs/msg/Imu", &schema::imu(), "/imu")?;
+        // The first one shows the base's motion.
+        let topics = header.imus.iter().skip(1);
+        let topics = std::iter::once("/imu".to_owned()).chain(topics.map(|f| format!("/imu/{f}")));
+        let imus = topics.map(|topic| ros_channel("sensor_msgs/msg/Imu", &schema::imu(), &topic));
+        let imus = imus.collect::<Result<_, _>>()?;
         Ok(Self {
             file,
             decoder: Decoder::new(header.counts()),
@@ -115,7 +119,7 @@ impl<W: Write + Seek> RunWriter<W> {
             ros: RosChannels {
                 joints,
                 wrenches,
-                imu,
+                imus,
             },
             sequence: 0,
         })
@@ -145,8 +149,14 @@ impl<W: Write + Seek> RunWriter<W> {
             self.cdr.wrench(stamp_ns, sensor, measured);
             (self.file).write_to_known_channel(&header(*channel), self.cdr.bytes())?;
         }
-        self.cdr.imu(stamp_ns, "imu", &record.measured.imu);
-        (self.file).write_to_known_channel(&header(self.ros.imu), self.cdr.bytes())?;
+        let further = &record.measured.further_imus;
+        let imus = std::iter::once(&record.measured.imu).chain(further);
+        let frames =
+            std::iter::once("imu").chain(self.header.imus.iter().skip(1).map(String::as_str));
+        for ((imu, frame), channel) in imus.zip(frames).zip(&self.ros.imus) {
+            self.cdr.imu(stamp_ns, frame, imu);
+            (self.file).write_to_known_channel(&header(*channel), self.cdr.bytes())?;
+        }
         self.sequence = self.sequence.wrapping_add(1);
         Ok(())
     }

@@ -21,6 +21,7 @@ fn header() -> Header {
         period_s: 0.001,
         joints: ["hip", "knee", "ankle"].map(str::to_owned).to_vec(),
         sensors: vec!["foot".to_owned()],
+        imus: ["pelvis", "head"].map(str::to_owned).to_vec(),
         contact_sets: vec!["standing".to_owned()],
         buses: vec!["a".to_owned()],
         start: Start {

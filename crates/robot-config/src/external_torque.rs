@@ -37,6 +37,7 @@ pub(crate) fn external_torque(
             lasting: share("lasting_per_cent", 8.0),
             at_velocity_limit: share("velocity_per_cent", 4.0),
             at_acceleration_limit: share("acceleration_per_cent", 4.0),
+            of_torque_change: share("torque_change_per_cent", 10.0),
         },
         upper_ratio: section.number_or("upper_ratio", 1.5, Allowed::Within(1.0, 20.0)),
         hold: time("hold_ms", 2.0, 1000.0),

@@ -1,8 +1,8 @@
 //! `[robot] [loop] [[bus]] [control] [cross_check]`.
 
 use crate::parameters::{
-    BusParameters, Carrier, CrossCheckSettings, FastTorqueFeedback, MotionSettings, RealTime,
-    Timing, TorqueFeedback, TorqueLaw, UdpGroup,
+    BusParameters, Carrier, CrossCheckSettings, FastTorqueFeedback, ModeSettings, MotionSettings,
+    RealTime, Timing, TorqueFeedback, TorqueLaw, UdpGroup,
 };
 use crate::reader::{Allowed, Diagnostics, Section};
 use crate::{Read, paths, unreadable};
@@ -26,6 +26,7 @@ pub(crate) struct Feedback {
     pub(crate) command_delay: f64,
     pub(crate) k_f: f64,
     pub(crate) motion: MotionSettings,
+    pub(crate) modes: ModeSettings,
 }
 
 /// `[[bus]]`.
@@ -265,6 +266,11 @@ pub(crate) fn feedback(root: &Section<'_, '_>, sample_period: f64) -> Feedback {
             acceleration: 0.05,
             jerk_time: 0.2,
         },
+        modes: ModeSettings {
+            passive_damping: 0.005,
+            low_stiffness: 0.05,
+            low_damping: 0.2,
+        },
     };
     if let Some(section) = root.section("control") {
         let laws = [("proportional_integral", false), ("predictive", true)];
@@ -298,6 +304,19 @@ pub(crate) fn feedback(root: &Section<'_, '_>, sample_period: f64) -> Feedback {
         motion.acceleration = share("motion_acceleration_per_cent", motion.acceleration);
         let ms = Allowed::Within(1.0, 10_000.0);
         motion.jerk_time = 1e-3 * section.number_or("motion_jerk_ms", 1e3 * motion.jerk_time, ms);
+        let per_cent = |key, default, least, most| {
+            let allowed = Allowed::Within(100.0 * least, 100.0 * most);
+            0.01 * section.number_or(key, 100.0 * default, allowed)
+        };
+        let modes = &mut feedback.modes;
+        let damping = modes.passive_damping;
+        modes.passive_damping = per_cent("passive_damping_per_cent", damping, 0.0, 0.5);
+        let stiffness = modes.low_stiffness;
+        modes.low_stiffness = per_cent("low_gain_stiffness_per_cent", stiffness, 0.001, 1.0);
+        // With less damping than stiffness a joint swings.
+        let (least, damping) = (modes.low_stiffness, modes.low_damping);
+        let damping = damping.max(least);
+        modes.low_damping = per_cent("low_gain_damping_per_cent", damping, least, 1.0);
         section.finish();
     }
     feedback

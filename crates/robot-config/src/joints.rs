@@ -145,6 +145,7 @@ impl Reader<'_, '_, '_> {
         let longest = sampling::MAX_PERIODS * self.timing.sample_period * 1e6;
         let skew = section.number_or("skew_us", 0.0, Allowed::Within(-longest, longest)) * 1e-6;
         let calibration = self.calibration(drive, torque_limit);
+        let feed_forward = self.feed_forward(&name);
         let bus = wiring.bus(section);
         // Without a drive or a bus the signals cannot be checked, but their keys are known.
         let signals = bus
@@ -227,6 +228,7 @@ impl Reader<'_, '_, '_> {
                 kinematic_error,
             },
             calibration,
+            feed_forward,
             law: self.law(seen, &limits),
             drive_lag: law::LAG_OF_THE_LOOP * drive.lag,
             link_inertia: inertia,

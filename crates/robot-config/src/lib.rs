@@ -8,6 +8,7 @@
 mod contacts;
 mod drives;
 mod external_torque;
+pub mod feed_forward;
 mod filters;
 mod frames;
 mod general;
@@ -60,7 +61,7 @@ impl Robot {
     pub fn answers(&self) -> Vec<bool> {
         let p = &self.parameters;
         let answered = |slot: usize| match slots::source(slot) {
-            slots::Source::Imu => p.imu.as_ref().is_none_or(|imu| imu.sampling.answers()),
+            slots::Source::Imu(i) => p.imus.get(i).is_none_or(|imu| imu.sampling.answers()),
             slots::Source::Ft(s) => p.ft_sensors.get(s).is_none_or(|ft| ft.sampling.answers()),
             slots::Source::Joint(j) => p.joints.get(j).is_none_or(|j| j.sampling.answers()),
         };
@@ -138,7 +139,7 @@ fn robot(
     };
     let joints = joints::read(&root, &surroundings, &mut wiring);
     let ft_sensors = sensors::ft_sensors(&root, timing.sample_period, &mut wiring);
-    let imu = sensors::imu(&root, timing.sample_period, &mut wiring);
+    let imus = sensors::imus(&root, timing.sample_period, &mut wiring);
     let sound = model.as_ref().filter(|_| !diagnostics.any());
     let frames = frames::read(&root, sound, &joints, &ft_sensors);
     let whole_body = contacts::whole_body(&root, &ft_sensors);
@@ -165,9 +166,10 @@ fn robot(
         torque_law: feedback.torque_law,
         k_f: feedback.k_f,
         motion: feedback.motion,
+        modes: feedback.modes,
         joints,
         ft_sensors,
-        imu,
+        imus,
         frames,
     };
     joints::choose_feedback(&mut parameters);

@@ -11,6 +11,7 @@ use dynamics::Base;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::filter_bank::FilterDesign;
+use estimators::local_gp::LocalGpParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
 use joint_file::JointFile;
 use robot_state::{JointKind, Reactions};
@@ -50,12 +51,14 @@ pub struct Parameters {
     pub k_f: f64,
     /// Limits of the motions that the loop plans.
     pub motion: MotionSettings,
+    /// Gains of modes that have their own.
+    pub modes: ModeSettings,
     /// The joints, in config order.
     pub joints: Vec<JointParameters>,
     /// The F/T sensors, in config order.
     pub ft_sensors: Vec<FtParameters>,
-    /// The IMU, if there is one.
-    pub imu: Option<ImuParameters>,
+    /// The IMUs: the first one shows the base's motion, the others check it and stand in for it.
+    pub imus: Vec<ImuParameters>,
     /// The frames that mode Cartesian can lead, in config order.
     pub frames: Vec<FrameParameters>,
 }
@@ -107,6 +110,17 @@ pub struct MotionSettings {
     pub acceleration: f64,
     /// Time in which the acceleration rises from 0 to its limit, s.
     pub jerk_time: f64,
+}
+
+/// Gains of modes passive and low-gain tracking, as shares of each joint's configured ones, 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ModeSettings {
+    /// Damping of joints that are let go, of K_d.
+    pub passive_damping: f64,
+    /// Stiffness of low-gain tracking, of K_s.
+    pub low_stiffness: f64,
+    /// Its damping, of K_d.
+    pub low_damping: f64,
 }
 
 /// Filters of the signals.
@@ -296,6 +310,9 @@ pub struct JointParameters {
     pub estimator: JointEstimatorParameters,
     /// The joint file whose estimators give the torque from encoders and current.
     pub calibration: Option<JointFile>,
+    /// The learned feed-forward of mode low-gain tracking, with inputs
+    /// [`motion_inputs`](crate::feed_forward::motion_inputs).
+    pub feed_forward: Option<LocalGpParameters>,
     /// What the predictive torque law knows of joint and drive.
     pub law: LawParameters,
     /// Part of the law's delay that is within the drive's own loop, s.
@@ -473,6 +490,8 @@ pub struct ContactThreshold {
     pub at_velocity_limit: f64,
     /// More at the acceleration that the torque limit gives the joint, and proportionally less below.
     pub at_acceleration_limit: f64,
+    /// Of the change of the joint's torque within half a second.
+    pub of_torque_change: f64,
 }
 
 /// How a limb yields to a contact.
@@ -538,7 +557,7 @@ pub struct FtParameters {
     pub has_temperature: bool,
 }
 
-/// The IMU.
+/// An IMU.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImuParameters {
     /// The link in whose frame it measures.
@@ -553,4 +572,7 @@ pub struct ImuParameters {
     pub sigma_accelerometer: f64,
     /// Range and noise of its signals: gyro x y z, accelerometer x y z.
     pub signals: Vec<SignalParameters>,
+    /// Of an IMU beside the first one: mean difference from the motion that the first one shows, carried over
+    /// by the joints, beyond which they disagree: of the angular velocity, rad/s, and of the acceleration, m/s².
+    pub disagreement: [f64; 2],
 }

@@ -1,4 +1,4 @@
-//! `[[ft_sensor]]` and `[imu]`.
+//! `[[ft_sensor]]` and `[imu]` or `[[imu]]`.
 
 use crate::general::name;
 use crate::liveness;
@@ -9,7 +9,7 @@ use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Use, Way, Wiring};
 use nalgebra::Matrix6;
-use robot_state::MAX_FT_SENSORS;
+use robot_state::{MAX_FT_SENSORS, MAX_FURTHER_IMUS};
 use whole_body::FtConditioning;
 
 const LINK: &str = "the name of a link of the URDF";
@@ -158,30 +158,74 @@ fn conditioning(section: &Section<'_, '_>) -> FtConditioning {
     }
 }
 
-pub(crate) fn imu(
+/// Mean differences between two sound IMUs that neither their biases nor a mounting that is 2 degrees off
+/// explain: rad/s and m/s².
+const DISAGREEMENT: [f64; 2] = [0.1, 0.7];
+
+pub(crate) fn imus(
     root: &Section<'_, '_>,
     sample_period: f64,
     wiring: &mut Wiring<'_, '_>,
+) -> Vec<ImuParameters> {
+    let mut sections = root.one_or_list("imu");
+    let most = 1 + MAX_FURTHER_IMUS;
+    if sections.len() > most {
+        let what = format!("{} IMUs are not allowed", sections.len());
+        root.problem("imu", what, format!("at most {most}"));
+        sections.truncate(most);
+    }
+    let mut imus = Vec::<ImuParameters>::new();
+    for (index, mut section) in sections.into_iter().enumerate() {
+        if index > 0 {
+            section.which = format!(" ({})", index + 1);
+        }
+        let imu = imu(&section, index, sample_period, wiring);
+        if let Some(imu) = &imu
+            && imus.iter().any(|other| other.frame == imu.frame)
+        {
+            section.problem(
+                "frame",
+                "a second IMU measures in this frame",
+                "a link each",
+            );
+        }
+        imus.extend(imu);
+        section.finish();
+    }
+    imus
+}
+
+fn imu(
+    section: &Section<'_, '_>,
+    index: usize,
+    sample_period: f64,
+    wiring: &mut Wiring<'_, '_>,
 ) -> Option<ImuParameters> {
-    let section = root.optional_section("imu")?;
     let frame = section.text("frame", LINK);
     let sigma_gyro = section.number_or("sigma_rad_per_s", 0.005, Allowed::NonNegative);
     let sigma_accelerometer = section.number_or("sigma_m_per_s2", 0.05, Allowed::NonNegative);
-    let sampling = sampling::read(&section, sample_period);
-    let flat_after = liveness::flat_after(&section, &sampling, sample_period);
-    let bus = wiring.bus(&section);
+    let sampling = sampling::read(section, sample_period);
+    let flat_after = liveness::flat_after(section, &sampling, sample_period);
+    let bus = wiring.bus(section);
+    let mut disagreement = DISAGREEMENT;
+    if index > 0 {
+        let keys = ["disagreement_rad_per_s", "disagreement_m_per_s2"];
+        for (limit, key) in disagreement.iter_mut().zip(keys) {
+            *limit = section.number_or(key, *limit, Allowed::Positive);
+        }
+    }
     // Only noise that the file states, not a default, allows a judgement.
     let stated = |key: &'static str, sigma: f64| if section.has(key) { sigma } else { 0.0 };
     let axes = [
         (
             "gyro",
-            slots::gyro(0),
+            slots::gyro(index, 0),
             Quantity::Velocity,
             stated("sigma_rad_per_s", sigma_gyro),
         ),
         (
             "accelerometer",
-            slots::accelerometer(0),
+            slots::accelerometer(index, 0),
             Quantity::Acceleration,
             stated("sigma_m_per_s2", sigma_accelerometer),
         ),
@@ -190,7 +234,7 @@ pub(crate) fn imu(
     for (key, first, quantity, sigma) in axes {
         section.has(key);
         if let Some(bus) = bus {
-            let reaches = wiring.connect_axes(&section, key, |axis| Use {
+            let reaches = wiring.connect_axes(section, key, |axis| Use {
                 way: Way::Receive,
                 bus,
                 slot: first + axis,
@@ -202,7 +246,6 @@ pub(crate) fn imu(
             signals.extend(reaches.map(of_axis));
         }
     }
-    section.finish();
     Some(ImuParameters {
         frame: frame?.value.to_owned(),
         bus: bus?,
@@ -210,5 +253,6 @@ pub(crate) fn imu(
         sigma_gyro,
         sigma_accelerometer,
         signals,
+        disagreement,
     })
 }

@@ -1,22 +1,23 @@
 //! Indices of the quantities among the values that the tables decode and encode.
 //!
-//! Receive: IMU, then the F/T sensors that a record can hold, then the joints. Send: a set-point and a
+//! Receive: the IMUs and the F/T sensors that a record can hold, then the joints. Send: a set-point and a
 //! control word for each joint.
 
 use crate::parameters::Parameters;
-use robot_state::MAX_FT_SENSORS;
+use robot_state::{MAX_FT_SENSORS, MAX_FURTHER_IMUS};
 
 const AXES: usize = 6;
 /// Six axes and a temperature.
 const PER_FT: usize = AXES + 1;
-const JOINTS: usize = AXES + PER_FT * MAX_FT_SENSORS;
+const FTS: usize = AXES * (1 + MAX_FURTHER_IMUS);
+const JOINTS: usize = FTS + PER_FT * MAX_FT_SENSORS;
 const PER_JOINT: usize = 5;
 
 /// The source of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
-    /// The IMU.
-    Imu,
+    /// An IMU, by its index.
+    Imu(usize),
     /// An F/T sensor, by its index.
     Ft(usize),
     /// A joint, by its index.
@@ -26,32 +27,32 @@ pub enum Source {
 /// The source of a receive slot's value.
 #[must_use]
 pub const fn source(slot: usize) -> Source {
-    if slot < AXES {
-        Source::Imu
+    if slot < FTS {
+        Source::Imu(slot / AXES)
     } else if slot < JOINTS {
-        Source::Ft((slot - AXES) / PER_FT)
+        Source::Ft((slot - FTS) / PER_FT)
     } else {
         Source::Joint((slot - JOINTS) / PER_JOINT)
     }
 }
 
-/// Axis x y z of the IMU's angular velocity, rad/s.
+/// Axis x y z of an IMU's angular velocity, rad/s.
 #[must_use]
-pub const fn gyro(axis: usize) -> usize {
-    axis
+pub const fn gyro(imu: usize, axis: usize) -> usize {
+    AXES * imu + axis
 }
 
-/// Axis x y z of the IMU's acceleration minus gravity, m/s².
+/// Axis x y z of an IMU's acceleration minus gravity, m/s².
 #[must_use]
-pub const fn accelerometer(axis: usize) -> usize {
-    3 + axis
+pub const fn accelerometer(imu: usize, axis: usize) -> usize {
+    gyro(imu, 3 + axis)
 }
 
 /// Axis of an F/T sensor before conditioning: force x y z in N, torque x y z in N·m; in the
 /// signals' own units where the sensor has a calibration matrix.
 #[must_use]
 pub const fn ft(sensor: usize, axis: usize) -> usize {
-    AXES + PER_FT * sensor + axis
+    FTS + PER_FT * sensor + axis
 }
 
 /// T: temperature of an F/T sensor, °C; stays as it is where the sensor sends none.

@@ -9,6 +9,9 @@ use whole_body::{ContactProblem, WholeBody, WholeBodyError, part_of_link};
 
 /// Notes the whole-body estimator's refusal of sensors and contacts, if it refuses them.
 pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) {
+    if imu_misplaced(root, model, parameters) {
+        return;
+    }
     let gains = FilterGains {
         sensor: [1.0; 2],
         sigma_ddq: vec![0.0; parameters.joints.len()],
@@ -39,6 +42,24 @@ pub(crate) fn check(root: &Section<'_, '_>, model: &Model, parameters: &Paramete
     if let Err(error) = WholeBody::new(model, &whole_body) {
         note(root, model, &error);
     }
+}
+
+/// Notes IMUs in frames that the model lacks; true if there are any.
+fn imu_misplaced(root: &Section<'_, '_>, model: &Model, parameters: &Parameters) -> bool {
+    let mut any = false;
+    let sections = root.one_or_list("imu").into_iter();
+    for (index, (imu, mut section)) in parameters.imus.iter().zip(sections).enumerate() {
+        if index > 0 {
+            section.which = format!(" ({})", index + 1);
+        }
+        if model.frame_index(&imu.frame).is_none() {
+            let links = model.frames().iter().map(|frame| frame.name.as_str());
+            let what = format!("the URDF has no link {}", imu.frame);
+            section.problem("frame", what, listed(links));
+            any = true;
+        }
+    }
+    any
 }
 
 /// Notes contact links that lie on another part than the one they are for; true if there are any.
@@ -169,10 +190,10 @@ fn ft_sensor<'n, 't>(root: &Section<'n, 't>, name: &str) -> Section<'n, 't> {
 fn naming<'n, 't>(root: &Section<'n, 't>, link: &str) -> Option<(Section<'n, 't>, &'static str)> {
     let sensors = root.list("ft_sensor").into_iter();
     let whole_body = root.optional_section("whole_body").into_iter();
-    let imu = root.optional_section("imu").into_iter();
+    let imus = root.one_or_list("imu").into_iter();
     let stand = root.optional_section("fixed_base").into_iter();
     let keys = ["frame", "contact_link", "unknown_wrench_link", "link"];
-    let mut sections = sensors.chain(imu).chain(whole_body).chain(stand);
+    let mut sections = sensors.chain(imus).chain(whole_body).chain(stand);
     sections.find_map(|section| {
         let key = keys.into_iter().find(|key| section.is(key, link))?;
         Some((section, key))

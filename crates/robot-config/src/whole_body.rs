@@ -38,7 +38,7 @@ pub fn whole_body_parameters(
         sigma_torque: value * ft.sensor.sigma_torque,
     };
     let settings = &parameters.whole_body;
-    let source = match (model.base(), &settings.stand, &parameters.imu) {
+    let source = match (model.base(), &settings.stand, parameters.imus.first()) {
         (Base::Fixed, ..) => MotionSource::Fixed {
             link: root(model),
             gravity: model.gravity(),

@@ -188,6 +188,9 @@ events! {
     SensorFlat = 114, "sensor_flat", Degrade against WHOLE_BODY, "ft_sensor.flat_after_ms / imu.flat_after_ms", "A value of an F/T sensor or the IMU has stayed the same for longer than its noise explains; its samples are not used.";
     SensorSaturated = 115, "sensor_saturated", Warn against WHOLE_BODY, "-", "A value of an F/T sensor or the IMU stands at an end of its range in the DBC file; such samples are not used.";
     DatagramRefused = 116, "datagram_refused", Warn, "bus.hop_limit", "A datagram on a UDP bus was no data frame of CAN, or came from another machine though the bus is limited to this one; it was not used.";
+    ImuLost = 117, "imu_lost", Warn, "loop.stale_after_ms / imu.flat_after_ms", "An IMU beside the first one has sent no usable sample for longer than allowed: it neither checks the first one nor can stand in for it.";
+    ImuDisagrees = 118, "imu_disagrees", Warn, "imu.disagreement_rad_per_s / imu.disagreement_m_per_s2", "An IMU disagrees with the first one about the base's motion, carried over by the joints between them, for longer than allowed: one of the two, or an encoder between them, errs.";
+    ImuStandsIn = 119, "imu_stands_in", Warn, "loop.stale_after_ms", "The first IMU has sent no usable sample for longer than allowed; one that agreed with it until then stands in for it.";
     TorqueSaturated = 201, "torque_saturated", Warn against ENCODER_TORQUE WHOLE_BODY, "joint.torque_limit_Nm", "An estimated torque exceeded the joint's torque limit and was cut to it.";
     EncoderJump = 202, "encoder_jump", Warn, "drive.max_velocity_rad_per_s", "An encoder moved further in one cycle than the joint can; the sample was not used.";
     EstimateNotFinite = 203, "estimate_not_finite", Warn against ENCODER_TORQUE WHOLE_BODY, "-", "An estimated torque was NaN or infinite; the last one was kept and marked as not valid.";
@@ -203,7 +206,7 @@ events! {
     FtImplausible = 213, "ft_implausible", Warn against WHOLE_BODY, "-", "The torque of a joint without a link-side encoder by F/T sensors and IMU has changed otherwise than its motor current, by more than friction explains: a sensor errs, or something touches the limb where no sensor measures it. The torque is not fed back until both agree again, or the sensor is tared.";
     ReferenceNotFinite = 301, "reference_not_finite", Release, "-", "A client's reference contained NaN or infinity.";
     ReferenceStale = 302, "reference_stale", Release, "loop.reference_timeout_ms", "The commanding client stopped sending references.";
-    ReferenceRejected = 303, "reference_rejected", Release, "-", "A client's reference had an unknown mode or the wrong number of joints.";
+    ReferenceRejected = 303, "reference_rejected", Release, "-", "A client's reference had an unknown mode or the wrong number of joints, or let a joint go that bears a contact.";
     ReferenceJump = 304, "reference_jump", Release, "joint.velocity_limit_rad_per_s", "A client's desired position was far from the pose at its start, or moved faster than the joint may.";
     CommanderRefused = 305, "commander_refused", Warn, "loop.reference_timeout_ms", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.";
     CommanderReplaced = 306, "commander_replaced", Release, "-", "A client of higher priority took the command over.";

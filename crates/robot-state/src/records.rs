@@ -28,6 +28,8 @@ pub use wrench::Wrench;
 pub const MAX_JOINTS: usize = 64;
 /// Force/torque sensors a record can hold.
 pub const MAX_FT_SENSORS: usize = 8;
+/// IMUs beside the first one.
+pub const MAX_FURTHER_IMUS: usize = 3;
 /// Contact sets a robot can have.
 pub const MAX_CONTACT_SETS: usize = 16;
 

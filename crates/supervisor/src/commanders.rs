@@ -234,5 +234,10 @@ fn asks_hold(reference: &Reference) -> bool {
 
 /// It wants the desired values of its trajectory followed.
 fn names_trajectory(reference: &Reference) -> bool {
-    reference.mode == Mode::InverseDynamics.number() && reference.trajectory != 0
+    let follow = [
+        Mode::InverseDynamics,
+        Mode::TorqueFeedbackMotion,
+        Mode::LowGainTracking,
+    ];
+    reference.trajectory != 0 && follow.iter().any(|mode| mode.number() == reference.mode)
 }

@@ -6,11 +6,13 @@
 //! gear which change slowly do not count.
 //!
 //! ```text
-//! threshold = n hypot(sigma_tau, sigma_model) + T (c + c_v |dq|/dq_max + c_a |ddq|/ddq_max)
+//! threshold = n hypot(sigma_tau, sigma_model) + T (c + c_v |dq|/dq_max + c_a |ddq|/ddq_max) + c_t |dtau|
 //! ```
 //!
-//! T is the joint's torque limit. Speed and acceleration are the greatest of the last tenth of a
-//! second, since errors that they make reach the torques by filters.
+//! T is the joint's torque limit, `dtau` how far the joint's own torque is from where it was lately: a gear's
+//! stiffness, windup and hysteresis are wrong by a share of what has changed. Speed, acceleration and change
+//! are the greatest of the last tenth of a second, since errors that they make reach the torques by
+//! filters.
 
 /// Standard deviations and shares of one joint's threshold; see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,6 +25,8 @@ pub struct ContactThresholds {
     pub per_velocity: f64,
     /// T c_a / ddq_max, N·m·s²/rad.
     pub per_acceleration: f64,
+    /// c_t: of the change of the joint's torque, 1.
+    pub per_torque: f64,
 }
 
 /// Parameters of a [`ContactDetector`].
@@ -69,8 +73,8 @@ const RELEASE_SHARE: f64 = 2.0 / 3.0;
 #[derive(Debug, Clone)]
 pub struct ContactDetector {
     parameters: ContactDetectorParameters,
-    /// Greatest recent |dq|, rad/s, and |ddq|, rad/s².
-    motion: [f64; 2],
+    /// Greatest recent |dq|, rad/s, |ddq|, rad/s², and |dtau|, N·m.
+    motion: [f64; 3],
     /// Time for which lower and upper threshold have been exceeded, s.
     exceeded: [f64; 2],
     /// Time for which the torques have been small, s.
@@ -84,7 +88,7 @@ impl ContactDetector {
     pub fn new(parameters: ContactDetectorParameters) -> Self {
         Self {
             parameters,
-            motion: [0.0; 2],
+            motion: [0.0; 3],
             exceeded: [0.0; 2],
             small: 0.0,
             state: ContactState::default(),
@@ -107,8 +111,9 @@ impl ContactDetector {
     #[must_use]
     pub fn thresholds(&self, sigmas: [[f64; 2]; 2]) -> [f64; 2] {
         let t = &self.parameters.thresholds;
-        let [velocity, acceleration] = self.motion;
-        let moving = t.per_velocity * velocity + t.per_acceleration * acceleration;
+        let [velocity, acceleration, torque] = self.motion;
+        let moving =
+            t.per_velocity * velocity + t.per_acceleration * acceleration + t.per_torque * torque;
         let at = |i: usize| {
             let [[a, b], at_rest] = [sigmas[i], [t.at_rest[i]; 2]];
             // Neither is near the ends of the numbers' range, which `hypot` costs its time for.
@@ -117,11 +122,11 @@ impl ContactDetector {
         [at(0), at(1)]
     }
 
-    /// Takes |dq| in rad/s and |ddq| in rad/s² of this cycle, the change and the lasting torque; of one
+    /// Takes |dq| in rad/s, |ddq| in rad/s² and |dtau| in N·m of this cycle, the change and the lasting torque; of one
     /// that is not known for now the state stays as it is. What is not finite counts as not known.
     pub fn update(
         &mut self,
-        motion: [f64; 2],
+        motion: [f64; 3],
         torques: [Option<ExternalTorque>; 2],
     ) -> ContactState {
         let p = self.parameters;
@@ -176,6 +181,7 @@ mod tests {
                 at_rest: [2.0, 5.0],
                 per_velocity: 1.0,
                 per_acceleration: 0.1,
+                per_torque: 0.2,
             },
             upper_ratio: 2.0,
             hold: 0.003,
@@ -193,7 +199,7 @@ mod tests {
     fn a_contact_begins_and_ends_with_hysteresis() {
         let mut d = detector();
         let run = |d: &mut ContactDetector, tau: f64, cycles: usize| {
-            (0..cycles).for_each(|_| _ = d.update([0.0; 2], change(tau)));
+            (0..cycles).for_each(|_| _ = d.update([0.0; 3], change(tau)));
             (d.state().contact, d.state().upper)
         };
         assert_eq!(run(&mut d, 4.9, 100), (false, false));
@@ -209,14 +215,14 @@ mod tests {
     #[test]
     fn thresholds_grow_with_motion_and_shrink_after_it() {
         let mut d = detector();
-        // 5 + 2 + 0.1 · 30 = 10 N·m
+        // 5 + 2 + 0.1 · 20 + 0.2 · 5 = 10 N·m
         for _ in 0..10 {
-            assert!(!d.update([-2.0, 30.0], change(9.9)).contact);
+            assert!(!d.update([-2.0, 20.0, -5.0], change(9.9)).contact);
         }
         let [now, lasting] = d.thresholds([[0.6, 0.8], [0.0; 2]]);
         assert!((now - 10.0).abs() < 1e-12 && (lasting - 10.0).abs() < 1e-12);
         for k in 0..600 {
-            let state = d.update([0.0; 2], change(5.1));
+            let state = d.update([0.0; 3], change(5.1));
             assert!(k > 300 || !state.contact, "{k}");
         }
         assert!(d.state().contact);
@@ -225,12 +231,12 @@ mod tests {
     #[test]
     fn unknown_torques_change_nothing() {
         let mut d = detector();
-        (0..10).for_each(|_| _ = d.update([0.0; 2], change(6.0)));
+        (0..10).for_each(|_| _ = d.update([0.0; 3], change(6.0)));
         let before = d.state();
         assert!(before.contact);
         for _ in 0..1000 {
             assert_eq!(
-                d.update([f64::NAN, f64::INFINITY], change(f64::NAN)),
+                d.update([f64::NAN, f64::INFINITY, f64::NAN], change(f64::NAN)),
                 before
             );
         }

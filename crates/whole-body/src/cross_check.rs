@@ -3,8 +3,8 @@
 //!
 //! All three are brought to one instant by a filter of the F/T sensors' delay, and averaged. Then
 //!
-//! - the encoders' torque differs from the F/T sensors' on one joint of a limb alone, and the
-//!   current is nearer to the latter: an encoder has slipped;
+//! - the encoders' torque differs from the F/T sensors' on one joint of a limb alone, the current
+//!   is nearer to the latter, and exact enough to choose between them: an encoder has slipped;
 //! - the F/T sensors' differs on several joints that carry one sensor, those nearest to it among
 //!   them: the sensor has drifted;
 //! - it differs on joints farther in, but not on those nearest to the sensor: something touches the
@@ -79,6 +79,8 @@ pub struct Sources {
     pub whole_body: Option<f64>,
     /// From motor current, undelayed.
     pub current: Option<f64>,
+    /// Standard deviation of `current`; not read where that has none.
+    pub current_sigma: f64,
 }
 
 /// One joint's averages.
@@ -94,6 +96,9 @@ struct Joint {
     /// |current - F/T| - |current - encoder| / 2: below zero if the current clearly sides with the
     /// F/T sensors.
     aside: f64,
+    /// Standard deviation of the current's torque. It is an error of friction, above all: averages
+    /// do not lessen it.
+    current_sigma: f64,
     /// The current's torque, for its size and for its sign.
     current: [Ratio; 2],
 }
@@ -131,6 +136,9 @@ const SIGN: usize = 1;
 /// Smallest load for each, as a share of `current_load`: error of the friction model hides a size
 /// before it hides a sign.
 const MIN_LOAD_SHARES: [f64; 2] = [1.0, 0.5];
+/// Difference of encoders and F/T sensors from which on the current can choose between them, in its
+/// standard deviations: with a smaller one it is near either by chance.
+const SURE_SIGMAS: f64 = 3.0;
 /// Number of joints nearest to a sensor that must agree for its drift to be ruled out.
 const NEAREST_JOINTS: usize = 2;
 
@@ -148,6 +156,7 @@ impl CrossCheck {
             newest: 0,
             difference: 0.0,
             aside: 0.0,
+            current_sigma: 0.0,
             current: [Ratio::default(); 2],
         };
         let mut suspects = Vec::new();
@@ -219,7 +228,7 @@ impl CrossCheck {
         self.found.clear();
         for joint in &mut self.joints {
             (joint.filled, joint.sums) = (0, [0.0; 2]);
-            (joint.difference, joint.aside) = (0.0, 0.0);
+            (joint.difference, joint.aside, joint.current_sigma) = (0.0, 0.0, 0.0);
             joint.current = [Ratio::default(); 2];
         }
     }
@@ -263,7 +272,9 @@ impl CrossCheck {
     fn suspected(&self, cause: Cause) -> Option<bool> {
         Some(match cause {
             Cause::EncoderSlip { joint } => {
-                self.differs(joint, 1.0) && !self.of_a_limb(joint) && self.joints[joint].aside < 0.0
+                self.differs(joint, 1.0)
+                    && !self.of_a_limb(joint)
+                    && self.joints[joint].current_sides_with_ft()
             }
             Cause::FtDrift { sensor } => {
                 self.differing(sensor) > 1 && self.near_differs(sensor, 1.0)
@@ -306,13 +317,19 @@ impl CrossCheck {
 }
 
 impl Joint {
+    /// The current is clearly nearer to the F/T sensors' torque than to the encoders', and not by
+    /// chance.
+    fn current_sides_with_ft(&self) -> bool {
+        self.aside < 0.0 && self.difference.abs() > SURE_SIGMAS * self.current_sigma
+    }
+
     fn update(&mut self, s: &Sources, share: f64, load: f64) {
         let (Some(e), Some(w), Some(c)) = (s.encoder, s.whole_body, s.current) else {
             // Averages need every sample of a window; differences stay as they are.
             (self.filled, self.sums) = (0, [0.0; 2]);
             return;
         };
-        if !(e.is_finite() && w.is_finite() && c.is_finite()) {
+        if ![e, w, c, s.current_sigma].iter().all(|x| x.is_finite()) {
             (self.filled, self.sums) = (0, [0.0; 2]);
             return;
         }
@@ -337,6 +354,7 @@ impl Joint {
         self.difference += share * (e - w - self.difference);
         let nearer = (c - w).abs() - 0.5 * (c - e).abs();
         self.aside += share * (nearer - self.aside);
+        self.current_sigma += share * (s.current_sigma - self.current_sigma);
         for (ratio, part) in self.current.iter_mut().zip(MIN_LOAD_SHARES) {
             ratio.loaded = w.abs() > part * load;
             if ratio.loaded {

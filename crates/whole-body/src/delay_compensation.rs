@@ -20,9 +20,11 @@
 //! A complementary filter, but for two departures: it assumes neither that the fast source's scale is
 //! right nor that its errors are slow.
 
+mod gain;
 mod residual;
 mod stand;
 
+use gain::Gain;
 use residual::ResidualPredictor;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
 use stand::Stand;
@@ -41,6 +43,8 @@ pub struct DelayCompensatorParameters {
     pub torque_limit: f64,
     /// Way within which the joint counts as standing for the level, rad.
     pub stands_within: f64,
+    /// g before any change of the torque has shown it, 1.
+    pub gain: f64,
     /// Error of the fast source's torque per angle, N·m/rad: of its kinematic error.
     pub error_per_angle: f64,
 }
@@ -56,16 +60,12 @@ pub struct DelayedTorque {
 
 /// The fast source's newest samples are averaged over this time, s.
 const SMOOTHING_TIME: f64 = 3e-3;
-/// Time constant of the high-pass that selects the changes for the gain's regression, s.
-const GAIN_HIGH_PASS_TIME: f64 = 25e-3;
-/// Averaging time of that regression, s.
-const GAIN_AVERAGING_TIME: f64 = 1.5;
 /// Time constant of the levelled torque's level, s.
 const LEVEL_TIME: f64 = 0.5;
 /// Least gain of the levelled torque: feedback needs every change.
 const MIN_LEVELLED_GAIN: f64 = 0.5;
-/// Largest gain.
-const MAX_GAIN: f64 = 2.0;
+/// Changes from which on the scale is known, share of the torque limit: smaller ones show kinematic error and windup.
+const SCALE_SHARE: f64 = 0.03;
 /// Averaging time of the fast source's noise, s.
 const NOISE_AVERAGING_TIME: f64 = 0.5;
 /// Averaging time of the torque of a joint at rest, s.
@@ -99,7 +99,8 @@ pub struct DelayCompensator {
     noise: Noise,
     gain: Gain,
     residual: ResidualPredictor,
-    /// b: level of the delayed source above the fast one's torque, N·m.
+    /// b: level of the delayed above the fast source, N·m: freely, and as far as a joint that stands explains it.
+    free_level: Option<f64>,
     level: Option<f64>,
     /// The joint's angle while the levelled torque moves it, rad, and where it stands.
     followed: Option<f64>,
@@ -131,9 +132,10 @@ impl DelayCompensator {
             fast: Ring::new(window.max(smoothing)),
             missed: usize::MAX,
             noise: Noise::new(parameters.fast_sigma.powi(2)),
-            gain: Gain::new(),
+            gain: Gain::new(parameters.gain),
             power,
             residual: ResidualPredictor::new(window, dt),
+            free_level: None,
             level: None,
             followed: None,
             stand: None,
@@ -194,6 +196,13 @@ impl DelayCompensator {
         Some(self.gain.value.max(MIN_LEVELLED_GAIN) * self.fast.newest() + level)
     }
 
+    /// The same where it moves nothing: with the fast source's scale, on a level that follows at a stand, too.
+    #[must_use]
+    pub fn levelled_freely(&self) -> Option<f64> {
+        let level = self.free_level.filter(|_| self.missed == 0)?;
+        Some(self.gain.scale * self.fast.newest() + level)
+    }
+
     fn take_fast(&mut self, fast: Option<f64>) {
         let Some(fast) = fast else {
             // Held: a lost sample must not step the torque.
@@ -220,22 +229,26 @@ impl DelayCompensator {
         let dt = self.parameters.sample_period;
         let fast = self.fast.through(&self.parameters.kernel);
         let noise = self.power * self.noise.variance;
-        let last_gain = self.gain.value.max(MIN_LEVELLED_GAIN);
+        let last = [self.gain.value.max(MIN_LEVELLED_GAIN), self.gain.scale];
+        let small = SCALE_SHARE * self.parameters.torque_limit;
+        let variances = [noise, delayed.sigma.powi(2) + small * small];
         self.gain
-            .update([fast, delayed.tau], noise, self.moving, dt);
-        let gain = self.gain.value;
-        let levelled_gain = gain.max(MIN_LEVELLED_GAIN);
-        let level = delayed.tau - levelled_gain * fast;
-        // The gain turns about the torque that is.
-        let turned = (levelled_gain - last_gain) * fast;
-        let level = self.level.map_or(level, |last| {
-            let last = last - turned;
-            last + (dt / LEVEL_TIME).min(1.0) * (level - last)
-        });
+            .update([fast, delayed.tau], variances, self.moving, dt);
+        let (gain, scale) = (self.gain.value, self.gain.scale);
+        let gains = [gain.max(MIN_LEVELLED_GAIN), scale];
+        let levels = gains.map(|gain| delayed.tau - gain * fast);
+        // Gains turn about the torque that is.
+        let turned: [f64; 2] = std::array::from_fn(|i| (gains[i] - last[i]) * fast);
+        let led = |i: usize, last: Option<f64>| {
+            let last = last.map_or(levels[i], |last| last - turned[i]);
+            last + (dt / LEVEL_TIME).min(1.0) * (levels[i] - last)
+        };
+        let level = led(0, self.level);
+        self.free_level = Some(led(1, self.free_level));
         self.level = Some(match self.followed {
             Some(angle) => {
                 let stand = self.stand.get_or_insert(Stand::at(angle, level, 0.0));
-                stand.level -= turned;
+                stand.level -= turned[0];
                 stand.bound(&self.parameters, angle, fast, level)
             }
             None => {
@@ -424,45 +437,5 @@ impl Noise {
         let square = square.min(9.0 * self.variance);
         let next = self.variance + (dt / NOISE_AVERAGING_TIME).min(1.0) * (square - self.variance);
         self.variance = next.max(self.min_variance);
-    }
-}
-
-/// Regression of the delayed source's fast changes on the filtered fast source's.
-#[derive(Debug, Clone)]
-struct Gain {
-    value: f64,
-    /// Averages of both sources.
-    means: Option<[f64; 2]>,
-    /// Average product of both sources' changes, and average square of the fast one's.
-    product: f64,
-    square: f64,
-}
-
-impl Gain {
-    fn new() -> Self {
-        Self {
-            value: 1.0,
-            means: None,
-            product: 0.0,
-            square: 0.0,
-        }
-    }
-
-    /// At rest (`moving` = 0) the gain stays. It is one as long as changes do not exceed `noise`, the
-    /// variance of the filtered fast source.
-    fn update(&mut self, [fast, delayed]: [f64; 2], noise: f64, moving: f64, dt: f64) {
-        let Some(means) = &mut self.means else {
-            self.means = Some([fast, delayed]);
-            return;
-        };
-        let share = (dt / GAIN_HIGH_PASS_TIME).min(1.0);
-        means[0] += share * (fast - means[0]);
-        means[1] += share * (delayed - means[1]);
-        let (x, y) = (fast - means[0], delayed - means[1]);
-        let share = moving * (dt / GAIN_AVERAGING_TIME).min(1.0);
-        self.product += share * (x * y - self.product);
-        self.square += share * (x * x - self.square);
-        let noise = noise.max(f64::MIN_POSITIVE);
-        self.value = ((self.product + noise) / (self.square + noise)).clamp(0.0, MAX_GAIN);
     }
 }

@@ -11,6 +11,7 @@
 //! All signals of one update must have the same delay.
 #![deny(unsafe_code)]
 
+mod carried_imu;
 mod conditioning;
 mod contact_detector;
 mod contact_force;
@@ -32,6 +33,7 @@ mod solution;
 mod switching;
 mod tare;
 
+pub use carried_imu::CarriedImu;
 pub use conditioning::FtConditioning;
 pub use contact_detector::{
     ContactDetector, ContactDetectorParameters, ContactState, ContactThresholds, ExternalTorque,

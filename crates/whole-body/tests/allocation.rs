@@ -41,6 +41,7 @@ fn nothing_allocates() {
         fast_sigma: 0.1,
         torque_limit: 100.0,
         stands_within: 0.0087,
+        gain: 1.0,
         error_per_angle: 600.0,
     });
     let before = allocations();

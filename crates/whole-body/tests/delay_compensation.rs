@@ -26,6 +26,11 @@ struct Joint {
 
 impl Joint {
     fn new(gain: f64, fast_noise: f64, late_noise: f64) -> Self {
+        Self::knowing(1.0, gain, fast_noise, late_noise)
+    }
+
+    /// The same with a gain that is known before any change has shown it.
+    fn knowing(known: f64, gain: f64, fast_noise: f64, late_noise: f64) -> Self {
         let p = MatchedFilterParameters {
             window: WINDOW,
             derivatives: 1,
@@ -39,6 +44,7 @@ impl Joint {
                 fast_sigma: 0.7 * fast_noise,
                 torque_limit: LIMIT,
                 stands_within: 0.0087,
+                gain: known,
                 error_per_angle: 600.0,
             }),
             sigma: late_noise * filter.noise_gain(0),
@@ -112,6 +118,27 @@ fn encoders_that_show_too_little_are_scaled() {
     assert!((gain * 0.75 - 1.0).abs() < 0.05, "{gain}");
     assert!(now < 0.3 && now < 0.2 * delayed, "{now} after {delayed}");
     assert!((0.5..2.0).contains(&normed), "{normed}");
+}
+
+/// The first change of a joint that has rested: where the gain is known, the torque for feedback shows all of
+/// it at once; where it is not, what the encoders show of it.
+#[test]
+fn a_known_gain_counts_from_the_first_change() {
+    let first = |known: f64| {
+        let mut joint = Joint::knowing(known, 0.8, 0.02, 0.02);
+        joint.rest(10.0, 4.0);
+        assert!((joint.compensator.gain() - known).abs() < 0.1 * known);
+        let before = joint.compensator.levelled().unwrap();
+        joint.advance(30.0);
+        joint.compensator.levelled().unwrap() - before
+    };
+    let (known, unknown) = (first(1.0 / 0.8), first(1.0));
+    assert!((known - 20.0).abs() < 0.6, "{known}");
+    assert!((unknown - 16.0).abs() < 0.6, "{unknown}");
+    // A wrong one is corrected by what changes show.
+    let (_, _, _, joint) = swinging(Joint::knowing(0.6, 0.75, 0.1, 0.1));
+    let gain = joint.compensator.gain();
+    assert!((gain * 0.75 - 1.0).abs() < 0.05, "{gain}");
 }
 
 #[test]

@@ -9,8 +9,8 @@ use proptest::prelude::*;
 use robot_state::Wrench;
 use test_support::Random;
 use whole_body::{
-    ContactKind, MotionSource, Place, Residual, Weighting, WholeBody, WholeBodyEstimate,
-    WholeBodyParameters,
+    CarriedImu, ContactKind, MotionSource, Place, Residual, Weighting, WholeBody,
+    WholeBodyEstimate, WholeBodyParameters,
 };
 
 fn numbers(w: &Wrench) -> impl Iterator<Item = f64> {
@@ -107,6 +107,29 @@ proptest! {
             imu.frame = place.clone();
             let result = estimate(&robot, &scene.with_imu_at(&robot, &place), &moved);
             close(result.tau, reference.tau.iter().copied(), tolerance);
+        }
+    }
+
+    /// What an IMU at one link shows, carried over by the joints, is what one at another link shows.
+    #[test]
+    fn an_imu_is_carried_over_to_any_link(seed in any::<u64>()) {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed ^ 7);
+        let parameters = robot.parameters();
+        let joints: Vec<&str> = parameters.joints.iter().map(String::as_str).collect();
+        let links = robot.links();
+        for (from, to) in links.iter().zip(links.iter().rev()) {
+            let way = CarriedImu::new(&robot.model, &joints, from, to).unwrap();
+            let own = scene.with_imu_at(&robot, &Place::link(from)).imu;
+            let carried = way.motion(&scene.q, &scene.dq, &scene.ddq, &own);
+            let there = scene.with_imu_at(&robot, &Place::link(to)).imu;
+            for (a, b) in [
+                (carried.angular_velocity, there.angular_velocity),
+                (carried.angular_acceleration, there.angular_acceleration),
+                (carried.proper_acceleration, there.proper_acceleration),
+            ] {
+                close(a.iter().copied(), b.iter().copied(), 1e-9);
+            }
         }
     }
 

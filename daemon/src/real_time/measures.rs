@@ -2,7 +2,7 @@
 
 use super::{Denial, Measure};
 use nix::errno::Errno;
-use nix::sched::{CpuSet, sched_setaffinity};
+use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use nix::unistd::Pid;
@@ -49,6 +49,19 @@ pub(super) fn pin_to_cpu(cpu: usize) -> Measure {
         )
     });
     measure(format!("CPU {cpu} only"), true, outcome)
+}
+
+/// Takes `cpu` from the calling thread, and so from every thread that it starts from now on, unless
+/// it has no other.
+pub(crate) fn keep_off_cpu(cpu: usize) -> nix::Result<()> {
+    let this_thread = Pid::from_raw(0);
+    let mut set = sched_getaffinity(this_thread)?;
+    set.unset(cpu)?;
+    let others = (0..CpuSet::count()).any(|other| set.is_set(other) == Ok(true));
+    if others {
+        sched_setaffinity(this_thread, &set)?;
+    }
+    Ok(())
 }
 
 pub(super) fn lock_memory() -> Measure {
@@ -176,6 +189,30 @@ fn fifo_denial(priority: u8, error: &thread_priority::Error) -> (String, String)
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn cpus() -> Vec<usize> {
+        let set = sched_getaffinity(Pid::from_raw(0)).unwrap();
+        let usable = |cpu: &usize| set.is_set(*cpu).unwrap();
+        (0..CpuSet::count()).filter(usable).collect()
+    }
+
+    #[test]
+    fn threads_that_serve_the_loop_keep_off_its_cpu_while_they_have_another() {
+        let tried = std::thread::spawn(|| {
+            for cpu in cpus() {
+                let before = cpus();
+                keep_off_cpu(cpu).unwrap();
+                let inherited = std::thread::spawn(cpus).join().unwrap();
+                if before.len() > 1 {
+                    assert!(!inherited.contains(&cpu));
+                    assert_eq!(inherited.len(), before.len() - 1);
+                } else {
+                    assert_eq!(inherited, before);
+                }
+            }
+        });
+        tried.join().unwrap();
+    }
 
     #[test]
     fn capabilities_are_read_from_the_status_text() {

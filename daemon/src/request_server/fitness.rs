@@ -110,7 +110,7 @@ fn sources<'a>(
     let joints = joints.map(|(j, seen)| ("joint", j.name.as_str(), seen.flags));
     let sensors = parameters.ft_sensors.iter().zip(&cycle.measured.ft);
     let sensors = sensors.map(|(s, seen)| ("F/T sensor", s.sensor.name.as_str(), seen.flags));
-    let imu = parameters.imu.iter();
+    let imu = parameters.imus.iter().take(1);
     let imu = imu.map(|imu| ("IMU", imu.frame.as_str(), cycle.measured.imu.flags));
     joints.chain(sensors).chain(imu)
 }

@@ -4,7 +4,8 @@ use can_codec::{EXTENDED_ID, Frame};
 use robot_config::slots;
 
 use super::{
-    ALL_STARTS, AT_REST, ENABLED, POWER_ON, Place, Scenario, answers, both, commands, noise,
+    ALL_STARTS, AT_REST, ENABLED, ENABLED_PRESSING, POWER_ON, Place, Scenario, answers, both,
+    commands, noise,
 };
 use crate::rig::Fault;
 
@@ -157,13 +158,15 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         new("a joint's first answers lost for 0.5 s", POWER_ON, |p| {
             lose(p, |k| k < 500)
         }),
-        new("a joint silent for ever", ENABLED, |p| lose(p, |_| true)),
+        new("a joint silent for ever", ENABLED_PRESSING, |p| {
+            lose(p, |_| true)
+        }),
         new(
             "a joint's answer always after the deadline",
             ENABLED,
             late_for_ever,
         ),
-        new("a bus cut for 10 ms", ENABLED, |p| {
+        new("a bus cut for 10 ms", ENABLED_PRESSING, |p| {
             cut(move |bus, k| bus == p.bus && k < 10)
         }),
         new("a bus cut for 0.5 s, then back", ENABLED, |p| {

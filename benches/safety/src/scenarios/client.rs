@@ -3,7 +3,10 @@
 use cycle::OperatorRequest;
 use robot_state::{Mode, Reference, Settings};
 
-use super::{AT_REST, ENABLED, FOLLOWING, HOLD, MODES, Place, Scenario, Start, client, noise};
+use super::{
+    AT_REST, ENABLED, FOLLOWING, FOLLOWING_PRESSING, HOLD, MODES, Place, Scenario, Start, client,
+    noise,
+};
 use crate::rig::{Fault, Rig};
 
 const GROUP: &str = "Clients and operators";
@@ -87,15 +90,24 @@ fn comes_back(place: Place) -> Fault {
     })
 }
 
-const STATIC: &[Start] = &[Start::Torque, Start::InverseDynamics, Start::Hold];
+const STATIC: &[Start] = &[
+    Start::Torque,
+    Start::InverseDynamics,
+    Start::Hold,
+    Start::Cartesian,
+    Start::Pressing,
+];
 
 pub(super) fn scenarios() -> Vec<Scenario> {
     let new = |name, starts, make| Scenario::new(GROUP, name, starts, make);
     let mut all = vec![
-        new("client killed", FOLLOWING, killed).step(),
-        new("client's references get older", FOLLOWING, silent).step(),
+        new("client killed", FOLLOWING_PRESSING, killed).step(),
+        new("client's references get older", FOLLOWING_PRESSING, silent).step(),
         new("client killed, comes back after 0.2 s", MODES, comes_back).step(),
-        new("change to hold", FOLLOWING, |_| change_to(Mode::Hold)).step(),
+        new("change to hold", FOLLOWING_PRESSING, |_| {
+            change_to(Mode::Hold)
+        })
+        .step(),
         new("change to torque", STATIC, |_| change_to(Mode::Torque))
             .step()
             .ideal(|_| true),

@@ -5,8 +5,8 @@ use robot_config::slots;
 use std::f64::consts::PI;
 
 use super::{
-    ALL_STARTS, AT_REST, ENABLED, HOLD, POWER_ON, Place, Scenario, Start, answers, before, both,
-    commands,
+    ALL_STARTS, AT_REST, ENABLED, ENABLED_PRESSING, HOLD, POWER_ON, PRESSING, Place, Scenario,
+    Start, answers, before, both, commands, way,
 };
 use crate::rig::{Fault, Rig};
 
@@ -54,7 +54,7 @@ fn status(place: Place, lie: fn(u32, usize) -> u32) -> Fault {
 }
 
 /// Set-points are others on their way: rad or A.
-fn set_point(place: Place, mut change: impl FnMut(f64) -> f64 + 'static) -> Fault {
+fn set_point(place: Place, mut change: impl FnMut(&Rig, f64) -> f64 + 'static) -> Fault {
     let slot = slots::command(place.joint);
     commands(move |rig, _| {
         let mut value = None;
@@ -63,7 +63,7 @@ fn set_point(place: Place, mut change: impl FnMut(f64) -> f64 + 'static) -> Faul
         let mut values = vec![f64::NAN; slots::send_len(&rig.robot.parameters)];
         for frame in &rig.sent {
             if table.decode(frame, &mut values).is_ok() && !values[slot].is_nan() {
-                value = Some(change(values[slot]));
+                value = Some(change(rig, values[slot]));
                 break;
             }
         }
@@ -120,13 +120,20 @@ fn hang_weight(rig: &mut Rig, place: &Place) {
     rig.plant.robot_mut().set_load(place.joint, 0.2 * limit);
 }
 
-/// A joint whose torque a client commands moves when its load changes: that is its purpose.
+/// A joint whose torque a client commands, or that a frame leads, moves when its load changes: that is its
+/// purpose.
 fn in_torque(place: &Place) -> bool {
-    place.start == Start::Torque
+    matches!(
+        place.start,
+        Start::Torque | Start::Cartesian | Start::Pressing
+    )
 }
 
 fn gear_slips(place: Place) -> Fault {
-    once(move |rig| rig.plant.robot_mut().slip_gear(place.joint, 0.0314))
+    once(move |rig| {
+        let teeth = way(rig, place.joint, 0.0314);
+        rig.plant.robot_mut().slip_gear(place.joint, teeth);
+    })
 }
 
 fn power_lost_for(place: Place, cycles: usize) -> Fault {
@@ -232,13 +239,13 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         )
         .with_states(),
         new("drive follows with an offset of 0.005 rad", AT_REST, |p| {
-            set_point(p, |x| x + 0.005)
+            set_point(p, move |rig, x| x + way(rig, p.joint, 0.005))
         })
         .of_position_drives()
         .physics(),
-        new("drive keeps an old set-point", ENABLED, |p| {
+        new("drive keeps an old set-point", ENABLED_PRESSING, |p| {
             let mut first = None;
-            set_point(p, move |x| *first.get_or_insert(x))
+            set_point(p, move |_, x| *first.get_or_insert(x))
         })
         .physics(),
         new(
@@ -246,7 +253,7 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             POWER_ON,
             |p| {
                 let mut first = None;
-                set_point(p, move |x| *first.get_or_insert(x))
+                set_point(p, move |_, x| *first.get_or_insert(x))
             },
         )
         .physics(),
@@ -280,6 +287,10 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         )
         .physics()
         .ideal(in_torque),
+        new("what a frame presses on gives way", PRESSING, |_| {
+            once(|rig| rig.plant.robot_mut().release_harness())
+        })
+        .torque(),
         new("bus cut for 0.5 s, joint pushed meanwhile", HOLD, |p| {
             let cut = answers(move |rig, k| rig.rx.retain(|f| f.bus != p.bus || k > 500));
             let deaf = commands(move |rig, k| rig.sent.retain(|f| f.bus != p.bus || k > 500));

@@ -2,7 +2,10 @@
 
 use robot_config::slots;
 
-use super::{ALL_STARTS, AT_REST, ENABLED, POWER_ON, Place, Scenario, answers, both, noise};
+use super::{
+    ALL_STARTS, AT_REST, ENABLED, ENABLED_PRESSING, POWER_ON, Place, Scenario, answers, both,
+    noise, way,
+};
 use crate::rig::{Fault, Rig};
 
 pub(super) const GROUP: &str = "Encoders";
@@ -43,8 +46,34 @@ fn read(rig: &Rig, joint: usize, mut take: impl FnMut(&[f64])) {
     }
 }
 
-fn slip(joint: usize, link: f64, motor: f64) -> Fault {
-    encoders(joint, move |q, theta, _| (q + link, theta + motor))
+/// The link-side angle errs by `link(k)` rad, or what counts as much of a prismatic joint, the motor-side one by
+/// `motor(k)` of its own.
+fn errs(joint: usize, link: fn(usize) -> f64, motor: fn(usize) -> f64) -> Fault {
+    answers(move |rig, k| {
+        let link = way(rig, joint, link(k));
+        let (q, theta) = (slots::link_angle(joint), slots::motor_angle(joint));
+        rig.spoil(
+            |slot| slot == theta,
+            |values| (values[q], values[theta]) = (values[q] + link, values[theta] + motor(k)),
+        );
+    })
+}
+
+fn slip(joint: usize, link: fn(usize) -> f64) -> Fault {
+    errs(joint, link, |_| 0.0)
+}
+
+/// Both angles err as one, as if the joint moved.
+fn as_one(joint: usize, angle: fn(usize) -> f64) -> Fault {
+    answers(move |rig, k| {
+        let link = way(rig, joint, angle(k));
+        let motor = rig.robot.parameters.joints[joint].encoders.gear_ratio * link;
+        let (q, theta) = (slots::link_angle(joint), slots::motor_angle(joint));
+        rig.spoil(
+            |slot| slot == theta,
+            |values| (values[q], values[theta]) = (values[q] + link, values[theta] + motor),
+        );
+    })
 }
 
 fn first(place: Place, link: bool, motor: bool) -> Fault {
@@ -75,7 +104,11 @@ fn reversed(joint: usize) -> Fault {
 
 fn noisy(joint: usize, amplitude: f64) -> Fault {
     let mut random = noise(17);
-    encoders(joint, move |q, theta, _| (q + amplitude * random(), theta))
+    answers(move |rig, _| {
+        let error = way(rig, joint, amplitude * random());
+        let q = slots::link_angle(joint);
+        rig.spoil(|slot| slot == q, |values| values[q] += error);
+    })
 }
 
 fn exchanged(place: Place) -> Fault {
@@ -115,45 +148,49 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         })
         .step(),
         new("link encoder slips by 0.06 rad", ALL_STARTS, |p| {
-            slip(p.joint, 0.06, 0.0)
+            slip(p.joint, |_| 0.06)
         }),
-        new("link encoder slips by 0.02 rad", ENABLED, |p| {
-            slip(p.joint, 0.02, 0.0)
+        new("link encoder slips by 0.02 rad", ENABLED_PRESSING, |p| {
+            slip(p.joint, |_| 0.02)
         }),
-        new("link encoder slips by -0.0035 rad", ENABLED, |p| {
-            slip(p.joint, -0.0035, 0.0)
+        new("link encoder slips by -0.0035 rad", ENABLED_PRESSING, |p| {
+            slip(p.joint, |_| -0.0035)
         }),
-        new("link encoder slips by 0.001 rad", ENABLED, |p| {
-            slip(p.joint, 0.001, 0.0)
+        new("link encoder slips by 0.001 rad", ENABLED_PRESSING, |p| {
+            slip(p.joint, |_| 0.001)
         }),
-        new("motor encoder slips by 1 rad", ENABLED, |p| {
-            slip(p.joint, 0.0, 1.0)
+        new("motor encoder slips by 1 rad", ENABLED_PRESSING, |p| {
+            errs(p.joint, |_| 0.0, |_| 1.0)
         }),
-        new("motor encoder slips by -0.2 rad", ENABLED, |p| {
-            slip(p.joint, 0.0, -0.2)
+        new("motor encoder slips by -0.2 rad", ENABLED_PRESSING, |p| {
+            errs(p.joint, |_| 0.0, |_| -0.2)
         }),
-        new("both encoders slip by 0.003 rad, as one", ENABLED, |p| {
-            slip(p.joint, 0.003, 0.3)
-        }),
-        new("both encoders slip by 0.05 rad, as one", ENABLED, |p| {
-            slip(p.joint, 0.05, 5.0)
-        }),
+        new(
+            "both encoders slip by 0.003 rad, as one",
+            ENABLED_PRESSING,
+            |p| as_one(p.joint, |_| 0.003),
+        ),
+        new(
+            "both encoders slip by 0.05 rad, as one",
+            ENABLED_PRESSING,
+            |p| as_one(p.joint, |_| 0.05),
+        ),
         new("link encoder flat", ENABLED, |p| flat(p.joint, true, false)),
         new("motor encoder flat", ENABLED, |p| {
             flat(p.joint, false, true)
         }),
         new("both encoders flat", ENABLED, |p| flat(p.joint, true, true)),
         new("link encoder drifts by 0.01 rad/s", ENABLED, |p| {
-            encoders(p.joint, |q, theta, k| (q + 1e-5 * k as f64, theta))
+            slip(p.joint, |k| 1e-5 * k as f64)
         }),
-        new("link encoder drifts by 0.1 rad/s", ENABLED, |p| {
-            encoders(p.joint, |q, theta, k| (q + 1e-4 * k as f64, theta))
+        new("link encoder drifts by 0.1 rad/s", ENABLED_PRESSING, |p| {
+            slip(p.joint, |k| 1e-4 * k as f64)
         }),
-        new("both encoders drift by 0.1 rad/s, as one", ENABLED, |p| {
-            encoders(p.joint, |q, theta, k| {
-                (q + 1e-4 * k as f64, theta + 1e-2 * k as f64)
-            })
-        })
+        new(
+            "both encoders drift by 0.1 rad/s, as one",
+            ENABLED_PRESSING,
+            |p| as_one(p.joint, |k| 1e-4 * k as f64),
+        )
         .shown_to_currents(0.1),
         new("link encoder reversed", ENABLED, |p| reversed(p.joint)),
         new("link encoder scaled by 1.02", ENABLED, |p| {
@@ -173,7 +210,7 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         new(
             "link encoders of two joints slip by 0.02 rad",
             ENABLED,
-            |p| both(slip(p.joint, 0.02, 0.0), slip(p.other, -0.02, 0.0)),
+            |p| both(slip(p.joint, |_| 0.02), slip(p.other, |_| -0.02)),
         ),
         new(
             "link encoder slips by 0.02 rad, another joint falls silent",
@@ -182,7 +219,7 @@ pub(super) fn scenarios() -> Vec<Scenario> {
                 let silent = answers(move |rig, _| {
                     rig.lose(|slot| slots::source(slot) == slots::Source::Joint(p.other));
                 });
-                both(slip(p.joint, 0.02, 0.0), silent)
+                both(slip(p.joint, |_| 0.02), silent)
             },
         ),
     ]

@@ -2,7 +2,7 @@
 
 use robot_state::Event;
 
-use super::{AT_REST, ENABLED, Scenario, before};
+use super::{AT_REST, ENABLED, ENABLED_PRESSING, Scenario, before};
 use crate::rig::{Fault, Rig};
 
 const GROUP: &str = "Clock and process";
@@ -48,8 +48,8 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         new("one late cycle", ENABLED, |_| late(|k| k == 0)).step(),
         new("every cycle late", ENABLED, |_| late(|_| true)).step(),
         new("1 cycle skipped", ENABLED, |_| skip(1)).gap(1),
-        new("3 cycles skipped", ENABLED, |_| skip(3)).gap(3),
-        new("10 cycles skipped", ENABLED, |_| skip(10)).gap(10),
+        new("3 cycles skipped", ENABLED_PRESSING, |_| skip(3)).gap(3),
+        new("10 cycles skipped", ENABLED_PRESSING, |_| skip(10)).gap(10),
         new("the loop sleeps for 0.2 s", ENABLED, |_| skip(200)).physics_of_currents(),
         new("the clock is set back by 1 s", ENABLED, |_| {
             clock(|now| now.saturating_sub(900_000_000))

@@ -3,10 +3,15 @@
 use robot_config::slots;
 use robot_config::slots::Source;
 
-use super::{AT_REST, ENABLED, FOLLOWING, Place, Scenario, answers};
+use super::{
+    AT_REST, ENABLED, ENABLED_PRESSING, FOLLOWING, FOLLOWING_PRESSING, Place, Scenario, answers,
+};
 use crate::rig::{Fault, Rig};
 
 const GROUP: &str = "Current, F/T sensors, IMU";
+
+/// What an F/T sensor's electronics show at most, over what it measures.
+const BEYOND: f64 = 1.0667;
 
 /// Changes values of a source in each cycle.
 fn of(source: Source, mut change: impl FnMut(&mut [f64], usize) + 'static) -> Fault {
@@ -21,9 +26,22 @@ fn of(source: Source, mut change: impl FnMut(&mut [f64], usize) + 'static) -> Fa
             }
         }
         change(&mut values, k);
+        // Beyond its range, but none that its frame cannot carry.
+        let p = &rig.robot.parameters;
+        let most: Vec<f64> = match source {
+            Source::Ft(s) => (p.ft_sensors[s].signals.iter())
+                .map(|signal| BEYOND * signal.max)
+                .collect(),
+            Source::Imu(i) => (p.imus[i].signals.iter())
+                .map(|signal| signal.max)
+                .collect(),
+            Source::Joint(_) => Vec::new(),
+        };
         rig.spoil(its, |all| {
-            for slot in (0..all.len()).filter(|&slot| its(slot)) {
-                all[slot] = values[slot];
+            let slots = (0..all.len()).filter(|&slot| its(slot));
+            for (axis, slot) in slots.enumerate() {
+                let most = most.get(axis).copied().unwrap_or(f64::INFINITY);
+                all[slot] = values[slot].clamp(-most, most);
             }
         });
     })
@@ -49,16 +67,16 @@ fn ft(mut change: impl FnMut(&mut [f64; 6], usize) + 'static) -> Fault {
 
 /// Gyro x y z, accelerometer x y z.
 fn imu(mut change: impl FnMut(&mut [f64; 6], usize) + 'static) -> Fault {
-    of(Source::Imu, move |values, k| {
+    of(Source::Imu(0), move |values, k| {
         let mut axes = std::array::from_fn(|axis| match axis {
-            0..3 => values[slots::gyro(axis)],
-            _ => values[slots::accelerometer(axis - 3)],
+            0..3 => values[slots::gyro(0, axis)],
+            _ => values[slots::accelerometer(0, axis - 3)],
         });
         change(&mut axes, k);
         for (axis, x) in axes.into_iter().enumerate() {
             let slot = match axis {
-                0..3 => slots::gyro(axis),
-                _ => slots::accelerometer(axis - 3),
+                0..3 => slots::gyro(0, axis),
+                _ => slots::accelerometer(0, axis - 3),
             };
             values[slot] = x;
         }
@@ -85,23 +103,27 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             current(p, |_| 20.0)
         }),
         new("current sensor reversed", AT_REST, |p| current(p, |i| -i)),
-        new("F/T sensor silent", ENABLED, |_| silent(Source::Ft(0))),
-        new("F/T sensor flat", ENABLED, |_| ft(kept())),
-        new("F/T sensor reads 0", FOLLOWING, |_| {
+        new("F/T sensor silent", ENABLED_PRESSING, |_| {
+            silent(Source::Ft(0))
+        }),
+        new("F/T sensor flat", ENABLED_PRESSING, |_| ft(kept())),
+        new("F/T sensor reads 0", FOLLOWING_PRESSING, |_| {
             ft(|axes, _| axes.fill(0.0))
         }),
-        new("F/T sensor saturated", FOLLOWING, |_| {
+        new("F/T sensor saturated", FOLLOWING_PRESSING, |_| {
             ft(|axes, _| *axes = [1600.0, 1600.0, 1600.0, 98.0, 98.0, 98.0])
         }),
-        new("F/T sensor reversed", FOLLOWING, |_| {
+        new("F/T sensor reversed", FOLLOWING_PRESSING, |_| {
             ft(|axes, _| axes.iter_mut().for_each(|x| *x = -*x))
         }),
-        new("F/T sensor steps by 50 N and 5 N·m", FOLLOWING, |_| {
-            ft(|axes, _| (axes[2], axes[4]) = (axes[2] + 50.0, axes[4] + 5.0))
-        }),
+        new(
+            "F/T sensor steps by 50 N and 5 N·m",
+            FOLLOWING_PRESSING,
+            |_| ft(|axes, _| (axes[2], axes[4]) = (axes[2] + 50.0, axes[4] + 5.0)),
+        ),
         new(
             "F/T sensor drifts by 20 N/s and 4 N·m/s",
-            FOLLOWING,
+            FOLLOWING_PRESSING,
             |_| {
                 ft(|axes, k| {
                     let t = 1e-3 * k as f64;
@@ -109,10 +131,10 @@ pub(super) fn scenarios() -> Vec<Scenario> {
                 })
             },
         ),
-        new("F/T sensor's axes exchanged", FOLLOWING, |_| {
+        new("F/T sensor's axes exchanged", FOLLOWING_PRESSING, |_| {
             ft(|axes, _| *axes = [axes[1], axes[2], axes[0], axes[4], axes[5], axes[3]])
         }),
-        new("IMU silent", ENABLED, |_| silent(Source::Imu)).with_imu(),
+        new("IMU silent", ENABLED, |_| silent(Source::Imu(0))).with_imu(),
         new("IMU flat", ENABLED, |_| imu(kept())).with_imu(),
         new("IMU's axes exchanged", FOLLOWING, |_| {
             imu(|axes, _| *axes = [axes[1], axes[2], axes[0], axes[4], axes[5], axes[3]])

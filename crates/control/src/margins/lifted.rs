@@ -103,6 +103,7 @@ impl Simulated {
                 torque: 0.0,
                 stiffness: joint.stiffness,
                 damping: joint.damping,
+                load_follow: joint.load_follow,
             },
             torque_gain: joint.torque_gain,
             gear,

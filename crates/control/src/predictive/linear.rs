@@ -3,12 +3,15 @@
 use super::friction::FrictionModel;
 use super::parameters::{DriveModel, GearStiffness, LawParameters, TorqueTerms};
 use super::{PredictiveLaw, Sensed};
+use crate::carried::CarriedTorque;
 
 /// The law around one torque: constant stiffness of the gear, no dead zone, no limits. It is the
 /// code of the law itself, so that the two cannot differ.
 #[derive(Debug, Clone)]
 pub(crate) struct LinearLaw {
     law: PredictiveLaw,
+    /// The carried torque that is fed back, N·m.
+    carried: CarriedTorque,
 }
 
 impl LinearLaw {
@@ -33,7 +36,10 @@ impl LinearLaw {
             ..*parameters
         });
         law.started = true;
-        Self { law }
+        Self {
+            law,
+            carried: CarriedTorque::default(),
+        }
     }
 
     /// Numbers that make up the state.
@@ -53,6 +59,7 @@ impl LinearLaw {
         for (i, sent) in law.commands.iter_mut().enumerate() {
             sent.command = at(FIXED + i);
         }
+        self.carried = CarriedTorque::with_state([at(11), at(12)]);
     }
 
     /// The state.
@@ -63,7 +70,8 @@ impl LinearLaw {
         let own = [law.torque, law.slow_velocity, before, w.value, w.rate];
         let angles = law.rotor.state().into_iter().chain(law.link.state());
         let commands = law.commands.iter().map(|sent| sent.command);
-        angles.chain(own).chain(commands)
+        let carried = self.carried.state();
+        angles.chain(own).chain(carried).chain(commands)
     }
 
     /// One cycle; the command is sent as it is.
@@ -75,12 +83,18 @@ impl LinearLaw {
             fresh: true,
         });
         let TauD {
-            torque,
+            torque: desired,
             stiffness,
             damping,
+            load_follow,
         } = tau_d;
+        let period = self.law.parameters.sample_period;
+        let carried = match load_follow > 0.0 {
+            true => self.carried.follow(torque, load_follow, period),
+            false => 0.0,
+        };
         // The outer loop as the controller closes it: newest position, the observer's velocity.
-        let feedforward = torque - stiffness * q - damping * self.law.link_velocity();
+        let feedforward = desired + carried - stiffness * q - damping * self.law.link_velocity();
         let command = self.law.command(&TorqueTerms {
             feedforward,
             ..TorqueTerms::default()
@@ -90,13 +104,15 @@ impl LinearLaw {
     }
 }
 
-/// The desired torque: `torque - stiffness q - damping dq`.
+/// The desired torque: `torque - stiffness q - damping dq`, and the carried torque below `load_follow`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct TauD {
     pub(crate) torque: f64,
     pub(crate) stiffness: f64,
     pub(crate) damping: f64,
+    /// Bandwidth in which the carried torque is fed back, rad/s; 0: it is not.
+    pub(crate) load_follow: f64,
 }
 
 /// States besides the commands on their way.
-const FIXED: usize = 11;
+const FIXED: usize = 13;

@@ -187,6 +187,12 @@ impl LawParameters {
         0.5 * self.sample_period + self.delay + wound_up
     }
 
+    /// Lag of the torque behind the desired one, s: the reference model's, and half a period of hold.
+    #[must_use]
+    pub fn reference_lag(&self) -> f64 {
+        2.0 * super::reference::DAMPING / self.design.reference + 0.5 * self.sample_period
+    }
+
     /// Inertia that the link feels besides its own, kg·m²: the law lets the drive's damping go along with
     /// slow velocities; from `follow` on it brakes, which is what an inertia does.
     #[must_use]

@@ -1,7 +1,7 @@
 //! Reference model: how the torque is to follow what is desired.
 
 /// Damping ratio of the model.
-const DAMPING: f64 = 0.8;
+pub(super) const DAMPING: f64 = 0.8;
 
 /// `w'' = w_r² (tau_d - w) - 2 zeta w_r w'`, solved exactly over a period in which `tau_d` is
 /// constant.

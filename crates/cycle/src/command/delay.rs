@@ -2,18 +2,27 @@
 //!
 //! In: the commands that were sent, motor-side angles and currents, while a client is followed. Out: for each
 //! joint the delay from the sample that a command is computed from to its effect, with its standard
-//! deviation. One joint at a time, for a second: the change of the current in a cycle is regressed on the
-//! changes of the last commands and angles,
+//! deviation. One joint at a time, for a second, or up to four where that is not enough: the current is
+//! predicted from everything before it, and from the angle of its own sample,
 //!
 //! ```text
-//! i(k) - i(k-1) = g (u(k-j) - u(k-j-1)) + sum_m b_m (x(k-m) - x(k-m-1))
+//! i(k) = sum_j g_j u(k-j) + sum_m a_m i(k-m) + sum_m b_m x(k-m) + c + e(k)
+//! h_j  = g_j + sum_(m<j) a_m h_(j-m)                     response to a command j periods before
 //! ```
 //!
-//! and the `j` that explains it best, by far better than any other, is the number of periods after which a
-//! command shows. It acts up to a period before, so what is found is the delay in whole periods, and parts of
-//! one only where it varies from one time to the next; `torquectl identify drive` finds parts from a motion
-//! that excites the drive. Here whatever the client asks for has to do: torque control answers
-//! the encoders' noise in every cycle, which is enough; a held set-point shows nothing.
+//! The commands answer angles and currents, with their noise: a regression on commands alone takes that for
+//! an effect of the next command. What is left with all of the past as regressors, `e(k)`, no command
+//! has seen, and the `h_j` are those of the drive. What their errors have besides (a dead zone in which the
+//! drive does not answer, counts of encoder and current, friction that sticks) is correlated from cycle to
+//! cycle, so standard deviations are not those of independent samples: the time is cut into blocks, and
+//! leaving out each in turn (the jackknife) shows how far the result depends on it.
+//!
+//! A delay is known where one `h_j` exceeds zero and all others that are not its neighbours, by
+//! [`KNOWN`] standard deviations, and the centre of it and its neighbours is known to a fraction of a period.
+//! It acts up to a period before, so what is found is the delay in whole periods, and parts of one only
+//! where it varies from one time to the next; `torquectl identify drive` finds parts from a motion that
+//! excites the drive. Here whatever the client asks for has to do: torque control answers the noise of
+//! the link's encoder in every cycle, which is often enough; a held set-point shows nothing.
 
 use nalgebra::{SMatrix, SVector};
 use robot_config::{JointParameters, Robot};
@@ -22,24 +31,38 @@ use robot_state::{CommandedRecord, Event, MeasuredRecord, Mode, command_flags, m
 use crate::events::{Counts, Subject};
 use crate::measure::NOT_USED;
 
-/// Most periods after which a command shows that are looked for, and angles that explain a current.
+/// Most periods after which a command shows that are looked for; angles before the newest, and currents.
 const PERIODS: usize = 6;
-const ANGLES: usize = 3;
-const TERMS: usize = PERIODS + ANGLES;
-const FEW: usize = 1 + ANGLES;
-type Few = SVector<f64, FEW>;
-/// Time for which a joint is measured, s.
-const MEASURED_S: f64 = 1.0;
-/// Logarithm of the likelihood of the best number of periods over that of the next best from which on it
-/// counts as known.
-const KNOWN: f64 = 8.0;
-/// Periods that the measured delay may leave the range that the configured one explains.
+const ANGLES: usize = 6;
+const CURRENTS: usize = 4;
+/// Commands, currents, changes of the angle, the oldest angle, c.
+const TERMS: usize = PERIODS + CURRENTS + ANGLES + 2;
+/// Blocks of a measurement, an even number, and the least and greatest time of one, s: longer than what the
+/// loop's answers last.
+const BLOCKS: usize = 10;
+const BLOCK_S: [f64; 2] = [0.1, 0.4];
+/// Standard deviations by which a response differs from zero and from those of other periods. Of ten blocks
+/// they are uncertain by a quarter.
+const KNOWN: f64 = 4.0;
+/// Greatest share of the greatest response that another period may have, but for the neighbours.
+const OTHER: f64 = 0.5;
+/// Greatest standard deviation of the centre, periods.
+const CENTRE: f64 = 0.2;
+/// Variance of where in a period a command acts, periods².
+const WITHIN: f64 = 1.0 / 12.0;
+/// Periods that the measured delay may leave the range that the configured one explains, and standard
+/// deviations of its centre besides.
 const SLACK: f64 = 0.25;
+const SIGMAS: f64 = 3.0;
 /// Measurements in a row of another delay than configured that raise the event: a burst of lost commands is
 /// none.
 const IN_A_ROW: u32 = 2;
-/// Share of an earlier measurement's weight that is left with the next one of the joint.
+/// Share of earlier measurements' weight that is left with the next one of the joint.
 const KEPT: f64 = 0.7;
+
+type Matrix = SMatrix<f64, TERMS, TERMS>;
+type Vector = SVector<f64, TERMS>;
+type Responses = [f64; PERIODS];
 
 #[derive(Debug, Clone, Copy)]
 struct Joint {
@@ -47,10 +70,36 @@ struct Joint {
     configured: f64,
     latency: f64,
     per_turn: f64,
-    /// Mean of the periods found, and the number of times that it stands for.
+    /// Commands are positions.
+    takes_position: bool,
+    /// Mean of the periods found, number of measurements that it stands for, variance of the mean by that
+    /// of each, and mean square of their distances from it.
     periods: f64,
     weight: f64,
+    variance: f64,
+    scatter: f64,
     off: u32,
+}
+
+/// One measurement: periods after which commands show in the mean, less half of one, with its variance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Found {
+    periods: f64,
+    variance: f64,
+}
+
+/// Normal equations of one block.
+#[derive(Debug, Clone, Copy)]
+struct Sums {
+    normal: Matrix,
+    right: Vector,
+}
+
+impl Sums {
+    const ZERO: Self = Self {
+        normal: Matrix::from_array_storage(nalgebra::ArrayStorage([[0.0; TERMS]; TERMS])),
+        right: Vector::from_array_storage(nalgebra::ArrayStorage([[0.0; TERMS]])),
+    };
 }
 
 /// The delay of all joints' commands.
@@ -58,18 +107,21 @@ struct Joint {
 pub(super) struct CommandDelay {
     joints: Vec<Joint>,
     period: f64,
+    /// Samples of a block, at the begin and now.
+    least_block: usize,
+    block: usize,
     /// The joint that is being measured.
     joint: usize,
-    cycles: usize,
-    /// Commands, angles and current of the last cycles, newest first, and how many of them count.
-    commands: [f64; PERIODS + 1],
+    samples: usize,
+    /// Commands, angles and currents of the last cycles, newest first, and how many of them count.
+    commands: [f64; PERIODS],
     angles: [f64; ANGLES + 1],
-    current: f64,
+    currents: [f64; CURRENTS],
     kept: usize,
-    normal: SMatrix<f64, TERMS, TERMS>,
-    right: SVector<f64, TERMS>,
-    square: f64,
-    rows: f64,
+    /// Command, angle and current from which the regressors count.
+    origin: Option<[f64; 3]>,
+    blocks: Vec<Sums>,
+    jackknife: Jackknife,
 }
 
 impl CommandDelay {
@@ -79,23 +131,29 @@ impl CommandDelay {
             configured: joint.law.delay,
             latency: joint.sampling.latency,
             per_turn: joint.encoders.gear_ratio.recip(),
+            takes_position: joint.takes_position(),
             periods: 0.0,
             weight: 0.0,
+            variance: 0.0,
+            scatter: 0.0,
             off: 0,
         };
+        let period = p.timing.sample_period;
+        let block = ((BLOCK_S[0] / period).round() as usize).max(2 * TERMS);
         Self {
             joints: p.joints.iter().map(joint).collect(),
-            period: p.timing.sample_period,
+            period,
+            least_block: block,
+            block,
             joint: 0,
-            cycles: 0,
-            commands: [0.0; PERIODS + 1],
+            samples: 0,
+            commands: [0.0; PERIODS],
             angles: [0.0; ANGLES + 1],
-            current: 0.0,
+            currents: [0.0; CURRENTS],
             kept: 0,
-            normal: SMatrix::zeros(),
-            right: SVector::zeros(),
-            square: 0.0,
-            rows: 0.0,
+            origin: None,
+            blocks: vec![Sums::ZERO; BLOCKS],
+            jackknife: Jackknife::default(),
         }
     }
 
@@ -114,7 +172,12 @@ impl CommandDelay {
                 (shown.command_delay_s, shown.command_delay_sigma_s) = joint.delay(self.period);
             }
         }
-        let (Some(sample), Some(sent)) = (
+        if self.samples >= BLOCKS * self.block {
+            self.evaluate(counts);
+            return;
+        }
+        let (Some(joint), Some(sample), Some(sent)) = (
+            self.joints.get(self.joint),
             measured.joints.get(self.joint),
             commanded.joints.get(self.joint),
         ) else {
@@ -124,20 +187,54 @@ impl CommandDelay {
         let engaged = sent.flags & command_flags::ENGAGED != 0;
         if mode == Mode::Hold || gap || !fresh || !engaged {
             self.kept = 0;
-        } else {
-            // Only one of them is sent.
-            let command = sent.q_c + sent.current_c;
-            let per_turn = self.joints.get(self.joint).map_or(1.0, |j| j.per_turn);
-            self.take(command, sample.theta * per_turn, sample.current);
-            self.cycles += 1;
-        }
-        if self.cycles as f64 * self.period < MEASURED_S {
             return;
         }
-        if let Some(joint) = self.joints.get_mut(self.joint)
-            && let Some(found) = periods(&self.normal, &self.right, self.square, self.rows)
+        let angle = sample.theta * joint.per_turn;
+        match joint.takes_position {
+            // The offset from the motor: small numbers.
+            true => self.take(sent.q_c - angle, angle, sample.current),
+            false => self.take(sent.current_c, angle, sample.current),
+        }
+    }
+
+    /// The command of a cycle acts after its sample: it is the newest that a later one can show.
+    fn take(&mut self, command: f64, angle: f64, current: f64) {
+        let [command_0, angle_0, current_0] = *self.origin.get_or_insert([command, angle, current]);
+        self.angles.rotate_right(1);
+        self.angles[0] = angle - angle_0;
+        if self.kept > ANGLES
+            && let Some(sums) = self.blocks.get_mut(self.samples / self.block)
         {
-            joint.learn(found as f64, self.period);
+            let mut terms = Vector::zeros();
+            let angles = self.angles.windows(2).map(|pair| pair[0] - pair[1]);
+            let rest = [self.angles[ANGLES], 1.0];
+            let all = (self.commands.into_iter().chain(self.currents)).chain(angles.chain(rest));
+            terms.iter_mut().zip(all).for_each(|(term, x)| *term = x);
+            sums.normal.syger(1.0, &terms, &terms, 1.0);
+            sums.right += terms * (current - current_0);
+            self.samples += 1;
+        }
+        self.commands.rotate_right(1);
+        self.commands[0] = command - command_0;
+        self.currents.rotate_right(1);
+        self.currents[0] = current - current_0;
+        self.kept += 1;
+    }
+
+    /// A step of the evaluation, one solution a cycle; then the next joint's turn.
+    fn evaluate(&mut self, counts: &mut Counts) {
+        let found = match self.jackknife.step(&self.blocks) {
+            Progress::Goes => return,
+            Progress::Ends(found) => found,
+        };
+        (self.kept, self.jackknife) = (0, Jackknife::default());
+        if found.is_none() && self.goes_on() {
+            return;
+        }
+        if let Some(found) = found
+            && let Some(joint) = self.joints.get_mut(self.joint)
+        {
+            joint.learn(found, self.period);
             if joint.off >= IN_A_ROW {
                 counts.add_of(Event::CommandDelay, Subject::Joint(self.joint));
             }
@@ -146,31 +243,33 @@ impl CommandDelay {
             next if next < self.joints.len() => next,
             _ => 0,
         };
-        (self.cycles, self.kept) = (0, 0);
-        (self.normal, self.right) = (SMatrix::zeros(), SVector::zeros());
-        (self.square, self.rows) = (0.0, 0.0);
+        (self.samples, self.origin, self.block) = (0, None, self.least_block);
+        self.blocks.fill(Sums::ZERO);
     }
 
-    /// The command of a cycle acts after its sample: it is the newest that a later one can show.
-    fn take(&mut self, command: f64, angle: f64, current: f64) {
-        self.angles.rotate_right(1);
-        self.angles[0] = angle;
-        if self.kept > PERIODS {
-            let change = |x: &[f64], k: usize| x[k] - x[k + 1];
-            let terms = SVector::<f64, TERMS>::from_fn(|k, _| match k {
-                k if k < PERIODS => change(&self.commands, k),
-                k => change(&self.angles, k - PERIODS),
-            });
-            let value = current - self.current;
-            self.normal.syger(1.0, &terms, &terms, 1.0);
-            self.right += terms * value;
-            self.square += value * value;
-            self.rows += 1.0;
+    /// Joins the blocks in pairs, so that as many are free again; false where they are long already.
+    fn goes_on(&mut self) -> bool {
+        let longer = 2 * self.block;
+        if longer as f64 * self.period > BLOCK_S[1] + 0.5 * self.period {
+            return false;
         }
-        self.current = current;
-        self.commands.rotate_right(1);
-        self.commands[0] = command;
-        self.kept += 1;
+        for b in 0..BLOCKS / 2 {
+            let pair = (self.blocks.get(2 * b), self.blocks.get(2 * b + 1));
+            let (Some(first), Some(second)) = pair else {
+                return false;
+            };
+            let joined = Sums {
+                normal: first.normal + second.normal,
+                right: first.right + second.right,
+            };
+            if let Some(block) = self.blocks.get_mut(b) {
+                *block = joined;
+            }
+        }
+        let free = self.blocks.iter_mut().skip(BLOCKS / 2);
+        free.for_each(|block| *block = Sums::ZERO);
+        (self.block, self.samples) = (longer, BLOCKS / 2 * longer);
+        true
     }
 }
 
@@ -178,58 +277,132 @@ impl Joint {
     /// Delay and its standard deviation, s. A command that shows after `n` periods acts up to one before.
     fn delay(&self, period: f64) -> (f64, f64) {
         let delay = period * (self.periods - 0.5) - self.latency;
-        (delay, period / 12f64.sqrt())
+        let variance = WITHIN + self.variance.max(self.scatter / self.weight.max(1.0));
+        (delay, period * variance.sqrt())
     }
 
-    fn learn(&mut self, found: f64, period: f64) {
+    fn learn(&mut self, found: Found, period: f64) {
         let configured = (self.configured + self.latency) / period;
-        let range = configured - SLACK..=configured + 1.0 + SLACK;
-        self.off = match range.contains(&found) {
+        let slack = SLACK + SIGMAS * found.variance.sqrt();
+        let range = configured - slack..=configured + 1.0 + slack;
+        self.off = match range.contains(&found.periods) {
             true => 0,
             false => self.off.saturating_add(1),
         };
         let before = KEPT * self.weight;
         self.weight = before + 1.0;
-        self.periods += (found - self.periods) / self.weight;
+        let share = self.weight.recip();
+        let off = found.periods - self.periods;
+        let off = if before > 0.0 { off } else { 0.0 };
+        self.scatter = (1.0 - share) * (self.scatter + share * off * off);
+        self.variance = (1.0 - share).powi(2) * self.variance + share * share * found.variance;
+        self.periods += (found.periods - self.periods) * share;
     }
 }
 
-/// Number of periods after which commands show best; none where the commands hardly changed, or another
-/// number explains the current nearly as well.
-fn periods(
-    normal: &SMatrix<f64, TERMS, TERMS>,
-    right: &SVector<f64, TERMS>,
-    square: f64,
-    rows: f64,
-) -> Option<usize> {
-    let at = |i: usize, k: usize| normal[(i.max(k), i.min(k))];
-    // The current by one command and the angles: the rest of its square, where the command has its sign.
-    let rest = |j: usize| {
-        let place = |i: usize| if i == 0 { j } else { PERIODS + i - 1 };
-        let scale = Few::from_fn(|i, _| at(place(i), place(i)).max(f64::MIN_POSITIVE).sqrt());
-        let matrix = SMatrix::<f64, FEW, FEW>::from_fn(|i, k| {
-            let ridge = if i == k { 1e-9 } else { 0.0 };
-            at(place(i), place(k)) / (scale[i] * scale[k]) + ridge
-        });
-        let wanted = Few::from_fn(|i, _| right[place(i)] / scale[i]);
-        let found = matrix.cholesky()?.solve(&wanted);
-        (found[0] > 0.0).then(|| square - wanted.dot(&found))
-    };
-    let mut best: Option<(usize, f64)> = None;
-    let mut second = square;
-    for j in 0..PERIODS {
-        let Some(rest) = rest(j) else {
-            continue;
-        };
-        match best {
-            Some((_, least)) if rest >= least => second = second.min(rest),
-            _ => {
-                second = second.min(best.map_or(square, |(_, least)| least));
-                best = Some((j, rest));
+enum Progress {
+    Goes,
+    Ends(Option<Found>),
+}
+
+/// The responses by all blocks, then without each of them.
+#[derive(Debug, Clone, Default)]
+struct Jackknife {
+    whole: Option<Responses>,
+    without: [Responses; BLOCKS],
+    done: usize,
+}
+
+impl Jackknife {
+    fn step(&mut self, blocks: &[Sums]) -> Progress {
+        let left_out = self.whole.map(|_| self.done);
+        let mut sums = Sums::ZERO;
+        for (b, block) in blocks.iter().enumerate() {
+            if left_out != Some(b) {
+                sums.normal += block.normal;
+                sums.right += block.right;
             }
         }
+        let Some(found) = responses(&sums) else {
+            return Progress::Ends(None);
+        };
+        let Some(whole) = self.whole else {
+            self.whole = Some(found);
+            return Progress::Goes;
+        };
+        if let Some(without) = self.without.get_mut(self.done) {
+            *without = found;
+        }
+        self.done += 1;
+        match self.done < BLOCKS {
+            true => Progress::Goes,
+            false => Progress::Ends(self.found(&whole)),
+        }
     }
-    let (j, least) = best.filter(|(_, least)| *least > 0.0)?;
-    // Logarithm of the ratio of their likelihoods.
-    (0.5 * rows * (second / least).ln() > KNOWN).then_some(j + 1)
+
+    /// Standard deviation of a quantity that follows from responses.
+    fn sigma(&self, of: impl Fn(&Responses) -> f64) -> f64 {
+        let n = BLOCKS as f64;
+        let mean = self.without.iter().map(&of).sum::<f64>() / n;
+        let square = self.without.iter().map(|h| (of(h) - mean).powi(2));
+        (square.sum::<f64>() * (n - 1.0) / n).sqrt()
+    }
+
+    fn found(&self, whole: &Responses) -> Option<Found> {
+        let (best, height) = greatest(whole);
+        let exceeds = |of: &dyn Fn(&Responses) -> f64| of(whole) > KNOWN * self.sigma(of);
+        if !(height.is_finite() && exceeds(&|h| h[best])) {
+            return None;
+        }
+        let others = (0..PERIODS).filter(|j| j.abs_diff(best) > 1);
+        for j in others {
+            if whole[j] > OTHER * height || !exceeds(&|h| h[best] - h[j]) {
+                return None;
+            }
+        }
+        let centre = |h: &Responses| {
+            let near = best.saturating_sub(1)..=(best + 1).min(PERIODS - 1);
+            let (mut sum, mut moment) = (0.0, 0.0);
+            for j in near {
+                sum += h[j].max(0.0);
+                moment += h[j].max(0.0) * (j + 1) as f64;
+            }
+            moment / sum.max(f64::MIN_POSITIVE)
+        };
+        let sigma = self.sigma(centre);
+        (sigma < CENTRE).then(|| Found {
+            periods: centre(whole),
+            variance: sigma * sigma,
+        })
+    }
+}
+
+/// Place and value of the greatest response.
+fn greatest(h: &Responses) -> (usize, f64) {
+    let mut best = (0, f64::NEG_INFINITY);
+    for (j, &x) in h.iter().enumerate() {
+        if x > best.1 {
+            best = (j, x);
+        }
+    }
+    best
+}
+
+/// `h_j` by least squares; none where the equations do not determine them.
+fn responses(sums: &Sums) -> Option<Responses> {
+    let scale = Vector::from_fn(|i, _| sums.normal[(i, i)].max(f64::MIN_POSITIVE).sqrt());
+    let matrix = Matrix::from_fn(|i, k| {
+        let ridge = if i == k { 1e-9 } else { 0.0 };
+        sums.normal[(i.max(k), i.min(k))] / (scale[i] * scale[k]) + ridge
+    });
+    let mut found = matrix
+        .cholesky()?
+        .solve(&sums.right.component_div(&scale))
+        .component_div(&scale);
+    // h in place of g.
+    for j in 0..PERIODS {
+        let earlier = (1..=CURRENTS.min(j)).map(|m| found[PERIODS + m - 1] * found[j - m]);
+        found[j] += earlier.sum::<f64>();
+    }
+    Some(std::array::from_fn(|j| found[j]))
 }

@@ -11,7 +11,8 @@
 //!                                    goal: inverse dynamics  └──────────────────┘
 //! ```
 //!
-//! From any state, goals stop and fault lead to a hold as well. A joint that is not engaged has no
+//! Modes Cartesian, passive, torque-feedback motion and low-gain tracking are inverse dynamics with other
+//! torques and gains. From any state, goals stop and fault lead to a hold as well. A joint that is not engaged has no
 //! state and no command. A hold depends on no single sensor: a position-commanded drive keeps its
 //! last command, brought to rest where the joint was moving; a current-commanded one
 //! [carries](super::carry) its joint.
@@ -47,13 +48,12 @@ enum State {
         torque_loop: TorqueLoop,
         transition: Transition,
     },
-    /// Follows `q_d dq_d ddq_d` of the reference.
+    /// Follows `q_d dq_d ddq_d` of the reference, or yields, by the torques of its mode.
     InverseDynamics {
         torque_loop: TorqueLoop,
         transition: Transition,
         impedance: Impedance,
-        /// Beside frames that are led.
-        cartesian: bool,
+        mode: Mode,
     },
 }
 
@@ -62,10 +62,7 @@ impl State {
         match self {
             Self::HoldPosition { .. } | Self::Carry(_) => Mode::Hold,
             Self::Torque { .. } => Mode::Torque,
-            Self::InverseDynamics {
-                cartesian: true, ..
-            } => Mode::Cartesian,
-            Self::InverseDynamics { .. } => Mode::InverseDynamics,
+            Self::InverseDynamics { mode, .. } => *mode,
         }
     }
 }
@@ -191,7 +188,8 @@ impl JointController {
         });
         let limited = match &self.state {
             Some(State::HoldPosition { .. }) => {
-                let usable = input.measured.flags & NOT_USED == 0;
+                // Nor does it give way to what an encoder in doubt shows.
+                let usable = input.measured.flags & NOT_USED == 0 && !self.doubted;
                 self.limiter.hold(asked, &motion, usable)
             }
             Some(State::Carry(carry)) => {
@@ -362,14 +360,20 @@ impl Law {
                 torque_loop,
                 transition,
             },
-            (mode @ (Mode::InverseDynamics | Mode::Position | Mode::Cartesian), _) => {
-                State::InverseDynamics {
-                    torque_loop,
-                    transition,
-                    impedance: Impedance::asked(input.impedance, &self.gains),
-                    cartesian: mode == Mode::Cartesian,
-                }
-            }
+            (
+                mode @ (Mode::InverseDynamics
+                | Mode::Position
+                | Mode::Cartesian
+                | Mode::Passive
+                | Mode::TorqueFeedbackMotion
+                | Mode::LowGainTracking),
+                _,
+            ) => State::InverseDynamics {
+                torque_loop,
+                transition,
+                impedance: Impedance::asked(input.impedance, &self.gains),
+                mode,
+            },
         }
     }
 }

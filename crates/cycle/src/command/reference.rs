@@ -15,7 +15,7 @@
 use core::ops::RangeInclusive;
 
 use control::JointGains;
-use robot_config::{FtParameters, JointParameters, Robot};
+use robot_config::{FtParameters, JointParameters, Robot, TorqueLaw};
 use robot_state::{
     Event, JointMeasured, JointReference, MeasuredRecord, Mode, Reference, Wrench, source,
 };
@@ -29,8 +29,8 @@ use crate::time::SECONDS_PER_NS;
 const FIRST_DISTANCE_S: f64 = 0.05;
 /// Desired positions and velocities may change this much faster than the limits, for clients' jitter.
 const PACE: f64 = 1.5;
-/// Way that a desired position may make at once, rad, and as a share of the velocity limit the
-/// change that a desired velocity may.
+/// Way that a desired position may make at once, rad (of a prismatic joint what counts as much), and as a
+/// share of the velocity limit the change that a desired velocity may.
 const SLACK: f64 = 0.02;
 /// For rounding of values that are meant to be the limit.
 const ROUNDING: f64 = 1.001;
@@ -75,6 +75,12 @@ pub(crate) enum Goal<'a> {
     Position(&'a Reference),
     /// The frames of the reference, besides inverse dynamics.
     Cartesian(&'a Reference),
+    /// Joints that are not held give way; the others follow the reference.
+    Passive(&'a Reference),
+    /// The positions of the reference, with the carried torque fed back.
+    TorqueFeedbackMotion(&'a Reference),
+    /// The positions of the reference, by a low stiffness and a learned feed-forward.
+    LowGainTracking(&'a Reference),
 }
 
 impl<'a> Goal<'a> {
@@ -85,6 +91,9 @@ impl<'a> Goal<'a> {
             Self::InverseDynamics(_) => Mode::InverseDynamics,
             Self::Position(_) => Mode::Position,
             Self::Cartesian(_) => Mode::Cartesian,
+            Self::Passive(_) => Mode::Passive,
+            Self::TorqueFeedbackMotion(_) => Mode::TorqueFeedbackMotion,
+            Self::LowGainTracking(_) => Mode::LowGainTracking,
         }
     }
 
@@ -94,7 +103,18 @@ impl<'a> Goal<'a> {
             Self::Torque(reference)
             | Self::InverseDynamics(reference)
             | Self::Position(reference)
-            | Self::Cartesian(reference) => Some(reference),
+            | Self::Cartesian(reference)
+            | Self::Passive(reference)
+            | Self::TorqueFeedbackMotion(reference)
+            | Self::LowGainTracking(reference) => Some(reference),
+        }
+    }
+
+    /// A joint is let go: the mode is passive, and it is not among those that are held.
+    pub(crate) fn lets_go(&self, joint: usize) -> bool {
+        match self {
+            Self::Passive(reference) => reference.held_joints >> (joint & 63) & 1 == 0,
+            _ => false,
         }
     }
 }
@@ -110,10 +130,14 @@ struct Joint {
     acceleration: f64,
     q_d: f64,
     dq_d: f64,
-    /// Way that `q_d` may make at once, rad.
+    /// Way that a desired position may make at once, rad.
+    slack: f64,
+    /// What is left of it for `q_d`, rad.
     credit: f64,
     /// Way that `dq_d` made and `q_d` did not, rad.
     ahead: f64,
+    /// It gave way: the position at which it is held next begins anew.
+    let_go: bool,
 }
 
 /// Follows a client's references.
@@ -156,6 +180,9 @@ impl ReferenceCheck {
             Some(Mode::Position) => Goal::Position(reference),
             Some(Mode::Cartesian) if self.frames.exist() => Goal::Cartesian(reference),
             Some(Mode::Cartesian) => return Err(Event::ReferenceRejected),
+            Some(Mode::Passive) => Goal::Passive(reference),
+            Some(Mode::TorqueFeedbackMotion) => Goal::TorqueFeedbackMotion(reference),
+            Some(Mode::LowGainTracking) => Goal::LowGainTracking(reference),
             None => return Err(Event::ReferenceRejected),
         };
         if reference.joint_count as usize != self.joints.len() {
@@ -189,6 +216,10 @@ impl ReferenceCheck {
         if goal.mode() == Mode::Position {
             return joints.all(|(joint, asked)| joint.can_go_to(asked));
         }
+        if goal.mode() == Mode::Passive {
+            let mut joints = joints.enumerate();
+            return joints.all(|(j, (joint, asked))| goal.lets_go(j) || joint.can(asked));
+        }
         if goal.mode() == Mode::Cartesian {
             return joints.all(|(joint, asked)| joint.can(asked))
                 && self.frames.is_within(reference);
@@ -210,14 +241,11 @@ impl ReferenceCheck {
         measured: &MeasuredRecord,
     ) -> Result<(), Event> {
         self.cycles += 1.0;
-        let (Goal::InverseDynamics(reference) | Goal::Cartesian(reference), is_new) =
-            (goal, self.is_new(goal))
-        else {
+        let paced = !matches!(goal, Goal::Torque(_) | Goal::Position(_));
+        let reference = goal.reference().filter(|_| paced);
+        let Some(reference) = reference.filter(|_| first || self.is_new(goal)) else {
             return Ok(());
         };
-        if !(first || is_new) {
-            return Ok(());
-        }
         let time = self.time_since(reference);
         self.last = Some((reference.sequence, reference.sent_ns));
         self.cycles = 0.0;
@@ -231,8 +259,13 @@ impl ReferenceCheck {
             }
         }
         let joints = self.joints.iter_mut().zip(&reference.joints);
-        for ((joint, asked), measured) in joints.zip(&measured.joints) {
-            if first {
+        for (j, ((joint, asked), measured)) in joints.zip(&measured.joints).enumerate() {
+            let begins = first || joint.let_go;
+            joint.let_go = goal.lets_go(j);
+            if joint.let_go {
+                continue;
+            }
+            if begins {
                 joint.start(asked, measured)?;
             } else {
                 joint.go_on(asked, time)?;
@@ -268,8 +301,10 @@ impl Joint {
             acceleration: joint.desired_acceleration(),
             q_d: 0.0,
             dq_d: 0.0,
+            slack: joint.kind.threshold(SLACK),
             credit: 0.0,
             ahead: 0.0,
+            let_go: false,
         }
     }
 
@@ -310,7 +345,7 @@ impl Joint {
             return Err(Event::ReferenceLimit);
         }
         (self.q_d, self.dq_d) = (asked.q_d, asked.dq_d);
-        (self.credit, self.ahead) = (SLACK, 0.0);
+        (self.credit, self.ahead) = (self.slack, 0.0);
         Ok(())
     }
 
@@ -320,7 +355,7 @@ impl Joint {
         let way = asked.q_d - std::mem::replace(&mut self.q_d, asked.q_d);
         let change = asked.dq_d - std::mem::replace(&mut self.dq_d, asked.dq_d);
         let pace = PACE * velocity * time;
-        self.credit = (self.credit + pace).min(SLACK.max(pace)) - way.abs();
+        self.credit = (self.credit + pace).min(self.slack.max(pace)) - way.abs();
         if self.credit < 0.0 {
             return Err(Event::ReferenceJump);
         }
@@ -339,7 +374,7 @@ impl Joint {
 
 /// Greatest |force| and |torque| along each axis that a sensor can measure, by its signals' ranges
 /// and its calibration; infinite for signals that have no range.
-fn reach(sensor: &FtParameters) -> [f64; 6] {
+pub(crate) fn reach(sensor: &FtParameters) -> [f64; 6] {
     let ends = |signal: usize| {
         let ends = sensor.signals.get(signal);
         ends.map_or(f64::INFINITY, |s| s.min.abs().max(s.max.abs()))
@@ -380,9 +415,22 @@ pub(super) fn needs(mode: Mode, robot: &Robot) -> Option<u32> {
     let feedback = used(by_encoders, source::ENCODER_TORQUE) | used(by_sensors, source::WHOLE_BODY);
     let needs = match mode {
         Mode::Hold => 0,
-        Mode::Torque => feedback,
+        Mode::Torque | Mode::TorqueFeedbackMotion => feedback,
         // Gravity by the base's motion, and the contact wrenches.
-        Mode::InverseDynamics | Mode::Position | Mode::Cartesian => feedback | source::WHOLE_BODY,
+        Mode::InverseDynamics
+        | Mode::Position
+        | Mode::Cartesian
+        | Mode::Passive
+        | Mode::LowGainTracking => feedback | source::WHOLE_BODY,
     };
-    (mode != Mode::Cartesian || !robot.parameters.frames.is_empty()).then_some(needs)
+    let exists = match mode {
+        Mode::Cartesian => !robot.parameters.frames.is_empty(),
+        // Its margins are known of torque without delay alone.
+        Mode::TorqueFeedbackMotion => {
+            matches!(law, TorqueLaw::Predictive(_)) && joints.iter().all(|j| j.has_link_encoder)
+        }
+        Mode::LowGainTracking => joints.iter().any(|joint| joint.feed_forward.is_some()),
+        _ => true,
+    };
+    exists.then_some(needs)
 }

@@ -73,6 +73,7 @@ impl CrossCheckStage {
                 },
                 whole_body: valid(&joint.tau_whole_body),
                 current: valid(&joint.tau_current),
+                current_sigma: joint.tau_current.sigma,
             };
         }
         let found = self.check.update(&self.sources, whole_body);

@@ -39,7 +39,7 @@ impl CurrentTorques {
         let period = p.timing.sample_period;
         let used = |joint: &&JointParameters| p.cross_check.is_some() || !joint.has_link_encoder;
         let joint = |joint: &JointParameters| Joint {
-            estimator: CurrentEstimator::new(current(joint, period)),
+            estimator: CurrentEstimator::of_data_sheet(current(joint, period)),
             by_motor: (!joint.has_link_encoder).then_some(1.0 / joint.encoders.gear_ratio),
         };
         let joints = p.joints.iter();

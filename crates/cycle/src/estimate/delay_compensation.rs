@@ -53,8 +53,9 @@ struct Joint {
 pub(crate) struct FastTorque {
     /// By torsion alone.
     pub(crate) torsion: Option<f64>,
-    /// By torsion, on the level of F/T sensors and rigid-body model.
+    /// By torsion, on the level of F/T sensors and rigid-body model: for feedback, and to be judged.
     pub(crate) levelled: Option<f64>,
+    pub(crate) levelled_freely: Option<f64>,
 }
 
 impl DelayCompensation {
@@ -76,6 +77,7 @@ impl DelayCompensation {
                 },
                 torque_limit: joint.limits.torque,
                 stands_within: joint.limits.gives_way,
+                gain: stored_gain(joint),
                 error_per_angle: KINEMATIC_SLOPE * joint.estimator.compliance.k_fs0,
             }),
             torque_limit: joint.limits.torque,
@@ -126,6 +128,7 @@ impl DelayCompensation {
                     true => FastTorque {
                         torsion: fast,
                         levelled: own.compensator.levelled(),
+                        levelled_freely: own.compensator.levelled_freely(),
                     },
                     false => FastTorque::default(),
                 };
@@ -135,6 +138,13 @@ impl DelayCompensation {
             }
         }
     }
+}
+
+/// g of the joint file; 1 without.
+fn stored_gain(joint: &JointParameters) -> f64 {
+    let file = joint.calibration.as_ref();
+    let gain = file.and_then(|file| file.torsion_gain.as_ref());
+    gain.map_or(1.0, |table| table.gain)
 }
 
 /// Standard deviation of the compliance's torque due to the encoders' counts: a count hides a uniform

@@ -27,6 +27,8 @@ use super::whole_body::{Place, estimator};
 use crate::events::{Counts, Subject};
 use crate::measure::{Measure, NOT_USED};
 
+/// Time in which the level follows, s: a change of the torque counts for so long.
+const LATELY_S: f64 = 0.5;
 /// Samples that may be missing in a row: one is bridged well enough for a second derivative.
 const BRIDGED: u32 = 1;
 
@@ -92,7 +94,8 @@ impl ExternalTorque {
                 sigma: [joint.tau_encoder.sigma, joint.tau_whole_body.sigma],
             };
             let acceleration = self.change.acceleration(measure, j);
-            let motion = [measured.joints[j].dq, acceleration];
+            let turned = self.change.torque_change(j);
+            let motion = [measured.joints[j].dq, acceleration, turned];
             let encoder = valid(&joint.tau_encoder).map(|_| lasting);
             let state = detector.update(motion, [change, encoder]);
             joint.tau_ext_change = change.map_or(0.0, |change: External| change.tau);
@@ -139,6 +142,7 @@ fn detection(
             at_rest: [limit * share.change, limit * share.lasting],
             per_velocity: limit * share.at_velocity_limit / joint.limits.velocity,
             per_acceleration: limit * share.at_acceleration_limit / joint.acceleration(),
+            per_torque: share.of_torque_change,
         },
         upper_ratio: settings.upper_ratio,
         hold: settings.hold,
@@ -230,6 +234,9 @@ struct Change {
     filter: FilterBank,
     window: u32,
     newest: Vec<f64>,
+    /// The filtered torque of the last half second, on average, N·m, and the share of a cycle in it.
+    lately: Vec<f64>,
+    forgetting: f64,
     /// Cycles for which each joint's torque has not been known, and those since, up to the window.
     missed: Vec<u32>,
     seen: Vec<u32>,
@@ -246,6 +253,8 @@ impl Change {
             window: filter.kernel().len() as u32,
             filter,
             newest: vec![f64::NAN; joints],
+            lately: vec![0.0; joints],
+            forgetting: (robot.parameters.timing.sample_period / LATELY_S).min(1.0),
             missed: vec![u32::MAX; joints],
             seen: vec![0; joints],
             gaps: Gaps {
@@ -267,7 +276,7 @@ impl Change {
         let states = self.missed.iter_mut().zip(&mut self.seen);
         for ((newest, (missed, seen)), fast) in self.newest.iter_mut().zip(states).zip(fast) {
             // Without the level the error of a gear at rest would look like a change.
-            *newest = fast.levelled.unwrap_or(f64::NAN);
+            *newest = fast.levelled_freely.unwrap_or(f64::NAN);
             *missed = match newest.is_finite() {
                 true => 0,
                 false => missed.saturating_add(1),
@@ -278,6 +287,13 @@ impl Change {
             };
         }
         self.filter.update(&self.newest);
+        let states = self.lately.iter_mut().zip(&self.seen);
+        for ((lately, seen), torque) in states.zip(self.filter.values()) {
+            *lately = match *seen < self.window {
+                true => *torque,
+                false => *lately + self.forgetting * (torque - *lately),
+            };
+        }
         self.gaps.update(measure, measured, self.window);
         if let Some(signals) = measure.contact() {
             self.whole_body.blend(shares);
@@ -302,6 +318,12 @@ impl Change {
             tau: model.tau.get(joint)? - self.filter.values().get(joint)?,
             sigma: [sigma, *model.sigma.get(joint)?],
         })
+    }
+
+    /// How far the torque of a joint is from where it was lately, N·m.
+    fn torque_change(&self, joint: usize) -> f64 {
+        let torques = self.filter.values().get(joint).zip(self.lately.get(joint));
+        torques.map_or(0.0, |(torque, lately)| torque - lately)
     }
 
     /// |ddq| of a joint, rad/s².

@@ -297,11 +297,13 @@ pub(crate) fn signals(robot: &Robot) -> [Vec<Signal>; 3] {
     });
     let fts = p.ft_sensors.iter().enumerate();
     let fts = fts.flat_map(|(s, ft)| (0..6).map(move |axis| (ft.sampling, slots::ft(s, axis))));
-    let sampling = p.imu.as_ref().map_or(Sampling::AT_SYNC, |imu| imu.sampling);
-    let imu = (0..3)
-        .map(slots::gyro)
-        .chain((0..3).map(slots::accelerometer));
-    let sensors = fts.chain(imu.map(|slot| (sampling, slot)));
+    let imus = p.imus.iter().enumerate();
+    let imus = imus.flat_map(|(i, imu)| {
+        let gyro = (0..3).map(move |axis| slots::gyro(i, axis));
+        let axes = gyro.chain((0..3).map(move |axis| slots::accelerometer(i, axis)));
+        axes.map(|slot| (imu.sampling, slot))
+    });
+    let sensors = fts.chain(imus);
     [
         links().collect(),
         links().chain(motors).collect(),

@@ -13,7 +13,7 @@ use whole_body::WholeBodyInput;
 use super::align::{AlignedBank, signals};
 use crate::time::Stamp;
 
-/// Channels of one F/T sensor, and of the IMU.
+/// Channels of one F/T sensor, and of one IMU.
 pub(crate) const AXES: usize = 6;
 
 /// Angles, wrenches and the IMU's motion at one instant, with derivatives.
@@ -21,7 +21,7 @@ pub(crate) const AXES: usize = 6;
 pub(crate) struct Filtered {
     /// q of every joint: value and two derivatives.
     encoders: AlignedBank,
-    /// Every F/T sensor's axes, then the IMU's: value and first derivative.
+    /// Every F/T sensor's axes, then every IMU's: value and first derivative.
     sensors: AlignedBank,
     /// The gyro's derivative is used, not neglected.
     differentiate: bool,
@@ -29,7 +29,9 @@ pub(crate) struct Filtered {
     dq: Vec<f64>,
     ddq: Vec<f64>,
     ft: Vec<Wrench>,
-    imu: ImuMotion,
+    /// The motion of the first IMU, or what stands in for it.
+    base: ImuMotion,
+    imus: Vec<ImuMotion>,
 }
 
 impl Filtered {
@@ -43,6 +45,11 @@ impl Filtered {
             sensor = sensor.with_derivatives(2);
         }
         let n = p.joints.len();
+        let still = ImuMotion {
+            angular_velocity: Vector3::zeros(),
+            angular_acceleration: Vector3::zeros(),
+            proper_acceleration: Vector3::zeros(),
+        };
         Ok(Self {
             encoders: AlignedBank::new(&encoders, filters.encoder, period)?,
             sensors: AlignedBank::new(&sensors, sensor, period)?,
@@ -51,11 +58,8 @@ impl Filtered {
             dq: vec![0.0; n],
             ddq: vec![0.0; n],
             ft: vec![Wrench::default(); p.ft_sensors.len()],
-            imu: ImuMotion {
-                angular_velocity: Vector3::zeros(),
-                angular_acceleration: Vector3::zeros(),
-                proper_acceleration: Vector3::zeros(),
-            },
+            base: still,
+            imus: vec![still; p.imus.len()],
         })
     }
 
@@ -77,12 +81,34 @@ impl Filtered {
             wrench.force = three(AXES * s);
             wrench.torque = three(AXES * s + 3);
         }
-        let imu = AXES * self.ft.len();
-        self.imu.angular_velocity = three(imu).into();
-        self.imu.proper_acceleration = three(imu + 3).into();
-        if self.differentiate {
-            let rate: [f64; 3] = std::array::from_fn(|i| sensors.outputs(imu + i)[1]);
-            self.imu.angular_acceleration = rate.into();
+        for (k, imu) in self.imus.iter_mut().enumerate() {
+            let first = AXES * (self.ft.len() + k);
+            imu.angular_velocity = three(first).into();
+            imu.proper_acceleration = three(first + 3).into();
+            if self.differentiate {
+                let rate: [f64; 3] = std::array::from_fn(|i| sensors.outputs(first + i)[1]);
+                imu.angular_acceleration = rate.into();
+            }
+        }
+        if let Some(first) = self.imus.first() {
+            self.base = *first;
+        }
+    }
+
+    /// The motion that each IMU shows.
+    pub(super) fn imus(&self) -> &[ImuMotion] {
+        &self.imus
+    }
+
+    /// Lets another motion stand in for the first IMU's, with a share from 0 to 1, until the next update.
+    pub(super) fn show_base(&mut self, motion: &ImuMotion, share: f64) {
+        let base = &mut self.base;
+        for (own, other) in [
+            (&mut base.angular_velocity, motion.angular_velocity),
+            (&mut base.angular_acceleration, motion.angular_acceleration),
+            (&mut base.proper_acceleration, motion.proper_acceleration),
+        ] {
+            *own += (other - *own) * share;
         }
     }
 
@@ -99,7 +125,7 @@ impl Filtered {
             dq: &self.dq,
             ddq: &self.ddq,
             ft: &self.ft,
-            imu: self.imu,
+            imu: self.base,
         }
     }
 
@@ -113,9 +139,14 @@ impl Filtered {
         self.encoders.settling(joint)
     }
 
-    /// The same of an F/T sensor, by its index, or of the IMU, which follows them.
+    /// The same of an F/T sensor.
     pub(crate) fn sensor_settling(&self, sensor: usize) -> bool {
         self.sensors.settling(AXES * sensor)
+    }
+
+    /// The same of an IMU.
+    pub(crate) fn imu_settling(&self, imu: usize) -> bool {
+        self.sensors.settling(AXES * (self.ft.len() + imu))
     }
 }
 

@@ -18,6 +18,8 @@ pub(crate) struct FtInput {
     /// With the offset of this cycle.
     conditioning: FtConditioning,
     has_temperature: bool,
+    /// Greatest |tare| of each axis: what the sensor can show, N and N·m.
+    most: [f64; 6],
     /// Tare at the start and at the end of the ramp, and the ramp's progress, 0 to 1.
     from: [f64; 6],
     to: [f64; 6],
@@ -32,6 +34,7 @@ impl FtInput {
             configured: parameters.conditioning.offset,
             conditioning: parameters.conditioning.clone(),
             has_temperature: parameters.has_temperature,
+            most: crate::command::reach(parameters),
             from: [0.0; 6],
             to: [0.0; 6],
             share: 1.0,
@@ -42,7 +45,9 @@ impl FtInput {
     /// Moves the offset towards a tare by one period; at once before the first sample.
     pub(crate) fn follow(&mut self, tare: &Wrench, period_s: f64) {
         let tare = tare.to_array();
-        if tare != self.to && tare.iter().all(|x| x.is_finite()) {
+        // A tare that the sensor cannot show is none: against it every sample would look the same.
+        let shown = |(x, most): (&f64, &f64)| x.is_finite() && x.abs() <= *most;
+        if tare != self.to && tare.iter().zip(&self.most).all(shown) {
             (self.from, self.to, self.share) = (self.tare(), tare, 0.0);
         }
         self.share = match self.seen {

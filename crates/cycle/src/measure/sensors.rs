@@ -1,7 +1,9 @@
-//! Sensors: F/T sensors and IMU, from their frames to the axes of the filters.
+//! Sensors: F/T sensors and IMUs, from their frames to the axes of the filters.
 
 use robot_config::slots;
-use robot_state::{Event, FtMeasured, MeasuredRecord, Settings, Wrench};
+use robot_state::{
+    Event, FtMeasured, MAX_FURTHER_IMUS, MeasuredRecord, Settings, Wrench, measured_flags,
+};
 
 use super::Measure;
 use super::filtered::AXES;
@@ -47,38 +49,84 @@ impl Measure {
         }
     }
 
-    pub(super) fn read_imu(
+    pub(super) fn read_imus(
         &mut self,
         at: Instants,
         holds: bool,
         measured: &mut MeasuredRecord,
         counts: &mut Counts,
     ) {
-        let Some((source, check)) = &mut self.imu else {
-            return;
-        };
-        let before = source.last_used();
-        let mut reading = (self.reception).reading(source, at, counts);
-        let slot = |slot: usize| self.reception.slot(slot);
-        let gyro: [f64; 3] = std::array::from_fn(|axis| slot(slots::gyro(axis)));
-        let acceleration = std::array::from_fn(|axis| slot(slots::accelerometer(axis)));
         let dt = self.sample_period * f64::from(self.skipped + 1);
-        if !reading.usable {
-            check.wait(dt);
-        } else if !check.is_plausible(gyro, acceleration, dt, holds) {
-            reading = self.reception.reject(source, before, at, &reading);
+        let [alone, alone_before] = self.imus.is_alone();
+        let of_record = std::iter::once(&mut measured.imu).chain(&mut measured.further_imus);
+        let sources = self.imu_sources.iter_mut().zip(of_record).enumerate();
+        for (i, ((source, check), imu)) in sources {
+            let before = source.last_used();
+            let mut reading = (self.reception).reading(source, at, counts);
+            let slot = |slot: usize| self.reception.slot(slot);
+            let gyro: [f64; 3] = std::array::from_fn(|axis| slot(slots::gyro(i, axis)));
+            let acceleration = std::array::from_fn(|axis| slot(slots::accelerometer(i, axis)));
+            if !reading.usable {
+                check.wait(dt);
+            } else if !check.is_plausible(gyro, acceleration, dt, holds) {
+                reading = self.reception.reject(source, before, at, &reading);
+            }
+            // What depends on the first one alone is an event of its own where another stands in for it.
+            let counts_alone = i == 0 && alone;
+            if counts_alone {
+                let before = if alone_before { imu.flags } else { 0 };
+                note_unsound(before, &reading, Subject::Imu(i), counts);
+            }
+            imu.age_s = reading.age_s;
+            imu.flags = reading.flags;
+            if reading.usable {
+                (imu.gyro, imu.accelerometer) = (gyro, acceleration);
+                let first = AXES * (self.sensors.len() + i);
+                self.axes[first..][..3].copy_from_slice(&imu.gyro);
+                self.axes[first + 3..][..3].copy_from_slice(&imu.accelerometer);
+            } else if counts_alone {
+                counts.add_of(Event::SensorMissed, Subject::Imu(i));
+            }
         }
-        let imu = &mut measured.imu;
-        note_unsound(imu.flags, &reading, Subject::Imu, counts);
-        imu.age_s = reading.age_s;
-        imu.flags = reading.flags;
-        if reading.usable {
-            (imu.gyro, imu.accelerometer) = (gyro, acceleration);
-            let first = AXES * self.sensors.len();
-            self.axes[first..][..3].copy_from_slice(&imu.gyro);
-            self.axes[first + 3..][..3].copy_from_slice(&imu.accelerometer);
-        } else {
-            counts.add_of(Event::SensorMissed, Subject::Imu);
+    }
+
+    /// Compares the IMUs; where another one stands in for the first, the signals of the base are its.
+    pub(super) fn compare_imus(&mut self, measured: &mut MeasuredRecord, counts: &mut Counts) {
+        let dt = self.sample_period * f64::from(self.skipped + 1);
+        let mut flags = [measured.imu.flags; 1 + MAX_FURTHER_IMUS];
+        for (flags, imu) in flags.iter_mut().skip(1).zip(&measured.further_imus) {
+            *flags = imu.flags;
+        }
+        self.imus.stand_in(&mut self.long);
+        self.imus.update(flags, &self.long, dt, counts);
+        self.imus.stand_in(&mut self.short);
+        if let Some(contact) = &mut self.contact {
+            self.imus.stand_in(contact);
+        }
+    }
+
+    /// Filtered motion of every IMU, and of the base.
+    pub(super) fn publish_imus(&self, measured: &mut MeasuredRecord) {
+        let base = self.long.input().imu;
+        let of_record = std::iter::once(&mut measured.imu).chain(&mut measured.further_imus);
+        for (i, (motion, imu)) in self.long.imus().iter().zip(of_record).enumerate() {
+            let motion = if i == 0 { &base } else { motion };
+            imu.gyro_hat = motion.angular_velocity.into();
+            imu.accelerometer_hat = motion.proper_acceleration.into();
+            imu.angular_acceleration_hat = motion.angular_acceleration.into();
+            if self.long.imu_settling(i) {
+                imu.flags |= measured_flags::SETTLING;
+            }
+        }
+        let stand_in = self
+            .imus
+            .standing_in()
+            .and_then(|index| index.checked_sub(1));
+        if let Some(other) = stand_in.and_then(|place| measured.further_imus.get(place)) {
+            let (age_s, flags) = (other.age_s, other.flags);
+            let imu = &mut measured.imu;
+            (imu.gyro, imu.accelerometer) = (imu.gyro_hat, imu.accelerometer_hat);
+            (imu.age_s, imu.flags) = (age_s, flags | measured_flags::STANDS_IN);
         }
     }
 }

@@ -7,7 +7,8 @@ use can_codec::{Frame, Frames, MAX_FRAMES};
 use cycle::{ClientInput, Cycle, Instants, OperatorRequest, Stamp};
 use plant::{CanRobot, SimParameters};
 use robot_config::{Robot, slots};
-use robot_state::{CycleRecord, JointReference, Mode, Reference};
+use robot_state::{CycleRecord, JointReference, Mode, Reference, TrajectoryPiece};
+use test_support::Random;
 
 /// Files of the project; configurations name theirs relative to themselves.
 pub(crate) use test_support::read_project_file as read;
@@ -273,5 +274,37 @@ pub(crate) fn spoil_ft(bench: &mut Bench, change: impl Fn(&mut [f64; 6])) {
             frame.stamp_ns = stamp_ns;
         }
         bench.rx.push(*frame);
+    }
+}
+
+/// A number that a client may send.
+pub(crate) fn any_number(random: &mut Random) -> f64 {
+    match random.below(9) {
+        0 => f64::NAN,
+        1 => f64::INFINITY,
+        2 => f64::NEG_INFINITY,
+        3 => -1e300,
+        4 => 0.0,
+        5 => 1e3 * (random.symmetric()),
+        _ => random.symmetric(),
+    }
+}
+
+/// Two pieces in three stay as they are; something of the third is wrong or strange.
+pub(crate) fn spoil_piece(piece: &mut TrajectoryPiece, joints: usize, random: &mut Random) {
+    let (point, joint) = (random.below(32), random.below(joints));
+    let joint = &mut piece.points[point].joints[joint];
+    match random.below(30) {
+        0 => joint.q_d = any_number(random),
+        1 => joint.dq_d = any_number(random),
+        2 => joint.ddq_d = any_number(random),
+        3 => piece.begins_ns = random.bits() >> random.below(64),
+        4 => piece.spacing_ns = random.bits() >> random.below(64),
+        5 => piece.point_count = random.bits() as u32 >> random.below(32),
+        6 => piece.joint_count = random.bits() as u32 >> random.below(32),
+        7 => piece.trajectory = random.bits() % 3,
+        8 => piece.sequence = random.bits() % 100,
+        9 => piece.session = random.bits() % 9,
+        _ => {}
     }
 }

@@ -20,8 +20,10 @@ impl SimRobot {
                 self.sense_ft(s, self.clocks.ft[s].latency() / self.dt, time);
             }
         }
-        if self.clocks.imu.at_sync() {
-            self.sense_imu(self.clocks.imu.latency() / self.dt);
+        for i in 0..self.imus.len() {
+            if self.clocks.imus[i].at_sync() {
+                self.sense_imu(i, self.clocks.imus[i].latency() / self.dt);
+            }
         }
     }
 
@@ -41,9 +43,11 @@ impl SimRobot {
                 self.send(Source::Ft(s), stamp, six(force, torque));
             }
         }
-        while let Some(Instant { measured, stamp }) = self.clocks.imu.due(now) {
-            let (gyro, accelerometer) = self.sense_imu((now - measured) / dt);
-            self.send(Source::Imu, stamp, six(gyro, accelerometer));
+        for i in 0..self.imus.len() {
+            while let Some(Instant { measured, stamp }) = self.clocks.imus[i].due(now) {
+                let values = self.sense_imu(i, (now - measured) / dt);
+                self.send(Source::Imu(i), stamp, values);
+            }
         }
     }
 
@@ -67,10 +71,9 @@ impl SimRobot {
         self.readings.ft[s]
     }
 
-    fn sense_imu(&mut self, ago: f64) -> ([f64; 3], [f64; 3]) {
-        if let Some(imu) = &mut self.imu {
-            (self.readings.gyro, self.readings.accelerometer) = imu.sense(ago);
-        }
-        (self.readings.gyro, self.readings.accelerometer)
+    fn sense_imu(&mut self, i: usize, ago: f64) -> [f64; 6] {
+        let (gyro, accelerometer) = self.imus[i].sense(ago);
+        self.readings.imus[i] = six(gyro, accelerometer);
+        self.readings.imus[i]
     }
 }

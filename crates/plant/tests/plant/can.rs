@@ -101,7 +101,7 @@ fn every_message_of_a_bus_answers_its_sync() {
         }
     }
     let acceleration: f64 = (0..3)
-        .map(|a| values[slots::accelerometer(a)].powi(2))
+        .map(|a| values[slots::accelerometer(0, a)].powi(2))
         .sum();
     assert!((acceleration.sqrt() - 9.81).abs() < 0.3, "{acceleration}");
 }
@@ -271,7 +271,7 @@ fn sensors_with_clocks_of_their_own_stamp_their_frames() {
     let its = |frame: &Frame| {
         let message = robot.receive.classify(frame).unwrap();
         let mut slots = robot.receive.slots(message);
-        slots.any(|slot| slots::source(slot) == Source::Imu)
+        slots.any(|slot| slots::source(slot) == Source::Imu(0))
     };
     let mut sync = Frames::new(8);
     for frame in &robot.sync {

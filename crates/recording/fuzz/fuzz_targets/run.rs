@@ -26,6 +26,7 @@ fuzz_target!(|bytes: &[u8]| {
     let counts = Counts {
         joints: 1,
         sensors: 0,
+        further_imus: 1,
     };
     let _ = Glance::at(bytes);
     let _ = Decoder::new(counts).decode(bytes, &mut message);

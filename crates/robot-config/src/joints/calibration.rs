@@ -1,9 +1,11 @@
-//! The joint file of a joint.
+//! The joint file of a joint, and its learned feed-forward.
 
 use super::Reader;
 use crate::drives::Drive;
 use crate::paths;
-use joint_file::JointFile;
+use estimators::features::FeatureSet;
+use estimators::local_gp::LocalGpParameters;
+use joint_file::{JointFile, TrainedLocalGp, feed_forward_base};
 use robot_state::JointKind;
 
 impl Reader<'_, '_, '_> {
@@ -43,6 +45,37 @@ impl Reader<'_, '_, '_> {
         };
         self.matches(&file, &path, drive, torque_limit)
             .then_some(file)
+    }
+
+    /// The learned feed-forward that `feed_forward` names; it must be this joint's.
+    pub(super) fn feed_forward(&self, name: &str) -> Option<LocalGpParameters> {
+        const ALLOWED: &str = "the path of a file that `torquectl learn` wrote for this joint";
+        let section = self.section;
+        let named = section.optional_text("feed_forward", ALLOWED)?;
+        let path = paths::resolved(self.files.config, named.value);
+        let text = match (self.files.read)(&path) {
+            Ok(text) => text,
+            Err(error) => {
+                section.problem("feed_forward", format!("{path}: {error}"), ALLOWED);
+                return None;
+            }
+        };
+        let trained = match TrainedLocalGp::from_text(&text, &path) {
+            Ok(trained) => trained,
+            Err(error) => {
+                let key = section.path("feed_forward");
+                section.note(error.or_at(&path, 0).of(key));
+                return None;
+            }
+        };
+        let base = feed_forward_base(name);
+        let learned = trained.parameters.features == FeatureSet::Motion;
+        if trained.base != base || !learned {
+            let what = format!("{path} corrects {:?}, not {base:?}", trained.base);
+            section.problem("feed_forward", what, ALLOWED);
+            return None;
+        }
+        Some(trained.parameters)
     }
 
     /// True if the joint file is for a joint like this one; notes each difference.

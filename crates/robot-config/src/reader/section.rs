@@ -214,6 +214,14 @@ impl<'n, 't> Section<'n, 't> {
         }
     }
 
+    /// A table `[key]` as a list of one, or the tables of a list `[[key]]`; none if the key is missing.
+    pub(crate) fn one_or_list(&self, key: &'static str) -> Vec<Section<'n, 't>> {
+        match self.find(key).map(Spanned::get_ref) {
+            Some(DeValue::Array(_)) => self.list(key),
+            _ => self.optional_section(key).into_iter().collect(),
+        }
+    }
+
     /// The tables inside this one, whatever they are called.
     pub(crate) fn named_sections(&self) -> Vec<(&'n str, Section<'n, 't>)> {
         self.table

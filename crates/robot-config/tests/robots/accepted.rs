@@ -37,9 +37,9 @@ fn every_joint_and_sensor_is_wired() {
         for sensor in 0..parameters.ft_sensors.len() {
             assert!((0..6).all(|axis| filled[slots::ft(sensor, axis)]));
         }
-        let imu =
-            (0..3).all(|axis| filled[slots::gyro(axis)] && filled[slots::accelerometer(axis)]);
-        assert_eq!(imu, parameters.imu.is_some());
+        let imu = (0..3)
+            .all(|axis| filled[slots::gyro(0, axis)] && filled[slots::accelerometer(0, axis)]);
+        assert_eq!(imu, !parameters.imus.is_empty());
         assert_eq!(robot.send.slot_count(), slots::send_len(parameters));
         assert_eq!(robot.sync.len(), parameters.buses.len());
     }
@@ -119,9 +119,11 @@ fn leg_has_the_parameters_of_its_configuration() {
 #[test]
 fn every_slot_knows_whose_it_is() {
     use slots::Source::{Ft, Imu, Joint};
-    for axis in 0..3 {
-        assert_eq!(slots::source(slots::gyro(axis)), Imu);
-        assert_eq!(slots::source(slots::accelerometer(axis)), Imu);
+    for imu in 0..=robot_state::MAX_FURTHER_IMUS {
+        for axis in 0..3 {
+            assert_eq!(slots::source(slots::gyro(imu, axis)), Imu(imu));
+            assert_eq!(slots::source(slots::accelerometer(imu, axis)), Imu(imu));
+        }
     }
     for s in 0..robot_state::MAX_FT_SENSORS {
         for axis in 0..6 {

@@ -435,3 +435,38 @@ fn a_stand_holds_what_could_move() {
     let parts = ["fixed_base.link: the URDF has no link no_link", "allowed: "];
     refused(&files, LEG, "link = \"no_link\"", &parts);
 }
+
+/// The humanoid with a second IMU in this link.
+fn with_second_imu(link: &str) -> Files {
+    const DBC: &str = "robot-models/humanoid/drives.dbc";
+    let files = Files::new();
+    let dbc = files.text(DBC).to_owned();
+    let from = dbc.find("BO_ 401 IMU").expect("a message");
+    let end = from + dbc[from..].find("\n\n").expect("its end");
+    let copy = dbc[from..end].replace("BO_ 401 IMU", "BO_ 402 IMU_2");
+    let toml = files.text(HUMANOID).to_owned();
+    let (before, one) = toml.split_once("[imu]").expect("an IMU");
+    let second = one
+        .replace("IMU.", "IMU_2.")
+        .replace("\"imu_link\"", &format!("{link:?}"));
+    let list = format!("{before}[[imu]]{one}\n[[imu]]{second}");
+    files
+        .with(DBC, &dbc[..end], &format!("{}\n\n{copy}", &dbc[..end]))
+        .with(HUMANOID, &toml, &list)
+}
+
+#[test]
+fn each_imu_has_a_link_of_its_own() {
+    let parts = ["imu.frame (2): ", "the URDF has no link tail"];
+    refused(&with_second_imu("tail"), HUMANOID, "\"tail\"", &parts);
+    let text = with_second_imu("imu_link").errors(HUMANOID);
+    let wanted = "imu.frame (2): a second IMU measures in this frame";
+    assert!(text.contains(wanted), "{text}");
+    let limit = with_second_imu("base_link").with(
+        HUMANOID,
+        "\"base_link\"\nbus = \"b\"\ngyro",
+        "\"base_link\"\ndisagreement_m_per_s2 = 0.0\nbus = \"b\"\ngyro",
+    );
+    let parts = ["imu.disagreement_m_per_s2 (2): ", "allowed: "];
+    refused(&limit, HUMANOID, "disagreement_m_per_s2", &parts);
+}

@@ -1,6 +1,6 @@
 //! Measured values: written by the stage `measure`, read by all later ones.
 
-use super::{MAX_FT_SENSORS, MAX_JOINTS, Wrench};
+use super::{MAX_FT_SENSORS, MAX_FURTHER_IMUS, MAX_JOINTS, Wrench};
 use crate::layout::record;
 
 /// Flag bits of measured values.
@@ -21,6 +21,9 @@ pub mod measured_flags {
     pub const FLAT: u32 = 64;
     /// A value stands at an end of its range (of a joint: its current).
     pub const SATURATED: u32 = 128;
+    /// Of the first IMU: it sends no usable sample, and another one, carried over by the joints between
+    /// them, stands in for it.
+    pub const STANDS_IN: u32 = 256;
 }
 
 record! {
@@ -120,7 +123,9 @@ record! {
         pub joints: [JointMeasured; MAX_JOINTS],
         /// The F/T sensors, in config order.
         pub ft: [FtMeasured; MAX_FT_SENSORS],
-        /// The IMU; zero if there is none.
+        /// The first IMU, which shows the base's motion, or what stands in for it; zero if there is none.
         pub imu: ImuMeasured,
+        /// The other IMUs, in config order.
+        pub further_imus: [ImuMeasured; MAX_FURTHER_IMUS],
     }
 }

@@ -23,16 +23,27 @@ pub enum Mode {
     /// Lead frames by springs, dampers and desired forces, and the joints besides by inverse dynamics:
     /// joints that move a frame keep their posture with the configured share of their stiffness.
     Cartesian = 4,
+    /// Give way to any hand: the joints carry gravity and inertial forces of the model and nothing else,
+    /// but those of `held_joints`, which follow `q_d dq_d` as in mode inverse dynamics.
+    Passive = 5,
+    /// Follow `q_d dq_d` of the client without a model of the links: the torque that a joint carries,
+    /// as estimated, is fed back to its motor.
+    TorqueFeedbackMotion = 6,
+    /// Follow `q_d dq_d ddq_d` by a low stiffness and a learned feed-forward beside inverse dynamics.
+    LowGainTracking = 7,
 }
 
 impl Mode {
     /// Every mode.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 8] = [
         Self::Hold,
         Self::Torque,
         Self::InverseDynamics,
         Self::Position,
         Self::Cartesian,
+        Self::Passive,
+        Self::TorqueFeedbackMotion,
+        Self::LowGainTracking,
     ];
 
     /// The mode's number in records.
@@ -56,6 +67,9 @@ impl Mode {
             Self::InverseDynamics => "inverse_dynamics",
             Self::Position => "position",
             Self::Cartesian => "cartesian",
+            Self::Passive => "passive",
+            Self::TorqueFeedbackMotion => "torque_feedback_motion",
+            Self::LowGainTracking => "low_gain_tracking",
         }
     }
 }
@@ -63,17 +77,17 @@ impl Mode {
 record! {
     /// Reference of one joint.
     pub struct JointReference {
-        /// q_d: desired joint angle, rad (modes inverse dynamics and Cartesian), or the target (mode position).
+        /// q_d: desired joint angle, rad, or the target (mode position).
         pub q_d: f64,
-        /// dq_d: desired velocity, rad/s (modes inverse dynamics and Cartesian), or the greatest speed on the way to
-        /// the target, 0 for the configured one (mode position).
+        /// dq_d: desired velocity, rad/s, or the greatest speed on the way to the target, 0 for the
+        /// configured one (mode position).
         pub dq_d: f64,
-        /// ddq_d: desired acceleration, rad/s² (modes inverse dynamics and Cartesian).
+        /// ddq_d: desired acceleration, rad/s² (modes inverse dynamics, Cartesian and low-gain tracking).
         pub ddq_d: f64,
         /// tau_d: desired torque, N·m (mode torque).
         pub tau_d: f64,
-        /// K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (modes
-        /// inverse dynamics, position and Cartesian).
+        /// K_s: stiffness, N·m/rad, at most the configured one; counts where `gains_given` is 1 (not
+        /// in mode torque).
         pub stiffness: f64,
         /// K_d: damping, N·m·s/rad, at most the configured one, and no smaller a share of it than
         /// `stiffness` is of the configured stiffness; counts as `stiffness` does.
@@ -96,10 +110,13 @@ record! {
         /// from it.
         pub sent_ns: u64,
         /// Trajectory whose points give `q_d dq_d ddq_d` of every cycle, or 0: those of this reference
-        /// (mode inverse dynamics). It counts from the trajectory's first piece on.
+        /// (modes inverse dynamics, torque-feedback motion and low-gain tracking). It counts from the trajectory's first piece on.
         pub trajectory: u64,
+        /// Mode passive: bit k is 1 where joint k is held at `q_d`, with its `stiffness` and `damping` or the
+        /// configured ones; the other joints are let go.
+        pub held_joints: u64,
         /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4
-        /// Cartesian.
+        /// Cartesian, 5 passive, 6 torque-feedback motion, 7 low-gain tracking.
         pub mode: u32,
         /// Joints in use; must equal the robot's.
         pub joint_count: u32,
@@ -112,7 +129,7 @@ record! {
         pub gives_back: u32,
         /// 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
         pub contact_wrench_given: u32,
-        /// 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration.
+        /// 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode.
         pub gains_given: u32,
         /// Fills the record to a multiple of eight bytes.
         pub reserved: u32,

@@ -228,7 +228,7 @@ pub(crate) fn parameters(config: &Robot, filters: Filters) -> WholeBodyParameter
         sigma_force: sensors.noise_gain(0) * ft.sensor.sigma_force,
         sigma_torque: sensors.noise_gain(0) * ft.sensor.sigma_torque,
     };
-    let imu = p.imu.as_ref().unwrap();
+    let imu = p.imus.first().unwrap();
     WholeBodyParameters {
         joints: p.joints.iter().map(|j| j.name.clone()).collect(),
         // Rounding and noise of the encoders: 0.29 and 0.5 counts.
@@ -292,8 +292,7 @@ impl Front {
             axes[3..].copy_from_slice(&w.torque);
         }
         let imu = self.axes.len() - 6;
-        self.axes[imu..imu + 3].copy_from_slice(&readings.gyro);
-        self.axes[imu + 3..].copy_from_slice(&readings.accelerometer);
+        self.axes[imu..].copy_from_slice(&readings.imus[0]);
         self.encoders.update(&self.q);
         self.sensors.update(&self.axes);
         let values = self.sensors.values();

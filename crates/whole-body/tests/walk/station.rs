@@ -73,7 +73,7 @@ fn joint_parts(config: &Robot) -> Vec<(JointEstimatorParameters, CurrentParamete
                 presliding: NO_PRESLIDING,
                 gear_ratio: n,
                 low_pass_pole: 0.9,
-                sigma: 0.1 * e.torque_limit,
+                sigma: 0.0,
                 sample_period: PERIOD,
                 torque_limit: 10.0 * e.torque_limit,
             };
@@ -102,6 +102,7 @@ impl Station {
                 fast_sigma,
                 torque_limit,
                 stands_within: 0.0087,
+                gain: 1.0,
                 error_per_angle: 600.0,
             })
         };
@@ -143,11 +144,11 @@ impl Station {
                 .collect(),
             current: parts
                 .iter()
-                .map(|(_, c)| CurrentEstimator::new(*c))
+                .map(|(_, c)| CurrentEstimator::of_data_sheet(*c))
                 .collect(),
             undelayed_current: (parts.iter())
                 .map(|(_, c)| {
-                    CurrentEstimator::new(CurrentParameters {
+                    CurrentEstimator::of_data_sheet(CurrentParameters {
                         low_pass_pole: 0.5,
                         ..*c
                     })
@@ -207,7 +208,7 @@ impl Station {
             });
             let now = self.compensator[j].update(Some(self.fast[j]), delayed);
             (self.tau_now[j], self.sigma_now[j]) = (now.tau, now.sigma);
-            let current = self.current[j].update(&sample).tau;
+            let current = self.current[j].update(&sample);
             let dq = reading.omega / self.gear_ratios[j];
             let undelayed = self.undelayed_current[j].update(&JointSample { dq, ..sample });
             let now = self.without_torsion[j].update(Some(undelayed.tau), delayed);
@@ -215,7 +216,8 @@ impl Station {
             self.sources[j] = Sources {
                 encoder: Some(self.fast[j]),
                 whole_body: delayed.map(|l| l.tau),
-                current: Some(current),
+                current: Some(current.tau),
+                current_sigma: current.sigma,
             };
         }
         self.check.update(&self.sources, &self.whole_body);

@@ -52,7 +52,7 @@ fn any_design() -> impl Strategy<Value = FilterDesign> {
 fn bank(sampling: Sampling, design: FilterDesign) -> AlignedBank {
     let signal = Signal {
         sampling,
-        source: Source::Imu,
+        source: Source::Imu(0),
         message: 0,
     };
     AlignedBank::new(&[signal], design, PERIOD).unwrap()

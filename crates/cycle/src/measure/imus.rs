@@ -1,0 +1,288 @@
+//! IMUs: the first one shows the base's motion; the others check it, and stand in for it.
+//!
+//! The motion that the first IMU shows is carried over by the joints to each of the others, and compared with
+//! what that one shows. A mean difference beyond its limit is an event; which of the two errs, or whether an
+//! encoder between them does, is not known, so that nothing else follows from it. Where the first one is
+//! lost, the next one that was sound and agreed with it for the last second is carried over to its place.
+//! It stands in until the first one is sound and agrees with it for a second, and passes on without a step.
+
+use dynamics::ImuMotion;
+use nalgebra::Vector3;
+use problem::{Problem, listed};
+use robot_config::Robot;
+use robot_state::{Event, MAX_FURTHER_IMUS, measured_flags};
+use whole_body::{CarriedImu, WholeBodyInput};
+
+use super::filtered::Filtered;
+use crate::events::{Counts, Subject};
+
+/// Time constant of the mean differences, s: impacts and steps of the joints are shorter.
+const MEAN_S: f64 = 0.5;
+/// Part of the limits below which a disagreement ends.
+const AGREES: f64 = 0.7;
+/// Time of agreement before an IMU may stand in for another, s.
+const TRUSTED_S: f64 = 1.0;
+/// Time over which one passes on to the other, s.
+const BLEND_S: f64 = 0.05;
+
+/// Samples with one of these are not compared.
+const UNSOUND: u32 = measured_flags::NEVER
+    | measured_flags::MISSED
+    | measured_flags::STALE
+    | measured_flags::IMPLAUSIBLE
+    | measured_flags::FLAT
+    | measured_flags::SATURATED;
+/// The IMU is lost: samples that are bridged for a while are not.
+pub(super) const LOST: u32 =
+    measured_flags::STALE | measured_flags::FLAT | measured_flags::SATURATED;
+
+/// One IMU beside the first one.
+#[derive(Debug)]
+struct Further {
+    /// Its place among all IMUs.
+    index: usize,
+    /// The first IMU's motion at its place, and its motion at the first one's.
+    there: CarriedImu,
+    back: CarriedImu,
+    agreement: Agreement,
+    sound: bool,
+    /// Time without a usable sample, s.
+    silent: f64,
+}
+
+/// Whether two ways to one motion agree.
+#[derive(Debug, Clone)]
+struct Agreement {
+    /// Mean differences of angular velocity, rad/s, and proper acceleration, m/s², and their limits.
+    means: [Vector3<f64>; 2],
+    limits: [f64; 2],
+    disagrees: bool,
+    /// Time of agreement, s.
+    agreed: f64,
+}
+
+impl Agreement {
+    fn new(limits: [f64; 2]) -> Self {
+        Self {
+            means: [Vector3::zeros(); 2],
+            limits,
+            disagrees: false,
+            agreed: 0.0,
+        }
+    }
+
+    /// Compares for `dt`, s.
+    fn compare(&mut self, a: &ImuMotion, b: &ImuMotion, dt: f64) {
+        let differences = [
+            a.angular_velocity - b.angular_velocity,
+            a.proper_acceleration - b.proper_acceleration,
+        ];
+        let part = if self.disagrees { AGREES } else { 1.0 };
+        let mut beyond = false;
+        for ((mean, difference), limit) in self.means.iter_mut().zip(differences).zip(self.limits) {
+            *mean += (difference - *mean) * (dt / MEAN_S).min(1.0);
+            // A mean that is not finite is beyond every limit.
+            let within = mean.norm() <= part * limit;
+            beyond |= !within;
+        }
+        if self.means.iter().any(|mean| !mean.norm().is_finite()) {
+            self.means = [Vector3::zeros(); 2];
+        }
+        self.disagrees = beyond;
+        self.agreed = if beyond { 0.0 } else { self.agreed + dt };
+    }
+
+    fn is_trusted(&self) -> bool {
+        !self.disagrees && self.agreed >= TRUSTED_S
+    }
+}
+
+/// What stands in for the first IMU.
+#[derive(Debug)]
+struct StandIn {
+    /// Its place among the further ones.
+    place: usize,
+    /// Its part in the motion, 0 to 1.
+    share: f64,
+    /// The first one is sound again and trusted: the part fades.
+    ends: bool,
+    /// Of the first one with it.
+    agreement: Agreement,
+}
+
+/// The IMUs beside the first one of a robot.
+#[derive(Debug)]
+pub(super) struct Imus {
+    further: Vec<Further>,
+    stand_in: Option<StandIn>,
+    stale_after: f64,
+    /// Nothing stood in for the first one, or would have, in the last cycle.
+    alone: bool,
+}
+
+impl Imus {
+    pub(super) fn new(robot: &Robot) -> Result<Self, Problem> {
+        let parameters = &robot.parameters;
+        let joints = parameters.joints.iter().map(|joint| joint.name.as_str());
+        let joints: Vec<&str> = joints.collect();
+        let mut imus = parameters.imus.iter().enumerate();
+        let first = imus.next().map_or("", |(_, imu)| imu.frame.as_str());
+        let carried = |from: &str, to: &str| {
+            CarriedImu::new(&robot.model, &joints, from, to).ok_or_else(|| {
+                let links = robot.model.frames().iter().map(|link| link.name.as_str());
+                let reason = format!("imu.frame: the URDF has no link {from} or no link {to}");
+                Problem::new(reason, listed(links))
+            })
+        };
+        let further = imus.map(|(index, imu)| {
+            Ok(Further {
+                index,
+                there: carried(first, &imu.frame)?,
+                back: carried(&imu.frame, first)?,
+                agreement: Agreement::new(imu.disagreement),
+                sound: false,
+                silent: 0.0,
+            })
+        });
+        Ok(Self {
+            further: further.collect::<Result<_, Problem>>()?,
+            stand_in: None,
+            stale_after: parameters.timing.stale_after,
+            alone: true,
+        })
+    }
+
+    /// Whether no IMU stands in for the first one or would if that were lost: in this cycle, and in the last one.
+    pub(super) fn is_alone(&mut self) -> [bool; 2] {
+        let candidate = |further: &Further| further.sound && further.agreement.is_trusted();
+        let stands_in = self.stand_in.as_ref().is_some_and(|s| !s.ends);
+        let alone = !stands_in && !self.further.iter().any(candidate);
+        [alone, std::mem::replace(&mut self.alone, alone)]
+    }
+
+    /// Place of the IMU that stands in for the first one, among all of them.
+    pub(super) fn standing_in(&self) -> Option<usize> {
+        let place = self.stand_in.as_ref().filter(|s| !s.ends)?.place;
+        self.further.get(place).map(|further| further.index)
+    }
+
+    /// Compares the IMUs of this cycle, `dt` (s) after the last one, and chooses which one shows the base's
+    /// motion; `flags`: `measured_flags` of each.
+    pub(super) fn update(
+        &mut self,
+        flags: [u32; 1 + MAX_FURTHER_IMUS],
+        signals: &Filtered,
+        dt: f64,
+        counts: &mut Counts,
+    ) {
+        let sound = |imu: usize| {
+            let flags = flags.get(imu).copied().unwrap_or(UNSOUND);
+            flags & UNSOUND == 0 && !signals.imu_settling(imu)
+        };
+        let input = signals.input();
+        let shown = |imu: usize| signals.imus().get(imu).copied().unwrap_or(input.imu);
+        let base_known = self.stand_in.is_some() || sound(0);
+        for (place, further) in self.further.iter_mut().enumerate() {
+            let subject = Subject::Imu(further.index);
+            further.sound = sound(further.index);
+            let usable = flags.get(further.index).is_some_and(|f| f & UNSOUND == 0);
+            let lost_before = further.silent > self.stale_after;
+            further.silent = if usable { 0.0 } else { further.silent + dt };
+            if further.silent > self.stale_after {
+                counts.lasting(Event::ImuLost, subject, !lost_before);
+            }
+            let stands_in = self.stand_in.as_ref().is_some_and(|s| s.place == place);
+            if !further.sound || !base_known || stands_in {
+                continue;
+            }
+            let before = further.agreement.disagrees;
+            let expected = carried(&further.there, &input, &input.imu);
+            let own = shown(further.index);
+            further.agreement.compare(&own, &expected, dt);
+            if further.agreement.disagrees {
+                counts.lasting(Event::ImuDisagrees, subject, !before);
+            }
+        }
+        self.choose(flags.first().copied().unwrap_or(0), dt, counts);
+        self.pass_on(sound(0), &shown(0), &input.imu, dt, counts);
+    }
+
+    /// Lets another IMU stand in where the first one, or the one that does, is lost.
+    fn choose(&mut self, first: u32, dt: f64, counts: &mut Counts) {
+        let lost = first & LOST != 0;
+        let sound = |s: &StandIn| self.further.get(s.place).is_some_and(|f| f.sound);
+        let gone = self.stand_in.as_ref().is_some_and(|s| !sound(s));
+        if gone {
+            self.stand_in = None;
+        }
+        if let Some(stand_in) = &mut self.stand_in {
+            stand_in.ends &= !lost;
+            stand_in.share += if stand_in.ends { -dt } else { dt } / BLEND_S;
+            if stand_in.share <= 0.0 {
+                self.stand_in = None;
+            }
+        } else if lost {
+            let candidate = |f: &Further| f.sound && f.agreement.is_trusted();
+            let Some(place) = self.further.iter().position(candidate) else {
+                return;
+            };
+            let limits = (self.further.get(place)).map_or([0.0; 2], |f| f.agreement.limits);
+            self.stand_in = Some(StandIn {
+                place,
+                share: if gone { 1.0 } else { dt / BLEND_S },
+                ends: false,
+                agreement: Agreement::new(limits),
+            });
+            counts.add_of(Event::ImuStandsIn, Subject::Imu(0));
+        }
+        if let Some(stand_in) = &mut self.stand_in {
+            stand_in.share = stand_in.share.min(1.0);
+        }
+    }
+
+    /// Compares a first IMU that is sound again with the one that stands in for it.
+    fn pass_on(
+        &mut self,
+        sound: bool,
+        first: &ImuMotion,
+        base: &ImuMotion,
+        dt: f64,
+        counts: &mut Counts,
+    ) {
+        let Some(stand_in) = &mut self.stand_in else {
+            return;
+        };
+        if stand_in.ends {
+            return;
+        }
+        counts.lasting(Event::ImuStandsIn, Subject::Imu(0), false);
+        if !sound {
+            stand_in.agreement.agreed = 0.0;
+            return;
+        }
+        let before = stand_in.agreement.disagrees;
+        stand_in.agreement.compare(first, base, dt);
+        stand_in.ends = stand_in.agreement.is_trusted();
+        if stand_in.agreement.disagrees {
+            counts.lasting(Event::ImuDisagrees, Subject::Imu(0), !before);
+        }
+    }
+
+    /// Replaces the first IMU's motion in these signals by what stands in for it.
+    pub(super) fn stand_in(&self, signals: &mut Filtered) {
+        let Some(stand_in) = &self.stand_in else {
+            return;
+        };
+        if let Some(further) = self.further.get(stand_in.place)
+            && let Some(own) = signals.imus().get(further.index)
+        {
+            let carried = carried(&further.back, &signals.input(), own);
+            signals.show_base(&carried, stand_in.share);
+        }
+    }
+}
+
+/// An IMU's motion at another link, by the joints' motion of the same instant.
+fn carried(way: &CarriedImu, input: &WholeBodyInput<'_>, imu: &ImuMotion) -> ImuMotion {
+    way.motion(input.q, input.dq, input.ddq, imu)
+}
