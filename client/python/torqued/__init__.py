@@ -11,9 +11,8 @@ from .commander import (
     Commander,
     CommandLostError,
     NotFollowedError,
-    Progress,
-    TrajectoryError,
     why_not_followed,
 )
 from .layout import *  # noqa: F403  the records and their enumerations
 from .location import NoRoomError, RunDirectoryError, run_dir
+from .trajectory import Progress, TrajectoryError

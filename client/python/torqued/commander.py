@@ -2,31 +2,28 @@
 
 import enum
 import os
-import queue
 import secrets
-import threading
 import time
-from typing import Callable, Dict, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterable, Optional, Sequence, Tuple
 
 import iceoryx2 as iox2
 
-from . import location
+from . import location, trajectory
 from .client import POLL_S, RETRY_S, Client, NoDaemonError, newest_message
 from .layout import (
     EVENTS,
     MAX_FRAMES,
-    MAX_POINTS,
     CommanderStatus,
     FrameFlags,
     FrameReference,
     LeaseRefusal,
     Mode,
     NotFollowed,
-    PieceRefusal,
     Reference,
     RobotState,
     TrajectoryPiece,
 )
+from .trajectory import SETTLING_S, Progress
 
 #: Longest wait for the daemon's verdict on a new session, and longest silence of the daemon, s.
 SILENCE_S = 1.0
@@ -34,14 +31,6 @@ SILENCE_S = 1.0
 HAND_OVER_S = 0.16
 #: Interval of references that ask for hold until there is a verdict, s.
 ASK_INTERVAL_S = 0.005
-#: Time for which a robot that has arrived at a target is led there, s.
-SETTLING_S = 0.3
-#: Interval of the references that renew the lease while a trajectory is followed, s.
-BEAT_S = 0.004
-#: Greatest length of a piece of a trajectory, and how far ahead pieces are sent, ns and points.
-PIECE_NS, AHEAD_NS, AHEAD_POINTS = 200_000_000, 600_000_000, 90
-#: Interval at which a program is shown its progress on a trajectory, s.
-SHOWN_S = 0.01
 
 
 class AlreadyCommandedError(RuntimeError):
@@ -54,19 +43,6 @@ class CommandLostError(RuntimeError):
 
 class NotFollowedError(RuntimeError):
     """References are not followed, though this client commands the robot."""
-
-
-class TrajectoryError(RuntimeError):
-    """A trajectory was refused, or ended in motion; the robot is brought to rest."""
-
-
-class Progress(NamedTuple):
-    """Place on a trajectory."""
-
-    #: Time since its begin, s.
-    time_s: float
-    #: Time for which the robot can go on with what has been sent, s.
-    buffered_s: float
 
 
 class _Standing(enum.Enum):
@@ -198,12 +174,7 @@ class Commander:
         rad/s or m/s; the configured ones if none is given. `going` is shown the time in s that the motion
         will still take and says whether it is to go on; if not, the robot is brought to rest. True if
         it has arrived. Raises as `send`, and `KeyError` for a joint that the robot does not have."""
-        unknown = set(targets) - set(self._joint_names)
-        if unknown:
-            raise KeyError(
-                f"{', '.join(sorted(unknown))}: not a joint of robot "
-                f'"{self._robot}", which has {", ".join(self._joint_names)}'
-            )
+        self._check_joints(targets)
         self.reference.trajectory = 0
         for name, joint in zip(self._joint_names, self.reference.joints):
             joint.q_d = targets.get(name, joint.q_d)
@@ -275,12 +246,7 @@ class Commander:
         """Lets joints go, by mode passive: a hand can move them, the others are held at `q_d` of the
         reference, as they stood when this commander began. To be called as `send`, and raises as it;
         `KeyError` for a joint that the robot does not have."""
-        unknown = set(names) - set(self._joint_names)
-        if unknown:
-            raise KeyError(
-                f"{', '.join(sorted(unknown))}: not a joint of robot "
-                f'"{self._robot}", which has {", ".join(self._joint_names)}'
-            )
+        self._check_joints(names)
         held = (1 << 64) - 1
         for name in names:
             held &= ~(1 << self._joint_names.index(name))
@@ -312,39 +278,7 @@ class Commander:
 
         Raises as `send`, and `TrajectoryError` where points are beyond limits, the last one is in
         motion or `at` took too long."""
-        last = max(1, -int(-duration_s // spacing_s))
-        spacing = max(1, int(1e9 * duration_s / last))
-        ahead = min(AHEAD_NS, AHEAD_POINTS * spacing)
-        count = min(max(1, PIECE_NS // spacing), MAX_POINTS - 1)
-        beat = _Heartbeat(self, last * spacing, mode)
-        beat.start()
-        sent = 0
-        try:
-            while beat.is_alive():
-                while sent < last and sent * spacing - beat.time_ns < ahead:
-                    end = min(sent + count, last)
-                    piece = TrajectoryPiece(
-                        trajectory=beat.trajectory,
-                        begins_ns=sent * spacing,
-                        spacing_ns=spacing,
-                        joint_count=self.reference.joint_count,
-                        point_count=end - sent + 1,
-                    )
-                    for k, point in zip(range(sent, end + 1), piece.points):
-                        for joint, desired in zip(point.joints, at(1e-9 * k * spacing)):
-                            joint.q_d, joint.dq_d, joint.ddq_d = desired
-                    sent = end
-                    beat.pieces.put((piece, sent == last))
-                progress = Progress(1e-9 * beat.time_ns, 1e-9 * (sent * spacing - beat.time_ns))
-                if going is not None and not going(progress):
-                    break
-                time.sleep(SHOWN_S)
-        finally:
-            beat.stop.set()
-            beat.join()
-        if beat.error is not None:
-            raise beat.error
-        return beat.is_there
+        return trajectory.follow(self, duration_s, at, spacing_s, going, mode)
 
     def close(self) -> None:
         """Gives the lease back: the robot holds, and another client may command at once."""
@@ -371,6 +305,14 @@ class Commander:
             if port is not None:
                 port.delete()
         self._references = self._pieces = self._statuses = None
+
+    def _check_joints(self, names: Iterable[str]) -> None:
+        unknown = set(names) - set(self._joint_names)
+        if unknown:
+            raise KeyError(
+                f"{', '.join(sorted(unknown))}: not a joint of robot "
+                f'"{self._robot}", which has {", ".join(self._joint_names)}'
+            )
 
     def _ask(self) -> None:
         """Has the lease, or asks for it until there is a verdict."""
@@ -467,79 +409,6 @@ class Commander:
         return NotFollowedError(
             f'robot "{self._robot}": references are not followed: {why_not_followed(self._status)}'
         )
-
-
-class _Heartbeat(threading.Thread):
-    """Renews the lease and sends pieces as they come, until the end of the trajectory."""
-
-    def __init__(self, commander: Commander, end_ns: int, mode: Mode):
-        super().__init__(name="heartbeat", daemon=True)
-        self._commander, self._end_ns, self._mode = commander, end_ns, mode
-        self.trajectory = secrets.randbits(64) or 1
-        #: Pieces to be sent, each with whether it is the last.
-        self.pieces: "queue.SimpleQueue[Tuple[TrajectoryPiece, bool]]" = queue.SimpleQueue()
-        self.stop = threading.Event()
-        self.time_ns = 0
-        self.is_there = False
-        self.error: Optional[Exception] = None
-
-    def run(self) -> None:
-        try:
-            self._send()
-        except Exception as error:
-            self.error = error
-
-    def _send(self) -> None:
-        commander, reference = self._commander, self._commander.reference
-        before = commander.status.commander
-        first, arrived, complete = None, None, False
-        while True:
-            try:
-                piece, complete = self.pieces.get(timeout=BEAT_S)
-                commander._piece_count += 1
-                piece.session, piece.sequence = reference.session, commander._piece_count
-                commander._pieces.loan_uninit().write_payload(piece).send()
-                first = first or piece.sequence
-                reference.mode, reference.trajectory = self._mode, self.trajectory
-                newest = piece
-            except queue.Empty:
-                pass
-            if self.stop.is_set():
-                return self._hold()
-            commander.send()
-            lease = commander.status.commander
-            if lease.session != reference.session or first is None:
-                continue
-            if lease.pieces_refused != before.pieces_refused and lease.refused_piece >= first:
-                self._hold()
-                reason = PieceRefusal(lease.piece_refusal)
-                raise TrajectoryError(f"a piece of the trajectory was refused: {reason.name}")
-            if lease.trajectory != self.trajectory:
-                continue
-            if lease.trajectories_ended != before.trajectories_ended:
-                raise TrajectoryError(
-                    "the trajectory ended in motion, since its next points had not come in time or "
-                    "there were none; the robot was brought to rest"
-                )
-            self.time_ns = int(1e9 * lease.trajectory_s)
-            if self.time_ns < self._end_ns or not complete:
-                continue
-            arrived = arrived or time.monotonic()
-            if time.monotonic() > arrived + SETTLING_S:
-                # The program may go on from here, by references of its own.
-                reference.trajectory = 0
-                for joint, last in zip(
-                    reference.joints, newest.points[newest.point_count - 1].joints
-                ):
-                    joint.q_d, joint.dq_d, joint.ddq_d = last.q_d, 0.0, 0.0
-                commander.send()
-                self.is_there = True
-                return
-
-    def _hold(self) -> None:
-        reference = self._commander.reference
-        reference.mode, reference.trajectory = Mode.HOLD, 0
-        self._commander.send()
 
 
 def why_not_followed(status: CommanderStatus) -> str:

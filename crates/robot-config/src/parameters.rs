@@ -1,24 +1,24 @@
 //! Parameters of a robot, validated, in SI units.
 
-use crate::sampling::Sampling;
-use crate::units::BEYOND_LIMIT;
-use control::predictive::LawParameters;
-use control::{CartesianLimits, JointGains, MotionLimits, MotorModel, TrajectoryLimits};
+mod joint;
+mod sensors;
+mod torques;
+
+pub use joint::JointParameters;
+pub use sensors::{FtParameters, FtSensor, ImuParameters};
+pub use torques::{
+    ContactReaction, ContactSet, ContactThreshold, CrossCheckSettings, ExternalTorqueSettings,
+    Stand, WholeBodySettings,
+};
+
+use control::{CartesianLimits, MotionLimits, TrajectoryLimits};
 use core::fmt;
 use core::net::Ipv4Addr;
-use core::ops::RangeInclusive;
 use dynamics::Base;
-use estimators::compliance::JointEstimatorParameters;
-use estimators::encoder::EncoderParameters;
 use estimators::filter_bank::FilterDesign;
-use estimators::local_gp::LocalGpParameters;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
-use joint_file::JointFile;
-use robot_state::{JointKind, Reactions};
-use supervisor::{
-    Actuation, DriveProfile, FollowingParameters, Limits, PlausibilityParameters, SignalParameters,
-};
-use whole_body::{FtConditioning, Hypothesis, LoadRule, TareParameters, Weighting};
+use robot_state::Reactions;
+use whole_body::TareParameters;
 
 /// All parameters of a configuration.
 #[derive(Debug, Clone, PartialEq)]
@@ -276,71 +276,6 @@ pub enum TorqueFeedback {
     Encoder,
 }
 
-/// One joint. Its link-side quantities are in the units of its kind: m where rad is written, N where N·m
-/// is, and kg where kg·m² is, if it is prismatic.
-#[derive(Debug, Clone, PartialEq)]
-pub struct JointParameters {
-    /// The URDF's name.
-    pub name: String,
-    /// Its kind, and with it the units of its quantities.
-    pub kind: JointKind,
-    /// Index of the joint in the model.
-    pub model_index: usize,
-    /// Index of its bus.
-    pub bus: usize,
-    /// Name of its kind of drive.
-    pub drive: String,
-    /// The joint has an encoder on its link. Without one `q` is `theta/N` less the torsion that the
-    /// estimated torque explains, and `motor`, `actuation` and lead are those over the motor-side angle.
-    pub has_link_encoder: bool,
-    /// True if the drive sends a velocity.
-    pub has_velocity: bool,
-    /// True if the drive sends a status word.
-    pub has_status: bool,
-    /// States of the drive, by its status word; without control words it is only watched. None: it
-    /// has no states, and counts as enabled.
-    pub drive_profile: Option<DriveProfile>,
-    /// J: inertia of the rotor, motor side, kg·m².
-    pub rotor_inertia: f64,
-    /// Sampling of its link encoder; the motor's is later by the encoders' skew.
-    pub sampling: Sampling,
-    /// Ranges, gear and timing of its encoders.
-    pub encoders: EncoderParameters,
-    /// From encoders and current to torque (Z), where there is no calibration.
-    pub estimator: JointEstimatorParameters,
-    /// The joint file whose estimators give the torque from encoders and current.
-    pub calibration: Option<JointFile>,
-    /// The learned feed-forward of mode low-gain tracking, with inputs
-    /// [`motion_inputs`](crate::feed_forward::motion_inputs).
-    pub feed_forward: Option<LocalGpParameters>,
-    /// What the predictive torque law knows of joint and drive.
-    pub law: LawParameters,
-    /// Part of the law's delay that is within the drive's own loop, s.
-    pub drive_lag: f64,
-    /// Inertia at the joint with the robot stretched out and its other joints held, without the
-    /// rotor, kg·m².
-    pub link_inertia: f64,
-    /// Its motor model, which also determines whether commands are positions or currents.
-    pub motor: MotorModel,
-    /// Feedback gains.
-    pub gains: JointGains,
-    /// Limits of what is commanded.
-    pub limits: Limits,
-    /// How the drive turns commands into torque.
-    pub actuation: Actuation,
-    /// Greatest |dq| in mode torque, rad/s.
-    pub torque_velocity: f64,
-    /// Limits of plausible samples.
-    pub plausibility: PlausibilityParameters,
-    /// Its drive takes currents, and is sent a current of zero from the withdrawal of its set-points
-    /// until it is off.
-    pub zero_current: bool,
-    /// Limits of its following error and velocity.
-    pub following: FollowingParameters,
-    /// Range and noise of its current.
-    pub current_signal: SignalParameters,
-}
-
 /// Ratio of the links' frequency on their gears to the bandwidth of the explained torsion: its square is
 /// the inverse of the loop's gain.
 const TORSION_FREQUENCY_RATIO: f64 = 4.0;
@@ -382,197 +317,4 @@ impl Parameters {
             stop,
         })
     }
-}
-
-impl JointParameters {
-    /// Greatest |ddq_d| of a reference, rad/s²: folded, a limb has less than half of that inertia.
-    #[must_use]
-    pub fn desired_acceleration(&self) -> f64 {
-        2.0 * self.acceleration()
-    }
-
-    /// Positions that a reference may ask for, rad: a little beyond the limits, where the joint may be
-    /// held by its load.
-    #[must_use]
-    pub fn desired_range(&self) -> RangeInclusive<f64> {
-        let beyond = self.kind.threshold(BEYOND_LIMIT);
-        self.limits.position_min - beyond..=self.limits.position_max + beyond
-    }
-
-    /// The drive takes positions, not currents.
-    #[must_use]
-    pub fn takes_position(&self) -> bool {
-        matches!(self.motor, MotorModel::Position { .. })
-    }
-
-    /// Acceleration that the torque limit gives the joint with the robot stretched out, rad/s².
-    #[must_use]
-    pub fn acceleration(&self) -> f64 {
-        let rotor = self.rotor_inertia * self.encoders.gear_ratio.powi(2);
-        self.limits.torque / (rotor + self.link_inertia)
-    }
-}
-
-/// Contacts, and the estimation of torques from F/T sensors and IMU.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WholeBodySettings {
-    /// The link of a floating robot that a stand holds; none: the IMU measures the motion.
-    pub stand: Option<Stand>,
-    /// The link that an unknown wrench may act on (D 2.4); the root if none is named.
-    pub unknown_wrench_link: Option<String>,
-    /// Source of the IMU's angular acceleration.
-    pub angular_acceleration: AngularAcceleration,
-    /// Weights of the equations where there are fewer unknowns than equations.
-    pub weighting: Weighting,
-    /// Relative standard deviation of the model's masses, 1.
-    pub sigma_model: f64,
-    /// The contact sets; the first holds at the start. Empty: a full wrench beyond each
-    /// F/T sensor and one on `unknown_wrench_link`.
-    pub contacts: Vec<ContactSet>,
-    /// Time over which one contact set is blended into the next, s.
-    pub blend: f64,
-    /// Forces at which an F/T sensor's part counts as loaded; none: only clients choose contact sets.
-    pub load_rule: Option<LoadRule>,
-}
-
-/// A stand that holds a robot with a floating base.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Stand {
-    /// The link that stands still.
-    pub link: String,
-    /// g: acceleration of gravity in that link's axes, m/s² (3).
-    pub gravity: [f64; 3],
-}
-
-/// A contact set.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ContactSet {
-    /// Its name and its contacts.
-    pub hypothesis: Hypothesis,
-    /// The state of load at which the rule chooses it: indices of F/T sensors and whether each is
-    /// loaded. Empty: only clients choose it.
-    pub loaded: Vec<(usize, bool)>,
-}
-
-/// Detection of contacts by external torques, and what follows from one.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ExternalTorqueSettings {
-    /// Filters of all signals of the fast part.
-    pub filters: SignalFilters,
-    /// K: bandwidth of the momentum observer, 1/s.
-    pub gain: f64,
-    /// Lower thresholds.
-    pub threshold: ContactThreshold,
-    /// Upper threshold over the lower one, 1.
-    pub upper_ratio: f64,
-    /// Time for which a threshold must be exceeded, s.
-    pub hold: f64,
-    /// Time for which both torques must stay below two thirds of their thresholds until the contact is
-    /// over, s.
-    pub release: f64,
-    /// Frame at which the contact force is estimated; none: it is not.
-    pub frame: Option<String>,
-    /// How a limb yields.
-    pub reaction: ContactReaction,
-}
-
-/// Lower thresholds of external torques: multiples of the standard deviation, plus shares of each
-/// joint's torque limit, 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ContactThreshold {
-    /// Standard deviations.
-    pub sigmas: f64,
-    /// For the change of the external torque, a joint at rest.
-    pub change: f64,
-    /// For the external torque itself, a joint at rest.
-    pub lasting: f64,
-    /// More at the velocity limit, and proportionally less below.
-    pub at_velocity_limit: f64,
-    /// More at the acceleration that the torque limit gives the joint, and proportionally less below.
-    pub at_acceleration_limit: f64,
-    /// Of the change of the joint's torque within half a second.
-    pub of_torque_change: f64,
-}
-
-/// How a limb yields to a contact.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ContactReaction {
-    /// Greatest way of a joint that complies, of a revolute (rad) and of a prismatic joint (m); then it is
-    /// stopped.
-    pub comply: [f64; 2],
-    /// Time without contact after which complying ends, s; none: only the operator ends it.
-    pub comply_until_gone: Option<f64>,
-    /// Way back of the joint that has come furthest, of a revolute (rad) and of a prismatic joint (m).
-    pub retract: [f64; 2],
-}
-
-/// Thresholds from which on torque sources of a joint disagree.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CrossCheckSettings {
-    /// Normal difference of encoders and F/T sensors, as a share of the torque limit, 1.
-    pub encoder_share: f64,
-    /// Torque from which on the current is judged, as a share of the torque limit, 1.
-    pub current_load_share: f64,
-    /// Smallest and largest normal ratio of the current's torque to the others'.
-    pub current_ratio: [f64; 2],
-    /// Normal residual of a part, in standard deviations.
-    pub residual_ratio: f64,
-    /// Time over which differences are averaged, s.
-    pub average: f64,
-    /// Shortest disagreement that counts, s.
-    pub hold: f64,
-}
-
-/// Place and noise of an F/T sensor, for the whole-body estimator.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FtSensor {
-    /// The sensor's name.
-    pub name: String,
-    /// The link in whose frame it measures; it and all beyond it is the end-effector.
-    pub frame: String,
-    /// The link beyond the sensor that the environment touches; the sensor's own if none is
-    /// named.
-    pub contact_link: Option<String>,
-    /// Standard deviation of each force axis of a sample, N.
-    pub sigma_force: f64,
-    /// Standard deviation of each torque axis of a sample, N·m.
-    pub sigma_torque: f64,
-}
-
-/// One F/T sensor.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FtParameters {
-    /// Place and noise; the standard deviations are those of single samples.
-    pub sensor: FtSensor,
-    /// Index of its bus.
-    pub bus: usize,
-    /// Sampling of its signals.
-    pub sampling: Sampling,
-    /// From the raw signals to the wrench that the part beyond applies to the part before; includes
-    /// the sign.
-    pub conditioning: FtConditioning,
-    /// Range and noise of its signals: force x y z, torque x y z.
-    pub signals: Vec<SignalParameters>,
-    /// True if the sensor sends a temperature.
-    pub has_temperature: bool,
-}
-
-/// An IMU.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ImuParameters {
-    /// The link in whose frame it measures.
-    pub frame: String,
-    /// Index of its bus.
-    pub bus: usize,
-    /// Sampling of its signals.
-    pub sampling: Sampling,
-    /// Standard deviation of a sample of each gyro axis, rad/s.
-    pub sigma_gyro: f64,
-    /// Standard deviation of a sample of each accelerometer axis, m/s².
-    pub sigma_accelerometer: f64,
-    /// Range and noise of its signals: gyro x y z, accelerometer x y z.
-    pub signals: Vec<SignalParameters>,
-    /// Of an IMU beside the first one: mean difference from the motion that the first one shows, carried over
-    /// by the joints, beyond which they disagree: of the angular velocity, rad/s, and of the acceleration, m/s².
-    pub disagreement: [f64; 2],
 }

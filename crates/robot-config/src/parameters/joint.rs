@@ -1,0 +1,109 @@
+//! Parameters of a joint.
+
+use crate::sampling::Sampling;
+use crate::units::BEYOND_LIMIT;
+use control::predictive::LawParameters;
+use control::{JointGains, MotorModel};
+use core::ops::RangeInclusive;
+use estimators::compliance::JointEstimatorParameters;
+use estimators::encoder::EncoderParameters;
+use estimators::local_gp::LocalGpParameters;
+use joint_file::JointFile;
+use robot_state::JointKind;
+use supervisor::{
+    Actuation, DriveProfile, FollowingParameters, Limits, PlausibilityParameters, SignalParameters,
+};
+
+/// One joint. Its link-side quantities are in the units of its kind: m where rad is written, N where N·m
+/// is, and kg where kg·m² is, if it is prismatic.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointParameters {
+    /// The URDF's name.
+    pub name: String,
+    /// Its kind, and with it the units of its quantities.
+    pub kind: JointKind,
+    /// Index of the joint in the model.
+    pub model_index: usize,
+    /// Index of its bus.
+    pub bus: usize,
+    /// Name of its kind of drive.
+    pub drive: String,
+    /// The joint has an encoder on its link. Without one `q` is `theta/N` less the torsion that the
+    /// estimated torque explains, and `motor`, `actuation` and lead are those over the motor-side angle.
+    pub has_link_encoder: bool,
+    /// True if the drive sends a velocity.
+    pub has_velocity: bool,
+    /// True if the drive sends a status word.
+    pub has_status: bool,
+    /// States of the drive, by its status word; without control words it is only watched. None: it
+    /// has no states, and counts as enabled.
+    pub drive_profile: Option<DriveProfile>,
+    /// J: inertia of the rotor, motor side, kg·m².
+    pub rotor_inertia: f64,
+    /// Sampling of its link encoder; the motor's is later by the encoders' skew.
+    pub sampling: Sampling,
+    /// Ranges, gear and timing of its encoders.
+    pub encoders: EncoderParameters,
+    /// From encoders and current to torque (Z), where there is no calibration.
+    pub estimator: JointEstimatorParameters,
+    /// The joint file whose estimators give the torque from encoders and current.
+    pub calibration: Option<JointFile>,
+    /// The learned feed-forward of mode low-gain tracking, with inputs
+    /// [`motion_inputs`](crate::feed_forward::motion_inputs).
+    pub feed_forward: Option<LocalGpParameters>,
+    /// What the predictive torque law knows of joint and drive.
+    pub law: LawParameters,
+    /// Part of the law's delay that is within the drive's own loop, s.
+    pub drive_lag: f64,
+    /// Inertia at the joint with the robot stretched out and its other joints held, without the
+    /// rotor, kg·m².
+    pub link_inertia: f64,
+    /// Its motor model, which also determines whether commands are positions or currents.
+    pub motor: MotorModel,
+    /// Feedback gains.
+    pub gains: JointGains,
+    /// Limits of what is commanded.
+    pub limits: Limits,
+    /// How the drive turns commands into torque.
+    pub actuation: Actuation,
+    /// Greatest |dq| in mode torque, rad/s.
+    pub torque_velocity: f64,
+    /// Limits of plausible samples.
+    pub plausibility: PlausibilityParameters,
+    /// Its drive takes currents, and is sent a current of zero from the withdrawal of its set-points
+    /// until it is off.
+    pub zero_current: bool,
+    /// Limits of its following error and velocity.
+    pub following: FollowingParameters,
+    /// Range and noise of its current.
+    pub current_signal: SignalParameters,
+}
+
+impl JointParameters {
+    /// Greatest |ddq_d| of a reference, rad/s²: folded, a limb has less than half of that inertia.
+    #[must_use]
+    pub fn desired_acceleration(&self) -> f64 {
+        2.0 * self.acceleration()
+    }
+
+    /// Positions that a reference may ask for, rad: a little beyond the limits, where the joint may be
+    /// held by its load.
+    #[must_use]
+    pub fn desired_range(&self) -> RangeInclusive<f64> {
+        let beyond = self.kind.threshold(BEYOND_LIMIT);
+        self.limits.position_min - beyond..=self.limits.position_max + beyond
+    }
+
+    /// The drive takes positions, not currents.
+    #[must_use]
+    pub fn takes_position(&self) -> bool {
+        matches!(self.motor, MotorModel::Position { .. })
+    }
+
+    /// Acceleration that the torque limit gives the joint with the robot stretched out, rad/s².
+    #[must_use]
+    pub fn acceleration(&self) -> f64 {
+        let rotor = self.rotor_inertia * self.encoders.gear_ratio.powi(2);
+        self.limits.torque / (rotor + self.link_inertia)
+    }
+}
