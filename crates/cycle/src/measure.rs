@@ -456,12 +456,14 @@ impl Measure {
             Trust::Plausible => 0,
             // Nothing depends on it yet; the filters fill.
             Trust::Settling if good => 0,
-            Trust::Settling => {
-                // A wrong first reading must not stand in the way of the right ones.
-                self.front_ends[joint].reset();
+            Trust::Settling | Trust::Implausible => {
+                if !good && !plausibility.has_slipped() {
+                    // Wrong first readings, few or many, must not stand in the way of the right ones.
+                    self.front_ends[joint].reset();
+                }
                 measured_flags::IMPLAUSIBLE
             }
-            Trust::Suspect | Trust::Implausible => measured_flags::IMPLAUSIBLE,
+            Trust::Suspect => measured_flags::IMPLAUSIBLE,
         }
     }
 

@@ -9,8 +9,9 @@
 //! lease; their pieces, sessions and silences are spoilt too. In others they lead frames in mode Cartesian, free
 //! or pressing on something, which may let go.
 //!
-//! `CYCLE_STEPS` sets the number of steps in all lives (default 60,000; 10,000,000 take an hour in
-//! release), `CYCLE_SEED` the random numbers.
+//! `CYCLE_STEPS` sets the number of steps in all lives (default 60,000; 10,000,000 take a quarter of an hour in
+//! release), `CYCLE_SEED` the random numbers. A life that fails says how it alone is repeated: by `CYCLE_LIFE`,
+//! its place among the robots, and a seed.
 
 #[path = "anything/check.rs"]
 mod check;
@@ -317,11 +318,16 @@ fn whatever_comes_in_what_leaves_is_within_limits_and_the_operator_reaches_holdi
     let number = |key: &str, or: u64| std::env::var(key).map_or(or, |text| text.parse().unwrap());
     let steps = number("CYCLE_STEPS", 60_000);
     let mut random = Random::new(number("CYCLE_SEED", 1));
-    let (mut done, mut index) = (0, 0);
+    let (mut done, mut index) = (0, number("CYCLE_LIFE", 0));
     let (mut active, mut enabled, mut led, mut frames) = (0, 0, 0, 0);
     while done < steps {
         // Long lives reach what takes long; a run of the tests has short ones.
         let life = (steps / 10).min(20_000);
+        let seed = random.seed();
+        println!(
+            "CYCLE_LIFE={index} CYCLE_SEED={seed} CYCLE_STEPS={}",
+            10 * life
+        );
         let mut robot = Life::new(index, &mut random);
         robot.live(life, &mut random);
         robot.recover();

@@ -85,6 +85,26 @@ fn a_false_first_reading_moves_nothing() {
 }
 
 #[test]
+fn false_first_readings_do_not_outlast_themselves() {
+    // The link-side encoders' offsets choose the turn of a motor-side one, which wraps.
+    for robot in ["leg", "lift-gripper"] {
+        for (false_for, offset) in [(1, 0.3), (7, 0.3), (40, 0.3), (40, 0.02), (1000, -0.2)] {
+            let mut bench = Bench::new(robot);
+            let mut motion = Motion::of(&bench);
+            let idle = ClientInput::default();
+            run_spoilt(&mut bench, &mut motion, false_for, &idle, 0, |values| {
+                values[slots::link_angle(0)] += offset;
+                values[slots::motor_angle(0)] += 9.0 * offset;
+            });
+            bench.run(600);
+            let case = format!("{robot}: readings {offset} off for {false_for} cycles");
+            assert_eq!(state(bench.cycle.record()), RobotState::Holding, "{case}");
+            motion.assert_small(&case);
+        }
+    }
+}
+
+#[test]
 fn a_link_encoder_that_slips_moves_nothing() {
     for (mode, slip) in [
         (Mode::Hold, 0.06),

@@ -15,6 +15,12 @@ impl Random {
         Self { state: seed }
     }
 
+    /// A seed that goes on with the numbers that this generator would draw next.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        self.state
+    }
+
     /// 64 bits, each 0 or 1 with equal probability.
     pub fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
