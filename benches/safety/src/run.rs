@@ -188,10 +188,10 @@ fn expect(rig: &Rig, place: &Place, state: RobotState) -> Result<(), Problem> {
     Err(Problem::new(reason, ""))
 }
 
-/// The client asks for motion; or for nothing but torques, and a joint without weight on it goes wherever the error of
-/// an estimated torque leads it.
+/// The client asks for motion. In mode torque it asks for none: a joint that goes wherever the error of an
+/// estimated torque leads it moves uncommanded.
 fn moves_by_itself(start: Start) -> bool {
-    matches!(start, Start::Motion | Start::Torque)
+    start == Start::Motion
 }
 
 /// The run without a fault that others are compared with.

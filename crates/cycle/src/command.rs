@@ -18,6 +18,7 @@ mod modes;
 mod motion;
 mod predictive;
 mod reference;
+mod rest;
 mod transition;
 mod weight;
 mod yielding;

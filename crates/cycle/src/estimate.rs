@@ -41,7 +41,7 @@ use crate::measure::Measure;
 use cross_check::CrossCheckStage;
 use current::CurrentTorques;
 use delay_compensation::DelayCompensation;
-pub(crate) use delay_compensation::FastTorque;
+pub(crate) use delay_compensation::{FastTorque, KINEMATIC_SLOPE};
 use external_torque::ExternalTorque;
 use gear_torsion::GearTorsion;
 use torque_check::TorqueCheck;

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Bench, client_input, read};
-use robot_state::{JointReference, torque_flags};
+use robot_state::{JointReference, Mode, Reference, torque_flags};
 use std::f64::consts::TAU;
 use std::io;
 use test_support::Random;
@@ -63,6 +63,22 @@ fn with_lead(path: &str, text: &str, drive: &str, share: f64) -> String {
 
 /// lift-gripper with other leads, a lift that is tilted, a follower of another ratio, offset and mass.
 fn random_robot(seed: u64) -> Bench {
+    random_robot_with(seed, |sim| sim)
+}
+
+/// The same that takes hold of nothing.
+fn random_robot_alone(seed: u64) -> Bench {
+    random_robot_with(seed, |sim| {
+        let (from, to) = (
+            sim.find("# What the gripper").unwrap(),
+            sim.find("[ft_sensor]").unwrap(),
+        );
+        format!("{}{}", &sim[..from], &sim[to..])
+    })
+}
+
+/// `change`: of the simulation's file.
+fn random_robot_with(seed: u64, change: impl Fn(String) -> String) -> Bench {
     let mut random = Random::new(seed);
     let mut between = |low: f64, high: f64| low + (high - low) * 0.5 * (1.0 + random.symmetric());
     let leads = [between(0.4, 4.0), between(0.4, 4.0)];
@@ -97,7 +113,11 @@ fn random_robot(seed: u64) -> Bench {
             return Ok(text);
         }
         let text = with_lead(path, &text, "lift", leads[0]);
-        Ok(with_lead(path, &text, "finger", leads[1]))
+        let text = with_lead(path, &text, "finger", leads[1]);
+        Ok(match path.ends_with("sim.toml") {
+            true => change(text),
+            false => text,
+        })
     };
     Bench::reading(ROBOT, &files)
 }
@@ -217,4 +237,54 @@ fn what_acts_on_the_joint_does_not_depend_on_the_screws_lead() {
         (fine.encoder / coarse.encoder - 1.0).abs() < 0.3,
         "{fine:?} {coarse:?}"
     );
+}
+
+/// A client that asks for mode torque with the torques that the joints carry, after so many cycles.
+fn in_torque(bench: &mut Bench, after: usize) -> Reference {
+    bench.run(after);
+    let mut reference = bench.reference(Mode::Torque.number(), 1);
+    let estimated = bench.cycle.record().estimated.joints;
+    for (reference, joint) in reference.joints.iter_mut().zip(estimated) {
+        reference.tau_d = joint.tau_whole_body.tau;
+    }
+    bench.step(&client_input(&reference));
+    assert_eq!(bench.cycle.record().mode, Mode::Torque.number());
+    reference
+}
+
+#[test]
+fn a_lift_in_mode_torque_stands_where_nobody_pushes_it() {
+    for (seed, after) in [(21, 500), (22, 2000), (23, 500), (24, 800), (25, 300)] {
+        let mut bench = random_robot_alone(seed);
+        let reference = in_torque(&mut bench, after);
+        let from: Vec<f64> = bench.plant.truth().joints.iter().map(|j| j.q).collect();
+        for k in 0..4000 {
+            bench.step(&client_input(&reference));
+            for (j, (joint, from)) in bench.plant.truth().joints.iter().zip(&from).enumerate() {
+                let way = (joint.q - from).abs();
+                // What counts as no motion of a slide is a tenth, in m, of that of a hinge.
+                let most = [8.7e-4, 8.7e-3, 8.7e-4][j];
+                assert!(way < most, "seed {seed}, joint {j}, cycle {k}: {way}");
+            }
+        }
+        assert_eq!(bench.cycle.record().fault, 0, "seed {seed}");
+    }
+}
+
+/// Asked for more force for a while, and then for the one before.
+#[test]
+fn a_lift_in_mode_torque_that_was_moved_comes_to_rest() {
+    for (seed, more) in [(31, 40.0), (32, -40.0), (33, 60.0)] {
+        let mut bench = random_robot_alone(seed);
+        let mut reference = in_torque(&mut bench, 800);
+        let (from, tau_d) = (bench.plant.truth().joints[0].q, reference.joints[0].tau_d);
+        for k in 0..2500 {
+            let more = if (500..700).contains(&k) { more } else { 0.0 };
+            reference.joints[0].tau_d = tau_d + more;
+            bench.step(&client_input(&reference));
+        }
+        let lift = bench.plant.truth().joints[0];
+        assert!((lift.q - from).abs() > 1e-3, "seed {seed}: {lift:?}");
+        assert!(lift.dq.abs() < 1e-3, "seed {seed}: {lift:?}");
+    }
 }

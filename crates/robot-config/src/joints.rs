@@ -155,6 +155,7 @@ impl Reader<'_, '_, '_> {
             "following_error_deg",
             "following_error_A",
             "torque_velocity_limit_rad_per_s",
+            "torque_mode_friction_Nm",
             "motor_angle",
             "link_angle",
             "current",
@@ -236,10 +237,12 @@ impl Reader<'_, '_, '_> {
             gains: gains?,
             actuation: self.actuation(seen, inertia),
             torque_velocity: self.torque_velocity(&limits),
+            torque_friction: section
+                .optional_number("torque_mode_friction_Nm", Allowed::NonNegative),
             plausibility: limits::plausibility(
                 &limits,
                 drive,
-                (motor_angle.resolution, has_link),
+                motor_angle.resolution,
                 self.timing.sample_period,
             ),
             zero_current: drive.zero_current,

@@ -8,6 +8,10 @@
 //! as a drive may take to act on one. Both encoders show a set-point; the nearer one counts, so that
 //! an encoder that fails makes no following error.
 //!
+//! While a joint's samples cannot be used, the position that is known of it stands. What a drive is sent
+//! meanwhile it is taken to follow, with the lag that its velocity had, so that a set-point that comes to rest
+//! makes no following error; its current still shows a drive that does not.
+//!
 //! A following error that is smaller, but more than the drive's model explains, is *doubtful*: either
 //! the drive does not follow, or both encoders err alike. It matters where what the encoders show
 //! moves the joint, as every torque law adds its torque to the position that it believes in.
@@ -50,8 +54,12 @@ pub struct Shown {
     pub velocity: f64,
     /// The lead over its motor that the drive's torque needs, rad.
     pub lead: f64,
+    /// The lead that its velocity needs, rad.
+    pub lag: f64,
     /// What the encoders show moves the joint.
     pub followed: bool,
+    /// The joint's samples cannot be used: the position shown stands.
+    pub blind: bool,
 }
 
 /// What is wrong with a drive's motion.
@@ -72,6 +80,12 @@ pub struct Following {
     sent: [f64; ACTS_WITHIN],
     count: usize,
     error: f64,
+    /// The samples cannot be used; the last set-point, and the way of those since then, rad or A.
+    blind: bool,
+    last: f64,
+    unseen: f64,
+    /// The last lag that was seen, rad.
+    lag: f64,
     /// Cycles of excess in a row: of the following error, by its square, and of the velocity.
     over: [f64; 2],
     /// Cycles in a row with a doubtful following error; a greater one counts for several.
@@ -87,6 +101,10 @@ impl Following {
             sent: [0.0; ACTS_WITHIN],
             count: 0,
             error: 0.0,
+            blind: false,
+            last: 0.0,
+            unseen: 0.0,
+            lag: 0.0,
             over: [0.0; 2],
             doubtful: 0.0,
         }
@@ -99,8 +117,12 @@ impl Following {
 
     /// Notes the set-point that has just been sent, rad or A.
     pub fn note_sent(&mut self, set_point: f64) {
+        if self.blind && self.count > 0 {
+            self.unseen += set_point - self.last;
+        }
+        self.last = set_point;
         if let Some(sent) = self.sent.get_mut(self.count % ACTS_WITHIN) {
-            *sent = set_point;
+            *sent = set_point - self.unseen;
         }
         self.count = self.count.wrapping_add(1).max(1);
     }
@@ -113,15 +135,22 @@ impl Following {
 
     /// Takes what the drive shows. A deviation is returned once, when it has lasted.
     pub fn update(&mut self, shown: &Shown) -> Option<Deviation> {
+        if !shown.blind && std::mem::take(&mut self.blind) {
+            // Where the drive went meanwhile is known again.
+            self.restart();
+        }
+        self.blind = shown.blind;
+        if !shown.blind {
+            self.lag = shown.lag;
+        }
+        let set_points = shown.set_points.map(|x| x - shown.lag + self.lag);
         if self.count < ACTS_WITHIN {
             return None;
         }
         let velocity = shown.velocity;
         let low = self.sent.iter().copied().fold(f64::INFINITY, f64::min);
         let high = self.sent.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let [motor, link] = shown
-            .set_points
-            .map(|x| (x - high).max(0.0) + (x - low).min(0.0));
+        let [motor, link] = set_points.map(|x| (x - high).max(0.0) + (x - low).min(0.0));
         self.error = if motor.abs() < link.abs() {
             motor
         } else {
@@ -179,7 +208,9 @@ mod tests {
             set_points,
             velocity,
             lead: 0.0,
+            lag: 0.0,
             followed: false,
+            blind: false,
         }
     }
 
@@ -209,6 +240,30 @@ mod tests {
         assert_eq!(found(|sent| [sent, 5.0], 0.0), None);
         assert_eq!(found(|sent| [f64::NAN, sent], 0.0), None);
         assert!(found(|_| [5.0, 4.0], 0.0).is_some());
+    }
+
+    #[test]
+    fn a_position_that_is_not_known_any_more_is_no_following_error_and_a_current_is() {
+        let found = |lead: f64| {
+            let mut following = Following::new(PARAMETERS);
+            (0..1000).find_map(|k| {
+                // At 1 rad/s, and after half a second nothing is seen any more.
+                let sent = 1e-3 * k as f64;
+                let blind = k >= 500;
+                let known = 1e-3 * (k.min(500) as f64) - 0.004;
+                let seen = known + if blind { lead } else { 0.0 };
+                let found = following.update(&Shown {
+                    blind,
+                    ..shown([seen; 2], 1.0)
+                });
+                following.note_sent(sent);
+                found.map(|deviation| (k, deviation))
+            })
+        };
+        assert_eq!(found(0.0), None);
+        let (after, deviation) = found(0.03).unwrap();
+        assert_eq!(deviation, Deviation::Following);
+        assert!((504..525).contains(&after), "{after}");
     }
 
     #[test]

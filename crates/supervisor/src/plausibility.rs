@@ -27,7 +27,7 @@ pub struct PlausibilityParameters {
     /// within a sample, and a count; infinite where samples are not taken at the cycle's instants.
     pub motor_step: f64,
     /// A motor-side angle that is off its course after readings that jumped, by more than this for each
-    /// of them, rad, link side, has stepped; infinite where a second encoder shows it.
+    /// of them, rad, link side, has stepped: a second encoder shows it only where it did not slip as well.
     pub jump: f64,
     /// Good samples in a row after which a joint is plausible.
     pub samples_to_trust: u32,

@@ -27,6 +27,7 @@ mod stand;
 use gain::Gain;
 use residual::ResidualPredictor;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
+pub use stand::LEVEL_CREEP_SHARE;
 use stand::Stand;
 
 /// Parameters of a joint's [`DelayCompensator`].
@@ -62,6 +63,9 @@ pub struct DelayedTorque {
 const SMOOTHING_TIME: f64 = 3e-3;
 /// Time constant of the levelled torque's level, s.
 const LEVEL_TIME: f64 = 0.5;
+/// The same while it moves nothing: a mode must not begin on a level that still follows what came before, as one
+/// that stands then keeps it.
+const UNFOLLOWED_LEVEL_TIME: f64 = 0.1;
 /// Least gain of the levelled torque: feedback needs every change.
 const MIN_LEVELLED_GAIN: f64 = 0.5;
 /// Changes from which on the scale is known, share of the torque limit: smaller ones show kinematic error and windup.
@@ -241,7 +245,11 @@ impl DelayCompensator {
         let turned: [f64; 2] = std::array::from_fn(|i| (gains[i] - last[i]) * fast);
         let led = |i: usize, last: Option<f64>| {
             let last = last.map_or(levels[i], |last| last - turned[i]);
-            last + (dt / LEVEL_TIME).min(1.0) * (levels[i] - last)
+            let time = match (i, self.followed) {
+                (0, None) => UNFOLLOWED_LEVEL_TIME,
+                _ => LEVEL_TIME,
+            };
+            last + (dt / time).min(1.0) * (levels[i] - last)
         };
         let level = led(0, self.level);
         self.free_level = Some(led(1, self.free_level));

@@ -40,7 +40,9 @@ pub use contact_detector::{
 };
 pub use contact_force::ContactForce;
 pub use cross_check::{Cause, CrossCheck, CrossCheckParameters, Sources};
-pub use delay_compensation::{DelayCompensator, DelayCompensatorParameters, DelayedTorque};
+pub use delay_compensation::{
+    DelayCompensator, DelayCompensatorParameters, DelayedTorque, LEVEL_CREEP_SHARE,
+};
 pub use error::{ContactProblem, WholeBodyError};
 pub use estimator::{ContactEstimate, PartEstimate, WholeBody, WholeBodyEstimate, WholeBodyInput};
 pub use layout::part_of_link;

@@ -30,6 +30,7 @@ use super::late::LateTorque;
 use super::law::{JointInput, Law};
 use super::predictive::{predictive_command, sensed};
 use super::reference::Goal;
+use super::rest::{self, Rest};
 use super::transition::{Stop, Transition};
 use crate::measure::NOT_USED;
 use problem::Problem;
@@ -47,6 +48,7 @@ enum State {
     Torque {
         torque_loop: TorqueLoop,
         transition: Transition,
+        rest: Rest,
     },
     /// Follows `q_d dq_d ddq_d` of the reference, or yields, by the torques of its mode.
     InverseDynamics {
@@ -98,6 +100,7 @@ impl JointController {
                 torque_per_current: joint.encoders.gear_ratio
                     * joint.estimator.wave_generator.torque_constant,
                 torque_velocity: joint.torque_velocity,
+                rest_friction: rest::friction(joint, parameters),
             },
             following: Following::new(joint.following),
             limiter: Limiter::new(joint.limits, joint.actuation, sample_period),
@@ -163,6 +166,8 @@ impl JointController {
             let shown = self.law.shown(input.measured, &motion);
             self.following.update(&Shown {
                 followed: (self.state.as_ref()).is_some_and(|state| state.mode() != Mode::Hold),
+                // The position of a joint whose encoders contradict each other is the last one before.
+                blind: !input.trusted && !self.takes_current(),
                 ..shown
             })
         });
@@ -280,9 +285,14 @@ impl JointController {
             State::Torque {
                 torque_loop,
                 transition,
+                rest,
             } => {
+                let dq = (self.predictive.as_ref())
+                    .map_or(input.measured.dq, PredictiveLaw::link_velocity);
+                let at = (input.measured.q, dq);
                 let terms = TorqueTerms {
                     feedforward: reference.tau_d,
+                    position: rest.torque(at, &law.gains, law.rest_friction),
                     ..TorqueTerms::default()
                 };
                 (terms, torque_loop, transition)
@@ -345,7 +355,10 @@ impl Law {
             }
             (Mode::Hold, MotorModel::Position { .. }) => State::HoldPosition {
                 hold_q: last,
-                stop: Stop::from(motion.dq, self.limits.deceleration),
+                stop: match input.trusted {
+                    true => Stop::from(motion.dq, self.limits.deceleration),
+                    false => Stop::doubted(motion.dq, self.limits.deceleration),
+                },
             },
             (Mode::Hold, MotorModel::Current { .. }) => {
                 let weight = input.weight;
@@ -359,6 +372,7 @@ impl Law {
             (Mode::Torque, _) => State::Torque {
                 torque_loop,
                 transition,
+                rest: Rest::at(input.measured.q),
             },
             (
                 mode @ (Mode::InverseDynamics

@@ -80,6 +80,8 @@ pub(super) struct Law {
     pub(super) torque_per_current: f64,
     /// Greatest |dq| in mode torque, rad/s.
     pub(super) torque_velocity: f64,
+    /// Friction that the loop adds in mode torque, N·m.
+    pub(super) rest_friction: f64,
 }
 
 impl Law {
@@ -106,7 +108,7 @@ impl Law {
     /// What the drive shows: by each encoder the position plus the lead of torque and velocity, rad; of
     /// a drive that takes currents its current, A.
     pub(super) fn shown(&self, measured: &JointMeasured, motion: &Motion) -> Shown {
-        let (set_points, lead) = match self.actuation {
+        let (set_points, lead, lag) = match self.actuation {
             Actuation::Position {
                 k_tau,
                 k_tau_motor,
@@ -120,15 +122,17 @@ impl Law {
                     motion.theta + lead + k_v * omega,
                     motion.q + k_tau * tau + k_v * self.velocity(measured.dq, omega),
                 ];
-                (set_points, lead)
+                (set_points, lead, k_v * omega)
             }
-            Actuation::Current { .. } => ([measured.current; 2], 0.0),
+            Actuation::Current { .. } => ([measured.current; 2], 0.0, 0.0),
         };
         Shown {
             set_points,
             velocity: motion.dq,
             lead,
+            lag,
             followed: false,
+            blind: false,
         }
     }
 

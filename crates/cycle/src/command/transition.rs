@@ -55,6 +55,9 @@ impl Transition {
 /// robots' joints changes by less than 4 % of their limits in 5 ms.
 const SHORTEST_STOP_S: f64 = 0.1;
 
+/// The same of a joint whose encoders contradict each other: it was led by a wrong one, and must not go on as far.
+const DOUBTED_STOP_S: f64 = 0.05;
+
 /// A set-point that goes on as the joint did, ever slower, and then stays:
 /// `v = v_0 (1 + cos(pi t / T)) / 2`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,11 +70,20 @@ pub(crate) struct Stop {
 impl Stop {
     /// From a velocity, rad/s, decelerating by at most `deceleration`, rad/s².
     pub(crate) fn from(velocity: f64, deceleration: f64) -> Self {
+        Self::lasting(velocity, deceleration, SHORTEST_STOP_S)
+    }
+
+    /// The same of a joint whose encoders contradict each other.
+    pub(crate) fn doubted(velocity: f64, deceleration: f64) -> Self {
+        Self::lasting(velocity, deceleration, DOUBTED_STOP_S)
+    }
+
+    fn lasting(velocity: f64, deceleration: f64, shortest: f64) -> Self {
         // The profile's greatest deceleration is pi v_0 / (2 T).
         let needed = 0.5 * PI * velocity.abs() / deceleration;
         Self {
             velocity,
-            duration_s: needed.max(SHORTEST_STOP_S),
+            duration_s: needed.max(shortest),
             gone_s: 0.0,
         }
     }

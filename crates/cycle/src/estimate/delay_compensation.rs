@@ -19,7 +19,7 @@ use crate::measure::Measure;
 /// Change of torsion per angle by a strain-wave gear's kinematic error, 1, within a fraction of a degree:
 /// a quarter of the slope of 0.003 degrees twice a turn of the wave generator of a gear of 1:100 (Z
 /// Table I).
-const KINEMATIC_SLOPE: f64 = 0.0025;
+pub(crate) const KINEMATIC_SLOPE: f64 = 0.0025;
 
 /// The delay compensation of all joints.
 #[derive(Debug)]

@@ -278,7 +278,7 @@ impl Reader<'_, '_, '_> {
 pub(super) fn plausibility(
     limits: &Limits,
     drive: &Drive,
-    (motor_resolution, has_link): (f64, bool),
+    motor_resolution: f64,
     sample_period: f64,
 ) -> PlausibilityParameters {
     let rotor = drive.rotor_inertia * drive.gear_ratio * drive.gear_ratio;
@@ -301,10 +301,7 @@ pub(super) fn plausibility(
             }
             false => f64::INFINITY,
         },
-        jump: match has_link {
-            true => f64::INFINITY,
-            false => JUMP_SHARE * drive.max_velocity * sample_period,
-        },
+        jump: JUMP_SHARE * drive.max_velocity * sample_period,
         stop_way: match drive.motor {
             MotorModel::Current { .. } if drive.sampling.is_at_sync() => {
                 let friction = drive.gear_ratio * drive.wave_generator.friction;

@@ -68,6 +68,8 @@ pub struct JointParameters {
     pub actuation: Actuation,
     /// Greatest |dq| in mode torque, rad/s.
     pub torque_velocity: f64,
+    /// Friction that the loop adds in mode torque, N·m; none: by the torque's error.
+    pub torque_friction: Option<f64>,
     /// Limits of plausible samples.
     pub plausibility: PlausibilityParameters,
     /// Its drive takes currents, and is sent a current of zero from the withdrawal of its set-points

@@ -9,7 +9,7 @@ use super::{DelayCompensatorParameters, LEVEL_TIME};
 /// Time after a motion until which the level still follows, s.
 const LEVEL_SETTLING_TIME: f64 = 3.0 * LEVEL_TIME;
 /// Change of the level of a joint that stands, share of the torque limit: creep of the gear, noise.
-const CREEP_SHARE: f64 = 5e-4;
+pub const LEVEL_CREEP_SHARE: f64 = 5e-4;
 /// The same per change of the torque, which the fast source's scale and hysteresis make wrong; and the
 /// change that is none, share of the torque limit.
 const SCALE_SHARE: f64 = 0.3;
@@ -58,7 +58,7 @@ impl Stand {
             return asked;
         }
         self.torques = Some((low, high));
-        let change = CREEP_SHARE * p.torque_limit
+        let change = LEVEL_CREEP_SHARE * p.torque_limit
             + SCALE_SHARE * (high - low - SAME_SHARE * p.torque_limit).max(0.0)
             + p.error_per_angle * way;
         // max and min, not clamp: they cannot panic.
