@@ -398,7 +398,10 @@ fn recovers(rig: &mut Rig) -> bool {
 
 fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>) -> Verdict {
     let still = moved.displacement <= DISPLACEMENT && moved.speed_share <= SPEED_SHARE;
-    let steps = matches!(bound, Bound::MotionAndStep | Bound::Gap(_));
+    let steps = matches!(
+        bound,
+        Bound::MotionAndStep | Bound::Gap(_) | Bound::Approach
+    );
     let stepless = !steps || moved.step_share <= STEP_SHARE;
     if still && stepless {
         return Verdict::Holds;
@@ -414,6 +417,7 @@ fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>) -> Verdict {
     };
     let as_shown = match bound {
         Bound::Torque => moved.torque_speed_share <= PHYSICS_MARGIN,
+        Bound::Approach => moved.speed_share <= SPEED_SHARE && stepless,
         Bound::Shown(rate) => {
             let way = rate * OBSERVED as f64 * 1e-3;
             moved.displacement <= PHYSICS_MARGIN * way && moved.speed_share <= SPEED_SHARE

@@ -71,6 +71,9 @@ pub enum Bound {
     /// Nothing but a torque holds the joint, and that changes: it moves no faster than the velocity limit of
     /// such modes.
     Torque,
+    /// A client asks for a force where there is nothing to press on: the frame goes with it, at no more than the
+    /// share of the velocity limit of [`Bound::Motion`] and without a step.
+    Approach,
     /// Every sensor of the joint shows a motion at this rate, rad/s, that is none: the joint follows
     /// it, no further, at no more than the share of the velocity limit of [`Bound::Motion`].
     Shown(f64),
@@ -251,6 +254,13 @@ impl Scenario {
     pub(crate) const fn torque(self) -> Self {
         Self {
             bound: Bound::Torque,
+            ..self
+        }
+    }
+
+    pub(crate) const fn approach(self) -> Self {
+        Self {
+            bound: Bound::Approach,
             ..self
         }
     }

@@ -29,8 +29,11 @@
 //! `diag(K_s)` and `diag(K_d)`: all springs are scaled down alike, as a client chose their ratios, dampers only
 //! in the directions that exceed.
 
+mod object;
+
 use dynamics::Se3;
 use nalgebra::{Matrix3, Matrix6, Rotation3, SymmetricEigen, UnitQuaternion, Vector3, Vector6};
+use object::Object;
 
 /// Natural frequency below which damping grows no more with the inertia, rad/s.
 const SLOWEST: f64 = 1.0;
@@ -44,16 +47,16 @@ const MOST_STEPS: usize = 60;
 const RAMP_S: f64 = 0.5;
 /// Share of the greatest wrench that the feedback of the force may have.
 const FEEDBACK: f64 = 0.2;
+/// Shares of the desired force by which the felt one may be short before its feedback fades, and where it ends, and
+/// the share of the greatest force by which it may always be: where nothing is to press on, the feedback would only
+/// push harder, and wind up for the contact to come.
+const SHORT: [f64; 2] = [0.2, 0.5];
+const ALWAYS: f64 = 0.05;
 /// Time by which a force follows the desired one where it is felt at once: reference model and delay of the
 /// joints' torque laws, s.
 const FOLLOWS_S: f64 = 0.008;
 /// w_f times the lag of r, 1.
 const CORRECTS: f64 = 0.4;
-/// Time for which a force and a way count as a change, and in which what they show is forgotten, s; the way
-/// below which they show nothing, m; least stiffness of an object over that as long as nothing shows it.
-const CHANGES_S: [f64; 2] = [0.2, 2.0];
-const SEEN: f64 = 5e-6;
-const SOFTEST: f64 = 0.05;
 /// Greatest damping ratio that a client may ask for, and the least.
 pub const DAMPING_RATIOS: core::ops::RangeInclusive<f64> = 0.3..=2.0;
 
@@ -384,9 +387,16 @@ impl CartesianLaw {
         self.object.update(turned(to_axes, &place), f_hat, dt);
         let error = shown - f_hat;
         let most = self.limits.wrench.map(|most| FEEDBACK * most);
+        let in_contact = Vector6::from_fn(|i, _| {
+            let always = ALWAYS * self.limits.wrench[i / 3];
+            let [from, to] = SHORT.map(|share| share * shown[i].abs() + always);
+            let beyond = error[i].abs() - from;
+            1.0 - (beyond / (to - from).max(always)).clamp(0.0, 1.0)
+        });
+        let error = error.component_mul(&in_contact);
         let correction = turned(to_axes, &self.correction);
         let correction = Vector6::from_fn(|i, _| {
-            let on = self.feedback[i] / self.limits.k_f.max(f64::MIN_POSITIVE);
+            let on = in_contact[i] * self.feedback[i] / self.limits.k_f.max(f64::MIN_POSITIVE);
             on * (correction[i] + error[i] * (CORRECTS * dt / lag[i]).min(1.0))
         });
         let correction = scaled(&correction, within(&correction, most));
@@ -434,34 +444,6 @@ impl CartesianLaw {
         });
         let stiff = bound(&(Matrix6::from_diagonal(&self.stiffness) * stiff));
         (damping, [stiff.max(1.0).recip(), damped])
-    }
-}
-
-/// What a frame presses on: averages of place and force, of the way's square, and of its product with the force.
-#[derive(Debug, Clone, Copy, Default)]
-struct Object {
-    means: Option<[Vector6<f64>; 2]>,
-    square: Vector6<f64>,
-    product: Vector6<f64>,
-}
-
-impl Object {
-    fn update(&mut self, place: Vector6<f64>, force: Vector6<f64>, dt: f64) {
-        let [mean_place, mean_force] = self.means.get_or_insert([place, force]);
-        let share = (dt / CHANGES_S[0]).min(1.0);
-        *mean_place += (place - *mean_place) * share;
-        *mean_force += (force - *mean_force) * share;
-        let (way, change) = (place - *mean_place, force - *mean_force);
-        let share = (dt / CHANGES_S[1]).min(1.0);
-        self.square += (way.component_mul(&way) - self.square) * share;
-        self.product += (way.component_mul(&change) - self.product) * share;
-    }
-
-    /// K_o along an axis, N/m; `else_it`: as long as nothing shows it, and about an axis.
-    fn stiffness(&self, axis: usize, else_it: f64) -> f64 {
-        let known =
-            (SEEN * SEEN * else_it - self.product[axis]) / (SEEN * SEEN + self.square[axis]);
-        known.max(SOFTEST * else_it)
     }
 }
 

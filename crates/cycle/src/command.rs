@@ -4,6 +4,7 @@
 //! can do what it asks for; `joint` computes each joint's command in that mode, on which
 //! [`supervisor::Limiter`] has the last word; `emit` makes the frames.
 
+mod approach;
 mod carry;
 mod cartesian;
 mod decide;

@@ -233,6 +233,38 @@ fn a_force_is_applied_to_a_stiff_object() {
     }
 }
 
+/// A force where nothing is to press on, until the foot meets something after 20 mm: it approaches slowly, meets it
+/// without a step, and presses as asked; taken away, it is slow again.
+#[test]
+fn a_force_approaches_slowly_what_it_presses_on() {
+    for (stiffness, wanted, fed_back) in [
+        (7.5e4, 120.0, 0b111),
+        (2e4, -80.0, 0b111),
+        (7.5e4, 200.0, 0b100),
+    ] {
+        let far = clamped(stiffness).replace("slack_m = 0\n", "slack_m = 0.02\n");
+        let (mut bench, mut reference) = led(leg(&far), [0.0, 0.0, 0.0, 100.0, 100.0, 100.0]);
+        (reference.frames[0].force_axes, reference.frames[0].force[2]) = (fed_back, wanted);
+        let mut steps = Steps::default();
+        let (mut fastest, mut beyond, before) = (0.0f64, 0.0f64, foot(&bench).translation.z);
+        for _ in 0..5000 {
+            steps.run(&mut bench, &mut reference, 1);
+            let joints = bench.plant.truth().joints.iter();
+            for (joint, p) in joints.zip(&bench.robot.parameters.joints) {
+                fastest = fastest.max(joint.dq.abs() / p.limits.velocity);
+            }
+            beyond = beyond.max(force(&bench).z / wanted - 1.0);
+        }
+        let what = format!("{wanted} N on {stiffness} N/m");
+        let (way, end) = (foot(&bench).translation.z - before, force(&bench).z);
+        assert!(way.abs() > 0.018, "{what}: {way} m");
+        assert!(fastest < 0.1, "{what}: {:.1} %", 100.0 * fastest);
+        assert!((end / wanted - 1.0).abs() < 0.1, "{what}: {end:.1} N");
+        assert!(beyond < 0.3, "{what}: {:.0} % beyond", 100.0 * beyond);
+        steps.assert_small(&bench, &what);
+    }
+}
+
 /// A pose that steps is led there: no step of a torque, and no more than the limit of the force.
 #[test]
 fn a_step_of_the_pose_is_led() {

@@ -71,6 +71,11 @@ impl Reader<'_, '_, '_> {
             section.number_or("velocity_limit_rad_per_s", 2.0, Allowed::Positive),
         ];
         let rise_ms = section.number_or("rise_ms", 300.0, Allowed::Within(50.0, 10_000.0));
+        let approach = section.number_or(
+            "approach_velocity_per_cent",
+            8.0,
+            Allowed::Within(1.0, 100.0),
+        );
         // On a stiff object the loop's gain margin is 1 / K_f.
         let k_f = section.number_or("K_f", 0.5, Allowed::Within(0.0, 0.5));
         let posture = [
@@ -137,6 +142,7 @@ impl Reader<'_, '_, '_> {
             },
             posture_stiffness: 0.01 * posture[0],
             posture_damping: 0.01 * posture[1],
+            approach: 0.01 * approach,
         })
     }
 

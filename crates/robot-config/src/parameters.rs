@@ -82,6 +82,8 @@ pub struct FrameParameters {
     pub posture_stiffness: f64,
     /// Share of `K_d` with which they are damped, 0 to 1.
     pub posture_damping: f64,
+    /// Share of each joint's velocity limit at which a force moves it where it meets nothing, 0 to 1.
+    pub approach: f64,
 }
 
 /// When the robot may move, and how long waits may last.

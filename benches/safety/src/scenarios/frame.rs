@@ -41,7 +41,7 @@ type Make = fn(Place) -> Fault;
 
 pub(super) fn scenarios() -> Vec<Scenario> {
     let new = |name, starts, make| Scenario::new(GROUP, name, starts, make).of_led_frames();
-    let entering: [(&str, Make); 5] = [
+    let entering: [(&str, Make); 4] = [
         ("change to Cartesian", |_| enter(|_| {})),
         ("the same, pose not a number", |_| {
             enter(|f| f.position[1] = f64::NAN)
@@ -52,8 +52,24 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         ("the same, half a turn away", |_| {
             enter(|f| f.orientation = [0.0, 1.0, 0.0, 0.0])
         }),
+    ];
+    let forces: [(&str, Make); 4] = [
         ("the same, force at once", |_| {
             enter(|f| (f.stiffness, f.force[2]) = ([0.0; 6], 100.0))
+        }),
+        ("the same, force at once to the side", |_| {
+            enter(|f| (f.stiffness, f.force[1]) = ([0.0; 6], -60.0))
+        }),
+        ("the same, force of 250 N at once, fed back", |_| {
+            enter(|f| {
+                (f.stiffness, f.force[2], f.force_axes) = ([0.0; 6], 250.0, 0b111);
+            })
+        }),
+        ("the same, torque at once, springs beside it", |_| {
+            enter(|f| {
+                f.stiffness[4] = 0.0;
+                f.force[4] = 10.0;
+            })
         }),
     ];
     let changes: [(&str, Make); 16] = [
@@ -91,6 +107,7 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         .step(),
     ];
     all.extend(entering.map(|(name, make)| new(name, HOLD, make).step()));
+    all.extend(forces.map(|(name, make)| new(name, HOLD, make).approach()));
     all.extend(changes.map(|(name, make)| new(name, CARTESIAN, make).step()));
     all
 }

@@ -20,6 +20,7 @@ use robot_state::{
     Wrench, frame_flags,
 };
 
+use super::approach::Approaches;
 use super::frame_check::{Placements, pose};
 use super::impedance::Impedance;
 use super::law::InverseDynamicsTorque;
@@ -76,8 +77,8 @@ struct Frame {
     /// Of each joint of the limb.
     columns: Vec<Vector6<f64>>,
     dq: Vec<f64>,
-    /// Greatest K_s and K_d of each joint for springs and dampers of the frame.
-    bounds: Vec<[f64; 2]>,
+    /// How fast a force moves each joint, and how stiff and damped the frame makes it.
+    approach: Approaches,
     /// Inertia that each joint feels besides its links'.
     felt_inertia: Vec<f64>,
     /// What each joint keeps its posture with.
@@ -260,6 +261,13 @@ impl Frame {
         };
         let gains: Vec<[f64; 2]> = parameters.joints.iter().map(gains).collect();
         let posture = [parameters.posture_stiffness, parameters.posture_damping];
+        let bounds: Vec<[f64; 2]> = (gains.iter())
+            .map(|own| std::array::from_fn(|k| (1.0 - posture[k]) * own[k]))
+            .collect();
+        let slow = |&j: &usize| {
+            let limit = p.joints.get(j).map_or(0.0, |joint| joint.limits.velocity);
+            parameters.approach * limit
+        };
         Self {
             law: CartesianLaw::new(parameters.limits),
             sensor: parameters
@@ -269,9 +277,7 @@ impl Frame {
             external_delay: p.external_torque.as_ref().map_or(0.0, |e| 1.0 / e.gain),
             columns: vec![Vector6::zeros(); n],
             dq: vec![0.0; n],
-            bounds: (gains.iter())
-                .map(|own| std::array::from_fn(|k| (1.0 - posture[k]) * own[k]))
-                .collect(),
+            approach: Approaches::new(bounds, parameters.joints.iter().map(slow)),
             felt_inertia: (parameters.joints.iter())
                 .map(|&j| p.joints.get(j).map_or(0.0, |joint| felt_inertia(joint, p)))
                 .collect(),
@@ -421,6 +427,7 @@ impl Frame {
         if !std::mem::replace(&mut self.started, true) {
             let bears = self.sensor.map_or(felt.force, |_| Some(taken_off));
             self.law.start(&pose, bears, target);
+            self.approach.restart();
         }
         let mobility = self.mobility(placements);
         let limb = Limb {
@@ -428,12 +435,17 @@ impl Frame {
             jacobian: &self.columns,
             mobility,
             dq: &self.dq,
-            bounds: &self.bounds,
+            bounds: self.approach.left(),
             force: felt.force,
             late: felt.late,
         };
         let wrench = self.law.wrench(target, &limb, dt);
-        for (column, &j) in self.columns.iter().zip(&self.parameters.joints) {
+        let asked = wrench.feedforward + wrench.force;
+        let short = asked + felt.force.unwrap_or_default();
+        let joints = self.approach.joints().zip(&self.dq);
+        for ((column, &j), (approach, &dq)) in
+            (self.columns.iter().zip(&self.parameters.joints)).zip(joints)
+        {
             let Some(torque) = torques.get_mut(j) else {
                 continue;
             };
@@ -441,7 +453,8 @@ impl Frame {
             torque.feedforward += column.dot(&(wrench.feedforward + taken_off));
             torque.force_feedback += column.dot(&wrench.force);
             torque.frame_position += column.dot(&wrench.position);
-            torque.frame_velocity += column.dot(&wrench.velocity);
+            torque.frame_velocity += column.dot(&wrench.velocity) + approach.torque(dq);
+            approach.follow(column.dot(&asked), column.dot(&short));
         }
         self.record(&pose, &wrench, felt.force)
     }
