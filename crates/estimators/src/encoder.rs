@@ -9,8 +9,12 @@ pub struct EncoderParameters {
     pub gear_ratio: f64,
     /// T: time between samples, s.
     pub sample_period: f64,
-    /// Largest |dq| of the joint, rad/s, link side: a faster change of a reading is a jump.
+    /// Largest |dq| of the joint, rad/s, link side, from which on a change of a reading is a jump unless
+    /// the joint has come to it sample by sample.
     pub max_velocity: f64,
+    /// Largest change of dq within a period by the greatest torques at rotor and gear, rad/s, link side;
+    /// 0 where it is not known: then `max_velocity` is never exceeded.
+    pub max_velocity_change: f64,
     /// Range after which the motor-side reading wraps, rad, motor side; infinite if never.
     pub motor_wrap: f64,
     /// Range after which the link-side reading wraps, rad, link side; infinite if never.
@@ -44,11 +48,20 @@ struct Unwrapped {
     wrap: f64,
     /// Largest change in one period, rad.
     max_step: f64,
+    /// Largest change of that change from one period to the next, rad; 0 where it is not known.
+    max_bend: f64,
     /// The last reading that was used, rad; none before the first.
     angle: Option<f64>,
     /// Periods since then.
     periods: u32,
+    /// Change per period up to the last reading, rad; none where a reading before it was none of the joint's.
+    rate: Option<f64>,
+    /// A reading since the last one that was used has jumped.
+    jumped: bool,
 }
+
+/// Share of a way by which instants of sampling may make the next one differ.
+const JITTER: f64 = 0.25;
 
 /// Outcome of a reading.
 enum Taken {
@@ -58,12 +71,15 @@ enum Taken {
 }
 
 impl Unwrapped {
-    fn new(wrap: f64, max_step: f64) -> Self {
+    fn new(wrap: f64, max_step: f64, max_bend: f64) -> Self {
         Self {
             wrap,
             max_step,
+            max_bend,
             angle: None,
             periods: 0,
+            rate: None,
+            jumped: false,
         }
     }
 
@@ -85,13 +101,29 @@ impl Unwrapped {
         let angle = self.nearest_turn(reading, near);
         // The change that the joint may have made grows with the length of a gap, so a reading that
         // stays at another angle is accepted after the time that the joint would need to get there.
-        let reach = self.max_step * f64::from(self.periods);
-        if self.angle.is_some() && (angle - near).abs() > reach {
-            return Taken::Jumped;
+        let periods = f64::from(self.periods);
+        let reach = self.max_step * periods;
+        if let Some(last) = self.angle {
+            if (angle - near).abs() > reach && !self.goes_on(angle - last, periods) {
+                self.jumped = true;
+                return Taken::Jumped;
+            }
+            self.rate = (!self.jumped).then_some((angle - last) / periods);
         }
         self.angle = Some(angle);
-        self.periods = 0;
+        (self.periods, self.jumped) = (0, false);
         Taken::Used
+    }
+
+    /// Whether a way in so many periods goes on from the last ones. What turns a joint faster than its drive
+    /// can (a foot put down hard) does so sample by sample, as torques and inertias have it; an encoder that
+    /// slips has no velocity before and after, and one that has jumped none that is known.
+    fn goes_on(&self, way: f64, periods: f64) -> bool {
+        let Some(rate) = self.rate.filter(|_| !self.jumped && self.max_bend > 0.0) else {
+            return false;
+        };
+        let bend = (0.5 * self.max_bend * periods * (periods + 1.0)).min(self.max_step * periods);
+        (way - rate * periods).abs() <= bend + JITTER * rate.abs()
     }
 }
 
@@ -152,9 +184,11 @@ impl JointEncoders {
             gear_ratio,
             sample_period,
             max_velocity,
+            max_velocity_change,
             ..
         } = parameters;
         let max_step = max_velocity * sample_period;
+        let max_bend = max_velocity_change * sample_period;
         let longest = LONGEST_SKEW * sample_period;
         debug_assert!(
             parameters.skew.abs() <= longest,
@@ -165,8 +199,12 @@ impl JointEncoders {
         Self {
             parameters: EncoderParameters { skew, ..parameters },
             has_link: true,
-            motor: Unwrapped::new(parameters.motor_wrap, max_step * gear_ratio),
-            link: Unwrapped::new(parameters.link_wrap, max_step),
+            motor: Unwrapped::new(
+                parameters.motor_wrap,
+                max_step * gear_ratio,
+                max_bend * gear_ratio,
+            ),
+            link: Unwrapped::new(parameters.link_wrap, max_step, max_bend),
             offset: 0.0,
             history: None,
             last: JointAngles {

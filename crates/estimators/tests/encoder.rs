@@ -13,6 +13,7 @@ fn parameters() -> EncoderParameters {
         gear_ratio: N,
         sample_period: 1e-3,
         max_velocity: 6.0,
+        max_velocity_change: 0.0,
         motor_wrap: TAU,
         link_wrap: TAU,
         skew: 0.0,
@@ -166,6 +167,50 @@ fn skew_is_removed_from_the_torsion() {
                 );
                 let late = (path(t) - angles.aligned_q) / 1.5;
                 assert!((late - (-skew).max(0.0)).abs() < 1e-9);
+            }
+        }
+    }
+}
+
+/// Flags of the samples while both encoders go along `path` (rad), sample by sample.
+fn flags_along(path: impl Fn(f64) -> f64) -> Vec<u32> {
+    let mut encoders = JointEncoders::new(EncoderParameters {
+        max_velocity_change: 1.0,
+        ..parameters()
+    });
+    let sample = |k: u32| {
+        let q = path(f64::from(k));
+        encoders.update(wrapped(N * q), wrapped(q)).flags
+    };
+    (0..60).map(sample).skip(1).collect()
+}
+
+#[test]
+fn a_joint_that_is_turned_faster_than_its_drive_can_is_followed() {
+    // 12 rad/s, twice what the drive can, at most 0.9 rad/s more within a sample.
+    let hit = |k: f64| {
+        let x = (k - 20.0).clamp(0.0, 14.0);
+        let after = (k - 34.0).max(0.0);
+        1e-3 * (0.45 * x * x + 12.0 * after)
+    };
+    assert!(flags_along(hit).iter().all(|&flags| flags == 0));
+}
+
+#[test]
+fn encoders_that_slip_as_one_jump_at_rest_and_in_motion() {
+    for velocity in [0.0, 3.0, 5.9, -5.9] {
+        for slip in [0.013, 0.05, -0.013] {
+            let path = |k: f64| 1e-3 * velocity * k + if k >= 30.0 { slip } else { 0.0 };
+            let flags = flags_along(path);
+            assert_eq!(flags[28], 0, "{velocity} rad/s, {slip} rad");
+            assert_eq!(flags[29], JUMP, "{velocity} rad/s, {slip} rad");
+            // What it does beside its course is no motion, until the joint could have got there.
+            for (k, &flags) in (1..).zip(&flags[29..]) {
+                let way = velocity * k as f64 + 1e3 * slip;
+                match way.abs() > 6.0 * k as f64 {
+                    true => assert_eq!(flags, JUMP, "{velocity} rad/s, {slip} rad, {k}"),
+                    false => break,
+                }
             }
         }
     }

@@ -242,6 +242,7 @@ impl JointFile {
             gear_ratio: self.joint.gear_ratio,
             sample_period: self.sample_period(),
             max_velocity: self.joint.max_velocity,
+            max_velocity_change: 0.0,
             motor_wrap: f64::INFINITY,
             link_wrap: f64::INFINITY,
             skew: encoders.skew,

@@ -184,12 +184,20 @@ impl Reader<'_, '_, '_> {
         if !has_link {
             self.check_motor_alone(drive);
         }
+        let limits = limits?;
+        let plausibility = limits::plausibility(
+            &limits,
+            drive,
+            motor_angle.resolution,
+            self.timing.sample_period,
+        );
         let gap = drive.sampling.longest_gap(self.timing.sample_period);
         let encoders = EncoderParameters {
             gear_ratio: drive.gear_ratio,
             sample_period: self.timing.sample_period,
             // Travel from one cycle's sample to the next, divided by the period.
             max_velocity: drive.max_velocity * gap / self.timing.sample_period,
+            max_velocity_change: plausibility.velocity_change(self.timing.sample_period),
             motor_wrap: motor_angle.wrap,
             link_wrap: link_angle.wrap,
             skew: match &calibration {
@@ -200,7 +208,6 @@ impl Reader<'_, '_, '_> {
                 None => skew,
             },
         };
-        let limits = limits?;
         self.wraps(&encoders, &limits);
         Some(JointParameters {
             name,
@@ -239,12 +246,7 @@ impl Reader<'_, '_, '_> {
             torque_velocity: self.torque_velocity(&limits),
             torque_friction: section
                 .optional_number("torque_mode_friction_Nm", Allowed::NonNegative),
-            plausibility: limits::plausibility(
-                &limits,
-                drive,
-                motor_angle.resolution,
-                self.timing.sample_period,
-            ),
+            plausibility,
             zero_current: drive.zero_current,
             following: self.following(&limits, seen, signals.current),
             current_signal: liveness::signal(

@@ -42,6 +42,19 @@ pub struct PlausibilityParameters {
     pub stop_way: f64,
 }
 
+impl PlausibilityParameters {
+    /// Greatest change of the velocity of either encoder within a sample, rad/s: by what torque makes of
+    /// the rotor, and by what an impact winds up of the gear; 0 where samples are not taken at the cycle's
+    /// instants.
+    #[must_use]
+    pub fn velocity_change(&self, sample_period: f64) -> f64 {
+        match self.motor_step.is_finite() {
+            true => (self.motor_step + self.step) / sample_period,
+            false => 0.0,
+        }
+    }
+}
+
 /// What a sample shows of the motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorSample {

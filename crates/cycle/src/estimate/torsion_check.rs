@@ -11,6 +11,9 @@
 //! e_2 = T - tau_hat                                              by F/T sensors and model
 //! ```
 //!
+//! A change counts from before it began: samples that are not used, as one of a foot that is put down hard may
+//! look like an encoder's step, are bridged; to begin anew amid the impact would make its end a change.
+//!
 //! Both must change alike, as each alone has errors that look like a drift: friction that reverses,
 //! contacts that no F/T sensor measures. Without `tau_hat` the current alone decides, from a greater
 //! change on.
@@ -36,6 +39,8 @@ const REVERSAL: f64 = 1.25;
 const SHARE_ALONE: f64 = 0.25;
 /// Samples in a row.
 const SAMPLES: u32 = 5;
+/// Samples in a row that are bridged: as many as may be implausible before a joint is distrusted.
+const BRIDGED: u32 = 8;
 /// Time after enabling before which the current alone does not decide: brakes let go, s.
 const SETTLING_S: f64 = 0.5;
 
@@ -74,6 +79,8 @@ struct Changes {
     time: f64,
     /// Samples in a row that contradict.
     over: u32,
+    /// Samples in a row that could not be used.
+    bridged: u32,
 }
 
 /// One joint.
@@ -133,13 +140,9 @@ impl TorsionCheck {
                 joint.changes = None;
                 continue;
             }
-            let broken = measured_flags::IMPLAUSIBLE | measured_flags::STALE;
-            if measured.flags & broken != 0 {
-                // What comes next need not go on from what came before.
-                joint.changes = None;
-            }
             let unusable = NOT_USED | measured_flags::STALE | measured_flags::SETTLING;
             let Some(torsion) = fast.torsion.filter(|_| measured.flags & unusable == 0) else {
+                joint.bridge();
                 continue;
             };
             let sound = measured_flags::FLAT | measured_flags::SATURATED;
@@ -167,6 +170,15 @@ impl Joint {
         }
     }
 
+    /// A sample that cannot be used: what comes next goes on from what came before, unless there are too
+    /// many of them.
+    fn bridge(&mut self) {
+        self.changes = self.changes.take().and_then(|changes| {
+            let bridged = changes.bridged.saturating_add(1);
+            (bridged <= BRIDGED).then_some(Changes { bridged, ..changes })
+        });
+    }
+
     /// Whether an encoder drifts.
     fn update(
         &mut self,
@@ -177,7 +189,7 @@ impl Joint {
         dt: f64,
     ) -> bool {
         let Some(current) = current else {
-            self.changes = None;
+            self.bridge();
             return false;
         };
         let omega = omega / self.gear_ratio;
@@ -190,7 +202,9 @@ impl Joint {
             by_level: None,
             time: 0.0,
             over: 0,
+            bridged: 0,
         });
+        changes.bridged = 0;
         changes.time += dt;
         changes.omega.update(omega, dt);
         let by_current = changes.by_current.update(torsion - motor, dt)
@@ -217,5 +231,55 @@ impl Joint {
             0
         };
         changes.over >= SAMPLES
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Torque constant of 6 N·m/A, friction of 4 N·m, limit of 110 N·m.
+    fn joint() -> Joint {
+        Joint {
+            k_1: 6.0,
+            k_2: 0.0,
+            k_3: 4.0,
+            inertia: 0.0,
+            gear_ratio: 100.0,
+            smoothing: 0.01,
+            torque_limit: 110.0,
+            changes: None,
+        }
+    }
+
+    /// A joint that has carried 10 N·m for a while, and has then had so many unusable samples.
+    fn after(bridged: u32) -> Joint {
+        let mut joint = joint();
+        for _ in 0..200 {
+            assert!(!joint.update(10.0, Some(10.0 / 6.0), 0.0, Some(10.0), 1e-3));
+        }
+        (0..bridged).for_each(|_| joint.bridge());
+        joint
+    }
+
+    /// The first usable sample after an impact shows 20 N·m more than current and F/T sensors.
+    fn is_found(joint: &mut Joint, torsion: impl Fn(u32) -> f64) -> bool {
+        (0..30).any(|k| joint.update(torsion(k), Some(10.0 / 6.0), 0.0, Some(10.0), 1e-3))
+    }
+
+    #[test]
+    fn an_impact_that_ends_is_no_drift_though_a_sample_of_it_was_not_used() {
+        let ends = |k: u32| if k == 0 { 30.0 } else { 10.0 };
+        assert!(!is_found(&mut after(0), ends));
+        assert!(!is_found(&mut after(1), ends));
+        assert!(!is_found(&mut after(BRIDGED), ends));
+    }
+
+    #[test]
+    fn a_change_that_stays_is_found_across_samples_that_were_not_used() {
+        assert!(is_found(&mut after(1), |_| 30.0));
+        assert!(is_found(&mut after(BRIDGED), |_| 30.0));
+        // What comes after a longer gap need not go on from what came before.
+        assert!(!is_found(&mut after(BRIDGED + 1), |_| 30.0));
     }
 }

@@ -244,6 +244,7 @@ fn nothing_around_the_estimators_allocates_either() {
         gear_ratio: 100.0,
         sample_period: 1e-3,
         max_velocity: 6.0,
+        max_velocity_change: 0.0,
         motor_wrap: std::f64::consts::TAU,
         link_wrap: f64::INFINITY,
         skew: 1e-3,
