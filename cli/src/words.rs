@@ -31,6 +31,7 @@ const COMMAND: &[(u32, &str)] = &[
     (command_flags::POWER_LIMITED, "power_limited"),
     (command_flags::NOT_FINITE, "not_finite"),
     (command_flags::ENGAGED, "engaged"),
+    (command_flags::RATE_TRIMMED, "rate_trimmed"),
 ];
 
 const FRAME: &[(u32, &str)] = &[

@@ -114,6 +114,7 @@ pub fn python_layout() -> String {
             ("POWER_LIMITED", command_flags::POWER_LIMITED),
             ("NOT_FINITE", command_flags::NOT_FINITE),
             ("ENGAGED", command_flags::ENGAGED),
+            ("RATE_TRIMMED", command_flags::RATE_TRIMMED),
         ],
     );
     enumeration(

@@ -90,6 +90,7 @@ class CommandFlags(IntFlag):
     POWER_LIMITED = 32
     NOT_FINITE = 64
     ENGAGED = 128
+    RATE_TRIMMED = 256
 
 
 class RequestKind(IntEnum):
@@ -214,7 +215,7 @@ EVENTS = (
     Event(308, "trajectory_ended", "A client's trajectory ended in motion, as no further piece of it had come; the joints were brought to rest.", "-", "warn"),
     Event(309, "trajectory_refused", "A piece of a client's trajectory was refused; what was buffered before stands.", "joint.velocity_limit_rad_per_s / joint.torque_limit_Nm", "warn"),
     Event(401, "position_limit", "A commanded position, or its lead over the measured position, was limited.", "joint.position_min_deg / joint.position_max_deg", "warn"),
-    Event(402, "torque_limit", "A commanded torque or current was limited.", "joint.torque_limit_Nm", "warn"),
+    Event(402, "torque_limit", "A commanded torque or current was limited, its rate by more than noise.", "joint.torque_limit_Nm", "warn"),
     Event(403, "command_not_finite", "A computed command was NaN or infinite; the last command was kept.", "-", "hold"),
     Event(404, "enable_time_out", "A drive did not reach the state that was asked of it within the time allowed.", "safety.time_limit_ms / drive.state.step_time_limit_ms", "off"),
     Event(405, "velocity_limit", "A command was limited to the joint's velocity or power.", "joint.velocity_limit_rad_per_s / joint.power_limit_W", "warn"),

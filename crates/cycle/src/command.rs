@@ -434,9 +434,13 @@ fn fast_torque(
     }
 }
 
-/// Counts the limits of one joint that acted.
+/// Counts the limits of one joint that acted, but for a torque rate that trimmed noise.
 fn count_limits(joint: usize, flags: u32, counts: &mut Counts) {
     use command_flags as f;
+    let flags = match flags & f::RATE_TRIMMED != 0 {
+        true => flags & !f::TORQUE_RATE_LIMITED,
+        false => flags,
+    };
     let events = [
         (f::POSITION_LIMITED, Event::PositionLimit),
         (

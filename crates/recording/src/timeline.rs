@@ -1,7 +1,11 @@
 //! What happened in a run, in the order of time: conditions that hold for a while, and changes.
 
+mod cause;
+mod concerned;
+
 use std::collections::HashMap;
 
+pub use cause::cause_of;
 use robot_state::{
     CycleRecord, DriveState, Event, Mode, RobotState, command_flags, measured_flags,
 };
@@ -38,7 +42,7 @@ pub enum Happening {
     NoReference,
     /// A tare or a choice of contacts took effect.
     Settings,
-    /// An event was counted: its number.
+    /// An event was counted: its number; the subjects are the joints that the records show.
     Event(u32),
     /// A fault was latched: its number; the subject is the joint concerned, if it is one.
     Fault(u32),
@@ -186,7 +190,8 @@ impl Timeline {
             for bit in bits(measured.flags & !measured_flags::SETTLING) {
                 self.hold(Happening::JointFlag(bit), j, record, 1);
             }
-            for bit in bits(commanded.flags & !command_flags::ENGAGED) {
+            let no_limits = command_flags::ENGAGED | command_flags::RATE_TRIMMED;
+            for bit in bits(commanded.flags & !no_limits) {
                 self.hold(Happening::Limited(bit), j, record, 1);
             }
         }
@@ -212,7 +217,9 @@ impl Timeline {
         for (event, (now, before)) in Event::ALL.iter().zip(counts) {
             let times = now.saturating_sub(*before);
             if times > 0 {
-                self.hold(Happening::Event(event.number()), ROBOT, record, times);
+                let what = Happening::Event(event.number());
+                self.hold(what, ROBOT, record, times);
+                self.name(what, concerned::joints(*event, record, last));
             }
         }
         if record.fault != last.fault {
@@ -268,6 +275,20 @@ impl Timeline {
             _ => {
                 self.open.insert((what, subject), self.spans.len());
                 self.push(what, subject, record, times);
+            }
+        }
+    }
+
+    /// Joints that what holds in this cycle is about as well.
+    fn name(&mut self, what: Happening, joints: impl Iterator<Item = usize>) {
+        let open = self.open.get(&(what, ROBOT));
+        let Some(span) = open.and_then(|&index| self.spans.get_mut(index)) else {
+            return;
+        };
+        for joint in joints {
+            if !span.subjects.contains(&joint) {
+                span.subjects.push(joint);
+                span.subjects.sort_unstable();
             }
         }
     }
@@ -409,84 +430,4 @@ fn mode_name(number: u32) -> &'static str {
 
 fn drive_name(number: u32) -> &'static str {
     DriveState::from_number(number).map_or("unknown", DriveState::name)
-}
-
-/// The happening that led to a fault: the earliest of those that this fault comes from and that
-/// lasted until it was latched; the fault's own event if there is none.
-#[must_use]
-pub fn cause_of<'s>(spans: &'s [Span], fault: &Span) -> Option<&'s Span> {
-    let Happening::Fault(number) = fault.what else {
-        return None;
-    };
-    let event = Event::from_number(number)?;
-    let lasted = |span: &&Span| {
-        span.begin_ns <= fault.begin_ns && fault.begin_ns.saturating_sub(span.end_ns) <= JOIN_NS
-    };
-    let concerned = match fault.subjects.is_empty() {
-        true => subjects_of(spans, fault, event),
-        false => fault.subjects.clone(),
-    };
-    let leads = |span: &&Span| {
-        let own = concerned.is_empty() || span.subjects.iter().any(|s| concerned.contains(s));
-        leads_to(span.what, event) && (span.subjects.is_empty() || own)
-    };
-    let earliest = spans
-        .iter()
-        .filter(lasted)
-        .filter(leads)
-        .min_by_key(|span| span.begin_ns);
-    let own = |span: &&Span| span.what == Happening::Event(number);
-    earliest.or_else(|| spans.iter().filter(lasted).find(own))
-}
-
-/// The joints that a fault is about.
-fn subjects_of(spans: &[Span], fault: &Span, event: Event) -> Vec<usize> {
-    let decisive = |what: Happening| match event {
-        Event::JointStale => what == Happening::JointFlag(measured_flags::STALE),
-        Event::EncoderImplausible => what == Happening::JointFlag(measured_flags::IMPLAUSIBLE),
-        Event::CommandNotFinite => what == Happening::Limited(command_flags::NOT_FINITE),
-        Event::DriveFault => {
-            matches!(what, Happening::DriveState(_, to) if to == DriveState::Fault.number())
-        }
-        Event::DriveLost => {
-            let enabled = DriveState::Enabled.number();
-            matches!(what, Happening::DriveState(from, to) if from == enabled && to != enabled)
-        }
-        _ => false,
-    };
-    let near = |span: &&Span| {
-        span.begin_ns <= fault.begin_ns && fault.begin_ns.saturating_sub(span.end_ns) <= JOIN_NS
-    };
-    let decisive = spans.iter().filter(near).filter(|span| decisive(span.what));
-    decisive
-        .flat_map(|span| span.subjects.iter().copied())
-        .collect()
-}
-
-/// Whether that may lead to the fault.
-fn leads_to(what: Happening, event: Event) -> bool {
-    use Happening::{DriveState, ErrorFrames, JointFlag, Limited, Skipped, StatusWord};
-    match event {
-        Event::JointStale => {
-            let flags = measured_flags::MISSED | measured_flags::STALE;
-            matches!(what, JointFlag(bit) if bit & flags != 0) || what == ErrorFrames
-        }
-        Event::EncoderImplausible => {
-            let flags = measured_flags::JUMP | measured_flags::IMPLAUSIBLE;
-            matches!(what, JointFlag(bit) if bit & flags != 0)
-        }
-        Event::CommandNotFinite => matches!(what, Limited(command_flags::NOT_FINITE)),
-        Event::DriveFault | Event::DriveLost => {
-            matches!(what, StatusWord(..) | DriveState(..) | ErrorFrames)
-        }
-        Event::BusDown | Event::SendFailing => {
-            let sending = Happening::Event(Event::SendFailed.number());
-            what == ErrorFrames || what == sending
-        }
-        Event::LatenessLasts => {
-            let late = Happening::Event(Event::LateCycle.number());
-            what == late || matches!(what, Skipped(_))
-        }
-        _ => false,
-    }
 }

@@ -214,7 +214,7 @@ events! {
     TrajectoryEnded = 308, "trajectory_ended", Warn, "-", "A client's trajectory ended in motion, as no further piece of it had come; the joints were brought to rest.";
     TrajectoryRefused = 309, "trajectory_refused", Warn, "joint.velocity_limit_rad_per_s / joint.torque_limit_Nm", "A piece of a client's trajectory was refused; what was buffered before stands.";
     PositionLimit = 401, "position_limit", Warn, "joint.position_min_deg / joint.position_max_deg", "A commanded position, or its lead over the measured position, was limited.";
-    TorqueLimit = 402, "torque_limit", Warn, "joint.torque_limit_Nm", "A commanded torque or current was limited.";
+    TorqueLimit = 402, "torque_limit", Warn, "joint.torque_limit_Nm", "A commanded torque or current was limited, its rate by more than noise.";
     CommandNotFinite = 403, "command_not_finite", Hold, "-", "A computed command was NaN or infinite; the last command was kept.";
     EnableTimeOut = 404, "enable_time_out", Off, "safety.time_limit_ms / drive.state.step_time_limit_ms", "A drive did not reach the state that was asked of it within the time allowed.";
     VelocityLimit = 405, "velocity_limit", Warn, "joint.velocity_limit_rad_per_s / joint.power_limit_W", "A command was limited to the joint's velocity or power.";

@@ -98,6 +98,12 @@ pub struct Limited {
     pub flags: u32,
 }
 
+/// A torque rate that was limited is noted from this share of the torque limit on by which the torque
+/// stayed behind, or after so many cycles in a row: less is noise of the measured angle and velocity that
+/// a command contains.
+const RATE_NOTABLE_SHARE: f64 = 0.05;
+const RATE_NOTABLE_CYCLES: u32 = 5;
+
 /// Greatest velocity at which a held set-point gives way, share of the velocity limit.
 const YIELD_SPEED: f64 = 0.03;
 
@@ -124,6 +130,10 @@ pub struct Limiter {
     last_torque: f64,
     /// Cycles left in which the torque rises slowly, as the loop has not run for some.
     resuming: u32,
+    /// Torque by which the rate limit keeps this cycle's command back, N·m, and cycles in a row in which
+    /// it has kept one back.
+    kept_back: f64,
+    keeps_back: u32,
 }
 
 impl Limiter {
@@ -139,6 +149,8 @@ impl Limiter {
             yielded: 0.0,
             last_torque: 0.0,
             resuming: 0,
+            kept_back: 0.0,
+            keeps_back: 0,
         }
     }
 
@@ -228,6 +240,7 @@ impl Limiter {
 
     /// `held`: the set-point holds, and whether the sample is usable.
     fn limited(&mut self, asked: f64, motion: &Motion, held: Option<bool>) -> Limited {
+        self.kept_back = 0.0;
         let (applied, flags) = if !asked.is_finite() {
             (self.last, command_flags::NOT_FINITE)
         } else {
@@ -246,7 +259,22 @@ impl Limiter {
         Limited {
             asked,
             applied,
-            flags,
+            flags: flags | self.trimmed(flags),
+        }
+    }
+
+    /// [`command_flags::RATE_TRIMMED`] where the rate limit took no more than noise.
+    fn trimmed(&mut self, flags: u32) -> u32 {
+        if flags & command_flags::TORQUE_RATE_LIMITED == 0 {
+            self.keeps_back = 0;
+            return 0;
+        }
+        self.keeps_back = self.keeps_back.saturating_add(1);
+        let notable = self.kept_back.abs() > RATE_NOTABLE_SHARE * self.limits.torque
+            || self.keeps_back >= RATE_NOTABLE_CYCLES;
+        match notable {
+            true => 0,
+            false => command_flags::RATE_TRIMMED,
         }
     }
 
@@ -356,6 +384,7 @@ impl Limiter {
         let mut wanted = tau.max(low).min(high);
         if wanted != tau && (resumes || wanted.abs() < tau.abs()) {
             flags |= command_flags::TORQUE_RATE_LIMITED;
+            self.kept_back = tau - wanted;
         } else {
             // A torque that falls is never held up.
             wanted = tau;
@@ -413,13 +442,14 @@ impl Limiter {
             y
         };
         let asked_torque = k_1 * asked;
-        let mut tau = bounded(asked_torque, torque, command_flags::TORQUE_LIMITED);
-        tau = self.last_torque
+        let within_limit = bounded(asked_torque, torque, command_flags::TORQUE_LIMITED);
+        let mut tau = self.last_torque
             + bounded(
-                tau - self.last_torque,
+                within_limit - self.last_torque,
                 change,
                 command_flags::TORQUE_RATE_LIMITED,
             );
+        self.kept_back = within_limit - tau;
         if tau * motion.dq > power {
             tau = power / motion.dq;
             flags |= command_flags::POWER_LIMITED;

@@ -254,3 +254,32 @@ fn torque_rate_and_power_are_limited_where_they_are_set() {
     assert!((fast.applied - 2.0).abs() < 1e-9, "{fast:?}");
     assert!(fast.flags & command_flags::POWER_LIMITED != 0);
 }
+
+#[test]
+fn a_torque_rate_that_trims_noise_is_marked_until_it_lasts_or_takes_much() {
+    let limits = Limits {
+        torque_rate: 1000.0,
+        ..LIMITS
+    };
+    let (rate, trimmed) = (
+        command_flags::TORQUE_RATE_LIMITED,
+        command_flags::TORQUE_RATE_LIMITED | command_flags::RATE_TRIMMED,
+    );
+    for (actuation, per_torque) in [(CURRENT, 0.1), (POSITION, 1.2e-4 - 1.0 / 27e3)] {
+        // What is left of a torque that is asked for, N·m, at 1 N·m a cycle.
+        let flags = |torques: &[f64]| -> Vec<u32> {
+            let mut limiter = Limiter::new(limits, actuation, PERIOD);
+            limiter.start(&still(0.0), 0.0);
+            let asked = torques.iter().map(|torque| torque * per_torque);
+            asked
+                .map(|asked| limiter.limit(asked, &still(0.0)).flags)
+                .collect()
+        };
+        // 5 N·m are 5 % of the limit.
+        assert_eq!(flags(&[0.9, 2.5, 0.5]), [0, trimmed, 0]);
+        assert_eq!(flags(&[4.0, 0.0, 7.0]), [trimmed, 0, rate]);
+        let lasting = [3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+        let expected = [trimmed, trimmed, trimmed, trimmed, rate, rate];
+        assert_eq!(flags(&lasting), expected, "{actuation:?}");
+    }
+}

@@ -21,6 +21,8 @@ pub mod command_flags {
     pub const NOT_FINITE: u32 = 64;
     /// The command is sent; without this bit the joint's drive gets none.
     pub const ENGAGED: u32 = 128;
+    /// The limit of the torque's rate took no more than noise of the command: no event.
+    pub const RATE_TRIMMED: u32 = 256;
 }
 
 record! {
