@@ -172,6 +172,11 @@ fn at(start: &FrameReference, arguments: &CartesianArguments, t: f64) -> FrameRe
     frame
 }
 
+/// To two digits, without a sign where nothing is left.
+fn rounded(x: f64) -> f64 {
+    (100.0 * x).round() / 100.0 + 0.0
+}
+
 /// Means at the end.
 #[derive(Default)]
 struct Mean {
@@ -222,7 +227,7 @@ impl Mean {
             );
         }
         let row = |x: &[f64]| {
-            let numbers: Vec<String> = x.iter().map(|x| format!("{x:8.2}")).collect();
+            let numbers: Vec<String> = x.iter().map(|x| format!("{:8.2}", rounded(*x))).collect();
             numbers.join(" ")
         };
         let felt = match known {
@@ -238,5 +243,19 @@ impl Mean {
             row(&moved),
             row(&wrench),
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounded;
+
+    #[test]
+    fn what_is_rounded_to_nothing_has_no_sign() {
+        let shown = |x: f64| format!("{:.2}", rounded(x));
+        assert_eq!(shown(-0.004), "0.00");
+        assert_eq!(shown(-0.0), "0.00");
+        assert_eq!(shown(-0.006), "-0.01");
+        assert_eq!(shown(12.345_6), "12.35");
     }
 }

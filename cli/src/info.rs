@@ -172,12 +172,18 @@ fn joints(run: &RunSummary) -> TextTable {
 }
 
 fn events(run: &RunSummary) -> TextTable {
-    let heading = ["number", "times", "event"].map(str::to_owned).to_vec();
+    let heading = ["number", "times", "event", "joints"].map(str::to_owned);
+    let heading = heading.to_vec();
     let rows = run.events.iter().map(|(event, times)| {
         vec![
             event.number().to_string(),
             times.to_string(),
             event.name().to_owned(),
+            match run.joints_of(*event) {
+                joints if joints.is_empty() => "-".to_owned(),
+                joints if joints.len() == run.header.joints.len() => "all".to_owned(),
+                joints => joints.join(", "),
+            },
         ]
     });
     TextTable(std::iter::once(heading).chain(rows).collect())
@@ -198,7 +204,14 @@ fn object(run: &RunSummary) -> Value {
         });
         keys(header.kind(j), object)
     };
-    let event = |(event, times): &(Event, u64)| json!({ "number": event.number(), "name": event.name(), "times": times });
+    let event = |(event, times): &(Event, u64)| {
+        json!({
+            "number": event.number(),
+            "name": event.name(),
+            "times": times,
+            "joints": run.joints_of(*event),
+        })
+    };
     let span = |span: &Span| {
         json!({
             "s": ms_between(run.begin_ns, span.begin_ns) * 1e-3,

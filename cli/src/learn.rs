@@ -1,5 +1,7 @@
 //! `torquectl learn`: feed-forward torques for mode low-gain tracking, from recorded motion.
 
+mod picture;
+
 use crate::calibrate::runs::robot;
 use crate::motion::bar;
 use crate::output::finish_or_refuse;
@@ -27,6 +29,7 @@ the training did not see. A joint whose rest is no less keeps the model alone.
 Examples:
   torquectl learn run.mcap -o learned
   torquectl learn monday.mcap tuesday.mcap -o learned --joint knee --joint hip_pitch
+  torquectl learn run.mcap -o learned --plot learned.svg
   torquectl learn run.mcap -o learned --json
 
 Exit codes:
@@ -46,6 +49,9 @@ pub(crate) struct LearnArguments {
     /// These joints [default: all]
     #[arg(long, value_name = "NAME")]
     joint: Vec<String>,
+    /// Draw the missing and the learned torque of every joint over the recorded motion
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -86,6 +92,7 @@ fn learn(arguments: &LearnArguments) -> Result<String, Problems> {
     let bar = bar();
     bar.set_length(1000 * joints.len() as u64);
     let mut all = Vec::new();
+    let mut panels = Vec::new();
     for (j, (joint, log)) in joints.iter().zip(&logs).enumerate() {
         if !wanted(&joint.name) {
             continue;
@@ -110,9 +117,16 @@ fn learn(arguments: &LearnArguments) -> Result<String, Problems> {
             std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))?;
             learned.file = Some(path);
         }
+        if let (Some(_), Ok(trained)) = (&arguments.plot, &learned.result) {
+            let period = robot.parameters.timing.sample_period;
+            panels.push(picture::panel(joint, log, period, trained)?);
+        }
         all.push(learned);
     }
     bar.finish_and_clear();
+    if let (Some(path), false) = (&arguments.plot, panels.is_empty()) {
+        picture::figure(&robot.parameters.name, panels).write(path)?;
+    }
     if all.iter().all(|learned| learned.result.is_err()) {
         let first = all.into_iter().find_map(|learned| learned.result.err());
         let problem = first.unwrap_or_else(|| Problem::new("no joint", names()));

@@ -70,13 +70,19 @@ fn expect(folder: &Path, arguments: &str, code: i32) -> String {
 #[test]
 fn a_payload_is_learned_from_a_recording_and_the_file_is_taken() {
     let folder = robot();
-    let json = expect(&folder, "learn run.mcap -o learned --json", 0);
+    let json = expect(
+        &folder,
+        "learn run.mcap -o learned --plot learned.svg --json",
+        0,
+    );
     let found: Value = serde_json::from_str(&json).unwrap();
     let joint = &found["joints"][0];
     let error = |key: &str| joint[key].as_f64().unwrap();
     let (before, after) = (error("model_off_rms_Nm"), error("left_rms_Nm"));
     // 0.92 kg at 0.45 m, swung: some newton metres, of which nearly all goes.
     assert!(before > 1.0 && after < 0.2 * before, "{json}");
+    let picture = fs::read_to_string(folder.join("learned.svg")).unwrap();
+    assert!(picture.contains("missing in the model") && picture.len() < 500_000);
     let file = joint["file"].as_str().unwrap();
     assert_eq!(file, "learned/joint.feed-forward.toml");
     assert!(fs::metadata(folder.join(file)).unwrap().len() < 200_000);

@@ -2,7 +2,8 @@
 
 use crate::recorded;
 use problem::Problem;
-use recording::{CycleMessage, Ending, Header, Span, Timeline};
+use recording::{CycleMessage, Ending, Happening, Header, Span, Timeline};
+use std::collections::BTreeSet;
 use std::path::Path;
 use torqued_client::robot_state::{Event, command_flags, measured_flags};
 
@@ -76,6 +77,15 @@ impl RunSummary {
         })?;
         summary.spans = timeline.finish();
         Ok(summary)
+    }
+
+    /// The joints that an event was about, in config order.
+    pub(crate) fn joints_of(&self, event: Event) -> Vec<&str> {
+        let what = Happening::Event(event.number());
+        let spans = self.spans.iter().filter(|span| span.what == what);
+        let subjects: BTreeSet<usize> = spans.flat_map(|s| s.subjects.iter().copied()).collect();
+        let names = subjects.iter().filter_map(|&j| self.header.joints.get(j));
+        names.map(String::as_str).collect()
     }
 
     fn new(header: Header) -> Self {
