@@ -276,7 +276,7 @@ fn a_torque_rate_that_trims_noise_is_marked_until_it_lasts_or_takes_much() {
                 .collect()
         };
         // 5 N·m are 5 % of the limit.
-        assert_eq!(flags(&[0.9, 2.5, 0.5]), [0, trimmed, 0]);
+        assert_eq!(flags(&[0.9, 2.5, 1.5]), [0, trimmed, 0]);
         assert_eq!(flags(&[4.0, 0.0, 7.0]), [trimmed, 0, rate]);
         let lasting = [3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
         let expected = [trimmed, trimmed, trimmed, trimmed, rate, rate];
