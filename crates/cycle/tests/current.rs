@@ -214,3 +214,34 @@ fn a_client_that_ends_in_motion_leaves_no_step_of_torque() {
     assert_eq!(state(bench.cycle.record()), RobotState::Holding);
     assert!(bench.plant.truth().joints[0].dq.abs() < 0.01);
 }
+
+#[test]
+fn a_withdrawn_drive_keeps_no_current_though_its_status_was_wrong_once() {
+    // Without control words nothing but a set-point of zero ends the last one.
+    for lost in [0, 1, 3, 50] {
+        let mut bench = Bench::reading("test-joint", &|path| {
+            let text = read_with_current_drive(path)?;
+            let lines = text.split_inclusive('\n');
+            let kept = lines.filter(|line| !line.starts_with("control = {"));
+            Ok(kept.collect())
+        });
+        bench.run(600);
+        assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+        assert!(
+            bench.plant.robot_mut().set_point(0).abs() > 0.5,
+            "it bears a load"
+        );
+        for k in 0..=lost {
+            bench.gather();
+            if k == 0 {
+                // A CiA 402 drive in fault.
+                spoil(&mut bench, 0, |now| now[slots::status(0)] = 8.0);
+            }
+            bench.compute_deaf(&ClientInput::default(), |_| k < lost);
+        }
+        assert_ne!(bench.cycle.record().fault, 0);
+        bench.run(2);
+        let left = bench.plant.robot_mut().set_point(0);
+        assert_eq!(left, 0.0, "{lost} cycles of commands lost");
+    }
+}

@@ -1,7 +1,7 @@
 //! Emit: from commands and control words to frames.
 //!
 //! A joint whose set-points are withdrawn has none, with two exceptions. A drive that takes currents
-//! would go on with the last one: it is sent zero until it is off. And where several joints share a
+//! would go on with the last one: it is sent zero until it has been off for a while. And where several joints share a
 //! message, the others need it: the joint's slot then has zero current, or the position where it was
 //! measured last, if its drive is kept off by control words; else the message ends for all of them.
 
@@ -23,8 +23,10 @@ struct Addressed {
     /// Control words keep its drive off.
     controlled: bool,
     zero_current: bool,
-    /// It has had a set-point since its drive was off.
+    /// It has had a set-point.
     driven: bool,
+    /// Cycles in a row in which its drive has indicated that it is off.
+    off: u32,
 }
 
 /// The frames that carry set-points and control words.
@@ -52,6 +54,7 @@ impl Emit {
                     controlled: (joint.drive_profile.as_ref()).is_some_and(|p| p.control.is_some()),
                     zero_current: joint.zero_current,
                     driven: false,
+                    off: 0,
                 })
                 .collect(),
             shared: shared(&robot.send),
@@ -103,14 +106,15 @@ impl Emit {
         its.all(|joints| joints.iter().all(has))
     }
 
-    /// Zero for a drive that would go on with the last current.
+    /// Zero for a drive that would go on with the last current. One status word that is wrong must not end it:
+    /// the drive has to indicate for a while that it is off, and gets zero again whenever it does not.
     fn no_current(&mut self, joint: usize, state: DriveState) -> Option<f64> {
         let joint = self.joints.get_mut(joint)?;
-        joint.driven &= matches!(
-            state,
-            DriveState::Enabled | DriveState::Stopping | DriveState::Unknown
-        );
-        (joint.zero_current && joint.driven).then_some(0.0)
+        joint.off = match state {
+            DriveState::Enabled | DriveState::Stopping | DriveState::Unknown => 0,
+            _ => joint.off.saturating_add(1),
+        };
+        (joint.zero_current && joint.driven && joint.off <= REPEAT).then_some(0.0)
     }
 
     /// Fills slots of withdrawn joints in messages that other joints need.
