@@ -2,6 +2,7 @@
 
 use crate::motion::{bar, catch_signals};
 use crate::requests::{Failure, PATIENCE, connect, end};
+use crate::units::rounded;
 use problem::{Problem, listed};
 use serde_json::json;
 use std::process::ExitCode;
@@ -172,11 +173,6 @@ fn at(start: &FrameReference, arguments: &CartesianArguments, t: f64) -> FrameRe
     frame
 }
 
-/// To two digits, without a sign where nothing is left.
-fn rounded(x: f64) -> f64 {
-    (100.0 * x).round() / 100.0 + 0.0
-}
-
 /// Means at the end.
 #[derive(Default)]
 struct Mean {
@@ -243,19 +239,5 @@ impl Mean {
             row(&moved),
             row(&wrench),
         )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::rounded;
-
-    #[test]
-    fn what_is_rounded_to_nothing_has_no_sign() {
-        let shown = |x: f64| format!("{:.2}", rounded(x));
-        assert_eq!(shown(-0.004), "0.00");
-        assert_eq!(shown(-0.0), "0.00");
-        assert_eq!(shown(-0.006), "-0.01");
-        assert_eq!(shown(12.345_6), "12.35");
     }
 }

@@ -4,7 +4,7 @@ mod summary;
 
 use crate::output::finish_or_refuse;
 use crate::recorded::{date, describe_ending, ms_between};
-use crate::units::{cell, keys};
+use crate::units::{cell, keys, rounded};
 use problem::Problems;
 use recording::{Happening, Span};
 use serde_json::{Value, json};
@@ -158,8 +158,16 @@ fn joints(run: &RunSummary) -> TextTable {
                 |cycles: u64| format!("{:.2}", 100.0 * cycles as f64 / run.cycles.max(1) as f64);
             vec![
                 name.clone(),
-                cell(kind, format!("{:.2}", kind.shown(joint.q_min)), "deg"),
-                cell(kind, format!("{:.2}", kind.shown(joint.q_max)), "deg"),
+                cell(
+                    kind,
+                    format!("{:.2}", rounded(kind.shown(joint.q_min))),
+                    "deg",
+                ),
+                cell(
+                    kind,
+                    format!("{:.2}", rounded(kind.shown(joint.q_max))),
+                    "deg",
+                ),
                 cell(kind, format!("{:.3}", joint.dq_max), "rad/s"),
                 cell(kind, format!("{:.2}", joint.tau_max), "N·m"),
                 cell(kind, format!("{:.2}", joint.mean_sigma()), "N·m"),

@@ -30,6 +30,11 @@ pub(crate) fn keys(kind: JointKind, object: Value) -> Value {
     }
 }
 
+/// To two digits, without a sign where nothing is left.
+pub(crate) fn rounded(x: f64) -> f64 {
+    (100.0 * x).round() / 100.0 + 0.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -45,5 +50,14 @@ mod tests {
             "q_m": 1.0, "theta_rad": 2.0, "tau_hat": { "tau_N": 3.0 }, "flags": ["missed"],
         });
         assert_eq!(keys(JointKind::Prismatic, object), prismatic);
+    }
+
+    #[test]
+    fn what_is_rounded_to_nothing_has_no_sign() {
+        let shown = |x: f64| format!("{:.2}", rounded(x));
+        assert_eq!(shown(-0.004), "0.00");
+        assert_eq!(shown(-0.0), "0.00");
+        assert_eq!(shown(-0.006), "-0.01");
+        assert_eq!(shown(12.345_6), "12.35");
     }
 }
