@@ -384,7 +384,7 @@ Motion without any contact but the declared ones. `worst ratio`: greatest extern
 const COLLISIONS: &str = "
 ## Collisions
 
-The leg's thigh, or the upper arm of the humanoid, which hangs in its harness, comes down on a surface of 75 N/mm at 0.25 m/s, by inverse dynamics; the client goes on pressing. Times from the first touch, the greatest of three seeds; forces least to greatest.
+The leg's thigh, or the upper arm of the humanoid, which hangs in its harness, comes down on a surface of 75 N/mm at 0.25 m/s, by inverse dynamics; the client goes on pressing. Times from the first touch, the greatest of all seeds; forces least to greatest.
 
 | robot, drives | reaction | m/s | flag, ms | event 209, ms | peak, N | at, ms | after 1 s, N | depth, mm | state, fault |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -394,6 +394,6 @@ const NOTES: &str = "
 ## Weak spots
 
 - Chest pitch of the humanoid: its contact sets have an unknown wrench on the link beyond that joint, so its torque follows from the feet upwards, and the noise of all legs' accelerations at levers of a metre enters: up to 30 % of its rated torque, and a threshold to match. A blow there is not found by `tau_ext_change`.
-- Feet that are put down change the torques of ankles and knees by half of what is rated within some milliseconds, where windup, hysteresis and stiffness of a gear are wrong by a tenth of it. The thresholds rise with the change of the torque; the flags that are left are those of the table. Let 209 only warn on a robot that walks.
+- Feet that are put down change the torques of ankles and knees by half of what is rated within some milliseconds, where windup, hysteresis and stiffness of a gear are wrong by a tenth of it. The thresholds rise with the change of the torque, and come within a few per cent of a flag. Let 209 only warn on a robot that walks.
 - Contacts beyond an F/T sensor are declared ones, and are not found here. A contact that grows slowly is found by `tau_ext` alone, from its threshold of 8 % of the torque limit and four standard deviations on.
 ";
