@@ -1,12 +1,13 @@
 //! `torquectl identify drive` as a whole process, on a recording that the daemon's loop made of the
 //! simulated test joint.
 
+mod common;
+
+use common::{expect, record_demo};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use test_support::project_path;
-use torqued::demo::{self, DemoOptions};
 
 /// A slow swing with sines up to 22 Hz.
 const MOTION: &str = "settle_s = 0.5\njoint = [\n\
@@ -23,35 +24,14 @@ fn folder() -> PathBuf {
     folder
 }
 
-/// Runs a command that must end with this exit code; gives what it printed.
-fn expect(folder: &Path, arguments: &str, code: i32) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_torquectl"))
-        .args(arguments.split_whitespace())
-        .current_dir(folder)
-        .output()
-        .unwrap();
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    let both = text(&output.stdout) + &text(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{arguments}\n{both}");
-    both
-}
-
 fn record(folder: &Path) {
     fs::write(folder.join("motion.toml"), MOTION).unwrap();
-    demo::run(&DemoOptions {
-        robot: project_path("config/test-joint/robot.toml"),
-        seconds: 13.0,
-        plot: None,
-        joints: Vec::new(),
-        json: true,
-        fast: true,
-        seed: Some(8),
-        motion: Some(folder.join("motion.toml")),
-        harness: None,
-        record: Some(folder.join("run.mcap")),
-    })
-    .map_err(|failure| failure.message)
-    .unwrap();
+    record_demo(
+        folder,
+        project_path("config/test-joint/robot.toml"),
+        13.0,
+        8,
+    );
 }
 
 #[test]

@@ -1,12 +1,13 @@
 //! `torquectl learn` as a whole process, on a recording that the daemon's loop made of a simulated joint with
 //! a payload that its model does not have.
 
+mod common;
+
+use common::{expect, record_demo};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use test_support::project_path;
-use torqued::demo::{self, DemoOptions};
 
 /// The test joint in a folder of its own, its simulated link with half as much again at its end.
 fn robot() -> PathBuf {
@@ -34,37 +35,9 @@ fn robot() -> PathBuf {
     let motion =
         "settle_s = 0.5\njoint = [{ name = \"joint\", amplitude_deg = 70, period_s = 5.0 }]\n";
     fs::write(folder.join("motion.toml"), motion).unwrap();
-    demo::run(&DemoOptions {
-        robot: folder
-            .join("config/test-joint/robot.toml")
-            .display()
-            .to_string(),
-        seconds: 14.0,
-        plot: None,
-        joints: Vec::new(),
-        json: true,
-        fast: true,
-        seed: Some(3),
-        motion: Some(folder.join("motion.toml")),
-        harness: None,
-        record: Some(folder.join("run.mcap")),
-    })
-    .map_err(|failure| failure.message)
-    .unwrap();
+    let robot = folder.join("config/test-joint/robot.toml");
+    record_demo(&folder, robot.display().to_string(), 14.0, 3);
     folder
-}
-
-/// Runs a command that must end with this exit code; gives what it printed.
-fn expect(folder: &Path, arguments: &str, code: i32) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_torquectl"))
-        .args(arguments.split_whitespace())
-        .current_dir(folder)
-        .output()
-        .unwrap();
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    let both = text(&output.stdout) + &text(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{arguments}\n{both}");
-    both
 }
 
 #[test]

@@ -95,7 +95,7 @@ pub(crate) struct RunsArguments {
     #[arg(long)]
     untouched: bool,
     /// Standard deviation of the model's masses, per cent [default: the configuration's model_sigma_per_cent, or
-    /// 2]
+    /// 1 where that is 0]
     #[arg(long, value_name = "PER_CENT", value_parser = per_cent)]
     model_sigma: Option<f64>,
     /// Window of the centred filters, ms

@@ -34,6 +34,8 @@ struct JointLogs {
     runs: Vec<Vec<LogRow>>,
     /// Least decile of the reference's sigma, N·m.
     floor: f64,
+    /// Share of the torque by which the masses may have it wrong: less where F/T sensors weigh them.
+    gain: f64,
 }
 
 /// What became of a joint.
@@ -106,6 +108,7 @@ impl References {
             .map(|_| JointLogs {
                 runs: vec![Vec::new(); runs.len()],
                 floor: 0.0,
+                gain: 0.0,
             })
             .collect();
         let all = runs.iter().map(|run| run.stretches.len()).sum::<usize>();
@@ -136,7 +139,9 @@ impl References {
                 progress(done as f64 / all.max(1) as f64);
             }
         }
+        let most = runs.first().map_or(0.0, |run| model_sigma(&run.robot));
         for (log, sigmas) in logs.iter_mut().zip(&mut sigmas) {
+            log.gain = gain(log, sigmas).min(most);
             let place = sigmas.len() / 10;
             if place < sigmas.len() {
                 log.floor = *sigmas.select_nth_unstable_by(place, f64::total_cmp).1;
@@ -144,6 +149,24 @@ impl References {
         }
         Ok(Self { logs })
     }
+}
+
+/// Growth of a reference's sigma with its torque, 1: the regression of one's square on the other's. What the
+/// filters removed goes with the motion instead.
+fn gain(log: &JointLogs, sigmas: &[f64]) -> f64 {
+    let torques = log.runs.iter().flatten().map(|row| row.tau_sensor.powi(2));
+    let pairs = || {
+        torques
+            .clone()
+            .zip(sigmas.iter().map(|sigma| sigma * sigma))
+    };
+    let count = sigmas.len().max(1) as f64;
+    let mean = pairs().fold([0.0; 2], |[a, b], (x, y)| [a + x / count, b + y / count]);
+    let sums = pairs().fold([0.0; 2], |[xx, xy], (x, y)| {
+        let x = x - mean[0];
+        [xx + x * x, xy + x * (y - mean[1])]
+    });
+    (sums[1] / sums[0].max(f64::MIN_POSITIVE)).max(0.0).sqrt()
 }
 
 /// Fits all joints of a robot, several at a time; `progress`: the share that is done, and what.
@@ -187,7 +210,7 @@ fn one(robot: &Robot, joint: &JointParameters, logs: &JointLogs, names: &[String
         _ if joint.kind == JointKind::Prismatic => Err(vec![
             "is prismatic: joint files hold angles and torques".to_owned(),
         ]),
-        true => calibrated(robot, &sheet, logs, names, &mut inputs),
+        true => calibrated(&sheet, logs, names, &mut inputs),
         // Its recorded torsion is the one that the configuration explains.
         false => Err(vec![
             "has no link-side encoder: no torsion is measured".to_owned(),
@@ -201,7 +224,6 @@ fn one(robot: &Robot, joint: &JointParameters, logs: &JointLogs, names: &[String
 }
 
 fn calibrated(
-    robot: &Robot,
     sheet: &JointFile,
     logs: &JointLogs,
     names: &[String],
@@ -259,7 +281,7 @@ fn calibrated(
     }
     let known = LoadedKnowledge {
         reference: ReferenceErrors {
-            gain: model_sigma(robot),
+            gain: logs.gain,
             offset: logs.floor,
         },
         zeros_stay: true,

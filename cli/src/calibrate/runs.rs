@@ -17,8 +17,8 @@ use std::io::{self, Read};
 use std::path::Path;
 use whole_body::WholeBodyParameters;
 
-/// Standard deviation of the model's masses where the configuration states none.
-const MODEL_SIGMA: f64 = 0.02;
+/// Standard deviation of the model's masses where the configuration says that there is none: its default.
+const MODEL_SIGMA: f64 = 0.01;
 /// Time after a change of the contact set, and before one, that is left out, s.
 const CHANGE_S: f64 = 0.5;
 /// Time without which a stretch is too short for filters, s.

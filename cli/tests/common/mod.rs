@@ -1,11 +1,13 @@
-//! Shared by the tests of torquectl beside a daemon's end of shared memory.
+//! Shared by the tests of torquectl: beside a daemon's end of shared memory, and on recordings of simulated robots.
 #![allow(dead_code, reason = "each test binary uses a part")]
 
+use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
 use std::time::Duration;
 use test_support::TemporaryDirectory;
+use torqued::demo::{self, DemoOptions};
 use torqued_client::robot_state::{Description, SharedRecord};
 use torqued_client::{DaemonPorts, Location};
 
@@ -63,4 +65,35 @@ impl RunDir {
 /// Printed text.
 pub(crate) fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).expect("UTF-8")
+}
+
+/// Runs `torquectl` in a folder, which must end with this exit code; gives what it printed.
+pub(crate) fn expect(folder: &Path, arguments: &str, code: i32) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_torquectl"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let both = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments}\n{both}");
+    both
+}
+
+/// Records `run.mcap` in a folder: the daemon's loop in front of a simulated robot in the folder's `motion.toml`.
+pub(crate) fn record_demo(folder: &Path, robot: String, seconds: f64, seed: u64) {
+    demo::run(&DemoOptions {
+        robot,
+        seconds,
+        plot: None,
+        joints: Vec::new(),
+        json: true,
+        fast: true,
+        seed: Some(seed),
+        motion: Some(folder.join("motion.toml")),
+        harness: None,
+        record: Some(folder.join("run.mcap")),
+    })
+    .map_err(|failure| failure.message)
+    .unwrap();
 }

@@ -24,11 +24,49 @@ pub struct SlipElement {
 }
 
 /// Springs that slip, with their stretch.
+///
+/// Before the first torsion the springs may have any stretch up to their limit. The states from both limits
+/// bound the true one, and meet once the torsion has moved over twice the limit one way: from then on the
+/// past no longer counts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hysteresis {
-    elements: Vec<(SlipElement, f64)>,
+    springs: Vec<Spring>,
     /// Torsion of the last step, rad; none before the first.
     last: Option<f64>,
+}
+
+/// A spring's stretch, rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Spring {
+    element: SlipElement,
+    /// From none at the first torsion.
+    stretch: f64,
+    /// From either limit.
+    bounds: [f64; 2],
+}
+
+impl Spring {
+    fn new(element: SlipElement) -> Self {
+        Self {
+            element,
+            stretch: 0.0,
+            bounds: [-element.limit, element.limit],
+        }
+    }
+
+    fn advance(&mut self, moved: f64) {
+        let limit = self.element.limit;
+        //= H Stop: s_j = min(max(s_j + x - x_last, -r_j), r_j)
+        let step = |stretch: f64| (stretch + moved).clamp(-limit, limit);
+        self.bounds = self.bounds.map(step);
+        self.stretch = step(self.stretch);
+    }
+
+    /// Middle of the bounds, and half their distance, rad.
+    fn interval(&self) -> [f64; 2] {
+        let [least, most] = self.bounds;
+        [0.5 * (least + most), 0.5 * (most - least)]
+    }
 }
 
 impl Hysteresis {
@@ -36,23 +74,22 @@ impl Hysteresis {
     #[must_use]
     pub fn new(elements: &[SlipElement]) -> Self {
         Self {
-            elements: elements.iter().map(|e| (*e, 0.0)).collect(),
+            springs: elements.iter().copied().map(Spring::new).collect(),
             last: None,
         }
     }
 
     /// Moves to a torsion; gives the torque of all elements there, N·m.
     ///
-    /// The first torsion counts as reached from zero, along the virgin curve.
+    /// At the first torsion every spring is without stretch, the middle of what it may have.
     pub fn update(&mut self, torsion: f64) -> f64 {
-        let moved = torsion - self.last.unwrap_or(0.0);
+        let moved = torsion - self.last.unwrap_or(torsion);
         if !moved.is_finite() {
             return self.torque();
         }
         self.last = Some(torsion);
-        //= H Stop: s_j = min(max(s_j + x - x_last, -r_j), r_j)
-        for (element, stretch) in &mut self.elements {
-            *stretch = (*stretch + moved).clamp(-element.limit, element.limit);
+        for spring in &mut self.springs {
+            spring.advance(moved);
         }
         self.torque()
     }
@@ -61,43 +98,53 @@ impl Hysteresis {
     #[must_use]
     pub fn torque(&self) -> f64 {
         //= H Prandtl-Ishlinskii: tau = sum_j k_j s_j
-        self.elements
-            .iter()
-            .map(|(element, stretch)| element.stiffness * stretch)
-            .sum()
+        let springs = self.springs.iter();
+        springs.map(|s| s.element.stiffness * s.stretch).sum()
+    }
+
+    /// Standard deviation of the torque by what was before the first torsion, N·m: each stretch is anywhere
+    /// between its bounds, and all are off the same way, as one past made them.
+    #[must_use]
+    pub fn unknown(&self) -> f64 {
+        let springs = self.springs.iter().map(|spring| {
+            let [middle, half] = spring.interval();
+            let off = middle - spring.stretch;
+            spring.element.stiffness.abs() * (half * half / 3.0 + off * off).sqrt()
+        });
+        springs.sum()
     }
 
     /// Largest torque of all elements together, N·m.
     #[must_use]
     pub fn capacity(&self) -> f64 {
-        self.elements
-            .iter()
-            .map(|(e, _)| (e.stiffness * e.limit).abs())
+        let springs = self.springs.iter();
+        springs
+            .map(|s| (s.element.stiffness * s.element.limit).abs())
             .sum()
     }
 
     /// Stiffness of the elements that have not slipped, N·m/rad.
     #[must_use]
     pub fn stiffness(&self) -> f64 {
-        let holding = |(element, stretch): &&(SlipElement, f64)| stretch.abs() < element.limit;
-        self.elements
-            .iter()
-            .filter(holding)
-            .map(|(element, _)| element.stiffness)
-            .sum()
+        let holding = |s: &&Spring| s.stretch.abs() < s.element.limit;
+        let springs = self.springs.iter().filter(holding);
+        springs.map(|s| s.element.stiffness).sum()
     }
 
     /// The elements' stretches, rad.
     pub fn stretches(&self) -> impl Iterator<Item = f64> {
-        self.elements.iter().map(|(_, stretch)| *stretch)
+        self.springs.iter().map(|s| s.stretch)
+    }
+
+    /// Of each element the middle of the stretches that it may have, and half their range, rad.
+    pub fn intervals(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.springs.iter().map(Spring::interval)
     }
 
     /// Forgets the past.
     pub fn reset(&mut self) {
         self.last = None;
-        self.elements
-            .iter_mut()
-            .for_each(|(_, stretch)| *stretch = 0.0);
+        (self.springs.iter_mut()).for_each(|spring| *spring = Spring::new(spring.element));
     }
 }
 
@@ -176,6 +223,13 @@ impl Gear {
         self.parameters.stiffness(x) + self.slipping.stiffness()
     }
 
+    /// Standard deviation of the torque by the gear's past before the first sample, and by its bearing's, which
+    /// moves along another way, N·m.
+    #[must_use]
+    pub fn unknown(&self) -> [f64; 2] {
+        [self.slipping.unknown(), self.bearing.unknown()]
+    }
+
     /// The curves.
     #[must_use]
     pub fn parameters(&self) -> &GearParameters {
@@ -222,6 +276,9 @@ pub struct HysteresisEstimator {
     slope: f64,
 }
 
+/// Pasts before the first sample: the gear's and the bearing's.
+const PASTS: usize = 2;
+
 /// Orders of the harmonics of q and theta that a fit under load may still find.
 pub const LINK_ORDERS: [u32; 2] = [1, 2];
 /// Those of theta.
@@ -256,8 +313,18 @@ impl HysteresisEstimator {
     #[must_use]
     pub fn with_uncertainty(mut self, directions: &[Vec<f64>], validity: Validity) -> Self {
         let count = self.parameters.gear.uncertain();
-        let fits = directions.iter().any(|d| d.len() == count);
-        self.uncertainty = fits.then(|| Uncertainty::new(directions, count));
+        let fitting = directions.iter().filter(|d| d.len() == count);
+        let mut all: Vec<Vec<f64>> = fitting
+            .map(|d| d.iter().copied().chain([0.0; PASTS]).collect())
+            .collect();
+        if !all.is_empty() {
+            // What was before the first sample are parameters more, each of standard deviation 1.
+            all.extend((0..PASTS).map(|past| {
+                let unit = (0..PASTS).map(move |k| f64::from(u8::from(k == past)));
+                vec![0.0; count].into_iter().chain(unit).collect()
+            }));
+        }
+        self.uncertainty = (!all.is_empty()).then(|| Uncertainty::new(&all, count + PASTS));
         self.validity = validity;
         self
     }
@@ -275,7 +342,7 @@ impl HysteresisEstimator {
         let rates = [-sample.dq, rate, -slope * sample.dq, -slope];
         let waves = harmonics(sample.q, sample.theta).map(|h| -slope * h);
         let all = own.chain(soft).chain(springs).chain(bearing);
-        let all = all.chain(rates).chain(waves);
+        let all = all.chain(rates).chain(waves).chain(self.gear.unknown());
         for (entry, value) in uncertainty.gradient().iter_mut().zip(all) {
             *entry = value;
         }
@@ -334,6 +401,61 @@ impl JointTorqueEstimator for HysteresisEstimator {
         self.output.reset();
         if let Some(uncertainty) = &mut self.uncertainty {
             uncertainty.reset();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use test_support::Random;
+
+    const SPRINGS: [SlipElement; 2] = [
+        SlipElement {
+            limit: 1e-4,
+            stiffness: 3e3,
+        },
+        SlipElement {
+            limit: 3e-4,
+            stiffness: 1e3,
+        },
+    ];
+
+    #[test]
+    fn a_past_that_was_not_seen_lies_between_the_bounds_and_fades() {
+        let mut random = Random::new(7);
+        for _ in 0..200 {
+            let (mut whole, mut seen) = (Hysteresis::new(&SPRINGS), Hysteresis::new(&SPRINGS));
+            let mut x = 0.0;
+            for _ in 0..20 {
+                x += 2e-4 * random.normal();
+                whole.update(x);
+            }
+            let first = seen.unknown();
+            let mut last = f64::INFINITY;
+            for k in 0..60 {
+                whole.update(x);
+                seen.update(x);
+                for (stretch, [middle, half]) in whole.stretches().zip(seen.intervals()) {
+                    assert!((stretch - middle).abs() <= half + 1e-15);
+                }
+                // Anywhere between the bounds: off by at most twice the standard deviation.
+                let error = (whole.torque() - seen.torque()).abs();
+                assert!(error <= 2.0 * seen.unknown() + 1e-12, "{error}");
+                let half: f64 = seen.intervals().map(|[_, half]| half).sum();
+                assert!(half <= last + 1e-15);
+                last = half;
+                x += 4e-5 * (0.05 * f64::from(k) * f64::from(k)).sin();
+            }
+            assert!(first > 0.0);
+            // Through twice the largest limit one way: nothing of the past is left.
+            for step in [-7e-4, 1e-4] {
+                x += step;
+                whole.update(x);
+                seen.update(x);
+            }
+            assert!(seen.unknown() < 1e-12);
+            assert!((whole.torque() - seen.torque()).abs() < 1e-12);
         }
     }
 }

@@ -19,6 +19,8 @@ pub struct Usual {
     pub error: f64,
     /// Samples.
     pub samples: f64,
+    /// Whether they count in each regime, or once in all.
+    pub each_regime: bool,
 }
 
 impl Usual {
@@ -26,22 +28,33 @@ impl Usual {
     pub const TURNED: Self = Self {
         error: 0.01,
         samples: 1.0,
+        each_regime: true,
     };
     /// From the torsion, without one: harmonics and zero are known from the loaded log alone. Found on
     /// a real arm, 2026-11.
     pub const NOT_TURNED: Self = Self {
         error: 0.04,
         samples: 5.0,
+        each_regime: true,
+    };
+    /// From the torsion, by recordings of the robot itself, whose encoders are absolute: between the two, as the
+    /// zero is for good, and higher harmonics are a part of the fit.
+    pub const OWN_RECORDINGS: Self = Self {
+        error: 0.02,
+        samples: 1.0,
+        each_regime: false,
     };
     /// From the feed-forward: other payloads, other parts of the pose.
     pub const FEED_FORWARD: Self = Self {
         error: 0.04,
         samples: 5.0,
+        each_regime: true,
     };
     /// From the current.
     pub const CURRENT: Self = Self {
         error: 0.05,
         samples: 1.0,
+        each_regime: true,
     };
 }
 
@@ -64,11 +77,13 @@ const MIN_OWN_SHARE: f64 = 0.02;
 
 /// Runs all sources over a log with a torque sensor and gathers the errors of each.
 ///
-/// The sources run causally, as in the loop, so that their delays count as errors here too.
+/// The sources run causally, as in the loop, so that their delays count as errors here too. Samples count of
+/// which `used` says so.
 #[must_use]
 pub fn fit(
     record: &Record,
     set: &mut EstimatorSet,
+    used: &[bool],
     known: &[SourceKnowledge],
     [rated_torque, torque_limit]: [f64; 2],
 ) -> FusionParameters {
@@ -104,11 +119,14 @@ pub fn fit(
     let mut sums = vec![[(0.0, 0.0); REGIMES]; n];
     set.reset();
     for (i, sample) in record.samples.iter().enumerate() {
+        if record.log_begins().binary_search(&i).is_ok() {
+            set.reset();
+        }
         set.update(sample);
         let regime = regimes.regime(sample);
         let valid = |e: &robot_state::TorqueEstimate| e.flags & torque_flags::VALID != 0;
         let all_valid = set.estimates().iter().all(valid);
-        if !(record.usable(i) && all_valid && record.tau[i].is_finite()) {
+        if !(record.usable(i) && used[i] && all_valid && record.tau[i].is_finite()) {
             continue;
         }
         counts[regime] += 1.0;
@@ -123,9 +141,13 @@ pub fn fit(
     let alike = (ALIKE_S / record.sample_period).max(1.0);
     for (source, (sums, known)) in sums.iter().zip(known).enumerate() {
         let usual = (known.usual.error * rated_torque).powi(2);
-        let worth = known.usual.samples;
+        let [worth, of_all] = match known.usual.each_regime {
+            true => [known.usual.samples, 0.0],
+            false => [0.0, known.usual.samples],
+        };
         let total = sums.iter().fold((0.0, 0.0), |t, s| (t.0 + s.0, t.1 + s.1));
-        let total = (total.0 / all, total.1 / all);
+        let seen_in_all = (total.0 / alike + of_all * usual) / (all / alike + of_all);
+        let total = (seen_in_all, total.1 / all);
         for (regime, sum) in sums.iter().enumerate() {
             // A regime that was hardly seen leans on the mean over all, and all on what is usual.
             let count = counts[regime] / alike;

@@ -1,17 +1,20 @@
 //! The gear's constants from loaded motion beside a torque sensor: Z's compliance with the skew,
 //! and the elastic curve with slipping springs.
 
+mod past;
+mod tracking;
+
+pub use past::{known as past_known, typical_stiffness};
+pub use tracking::{Errors, tracking};
+
 use crate::blocks::{Blocks, Posterior, Prior, directions};
 use crate::least_squares::{Batch, Solution};
 use crate::record::{Record, ReferenceErrors};
 use estimators::compliance::ComplianceParameters;
 use estimators::hysteresis::{
-    ENCODER_PARAMETERS, Gear, GearParameters, Hysteresis, HysteresisEstimator, SlipElement,
-    harmonics,
+    ENCODER_PARAMETERS, Gear, GearParameters, Hysteresis, SlipElement, harmonics,
 };
-use estimators::joint::JointTorqueEstimator;
 use estimators::kinematic_error::KinematicErrorParameters;
-use estimators::tracking::TrackingParameters;
 use estimators::wave_generator::{WaveGenerator, WaveGeneratorParameters};
 use problem::Problem;
 
@@ -195,10 +198,17 @@ const SLIP: [f64; 8] = [0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.25, 0.5];
 /// Stretches at which the output bearing's springs slip, rad.
 const BEARING_SLIP: [f64; 4] = [3e-5, 1e-4, 4e-4, 2e-3];
 
+/// Standard deviation of a spring's first stretch, of its limit: anywhere up to it, either way.
+const PAST: f64 = 0.58;
+/// Logs whose past is looked for, at most: each has coefficients of its own.
+const MAX_PASTS: usize = 8;
+
 /// Fits elastic curve, slipping springs, damping and the output bearing's friction, and what encoders and
 /// kinematic error still add to the torsion: linear in every stiffness once widths and slips are
 /// chosen, which lie on a geometric grid. Every coefficient has a prior of the gear's size; stiffness
-/// and springs are positive.
+/// and springs are positive. At the start of each log the springs have an unknown stretch, which one
+/// coefficient for the gear's and one for the bearing's give; it counts as long as the motion has not passed
+/// through more than before.
 ///
 /// # Errors
 /// A log without torque sensor or without load.
@@ -221,6 +231,7 @@ pub fn hysteresis(
         known: *known,
         stiffness,
         encoders: [0.0; ENCODER_PARAMETERS],
+        springs: None,
     };
     if !known.turned {
         // Without a turn the zero is anywhere: a start from the prior's stiffness.
@@ -255,6 +266,8 @@ struct GearData {
     stiffness: f64,
     /// Skew, zero and harmonics that are taken off the torsion so far.
     encoders: [f64; ENCODER_PARAMETERS],
+    /// Stiffness of the springs by the pass before, N·m/rad; none before the first.
+    springs: Option<[f64; SPRINGS]>,
 }
 
 // Columns of the gear's fit.
@@ -263,6 +276,7 @@ const FIRST_BEARING: usize = FIRST_SPRING + SLIP.len();
 const VISCOUS: usize = FIRST_BEARING + BEARING_SLIP.len();
 const DAMPING: usize = VISCOUS + 1;
 const SKEW: usize = VISCOUS + 2;
+const SPRINGS: usize = SLIP.len() + BEARING_SLIP.len();
 const COLUMNS: usize = SKEW + ENCODER_PARAMETERS;
 
 impl GearData {
@@ -340,9 +354,22 @@ impl GearData {
         let mut gear = Gear::new(rough.clone());
         let seconds = self.tau.len() as f64 * self.known.sample_period;
         let alike = Blocks::alike(self.known.sample_period);
-        let mut blocks = Blocks::new(COLUMNS, Blocks::count(seconds), alike);
-        let mut row = vec![0.0; COLUMNS];
+        let mut priors = self.priors();
+        let assumed = (self.springs).unwrap_or_else(|| {
+            std::array::from_fn(|k| priors[FIRST_SPRING + k].mean + priors[FIRST_SPRING + k].sigma)
+        });
+        let pasts = record.log_begins().len().min(MAX_PASTS);
+        priors.resize(COLUMNS + 2 * pasts, Prior::new(0.0, PAST));
+        let mut blocks = Blocks::new(priors.len(), Blocks::count(seconds), alike);
+        let mut row = vec![0.0; priors.len()];
+        let (mut log, mut rows, mut slopes) = (0, 0.0f64, 0.0);
         for (i, (&x, &tau)) in torsion.iter().zip(&self.tau).enumerate() {
+            if record.log_begins().binary_search(&i).is_ok() {
+                log += usize::from(i > 0);
+                springs.reset();
+                bearing.reset();
+                gear.reset();
+            }
             springs.update(x);
             bearing.update(self.q[i]);
             gear.update(x);
@@ -355,29 +382,37 @@ impl GearData {
                 let w = part * self.x_max;
                 *column = w * (x / w).tanh();
             }
-            let against = bearing.stretches().map(|stretch| -stretch);
-            for (column, x) in row[FIRST_SPRING..]
-                .iter_mut()
-                .zip(springs.stretches().chain(against))
-            {
-                *column = x;
+            row[COLUMNS..].fill(0.0);
+            let intervals = springs.intervals().chain(bearing.intervals());
+            for (k, ([middle, half], stiffness)) in intervals.zip(assumed).enumerate() {
+                let sign = if k < SLIP.len() { 1.0 } else { -1.0 };
+                row[FIRST_SPRING + k] = sign * middle;
+                // The springs of either kind are off the same way: one past made them so.
+                let column = COLUMNS + 2 * log + usize::from(k >= SLIP.len());
+                if let Some(past) = row.get_mut(column) {
+                    *past += sign * stiffness * half;
+                }
             }
             (row[VISCOUS], row[DAMPING]) = (-dq, self.rate[i]);
             let slope = gear.stiffness(x);
             (row[SKEW], row[SKEW + 1]) = (-slope * dq, -slope);
-            for (column, wave) in row[SKEW + 2..].iter_mut().zip(&waves[i]) {
+            slopes += slope * slope;
+            rows += 1.0;
+            for (column, wave) in row[SKEW + 2..COLUMNS].iter_mut().zip(&waves[i]) {
                 *column = -slope * wave;
             }
             blocks.add(i as f64 / self.tau.len() as f64, &row, tau);
         }
-        let mut posterior = blocks.fit(&self.priors()).ok_or_else(|| {
+        let mut posterior = blocks.fit(&priors).ok_or_else(|| {
             Problem::new("training log: the gear's stiffness is not determined", "")
         })?;
         let reference = self.known.reference;
-        let offset = reference.offset / self.stiffness;
+        // An offset of the torque passes for a zero by the stiffness where the log was.
+        let offset = reference.offset / f64::sqrt(slopes / rows.max(1.0)).max(0.2 * self.stiffness);
         posterior.covariance[(0, 0)] += (reference.gain * posterior.x[0]).powi(2);
         posterior.covariance[(SKEW + 1, SKEW + 1)] += offset * offset;
         posterior.covariance[(SKEW, SKEW)] += LAG_S * LAG_S;
+        self.springs = Some(std::array::from_fn(|k| posterior.x[FIRST_SPRING + k]));
         Ok(self.parameters(&posterior))
     }
 
@@ -420,80 +455,4 @@ impl GearData {
             held_out: posterior.held_out,
         }
     }
-}
-
-/// Poles that are tried for fast and for slow changes of the torsion.
-const FAST_POLES: [f64; 4] = [0.3, 0.5, 0.65, 0.8];
-const SLOW_POLES: [f64; 4] = [0.9, 0.95, 0.98, 0.99];
-
-/// Noise that the filter assumes over the noise found.
-const NOISE_FACTORS: [f64; 3] = [1.0, 1.4, 2.0];
-/// Samples of a block of [`Errors::typical`].
-const BLOCK_SAMPLES: usize = 500;
-
-/// Errors of an estimator that runs as in the loop.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Errors {
-    /// Root mean square of the torque's error, N·m.
-    pub rms: f64,
-    /// Root mean square of the sigma reported, N·m.
-    pub sigma: f64,
-    /// Geometric mean of the root mean square errors of blocks, N·m: rest counts as much as
-    /// sudden loads, whose errors are larger.
-    pub typical: f64,
-}
-
-fn errors(record: &Record, estimator: &mut impl JointTorqueEstimator) -> Errors {
-    let (mut square, mut sigma, mut count) = (0.0, 0.0, 0.0);
-    let (mut logarithm, mut blocks) = (0.0, 0.0);
-    for (k, samples) in record.samples.chunks(BLOCK_SAMPLES).enumerate() {
-        let (mut block, mut used) = (0.0, 0.0);
-        for (i, sample) in samples.iter().enumerate() {
-            let i = k * BLOCK_SAMPLES + i;
-            let estimate = estimator.update(sample);
-            if record.usable(i) {
-                block += (estimate.tau - record.tau[i]).powi(2);
-                sigma += estimate.sigma * estimate.sigma;
-                used += 1.0;
-            }
-        }
-        square += block;
-        count += used;
-        if used > 0.0 {
-            logarithm += 0.5 * f64::max(block / used, 1e-18).ln();
-            blocks += 1.0;
-        }
-    }
-    let mean = |sum: f64| (sum / f64::max(count, 1.0)).sqrt();
-    Errors {
-        rms: mean(square),
-        sigma: mean(sigma),
-        typical: (logarithm / f64::max(blocks, 1.0)).exp(),
-    }
-}
-
-/// The filter that tracks the torsion, long enough against noise and short enough against fast
-/// loads, and the errors of the torque with it.
-#[must_use]
-pub fn tracking(
-    record: &Record,
-    error: &KinematicErrorParameters,
-    estimator: impl Fn(TrackingParameters) -> HysteresisEstimator,
-) -> (TrackingParameters, Errors) {
-    let sigma = record.noise(&torsion(record, error));
-    let attempt = |poles, sigma| {
-        let parameters = TrackingParameters { poles, sigma };
-        (parameters, errors(record, &mut estimator(parameters)))
-    };
-    let poles = FAST_POLES
-        .iter()
-        .flat_map(|&a| SLOW_POLES.map(|b| [a, 1.0 - f64::sqrt((1.0 - a) * (1.0 - b)), b]));
-    let best_of = |tried: &mut dyn Iterator<Item = (TrackingParameters, Errors)>| {
-        let best = tried.min_by(|a, b| a.1.typical.total_cmp(&b.1.typical));
-        best.unwrap_or_default()
-    };
-    let [least, usual, most] = NOISE_FACTORS;
-    let best = best_of(&mut poles.map(|p| attempt(p, usual * sigma)));
-    let others = [least, most].map(|factor| attempt(best.0.poles, factor * sigma));
-    best_of(&mut [best].into_iter().chain(others))
 }

@@ -7,6 +7,7 @@
 //! used once and at any course of the speed.
 
 use crate::blocks::{Blocks, Prior};
+use crate::gear::past_known;
 use crate::least_squares::Batch;
 use crate::record::Record;
 use estimators::hysteresis::{Gear, GearParameters};
@@ -113,13 +114,17 @@ pub fn higher(
     let alike = Blocks::alike(record.sample_period);
     let mut blocks = Blocks::new(columns, Blocks::count(seconds), alike);
     let least = LEAST_SLOPE * gear.linear;
+    let known = past_known(record, error, gear);
     let mut gear = Gear::new(gear.clone());
     let mut row = vec![0.0; columns];
     for (i, s) in record.samples.iter().enumerate() {
+        if record.log_begins().binary_search(&i).is_ok() {
+            gear.reset();
+        }
         let carried = gear.update(torsion[i]) - gear.bearing(s.q, record.motion[i][0]);
         let slope = gear.stiffness(torsion[i]);
         // A fit with little load may have a gear that yields without end where it carried nothing.
-        if !record.usable(i) || slope <= least {
+        if !record.usable(i) || !known[i] || slope <= least {
             continue;
         }
         row[0] = 1.0;

@@ -111,6 +111,12 @@ impl Record {
         logs.flat_map(of).collect()
     }
 
+    /// First sample of each log.
+    #[must_use]
+    pub fn log_begins(&self) -> &[usize] {
+        &self.begins
+    }
+
     /// The samples of each log.
     fn logs(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
         let ends = self.begins.iter().skip(1).copied();

@@ -12,7 +12,7 @@ use crate::network::{self, NetworkOptions};
 use crate::record::Record;
 use crate::{current, deformation, fusion, gear, kinematic, noise};
 use estimators::deformation::AngularFrequency;
-use estimators::hysteresis::{ENCODER_PARAMETERS, LINK_ORDERS, MOTOR_ORDERS};
+use estimators::hysteresis::{ENCODER_PARAMETERS, GearParameters, LINK_ORDERS, MOTOR_ORDERS};
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::set::EstimatorSet;
@@ -268,11 +268,13 @@ impl Fitted {
         let p = fit.parameters;
         let width: f64 = p.slipping.iter().map(|s| 2.0 * s.limit * s.stiffness).sum();
         let (springs, stiffness) = (p.slipping.len(), p.linear);
+        let gear = p.clone();
         let mut table = HysteresisTable::from(p);
-        table.torsion_sigma = fit.rms / stiffness;
+        let typical = gear::typical_stiffness(record, &error, &gear);
+        table.torsion_sigma = fit.rms / typical;
         table.uncertainty = fit.uncertainty;
         table.held_out_ratio = (fit.held_out / fit.rms.max(1e-12)).clamp(1.0, 10.0);
-        let (tracking, errors) = gear::tracking(record, &error, |tracking| {
+        let (tracking, errors) = gear::tracking(record, &error, &gear, |tracking| {
             self.joint.hysteresis_estimator(&HysteresisTable {
                 tracking_poles: tracking.poles,
                 tracking_sigma: tracking.sigma,
@@ -283,7 +285,7 @@ impl Fitted {
         });
         table.tracking_poles = tracking.poles;
         table.tracking_sigma = tracking.sigma;
-        table.torsion_sigma = errors.rms / stiffness;
+        table.torsion_sigma = errors.rms / typical;
         self.note(format!(
             "hysteresis: stiffness {stiffness:.0} N·m/rad (95 % within ±{:.0}), {springs} springs, \
              {width:.2} N·m wide, {:.4} N·m RMS left, {:.4} on held-out blocks, in the loop {:.4} N·m \
@@ -408,7 +410,16 @@ impl Fitted {
     pub(super) fn fusion(&mut self, record: &Record) -> Result<(), Problem> {
         let mut sources = EstimatorSet::new(self.joint.sources()?, None);
         let gear = self.joint.hysteresis.clone();
+        let error = self.joint.kinematic_error_parameters();
+        let of_gear = gear.clone().map(GearParameters::from);
+        // The past before the log is a part of sigma by itself, which fades.
+        let used = match &of_gear {
+            Some(of_gear) => gear::past_known(record, &error, of_gear),
+            None => vec![true; record.samples.len()],
+        };
+        let typical = of_gear.map(|of_gear| gear::typical_stiffness(record, &error, &of_gear));
         let turned = self.gear_knowledge().turned;
+        let own = self.harmonics == Harmonics::Higher;
         let known: Vec<SourceKnowledge> = (sources.names().iter())
             .map(|name| {
                 let gear_based = ["hysteresis", "unscented_added"].contains(&name.as_str());
@@ -420,11 +431,14 @@ impl Fitted {
                     usual: match (current, turned) {
                         _ if model => Usual::FEED_FORWARD,
                         (true, _) => Usual::CURRENT,
+                        (false, _) if own => Usual::OWN_RECORDINGS,
                         (false, true) => Usual::TURNED,
                         (false, false) => Usual::NOT_TURNED,
                     },
                     own_sigma: match name.as_str() {
-                        "hysteresis" => gear.as_ref().map(|g| g.torsion_sigma * g.linear),
+                        "hysteresis" => {
+                            (gear.as_ref().zip(typical)).map(|(g, k)| g.torsion_sigma * k)
+                        }
                         _ => None,
                     },
                     held_out_ratio: match (&gear, current || model) {
@@ -435,7 +449,7 @@ impl Fitted {
             })
             .collect();
         let torques = [self.joint.joint.rated_torque, self.joint.torque_limit()];
-        let p = fusion::fit(record, &mut sources, &known, torques);
+        let p = fusion::fit(record, &mut sources, &used, &known, torques);
         let table = |i: usize| SourceTable {
             rms: p.errors.each_ref().map(|errors| errors[i].variance.sqrt()),
             sigma: p.errors.each_ref().map(|errors| errors[i].reported),
