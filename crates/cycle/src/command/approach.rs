@@ -95,9 +95,8 @@ impl Approach {
     pub(super) fn follow(&mut self, asked: f64, short: f64) {
         let (size, asked) = (short.abs(), asked.abs());
         let [made, none] = SHORT;
-        // max and min, not clamp: they cannot panic.
         let share = match asked > 0.0 {
-            true => ((size / asked - made) / (none - made)).max(0.0).min(1.0),
+            true => ((size / asked - made) / (none - made)).clamp(0.0, 1.0),
             false => 0.0,
         };
         let damping = (share * size / self.slow).min(self.most);
