@@ -3,12 +3,12 @@
 
 mod common;
 
-use can_codec::Frames;
+use can_codec::{Frame, Frames};
 use common::motion::state;
-use common::{Bench, client_input, read};
-use cycle::ClientInput;
+use common::{Bench, client_input, read, spoil};
+use cycle::{ClientInput, OperatorRequest};
 use robot_config::slots;
-use robot_state::{DriveState, Event, Mode, Reference, RobotState};
+use robot_state::{DriveState, Event, Mode, Reference, RobotState, command_flags};
 
 /// One cycle in which the drive of a joint takes another set-point than was sent.
 fn step_altered(
@@ -201,4 +201,43 @@ fn a_current_that_is_not_the_commanded_one_is_a_following_error() {
         });
     }
     assert_eq!(bench.cycle.record().fault, Event::FollowingError.number());
+}
+
+#[test]
+fn a_withdrawn_joint_whose_encoders_contradict_each_other_does_not_withdraw_its_neighbours() {
+    // Ankle pitch shares its message with knee and ankle roll; an answer of it is lost now and then.
+    let mut bench = Bench::new("leg");
+    bench.run(600);
+    let idle = ClientInput::default();
+    bench.plant.drive_states(4).unwrap().set_power(false);
+    let spoilt = |bench: &mut Bench, input: &ClientInput<'_>| {
+        bench.gather();
+        spoil(bench, 4, |now| now[slots::link_angle(4)] += 0.3);
+        *bench.compute(input)
+    };
+    let fault = (0..100).map(|_| spoilt(&mut bench, &idle).fault).last();
+    let acknowledge = ClientInput {
+        request: fault.map(OperatorRequest::Acknowledge),
+        ..ClientInput::default()
+    };
+    assert_eq!(spoilt(&mut bench, &acknowledge).fault, 0);
+    let before = bench.plant.truth().joints[5].q;
+    let table = bench.robot.receive.clone();
+    let own = |f: &Frame| {
+        let message = table.classify(f);
+        message.is_some_and(|m| table.slots(m).any(|slot| slot == slots::motor_angle(4)))
+    };
+    for k in 0..300 {
+        bench.gather();
+        spoil(&mut bench, 4, |now| now[slots::link_angle(4)] += 0.3);
+        if k % 7 == 3 {
+            bench.drop_answers(own);
+        }
+        let record = *bench.compute(&idle);
+        for j in [3, 5] {
+            let flags = record.commanded.joints[j].flags;
+            assert_ne!(flags & command_flags::ENGAGED, 0, "joint {j}, cycle {k}");
+        }
+    }
+    assert!((bench.plant.truth().joints[5].q - before).abs() < 1e-4);
 }

@@ -27,6 +27,8 @@ struct Addressed {
     driven: bool,
     /// Cycles in a row in which its drive has indicated that it is off.
     off: u32,
+    /// It has been measured: encoders that contradict each other later leave its last position.
+    measured: bool,
 }
 
 /// The frames that carry set-points and control words.
@@ -55,6 +57,7 @@ impl Emit {
                     zero_current: joint.zero_current,
                     driven: false,
                     off: 0,
+                    measured: false,
                 })
                 .collect(),
             shared: shared(&robot.send),
@@ -119,6 +122,9 @@ impl Emit {
 
     /// Fills slots of withdrawn joints in messages that other joints need.
     fn complete_shared(&mut self, measured: &MeasuredRecord) {
+        for (joint, measured) in self.joints.iter_mut().zip(&measured.joints) {
+            joint.measured |= measured.flags & measured_flags::NEVER == 0;
+        }
         for joints in &self.shared {
             let has = |&j: &usize| {
                 self.slots
@@ -134,11 +140,10 @@ impl Emit {
                 else {
                     continue;
                 };
-                let known = |m: &&JointMeasured| m.flags & measured_flags::NEVER == 0;
                 if slot.is_nan() && !joint.takes_position {
                     *slot = 0.0;
-                } else if slot.is_nan() && joint.controlled {
-                    *slot = (measured.joints.get(j).filter(known)).map_or(f64::NAN, |m| m.q);
+                } else if slot.is_nan() && joint.controlled && joint.measured {
+                    *slot = measured.joints.get(j).map_or(f64::NAN, |m| m.q);
                 }
             }
         }
