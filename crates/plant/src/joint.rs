@@ -38,6 +38,8 @@ pub struct Joint {
     current: f64,
     torsion: f64,
     transmission: Transmission,
+    /// Stretch of the gear's springs when the joint is put at rest, of their limits: what a past left.
+    gear_past: f64,
     /// Angle by which the gear has slipped, link side, rad.
     slipped: f64,
     friction: Bristle,
@@ -99,6 +101,7 @@ impl Joint {
             current: 0.0,
             torsion: 0.0,
             transmission: Transmission::new(&p.transmission),
+            gear_past: 0.0,
             slipped: 0.0,
             friction: Bristle::default(),
             bearing: Bristle::default(),
@@ -113,6 +116,13 @@ impl Joint {
             parameters: p.clone(),
             random,
         }
+    }
+
+    /// Gives the gear a past: the stretch of its springs at the start, -1 to 1 of their limits.
+    #[must_use]
+    pub fn with_gear_past(mut self, past: f64) -> Self {
+        self.gear_past = past;
+        self
     }
 
     /// Gives the drive states: it is switched off, its brake is closed.
@@ -146,7 +156,7 @@ impl Joint {
     /// Puts the joint at rest at `q`, carrying `tau`: torsion, current and set point in balance.
     pub fn settle(&mut self, q: f64, tau: f64) {
         let n = self.sheet.gear_ratio;
-        self.torsion = self.transmission.torsion_of(tau);
+        self.torsion = self.transmission.settle(tau, self.gear_past);
         self.theta = n * (q + self.torsion);
         for _ in 0..20 {
             self.theta = n * (q + self.torsion + self.kinematic_error(q, self.theta));

@@ -89,6 +89,9 @@ pub struct StartParameters {
     /// Lower or lift the base until the feet carry the robot.
     #[serde(default)]
     pub on_ground: bool,
+    /// Gears begin with a past, drawn: their hysteresis holds up to all of its torque, either way.
+    #[serde(default)]
+    pub gear_past: bool,
     /// Joint angles by name, rad; others are zero.
     #[serde(default, rename = "joints_deg", deserialize_with = "degrees_map")]
     pub joints: BTreeMap<String, f64>,

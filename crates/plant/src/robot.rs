@@ -23,6 +23,9 @@ use problem::Problem;
 use robot_config::slots::Source;
 use robot_state::Wrench;
 
+/// First stream of the random numbers by which gears have a past.
+const PASTS: u64 = 10_000;
+
 /// The simulated robot.
 #[derive(Debug, Clone)]
 pub struct SimRobot {
@@ -328,7 +331,11 @@ fn build_joints(
             return Err(Problem::new(what, allowed));
         }
         let random = Random::new(sim.seed, 100 + i as u64);
-        let made = Joint::new(&joint.sheet, drive, random);
+        let past = match sim.start.gear_past {
+            true => Random::new(sim.seed, PASTS + i as u64).symmetric(),
+            false => 0.0,
+        };
+        let made = Joint::new(&joint.sheet, drive, random).with_gear_past(past);
         joints[dof] = Some(match joint.states {
             true => made.with_states(),
             false => made,
