@@ -92,6 +92,7 @@ struct Life {
     bench: Bench,
     client: Client,
     automatic: bool,
+    clamped: bool,
     active: u64,
     enabled: bool,
 }
@@ -145,6 +146,7 @@ impl Life {
             },
             bench,
             automatic,
+            clamped,
             active: 0,
             enabled: false,
         }
@@ -270,6 +272,10 @@ impl Life {
     fn recover(&mut self) {
         let bench = &mut self.bench;
         mend_drives(bench);
+        if self.clamped {
+            // Jammed there, the foot may press its F/T sensor beyond its range, and no mode needs that.
+            bench.plant.robot_mut().release_harness();
+        }
         for _ in 0..5 {
             let fault = bench.cycle.record().fault;
             if fault != 0 {
