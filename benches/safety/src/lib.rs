@@ -14,8 +14,9 @@ mod run;
 mod scenarios;
 
 pub use motion::Moved;
+pub use motion::Reference;
 pub use page::{Results, line, page};
 pub use rig::{At, Client, Fault, Rig};
 pub use robots::{Drives, Prepared, Variant};
-pub use run::{Outcome, Reference, Verdict, reference, run};
+pub use run::{Outcome, Verdict, reference, run};
 pub use scenarios::{Bound, Place, Scenario, Start, all, places};

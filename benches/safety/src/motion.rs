@@ -1,9 +1,9 @@
 //! How the joints truly move.
 
+use robot_state::EVENT_COUNT;
 use serde::Serialize;
 
 use crate::rig::Rig;
-use crate::run::Reference;
 
 /// Cycles over which a torque step is taken: a drive's loops need some milliseconds to follow one.
 pub(crate) const STEP_CYCLES: usize = 5;
@@ -22,6 +22,18 @@ pub struct Moved {
     /// Greatest change of the true torque within 5 ms that the run without the fault does not have at
     /// that time, share of the joint's limit, 1.
     pub step_share: f64,
+}
+
+/// The same robot, state and time without a fault.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    pub(crate) events: Vec<[u64; EVENT_COUNT]>,
+    /// Least and greatest q of each joint, and greatest |dq|.
+    pub(crate) range: Vec<(f64, f64, f64)>,
+    /// True torques in each cycle, N·m, from the one before the first on.
+    pub(crate) taus: Vec<Vec<f64>>,
+    /// What it does by itself.
+    pub moved: Moved,
 }
 
 /// Follows the joints from the fault on.

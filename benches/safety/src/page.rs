@@ -3,8 +3,9 @@
 use robot_state::Event;
 use std::fmt::Write;
 
+use crate::motion::Reference;
 use crate::robots::Variant;
-use crate::run::{Outcome, Reference, Verdict};
+use crate::run::{Outcome, Verdict};
 use crate::scenarios::{Bound, Start, all};
 
 /// Everything that the page shows.

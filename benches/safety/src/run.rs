@@ -6,7 +6,7 @@ use robot_state::{EVENT_COUNT, Event, JointKind, Mode, RobotState};
 use serde::Serialize;
 use std::f64::consts::PI;
 
-use crate::motion::{Motion, Moved, STEP_CYCLES};
+use crate::motion::{Motion, Moved, Reference, STEP_CYCLES};
 use crate::rig::{At, Fault, Rig};
 use crate::robots::Prepared;
 use crate::scenarios::{Bound, Place, Scenario, Start};
@@ -32,18 +32,6 @@ const SPEED_SHARE: f64 = 0.1;
 const STEP_SHARE: f64 = 0.05;
 /// What set-points that stay as they are may be exceeded by before a reaction counts as making it worse.
 const PHYSICS_MARGIN: f64 = 1.1;
-
-/// The same robot, state and time without a fault.
-#[derive(Debug, Clone)]
-pub struct Reference {
-    events: Vec<[u64; EVENT_COUNT]>,
-    /// Least and greatest q of each joint, and greatest |dq|.
-    pub(crate) range: Vec<(f64, f64, f64)>,
-    /// True torques in each cycle, N·m, from the one before the first on.
-    pub(crate) taus: Vec<Vec<f64>>,
-    /// What it does by itself.
-    pub moved: Moved,
-}
 
 /// How it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

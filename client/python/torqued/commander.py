@@ -280,6 +280,12 @@ class Commander:
         motion or `at` took too long."""
         return trajectory.follow(self, duration_s, at, spacing_s, going, mode)
 
+    def send_piece(self, piece: TrajectoryPiece) -> None:
+        """Sends a piece of a trajectory of this session, as `follow` does; its sequence is set."""
+        self._piece_count += 1
+        piece.session, piece.sequence = self.reference.session, self._piece_count
+        self._pieces.loan_uninit().write_payload(piece).send()
+
     def close(self) -> None:
         """Gives the lease back: the robot holds, and another client may command at once."""
         over, self._standing = self._standing == _Standing.OVER, _Standing.OVER

@@ -4,12 +4,16 @@ import queue
 import secrets
 import threading
 import time
-from typing import TYPE_CHECKING, Callable, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, NamedTuple, Optional, Protocol, Sequence, Tuple
 
-from .layout import MAX_POINTS, Mode, PieceRefusal, TrajectoryPiece
-
-if TYPE_CHECKING:
-    from .commander import Commander
+from .layout import (
+    MAX_POINTS,
+    CommanderStatus,
+    Mode,
+    PieceRefusal,
+    Reference,
+    TrajectoryPiece,
+)
 
 #: Time for which a robot that has arrived at a target is led there, s.
 SETTLING_S = 0.3
@@ -25,6 +29,19 @@ class TrajectoryError(RuntimeError):
     """A trajectory was refused, or ended in motion; the robot is brought to rest."""
 
 
+class Commanding(Protocol):
+    """What following a trajectory needs of a commander."""
+
+    reference: Reference
+
+    @property
+    def status(self) -> CommanderStatus: ...
+
+    def send(self) -> None: ...
+
+    def send_piece(self, piece: TrajectoryPiece) -> None: ...
+
+
 class Progress(NamedTuple):
     """Place on a trajectory."""
 
@@ -35,7 +52,7 @@ class Progress(NamedTuple):
 
 
 def follow(
-    commander: "Commander",
+    commander: Commanding,
     duration_s: float,
     at: Callable[[float], Sequence[Tuple[float, float, float]]],
     spacing_s: float,
@@ -81,7 +98,7 @@ def follow(
 class _Heartbeat(threading.Thread):
     """Renews the lease and sends pieces as they come, until the end of the trajectory."""
 
-    def __init__(self, commander: "Commander", end_ns: int, mode: Mode):
+    def __init__(self, commander: Commanding, end_ns: int, mode: Mode):
         super().__init__(name="heartbeat", daemon=True)
         self._commander, self._end_ns, self._mode = commander, end_ns, mode
         self.trajectory = secrets.randbits(64) or 1
@@ -105,9 +122,7 @@ class _Heartbeat(threading.Thread):
         while True:
             try:
                 piece, complete = self.pieces.get(timeout=BEAT_S)
-                commander._piece_count += 1
-                piece.session, piece.sequence = reference.session, commander._piece_count
-                commander._pieces.loan_uninit().write_payload(piece).send()
+                commander.send_piece(piece)
                 first = first or piece.sequence
                 reference.mode, reference.trajectory = self._mode, self.trajectory
                 newest = piece

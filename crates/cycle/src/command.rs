@@ -46,7 +46,6 @@ use law::{InverseDynamicsTorque, JointInput};
 use modes::Modes;
 use motion::Motions;
 use reference::Goal;
-pub(crate) use reference::reach;
 use weight::{Loads, Past};
 use yielding::Yielding;
 

@@ -159,7 +159,7 @@ impl ReferenceCheck {
         let p = &robot.parameters;
         Self {
             joints: p.joints.iter().map(Joint::new).collect(),
-            wrenches: p.ft_sensors.iter().map(reach).collect(),
+            wrenches: p.ft_sensors.iter().map(FtParameters::reach).collect(),
             frames: FrameCheck::new(robot),
             sample_period: p.timing.sample_period,
             longest: p.timing.reference_timeout,
@@ -370,19 +370,6 @@ impl Joint {
             false => Ok(()),
         }
     }
-}
-
-/// Greatest |force| and |torque| along each axis that a sensor can measure, by its signals' ranges
-/// and its calibration; infinite for signals that have no range.
-pub(crate) fn reach(sensor: &FtParameters) -> [f64; 6] {
-    let ends = |signal: usize| {
-        let ends = sensor.signals.get(signal);
-        ends.map_or(f64::INFINITY, |s| s.min.abs().max(s.max.abs()))
-    };
-    sensor.conditioning.calibration.map(|row| {
-        let used = row.iter().enumerate().filter(|(_, gain)| **gain != 0.0);
-        used.map(|(signal, gain)| gain.abs() * ends(signal)).sum()
-    })
 }
 
 fn is_measurable(reach: &[f64; 6], wrench: &Wrench) -> bool {

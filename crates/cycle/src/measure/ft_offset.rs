@@ -34,7 +34,7 @@ impl FtInput {
             configured: parameters.conditioning.offset,
             conditioning: parameters.conditioning.clone(),
             has_temperature: parameters.has_temperature,
-            most: crate::command::reach(parameters),
+            most: parameters.reach(),
             from: [0.0; 6],
             to: [0.0; 6],
             share: 1.0,

@@ -38,6 +38,22 @@ pub struct FtParameters {
     pub has_temperature: bool,
 }
 
+impl FtParameters {
+    /// Greatest |force| and |torque| along each axis that the sensor can measure, by its signals' ranges and its
+    /// calibration, N and N·m; infinite for signals that have no range.
+    #[must_use]
+    pub fn reach(&self) -> [f64; 6] {
+        let ends = |signal: usize| {
+            let ends = self.signals.get(signal);
+            ends.map_or(f64::INFINITY, |s| s.min.abs().max(s.max.abs()))
+        };
+        self.conditioning.calibration.map(|row| {
+            let used = row.iter().enumerate().filter(|(_, gain)| **gain != 0.0);
+            used.map(|(signal, gain)| gain.abs() * ends(signal)).sum()
+        })
+    }
+}
+
 /// An IMU.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImuParameters {
