@@ -213,7 +213,8 @@ fn parameters(joint: &JointFile) -> BTreeMap<&'static str, Known> {
     };
     if let Some(gear) = &joint.hysteresis {
         let directions = &gear.uncertainty;
-        let springs = gear.wind_up.len() + gear.slipping.len() + gear.bearing.len();
+        let springs =
+            gear.wind_up.len() + gear.slipping.len() + gear.creeping.len() + gear.bearing.len();
         let (viscous, skew) = (2 + springs, 4 + springs);
         all.insert("stiffness N·m/rad", (gear.linear, width(directions, 0)));
         let friction: f64 = gear

@@ -4,6 +4,7 @@
 
 use estimators::compliance::JointEstimatorParameters;
 use estimators::compliance::{ComplianceEstimator, ComplianceParameters};
+use estimators::creep::CreepElement;
 use estimators::current_based::{CurrentEstimator, CurrentParameters};
 use estimators::deformation::{
     AngularFrequency, COEFFICIENTS, DeformationEstimator, DeformationParameters,
@@ -99,6 +100,12 @@ fn gear() -> GearParameters {
         wind_up: vec![(1e-4, -2000.0), (3e-4, -500.0)],
         slipping: [2e-5, 4e-5, 8e-5, 2e-4, 4e-4, 8e-4]
             .map(|limit| slip(limit, 1000.0))
+            .to_vec(),
+        creeping: [0.3, 1.0, 4.0]
+            .map(|time| CreepElement {
+                time,
+                stiffness: 80.0,
+            })
             .to_vec(),
         damping: 1.0,
         bearing: vec![slip(1e-4, 800.0)],

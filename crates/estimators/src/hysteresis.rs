@@ -6,6 +6,7 @@
 //! gear plus those of the elements, an explicit function of torsion and state, and its stiffnesses
 //! follow from slow loading loops by linear least squares. Z, G and U have no such state.
 
+use crate::creep::{Creep, CreepElement};
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::kinematic_error::KinematicErrorParameters;
 use crate::output::Output;
@@ -159,6 +160,8 @@ pub struct GearParameters {
     pub wind_up: Vec<(f64, f64)>,
     /// Springs that slip.
     pub slipping: Vec<SlipElement>,
+    /// Springs behind dampers, by which the gear creeps.
+    pub creeping: Vec<CreepElement>,
     /// Damping, N·m·s/rad of torsion.
     pub damping: f64,
     /// Friction of the output bearing: springs that slip along q. Torsion does not show it, but
@@ -192,14 +195,16 @@ impl GearParameters {
 pub struct Gear {
     parameters: GearParameters,
     slipping: Hysteresis,
+    creeping: Creep,
     bearing: Hysteresis,
 }
 
 impl Gear {
-    /// A gear without history.
+    /// A gear without history; `sample_period` in s.
     #[must_use]
-    pub fn new(parameters: GearParameters) -> Self {
+    pub fn new(parameters: GearParameters, sample_period: f64) -> Self {
         Self {
+            creeping: Creep::new(&parameters.creeping, sample_period),
             slipping: Hysteresis::new(&parameters.slipping),
             bearing: Hysteresis::new(&parameters.bearing),
             parameters,
@@ -208,7 +213,12 @@ impl Gear {
 
     /// Moves to torsion `x`; gives the gear's torque there, N·m.
     pub fn update(&mut self, x: f64) -> f64 {
-        self.parameters.elastic(x) + self.slipping.update(x)
+        self.parameters.elastic(x) + self.slipping.update(x) + self.creeping.update(x)
+    }
+
+    /// A sample without a torsion: the gear goes on to creep.
+    pub fn miss(&mut self) {
+        self.creeping.miss();
     }
 
     /// Moves the output to `q` at `dq`; gives the friction torque of its bearing, N·m.
@@ -217,10 +227,10 @@ impl Gear {
     }
 
     /// Stiffness at torsion `x` for a move in the direction of the last ones, springs that have
-    /// not slipped included, N·m/rad.
+    /// not slipped and those behind dampers included, N·m/rad.
     #[must_use]
     pub fn stiffness(&self, x: f64) -> f64 {
-        self.parameters.stiffness(x) + self.slipping.stiffness()
+        self.parameters.stiffness(x) + self.slipping.stiffness() + self.creeping.stiffness()
     }
 
     /// Standard deviation of the torque by the gear's past before the first sample, and by its bearing's, which
@@ -239,6 +249,7 @@ impl Gear {
     /// Forgets the past.
     pub fn reset(&mut self) {
         self.slipping.reset();
+        self.creeping.reset();
         self.bearing.reset();
     }
 }
@@ -290,8 +301,8 @@ impl GearParameters {
     /// Parameters that the covariance of a fit is about, those of the encoders included.
     #[must_use]
     pub fn uncertain(&self) -> usize {
-        let springs = self.wind_up.len() + self.slipping.len() + self.bearing.len();
-        2 + springs + 2 + ENCODER_PARAMETERS
+        let springs = self.wind_up.len() + self.slipping.len() + self.creeping.len();
+        2 + springs + self.bearing.len() + 2 + ENCODER_PARAMETERS
     }
 }
 
@@ -338,10 +349,15 @@ impl HysteresisEstimator {
         let own = [x, x * x * x].into_iter();
         let soft = p.wind_up.iter().map(|(w, _)| w * (x / w).tanh());
         let springs = self.gear.slipping.stretches();
+        let creeping = self.gear.creeping.stretches();
         let bearing = self.gear.bearing.stretches().map(|s| -s);
         let rates = [-sample.dq, rate, -slope * sample.dq, -slope];
         let waves = harmonics(sample.q, sample.theta).map(|h| -slope * h);
-        let all = own.chain(soft).chain(springs).chain(bearing);
+        let all = own
+            .chain(soft)
+            .chain(springs)
+            .chain(bearing)
+            .chain(creeping);
         let all = all.chain(rates).chain(waves).chain(self.gear.unknown());
         for (entry, value) in uncertainty.gradient().iter_mut().zip(all) {
             *entry = value;
@@ -353,7 +369,7 @@ impl HysteresisEstimator {
     #[must_use]
     pub fn new(parameters: HysteresisParameters) -> Self {
         Self {
-            gear: Gear::new(parameters.gear.clone()),
+            gear: Gear::new(parameters.gear.clone(), parameters.sample_period),
             output: Output::new(torque_source::ENCODER, parameters.torque_limit, 0.0),
             tracking: Tracking::new(parameters.tracking, parameters.sample_period),
             uncertainty: None,
@@ -367,6 +383,7 @@ impl HysteresisEstimator {
 impl JointTorqueEstimator for HysteresisEstimator {
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
         if !Output::usable(sample) {
+            self.gear.miss();
             return self.output.held();
         }
         let p = &self.parameters;

@@ -93,7 +93,8 @@ impl<const N: usize> KalmanEstimator<N> {
     pub fn new(parameters: KalmanParameters, transform: Transform) -> Self {
         debug_assert!(N == STATES || N == ADDED_STATES, "{N} states");
         Self {
-            gear: parameters.gear.clone().map(Gear::new),
+            gear: (parameters.gear.clone())
+                .map(|gear| Gear::new(gear, parameters.joint.sample_period)),
             tracking: Tracking::new(parameters.tracking, parameters.joint.sample_period),
             output: Output::new(torque_source::ENCODER, parameters.joint.torque_limit, 0.0),
             stiffness: 1.0,
@@ -365,6 +366,9 @@ impl<const N: usize> JointTorqueEstimator for KalmanEstimator<N> {
         let bounded = sample.theta.abs() < 1e10 && sample.omega.abs() < 1e10;
         if !(Output::usable(sample) && bounded && sample.current.abs() < 1e10) {
             self.state = None;
+            if let Some(gear) = &mut self.gear {
+                gear.miss();
+            }
             return self.output.held();
         }
         let p = &self.parameters.joint;

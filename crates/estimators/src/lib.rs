@@ -2,6 +2,7 @@
 #![deny(unsafe_code)]
 
 pub mod compliance;
+pub mod creep;
 pub mod current_based;
 pub mod deformation;
 pub mod encoder;

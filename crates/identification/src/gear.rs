@@ -11,6 +11,7 @@ use crate::blocks::{Blocks, Posterior, Prior, directions};
 use crate::least_squares::{Batch, Solution};
 use crate::record::{Record, ReferenceErrors};
 use estimators::compliance::ComplianceParameters;
+use estimators::creep::{Creep, CreepElement};
 use estimators::hysteresis::{
     ENCODER_PARAMETERS, Gear, GearParameters, Hysteresis, SlipElement, harmonics,
 };
@@ -194,6 +195,10 @@ pub fn compliance(
 const WIND_UP: [f64; 3] = [0.02, 0.07, 0.25];
 /// Stretches at which springs slip, parts of the largest torsion.
 const SLIP: [f64; 8] = [0.004, 0.008, 0.016, 0.032, 0.064, 0.128, 0.25, 0.5];
+/// Times in which the gear creeps, s.
+const CREEP_S: [f64; 3] = [0.3, 1.0, 4.0];
+/// Stiffness behind each damper before any data and its width, of the gear's.
+const CREEP: [f64; 2] = [0.004, 0.01];
 
 /// Stretches at which the output bearing's springs slip, rad.
 const BEARING_SLIP: [f64; 4] = [3e-5, 1e-4, 4e-4, 2e-3];
@@ -273,7 +278,8 @@ struct GearData {
 // Columns of the gear's fit.
 const FIRST_SPRING: usize = 2 + WIND_UP.len();
 const FIRST_BEARING: usize = FIRST_SPRING + SLIP.len();
-const VISCOUS: usize = FIRST_BEARING + BEARING_SLIP.len();
+const FIRST_CREEP: usize = FIRST_BEARING + BEARING_SLIP.len();
+const VISCOUS: usize = FIRST_CREEP + CREEP_S.len();
 const DAMPING: usize = VISCOUS + 1;
 const SKEW: usize = VISCOUS + 2;
 const SPRINGS: usize = SLIP.len() + BEARING_SLIP.len();
@@ -313,6 +319,8 @@ impl GearData {
         };
         priors.extend(SLIP.map(|part| spring(part * self.x_max, 0.001, 0.004)));
         priors.extend(BEARING_SLIP.map(|slip| spring(slip, 0.0, 0.003)));
+        let [creep, width] = CREEP.map(|part| part * k);
+        priors.extend(CREEP_S.map(|_| Prior::at_least(creep, width, 0.0)));
         priors.push(Prior::at_least(0.0, 0.01 * rated, 0.0));
         priors.push(Prior::new(0.0, 2e-3 * k));
         let mut all = self.encoders;
@@ -351,7 +359,12 @@ impl GearData {
         let elements: Vec<SlipElement> = SLIP.iter().map(|part| unit(part * self.x_max)).collect();
         let mut springs = Hysteresis::new(&elements);
         let mut bearing = Hysteresis::new(&BEARING_SLIP.map(unit));
-        let mut gear = Gear::new(rough.clone());
+        let unit = |time| CreepElement {
+            time,
+            stiffness: 1.0,
+        };
+        let mut creep = Creep::new(&CREEP_S.map(unit), self.known.sample_period);
+        let mut gear = Gear::new(rough.clone(), self.known.sample_period);
         let seconds = self.tau.len() as f64 * self.known.sample_period;
         let alike = Blocks::alike(self.known.sample_period);
         let mut priors = self.priors();
@@ -367,10 +380,12 @@ impl GearData {
             if record.log_begins().binary_search(&i).is_ok() {
                 log += usize::from(i > 0);
                 springs.reset();
+                creep.reset();
                 bearing.reset();
                 gear.reset();
             }
             springs.update(x);
+            creep.update(x);
             bearing.update(self.q[i]);
             gear.update(x);
             if !record.usable(i) {
@@ -392,6 +407,9 @@ impl GearData {
                 if let Some(past) = row.get_mut(column) {
                     *past += sign * stiffness * half;
                 }
+            }
+            for (column, x) in row[FIRST_CREEP..].iter_mut().zip(creep.stretches()) {
+                *column = x;
             }
             (row[VISCOUS], row[DAMPING]) = (-dq, self.rate[i]);
             let slope = gear.stiffness(x);
@@ -442,6 +460,13 @@ impl GearData {
                     .map(|i| (WIND_UP[i] * self.x_max, x[2 + i]))
                     .collect(),
                 slipping: springs(FIRST_SPRING, &SLIP, self.x_max),
+                creeping: (CREEP_S.iter().zip(FIRST_CREEP..))
+                    .filter(|(_, i)| kept(i))
+                    .map(|(time, i)| CreepElement {
+                        time: *time,
+                        stiffness: x[i],
+                    })
+                    .collect(),
                 damping: x[DAMPING],
                 bearing: springs(FIRST_BEARING, &BEARING_SLIP, 1.0),
                 bearing_viscous: x[VISCOUS],

@@ -115,7 +115,7 @@ pub fn higher(
     let mut blocks = Blocks::new(columns, Blocks::count(seconds), alike);
     let least = LEAST_SLOPE * gear.linear;
     let known = past_known(record, error, gear);
-    let mut gear = Gear::new(gear.clone());
+    let mut gear = Gear::new(gear.clone(), record.sample_period);
     let mut row = vec![0.0; columns];
     for (i, s) in record.samples.iter().enumerate() {
         if record.log_begins().binary_search(&i).is_ok() {

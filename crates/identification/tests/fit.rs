@@ -221,6 +221,67 @@ fn all_fits_together_recover_the_joint() {
     assert!(fused < 1.05 * best, "no worse than the best: {shown}");
 }
 
+/// Share of the torsion that comes late, and how late, s.
+const CREEP: (f64, f64) = (0.03, 1.5);
+
+/// The same log of a gear that creeps.
+fn creeping(mut rows: Vec<LogRow>) -> Vec<LogRow> {
+    let (share, time) = CREEP;
+    let mut late = rows[0].tau_sensor / 9000.0;
+    for row in &mut rows {
+        late += T / time * (row.tau_sensor / 9000.0 - late);
+        row.theta += N * share * late;
+    }
+    rows
+}
+
+#[test]
+fn a_gear_that_creeps_is_recognised() {
+    let fitted = |log: &dyn Fn(Vec<LogRow>) -> Vec<LogRow>| {
+        let mut joint = JointFile::parse(JOINT, "joint.toml", &no_files).unwrap();
+        for step in [
+            Step::KinematicError,
+            Step::Current,
+            Step::Compliance,
+            Step::Hysteresis,
+        ] {
+            let rows = if step == Step::KinematicError {
+                turn()
+            } else {
+                log(train())
+            };
+            joint = all::fit_one(&joint, step, &rows, &mut |_, _| ())
+                .unwrap()
+                .joint;
+        }
+        joint
+    };
+    let error = |joint: &JointFile| {
+        let mut gear = joint.hysteresis_estimator(joint.hysteresis.as_ref().unwrap());
+        let mut front_end = joint.front_end().unwrap();
+        let mut score = Score::new(T);
+        for row in creeping(test()) {
+            let tau = gear.update(&row.sample(&mut front_end)).tau;
+            if row.t > 0.2 {
+                score.add(tau, row.tau_sensor);
+            }
+        }
+        score.figures().unwrap().rms_percent
+    };
+    let share = |joint: &JointFile| {
+        let gear = joint.hysteresis.as_ref().unwrap();
+        gear.creeping.iter().map(|(_, k)| k).sum::<f64>() / gear.linear
+    };
+    let (right, rigid) = (fitted(&creeping), fitted(&|rows| rows));
+    let shares = (share(&right), share(&rigid));
+    assert!(
+        (0.02..0.045).contains(&shares.0) && shares.1 < 0.01,
+        "{shares:?}"
+    );
+    let errors = (error(&right), error(&rigid));
+    assert!(errors.0 < 0.8 * errors.1, "{errors:?}");
+}
+
 #[test]
 fn data_that_do_not_suffice_are_refused_with_what_is_needed() {
     let joint = JointFile::parse(JOINT, "joint.toml", &no_files).unwrap();

@@ -1,6 +1,7 @@
 //! The tables of JOINT.toml: keys with units on this side, field letters on the other.
 
 use estimators::compliance::ComplianceParameters;
+use estimators::creep::CreepElement;
 use estimators::deformation::COEFFICIENTS;
 use estimators::fusion::{BOUNDS, REGIMES};
 use estimators::hysteresis::{GearParameters, SlipElement};
@@ -202,6 +203,9 @@ pub struct HysteresisTable {
     pub wind_up: Vec<(f64, f64)>,
     /// Springs: stretch at which they slip (rad) and stiffness (N·m/rad).
     pub slipping: Vec<(f64, f64)>,
+    /// Creep: springs behind dampers, by the time in which they relax (s) and stiffness (N·m/rad).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub creeping: Vec<(f64, f64)>,
     /// The output bearing's springs: way of q after which they slip (rad) and stiffness (N·m/rad).
     #[serde(default)]
     pub bearing: Vec<(f64, f64)>,
@@ -225,7 +229,7 @@ pub struct HysteresisTable {
     #[serde(default = "one")]
     pub held_out_ratio: f64,
     /// Directions `d_k` of the parameters' covariance `sum_k d_k d_k'`: linear, cubic, wind-up, slipping,
-    /// bearing, its viscous friction, damping, skew, zero, harmonics.
+    /// bearing, creeping, the bearing's viscous friction, damping, skew, zero, harmonics.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub uncertainty: Vec<Vec<f64>>,
 }
@@ -248,6 +252,9 @@ impl From<HysteresisTable> for GearParameters {
     fn from(t: HysteresisTable) -> Self {
         Self {
             slipping: elements(&t.slipping),
+            creeping: (t.creeping.iter())
+                .map(|&(time, stiffness)| CreepElement { time, stiffness })
+                .collect(),
             bearing: elements(&t.bearing),
             linear: t.linear,
             cubic: t.cubic,
@@ -264,6 +271,7 @@ impl From<GearParameters> for HysteresisTable {
             |e: Vec<SlipElement>| e.iter().map(|e| (e.limit, e.stiffness)).collect::<Vec<_>>();
         Self {
             slipping: pairs(p.slipping),
+            creeping: (p.creeping.iter()).map(|e| (e.time, e.stiffness)).collect(),
             bearing: pairs(p.bearing),
             linear: p.linear,
             cubic: p.cubic,

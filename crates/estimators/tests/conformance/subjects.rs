@@ -3,6 +3,7 @@
 use crate::suite::LIMIT;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::compliance::{ComplianceEstimator, ComplianceParameters};
+use estimators::creep::CreepElement;
 use estimators::current_based::{CurrentEstimator, CurrentParameters, NO_PRESLIDING};
 use estimators::deformation::{
     AngularFrequency, COEFFICIENTS, DeformationEstimator, DeformationParameters,
@@ -69,6 +70,10 @@ pub(crate) fn gear() -> GearParameters {
                 stiffness: 1000.0,
             },
         ],
+        creeping: vec![CreepElement {
+            time: 0.5,
+            stiffness: 200.0,
+        }],
         damping: 0.2,
         bearing: vec![SlipElement {
             limit: 1e-4,

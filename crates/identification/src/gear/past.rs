@@ -39,7 +39,7 @@ pub fn known(
         let [gear, bearing] = gear.unknown();
         gear.hypot(bearing)
     };
-    let mut gear = Gear::new(gear.clone());
+    let mut gear = Gear::new(gear.clone(), record.sample_period);
     let mut bound = 0.0;
     let known: Vec<bool> = (torsion.iter().zip(&record.samples).enumerate())
         .map(|(i, (x, sample))| {
