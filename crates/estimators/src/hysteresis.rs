@@ -58,7 +58,8 @@ impl Spring {
     fn advance(&mut self, moved: f64) {
         let limit = self.element.limit;
         //= H Stop: s_j = min(max(s_j + x - x_last, -r_j), r_j)
-        let step = |stretch: f64| (stretch + moved).clamp(-limit, limit);
+        // max and min, not clamp: they cannot panic.
+        let step = |stretch: f64| (stretch + moved).max(-limit).min(limit);
         self.bounds = self.bounds.map(step);
         self.stretch = step(self.stretch);
     }

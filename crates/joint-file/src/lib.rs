@@ -203,6 +203,9 @@ impl JointFile {
             source.require("torsion_gain.gain", gain, Allowed::Within(0.5, 2.0))?;
             source.require("torsion_gain.sigma", sigma, Allowed::Positive)?;
         }
+        if let Some(table) = &self.hysteresis {
+            check_gear(table, source)?;
+        }
         let longest = 16.0 * self.sample_period();
         let skew = self.encoders.as_ref().map_or(0.0, |e| e.skew);
         source.require("encoders.skew_s", skew, Allowed::Within(-longest, longest))
@@ -359,4 +362,32 @@ impl JointFile {
 /// Always.
 pub fn no_files(_path: &str) -> std::io::Result<String> {
     Err(std::io::ErrorKind::NotFound.into())
+}
+
+/// Springs have a length, dampers a time, and none gives energy by creeping.
+fn check_gear(table: &HysteresisTable, source: Source<'_>) -> Result<(), Problem> {
+    let springs = [
+        ("wind_up", &table.wind_up),
+        ("slipping", &table.slipping),
+        ("creeping", &table.creeping),
+        ("bearing", &table.bearing),
+    ];
+    let of = |(name, pairs): (&'static str, &Vec<(f64, f64)>)| {
+        let pairs = pairs.clone().into_iter().enumerate();
+        pairs.map(move |(k, pair)| (name, k, pair))
+    };
+    for (name, k, (length, stiffness)) in springs.into_iter().flat_map(of) {
+        let key = format!("hysteresis.{name}");
+        let refused = |place: usize, value: f64, allowed: Allowed| {
+            let reason = format!("{key}[{k}][{place}] = {value}");
+            source.refusal(&key, reason, allowed.to_string())
+        };
+        if !Allowed::Positive.admits(length) {
+            return Err(refused(0, length, Allowed::Positive));
+        }
+        if name == "creeping" && !Allowed::NonNegative.admits(stiffness) {
+            return Err(refused(1, stiffness, Allowed::NonNegative));
+        }
+    }
+    Ok(())
 }

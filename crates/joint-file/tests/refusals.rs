@@ -22,6 +22,10 @@ fn joint_files_are_checked_key_by_key() {
             .to_string()
     };
     let with = |from: &str, to: &str| JOINT.replace(from, to);
+    let gear = |springs: &str| {
+        let elastic = "linear_Nm_per_rad = 7000\ncubic_Nm_per_rad3 = 0\nwind_up = []";
+        format!("{JOINT}\n[hysteresis]\n{elastic}\n{springs}\ntorsion_sigma_rad = 1e-6")
+    };
     let cases = [
         (
             with("gear_ratio = 100", "gear_ratio = -1"),
@@ -46,6 +50,18 @@ fn joint_files_are_checked_key_by_key() {
         (
             format!("{JOINT}\n[kinematic_error]\nlink_rad = [[1e-5, inf]]"),
             "joint.toml:13: kinematic_error.link_rad[0][1] = inf; allowed: a finite number",
+        ),
+        (
+            gear("slipping = [[1e-4, 500.0], [-2e-4, 300.0]]"),
+            "joint.toml:16: hysteresis.slipping[1][0] = -0.0002; allowed: a finite number > 0",
+        ),
+        (
+            gear("slipping = []\ncreeping = [[0.0, 300.0]]"),
+            "joint.toml:17: hysteresis.creeping[0][0] = 0; allowed: a finite number > 0",
+        ),
+        (
+            gear("slipping = []\ncreeping = [[0.3, -1.0]]"),
+            "joint.toml:17: hysteresis.creeping[0][1] = -1; allowed: a finite number >= 0",
         ),
         (format!("{JOINT}\n[moon]\nx = 1"), "unknown field `moon`"),
     ];

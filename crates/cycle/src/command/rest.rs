@@ -2,8 +2,8 @@
 //!
 //! A hinge under gravity finds a pose in which a slightly wrong torque is in balance; a slide finds none: the
 //! smallest error beyond its own friction accelerates it for as long as it lasts, and the torque of the gear is
-//! controlled so well that little of the drive's friction is left. An error cannot be told from a torque that
-//! somebody wants, so what is no larger than the torque's error moves nothing. It is a bristle (Dahl) on the link:
+//! controlled so well that little of the drive's friction is left. An error cannot be distinguished from a torque
+//! that somebody wants, so what is no larger than the torque's error moves nothing. It is a bristle (Dahl) on the link:
 //!
 //! ```text
 //! tau = within(K_s (a - q) - K_d dq, F)        a follows q, at most F / K_s away
