@@ -116,7 +116,7 @@ def run(tmp_path_factory):
         robot=robot_report,
         datagrams=sniffer.end(),
         records=records,
-        answers=robot_report["frames_sent"] // robot_report["periods"],
+        answers=robot_report["frames_sent"] // robot_report["syncs"],
         rate_hz=client.description.rate_hz,
         limits=np.array(client.description.torque_limits[: len(joints)]),
         joints=joints,
@@ -137,7 +137,7 @@ def test_python_can_still_makes_the_recorded_bytes():
 
 def test_nothing_is_lost(run):
     assert run.torqued["fault"] == 0
-    assert run.torqued["cycles"] == run.robot["periods"]
+    assert run.torqued["cycles"] == run.robot["syncs"]
     # Answers to the last cycles may come after the daemon's end.
     assert 0 <= run.robot["frames_sent"] - run.torqued["frames_received"] <= 20 * run.answers
     assert run.torqued["frames_sent"] == run.robot["frames_taken"]

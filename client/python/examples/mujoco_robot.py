@@ -5,9 +5,9 @@
 Reads the daemon's own configuration, with its URDF and DBC files, and the true parameters of the
 simulated robot from mujoco.toml beside it. Each joint has a rotor, a position drive with states by
 CiA 402 and a brake, friction, a gear that is a spring, and encoders on both sides of it; F/T sensors are
-MuJoCo's own. With every SYNC the robot answers and one period of its time passes: it waits for the
-daemon, and the daemon's period is kept however slow this program is. --log writes the true torques of
-every SYNC.
+MuJoCo's own. With every SYNC the robot answers and one period of its time passes, or as many as the daemon
+left out: it waits for a daemon that is late, and the daemon's period is kept however slow this program is.
+--log writes the true torques of every SYNC.
 
 Needs PyPI's mujoco, python-can[multicast], cantools, numpy.
 """
@@ -33,6 +33,8 @@ import numpy as np
 GROUP, PORT = "239.74.163.2", 43113
 #: Set-points missing for so many periods are a fault of a drive.
 SET_POINT_PERIODS = 10
+#: Periods that pass from one SYNC to the next at most: time stands still without a daemon.
+MOST_PERIODS = 20
 #: Interval at which the end is looked for, s.
 LOOK_S = 0.1
 
@@ -205,7 +207,8 @@ class Robot:
         self.noise = true["ft_sensor"]
         self.pushes = true.get("push", [])
         self.substep_s = true["substep_us"] * 1e-6
-        self.substeps = round(1 / (settings["loop"]["rate_hz"] * self.substep_s))
+        self.rate_hz = settings["loop"]["rate_hz"]
+        self.substeps = round(1 / (self.rate_hz * self.substep_s))
         self.late_substeps = round(true["command_delay_us"] * 1e-6 / self.substep_s)
         urdf = config.parent / settings["robot"]["urdf"]
         self.model = build(urdf, self.joints, self.sensors, self.substep_s)
@@ -221,7 +224,8 @@ class Robot:
         for name, degrees in true["start"]["joints_deg"].items():
             self.data.qpos[self.rotor[names.index(name)]] = math.radians(degrees)
         self.set_points = self.data.qpos[self.rotor].copy()
-        self.periods = self.taken = 0
+        self.stamp_s = None
+        self.syncs = self.taken = 0
         self.on = np.zeros(len(names), bool)
         for j in range(len(names)):
             self._switch(j, False)
@@ -272,7 +276,16 @@ class Robot:
                 self.joints[j].drive.control(int(values[signal.name]))
         return False
 
-    def advance(self):
+    def advance(self, stamp_s):
+        """The periods since the last SYNC pass; this one arrived at `stamp_s`, by the system's clock."""
+        elapsed = 0 if self.stamp_s is None else round((stamp_s - self.stamp_s) * self.rate_hz)
+        self.stamp_s = stamp_s
+        for _ in range(min(max(elapsed, 1), MOST_PERIODS)):
+            self._period()
+        mujoco.mj_forward(self.model, self.data)  # forces of this instant
+        self.syncs += 1
+
+    def _period(self):
         """One period passes, with the commands of its beginning."""
         data = self.data
         for j, joint in enumerate(self.joints):
@@ -283,8 +296,6 @@ class Robot:
         mujoco.mj_step(self.model, data, self.late_substeps)
         data.ctrl[self.actuator] = self.set_points
         mujoco.mj_step(self.model, data, self.substeps - self.late_substeps)
-        mujoco.mj_forward(self.model, data)  # forces of this instant
-        self.periods += 1
 
     def _push(self):
         """Wrenches on the tool's origin, as MuJoCo takes them: at its centre of mass."""
@@ -377,7 +388,7 @@ def main():
             continue
         if robot.take(message):
             heard = began = time.monotonic()
-            robot.advance()
+            robot.advance(message.timestamp)
             for answer in robot.answer():
                 bus.send(answer)
                 sent += 1
@@ -388,10 +399,10 @@ def main():
     if log:
         log.close()
     report = {
-        "periods": robot.periods,
+        "syncs": robot.syncs,
         "frames_sent": sent,
         "frames_taken": robot.taken,
-        "ms_per_period": round(1e3 * busy / max(1, robot.periods), 3),
+        "ms_per_period": round(1e3 * busy / max(1, robot.syncs), 3),
     }
     print(json.dumps(report))
 

@@ -3,13 +3,24 @@
 use crate::frame::Frame;
 use crate::table::Table;
 
+/// Late answers of one message that a cycle waits for at most.
+const MOST_LATE: u8 = 2;
+
 /// The messages that a cycle waits for, ticked off as they arrive.
+///
+/// An answer that has not come may be lost or late, and a late one looks like one to this SYNC. So the
+/// cycle after waits for that one too: if both come, the last is this cycle's.
 #[derive(Clone, Debug)]
 pub struct Gather {
-    /// Messages that are not awaited.
-    unasked: Vec<bool>,
-    /// Messages that have arrived, or are not awaited.
-    seen: Vec<bool>,
+    /// The message is waited for.
+    awaited: Vec<bool>,
+    /// A frame of the message has arrived in this cycle.
+    arrived: Vec<bool>,
+    /// A frame of the message has ever arrived: before, nothing of it can be late.
+    known: Vec<bool>,
+    /// Frames of each message that are still waited for.
+    to_come: Vec<u8>,
+    /// Messages that are still waited for.
     remaining: usize,
 }
 
@@ -23,39 +34,50 @@ impl Gather {
     /// Waits for those messages that are `awaited`, none of which has arrived.
     #[must_use]
     pub fn only(awaited: &[bool]) -> Self {
-        let unasked: Vec<bool> = awaited.iter().map(|awaited| !awaited).collect();
         let mut this = Self {
-            seen: unasked.clone(),
-            unasked,
+            awaited: awaited.to_vec(),
+            arrived: vec![false; awaited.len()],
+            known: vec![false; awaited.len()],
+            to_come: vec![0; awaited.len()],
             remaining: 0,
         };
         this.begin();
         this
     }
 
-    /// A new cycle begins: nothing has arrived.
+    /// A new cycle begins: nothing has arrived but what the last one still waited for.
     pub fn begin(&mut self) {
-        self.seen.copy_from_slice(&self.unasked);
-        self.remaining = self.seen.iter().filter(|seen| !**seen).count();
+        self.remaining = 0;
+        for (m, to_come) in self.to_come.iter_mut().enumerate() {
+            let late = match self.known[m] && !self.arrived[m] {
+                true => (*to_come).min(MOST_LATE),
+                false => 0,
+            };
+            *to_come = if self.awaited[m] { 1 + late } else { 0 };
+            self.arrived[m] = false;
+            self.remaining += usize::from(self.awaited[m]);
+        }
     }
 
-    /// A new cycle begins, which waits for the messages that `other` waits for.
-    pub fn begin_like(&mut self, other: &Self) {
-        for (mine, theirs) in self.unasked.iter_mut().zip(&other.unasked) {
-            *mine = *theirs;
-        }
-        self.begin();
+    /// Waits for what `other`, of the same table, waits for.
+    pub fn wait_like(&mut self, other: &Self) {
+        self.awaited.copy_from_slice(&other.awaited);
+        self.arrived.copy_from_slice(&other.arrived);
+        self.known.copy_from_slice(&other.known);
+        self.to_come.copy_from_slice(&other.to_come);
+        self.remaining = other.remaining;
     }
 
     /// Ticks off the frame's message if it is well formed; true once every message has arrived.
     pub fn note(&mut self, table: &Table, frame: &Frame) -> bool {
         if let Some(message) = table.classify(frame)
             && table.has_its_length(message, frame)
-            && let Some(seen) = self.seen.get_mut(message)
-            && !*seen
+            && let Some(to_come) = self.to_come.get_mut(message)
+            && *to_come > 0
         {
-            *seen = true;
-            self.remaining -= 1;
+            *to_come -= 1;
+            (self.arrived[message], self.known[message]) = (true, true);
+            self.remaining -= usize::from(*to_come == 0);
         }
         self.complete()
     }
@@ -66,11 +88,10 @@ impl Gather {
         self.remaining == 0
     }
 
-    /// Indices of the messages that have not arrived.
+    /// Indices of the messages of which no frame has arrived.
     pub fn missing(&self) -> impl Iterator<Item = usize> + '_ {
-        self.seen
-            .iter()
-            .enumerate()
-            .filter_map(|(message, &seen)| (!seen).then_some(message))
+        let messages = self.awaited.iter().zip(&self.arrived).enumerate();
+        messages
+            .filter_map(|(message, (awaited, arrived))| (*awaited && !arrived).then_some(message))
     }
 }

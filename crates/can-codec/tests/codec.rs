@@ -191,8 +191,52 @@ fn gather_waits_for_every_mapped_message() {
     assert!(only.note(&table, &frame(2, &[0; 2])));
     only.begin();
     assert!(!only.complete());
-    gather.begin_like(&only);
+    gather.wait_like(&only);
     assert_eq!(gather.missing().collect::<Vec<_>>(), [1]);
+}
+
+#[test]
+fn gather_waits_for_a_late_answer_too() {
+    let table = table(&dbc(
+        "BO_ 1 M: 2 A\n SG_ a : 0|16@1+ (1,0) [0|0] \"\" B\n\nBO_ 2 N: 2 A\n SG_ a : 0|16@1+ (1,0) [0|0] \"\" B",
+    ));
+    let (m, n) = (frame(1, &[0; 2]), frame(2, &[0; 2]));
+    let mut gather = Gather::new(table.message_count());
+    // What has never come is not late.
+    gather.note(&table, &m);
+    gather.begin();
+    assert!(!gather.note(&table, &m) && gather.note(&table, &n));
+    gather.begin();
+    gather.note(&table, &m);
+    gather.begin();
+    // N's first one may be that of the cycle before.
+    assert!(!gather.note(&table, &n));
+    assert!(!gather.note(&table, &m));
+    assert_eq!(gather.missing().count(), 0);
+    assert!(gather.note(&table, &n));
+    gather.begin();
+    gather.note(&table, &m);
+    gather.begin();
+    assert!(!gather.note(&table, &m) && !gather.note(&table, &n));
+    // It was lost: no cycle waits for it any longer.
+    gather.begin();
+    assert!(!gather.note(&table, &n) && gather.note(&table, &m));
+    // One that comes before the next cycle begins is not waited for then.
+    gather.begin();
+    gather.note(&table, &m);
+    gather.note(&table, &n);
+    gather.begin();
+    assert!(!gather.note(&table, &n) && gather.note(&table, &m));
+    // A drive that is back after a long silence: a few late ones at most.
+    for _ in 0..300 {
+        gather.begin();
+        gather.note(&table, &m);
+    }
+    gather.begin();
+    gather.note(&table, &m);
+    assert!(!gather.note(&table, &n) && !gather.note(&table, &n) && gather.note(&table, &n));
+    gather.begin();
+    assert!(!gather.note(&table, &n) && gather.note(&table, &m));
 }
 
 /// A signal somewhere in a frame of 64 bytes, as a DBC file numbers its bits.

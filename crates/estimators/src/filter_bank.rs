@@ -49,13 +49,15 @@ const CHANNELS: usize = PACKS * WIDTH;
 /// The same filter on many channels at once.
 ///
 /// A sample that is not finite counts as missed and is replaced by the extrapolation of a polynomial
-/// fit; after an eighth of a window of missed samples the last one is held.
+/// fit; after an eighth of a window of missed samples, two at least, the last one is held.
 /// Before a channel's first sample its outputs are zero; the first sample fills the whole
 /// window, so that derivatives start at zero and nothing is extrapolated from a few noisy
 /// samples. Until the window holds real samples only, the channel is [`Self::settling`].
 #[derive(Debug, Clone)]
 pub struct FilterBank {
     window: usize,
+    /// Missed samples in a row that are extrapolated.
+    bridged: usize,
     /// Derivatives beside the value.
     derivatives: usize,
     delay_s: f64,
@@ -107,6 +109,7 @@ impl FilterBank {
         let blocks = channels.div_ceil(CHANNELS);
         Ok(Self {
             window,
+            bridged: (window / 8).max(2),
             derivatives: kernels.taps.len() - 1,
             delay_s: kernels.delay_s,
             channels,
@@ -193,7 +196,7 @@ impl FilterBank {
             return;
         };
         let mut at = |row: usize| ring.get_mut(row).map_or(0.0, |x| *number(x, channel));
-        let bridged = if state.missed > window / 8 {
+        let bridged = if state.missed > self.bridged {
             at(self.newest)
         } else {
             // The oldest sample stands in the row that is written next.

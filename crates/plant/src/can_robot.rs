@@ -18,10 +18,13 @@ use robot_config::{FtParameters, JointParameters, Robot, slots};
 use robot_state::Wrench;
 use std::f64::consts::TAU;
 
+/// Periods that pass from one SYNC to the next at most: without a daemon time stands still.
+const MOST_PERIODS: f64 = 20.0;
+
 /// Answers SYNC as drives, F/T sensors and IMUs do, and follows commands.
 ///
-/// Time passes by one period each cycle: at the first SYNC of a bus that has already been
-/// answered since the last period. So all buses answer from the same instant whatever the order
+/// Time passes by one period each cycle, or by as many as the daemon left out: at the first SYNC of a bus
+/// that has already been answered since the last period. A robot whose daemon is late waits for it. So all buses answer from the same instant whatever the order
 /// of their SYNCs, and a SYNC lost on one bus does not stop the others. Frames that sensors with
 /// clocks of their own have sent meanwhile on any bus arrive then too, with earlier stamps.
 #[derive(Debug, Clone)]
@@ -32,6 +35,9 @@ pub struct CanRobot {
     sync: Vec<Frame>,
     /// Buses that have been answered in this period.
     answered: Vec<bool>,
+    /// Instant of the SYNC with which it began, ns.
+    synced: Option<u64>,
+    period_ns: f64,
     /// One per F/T sensor.
     electronics: Vec<Electronics>,
     values: Vec<f64>,
@@ -56,6 +62,8 @@ impl CanRobot {
             send: robot.send.clone(),
             sync: robot.sync.clone(),
             answered: vec![true; parameters.buses.len()],
+            synced: None,
+            period_ns: parameters.timing.sample_period * 1e9,
             electronics: (parameters.ft_sensors.iter())
                 .map(|ft| Electronics::of(ft, sim.ft_sensor.ignores_offset))
                 .collect(),
@@ -77,19 +85,28 @@ impl CanRobot {
         for frame in from_daemon.iter() {
             let is_sync = |s: &&Frame| s.bus == frame.bus && s.id == frame.id && !frame.error;
             if self.sync.iter().any(|s| is_sync(&s)) {
-                self.answer(frame.bus, now_ns, out);
+                let stamped = if frame.stamp_ns == 0 {
+                    now_ns
+                } else {
+                    frame.stamp_ns
+                };
+                self.answer(frame.bus, stamped, now_ns, out);
             } else {
                 self.follow_command(frame);
             }
         }
     }
 
-    fn answer(&mut self, bus: u8, now_ns: u64, out: &mut Frames) {
+    /// Answers a SYNC that arrived at `stamped`.
+    fn answer(&mut self, bus: u8, stamped: u64, now_ns: u64, out: &mut Frames) {
         if self.answered.get(usize::from(bus)).copied().unwrap_or(true) {
-            self.robot.advance();
-            self.fill_values();
+            for left_out in (0..self.periods_until(stamped)).rev() {
+                self.robot.advance();
+                self.fill_values();
+                let since_ns = (f64::from(left_out) * self.period_ns) as u64;
+                self.publish_sent(now_ns.saturating_sub(since_ns), out);
+            }
             self.answered.fill(false);
-            self.publish_sent(now_ns, out);
         }
         if let Some(answered) = self.answered.get_mut(usize::from(bus)) {
             *answered = true;
@@ -102,6 +119,13 @@ impl CanRobot {
                 out.push(frame);
             }
         }
+    }
+
+    /// Periods since the last SYNC that began one.
+    fn periods_until(&mut self, stamped: u64) -> u32 {
+        let last = self.synced.replace(stamped).unwrap_or(stamped);
+        let elapsed = stamped.saturating_sub(last) as f64 / self.period_ns;
+        elapsed.round().clamp(1.0, MOST_PERIODS) as u32
     }
 
     /// True for a message with a source that answers SYNC.

@@ -177,7 +177,7 @@ impl<B: Bus> Bus for FaultInjector<B> {
         self.delayed.clear();
         loop {
             self.fresh.clear();
-            self.gather.begin_like(out.gather);
+            self.gather.wait_like(out.gather);
             let Self {
                 inner,
                 fresh,

@@ -27,6 +27,9 @@ const TORSION_OFFSET: f64 = 0.1 * core::f64::consts::PI / 180.0;
 /// A torque that appears from one sample to the next and stays is an encoder's step from this
 /// share of the torque limit on.
 const STEP_SHARE: f64 = 0.15;
+/// Period of samples for which that holds, s: an impact changes the velocities of the gear's ends, and with longer
+/// periods the torsion by as much more until the next sample.
+const STEP_PERIOD_S: f64 = 1e-3;
 /// Torque that may act on a rotor at most, over the torque limit: a motor that pushes with its own
 /// against a gear that is hit with twice as much.
 const IMPACT: f64 = 3.0;
@@ -293,7 +296,7 @@ pub(super) fn plausibility(
     PlausibilityParameters {
         torsion: TORSION_MARGIN * (wound_up + wave_generator)
             + drive.kind.threshold(TORSION_OFFSET),
-        step: STEP_SHARE * wound_up,
+        step: (STEP_SHARE * (sample_period / STEP_PERIOD_S).max(1.0)).min(1.0) * wound_up,
         motor_step: match drive.sampling.is_at_sync() {
             true => {
                 IMPACT * limits.torque / rotor * sample_period * sample_period
