@@ -29,7 +29,7 @@ pub use parameters::{
 
 pub(crate) use linear::{LinearLaw, TauD};
 
-use observers::{Link, Rotor, RotorStep};
+use observers::{Link, Rotor, RotorStep, Uncertainty};
 use reference::{ReferenceModel, ReferenceState};
 
 /// Measured values of one joint in one cycle.
@@ -56,6 +56,8 @@ pub struct PredictiveLaw {
     half_step: RotorStep,
     rotor: Rotor,
     link: Link,
+    /// Of both observers after a gap.
+    uncertainties: [Uncertainty; 2],
     /// T: torque of the newest sample, N·m.
     torque: f64,
     /// k: stiffness of the gear at that torque, N·m/rad.
@@ -111,6 +113,7 @@ impl PredictiveLaw {
             half_step: step(0.5 * dt),
             rotor: Rotor::new(p),
             link: Link::new(p),
+            uncertainties: [Rotor::uncertainty(p), Link::uncertainty(p)],
             torque: 0.0,
             stiffness: parameters.gear.at(0.0),
             measured_q: 0.0,
@@ -150,6 +153,13 @@ impl PredictiveLaw {
         self.link.velocity()
     }
 
+    /// omega: velocity of the rotor on the link side, rad/s, for some time after a gap ([`Self::sleep`]).
+    #[must_use]
+    pub fn velocity_after_gap(&self) -> Option<f64> {
+        let settling = self.uncertainties.iter().any(Uncertainty::is_settling);
+        settling.then_some(self.rotor.omega)
+    }
+
     /// d: torque on the rotor that the drive's model does not explain, N·m.
     #[must_use]
     pub fn disturbance(&self) -> f64 {
@@ -169,8 +179,9 @@ impl PredictiveLaw {
         self.advance(torque);
         if sensed.fresh && measurable {
             let limit = self.parameters.disturbance_limit;
-            self.rotor.correct(sensed.theta, limit);
-            self.link.correct(sensed.q);
+            let [rotor, link] = &mut self.uncertainties;
+            self.rotor.correct(sensed.theta, limit, rotor.gain());
+            self.link.correct(sensed.q, link.gain());
             self.measured_q = sensed.q;
         }
     }
@@ -184,6 +195,20 @@ impl PredictiveLaw {
         self.advance(None);
         let kept = self.commands.last().copied().unwrap_or(self.before);
         self.sent(kept.command);
+    }
+
+    /// The same of a gap that is so long that the drive has braked the joint: its velocity is not known any more.
+    pub fn sleep(&mut self) {
+        self.skip();
+        self.uncertainties.iter_mut().for_each(Uncertainty::sleep);
+    }
+
+    /// After the first sample that follows such a gap: the law goes on from the torque and the rotor's velocity that
+    /// the drive has led to. Returns that torque, N·m.
+    pub fn go_on(&mut self) -> f64 {
+        // What the drive's damping goes along with: it is a filter of its own, and remembers the motion before.
+        self.slow_velocity = self.rotor.omega;
+        self.hold_reference()
     }
 
     /// Both observers run on by a period; `torque`: T at its end, N·m, or none where it was not

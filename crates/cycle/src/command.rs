@@ -19,6 +19,7 @@ mod modes;
 mod motion;
 mod predictive;
 mod reference;
+mod rejoin;
 mod rest;
 mod transition;
 mod weight;
@@ -291,6 +292,7 @@ impl Command {
                 dt: self.sample_period,
                 skipped,
                 overslept,
+                resumes: false,
             };
             match joint.update(goal, &input, &mut commanded.joints[j]) {
                 Some(Deviation::Following) => {

@@ -1,16 +1,15 @@
 //! Limits of one joint's command: the last word, whatever came before.
 //!
-//! Each limit that acts is recorded: which, what was asked, what was applied. A command that is
-//! not finite is replaced by the last one sent.
+//! Each limit that acts is recorded: which, what was asked, what was applied. For a command that is not finite the last
+//! one stands.
 //!
-//! Position-commanded drives. A command is a spring of the drive's stiffness between its own and
-//! the measured position: torque limits are limits on how far a command leads the joint. *Motion*
-//! limits come first: the set-point moves no faster than the velocity limit and, near a position
-//! limit, no faster than the configured deceleration can stop; outside the limits only inwards.
-//! The *lead* comes last, by both encoders: a set-point is pulled towards the joint only where
-//! each of them indicates that it leads too far, so that no single encoder can move a joint. A *held*
-//! set-point gives way to a load by a small angle and slowly, and not at all by samples that cannot
-//! be used: two encoders that fail alike, e.g. by frames of another joint, must not lead it away.
+//! Position-commanded drives. A command is a spring of the drive's stiffness between its own and the measured
+//! position: torque limits are limits on how far a command leads the joint. *Motion* limits come first: the set-point
+//! moves no faster than the velocity limit and, near a position limit, no faster than the configured deceleration can
+//! stop; outside the limits only inwards. The *lead* comes last, by both encoders: a set-point is pulled towards the
+//! joint only where each of them indicates that it leads too far, so that no single encoder can move a joint. A *held*
+//! set-point gives way to a load by a small angle and slowly, and not at all by samples that cannot be used: two
+//! encoders that fail alike, e.g. by frames of another joint, must not lead it away.
 //!
 //! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that
 //! the distance to the position limits allows by both encoders: the less of it is left the less
@@ -98,21 +97,23 @@ pub struct Limited {
     pub flags: u32,
 }
 
-/// A torque rate that was limited is noted from this share of the torque limit on by which the torque
-/// stayed behind, or after so many cycles in a row: less is noise of the measured angle and velocity that
-/// a command contains.
+/// A torque rate that was limited is noted from this share of the torque limit on by which the torque stayed behind, or
+/// after so many cycles in a row: less is noise of the measured angle and velocity that a command contains.
 const RATE_NOTABLE_SHARE: f64 = 0.05;
 const RATE_NOTABLE_CYCLES: u32 = 5;
 
 /// Greatest velocity at which a held set-point gives way, share of the velocity limit.
 const YIELD_SPEED: f64 = 0.03;
 
-/// Skipped periods from which on the loop resumes slowly; the cycles for which it does, of position and
-/// of current drives: a position drive brakes while its set-point stands, and must not be kept from
-/// following again; and the share of the torque's rate.
+/// Skipped periods from which on the loop resumes slowly; the cycles for which it does, of position and of current
+/// drives: a position drive brakes while its set-point stands, and must not be kept from following again; and the share
+/// of the torque's rate.
 const RESUMED_FROM: u32 = 5;
 const RESUMING: [u32; 2] = [8, 40];
 const RESUMING_SHARE: f64 = 0.1;
+/// Share of the torque limit within which a law that goes on from the torque that is may move the motor's at once:
+/// to lead a gear that is wound up back slowly takes quick torques of the motor, and held back they let it swing.
+const RESUMING_CONTROLLED: f64 = 0.3;
 
 /// The limiter of one joint.
 #[derive(Debug, Clone)]
@@ -130,8 +131,10 @@ pub struct Limiter {
     last_torque: f64,
     /// Cycles left in which the torque rises slowly, as the loop has not run for some.
     resuming: u32,
-    /// Torque by which the rate limit keeps this cycle's command back, N·m, and cycles in a row in which
-    /// it has kept one back.
+    controlled: bool,
+    /// Velocity of the motor where it is known better than by its encoder's filter, rad/s.
+    motor_velocity: Option<f64>,
+    /// Torque by which the rate limit keeps this cycle's command back, N·m, and cycles in a row in which it does.
     kept_back: f64,
     keeps_back: u32,
 }
@@ -149,21 +152,27 @@ impl Limiter {
             yielded: 0.0,
             last_torque: 0.0,
             resuming: 0,
+            controlled: false,
+            motor_velocity: None,
             kept_back: 0.0,
             keeps_back: 0,
         }
     }
 
-    /// The loop has not run for so many periods, in which the drive has kept its command. What it makes
-    /// of that may end at once; beyond it the torque rises slowly at first, until velocities are again
-    /// those of the joint.
-    pub fn resume(&mut self, skipped: u32) {
-        if skipped >= RESUMED_FROM {
+    /// The loop has not run for so many periods, in which the drive has kept its command. What it makes of that may end
+    /// at once; beyond it the torque rises slowly at first, until velocities are again those of the joint.
+    /// `controlled`: the law goes on from the gear's torque that is, and may move a position drive's by a share of its
+    /// limit. Returns whether the periods were so many.
+    pub fn resume(&mut self, skipped: u32, controlled: bool) -> bool {
+        let resumes = skipped >= RESUMED_FROM;
+        if resumes {
+            self.controlled = controlled;
             self.resuming = match self.actuation {
                 Actuation::Position { .. } => RESUMING[0],
                 Actuation::Current { .. } => RESUMING[1],
             };
         }
+        resumes
     }
 
     /// Starts at a command: the position that carries `torque` (N·m) where the joint stands, or
@@ -198,15 +207,20 @@ impl Limiter {
         self.last
     }
 
-    /// From now on the joint may move no faster than this, rad/s, and than its limit. The damping by
-    /// which a current-commanded drive can be braked needs some way to it: at rest the whole torque
-    /// is allowed.
+    /// From now on the joint may move no faster than this, rad/s, and than its limit. The damping by which a
+    /// current-commanded drive can be braked needs some way to it: at rest the whole torque is allowed.
     pub fn allow_velocity(&mut self, velocity: f64) {
         let least = match self.actuation {
             Actuation::Position { .. } => 0.0,
             Actuation::Current { damping, .. } => self.limits.torque / damping,
         };
         self.velocity = velocity.max(least).min(self.limits.velocity);
+    }
+
+    /// Link-side velocity of the motor, rad/s, by an observer that has found it again after a gap; none: that of the
+    /// motion, by a filter whose window may contain the gap. The rate of a position drive's torque is judged by it.
+    pub fn judge_by(&mut self, motor_velocity: Option<f64>) {
+        self.motor_velocity = motor_velocity.filter(|omega| omega.is_finite());
     }
 
     /// The joint is within its position limits, by this angle.
@@ -370,7 +384,8 @@ impl Limiter {
         let mut x = limited;
 
         // Rate and power: of the torque that the lead over the motor makes.
-        let made = |x: f64| (x - motion.theta - k_v * motion.dq) / k_tau_motor;
+        let omega = self.motor_velocity.unwrap_or(motion.dq);
+        let made = |x: f64| (x - motion.theta - k_v * omega) / k_tau_motor;
         let tau = made(x);
         let change = torque_rate * step;
         let (mut low, mut high) = (self.last_torque - change, self.last_torque + change);
@@ -378,7 +393,11 @@ impl Limiter {
         self.resuming = self.resuming.saturating_sub(1);
         if resumes {
             // What the drive makes of the last command may end.
-            let (kept, change) = (made(self.last), RESUMING_SHARE * change);
+            let allowed = match self.controlled {
+                true => RESUMING_CONTROLLED * torque,
+                false => RESUMING_SHARE * change,
+            };
+            let (kept, change) = (made(self.last), allowed);
             (low, high) = (kept.min(0.0) - change, kept.max(0.0) + change);
         }
         let mut wanted = tau.max(low).min(high);
@@ -394,7 +413,7 @@ impl Limiter {
             flags |= command_flags::POWER_LIMITED;
         }
         if wanted != tau {
-            x = motion.theta + k_v * motion.dq + k_tau_motor * wanted;
+            x = motion.theta + k_v * omega + k_tau_motor * wanted;
         }
         self.last_torque = wanted;
         if let Some(usable) = held {

@@ -59,6 +59,71 @@ fn exponential(matrix: &Matrix3<f64>) -> Matrix3<f64> {
     sum
 }
 
+/// How well an observer knows its state after a gap: its gains until the stationary ones hold again.
+///
+/// While the loop does not run a drive brakes its joint at a set-point that stands: the last state, the
+/// acceleration of the link and the disturbance of the rotor, is not what it was, and with stationary gains the
+/// velocities would be wrong for as long as the observer remembers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Uncertainty {
+    step: Matrix3<f64>,
+    walk: f64,
+    /// Covariance after a sample, in units of a sample's variance: stationary, and now.
+    stationary: Matrix3<f64>,
+    covariance: Matrix3<f64>,
+    /// Samples until it is stationary again.
+    left: u32,
+}
+
+/// Samples after a gap from which on the stationary gains hold again.
+const SETTLED: u32 = 60;
+/// Variance by which the last state walks in a period of a gap, over that of any other period: what was known of
+/// it is forgotten.
+const GAP_WALK: f64 = 1e7;
+
+impl Uncertainty {
+    fn new(step: Matrix3<f64>, walk: f64) -> Self {
+        let (_, stationary) = kalman(&step, walk);
+        Self {
+            step,
+            walk,
+            stationary,
+            covariance: stationary,
+            left: 0,
+        }
+    }
+
+    fn advance(&mut self, walk: f64) {
+        self.covariance = self.step * self.covariance * self.step.transpose();
+        self.covariance[(2, 2)] += walk;
+    }
+
+    /// A period of a gap.
+    pub(super) fn sleep(&mut self) {
+        self.advance(GAP_WALK * self.walk);
+        self.left = SETTLED;
+    }
+
+    /// A gap was not long ago.
+    pub(super) fn is_settling(&self) -> bool {
+        self.left > 0
+    }
+
+    /// The gain of the next sample; none: the stationary one.
+    pub(super) fn gain(&mut self) -> Option<[f64; 3]> {
+        if self.left == 0 {
+            return None;
+        }
+        self.advance(self.walk);
+        let gain = take_sample(&mut self.covariance);
+        self.left -= 1;
+        if self.left == 0 {
+            self.covariance = self.stationary;
+        }
+        Some(gain.into())
+    }
+}
+
 /// theta, omega and the disturbance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rotor {
@@ -70,15 +135,26 @@ pub(super) struct Rotor {
 
 impl Rotor {
     pub(super) fn new(p: &LawParameters) -> Self {
-        let dt = p.sample_period;
-        // The disturbance walks; the step that makes the filter as fast as the design asks.
-        let walk = p.design.rotor.powi(3) * p.rotor_inertia * dt;
+        let (step, walk) = Self::model(p);
         Self {
             theta: 0.0,
             omega: 0.0,
             disturbance: 0.0,
-            gain: kalman_gain(&RotorStep::new(p, dt).matrix(), walk * walk),
+            gain: kalman(&step, walk).0,
         }
+    }
+
+    /// Its step over a period, and the variance by which the disturbance walks in it: the one that makes the filter
+    /// as fast as the design asks.
+    fn model(p: &LawParameters) -> (Matrix3<f64>, f64) {
+        let dt = p.sample_period;
+        let walk = p.design.rotor.powi(3) * p.rotor_inertia * dt;
+        (RotorStep::new(p, dt).matrix(), walk * walk)
+    }
+
+    pub(super) fn uncertainty(p: &LawParameters) -> Uncertainty {
+        let (step, walk) = Self::model(p);
+        Uncertainty::new(step, walk)
     }
 
     pub(super) fn start(&mut self, theta: f64) {
@@ -93,11 +169,13 @@ impl Rotor {
         (self.theta, self.omega) = (by(&step.angle), by(&step.velocity));
     }
 
-    pub(super) fn correct(&mut self, theta: f64, disturbance_limit: f64) {
+    /// `gain`: another one than the stationary.
+    pub(super) fn correct(&mut self, theta: f64, disturbance_limit: f64, gain: Option<[f64; 3]>) {
         let error = theta - self.theta;
-        self.theta += self.gain[0] * error;
-        self.omega += self.gain[1] * error;
-        let disturbance = self.disturbance + self.gain[2] * error;
+        let [a, b, c] = gain.unwrap_or(self.gain);
+        self.theta += a * error;
+        self.omega += b * error;
+        let disturbance = self.disturbance + c * error;
         self.disturbance = disturbance.max(-disturbance_limit).min(disturbance_limit);
     }
 
@@ -124,14 +202,25 @@ pub(super) struct Link {
 
 impl Link {
     pub(super) fn new(p: &LawParameters) -> Self {
-        let dt = p.sample_period;
-        let step = Matrix3::new(1.0, dt, 0.5 * dt * dt, 0.0, 1.0, dt, 0.0, 0.0, 1.0);
-        let walk = p.design.link.powi(3) * dt;
+        let (step, walk) = Self::model(p);
         Self {
             state: [0.0; 3],
-            gain: kalman_gain(&step, walk * walk),
-            dt,
+            gain: kalman(&step, walk).0,
+            dt: p.sample_period,
         }
+    }
+
+    /// Its step over a period, and the variance by which the acceleration walks in it.
+    fn model(p: &LawParameters) -> (Matrix3<f64>, f64) {
+        let dt = p.sample_period;
+        let walk = p.design.link.powi(3) * dt;
+        let step = Matrix3::new(1.0, dt, 0.5 * dt * dt, 0.0, 1.0, dt, 0.0, 0.0, 1.0);
+        (step, walk * walk)
+    }
+
+    pub(super) fn uncertainty(p: &LawParameters) -> Uncertainty {
+        let (step, walk) = Self::model(p);
+        Uncertainty::new(step, walk)
     }
 
     pub(super) fn start(&mut self, q: f64) {
@@ -143,9 +232,11 @@ impl Link {
         self.state = [q + dt * dq + 0.5 * dt * dt * ddq, dq + dt * ddq, ddq];
     }
 
-    pub(super) fn correct(&mut self, q: f64) {
+    /// `gain`: another one than the stationary.
+    pub(super) fn correct(&mut self, q: f64, gain: Option<[f64; 3]>) {
         let error = q - self.state[0];
-        for (state, gain) in self.state.iter_mut().zip(self.gain) {
+        let gain = gain.unwrap_or(self.gain);
+        for (state, gain) in self.state.iter_mut().zip(gain) {
             *state += gain * error;
         }
     }
@@ -167,26 +258,31 @@ impl Link {
     }
 }
 
-/// Stationary gain of a Kalman filter that measures the first of three states with unit variance
-/// and whose last state walks with variance `walk` a step.
-fn kalman_gain(step: &Matrix3<f64>, walk: f64) -> [f64; 3] {
+/// Gain of a Kalman filter for a sample of the first of three states with unit variance, and the covariance after it.
+fn take_sample(covariance: &mut Matrix3<f64>) -> Vector3<f64> {
+    let column: Vector3<f64> = covariance.column(0).into();
+    let gain = column / (column[0] + 1.0);
+    *covariance -= gain * column.transpose();
+    // Rounding must not make it lopsided.
+    *covariance = 0.5 * (*covariance + covariance.transpose());
+    gain
+}
+
+/// Stationary gain of that filter, whose last state walks with variance `walk` a step, and covariance after a sample.
+fn kalman(step: &Matrix3<f64>, walk: f64) -> ([f64; 3], Matrix3<f64>) {
     let mut covariance = Matrix3::from_diagonal(&Vector3::new(1e6, 1e10, 1e6 * walk));
     let mut gain = Vector3::zeros();
     for _ in 0..20_000 {
         covariance = step * covariance * step.transpose();
         covariance[(2, 2)] += walk;
-        let column: Vector3<f64> = covariance.column(0).into();
-        let next = column / (column[0] + 1.0);
-        covariance -= next * column.transpose();
-        // Rounding must not make it lopsided.
-        covariance = 0.5 * (covariance + covariance.transpose());
+        let next = take_sample(&mut covariance);
         let settled = (next - gain).component_div(&next).amax() < 1e-12;
         gain = next;
         if settled {
             break;
         }
     }
-    gain.into()
+    (gain.into(), covariance)
 }
 
 #[cfg(test)]
@@ -252,9 +348,47 @@ mod tests {
             let torque = 2.0 * (0.1 * f64::from(k)).sin();
             truth.advance(&step, torque);
             observer.advance(&step, torque);
-            observer.correct(truth.theta, 10.0);
+            observer.correct(truth.theta, 10.0, None);
         }
         assert!((observer.disturbance - 3.0).abs() < 0.01, "{observer:?}");
         assert!((observer.omega - truth.omega).abs() < 1e-4);
+    }
+
+    /// A joint that is braked while nobody looks: with the gains of a gap its velocity is known from the second
+    /// sample on, with the stationary ones not before a hundred milliseconds later.
+    #[test]
+    fn after_a_gap_the_velocity_is_found_at_once() {
+        let p = parameters();
+        let mut uncertainty = Link::uncertainty(&p);
+        let (mut link, mut slow) = (Link::new(&p), Link::new(&p));
+        let dt = p.sample_period;
+        let (mut q, mut dq) = (0.3, 0.35);
+        for observer in [&mut link, &mut slow] {
+            observer.set_state([q, dq, 0.0]);
+        }
+        for k in 0..24 {
+            q += dt * dq - 0.5 * dt * dt * 25.0;
+            dq -= 25.0 * dt;
+            link.advance();
+            slow.advance();
+            if k < 10 {
+                uncertainty.sleep();
+                continue;
+            }
+            let gain = uncertainty.gain();
+            // A hundredth of a milliradian of noise.
+            let sample = q + if k % 2 == 0 { 1e-5 } else { -1e-5 };
+            link.correct(sample, gain);
+            slow.correct(sample, None);
+            if k > 10 {
+                let errors = [&link, &slow].map(|observer| (observer.velocity() - dq).abs());
+                assert!(errors[0] < 0.08 && errors[0] < errors[1], "{k}: {errors:?}");
+            }
+        }
+        for _ in 0..SETTLED {
+            let _ = uncertainty.gain();
+        }
+        assert_eq!(uncertainty.gain(), None);
+        assert_eq!(uncertainty, Link::uncertainty(&p));
     }
 }

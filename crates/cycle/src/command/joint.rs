@@ -30,6 +30,7 @@ use super::late::LateTorque;
 use super::law::{JointInput, Law};
 use super::predictive::{predictive_command, sensed};
 use super::reference::Goal;
+use super::rejoin::Rejoin;
 use super::rest::{self, Rest};
 use super::transition::{Stop, Transition};
 use crate::measure::NOT_USED;
@@ -55,6 +56,8 @@ enum State {
         torque_loop: TorqueLoop,
         transition: Transition,
         impedance: Impedance,
+        /// Back to the reference after a gap of the loop.
+        rejoin: Option<Rejoin>,
         mode: Mode,
     },
 }
@@ -65,6 +68,21 @@ impl State {
             Self::HoldPosition { .. } | Self::Carry(_) => Mode::Hold,
             Self::Torque { .. } => Mode::Torque,
             Self::InverseDynamics { mode, .. } => *mode,
+        }
+    }
+
+    /// A client's mode goes on from the torque, and from where the joint is, to which its drive has led it on its own
+    /// in a gap of the loop.
+    fn resume(&mut self, torque: f64, back: Rejoin) {
+        match self {
+            Self::HoldPosition { .. } | Self::Carry(_) => {}
+            Self::Torque { transition, .. } => *transition = Transition::resuming(torque),
+            Self::InverseDynamics {
+                transition, rejoin, ..
+            } => {
+                *transition = Transition::resuming(torque);
+                *rejoin = Some(back);
+            }
         }
     }
 }
@@ -171,20 +189,25 @@ impl JointController {
                 ..shown
             })
         });
+        let resumes = self.resumes(input);
         if let Some(predictive) = &mut self.predictive {
-            match input.overslept {
-                true => predictive.reset(),
-                false => (0..input.skipped).for_each(|_| predictive.skip()),
+            match (input.overslept, resumes) {
+                (true, _) => predictive.reset(),
+                (false, true) => (0..input.skipped).for_each(|_| predictive.sleep()),
+                (false, false) => (0..input.skipped).for_each(|_| predictive.skip()),
             }
             predictive.observe(&sensed(input.measured, &motion, input.fast));
         }
         self.doubted |= self.late.is_some() && deviation.flatten() == Some(Deviation::Doubtful);
         let braked = JointInput {
             in_contact: input.in_contact || self.doubted,
+            resumes,
             ..*input
         };
         let asked = self.asked(goal, &motion, &braked, commanded);
-        self.limiter.resume(input.skipped);
+        let after_gap = self.predictive.as_ref();
+        let after_gap = after_gap.and_then(PredictiveLaw::velocity_after_gap);
+        self.limiter.judge_by(after_gap);
         self.limiter.allow_velocity(match &self.state {
             // Nothing but this bounds the velocity that a torque leads to.
             Some(State::Torque { .. }) => self.law.torque_velocity,
@@ -231,6 +254,15 @@ impl JointController {
         deviation.flatten()
     }
 
+    /// The loop returns after a gap in which the drive has braked the joint, and a law goes on that controls its torque.
+    /// A joint that stood has not been braked: what the law knew of it still holds.
+    fn resumes(&mut self, input: &JointInput<'_>) -> bool {
+        let rest = self.law.limits.rest;
+        let moved = |law: &PredictiveLaw| law.link_velocity().abs() > rest;
+        let braked = self.predictive.as_ref().is_some_and(moved) && !input.overslept;
+        self.limiter.resume(input.skipped, braked) && braked
+    }
+
     /// The command before limits.
     fn asked(
         &mut self,
@@ -265,6 +297,11 @@ impl JointController {
             }
         };
         let state = self.state.insert(state);
+        if let (true, Some(predictive)) = (input.resumes, &mut self.predictive) {
+            let torque = predictive.go_on();
+            let behind = input.behind(predictive.link_velocity());
+            state.resume(torque, Rejoin::from(behind, law.limits.velocity));
+        }
         let reference = input.reference;
         if let (Some(late), Mode::Hold) = (&mut self.late, state.mode()) {
             late.rest(input.torque());
@@ -301,9 +338,18 @@ impl JointController {
                 torque_loop,
                 transition,
                 impedance,
+                rejoin,
                 ..
             } => {
                 impedance.lead(input.impedance, &law.gains, input.dt);
+                let set_back = (rejoin.as_mut()).and_then(|r| r.set_back(&reference, input.dt));
+                if set_back.is_none() {
+                    *rejoin = None;
+                }
+                let input = &JointInput {
+                    reference: set_back.unwrap_or(reference),
+                    ..*input
+                };
                 let terms = law.tracking_terms(*impedance, self.predictive.as_ref(), input);
                 (terms, torque_loop, transition)
             }
@@ -386,6 +432,7 @@ impl Law {
                 torque_loop,
                 transition,
                 impedance: Impedance::asked(input.impedance, &self.gains),
+                rejoin: None,
                 mode,
             },
         }

@@ -56,6 +56,8 @@ pub(crate) struct JointInput<'a> {
     pub(crate) skipped: u32,
     /// They were so many that nothing goes on.
     pub(crate) overslept: bool,
+    /// They were so many that the drive has braked the joint, and a mode goes on.
+    pub(crate) resumes: bool,
 }
 
 impl JointInput<'_> {
@@ -63,6 +65,12 @@ impl JointInput<'_> {
     pub(super) fn torque(&self) -> Option<f64> {
         let valid = self.tau_hat.flags & torque_flags::VALID != 0;
         valid.then_some(self.tau_hat.tau)
+    }
+
+    /// By how much the joint is behind its reference, rad and rad/s, with a velocity of `dq`.
+    pub(super) fn behind(&self, dq: f64) -> [f64; 2] {
+        let JointReference { q_d, dq_d, .. } = self.reference;
+        [q_d - self.measured.q, dq_d - dq]
     }
 }
 

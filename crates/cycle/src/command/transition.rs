@@ -12,9 +12,16 @@ pub(crate) struct Transition {
     /// The last command of the mode before, until the first of this one is known.
     last: Option<f64>,
     difference: f64,
+    /// A torque that stands, from which all of the command fades in.
+    held: Option<f64>,
     duration_s: f64,
     left_s: f64,
 }
+
+/// Duration within which a torque that a drive has led to in a gap of the loop becomes the desired one, s. Over
+/// 20 ms to 50 ms the torque steps no more than during the gap; the longer the further the joint stays behind, and the
+/// faster it then catches up.
+const RESUMING_S: f64 = 0.03;
 
 /// Duration of the transition of a limb that yields to a contact, s.
 const YIELDING_S: f64 = 0.03;
@@ -25,6 +32,7 @@ impl Transition {
         Self {
             last: Some(last),
             difference: 0.0,
+            held: None,
             duration_s: DURATION_S,
             left_s: DURATION_S,
         }
@@ -39,8 +47,28 @@ impl Transition {
         }
     }
 
+    /// From the torque to which a drive has led its joint on its own. Not only the difference to the first command
+    /// fades: the links swing, and what answers their velocity at once would wind their gears up again.
+    pub(crate) fn resuming(torque: f64) -> Self {
+        Self {
+            held: Some(torque),
+            duration_s: RESUMING_S,
+            left_s: RESUMING_S,
+            ..Self::from(torque)
+        }
+    }
+
     /// The command of this cycle, plus the rest of the difference.
     pub(crate) fn blend(&mut self, command: f64, dt: f64) -> f64 {
+        if let Some(held) = self.held {
+            let gone = 1.0 - self.left_s / self.duration_s;
+            let share = gone * gone * (3.0 - 2.0 * gone);
+            self.left_s = (self.left_s - dt).max(0.0);
+            if self.left_s <= 0.0 {
+                (self.held, self.last) = (None, None);
+            }
+            return held + share * (command - held);
+        }
         if let Some(last) = self.last.take() {
             self.difference = last - command;
         }
