@@ -244,7 +244,7 @@ impl Bench {
         };
         let filled = self.cycle >= 30;
         let _ = (self.compensator).update(Some(fast.tau), filled.then_some(delayed));
-        let torque = self.compensator.levelled().unwrap_or(fast.tau);
+        let torque = self.compensator.levelled(0.0).unwrap_or(fast.tau);
         let limit = self.joint.limits;
         let motor: &MotorModel = &self.joint.motor;
         // As the limiter of the cycle: beyond the lead of a torque that of a velocity.

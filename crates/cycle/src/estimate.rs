@@ -218,6 +218,7 @@ impl Estimate {
         if let Some(cross_check) = &mut self.cross_check {
             cross_check.update(whole_body, estimated, counts);
         }
+        self.show_pasts(&estimated.joints);
     }
 
     /// Applies clients' choice of a contact set and tares of joints; the F/T sensors' offsets are used
@@ -242,6 +243,19 @@ impl Estimate {
             }
         }
         self.settings = *settings;
+    }
+
+    /// Shows each calibrated joint the torque from F/T sensors and rigid-body model, brought to the present: of the
+    /// gear's hysteresis at the start nothing else knows.
+    fn show_pasts(&mut self, estimated: &[JointEstimated]) {
+        for (j, (estimator, joint)) in self.joints.iter_mut().zip(estimated).enumerate() {
+            if let (Some(estimator), Some((error, sigma))) =
+                (estimator, self.delay_compensation.shows(j))
+            {
+                let change = estimator.show(joint.tau_encoder.tau + error, sigma);
+                self.delay_compensation.shown(j, change);
+            }
+        }
     }
 
     fn update_encoder_torques(

@@ -279,3 +279,46 @@ fn a_tare_is_dropped_where_a_mode_is_followed() {
     assert_eq!(bench.cycle.record().mode, Mode::InverseDynamics.number());
     assert!(error(&bench).abs() > 5.0, "{}", error(&bench));
 }
+
+/// What a gear went through before the start is not known from torsion; the rigid-body model shows it.
+#[test]
+fn a_gear_s_past_is_shown_by_the_model() {
+    let hysteresis = "[hysteresis]\nlinear_Nm_per_rad = 6460.0\ncubic_Nm_per_rad3 = 0.0\nwind_up = []\n\
+        slipping = [[5e-5, 1200.0], [1e-4, 600.0], [2e-4, 300.0], [4e-4, 150.0]]\ntorsion_sigma_rad = 1e-6\n\
+        tracking_poles = [0.5, 0.9, 0.99]\ntracking_sigma_rad = 1e-5\n";
+    let none = vec!["0.0"; 20].join(", ");
+    let text = JOINT
+        .replace("sources.compliance]", "sources.hysteresis]")
+        .replace(
+            "sigma_Nm = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]",
+            "sigma_Nm = [0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03]",
+        )
+        .replace(
+            "rms_Nm = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3]",
+            "rms_Nm = [0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03, 0.03]",
+        )
+        .replace(
+            "[fusion]\n",
+            &format!("{hysteresis}uncertainty = [[{none}]]\n[fusion]\n"),
+        );
+    let sigmas = |past: &str| {
+        let read = calibrated(&text);
+        let start = format!("[start]\n{past}");
+        let read = move |path: &str| match path {
+            "config/test-joint/sim.toml" => Ok(read(path)?.replace("[start]\n", &start)),
+            _ => read(path),
+        };
+        let mut bench = Bench::reading("test-joint", &read);
+        [100, 5000].map(|cycles| {
+            bench.run(cycles);
+            let truth = bench.plant.truth().joints[0].tau;
+            let tau = bench.cycle.record().estimated.joints[0].tau_encoder;
+            (tau.tau - truth, tau.sigma)
+        })
+    };
+    let [without, with] = ["", "gear_past = true\n"].map(sigmas);
+    let apart = |k: usize| (without[k].0 - with[k].0).abs();
+    assert!(apart(0) > 0.05, "{without:?} {with:?}");
+    assert!(apart(1) < 0.5 * apart(0), "{without:?} {with:?}");
+    assert!(with[1].1 < 0.8 * with[0].1, "{with:?}");
+}

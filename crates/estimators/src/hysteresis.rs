@@ -6,6 +6,8 @@
 //! gear plus those of the elements, an explicit function of torsion and state, and its stiffnesses
 //! follow from slow loading loops by linear least squares. Z, G and U have no such state.
 
+mod springs;
+
 use crate::creep::{Creep, CreepElement};
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::kinematic_error::KinematicErrorParameters;
@@ -15,140 +17,7 @@ use crate::uncertainty::Uncertainty;
 use crate::validity::Validity;
 use robot_state::{TorqueEstimate, torque_source};
 
-/// One spring that slips.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SlipElement {
-    /// r: stretch at which it slips, rad, link side.
-    pub limit: f64,
-    /// k: its stiffness, N·m/rad.
-    pub stiffness: f64,
-}
-
-/// Springs that slip, with their stretch.
-///
-/// Before the first torsion the springs may have any stretch up to their limit. The states from both limits
-/// bound the true one, and meet once the torsion has moved over twice the limit one way: from then on the
-/// past no longer counts.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Hysteresis {
-    springs: Vec<Spring>,
-    /// Torsion of the last step, rad; none before the first.
-    last: Option<f64>,
-}
-
-/// A spring's stretch, rad.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Spring {
-    element: SlipElement,
-    /// From none at the first torsion.
-    stretch: f64,
-    /// From either limit.
-    bounds: [f64; 2],
-}
-
-impl Spring {
-    fn new(element: SlipElement) -> Self {
-        Self {
-            element,
-            stretch: 0.0,
-            bounds: [-element.limit, element.limit],
-        }
-    }
-
-    fn advance(&mut self, moved: f64) {
-        let limit = self.element.limit;
-        //= H Stop: s_j = min(max(s_j + x - x_last, -r_j), r_j)
-        // max and min, not clamp: they cannot panic.
-        let step = |stretch: f64| (stretch + moved).max(-limit).min(limit);
-        self.bounds = self.bounds.map(step);
-        self.stretch = step(self.stretch);
-    }
-
-    /// Middle of the bounds, and half their distance, rad.
-    fn interval(&self) -> [f64; 2] {
-        let [least, most] = self.bounds;
-        [0.5 * (least + most), 0.5 * (most - least)]
-    }
-}
-
-impl Hysteresis {
-    /// Elements without stretch.
-    #[must_use]
-    pub fn new(elements: &[SlipElement]) -> Self {
-        Self {
-            springs: elements.iter().copied().map(Spring::new).collect(),
-            last: None,
-        }
-    }
-
-    /// Moves to a torsion; gives the torque of all elements there, N·m.
-    ///
-    /// At the first torsion every spring is without stretch, the middle of what it may have.
-    pub fn update(&mut self, torsion: f64) -> f64 {
-        let moved = torsion - self.last.unwrap_or(torsion);
-        if !moved.is_finite() {
-            return self.torque();
-        }
-        self.last = Some(torsion);
-        for spring in &mut self.springs {
-            spring.advance(moved);
-        }
-        self.torque()
-    }
-
-    /// Torque of all elements, N·m.
-    #[must_use]
-    pub fn torque(&self) -> f64 {
-        //= H Prandtl-Ishlinskii: tau = sum_j k_j s_j
-        let springs = self.springs.iter();
-        springs.map(|s| s.element.stiffness * s.stretch).sum()
-    }
-
-    /// Standard deviation of the torque by what was before the first torsion, N·m: each stretch is anywhere
-    /// between its bounds, and all are off the same way, as one past made them.
-    #[must_use]
-    pub fn unknown(&self) -> f64 {
-        let springs = self.springs.iter().map(|spring| {
-            let [middle, half] = spring.interval();
-            let off = middle - spring.stretch;
-            spring.element.stiffness.abs() * (half * half / 3.0 + off * off).sqrt()
-        });
-        springs.sum()
-    }
-
-    /// Largest torque of all elements together, N·m.
-    #[must_use]
-    pub fn capacity(&self) -> f64 {
-        let springs = self.springs.iter();
-        springs
-            .map(|s| (s.element.stiffness * s.element.limit).abs())
-            .sum()
-    }
-
-    /// Stiffness of the elements that have not slipped, N·m/rad.
-    #[must_use]
-    pub fn stiffness(&self) -> f64 {
-        let holding = |s: &&Spring| s.stretch.abs() < s.element.limit;
-        let springs = self.springs.iter().filter(holding);
-        springs.map(|s| s.element.stiffness).sum()
-    }
-
-    /// The elements' stretches, rad.
-    pub fn stretches(&self) -> impl Iterator<Item = f64> {
-        self.springs.iter().map(|s| s.stretch)
-    }
-
-    /// Of each element the middle of the stretches that it may have, and half their range, rad.
-    pub fn intervals(&self) -> impl Iterator<Item = [f64; 2]> {
-        self.springs.iter().map(Spring::interval)
-    }
-
-    /// Forgets the past.
-    pub fn reset(&mut self) {
-        self.last = None;
-        (self.springs.iter_mut()).for_each(|spring| *spring = Spring::new(spring.element));
-    }
-}
+pub use springs::{Hysteresis, SlipElement};
 
 /// The gear's torque against its torsion: an elastic curve and springs that slip.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -190,6 +59,13 @@ impl GearParameters {
         self.linear + 3.0 * self.cubic * x * x + soft.sum::<f64>()
     }
 }
+
+/// Time for which errors of a torque from elsewhere last, s: so long it counts as one.
+const SHOWN_TIME_S: f64 = 0.5;
+/// Standard deviations beyond which a difference is none of the past.
+const NOT_PAST: f64 = 4.0;
+/// Least standard deviation of the pasts' torque that another torque shows, of its own: some of its errors last.
+const LEAST_SHOWN: f64 = 0.5;
 
 /// A gear with its slipping springs' state.
 #[derive(Debug, Clone)]
@@ -241,6 +117,24 @@ impl Gear {
         [self.slipping.unknown(), self.bearing.unknown()]
     }
 
+    /// The torque is larger by `error`, N·m, as another one shows for a time of `period`, s, with a standard deviation
+    /// of `sigma`, N·m: what is not known of both pasts follows. Gives the change of the torque, N·m.
+    pub fn learn(&mut self, error: f64, sigma: f64, period: f64) -> f64 {
+        let variances = self.unknown().map(|unknown| unknown * unknown);
+        let (all, others) = (variances.iter().sum::<f64>(), sigma * sigma);
+        if !(all > 0.0 && others > 0.0 && error * error <= NOT_PAST * NOT_PAST * (all + others)) {
+            return 0.0;
+        }
+        let weight = period / (SHOWN_TIME_S + period);
+        let gain = weight * (all / (weight * all + others)).min(1.0);
+        let left = match all > LEAST_SHOWN * LEAST_SHOWN * others {
+            true => 1.0 - gain,
+            false => 1.0,
+        };
+        let parts = variances.map(|variance| gain * error * variance / all);
+        self.slipping.learn(parts[0], left) - self.bearing.learn(-parts[1], left)
+    }
+
     /// The curves.
     #[must_use]
     pub fn parameters(&self) -> &GearParameters {
@@ -286,6 +180,17 @@ pub struct HysteresisEstimator {
     validity: Validity,
     /// Slope of the torque in the torsion at the last sample, N·m/rad.
     slope: f64,
+    last: Option<Last>,
+}
+
+/// The last sample.
+#[derive(Debug, Clone, Copy)]
+struct Last {
+    /// Torque, N·m, and what the torsion's filter holds back of it.
+    tau: f64,
+    held_back: f64,
+    /// Its variance without that of the pasts, (N·m)².
+    variance: f64,
 }
 
 /// Pasts before the first sample: the gear's and the bearing's.
@@ -376,6 +281,7 @@ impl HysteresisEstimator {
             uncertainty: None,
             validity: Validity::default(),
             slope: parameters.gear.linear,
+            last: None,
             parameters,
         }
     }
@@ -385,6 +291,7 @@ impl JointTorqueEstimator for HysteresisEstimator {
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
         if !Output::usable(sample) {
             self.gear.miss();
+            self.last = None;
             return self.output.held();
         }
         let p = &self.parameters;
@@ -393,7 +300,8 @@ impl JointTorqueEstimator for HysteresisEstimator {
         // The cubic may decrease far outside of the fitted range: the torsion is clamped to that of
         // the linear part at twice the limit.
         let furthest = 2.0 * p.torque_limit / p.gear.linear.max(f64::MIN_POSITIVE);
-        let (x, rate) = self.tracking.update(x.clamp(-furthest, furthest));
+        let read = x.clamp(-furthest, furthest);
+        let (x, rate) = self.tracking.update(read);
         let carried = self.gear.update(x.clamp(-furthest, furthest)) + p.gear.damping * rate;
         let tau = carried - self.gear.bearing(sample.q, sample.dq);
         let tau = tau.clamp(-p.torque_limit, p.torque_limit);
@@ -402,8 +310,29 @@ impl JointTorqueEstimator for HysteresisEstimator {
         let outside = self.validity.torque_error(tau);
         let variance = self.parameter_variance(sample, x, rate);
         let sigma = (own * own + outside * outside + variance).sqrt();
+        let pasts: f64 = self.gear.unknown().iter().map(|past| past * past).sum();
+        self.last = Some(Last {
+            tau,
+            held_back: self.slope * (read - x),
+            variance: own * own + outside * outside + (variance - pasts).max(0.0),
+        });
         let limit = self.parameters.torque_limit;
         self.output.give(sample, tau, sigma.min(limit))
+    }
+
+    fn undelayed(&self) -> Option<f64> {
+        let tau = self.last.map(|last| last.tau + last.held_back);
+        tau.filter(|tau| tau.abs() < self.parameters.torque_limit)
+    }
+
+    fn show(&mut self, tau: f64, sigma: f64) -> f64 {
+        // A tare has shown the past already.
+        let tared = self.uncertainty.as_ref().is_none_or(Uncertainty::tared);
+        let Some(last) = self.last.filter(|_| !tared) else {
+            return 0.0;
+        };
+        let sigma = (sigma * sigma + last.variance).sqrt();
+        (self.gear).learn(tau - last.tau, sigma, self.parameters.sample_period)
     }
 
     fn tare(&mut self, sigma: f64) {
@@ -417,63 +346,9 @@ impl JointTorqueEstimator for HysteresisEstimator {
         self.gear.reset();
         self.tracking.reset();
         self.output.reset();
+        self.last = None;
         if let Some(uncertainty) = &mut self.uncertainty {
             uncertainty.reset();
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use test_support::Random;
-
-    const SPRINGS: [SlipElement; 2] = [
-        SlipElement {
-            limit: 1e-4,
-            stiffness: 3e3,
-        },
-        SlipElement {
-            limit: 3e-4,
-            stiffness: 1e3,
-        },
-    ];
-
-    #[test]
-    fn a_past_that_was_not_seen_lies_between_the_bounds_and_fades() {
-        let mut random = Random::new(7);
-        for _ in 0..200 {
-            let (mut whole, mut seen) = (Hysteresis::new(&SPRINGS), Hysteresis::new(&SPRINGS));
-            let mut x = 0.0;
-            for _ in 0..20 {
-                x += 2e-4 * random.normal();
-                whole.update(x);
-            }
-            let first = seen.unknown();
-            let mut last = f64::INFINITY;
-            for k in 0..60 {
-                whole.update(x);
-                seen.update(x);
-                for (stretch, [middle, half]) in whole.stretches().zip(seen.intervals()) {
-                    assert!((stretch - middle).abs() <= half + 1e-15);
-                }
-                // Anywhere between the bounds: off by at most twice the standard deviation.
-                let error = (whole.torque() - seen.torque()).abs();
-                assert!(error <= 2.0 * seen.unknown() + 1e-12, "{error}");
-                let half: f64 = seen.intervals().map(|[_, half]| half).sum();
-                assert!(half <= last + 1e-15);
-                last = half;
-                x += 4e-5 * (0.05 * f64::from(k) * f64::from(k)).sin();
-            }
-            assert!(first > 0.0);
-            // Through twice the largest limit one way: nothing of the past is left.
-            for step in [-7e-4, 1e-4] {
-                x += step;
-                whole.update(x);
-                seen.update(x);
-            }
-            assert!(seen.unknown() < 1e-12);
-            assert!((whole.torque() - seen.torque()).abs() < 1e-12);
         }
     }
 }

@@ -42,6 +42,12 @@ pub trait JointTorqueEstimator {
     /// Tares: the torque at the last sample is `tau`, N·m, within the standard deviation `sigma`. Called
     /// sample by sample over some tens of them at rest. Nothing happens where no zero can be moved.
     fn tare_to(&mut self, _tau: f64, _sigma: f64) {}
+    /// Another source says that the torque at the last sample is `tau`, N·m, within the standard deviation `sigma`;
+    /// called once a sample at most. Only what is not known of the estimator's own past follows, slowly. Gives the
+    /// change of the torque, N·m.
+    fn show(&mut self, _tau: f64, _sigma: f64) -> f64 {
+        0.0
+    }
     /// Whether sources that fail for different reasons have long been further apart than their sigmas
     /// allow; never for a single source.
     fn disagrees(&self) -> bool {

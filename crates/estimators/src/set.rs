@@ -220,6 +220,21 @@ impl JointTorqueEstimator for EstimatorSet {
         self.shift_feed_forward(tau, sigma, share);
     }
 
+    /// The fused torque with what the filter of the gear's torsion holds back.
+    fn undelayed(&self) -> Option<f64> {
+        let gear = self.zero.parameters.gear?;
+        let held_back = self.sources.get(gear)?.undelayed()? - self.estimates.get(gear)?.tau;
+        let usable = torque_flags::VALID | torque_flags::SATURATED;
+        let valid = self.fused.flags & usable == torque_flags::VALID;
+        valid.then_some(self.fused.tau + held_back)
+    }
+
+    fn show(&mut self, tau: f64, sigma: f64) -> f64 {
+        let gear = self.zero.parameters.gear;
+        let source = gear.and_then(|i| self.sources.get_mut(i));
+        source.map_or(0.0, |source| source.show(tau, sigma))
+    }
+
     fn disagrees(&self) -> bool {
         self.fusion.as_ref().is_some_and(Fusion::disagrees)
     }

@@ -68,6 +68,12 @@ impl Uncertainty {
         }
     }
 
+    /// Whether there was a tare.
+    #[must_use]
+    pub fn tared(&self) -> bool {
+        self.tared.is_some()
+    }
+
     /// Forgets the tare.
     pub fn reset(&mut self) {
         self.tared = None;

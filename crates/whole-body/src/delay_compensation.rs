@@ -109,6 +109,8 @@ pub struct DelayCompensator {
     /// The joint's angle while the levelled torque moves it, rad, and where it stands.
     followed: Option<f64>,
     stand: Option<Stand>,
+    /// Delayed less fast source, N·m, of one instant; none where either newest sample is missing.
+    difference: Option<f64>,
     /// Newest torque of the delayed source, and samples since.
     delayed: Option<DelayedTorque>,
     delayed_missed: usize,
@@ -143,6 +145,7 @@ impl DelayCompensator {
             level: None,
             followed: None,
             stand: None,
+            difference: None,
             delayed: None,
             delayed_missed: 0,
             rest: 0.0,
@@ -167,6 +170,7 @@ impl DelayCompensator {
         let fast = fast.filter(|x| x.is_finite());
         let delayed = delayed.filter(|l| l.tau.is_finite() && l.sigma.is_finite());
         self.take_fast(fast);
+        self.difference = None;
         match delayed {
             Some(delayed) => self.take_delayed(delayed),
             None => self.delayed_missed = self.delayed_missed.saturating_add(1),
@@ -178,6 +182,13 @@ impl DelayCompensator {
     /// Before `update`: the joint's angle while its levelled torque moves it, rad.
     pub fn follow(&mut self, angle: Option<f64>) {
         self.followed = angle.filter(|angle| angle.is_finite());
+    }
+
+    /// The delayed less the fast source's torque, both at the delayed one's instant, N·m; none where either newest
+    /// sample is missing.
+    #[must_use]
+    pub fn difference(&self) -> Option<f64> {
+        self.difference
     }
 
     /// g: torque per torque of the fast source.
@@ -194,10 +205,13 @@ impl DelayCompensator {
     /// the torque (stiffness, hysteresis). So while the torque is followed by a joint that stands, the
     /// level changes by what turning and torque explain and no more: an F/T sensor that fails must not
     /// set the joint in motion.
+    ///
+    /// `held_back`: what a filter of the fast source still holds back of its newest torque, N·m.
     #[must_use]
-    pub fn levelled(&self) -> Option<f64> {
+    pub fn levelled(&self, held_back: f64) -> Option<f64> {
         let level = self.level.filter(|_| self.missed == 0)?;
-        Some(self.gain.value.max(MIN_LEVELLED_GAIN) * self.fast.newest() + level)
+        let gain = self.gain.value.max(MIN_LEVELLED_GAIN);
+        Some(gain * (self.fast.newest() + held_back) + level)
     }
 
     /// The same where it moves nothing: with the fast source's scale, on a level that follows at a stand, too.
@@ -232,6 +246,7 @@ impl DelayCompensator {
     fn take_delayed(&mut self, delayed: DelayedTorque) {
         let dt = self.parameters.sample_period;
         let fast = self.fast.through(&self.parameters.kernel);
+        self.difference = (self.missed == 0).then_some(delayed.tau - fast);
         let noise = self.power * self.noise.variance;
         let last = [self.gain.value.max(MIN_LEVELLED_GAIN), self.gain.scale];
         let small = SCALE_SHARE * self.parameters.torque_limit;

@@ -120,6 +120,18 @@ fn encoders_that_show_too_little_are_scaled() {
     assert!((0.5..2.0).contains(&normed), "{normed}");
 }
 
+#[test]
+fn what_a_filter_holds_back_reaches_the_torque_that_is_fed_back_at_once() {
+    let (_, _, _, mut joint) = swinging(Joint::new(0.75, 0.1, 0.1));
+    let c = &joint.compensator;
+    let more = c.levelled(0.3).unwrap() - c.levelled(0.0).unwrap();
+    assert!((more - 0.3 * c.gain()).abs() < 1e-12, "{more}");
+    // Both sources at one instant.
+    assert!(c.difference().is_some());
+    let _ = joint.compensator.update(Some(1.0), None);
+    assert_eq!(joint.compensator.difference(), None);
+}
+
 /// The first change of a joint that has rested: where the gain is known, the torque for feedback shows all of
 /// it at once; where it is not, what the encoders show of it.
 #[test]
@@ -128,9 +140,9 @@ fn a_known_gain_counts_from_the_first_change() {
         let mut joint = Joint::knowing(known, 0.8, 0.02, 0.02);
         joint.rest(10.0, 4.0);
         assert!((joint.compensator.gain() - known).abs() < 0.1 * known);
-        let before = joint.compensator.levelled().unwrap();
+        let before = joint.compensator.levelled(0.0).unwrap();
         joint.advance(30.0);
-        joint.compensator.levelled().unwrap() - before
+        joint.compensator.levelled(0.0).unwrap() - before
     };
     let (known, unknown) = (first(1.0 / 0.8), first(1.0));
     assert!((known - 20.0).abs() < 0.6, "{known}");

@@ -35,7 +35,8 @@ pub(crate) struct DelayCompensation {
 enum Fast {
     /// By the compliance before its low-pass, which would add delay.
     Compliance,
-    /// By a joint file's estimators, which have none.
+    /// By a joint file's estimators. The filter of the torsion, at rest a long one, holds back what only the torque
+    /// that is fed back needs at once: late it would make a joint swing.
     Calibrated,
     /// By motor current.
     Current,
@@ -46,6 +47,11 @@ struct Joint {
     fast: Fast,
     compensator: DelayCompensator,
     torque_limit: f64,
+    /// Part of the torque from encoders that F/T sensors and rigid-body model have shown, N·m: no change of the
+    /// torque, so that the compensator does not see it.
+    shown: f64,
+    /// What they show of it now, by which it is wrong, N·m, and within which standard deviation.
+    shows: Option<(f64, f64)>,
 }
 
 /// Torques of one joint without delay, N·m; none where they are not known.
@@ -81,6 +87,8 @@ impl DelayCompensation {
                 error_per_angle: KINEMATIC_SLOPE * joint.estimator.compliance.k_fs0,
             }),
             torque_limit: joint.limits.torque,
+            shown: 0.0,
+            shows: None,
         };
         Ok(Self {
             whole_body: estimator(robot, p.filters.short, Place::DelayCompensation)?,
@@ -92,6 +100,21 @@ impl DelayCompensation {
     /// Torques without delay, one for each joint.
     pub(crate) fn fast(&self) -> &[FastTorque] {
         &self.fast
+    }
+
+    /// What the torque from F/T sensors and rigid-body model shows of a joint's torque from encoders: the error of
+    /// the latter, N·m, and the former's standard deviation.
+    pub(crate) fn shows(&self, joint: usize) -> Option<(f64, f64)> {
+        self.joints.get(joint)?.shows
+    }
+
+    /// A joint's torque from encoders has followed by so much, N·m.
+    pub(crate) fn shown(&mut self, joint: usize, change: f64) {
+        if let Some(joint) = self.joints.get_mut(joint)
+            && change.is_finite()
+        {
+            joint.shown += change;
+        }
     }
 
     /// `contact_set_shares`: shares of the contact sets, in config order; `measured`: the joints, while
@@ -110,10 +133,19 @@ impl DelayCompensation {
         let usable = delayed.valid && measure.flags() & UNUSABLE == 0;
         for (j, (own, joint)) in self.joints.iter_mut().zip(joints).enumerate() {
             let torque = |estimate| valid(estimate).map(|estimate| estimate.tau);
-            let (fast, by_torsion) = match own.fast {
-                Fast::Compliance => (undelayed.get(j).copied().flatten(), true),
-                Fast::Calibrated => (torque(&joint.tau_encoder), true),
-                Fast::Current => (torque(&joint.tau_current), false),
+            let undelayed = undelayed.get(j).copied().flatten();
+            let encoder = torque(&joint.tau_encoder);
+            let (fast, held_back, by_torsion) = match own.fast {
+                Fast::Compliance => (undelayed, 0.0, true),
+                Fast::Calibrated => {
+                    let held_back = undelayed.zip(encoder).map(|(newest, tau)| newest - tau);
+                    (
+                        encoder.map(|tau| tau - own.shown),
+                        held_back.unwrap_or(0.0),
+                        true,
+                    )
+                }
+                Fast::Current => (torque(&joint.tau_current), 0.0, false),
             };
             let (tau, sigma) = (delayed.tau[j], delayed.sigma[j]);
             let within_limit = usable && tau.abs() <= own.torque_limit;
@@ -123,11 +155,16 @@ impl DelayCompensation {
                 .map(|joint| joint.q);
             own.compensator.follow(angle);
             joint.tau_hat = own.compensator.update(fast, delayed);
+            let error = own.compensator.difference().map(|error| error - own.shown);
+            own.shows = match own.fast {
+                Fast::Calibrated => error.map(|error| (error, sigma)),
+                Fast::Compliance | Fast::Current => None,
+            };
             if let Some(torque) = self.fast.get_mut(j) {
                 *torque = match by_torsion {
                     true => FastTorque {
                         torsion: fast,
-                        levelled: own.compensator.levelled(),
+                        levelled: own.compensator.levelled(held_back),
                         levelled_freely: own.compensator.levelled_freely(),
                     },
                     false => FastTorque::default(),
