@@ -222,6 +222,7 @@ impl Bench {
     /// One cycle with what is wished for by what is seen; the true torque one period later.
     pub(crate) fn step_by(&mut self, wish: impl FnOnce(&Seen) -> Wish) -> f64 {
         let n = self.joint.estimator.gear_ratio;
+        let per_current = n * self.joint.estimator.wave_generator.torque_constant;
         let reading = self.sample.reading;
         let fast = self.fast.update(&JointSample {
             q: reading.q,
@@ -255,6 +256,7 @@ impl Bench {
                     theta: reading.theta / n,
                     q: reading.q,
                     torque: Some(torque),
+                    motor_torque: Some(per_current * reading.current),
                     fresh: true,
                 });
                 let wish = wish(&Seen {

@@ -16,6 +16,7 @@
 //! through [`PredictiveLaw::sent`]: the observer does not wind up against a limit, and a change of
 //! mode has no bump. `docs/control.md` derives the gains.
 
+mod drive_fit;
 mod friction;
 mod linear;
 mod observers;
@@ -29,6 +30,7 @@ pub use parameters::{
 
 pub(crate) use linear::{LinearLaw, TauD};
 
+use drive_fit::DriveFit;
 use observers::{Link, Rotor, RotorStep, Uncertainty};
 use reference::{ReferenceModel, ReferenceState};
 
@@ -41,6 +43,8 @@ pub struct Sensed {
     pub q: f64,
     /// T: torque that the gear carries, N·m; none: it follows from the last one and the torsion.
     pub torque: Option<f64>,
+    /// K_t N i: torque of the motor's current, N·m; none: the drive reports none.
+    pub motor_torque: Option<f64>,
     /// The angles were sampled in this cycle; otherwise both observers run on without them.
     pub fresh: bool,
 }
@@ -71,6 +75,8 @@ pub struct PredictiveLaw {
     follow_share: f64,
     /// Friction foreseen for the next command, N·m.
     friction: f64,
+    /// What the currents show of the drive; none for one that takes currents.
+    drive_fit: Option<DriveFit>,
     /// Command per torque of the drive, rad/(N·m) or A/(N·m).
     per_torque: f64,
     /// Command that acted before the oldest of `commands`.
@@ -122,6 +128,7 @@ impl PredictiveLaw {
             slow_velocity: 0.0,
             follow_share: 1.0 - (-p.design.follow * dt).exp(),
             friction: 0.0,
+            drive_fit: DriveFit::new(p),
             per_torque: parameters.command_per_torque(),
             before: Sent::default(),
             commands: vec![Sent::default(); cycles + 1],
@@ -184,6 +191,44 @@ impl PredictiveLaw {
             self.link.correct(sensed.q, link.gain());
             self.measured_q = sensed.q;
         }
+        self.fit_drive(sensed);
+    }
+
+    /// The drive's stiffness and damping follow what its current shows of them.
+    fn fit_drive(&mut self, sensed: &Sensed) {
+        let Some(fit) = &mut self.drive_fit else {
+            return;
+        };
+        // `advance` leaves what acted until this sample in the place of the oldest command.
+        let acts = self.commands.first().copied().unwrap_or(self.before);
+        let drive = match sensed.motor_torque.filter(|_| sensed.fresh) {
+            Some(torque) => fit.update(sensed.theta, torque, acts.command),
+            None => {
+                fit.interrupt();
+                None
+            }
+        };
+        if let Some(drive) = drive {
+            self.parameters.drive = drive;
+            self.set_steps();
+        }
+    }
+
+    /// What follows from the drive's stiffness and damping.
+    fn set_steps(&mut self) {
+        let p = &self.parameters;
+        let (dt, (_, lag)) = (p.sample_period, p.delay_in_cycles());
+        let step = |time: f64| RotorStep::new(p, time);
+        (self.lag_step, self.rest_step) = (step(lag), step(dt - lag));
+        self.half_step = step(0.5 * dt);
+        self.per_torque = p.command_per_torque();
+    }
+
+    /// Shares by which the drive's stiffness and damping differ from the configured ones, as its currents
+    /// show.
+    #[must_use]
+    pub fn drive_correction(&self) -> [f64; 2] {
+        self.drive_fit.map_or([0.0; 2], |fit| fit.applied())
     }
 
     /// A period in which the loop did not run: no sample was taken, and the drive kept its command.
@@ -193,6 +238,9 @@ impl PredictiveLaw {
             return;
         }
         self.advance(None);
+        if let Some(fit) = &mut self.drive_fit {
+            fit.interrupt();
+        }
         let kept = self.commands.last().copied().unwrap_or(self.before);
         self.sent(kept.command);
     }
@@ -238,6 +286,9 @@ impl PredictiveLaw {
 
     /// The joint stands, and its drive carries what it carries.
     fn start(&mut self, theta: f64, q: f64, torque: f64) {
+        if let Some(fit) = &mut self.drive_fit {
+            fit.interrupt();
+        }
         self.rotor.start(theta);
         self.link.start(q);
         self.measured_q = q;

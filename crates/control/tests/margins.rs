@@ -57,6 +57,7 @@ fn predictive(joint: &JointLoop) -> Law<'_> {
             theta,
             q,
             torque: Some(gear * (theta - q)),
+            motor_torque: None,
             fresh: true,
         });
         let wish = TorqueTerms {

@@ -80,6 +80,7 @@ impl LinearLaw {
             theta,
             q,
             torque: Some(torque),
+            motor_torque: None,
             fresh: true,
         });
         let TauD {

@@ -196,7 +196,8 @@ impl JointController {
                 (false, true) => (0..input.skipped).for_each(|_| predictive.sleep()),
                 (false, false) => (0..input.skipped).for_each(|_| predictive.skip()),
             }
-            predictive.observe(&sensed(input.measured, &motion, input.fast));
+            let per_current = self.law.torque_per_current;
+            predictive.observe(&sensed(input.measured, &motion, input.fast, per_current));
         }
         self.doubted |= self.late.is_some() && deviation.flatten() == Some(Deviation::Doubtful);
         let braked = JointInput {

@@ -7,12 +7,19 @@ use supervisor::Motion;
 use super::transition::Transition;
 use crate::measure::NOT_USED;
 
-/// The joint's sample, as the law takes it, with the torque that it feeds back, N·m.
-pub(super) fn sensed(measured: &JointMeasured, motion: &Motion, torque: Option<f64>) -> Sensed {
+/// The joint's sample, as the law takes it, with the torque that it feeds back, N·m, and what a current
+/// of its motor makes, N·m/A.
+pub(super) fn sensed(
+    measured: &JointMeasured,
+    motion: &Motion,
+    torque: Option<f64>,
+    torque_per_current: f64,
+) -> Sensed {
     Sensed {
         theta: motion.theta,
         q: motion.q,
         torque,
+        motor_torque: Some(torque_per_current * measured.current),
         fresh: measured.flags & (NOT_USED | measured_flags::STALE) == 0,
     }
 }

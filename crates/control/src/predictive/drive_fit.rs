@@ -1,0 +1,328 @@
+//! The drive's stiffness and damping, corrected while the joint works.
+//!
+//! The current that a drive reports shows what its loop makes of a command, whatever friction and load
+//! do. Means over a block of samples, `e` beyond the dead zone, `m = K_t N i`:
+//!
+//! ```text
+//! m - (k_d e - d_d omega) = a k_d e - b d_d omega + o + noise
+//! ```
+//!
+//! `a` and `b`, shares by which stiffness and damping are wrong, and the current's offset `o` walk
+//! around zero (Ornstein-Uhlenbeck): a Kalman filter finds what commands and motion show, and what they
+//! do not show any more fades to the configured values.
+
+use super::parameters::{DriveModel, LawParameters};
+use nalgebra::{Matrix3, Vector3};
+
+/// Samples of a block.
+const BLOCK: u32 = 16;
+/// Standard deviation of `a` and `b` before anything is known.
+const PRIOR: f64 = 0.15;
+/// Standard deviations of the offset and of a block's residual, shares of the torque limit.
+const OFFSET: f64 = 0.02;
+const NOISE: f64 = 0.006;
+/// Time in which what is not shown any more fades, s.
+const FADES_S: f64 = 600.0;
+/// Largest |a| and |b| that act: margins bear drives that are wrong by as much.
+const MOST: f64 = 0.3;
+/// Their largest rate, 1/s: the disturbance observer follows without a step of the torque.
+const RATE: f64 = 0.2;
+/// Smaller changes are not worth the computation of the observer's steps.
+const LEAST: f64 = 0.003;
+/// Residuals beyond this many standard deviations are none of this model: a current at its limit, a
+/// drive that does not follow.
+const OUTLIER: f64 = 4.0;
+/// Mean square of the residuals over their variance from which on the fit is not believed, and the time
+/// of that mean, s.
+const INCONSISTENT: f64 = 6.0;
+const CONSISTENCY_S: f64 = 2.0;
+
+/// The fit of one drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct DriveFit {
+    /// k_d and d_d of the configuration.
+    nominal: [f64; 2],
+    dead_zone: f64,
+    sample_period: f64,
+    torque_limit: f64,
+    /// a, b and o, N·m.
+    mean: Vector3<f64>,
+    covariance: Matrix3<f64>,
+    /// Mean square of the residuals over their variance.
+    surprise: f64,
+    /// a and b as they act.
+    applied: [f64; 2],
+    block: Block,
+}
+
+/// Sums over the samples of a block.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Block {
+    samples: u32,
+    /// theta before the first and at the last, rad.
+    from: f64,
+    to: f64,
+    /// e, rad, and m, N·m.
+    error: f64,
+    torque: f64,
+}
+
+impl DriveFit {
+    /// None for a drive that takes currents: its relation is that of its torque constant.
+    pub(super) fn new(p: &LawParameters) -> Option<Self> {
+        let DriveModel::Position {
+            stiffness,
+            damping,
+            dead_zone,
+        } = p.drive
+        else {
+            return None;
+        };
+        Some(Self {
+            nominal: [stiffness, damping],
+            dead_zone,
+            sample_period: p.sample_period,
+            torque_limit: p.torque_limit,
+            mean: Vector3::zeros(),
+            covariance: Matrix3::from_diagonal(&prior(p.torque_limit)),
+            surprise: 1.0,
+            applied: [0.0; 2],
+            block: Block::default(),
+        })
+    }
+
+    /// What a block would tell is not to be told: its samples are not of one motion.
+    pub(super) fn interrupt(&mut self) {
+        self.block = Block::default();
+    }
+
+    /// A sample: motor's angle and torque of its current (N·m), and the command that acts, rad.
+    /// Returns the drive where it is another one from now on.
+    pub(super) fn update(&mut self, theta: f64, torque: f64, command: f64) -> Option<DriveModel> {
+        let error = command - theta;
+        let usable = [theta, torque, command].iter().all(|x| x.is_finite());
+        let asked = self.nominal[0] * error;
+        if !usable || asked.abs().max(torque.abs()) > self.torque_limit {
+            self.interrupt();
+            return None;
+        }
+        let block = &mut self.block;
+        if block.samples > 0 {
+            block.error += error - error.max(-self.dead_zone).min(self.dead_zone);
+            block.torque += torque;
+        } else {
+            block.from = theta;
+        }
+        block.to = theta;
+        block.samples += 1;
+        if block.samples <= BLOCK {
+            return None;
+        }
+        let done = *block;
+        // The last sample begins the next block.
+        self.block = Block {
+            samples: 1,
+            from: theta,
+            to: theta,
+            ..Block::default()
+        };
+        self.take(&done);
+        self.apply()
+    }
+
+    /// Kalman filter: a block as one measurement.
+    fn take(&mut self, block: &Block) {
+        let n = f64::from(BLOCK);
+        let time = n * self.sample_period;
+        let keep = (-time / FADES_S).exp();
+        self.mean *= keep;
+        let prior = Matrix3::from_diagonal(&prior(self.torque_limit));
+        self.covariance = self.covariance * (keep * keep) + prior * (1.0 - keep * keep);
+        let spring = self.nominal[0] * block.error / n;
+        let damper = self.nominal[1] * (block.to - block.from) / time;
+        let by = Vector3::new(spring, -damper, 1.0);
+        let residual = block.torque / n - (spring - damper) - by.dot(&self.mean);
+        let column = self.covariance * by;
+        let variance = by.dot(&column) + (NOISE * self.torque_limit).powi(2);
+        let squared = residual * residual / variance;
+        let most = OUTLIER * OUTLIER;
+        self.surprise +=
+            (time / CONSISTENCY_S).min(1.0) * (squared.min(2.0 * most) - self.surprise);
+        if squared > most {
+            return;
+        }
+        let gain = column / variance;
+        self.mean += gain * residual;
+        self.covariance -= gain * column.transpose();
+        // Rounding must not make it lopsided.
+        self.covariance = 0.5 * (self.covariance + self.covariance.transpose());
+    }
+
+    /// Leads what acts to what was found, or back where it is not believed.
+    fn apply(&mut self) -> Option<DriveModel> {
+        let most = RATE * f64::from(BLOCK) * self.sample_period;
+        let mut changed = false;
+        for (applied, found) in self.applied.iter_mut().zip(self.mean.iter()) {
+            let goal = match self.surprise < INCONSISTENT {
+                true => found.clamp(-MOST, MOST),
+                false => 0.0,
+            };
+            let step = (goal - *applied).max(-most).min(most);
+            if step.abs() > LEAST {
+                *applied += step;
+                changed = true;
+            }
+        }
+        changed.then(|| DriveModel::Position {
+            stiffness: self.nominal[0] * (1.0 + self.applied[0]),
+            damping: self.nominal[1] * (1.0 + self.applied[1]),
+            dead_zone: self.dead_zone,
+        })
+    }
+
+    /// Shares by which stiffness and damping are corrected.
+    pub(super) fn applied(&self) -> [f64; 2] {
+        self.applied
+    }
+}
+
+/// Variances before anything is known.
+fn prior(torque_limit: f64) -> Vector3<f64> {
+    Vector3::new(PRIOR, PRIOR, OFFSET * torque_limit).map(|sigma| sigma * sigma)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::predictive::{Design, FrictionModel, GearStiffness};
+
+    const STIFFNESS: f64 = 28_900.0;
+    const DAMPING: f64 = 189.0;
+
+    fn fit() -> DriveFit {
+        DriveFit::new(&LawParameters {
+            sample_period: 1e-3,
+            delay: 1.4e-3,
+            drive: DriveModel::Position {
+                stiffness: STIFFNESS,
+                damping: DAMPING,
+                dead_zone: 1e-4,
+            },
+            rotor_inertia: 1.5,
+            gear: GearStiffness::constant(57_000.0),
+            friction: FrictionModel::NONE,
+            torque_limit: 230.0,
+            disturbance_limit: 55.0,
+            design: Design::default(),
+        })
+        .unwrap()
+    }
+
+    /// Seconds of a drive whose stiffness and damping are these shares of what is configured: 30 N·m and
+    /// a swing of 11 N·m at 4 Hz, the motor moving with 0.08 rad/s to and fro. `current` of its torque.
+    fn run(
+        fit: &mut DriveFit,
+        shares: [f64; 2],
+        seconds: f64,
+        current: impl Fn(usize, f64) -> f64,
+    ) {
+        for k in 0..(seconds * 1e3) as usize {
+            let w = std::f64::consts::TAU;
+            let t = k as f64 * 1e-3;
+            let theta = 0.08 / w * (w * t).sin();
+            let omega = 0.08 * (w * t).cos();
+            let wanted = 30.0 + 11.0 * (4.0 * w * t).sin();
+            let lead = (wanted + DAMPING * omega) / STIFFNESS + 1e-4;
+            let made = shares[0] * STIFFNESS * (lead - 1e-4) - shares[1] * DAMPING * omega;
+            let noise = 1.5 * (7.9 * k as f64).sin();
+            let _ = fit.update(theta, current(k, made + noise), theta + lead);
+        }
+    }
+
+    fn assert_near(fit: &DriveFit, shares: [f64; 2], within: f64) {
+        for (applied, share) in fit.applied().iter().zip(shares) {
+            assert!(
+                (1.0 + applied - share).abs() < within,
+                "{shares:?}: {fit:?}"
+            );
+        }
+    }
+
+    /// Also with an offset of the current of 1 % of the limit.
+    #[test]
+    fn stiffness_and_damping_are_found_within_two_seconds() {
+        for stiffness in [0.8, 1.0, 1.2] {
+            for damping in [0.8, 1.0, 1.2] {
+                let mut fit = fit();
+                run(&mut fit, [stiffness, damping], 2.0, |_, torque| {
+                    torque + 2.3
+                });
+                assert_near(&fit, [stiffness, damping], 0.04);
+            }
+        }
+    }
+
+    /// At most three tenths act, however wrong the drive or its current is.
+    #[test]
+    fn what_acts_is_bounded() {
+        for share in [0.0, 0.4, 2.0, -1.0] {
+            let mut fit = fit();
+            run(&mut fit, [share; 2], 20.0, |_, torque| torque);
+            assert!(fit.applied().iter().all(|a| a.abs() <= MOST), "{fit:?}");
+        }
+    }
+
+    /// A current that stands, is none, or swings at random after the drive was known.
+    #[test]
+    fn a_current_that_contradicts_leads_back_to_the_configured_drive() {
+        let currents: [fn(usize, f64) -> f64; 3] = [
+            |_, _| 70.0,
+            |_, _| 0.0,
+            |k, torque| torque + 60.0 * (0.01 * k as f64).sin(),
+        ];
+        for current in currents {
+            let mut fit = fit();
+            run(&mut fit, [0.85, 1.1], 3.0, |_, torque| torque);
+            assert_near(&fit, [0.85, 1.1], 0.04);
+            run(&mut fit, [0.85, 1.1], 0.3, current);
+            // A moment of it changes little.
+            assert_near(&fit, [0.85, 1.1], 0.08);
+            run(&mut fit, [0.85, 1.1], 10.0, current);
+            assert_near(&fit, [1.0, 1.0], 0.02);
+            // And it is found again.
+            run(&mut fit, [0.85, 1.1], 15.0, |_, torque| torque);
+            assert_near(&fit, [0.85, 1.1], 0.04);
+        }
+    }
+
+    /// Samples beyond the torque limit, or that are no numbers, and what stands still tell nothing.
+    #[test]
+    fn nothing_is_learned_from_limits_and_standstill() {
+        for torque in [f64::NAN, f64::INFINITY, 231.0, -500.0] {
+            let mut fit = fit();
+            run(&mut fit, [0.8, 0.8], 3.0, |_, _| torque);
+            assert_eq!(fit.applied(), [0.0; 2]);
+        }
+        let mut fit = fit();
+        for _ in 0..10_000 {
+            assert_eq!(fit.update(0.4, 0.0, 0.4), None);
+        }
+        assert_eq!(fit.applied(), [0.0; 2]);
+    }
+
+    /// The torque of a drive that is led changes by less than 1 % within a block.
+    #[test]
+    fn the_drive_is_led_slowly() {
+        let mut fit = fit();
+        let mut last = STIFFNESS;
+        for k in 0..4000 {
+            let lead = 1e-3 + 5e-4 * (0.02 * f64::from(k)).sin();
+            let torque = 0.7 * STIFFNESS * (lead - 1e-4);
+            if let Some(DriveModel::Position { stiffness, .. }) = fit.update(0.0, torque, lead) {
+                assert!((stiffness / last - 1.0).abs() < 0.01);
+                last = stiffness;
+            }
+        }
+        assert!((last / STIFFNESS - 0.7).abs() < 0.03, "{last}");
+    }
+}
