@@ -130,7 +130,8 @@ impl CurrentEstimator {
         stops.update(place - *begin.get_or_insert(place))
     }
 
-    /// Variance outside of what the data covered, (N·m)².
+    /// Variance outside of what the data covered, (N·m)². Of torques beyond it only the loss of meshing gears is
+    /// unknown: the motor's own is linear in the current, and the covariance of K1 holds how far that is off.
     fn outside(&mut self, tau: f64, dq: f64) -> f64 {
         let period = self.parameters.sample_period;
         let rate = self.last.map_or(0.0, |(last, rate)| {
@@ -139,7 +140,7 @@ impl CurrentEstimator {
         self.last = Some((tau, rate));
         let v = &self.validity;
         let errors = [
-            v.torque_error(tau),
+            MESHING_LOSS * v.beyond(tau),
             v.velocity_error(dq),
             v.loading_error(rate),
         ];

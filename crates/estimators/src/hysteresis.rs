@@ -193,8 +193,9 @@ struct Last {
     variance: f64,
 }
 
-/// Pasts before the first sample: the gear's and the bearing's.
-const PASTS: usize = 2;
+/// Parameters that no fit has, behind those of the fit: the pasts of gear and bearing before the first sample, the
+/// gear's slope below and above the torques that its data covered.
+const NOT_FITTED: usize = 4;
 
 /// Orders of the harmonics of q and theta that a fit under load may still find.
 pub const LINK_ORDERS: [u32; 2] = [1, 2];
@@ -232,24 +233,25 @@ impl HysteresisEstimator {
         let count = self.parameters.gear.uncertain();
         let fitting = directions.iter().filter(|d| d.len() == count);
         let mut all: Vec<Vec<f64>> = fitting
-            .map(|d| d.iter().copied().chain([0.0; PASTS]).collect())
+            .map(|d| d.iter().copied().chain([0.0; NOT_FITTED]).collect())
             .collect();
         if !all.is_empty() {
-            // What was before the first sample are parameters more, each of standard deviation 1.
-            all.extend((0..PASTS).map(|past| {
-                let unit = (0..PASTS).map(move |k| f64::from(u8::from(k == past)));
+            // Each of standard deviation 1.
+            all.extend((0..NOT_FITTED).map(|own| {
+                let unit = (0..NOT_FITTED).map(move |k| f64::from(u8::from(k == own)));
                 vec![0.0; count].into_iter().chain(unit).collect()
             }));
         }
-        self.uncertainty = (!all.is_empty()).then(|| Uncertainty::new(&all, count + PASTS));
+        self.uncertainty = (!all.is_empty()).then(|| Uncertainty::new(&all, count + NOT_FITTED));
         self.validity = validity;
         self
     }
 
-    /// Variance of the torque at tracked torsion `x` from that of the parameters, (N·m)².
-    fn parameter_variance(&mut self, sample: &JointSample, x: f64, rate: f64) -> f64 {
+    /// Variance of the torque `tau` at tracked torsion `x` from that of the parameters, and from torques that the
+    /// data did not cover, (N·m)².
+    fn parameter_variance(&mut self, sample: &JointSample, [x, rate, tau]: [f64; 3]) -> f64 {
         let Some(uncertainty) = &mut self.uncertainty else {
-            return 0.0;
+            return self.validity.torque_error(tau).powi(2);
         };
         let (p, slope) = (&self.parameters.gear, self.slope);
         let own = [x, x * x * x].into_iter();
@@ -264,7 +266,9 @@ impl HysteresisEstimator {
             .chain(springs)
             .chain(bearing)
             .chain(creeping);
-        let all = all.chain(rates).chain(waves).chain(self.gear.unknown());
+        let outside = self.validity.torque_errors(tau);
+        let all = all.chain(rates).chain(waves);
+        let all = all.chain(self.gear.unknown()).chain(outside);
         for (entry, value) in uncertainty.gradient().iter_mut().zip(all) {
             *entry = value;
         }
@@ -307,14 +311,13 @@ impl JointTorqueEstimator for HysteresisEstimator {
         let tau = tau.clamp(-p.torque_limit, p.torque_limit);
         let own = p.gear.stiffness(x).abs() * p.torsion_sigma;
         self.slope = self.gear.stiffness(x);
-        let outside = self.validity.torque_error(tau);
-        let variance = self.parameter_variance(sample, x, rate);
-        let sigma = (own * own + outside * outside + variance).sqrt();
+        let variance = self.parameter_variance(sample, [x, rate, tau]);
+        let sigma = (own * own + variance).sqrt();
         let pasts: f64 = self.gear.unknown().iter().map(|past| past * past).sum();
         self.last = Some(Last {
             tau,
             held_back: self.slope * (read - x),
-            variance: own * own + outside * outside + (variance - pasts).max(0.0),
+            variance: own * own + (variance - pasts).max(0.0),
         });
         let limit = self.parameters.torque_limit;
         self.output.give(sample, tau, sigma.min(limit))

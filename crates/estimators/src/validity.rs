@@ -37,8 +37,22 @@ impl Validity {
     /// Standard deviation to add for a torque outside of the covered range, N·m.
     #[must_use]
     pub fn torque_error(&self, tau: f64) -> f64 {
+        PER_TORQUE * self.beyond(tau)
+    }
+
+    /// How far a torque lies outside of the covered range, N·m.
+    #[must_use]
+    pub fn beyond(&self, tau: f64) -> f64 {
         let [low, high] = self.torque;
-        PER_TORQUE * (tau - high).max(low - tau).max(0.0)
+        (tau - high).max(low - tau).max(0.0)
+    }
+
+    /// What a torque beyond the covered range adds to the error, N·m, for torques below it and above it: each the
+    /// model's slope that is off by one standard deviation there, which a tare within knows in part.
+    #[must_use]
+    pub fn torque_errors(&self, tau: f64) -> [f64; 2] {
+        let [low, high] = self.torque;
+        [(tau - low).min(0.0), (tau - high).max(0.0)].map(|beyond| PER_TORQUE * beyond)
     }
 
     /// Standard deviation to add for a speed beyond the covered one, N·m.

@@ -1,6 +1,12 @@
-//! Springs that slip, and what is not known of their past.
+//! Springs that slip, and what is not known of their past; torques that no data covered.
 
-use estimators::hysteresis::{Gear, GearParameters, Hysteresis, SlipElement};
+use estimators::hysteresis::{
+    Gear, GearParameters, Hysteresis, HysteresisEstimator, HysteresisParameters, SlipElement,
+};
+use estimators::joint::{JointSample, JointTorqueEstimator};
+use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::tracking::TrackingParameters;
+use estimators::validity::Validity;
 use test_support::Random;
 
 const SPRINGS: [SlipElement; 2] = [
@@ -107,4 +113,50 @@ fn a_torque_from_elsewhere_shows_the_past_and_what_stays_unknown_holds_the_error
     assert!(last < 0.25 * first && first > 0.1, "{first} {last}");
     let ratio = f64::sqrt(ratios / 100.0);
     assert!((0.5..1.2).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn a_tare_at_a_torque_that_was_not_covered_knows_the_error_there_but_not_within() {
+    let gear = GearParameters {
+        linear: 1e4,
+        ..GearParameters::default()
+    };
+    let count = gear.uncertain();
+    let parameters = HysteresisParameters {
+        gear,
+        kinematic_error: KinematicErrorParameters::default(),
+        gear_ratio: 100.0,
+        tracking: TrackingParameters::default(),
+        torsion_sigma: 0.0,
+        sample_period: 1e-3,
+        torque_limit: 100.0,
+    };
+    let covered = Validity {
+        torque: [-1.0, 10.0],
+        ..Validity::default()
+    };
+    // A covariance without size: the range alone counts.
+    let new = || {
+        HysteresisEstimator::new(parameters.clone()).with_uncertainty(&[vec![0.0; count]], covered)
+    };
+    let at = |estimator: &mut HysteresisEstimator, tau: f64| {
+        let sample = JointSample {
+            theta: 100.0 * tau / 1e4,
+            ..JointSample::default()
+        };
+        (0..200).fold(0.0, |_, _| estimator.update(&sample).sigma)
+    };
+    let mut estimator = new();
+    assert!(at(&mut estimator, 5.0) < 1e-9);
+    let outside = at(&mut estimator, 30.0);
+    assert!(outside > 1.0, "{outside}");
+    estimator.tare(0.1);
+    assert!((at(&mut estimator, 30.0) - 0.1).abs() < 1e-9);
+    let further = at(&mut estimator, 40.0);
+    assert!(
+        (further - (0.5 * outside).hypot(0.1)).abs() < 1e-6,
+        "{further}"
+    );
+    // Below the range is another slope, and within it what the tare moved is off.
+    assert!((at(&mut estimator, 5.0) - outside.hypot(0.1)).abs() < 1e-6);
 }

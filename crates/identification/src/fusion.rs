@@ -28,7 +28,7 @@ impl Usual {
     pub const TURNED: Self = Self {
         error: 0.01,
         samples: 1.0,
-        each_regime: true,
+        each_regime: false,
     };
     /// From the torsion, without one: harmonics and zero are known from the loaded log alone. Found on
     /// a real arm, 2026-11.
@@ -56,6 +56,11 @@ impl Usual {
         samples: 1.0,
         each_regime: true,
     };
+    /// From the current, after an unloaded turn: a training whose regimes are alike. Family of joints, 2026-11.
+    pub const CURRENT_TURNED: Self = Self {
+        each_regime: false,
+        ..Self::CURRENT
+    };
 }
 
 /// What the fits found out about the sources' errors, beside the log.
@@ -68,6 +73,8 @@ pub struct SourceKnowledge {
     /// Part of its sigma that does not come from its parameters, N·m; none if it does not report
     /// their part.
     pub own_sigma: Option<f64>,
+    /// The source that reports the part of its parameters, by index.
+    pub parameters_of: Option<usize>,
     /// Error on held-out blocks over that on the fitted ones.
     pub held_out_ratio: f64,
 }
@@ -157,16 +164,64 @@ pub fn fit(
             let seen = (here(sum.0, total.0) + worth * usual) / (count + PRIOR_SAMPLES + worth);
             let reported = here(sum.1, total.1) / (count + PRIOR_SAMPLES);
             let left = (seen - sensor_noise * sensor_noise).max(MIN_OWN_SHARE * seen);
-            // Parameters that fit these samples are further off on others.
-            let parameters_part = known
-                .own_sigma
-                .map_or(0.0, |own| (reported - own * own).max(0.0));
-            let ratio = known.held_out_ratio.max(1.0).powi(2);
             parameters.errors[regime][source] = SourceError {
-                variance: ratio * left + parameters_part,
+                variance: left,
                 reported: reported.sqrt(),
             };
         }
     }
+    for errors in &mut parameters.errors {
+        on_others(errors, known);
+    }
     parameters
+}
+
+/// From the errors on the samples that were fitted to those on others: parameters that fit the former are further
+/// off on the latter, by their covariance, or by how much larger the error on held-out blocks is. Both tell the
+/// same, so that the larger one counts.
+fn on_others(errors: &mut [SourceError], known: &[SourceKnowledge]) {
+    let part = |error: &SourceError, known: &SourceKnowledge| {
+        let own = known.own_sigma.unwrap_or(error.reported);
+        (error.reported * error.reported - own * own).max(0.0)
+    };
+    let parts: Vec<f64> = (errors.iter().zip(known))
+        .map(|(error, known)| part(error, known))
+        .collect();
+    for (error, known) in errors.iter_mut().zip(known) {
+        let part = known.parameters_of.and_then(|i| parts.get(i));
+        let held_out = known.held_out_ratio.max(1.0).powi(2) * error.variance;
+        error.variance = held_out.max(error.variance + part.copied().unwrap_or(0.0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_or_held_out_blocks_enlarge_the_error_of_every_source_of_the_gear() {
+        let error = |variance, reported| SourceError { variance, reported };
+        let source = |own_sigma, parameters_of, held_out_ratio| SourceKnowledge {
+            own_sigma,
+            parameters_of,
+            held_out_ratio,
+            ..SourceKnowledge::default()
+        };
+        // The gear reports 5, of which 3 are its own and 4 its parameters'; the filter has the same gear.
+        let known = |ratio| {
+            [
+                source(Some(3.0), Some(0), ratio),
+                source(None, Some(0), ratio),
+                source(None, None, 0.0),
+            ]
+        };
+        let sources = || [error(9.0, 5.0), error(4.0, 1.0), error(1.0, 1.0)];
+        let of = |ratio| {
+            let mut errors = sources();
+            on_others(&mut errors, &known(ratio));
+            errors.map(|error| error.variance)
+        };
+        assert_eq!(of(1.0), [25.0, 20.0, 1.0]);
+        assert_eq!(of(2.0), [36.0, 20.0, 1.0]);
+    }
 }

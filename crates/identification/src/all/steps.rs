@@ -420,6 +420,7 @@ impl Fitted {
         let typical = of_gear.map(|of_gear| gear::typical_stiffness(record, &error, &of_gear));
         let turned = self.gear_knowledge().turned;
         let own = self.harmonics == Harmonics::Higher;
+        let reports = sources.names().iter().position(|name| name == "hysteresis");
         let known: Vec<SourceKnowledge> = (sources.names().iter())
             .map(|name| {
                 let gear_based = ["hysteresis", "unscented_added"].contains(&name.as_str());
@@ -430,6 +431,7 @@ impl Fitted {
                     fused: gear_based || current || model || gear.is_none(),
                     usual: match (current, turned) {
                         _ if model => Usual::FEED_FORWARD,
+                        (true, true) if !own => Usual::CURRENT_TURNED,
                         (true, _) => Usual::CURRENT,
                         (false, _) if own => Usual::OWN_RECORDINGS,
                         (false, true) => Usual::TURNED,
@@ -441,6 +443,8 @@ impl Fitted {
                         }
                         _ => None,
                     },
+                    // The filter has the same gear.
+                    parameters_of: reports.filter(|_| gear_based),
                     held_out_ratio: match (&gear, current || model) {
                         (Some(gear), false) => gear.held_out_ratio,
                         _ => 1.0,
