@@ -109,6 +109,7 @@ impl Study {
             robot,
             drives,
             states: true,
+            further_imus: false,
         };
         let mut prepared = Prepared::new(variant, &read).map_err(|e| e.to_string())?;
         if changes.harness {

@@ -6,6 +6,7 @@
 //! motion of all joints for a second, and then lets an operator acknowledge and enable. The
 //! program writes `docs/results/safety.md` from all of them; the tests run some of them.
 
+mod learned;
 mod motion;
 mod page;
 mod rig;

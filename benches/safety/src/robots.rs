@@ -10,6 +10,8 @@ use robot_config::Robot;
 use std::f64::consts::TAU;
 use toml::{Table, Value};
 
+use crate::learned::{LEARNED_FILE, learn};
+
 /// What the drives follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Drives {
@@ -29,6 +31,8 @@ pub struct Variant {
     pub drives: Drives,
     /// Its drives have states by CiA 402, and brakes; else they are always on.
     pub states: bool,
+    /// It has two IMUs more, in its pelvis and head.
+    pub further_imus: bool,
 }
 
 const fn variant(robot: &'static str, drives: Drives, states: bool) -> Variant {
@@ -36,12 +40,16 @@ const fn variant(robot: &'static str, drives: Drives, states: bool) -> Variant {
         robot,
         drives,
         states,
+        further_imus: false,
     }
 }
 
+/// Places of the humanoid's IMUs beside the first one, which is in the chest.
+const FURTHER_IMUS: [&str; 2] = ["base_link", "head_pitch_link"];
+
 impl Variant {
     /// Every robot.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         variant("leg", Drives::Position, true),
         variant("humanoid", Drives::Position, true),
         variant("hrp2-like", Drives::Position, true),
@@ -52,6 +60,10 @@ impl Variant {
         variant("humanoid", Drives::Position, false),
         variant("leg", Drives::Current, false),
         variant("humanoid", Drives::Current, false),
+        Self {
+            further_imus: true,
+            ..variant("humanoid", Drives::Position, true)
+        },
     ];
 
     /// Its name on the page.
@@ -62,7 +74,11 @@ impl Variant {
             Drives::Current => "current",
         };
         let states = if self.states { "" } else { ", always on" };
-        format!("{}, {drives}{states}", self.robot)
+        let imus = match self.further_imus {
+            true => " with three IMUs",
+            false => "",
+        };
+        format!("{}{imus}, {drives}{states}", self.robot)
     }
 }
 
@@ -106,10 +122,30 @@ impl Prepared {
         if !variant.states {
             always_on(&mut table);
         }
+        if variant.further_imus {
+            add_imus(&mut table);
+        }
+        let dbc_with_imus = |file: &str| {
+            let dbc = read(file)?;
+            Ok(match variant.further_imus {
+                true => with_imu_frames(&dbc),
+                false => dbc,
+            })
+        };
+        let joint = match variant.robot {
+            "leg" => "knee",
+            "humanoid" => "left_elbow",
+            "lift-gripper" => "boom",
+            _ => "",
+        };
+        let start = sim.start.joints.get(joint).copied().unwrap_or(0.0);
+        let learned = learn(each(&mut table, "joint"), joint, start)?.unwrap_or_default();
         let text = table.to_string();
-        let robot = robot_config::load(&path, &|file| match file == path {
-            true => Ok(text.clone()),
-            false => read(file),
+        let robot = robot_config::load(&path, &|file| match file {
+            file if file == path => Ok(text.clone()),
+            file if file.ends_with(LEARNED_FILE) => Ok(learned.clone()),
+            file if file.ends_with(".dbc") => dbc_with_imus(file),
+            file => read(file),
         })?;
         let robot = match variant.drives {
             Drives::Position => robot,
@@ -122,6 +158,7 @@ impl Prepared {
                 let text = table.to_string();
                 robot_config::load(&path, &|file| match file {
                     file if file == path => Ok(text.clone()),
+                    file if file.ends_with(LEARNED_FILE) => Ok(learned.clone()),
                     file if file.ends_with(".dbc") => Ok(in_milliamperes(&read(file)?)),
                     file => read(file),
                 })?
@@ -162,6 +199,38 @@ fn each<'t>(table: &'t mut Table, key: &str) -> Vec<(String, &'t mut Table)> {
             .collect(),
         _ => Vec::new(),
     }
+}
+
+/// The configuration's IMU as the first of a list.
+fn add_imus(table: &mut Table) {
+    let Some(Value::Table(first)) = table.remove("imu") else {
+        return;
+    };
+    let text = first.to_string();
+    let further = FURTHER_IMUS.iter().zip(2..).map(|(frame, id)| {
+        let mut imu = parse(&text.replace("IMU.", &format!("IMU_{id}.")));
+        imu.insert("frame".into(), (*frame).into());
+        Value::Table(imu)
+    });
+    let further: Vec<Value> = further.collect();
+    let mut all = vec![Value::Table(first)];
+    all.extend(further);
+    table.insert("imu".into(), Value::Array(all));
+}
+
+/// Frames of their own for the further ones.
+fn with_imu_frames(dbc: &str) -> String {
+    let Some(from) = dbc.find("BO_ 401 IMU") else {
+        return dbc.to_owned();
+    };
+    let end = dbc[from..]
+        .find("\n\n")
+        .map_or(dbc.len(), |end| from + end + 2);
+    let copies = (2..)
+        .take(FURTHER_IMUS.len())
+        .map(|id| dbc[from..end].replace("BO_ 401 IMU", &format!("BO_ {} IMU_{id}", 400 + id)));
+    let copies: String = copies.collect();
+    format!("{}{copies}{}", &dbc[..end], &dbc[end..])
 }
 
 /// Drives without states: no status words, no control words.

@@ -84,13 +84,27 @@ pub struct Outcome {
     pub verdict: Verdict,
 }
 
+/// Of the humanoid the arms move, or are let go.
+fn is_of_arm(name: &str) -> bool {
+    ["shoulder", "elbow", "wrist"]
+        .iter()
+        .any(|arm| name.contains(arm))
+}
+
+/// Bits of the joints that a client of mode passive keeps held.
+fn held(rig: &Rig) -> u64 {
+    let p = &rig.robot.parameters;
+    let joints = p.joints.iter().enumerate();
+    let held = joints.filter(|(_, j)| p.name == "humanoid" && !is_of_arm(&j.name));
+    held.fold(0, |bits, (j, _)| bits | 1 << j)
+}
+
 /// The client's motion: 0.25 rad at 0.5 Hz.
 fn moving(rig: &Rig) -> Fault {
-    let arms = ["shoulder", "elbow", "wrist"];
     let moves: Vec<bool> = (rig.robot.parameters.joints.iter())
         .map(|joint| {
             let whole = rig.robot.parameters.name != "humanoid";
-            whole || arms.iter().any(|arm| joint.name.contains(arm))
+            whole || is_of_arm(&joint.name)
         })
         .collect();
     let q_0 = rig.client.reference.joints.map(|joint| joint.q_d);
@@ -142,6 +156,9 @@ fn begin(
     }
     rig.run(2);
     rig.follow(place.start.mode());
+    if place.start == Start::Passive {
+        rig.client.reference.held_joints = held(&rig);
+    }
     if place.start == Start::Pressing {
         let frame = rig.robot.parameters.frames.first();
         let force = frame.map_or(0.0, |frame| PRESSED * frame.limits.wrench[0]);
@@ -333,9 +350,9 @@ fn run_beside(
     let asked = rig.client.reference.joints.map(|joint| joint.tau_d);
     let unknown: Vec<f64> = made
         .zip(asked)
-        .map(|(made, asked)| match place.start {
-            Start::Torque | Start::Cartesian | Start::Pressing => made - asked,
-            _ => 0.0,
+        .map(|(made, asked)| match place.start.gives_way() {
+            true => made - asked,
+            false => 0.0,
         })
         .collect();
     rig.frozen = true;

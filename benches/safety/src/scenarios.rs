@@ -7,56 +7,11 @@ mod encoder;
 mod frame;
 mod process;
 mod sensor;
-
-use robot_state::Mode;
+mod start;
 
 use crate::rig::{At, Fault, Rig};
 use crate::robots::{Drives, Prepared, Variant};
-
-/// What the robot does when the fault begins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Start {
-    /// It has just been switched on, and is enabled without an operator.
-    PowerOn,
-    /// It holds.
-    Hold,
-    /// A client has it in mode torque, with the torques that it carries.
-    Torque,
-    /// A client has it in mode inverse dynamics, at rest.
-    InverseDynamics,
-    /// The same, in motion: 0.25 rad at 0.5 Hz; of the humanoid the arms move.
-    Motion,
-    /// A client leads the first frame by springs, at rest.
-    Cartesian,
-    /// The same without springs: it presses on something stiff, its force fed back.
-    Pressing,
-}
-
-impl Start {
-    /// Its name on the page.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::PowerOn => "power-on",
-            Self::Hold => "hold",
-            Self::Torque => "torque",
-            Self::InverseDynamics => "inverse dynamics",
-            Self::Motion => "motion",
-            Self::Cartesian => "Cartesian",
-            Self::Pressing => "pressing",
-        }
-    }
-
-    /// The client's mode.
-    pub(crate) fn mode(self) -> Mode {
-        match self {
-            Self::PowerOn | Self::Hold => Mode::Hold,
-            Self::Torque => Mode::Torque,
-            Self::InverseDynamics | Self::Motion => Mode::InverseDynamics,
-            Self::Cartesian | Self::Pressing => Mode::Cartesian,
-        }
-    }
-}
+pub use start::Start;
 
 /// What must hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,67 +75,108 @@ pub struct Scenario {
     pub make: fn(Place) -> Fault,
 }
 
+use Start::{
+    Cartesian, Hold, InverseDynamics, LowGain, Motion, Passive, PowerOn, Pressing, Torque,
+    TorqueFeedback,
+};
+
 pub(crate) const ALL_STARTS: &[Start] = &[
-    Start::PowerOn,
-    Start::Hold,
-    Start::Torque,
-    Start::InverseDynamics,
-    Start::Motion,
-    Start::Cartesian,
+    PowerOn,
+    Hold,
+    Torque,
+    InverseDynamics,
+    Motion,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+    Cartesian,
 ];
 pub(crate) const ENABLED: &[Start] = &[
-    Start::Hold,
-    Start::Torque,
-    Start::InverseDynamics,
-    Start::Motion,
-    Start::Cartesian,
+    Hold,
+    Torque,
+    InverseDynamics,
+    Motion,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+    Cartesian,
 ];
 /// What may happen to a frame that presses, besides.
 pub(crate) const ENABLED_PRESSING: &[Start] = &[
-    Start::Hold,
-    Start::Torque,
-    Start::InverseDynamics,
-    Start::Motion,
-    Start::Cartesian,
-    Start::Pressing,
+    Hold,
+    Torque,
+    InverseDynamics,
+    Motion,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+    Cartesian,
+    Pressing,
 ];
 pub(crate) const AT_REST: &[Start] = &[
-    Start::Hold,
-    Start::Torque,
-    Start::InverseDynamics,
-    Start::Cartesian,
+    Hold,
+    Torque,
+    InverseDynamics,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+    Cartesian,
 ];
-pub(crate) const MODES: &[Start] = &[Start::Torque, Start::InverseDynamics, Start::Cartesian];
+pub(crate) const MODES: &[Start] = &[
+    Torque,
+    InverseDynamics,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+    Cartesian,
+];
 pub(crate) const FOLLOWING: &[Start] = &[
-    Start::Torque,
-    Start::InverseDynamics,
-    Start::Motion,
-    Start::Cartesian,
+    Torque,
+    InverseDynamics,
+    Motion,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+    Cartesian,
 ];
 pub(crate) const FOLLOWING_PRESSING: &[Start] = &[
-    Start::Torque,
-    Start::InverseDynamics,
-    Start::Motion,
-    Start::Cartesian,
-    Start::Pressing,
+    Torque,
+    InverseDynamics,
+    Motion,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+    Cartesian,
+    Pressing,
 ];
-pub(crate) const CARTESIAN: &[Start] = &[Start::Cartesian, Start::Pressing];
+pub(crate) const CARTESIAN: &[Start] = &[Cartesian, Pressing];
 /// Modes from which a client goes over to leading frames.
-pub(crate) const UNLED: &[Start] = &[Start::Torque, Start::InverseDynamics];
-pub(crate) const PRESSING: &[Start] = &[Start::Pressing];
-/// The states of robots with and without frames that can be led.
-const LED: &[Start] = &[
-    Start::PowerOn,
-    Start::Hold,
-    Start::Torque,
-    Start::InverseDynamics,
-    Start::Motion,
-    Start::Cartesian,
-    Start::Pressing,
+pub(crate) const UNLED: &[Start] = &[Torque, InverseDynamics];
+pub(crate) const PRESSING: &[Start] = &[Pressing];
+/// Every state.
+const EVERY: &[Start] = &[
+    PowerOn,
+    Hold,
+    Torque,
+    InverseDynamics,
+    Motion,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+    Cartesian,
+    Pressing,
 ];
-const NOT_LED: &[Start] = LED.split_at(5).0;
-pub(crate) const POWER_ON: &[Start] = &[Start::PowerOn];
-pub(crate) const HOLD: &[Start] = &[Start::Hold];
+/// Of the humanoid, which takes its time, those in which most can go wrong.
+const OF_HUMANOID: &[Start] = &[
+    PowerOn,
+    Hold,
+    InverseDynamics,
+    Passive,
+    TorqueFeedback,
+    LowGain,
+];
+pub(crate) const POWER_ON: &[Start] = &[PowerOn];
+pub(crate) const HOLD: &[Start] = &[Hold];
 
 impl Scenario {
     pub(crate) const fn new(
@@ -279,6 +275,13 @@ impl Scenario {
         }
     }
 
+    pub(crate) const fn with_further_imus(self) -> Self {
+        Self {
+            on: |variant| variant.further_imus,
+            ..self
+        }
+    }
+
     pub(crate) const fn with_imu(self) -> Self {
         Self {
             on: |variant| variant.robot != "leg",
@@ -330,15 +333,15 @@ pub fn all() -> Vec<Scenario> {
 pub fn places(prepared: &Prepared, scenario: &Scenario, all: bool) -> Vec<Place> {
     let variant = prepared.variant;
     let starts: &[Start] = match (variant.robot, variant.states) {
-        _ if all && prepared.clamped.is_some() => LED,
-        _ if all => NOT_LED,
+        _ if all => EVERY,
         ("humanoid", false) => &[],
-        ("humanoid", true) => &[Start::PowerOn, Start::Hold, Start::InverseDynamics],
+        ("humanoid", true) => OF_HUMANOID,
         (_, false) => HOLD,
-        (_, true) if prepared.clamped.is_some() => LED,
-        (_, true) => NOT_LED,
+        (_, true) => EVERY,
     };
-    if !(scenario.on)(&variant) {
+    // Of the robot with further IMUs, only what concerns them.
+    let concerns = !variant.further_imus || scenario.name.contains("IMU");
+    if !((scenario.on)(&variant) && concerns) {
         return Vec::new();
     }
     let joints = &prepared.robot.parameters.joints;
@@ -350,7 +353,9 @@ pub fn places(prepared: &Prepared, scenario: &Scenario, all: bool) -> Vec<Place>
     };
     // A strong joint and a weak one; of the humanoid in motion, joints that move.
     let strong_and_weak = |start: Start| match (variant.robot, start) {
-        ("humanoid", Start::Motion) => [index("left_elbow"), index("left_wrist_pitch")],
+        ("humanoid", Start::Motion | Start::Passive | Start::LowGain) => {
+            [index("left_elbow"), index("left_wrist_pitch")]
+        }
         ("humanoid", _) => [index("left_knee"), index("left_wrist_pitch")],
         ("lift-gripper", _) => [index("lift"), index("finger")],
         _ => [index("knee"), index("ankle_roll")],
@@ -374,7 +379,7 @@ pub fn places(prepared: &Prepared, scenario: &Scenario, all: bool) -> Vec<Place>
     let begins = scenario
         .starts
         .iter()
-        .filter(|start| starts.contains(start));
+        .filter(|start| starts.contains(start) && start.is_possible(prepared));
     begins.flat_map(of_start).collect()
 }
 

@@ -5,6 +5,7 @@
 //! [`supervisor::Limiter`] has the last word; `emit` makes the frames.
 
 mod approach;
+mod borne;
 mod carry;
 mod cartesian;
 mod decide;
@@ -225,7 +226,7 @@ impl Command {
             }
             _ => self.frames.show(client, measured, commanded),
         }
-        let goal = match self.of_mode((goal, age_s), (estimated, fast), counts) {
+        let goal = match self.of_mode((goal, age_s), (measured, estimated, fast), counts) {
             true => goal,
             false => &Goal::Stop,
         };
@@ -349,13 +350,13 @@ impl Command {
     fn of_mode(
         &mut self,
         (goal, age_s): (&Goal<'_>, f64),
-        (estimated, fast): (&EstimatedRecord, &[FastTorque]),
+        (measured, estimated, fast): (&MeasuredRecord, &EstimatedRecord, &[FastTorque]),
         counts: &mut Counts,
     ) -> bool {
         let law = self.torque_law;
         let carried = |j: usize| fast_torque(law, estimated.joints.get(j)?, fast.get(j));
         let free = match goal {
-            Goal::Passive(_) => self
+            Goal::Passive(_) | Goal::LowGainTracking(_) => self
                 .inverse_dynamics
                 .torque(&[Wrench::default(); MAX_FT_SENSORS]),
             _ => &[],
@@ -368,7 +369,8 @@ impl Command {
                 .unwrap_or(0.0)
         };
         let (torques, dt) = (&mut self.torques, self.sample_period);
-        (self.modes).update((goal, age_s), carried, free, dt, torques, counts)
+        let angle = |j: usize| measured.joints.get(j).map_or(f64::NAN, |joint| joint.q);
+        (self.modes).update((goal, age_s), carried, (free, angle), dt, torques, counts)
     }
 
     /// `M ddq_d + h_hat - J^T f` for the desired contact wrenches and for the estimated ones `f_hat`.

@@ -372,3 +372,57 @@ fn feed_forwards_of_others_are_refused() {
     refused(&of_another, "inverse dynamics of knee");
     refused(&missing, "learned.toml");
 }
+
+/// Joints whose torque carries their weight have nothing that brings them back: the humanoid's arms, let go, stay
+/// where they are.
+#[test]
+fn joints_that_are_let_go_stay_where_nobody_pushes_them() {
+    let mut bench = Bench::new("humanoid");
+    bench.run(600);
+    let mut reference = bench.reference(Mode::Passive.number(), 1);
+    let joints = bench.robot.parameters.joints.clone();
+    let arm = |name: &str| {
+        let parts = ["shoulder", "elbow", "wrist"];
+        parts.iter().any(|part| name.contains(part))
+    };
+    let held = joints.iter().enumerate().filter(|(_, j)| !arm(&j.name));
+    (reference.contact_wrench_given, reference.held_joints) =
+        (0, held.fold(0, |bits, (j, _)| bits | 1 << j));
+    run(&mut bench, &mut reference, 350);
+    let before: Vec<f64> = (0..joints.len()).map(|j| angle(&bench, j)).collect();
+    run(&mut bench, &mut reference, 1000);
+    assert_eq!(mode(&bench), Mode::Passive);
+    for (j, joint) in joints.iter().enumerate() {
+        let moved = (angle(&bench, j) - before[j]).abs().to_degrees();
+        assert!(moved < 0.1, "{}: {moved} deg", joint.name);
+    }
+}
+
+/// Against a soft spring an F/T sensor that errs moves no joint that stands.
+#[test]
+fn low_gains_do_not_follow_an_ft_sensor_that_errs() {
+    let learned = |path: &str| match path {
+        path if path.ends_with("learned.toml") => Ok(feed_forward("knee", 1.0)),
+        path if path.ends_with("leg/robot.toml") => Ok(read(path)?.replace(
+            "name = \"knee\"",
+            "name = \"knee\"\nfeed_forward = \"learned.toml\"",
+        )),
+        path => read(path),
+    };
+    let (mut bench, mut reference) =
+        following(Bench::reading("leg", &learned), Mode::LowGainTracking, 0);
+    assert_eq!(mode(&bench), Mode::LowGainTracking);
+    let before: Vec<f64> = (0..6).map(|j| angle(&bench, j)).collect();
+    for _ in 0..1000 {
+        reference.sequence += 1;
+        bench.gather();
+        common::spoil_ft(&mut bench, |axes| {
+            (axes[2], axes[4]) = (axes[2] + 50.0, axes[4] + 5.0);
+        });
+        bench.compute(&client_input(&reference));
+    }
+    for (j, before) in before.iter().enumerate() {
+        let moved = (angle(&bench, j) - before).abs().to_degrees();
+        assert!(moved < 0.5, "{j}: {moved} deg");
+    }
+}

@@ -94,6 +94,9 @@ const STATIC: &[Start] = &[
     Start::Torque,
     Start::InverseDynamics,
     Start::Hold,
+    Start::Passive,
+    Start::TorqueFeedback,
+    Start::LowGain,
     Start::Cartesian,
     Start::Pressing,
 ];

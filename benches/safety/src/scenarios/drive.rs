@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 use super::{
     ALL_STARTS, AT_REST, ENABLED, ENABLED_PRESSING, HOLD, POWER_ON, PRESSING, Place, Scenario,
-    Start, answers, before, both, commands, way,
+    answers, before, both, commands, way,
 };
 use crate::rig::{Fault, Rig};
 
@@ -120,13 +120,10 @@ fn hang_weight(rig: &mut Rig, place: &Place) {
     rig.plant.robot_mut().set_load(place.joint, 0.2 * limit);
 }
 
-/// A joint whose torque a client commands, or that a frame leads, moves when its load changes: that is its
-/// purpose.
+/// A joint whose torque a client commands, that is let go or held softly, or that a frame leads, moves when its load
+/// changes: that is its purpose.
 fn in_torque(place: &Place) -> bool {
-    matches!(
-        place.start,
-        Start::Torque | Start::Cartesian | Start::Pressing
-    )
+    place.start.gives_way()
 }
 
 fn gear_slips(place: Place) -> Fault {

@@ -66,17 +66,21 @@ fn ft(mut change: impl FnMut(&mut [f64; 6], usize) + 'static) -> Fault {
 }
 
 /// Gyro x y z, accelerometer x y z.
-fn imu(mut change: impl FnMut(&mut [f64; 6], usize) + 'static) -> Fault {
-    of(Source::Imu(0), move |values, k| {
+fn imu(change: impl FnMut(&mut [f64; 6], usize) + 'static) -> Fault {
+    nth_imu(0, change)
+}
+
+fn nth_imu(n: usize, mut change: impl FnMut(&mut [f64; 6], usize) + 'static) -> Fault {
+    of(Source::Imu(n), move |values, k| {
         let mut axes = std::array::from_fn(|axis| match axis {
-            0..3 => values[slots::gyro(0, axis)],
-            _ => values[slots::accelerometer(0, axis - 3)],
+            0..3 => values[slots::gyro(n, axis)],
+            _ => values[slots::accelerometer(n, axis - 3)],
         });
         change(&mut axes, k);
         for (axis, x) in axes.into_iter().enumerate() {
             let slot = match axis {
-                0..3 => slots::gyro(0, axis),
-                _ => slots::accelerometer(0, axis - 3),
+                0..3 => slots::gyro(n, axis),
+                _ => slots::accelerometer(n, axis - 3),
             };
             values[slot] = x;
         }
@@ -152,5 +156,19 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             imu(|axes, _| *axes = [30.0, 30.0, 30.0, 150.0, 150.0, 150.0])
         })
         .with_imu(),
+        new("second IMU silent", ENABLED, |_| silent(Source::Imu(1))).with_further_imus(),
+        new("second IMU flat", ENABLED, |_| nth_imu(1, kept())).with_further_imus(),
+        new("second IMU's axes exchanged", FOLLOWING, |_| {
+            nth_imu(1, |axes, _| {
+                *axes = [axes[1], axes[2], axes[0], axes[4], axes[5], axes[3]];
+            })
+        })
+        .with_further_imus(),
+        new(
+            "second IMU's accelerometer off by 3 m/s²",
+            FOLLOWING,
+            |_| nth_imu(1, |axes, _| axes[3] += 3.0),
+        )
+        .with_further_imus(),
     ]
 }

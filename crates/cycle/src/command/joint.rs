@@ -58,6 +58,8 @@ enum State {
         impedance: Impedance,
         /// Back to the reference after a gap of the loop.
         rejoin: Option<Rejoin>,
+        /// Where the joint stands that mode passive has let go.
+        rest: Rest,
         mode: Mode,
     },
 }
@@ -119,6 +121,7 @@ impl JointController {
                     * joint.estimator.wave_generator.torque_constant,
                 torque_velocity: joint.torque_velocity,
                 rest_friction: rest::friction(joint, parameters),
+                let_go_friction: rest::friction_let_go(joint, parameters),
             },
             following: Following::new(joint.following),
             limiter: Limiter::new(joint.limits, joint.actuation, sample_period),
@@ -213,6 +216,11 @@ impl JointController {
             // Nothing but this bounds the velocity that a torque leads to.
             Some(State::Torque { .. }) => self.law.torque_velocity,
             Some(_) if input.yields || input.led => self.law.torque_velocity,
+            // Nor the one that an error of it leads to against a soft spring, beside the motion asked for.
+            Some(State::InverseDynamics {
+                mode: Mode::LowGainTracking,
+                ..
+            }) => self.law.torque_velocity + input.reference.dq_d.abs(),
             _ => self.law.limits.velocity,
         });
         let limited = match &self.state {
@@ -325,8 +333,7 @@ impl JointController {
                 transition,
                 rest,
             } => {
-                let dq = (self.predictive.as_ref())
-                    .map_or(input.measured.dq, PredictiveLaw::link_velocity);
+                let dq = law.velocity_of(self.predictive.as_ref(), input);
                 let at = (input.measured.q, dq);
                 let terms = TorqueTerms {
                     feedforward: reference.tau_d,
@@ -340,7 +347,8 @@ impl JointController {
                 transition,
                 impedance,
                 rejoin,
-                ..
+                rest,
+                mode,
             } => {
                 impedance.lead(input.impedance, &law.gains, input.dt);
                 let set_back = (rejoin.as_mut()).and_then(|r| r.set_back(&reference, input.dt));
@@ -351,7 +359,17 @@ impl JointController {
                     reference: set_back.unwrap_or(reference),
                     ..*input
                 };
-                let terms = law.tracking_terms(*impedance, self.predictive.as_ref(), input);
+                let mut terms = law.tracking_terms(*impedance, self.predictive.as_ref(), input);
+                match *mode == Mode::Passive && input.led {
+                    true => {
+                        let at = (
+                            input.measured.q,
+                            law.velocity_of(self.predictive.as_ref(), input),
+                        );
+                        terms.position += rest.torque(at, &law.gains, law.let_go_friction);
+                    }
+                    false => *rest = Rest::at(input.measured.q),
+                }
                 (terms, torque_loop, transition)
             }
         };
@@ -434,6 +452,7 @@ impl Law {
                 transition,
                 impedance: Impedance::asked(input.impedance, &self.gains),
                 rejoin: None,
+                rest: Rest::at(input.measured.q),
                 mode,
             },
         }

@@ -90,6 +90,8 @@ pub(super) struct Law {
     pub(super) torque_velocity: f64,
     /// Friction that the loop adds in mode torque, N·m.
     pub(super) rest_friction: f64,
+    /// The same of a joint that mode passive lets go.
+    pub(super) let_go_friction: f64,
 }
 
 impl Law {
@@ -192,6 +194,15 @@ impl Law {
         hold_q
     }
 
+    /// dq: the observer's is younger than the filter's, rad/s.
+    pub(super) fn velocity_of(
+        &self,
+        predictive: Option<&PredictiveLaw>,
+        input: &JointInput<'_>,
+    ) -> f64 {
+        predictive.map_or(input.measured.dq, PredictiveLaw::link_velocity)
+    }
+
     /// Terms that follow a position and a velocity by inverse dynamics.
     pub(super) fn tracking_terms(
         &self,
@@ -201,8 +212,7 @@ impl Law {
     ) -> TorqueTerms {
         let (measured, torque) = (input.measured, &input.inverse_dynamics);
         let JointReference { q_d, dq_d, .. } = input.reference;
-        // The observer's velocity is younger than the filter's.
-        let dq = predictive.map_or(measured.dq, PredictiveLaw::link_velocity);
+        let dq = self.velocity_of(predictive, input);
         // Position feedback uses the newest sample: docs/decisions/0003.
         TorqueTerms {
             feedforward: torque.feedforward,

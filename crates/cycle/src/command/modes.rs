@@ -16,6 +16,7 @@ use robot_config::feed_forward::{motion_inputs, neighbours};
 use robot_config::{JointParameters, Robot};
 use robot_state::{Event, JointReference, Mode, Reference};
 
+use super::borne::Borne;
 use super::impedance::Impedance;
 use super::law::InverseDynamicsTorque;
 use super::reference::Goal;
@@ -52,6 +53,9 @@ struct Joint {
     let_go: bool,
     /// q_d at which it was held last in passive mode, rad.
     held_at: f64,
+    /// Way within which it counts as standing, rad, and what it bears in low-gain tracking.
+    stands_within: f64,
+    borne: Borne,
     passive: Impedance,
     low: Impedance,
 }
@@ -82,6 +86,8 @@ impl Modes {
                 torque_limit: joint.limits.torque,
                 let_go: false,
                 held_at: 0.0,
+                stands_within: joint.limits.gives_way,
+                borne: Borne::at(0.0, 0.0),
                 passive: share(0.0, p.modes.passive_damping),
                 low: share(p.modes.low_stiffness, p.modes.low_damping),
             })
@@ -126,13 +132,13 @@ impl Modes {
     }
 
     /// Changes the torques of the goal's mode. `age_s`: of the reference; `fast`: torque of a joint without
-    /// delay; `free`: torque without any contact. False where a joint that is to be let go bears a contact:
+    /// delay; `free`: torque without any contact; `angle`: q. False where a joint that is to be let go bears a contact:
     /// it must not be, and an event has been counted.
     pub(super) fn update(
         &mut self,
         (goal, age_s): (&Goal<'_>, f64),
         fast: impl Fn(usize) -> Option<f64>,
-        free: impl Fn(usize) -> f64,
+        (free, angle): (impl Fn(usize) -> f64, impl Fn(usize) -> f64),
         dt: f64,
         torques: &mut [InverseDynamicsTorque],
         counts: &mut Counts,
@@ -175,6 +181,16 @@ impl Modes {
                     };
                 }
                 Goal::LowGainTracking(reference) => {
+                    let (free, angle) = (free(j), angle(j));
+                    let shown = torque.feedforward - free;
+                    if begins {
+                        own.borne = Borne::at(angle, shown);
+                    }
+                    let stands = (own.stands_within, own.torque_limit);
+                    let borne = own.borne.follow((angle, shown), stands, dt);
+                    if reference.contact_wrench_given != 1 {
+                        torque.feedforward = free + borne;
+                    }
                     let learned = own.learned.as_ref();
                     let most = LEARNED_MOST * own.torque_limit;
                     torque.feedforward +=

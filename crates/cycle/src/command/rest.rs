@@ -39,6 +39,19 @@ pub(super) fn friction(joint: &JointParameters, parameters: &Parameters) -> f64 
     joint.torque_friction.unwrap_or(least).min(limits.torque)
 }
 
+/// Share of the torque limit by which the torque of a joint that was let go may be wrong: the level that a joint keeps
+/// which stands, hysteresis and windup of its gear, and the model's weight.
+const LET_GO_SHARE: f64 = 0.002;
+
+/// F of a joint that mode passive lets go, N·m: no gravity brings it back, as its torque carries its weight.
+pub(super) fn friction_let_go(joint: &JointParameters, parameters: &Parameters) -> f64 {
+    let least = match joint.torque_friction {
+        Some(_) => 0.0,
+        None => LET_GO_SHARE * joint.limits.torque,
+    };
+    friction(joint, parameters).max(least)
+}
+
 /// The bristle: where it is fixed, rad.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rest {
