@@ -437,7 +437,7 @@ Over all joints. Nothing was tuned with the other seeds, nor with the law's para
 ";
 
 const NOTES: &str = "
-Missed: in passive mode quicker hands, since the law lets the drive's damping go along with slow velocities only: in quicker ones it is felt as an inertia of `d_d / follow`; the rest is the gear's ripple. Torque feedback falls short with parameters off by 20 % on the joint whose law then has the worst torque.
+Missed: in passive mode quicker hands, since the law lets the drive's damping go along with slow velocities only: in quicker ones it is felt as an inertia of `d_d / follow`; the rest is the gear's ripple.
 ";
 
 const PASSIVE: &str = "
