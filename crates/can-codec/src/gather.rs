@@ -59,13 +59,18 @@ impl Gather {
         }
     }
 
-    /// Waits for what `other`, of the same table, waits for.
+    /// Waits for what `other` waits for, as far as it has the same messages.
     pub fn wait_like(&mut self, other: &Self) {
-        self.awaited.copy_from_slice(&other.awaited);
-        self.arrived.copy_from_slice(&other.arrived);
-        self.known.copy_from_slice(&other.known);
-        self.to_come.copy_from_slice(&other.to_come);
-        self.remaining = other.remaining;
+        let copy = |mine: &mut Vec<bool>, theirs: &[bool]| {
+            (mine.iter_mut().zip(theirs)).for_each(|(mine, theirs)| *mine = *theirs);
+        };
+        copy(&mut self.awaited, &other.awaited);
+        copy(&mut self.arrived, &other.arrived);
+        copy(&mut self.known, &other.known);
+        for (mine, theirs) in self.to_come.iter_mut().zip(&other.to_come) {
+            *mine = *theirs;
+        }
+        self.remaining = self.to_come.iter().filter(|left| **left > 0).count();
     }
 
     /// Ticks off the frame's message if it is well formed; true once every message has arrived.
