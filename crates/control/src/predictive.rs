@@ -214,6 +214,15 @@ impl PredictiveLaw {
         }
     }
 
+    /// Of many joints, each with its index, not all correct their drives in the same cycle.
+    #[must_use]
+    pub fn staggered(mut self, index: usize) -> Self {
+        if let Some(fit) = &mut self.drive_fit {
+            fit.stagger(index);
+        }
+        self
+    }
+
     /// What follows from the drive's stiffness and damping.
     fn set_steps(&mut self) {
         let p = &self.parameters;

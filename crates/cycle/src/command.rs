@@ -110,9 +110,7 @@ impl Command {
             .filter_map(|ft| robot.model.frame_index(&ft.sensor.frame))
             .collect();
         Ok(Self {
-            joints: parameters
-                .joints
-                .iter()
+            joints: (0..parameters.joints.len())
                 .map(|j| JointController::new(j, parameters))
                 .collect::<Result<_, _>>()?,
             inverse_dynamics: InverseDynamics::new(&robot.model, &frames),

@@ -52,6 +52,9 @@ pub(super) struct DriveFit {
     surprise: f64,
     /// a and b as they act.
     applied: [f64; 2],
+    /// Samples that are left out before the first block.
+    phase: u32,
+    waits: u32,
     block: Block,
 }
 
@@ -87,13 +90,22 @@ impl DriveFit {
             covariance: Matrix3::from_diagonal(&prior(p.torque_limit)),
             surprise: 1.0,
             applied: [0.0; 2],
+            phase: 0,
+            waits: 0,
             block: Block::default(),
         })
     }
 
-    /// What a block would tell is not to be told: its samples are not of one motion.
+    /// Blocks of the joint with this index end apart from those of its neighbours: the work of many joints
+    /// is not done in one cycle.
+    pub(super) fn stagger(&mut self, index: usize) {
+        self.phase = (index % BLOCK as usize) as u32;
+        self.interrupt();
+    }
+
+    /// Drops the block: its samples are not of one motion.
     pub(super) fn interrupt(&mut self) {
-        self.block = Block::default();
+        (self.block, self.waits) = (Block::default(), self.phase);
     }
 
     /// A sample: motor's angle and torque of its current (N·m), and the command that acts, rad.
@@ -104,6 +116,10 @@ impl DriveFit {
         let asked = self.nominal[0] * error;
         if !usable || asked.abs().max(torque.abs()) > self.torque_limit {
             self.interrupt();
+            return None;
+        }
+        if self.waits > 0 {
+            self.waits -= 1;
             return None;
         }
         let block = &mut self.block;
@@ -254,6 +270,7 @@ mod tests {
         for stiffness in [0.8, 1.0, 1.2] {
             for damping in [0.8, 1.0, 1.2] {
                 let mut fit = fit();
+                fit.stagger(29);
                 run(&mut fit, [stiffness, damping], 2.0, |_, torque| {
                     torque + 2.3
                 });
@@ -300,6 +317,7 @@ mod tests {
     fn nothing_is_learned_from_limits_and_standstill() {
         for torque in [f64::NAN, f64::INFINITY, 231.0, -500.0] {
             let mut fit = fit();
+            fit.stagger(19);
             run(&mut fit, [0.8, 0.8], 3.0, |_, _| torque);
             assert_eq!(fit.applied(), [0.0; 2]);
         }

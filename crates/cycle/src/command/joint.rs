@@ -35,7 +35,7 @@ use super::rest::{self, Rest};
 use super::transition::{Stop, Transition};
 use crate::measure::NOT_USED;
 use problem::Problem;
-use robot_config::{JointParameters, Parameters, TorqueLaw};
+use robot_config::{Parameters, TorqueLaw};
 use supervisor::{Actuation, Deviation, Following, Limiter, Motion, Shown};
 
 /// State of the joint's present mode.
@@ -106,7 +106,8 @@ pub(crate) struct JointController {
 }
 
 impl JointController {
-    pub(crate) fn new(joint: &JointParameters, parameters: &Parameters) -> Result<Self, Problem> {
+    pub(crate) fn new(index: usize, parameters: &Parameters) -> Result<Self, Problem> {
+        let joint = &parameters.joints[index];
         let sample_period = parameters.timing.sample_period;
         let has_link = joint.has_link_encoder;
         Ok(Self {
@@ -126,7 +127,7 @@ impl JointController {
             following: Following::new(joint.following),
             limiter: Limiter::new(joint.limits, joint.actuation, sample_period),
             predictive: (has_link && matches!(parameters.torque_law, TorqueLaw::Predictive(_)))
-                .then(|| PredictiveLaw::new(joint.law)),
+                .then(|| PredictiveLaw::new(joint.law).staggered(index)),
             late: (!has_link)
                 .then(|| LateTorque::new(joint, parameters))
                 .transpose()?,
