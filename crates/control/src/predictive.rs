@@ -160,11 +160,12 @@ impl PredictiveLaw {
         self.link.velocity()
     }
 
-    /// omega: velocity of the rotor on the link side, rad/s, for some time after a gap ([`Self::sleep`]).
+    /// dq and omega: velocities of link and rotor, on the link side, rad/s, for some time after a gap
+    /// ([`Self::sleep`]): filters still hold the gap.
     #[must_use]
-    pub fn velocity_after_gap(&self) -> Option<f64> {
+    pub fn velocities_after_gap(&self) -> Option<[f64; 2]> {
         let settling = self.uncertainties.iter().any(Uncertainty::is_settling);
-        settling.then_some(self.rotor.omega)
+        settling.then(|| [self.link.velocity(), self.rotor.omega])
     }
 
     /// d: torque on the rotor that the drive's model does not explain, N·m.

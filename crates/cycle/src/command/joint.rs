@@ -183,16 +183,6 @@ impl JointController {
         commanded: &mut JointCommanded,
     ) -> Option<Deviation> {
         let motion = self.law.motion(input);
-        let fresh = input.measured.flags & measured_flags::MISSED == 0;
-        let deviation = fresh.then(|| {
-            let shown = self.law.shown(input.measured, &motion);
-            self.following.update(&Shown {
-                followed: (self.state.as_ref()).is_some_and(|state| state.mode() != Mode::Hold),
-                // The position of a joint whose encoders contradict each other is the last one before.
-                blind: !input.trusted && !self.takes_current(),
-                ..shown
-            })
-        });
         let resumes = self.resumes(input);
         if let Some(predictive) = &mut self.predictive {
             match (input.overslept, resumes) {
@@ -203,6 +193,18 @@ impl JointController {
             let per_current = self.law.torque_per_current;
             predictive.observe(&sensed(input.measured, &motion, input.fast, per_current));
         }
+        let fresh = input.measured.flags & measured_flags::MISSED == 0;
+        let after_gap = self.predictive.as_ref();
+        let after_gap = after_gap.and_then(PredictiveLaw::velocities_after_gap);
+        let deviation = fresh.then(|| {
+            let shown = self.law.shown(input.measured, &motion, after_gap);
+            self.following.update(&Shown {
+                followed: (self.state.as_ref()).is_some_and(|state| state.mode() != Mode::Hold),
+                // The position of a joint whose encoders contradict each other is the last one before.
+                blind: !input.trusted && !self.takes_current(),
+                ..shown
+            })
+        });
         self.doubted |= self.late.is_some() && deviation.flatten() == Some(Deviation::Doubtful);
         let braked = JointInput {
             in_contact: input.in_contact || self.doubted,
@@ -210,9 +212,7 @@ impl JointController {
             ..*input
         };
         let asked = self.asked(goal, &motion, &braked, commanded);
-        let after_gap = self.predictive.as_ref();
-        let after_gap = after_gap.and_then(PredictiveLaw::velocity_after_gap);
-        self.limiter.judge_by(after_gap);
+        self.limiter.judge_by(after_gap.map(|[_, rotor]| rotor));
         self.limiter.allow_velocity(match &self.state {
             // Nothing but this bounds the velocity that a torque leads to.
             Some(State::Torque { .. }) => self.law.torque_velocity,

@@ -117,7 +117,12 @@ impl Law {
 
     /// What the drive shows: by each encoder the position plus the lead of torque and velocity, rad; of
     /// a drive that takes currents its current, A.
-    pub(super) fn shown(&self, measured: &JointMeasured, motion: &Motion) -> Shown {
+    pub(super) fn shown(
+        &self,
+        measured: &JointMeasured,
+        motion: &Motion,
+        after_gap: Option<[f64; 2]>,
+    ) -> Shown {
         let (set_points, lead, lag) = match self.actuation {
             Actuation::Position {
                 k_tau,
@@ -125,12 +130,13 @@ impl Law {
                 k_v,
             } => {
                 let tau = self.torque_per_current * measured.current;
-                let omega = measured.omega / self.gear_ratio;
+                let filtered = [measured.dq, measured.omega / self.gear_ratio];
+                let [dq, omega] = after_gap.unwrap_or(filtered);
                 let lead = k_tau_motor * tau;
                 //= D6: delta_q = K_tau tau + K_v dq + K_c sign(dq)
                 let set_points = [
                     motion.theta + lead + k_v * omega,
-                    motion.q + k_tau * tau + k_v * self.velocity(measured.dq, omega),
+                    motion.q + k_tau * tau + k_v * self.velocity(dq, omega),
                 ];
                 (set_points, lead, k_v * omega)
             }
