@@ -104,11 +104,15 @@ STALLED = {"joint_missed", "late_cycle", "skipped_cycle"}
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run during which the machine did not stall, if one of three is."""
-    for _ in range(3):
+    """A run during which the machine did not stall, if one of three is: after late answers torques are less
+    exact. A stall is no excuse for a fault or a lost frame."""
+    for attempt in range(3):
         result = one_run(tmp_path_factory)
-        if not STALLED & set(result.torqued["events"]):
+        test_nothing_is_lost(result)
+        stalled = STALLED & result.torqued["events"].keys()
+        if not stalled:
             break
+        print(f"run {attempt + 1}: the machine stalled: {', '.join(sorted(stalled))}")
     return result
 
 

@@ -177,8 +177,8 @@ pub fn fit(
 }
 
 /// From the errors on the samples that were fitted to those on others: parameters that fit the former are further
-/// off on the latter, by their covariance, or by how much larger the error on held-out blocks is. Both tell the
-/// same, so that the larger one counts.
+/// off on the latter, by their covariance, or by how much larger the error on held-out blocks is. Both are
+/// estimates of the same error, so that the larger one counts.
 fn on_others(errors: &mut [SourceError], known: &[SourceKnowledge]) {
     let part = |error: &SourceError, known: &SourceKnowledge| {
         let own = known.own_sigma.unwrap_or(error.reported);

@@ -24,9 +24,10 @@ const MOST_PERIODS: f64 = 20.0;
 /// Answers SYNC as drives, F/T sensors and IMUs do, and follows commands.
 ///
 /// Time passes by one period each cycle, or by as many as the daemon left out: at the first SYNC of a bus
-/// that has already been answered since the last period. A robot whose daemon is late waits for it. So all buses answer from the same instant whatever the order
-/// of their SYNCs, and a SYNC lost on one bus does not stop the others. Frames that sensors with
-/// clocks of their own have sent meanwhile on any bus arrive then too, with earlier stamps.
+/// that has already been answered since the last period. So all buses answer from the same instant
+/// whatever the order of their SYNCs, and a SYNC lost on one bus does not stop the others. A daemon that is
+/// late by less than half a period is waited for. Frames that sensors with clocks of their own have sent
+/// meanwhile on any bus arrive then too, with earlier stamps.
 #[derive(Debug, Clone)]
 pub struct CanRobot {
     robot: SimRobot,

@@ -312,7 +312,7 @@ mod tests {
         }
     }
 
-    /// Samples beyond the torque limit, or that are no numbers, and what stands still tell nothing.
+    /// Nothing follows from samples beyond the torque limit, from those that are no numbers, and from standstill.
     #[test]
     fn nothing_is_learned_from_limits_and_standstill() {
         for torque in [f64::NAN, f64::INFINITY, 231.0, -500.0] {

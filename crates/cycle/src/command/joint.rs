@@ -27,7 +27,7 @@ use robot_state::{JointCommanded, JointMeasured, Mode, command_flags, measured_f
 use super::carry::Carry;
 use super::impedance::Impedance;
 use super::late::LateTorque;
-use super::law::{JointInput, Law};
+use super::law::{JointInput, Law, link_velocity};
 use super::predictive::{predictive_command, sensed};
 use super::reference::Goal;
 use super::rejoin::Rejoin;
@@ -141,9 +141,9 @@ impl JointController {
         self.late.is_some()
     }
 
-    /// Velocity of the link, rad/s: the law's own, where it has one, is younger than the filter's.
+    /// Velocity of the link, rad/s.
     pub(crate) fn velocity(&self, measured: &JointMeasured) -> f64 {
-        (self.predictive.as_ref()).map_or(measured.dq, PredictiveLaw::link_velocity)
+        link_velocity(self.predictive.as_ref(), measured)
     }
 
     /// Its drive takes currents.
@@ -334,7 +334,7 @@ impl JointController {
                 transition,
                 rest,
             } => {
-                let dq = law.velocity_of(self.predictive.as_ref(), input);
+                let dq = link_velocity(self.predictive.as_ref(), input.measured);
                 let at = (input.measured.q, dq);
                 let terms = TorqueTerms {
                     feedforward: reference.tau_d,
@@ -365,7 +365,7 @@ impl JointController {
                     true => {
                         let at = (
                             input.measured.q,
-                            law.velocity_of(self.predictive.as_ref(), input),
+                            link_velocity(self.predictive.as_ref(), input.measured),
                         );
                         terms.position += rest.torque(at, &law.gains, law.let_go_friction);
                     }

@@ -94,6 +94,11 @@ pub(super) struct Law {
     pub(super) let_go_friction: f64,
 }
 
+/// Velocity of the link, rad/s: the law's observer, where there is one, is younger than the filter.
+pub(super) fn link_velocity(predictive: Option<&PredictiveLaw>, measured: &JointMeasured) -> f64 {
+    predictive.map_or(measured.dq, PredictiveLaw::link_velocity)
+}
+
 impl Law {
     pub(super) fn motion(&self, input: &JointInput<'_>) -> Motion {
         let measured = input.measured;
@@ -200,15 +205,6 @@ impl Law {
         hold_q
     }
 
-    /// dq: the observer's is younger than the filter's, rad/s.
-    pub(super) fn velocity_of(
-        &self,
-        predictive: Option<&PredictiveLaw>,
-        input: &JointInput<'_>,
-    ) -> f64 {
-        predictive.map_or(input.measured.dq, PredictiveLaw::link_velocity)
-    }
-
     /// Terms that follow a position and a velocity by inverse dynamics.
     pub(super) fn tracking_terms(
         &self,
@@ -218,7 +214,7 @@ impl Law {
     ) -> TorqueTerms {
         let (measured, torque) = (input.measured, &input.inverse_dynamics);
         let JointReference { q_d, dq_d, .. } = input.reference;
-        let dq = self.velocity_of(predictive, input);
+        let dq = link_velocity(predictive, measured);
         // Position feedback uses the newest sample: docs/decisions/0003.
         TorqueTerms {
             feedforward: torque.feedforward,
