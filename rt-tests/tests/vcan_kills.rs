@@ -18,7 +18,7 @@ use nix::sys::signal::Signal;
 use torqued::real_time::monotonic_ns;
 use torqued_client::Client;
 use torqued_client::robot_state::{
-    Mode, Reference, SharedRecord, layout_hash, lease_refusal, measured_flags,
+    Event, Mode, Reference, SharedRecord, layout_hash, lease_refusal, measured_flags,
 };
 
 /// A commander that vanishes is noticed within this time (docs/safety.md).
@@ -393,7 +393,7 @@ unsafe impl ZeroCopySend for RawReference {
 /// Sends a reference some times, each with the next sequence; gives the record after the last.
 fn send_raw(
     robot: &mut Robot,
-    mut send: impl FnMut(Reference),
+    send: impl Fn(Reference),
     reference: &mut Reference,
 ) -> Box<SharedRecord> {
     for _ in 0..10 {
@@ -404,6 +404,25 @@ fn send_raw(
     }
     robot.client.latest().expect("records");
     Watch::begin(&mut robot.client).cycles(&mut robot.client, 2)
+}
+
+/// Sends a reference beside a commander; gives the record before and after, and that commander.
+/// Again with a new one if the kernel left a commander waiting until its references were stale.
+fn send_beside_commander(
+    robot: &mut Robot,
+    send: impl Fn(Reference),
+    mut reference: impl FnMut(&SharedRecord) -> Reference,
+) -> (Box<SharedRecord>, Box<SharedRecord>, Process) {
+    for _ in 0..20 {
+        let (commander, _) = robot.rig.commander(&mut robot.client);
+        let before = Watch::begin(&mut robot.client).cycles(&mut robot.client, 2);
+        let after = send_raw(robot, &send, &mut reference(&before));
+        let lease = &after.cycle.commander;
+        if lease.session != 0 || lease.cause != Event::ReferenceStale.number() {
+            return (before, after, commander);
+        }
+    }
+    panic!("no commander keeps the command on this kernel");
 }
 
 #[test]
@@ -431,28 +450,35 @@ fn the_daemon_itself_refuses_a_second_commander() {
         port.send_copy(RawReference(reference)).expect("sent");
     };
 
-    let (mut commander, _) = robot.rig.commander(&mut robot.client);
-    let before = Watch::begin(&mut robot.client).cycles(&mut robot.client, 2);
-    let mut raw = Reference {
-        session: 4711,
-        session_began_ns: monotonic_ns(),
-        joint_count: before.cycle.joint_count,
-        pid: std::process::id(),
-        ..Reference::default()
+    let mut sequence = 0;
+    // As another process would send it: the pose, a tenth of a radian further.
+    let mut raw = |before: &SharedRecord, priority, mode: Mode| {
+        sequence += 20;
+        let mut raw = Reference {
+            session: 4711,
+            session_began_ns: monotonic_ns(),
+            sequence,
+            joint_count: before.cycle.joint_count,
+            pid: std::process::id(),
+            priority,
+            mode: mode.number(),
+            ..Reference::default()
+        };
+        for (joint, measured) in raw.joints.iter_mut().zip(&before.cycle.measured.joints) {
+            joint.q_d = measured.q + 0.1;
+        }
+        raw
     };
-    for (joint, measured) in raw.joints.iter_mut().zip(&before.cycle.measured.joints) {
-        joint.q_d = measured.q + 0.1;
-    }
     // Of the same priority; of a higher one, but for a mode at once.
     for (priority, mode, reason) in [
         (0, Mode::Hold, lease_refusal::HELD),
         (0, Mode::InverseDynamics, lease_refusal::HELD),
         (1, Mode::InverseDynamics, lease_refusal::HOLD_FIRST),
     ] {
-        (raw.priority, raw.mode) = (priority, mode.number());
-        let refused = before.cycle.commander.refused;
-        let record = send_raw(&mut robot, send, &mut raw);
+        let reference = |before: &SharedRecord| raw(before, priority, mode);
+        let (before, record, mut commander) = send_beside_commander(&mut robot, send, reference);
         let lease = &record.cycle.commander;
+        let refused = before.cycle.commander.refused;
         assert!(lease.refused >= refused + 8, "{lease:?}");
         assert_eq!(
             (lease.refused_session, lease.refused_reason),
@@ -466,14 +492,16 @@ fn the_daemon_itself_refuses_a_second_commander() {
         assert!(!commander.has_ended(), "{}", commander.output());
     }
     // Under the number of the session that commands, which did not begin at that instant.
-    let lease = before.cycle.commander;
-    let mut copy = raw;
-    (copy.session, copy.sequence) = (lease.session, 0);
-    let record = send_raw(&mut robot, send, &mut copy);
+    let copy = |before: &SharedRecord| Reference {
+        session: before.cycle.commander.session,
+        sequence: 0,
+        ..raw(before, 1, Mode::InverseDynamics)
+    };
+    let (_, record, commander) = send_beside_commander(&mut robot, send, copy);
     assert_eq!(record.cycle.commander.pid, commander.id());
     // Of a higher priority, and asks for hold: it takes the command over, and the first one ends.
-    raw.mode = Mode::Hold.number();
-    let record = send_raw(&mut robot, send, &mut raw);
+    let hold = |before: &SharedRecord| raw(before, 1, Mode::Hold);
+    let (_, record, mut commander) = send_beside_commander(&mut robot, send, hold);
     assert_eq!(record.cycle.commander.pid, std::process::id());
     assert_eq!(
         (state(&record), record.cycle.mode),
