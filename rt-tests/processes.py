@@ -159,11 +159,11 @@ def derived_config(folder, changes, config=LEG):
         assert old in text, f"{config} has no {old!r}"
         text = text.replace(old, new)
     # Relative paths refer to the folder of the original.
-    text = re.sub(r'"(\.\./[^"]*)"', lambda m: f'"{(config.parent / m[1]).resolve()}"', text)
+    absolute = lambda text: re.sub(r'"(\.\./[^"]*)"', lambda m: f'"{(config.parent / m[1]).resolve()}"', text)
     path = folder / "robot.toml"
-    path.write_text(text)
+    path.write_text(absolute(text))
     # Its sim.toml, beside it, has the parameters of the simulated robot.
-    (folder / "sim.toml").write_text((config.parent / "sim.toml").read_text())
+    (folder / "sim.toml").write_text(absolute((config.parent / "sim.toml").read_text()))
     return path
 
 

@@ -87,12 +87,9 @@ def calibrate(binaries, robot, seed, folder):
     if not (folder / config).exists():
         for part in (f"config/{robot}", f"robot-models/{robot}"):
             shutil.copytree(ROOT / part, folder / part)
-        # The simulated robot stays what it is when a calibration changes URDF and offsets of its configuration.
-        sim = folder / f"config/{robot}/sim.toml"
-        text = sim.read_text().replace("[ft_sensor]", "[ft_sensor]\nignores_offset = true")
         # Gears have a past, which the torsion does not show.
-        text = text.replace("[start]", "[start]\ngear_past = true")
-        sim.write_text(f'urdf = "../../robot-models/{robot}/robot.urdf"\n{text}')
+        sim = folder / f"config/{robot}/sim.toml"
+        sim.write_text(sim.read_text().replace("[start]", "[start]\ngear_past = true"))
     before = demo(binaries, folder, "before", robot, seed, JUDGED_S)
     runs = []
     for motion, seconds, options in RECORDINGS[robot]:

@@ -25,7 +25,7 @@ fn robot() -> PathBuf {
     }
     copied("config/test-joint/robot.toml", &|text| text);
     copied("config/test-joint/sim.toml", &|text| {
-        format!("urdf = \"heavy.urdf\"\n{text}")
+        text.replace("../../robot-models/test-joint/robot.urdf", "heavy.urdf")
     });
     let urdf = fs::read_to_string(project_path("robot-models/test-joint/robot.urdf")).unwrap();
     let (light, heavy) = ("<mass value=\"1.841\"/>", "<mass value=\"2.761\"/>");

@@ -200,3 +200,32 @@ fn a_missing_or_wrong_simulation_file_is_named_and_nothing_starts() {
     assert_eq!(out.status.code(), Some(2), "{error}");
     assert!(error.contains("leg/robot.toml:"), "{error}");
 }
+
+#[test]
+fn the_demo_shows_the_calibration_that_a_robot_comes_with() {
+    let errors = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
+        command.args([
+            "demo",
+            "--robot",
+            "leg",
+            "--fast",
+            "--seconds",
+            "12",
+            "--json",
+        ]);
+        let out = command.args(more).output().expect("runs");
+        let report: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
+        assert_eq!((out.status.code(), &report["fault"]), (Some(0), &0.into()));
+        let joints = report["joints"].as_array().expect("joints");
+        let rms = |j: &serde_json::Value| j["encoder"]["rms"].as_f64().expect("a number");
+        joints.iter().map(rms).collect::<Vec<f64>>()
+    };
+    let (nominal, calibrated) = (errors(&["--uncalibrated"]), errors(&[]));
+    for (nominal, calibrated) in nominal.iter().zip(&calibrated) {
+        assert!(
+            *calibrated < 0.4 * nominal,
+            "{calibrated} N·m, of data sheets {nominal}"
+        );
+    }
+}

@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use terminal::TextTable;
+use torqued_client::robot_state::JointKind;
 
 /// Exit code where a calibration is missing, old or of another robot.
 const WANTED: u8 = 1;
@@ -20,7 +21,8 @@ const HOURS_A_DAY: f64 = 24.0;
 const HELP: &str = "\
 A calibration is old after --days, missing where a joint names no joint file, and of another robot where
 drive, encoders, their directions and zeros, or the rate have changed since. F/T sensors and drives that no
-calibration has are as configured; where their keys are others than the calibration set, they are changed
+calibration has are as configured, and so are joints that no joint file can be of, as they are prismatic or
+without a link-side encoder; where their keys are others than the calibration set, they are changed
 since.
 
 Examples:
@@ -28,7 +30,7 @@ Examples:
   torquectl calibrate status config/leg/robot.toml --days 30 --json
 
 Exit codes:
-  0  every joint is calibrated
+  0  every joint is calibrated, or as configured
   1  some are not, or their calibration is old or of another robot
   2  bad input: a configuration with problems";
 
@@ -100,6 +102,9 @@ fn states(arguments: &StatusArguments) -> Result<Vec<State>, Problems> {
             undetermined: Vec::new(),
         };
         let Some(file) = adopted.get(&joint.name) else {
+            if joint.kind == JointKind::Prismatic || !joint.has_link_encoder {
+                state.state = "as configured";
+            }
             return state;
         };
         let path = configuration.resolved(file);

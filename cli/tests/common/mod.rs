@@ -84,6 +84,7 @@ pub(crate) fn expect(folder: &Path, arguments: &str, code: i32) -> String {
 pub(crate) fn record_demo(folder: &Path, robot: String, seconds: f64, seed: u64) {
     demo::run(&DemoOptions {
         robot,
+        uncalibrated: false,
         seconds,
         plot: None,
         joints: Vec::new(),

@@ -364,7 +364,7 @@ pub fn no_files(_path: &str) -> std::io::Result<String> {
     Err(std::io::ErrorKind::NotFound.into())
 }
 
-/// Springs have a length, dampers a time, and none gives energy by creeping.
+/// Springs have a length, dampers a time, and none gives energy by creeping; tracking filters are stable.
 fn check_gear(table: &HysteresisTable, source: Source<'_>) -> Result<(), Problem> {
     let springs = [
         ("wind_up", &table.wind_up),
@@ -389,5 +389,16 @@ fn check_gear(table: &HysteresisTable, source: Source<'_>) -> Result<(), Problem
             return Err(refused(1, stiffness, Allowed::NonNegative));
         }
     }
-    Ok(())
+    for (k, &pole) in table.tracking_poles.iter().enumerate() {
+        let key = "hysteresis.tracking_poles";
+        if !Allowed::Below(0.0, 1.0).admits(pole) {
+            let allowed = Allowed::Below(0.0, 1.0).to_string();
+            return Err(source.refusal(key, format!("{key}[{k}] = {pole}"), allowed));
+        }
+    }
+    source.require(
+        "hysteresis.tracking_sigma_rad",
+        table.tracking_sigma,
+        Allowed::NonNegative,
+    )
 }

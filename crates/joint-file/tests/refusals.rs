@@ -60,6 +60,14 @@ fn joint_files_are_checked_key_by_key() {
             "joint.toml:17: hysteresis.creeping[0][0] = 0; allowed: a finite number > 0",
         ),
         (
+            gear("slipping = []\ntracking_poles = [0.5, 1.0, 0.9]"),
+            "joint.toml:17: hysteresis.tracking_poles[1] = 1; allowed: a number from 0 to below 1",
+        ),
+        (
+            gear("slipping = []\ntracking_sigma_rad = -1e-6"),
+            "joint.toml:17: hysteresis.tracking_sigma_rad = -0.000001; allowed: a finite number >= 0",
+        ),
+        (
             gear("slipping = []\ncreeping = [[0.3, -1.0]]"),
             "joint.toml:17: hysteresis.creeping[0][1] = -1; allowed: a finite number >= 0",
         ),

@@ -44,6 +44,9 @@ pub struct DemoOptions {
     /// The robot: test-joint, leg, hrp2-like, lift-gripper, humanoid, or the path of a robot.toml with a sim.toml beside it.
     #[arg(long, value_name = "ROBOT", default_value = "humanoid")]
     pub robot: String,
+    /// Take the robot as data sheets have it, without its calibration.
+    #[arg(long)]
+    pub uncalibrated: bool,
     /// Duration, s.
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     pub seconds: f64,

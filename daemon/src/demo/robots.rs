@@ -2,44 +2,8 @@
 
 use std::io;
 
-/// A path from the project's root with the file's text.
-macro_rules! embedded {
-    ($path:literal) => {
-        ($path, include_str!(concat!("../../../", $path)))
-    };
-}
-
-/// Every file of the demo's robots, by its path in the project.
-const FILES: &[(&str, &str)] = &[
-    embedded!("config/test-joint/robot.toml"),
-    embedded!("config/test-joint/sim.toml"),
-    embedded!("config/test-joint/motion.toml"),
-    embedded!("robot-models/test-joint/robot.urdf"),
-    embedded!("robot-models/test-joint/drives.dbc"),
-    embedded!("config/leg/robot.toml"),
-    embedded!("config/leg/sim.toml"),
-    embedded!("config/leg/motion.toml"),
-    embedded!("robot-models/leg/robot.urdf"),
-    embedded!("robot-models/leg/drives.dbc"),
-    embedded!("config/hrp2-like/robot.toml"),
-    embedded!("config/hrp2-like/sim.toml"),
-    embedded!("config/hrp2-like/motion.toml"),
-    embedded!("robot-models/hrp2-like/robot.urdf"),
-    embedded!("robot-models/hrp2-like/drives.dbc"),
-    embedded!("config/lift-gripper/robot.toml"),
-    embedded!("config/lift-gripper/sim.toml"),
-    embedded!("config/lift-gripper/motion.toml"),
-    embedded!("robot-models/lift-gripper/robot.urdf"),
-    embedded!("robot-models/lift-gripper/drives.dbc"),
-    embedded!("config/humanoid/robot.toml"),
-    embedded!("config/humanoid/sim.toml"),
-    embedded!("config/humanoid/motion.toml"),
-    embedded!("robot-models/humanoid/robot.urdf"),
-    embedded!("robot-models/humanoid/drives.dbc"),
-];
-
-/// Names of the demo's robots.
-pub(super) const NAMES: &[&str] = &["test-joint", "leg", "hrp2-like", "lift-gripper", "humanoid"];
+// `NAMES` and `FILES`: see build.rs.
+include!(concat!(env!("OUT_DIR"), "/robots.rs"));
 
 /// The text of a file of the demo's robots.
 ///
@@ -61,4 +25,13 @@ pub(super) fn read(path: &str) -> io::Result<String> {
         .find(|(name, _)| *name == path)
         .map(|(_, text)| (*text).to_owned())
         .ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "not a file of the demo's robots"))
+}
+
+/// The configuration of one of the demo's robots: the calibrated one, where there is one.
+pub(super) fn configuration(name: &str, uncalibrated: bool) -> String {
+    let calibrated = format!("config/{name}/calibrated.toml");
+    match !uncalibrated && read(&calibrated).is_ok() {
+        true => calibrated,
+        false => format!("config/{name}/robot.toml"),
+    }
 }

@@ -36,9 +36,17 @@ pub(super) fn load(options: &DemoOptions) -> Result<Scene, Failure> {
         let problem = Problem::new(format!("--robot: there is no robot {name:?}"), allowed);
         return Err(Failure::bad_input(problem));
     }
+    if own && options.uncalibrated {
+        let allowed = format!("with one of {}", robots::NAMES.join(", "));
+        let problem = Problem::new("--uncalibrated: with the path of a configuration", allowed);
+        return Err(Failure::bad_input(problem));
+    }
     let (config, read): (String, fn(&str) -> io::Result<String>) = match own {
         true => (name.to_owned(), |path| std::fs::read_to_string(path)),
-        false => (format!("config/{name}/robot.toml"), robots::read),
+        false => (
+            robots::configuration(name, options.uncalibrated),
+            robots::read,
+        ),
     };
     let beside = |file: &str| {
         Path::new(&config)

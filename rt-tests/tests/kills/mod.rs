@@ -125,11 +125,11 @@ impl Rig {
             }
         }
         // Relative paths refer to the folder of the original.
-        text = text.replace("\"../", &format!("\"{folder}/../"));
+        let absolute = |text: &str| text.replace("\"../", &format!("\"{folder}/../"));
         let path = directory.path().join("robot.toml");
-        fs::write(&path, text).expect("written");
-        let sim = directory.path().join("sim.toml");
-        fs::copy(format!("{folder}/sim.toml"), sim).expect("copied");
+        fs::write(&path, absolute(&text)).expect("written");
+        let sim = fs::read_to_string(format!("{folder}/sim.toml")).expect("its simulation");
+        fs::write(directory.path().join("sim.toml"), absolute(&sim)).expect("written");
         Self {
             directory: directory.with_shared_memory(prefix),
             location,
