@@ -4,9 +4,11 @@ use crate::output::finish_or_refuse;
 use charts::{COLOURS, Figure, Line, Panel};
 use control::margins::{JointLoop, LateLoop, Load, Margins, NEEDED, Point};
 use control::margins::{largest_damping, largest_stiffness, least_margins};
+use control::predictive::Design;
 use problem::{Problem, Problems};
 use robot_config::{JointParameters, Parameters, Robot, TorqueLaw};
 use serde_json::{Value, json};
+use std::f64::consts::TAU;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -75,7 +77,7 @@ fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
     }
     Ok(match arguments.json {
         true => format!("{:#}\n", Value::from(objects(&judged))),
-        false => format!("{}{}", table(&judged), NOTE),
+        false => format!("{}{NOTE}{}", table(&judged), designs(&judged)),
     })
 }
 
@@ -92,6 +94,8 @@ pub(crate) struct JudgedJoint {
     bound: bool,
     /// K_i of the feedback of a late torque, 1/s.
     k_i: Option<f64>,
+    /// Bandwidths and damping of the predictive law.
+    design: Option<Design>,
     joint_kind: JointKind,
     bandwidth: [f64; 2],
     torque: (Margins, [Load; 2]),
@@ -130,11 +134,7 @@ fn joint_loop(joint: &JointParameters, parameters: &Parameters) -> Loop {
         joint_kind: joint.kind,
         kind: match late {
             Some(late) => Kind::Late(late),
-            None => Kind::Predictive(JointLoop {
-                stiffness: joint.gains.k_s,
-                damping: joint.gains.k_d,
-                ..JointLoop::nominal(joint.law, joint.drive_lag, joint.link_inertia)
-            }),
+            None => Kind::Predictive(robot_config::predictive_loop(joint)),
         },
     }
 }
@@ -193,6 +193,7 @@ fn judge_joint(joint: &Loop) -> JudgedJoint {
                 bound,
                 joint_kind: joint.joint_kind,
                 k_i: None,
+                design: Some(space.law.design),
                 bandwidth: stuck.map(|load| torque.with(load).bandwidth()),
                 torque: least_margins(&torque, &Load::ALL),
                 space: least_margins(space, &Load::MOVING),
@@ -210,6 +211,7 @@ fn judge_joint(joint: &Loop) -> JudgedJoint {
                 bound,
                 joint_kind: joint.joint_kind,
                 k_i: Some(space.gains.k_i),
+                design: None,
                 bandwidth: stuck.map(|load| torque.bandwidth(load)),
                 torque: torque.least_margins(&Load::ALL),
                 space: space.least_margins(&Load::MOVING),
@@ -252,6 +254,20 @@ pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
         }
     }
     problems
+}
+
+/// A line for each joint whose drive and gear have needed another design than the default.
+pub(crate) fn designs(judged: &[JudgedJoint]) -> String {
+    let hz = |bandwidth: f64| bandwidth / TAU;
+    let other = judged.iter().filter_map(|joint| {
+        let d = joint.design.filter(|design| *design != Design::default())?;
+        Some(format!(
+            "{}: s {:.2}, zeta {:.1}, observers {:.0} Hz (rotor) and {:.0} Hz (link), follow {:.0} Hz instead of \
+             1, 1, 40, 25 and 10, with which drive and gear would have less than 30 degrees or 6 dB\n",
+            joint.name, d.stiffness, d.damping, hz(d.rotor), hz(d.link), hz(d.follow),
+        ))
+    });
+    other.collect()
 }
 
 /// The joints as a table.
@@ -321,6 +337,13 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
         json!({
             "name": joint.name,
             "K_i_per_s": joint.k_i,
+            "design": joint.design.map(|design| json!({
+                "s": design.stiffness,
+                "zeta": design.damping,
+                "rotor_observer_Hz": design.rotor / TAU,
+                "link_observer_Hz": design.link / TAU,
+                "follow_Hz": design.follow / TAU,
+            })),
             "bandwidth_Hz": joint.bandwidth[0],
             "bandwidth_stuck_Hz": joint.bandwidth[1],
             "torque": margins(&joint.torque),

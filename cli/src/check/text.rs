@@ -59,6 +59,7 @@ pub(super) fn page(
         text += "\nTorque loops\n";
         text += &margins::table(judged);
         text += margins::NOTE;
+        text += &margins::designs(judged);
     }
     if !parameters.frames.is_empty() {
         text += "\nFrames of mode Cartesian: stiffness and damping as far as the joints bear them in the middle of \

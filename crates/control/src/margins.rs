@@ -6,10 +6,12 @@
 //! inertia and delay alike. The law runs once in a period, the plant in `SUBSTEPS` steps; the
 //! response to a sine is that of the whole period, averaged over its steps.
 
+mod design;
 mod late;
 mod lifted;
 mod response;
 
+pub use design::choose_design;
 pub use late::LateLoop;
 pub use response::{ClosedLoop, Point};
 

@@ -1,7 +1,7 @@
 //! Margins against simulations in time that turn gain or phase until the loop rings.
 
 use control::JointGains;
-use control::margins::{JointLoop, LateLoop, Load, Margins, least_margins};
+use control::margins::{JointLoop, LateLoop, Load, Margins, NEEDED, choose_design, least_margins};
 use control::predictive::{
     Design, DriveModel, FrictionModel, GearStiffness, LawParameters, PredictiveLaw, Sensed,
     TorqueTerms,
@@ -393,4 +393,69 @@ fn carried_torque_keeps_the_margins() {
             assert!(after.reduction > 1.2, "{case}");
         }
     }
+}
+
+/// Drives and gears of other proportions than those for which the default design was found: a gear half as
+/// stiff, a drive three times as stiff, a rotor of twice the inertia.
+fn other_proportions() -> Vec<JointLoop> {
+    let factors = [[1.0, 0.5, 1.0], [1.0, 1.0, 3.0], [2.0, 1.0, 1.0]];
+    let scaled = |[rotor, gear, drive]: [f64; 3]| {
+        JOINTS.map(|[j, k, k_d, d_d, link]| {
+            // The drive's own damping ratio stays.
+            let damping = d_d * (drive * rotor).sqrt();
+            joint([j * rotor, k * gear, k_d * drive, damping, link])
+        })
+    };
+    factors.into_iter().flat_map(scaled).collect()
+}
+
+#[test]
+fn default_design_stays_where_it_keeps_the_margins() {
+    for of_joint in JOINTS.map(joint) {
+        assert_eq!(choose_design(&of_joint, &NEEDED), Design::default());
+    }
+}
+
+#[test]
+fn design_is_chosen_for_drives_and_gears_of_other_proportions() {
+    let keeps = |of_joint: &JointLoop| least_margins(of_joint, &Load::ALL).0.keeps(&NEEDED);
+    let all = other_proportions();
+    let by_default = all.iter().filter(|of_joint| keeps(of_joint)).count();
+    let mut chosen = 0;
+    for of_joint in &all {
+        let mut with = *of_joint;
+        with.law.design = choose_design(of_joint, &NEEDED);
+        chosen += usize::from(keeps(&with));
+        let changed = with.law.design != Design::default();
+        assert_eq!(changed, !keeps(of_joint) && keeps(&with), "{of_joint:?}");
+        if changed {
+            // A third of the default's bandwidth is left at least, with the rotor stuck.
+            let [before, after] = [of_joint, &with].map(|l| l.with(Load::Stuck).bandwidth());
+            assert!(
+                after > before / 3.0,
+                "{before} Hz, {after} Hz: {:?}",
+                with.law.design
+            );
+        }
+    }
+    // The test joint's drive, three times as stiff, has 75 Hz of its own beside a delay of 1.3 ms: no
+    // design helps, and `torquectl check` refuses it.
+    assert_eq!((by_default, chosen), (14, 20), "of {}", all.len());
+}
+
+#[test]
+fn design_that_nothing_helps_stays_the_own() {
+    // A drive whose own loop rings.
+    let mut of_joint = joint(JOINTS[1]);
+    if let DriveModel::Position {
+        stiffness, damping, ..
+    } = &mut of_joint.law.drive
+    {
+        (*stiffness, *damping) = (40.0 * *stiffness, 0.1 * *damping);
+    }
+    of_joint.truth = of_joint.law;
+    assert_eq!(choose_design(&of_joint, &NEEDED), of_joint.law.design);
+    // Nor do numbers without an end keep the search from one.
+    of_joint.truth.rotor_inertia = 1e-300;
+    assert_eq!(choose_design(&of_joint, &NEEDED), of_joint.law.design);
 }

@@ -1,6 +1,7 @@
 //! `[[joint]]`.
 
 mod calibration;
+mod design;
 mod gains;
 mod law;
 mod limits;
@@ -15,6 +16,8 @@ use crate::parameters::{JointParameters, Timing};
 use crate::reader::{Allowed, Section};
 use crate::sampling;
 use crate::wiring::{Reach, Wiring};
+pub(crate) use design::choose_designs;
+pub use design::predictive_loop;
 use dynamics::{Data, Model, crba, neutral};
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;

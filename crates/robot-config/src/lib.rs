@@ -27,7 +27,7 @@ mod well_posed;
 mod whole_body;
 mod wiring;
 
-pub use joints::late_loop;
+pub use joints::{late_loop, predictive_loop};
 pub use parameters::*;
 pub use problem::{Problem, Problems};
 pub use sampling::{Sampled, Sampling};
@@ -172,6 +172,9 @@ fn robot(
         imus,
         frames,
     };
+    if readable {
+        joints::choose_designs(&mut parameters);
+    }
     joints::choose_feedback(&mut parameters);
     if readable {
         joints::check_torque_source(&again, &parameters);

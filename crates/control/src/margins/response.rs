@@ -2,7 +2,7 @@
 
 use super::Margins;
 use super::lifted::{Lifted, SUBSTEPS};
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{Complex, DMatrix, DVector, Schur};
 use std::f64::consts::{PI, TAU};
 
 /// Lowest frequency of interest, Hz.
@@ -14,6 +14,9 @@ const HIGHEST: f64 = 2.0;
 /// Eigenvalues up to this count as stable: a free link stays where it is put, or moves on, and rounding
 /// splits the double eigenvalue 1.
 const STABLE: f64 = 1.0 + 3e-5;
+
+/// Iterations of the eigenvalues: some two for each is usual.
+const MAX_ITERATIONS: usize = 10_000;
 
 /// A point of a frequency response.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,8 +57,16 @@ impl ClosedLoop {
     /// Whether the closed loop comes to rest.
     #[must_use]
     pub fn is_stable(&self) -> bool {
-        let eigenvalues = self.lifted.closed.complex_eigenvalues();
-        eigenvalues.iter().all(|value| value.norm() <= STABLE)
+        let closed = &self.lifted.closed;
+        if closed.iter().any(|value| !value.is_finite()) {
+            return false;
+        }
+        // Numbers of wide range may keep the iteration from an end.
+        let schur = Schur::try_new(closed.clone(), f64::EPSILON, MAX_ITERATIONS);
+        schur.is_some_and(|schur| {
+            let eigenvalues = schur.complex_eigenvalues();
+            eigenvalues.iter().all(|value| value.norm() <= STABLE)
+        })
     }
 
     /// The open loop's response, from the torque on the rotor to minus the torque that the drive
@@ -64,19 +75,36 @@ impl ClosedLoop {
     pub fn open_loop(&self) -> Vec<Point> {
         let l = &self.lifted;
         let resolvent = Resolvent::new(&l.a);
-        let (b, c) = (resolvent.input(&l.b), resolvent.output(&l.c));
-        let d = complex(&l.d);
-        self.frequencies(HIGHEST)
-            .filter_map(|frequency| {
-                let angle = TAU * frequency * l.sample_period;
-                let drive = DVector::from_fn(SUBSTEPS, |k, _| {
-                    Complex::from_polar(1.0, angle * k as f64 / SUBSTEPS as f64)
-                });
-                let x = resolvent.solve(angle, &b * &drive)?;
-                let made = &c * x + &d * &drive;
-                let mean: Complex<f64> = drive.dotc(&made) / Complex::new(SUBSTEPS as f64, 0.0);
-                Some(point(frequency, -mean))
-            })
+        let frequencies: Vec<f64> = self.frequencies(HIGHEST).collect();
+        let count = frequencies.len();
+        let angle = |k: usize| TAU * frequencies[k] * l.sample_period;
+        // Real parts of all frequencies, then imaginary parts: products of real matrices are much quicker.
+        let sines = DMatrix::from_fn(SUBSTEPS, 2 * count, |step, k| {
+            let angle = angle(k % count) * step as f64 / SUBSTEPS as f64;
+            if k < count { angle.cos() } else { angle.sin() }
+        });
+        let mut states = resolvent.input(&l.b) * &sines;
+        for k in 0..count {
+            let part = |i: usize| Complex::new(states[(i, k)], states[(i, count + k)]);
+            let input = DVector::from_fn(states.nrows(), |i, _| part(i));
+            let state = resolvent.solve(angle(k), input);
+            for i in 0..states.nrows() {
+                let value = state.as_ref().map(|state| state[i]);
+                let value = value.unwrap_or(Complex::new(f64::NAN, f64::NAN));
+                (states[(i, k)], states[(i, count + k)]) = (value.re, value.im);
+            }
+        }
+        let made = resolvent.output(&l.c) * states + &l.d * &sines;
+        let mean = |k: usize| {
+            let (re, im) = (made.column(k), made.column(count + k));
+            let (cos, sin) = (sines.column(k), sines.column(count + k));
+            // Of the conjugate of the sine, times what is made.
+            let sum = Complex::new(cos.dot(&re) + sin.dot(&im), cos.dot(&im) - sin.dot(&re));
+            sum / SUBSTEPS as f64
+        };
+        (frequencies.iter().enumerate())
+            .map(|(k, &frequency)| point(frequency, -mean(k)))
+            .filter(|point| point.re.is_finite() && point.im.is_finite())
             .collect()
     }
 
@@ -85,8 +113,8 @@ impl ClosedLoop {
     pub fn torque_response(&self) -> Vec<Point> {
         let l = &self.lifted;
         let resolvent = Resolvent::new(&l.closed);
-        let input = resolvent.input(&l.from_desired);
-        let output = resolvent.output(&l.torque);
+        let input = complex(&resolvent.input(&l.from_desired));
+        let output = complex(&resolvent.output(&l.torque));
         self.frequencies(0.49)
             .filter_map(|frequency| {
                 let angle = TAU * frequency * l.sample_period;
@@ -156,13 +184,13 @@ impl Resolvent {
     }
 
     /// An input in the basis of the Hessenberg matrix.
-    fn input(&self, input: &DMatrix<f64>) -> DMatrix<Complex<f64>> {
-        complex(&(self.basis.transpose() * input))
+    fn input(&self, input: &DMatrix<f64>) -> DMatrix<f64> {
+        self.basis.tr_mul(input)
     }
 
     /// An output of that basis.
-    fn output(&self, output: &DMatrix<f64>) -> DMatrix<Complex<f64>> {
-        complex(&(output * &self.basis))
+    fn output(&self, output: &DMatrix<f64>) -> DMatrix<f64> {
+        output * &self.basis
     }
 
     /// The state at `z = e^(i angle)`: elimination of the one diagonal below the main one, with
