@@ -47,13 +47,20 @@ fn calibration_sign_and_offset_are_undone() {
     );
     let offset = "offset = [3, -4, 5, 0.2, -0.3, 0.1]";
     let zeros = "offset = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]";
+    // The plant's sensor has the configuration's offset, instead of one that a calibration is to find.
+    let has_offset = (SIM, "ignores_offset = true", "ignores_offset = false");
     // Before the matrix the signals have other units than the sensor's range.
     let range = (ROBOT, "range_N = 1500.0\nrange_Nm = 90.0\n", "");
     for changes in [
         vec![range, (ROBOT, SENSOR, sheet.as_str())],
-        vec![(ROBOT, zeros, offset), (ROBOT, "sign = 1", "sign = -1")],
+        vec![
+            has_offset,
+            (ROBOT, zeros, offset),
+            (ROBOT, "sign = 1", "sign = -1"),
+        ],
         vec![
             range,
+            has_offset,
             (ROBOT, zeros, offset),
             (ROBOT, SENSOR, sheet.as_str()),
         ],
