@@ -29,7 +29,8 @@ pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
         worst: [Load::Free; 2],
     };
     let own = joint.law.design;
-    if search.keeps(own, true) {
+    // Gains that are too great for a loop that is in order are to be made smaller.
+    if search.keeps(own, false) {
         return own;
     }
     let nearest = |search: &mut Search, with_stiffness: bool| {
