@@ -260,6 +260,12 @@ impl CartesianLaw {
         self.damping_ratio = target.damping_ratio;
     }
 
+    /// Share of K_f that the axis with most of it has been led to, 0 to 1.
+    #[must_use]
+    pub fn force_share(&self) -> f64 {
+        self.feedback.max() / self.limits.k_f.max(f64::MIN_POSITIVE)
+    }
+
     /// f_d as it is followed at present, in the base's axes.
     #[must_use]
     pub fn led_force(&self) -> Vector6<f64> {

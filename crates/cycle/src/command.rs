@@ -11,6 +11,7 @@ mod cartesian;
 mod decide;
 mod delay;
 mod emit;
+mod felt_level;
 mod frame_check;
 mod impedance;
 mod joint;
@@ -42,6 +43,7 @@ use crate::events::{Counts, Subject};
 use crate::measure::JointReadiness;
 use cartesian::{Frames, Known};
 use delay::CommandDelay;
+use felt_level::FeltLevels;
 use impedance::Impedance;
 use joint::JointController;
 use law::{InverseDynamicsTorque, JointInput};
@@ -84,6 +86,7 @@ pub(crate) struct Command {
     motions: Motions,
     yielding: Yielding,
     frames: Frames,
+    felt_levels: FeltLevels,
     modes: Modes,
     delay: CommandDelay,
     loads: Past,
@@ -117,6 +120,7 @@ impl Command {
             motions: Motions::new(parameters),
             yielding: Yielding::new(robot),
             frames: Frames::new(robot),
+            felt_levels: FeltLevels::new(parameters),
             modes: Modes::new(robot)?,
             delay: CommandDelay::new(robot),
             loads: Past::new(parameters.timing.sample_period),
@@ -282,7 +286,11 @@ impl Command {
                 },
                 fast: match self.yielding.torque_offset(j) {
                     Some(offset) => (fast.get(j).and_then(|fast| fast.torsion)).map(|t| t + offset),
-                    None => fast_torque(law, torques, fast.get(j)),
+                    None => {
+                        let torque = fast_torque(law, torques, fast.get(j));
+                        let presses = self.frames.force_share(j);
+                        (self.felt_levels).update(j, presses, torque, &torques.tau_hat)
+                    }
                 },
                 yields,
                 led: self.frames.leads(j) || goal.lets_go(j),

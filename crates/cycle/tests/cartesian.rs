@@ -163,19 +163,20 @@ fn a_frame_is_as_stiff_as_asked() {
 }
 
 /// D 5.4: the foot on a floor as stiff as that of the simulated humanoid applies a force that swings about a
-/// mean: it overshoots by at most 5 % of the amplitude, and so much is felt along the other axes. Without
-/// mean, along the other axes, too; but where the knee's torque passes zero its gear winds up, which shows on
-/// z for longer than a tenth of a second: three times the aim; 1 Hz is up to twice the aim. Pulling, and on an object an
-/// eighth as stiff, as well.
+/// mean: it overshoots by at most 5 % of the amplitude, and so much is felt along the other axes. Pulling as well,
+/// on an object an eighth as stiff, and without mean along the other axes, where the knee's torque passes zero
+/// and its gear winds up.
 #[test]
 fn a_force_is_applied_to_a_stiff_object() {
-    for (stiffness, axis, bias, hz, overshoots, coupling) in [
-        (6e5, 2, 150.0, 0.5, 0.05, 0.05),
-        (6e5, 2, 150.0, 1.0, 0.1, 0.05),
-        (6e5, 2, -100.0, 0.5, 0.05, 0.05),
-        (6e5, 0, 0.0, 0.25, 0.05, 0.18),
-        (6e5, 1, 0.0, 0.25, 0.05, 0.05),
-        (7.5e4, 2, 200.0, 0.5, 0.05, 0.05),
+    for (stiffness, axis, bias, hz) in [
+        (6e5, 2, 150.0, 0.5),
+        (6e5, 2, 150.0, 1.0),
+        (6e5, 2, -100.0, 0.5),
+        (6e5, 0, 0.0, 0.25),
+        (6e5, 1, 0.0, 0.25),
+        (7.5e4, 2, 200.0, 0.5),
+        (7.5e4, 2, 150.0, 1.0),
+        (7.5e4, 0, 0.0, 0.25),
     ] {
         let amplitude = 100.0;
         let held = leg(&clamped(stiffness));
@@ -197,17 +198,9 @@ fn a_force_is_applied_to_a_stiff_object() {
         }
         let what = format!("{stiffness} N/m, axis {axis}, {hz} Hz");
         let overshoot = most / amplitude - 1.0;
-        assert!(
-            overshoot.abs() < overshoots,
-            "{what}: {:.1} %",
-            100.0 * overshoot
-        );
+        assert!(overshoot.abs() < 0.05, "{what}: {:.1} %", 100.0 * overshoot);
         let coupled = coupled / amplitude;
-        assert!(
-            coupled < coupling,
-            "{what}: {:.1} % coupled",
-            100.0 * coupled
-        );
+        assert!(coupled < 0.05, "{what}: {:.1} % coupled", 100.0 * coupled);
         // Steps, each in one message.
         let mut last = bias;
         for step in [1.0, -1.0, 0.5, 0.0] {

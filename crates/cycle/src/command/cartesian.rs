@@ -112,6 +112,18 @@ impl Frames {
         self.on && self.led.get(joint) == Some(&true)
     }
 
+    /// Share of the force's feedback that has been led to, 0 to 1, of frames that lead the joint and whose
+    /// force an F/T sensor measures.
+    pub(super) fn force_share(&self, joint: usize) -> f64 {
+        if !self.leads(joint) {
+            return 0.0;
+        }
+        let leads = |frame: &&Frame| frame.started && frame.parameters.joints.contains(&joint);
+        let measured = self.frames.iter().filter(|f| f.sensor.is_some());
+        let shares = measured.filter(leads).map(|f| f.law.force_share());
+        shares.fold(0.0, f64::max)
+    }
+
     /// Stiffness and damping of a joint besides those of frames: joints of a led limb keep their posture with
     /// no more than the configured share. `asked`: those of the client; none: the configured ones.
     pub(super) fn posture(&self, joint: usize, asked: Option<Impedance>) -> Option<Impedance> {
