@@ -224,7 +224,7 @@ impl Bench {
         let n = self.joint.estimator.gear_ratio;
         let per_current = n * self.joint.estimator.wave_generator.torque_constant;
         let reading = self.sample.reading;
-        let fast = self.fast.update(&JointSample {
+        let compliance = self.fast.update(&JointSample {
             q: reading.q,
             theta: reading.theta,
             dq: self.sample.truth.dq,
@@ -233,6 +233,8 @@ impl Bench {
             feed_forward: None,
             flags: 0,
         });
+        // As the delay compensation of the cycle.
+        let fast = self.fast.undelayed().unwrap_or(compliance.tau);
         // F/T sensors and the robot's model: half a per cent wrong, and noisy.
         let noise = 0.0036 * self.rated * self.noise.normal();
         let late = self.sample.truth.tau * 1.005 + noise;
@@ -244,8 +246,8 @@ impl Bench {
             sigma: 0.0015 * self.rated,
         };
         let filled = self.cycle >= 30;
-        let _ = (self.compensator).update(Some(fast.tau), filled.then_some(delayed));
-        let torque = self.compensator.levelled(0.0).unwrap_or(fast.tau);
+        let _ = (self.compensator).update(Some(fast), filled.then_some(delayed));
+        let torque = self.compensator.levelled(0.0).unwrap_or(fast);
         let limit = self.joint.limits;
         let motor: &MotorModel = &self.joint.motor;
         // As the limiter of the cycle: beyond the lead of a torque that of a velocity.
@@ -285,7 +287,7 @@ impl Bench {
             } => {
                 velocity.update(&[reading.q]);
                 let dq = velocity.first_derivatives()[0];
-                let torque = fast.tau;
+                let torque = compliance.tau;
                 let wish = wish(&Seen {
                     q: reading.q,
                     dq,

@@ -73,6 +73,10 @@ pub struct PredictiveLaw {
     /// Velocity of the link below `Design::follow`, rad/s.
     slow_velocity: f64,
     follow_share: f64,
+    /// Desired position, rad, and velocity through a low-pass of the reference model's bandwidth, rad/s; none before a
+    /// mode's first.
+    desired: Option<[f64; 2]>,
+    desired_share: f64,
     /// Friction foreseen for the next command, N·m.
     friction: f64,
     /// What the currents show of the drive; none for one that takes currents.
@@ -127,6 +131,8 @@ impl PredictiveLaw {
             reference: [ReferenceState::default(); 4],
             slow_velocity: 0.0,
             follow_share: 1.0 - (-p.design.follow * dt).exp(),
+            desired: None,
+            desired_share: 1.0 - (-p.design.reference * dt).exp(),
             friction: 0.0,
             drive_fit: DriveFit::new(p),
             per_torque: parameters.command_per_torque(),
@@ -320,7 +326,27 @@ impl PredictiveLaw {
     pub fn hold_reference(&mut self) -> f64 {
         self.reference = [ReferenceState::default(); 4];
         self.reference[0].value = self.torque;
+        self.desired = None;
         self.torque
+    }
+
+    /// The motion that is desired for this command, rad and rad/s: the drive's damping goes along with changes of its
+    /// velocity at once, not behind the filter of the measured one. A feed-forward, that leaves margins as they are.
+    /// Only what velocity and positions agree on counts: one that its positions do not make would push the joint.
+    /// `share`: part of the motion that the joint is going to make.
+    pub fn desire_motion(&mut self, [q_d, dq_d]: [f64; 2], share: f64) {
+        let [last_q, last] = self.desired.unwrap_or([q_d, share * dq_d]);
+        let made = match self.desired {
+            Some(_) => (q_d - last_q) / self.parameters.sample_period,
+            None => dq_d,
+        };
+        let agreed = match made * dq_d > 0.0 {
+            true => made.abs().min(dq_d.abs()).copysign(dq_d),
+            false => 0.0,
+        };
+        let next = last + self.desired_share * (share * agreed - last);
+        self.slow_velocity += next - last;
+        self.desired = Some([q_d, next]);
     }
 
     /// The command for the desired torques' sum, rad or A, and its contributions.

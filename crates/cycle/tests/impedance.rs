@@ -84,7 +84,7 @@ fn stiffness_comes_back_without_a_step() {
     reference.joints[joint].stiffness = 0.0;
     run(&mut bench, &mut reference, 1000);
     bench.plant.robot_mut().set_load(joint, 0.05 * limit);
-    run(&mut bench, &mut reference, 300);
+    run(&mut bench, &mut reference, 600);
     bench.plant.robot_mut().set_load(joint, 0.0);
     run(&mut bench, &mut reference, 1000);
     let away = angle(&bench) - start;

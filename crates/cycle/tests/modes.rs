@@ -141,6 +141,62 @@ fn a_joint_is_held_again_near_where_it_is() {
     }
 }
 
+/// A client that takes the torques of F/T sensors and model over in mode torque, `settled` cycles after the start and
+/// `before` cycles in the mode before.
+fn taken_over(mode: Mode, [settled, before]: [usize; 2]) -> (Bench, Reference) {
+    let mut bench = Bench::new("leg");
+    bench.run(settled);
+    let mut reference = bench.reference(mode.number(), 1);
+    reference.contact_wrench_given = 0;
+    run(&mut bench, &mut reference, before);
+    let estimated = bench.cycle.record().estimated.joints;
+    reference.mode = Mode::Torque.number();
+    for (desired, joint) in reference.joints.iter_mut().zip(&estimated) {
+        desired.tau_d = joint.tau_whole_body.tau;
+    }
+    (bench, reference)
+}
+
+/// The robot then stays where it is, whatever the mode before: as the knee begins to turn, the torque that is fed back
+/// does not step with what its motor's friction is taken for. It did by 1 % of its limit, and the knee went on for 10
+/// degrees.
+#[test]
+fn mode_torque_goes_on_from_other_modes_without_motion() {
+    for (before, cycles) in [
+        (Mode::Passive, [500, 350]),
+        (Mode::Passive, [600, 250]),
+        (Mode::TorqueFeedbackMotion, [600, 350]),
+        (Mode::InverseDynamics, [600, 350]),
+    ] {
+        let (mut bench, mut reference) = taken_over(before, cycles);
+        let mut motion = Motion::of(&bench);
+        for _ in 0..1000 {
+            run(&mut bench, &mut reference, 1);
+            motion.take(&bench);
+        }
+        assert_eq!(mode(&bench), Mode::Torque);
+        motion.assert_small(before.name());
+    }
+}
+
+/// A short push that no sensor measures leaves a joint in mode torque where it has ended.
+#[test]
+fn a_joint_in_mode_torque_rests_after_a_push() {
+    let (mut bench, mut reference) = taken_over(Mode::InverseDynamics, [600, 500]);
+    run(&mut bench, &mut reference, 300);
+    let mut motion = Motion::of(&bench);
+    let limit = bench.robot.parameters.joints[KNEE].limits.torque;
+    for (load, cycles) in [(0.01 * limit, 100), (0.0, 1100)] {
+        bench.plant.robot_mut().set_load(KNEE, load);
+        for _ in 0..cycles {
+            run(&mut bench, &mut reference, 1);
+            motion.take(&bench);
+        }
+    }
+    motion.assert_small("after a push");
+    assert!(bench.plant.truth().joints[KNEE].dq.abs() < 0.005);
+}
+
 /// A joint that is let go within the mode goes soft where it was held, whatever its reference then asks for.
 #[test]
 fn what_is_asked_of_a_joint_that_is_let_go_does_not_count() {

@@ -10,6 +10,7 @@ use crate::exponential::exp;
 use crate::joint::{JointSample, JointTorqueEstimator};
 use crate::kinematic_error::KinematicErrorParameters;
 use crate::low_pass::LowPass;
+use crate::series_spring::SeriesSpring;
 use crate::wave_generator::{WaveGenerator, WaveGeneratorParameters, WaveGeneratorTorque};
 use robot_state::{TorqueEstimate, measured_flags, torque_flags, torque_source};
 use simd::{Instructions, Kernel, Lanes};
@@ -143,6 +144,9 @@ pub struct ComplianceEstimator {
     torsion_variance: f64,
     /// The flexspline's torsion at the torque limit, rad.
     torsion_limit: f64,
+    /// The torque by torsion alone, and the last sample's, N·m; none where it is beyond the limit.
+    series: SeriesSpring,
+    by_torsion: Option<f64>,
     instructions: Instructions,
 }
 
@@ -210,6 +214,12 @@ impl ComplianceEstimator {
             torsion_limit: parameters
                 .compliance
                 .flexspline_torsion(parameters.torque_limit),
+            series: SeriesSpring::new(
+                &parameters.compliance,
+                parameters.gear_ratio,
+                parameters.torque_limit,
+            ),
+            by_torsion: None,
             instructions: Instructions::detect(),
             parameters,
         }
@@ -275,6 +285,7 @@ impl JointTorqueEstimator for ComplianceEstimator {
             p.compliance
                 .torque_within(torsion_fs, p.torque_limit, self.torsion_limit);
         self.tau = tau;
+        self.by_torsion = self.series.torque(torsion - err);
         let tau_hat = self.low_pass.update(tau);
         let mut out = torque_flags::VALID;
         if saturated {
@@ -293,15 +304,18 @@ impl JointTorqueEstimator for ComplianceEstimator {
         self.last
     }
 
+    /// By torsion alone, and so without a step where the motor's friction changes its case.
     fn undelayed(&self) -> Option<f64> {
         let usable = torque_flags::VALID | torque_flags::SATURATED;
-        (self.last.flags & usable == torque_flags::VALID).then_some(self.tau)
+        let valid = self.last.flags & usable == torque_flags::VALID;
+        self.by_torsion.filter(|_| valid)
     }
 
     fn reset(&mut self) {
         self.wave_generator.reset();
         self.low_pass.reset();
         self.tau = 0.0;
+        self.by_torsion = None;
         self.last = TorqueEstimate::default();
     }
 }

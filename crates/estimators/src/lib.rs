@@ -24,6 +24,7 @@ pub mod network;
 mod output;
 pub mod regimes;
 pub mod savitzky_golay;
+mod series_spring;
 pub mod set;
 pub mod tracking;
 pub mod uncertainty;

@@ -240,3 +240,44 @@ fn sigma_covers_quantisation() {
     let ratio = (square / expected).sqrt();
     assert!((0.95..1.05).contains(&ratio), "{ratio}");
 }
+
+/// A joint begins to turn and to turn back under one torque, its torsion unchanged: friction passes through all of its
+/// cases. The torque by torsion alone goes on, to the width of its table, and is right.
+#[test]
+fn torque_by_torsion_alone_does_not_step_with_the_cases_of_friction() {
+    let wave_generator = WaveGeneratorParameters {
+        friction: 0.05,
+        ..MOTOR
+    };
+    let mut estimator = ComplianceEstimator::new(JointEstimatorParameters {
+        wave_generator,
+        ..parameters()
+    });
+    let tau = 4.0;
+    let torsion = Z.flexspline_torsion(tau) + Z.wave_generator_torsion(tau / 100.0) / 100.0 + 2e-5;
+    let mut published = Vec::new();
+    // At rest, where the torque is held; turning, with a current within and beyond friction; back.
+    for (omega, current) in [
+        (0.0, 0.7),
+        (1.0, 0.7),
+        (20.0, 1.6),
+        (-20.0, -0.2),
+        (0.0, 0.0),
+    ] {
+        let sample = JointSample {
+            q: 0.3,
+            theta: 100.0 * (0.3 + torsion),
+            omega,
+            current,
+            ..JointSample::default()
+        };
+        for _ in 0..50 {
+            published.push(estimator.update(&sample).tau);
+            let tau_now = estimator.undelayed().unwrap();
+            assert!((tau_now - tau).abs() < 5e-3, "{omega} {current}: {tau_now}");
+        }
+    }
+    let least = published.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = published.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    assert!(most - least > 0.5, "Z's cases step: {least} {most}");
+}

@@ -22,7 +22,9 @@
 
 use control::predictive::{PredictiveLaw, TorqueTerms};
 use control::{MotorModel, TorqueLoop};
-use robot_state::{JointCommanded, JointMeasured, Mode, command_flags, measured_flags};
+use robot_state::{
+    JointCommanded, JointMeasured, JointReference, Mode, command_flags, measured_flags,
+};
 
 use super::carry::Carry;
 use super::impedance::Impedance;
@@ -360,6 +362,11 @@ impl JointController {
                     reference: set_back.unwrap_or(reference),
                     ..*input
                 };
+                if let Some(predictive) = &mut self.predictive {
+                    let share = law.foreseen_share(*mode, *impedance, input.led);
+                    let JointReference { q_d, dq_d, .. } = input.reference;
+                    predictive.desire_motion([q_d, dq_d], share);
+                }
                 let mut terms = law.tracking_terms(*impedance, self.predictive.as_ref(), input);
                 match *mode == Mode::Passive && input.led {
                     true => {

@@ -3,7 +3,8 @@
 use control::predictive::{PredictiveLaw, TorqueTerms};
 use control::{JointGains, MotorModel, TorqueLoop};
 use robot_state::{
-    JointCommanded, JointMeasured, JointReference, TorqueEstimate, command_flags, torque_flags,
+    JointCommanded, JointMeasured, JointReference, Mode, TorqueEstimate, command_flags,
+    torque_flags,
 };
 use supervisor::{Actuation, Limits, Motion, Shown};
 
@@ -203,6 +204,17 @@ impl Law {
             ..JointCommanded::default()
         };
         hold_q
+    }
+
+    /// Part of the desired motion that the joint is going to make: none where something else leads it, and less the
+    /// softer it is asked to be. Low gains are helped by a torque that was learned.
+    pub(super) fn foreseen_share(&self, mode: Mode, impedance: Impedance, led: bool) -> f64 {
+        match mode {
+            _ if led => 0.0,
+            Mode::LowGainTracking => 1.0,
+            _ if self.gains.k_d > 0.0 => (impedance.damping / self.gains.k_d).min(1.0),
+            _ => 0.0,
+        }
     }
 
     /// Terms that follow a position and a velocity by inverse dynamics.

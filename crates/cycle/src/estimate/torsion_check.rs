@@ -29,8 +29,10 @@ use crate::measure::NOT_USED;
 /// do before it is levelled out, the shorter one is the delay of the measured velocity.
 const FAST_S: f64 = 0.008;
 const SLOW_S: f64 = 0.5;
-/// Change that both show, share of the torque limit.
+/// Change that F/T sensors and rigid-body model show, share of the torque limit, and the one that the motor current
+/// does beyond friction: as much while brakes let go, then less, as half of it is more than a humanoid that steps has.
 const SHARE: f64 = 0.08;
+const SHARE_BY_CURRENT: f64 = 0.06;
 /// Change of Coulomb friction by which the motor current may differ besides, as a load that is let go
 /// reverses it: 2 from one full friction to the other, less where the load was carried at rest. With
 /// 1.5 the leg's ankle roll moves by more than a degree before a drift of 0.01 rad/s is found.
@@ -41,7 +43,7 @@ const SHARE_ALONE: f64 = 0.25;
 const SAMPLES: u32 = 5;
 /// Samples in a row that are bridged: as many as may be implausible before a joint is distrusted.
 const BRIDGED: u32 = 8;
-/// Time after enabling before which the current alone does not decide: brakes let go, s.
+/// Time after enabling before which the current does not decide alone, nor from a smaller change on: brakes let go, s.
 const SETTLING_S: f64 = 0.5;
 
 /// The change of a signal: what a fast low-pass shows beyond a slow one.
@@ -210,6 +212,8 @@ impl Joint {
         let by_current = changes.by_current.update(torsion - motor, dt)
             + self.inertia * changes.omega.of_derivative(omega);
         let (limit, friction) = (self.torque_limit, REVERSAL * self.k_3);
+        let settled = changes.time > SETTLING_S;
+        let share = if settled { SHARE_BY_CURRENT } else { SHARE };
         let drifts = match hat {
             Some(hat) => {
                 let error = torsion - hat;
@@ -217,11 +221,10 @@ impl Joint {
                 let by_level = level.update(error, dt);
                 by_level * by_current > 0.0
                     && by_level.abs() > SHARE * limit
-                    && by_current.abs() > SHARE * limit + friction
+                    && by_current.abs() > share * limit + friction
             }
             None => {
                 changes.by_level = None;
-                let settled = changes.time > SETTLING_S;
                 settled && by_current.abs() > SHARE_ALONE * limit + friction
             }
         };
