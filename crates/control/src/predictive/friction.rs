@@ -9,6 +9,29 @@ pub struct FrictionModel {
     pub stiffness: f64,
 }
 
+/// What the rotor is to turn by in a period.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turned {
+    /// Asked for by the reference: its torque winds up the gear, and the joint goes with it, rad.
+    pub asked: f64,
+    /// The rest, by measured motion, rad: feedback that must not feed itself.
+    pub unasked: f64,
+    /// Share of the level that this velocity certainly has, from -1 to 1.
+    pub sliding: f64,
+}
+
+impl Turned {
+    /// All of it is asked for.
+    #[must_use]
+    pub fn asked(way: f64) -> Self {
+        Self {
+            asked: way,
+            unasked: 0.0,
+            sliding: 0.0,
+        }
+    }
+}
+
 impl FrictionModel {
     /// No friction is foreseen.
     pub const NONE: Self = Self {
@@ -16,15 +39,17 @@ impl FrictionModel {
         stiffness: 0.0,
     };
 
-    /// The friction after the rotor went on by `turned` (rad), N·m:
-    /// `h' = sigma omega (1 - h sign(omega) / level)`, solved exactly.
+    /// The friction after a period, N·m: `h' = sigma |v| (end - h) / level`, solved exactly, of both ways in turn.
     #[must_use]
-    pub fn after(&self, friction: f64, turned: f64) -> f64 {
+    pub fn after(&self, friction: f64, turned: &Turned) -> f64 {
         if self.level <= 0.0 {
             return 0.0;
         }
-        let end = self.level.copysign(turned);
-        end + (friction - end) * (-self.stiffness * turned.abs() / self.level).exp()
+        let bent = |h: f64, way: f64, end: f64| {
+            end + (h - end) * (-self.stiffness * way.abs() / self.level).exp()
+        };
+        let asked = bent(friction, turned.asked, self.level.copysign(turned.asked));
+        bent(asked, turned.unasked, self.level * turned.sliding)
     }
 }
 
@@ -37,18 +62,26 @@ mod tests {
         stiffness: 60_000.0,
     };
 
+    fn measured(way: f64, sliding: f64) -> Turned {
+        Turned {
+            asked: 0.0,
+            unasked: way,
+            sliding,
+        }
+    }
+
     /// It begins as a spring, ends at its level, and turns round within twice the level.
     #[test]
     fn a_bristle_bends_slides_and_turns_round() {
         let little = 1e-7;
-        let spring = FRICTION.after(0.0, little) / little;
+        let spring = FRICTION.after(0.0, &Turned::asked(little)) / little;
         assert!((spring - 60_000.0).abs() < 100.0, "{spring}");
-        let sliding = FRICTION.after(0.0, 0.01);
+        let sliding = FRICTION.after(0.0, &Turned::asked(0.01));
         assert!((sliding - 8.0).abs() < 1e-9);
-        let turned = FRICTION.after(sliding, -little);
+        let turned = FRICTION.after(sliding, &Turned::asked(-little));
         assert!(((turned - sliding) / little + 120_000.0).abs() < 200.0);
-        assert!((FRICTION.after(sliding, -0.01) + 8.0).abs() < 1e-9);
-        assert_eq!(FrictionModel::NONE.after(0.0, 0.01), 0.0);
+        assert!((FRICTION.after(sliding, &Turned::asked(-0.01)) + 8.0).abs() < 1e-9);
+        assert_eq!(FrictionModel::NONE.after(0.0, &Turned::asked(0.01)), 0.0);
     }
 
     /// One step or many: the same.
@@ -56,8 +89,21 @@ mod tests {
     fn the_step_is_exact() {
         let (mut h, n) = (3.0, 100);
         for _ in 0..n {
-            h = FRICTION.after(h, 2e-4 / f64::from(n));
+            h = FRICTION.after(h, &Turned::asked(2e-4 / f64::from(n)));
         }
-        assert!((h - FRICTION.after(3.0, 2e-4)).abs() < 1e-9);
+        assert!((h - FRICTION.after(3.0, &Turned::asked(2e-4))).abs() < 1e-9);
+    }
+
+    /// A measured motion bends it as far as its velocity is certain, either way; asked motion goes on from there.
+    #[test]
+    fn a_slow_motion_that_nobody_asked_for_bends_it_a_little() {
+        let slow = FRICTION.after(0.0, &measured(0.01, 0.1));
+        assert!((slow - 0.8).abs() < 1e-9, "{slow}");
+        let fast = FRICTION.after(slow, &measured(0.01, 1.0));
+        assert!((fast - 8.0).abs() < 1e-9, "{fast}");
+        let stopping = FRICTION.after(fast, &measured(0.01, 0.0));
+        assert!(stopping.abs() < 1e-9, "{stopping}");
+        let asked = FRICTION.after(slow, &Turned::asked(-0.01));
+        assert!((asked + 8.0).abs() < 1e-9, "{asked}");
     }
 }

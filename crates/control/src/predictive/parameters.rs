@@ -296,6 +296,19 @@ impl LawParameters {
         }
     }
 
+    /// Velocity from which on a measured motion, that no reference asks for, has all of the foreseen friction, rad/s.
+    /// With the sign of any measured velocity it would drive the joint by itself where the true friction turns round on
+    /// a shorter way than the foreseen one: what is late of it comes back through the observer later still, and both
+    /// feed a swing that never ends. Below this velocity it is a negative damping, two thirds of the drive's own.
+    pub(super) fn sliding_velocity(&self) -> f64 {
+        const SHARE: f64 = 2.0 / 3.0;
+        let damping = match self.drive {
+            DriveModel::Position { damping, .. } => damping,
+            DriveModel::Current { .. } => self.rotor_inertia * self.design.rotor,
+        };
+        (self.friction.level / (SHARE * damping)).max(1e-6)
+    }
+
     /// Torque against the drive's damping of the torsion, which `D` replaces.
     pub(super) fn own_damping(&self, torsion_velocity: f64) -> f64 {
         match self.drive {

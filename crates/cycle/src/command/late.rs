@@ -19,7 +19,7 @@
 mod stand;
 
 use control::JointGains;
-use control::predictive::{DriveModel, LawParameters};
+use control::predictive::{DriveModel, LawParameters, Turned};
 use estimators::filter_bank::FilterBank;
 use problem::Problem;
 use robot_config::{JointParameters, Parameters};
@@ -176,7 +176,7 @@ impl LateTorque {
     /// rad, and the joint's velocity, rad/s.
     pub(super) fn against_friction(&mut self, tau_d: f64, lead: f64, dq: f64, dt: f64) -> f64 {
         let turned = (tau_d - self.last) / self.law.gear.at(tau_d) + dq * dt;
-        let friction = self.law.friction.after(self.friction, turned);
+        let friction = (self.law.friction).after(self.friction, &Turned::asked(turned));
         if friction.is_finite() && tau_d.is_finite() {
             (self.friction, self.last) = (friction, tau_d);
         }
