@@ -198,6 +198,8 @@ impl PredictiveLaw {
             self.link.correct(sensed.q, link.gain());
             self.measured_q = sensed.q;
         }
+        // In every mode: the next one must not begin with the velocity at which the last one ended.
+        self.slow_velocity += self.follow_share * (self.link.velocity() - self.slow_velocity);
         self.fit_drive(sensed);
     }
 
@@ -373,7 +375,6 @@ impl PredictiveLaw {
         }
         // The terms of the state.
         let feedback = (1.0 - stiff * compliance) * ahead.torque - damping * ahead.torsion_velocity;
-        self.slow_velocity += self.follow_share * (self.link.velocity() - self.slow_velocity);
         let follow = p.carried_damping(self.slow_velocity, ahead.omega);
         let drive = p.own_damping(ahead.torsion_velocity);
         let torque = self.reference_torque();

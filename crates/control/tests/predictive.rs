@@ -307,6 +307,32 @@ fn a_joint_that_stands_does_not_swing_whatever_its_friction_is_like() {
     }
 }
 
+/// A joint that moved at the end of a mode, was held, and begins another mode stands.
+#[test]
+fn a_mode_does_not_begin_with_the_velocity_of_the_last_one() {
+    let mut law = PredictiveLaw::new(knee());
+    let mut joint = Joint::new(knee(), 2.5, 1);
+    let mut worst: f64 = 0.0;
+    for k in 0..2000 {
+        law.observe(&joint.sensed());
+        let holds = (300..1500).contains(&k);
+        if k == 1500 {
+            assert!(law.hold_reference().abs() < 0.1);
+        }
+        let wanted = if k < 300 { 10.0 } else { 0.0 };
+        let command = match holds {
+            true => joint.theta,
+            false => law.command(&feedforward(wanted)).command,
+        };
+        law.sent(command);
+        joint.advance(command);
+        if k > 1500 {
+            worst = worst.max(joint.torque().abs());
+        }
+    }
+    assert!(worst < 0.1, "{worst} N·m");
+}
+
 /// The observer expects what the joint does, so nothing is left to be called a disturbance.
 #[test]
 fn without_friction_there_is_no_disturbance_whatever_is_asked() {

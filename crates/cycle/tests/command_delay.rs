@@ -43,7 +43,7 @@ fn moved(mut bench: Bench, (amplitude, w): (f64, f64), time: [f64; 2]) -> Option
 
 /// So long that most joints have been measured twice.
 fn measured(bench: Bench) -> Bench {
-    moved(bench, (0.03, 4.0), [12.3, 50.0]).expect("the mode lasts")
+    moved(bench, (0.03, 4.0), [40.0, 60.0]).expect("the mode lasts")
 }
 
 fn raised(bench: &Bench) -> u64 {
