@@ -14,6 +14,8 @@ use crate::robots::Prepared;
 
 /// Time between cycles, ns.
 const PERIOD_NS: u64 = 1_000_000;
+/// Time in which a drive that is in order takes a step of its states, s.
+const STEP_TIME_S: f64 = 2e-3;
 
 /// The places of one cycle at which a fault may act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -186,6 +188,16 @@ impl Rig {
         }
         let mut answers = Frames::default();
         self.plant.exchange(&heard, self.now, &mut answers);
+    }
+
+    /// Drives that refuse to be enabled, or are slow, do so no more.
+    pub fn mend_drives(&mut self) {
+        for joint in 0..self.robot.parameters.joints.len() {
+            if let Some(states) = self.plant.drive_states(joint) {
+                states.set_refuses(false);
+                states.set_step_time(STEP_TIME_S);
+            }
+        }
     }
 
     /// Cycles without a client.

@@ -15,6 +15,8 @@ use crate::scenarios::{Bound, Place, Scenario, Start};
 const OBSERVED: usize = 1000;
 /// Cycles until a robot that is switched on holds, with its filters full.
 const SETTLING: usize = 500;
+/// Further cycles until IMUs have agreed for the second that makes one stand in for another.
+const AGREEING: usize = 700;
 /// Cycles in a client's mode before the fault: the blend into it takes 300.
 const IN_MODE: usize = 350;
 /// The same of a frame that presses: its force feedback takes half a second to begin.
@@ -146,6 +148,9 @@ fn begin(
         return Ok((rig, None));
     }
     rig.run(SETTLING);
+    if rig.robot.parameters.imus.len() > 1 {
+        rig.run(AGREEING);
+    }
     expect(&rig, place, RobotState::Holding)?;
     if place.start == Start::Hold {
         return Ok((rig, None));
@@ -388,6 +393,7 @@ fn run_beside(
 fn recovers(rig: &mut Rig) -> bool {
     rig.client.speaks = false;
     rig.client.settings = None;
+    rig.mend_drives();
     rig.run(RECOVERY);
     let fault = rig.cycle.record().fault;
     if fault != 0 {

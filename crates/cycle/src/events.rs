@@ -63,9 +63,13 @@ impl Counts {
         }
     }
 
-    pub(crate) fn add_of(&mut self, event: Event, subject: Subject) {
+    pub(crate) fn add_about(&mut self, event: Event, subject: Option<Subject>) {
         self.add(event);
-        self.raise(event, Some(subject));
+        self.raise(event, subject);
+    }
+
+    pub(crate) fn add_of(&mut self, event: Event, subject: Subject) {
+        self.add_about(event, Some(subject));
     }
 
     /// A condition that lasts: counted in the cycle in which it begins, and reacted to in each.

@@ -131,7 +131,11 @@ fn a_saturated_sensor_ends_the_modes_that_need_it() {
         }
         let what = format!("{robot}, slot {slot} saturated");
         assert_eq!(count(&bench, Event::SensorSaturated), 1, "{what}");
-        assert_eq!(state(bench.cycle.record()), RobotState::Holding, "{what}");
+        assert_eq!(count(&bench, Event::SensorFlat), 0, "{what}");
+        let record = bench.cycle.record();
+        assert_eq!(state(record), RobotState::Holding, "{what}");
+        let cause = record.commander.cause;
+        assert_eq!(cause, Event::SensorSaturated.number(), "{what}");
         motion.assert_small(&what);
     }
 }

@@ -191,7 +191,7 @@ impl Reader<'_, '_, '_> {
         let plausibility = limits::plausibility(
             &limits,
             drive,
-            motor_angle.resolution,
+            [motor_angle.resolution, link_angle.resolution],
             self.timing.sample_period,
         );
         let gap = drive.sampling.longest_gap(self.timing.sample_period);

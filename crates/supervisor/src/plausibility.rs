@@ -12,7 +12,7 @@
 
 mod steps;
 
-use steps::{Course, JITTER, Step, Steps};
+use steps::{Course, JITTER, Least, Step, Steps};
 
 /// Limits of a plausible sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +23,10 @@ pub struct PlausibilityParameters {
     /// A torsion that steps by more from one sample to the next and then goes on as before, rad,
     /// is an encoder's step: an impact changes a velocity, not a position.
     pub step: f64,
-    /// The same of the motor-side angle, rad, link side: what torque can make of the rotor's velocity
+    /// A torsion that is beside its course by more than this, rad, is not used until the next sample shows that it
+    /// goes on from there: one wrong sample is not to be felt. No more than `step`.
+    pub beside: f64,
+    /// The same as `step` of the motor-side angle, rad, link side: what torque can make of the rotor's velocity
     /// within a sample, and a count; infinite where samples are not taken at the cycle's instants.
     pub motor_step: f64,
     /// A motor-side angle that is off its course after readings that jumped, by more than this for each
@@ -267,8 +270,22 @@ impl Plausibility {
             }
         }
         let steps = [
-            self.torsion.follow(torsion, p.step, 0.0),
-            self.motor.follow(motor, p.motor_step, JITTER),
+            self.torsion.follow(
+                torsion,
+                Least {
+                    beside: p.beside,
+                    step: p.step,
+                    jitter: 0.0,
+                },
+            ),
+            self.motor.follow(
+                motor,
+                Least {
+                    beside: p.motor_step,
+                    step: p.motor_step,
+                    jitter: JITTER,
+                },
+            ),
         ];
         match steps {
             [Step::Confirmed, _] | [_, Step::Confirmed] => Step::Confirmed,
@@ -321,6 +338,7 @@ mod tests {
     const PARAMETERS: PlausibilityParameters = PlausibilityParameters {
         torsion: 0.003,
         step: 0.0005,
+        beside: 0.0005,
         motor_step: 0.0008,
         jump: f64::INFINITY,
         samples_to_trust: 5,

@@ -125,10 +125,11 @@ impl Followed {
         };
         self.last = value;
         let half = 0.5 * resolution;
-        if flat_after.is_some_and(|most| self.same >= most) {
-            Liveness::Flat
-        } else if value <= min + half || value >= max - half {
+        // One that stays at an end of its range is no less saturated.
+        if value <= min + half || value >= max - half {
             Liveness::Saturated
+        } else if flat_after.is_some_and(|most| self.same >= most) {
+            Liveness::Flat
         } else {
             Liveness::Live
         }
@@ -198,6 +199,7 @@ mod tests {
     #[test]
     fn an_end_of_the_range_is_no_measured_value() {
         let mut monitor = monitor(0.1, 0.5);
+        assert!((0..1000).all(|_| monitor.update([100.0].into_iter()) == Liveness::Saturated));
         for (value, expected) in [
             (99.9, Liveness::Live),
             (100.0, Liveness::Saturated),

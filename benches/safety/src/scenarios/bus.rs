@@ -11,6 +11,9 @@ use crate::rig::Fault;
 
 const GROUP: &str = "Buses and frames";
 
+/// Cycles from one wrong bit to the next.
+const BIT_EVERY: usize = 15;
+
 /// A slot of the joint's.
 fn of(joint: usize) -> impl Fn(usize) -> bool + Copy {
     move |slot| slots::source(slot) == slots::Source::Joint(joint)
@@ -111,6 +114,76 @@ fn bits_flipped(_: Place) -> Fault {
                 frame.data[bit / 8] ^= 1 << (bit % 8);
             }
         }
+    })
+}
+
+/// Each bit of a joint's frames wrong in one frame, one bit after the other.
+fn each_bit_once(place: Place) -> Fault {
+    answers(move |rig, k| {
+        let bit = k / BIT_EVERY;
+        for j in 0..rig.rx.len() {
+            let its = k % BIT_EVERY == 0 && rig.carries(&rig.rx[j], of(place.joint));
+            let frame = &mut rig.rx[j];
+            if its && bit / 8 < usize::from(frame.len) {
+                frame.data[bit / 8] ^= 1 << (bit % 8);
+            }
+        }
+    })
+}
+
+/// A byte of a joint's frames has a bit that stays set.
+fn bit_stuck(place: Place, byte: usize) -> Fault {
+    answers(move |rig, _| {
+        for j in 0..rig.rx.len() {
+            if rig.carries(&rig.rx[j], of(place.joint)) && byte < usize::from(rig.rx[j].len) {
+                rig.rx[j].data[byte] |= 1;
+            }
+        }
+    })
+}
+
+/// Another node sends a joint's frames too, as they were when it began.
+fn sent_by_two(place: Place) -> Fault {
+    let mut other: Vec<Frame> = Vec::new();
+    answers(move |rig, k| {
+        if k == 0 {
+            let its = rig.rx.iter().filter(|f| rig.carries(f, of(place.joint)));
+            other = its.copied().collect();
+        }
+        let stamp_ns = rig.rx.last().map_or(0, |frame| frame.stamp_ns);
+        let now = other.iter().map(|frame| Frame { stamp_ns, ..*frame });
+        rig.rx.extend(now);
+    })
+}
+
+/// The clock of a bus's controller is set back.
+fn clock_set_back(place: Place) -> Fault {
+    answers(move |rig, _| {
+        for frame in rig.rx.iter_mut().filter(|frame| frame.bus == place.bus) {
+            frame.stamp_ns = frame.stamp_ns.saturating_sub(10_000_000);
+        }
+    })
+}
+
+fn late_now_and_then(place: Place) -> Fault {
+    let mut kept: Vec<Frame> = Vec::new();
+    answers(move |rig, k| {
+        let late = std::mem::take(&mut kept);
+        if k.is_multiple_of(7) {
+            kept = rig.lose(of(place.joint));
+        }
+        rig.rx.splice(0..0, late);
+    })
+}
+
+fn commands_delayed_now_and_then(_: Place) -> Fault {
+    let mut kept: Vec<Frame> = Vec::new();
+    commands(move |rig, k| {
+        let late = std::mem::take(&mut kept);
+        if k.is_multiple_of(7) {
+            kept = std::mem::take(&mut rig.sent);
+        }
+        rig.sent.splice(0..0, late);
     })
 }
 
@@ -223,6 +296,30 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             corrupt(p, |_| true)
         }),
         new("2 % of all frames with a wrong bit", AT_REST, bits_flipped),
+        new(
+            "each bit of a joint's frames wrong once",
+            ENABLED,
+            each_bit_once,
+        ),
+        new("a bit of a joint's first byte stuck", ENABLED, |p| {
+            bit_stuck(p, 0)
+        }),
+        new("a bit of a joint's fourth byte stuck", ENABLED, |p| {
+            bit_stuck(p, 3)
+        }),
+        new("a joint's identifier sent by two", ENABLED, sent_by_two),
+        new("a bus's clock set back by 10 ms", ENABLED, clock_set_back),
+        new(
+            "every 7th answer of a joint a cycle late",
+            ENABLED,
+            late_now_and_then,
+        )
+        .step(),
+        new(
+            "every 7th cycle's commands a cycle late",
+            ENABLED,
+            commands_delayed_now_and_then,
+        ),
         new("600 strange frames before the answers", AT_REST, flood),
         new("answers of the wrong length", AT_REST, |p| {
             answers(move |rig, _| {

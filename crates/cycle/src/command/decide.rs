@@ -427,10 +427,7 @@ impl Supervisor {
 
     /// Counts an event and reacts to it, whatever the robot's state.
     pub(crate) fn report(&mut self, event: Event, subject: Option<Subject>, counts: &mut Counts) {
-        match subject {
-            Some(subject) => counts.add_of(event, subject),
-            None => counts.add(event),
-        }
+        counts.add_about(event, subject);
         self.react(event, subject);
     }
 
@@ -440,6 +437,10 @@ impl Supervisor {
             self.doubted |= event.against();
         }
         match self.reactions.of(event) {
+            // Why a sensor has had no usable sample.
+            Reaction::Warn if event == Event::SensorSaturated && self.degraded_by != 0 => {
+                self.degraded_by = event.number();
+            }
             Reaction::Warn => {}
             Reaction::Degrade => {
                 self.unsound |= event.against();
@@ -467,8 +468,7 @@ impl Supervisor {
 
     /// Takes the robot from its client; `cause`: number of an event, or 0.
     fn release(&mut self, cause: u32) {
-        self.released = true;
-        self.released_by = cause;
+        (self.released, self.released_by) = (true, cause);
         self.mode = Mode::Hold;
     }
 

@@ -27,6 +27,9 @@ const TORSION_OFFSET: f64 = 0.1 * core::f64::consts::PI / 180.0;
 /// A torque that appears from one sample to the next and stays is an encoder's step from this
 /// share of the torque limit on.
 const STEP_SHARE: f64 = 0.15;
+/// Share of that from which on a sample alone is not used: a joint that nothing but a torque holds feels one of half
+/// a step.
+const BESIDE_SHARE: f64 = 0.3;
 /// Period of samples for which that holds, s: an impact changes the velocities of the gear's ends, and with longer
 /// periods the torsion by as much more until the next sample.
 const STEP_PERIOD_S: f64 = 1e-3;
@@ -281,7 +284,7 @@ impl Reader<'_, '_, '_> {
 pub(super) fn plausibility(
     limits: &Limits,
     drive: &Drive,
-    motor_resolution: f64,
+    [motor_resolution, link_resolution]: [f64; 2],
     sample_period: f64,
 ) -> PlausibilityParameters {
     let rotor = drive.rotor_inertia * drive.gear_ratio * drive.gear_ratio;
@@ -293,10 +296,13 @@ pub(super) fn plausibility(
     } else {
         0.0
     };
+    let step = (STEP_SHARE * (sample_period / STEP_PERIOD_S).max(1.0)).min(1.0) * wound_up;
+    let counts = motor_resolution / drive.gear_ratio + link_resolution;
     PlausibilityParameters {
         torsion: TORSION_MARGIN * (wound_up + wave_generator)
             + drive.kind.threshold(TORSION_OFFSET),
-        step: (STEP_SHARE * (sample_period / STEP_PERIOD_S).max(1.0)).min(1.0) * wound_up,
+        step,
+        beside: (BESIDE_SHARE * step).max(STEP_COUNTS * counts).min(step),
         motor_step: match drive.sampling.is_at_sync() {
             true => {
                 IMPACT * limits.torque / rotor * sample_period * sample_period
