@@ -41,6 +41,10 @@ pub enum Training {
     Coarse,
     /// `Full` with two thirds of the load.
     TwoThirds,
+    /// 8 s of motion under loads of one sign, no unloaded turn, an encoder zero of each log's own.
+    OneSign,
+    /// The same of a joint that stands.
+    Standing,
 }
 
 impl Training {
@@ -54,6 +58,15 @@ impl Training {
         (Self::Coarse, "counts/8"),
         (Self::TwoThirds, "two thirds"),
     ];
+    /// Those without an unloaded turn, as logs of robots in use are: each judged run is tared at its start.
+    pub const UNTURNED: [(Self, &'static str); 2] =
+        [(Self::OneSign, "one sign"), (Self::Standing, "standing")];
+
+    /// Whether it is one of [`Self::UNTURNED`].
+    #[must_use]
+    pub fn is_unturned(self) -> bool {
+        matches!(self, Self::OneSign | Self::Standing)
+    }
 }
 
 /// From 0 to 1 between 0 and 1, smooth at both ends.
@@ -109,9 +122,48 @@ pub fn turn() -> Run {
     }
 }
 
+/// Loads of one sign: `sign` times 0.1 to 0.9 of the rated torque; the joint turns to and fro or stands.
+fn one_sign(draw: &mut Draw, name: &'static str, sign: f64, moves: bool, stream: u64) -> Run {
+    let load = wander(draw, 0.1, 0.8, 0.35);
+    let way = wander(draw, 0.1, 0.5, 0.7);
+    let place = draw.within(-1.0, 1.0);
+    let level = draw.within(0.35, 0.55);
+    Run {
+        name,
+        seconds: 8.0,
+        from: 0.0,
+        weight: 0.0,
+        q: Box::new(move |t| place + if moves { way(t - 0.2) } else { 0.0 }),
+        // The load is there from the first sample on, as gravity is.
+        torque: Box::new(move |t| sign * (level + load(t - 0.2).clamp(-0.35, 0.45))),
+        stream,
+    }
+}
+
+/// Runs that are judged after the trainings without an unloaded turn, beside [`scenarios`]: loads of the other
+/// sign, in motion and at rest.
+#[must_use]
+pub fn other_sign(number: u64) -> Vec<Run> {
+    let mut draw = Draw::new(number, 9);
+    let sign = training_sign(number);
+    vec![
+        one_sign(&mut draw, "other sign, moving", -sign, true, 6),
+        one_sign(&mut draw, "other sign, standing", -sign, false, 7),
+    ]
+}
+
+fn training_sign(number: u64) -> f64 {
+    if number.is_multiple_of(2) { 1.0 } else { -1.0 }
+}
+
 /// A training run of a joint.
 #[must_use]
 pub fn training(kind: Training, number: u64) -> Run {
+    if kind.is_unturned() {
+        let moves = kind == Training::OneSign;
+        let mut draw = Draw::new(number, 10);
+        return one_sign(&mut draw, "training", training_sign(number), moves, 12);
+    }
     let mut draw = Draw::new(number, 7);
     let (seconds, size): (f64, f64) = match kind {
         Training::Seconds10 => (10.0, 1.0),

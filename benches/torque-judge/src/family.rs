@@ -2,6 +2,7 @@
 
 use crate::course::{self, Training};
 use crate::fit::fit;
+use crate::real::TARED;
 use crate::score::Score;
 use crate::simulate::simulate;
 use crate::specimen::Specimen;
@@ -83,6 +84,15 @@ fn constants(joint: &Specimen, file: &JointFile) -> Vec<(&'static str, f64)> {
     list
 }
 
+/// An encoder zero of the log's own: torsion counts from its first sample.
+fn from_first_sample<'a>(rows: impl Iterator<Item = &'a mut LogRow>, ratio: f64) {
+    let mut zero = None;
+    for row in rows {
+        let zero = *zero.get_or_insert(row.theta - ratio * row.q);
+        row.theta -= zero;
+    }
+}
+
 fn one(number: u64, training: (Training, &'static str), judged: &Mutex<Judged>) {
     let (kind, name) = training;
     let joint = Specimen::new(number);
@@ -97,8 +107,14 @@ fn one(number: u64, training: (Training, &'static str), judged: &Mutex<Judged>) 
             .map(|(row, _)| row)
             .collect()
     };
-    let (turn, train) = (rows(course::turn()), rows(course::training(kind, number)));
-    let fitted = fit(&joint.file(), Some(&turn), &train);
+    let unturned = kind.is_unturned();
+    let mut train = rows(course::training(kind, number));
+    let turn = (!unturned).then(|| rows(course::turn()));
+    let ratio = joint.sheet.gear_ratio;
+    if unturned {
+        from_first_sample(train.iter_mut(), ratio);
+    }
+    let fitted = fit(&joint.file(), turn.as_deref(), &train);
     let mut cases = Vec::new();
     let mut outcome = Judged::default();
     match fitted {
@@ -117,8 +133,17 @@ fn one(number: u64, training: (Training, &'static str), judged: &Mutex<Judged>) 
                     name: constant,
                     ratio,
                 }));
-            for run in course::scenarios(number) {
-                match Score::of(&file, &simulate(&joint, &run), run.from) {
+            let mut runs = course::scenarios(number);
+            if unturned {
+                runs.extend(course::other_sign(number));
+            }
+            for run in runs {
+                let mut judged = simulate(&joint, &run);
+                if unturned {
+                    from_first_sample(judged.iter_mut().map(|(row, _)| row), ratio);
+                }
+                let tared = if unturned { TARED } else { 0 };
+                match Score::after(&file, &judged, run.from, tared) {
                     Ok(score) => cases.push(Case {
                         number,
                         structure: joint.describe(),

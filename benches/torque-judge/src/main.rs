@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use torque_judge::course::Training;
 use torque_judge::family::{Fit, Judged, judge, plan};
 use torque_judge::fit::{fit, times};
+use torque_judge::results::Told;
 use torque_judge::score::Score;
 use torque_judge::specimen::FIRST_JUDGED;
 use torque_judge::{drives, page, real, results};
@@ -28,6 +29,8 @@ struct Arguments {
 const EXAMPLES: &str = "\
 Examples:
   torque-judge real --logs lara8_arm
+  torque-judge real --logs lara8_arm --splits
+  torque-judge family --part design --joints 6 --training one-sign --training standing
   torque-judge family --part design --joints 6 --training full --training two-thirds
   torque-judge family --part judging --json judged.json
   torque-judge results --logs lara8_arm --drives kuka_kr300 --out docs/results/torque-judge.md
@@ -43,6 +46,9 @@ enum Command {
         /// Folder of its logs
         #[arg(long)]
         logs: PathBuf,
+        /// Its other splits instead: halves and thirds of each log, all joints
+        #[arg(long)]
+        splits: bool,
         #[command(flatten)]
         out: Out,
     },
@@ -126,16 +132,32 @@ enum Part {
 
 fn training(name: &str) -> Result<(Training, &'static str), String> {
     let key = |name: &str| name.replace([' ', '-', '/'], "");
-    let found = Training::ALL.into_iter().find(|(_, n)| key(n) == key(name));
-    found.ok_or_else(|| {
-        let names: Vec<&str> = Training::ALL.iter().map(|(_, n)| *n).collect();
-        format!("allowed: {}", names.join(", "))
-    })
+    let mut all = Training::ALL.into_iter().chain(Training::UNTURNED);
+    let names: Vec<&str> = all.clone().map(|(_, n)| n).collect();
+    all.find(|(_, n)| key(n) == key(name))
+        .ok_or_else(|| format!("allowed: {}", names.join(", ")))
 }
 
 fn main() -> ExitCode {
     let (text, json, out) = match Arguments::parse().command {
-        Command::Real { logs, out } => match real::judge(&logs, &|_| ()) {
+        Command::Real {
+            logs,
+            splits: true,
+            out,
+        } => match real::splits(&logs, &|_| ()) {
+            Ok(cases) => {
+                let text = page::splits(&cases);
+                let cases: Vec<_> = cases.into_iter().map(|(_, case)| case).collect();
+                let text = format!("{}\n{text}", page::real(&cases));
+                (text, page::to_json(&Judged::default(), &cases), out)
+            }
+            Err(problem) => return failed(&problem.to_string()),
+        },
+        Command::Real {
+            logs,
+            splits: false,
+            out,
+        } => match real::judge(&logs, &|_| ()) {
             Ok(cases) => {
                 let reports = cases.iter().map(|c| {
                     format!(
@@ -164,6 +186,12 @@ fn main() -> ExitCode {
         } => {
             let judged = family(part, joints, &training, threads);
             let mut text = page::family(&judged);
+            if Training::UNTURNED
+                .iter()
+                .any(|t| judged.cases.iter().any(|c| c.training == t.1))
+            {
+                text += &format!("\n{}", page::unturned(&judged));
+            }
             if out.verbose {
                 for (_, name) in Training::ALL {
                     text += &format!("\n{}", page::sources(&judged, name));
@@ -259,12 +287,27 @@ fn write(path: &Path, text: String) -> Result<(), Problem> {
     std::fs::write(path, text).map_err(|e| Problem::new(e.to_string(), "").at(name, 0))
 }
 
+/// Joints of the judging part that are judged without an unloaded turn.
+const UNTURNED_JOINTS: u64 = 24;
+
+/// Judges the real arm and joints without an unloaded turn.
+fn told(logs: &Path) -> Result<Told, Problem> {
+    let joints = FIRST_JUDGED..FIRST_JUDGED + UNTURNED_JOINTS;
+    let fits: Vec<Fit> = joints
+        .flat_map(|number| Training::UNTURNED.map(|training| (number, training)))
+        .collect();
+    Ok(Told {
+        real: real::judge(logs, &|_| ())?,
+        splits: real::splits(logs, &|_| ())?,
+        unturned: judge(&fits, 1, None, &|_| ()),
+    })
+}
+
 /// Judges the real arm and the drives and writes the page, the rest as it was.
 fn renew(logs: &Path, drives: &Path, out: &Path) -> Result<(), Problem> {
     let old = std::fs::read_to_string(out).map_err(|e| Problem::unreadable(out.display(), &e))?;
     let offered = drives::judge(drives)?;
-    let cases = real::judge(logs, &|_| ())?;
-    let page = results::without_family(&cases, &offered, &old).ok_or_else(|| {
+    let page = results::without_family(&told(logs)?, &offered, &old).ok_or_else(|| {
         let reason = format!("{}: no family's part to keep", out.display());
         Problem::new(reason, "a page that this command has made")
     })?;
@@ -280,18 +323,15 @@ fn write_results(
     json: Option<&Path>,
 ) -> Result<(), Problem> {
     let offered = drives::judge(drives)?;
-    let cases = real::judge(logs, &|_| ())?;
+    let told = told(logs)?;
     let until = minutes.map(|minutes| Instant::now() + Duration::from_secs_f64(60.0 * minutes));
     let judged = with_progress(fits, threads, until);
     let times = times(FIRST_JUDGED)?;
     if let Some(path) = json {
-        write(path, format!("{}\n", page::to_json(&judged, &cases)))?;
+        write(path, format!("{}\n", page::to_json(&judged, &told.real)))?;
     }
     let old = std::fs::read_to_string(out).unwrap_or_default();
-    write(
-        out,
-        results::results(&cases, &offered, &judged, times, &old),
-    )
+    write(out, results::results(&told, &offered, &judged, times, &old))
 }
 
 fn failed(message: &str) -> ExitCode {

@@ -1,8 +1,8 @@
 //! Tables of the judgement, as Markdown and as JSON.
 
 use crate::course::Training;
-use crate::family::Judged;
-use crate::real::{FEED_FORWARD, REGRESSION, RealCase, WITH_FEED_FORWARD};
+use crate::family::{Case, Judged};
+use crate::real::{FEED_FORWARD, FUSED, REGRESSION, RealCase, WITH_FEED_FORWARD};
 use crate::score::Score;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -31,7 +31,7 @@ pub fn family(judged: &Judged) -> String {
          | training | slow | fast | sudden | frequent | static | fused / best source | error/sigma in 0.5 to 2 | largest |\n\
          | --- | --- | --- | --- | --- | --- | --- | ---: | ---: |\n",
     );
-    for (_, training) in Training::ALL {
+    for (_, training) in Training::ALL.into_iter().chain(Training::UNTURNED) {
         let of: Vec<_> = judged
             .cases
             .iter()
@@ -65,6 +65,61 @@ pub fn family(judged: &Judged) -> String {
     }
     if !judged.refused.is_empty() {
         let _ = writeln!(text, "\nRefused: {}", judged.refused.join("; "));
+    }
+    text
+}
+
+/// Joints without an unloaded turn, scenario by scenario.
+#[must_use]
+pub fn unturned(judged: &Judged) -> String {
+    let mut text = String::from(
+        "| training | scenario | torsion, median % | current | fused | fused / best source: geometric mean | worst | \
+         error/sigma in 0.5 to 2 | below 0.5 | largest |\n\
+         | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+    );
+    let mut line = |training: &str, scenario: &str, of: &[&Case]| {
+        let percent = |name: &str| {
+            let found = of.iter().filter_map(|c| {
+                let line = c.score.lines.iter().find(|l| l.name == name)?;
+                Some(100.0 * line.rms / c.score.torque)
+            });
+            median_worst(found.collect()).0
+        };
+        let fused: Vec<_> = of.iter().filter_map(|c| c.score.fused()).collect();
+        let over: Vec<f64> = (of.iter())
+            .filter_map(|c| Some(c.score.fused()?.rms / c.score.best()?.rms))
+            .collect();
+        let mean = (over.iter().map(|x| x.ln()).sum::<f64>() / over.len().max(1) as f64).exp();
+        let relative: Vec<f64> = fused.iter().map(|l| l.ratio).collect();
+        let below = relative.iter().filter(|x| *x < HONEST.start()).count();
+        let (_, largest) = median_worst(relative.clone());
+        let _ = writeln!(
+            text,
+            "| {training} | {scenario} | {:.2} | {:.2} | {:.2} | {mean:.2} | {:.2} | {:.0} % | {below} of {} | {largest:.2} |",
+            percent("hysteresis"),
+            percent("current"),
+            percent("fused"),
+            median_worst(over).1,
+            share(&relative),
+            relative.len(),
+        );
+    };
+    for (_, training) in Training::UNTURNED {
+        let of: Vec<_> = (judged.cases.iter())
+            .filter(|c| c.training == training)
+            .collect();
+        let mut scenarios: Vec<&str> = of.iter().map(|c| c.scenario).collect();
+        scenarios.sort_unstable();
+        scenarios.dedup();
+        for scenario in scenarios {
+            let of: Vec<_> = of
+                .iter()
+                .copied()
+                .filter(|c| c.scenario == scenario)
+                .collect();
+            line(training, scenario, &of);
+        }
+        line(training, "all", &of);
     }
     text
 }
@@ -213,6 +268,56 @@ pub fn real(cases: &[RealCase]) -> String {
         share(&relative)
     );
     text += &feed_forward(cases);
+    text
+}
+
+/// Splits of the real arm's logs, by kind and joint: see [`crate::real::splits`].
+#[must_use]
+pub fn splits(cases: &[(&'static str, RealCase)]) -> String {
+    let mut text = String::from(
+        "| split | cases | informative | fused / best plain: geometric mean | worst (joint, logs) | error/sigma in 0.5 to 2, \
+         informative | all | below 0.5 | largest |\n\
+         | --- | ---: | ---: | ---: | --- | ---: | ---: | ---: | ---: |\n",
+    );
+    let mut kinds: Vec<&str> = cases.iter().map(|(kind, _)| *kind).collect();
+    kinds.sort_unstable();
+    kinds.dedup();
+    let mut line = |kind: &str, of: &[&RealCase]| {
+        let informative: Vec<_> = of.iter().filter(|c| c.informative).collect();
+        let ratios = informative.iter().map(|c| c.over_best().ln());
+        let mean = (ratios.sum::<f64>() / informative.len().max(1) as f64).exp();
+        let worst = (informative.iter()).max_by(|a, b| a.over_best().total_cmp(&b.over_best()));
+        let worst = worst.map_or("none".to_owned(), |c| {
+            format!("{:.2} ({}, {})", c.over_best(), c.joint, c.logs)
+        });
+        let relative = |c: &RealCase| c.ratio(FUSED);
+        let all: Vec<f64> = of.iter().map(|c| relative(c)).collect();
+        let told: Vec<f64> = informative.iter().map(|c| relative(c)).collect();
+        let below = all.iter().filter(|x| *x < HONEST.start()).count();
+        let (_, largest) = median_worst(all.clone());
+        let of_informative = |text: String| match informative.is_empty() {
+            true => "none".to_owned(),
+            false => text,
+        };
+        let _ = writeln!(
+            text,
+            "| {kind} | {} | {} | {} | {worst} | {} | {:.0} % | {below} | {largest:.2} |",
+            of.len(),
+            informative.len(),
+            of_informative(format!("{mean:.2}")),
+            of_informative(format!("{:.0} %", share(&told))),
+            share(&all),
+        );
+    };
+    for kind in kinds {
+        let of: Vec<_> = cases
+            .iter()
+            .filter(|(k, _)| *k == kind)
+            .map(|(_, c)| c)
+            .collect();
+        line(kind, &of);
+    }
+    line("all", &cases.iter().map(|(_, c)| c).collect::<Vec<_>>());
     text
 }
 

@@ -6,6 +6,7 @@
 
 use crate::arm::{JointLog, PERIOD_S, joint_file, read};
 use crate::fit::fit;
+use crate::score::TARE_SIGMA;
 use estimators::joint::JointTorqueEstimator;
 use identification::least_squares::Batch;
 use identification::log::LogRow;
@@ -14,8 +15,6 @@ use std::path::Path;
 
 /// Samples at the start of a judged log whose torque is known.
 pub const TARED: usize = 50;
-/// Standard deviation of the torque that is known in a tare, of the rated torque.
-const TARE_SIGMA: f64 = 0.003;
 /// Least error that counts as a difference, of the rated torque.
 const FLOOR: f64 = 0.01;
 /// Least standard deviation of the reference, of the rated torque, for a case to be informative.
@@ -250,12 +249,8 @@ fn case(
     })
 }
 
-/// Judges the logs `sweep.csv` and `jog_joints.csv` (and any others) of a folder: every directed pair on
-/// joints 1, 2, 3, 5, and the halves of the sweep on joints 2, 3, 5.
-///
-/// # Errors
-/// Logs that cannot be read.
-pub fn judge(folder: &Path, progress: &dyn Fn(&str)) -> Result<Vec<RealCase>, Problem> {
+/// The logs of a folder, with their names.
+fn logs(folder: &Path) -> Result<Vec<(String, Vec<JointLog>)>, Problem> {
     let of = |e: std::io::Error| Problem::unreadable(folder.display(), &e);
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .map_err(of)?
@@ -263,14 +258,20 @@ pub fn judge(folder: &Path, progress: &dyn Fn(&str)) -> Result<Vec<RealCase>, Pr
         .filter_map(|name| Some(name.strip_suffix(".csv")?.to_owned()))
         .collect();
     names.sort();
-    let logs: Result<Vec<_>, _> = names
-        .iter()
-        .map(|name| read(&folder.join(format!("{name}.csv"))))
-        .collect();
-    let logs = logs?;
+    let log = |name: String| Ok((name.clone(), read(&folder.join(format!("{name}.csv")))?));
+    names.into_iter().map(log).collect()
+}
+
+/// Judges the logs `sweep.csv` and `jog_joints.csv` (and any others) of a folder: every directed pair on
+/// joints 1, 2, 3, 5, and the halves of the sweep on joints 2, 3, 5.
+///
+/// # Errors
+/// Logs that cannot be read.
+pub fn judge(folder: &Path, progress: &dyn Fn(&str)) -> Result<Vec<RealCase>, Problem> {
+    let logs = logs(folder)?;
     let mut cases = Vec::new();
-    for (a, train) in names.iter().zip(&logs) {
-        for (b, judged) in names.iter().zip(&logs).filter(|(b, _)| *b != a) {
+    for (a, train) in &logs {
+        for (b, judged) in logs.iter().filter(|(b, _)| b != a) {
             for joint in [0, 1, 2, 4] {
                 let what = format!("{a} to {b}");
                 progress(&format!("{what}, joint {}", joint + 1));
@@ -292,6 +293,45 @@ pub fn judge(folder: &Path, progress: &dyn Fn(&str)) -> Result<Vec<RealCase>, Pr
             {
                 progress(&format!("{what}, joint {}", joint + 1));
                 cases.push(case(joint, (*what).to_owned(), &halves[k], &halves[1 - k])?);
+            }
+        }
+    }
+    Ok(cases)
+}
+
+/// Splits that [`judge`] leaves out: of each log every half judged after the other and every third after each of
+/// the others, all joints; pairs of logs on joints 4 and 6. Each with the name of its kind.
+///
+/// # Errors
+/// Logs that cannot be read.
+pub fn splits(
+    folder: &Path,
+    progress: &dyn Fn(&str),
+) -> Result<Vec<(&'static str, RealCase)>, Problem> {
+    let logs = logs(folder)?;
+    let mut cases = Vec::new();
+    for (a, train) in &logs {
+        for (parts, kind) in [(2, "halves"), (3, "thirds")] {
+            for (joint, log) in train.iter().enumerate() {
+                // The halves of these joints of the sweep are a part of `judge`.
+                if parts == 2 && a == "sweep" && [1, 2, 4].contains(&joint) {
+                    continue;
+                }
+                let all = log.rows.len();
+                let part = |k: usize| log.part(k * all / parts, (k + 1) * all / parts);
+                let pairs = (0..parts).flat_map(|x| (0..parts).map(move |y| (x, y)));
+                for (x, y) in pairs.filter(|(x, y)| x != y) {
+                    let what = format!("{a}, {kind}: {} to {}", x + 1, y + 1);
+                    progress(&format!("{what}, joint {}", joint + 1));
+                    cases.push((kind, case(joint, what, &part(x), &part(y))?));
+                }
+            }
+        }
+        for (b, judged) in logs.iter().filter(|(b, _)| b != a) {
+            for joint in [3, 5] {
+                let what = format!("{a} to {b}");
+                let one = case(joint, what, &train[joint], &judged[joint])?;
+                cases.push(("joints 4 and 6, log to log", one));
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::drives::Offered;
 use crate::family::Judged;
-use crate::page::{constants, family, real, sources};
+use crate::page::{constants, family, real, sources, splits, unturned};
 use crate::real::RealCase;
 use std::collections::BTreeSet;
 
@@ -38,23 +38,46 @@ const KEPT: &str = "\n**Older than the tables above**: this section and the next
 /// The page's text with the part of family and times of the `old` page, which then says so; none if it has no
 /// such part.
 #[must_use]
-pub fn without_family(cases: &[RealCase], offered: &[Offered], old: &str) -> Option<String> {
+pub fn without_family(told: &Told, offered: &[Offered], old: &str) -> Option<String> {
     let (_, kept) = old.split_once(FAMILY)?;
     let kept = kept.strip_prefix(KEPT).unwrap_or(kept);
     Some(format!(
         "{}{FAMILY}{KEPT}{kept}",
-        without_figures(cases, offered)
+        without_figures(told, offered)
     ))
 }
 
-/// The page's head, the real arm and the drives.
-fn without_figures(cases: &[RealCase], offered: &[Offered]) -> String {
+/// What stands before the family's part: the real arm, its other splits, joints without an unloaded turn.
+pub struct Told {
+    /// The real arm.
+    pub real: Vec<RealCase>,
+    /// Its other splits.
+    pub splits: Vec<(&'static str, RealCase)>,
+    /// Joints of the family without an unloaded turn.
+    pub unturned: Judged,
+}
+
+/// The page's head, the real arm, joints without an unloaded turn, and the drives.
+fn without_figures(told: &Told, offered: &[Offered]) -> String {
+    let joints: BTreeSet<u64> = told.unturned.cases.iter().map(|c| c.number).collect();
     format!(
         "{HEAD}{}\n\
+         ### Other splits of the same logs\n\n\
+         Every half after the other, every third after each of the others (1.3 and 2.5 s), all joints, those above \
+         left out; pairs of logs on joints 4 and 6. Joints that are not informative stand under a steady torque. \
+         No width and no constant was chosen by these splits.\n\n{}\n\
+         ## Joints without an unloaded turn\n\n\
+         {} joints of the judging part of the family of joints (below), as the real arm's logs are: 8 s of training \
+         under loads of one sign, in motion or at rest, no unloaded turn, no catalogue's stiffness, an encoder zero \
+         of each log's own, every judged run tared on its first 50 samples. \"Other sign\" is a run like the \
+         training with the other sign of the load.\n\n{}\n\
          ## Drives without a torque reference\n\n\
          Two runs of three axes of a KUKA KR300 (repository JonasWeigand/Robot_Identification, MIT). The stiffness \
          must not pass as determined, also where the motor's torque is offered as the reference.\n\n{}",
-        real(cases),
+        real(&told.real),
+        splits(&told.splits),
+        joints.len(),
+        unturned(&told.unturned),
         drives(offered),
     )
 }
@@ -63,7 +86,7 @@ fn without_figures(cases: &[RealCase], offered: &[Offered]) -> String {
 /// fused torque of a sample, s.
 #[must_use]
 pub fn results(
-    cases: &[RealCase],
+    told: &Told,
     offered: &[Offered],
     judged: &Judged,
     times: [f64; 2],
@@ -92,7 +115,7 @@ pub fn results(
          ## Time\n\n\
          Processor time: `fit all` on 150,000 samples {all:.0} s; the fused torque of a sample, as the loop \
          computes it, {:.2} us.\n{conclusions}\n",
-        without_figures(cases, offered),
+        without_figures(told, offered),
         joints.len(),
         structures.len(),
         laws(&structures),

@@ -26,6 +26,9 @@ pub struct Score {
     pub torque: f64,
 }
 
+/// Standard deviation of the torque that is known in a tare, of the rated torque.
+pub const TARE_SIGMA: f64 = 0.003;
+
 #[derive(Default, Clone)]
 struct Sums {
     square: f64,
@@ -50,16 +53,33 @@ impl Score {
     /// # Errors
     /// Estimators that cannot be built.
     pub fn of(file: &JointFile, rows: &[(LogRow, f64)], from: f64) -> Result<Self, Problem> {
+        Self::after(file, rows, from, 0)
+    }
+
+    /// The same after a tare at the true torque on so many samples, which are not judged.
+    ///
+    /// # Errors
+    /// Estimators that cannot be built.
+    pub fn after(
+        file: &JointFile,
+        rows: &[(LogRow, f64)],
+        from: f64,
+        tared: usize,
+    ) -> Result<Self, Problem> {
         let mut set = file.estimators()?;
         let mut front_end = file.front_end()?;
         let mut names = set.names().to_vec();
         names.push("fused".to_owned());
         let mut sums = vec![Sums::default(); names.len()];
         let (mut last, mut square, mut count) = (None, 0.0, 0.0);
-        for (row, tau) in rows {
+        for (i, (row, tau)) in rows.iter().enumerate() {
             front_end.bridge(last.replace(row.t), row.t);
             let sample = row.sample(&mut front_end);
             let fused = set.update(&sample);
+            if i < tared {
+                set.tare_to(*tau, TARE_SIGMA * file.joint.rated_torque);
+                continue;
+            }
             if row.t < from || !tau.is_finite() {
                 continue;
             }

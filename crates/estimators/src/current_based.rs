@@ -191,7 +191,17 @@ impl JointTorqueEstimator for CurrentEstimator {
         self.output.give(sample, tau, sigma)
     }
 
+    fn tare(&mut self, sigma: f64) {
+        // The zero that compensates the error there is a torque's.
+        if let Some(uncertainty) = &mut self.uncertainty {
+            uncertainty.tare(1.0, sigma * sigma);
+        }
+    }
+
     fn reset(&mut self) {
+        if let Some(uncertainty) = &mut self.uncertainty {
+            uncertainty.reset();
+        }
         self.low_pass.reset();
         self.last_dq = None;
         self.last = None;

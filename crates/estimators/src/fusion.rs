@@ -61,8 +61,11 @@ pub struct FusionParameters {
     /// Sources without a weight: their sigma is published as the fit found it, no more.
     pub left_out: Vec<usize>,
     /// Factor of the current's variance while the joint has not moved for a while: friction then hides
-    /// part of the torque, also where a changing load moves the gear a little.
+    /// part of the torque, also where a changing load moves the gear a little. It counts where the torsion's zero
+    /// is known.
     pub rest_factor: f64,
+    /// Whether the torsion's zero is unknown until a tare.
+    pub zero_unknown: bool,
     /// The source that is a feed-forward, and how the others differ from it.
     pub feed_forward: Option<(usize, CorrectionParameters)>,
 }
@@ -85,6 +88,8 @@ pub struct Fusion {
     /// Share of motion in the last while.
     motion: f64,
     correction: Option<(usize, Correction)>,
+    /// Whether there was a tare.
+    tared: bool,
     /// Standard deviation of each source's present estimate, N·m.
     sigmas: [f64; MAX_SOURCES],
 }
@@ -116,6 +121,7 @@ impl Fusion {
             apart_s: 0.0,
             disagrees: false,
             motion: 0.0,
+            tared: false,
             sigmas: [f64::INFINITY; MAX_SOURCES],
             parameters,
         }
@@ -201,6 +207,7 @@ impl Fusion {
 
     /// The sources have been zeroed to a torque that is known.
     pub fn tare(&mut self) {
+        self.tared = true;
         if let Some((_, correction)) = &mut self.correction {
             correction.tare();
         }
@@ -301,7 +308,12 @@ impl Fusion {
         let moves = sample.dq.abs() > self.parameters.moving;
         let step = self.parameters.sample_period / (MOTION_TIME_S + self.parameters.sample_period);
         self.motion += step * (f64::from(u8::from(moves)) - self.motion);
-        let hidden = 1.0 + (self.parameters.rest_factor - 1.0) * (1.0 - self.motion);
+        // An unknown zero of the torsion follows the current, and is known after a tare.
+        let factor = match self.parameters.zero_unknown && !self.tared {
+            true => 1.0,
+            false => self.parameters.rest_factor,
+        };
+        let hidden = 1.0 + (factor - 1.0) * (1.0 - self.motion);
         let independent = self.parameters.independent;
         let least = (variances.iter().enumerate())
             .filter(|(i, _)| Some(*i) != independent && Some(*i) != self.model())
@@ -347,6 +359,7 @@ impl Fusion {
         self.disagreement = 1.0;
         (self.apart_s, self.disagrees) = (0.0, false);
         self.motion = 0.0;
+        self.tared = false;
         if let Some((_, correction)) = &mut self.correction {
             correction.reset();
         }

@@ -90,8 +90,8 @@ impl EstimatorSet {
             self.zero.torsion += ZERO_STEP * (gear.tau - tau) / p.stiffness;
         }
         for (i, source) in self.sources.iter_mut().enumerate() {
-            // The feed-forward has a zero of its own.
-            if Some(i) != p.feed_forward {
+            // Current and feed-forward have zeros of their own.
+            if Some(i) != p.feed_forward && Some(i) != p.current {
                 source.tare(sigma);
             }
         }
@@ -108,9 +108,6 @@ impl EstimatorSet {
             if let Some(source) = self.sources.get_mut(i) {
                 source.tare(sigma);
             }
-        }
-        if let Some(fusion) = &mut self.fusion {
-            fusion.tare();
         }
     }
 
@@ -216,6 +213,12 @@ impl JointTorqueEstimator for EstimatorSet {
         let current = p.current.and_then(|i| self.estimates.get(i));
         if let Some(estimate) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
             self.zero.current += share * (estimate.tau - tau);
+            if let Some(source) = p.current.and_then(|i| self.sources.get_mut(i)) {
+                source.tare(sigma);
+            }
+        }
+        if let Some(fusion) = &mut self.fusion {
+            fusion.tare();
         }
         self.shift_feed_forward(tau, sigma, share);
     }

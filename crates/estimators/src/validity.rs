@@ -47,11 +47,13 @@ impl Validity {
         (tau - high).max(low - tau).max(0.0)
     }
 
-    /// What a torque beyond the covered range adds to the error, N·m, for torques below it and above it: each the
-    /// model's slope that is off by one standard deviation there, which a tare within knows in part.
+    /// What a torque beyond the covered range adds to the error of a gear, N·m, for torques below it and above it:
+    /// each the model's slope that is off by one standard deviation there, which a tare within knows in part. The law
+    /// of a gear is odd, so that a torque covers its mirror image as well.
     #[must_use]
     pub fn torque_errors(&self, tau: f64) -> [f64; 2] {
         let [low, high] = self.torque;
+        let (low, high) = (low.min(-high), high.max(-low));
         [(tau - low).min(0.0), (tau - high).max(0.0)].map(|beyond| PER_TORQUE * beyond)
     }
 
@@ -77,5 +79,23 @@ impl Validity {
     pub fn covers(&self, tau: f64, q: f64, dq: f64) -> bool {
         let within = |[low, high]: [f64; 2], x: f64| low <= x && x <= high;
         within(self.torque, tau) && within(self.angle, q) && dq.abs() <= self.speed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gear_s_torques_cover_their_mirror_image_others_do_not() {
+        let validity = Validity {
+            torque: [40.0, 90.0],
+            ..Validity::default()
+        };
+        assert_eq!(validity.torque_errors(-80.0), [0.0, 0.0]);
+        assert_eq!(validity.torque_errors(10.0), [0.0, 0.0]);
+        let [below, above] = validity.torque_errors(-100.0);
+        assert!((below + 1.5).abs() < 1e-9 && above == 0.0);
+        assert!((validity.torque_error(-80.0) - 18.0).abs() < 1e-9);
     }
 }

@@ -65,3 +65,33 @@ fn a_data_sheets_sigma_is_what_its_usual_errors_make_of_the_torque() {
     assert!(changes.iter().all(|c| c.abs() > 0.01), "{changes:?}");
     assert!((sigma / expected - 1.0).abs() < 1e-2, "{sigma} {expected}");
 }
+
+#[test]
+fn a_tare_leaves_the_sigma_of_the_known_torque_and_it_grows_with_the_change() {
+    let mut estimator = CurrentEstimator::of_data_sheet(SHEET);
+    let mut sigma = |current: f64, tare: bool| {
+        let sample = JointSample {
+            dq: 0.5,
+            omega: 50.0,
+            current,
+            ..JointSample::default()
+        };
+        // The rate of the load settles.
+        let estimates = (0..200).map(|_| estimator.update(&sample).sigma);
+        let sigma = estimates.last().unwrap();
+        if tare {
+            estimator.tare(0.1);
+        }
+        sigma
+    };
+    let before = sigma(3.0, true);
+    let after = sigma(3.0, false);
+    assert!(
+        before > 0.8 && (after - 0.1).abs() < 1e-9,
+        "{before} {after}"
+    );
+    // 1 A further the torque constant's 5 % and the meshing's 5 % count of 6 N·m alone.
+    let further = sigma(4.0, false);
+    assert!((0.3..0.6).contains(&further), "{further}");
+    estimator.reset();
+}

@@ -115,6 +115,7 @@ fn parameters(errors: Vec<SourceError>) -> FusionParameters {
         reference: Some(0),
         left_out: Vec::new(),
         rest_factor: 1.0,
+        zero_unknown: false,
         feed_forward: None,
     }
 }
@@ -194,4 +195,30 @@ fn every_tare_zeroes_the_current_wholly() {
             }
         }
     }
+}
+
+#[test]
+fn at_rest_the_current_loses_weight_once_the_zero_of_the_torsion_is_known() {
+    let at = JointSample::default();
+    let sources = [estimate(1.0, 0.1), estimate(1.0, 0.1), estimate(2.0, 0.1)];
+    let errors = [0.1, 0.1, 0.1].map(|sigma: f64| SourceError {
+        variance: sigma * sigma,
+        reported: sigma,
+    });
+    let fusion = |zero_unknown| {
+        let parameters = FusionParameters {
+            rest_factor: 4.0,
+            zero_unknown,
+            ..parameters(errors.to_vec())
+        };
+        Fusion::new(3, parameters)
+    };
+    let mut unknown = fusion(true);
+    let share = |fusion: &mut Fusion| fusion.update(&at, &sources).tau - 1.0;
+    assert!((share(&mut unknown) - 0.5).abs() < 1e-9);
+    unknown.tare();
+    assert!((share(&mut unknown) - 0.2).abs() < 1e-9);
+    unknown.reset();
+    assert!((share(&mut unknown) - 0.5).abs() < 1e-9);
+    assert!((share(&mut fusion(false)) - 0.2).abs() < 1e-9);
 }

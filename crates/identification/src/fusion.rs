@@ -115,6 +115,7 @@ pub fn fit(
         independent: None,
         reference: None,
         rest_factor: 1.0,
+        zero_unknown: false,
         feed_forward: None,
         left_out: (0..n)
             .filter(|i| !known.get(*i).is_some_and(|k| k.fused))

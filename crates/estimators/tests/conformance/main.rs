@@ -137,6 +137,7 @@ fn fused_sources() {
                 reference: None,
                 left_out: Vec::new(),
                 rest_factor: 1.0,
+                zero_unknown: false,
                 feed_forward: None,
             },
         );
@@ -187,6 +188,7 @@ fn covariances_ranges_and_tares_neither_allocate_nor_break() {
             reference: Some(0),
             left_out: Vec::new(),
             rest_factor: 4.0,
+            zero_unknown: false,
             feed_forward: Some((2, correction)),
         },
     );
