@@ -98,9 +98,9 @@ pub struct Limited {
 }
 
 /// A torque rate that was limited is noted from this share of the torque limit on by which the torque stayed behind, or
-/// after so many cycles in a row: less is noise of the measured angle and velocity that a command contains.
+/// after so many cycles in a row to the same side: less is noise of what is measured, by stiff drives or short periods.
 const RATE_NOTABLE_SHARE: f64 = 0.05;
-const RATE_NOTABLE_CYCLES: u32 = 5;
+const RATE_NOTABLE_CYCLES: i32 = 5;
 
 /// Greatest velocity at which a held set-point gives way, share of the velocity limit.
 const YIELD_SPEED: f64 = 0.03;
@@ -134,9 +134,9 @@ pub struct Limiter {
     controlled: bool,
     /// Velocity of the motor where it is known better than by its encoder's filter, rad/s.
     motor_velocity: Option<f64>,
-    /// Torque by which the rate limit keeps this cycle's command back, N·m, and cycles in a row in which it does.
+    /// Torque by which the rate limit keeps this cycle's command back, N·m, and cycles in a row to this side (sign).
     kept_back: f64,
-    keeps_back: u32,
+    keeps_back: i32,
 }
 
 impl Limiter {
@@ -283,10 +283,10 @@ impl Limiter {
             self.keeps_back = 0;
             return 0;
         }
-        self.keeps_back = self.keeps_back.saturating_add(1);
-        let notable = self.kept_back.abs() > RATE_NOTABLE_SHARE * self.limits.torque
-            || self.keeps_back >= RATE_NOTABLE_CYCLES;
-        match notable {
+        let side = if self.kept_back > 0.0 { 1 } else { -1 };
+        self.keeps_back = side * ((side * self.keeps_back).max(0) + 1).min(RATE_NOTABLE_CYCLES);
+        let much = RATE_NOTABLE_SHARE * self.limits.torque;
+        match self.kept_back.abs() > much || self.keeps_back.abs() >= RATE_NOTABLE_CYCLES {
             true => 0,
             false => command_flags::RATE_TRIMMED,
         }

@@ -281,5 +281,17 @@ fn a_torque_rate_that_trims_noise_is_marked_until_it_lasts_or_takes_much() {
         let lasting = [3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
         let expected = [trimmed, trimmed, trimmed, trimmed, rate, rate];
         assert_eq!(flags(&lasting), expected, "{actuation:?}");
+        // Noise, however long: quick torques to and fro.
+        let noise: Vec<f64> = (0..40).map(|k| [3.0, -3.0][k % 2]).collect();
+        let noted = flags(&noise).iter().filter(|&&flags| flags == rate).count();
+        assert_eq!(noted, 0, "{actuation:?}");
+        // A swing that lasts to each side.
+        let swing: Vec<f64> = (0..40)
+            .map(|k| [5.0, 5.0, 6.0, 7.0, 8.0, 9.0][k % 6])
+            .collect();
+        let swing: Vec<f64> = (swing.iter().enumerate())
+            .map(|(k, torque)| if (k / 6) % 2 == 0 { *torque } else { -torque })
+            .collect();
+        assert!(flags(&swing).contains(&rate), "{actuation:?}");
     }
 }

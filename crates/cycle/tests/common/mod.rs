@@ -70,7 +70,7 @@ impl Bench {
 
     /// SYNC and the robot's answers, in `rx`.
     pub(crate) fn gather(&mut self) {
-        self.now += 1_000_000;
+        self.now += (1e9 * self.robot.parameters.timing.sample_period).round() as u64;
         self.rx.clear();
         self.plant.exchange(&self.sync, self.now, &mut self.rx);
     }
