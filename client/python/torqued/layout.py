@@ -12,7 +12,7 @@ MAX_FT_SENSORS = 8
 MAX_FURTHER_IMUS = 3
 MAX_POINTS = 32
 MAX_FRAMES = 4
-EVENT_COUNT = 58
+EVENT_COUNT = 59
 
 
 class Mode(IntEnum):
@@ -226,6 +226,7 @@ EVENTS = (
     Event(410, "following_doubtful", "While a client's torque was followed, a drive's torque, velocity and position showed another set-point than was sent: it does not follow, or both encoders of its joint err alike.", "-", "hold"),
     Event(411, "drive_unguarded", "A drive's own time limit for set-points is off: if the bus broke it would go on with the last one. It is not enabled.", "drive.state.time_out_set", "off"),
     Event(412, "command_delay", "The delay from a command to its effect, as measured, is another one than configured: torque control may ring.", "control.command_delay_us", "warn"),
+    Event(413, "drive_unlike", "While a client's torque was followed, a drive's current showed another stiffness or damping of its position loop than configured, by more than torque control corrects: it may ring, and its margins are not those that were computed.", "drive.motor.K_tau_rad_per_Nm / drive.motor.K_v_s", "warn"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
     Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
@@ -555,7 +556,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """28648 bytes."""
+    """28656 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -592,7 +593,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 58),
+        ("events", ctypes.c_uint64 * 59),
     ]
 
 
@@ -623,7 +624,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """28720 bytes."""
+    """28728 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -897,7 +898,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#d08d2bb5249f518d")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#af84238dd697f4b6")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")

@@ -249,6 +249,12 @@ impl PredictiveLaw {
         self.drive_fit.map_or([0.0; 2], |fit| fit.applied())
     }
 
+    /// For some seconds the currents have shown a drive that these corrections do not make of the configured one.
+    #[must_use]
+    pub fn drive_is_unlike(&self) -> bool {
+        self.drive_fit.as_ref().is_some_and(DriveFit::is_unlike)
+    }
+
     /// A period in which the loop did not run: no sample was taken, and the drive kept its command.
     /// Before the sample that follows it.
     pub fn skip(&mut self) {

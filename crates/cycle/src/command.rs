@@ -311,6 +311,9 @@ impl Command {
                 }
                 None => {}
             }
+            if joint.finds_another_drive(goal.mode()) {
+                counts.add_of(Event::DriveUnlike, Subject::Joint(j));
+            }
             count_limits(j, commanded.joints[j].flags, counts);
         }
         let gap = skipped > 0 || overslept;

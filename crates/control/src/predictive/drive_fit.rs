@@ -36,6 +36,8 @@ const OUTLIER: f64 = 4.0;
 /// of that mean, s.
 const INCONSISTENT: f64 = 6.0;
 const CONSISTENCY_S: f64 = 2.0;
+/// Time for which a drive must be unlike the configured one to be called so, s.
+const UNLIKE_S: f64 = 3.0;
 
 /// The fit of one drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,6 +54,8 @@ pub(super) struct DriveFit {
     surprise: f64,
     /// a and b as they act.
     applied: [f64; 2],
+    /// Time for which the drive has been unlike the configured one, s.
+    unlike_s: f64,
     /// Samples that are left out before the first block.
     phase: u32,
     waits: u32,
@@ -90,6 +94,7 @@ impl DriveFit {
             covariance: Matrix3::from_diagonal(&prior(p.torque_limit)),
             surprise: 1.0,
             applied: [0.0; 2],
+            unlike_s: 0.0,
             phase: 0,
             waits: 0,
             block: Block::default(),
@@ -143,6 +148,7 @@ impl DriveFit {
             ..Block::default()
         };
         self.take(&done);
+        self.compare();
         self.apply()
     }
 
@@ -172,6 +178,19 @@ impl DriveFit {
         self.covariance -= gain * column.transpose();
         // Rounding must not make it lopsided.
         self.covariance = 0.5 * (self.covariance + self.covariance.transpose());
+    }
+
+    /// Whether the drive is one that no correction makes of the configured one.
+    fn compare(&mut self) {
+        let time = f64::from(BLOCK) * self.sample_period;
+        let beyond = |k: usize| self.mean[k].abs() - 3.0 * self.covariance[(k, k)].max(0.0).sqrt();
+        let unlike = self.surprise >= INCONSISTENT || beyond(0) > MOST || beyond(1) > MOST;
+        self.unlike_s = if unlike { self.unlike_s + time } else { 0.0 };
+    }
+
+    /// The drive's currents show another stiffness or damping than is corrected, or none.
+    pub(super) fn is_unlike(&self) -> bool {
+        self.unlike_s > UNLIKE_S
     }
 
     /// Leads what acts to what was found, or back where it is not believed.

@@ -99,6 +99,8 @@ pub(crate) struct JointController {
     following: Following,
     /// None: the PI law (D11).
     predictive: Option<PredictiveLaw>,
+    /// The drive is known to be unlike the configured one.
+    unlike: bool,
     /// Feedback of the PI law without a link-side encoder.
     late: Option<LateTorque>,
     /// Its only encoder is in doubt since the last mode: so is the velocity that it shows.
@@ -130,6 +132,7 @@ impl JointController {
             limiter: Limiter::new(joint.limits, joint.actuation, sample_period),
             predictive: (has_link && matches!(parameters.torque_law, TorqueLaw::Predictive(_)))
                 .then(|| PredictiveLaw::new(joint.law).staggered(index)),
+            unlike: false,
             late: (!has_link)
                 .then(|| LateTorque::new(joint, parameters))
                 .transpose()?,
@@ -174,6 +177,14 @@ impl JointController {
             q_c: q,
             ..JointCommanded::default()
         };
+    }
+
+    /// While a mode is followed the drive turns out to be unlike the configured one, in this cycle.
+    pub(crate) fn finds_another_drive(&mut self, mode: Mode) -> bool {
+        let unlike = (self.predictive.as_ref()).is_some_and(PredictiveLaw::drive_is_unlike);
+        let before = self.unlike;
+        self.unlike = unlike && (before || mode != Mode::Hold);
+        self.unlike && !before
     }
 
     /// The command of this cycle within all limits, with its contributions in `commanded`. Returns
