@@ -63,8 +63,8 @@ pub(crate) struct ExciteArguments {
     /// Move nothing: plan and check
     #[arg(long, conflicts_with_all = ["robot", "record"])]
     dry_run: bool,
-    /// Where joints are that the plan does not place, in degrees [default: 0, or the nearest limit]
-    #[arg(long, value_name = "JOINT=DEGREES", requires = "dry_run", value_parser = target, num_args = 1..)]
+    /// Where joints are that the plan does not place, in degrees or mm [default: 0, or the nearest limit]
+    #[arg(long, value_name = "JOINT=POSITION", requires = "dry_run", value_parser = target, num_args = 1..)]
     from: Vec<Target>,
     /// Draw the plan: positions, velocities and torques
     #[arg(long, visible_alias = "preview", value_name = "FILE.svg")]
@@ -87,7 +87,7 @@ pub(crate) struct ExciteArguments {
 pub(crate) struct Prepared {
     /// The robot's configuration.
     pub(crate) robot: Robot,
-    /// Where the motion begins, rad, in config order.
+    /// Where the motion begins, rad or m, in config order.
     pub(crate) pose: Vec<f64>,
     /// The motion.
     pub(crate) motion: Motion,
@@ -253,7 +253,7 @@ fn start(plan: &PlanFile, robot: &Robot, here: &[f64]) -> Vec<f64> {
     let joints = robot.parameters.joints.iter().zip(here);
     let place = joints.map(|(joint, here)| {
         let angle = plan.pose.get(&joint.name);
-        angle.map_or(*here, |angle| angle.to_radians())
+        angle.map_or(*here, |angle| joint.kind.si(*angle))
     });
     place.collect()
 }
@@ -331,9 +331,11 @@ fn dry_run(arguments: &ExciteArguments) -> Result<String, Problems> {
     let names = joints.iter().map(|joint| (joint.name.as_str(), joint.kind));
     let names: Vec<_> = names.collect();
     let from = by_joint(&names, &arguments.from)?;
-    let pose = joints
-        .iter()
-        .map(|joint| plan.pose.get(&joint.name).map(|angle| angle.to_radians()));
+    let pose = joints.iter().map(|joint| {
+        plan.pose
+            .get(&joint.name)
+            .map(|angle| joint.kind.si(*angle))
+    });
     let here = supposed(&robot, &from, &pose.collect::<Vec<_>>());
     let prepared = prepared(arguments, &plan, robot, &here)?;
     Ok(text(

@@ -19,7 +19,6 @@ use recording::Ending;
 use robot_config::JointParameters;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use torqued_client::robot_state::JointKind;
 
 /// Identify parts of a robot from its own motion
 #[derive(Args)]
@@ -34,7 +33,7 @@ enum What {
 }
 
 const EXAMPLES: &str = "\
-With --config the joint of the running robot is moved, 23 s in all: a slow swing of 2 degrees, and sweeps up
+With --config the joint of the running robot is moved, 23 s in all: a slow swing of 2 degrees or 3.5 mm, and sweeps up
 to 25 Hz with a fifth of its velocity limit and at most 30 % of the acceleration that its torque limit
 gives, checked as torquectl excite checks a plan before anything moves, and recorded. Ctrl-C brings it to
 rest. Without it, recordings of such a motion are read (docs/drive-identification.md).
@@ -70,9 +69,9 @@ struct DriveArguments {
     /// Move the joint of the running robot with this configuration
     #[arg(long, value_name = "CONFIG", conflicts_with = "runs")]
     config: Option<PathBuf>,
-    /// Where joints are during the motion, in degrees [default: where they are, or as far from a limit
+    /// Where joints are during the motion, in degrees or mm [default: where they are, or as far from a limit
     /// as the motion needs]
-    #[arg(long, value_name = "JOINT=DEGREES", requires = "config", value_parser = target, num_args = 1..)]
+    #[arg(long, value_name = "JOINT=POSITION", requires = "config", value_parser = target, num_args = 1..)]
     pose: Vec<Target>,
     /// The recording that is made [default: drive-JOINT.mcap]
     #[arg(long, value_name = "RUN.mcap", requires = "config")]
@@ -86,8 +85,8 @@ struct DriveArguments {
     /// Move nothing: plan and check
     #[arg(long, requires = "config", conflicts_with_all = ["robot", "record", "model", "report", "output"])]
     dry_run: bool,
-    /// Where joints are before the motion, in degrees [default: 0, or the nearest limit]
-    #[arg(long, value_name = "JOINT=DEGREES", requires = "dry_run", value_parser = target, num_args = 1..)]
+    /// Where joints are before the motion, in degrees or mm [default: 0, or the nearest limit]
+    #[arg(long, value_name = "JOINT=POSITION", requires = "dry_run", value_parser = target, num_args = 1..)]
     from: Vec<Target>,
     /// Draw the motion: positions, velocities and torques
     #[arg(long, requires = "config", value_name = "FILE.svg")]
@@ -140,16 +139,6 @@ pub(crate) fn run(arguments: &IdentifyArguments) -> ExitCode {
             None => finish_or_refuse(drive(arguments, &arguments.runs)),
         },
     }
-}
-
-/// Refuses a joint whose drive is not identified.
-fn check_kind(joint: &JointParameters) -> Result<(), Problem> {
-    if joint.kind == JointKind::Prismatic {
-        let what = format!("--joint: joint {:?} is prismatic", joint.name);
-        let allowed = "a revolute joint: drives of prismatic joints are not identified";
-        return Err(Problem::new(what, allowed));
-    }
-    Ok(())
 }
 
 fn drive(arguments: &DriveArguments, runs: &[PathBuf]) -> Result<String, Problems> {
@@ -244,7 +233,6 @@ impl Recorded {
             let problem = Problem::new(format!("--joint: the robot has no joint {name:?}"), names);
             return Err(problem.into());
         };
-        check_kind(&joints[index])?;
         let mut gather = Gather::new(index, &joints[index], header.period_s);
         let mut begin = None;
         let ending = recorded::read_all(path, &mut run, |_, message| {

@@ -132,6 +132,64 @@ fn a_plan_is_drawn_and_its_needs_are_shown() {
     );
 }
 
+/// Screws move by mm, and are refused in mm and N.
+#[test]
+fn prismatic_joints_are_planned_in_their_units() {
+    let directory = TemporaryDirectory::new();
+    std::fs::create_dir_all(directory.path()).expect("made");
+    let plot = directory.path().join("plan.svg");
+    let plan = project_path("config/lift-gripper/excite.toml");
+    let arguments = ["--json", "--plot", plot.to_str().expect("UTF-8")];
+    let found = json(&excite(Path::new(&plan), &arguments));
+    let lift = &found["joints"][0];
+    let number = |key: &str| lift[key].as_f64().expect("a number");
+    assert!((number("least_m") + 0.15).abs() < 1e-3, "{lift}");
+    assert!((number("most_m") - 0.15).abs() < 1e-3, "{lift}");
+    // The weight that the lift carries: of its limit of 600 N.
+    assert!((0.2..0.6).contains(&number("torque_share")), "{lift}");
+    assert!(found["joints"][1]["most_rad"].as_f64().is_some(), "{found}");
+    let picture = std::fs::read_to_string(plot).expect("a picture");
+    assert!(picture.contains("of prismatic joints mm/s"));
+    let chirp = CHIRP.replace("knee", "lift").replace("_deg", "_mm");
+    let most = |size: &str| {
+        let plan = chirp.replace("amplitude_mm = 4", size);
+        let out = planned("lift-gripper", &plan, &["--json", "--no-self-distance"]);
+        let lift = &json(&out)["joints"][0];
+        let end = |key: &str| lift[key].as_f64().expect("a number");
+        end("most_m").max(-end("least_m"))
+    };
+    let way = most("amplitude_mm = 4");
+    assert!((0.0036..0.0046).contains(&way), "{way}");
+    let long = chirp.replace("amplitude_mm = 4", "amplitude_mm = 400");
+    refused(
+        "lift-gripper",
+        &long,
+        &["--no-self-distance"],
+        &[
+            &["\"lift\" goes", "mm, ", "-199.1 to 199.1 mm"],
+            &["\"lift\"", "velocity", "mm/s", "225"],
+            &["\"lift\"", "force of", " N "],
+        ],
+    );
+    let degrees = chirp.replace("amplitude_mm", "amplitude_deg");
+    refused(
+        "lift-gripper",
+        &degrees,
+        &[],
+        &[
+            &["has no amplitude_mm"],
+            &["amplitude_deg", "prismatic", "amplitude_mm"],
+        ],
+    );
+    let both = chirp.replace("[\"lift\"]", "[\"lift\", \"boom\"]");
+    refused(
+        "lift-gripper",
+        &both,
+        &[],
+        &[&["revolute and prismatic joints"]],
+    );
+}
+
 /// The search lowers the condition number, and finds the same for the same seed.
 #[test]
 fn a_multisine_is_chosen_for_its_condition_number() {
@@ -156,7 +214,11 @@ fn a_multisine_is_chosen_for_its_condition_number() {
 /// The shipped plans may be followed from their robots' start poses.
 #[test]
 fn the_shipped_plans_are_sound() {
-    for plan in ["config/leg/excite.toml", "config/humanoid/excite-arms.toml"] {
+    for plan in [
+        "config/leg/excite.toml",
+        "config/humanoid/excite-arms.toml",
+        "config/lift-gripper/excite.toml",
+    ] {
         let out = excite(Path::new(&project_path(plan)), &["--json"]);
         let found = json(&out);
         assert!(

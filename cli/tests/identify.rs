@@ -143,3 +143,49 @@ fn the_motion_of_a_joint_is_planned() {
     let nothing = expect(folder, "identify drive --joint knee", 2);
     assert!(nothing.contains("RUN.mcap"), "{nothing}");
 }
+
+/// A screw: its stiffness in N/m, its keys in m and N.
+#[test]
+fn a_prismatic_drive_is_identified_in_its_units() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("identify-prismatic");
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    let motion = MOTION
+        .replace("\"joint\"", "\"lift\"")
+        .replace("_deg", "_mm");
+    fs::write(folder.join("motion.toml"), motion).unwrap();
+    let robot = project_path("config/lift-gripper/robot.toml");
+    record_demo(&folder, robot, 13.0, 8);
+    let json = expect(
+        &folder,
+        "identify drive run.mcap --joint lift --json -o lift.toml --report lift.html",
+        0,
+    );
+    let found: Value = serde_json::from_str(&json).unwrap();
+    let parameters = found["parameters"].as_array().unwrap();
+    let row = |name: &str| {
+        let row = parameters.iter().find(|p| p["name"] == name).unwrap();
+        (
+            row["value"].as_f64().unwrap(),
+            row["unit"].as_str().unwrap(),
+        )
+    };
+    // Of config/lift-gripper/sim.toml: the controller's gain as a stiffness, its dead zone, the rotor.
+    for (name, truth, unit) in [
+        ("stiffness k_d", 1.4997e6, "N/m"),
+        ("damping d_d", 12_938.0, "N·s/m"),
+        ("dead zone", 6.0, "um"),
+        ("rotor inertia, motor side", 20.0, "kg·mm²"),
+    ] {
+        let (value, own) = row(name);
+        assert_eq!(own, unit);
+        let share = value / truth - 1.0;
+        assert!(share.abs() < 0.2, "{name} {value}, true: {truth}\n{json}");
+    }
+    let keys = fs::read_to_string(folder.join("lift.toml")).unwrap();
+    assert!(keys.contains("K_tau_m_per_N = 0.0000013"), "{keys}");
+    assert!(keys.contains("dead_zone_m = "), "{keys}");
+    assert!(!keys.contains("_rad_per_Nm"), "{keys}");
+    let page = fs::read_to_string(folder.join("lift.html")).unwrap();
+    assert!(page.contains("position of the joint, mm"));
+}

@@ -81,7 +81,13 @@ pub(crate) fn run(
         .map(|&j| Gather::new(j, &p.joints[j], dt))
         .collect();
     let chirps: Vec<Chirp> = (joints.iter())
-        .map(|&j| Chirp::of_joint(p.joints[j].limits.velocity, p.joints[j].acceleration()))
+        .map(|&j| {
+            Chirp::of_joint(
+                p.joints[j].kind,
+                p.joints[j].limits.velocity,
+                p.joints[j].acceleration(),
+            )
+        })
         .collect();
     let mut reference = Reference {
         mode: Mode::Hold.number(),

@@ -15,7 +15,8 @@ const FAST_HZ: f64 = 1.5;
 /// Least fast motion of a joint, s, and the time about it that is used with it, s.
 const LEAST_FAST_S: f64 = 3.0;
 const AROUND_S: f64 = 8.0;
-/// Least swing of the joint in a window, rad: others that move shake it by less.
+/// Least swing of the joint in a window, rad, of prismatic joints the way that counts as much: others
+/// that move shake it by less.
 const SWING: f64 = 0.005;
 /// A share of the configured value below which a difference is not adopted.
 const SHARE: f64 = 0.1;
@@ -133,7 +134,7 @@ fn read(robot: &Robot, path: &Path) -> Result<Vec<(DriveLog, f64)>, Problem> {
 fn fast(joint: &JointParameters, log: DriveLog) -> (DriveLog, f64) {
     let window = ((WINDOW_S / log.period) as usize).max(1);
     let around = (AROUND_S / WINDOW_S) as usize;
-    let swing = SWING * joint.encoders.gear_ratio;
+    let swing = joint.kind.threshold(SWING) * joint.encoders.gear_ratio;
     let mut kept = DriveLog {
         period: log.period,
         stretches: Vec::new(),

@@ -7,16 +7,17 @@ use super::rigid::Rigid;
 use problem::{Problem, Problems};
 use robot_config::{JointParameters, Robot};
 use supervisor::{Actuation, Limits};
+use torqued_client::robot_state::JointKind;
 
 /// Greatest share of the limits of velocity, torque, power and lead that a plan may take: the rest is
 /// for the loop's feedback.
 const SHARE: f64 = 0.9;
-/// A plan stays this far from the position limits, rad.
+/// A plan stays this far from the position limits, rad; of prismatic joints the way that counts as much.
 const MARGIN: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Most problems that are listed.
 const LISTED: usize = 12;
 
-/// What a joint is asked for at most, as shares of its limits, and where it goes, rad.
+/// What a joint is asked for at most, as shares of its limits, and where it goes, rad or m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Need {
     pub(crate) least: f64,
@@ -60,9 +61,10 @@ pub(crate) fn check(
                 position_max,
                 ..
             } = joint.limits;
+            let margin = joint.kind.threshold(MARGIN);
             (
-                (position_min + MARGIN).min(start.q),
-                (position_max - MARGIN).max(start.q),
+                (position_min + margin).min(start.q),
+                (position_max - margin).max(start.q),
             )
         })
         .collect();
@@ -181,6 +183,7 @@ fn refusals(
     motion: &Motion,
 ) -> Vec<Problem> {
     let name = &joint.name;
+    let kind = joint.kind;
     let limits = &joint.limits;
     let place = |worst: &Worst| {
         let time = worst.index as f64 * SPACING_S;
@@ -188,25 +191,32 @@ fn refusals(
     };
     let mut problems = Vec::new();
     if exceeds(worst[0].value, 1e-9) {
-        let (low, high) = (limits.position_min + MARGIN, limits.position_max - MARGIN);
+        let margin = kind.threshold(MARGIN);
+        let (low, high) = (limits.position_min + margin, limits.position_max - margin);
+        let unit = kind.units("deg");
         problems.push(Problem::new(
             format!(
-                "joint {name:?} goes from {:.1} to {:.1} deg, {}",
-                need.least.to_degrees(),
-                need.most.to_degrees(),
+                "joint {name:?} goes from {:.1} to {:.1} {unit}, {}",
+                kind.shown(need.least),
+                kind.shown(need.most),
                 place(&worst[0])
             ),
-            format!("{:.1} to {:.1} deg", low.to_degrees(), high.to_degrees()),
+            format!("{:.1} to {:.1} {unit}", kind.shown(low), kind.shown(high)),
         ));
     }
+    let torque = match kind {
+        JointKind::Revolute => "a torque",
+        JointKind::Prismatic => "a force",
+    };
     let shares = [
-        ("a velocity", limits.velocity.to_degrees(), "deg/s"),
+        ("a velocity", kind.shown(limits.velocity), "deg/s"),
         ("an acceleration", joint.desired_acceleration(), "rad/s²"),
-        ("a torque", limits.torque, "N·m"),
+        (torque, limits.torque, "N·m"),
         ("a lead", 1.0, "of its limit"),
         ("a power", limits.power, "W"),
     ];
     for (worst, (what, limit, unit)) in worst[1..].iter().zip(shares) {
+        let unit = kind.units(unit);
         if exceeds(worst.value, SHARE) {
             problems.push(Problem::new(
                 format!(

@@ -8,10 +8,12 @@ use control::{MotionLimits, PlannedMotion, PointToPoint};
 use problem::Problem;
 use robot_config::Robot;
 use std::f64::consts::TAU;
+use torqued_client::robot_state::JointKind;
 
 /// Time between two points, s: the loop interpolates between them.
 pub(crate) const SPACING_S: f64 = 0.004;
-/// A sweep stays this far from the position limits where it names no ends, rad.
+/// A sweep stays this far from the position limits where it names no ends, rad; of prismatic joints
+/// the way that counts as much.
 const MARGIN: f64 = 5.0 * std::f64::consts::PI / 180.0;
 /// Rest between two parts, s.
 const REST_S: f64 = 0.5;
@@ -68,7 +70,7 @@ impl Motion {
     }
 }
 
-/// The parts of a plan one after the other from a pose, rad, which the joints have in the end again.
+/// The parts of a plan one after the other from a pose, rad or m, which the joints have in the end again.
 ///
 /// # Errors
 /// A part that cannot be planned.
@@ -133,10 +135,15 @@ impl<'a> Builder<'a> {
         found.ok_or_else(|| Problem::new(format!("the robot has no joint {name:?}"), ""))
     }
 
+    fn kind(&self, joint: usize) -> JointKind {
+        self.robot.parameters.joints[joint].kind
+    }
+
     fn with(&self, pose: &[f64], angles: &Angles) -> Result<Vec<f64>, Problem> {
         let mut pose = pose.to_vec();
         for (name, angle) in angles {
-            pose[self.joint(name)?] = angle.to_radians();
+            let joint = self.joint(name)?;
+            pose[joint] = self.kind(joint).si(*angle);
         }
         Ok(pose)
     }
@@ -268,7 +275,11 @@ impl<'a> Builder<'a> {
         if part.kind == Kind::Sweep {
             return self.sweep(part, joints, &title);
         }
-        let amplitude = part.amplitude_deg.unwrap_or(0.0).to_radians();
+        // The joints of such a part are all of one kind.
+        let kind = joints
+            .first()
+            .map_or(JointKind::Revolute, |j| self.kind(*j));
+        let amplitude = part.amplitude(kind).unwrap_or(0.0);
         let duration = part.duration_s.unwrap_or(0.0);
         let (from, to) = (part.from_hz.unwrap_or(1.0), part.to_hz.unwrap_or(1.0));
         let frequency = part.frequency_hz.unwrap_or(1.0);
@@ -295,14 +306,15 @@ impl<'a> Builder<'a> {
     }
 
     fn sweep(&mut self, part: &Part, joints: &[usize], title: &str) -> Result<(), Problem> {
-        let speed = part.speed_deg_per_s.unwrap_or(1.0).to_radians();
         let mut limits = self.limits.clone();
         let (mut low, mut high) = (self.now.clone(), self.now.clone());
         for &j in joints {
             let position = &self.robot.parameters.joints[j].limits;
-            let end = |angle: Option<f64>, or: f64| angle.map_or(or, f64::to_radians);
-            low[j] = end(part.from_deg, position.position_min + MARGIN);
-            high[j] = end(part.to_deg, position.position_max - MARGIN);
+            let kind = self.kind(j);
+            let margin = kind.threshold(MARGIN);
+            low[j] = part.from(kind).unwrap_or(position.position_min + margin);
+            high[j] = part.to(kind).unwrap_or(position.position_max - margin);
+            let speed = part.speed(kind).unwrap_or_else(|| kind.si(1.0));
             let own = &mut limits[j];
             own.velocity = own.velocity.min(speed);
             // Full speed within 0.2 s, so that most of the way is at that speed.

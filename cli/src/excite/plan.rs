@@ -1,13 +1,14 @@
 //! The plan's file: TOML.
 
 use problem::{Problem, Problems, line_at, listed};
-use robot_config::{JointParameters, Robot};
+use robot_config::Robot;
 use serde::Deserialize;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use toml::Spanned;
 use torqued_client::robot_state::JointKind;
 
-/// Angles by joint, in degrees.
+/// Positions by joint, in degrees, of prismatic joints in mm.
 pub(crate) type Angles = BTreeMap<String, f64>;
 
 /// A plan as written.
@@ -16,7 +17,7 @@ pub(crate) type Angles = BTreeMap<String, f64>;
 pub(crate) struct PlanFile {
     /// The robot's configuration, relative to the plan.
     pub(crate) config: String,
-    /// Where joints are before, between and after the parts, degrees; others stay.
+    /// Where joints are before, between and after the parts; others stay.
     #[serde(default)]
     pub(crate) pose: Angles,
     /// Hulls for the self-distance, where the URDF has none.
@@ -88,7 +89,7 @@ pub(crate) struct Part {
     /// All joints at the same time, not one after the other.
     #[serde(default)]
     pub(crate) together: bool,
-    /// Where joints are during this part, degrees, beside the plan's pose.
+    /// Where joints are during this part, beside the plan's pose.
     #[serde(default)]
     pub(crate) pose: Angles,
     #[serde(default)]
@@ -96,11 +97,19 @@ pub(crate) struct Part {
     #[serde(default)]
     pub(crate) to_deg: Option<f64>,
     #[serde(default)]
+    pub(crate) from_mm: Option<f64>,
+    #[serde(default)]
+    pub(crate) to_mm: Option<f64>,
+    #[serde(default)]
     pub(crate) speed_deg_per_s: Option<f64>,
+    #[serde(default)]
+    pub(crate) speed_mm_per_s: Option<f64>,
     #[serde(default)]
     pub(crate) times: Option<u32>,
     #[serde(default)]
     pub(crate) amplitude_deg: Option<f64>,
+    #[serde(default)]
+    pub(crate) amplitude_mm: Option<f64>,
     #[serde(default)]
     pub(crate) frequency_hz: Option<f64>,
     #[serde(default)]
@@ -140,9 +149,13 @@ impl Part {
             pose: Angles::new(),
             from_deg: None,
             to_deg: None,
+            from_mm: None,
+            to_mm: None,
             speed_deg_per_s: None,
+            speed_mm_per_s: None,
             times: None,
             amplitude_deg: None,
+            amplitude_mm: None,
             frequency_hz: None,
             from_hz: None,
             to_hz: None,
@@ -171,14 +184,53 @@ impl Part {
         self.name.clone().unwrap_or_else(|| kind.to_owned())
     }
 
+    /// The lower end of a sweep of joints of this kind, rad or m.
+    pub(crate) fn from(&self, kind: JointKind) -> Option<f64> {
+        si(kind, self.from_deg, self.from_mm)
+    }
+
+    /// The upper end of a sweep, rad or m.
+    pub(crate) fn to(&self, kind: JointKind) -> Option<f64> {
+        si(kind, self.to_deg, self.to_mm)
+    }
+
+    /// The speed of a sweep, rad/s or m/s.
+    pub(crate) fn speed(&self, kind: JointKind) -> Option<f64> {
+        si(kind, self.speed_deg_per_s, self.speed_mm_per_s)
+    }
+
+    /// The amplitude of a sine or chirp, rad or m.
+    pub(crate) fn amplitude(&self, kind: JointKind) -> Option<f64> {
+        si(kind, self.amplitude_deg, self.amplitude_mm)
+    }
+
+    /// This part with that amplitude, rad or m.
+    pub(crate) fn with_amplitude(self, kind: JointKind, amplitude: f64) -> Self {
+        let shown = Some(kind.shown(amplitude));
+        match kind {
+            JointKind::Revolute => Self {
+                amplitude_deg: shown,
+                ..self
+            },
+            JointKind::Prismatic => Self {
+                amplitude_mm: shown,
+                ..self
+            },
+        }
+    }
+
     /// Keys with numbers that this part gives.
     fn given(&self) -> Vec<(&'static str, f64)> {
         let keys = [
             ("from_deg", self.from_deg),
             ("to_deg", self.to_deg),
+            ("from_mm", self.from_mm),
+            ("to_mm", self.to_mm),
             ("speed_deg_per_s", self.speed_deg_per_s),
+            ("speed_mm_per_s", self.speed_mm_per_s),
             ("times", self.times.map(f64::from)),
             ("amplitude_deg", self.amplitude_deg),
+            ("amplitude_mm", self.amplitude_mm),
             ("frequency_hz", self.frequency_hz),
             ("from_hz", self.from_hz),
             ("to_hz", self.to_hz),
@@ -195,7 +247,7 @@ impl Part {
         keys.into_iter().filter_map(given).collect()
     }
 
-    /// Keys that a part of this kind needs, and those that it may have.
+    /// Keys that a part of this kind needs, and those that it may have, for revolute joints.
     fn keys(&self) -> (&'static [&'static str], &'static [&'static str]) {
         match self.kind {
             Kind::Sweep => (&["speed_deg_per_s"], &["from_deg", "to_deg", "times"]),
@@ -217,21 +269,46 @@ impl Part {
     }
 
     /// Refuses numbers that are missing, of another kind, or out of range.
-    fn check(&self, names: &[&str]) -> Vec<Problem> {
+    fn check(&self, joints: &[(&str, JointKind)]) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut refuse = |what: String, allowed: String| problems.push(Problem::new(what, allowed));
-        let (needed, possible) = self.keys();
         let title = self.title();
+        let own = |name: &String| {
+            let found = joints.iter().find(|(joint, _)| joint == name);
+            found.map(|(_, kind)| *kind)
+        };
+        let kinds: Vec<JointKind> = self.joints.iter().filter_map(own).collect();
+        let kind = kinds.first().copied().unwrap_or_default();
+        // A multisine has no key with a unit, poses have that of each joint.
+        let in_one_unit = !matches!(self.kind, Kind::Multisine | Kind::Poses);
+        if in_one_unit && kinds.iter().any(|other| *other != kind) {
+            refuse(
+                format!("part {title:?} has revolute and prismatic joints"),
+                "a part for joints in degrees, another for those in mm".to_owned(),
+            );
+        }
+        let (needed, possible) = self.keys();
+        let own = |keys: &[&'static str]| -> Vec<Cow<'static, str>> {
+            keys.iter().map(|key| in_units(kind, key)).collect()
+        };
+        let (needed, possible) = (own(needed), own(possible));
         let given = self.given();
-        for key in needed {
+        for key in &needed {
             if !given.iter().any(|(own, _)| own == key) {
-                refuse(format!("part {title:?} has no {key}"), (*key).to_owned());
+                refuse(format!("part {title:?} has no {key}"), key.to_string());
             }
         }
         for (key, value) in &given {
-            if !needed.contains(key) && !possible.contains(key) {
-                let all = needed.iter().chain(possible).copied();
-                refuse(format!("{key} is not of a part of this kind"), listed(all));
+            let all = || needed.iter().chain(&possible);
+            if !all().any(|own| own == key) {
+                let what = match key.contains("_deg") || key.contains("_mm") {
+                    true => format!(
+                        "{key} is not of a part of this kind of {} joints",
+                        kind.name()
+                    ),
+                    false => format!("{key} is not of a part of this kind"),
+                };
+                refuse(what, listed(all().map(|key| &**key)));
                 continue;
             }
             let (least, most) = range(key);
@@ -262,20 +339,39 @@ impl Part {
                 .chain(self.poses.iter().flat_map(|p| p.keys())),
         );
         for joint in named {
-            if !names.contains(&joint.as_str()) {
+            if !joints.iter().any(|(name, _)| name == joint) {
                 let what = format!("the robot has no joint {joint:?}");
-                refuse(what, listed(names.iter().copied()));
+                refuse(what, listed(joints.iter().map(|(name, _)| *name)));
             }
         }
         let angles = self.pose.iter().chain(self.poses.iter().flatten());
-        problems.extend(angles.filter_map(beyond));
+        problems.extend(angles.filter_map(|angle| beyond(joints, angle)));
         problems
     }
 }
 
-/// An angle that is none of a joint.
-fn beyond((joint, angle): (&String, &f64)) -> Option<Problem> {
-    let (least, most) = range("from_deg");
+/// A number in degrees or mm, whichever such joints have, in rad or m.
+fn si(kind: JointKind, deg: Option<f64>, mm: Option<f64>) -> Option<f64> {
+    let shown = match kind {
+        JointKind::Revolute => deg,
+        JointKind::Prismatic => mm,
+    };
+    shown.map(|shown| kind.si(shown))
+}
+
+/// A key of revolute joints as joints of this kind have it.
+fn in_units(kind: JointKind, key: &'static str) -> Cow<'static, str> {
+    match kind {
+        JointKind::Revolute => Cow::Borrowed(key),
+        JointKind::Prismatic => Cow::Owned(key.replace("_deg", "_mm")),
+    }
+}
+
+/// A position that is none of a joint.
+fn beyond(joints: &[(&str, JointKind)], (joint, angle): (&String, &f64)) -> Option<Problem> {
+    let own = joints.iter().find(|(name, _)| name == joint);
+    let kind = own.map_or(JointKind::Revolute, |(_, kind)| *kind);
+    let (least, most) = range(&in_units(kind, "from_deg"));
     let allowed = || format!("{least} to {most}");
     let is_one = (least..=most).contains(angle);
     (!is_one).then(|| Problem::new(format!("{joint} = {angle}"), allowed()))
@@ -285,9 +381,11 @@ fn beyond((joint, angle): (&String, &f64)) -> Option<Problem> {
 fn range(key: &str) -> (f64, f64) {
     match key {
         "from_deg" | "to_deg" => (-720.0, 720.0),
-        "speed_deg_per_s" => (0.01, 1000.0),
+        "from_mm" | "to_mm" => (-10_000.0, 10_000.0),
+        "speed_deg_per_s" | "speed_mm_per_s" => (0.01, 1000.0),
         "times" => (1.0, 1000.0),
         "amplitude_deg" => (1e-3, 360.0),
+        "amplitude_mm" => (1e-3, 1000.0),
         "frequency_hz" | "from_hz" | "to_hz" => (1e-3, 50.0),
         "duration_s" => (0.5, 3600.0),
         "harmonics" => (1.0, 12.0),
@@ -317,23 +415,10 @@ impl PlanFile {
     pub(crate) fn check(&self, robot: &Robot, text: &str, file: &str) -> Result<(), Problems> {
         let joints = &robot.parameters.joints;
         let names: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
+        let kinds: Vec<_> = (joints.iter())
+            .map(|joint| (joint.name.as_str(), joint.kind))
+            .collect();
         let mut problems = Vec::new();
-        let named = |joint: &&JointParameters| {
-            let mut angles = self.pose.keys().chain(self.parts.iter().flat_map(|part| {
-                let part = part.get_ref();
-                let poses = part.poses.iter().flat_map(BTreeMap::keys);
-                part.joints.iter().chain(part.pose.keys()).chain(poses)
-            }));
-            joint.kind == JointKind::Prismatic && angles.any(|name| *name == joint.name)
-        };
-        for joint in joints.iter().filter(named) {
-            let what = format!(
-                "joint {:?} is prismatic: plans move and place joints by angles",
-                joint.name
-            );
-            let allowed = "revolute joints; prismatic ones stay where they are";
-            problems.push(Problem::new(what, allowed).at(file, 0));
-        }
         for joint in self
             .pose
             .keys()
@@ -345,7 +430,7 @@ impl PlanFile {
         problems.extend(
             self.pose
                 .iter()
-                .filter_map(beyond)
+                .filter_map(|angle| beyond(&kinds, angle))
                 .map(|p| p.of("pose").at(file, 0)),
         );
         if self.parts.is_empty() {
@@ -353,7 +438,7 @@ impl PlanFile {
         }
         for part in &self.parts {
             let line = line_at(text, part.span().start);
-            let wrong = part.get_ref().check(&names).into_iter();
+            let wrong = part.get_ref().check(&kinds).into_iter();
             problems.extend(wrong.map(|problem| problem.at(file, line)));
         }
         if let Some(hulls) = &self.self_distance {

@@ -3,10 +3,12 @@
 use super::Prepared;
 use super::motion::SPACING_S;
 use super::rigid::Rigid;
+use crate::units::{cell, keys};
 use charts::{COLOURS, Figure, Line, Panel};
 use serde_json::json;
 use std::fmt::Write as _;
 use terminal::TextTable;
+use torqued_client::robot_state::JointKind;
 
 /// Points of a curve at most; a picture shows no more.
 const POINTS: usize = 1500;
@@ -28,12 +30,13 @@ fn as_value(prepared: &Prepared, followed: Option<(bool, Option<&str>)>) -> serd
     let joints = &prepared.robot.parameters.joints;
     let needs = &prepared.needs;
     let joint = |(joint, need): (&robot_config::JointParameters, &super::checks::Need)| {
-        json!({
+        let object = json!({
             "joint": joint.name,
             "least_rad": need.least, "most_rad": need.most,
             "velocity_share": need.velocity, "acceleration_share": need.acceleration,
             "torque_share": need.torque, "lead_share": need.lead,
-        })
+        });
+        keys(joint.kind, object)
     };
     let distance = needs.distance.as_ref().map(|distance| {
         json!({
@@ -91,11 +94,13 @@ fn as_text(
         if need.velocity == 0.0 {
             continue;
         }
+        let kind = joint.kind;
+        let position = |at: f64| cell(kind, format!("{:.1}", kind.shown(at)), "deg");
         let per_cent = |share: f64| format!("{:.0}", 100.0 * share);
         rows.push(vec![
             joint.name.clone(),
-            format!("{:.1}", need.least.to_degrees()),
-            format!("{:.1}", need.most.to_degrees()),
+            position(need.least),
+            position(need.most),
             per_cent(need.velocity),
             per_cent(need.acceleration),
             per_cent(need.torque),
@@ -151,6 +156,12 @@ fn as_text(
     out
 }
 
+/// The unit of a caption in that of prismatic joints.
+fn unit(caption: &str) -> String {
+    let own = JointKind::Prismatic.units(caption);
+    own.rsplit(", ").next().unwrap_or_default().to_owned()
+}
+
 /// Positions, velocities and torques of the joints that move.
 pub(crate) fn figure(prepared: &Prepared) -> Figure {
     let motion = &prepared.motion;
@@ -168,15 +179,27 @@ pub(crate) fn figure(prepared: &Prepared) -> Figure {
         let t = index as f64 * SPACING_S;
         for (k, &j) in moving.iter().enumerate() {
             let at = point[j];
-            let values = [at.q.to_degrees(), at.dq.to_degrees(), torques[j]];
+            let kind = joints[j].kind;
+            let values = [kind.shown(at.q), kind.shown(at.dq), torques[j]];
             for (curve, value) in curves.iter_mut().zip(values) {
                 curve[k].push((t, value));
             }
         }
     }
-    let captions = ["position, degrees", "velocity, degrees/s", "torque, N·m"];
-    let panel = |(caption, curves): (&str, Vec<Vec<(f64, f64)>>)| Panel {
-        caption: caption.to_owned(),
+    let captions = ["position, degrees", "velocity, degrees/s", "torque, N·m"].map(|caption| {
+        let kinds = moving.iter().map(|&j| joints[j].kind);
+        let prismatic = kinds
+            .clone()
+            .filter(|kind| *kind == JointKind::Prismatic)
+            .count();
+        match prismatic {
+            0 => caption.to_owned(),
+            n if n == moving.len() => JointKind::Prismatic.units(caption).into_owned(),
+            _ => format!("{caption} (of prismatic joints {})", unit(caption)),
+        }
+    });
+    let panel = |(caption, curves): (String, Vec<Vec<(f64, f64)>>)| Panel {
+        caption,
         x_unit: "s".to_owned(),
         lines: (curves.into_iter().zip(&moving).zip(COLOURS.iter().cycle()))
             .map(|((points, &j), colour)| Line::new(&joints[j].name, *colour, points))

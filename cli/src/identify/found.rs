@@ -4,8 +4,10 @@ use identification::drive::{Drive, DriveKnowledge, Value};
 use identification::motor::{MotorFit, Piecewise};
 use robot_config::JointParameters;
 use serde_json::{Value as Json, json};
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use terminal::TextTable;
+use torqued_client::robot_state::JointKind;
 
 /// What was identified.
 pub(crate) struct Found<'a> {
@@ -38,7 +40,7 @@ pub(crate) enum Motor {
 /// A value with its name and unit, as users read it.
 pub(super) struct Row {
     pub(super) name: &'static str,
-    pub(super) unit: &'static str,
+    pub(super) unit: Cow<'static, str>,
     pub(super) value: Value,
     /// Share of the configured value by which it must differ to be flagged.
     share: f64,
@@ -68,16 +70,24 @@ impl Found<'_> {
             configured: factor * value.configured,
             ..value
         };
-        let row = |name, unit, value: Value, factor: f64| Row {
+        let kind = self.joint.kind;
+        // The motor's side is in rad whatever the joint is.
+        let row = |name: &'static str, unit: &'static str, value: Value, factor: f64| Row {
             name,
-            unit,
+            unit: match name.contains("motor side") || name.contains("direction") {
+                true => Cow::Borrowed(unit),
+                false => kind.units(unit),
+            },
             value: scaled(value, factor),
             share: SHARE,
         };
         let mut rows = Vec::new();
         rows.extend(d.stiffness.map(|v| row("stiffness k_d", "N·m/rad", v, 1.0)));
         rows.extend(d.damping.map(|v| row("damping d_d", "N·m·s/rad", v, 1.0)));
-        rows.extend(d.dead_zone.map(|v| row("dead zone", "urad", v, 1e6)));
+        rows.extend(
+            d.dead_zone
+                .map(|v| row("dead zone", self.own("urad", "um"), v, 1e6)),
+        );
         rows.extend(
             d.gain
                 .map(|v| row("measured over commanded current", "1", v, 1.0)),
@@ -129,7 +139,7 @@ impl Found<'_> {
             let [least, most] = row.value.interval();
             table.push(vec![
                 row.name.to_owned(),
-                row.unit.to_owned(),
+                row.unit.to_string(),
                 digits(row.value.value),
                 format!("{} to {}", digits(least), digits(most)),
                 digits(row.value.configured),
@@ -141,6 +151,14 @@ impl Found<'_> {
             let _ = writeln!(text, "{line}");
         }
         text
+    }
+
+    /// A unit or key of link-side quantities as this joint has it.
+    fn own(&self, revolute: &'static str, prismatic: &'static str) -> &'static str {
+        match self.joint.kind {
+            JointKind::Revolute => revolute,
+            JointKind::Prismatic => prismatic,
+        }
     }
 
     /// Remarks and the motor's model, a line each.
@@ -208,10 +226,11 @@ impl Found<'_> {
                         false => " (the breaks did not come to rest)",
                     };
                     lines.push(format!(
-                        "piecewise, {name}: slopes {}, breaks at {} and {} N·m{rest}",
+                        "piecewise, {name}: slopes {}, breaks at {} and {} {}{rest}",
                         slopes.join(", "),
                         digits(a),
-                        digits(b)
+                        digits(b),
+                        self.own("N·m", "N")
                     ));
                 }
                 lines
@@ -224,17 +243,22 @@ impl Found<'_> {
         let ([a, b, c], [sa, sb, sc]) = (fit.x, fit.sigma);
         match self.known.takes_position {
             true => [
-                ("K_tau", a, sa, "rad/(N·m)"),
+                ("K_tau", a, sa, self.own("rad/(N·m)", "m/N")),
                 ("K_v", b, sb, "s"),
-                ("K_c", c, sc, "rad"),
+                ("K_c", c, sc, self.own("rad", "m")),
             ],
             // D3 solved for i: 1/K1, K2/K1, K3/K1.
             false => {
                 let over = |x: f64, s: f64| (x / a).abs() * (s / x).hypot(sa / a);
                 [
-                    ("K1", 1.0 / a, (sa / (a * a)).abs(), "N·m/A"),
-                    ("K2", b / a, over(b, sb), "N·m·s/rad"),
-                    ("K3", c / a, over(c, sc), "N·m"),
+                    (
+                        "K1",
+                        1.0 / a,
+                        (sa / (a * a)).abs(),
+                        self.own("N·m/A", "N/A"),
+                    ),
+                    ("K2", b / a, over(b, sb), self.own("N·m·s/rad", "N·s/m")),
+                    ("K3", c / a, over(c, sc), self.own("N·m", "N")),
                 ]
             }
         }
@@ -271,13 +295,14 @@ impl Found<'_> {
                 }
             }
         });
-        json!({
+        let object = json!({
             "joint": self.joint.name, "drive": self.joint.drive, "recordings": self.files,
             "seconds": self.drive.seconds, "parameters": rows, "arrivals": self.drive.arrivals,
             "current_rms_A": self.drive.current[0], "current_rest_A": self.drive.current[1],
             "torque_rms_Nm": self.drive.torque[0], "torque_rest_Nm": self.drive.torque[1],
             "motor": motor, "notes": self.drive.notes,
-        })
+        });
+        crate::units::keys(self.joint.kind, object)
     }
 
     /// The keys of robot.toml that the recording determines.
@@ -311,7 +336,12 @@ impl Found<'_> {
                 true => 1.0 / self.joint.law.gear.k_fs0,
                 false => 0.0,
             };
-            key("motor", "K_tau_rad_per_Nm", k, &|x| 1.0 / x + gear);
+            key(
+                "motor",
+                self.own("K_tau_rad_per_Nm", "K_tau_m_per_N"),
+                k,
+                &|x| 1.0 / x + gear,
+            );
             let ratio = Value {
                 value: c.value / k.value,
                 sigma: c.sigma / k.value,
@@ -321,7 +351,12 @@ impl Found<'_> {
             key("motor", "K_v_s", &ratio, &plain);
         }
         if let Some(zone) = &d.dead_zone {
-            key("motor", "dead_zone_rad", zone, &plain);
+            key(
+                "motor",
+                self.own("dead_zone_rad", "dead_zone_m"),
+                zone,
+                &plain,
+            );
         }
         if let Some(fit) = self.motor_fit() {
             let fitted = self.motor_keys().into_iter().zip(self.constants(fit));
@@ -379,8 +414,16 @@ impl Found<'_> {
 
     fn motor_keys(&self) -> [&'static str; 3] {
         match self.known.takes_position {
-            true => ["K_tau_rad_per_Nm", "K_v_s", "K_c_rad"],
-            false => ["K_1_Nm_per_A", "K_2_Nms_per_rad", "K_3_Nm"],
+            true => [
+                self.own("K_tau_rad_per_Nm", "K_tau_m_per_N"),
+                "K_v_s",
+                self.own("K_c_rad", "K_c_m"),
+            ],
+            false => [
+                self.own("K_1_Nm_per_A", "K_1_N_per_A"),
+                self.own("K_2_Nms_per_rad", "K_2_Ns_per_m"),
+                self.own("K_3_Nm", "K_3_N"),
+            ],
         }
     }
 }

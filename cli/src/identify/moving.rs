@@ -14,7 +14,8 @@ use torqued_client::robot_state::JointKind;
 /// Shares of the motion's amplitudes that are tried where the whole motion is refused: a heavy joint
 /// leaves less torque for it, one near its limits less room.
 const SMALLER: [f64; 3] = [0.7, 0.5, 0.35];
-/// Distance that the motion keeps from the position limits, rad.
+/// Distance that the motion keeps from the position limits, rad; of prismatic joints the way that
+/// counts as much.
 const MARGIN: f64 = std::f64::consts::PI / 180.0;
 
 /// Plans the motion and shows it; nothing moves.
@@ -112,7 +113,6 @@ fn attempt(
         return Err(Problem::new(what, names).into());
     };
     let joint = &robot.parameters.joints[index];
-    super::check_kind(joint)?;
     let given = by_joint(&names, &arguments.pose)?;
     let mut pose: Vec<f64> = (given.iter().zip(here))
         .map(|(given, here)| given.unwrap_or(*here))
@@ -135,14 +135,14 @@ fn attempt(
 
 /// The swing and the sweeps of one joint, as parts of a plan.
 fn parts(joint: &JointParameters, share: f64) -> Vec<Part> {
-    let chirp = Chirp::of_joint(joint.limits.velocity, joint.acceleration());
+    let chirp = Chirp::of_joint(joint.kind, joint.limits.velocity, joint.acceleration());
     let parts = chirp.parts().into_iter().map(|part| {
         let [from, to] = part.frequencies;
         let plan = Part {
-            amplitude_deg: Some((share * part.amplitude).to_degrees()),
             duration_s: Some(part.duration),
             ..Part::of(Kind::Chirp, vec![joint.name.clone()])
         };
+        let plan = plan.with_amplitude(joint.kind, share * part.amplitude);
         match part.power {
             0 => Part {
                 kind: Kind::GrowingSine,
@@ -163,16 +163,18 @@ fn parts(joint: &JointParameters, share: f64) -> Vec<Part> {
     parts.collect()
 }
 
-/// The middle of the motion, rad: where the joint is, or as far inwards as the motion needs.
+/// The middle of the motion, rad or m: where the joint is, or as far inwards as the motion needs.
 fn inward(joint: &JointParameters, here: f64, parts: &[Part]) -> Result<f64, Problem> {
-    let reach = parts.iter().filter_map(|part| part.amplitude_deg);
-    let reach = reach.fold(0.0, f64::max).to_radians() + MARGIN;
+    let kind = joint.kind;
+    let reach = parts.iter().filter_map(|part| part.amplitude(kind));
+    let reach = reach.fold(0.0, f64::max) + kind.threshold(MARGIN);
     let limits = &joint.limits;
     let (low, high) = (limits.position_min + reach, limits.position_max - reach);
     if low > high {
-        let range = (limits.position_max - limits.position_min).to_degrees();
-        let what = format!("joint {:?} has a range of {range:.1} deg", joint.name);
-        let allowed = format!("{:.1} deg and more", 2.0 * reach.to_degrees());
+        let range = kind.shown(limits.position_max - limits.position_min);
+        let unit = kind.units("deg");
+        let what = format!("joint {:?} has a range of {range:.1} {unit}", joint.name);
+        let allowed = format!("{:.1} {unit} and more", kind.shown(2.0 * reach));
         return Err(Problem::new(what, allowed));
     }
     Ok(here.clamp(low, high))

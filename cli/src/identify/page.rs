@@ -6,6 +6,7 @@ use charts::{COLOURS, Figure, Line, Mark, Panel};
 use identification::drive::DriveLog;
 use problem::Problem;
 use std::fmt::Write as _;
+use torqued_client::robot_state::JointKind;
 
 /// Points of a curve at most.
 const POINTS: usize = 4000;
@@ -53,7 +54,7 @@ pub(super) fn html(found: &Found<'_>, log: &DriveLog) -> Result<String, Problem>
 
 /// Motion, the drive's law, and what is left to friction.
 fn figure(found: &Found<'_>, log: &DriveLog) -> Figure {
-    let (known, drive) = (found.known, found.drive);
+    let (known, drive, kind) = (found.known, found.drive, found.joint.kind);
     let constant = known.torque_constant * known.gear_ratio;
     let samples: usize = log.stretches.iter().map(|s| s.theta.len()).sum();
     let step = samples.div_ceil(POINTS).max(1);
@@ -70,7 +71,7 @@ fn figure(found: &Found<'_>, log: &DriveLog) -> Figure {
         for k in (0..s.theta.len()).step_by(step) {
             let x = s.theta[k] / known.gear_ratio;
             let at = t + k as f64 * log.period;
-            motion[0].push((at, s.q[k].to_degrees()));
+            motion[0].push((at, kind.shown(s.q[k])));
             motion[1].push((at, constant * s.current[k]));
             if k >= periods.max(2) && k + 2 < s.theta.len() {
                 let (u, n) = (s.sent[k - periods], known.gear_ratio);
@@ -94,20 +95,25 @@ fn figure(found: &Found<'_>, log: &DriveLog) -> Figure {
         t += s.theta.len() as f64 * log.period;
     }
     let panel = |caption: &str, x_unit: &str, line: Line| Panel {
-        caption: caption.to_owned(),
+        caption: kind.units(caption).into_owned(),
         x_unit: x_unit.to_owned(),
         lines: vec![line],
         ..Panel::default()
     };
     let [angle, torque] = motion;
-    let x_unit = if known.takes_position { " mrad" } else { " A" };
+    let x_unit = match (known.takes_position, kind) {
+        (true, JointKind::Revolute) => " mrad",
+        (true, JointKind::Prismatic) => " mm",
+        (false, _) => " A",
+    };
+    let rate = kind.units(" rad/s");
     Figure {
         title: String::new(),
         columns: 2,
         panel_size: (520, 260),
         panels: vec![
             panel(
-                "joint angle, degrees",
+                "position of the joint, degrees",
                 " s",
                 Line::new("angle", COLOURS[0], angle),
             ),
@@ -123,7 +129,7 @@ fn figure(found: &Found<'_>, log: &DriveLog) -> Figure {
             ),
             panel(
                 "torque of the current less gear and inertia, N·m, over velocity",
-                " rad/s",
+                &rate,
                 Line::new("friction", COLOURS[3], friction).with_mark(Mark::Dots),
             ),
         ],

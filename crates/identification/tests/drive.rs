@@ -98,7 +98,7 @@ fn rig(
 fn sweeps(t: f64) -> f64 {
     let chirp = Chirp {
         swing: [0.05, 0.35],
-        ..Chirp::of_joint(5.0, 100.0)
+        ..Chirp::of_joint(JointKind::Revolute, 5.0, 100.0)
     };
     chirp.at(t)[0]
 }

@@ -90,6 +90,7 @@ pub fn run(options: &DemoOptions) -> Result<ExitCode, Failure> {
     let scene = scene::load(options)?;
     let robot = &scene.robot;
     let selection = Selection::new(&options.joints, robot).map_err(Failure::bad_input)?;
+    let configuration = scene.files.first().map(|file| file.path.clone());
     let report = simulate(options, robot, scene.plant, scene.motion, scene.files)?;
     if let Some(path) = &options.plot {
         let torques: Vec<f64> = report.joints.iter().map(|j| j.largest_torque).collect();
@@ -101,6 +102,12 @@ pub fn run(options: &DemoOptions) -> Result<ExitCode, Failure> {
         print(&format!("{json}\n")).map_err(Failure::environment)?;
     } else {
         print(&report.to_string()).map_err(Failure::environment)?;
+        // By name it is the robot that this program was built with, whatever was calibrated since.
+        let by_name = robots::NAMES.contains(&options.robot.as_str());
+        if let Some(path) = configuration.filter(|_| by_name) {
+            let path = format!("configuration {path}, as built in; of a file: --robot FILE\n");
+            print(&path).map_err(Failure::environment)?;
+        }
     }
     Ok(ExitCode::from(u8::from(report.summary.fault != 0)))
 }

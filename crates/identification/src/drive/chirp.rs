@@ -4,6 +4,7 @@
 //! side to the other; the sweeps separate inertia from friction and show the delay. Every sweep covers all
 //! frequencies, so that any part of the recording that is left out leaves the rest whole.
 
+use robot_state::JointKind;
 use std::f64::consts::TAU;
 
 /// Sweeps on a slow swing.
@@ -15,7 +16,7 @@ pub struct Chirp {
     pub sweeps: usize,
     /// First and last frequency of a sweep, Hz.
     pub frequencies: [f64; 2],
-    /// Largest amplitude of a sweep, rad.
+    /// Largest amplitude of a sweep, rad; this and what follows of prismatic joints in m.
     pub amplitude: f64,
     /// Amplitude and frequency of the swing, rad and Hz.
     pub swing: [f64; 2],
@@ -92,15 +93,16 @@ const VELOCITY_SHARE: f64 = 0.2;
 const FADE_S: f64 = 0.5;
 
 impl Chirp {
-    /// For a joint with this velocity limit, rad/s, and acceleration that its torque limit gives it, rad/s².
+    /// For a joint of this kind with this velocity limit, rad/s or m/s, and acceleration that its torque
+    /// limit gives it, rad/s² or m/s².
     #[must_use]
-    pub fn of_joint(velocity_limit: f64, acceleration_limit: f64) -> Self {
+    pub fn of_joint(kind: JointKind, velocity_limit: f64, acceleration_limit: f64) -> Self {
         Self {
             duration: 12.0,
             sweeps: 4,
             frequencies: [0.8, 25.0],
-            amplitude: 0.03,
-            swing: [0.06, 0.35],
+            amplitude: kind.threshold(0.03),
+            swing: [kind.threshold(0.06), 0.35],
             velocity: VELOCITY_SHARE * velocity_limit,
             acceleration: TORQUE_SHARE * acceleration_limit,
         }
