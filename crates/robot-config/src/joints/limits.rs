@@ -29,7 +29,7 @@ const TORSION_OFFSET: f64 = 0.1 * core::f64::consts::PI / 180.0;
 const STEP_SHARE: f64 = 0.15;
 /// Share of that from which on a sample alone is not used: a joint that nothing but a torque holds feels one of half
 /// a step.
-const BESIDE_SHARE: f64 = 0.3;
+const BESIDE_SHARE: f64 = 0.4;
 /// Period of samples for which that holds, s: an impact changes the velocities of the gear's ends, and with longer
 /// periods the torsion by as much more until the next sample.
 const STEP_PERIOD_S: f64 = 1e-3;
