@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use torque_judge::course::Training;
 use torque_judge::family::{Fit, Judged, judge, plan};
 use torque_judge::fit::{fit, times};
-use torque_judge::results::Told;
+use torque_judge::results::TaredCases;
 use torque_judge::score::Score;
 use torque_judge::specimen::FIRST_JUDGED;
 use torque_judge::{drives, page, real, results};
@@ -291,12 +291,12 @@ fn write(path: &Path, text: String) -> Result<(), Problem> {
 const UNTURNED_JOINTS: u64 = 24;
 
 /// Judges the real arm and joints without an unloaded turn.
-fn told(logs: &Path) -> Result<Told, Problem> {
+fn judge_tared(logs: &Path) -> Result<TaredCases, Problem> {
     let joints = FIRST_JUDGED..FIRST_JUDGED + UNTURNED_JOINTS;
     let fits: Vec<Fit> = joints
         .flat_map(|number| Training::UNTURNED.map(|training| (number, training)))
         .collect();
-    Ok(Told {
+    Ok(TaredCases {
         real: real::judge(logs, &|_| ())?,
         splits: real::splits(logs, &|_| ())?,
         unturned: judge(&fits, 1, None, &|_| ()),
@@ -307,7 +307,7 @@ fn told(logs: &Path) -> Result<Told, Problem> {
 fn renew(logs: &Path, drives: &Path, out: &Path) -> Result<(), Problem> {
     let old = std::fs::read_to_string(out).map_err(|e| Problem::unreadable(out.display(), &e))?;
     let offered = drives::judge(drives)?;
-    let page = results::without_family(&told(logs)?, &offered, &old).ok_or_else(|| {
+    let page = results::without_family(&judge_tared(logs)?, &offered, &old).ok_or_else(|| {
         let reason = format!("{}: no family's part to keep", out.display());
         Problem::new(reason, "a page that this command has made")
     })?;
@@ -323,15 +323,18 @@ fn write_results(
     json: Option<&Path>,
 ) -> Result<(), Problem> {
     let offered = drives::judge(drives)?;
-    let told = told(logs)?;
+    let tared = judge_tared(logs)?;
     let until = minutes.map(|minutes| Instant::now() + Duration::from_secs_f64(60.0 * minutes));
     let judged = with_progress(fits, threads, until);
     let times = times(FIRST_JUDGED)?;
     if let Some(path) = json {
-        write(path, format!("{}\n", page::to_json(&judged, &told.real)))?;
+        write(path, format!("{}\n", page::to_json(&judged, &tared.real)))?;
     }
     let old = std::fs::read_to_string(out).unwrap_or_default();
-    write(out, results::results(&told, &offered, &judged, times, &old))
+    write(
+        out,
+        results::results(&tared, &offered, &judged, times, &old),
+    )
 }
 
 fn failed(message: &str) -> ExitCode {

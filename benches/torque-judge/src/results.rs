@@ -38,17 +38,17 @@ const KEPT: &str = "\n**Older than the tables above**: this section and the next
 /// The page's text with the part of family and times of the `old` page, which then says so; none if it has no
 /// such part.
 #[must_use]
-pub fn without_family(told: &Told, offered: &[Offered], old: &str) -> Option<String> {
+pub fn without_family(tared: &TaredCases, offered: &[Offered], old: &str) -> Option<String> {
     let (_, kept) = old.split_once(FAMILY)?;
     let kept = kept.strip_prefix(KEPT).unwrap_or(kept);
     Some(format!(
         "{}{FAMILY}{KEPT}{kept}",
-        without_figures(told, offered)
+        without_figures(tared, offered)
     ))
 }
 
 /// What stands before the family's part: the real arm, its other splits, joints without an unloaded turn.
-pub struct Told {
+pub struct TaredCases {
     /// The real arm.
     pub real: Vec<RealCase>,
     /// Its other splits.
@@ -58,8 +58,8 @@ pub struct Told {
 }
 
 /// The page's head, the real arm, joints without an unloaded turn, and the drives.
-fn without_figures(told: &Told, offered: &[Offered]) -> String {
-    let joints: BTreeSet<u64> = told.unturned.cases.iter().map(|c| c.number).collect();
+fn without_figures(tared: &TaredCases, offered: &[Offered]) -> String {
+    let joints: BTreeSet<u64> = tared.unturned.cases.iter().map(|c| c.number).collect();
     format!(
         "{HEAD}{}\n\
          ### Other splits of the same logs\n\n\
@@ -74,10 +74,10 @@ fn without_figures(told: &Told, offered: &[Offered]) -> String {
          ## Drives without a torque reference\n\n\
          Two runs of three axes of a KUKA KR300 (repository JonasWeigand/Robot_Identification, MIT). The stiffness \
          must not pass as determined, also where the motor's torque is offered as the reference.\n\n{}",
-        real(&told.real),
-        splits(&told.splits),
+        real(&tared.real),
+        splits(&tared.splits),
         joints.len(),
-        unturned(&told.unturned),
+        unturned(&tared.unturned),
         drives(offered),
     )
 }
@@ -86,7 +86,7 @@ fn without_figures(told: &Told, offered: &[Offered]) -> String {
 /// fused torque of a sample, s.
 #[must_use]
 pub fn results(
-    told: &Told,
+    tared: &TaredCases,
     offered: &[Offered],
     judged: &Judged,
     times: [f64; 2],
@@ -115,7 +115,7 @@ pub fn results(
          ## Time\n\n\
          Processor time: `fit all` on 150,000 samples {all:.0} s; the fused torque of a sample, as the loop \
          computes it, {:.2} us.\n{conclusions}\n",
-        without_figures(told, offered),
+        without_figures(tared, offered),
         joints.len(),
         structures.len(),
         laws(&structures),

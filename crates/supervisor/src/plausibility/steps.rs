@@ -85,7 +85,7 @@ impl Steps {
             return Step::None;
         }
         if let Some(before) = before.filter(|before| beside(before) <= 0.5 * off) {
-            // The last sample was beside the course by less than counts, and this one is on it again.
+            // The last sample was beside the course, by too little to be in doubt, and this one is on it again.
             self.go_on_from(before, angle);
             return Step::None;
         }
