@@ -27,7 +27,10 @@ use clients::{Ahead, Leading, any_reference};
 use common::{Bench, any_number, client_input};
 use cycle::{ClientInput, Instants, OperatorRequest, Stamp};
 use faults::{Lie, mend_drives, spoil, spoil_drive};
-use robot_state::{CommanderRecord, CycleRecord, Event, Mode, Reference, RobotState, Settings};
+use robot_state::{
+    CommanderRecord, CycleRecord, Event, Mode, Reference, RobotState, Settings, refusal,
+};
+use supervisor::Actuation;
 use test_support::Random;
 
 fn any_request(random: &mut Random, record: &CycleRecord) -> Option<OperatorRequest> {
@@ -78,6 +81,40 @@ damping_Ns_per_m = 2e3
 stiffness_Nm_per_rad = 5e3
 damping_Nms_per_rad = 15.0
 ";
+
+/// A joint for whose sake it is not enabled, since it was left beyond a position limit, is moved inside by hand; by
+/// its drive's own tool where that has no states and keeps its last set-point.
+fn move_inside(bench: &mut Bench) {
+    let refusal = bench.cycle.record().refusal;
+    if refusal >> 16 != refusal::OUTSIDE {
+        return;
+    }
+    let joint = (refusal & 0xffff) as usize;
+    let parameters = &bench.robot.parameters.joints[joint];
+    let (limits, inside_by) = (parameters.limits, parameters.kind.threshold(0.02));
+    let q = |bench: &Bench| bench.plant.truth().joints[joint].q;
+    let inwards = match q(bench) < limits.position_min {
+        true => 1.0,
+        false => -1.0,
+    };
+    let allowed = limits.position_min + inside_by..limits.position_max - inside_by;
+    let by_position = matches!(parameters.actuation, Actuation::Position { .. });
+    let holds_itself = by_position && bench.plant.drive_states(joint).is_none();
+    let step = inwards * parameters.kind.threshold(0.002);
+    for percent in 0..100 {
+        let robot = bench.plant.robot_mut();
+        match holds_itself {
+            true => robot.command(joint, robot.set_point(joint) + step),
+            false => robot.set_load(joint, inwards * limits.torque * f64::from(percent) / 100.0),
+        }
+        bench.run(20);
+        if allowed.contains(&q(bench)) {
+            break;
+        }
+    }
+    bench.plant.robot_mut().set_load(joint, 0.0);
+    bench.run(300);
+}
 
 /// Who commands the robot in a life.
 enum Client {
@@ -284,6 +321,7 @@ impl Life {
             bench.run(300);
             bench.ask(OperatorRequest::Enable);
             bench.run(100);
+            move_inside(bench);
         }
         let record = *bench.cycle.record();
         let fault = Event::from_number(record.fault);

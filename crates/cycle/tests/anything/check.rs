@@ -14,8 +14,9 @@ const RESOLUTION_M: f64 = 1e-6;
 pub(crate) struct Before {
     /// The set-point, rad.
     q_c: Option<f64>,
-    /// Cycles in a row for which it was held.
+    /// Cycles in a row for which it was held, in this fault or none.
     held: u32,
+    fault: u32,
 }
 
 /// Cycles within which a joint that is held has come to rest: half of pi times 0.2 s from its velocity
@@ -107,9 +108,12 @@ pub(crate) fn check(bench: &Bench, before: &mut [Before]) {
                 let holds = record.mode == Mode::Hold.number();
                 let kept = commanded.flags & command_flags::NOT_FINITE != 0
                     || holds && last.holds(commanded.q_c, limits.velocity);
+                // A fault brakes the joint from the velocity at which it then gives way.
+                let goes_on = holds && (record.fault == 0 || record.fault == last.fault);
                 before[j] = Before {
                     q_c: Some(commanded.q_c),
-                    held: if holds { last.held + 1 } else { 0 },
+                    held: if goes_on { last.held + 1 } else { 0 },
+                    fault: record.fault,
                 };
                 assert!(
                     within || kept,
