@@ -180,10 +180,9 @@ impl Limiter {
     pub fn start(&mut self, motion: &Motion, torque: f64) -> f64 {
         self.yielded = 0.0;
         let limit = self.limits.torque;
-        let torque = if torque.is_finite() {
-            torque.clamp(-limit, limit)
-        } else {
-            0.0
+        let torque = match torque.is_finite() {
+            true => torque.clamp(-limit, limit),
+            false => 0.0,
         };
         (self.last, self.last_torque) = match self.actuation {
             Actuation::Position {
@@ -264,12 +263,10 @@ impl Limiter {
             }
         };
         // The last resort, should a measurement be worse than thought: what was sent before.
-        let applied = if applied.is_finite() {
-            applied
-        } else {
-            self.last
-        };
-        self.last = applied;
+        if applied.is_finite() {
+            self.last = applied;
+        }
+        let applied = self.last;
         Limited {
             asked,
             applied,
@@ -372,7 +369,8 @@ impl Limiter {
             )
         };
         let (low, high) = within(torque, -torque);
-        let limited = x.clamp(low.min(high), high.max(low));
+        let range = (low.min(high), high.max(low));
+        let limited = x.clamp(range.0, range.1);
         if limited != x {
             let by_lead = lead < k_tau * torque;
             flags |= if by_lead {
@@ -413,7 +411,8 @@ impl Limiter {
             flags |= command_flags::POWER_LIMITED;
         }
         if wanted != tau {
-            x = motion.theta + k_v * omega + k_tau_motor * wanted;
+            // By a wrong velocity of the motor it would lead further than the torque limit.
+            x = (motion.theta + k_v * omega + k_tau_motor * wanted).clamp(range.0, range.1);
         }
         self.last_torque = wanted;
         if let Some(usable) = held {

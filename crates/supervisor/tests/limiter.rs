@@ -295,3 +295,26 @@ fn a_torque_rate_that_trims_noise_is_marked_until_it_lasts_or_takes_much() {
         assert!(flags(&swing).contains(&rate), "{actuation:?}");
     }
 }
+
+#[test]
+fn a_torque_rate_by_a_wrong_motor_velocity_leads_no_further_than_the_torque_limit() {
+    let limits = Limits {
+        torque_rate: 1e4,
+        ..LIMITS
+    };
+    let Actuation::Position {
+        k_tau, k_tau_motor, ..
+    } = POSITION
+    else {
+        unreachable!()
+    };
+    for motor_velocity in [-1e3, -3.0, 3.0, 1e3] {
+        let mut limiter = Limiter::new(limits, POSITION, PERIOD);
+        limiter.start(&still(0.2), 0.0);
+        limiter.judge_by(Some(motor_velocity));
+        let sent = limiter.limit(0.2, &still(0.2));
+        assert!(sent.flags & command_flags::TORQUE_RATE_LIMITED != 0);
+        let lead = k_tau.max(k_tau_motor) * limits.torque;
+        assert!((sent.applied - 0.2).abs() <= lead + 1e-12, "{sent:?}");
+    }
+}
