@@ -310,6 +310,13 @@ impl Scenario {
             ..self
         }
     }
+
+    pub(crate) const fn of_current_drives(self) -> Self {
+        Self {
+            on: |variant| variant.drives == Drives::Current,
+            ..self
+        }
+    }
 }
 
 /// Every scenario.

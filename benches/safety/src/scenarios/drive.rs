@@ -254,6 +254,30 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             },
         )
         .physics(),
+        new("drive keeps an old set-point for 50 ms", ENABLED, |p| {
+            let (mut first, mut count) = (None, 0);
+            set_point(p, move |_, x| {
+                let kept = *first.get_or_insert(x);
+                count += 1;
+                if count > 50 { x } else { kept }
+            })
+        })
+        .physics(),
+        new("drive turns the other way from power-on", POWER_ON, |p| {
+            set_point(p, |_, current| -current)
+        })
+        .of_current_drives()
+        .physics(),
+        new("drive turns the other way", ENABLED, |p| {
+            set_point(p, |_, current| -current)
+        })
+        .of_current_drives()
+        .physics(),
+        new("drive makes 30 % of its torque", ENABLED, |p| {
+            set_point(p, |_, current| 0.3 * current)
+        })
+        .of_current_drives()
+        .physics(),
         new("gear slips by 1.8 degrees", ENABLED, gear_slips).physics(),
         new("load of 20 % of the torque limit drops", AT_REST, |p| {
             load(p, |_| 0.0)

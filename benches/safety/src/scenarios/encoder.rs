@@ -192,6 +192,12 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             |p| as_one(p.joint, |k| 1e-4 * k as f64),
         )
         .shown_to_currents(0.1),
+        new("both encoders change their signs", ENABLED, |p| {
+            encoders(p.joint, |q, theta, _| (-q, -theta))
+        }),
+        new("motor encoder changes its sign", ENABLED, |p| {
+            encoders(p.joint, |q, theta, _| (q, -theta))
+        }),
         new("link encoder reversed", ENABLED, |p| reversed(p.joint)),
         new("link encoder scaled by 1.02", ENABLED, |p| {
             encoders(p.joint, |q, theta, _| (1.02 * q, theta))

@@ -16,7 +16,9 @@
 //! away from where it was anchored: the smaller of both angles, none where they have opposite
 //! directions. The same holds for velocities, so that damping takes energy from the joint whichever
 //! encoder is wrong. A *damped* joint carries its weight; where it moves on the way of that torque
-//! after the time for stopping, the torque is what moves it, and fades out.
+//! after the time for stopping, the torque is what moves it, and fades out. Where its encoders are not trusted, the sign
+//! of both may be what is wrong, and damping would drive the joint: it is braked against the direction that they showed
+//! before, and one that stood by no more than a share of its torque; else no longer.
 
 use robot_state::JointCommanded;
 use supervisor::Motion;
@@ -33,6 +35,8 @@ const LEAD_OVER_TIME: f64 = 0.3;
 /// the velocity filter's window has nothing of them any more.
 const BRIDGED: u32 = 5;
 const WINDOW: u32 = 20;
+/// Share of the torque limit by which a joint is braked that stood when its encoders were trusted last.
+const DOUBTED_SHARE: f64 = 0.15;
 /// Integral time in units of K_d / K_s: slow enough to leave spring and damping as they are.
 const INTEGRAL_TIMES: f64 = 10.0;
 
@@ -82,6 +86,10 @@ pub(super) struct Carry {
     led_over: f64,
     /// Cycles for which velocities are not known after a gap in the samples.
     blind: u32,
+    /// Where the joint moved to when its encoders were trusted last, 1 or -1; 0: it stood.
+    direction: Option<f64>,
+    /// What its encoders show cannot be what braking has led to.
+    misled: bool,
 }
 
 impl Carry {
@@ -106,6 +114,8 @@ impl Carry {
             before: None,
             led_over: 0.0,
             blind: 0,
+            direction: None,
+            misled: false,
         }
     }
 
@@ -137,6 +147,11 @@ impl Carry {
         commanded: &mut JointCommanded,
     ) -> f64 {
         self.settle(motion, trusted, parameters.rest);
+        if trusted || self.direction.is_none() {
+            let moves = motion.dq.abs() > SLOW * parameters.rest;
+            self.direction = Some(if moves { motion.dq.signum() } else { 0.0 });
+            self.misled = false;
+        }
         let (position, velocity) = match &mut self.anchor {
             Some(anchor) => {
                 let p = parameters;
@@ -156,7 +171,7 @@ impl Carry {
                 if moves && self.damped_s > STOPPING_TIME {
                     self.share = (self.share - dt / STOPPING_TIME).max(0.0);
                 }
-                (0.0, -parameters.damping * motion.dq)
+                (0.0, self.braking(parameters, motion.dq, trusted))
             }
         };
         let (position, velocity) = match self.blind {
@@ -179,6 +194,17 @@ impl Carry {
             ..JointCommanded::default()
         };
         (torque + led_over) / k_1
+    }
+
+    /// Torque of the damping, N·m.
+    fn braking(&mut self, parameters: &CarryParameters, dq: f64, trusted: bool) -> f64 {
+        let torque = -parameters.damping * dq;
+        self.misled |= match self.direction {
+            _ if trusted => false,
+            Some(0.0) | None => torque.abs() > DOUBTED_SHARE * parameters.torque,
+            Some(direction) => dq * direction < 0.0,
+        };
+        if self.misled { 0.0 } else { torque }
     }
 
     /// Anchors a joint that has come to rest, and damps one whose encoders contradict each other.
@@ -226,5 +252,58 @@ pub(super) fn smaller(a: f64, b: f64) -> f64 {
     match a * b > 0.0 {
         true => a.abs().min(b.abs()).copysign(a),
         false => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PARAMETERS: CarryParameters = CarryParameters {
+        k_s: 500.0,
+        k_d: 5.0,
+        damping: 25.0,
+        k_1: 10.0,
+        torque: 100.0,
+        rest: 0.02,
+    };
+
+    /// Torque of a joint that moves at `dq`, rad/s, by both encoders.
+    fn torque(carry: &mut Carry, dq: f64, trusted: bool) -> f64 {
+        let motion = Motion {
+            q: 0.3,
+            theta: 0.3,
+            dq,
+            weight: 0.0,
+        };
+        let moved = (&motion, [dq, dq]);
+        let current = carry.update(
+            &PARAMETERS,
+            moved,
+            trusted,
+            1e-3,
+            &mut JointCommanded::default(),
+        );
+        PARAMETERS.k_1 * current
+    }
+
+    #[test]
+    fn encoders_that_are_not_trusted_brake_only_against_the_motion_before() {
+        let mut moving = Carry::stop(0.0);
+        assert_eq!(torque(&mut moving, 1.0, true), -25.0);
+        assert_eq!(torque(&mut moving, 0.5, false), -12.5);
+        // Braked, it cannot turn round: their signs have changed.
+        assert_eq!(torque(&mut moving, -0.5, false), 0.0);
+        assert_eq!(torque(&mut moving, 0.5, false), 0.0);
+        assert_eq!(torque(&mut moving, 0.5, true), -12.5);
+    }
+
+    #[test]
+    fn a_joint_that_stood_is_braked_a_little_by_encoders_that_are_not_trusted() {
+        let mut standing = Carry::stop(0.0);
+        assert_eq!(torque(&mut standing, 0.0, true), 0.0);
+        assert_eq!(torque(&mut standing, -0.4, false), 10.0);
+        assert_eq!(torque(&mut standing, -0.8, false), 0.0);
+        assert_eq!(torque(&mut standing, -0.4, false), 0.0);
     }
 }
