@@ -27,6 +27,8 @@ struct Addressed {
     driven: bool,
     /// Cycles in a row in which its drive has indicated that it is off.
     off: u32,
+    /// Position limits, rad.
+    limits: [f64; 2],
     /// It has been measured: encoders that contradict each other later leave its last position.
     measured: bool,
 }
@@ -57,6 +59,7 @@ impl Emit {
                     zero_current: joint.zero_current,
                     driven: false,
                     off: 0,
+                    limits: [joint.limits.position_min, joint.limits.position_max],
                     measured: false,
                 })
                 .collect(),
@@ -143,7 +146,8 @@ impl Emit {
                 if slot.is_nan() && !joint.takes_position {
                     *slot = 0.0;
                 } else if slot.is_nan() && joint.controlled && joint.measured {
-                    *slot = measured.joints.get(j).map_or(f64::NAN, |m| m.q);
+                    let [min, max] = joint.limits;
+                    *slot = (measured.joints.get(j)).map_or(f64::NAN, |m| m.q.max(min).min(max));
                 }
             }
         }
