@@ -256,18 +256,32 @@ pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
     problems
 }
 
-/// A line for each joint whose drive and gear have needed another design than the default.
+/// A line for each joint whose drive and gear have needed another design than the default, and one for those whose
+/// `follow` is quicker.
 pub(crate) fn designs(judged: &[JudgedJoint]) -> String {
     let hz = |bandwidth: f64| bandwidth / TAU;
+    let default = Design::default();
+    let quick = |design: &Design| design.follow > default.follow;
+    let quicker: Vec<String> = (judged.iter())
+        .filter_map(|joint| joint.design.filter(quick).map(|d| (joint, d)))
+        .map(|(joint, d)| format!("{} {:.0}", joint.name, hz(d.follow)))
+        .collect();
+    let quicker = match quicker.is_empty() {
+        true => String::new(),
+        false => format!(
+            "follow as quick as the margins allow, Hz, instead of 10: {}\n",
+            quicker.join(", ")
+        ),
+    };
     let other = judged.iter().filter_map(|joint| {
-        let d = joint.design.filter(|design| *design != Design::default())?;
+        let d = (joint.design).filter(|design| *design != default && !quick(design))?;
         Some(format!(
             "{}: s {:.2}, zeta {:.1}, observers {:.0} Hz (rotor) and {:.0} Hz (link), follow {:.0} Hz instead of \
              1, 1, 40, 25 and 10, with which drive and gear would have less than 30 degrees or 6 dB\n",
             joint.name, d.stiffness, d.damping, hz(d.rotor), hz(d.link), hz(d.follow),
         ))
     });
-    other.collect()
+    quicker + &other.collect::<String>()
 }
 
 /// The joints as a table.

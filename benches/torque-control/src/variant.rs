@@ -139,7 +139,9 @@ pub(crate) fn apply(conditions: &Conditions, robot: &mut Robot, sim: &mut SimPar
             Law::Predictive { k6, design, .. } => {
                 joint.gains = equivalent(k6, K7, 0.0);
                 let law = &mut joint.law;
-                law.design = design;
+                if design != Design::default() {
+                    law.design = design;
+                }
                 law.delay += (conditions.expected_cycles - 1.0) * dt;
                 law.rotor_inertia *= error();
                 law.gear.k_fs0 *= error();

@@ -409,11 +409,34 @@ fn other_proportions() -> Vec<JointLoop> {
     factors.into_iter().flat_map(scaled).collect()
 }
 
+/// A hand that turns the joint round feels the drive's damping for as long as `follow` needs: it is made as quick as
+/// the margins allow, and they must not hang on a damping that no data sheet has.
 #[test]
-fn default_design_stays_where_it_keeps_the_margins() {
+fn design_is_quick_and_keeps_the_margins_with_another_damping() {
+    let mut quicker = 0;
     for of_joint in JOINTS.map(joint) {
-        assert_eq!(choose_design(&of_joint, &NEEDED), Design::default());
+        let design = choose_design(&of_joint, &NEEDED);
+        let default = Design::default();
+        assert!(design.follow >= default.follow && design.link >= default.link);
+        let rest = Design {
+            follow: default.follow,
+            link: default.link,
+            ..design
+        };
+        assert_eq!(rest, default);
+        quicker += usize::from(design.follow > default.follow);
+        let mut with = of_joint;
+        with.law.design = design;
+        for share in [0.8, 1.0, 1.2] {
+            with.truth = with.law;
+            if let DriveModel::Position { damping, .. } = &mut with.truth.drive {
+                *damping *= share;
+            }
+            let least = least_margins(&with, &Load::ALL).0;
+            assert!(least.keeps(&NEEDED), "{share}: {design:?}, {least:?}");
+        }
     }
+    assert_eq!(quicker, JOINTS.len(), "quicker");
 }
 
 #[test]
@@ -426,8 +449,9 @@ fn design_is_chosen_for_drives_and_gears_of_other_proportions() {
         let mut with = *of_joint;
         with.law.design = choose_design(of_joint, &NEEDED);
         chosen += usize::from(keeps(&with));
+        assert!(keeps(&with) || !keeps(of_joint), "{of_joint:?}");
         let changed = with.law.design != Design::default();
-        assert_eq!(changed, !keeps(of_joint) && keeps(&with), "{of_joint:?}");
+        assert!(keeps(&with) || !changed, "{of_joint:?}");
         if changed {
             // A third of the default's bandwidth is left at least, with the rotor stuck.
             let [before, after] = [of_joint, &with].map(|l| l.with(Load::Stuck).bandwidth());

@@ -2,7 +2,7 @@
 
 use super::Margins;
 use super::lifted::{Lifted, SUBSTEPS};
-use nalgebra::{Complex, DMatrix, DVector, Schur};
+use nalgebra::{Complex, DMatrix, Schur};
 use std::f64::consts::{PI, TAU};
 
 /// Lowest frequency of interest, Hz.
@@ -74,7 +74,7 @@ impl ClosedLoop {
     #[must_use]
     pub fn open_loop(&self) -> Vec<Point> {
         let l = &self.lifted;
-        let resolvent = Resolvent::new(&l.a);
+        let mut resolvent = Resolvent::new(&l.a);
         let frequencies: Vec<f64> = self.frequencies(HIGHEST).collect();
         let count = frequencies.len();
         let angle = |k: usize| TAU * frequencies[k] * l.sample_period;
@@ -84,14 +84,15 @@ impl ClosedLoop {
             if k < count { angle.cos() } else { angle.sin() }
         });
         let mut states = resolvent.input(&l.b) * &sines;
+        let mut state = vec![Complex::default(); states.nrows()];
         for k in 0..count {
-            let part = |i: usize| Complex::new(states[(i, k)], states[(i, count + k)]);
-            let input = DVector::from_fn(states.nrows(), |i, _| part(i));
-            let state = resolvent.solve(angle(k), input);
-            for i in 0..states.nrows() {
-                let value = state.as_ref().map(|state| state[i]);
-                let value = value.unwrap_or(Complex::new(f64::NAN, f64::NAN));
-                (states[(i, k)], states[(i, count + k)]) = (value.re, value.im);
+            for (i, x) in state.iter_mut().enumerate() {
+                *x = Complex::new(states[(i, k)], states[(i, count + k)]);
+            }
+            // A point of what is not finite is left out.
+            resolvent.solve(angle(k), &mut state);
+            for (i, x) in state.iter().enumerate() {
+                (states[(i, k)], states[(i, count + k)]) = (x.re, x.im);
             }
         }
         let made = resolvent.output(&l.c) * states + &l.d * &sines;
@@ -112,14 +113,16 @@ impl ClosedLoop {
     #[must_use]
     pub fn torque_response(&self) -> Vec<Point> {
         let l = &self.lifted;
-        let resolvent = Resolvent::new(&l.closed);
-        let input = complex(&resolvent.input(&l.from_desired));
-        let output = complex(&resolvent.output(&l.torque));
+        let mut resolvent = Resolvent::new(&l.closed);
+        let input = resolvent.input(&l.from_desired);
+        let output = resolvent.output(&l.torque);
         self.frequencies(0.49)
             .filter_map(|frequency| {
                 let angle = TAU * frequency * l.sample_period;
-                let x = resolvent.solve(angle, input.column(0).into_owned())?;
-                Some(point(frequency, (&output * &x).sum()))
+                let mut x: Vec<_> = input.iter().map(|&x| Complex::from(x)).collect();
+                let finite = resolvent.solve(angle, &mut x);
+                let made = output.iter().zip(&x).map(|(c, x)| x * c).sum();
+                finite.then(|| point(frequency, made))
             })
             .collect()
     }
@@ -174,13 +177,21 @@ pub(super) fn fallen_by_3_db(response: &[Point]) -> f64 {
 /// `(z 1 - A)^-1` for many z: A is made a Hessenberg matrix once.
 struct Resolvent {
     basis: DMatrix<f64>,
-    hessenberg: DMatrix<f64>,
+    /// Row by row.
+    hessenberg: Vec<f64>,
+    /// What is eliminated, row by row.
+    matrix: Vec<Complex<f64>>,
 }
 
 impl Resolvent {
     fn new(a: &DMatrix<f64>) -> Self {
         let (basis, hessenberg) = a.clone().hessenberg().unpack();
-        Self { basis, hessenberg }
+        let hessenberg = hessenberg.transpose().as_slice().to_vec();
+        Self {
+            basis,
+            matrix: vec![Complex::default(); hessenberg.len()],
+            hessenberg,
+        }
     }
 
     /// An input in the basis of the Hessenberg matrix.
@@ -193,40 +204,37 @@ impl Resolvent {
         output * &self.basis
     }
 
-    /// The state at `z = e^(i angle)`: elimination of the one diagonal below the main one, with
-    /// pivots.
-    fn solve(&self, angle: f64, mut x: DVector<Complex<f64>>) -> Option<DVector<Complex<f64>>> {
+    /// From an input to the state at `z = e^(i angle)`: elimination of the one diagonal below the main one, with
+    /// pivots. Returns whether it is finite.
+    fn solve(&mut self, angle: f64, x: &mut [Complex<f64>]) -> bool {
         let z = Complex::from_polar(1.0, angle);
-        let mut m = self.hessenberg.map(|h| Complex::new(-h, 0.0));
-        let n = m.nrows();
-        for i in 0..n {
-            m[(i, i)] += z;
+        let n = x.len();
+        for (m, h) in self.matrix.iter_mut().zip(&self.hessenberg) {
+            *m = Complex::new(-h, 0.0);
+        }
+        for diagonal in self.matrix.iter_mut().step_by(n + 1) {
+            *diagonal += z;
         }
         for k in 0..n.saturating_sub(1) {
-            if m[(k + 1, k)].norm_sqr() > m[(k, k)].norm_sqr() {
-                for j in k..n {
-                    m.swap((k, j), (k + 1, j));
-                }
-                x.swap_rows(k, k + 1);
+            let (above, below) = self.matrix.split_at_mut((k + 1) * n);
+            let (above, below) = (&mut above[k * n + k..], &mut below[k..n]);
+            if below[0].norm_sqr() > above[0].norm_sqr() {
+                above.swap_with_slice(below);
+                x.swap(k, k + 1);
             }
-            let factor = m[(k + 1, k)] / m[(k, k)];
-            for j in k + 1..n {
-                let above = m[(k, j)];
-                m[(k + 1, j)] -= factor * above;
+            let factor = below[0] / above[0];
+            for (below, above) in below.iter_mut().zip(above.iter()).skip(1) {
+                *below -= factor * above;
             }
-            let above = x[k];
-            x[k + 1] -= factor * above;
+            let known = x[k];
+            x[k + 1] -= factor * known;
         }
-        for k in (0..n).rev() {
-            for j in k + 1..n {
-                let known = x[j];
-                x[k] -= m[(k, j)] * known;
-            }
-            x[k] /= m[(k, k)];
+        for (k, row) in self.matrix.chunks_exact(n).enumerate().rev() {
+            let known = row[k + 1..].iter().zip(&x[k + 1..]);
+            let rest = known.fold(x[k], |rest, (m, x)| rest - m * x);
+            x[k] = rest / row[k];
         }
-        x.iter()
-            .all(|x| x.re.is_finite() && x.im.is_finite())
-            .then_some(x)
+        x.iter().all(|x| x.re.is_finite() && x.im.is_finite())
     }
 }
 
@@ -272,8 +280,4 @@ fn point(frequency: f64, value: Complex<f64>) -> Point {
         re: value.re,
         im: value.im,
     }
-}
-
-fn complex(matrix: &DMatrix<f64>) -> DMatrix<Complex<f64>> {
-    matrix.map(|x| Complex::new(x, 0.0))
 }

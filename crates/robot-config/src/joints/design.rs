@@ -14,6 +14,16 @@ pub fn predictive_loop(joint: &JointParameters) -> JointLoop {
     }
 }
 
+/// The joints of two sides are alike but for the rounding of what hangs on them.
+fn is_alike(one: &JointLoop, other: &JointLoop) -> bool {
+    let inertia = one.link_inertia;
+    let alike = JointLoop {
+        link_inertia: inertia,
+        ..*other
+    };
+    *one == alike && (other.link_inertia - inertia).abs() <= 1e-9 * inertia
+}
+
 /// Chooses the design of every joint that follows the predictive law; joints that are alike share one.
 pub(crate) fn choose_designs(parameters: &mut Parameters) {
     if !matches!(parameters.torque_law, TorqueLaw::Predictive(_)) {
@@ -22,7 +32,7 @@ pub(crate) fn choose_designs(parameters: &mut Parameters) {
     let mut chosen: Vec<(JointLoop, Design)> = Vec::new();
     for joint in (parameters.joints.iter_mut()).filter(|joint| joint.has_link_encoder) {
         let of_joint = predictive_loop(joint);
-        let known = chosen.iter().find(|(alike, _)| *alike == of_joint);
+        let known = chosen.iter().find(|(other, _)| is_alike(&of_joint, other));
         let design = match known {
             Some((_, design)) => *design,
             None => {
