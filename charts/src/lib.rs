@@ -112,8 +112,7 @@ impl Figure {
     pub fn write(&self, path: &Path) -> Result<(), Problem> {
         let named = |problem: Problem| problem.at(path.to_string_lossy(), 0);
         let svg = self.svg().map_err(named)?;
-        std::fs::write(path, svg)
-            .map_err(|e| named(Problem::new(format!("cannot be written: {e}"), "")))
+        terminal::write_file(path, &svg)
     }
 }
 

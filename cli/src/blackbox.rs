@@ -3,7 +3,7 @@
 mod analysis;
 mod report;
 
-use crate::output::finish_or_refuse;
+use crate::output::{apart, finish_or_refuse};
 use analysis::BlackBox;
 use problem::{Problem, Problems};
 use std::path::{Path, PathBuf};
@@ -117,10 +117,8 @@ fn show(file: &Path, arguments: &BlackboxArguments) -> Result<String, Problems> 
     };
     let black_box = BlackBox::read(&path)?;
     if let Some(csv) = &arguments.csv {
-        std::fs::write(csv, report::csv(&black_box)).map_err(|error| {
-            let problem = Problem::new(format!("cannot be written: {error}"), "a writable path");
-            problem.at(csv.display().to_string(), 0)
-        })?;
+        apart(csv, std::slice::from_ref(&path))?;
+        terminal::write_file(csv, &report::csv(&black_box))?;
     }
     Ok(match arguments.json {
         true => format!("{}\n", report::json(&black_box)),

@@ -10,11 +10,11 @@ use identification::log::{LogReader, LogRow};
 use joint_file::JointFile;
 use problem::Problem;
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Write};
+use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
-use terminal::TextTable;
+use terminal::{NewFile, TextTable};
 
 /// Run every estimator of a joint over a recorded log
 #[derive(Args)]
@@ -182,18 +182,15 @@ pub(crate) fn open_log(path: &Path) -> Result<LogReader<BufReader<File>>, Proble
 
 /// The CSV file of all estimates.
 struct Output {
-    file: BufWriter<File>,
+    file: NewFile,
     name: String,
 }
 
 impl Output {
     fn create(path: &Path, names: &[String]) -> Result<Self, Problem> {
         let name = path.display().to_string();
-        let file = File::create(path).map_err(|e| Problem::unwritable(&name, &e))?;
-        let mut out = Self {
-            file: BufWriter::new(file),
-            name,
-        };
+        let file = NewFile::create(path)?;
+        let mut out = Self { file, name };
         let columns = names.iter().map(|n| format!(",tau_{n},sigma_{n}"));
         out.line(&format!("t,tau_sensor{}", columns.collect::<String>()))?;
         Ok(out)
@@ -217,9 +214,9 @@ impl Output {
         writeln!(self.file, "{line}").map_err(|e| Problem::unwritable(&self.name, &e))
     }
 
-    fn finish(mut self) -> Result<(), Problem> {
+    fn finish(self) -> Result<(), Problem> {
         self.file
-            .flush()
+            .finish()
             .map_err(|e| Problem::unwritable(&self.name, &e))
     }
 }

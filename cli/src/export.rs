@@ -1,13 +1,13 @@
 //! `torquectl export`: a recorded run as CSV, a line for each cycle.
 
-use crate::output::finish_or_refuse;
+use crate::output::{apart, finish_or_refuse};
 use crate::recorded;
 use problem::{Problem, Problems};
 use recording::{Counts, Field, Fields, Header};
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, StdoutLock, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use terminal::NewFile;
 use torqued_client::robot_state::{CycleRecord, Reference};
 use zerocopy::IntoBytes;
 
@@ -51,6 +51,37 @@ pub(crate) fn run(arguments: &ExportArguments) -> ExitCode {
     finish_or_refuse(export(arguments))
 }
 
+/// Where the lines go.
+enum Out {
+    File(NewFile),
+    Standard(BufWriter<StdoutLock<'static>>),
+}
+
+impl Out {
+    fn finish(self) -> io::Result<()> {
+        match self {
+            Self::File(file) => file.finish(),
+            Self::Standard(mut out) => out.flush(),
+        }
+    }
+}
+
+impl Write for Out {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.write(bytes),
+            Self::Standard(out) => out.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::File(file) => file.flush(),
+            Self::Standard(out) => out.flush(),
+        }
+    }
+}
+
 /// A column: a number of the record or of the reference.
 struct Column {
     field: Field,
@@ -74,11 +105,13 @@ fn export(arguments: &ExportArguments) -> Result<String, Problems> {
             .unwrap_or_else(|| "standard output".into());
         Problem::unwritable(path.display(), &error)
     };
-    let out: Box<dyn Write> = match &arguments.output {
-        Some(path) => Box::new(File::create(path).map_err(unwritable)?),
-        None => Box::new(io::stdout().lock()),
+    let mut out = match &arguments.output {
+        Some(path) => {
+            apart(path, std::slice::from_ref(&arguments.run))?;
+            Out::File(NewFile::create(path)?)
+        }
+        None => Out::Standard(BufWriter::new(io::stdout().lock())),
     };
-    let mut out = BufWriter::new(out);
     let titles: Vec<&str> = columns.iter().map(|column| column.title.as_str()).collect();
     let mut cycles = 0_u64;
     let mut begin_ns = None;
@@ -106,7 +139,7 @@ fn export(arguments: &ExportArguments) -> Result<String, Problems> {
         }
         Ok(())
     })?;
-    let written = written.and_then(|()| out.flush());
+    let written = written.and_then(|()| out.finish());
     match written {
         // The reader of the output closed the pipe, as `head` does.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(String::new()),

@@ -243,7 +243,7 @@ fn write(
     let mut written = Vec::new();
     for (name, text) in &files {
         let path = out.out.with_file_name(name);
-        std::fs::write(&path, text).map_err(|e| Problem::unwritable(path.display(), &e))?;
+        terminal::write_file(&path, text)?;
         written.push(path.display().to_string());
     }
     Ok(match out.json {

@@ -194,7 +194,7 @@ fn drive(arguments: &DriveArguments, runs: &[PathBuf]) -> Result<String, Problem
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Problem> {
-    std::fs::write(path, text).map_err(|e| Problem::unwritable(path.display(), &e))
+    terminal::write_file(path, text)
 }
 
 fn fit(model: Model, log: &DriveLog, known: &DriveKnowledge) -> Result<Motor, Problem> {

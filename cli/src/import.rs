@@ -4,7 +4,7 @@ mod map;
 mod resample;
 mod table;
 
-use crate::output::{finish_or_refuse, read_input};
+use crate::output::{apart, finish_or_refuse, read_input};
 use clap::Args;
 use map::{Channel, Map};
 use problem::{Problem, Problems};
@@ -91,10 +91,13 @@ fn import(arguments: &ImportArguments) -> Result<String, Problems> {
     }
     let unwritable = |e, path: &Path| Problem::unwritable(path.display(), &e);
     std::fs::create_dir_all(&arguments.out).map_err(|e| unwritable(e, &arguments.out))?;
+    for (name, _) in &files {
+        apart(&arguments.out.join(name), &arguments.logs)?;
+    }
     let mut report = String::new();
     for (name, text) in &files {
         let path = arguments.out.join(name);
-        std::fs::write(&path, text).map_err(|e| unwritable(e, &path))?;
+        terminal::write_file(&path, text)?;
         let _ = writeln!(
             report,
             "{}: {} rows",

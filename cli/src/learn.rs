@@ -114,7 +114,7 @@ fn learn(arguments: &LearnArguments) -> Result<String, Problems> {
         };
         if let Some(text) = learned.text()? {
             let path = folder.join(format!("{}.feed-forward.toml", joint.name));
-            std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))?;
+            terminal::write_file(&path, &text)?;
             learned.file = Some(path);
         }
         if let (Some(_), Ok(trained)) = (&arguments.plot, &learned.result) {

@@ -269,8 +269,7 @@ fn preview(config: &Path, arguments: &MoveArguments) -> Result<String, Problems>
     let (duration, samples) = plan(&ways, parameters.timing.sample_period)?;
     if let Some(path) = &arguments.output {
         let text = csv(&ways, parameters.timing.sample_period, &samples);
-        let written = std::fs::write(path, text);
-        written.map_err(|e| Problem::new(format!("{}: {e}", path.display()), ""))?;
+        terminal::write_file(path, &text)?;
     }
     if let Some(path) = &arguments.plot {
         figure(&ways, parameters.timing.sample_period, &samples).write(path)?;

@@ -2,7 +2,7 @@
 
 use crate::BAD_INPUT;
 use problem::{Problem, Problems, utf8};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Prints a command's result.
@@ -24,6 +24,23 @@ pub(crate) fn finish_or_refuse(result: Result<String, impl Into<Problems>>) -> E
             eprintln!("{}", problems.into());
             ExitCode::from(BAD_INPUT)
         }
+    }
+}
+
+/// Refuses an output that is one of the inputs: it would be replaced by what is made from it.
+///
+/// # Errors
+/// The file is the same, by whatever name.
+pub(crate) fn apart(output: &Path, inputs: &[PathBuf]) -> Result<(), Problem> {
+    let Ok(place) = output.canonicalize() else {
+        return Ok(());
+    };
+    match (inputs.iter()).any(|input| input.canonicalize().is_ok_and(|input| input == place)) {
+        true => {
+            let problem = Problem::new("is what is read, and would be replaced", "another name");
+            Err(problem.at(output.display().to_string(), 0))
+        }
+        false => Ok(()),
     }
 }
 

@@ -4,7 +4,7 @@
 pub(crate) mod robot;
 pub(crate) mod torques;
 
-use crate::output::{finish_or_refuse, read_input};
+use crate::output::{apart, finish_or_refuse, read_input};
 use crate::whole_body::of_robot::sensors_text;
 use clap::Args;
 use problem::{Problem, Problems};
@@ -98,9 +98,12 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
     }
     let unwritable = |e, path: &Path| Problem::unwritable(path.display(), &e);
     std::fs::create_dir_all(&arguments.out).map_err(|e| unwritable(e, &arguments.out))?;
+    for (name, _) in &files {
+        apart(&arguments.out.join(name), &arguments.logs)?;
+    }
     for (name, text) in &files {
         let path = arguments.out.join(name);
-        std::fs::write(&path, text).map_err(|e| unwritable(e, &path))?;
+        terminal::write_file(&path, text)?;
     }
     let _ = writeln!(
         report,

@@ -3,6 +3,7 @@
 mod html;
 
 use crate::BAD_INPUT;
+use crate::output::apart;
 use crate::recorded::{self, describe_ending};
 use crate::units::{cell, keys};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -131,10 +132,8 @@ fn replay(arguments: &ReplayArguments) -> Result<Comparison, Problems> {
     };
     if let (Some(file), Some(curves)) = (&arguments.report, &curves) {
         let page = html::page(&comparison, curves);
-        std::fs::write(file, page).map_err(|error| {
-            let problem = Problem::new(format!("cannot be written: {error}"), "a writable path");
-            problem.at(file.display().to_string(), 0)
-        })?;
+        apart(file, std::slice::from_ref(path))?;
+        terminal::write_file(file, &page)?;
     }
     Ok(comparison)
 }

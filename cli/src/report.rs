@@ -156,7 +156,7 @@ pub(crate) fn write(
     traces: &Traces,
 ) -> Result<(), Problem> {
     let html = page(title, &(lists(sections) + &body(traces)?));
-    std::fs::write(path, html).map_err(|e| Problem::unwritable(path.display(), &e))
+    terminal::write_file(path, &html)
 }
 
 /// A page with this body.

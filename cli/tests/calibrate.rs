@@ -332,6 +332,22 @@ fn entry(folder: &Path, calibration: &str, key: &str) -> Vec<[f64; 2]> {
 }
 
 #[test]
+fn joints_that_do_not_move_are_named_and_get_no_joint_file() {
+    let folder = folder("rest", "leg");
+    record(&folder, "leg", "settle_s = 1.0\n", 12.0, "rest.mcap");
+    let shown = expect(&folder, "calibrate rest.mcap --untouched -o rest", 1);
+    for joint in "hip_yaw hip_roll hip_pitch knee ankle_pitch ankle_roll".split(' ') {
+        let named = format!("{joint}: not calibrated: ");
+        assert!(shown.contains(&named), "{joint}: {shown}");
+    }
+    // The F/T sensor's offset is known at rest too; its mass and centre are not.
+    assert!(shown.contains("gravity turned by") && shown.contains("undetermined"));
+    let files = fs::read_dir(folder.join("rest")).unwrap();
+    let files = files.map(|entry| entry.unwrap().file_name());
+    assert_eq!(files.collect::<Vec<_>>(), ["calibration.toml"]);
+}
+
+#[test]
 fn an_ft_sensor_and_a_payload_are_found_adopted_and_taken_back() {
     let folder = folder("sensor", "leg");
     let at = |path: &str| folder.join(path);

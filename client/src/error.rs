@@ -152,8 +152,8 @@ pub enum Error {
     },
     /// A trajectory ended in motion.
     #[error(
-        "robot \"{robot}\": the trajectory ended in motion, since its next points had not come in \
-             time or there were none; the robot was brought to rest"
+        "robot \"{robot}\": the trajectory ended in motion: velocity or acceleration of its last point \
+             was not 0, or the next points had not come in time; the robot was brought to rest"
     )]
     TrajectoryEnded {
         /// The robot.

@@ -199,6 +199,15 @@ def test_a_trajectory_is_sent_ahead_and_followed(daemons):
             commander.follow(0.3, back_and_forth(0.2))
 
 
+def test_the_readmes_trajectory_reaches_its_end(daemons):
+    blocks = (PYTHON / "README.md").read_text().split("```python\n")[1:]
+    (block,) = [block for block in blocks if "commander.follow(" in block]
+    daemons()
+    names = dict(vars(math), torqued=torqued, client=torqued.Client("leg"))
+    exec(block.split("```")[0].replace("commander.follow(", "reached = commander.follow("), names)
+    assert names["reached"]
+
+
 def test_joints_are_let_go(daemons):
     daemons()
     client = torqued.Client("leg", PATIENCE_S)

@@ -1,10 +1,12 @@
 //! Text on standard output, in columns where it is a table; text of files.
 
+mod new_file;
 mod text_table;
 
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 
+pub use new_file::{NewFile, write_file};
 pub use text_table::TextTable;
 
 /// The text of a file.

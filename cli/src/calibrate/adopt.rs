@@ -2,7 +2,7 @@
 //! that it sets, and the way back.
 
 use super::identity::Identity;
-use super::store::{Calibration, replace};
+use super::store::Calibration;
 use jiff::Timestamp;
 use problem::{Problem, Problems};
 use robot_config::Robot;
@@ -179,7 +179,7 @@ impl Configuration {
             true => Ok(text.to_owned()),
             false => std::fs::read_to_string(path),
         })?;
-        Ok(replace(&self.path, text)?)
+        Ok(terminal::write_file(&self.path, text)?)
     }
 }
 

@@ -155,8 +155,7 @@ fn write(
         );
         return Err(Problem::new(reason, "another folder"));
     }
-    let unwritable = |e: std::io::Error, path: &Path| Problem::unwritable(path.display(), &e);
-    std::fs::create_dir_all(folder).map_err(|e| unwritable(e, folder))?;
+    std::fs::create_dir_all(folder).map_err(|e| Problem::unwritable(folder.display(), &e))?;
     let friction = folder.join("friction.csv");
     let json = folder.join("inertia.json");
     let files = [&urdf, &friction, &json].map(|path| path.display().to_string());
@@ -166,10 +165,7 @@ fn write(
         format!("{:#}\n", report::json(robot, found, &files)),
     ];
     for (path, text) in [&urdf, &friction, &json].into_iter().zip(&texts) {
-        // Under another name first: an interrupted write leaves the older file whole.
-        let beside = path.with_extension("part");
-        std::fs::write(&beside, text).map_err(|e| unwritable(e, &beside))?;
-        std::fs::rename(&beside, path).map_err(|e| unwritable(e, path))?;
+        terminal::write_file(path, text)?;
     }
     Ok(files.into())
 }

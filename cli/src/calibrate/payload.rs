@@ -164,7 +164,7 @@ fn payload(arguments: &PayloadArguments) -> Result<String, Problems> {
         let text = with_payload(urdf(&runs[0].header, robot), &arguments.link, &load.inertia);
         let name = path.display().to_string();
         Model::from_urdf(&text, &name, robot.model.base())?;
-        super::store::create(path, &text)?;
+        terminal::write_file(path, &text)?;
     }
     Ok(match arguments.json {
         true => format!("{:#}\n", object(&load, &places, &option)),

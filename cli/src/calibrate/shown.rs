@@ -278,6 +278,5 @@ pub(super) fn write_page(
             body += &calibrated.html;
         }
     }
-    std::fs::write(path, report::page(&title, &body))
-        .map_err(|e| Problem::unwritable(path.display(), &e))
+    terminal::write_file(path, &report::page(&title, &body))
 }

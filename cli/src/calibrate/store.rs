@@ -237,36 +237,6 @@ impl Calibration {
     }
 }
 
-/// Replaces a file by another text, at once.
-///
-/// # Errors
-/// It cannot be written: it stays as it was.
-pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Problem> {
-    let partial = partial(path);
-    let written = write_whole(&partial, text).and_then(|()| {
-        fs::set_permissions(&partial, fs::metadata(path)?.permissions())?;
-        fs::rename(&partial, path)?;
-        sync_folder(path.parent())
-    });
-    written.map_err(|e| {
-        let _ = fs::remove_file(&partial);
-        Problem::unwritable(path.display(), &e)
-    })
-}
-
-/// Writes a new file, or replaces one, at once.
-///
-/// # Errors
-/// It cannot be written: nothing is left of it.
-pub(crate) fn create(path: &Path, text: &str) -> Result<(), Problem> {
-    let partial = partial(path);
-    let written = write_whole(&partial, text).and_then(|()| fs::rename(&partial, path));
-    written.map_err(|e| {
-        let _ = fs::remove_file(&partial);
-        Problem::unwritable(path.display(), &e)
-    })
-}
-
 /// A name beside `path` for what is not whole yet.
 fn partial(path: &Path) -> PathBuf {
     let name = path

@@ -268,7 +268,8 @@ class Commander:
         tracking, from the robot's present pose on, and waits
         until it has ended: the program may go on with any mode. `at` gives position, velocity and
         acceleration of every joint, in config order, at a time since the begin; it is asked every
-        `spacing_s`, and the loop interpolates. It should begin at the present pose and end at rest.
+        `spacing_s`, and the loop interpolates. It should begin at the present pose and end at rest,
+        with velocities and accelerations of 0.
         `going` is shown the progress and says whether it is to go on; if not, the robot is brought
         to rest. True if the end was reached.
 

@@ -142,8 +142,8 @@ class _Heartbeat(threading.Thread):
                 continue
             if lease.trajectories_ended != before.trajectories_ended:
                 raise TrajectoryError(
-                    "the trajectory ended in motion, since its next points had not come in time or "
-                    "there were none; the robot was brought to rest"
+                    "the trajectory ended in motion: velocity or acceleration of its last point was not "
+                    "0, or the next points had not come in time; the robot was brought to rest"
                 )
             self.time_ns = int(1e9 * lease.trajectory_s)
             if self.time_ns < self._end_ns or not complete:

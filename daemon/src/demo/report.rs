@@ -44,8 +44,9 @@ pub(super) struct Report {
     /// Timing, frames, events.
     #[serde(flatten)]
     pub(super) summary: Summary,
-    /// Known delays removed before comparing, s: encoders, F/T, delay-compensated.
-    pub(super) delays_s: [f64; 3],
+    /// Least and largest of the joints' known delays, which are removed before comparing, s: encoders, F/T,
+    /// delay-compensated.
+    pub(super) delays_s: [[f64; 2]; 3],
     /// Frames that the simulated robot could not decode.
     pub(super) frames_undecoded_by_robot: u64,
     #[serde(skip)]
@@ -81,7 +82,7 @@ impl Report {
                 })
                 .collect(),
             summary: Summary::new(&parameters.name, &last, &timing, PageFaults::default(), 0),
-            delays_s: [0.0; 3],
+            delays_s: [NO_DELAY; 3],
             frames_undecoded_by_robot: 0,
             collected: Collected {
                 comparisons: names
@@ -133,7 +134,13 @@ impl Report {
             {
                 comparison.push(truth.tau, usable(estimate), delay / *period);
             }
-            self.delays_s = delays;
+            for (shown, (estimate, delay)) in
+                (self.delays_s.iter_mut()).zip(estimates.into_iter().zip(delays))
+            {
+                if usable(estimate).is_some() {
+                    *shown = [shown[0].min(delay), shown[1].max(delay)];
+                }
+            }
             trace.truth.push(column, (t, truth.tau));
             for (curve, estimate) in trace.estimates.iter_mut().zip(estimates) {
                 let tau = usable(estimate).map_or(f64::NAN, |(tau, _)| tau);
@@ -173,6 +180,21 @@ impl Report {
     }
 }
 
+/// Of an estimate that was never there.
+const NO_DELAY: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
+
+/// Joints with and without a joint file differ: its estimators track the torsion by a prediction, without a
+/// constant delay.
+fn shown_delay([least, largest]: [f64; 2]) -> String {
+    let ms = [least, largest].map(|s| format!("{:.1}", 1e3 * s));
+    match ms {
+        _ if least > largest => "-".to_owned(),
+        [_, largest] if largest == "0.0" => "none (joint files)".to_owned(),
+        [least, largest] if least == largest => format!("{largest} ms"),
+        [least, largest] => format!("{least} to {largest} ms, by joint"),
+    }
+}
+
 /// The torque and its sigma, if it is valid and not bridged.
 fn usable(estimate: &TorqueEstimate) -> Option<(f64, f64)> {
     (estimate.flags & torque_flags::VALID != 0).then_some((estimate.tau, estimate.sigma))
@@ -183,11 +205,11 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "{}: joint torque, N·m; errors against the simulated robot's true torque, after removing\n\
-             the known delay of {:.1} ms (encoders + current) and {:.1} ms (F/T + IMU); the delay-compensated\n\
-             torque has none; % of the largest torque\n",
+             the known delay: encoders + current {}, F/T + IMU {}, delay-compensated none;\n\
+             % of the largest torque\n",
             self.summary.robot,
-            1e3 * self.delays_s[0],
-            1e3 * self.delays_s[1]
+            shown_delay(self.delays_s[0]),
+            shown_delay(self.delays_s[1])
         )?;
         writeln!(
             f,

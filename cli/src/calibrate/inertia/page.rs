@@ -39,7 +39,7 @@ pub(super) fn write(path: &Path, robot: &Robot<'_>, found: &Calibration) -> Resu
         html += &figure(judged, robot.unit(k)).svg()?;
     }
     html += "</body></html>\n";
-    std::fs::write(path, html).map_err(|e| Problem::unwritable(path.display(), &e))
+    terminal::write_file(path, &html)
 }
 
 fn list(html: &mut String, heading: &str, lines: &[String]) {
