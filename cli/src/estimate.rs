@@ -1,7 +1,7 @@
 //! `torquectl estimate`: every configured estimator over a recorded log.
 
 use crate::BAD_INPUT;
-use crate::output::finish;
+use crate::output::{apart, finish};
 use crate::report::{self, Traces};
 use clap::Args;
 use estimators::joint::{JointSample, JointTorqueEstimator};
@@ -82,6 +82,9 @@ pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
 }
 
 fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
+    for output in arguments.out.iter().chain(&arguments.report) {
+        apart(output, &[arguments.joint.clone(), arguments.log.clone()])?;
+    }
     let joint = read_joint(&arguments.joint)?;
     let mut log = open_log(&arguments.log)?;
     let of_joint = |problem: Problem| problem.or_at(&arguments.joint.display().to_string(), 0);

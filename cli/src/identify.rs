@@ -6,7 +6,7 @@ mod page;
 
 use crate::calibrate::runs::robot;
 use crate::motion::{Target, target};
-use crate::output::finish_or_refuse;
+use crate::output::{apart, finish_or_refuse};
 use crate::recorded;
 use crate::requests::end;
 use clap::{Args, Subcommand, ValueEnum};
@@ -142,6 +142,10 @@ pub(crate) fn run(arguments: &IdentifyArguments) -> ExitCode {
 }
 
 fn drive(arguments: &DriveArguments, runs: &[PathBuf]) -> Result<String, Problems> {
+    let outputs = [&arguments.output, &arguments.report, &arguments.plot];
+    for output in outputs.into_iter().flatten() {
+        apart(output, runs)?;
+    }
     let mut read: Option<Recorded> = None;
     let mut remarks = Vec::new();
     for path in runs {
@@ -182,19 +186,15 @@ fn drive(arguments: &DriveArguments, runs: &[PathBuf]) -> Result<String, Problem
         files,
     };
     if let Some(path) = &arguments.output {
-        write(path, &found.toml())?;
+        terminal::write_file(path, &found.toml())?;
     }
     if let Some(path) = &arguments.report {
-        write(path, &page::html(&found, &log)?)?;
+        terminal::write_file(path, &page::html(&found, &log)?)?;
     }
     Ok(match arguments.json {
         true => format!("{:#}\n", found.json()),
         false => found.text(),
     })
-}
-
-fn write(path: &Path, text: &str) -> Result<(), Problem> {
-    terminal::write_file(path, text)
 }
 
 fn fit(model: Model, log: &DriveLog, known: &DriveKnowledge) -> Result<Motor, Problem> {

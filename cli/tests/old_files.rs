@@ -102,6 +102,8 @@ fn a_command_does_not_write_over_what_it_reads() {
         "replay run.mcap --report run.mcap",
         "blackbox run.mcap --csv run.mcap",
         "import map.toml log.csv -o .",
+        "estimate --joint map.toml --log log.csv --out log.csv",
+        "estimate --joint map.toml --log log.csv --report map.toml",
     ] {
         let shown = expect(&folder, arguments, 2);
         assert!(shown.contains("is what is read"), "{arguments}\n{shown}");

@@ -120,11 +120,10 @@ fn rows() -> Vec<Row> {
             let title = "predictive, contact set to one foot and back";
             row(title, Aims::Steps, runs);
         }
-        if let Law::Predictive { k6, design, .. } = shipped() {
+        if let Law::Predictive { k6, .. } = shipped() {
             let law = Law::Predictive {
                 feedback: FastTorqueFeedback::DelayCompensated,
                 k6,
-                design,
             };
             let title = "predictive, feedback of tau_hat";
             row(title, Aims::None, vec![Conditions::new(law)]);
@@ -203,18 +202,11 @@ fn aims(rows: &[Row], results: &[Judged]) -> String {
 
 /// D's Tables 2 and 3: position control of the leg with falling stiffness.
 fn position_control() -> Result<String, String> {
-    let Law::Predictive {
-        feedback, design, ..
-    } = shipped()
-    else {
+    let Law::Predictive { feedback, .. } = shipped() else {
         return Ok(String::new());
     };
     let laws = K6.map(|k6| {
-        let new = Law::Predictive {
-            feedback,
-            k6,
-            design,
-        };
+        let new = Law::Predictive { feedback, k6 };
         [Law::D { k6: Some(k6) }, new]
     });
     let all: Vec<Law> = laws.into_iter().flatten().collect();

@@ -1,6 +1,6 @@
 //! Laws and errors under which a robot is judged.
 
-use control::predictive::{Design, DriveModel};
+use control::predictive::DriveModel;
 use control::{EquivalentGains, JointGains, MotorModel};
 use plant::SimParameters;
 use plant::parameters::PushParameters;
@@ -20,8 +20,6 @@ pub(crate) enum Law {
         feedback: FastTorqueFeedback,
         /// K6: K_s times K_tau.
         k6: f64,
-        /// Bandwidths and damping.
-        design: Design,
     },
 }
 
@@ -81,7 +79,6 @@ pub(crate) fn shipped() -> Law {
     Law::Predictive {
         feedback: FastTorqueFeedback::Levelled,
         k6: 0.5,
-        design: Design::default(),
     }
 }
 
@@ -136,12 +133,9 @@ pub(crate) fn apply(conditions: &Conditions, robot: &mut Robot, sim: &mut SimPar
                 *k_v *= 0.5;
             }
             Law::D { k6 } => joint.gains = equivalent(k6.unwrap_or(1.0), 0.01, 2.0),
-            Law::Predictive { k6, design, .. } => {
+            Law::Predictive { k6, .. } => {
                 joint.gains = equivalent(k6, K7, 0.0);
                 let law = &mut joint.law;
-                if design != Design::default() {
-                    law.design = design;
-                }
                 law.delay += (conditions.expected_cycles - 1.0) * dt;
                 law.rotor_inertia *= error();
                 law.gear.k_fs0 *= error();

@@ -4,7 +4,7 @@ use super::loads::{Cuts, Reading};
 use super::runs::{RecordedRun, urdf};
 use super::sensors::channels;
 use super::shown::with_interval;
-use crate::output::finish_or_refuse;
+use crate::output::{apart, finish_or_refuse};
 use crate::reference::robot::with_payload;
 use clap::{Args, ValueEnum};
 use dynamics::{Inertia, Model};
@@ -85,6 +85,10 @@ pub(super) fn run(arguments: &PayloadArguments) -> ExitCode {
 }
 
 fn payload(arguments: &PayloadArguments) -> Result<String, Problems> {
+    if let Some(output) = &arguments.output {
+        apart(output, &arguments.runs)?;
+        apart(output, &arguments.empty)?;
+    }
     let read = |paths: &[PathBuf]| -> Result<Vec<RecordedRun>, Problems> {
         paths
             .iter()

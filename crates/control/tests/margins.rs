@@ -413,18 +413,15 @@ fn other_proportions() -> Vec<JointLoop> {
 /// the margins allow, and they must not hang on a damping that no data sheet has.
 #[test]
 fn design_is_quick_and_keeps_the_margins_with_another_damping() {
-    let mut quicker = 0;
     for of_joint in JOINTS.map(joint) {
         let design = choose_design(&of_joint, &NEEDED);
         let default = Design::default();
-        assert!(design.follow >= default.follow && design.link >= default.link);
         let rest = Design {
             follow: default.follow,
-            link: default.link,
             ..design
         };
         assert_eq!(rest, default);
-        quicker += usize::from(design.follow > default.follow);
+        assert!(design.follow > default.follow);
         let mut with = of_joint;
         with.law.design = design;
         for share in [0.8, 1.0, 1.2] {
@@ -436,7 +433,6 @@ fn design_is_quick_and_keeps_the_margins_with_another_damping() {
             assert!(least.keeps(&NEEDED), "{share}: {design:?}, {least:?}");
         }
     }
-    assert_eq!(quicker, JOINTS.len(), "quicker");
 }
 
 #[test]

@@ -21,7 +21,6 @@ const DAMPING: [f64; 3] = [1.0, 1.5, 0.7];
 const FOLLOW: [f64; 3] = [1.0, 0.3, 0.1];
 const ROTOR: [f64; 3] = [1.0, 0.5, 0.25];
 const LINK: [f64; 2] = [1.0, 0.33];
-
 /// Shares of the default's `follow` of designs that are quicker, the quickest first.
 const QUICKER: [f64; 4] = [4.0, 3.0, 2.0, 1.5];
 /// Shares of its configured damping that a drive may have; data sheets have none.
