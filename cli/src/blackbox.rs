@@ -15,7 +15,8 @@ const HELP: &str = "\
 torqued keeps the last seconds of every run in memory and writes 2 s before each newly latched fault
 and 0.5 s after it into STATE/ROBOT/blackbox, the newest 20 of them. STATE is $STATE_DIRECTORY, else
 $XDG_STATE_HOME/torqued, else ~/.local/state/torqued, as for the daemon. A black box is a recorded
-run: torquectl info, export and replay read it too, as do PlotJuggler and Foxglove.
+run: torquectl info, export and replay read it too, as do PlotJuggler and Foxglove. Of any other
+recorded run the first fault is shown, or that there is none.
 
 Examples:
   torquectl blackbox

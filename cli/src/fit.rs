@@ -240,12 +240,13 @@ fn write(
     inputs: &[String],
 ) -> Result<String, Problem> {
     let files = fitted.files(stem)?;
-    let mut written = Vec::new();
-    for (name, text) in &files {
-        let path = out.out.with_file_name(name);
-        terminal::write_file(&path, text)?;
-        written.push(path.display().to_string());
-    }
+    let files = files.iter();
+    let files = files.map(|(name, text)| (out.out.with_file_name(name), text.as_str()));
+    let files: Vec<_> = files.collect();
+    // A joint and what was trained for it belong together.
+    terminal::write_files(&files)?;
+    let written = files.iter().map(|(path, _)| path.display().to_string());
+    let written: Vec<_> = written.collect();
     Ok(match out.json {
         true => {
             let report = serde_json::json!({

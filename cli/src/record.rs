@@ -50,7 +50,7 @@ pub(crate) struct RecordArguments {
     /// Record the time before now too, s, at most 5
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = seconds)]
     last: f64,
-    /// Replace the file if it is there
+    /// Replace the file if it is there, once the new one has ended
     #[arg(long)]
     force: bool,
 }

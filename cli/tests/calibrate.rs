@@ -225,6 +225,9 @@ fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
     record(&folder, "test-joint", "settle_s = 1.0\n", 4.0, "rest.mcap");
     let shown = expect(&folder, "calibrate rest.mcap -o rest", 2);
     assert!(shown.contains("joint: never moves"), "{shown}");
+    // Neither a column nor a sensor that the robot does not have.
+    let spoken = ["tau_sensor", "`i`", "`q`", "`theta`"];
+    assert!(spoken.iter().all(|name| !shown.contains(name)), "{shown}");
 
     // Another robot: the same joint with another gear.
     let config = folder.join("config/test-joint/robot.toml");

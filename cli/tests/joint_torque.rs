@@ -5,7 +5,9 @@ use serde_json::Value;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::Instant;
 
 const JOINT: &str = "\
 [joint]
@@ -292,4 +294,77 @@ fn wrong_logs_write_nothing() {
         "fit current --joint joint.toml --log good.csv -o new.toml",
     );
     assert!(report.contains("good.csv: torque -"), "{report}");
+}
+
+/// A fit that is ended in its middle, or while it writes, leaves the joint that there was, or has finished: never one
+/// that cannot be used, nor one beside a network of another fit.
+#[test]
+fn an_interrupted_fit_leaves_the_joint_whole() {
+    let folder = folder("interrupted");
+    let turn = |t: f64| 3.3 * (0.45 * t - 1.5).sin();
+    fs::write(folder.join("turn.csv"), log(14.0, turn, |_| 0.0)).unwrap();
+    let q = |t: f64| (1.1 * t).sin();
+    let trained = |gain: f64| {
+        log(20.0, q, move |t| {
+            gain * (7.0 * (2.1 * t).sin() + (0.7 * t).cos())
+        })
+    };
+    fs::write(folder.join("old.csv"), trained(1.0)).unwrap();
+    fs::write(folder.join("new.csv"), trained(0.8)).unwrap();
+    fs::write(
+        folder.join("run.csv"),
+        log(1.0, q, |t| 8.0 * (3.0 * t).sin()),
+    )
+    .unwrap();
+    succeeds(
+        &folder,
+        "fit all --joint joint.toml --no-load turn.csv --training old.csv -o fitted.toml",
+    );
+    let files = || {
+        let entries = fs::read_dir(&folder).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let fitted = names.filter(|name| name.starts_with("fitted."));
+        let read = |name: String| (fs::read(folder.join(&name)).unwrap(), name);
+        let mut fitted: Vec<_> = fitted.map(read).collect();
+        fitted.sort();
+        fitted
+    };
+    let old = files();
+    assert!(old.len() > 2, "a joint and what was trained for it");
+    let again = "fit local-gp --joint fitted.toml --log new.csv -o fitted.toml";
+    let began = Instant::now();
+    succeeds(&folder, again);
+    let whole = began.elapsed();
+    let new = files();
+    let differ = old.iter().zip(&new).filter(|(a, b)| a != b).count();
+    assert!(differ >= 2, "joint and processes");
+    let mut ended = 0;
+    for (share, signal) in [
+        (0.3, "INT"),
+        (0.6, "TERM"),
+        (0.8, "KILL"),
+        (0.97, "KILL"),
+        (1.0, "KILL"),
+    ] {
+        for (text, name) in &old {
+            fs::write(folder.join(name), text).unwrap();
+        }
+        let mut child = Command::new(env!("CARGO_BIN_EXE_torquectl"))
+            .args(again.split(' '))
+            .current_dir(&folder)
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        sleep(whole.mul_f64(share));
+        let id = child.id().to_string();
+        let _ = Command::new("kill").args(["-s", signal, &id]).output();
+        ended += i32::from(!child.wait().unwrap().success());
+        let found = files();
+        assert!(
+            found == old || found == new,
+            "{signal} at {share}: files of two fits"
+        );
+        succeeds(&folder, "estimate --joint fitted.toml --log run.csv");
+    }
+    assert!(ended >= 2, "{ended} were ended before they had finished");
 }

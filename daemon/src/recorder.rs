@@ -411,10 +411,9 @@ impl Recorder {
             let count = match written {
                 Ok(count) => count,
                 Err(why) => {
-                    eprintln!(
-                        "torqued: {}: the recording ends: {why}",
-                        output.path().display()
-                    );
+                    let path = output.path().to_owned();
+                    let why = output.give_up(why);
+                    eprintln!("torqued: {}: the recording ends: {why}", path.display());
                     self.shared.fail(slot, &why.to_string());
                     continue;
                 }

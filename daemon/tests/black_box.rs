@@ -212,7 +212,8 @@ fn the_black_box_names_what_came_first() {
 
 #[test]
 fn a_loop_that_ends_by_a_defect_leaves_a_black_box() {
-    let (_, spans, cycles, name) = box_of(Trouble::Panic);
+    let (header, spans, cycles, name) = box_of(Trouble::Panic);
+    assert_eq!(header.black_box, Some(Event::LoopEnded));
     assert!(name.ends_with("_505_loop_ended.mcap"), "{name}");
     assert!(
         spans

@@ -74,11 +74,15 @@ impl Rig {
     }
 
     fn begin(&self, path: &Path, seconds: Option<f64>, last_s: f64) {
+        self.begin_over(path, seconds, last_s, path.starts_with("/dev"));
+    }
+
+    fn begin_over(&self, path: &Path, seconds: Option<f64>, last_s: f64, overwrite: bool) {
         self.ends.handle.ask(RecordingRequest::Begin {
             path: path.to_owned(),
             seconds,
             last_s,
-            overwrite: path.starts_with("/dev"),
+            overwrite,
             unattended: false,
         });
     }
@@ -137,6 +141,44 @@ fn a_recording_begins_before_its_request_and_ends_as_asked() {
     let refused = rig.ends.handle.status().refused.expect("refused");
     assert!(refused.contains("exists"), "{refused}");
     assert_eq!(fs::read(&path).expect("readable"), bytes);
+}
+
+#[test]
+fn an_older_recording_stays_until_the_new_one_is_whole() {
+    let directory = RunDir::new();
+    fs::create_dir_all(directory.directory.path()).expect("a folder");
+    let mut rig = Rig::new(None);
+    rig.loop_on(100, 0);
+    rig.poll(0.0);
+    let path = rig.path(&directory);
+    fs::write(&path, "old").expect("written");
+    let files = || {
+        fs::read_dir(directory.directory.path())
+            .expect("a folder")
+            .count()
+    };
+    let before = files();
+
+    // Nothing is recorded: its end is asked for before a cycle comes.
+    rig.begin_over(&path, None, 0.0, true);
+    rig.ends.handle.ask(RecordingRequest::End);
+    rig.poll(0.0);
+    let failed = rig.ends.handle.status().failed.expect("nothing recorded");
+    assert!(failed.contains("nothing was recorded"), "{failed}");
+    assert_eq!(fs::read(&path).expect("readable"), b"old");
+    assert_eq!(files(), before, "nothing half-written");
+
+    rig.begin_over(&path, None, 0.0, true);
+    rig.poll(0.0);
+    rig.loop_on(500, 0);
+    rig.poll(0.0);
+    assert_eq!(fs::read(&path).expect("readable"), b"old");
+    rig.ends.handle.ask(RecordingRequest::End);
+    rig.poll(0.0);
+    let status = rig.ends.handle.status();
+    assert_eq!((status.running, status.failed), (false, None));
+    assert_eq!(sequences(&path), (101..=600).collect::<Vec<_>>());
+    assert_eq!(files(), before);
 }
 
 #[test]

@@ -6,7 +6,7 @@ mod text_table;
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 
-pub use new_file::{NewFile, write_file};
+pub use new_file::{NewFile, sync_folder, write_file, write_files};
 pub use text_table::TextTable;
 
 /// The text of a file.

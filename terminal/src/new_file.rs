@@ -2,7 +2,7 @@
 
 use problem::Problem;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// A file that is being written beside its place. [`NewFile::finish`] puts it there at once; until then, and for
@@ -60,9 +60,15 @@ impl NewFile {
         self.out.get_ref().sync_all()?;
         fs::rename(partial, &self.path)?;
         self.partial = None;
-        let folder = self.path.parent();
-        let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
-        File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+        sync_folder(self.path.parent())
+    }
+
+    /// Ends it before it is whole: what was written stays beside its place, at the path that is given; none where
+    /// it was written directly.
+    pub fn keep_partial(mut self) -> Option<PathBuf> {
+        // What is still in memory may not fit on the disk; it is worth a try.
+        let _ = self.out.flush();
+        self.partial.take()
     }
 }
 
@@ -76,6 +82,12 @@ impl Write for NewFile {
     }
 }
 
+impl Seek for NewFile {
+    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
+        self.out.seek(place)
+    }
+}
+
 impl Drop for NewFile {
     fn drop(&mut self) {
         if let Some(partial) = &self.partial {
@@ -84,21 +96,51 @@ impl Drop for NewFile {
     }
 }
 
+/// Waits until the names in a folder are on the disk; of the working folder, where the path is empty or none.
+///
+/// # Errors
+/// The folder cannot be opened or written.
+pub fn sync_folder(folder: Option<&Path>) -> io::Result<()> {
+    let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
+    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+}
+
+/// Writes new files, or replaces older ones: all are on the disk before the first takes its name, so that whoever is
+/// interrupted while they are made and written leaves all older ones.
+///
+/// # Errors
+/// One cannot be written: every older file stays as it was, unless a name cannot be taken.
+pub fn write_files(files: &[(PathBuf, &str)]) -> Result<(), Problem> {
+    let mut new = Vec::with_capacity(files.len());
+    for (path, text) in files {
+        let mut file = NewFile::create(path)?;
+        let written = file.write_all(text.as_bytes());
+        let written = written.and_then(|()| file.out.flush());
+        let on_disk = written.and_then(|()| match file.partial {
+            Some(_) => file.out.get_ref().sync_all(),
+            None => Ok(()),
+        });
+        on_disk.map_err(|e| Problem::unwritable(path.display(), &e))?;
+        new.push((file, path));
+    }
+    for (file, path) in new {
+        let finished = file.finish();
+        finished.map_err(|e| Problem::unwritable(path.display(), &e))?;
+    }
+    Ok(())
+}
+
 /// Writes a new file, or replaces one, at once.
 ///
 /// # Errors
 /// It cannot be written: an older file stays as it was.
 pub fn write_file(path: &Path, text: &str) -> Result<(), Problem> {
-    let mut file = NewFile::create(path)?;
-    let written = file.write_all(text.as_bytes());
-    written
-        .and_then(|()| file.finish())
-        .map_err(|e| Problem::unwritable(path.display(), &e))
+    write_files(&[(path.to_owned(), text)])
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{NewFile, write_file};
+    use super::{NewFile, write_file, write_files};
     use std::fs;
     use std::io::Write;
     use std::os::unix::fs::{PermissionsExt, symlink};
@@ -155,6 +197,27 @@ mod tests {
         assert!(refusal.reason.contains("cannot be written"), "{refusal:?}");
         assert!(write_file(&folder, "new").is_err());
         assert!(write_file(&folder.join("none/a.csv"), "new").is_err());
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn of_several_files_none_is_replaced_where_one_cannot_be_written() {
+        let folder = folder("several");
+        let [a, b] = ["a.csv", "b.csv"].map(|name| folder.join(name));
+        write_files(&[(a.clone(), "old"), (b.clone(), "old")]).unwrap();
+        let refusal = write_files(&[(a.clone(), "new"), ("/dev/full".into(), "new")]);
+        assert!(refusal.unwrap_err().reason.contains("cannot be written"));
+        assert_eq!(fs::read_to_string(&a).unwrap(), "old");
+        write_files(&[(a.clone(), "new"), (b.clone(), "new")]).unwrap();
+        assert_eq!(
+            [&a, &b].map(|path| fs::read_to_string(path).unwrap()),
+            ["new"; 2]
+        );
+        let mut file = NewFile::create(&a).unwrap();
+        file.write_all(b"half").unwrap();
+        let kept = file.keep_partial().unwrap();
+        assert_eq!(fs::read_to_string(kept).unwrap(), "half");
+        assert_eq!(fs::read_to_string(&a).unwrap(), "new");
         fs::remove_dir_all(folder).unwrap();
     }
 }

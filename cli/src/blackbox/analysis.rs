@@ -1,4 +1,5 @@
-//! What a black box shows: the fault, its first cause, the time line, the joints at the fault.
+//! What a black box, or any other recorded run, shows: the fault, its first cause, the time line, the joints at the
+//! fault.
 
 use crate::recorded;
 use problem::Problem;
@@ -13,18 +14,42 @@ const BAD: u32 = measured_flags::MISSED
     | measured_flags::NEVER
     | measured_flags::IMPLAUSIBLE;
 
+/// The fault of a recorded run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Fault {
+    /// Latched within it.
+    Latched(Event),
+    /// Latched already when it began.
+    Before(Event),
+    /// The loop ended by a defect: what it was written for, and no cycle shows.
+    LoopEnded,
+    /// An ordinary recording.
+    None,
+}
+
+impl Fault {
+    /// Its event.
+    pub(crate) fn event(self) -> Option<Event> {
+        match self {
+            Self::Latched(event) | Self::Before(event) => Some(event),
+            Self::LoopEnded => Some(Event::LoopEnded),
+            Self::None => None,
+        }
+    }
+}
+
 /// A black box, read.
 pub(crate) struct BlackBox {
     pub(crate) header: Header,
     pub(crate) ending: Ending,
-    pub(crate) event: Event,
-    /// Instant of the fault, and its cycle.
-    pub(crate) fault_ns: u64,
+    pub(crate) fault: Fault,
+    /// Time zero, and its cycle: of the fault, of the run's begin where the fault is older or there is none.
+    pub(crate) zero_ns: u64,
     pub(crate) cycle: u64,
     /// What came first.
     pub(crate) cause: Option<Span>,
     pub(crate) spans: Vec<Span>,
-    /// The record of the cycle that latched the fault.
+    /// The record of the cycle that latched the fault; the last one where none did.
     pub(crate) record: Box<CycleRecord>,
     /// Instant of each joint's last good sample up to the fault.
     pub(crate) good_ns: Vec<Option<u64>>,
@@ -54,17 +79,28 @@ impl BlackBox {
             .iter()
             .find(|span| matches!(span.what, Happening::Fault(_)));
         let cause = fault.and_then(|fault| cause_of(&spans, fault)).cloned();
-        let event = match fault.map(|fault| fault.what) {
-            Some(Happening::Fault(number)) => Event::from_number(number),
-            _ => Event::from_number(seen.record.fault),
+        let latched = fault.and_then(|fault| match fault.what {
+            Happening::Fault(number) => Event::from_number(number),
+            _ => None,
+        });
+        let before = Event::from_number(seen.first_fault);
+        let what = match (latched, before, header.black_box) {
+            (Some(event), ..) => Fault::Latched(event),
+            (None, _, Some(Event::LoopEnded)) => Fault::LoopEnded,
+            (None, Some(event), _) => Fault::Before(event),
+            (None, None, _) => Fault::None,
+        };
+        let (zero_ns, cycle) = match (fault, what) {
+            (Some(fault), _) => (fault.begin_ns, fault.cycle),
+            (None, Fault::LoopEnded) => (seen.record.stamp_ns, seen.record.sequence),
+            (None, _) => (seen.begin_ns, seen.first_cycle),
         };
         Ok(Self {
             header,
             ending,
-            // Without a fault in it, it was written because the loop ended by a defect.
-            event: event.unwrap_or(Event::LoopEnded),
-            fault_ns: fault.map_or(seen.record.stamp_ns, |fault| fault.begin_ns),
-            cycle: fault.map_or(seen.record.sequence, |fault| fault.cycle),
+            fault: what,
+            zero_ns,
+            cycle,
             cause,
             spans,
             record: seen.record,
@@ -79,6 +115,7 @@ struct Seen {
     record: Box<CycleRecord>,
     good_ns: Vec<Option<u64>>,
     first_fault: u32,
+    first_cycle: u64,
     latched: bool,
     begin_ns: u64,
     end_ns: u64,
@@ -90,6 +127,7 @@ impl Seen {
             record: Box::new(*record),
             good_ns: vec![None; header.joints.len()],
             first_fault: record.fault,
+            first_cycle: record.sequence,
             latched: false,
             begin_ns: record.stamp_ns,
             end_ns: record.stamp_ns,

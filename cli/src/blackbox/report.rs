@@ -1,6 +1,6 @@
 //! A black box as text, JSON and CSV.
 
-use super::analysis::BlackBox;
+use super::analysis::{BlackBox, Fault};
 use crate::recorded::{date, describe_ending, ms_between};
 use crate::units::{cell, keys};
 use crate::words;
@@ -11,24 +11,51 @@ use terminal::TextTable;
 use torqued_client::robot_state::DriveState;
 
 pub(crate) fn text(black_box: &BlackBox) -> String {
-    let event = black_box.event;
-    let mut out = format!(
-        "{}: FAULT {} {}, {}, cycle {}\n{}\nconfig key: {}\n",
-        black_box.header.robot,
-        event.number(),
-        event.name(),
-        date(&black_box.header, black_box.fault_ns),
-        black_box.cycle,
-        event.cause(),
-        event.config_key(),
-    );
-    let _ = writeln!(out, "first: {}", first(black_box));
-    let _ = writeln!(out, "\ntime line, ms from the fault");
+    let mut out = headline(black_box);
+    let (zero, end) = match black_box.fault {
+        Fault::Latched(_) => ("the fault", "the fault"),
+        Fault::LoopEnded => ("the end", "the end"),
+        Fault::Before(_) | Fault::None => ("the begin", "the end"),
+    };
+    if let Fault::Latched(_) | Fault::LoopEnded = black_box.fault {
+        let _ = writeln!(out, "first: {}", first(black_box));
+    }
+    let _ = writeln!(out, "\ntime line, ms from {zero}");
     out += &timeline(black_box).to_string();
-    let _ = writeln!(out, "\njoints at the fault");
+    let _ = writeln!(out, "\njoints at {end}");
     out += &joints(black_box).to_string();
     out += &describe_ending(&black_box.ending);
     out
+}
+
+/// Which fault the recording shows, when, and why; or that it shows none.
+fn headline(black_box: &BlackBox) -> String {
+    let header = &black_box.header;
+    let at = format!(
+        "{}, cycle {}",
+        date(header, black_box.zero_ns),
+        black_box.cycle
+    );
+    let Some(event) = black_box.fault.event() else {
+        let [begin_ns, end_ns] = black_box.range_ns;
+        return format!(
+            "{}: no fault in this recording, from {at}, on for {:.3} s\n",
+            header.robot,
+            ms_between(begin_ns, end_ns) * 1e-3
+        );
+    };
+    let when = match black_box.fault {
+        Fault::Before(_) => format!("latched before this recording began: {at}"),
+        _ => at,
+    };
+    format!(
+        "{}: FAULT {} {}, {when}\n{}\nconfig key: {}\n",
+        header.robot,
+        event.number(),
+        event.name(),
+        event.cause(),
+        event.config_key(),
+    )
 }
 
 /// What came first, in a sentence.
@@ -39,14 +66,14 @@ fn first(black_box: &BlackBox) -> String {
     let mut text = format!(
         "{}, {:.1} ms before the fault",
         cause.words(&black_box.header),
-        ms_between(cause.begin_ns, black_box.fault_ns)
+        ms_between(cause.begin_ns, black_box.zero_ns)
     );
     let good = cause
         .subjects
         .iter()
         .filter_map(|&joint| *black_box.good_ns.get(joint)?);
     if let Some(good_ns) = good.min().filter(|_| of_joint(cause)) {
-        let before = ms_between(good_ns, black_box.fault_ns);
+        let before = ms_between(good_ns, black_box.zero_ns);
         let _ = write!(text, " (last good sample {before:.1} ms before it)");
     }
     text
@@ -64,7 +91,7 @@ fn timeline(black_box: &BlackBox) -> TextTable {
         .to_vec();
     let rows = black_box.spans.iter().map(|span| {
         vec![
-            format!("{:.1}", ms_between(black_box.fault_ns, span.begin_ns)),
+            format!("{:.1}", ms_between(black_box.zero_ns, span.begin_ns)),
             lasted(span).map_or_else(|| "-".to_owned(), |ms| format!("{ms:.0}")),
             span.times.to_string(),
             span.words(&black_box.header),
@@ -111,7 +138,7 @@ fn joints(black_box: &BlackBox) -> TextTable {
                 cell(kind, format!("{:.2}", estimated.tau_hat.sigma), "N·m"),
                 good_ns.map_or_else(
                     || "none".to_owned(),
-                    |good_ns| format!("{:.1}", ms_between(black_box.fault_ns, good_ns)),
+                    |good_ns| format!("{:.1}", ms_between(black_box.zero_ns, good_ns)),
                 ),
                 drive(commanded.drive_state).to_owned(),
                 format!("{:#06x}", measured.status),
@@ -129,10 +156,9 @@ fn drive(number: u32) -> &'static str {
 
 pub(crate) fn json(black_box: &BlackBox) -> Value {
     let header = &black_box.header;
-    let event = black_box.event;
     let span = |span: &Span| {
         json!({
-            "ms": ms_between(black_box.fault_ns, span.begin_ns),
+            "ms": ms_between(black_box.zero_ns, span.begin_ns),
             "lasted_ms": lasted(span).unwrap_or(0.0),
             "times": span.times,
             "cycle": span.cycle,
@@ -151,7 +177,7 @@ pub(crate) fn json(black_box: &BlackBox) -> Value {
             "dq_rad_per_s": measured.dq,
             "tau_hat_Nm": estimated.tau_hat.tau,
             "tau_hat_sigma_Nm": estimated.tau_hat.sigma,
-            "last_good_sample_ms": good_ns.map(|ns| ms_between(black_box.fault_ns, ns)),
+            "last_good_sample_ms": good_ns.map(|ns| ms_between(black_box.zero_ns, ns)),
             "drive": drive(record.commanded.joints[j].drive_state),
             "status": measured.status,
             "flags": words::measured(measured.flags),
@@ -161,19 +187,20 @@ pub(crate) fn json(black_box: &BlackBox) -> Value {
     });
     json!({
         "robot": header.robot,
-        "fault": {
+        "fault": black_box.fault.event().map(|event| json!({
             "number": event.number(),
             "name": event.name(),
             "cause": event.cause(),
             "config_key": event.config_key(),
             "cycle": black_box.cycle,
-            "date": date(header, black_box.fault_ns),
-        },
+            "date": date(header, black_box.zero_ns),
+            "latched_before_the_recording": matches!(black_box.fault, Fault::Before(_)),
+        })),
         "first": black_box.cause.as_ref().map(span),
         "timeline": black_box.spans.iter().map(span).collect::<Vec<_>>(),
         "joints": joints.collect::<Vec<_>>(),
-        "from_ms": ms_between(black_box.fault_ns, black_box.range_ns[0]),
-        "to_ms": ms_between(black_box.fault_ns, black_box.range_ns[1]),
+        "from_ms": ms_between(black_box.zero_ns, black_box.range_ns[0]),
+        "to_ms": ms_between(black_box.zero_ns, black_box.range_ns[1]),
         "ending": describe_ending(&black_box.ending).trim_end(),
     })
 }
@@ -185,7 +212,7 @@ pub(crate) fn csv(black_box: &BlackBox) -> String {
         let _ = writeln!(
             out,
             "{:.3},{:.3},{},{},\"{}\"",
-            ms_between(black_box.fault_ns, span.begin_ns),
+            ms_between(black_box.zero_ns, span.begin_ns),
             lasted(span).unwrap_or(0.0),
             span.times,
             span.cycle,

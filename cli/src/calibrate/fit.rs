@@ -233,7 +233,7 @@ fn calibrated(
     let (mut undetermined, mut used): (Option<Vec<String>>, Vec<Vec<LogRow>>) = (None, Vec::new());
     let mut refused = Vec::new();
     for (name, rows) in names.iter().zip(&logs.runs) {
-        match inspect(sheet, rows, LogKind::Training) {
+        match inspect(sheet, rows, LogKind::Recorded) {
             Ok(inspection) => {
                 let lines = inspection.lines();
                 inputs.extend(lines.into_iter().map(|line| format!("{name}: {line}")));

@@ -216,7 +216,7 @@ impl Calibration {
         let unwritable = |e: &io::Error| Problem::unwritable(folder.display(), e);
         let written = self.write_into(&partial, &manifest).and_then(|()| {
             fs::rename(&partial, folder)?;
-            sync_folder(folder.parent())
+            terminal::sync_folder(folder.parent())
         });
         written.map_err(|e| {
             let _ = fs::remove_dir_all(&partial);
@@ -233,7 +233,7 @@ impl Calibration {
             write_whole(&folder.join(name), text)?;
         }
         write_whole(&folder.join(MANIFEST), manifest)?;
-        sync_folder(Some(folder))
+        terminal::sync_folder(Some(folder))
     }
 }
 
@@ -249,9 +249,4 @@ fn write_whole(path: &Path, text: &str) -> io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(text.as_bytes())?;
     file.sync_all()
-}
-
-fn sync_folder(folder: Option<&Path>) -> io::Result<()> {
-    let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
-    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
 }

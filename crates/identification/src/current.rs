@@ -128,7 +128,7 @@ pub fn fit(record: &Record, known: &MotorKnowledge) -> Result<CurrentFit, Proble
     if gain.is_some_and(|g| g.x[0] + 2.0 * g.covariance[(0, 0)].sqrt() < 0.0) {
         return Err(Problem::new(
             "training log: torque does not grow with the current",
-            "`tau_sensor` and motion under load, currents of the torque's sign",
+            "a reference torque and motion under load, currents of the torque's sign",
         ));
     }
     let count = rows.len().max(1) as f64;

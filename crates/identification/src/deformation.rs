@@ -41,7 +41,7 @@ pub fn fit(
     let Some(solution) = solution else {
         return Err(Problem::new(
             "training log: the middle segment's stiffness is not determined",
-            "`tau_sensor` and loads of both signs",
+            "a reference torque and loads of both signs",
         ));
     };
     let mut coefficients: [f64; COEFFICIENTS] = std::array::from_fn(|i| solution.x[i]);

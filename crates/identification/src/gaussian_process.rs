@@ -105,7 +105,7 @@ pub fn train(
         let (count, needed) = (subsample.len(), options.subsample);
         return Err(Problem::new(
             format!("training log: {count} samples to train on"),
-            format!("at least {needed} with `tau_sensor`, over several seconds"),
+            format!("at least {needed} with a reference torque, over several seconds"),
         ));
     }
     let inputs: Vec<[f64; MAX_FEATURES]> = subsample.iter().map(|&i| raw(i)).collect();

@@ -25,6 +25,36 @@ pub enum LogKind {
     NoLoad,
     /// Loaded motion and rest beside a torque reference.
     Training,
+    /// The same from a robot's recorded runs, with a reference that F/T sensors, IMU and rigid-body model give: it has
+    /// no columns that a user could name.
+    Recorded,
+}
+
+impl LogKind {
+    /// What a column is called towards the user.
+    fn name(self, column: &'static str) -> &'static str {
+        match (self, column) {
+            (Self::Recorded, "theta") => "the motor-side angle",
+            (Self::Recorded, "q") => "the link-side angle",
+            (Self::Recorded, "i") => "the current",
+            (Self::Recorded, "tau_sensor") => "the reference torque",
+            (_, "theta") => "`theta`",
+            (_, "q") => "`q`",
+            (_, "i") => "`i`",
+            (_, "tau_sensor") => "`tau_sensor`",
+            _ => column,
+        }
+    }
+
+    /// Where a usable torque reference comes from.
+    fn references(self) -> &'static str {
+        match self {
+            Self::Recorded => "contacts and F/T sensors from which the joint's torque follows",
+            Self::NoLoad | Self::Training => {
+                "a torque sensor's column, or a reference by `torquectl reference`"
+            }
+        }
+    }
 }
 
 /// What a log covers, and what may be odd about it without being wrong.
@@ -62,13 +92,15 @@ pub fn inspect(joint: &JointFile, rows: &[LogRow], kind: LogKind) -> Result<Insp
     encoders::check(&signals, joint, kind, &mut problems, &mut notes);
     match kind {
         LogKind::NoLoad => reference::check_unloaded(&signals, joint, &mut problems),
-        LogKind::Training => reference::check(&signals, joint, &mut problems, &mut notes),
+        LogKind::Training | LogKind::Recorded => {
+            reference::check(&signals, joint, kind, &mut problems, &mut notes);
+        }
     }
     let mut excitation = None;
-    if problems.is_empty() && kind == LogKind::Training {
+    if problems.is_empty() && kind != LogKind::NoLoad {
         let record = Record::new(joint, rows)?;
         let found = Excitation::new(&record, joint);
-        problems.extend(reference::implausible(&found, joint));
+        problems.extend(reference::implausible(&found, joint, kind));
         excitation = Some(found);
     }
     if !problems.is_empty() {

@@ -90,7 +90,7 @@ pub fn train(
         let count = train.len();
         return Err(Problem::new(
             format!("training log: {count} samples to train on"),
-            format!("at least {needed} with `tau_sensor`, over several seconds"),
+            format!("at least {needed} with a reference torque, over several seconds"),
         ));
     }
     let torque = mean_and_spread(train.iter().map(|&i| tau[i]));

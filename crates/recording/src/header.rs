@@ -68,6 +68,8 @@ pub struct Header {
     pub buses: Vec<String>,
     /// How the run had started.
     pub start: Start,
+    /// What a black box was written for; none of any other recording.
+    pub black_box: Option<Event>,
     /// The files of the configuration; the first is the one that names the others.
     pub files: Vec<AttachedFile>,
 }
@@ -93,6 +95,7 @@ impl Header {
                 .collect(),
             buses: parameters.buses.iter().map(|b| b.name.clone()).collect(),
             start,
+            black_box: None,
             files,
         }
     }
@@ -161,6 +164,10 @@ impl Header {
             ),
             ("unix_offset_ns", self.start.unix_offset_ns.to_string()),
             (
+                "black_box",
+                self.black_box.map_or(0, Event::number).to_string(),
+            ),
+            (
                 "files",
                 names(
                     &self
@@ -191,6 +198,7 @@ impl Header {
             )
         };
         let fault: u32 = text("start_fault")?.parse().ok()?;
+        let black_box = text("black_box").and_then(|number| number.parse().ok());
         let files = names("files")?;
         let (joints, sensors, imus) = (names("joints")?, names("sensors")?, names("imus")?);
         let most = 1 + MAX_FURTHER_IMUS;
@@ -217,6 +225,7 @@ impl Header {
                 fault: Event::from_number(fault),
                 unix_offset_ns: text("unix_offset_ns")?.parse().ok()?,
             },
+            black_box: black_box.and_then(Event::from_number),
             files: (files.into_iter())
                 .map(|path| AttachedFile {
                     path,

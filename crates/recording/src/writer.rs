@@ -174,7 +174,21 @@ impl<W: Write + Seek> RunWriter<W> {
     /// # Errors
     /// As [`write`](Self::write).
     pub fn finish(mut self) -> Result<W, WriteError> {
+        self.end()?;
+        Ok(self.into_inner())
+    }
+
+    /// Writes the file's end, with its index; nothing can be written after it.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub fn end(&mut self) -> Result<(), WriteError> {
         self.file.finish()?;
-        Ok(self.file.into_inner())
+        Ok(())
+    }
+
+    /// What was written to, whether the file is whole or not.
+    pub fn into_inner(self) -> W {
+        self.file.into_inner()
     }
 }

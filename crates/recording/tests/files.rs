@@ -28,6 +28,7 @@ fn header() -> Header {
             fault: Some(Event::JointStale),
             unix_offset_ns: -5,
         },
+        black_box: Some(Event::LoopEnded),
         files: vec![AttachedFile {
             path: "config/leg/robot.toml".to_owned(),
             text: "[robot]\nname = \"leg\"\n".to_owned(),

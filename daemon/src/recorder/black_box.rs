@@ -50,7 +50,11 @@ impl BlackBoxes {
         fs::create_dir_all(&self.folder)?;
         let date = Timestamp::now().strftime("%Y-%m-%dT%H-%M-%S%.3fZ");
         let name = format!("{date}_{}_{}.mcap.{PART}", event.number(), event.name());
-        Output::create(&self.folder.join(name), true, header, from, until_ns)
+        let header = Header {
+            black_box: Some(event),
+            ..header.clone()
+        };
+        Output::create(&self.folder.join(name), true, &header, from, until_ns)
     }
 
     /// Ends a black box: it gets its name when it is whole and on the disk. Old ones are removed.

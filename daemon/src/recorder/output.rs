@@ -1,11 +1,12 @@
 //! A file that is being written from the history.
 
-use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter};
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use recording::{Header, RunWriter, WriteError};
+use terminal::NewFile;
 
 use super::history::History;
 
@@ -25,7 +26,7 @@ pub enum RecordingRequest {
         seconds: Option<f64>,
         /// Time before now that is recorded too, s.
         last_s: f64,
-        /// A file that is already there is replaced.
+        /// A file that is already there is replaced, once the new one is whole.
         overwrite: bool,
         /// Nobody has to ask after it: it ends with the daemon.
         unattended: bool,
@@ -60,10 +61,55 @@ pub struct RecordingStatus {
     pub(super) dropped_before: u64,
 }
 
+/// Where a recording is written to.
+enum Place {
+    /// A file that was not there: it grows in its place, and a crash leaves what was flushed.
+    New(BufWriter<File>),
+    /// Beside an older file, which stays until this one is whole.
+    Beside(NewFile),
+}
+
+impl Place {
+    fn create(path: &Path, overwrite: bool) -> io::Result<Self> {
+        if overwrite && path.exists() {
+            let file = NewFile::create(path);
+            return Ok(Self::Beside(
+                file.map_err(|problem| io::Error::other(problem.reason))?,
+            ));
+        }
+        Ok(Self::New(BufWriter::new(File::create_new(path)?)))
+    }
+}
+
+impl Write for Place {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::New(file) => file.write(bytes),
+            Self::Beside(file) => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::New(file) => file.flush(),
+            Self::Beside(file) => file.flush(),
+        }
+    }
+}
+
+impl Seek for Place {
+    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
+        match self {
+            Self::New(file) => file.seek(place),
+            Self::Beside(file) => file.seek(place),
+        }
+    }
+}
+
 /// A file that is being written.
 pub(super) struct Output {
     path: PathBuf,
-    writer: RunWriter<BufWriter<File>>,
+    writer: RunWriter<Place>,
     /// The next entry of the history.
     next: u64,
     until_ns: u64,
@@ -86,16 +132,10 @@ impl Output {
         from: u64,
         until_ns: u64,
     ) -> Result<Self, WriteError> {
-        let mut options = OpenOptions::new();
-        options.write(true);
-        match overwrite {
-            true => options.create(true).truncate(true),
-            false => options.create_new(true),
-        };
-        let file = options.open(path)?;
+        let place = Place::create(path, overwrite)?;
         Ok(Self {
             path: path.to_owned(),
-            writer: RunWriter::new(BufWriter::new(file), header)?,
+            writer: RunWriter::new(place, header)?,
             next: from,
             until_ns,
             first_ns: None,
@@ -184,10 +224,38 @@ impl Output {
     }
 
     /// Ends the file and waits until it is on the disk; gives its path.
-    pub(super) fn finish(self) -> Result<PathBuf, WriteError> {
-        let file = self.writer.finish()?;
-        let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
-        file.sync_all()?;
+    pub(super) fn finish(mut self) -> Result<PathBuf, WriteError> {
+        if let Err(why) = self.writer.end() {
+            return Err(self.give_up(why));
+        }
+        match self.writer.into_inner() {
+            Place::New(file) => {
+                let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+                file.sync_all()?;
+            }
+            Place::Beside(_) if self.cycles == 0 => {
+                let why = "nothing was recorded; the older file stays as it was";
+                return Err(io::Error::other(why).into());
+            }
+            Place::Beside(file) => file.finish()?,
+        }
         Ok(self.path)
+    }
+
+    /// Ends it where it cannot be written any further; gives why, and what is left of it.
+    pub(super) fn give_up(self, why: WriteError) -> WriteError {
+        let Place::Beside(file) = self.writer.into_inner() else {
+            return why;
+        };
+        let partial = (self.cycles > 0).then(|| file.keep_partial()).flatten();
+        match partial {
+            Some(partial) => {
+                let partial = partial.display();
+                let text =
+                    format!("{why}; the older file stays; what was recorded is in {partial}");
+                io::Error::other(text).into()
+            }
+            None => why,
+        }
     }
 }

@@ -35,7 +35,8 @@ pub(super) fn check(
 ) {
     for (name, values, other) in [("theta", &s.u, &s.q), ("q", &s.q, &s.u)] {
         if constant(values) && span(other) > 1e-3 {
-            let reason = format!("`{name}` is constant while the other encoder moves");
+            let name = kind.name(name);
+            let reason = format!("{name} is constant while the other encoder moves");
             problems.push(Problem::new(reason, "both encoders of the joint"));
             return;
         }
@@ -52,14 +53,14 @@ pub(super) fn check(
         .collect();
     let most = match kind {
         LogKind::NoLoad => MAX_UNLOADED_TORSION,
-        LogKind::Training => MAX_TORSION,
+        LogKind::Training | LogKind::Recorded => MAX_TORSION,
     };
     if steps(s, &torsion, problems) {
         return;
     }
     let found = span(&aligned);
     if found > most {
-        problems.push(diagnosis(s, joint, &fit, found, most));
+        problems.push(diagnosis(s, joint, kind, &fit, found, most));
         return;
     }
     if let Some(fit) = fit.filter(|f| determined(f, s)) {
@@ -76,7 +77,7 @@ pub(super) fn check(
             ));
         }
     }
-    held(s, problems);
+    held(s, kind, problems);
     if kind == LogKind::NoLoad && span(&s.q) > MAX_TURNS {
         notes.push(format!(
             "`q` covers {:.0} rad: is it in degrees?",
@@ -113,42 +114,46 @@ fn determined(fit: &Solution, s: &Signals) -> bool {
 fn diagnosis(
     s: &Signals,
     joint: &JointFile,
+    kind: LogKind,
     fit: &Option<Solution>,
     found: f64,
     most: f64,
 ) -> Problem {
     let n = joint.joint.gear_ratio;
     let j = &joint.joint;
+    let (theta, link) = (kind.name("theta"), kind.name("q"));
     let theta_units = [
-        ("", 1.0),
-        ("`theta` is in degrees", 180.0 / PI),
-        ("`theta` is in counts", j.motor_counts_per_turn / TAU),
-        ("`theta` is in turns", 1.0 / TAU),
-        ("`theta` is already divided by the gear ratio", 1.0 / n),
-        ("`theta` and `q` are swapped", 1.0 / (n * n)),
+        (String::new(), 1.0),
+        (format!("{theta} is in degrees"), 180.0 / PI),
+        (
+            format!("{theta} is in counts"),
+            j.motor_counts_per_turn / TAU,
+        ),
+        (format!("{theta} is in turns"), 1.0 / TAU),
+        (
+            format!("{theta} is already divided by the gear ratio"),
+            1.0 / n,
+        ),
+        (format!("{theta} and {link} are swapped"), 1.0 / (n * n)),
     ];
     let q_units = [
-        ("", 1.0),
-        ("`q` is in degrees", 180.0 / PI),
-        ("`q` is in counts", j.link_counts_per_turn / TAU),
-        ("`q` is in turns", 1.0 / TAU),
+        (String::new(), 1.0),
+        (format!("{link} is in degrees"), 180.0 / PI),
+        (format!("{link} is in counts"), j.link_counts_per_turn / TAU),
+        (format!("{link} is in turns"), 1.0 / TAU),
     ];
+    let reversed = match shown_reversed(fit) {
+        true => format!("one of {theta} and {link} is reversed"),
+        false => String::new(),
+    };
     let shown = fit.as_ref().map_or(f64::NAN, |f| f.x[0]);
     let mut cause = None;
-    for (theta, a) in theta_units {
-        for (q, b) in q_units {
+    for (motor, a) in &theta_units {
+        for (q, b) in &q_units {
             let matches = (shown.abs() * b / a - 1.0).abs() < 0.02;
-            let simple = theta.is_empty() || q.is_empty();
+            let simple = motor.is_empty() || q.is_empty();
             if matches && simple && cause.is_none() {
-                let parts = [
-                    theta,
-                    q,
-                    if shown < 0.0 {
-                        "one of `theta` and `q` is reversed"
-                    } else {
-                        ""
-                    },
-                ];
+                let parts = [motor.as_str(), q, &reversed];
                 let parts: Vec<&str> = parts.into_iter().filter(|p| !p.is_empty()).collect();
                 cause = (!parts.is_empty()).then(|| parts.join("; "));
             }
@@ -161,7 +166,7 @@ fn diagnosis(
     let cause = match cause {
         Some(cause) => cause,
         None if wraps > 2 && (shown - 1.0).abs() > 0.05 => {
-            "`theta` is not unwrapped: it steps by a turn of the motor".to_owned()
+            format!("{theta} is not unwrapped: it steps by a turn of the motor")
         }
         None if (0.5..2.0).contains(&shown) && (shown - 1.0).abs() > MAX_SLOPE_ERROR => format!(
             "the encoders show a gear ratio of {:.2}, the joint's `gear_ratio` is {n}",
@@ -175,8 +180,13 @@ fn diagnosis(
     let reason = format!("{cause}: theta/N - q spans {found:.4} rad");
     Problem::new(
         reason,
-        format!("at most {most} rad, by `theta` and `q` in rad of one joint, `theta` unwrapped"),
+        format!("at most {most} rad, by {theta} and {link} in rad of one joint, {theta} unwrapped"),
     )
+}
+
+/// One encoder counts against the other.
+fn shown_reversed(fit: &Option<Solution>) -> bool {
+    fit.as_ref().is_some_and(|fit| fit.x[0] < 0.0)
 }
 
 /// Encoder zeros that change within the log: a few steps, where another unit would make many.
@@ -202,7 +212,7 @@ fn steps(s: &Signals, torsion: &[f64], problems: &mut Vec<Problem>) -> bool {
 }
 
 /// An encoder that repeats its number while the other moves on: sampled more slowly than logged.
-fn held(s: &Signals, problems: &mut Vec<Problem>) {
+fn held(s: &Signals, kind: LogKind, problems: &mut Vec<Problem>) {
     let fastest = s.dq.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     for (name, values) in [("theta", &s.u), ("q", &s.q)] {
         // Steps between neighbouring numbers that differ: the resolution at speed.
@@ -225,9 +235,14 @@ fn held(s: &Signals, problems: &mut Vec<Problem>) {
         // A coarse encoder repeats its number by its resolution.
         if repeats as f64 > MAX_HELD * moving.len() as f64 && quantum < slow {
             let reason = format!(
-                "`{name}` repeats its number in {:.0} % of the rows in motion: it is sampled more \
-                 slowly than `sample_rate_hz`",
-                100.0 * repeats as f64 / moving.len() as f64
+                "{} repeats its number in {:.0} % of the rows in motion: it is sampled more slowly than \
+                 {}",
+                kind.name(name),
+                100.0 * repeats as f64 / moving.len() as f64,
+                match kind {
+                    LogKind::Recorded => "the loop runs",
+                    LogKind::NoLoad | LogKind::Training => "`sample_rate_hz`",
+                }
             );
             problems.push(Problem::new(reason, "a new reading in every row"));
         }

@@ -1,6 +1,7 @@
 //! Torque reference and current: constants, clipping, units and signs, and references that are the
 //! current once more.
 
+use super::LogKind;
 use super::signals::{Signals, constant, deviation, span};
 use crate::excitation::{Excitation, Quantity};
 use crate::least_squares::Batch;
@@ -45,23 +46,24 @@ const SIGNIFICANCE: f64 = 3.0;
 pub(super) fn check(
     s: &Signals,
     joint: &JointFile,
+    kind: LogKind,
     problems: &mut Vec<Problem>,
     notes: &mut Vec<String>,
 ) {
     if !s.tau.iter().all(|tau| tau.is_finite()) {
         let reason =
             "column `tau_sensor` is missing: without a reference stiffness is not determined";
-        let allowed = "a torque sensor's column, or a reference by `torquectl reference`";
-        problems.push(Problem::new(reason, allowed));
+        problems.push(Problem::new(reason, kind.references()));
         return;
     }
     let mut refuse = |reason: String, allowed: &str| problems.push(Problem::new(reason, allowed));
+    let [tau_name, current_name] = ["tau_sensor", "i"].map(|column| kind.name(column));
     let (rated, limit) = (joint.joint.rated_torque, joint.torque_limit());
     let torque = span(&s.tau);
     if torque < MIN_TORQUE_SPAN * rated {
         refuse(
             format!(
-                "`tau_sensor` is constant (it spans {torque:.4} N·m): stiffness is not determined"
+                "{tau_name} is constant (it spans {torque:.4} N·m): stiffness is not determined"
             ),
             "loads that change, better up to the rated torque both ways",
         );
@@ -70,30 +72,30 @@ pub(super) fn check(
     let largest = s.tau.iter().fold(0.0f64, |m, tau| m.max(tau.abs()));
     if largest > MAX_OVER_LIMIT * limit {
         refuse(
-            format!("`tau_sensor` reaches {largest:.1} N·m: another unit, or another joint"),
+            format!("{tau_name} reaches {largest:.1} N·m: another unit, or another joint"),
             &format!("N·m on the link side; the joint's torque limit is {limit} N·m"),
         );
     }
     if constant(&s.current) {
         refuse(
-            "`i` is constant".to_owned(),
+            format!("{current_name} is constant"),
             "the motor's measured current, A",
         );
         return;
     }
-    for (name, values) in [("i", &s.current), ("tau_sensor", &s.tau)] {
+    for (name, values) in [(current_name, &s.current), (tau_name, &s.tau)] {
         let (share, at) = clipped(s, values);
         if share > MAX_CLIPPED {
             refuse(
                 format!(
-                    "`{name}` is clipped at {at}: {:.1} % of the rows",
+                    "{name} is clipped at {at}: {:.1} % of the rows",
                     100.0 * share
                 ),
                 "readings below the sensor's range",
             );
         } else if share > 0.0 {
             notes.push(format!(
-                "`{name}` stands at {at} in {:.2} % of the rows",
+                "{name} stands at {at} in {:.2} % of the rows",
                 100.0 * share
             ));
         }
@@ -101,11 +103,11 @@ pub(super) fn check(
     if let Some((factor, rest)) = copied(s, &s.current, &s.tau) {
         refuse(
             format!(
-                "`tau_sensor` is computed from the current (it is {factor:.4} times `i`, but for \
+                "{tau_name} is computed from the current (it is {factor:.4} times {current_name}, but for \
                  {:.2} %): stiffness is not determined",
                 100.0 * rest
             ),
-            "a torque sensor's column, or a reference by `torquectl reference`",
+            kind.references(),
         );
     }
     if let Some(model) = s.feed_forward.as_deref().filter(|model| !constant(model)) {
@@ -216,7 +218,9 @@ fn low_pass(values: &[f64], samples: f64) -> Vec<f64> {
 }
 
 /// Signs and units by the constants that they lead to.
-pub(super) fn implausible(found: &Excitation, joint: &JointFile) -> Vec<Problem> {
+pub(super) fn implausible(found: &Excitation, joint: &JointFile, kind: LogKind) -> Vec<Problem> {
+    let [tau, theta, q, current] =
+        ["tau_sensor", "theta", "q", "i"].map(|column| kind.name(column));
     let mut problems = Vec::new();
     let rated = joint.joint.rated_torque;
     let span = (found.torque[1] - found.torque[0]) / rated;
@@ -224,7 +228,9 @@ pub(super) fn implausible(found: &Excitation, joint: &JointFile) -> Vec<Problem>
         let (c, sigma) = (compliance.value, SIGNIFICANCE * compliance.sigma);
         let softest = 1.0 / (STIFFNESS[0] * rated);
         if c + sigma < 0.0 && span > MIN_SPAN_FOR_SIGN {
-            let reason = "torsion decreases as the torque grows: `tau_sensor`, or `theta` and `q` together, are reversed";
+            let reason = format!(
+                "torsion decreases as the torque grows: {tau}, or {theta} and {q} together, are reversed"
+            );
             problems.push(Problem::new(reason, "theta/N - q > 0 for positive torque"));
         } else if c - sigma > softest {
             let reason = format!(
@@ -255,13 +261,14 @@ pub(super) fn implausible(found: &Excitation, joint: &JointFile) -> Vec<Problem>
         let (g, sigma) = (gain.value, SIGNIFICANCE * gain.sigma);
         let sheet = joint.joint.gear_ratio * joint.joint.torque_constant;
         if g + sigma < 0.0 {
-            let reason =
-                "the torque decreases as the current grows: `i` or `tau_sensor` is reversed";
+            let reason = format!(
+                "the torque decreases as the current grows: {current} or {tau} is reversed"
+            );
             problems.push(Problem::new(reason, "positive current for positive torque"));
         } else if g - sigma > 1.0 / TORQUE_CONSTANT[0] || g + sigma < 1.0 / TORQUE_CONSTANT[1] {
             let reason = format!(
                 "{:.4} N·m/A on the link side, where gear ratio times torque constant are {sheet:.4}: \
-                 unit of `i`, `torque_constant_Nm_per_A` or columns swapped",
+                 unit of {current}, `torque_constant_Nm_per_A` or columns swapped",
                 sheet / g
             );
             let allowed = format!(
