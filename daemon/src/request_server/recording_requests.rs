@@ -158,7 +158,7 @@ fn describe(status: &RecordingStatus) -> Result<String, Problem> {
     match &status.failed {
         Some(why) => Err(Problem::new(
             format!(
-                "{}: the recording ended: {why}; it holds {contents}",
+                "{}: the recording ended: {why}; until then {contents}",
                 status.path.display()
             ),
             "",
