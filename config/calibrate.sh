@@ -46,7 +46,7 @@ for robot; do
         record hanging leg/calibration/hanging.toml 120
         calibrate hanging.mcap --untouched
         ;;
-    lift-gripper) # something is in the gripper for five seconds; joint files are of revolute joints: the boom's
+    lift-gripper) # something is in the gripper for five seconds: no F/T sensor
         record lifting lift-gripper/calibration/lifting.toml 100
         calibrate lifting.mcap --only joints
         ;;

@@ -174,7 +174,13 @@ fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) ->
 pub(crate) fn read_joint(path: &Path) -> Result<JointFile, Problem> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|e| Problem::unreadable(&name, &e))?;
-    JointFile::parse(&text, &name, &|path| std::fs::read_to_string(path))
+    let joint = JointFile::parse(&text, &name, &|path| std::fs::read_to_string(path))?;
+    if joint.joint.radius.is_some() {
+        let reason = "joint.radius_m: is for a prismatic joint";
+        let allowed = "joints that turn; `torquectl calibrate` takes prismatic ones";
+        return Err(Problem::new(reason, allowed).at(name, 0));
+    }
+    Ok(joint)
 }
 
 pub(crate) fn open_log(path: &Path) -> Result<LogReader<BufReader<File>>, Problem> {

@@ -80,22 +80,26 @@ const SWEEPS: &str = "settle_s = 1.0\njoint = [\n\
 
 /// RMS of the encoder torque's error in the demo's own motion, N·m; the same over its sigma; largest torque.
 fn judge(folder: &Path, seconds: f64) -> [f64; 3] {
+    judge_of(folder, "test-joint", seconds)
+}
+
+/// The same of the first joint of a robot.
+fn judge_of(folder: &Path, name: &str, seconds: f64) -> [f64; 3] {
     let read = |path: &str| fs::read_to_string(folder.join(path));
-    let config = "config/test-joint/robot.toml";
-    let robot = robot_config::load(config, &read).unwrap();
-    let mut sim = SimParameters::parse(&read("config/test-joint/sim.toml").unwrap(), "").unwrap();
+    let robot = robot_config::load(&format!("config/{name}/robot.toml"), &read).unwrap();
+    let sim = read(&format!("config/{name}/sim.toml")).unwrap();
+    let mut sim = SimParameters::parse(&sim, "").unwrap();
     sim.seed = 5;
     let urdf = read(&robot.parameters.urdf_path).unwrap();
     let clock = VirtualClock::new();
     let bus = LockStep::new(CanRobot::new(&robot, &urdf, &sim).unwrap(), &clock);
     let mut control_loop = ControlLoop::new(&robot, bus).unwrap();
-    let motion = read_project_file("config/test-joint/motion.toml").unwrap();
-    let motion = Motion::parse(
-        &motion,
-        "",
-        &[("joint".to_owned(), robot_state::JointKind::Revolute)],
-    )
-    .unwrap();
+    let motion = read_project_file(&format!("config/{name}/motion.toml")).unwrap();
+    let joints = robot.parameters.joints.iter();
+    let joints: Vec<_> = joints
+        .map(|joint| (joint.name.clone(), joint.kind))
+        .collect();
+    let motion = Motion::parse(&motion, "", &joints).unwrap();
     let mut client = DemoClient::new(&robot, motion);
     let mut pace = VirtualDeadline::new(&clock, 1_000_000);
     let (mut sums, mut largest, mut count) = ([0.0; 2], 0.0f64, 0.0);
@@ -306,6 +310,46 @@ fn what_cannot_be_calibrated_is_named_and_leaves_nothing() {
         "stub.mcap",
     ];
     assert_eq!(left, files, "nothing half-written is left");
+}
+
+const LIFTING: &str = "settle_s = 1.0\njoint = [\n\
+    { name = \"lift\", amplitude_mm = 150, period_s = 19 },\n\
+    { name = \"lift\", amplitude_mm = 10, period_s = 2.9 },\n\
+    { name = \"boom\", amplitude_deg = 60, period_s = 31 },\n\
+    { name = \"boom\", amplitude_deg = -45, period_s = 23 },\n]\n";
+
+#[test]
+fn a_prismatic_joint_is_calibrated_in_newtons() {
+    let folder = folder("prismatic", "lift-gripper");
+    let config = "config/lift-gripper/robot.toml";
+    record(&folder, "lift-gripper", LIFTING, 60.0, "run.mcap");
+    let before = judge_of(&folder, "lift-gripper", 10.0);
+    // The finger does not move.
+    let made = "calibrate run.mcap -o made --only joints --report made.html";
+    let shown = expect(&folder, made, 1);
+    let finger = shown
+        .lines()
+        .find(|line| line.starts_with("finger: not calibrated"));
+    assert!(
+        finger.is_some_and(|line| line.contains("forces times 0.1 m")),
+        "{shown}"
+    );
+    let lift = shown.lines().find(|line| line.trim().starts_with("lift "));
+    let lift = lift.unwrap_or_default();
+    // The largest force and the RMS on the part that was held out.
+    assert!(lift.matches(" N ").count() == 2, "{shown}");
+    expect(&folder, &format!("calibrate commit {config} made"), 0);
+    let status = expect(&folder, &format!("calibrate status {config} --json"), 1);
+    assert!(status.contains("held_out_rms_N\""), "{status}");
+    let after = judge_of(&folder, "lift-gripper", 10.0);
+    let [rms, ratio, largest] = after;
+    assert!(rms < 0.035 * largest, "{before:?} {after:?}");
+    assert!(rms < 0.8 * before[0], "{before:?} {after:?}");
+    assert!((0.6..1.6).contains(&ratio), "{after:?}");
+    // Logs of a joint that slides are not those of one that turns.
+    fs::write(folder.join("log.csv"), "t,theta,q,i\n0,0,0,0\n").unwrap();
+    let refused = "estimate --joint made/lift.toml --log log.csv";
+    assert!(expect(&folder, refused, 2).contains("prismatic"));
 }
 
 const LEG: &str = "settle_s = 1.0\njoint = [\n\

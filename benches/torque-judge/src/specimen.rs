@@ -105,6 +105,8 @@ impl Specimen {
         let rated = draw.scale(10.0, 300.0).round();
         let ratio = draw.choice(&[50.0, 80.0, 100.0, 120.0, 160.0]);
         let sheet = JointTable {
+            radius: None,
+            w_link: None,
             name: format!("family-{number}"),
             gear_ratio: ratio,
             torque_constant: rated / ratio / draw.within(2.0, 8.0),

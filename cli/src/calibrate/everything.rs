@@ -22,6 +22,7 @@ use problem::{Allowed, Problem, Problems};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use torqued_client::robot_state::JointKind;
 
 /// Exit code where some parts could not be calibrated.
 const INCOMPLETE: u8 = 1;
@@ -338,6 +339,7 @@ fn assemble(
             identity: identity.hash(&joint.name).unwrap_or_default(),
             file: None,
             why: joint.outcome.as_ref().err().cloned(),
+            prismatic: joint.kind == JointKind::Prismatic,
             held_out_rms: None,
             held_out_rms_of_sigma: None,
             largest: None,

@@ -22,6 +22,9 @@ use torqued_client::robot_state::JointKind;
 const RATED_TORSION: f64 = 1.8e-3;
 /// The last part of each run, by which a fit to the rest is judged.
 const HELD_OUT: f64 = 0.25;
+/// Radius along which a prismatic joint's way is taken for an arc, m: with it forces, ways and stiffnesses of screws are
+/// as large as those of gears, as are the thresholds of the configuration.
+const RADIUS: f64 = 0.1;
 /// Motion without which a joint is not calibrated, rad: one turn of the motor behind a ratio of 100, over which
 /// harmonics of the motor show.
 const LEAST_MOTION: f64 = 0.063;
@@ -41,6 +44,7 @@ struct JointLogs {
 /// What became of a joint.
 pub(crate) struct JointResult {
     pub(crate) name: String,
+    pub(crate) kind: JointKind,
     pub(crate) outcome: Result<Calibrated, String>,
     /// What its runs cover, leave undetermined, and what is odd.
     pub(crate) inputs: Vec<String>,
@@ -59,29 +63,36 @@ pub(crate) struct Calibrated {
 /// A fit without the last part of each run, judged on it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct HeldOut {
-    /// RMS of fused torque less reference, N·m.
+    /// RMS of fused torque less reference, N·m; of a prismatic joint N.
     pub(crate) rms: f64,
     /// The same over the published sigma.
     pub(crate) rms_of_sigma: f64,
-    /// Largest reference of all runs, N·m.
+    /// Largest reference of all runs, N·m; of a prismatic joint N.
     pub(crate) largest: f64,
 }
 
 /// The joint as its configuration describes it: every prior of the fits.
 pub(crate) fn data_sheet(joint: &JointParameters, period: f64) -> JointFile {
     let e = &joint.estimator;
-    let stiffness = e.compliance.k_fs0;
+    let radius = (joint.kind == JointKind::Prismatic).then_some(RADIUS);
+    let r = radius.unwrap_or(1.0);
+    let stiffness = e.compliance.k_fs0 * r * r;
     JointFile::new(JointTable {
+        radius,
+        w_link: radius.and_then(|r| {
+            let periods = r * joint.estimator.kinematic_error.w_link;
+            (periods > 0.0).then_some(periods)
+        }),
         name: joint.name.clone(),
-        gear_ratio: joint.encoders.gear_ratio,
+        gear_ratio: joint.encoders.gear_ratio * r,
         torque_constant: e.wave_generator.torque_constant,
         rotor_inertia: joint.rotor_inertia,
         rated_torque: RATED_TORSION * stiffness,
-        link_counts_per_turn: TAU / e.link_resolution,
+        link_counts_per_turn: TAU * r / e.link_resolution,
         motor_counts_per_turn: TAU / e.motor_resolution,
         sample_rate: 1.0 / period,
-        torque_limit: Some(joint.limits.torque),
-        max_velocity: joint.encoders.max_velocity,
+        torque_limit: Some(joint.limits.torque * r),
+        max_velocity: joint.encoders.max_velocity / r,
         stiffness: Some(stiffness),
     })
 }
@@ -120,19 +131,24 @@ impl References {
                     contact_set: stretch.contact_set,
                 };
                 let torques = Torques::new(&contact, &stretch.signals, window)?;
-                for (j, log) in logs.iter_mut().enumerate() {
+                let kinds = run.robot.parameters.joints.iter().map(|joint| joint.kind);
+                for ((j, log), kind) in logs.iter_mut().enumerate().zip(kinds) {
+                    let r = match kind {
+                        JointKind::Prismatic => RADIUS,
+                        JointKind::Revolute => 1.0,
+                    };
                     let (q, drive) = (&stretch.signals.angles[j], &stretch.drives[j]);
                     for i in torques.rows().filter(|&i| drive.used[i]) {
-                        let (tau_sensor, sigma) = torques.at(j, i);
+                        let (torque, sigma) = torques.at(j, i);
                         log.runs[k].push(LogRow {
                             t: stretch.signals.t[i],
                             theta: drive.theta[i],
-                            q: q[i],
+                            q: q[i] / r,
                             current: drive.current[i],
-                            tau_sensor,
+                            tau_sensor: torque * r,
                             feed_forward: f64::NAN,
                         });
-                        sigmas[j].push(sigma);
+                        sigmas[j].push(sigma * r);
                     }
                 }
                 done += 1;
@@ -206,10 +222,11 @@ pub(crate) fn all(
 fn one(robot: &Robot, joint: &JointParameters, logs: &JointLogs, names: &[String]) -> JointResult {
     let sheet = data_sheet(joint, robot.parameters.timing.sample_period);
     let mut inputs = Vec::new();
+    let units = sheet.joint.radius.map(|radius| {
+        format!("prismatic: angles here are its ways over {radius} m, torques its forces times {radius} m")
+    });
+    inputs.extend(units.clone());
     let outcome = match joint.has_link_encoder {
-        _ if joint.kind == JointKind::Prismatic => Err(vec![
-            "is prismatic: joint files hold angles and torques".to_owned(),
-        ]),
         true => calibrated(&sheet, logs, names, &mut inputs),
         // Its recorded torsion is the one that the configuration explains.
         false => Err(vec![
@@ -218,7 +235,11 @@ fn one(robot: &Robot, joint: &JointParameters, logs: &JointLogs, names: &[String
     };
     JointResult {
         name: joint.name.clone(),
-        outcome: outcome.map_err(|problems| problems.join("; ")),
+        kind: joint.kind,
+        outcome: outcome.map_err(|mut problems| {
+            problems.extend(units);
+            problems.join("; ")
+        }),
         inputs,
     }
 }
@@ -257,13 +278,17 @@ fn calibrated(
         return Err(refused);
     }
     inputs.extend(refused.into_iter().map(|why| format!("not used: {why}")));
+    let way = |angle: f64| match sheet.joint.radius {
+        Some(radius) => format!("{:.3} mm", 1e3 * radius * angle),
+        None => format!("{angle:.5} rad"),
+    };
     let angles = used.iter().flatten().map(|row| row.q);
     let [low, high] = angles.fold([f64::MAX, f64::MIN], |[a, b], q| [a.min(q), b.max(q)]);
     if high - low < LEAST_MOTION {
         return Err(vec![format!(
-            "never moves (its angle spans {:.4} rad): zero and kinematic error are not determined; allowed: motion \
-             over at least {LEAST_MOTION} rad",
-            high - low
+            "never moves (it spans {}): zero and kinematic error are not determined; allowed: motion over at least {}",
+            way(high - low),
+            way(LEAST_MOTION)
         )]);
     }
     let (rows, shifts) = joined(sheet, used.clone(), Zeros::Common).map_err(one)?;
@@ -273,9 +298,9 @@ fn calibrated(
         let slipped = torque > SLIPPED_TORQUE * sheet.joint.rated_torque;
         if slipped && shift.abs() > SLIPPED_SIGMAS * sigma {
             return Err(vec![format!(
-                "the encoders' zeros differ between runs by {:.5} rad of the link: an encoder has slipped or \
-                 was set anew; allowed: runs with one zero",
-                shift / n
+                "the encoders' zeros differ between runs by {} of the link: an encoder has slipped or was set anew; \
+                 allowed: runs with one zero",
+                way(shift / n)
             )]);
         }
     }
@@ -335,9 +360,10 @@ fn held_out(
     let joint = fit_loaded(sheet, &trained, known, &mut |_, _| ())?.joint;
     let (judged, _) = joined(sheet, judged, Zeros::Common)?;
     let figures = Traces::run(&joint, &judged)?.fused();
+    let r = sheet.joint.radius.unwrap_or(1.0);
     Ok(figures.map_or(HeldOut::default(), |figures| HeldOut {
-        rms: figures.rms,
+        rms: figures.rms / r,
         rms_of_sigma: figures.normalised,
-        largest,
+        largest: largest / r,
     }))
 }

@@ -13,6 +13,8 @@ const OF_DRIVE: [&str; 4] = [
     "motor_counts_per_turn",
     "link_counts_per_turn",
 ];
+/// The same of drives of prismatic joints.
+const OF_SCREW: [&str; 2] = ["lead_mm_per_turn", "link_counts_per_mm"];
 /// Keys of `[[ft_sensor]]` on which its offset and what is beyond it depend.
 const OF_SENSOR: [&str; 6] = [
     "frame",
@@ -60,12 +62,10 @@ impl Identity {
             let drive = joint.get("drive").and_then(toml::Value::as_str);
             let drive = drive.and_then(|drive| at(["drive", drive]));
             let own = OF_JOINT.map(|key| (key.to_owned(), shown(joint.get(key))));
-            let of_drive = OF_DRIVE.map(|key| {
-                (
-                    key.to_owned(),
-                    shown(drive.and_then(|drive| drive.get(key))),
-                )
-            });
+            let value = |key: &str| drive.and_then(|drive| drive.get(key));
+            let screw = OF_SCREW.into_iter().filter(|key| value(key).is_some());
+            let of_drive = OF_DRIVE.into_iter().chain(screw);
+            let of_drive = of_drive.map(|key| (key.to_owned(), shown(value(key))));
             let rate = ("rate_hz".to_owned(), rate.clone());
             joints.insert(
                 name.to_owned(),

@@ -4,6 +4,7 @@ use super::fit::JointResult;
 use super::store::{DriveEntry, Interval, JointEntry, Manifest, SensorEntry};
 use crate::identify::found::digits;
 use crate::report::{self, Section, escaped};
+use crate::units::cell;
 use problem::Problem;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -56,8 +57,8 @@ fn joints(manifest: &Manifest) -> Table {
         );
         vec![
             joint.name.clone(),
-            format!("{largest:.2}"),
-            format!("{rms:.3}"),
+            cell(joint.kind(), format!("{largest:.2}"), "N·m"),
+            cell(joint.kind(), format!("{rms:.3}"), "N·m"),
             format!("{:.2}", 100.0 * rms / largest.max(1e-9)),
             format!("{:.2}", joint.held_out_rms_of_sigma.unwrap_or(0.0)),
             joint.undetermined.join(", "),

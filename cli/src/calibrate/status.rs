@@ -5,6 +5,7 @@ use super::adopt::Configuration;
 use super::store::{Calibration, Manifest};
 use crate::BAD_INPUT;
 use crate::output::finish;
+use crate::units::{cell, keys};
 use clap::Args;
 use jiff::Timestamp;
 use problem::{Allowed, Problem, Problems};
@@ -21,9 +22,8 @@ const HOURS_A_DAY: f64 = 24.0;
 const HELP: &str = "\
 A calibration is old after --days, missing where a joint names no joint file, and of another robot where
 drive, encoders, their directions and zeros, or the rate have changed since. F/T sensors and drives that no
-calibration has are as configured, and so are joints that no joint file can be of, as they are prismatic or
-without a link-side encoder; where their keys are others than the calibration set, they are changed
-since.
+calibration has are as configured, and so are joints that no joint file can be of, as they are without
+a link-side encoder; where their keys are others than the calibration set, they are changed since.
 
 Examples:
   torquectl calibrate status config/leg/robot.toml
@@ -64,6 +64,8 @@ struct State {
     made: String,
     /// Figures and remarks.
     held_out: Option<(f64, f64)>,
+    /// What the torques of a joint are.
+    joint: JointKind,
     undetermined: Vec<String>,
 }
 
@@ -100,9 +102,10 @@ fn states(arguments: &StatusArguments) -> Result<Vec<State>, Problems> {
             made: String::new(),
             held_out: None,
             undetermined: Vec::new(),
+            joint: joint.kind,
         };
         let Some(file) = adopted.get(&joint.name) else {
-            if joint.kind == JointKind::Prismatic || !joint.has_link_encoder {
+            if !joint.has_link_encoder {
                 state.state = "as configured";
             }
             return state;
@@ -192,6 +195,7 @@ fn other(
         made: String::new(),
         held_out: None,
         undetermined: Vec::new(),
+        joint: JointKind::default(),
     };
     let Some((manifest, identity, undetermined)) = found else {
         return Ok(state);
@@ -221,7 +225,7 @@ fn age_days(made: &str) -> Option<f64> {
 }
 
 fn object(state: &State) -> Value {
-    json!({
+    let object = json!({
         "kind": state.kind,
         "name": state.name,
         "state": state.state,
@@ -229,7 +233,8 @@ fn object(state: &State) -> Value {
         "held_out_rms_Nm": state.held_out.map(|(rms, _)| rms),
         "largest_Nm": state.held_out.map(|(_, largest)| largest),
         "undetermined": state.undetermined,
-    })
+    });
+    keys(state.joint, object)
 }
 
 fn table(states: &[State]) -> String {
@@ -238,7 +243,7 @@ fn table(states: &[State]) -> String {
     for state in states {
         let [rms, share] = match state.held_out {
             Some((rms, largest)) => [
-                format!("{rms:.3}"),
+                cell(state.joint, format!("{rms:.3}"), "N·m"),
                 format!("{:.2}", 100.0 * rms / largest.max(1e-9)),
             ],
             None => [String::new(), String::new()],

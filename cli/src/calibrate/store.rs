@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use torqued_client::robot_state::JointKind;
 
 /// The file that says what a folder holds.
 pub(crate) const MANIFEST: &str = "calibration.toml";
@@ -150,6 +151,9 @@ pub(crate) struct JointEntry {
     /// Why it could not be calibrated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) why: Option<String>,
+    /// It slides: its torques are forces, in N.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) prismatic: bool,
     /// RMS of fused torque less reference on a quarter of each run that was held out, N·m.
     #[serde(rename = "held_out_rms_Nm", skip_serializing_if = "Option::is_none")]
     pub(crate) held_out_rms: Option<f64>,
@@ -162,6 +166,16 @@ pub(crate) struct JointEntry {
     /// Constants that stay at their priors.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) undetermined: Vec<String>,
+}
+
+impl JointEntry {
+    /// What its torques are.
+    pub(crate) fn kind(&self) -> JointKind {
+        match self.prismatic {
+            true => JointKind::Prismatic,
+            false => JointKind::Revolute,
+        }
+    }
 }
 
 /// A calibration as its folder holds it.

@@ -29,6 +29,7 @@ use core::fmt;
 use dynamics::Motion;
 use estimators::compliance::ComplianceEstimator;
 use estimators::joint::AnyEstimator;
+use estimators::radius::AtRadius;
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{
@@ -88,10 +89,14 @@ impl fmt::Debug for Estimate {
 fn joint_estimator(joint: &JointParameters) -> Result<Option<AnyEstimator>, Problem> {
     Ok(match &joint.calibration {
         _ if !joint.has_link_encoder => None,
-        Some(file) => Some(Box::new(
-            file.fused_estimators()
-                .map_err(|problem| problem.of(&joint.name))?,
-        )),
+        Some(file) => {
+            let fused = file.fused_estimators();
+            let fused = Box::new(fused.map_err(|problem| problem.of(&joint.name))?);
+            match file.joint.radius {
+                Some(radius) => Some(Box::new(AtRadius::new(fused, radius))),
+                None => Some(fused),
+            }
+        }
         None => Some(Box::new(ComplianceEstimator::new(joint.estimator.clone()))),
     })
 }

@@ -213,7 +213,7 @@ impl GearParameters {
     }
 }
 
-/// Cosines and sines of the harmonics of [`LINK_ORDERS`] and [`MOTOR_ORDERS`].
+/// Cosines and sines of the harmonics of [`LINK_ORDERS`] and [`MOTOR_ORDERS`]; `q`: times w_l, where that is not 1.
 #[must_use]
 pub fn harmonics(q: f64, theta: f64) -> [f64; ENCODER_PARAMETERS - 2] {
     let (s, c) = q.sin_cos();
@@ -260,7 +260,8 @@ impl HysteresisEstimator {
         let creeping = self.gear.creeping.stretches();
         let bearing = self.gear.bearing.stretches().map(|s| -s);
         let rates = [-sample.dq, rate, -slope * sample.dq, -slope];
-        let waves = harmonics(sample.q, sample.theta).map(|h| -slope * h);
+        let link = self.parameters.kinematic_error.w_link * sample.q;
+        let waves = harmonics(link, sample.theta).map(|h| -slope * h);
         let all = own
             .chain(soft)
             .chain(springs)

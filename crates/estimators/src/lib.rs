@@ -22,6 +22,7 @@ pub mod low_pass;
 pub mod matched_filter;
 pub mod network;
 mod output;
+pub mod radius;
 pub mod regimes;
 pub mod savitzky_golay;
 mod series_spring;

@@ -320,7 +320,12 @@ fn torsion_probe(record: &Record, joint: &JointFile, m: &Motion, rows: &[usize])
         let dq = if m.stands { 0.0 } else { m.dq[i] };
         let mut row = vec![m.tau[i], dq, (dq / m.smoothing).tanh(), 1.0];
         for (link, order, _) in HARMONICS {
-            let (sin, cos) = (order * if link { s.q } else { s.theta }).sin_cos();
+            let (sin, cos) = (order
+                * match link {
+                    true => error.w_link * s.q,
+                    false => s.theta,
+                })
+            .sin_cos();
             row.extend([cos, sin]);
         }
         data.push((row, torsion(i) - first));

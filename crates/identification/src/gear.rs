@@ -229,6 +229,7 @@ pub fn hysteresis(
         .unwrap_or(known.rated_torque / RATED_TORSION);
     let mut data = GearData {
         q: record.smooth(&q, 0),
+        w_link: error.w_link,
         rate: record.smooth(&torsion, 1),
         x_max: 0.0,
         torsion,
@@ -263,6 +264,8 @@ pub fn hysteresis(
 /// Signals of the gear's fit.
 struct GearData {
     q: Vec<f64>,
+    /// w_l, per rad of q.
+    w_link: f64,
     torsion: Vec<f64>,
     rate: Vec<f64>,
     tau: Vec<f64>,
@@ -346,7 +349,7 @@ impl GearData {
     /// One pass; `rough` is the gear whose stiffness turns torsion into torque.
     fn fit(&mut self, record: &Record, rough: &GearParameters) -> Result<GearFit, Problem> {
         let waves: Vec<_> = (record.samples.iter().zip(&self.q))
-            .map(|(s, q)| harmonics(*q, s.theta))
+            .map(|(s, q)| harmonics(self.w_link * q, s.theta))
             .collect();
         let torsion: Vec<f64> = (0..self.torsion.len())
             .map(|i| self.corrected(record, i, &waves[i]))

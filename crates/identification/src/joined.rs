@@ -103,7 +103,7 @@ fn zeros(joint: &JointFile, logs: &[Vec<LogRow>]) -> Result<Vec<(f64, f64)>, Pro
         for i in record.spread(MAX_SAMPLES) {
             let sample = &record.samples[i];
             let mut row = vec![tau[i], record.motion[i][0]];
-            row.extend(harmonics(sample.q, sample.theta));
+            row.extend(harmonics(error.w_link * sample.q, sample.theta));
             row.resize(common + logs.len(), 0.0);
             row[common + k] = 1.0;
             row.iter_mut().for_each(|x| *x *= weight);

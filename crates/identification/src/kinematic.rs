@@ -128,7 +128,7 @@ pub fn higher(
             continue;
         }
         row[0] = 1.0;
-        let link = HIGHER_LINK.map(|(n, _)| n as f64 * s.q);
+        let link = HIGHER_LINK.map(|(n, _)| n as f64 * error.w_link * s.q);
         let motor = HIGHER_MOTOR.map(|(n, _)| n as f64 * s.theta);
         for (pair, angle) in row[1..]
             .chunks_exact_mut(2)

@@ -194,6 +194,8 @@ impl JointFile {
             ("torque_limit_Nm", self.torque_limit()),
             ("max_velocity_rad_per_s", j.max_velocity),
             ("stiffness_Nm_per_rad", j.stiffness.unwrap_or(1.0)),
+            ("radius_m", j.radius.unwrap_or(1.0)),
+            ("w_link", j.w_link.unwrap_or(1.0)),
         ];
         for (key, value) in positive {
             source.require(&format!("joint.{key}"), value, Allowed::Positive)?;
@@ -256,7 +258,10 @@ impl JointFile {
     /// Kinematic error (Z18); zero without its table.
     #[must_use]
     pub fn kinematic_error_parameters(&self) -> KinematicErrorParameters {
-        self.kinematic_error.clone().unwrap_or_default().into()
+        let error = self.kinematic_error.clone();
+        error
+            .unwrap_or_else(|| self.joint.no_kinematic_error())
+            .into()
     }
 
     /// Motor constants for Z's wave generator.

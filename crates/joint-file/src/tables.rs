@@ -48,6 +48,25 @@ pub struct JointTable {
         skip_serializing_if = "Option::is_none"
     )]
     pub stiffness: Option<f64>,
+    /// Of a prismatic joint, m: the radius of the circle along which its way is taken for an arc. Angles of this file
+    /// are ways over it, torques forces times it, the gear ratio is the motor's angle over such an angle.
+    #[serde(rename = "radius_m", skip_serializing_if = "Option::is_none")]
+    pub radius: Option<f64>,
+    /// w_l of the kinematic error that fits find, per rad of q; 1 if absent. Of a prismatic joint, whose way has no
+    /// period of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub w_link: Option<f64>,
+}
+
+impl JointTable {
+    /// The kinematic error before anything is known of it.
+    #[must_use]
+    pub fn no_kinematic_error(&self) -> KinematicErrorTable {
+        KinematicErrorTable {
+            w_link: self.w_link.unwrap_or(1.0),
+            ..KinematicErrorTable::default()
+        }
+    }
 }
 
 /// No joint with a gear turns faster than this, rad/s.

@@ -155,7 +155,8 @@ impl Fitted {
         let encoders = self.joint.encoders.get_or_insert_default();
         encoders.skew = (encoders.skew + fit.skew.0).clamp(-longest, longest);
         let turned = self.joint.kinematic_error.is_some();
-        let error = self.joint.kinematic_error.get_or_insert_default();
+        let none = self.joint.joint.no_kinematic_error();
+        let error = self.joint.kinematic_error.get_or_insert(none);
         if !turned {
             // Without an unloaded turn nothing shows whether the encoders' zeros stay.
             encoders.zero_unknown = true;
@@ -238,7 +239,8 @@ impl Fitted {
         let record = Record::new(&self.joint, rows)?;
         let error = self.joint.kinematic_error_parameters();
         let found = kinematic::higher(&record, &error, &fit.parameters);
-        let table = self.joint.kinematic_error.get_or_insert_default();
+        let none = self.joint.joint.no_kinematic_error();
+        let table = self.joint.kinematic_error.get_or_insert(none);
         for (list, waves) in [
             (&mut table.link, found.link),
             (&mut table.motor, found.motor),

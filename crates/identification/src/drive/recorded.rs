@@ -79,7 +79,12 @@ impl Gather {
     #[must_use]
     pub fn new(index: usize, joint: &JointParameters, period: f64) -> Self {
         let known = joint.calibration.as_ref();
-        let kinematic_error = known.map(|file| file.kinematic_error_parameters());
+        let kinematic_error = known.map(|file| {
+            let error = file.kinematic_error_parameters();
+            file.joint
+                .radius
+                .map_or(error.clone(), |r| error.at_radius(r))
+        });
         Self {
             joint: index,
             takes_position: joint.takes_position(),

@@ -7,6 +7,7 @@ use estimators::features::FeatureSet;
 use estimators::local_gp::LocalGpParameters;
 use joint_file::{JointFile, TrainedLocalGp, feed_forward_base};
 use robot_state::JointKind;
+use std::f64::consts::TAU;
 
 impl Reader<'_, '_, '_> {
     /// The joint file that `calibration` names; it must match this joint's drive and rate.
@@ -18,11 +19,6 @@ impl Reader<'_, '_, '_> {
         const ALLOWED: &str = "the path of a joint file that `torquectl fit` wrote";
         let section = self.section;
         let named = section.optional_text("calibration", ALLOWED)?;
-        if section.kind == JointKind::Prismatic {
-            let what = "joint files hold angles and torques, and this joint is prismatic";
-            section.problem("calibration", what, "no such key for a prismatic joint");
-            return None;
-        }
         let path = paths::resolved(self.files.config, named.value);
         let problem = |what: String| section.problem("calibration", what, ALLOWED);
         let text = match (self.files.read)(&path) {
@@ -87,6 +83,25 @@ impl Reader<'_, '_, '_> {
         torque_limit: f64,
     ) -> bool {
         let theirs = &file.joint;
+        let prismatic = self.section.kind == JointKind::Prismatic;
+        if prismatic != theirs.radius.is_some() {
+            let what = match prismatic {
+                true => format!("{path} is for a joint that turns, and this one is prismatic"),
+                false => format!("{path} is for a prismatic joint, and this one turns"),
+            };
+            let allowed = match prismatic {
+                true => "a joint file with radius_m, as `torquectl calibrate` writes it",
+                false => "a joint file without radius_m",
+            };
+            self.section.problem("calibration", what, allowed);
+            return false;
+        }
+        let radius = theirs.radius.unwrap_or(1.0);
+        // Counts of a prismatic joint's encoder are those of a mm.
+        let per_turn = match prismatic {
+            true => 1e3 * TAU * radius,
+            false => 1.0,
+        };
         let counts = |of: fn(&Drive) -> Option<f64>| drive.and_then(of);
         let mut matches = true;
         for (key, theirs, ours) in [
@@ -95,7 +110,11 @@ impl Reader<'_, '_, '_> {
                 theirs.sample_rate,
                 Some(1.0 / self.timing.sample_period),
             ),
-            ("gear_ratio", theirs.gear_ratio, drive.map(|d| d.gear_ratio)),
+            (
+                "gear_ratio",
+                theirs.gear_ratio,
+                drive.map(|d| d.gear_ratio * radius),
+            ),
             (
                 "torque_constant_Nm_per_A",
                 theirs.torque_constant,
@@ -109,7 +128,7 @@ impl Reader<'_, '_, '_> {
             (
                 "link_counts_per_turn",
                 theirs.link_counts_per_turn,
-                counts(|d| d.link_counts),
+                counts(|d| d.link_counts).map(|counts| counts * per_turn),
             ),
         ] {
             let Some(ours) = ours else { continue };
@@ -122,6 +141,7 @@ impl Reader<'_, '_, '_> {
         }
         // Estimates saturate at the file's limit: one below the joint's would hide its largest torques.
         let limit = file.torque_limit();
+        let torque_limit = torque_limit * radius;
         if limit < torque_limit {
             let what =
                 format!("{path} is for torque_limit_Nm = {limit}, this joint has {torque_limit}");

@@ -48,6 +48,12 @@ impl Files {
         self
     }
 
+    /// With one more file.
+    pub(crate) fn and(mut self, path: &str, text: &str) -> Self {
+        self.0.insert(path.to_owned(), text.to_owned());
+        self
+    }
+
     /// A file's text.
     pub(crate) fn text(&self, path: &str) -> &str {
         &self.0[path]

@@ -175,15 +175,47 @@ fn angles_are_no_signals_of_a_prismatic_joints_link() {
     assert!(text.contains("allowed: m, mm, um, count"), "{text}");
 }
 
+/// A joint file of the lift: its way is the arc of a radius of 0.1 m.
+const LIFT: &str = "[joint]\nname = \"lift\"\ngear_ratio = 125.66370614359172\n\
+    torque_constant_Nm_per_A = 0.06\nrotor_inertia_kg_m2 = 2e-5\nrated_torque_Nm = 27.0\n\
+    link_counts_per_turn = 628318.5307179586\nmotor_counts_per_turn = 4096\nsample_rate_hz = 1000\n\
+    torque_limit_Nm = 60.0\nradius_m = 0.1\n";
+
 #[test]
-fn what_prismatic_joints_cannot_have_is_refused() {
-    let files = Files::new().with(
-        LIFT_GRIPPER,
-        "torque_limit_N = 600.0",
-        "torque_limit_N = 600.0\ncalibration = \"lift.toml\"",
-    );
-    let parts = ["joint.calibration (lift)", "this joint is prismatic"];
-    refused(&files, LIFT_GRIPPER, "calibration = ", &parts);
+fn a_joint_file_is_of_a_joint_that_slides_or_of_one_that_turns() {
+    let with = |joint: &str, text: &str| {
+        let named = format!("name = \"{joint}\"\ncalibration = \"joint.toml\"");
+        let files = Files::new().with(LIFT_GRIPPER, &format!("name = \"{joint}\""), &named);
+        files.and("config/lift-gripper/joint.toml", text)
+    };
+    let robot = with("lift", LIFT).load(LIFT_GRIPPER).expect("a robot");
+    let file = robot.parameters.joints[0].calibration.as_ref();
+    assert_eq!(file.expect("a joint file").joint.radius, Some(0.1));
+    for (joint, from, to, part) in [
+        ("lift", "radius_m = 0.1\n", "", "this one is prismatic"),
+        ("boom", "", "", "is for a prismatic joint"),
+        (
+            "lift",
+            "radius_m = 0.1",
+            "radius_m = 0.2",
+            "is for gear_ratio = 125.6",
+        ),
+        (
+            "lift",
+            "= 628318.5307179586",
+            "= 524288",
+            "is for link_counts_per_turn",
+        ),
+        ("lift", "= 60.0", "= 59.0", "is for torque_limit_Nm = 59"),
+        ("lift", "radius_m = 0.1", "radius_m = -1", "joint.radius_m"),
+    ] {
+        let text = with(joint, &LIFT.replacen(from, to, 1)).errors(LIFT_GRIPPER);
+        assert!(text.contains(part), "{part}: {text}");
+        assert!(
+            text.contains(&format!("joint.calibration ({joint})")),
+            "{text}"
+        );
+    }
 }
 
 #[test]
