@@ -83,6 +83,8 @@ pub struct PredictiveLaw {
     drive_fit: Option<DriveFit>,
     /// Command per torque of the drive, rad/(N·m) or A/(N·m).
     per_torque: f64,
+    /// Share of the foreseen friction by what a measured motion turns the rotor by in a period, 1/rad.
+    per_sliding_way: f64,
     /// Command that acted before the oldest of `commands`.
     before: Sent,
     /// Commands on their way, oldest first.
@@ -136,6 +138,7 @@ impl PredictiveLaw {
             friction: 0.0,
             drive_fit: DriveFit::new(p),
             per_torque: parameters.command_per_torque(),
+            per_sliding_way: parameters.per_sliding_way(),
             before: Sent::default(),
             commands: vec![Sent::default(); cycles + 1],
             started: false,
@@ -240,6 +243,7 @@ impl PredictiveLaw {
         (self.lag_step, self.rest_step) = (step(lag), step(dt - lag));
         self.half_step = step(0.5 * dt);
         self.per_torque = p.command_per_torque();
+        self.per_sliding_way = p.per_sliding_way();
     }
 
     /// Shares by which the drive's stiffness and damping differ from the configured ones, as its currents
@@ -383,12 +387,9 @@ impl PredictiveLaw {
         let feedback = (1.0 - stiff * compliance) * ahead.torque - damping * ahead.torsion_velocity;
         let follow = p.carried_damping(self.slow_velocity, ahead.omega);
         let drive = p.own_damping(ahead.torsion_velocity);
-        let torque = self.reference_torque();
-        let torsion = (torque - last_torque) / p.gear.at(torque);
-        let turned = self.turned(
-            torsion,
-            (self.reference[0].value - last_feedforward) * compliance,
-        );
+        let wound = self.reference_torque() - last_torque;
+        let asked = self.reference[0].value - last_feedforward;
+        let turned = self.turned(wound * compliance, asked * compliance);
         self.friction = p.friction.after(self.friction, &turned);
         let friction = follow + self.friction - self.rotor.disturbance;
         let wanted: f64 = shares.iter().sum();
@@ -421,7 +422,7 @@ impl PredictiveLaw {
         Turned {
             asked,
             unasked: turned - asked,
-            sliding: (turned / (dt * self.parameters.sliding_velocity())).clamp(-1.0, 1.0),
+            sliding: (turned * self.per_sliding_way).clamp(-1.0, 1.0),
         }
     }
 

@@ -98,6 +98,7 @@ pub struct DelayCompensator {
     smoothing: usize,
     /// Sum of the kernel's squares.
     power: f64,
+    shares: Shares,
     fast: Ring,
     missed: usize,
     noise: Noise,
@@ -125,6 +126,16 @@ pub struct DelayCompensator {
     output: TorqueEstimate,
 }
 
+/// Shares of a new sample in the averages of these times.
+#[derive(Debug, Clone, Copy)]
+struct Shares {
+    level: f64,
+    unfollowed_level: f64,
+    rest: f64,
+    rest_statistic: f64,
+    motion: f64,
+}
+
 impl DelayCompensator {
     /// Before the first sample.
     #[must_use]
@@ -132,14 +143,22 @@ impl DelayCompensator {
         let dt = parameters.sample_period;
         let smoothing = ((SMOOTHING_TIME / dt).round() as usize).max(1);
         let window = parameters.kernel.len().max(1);
+        let share = |time: f64| (dt / time).min(1.0);
         let power: f64 = parameters.kernel.iter().map(|h| h * h).sum();
         Self {
             smoothing,
             fast: Ring::new(window.max(smoothing)),
             missed: usize::MAX,
-            noise: Noise::new(parameters.fast_sigma.powi(2)),
-            gain: Gain::new(parameters.gain),
+            noise: Noise::new(parameters.fast_sigma.powi(2), share(NOISE_AVERAGING_TIME)),
+            gain: Gain::new(parameters.gain, dt),
             power,
+            shares: Shares {
+                level: share(LEVEL_TIME),
+                unfollowed_level: share(UNFOLLOWED_LEVEL_TIME),
+                rest: share(REST_AVERAGING_TIME),
+                rest_statistic: share(REST_STATISTIC_TIME),
+                motion: share(MOTION_DECAY_TIME),
+            },
             residual: ResidualPredictor::new(window, dt),
             free_level: None,
             level: None,
@@ -238,13 +257,12 @@ impl DelayCompensator {
             }
         } else {
             self.fast.push(fast);
-            self.noise.update(fast, self.parameters.sample_period);
+            self.noise.update(fast);
         }
         self.missed = 0;
     }
 
     fn take_delayed(&mut self, delayed: DelayedTorque) {
-        let dt = self.parameters.sample_period;
         let fast = self.fast.through(&self.parameters.kernel);
         self.difference = (self.missed == 0).then_some(delayed.tau - fast);
         let noise = self.power * self.noise.variance;
@@ -252,7 +270,7 @@ impl DelayCompensator {
         let small = SCALE_SHARE * self.parameters.torque_limit;
         let variances = [noise, delayed.sigma.powi(2) + small * small];
         self.gain
-            .update([fast, delayed.tau], variances, self.moving, dt);
+            .update([fast, delayed.tau], variances, self.moving);
         let (gain, scale) = (self.gain.value, self.gain.scale);
         let gains = [gain.max(MIN_LEVELLED_GAIN), scale];
         let levels = gains.map(|gain| delayed.tau - gain * fast);
@@ -260,11 +278,11 @@ impl DelayCompensator {
         let turned: [f64; 2] = std::array::from_fn(|i| (gains[i] - last[i]) * fast);
         let led = |i: usize, last: Option<f64>| {
             let last = last.map_or(levels[i], |last| last - turned[i]);
-            let time = match (i, self.followed) {
-                (0, None) => UNFOLLOWED_LEVEL_TIME,
-                _ => LEVEL_TIME,
+            let share = match (i, self.followed) {
+                (0, None) => self.shares.unfollowed_level,
+                _ => self.shares.level,
             };
-            last + (dt / time).min(1.0) * (levels[i] - last)
+            last + share * (levels[i] - last)
         };
         let level = led(0, self.level);
         self.free_level = Some(led(1, self.free_level));
@@ -316,7 +334,7 @@ impl DelayCompensator {
         let p = &self.parameters;
         let tau = self.rest + share * (moving - self.rest);
         let resting = (1.0 - share) * delayed.tau + share * moving;
-        self.rest += (p.sample_period / REST_AVERAGING_TIME).min(1.0) * (resting - self.rest);
+        self.rest += self.shares.rest * (resting - self.rest);
 
         // Without samples of the delayed source its last one ages: once more each window.
         let window = p.kernel.len().max(1) as f64;
@@ -345,18 +363,17 @@ impl DelayCompensator {
 
     /// 0: at rest, 1: in motion.
     fn moving_share(&mut self, compensated: f64, delayed: DelayedTorque, noise: f64) -> f64 {
-        let dt = self.parameters.sample_period;
         let distance = |x: f64, variance: f64| {
             let square = (x - self.rest).powi(2) / variance.max(f64::MIN_POSITIVE);
             square.min(100.0)
         };
         let fast = distance(compensated, noise);
-        self.rest_statistic += (dt / REST_STATISTIC_TIME).min(1.0) * (fast - self.rest_statistic);
+        self.rest_statistic += self.shares.rest_statistic * (fast - self.rest_statistic);
         let delayed = distance(delayed.tau, delayed.sigma.powi(2));
         let newest = (fast / PEAK_GATE.powi(2))
             .max(delayed / PEAK_GATE.powi(2))
             .max(self.rest_statistic / RMS_GATE.powi(2));
-        let kept = 1.0 - (dt / MOTION_DECAY_TIME).min(1.0);
+        let kept = 1.0 - self.shares.motion;
         // Bounded, so that the return to rest takes no longer after a large motion.
         self.motion_statistic = (self.motion_statistic * kept).max(newest.min(4.0));
         share_of(self.motion_statistic, 1.0, 6)
@@ -436,14 +453,17 @@ struct Noise {
     /// Lower bound of the variance.
     min_variance: f64,
     variance: f64,
+    /// Share of a new sample in it.
+    share: f64,
     last: [f64; 3],
 }
 
 impl Noise {
-    fn new(min_variance: f64) -> Self {
+    fn new(min_variance: f64, share: f64) -> Self {
         Self {
             min_variance,
             variance: min_variance,
+            share,
             last: [0.0; 3],
         }
     }
@@ -452,13 +472,13 @@ impl Noise {
         self.last = [x; 3];
     }
 
-    fn update(&mut self, x: f64, dt: f64) {
+    fn update(&mut self, x: f64) {
         let [a, b, c] = self.last;
         self.last = [x, a, b];
         // 1 + 9 + 9 + 1 = 20. Bounded, because a jolt is not noise.
         let square = (x - 3.0 * a + 3.0 * b - c).powi(2) / 20.0;
         let square = square.min(9.0 * self.variance);
-        let next = self.variance + (dt / NOISE_AVERAGING_TIME).min(1.0) * (square - self.variance);
+        let next = self.variance + self.share * (square - self.variance);
         self.variance = next.max(self.min_variance);
     }
 }

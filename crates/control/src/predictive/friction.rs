@@ -45,9 +45,8 @@ impl FrictionModel {
         if self.level <= 0.0 {
             return 0.0;
         }
-        let bent = |h: f64, way: f64, end: f64| {
-            end + (h - end) * (-self.stiffness * way.abs() / self.level).exp()
-        };
+        let bend = self.stiffness / self.level;
+        let bent = |h: f64, way: f64, end: f64| end + (h - end) * (-bend * way.abs()).exp();
         let asked = bent(friction, turned.asked, self.level.copysign(turned.asked));
         bent(asked, turned.unasked, self.level * turned.sliding)
     }

@@ -18,6 +18,9 @@ pub(super) struct Gain {
     pub(super) scale: f64,
     /// Where no changes exceed the noise.
     known: f64,
+    /// Share of a new sample in the high-pass's averages, and in those of the regression.
+    high_pass_share: f64,
+    share: f64,
     /// Averages of both sources.
     pub(super) means: Option<[f64; 2]>,
     /// Average product of both sources' changes, and average square of the fast one's.
@@ -28,12 +31,14 @@ pub(super) struct Gain {
 }
 
 impl Gain {
-    pub(super) fn new(known: f64) -> Self {
+    pub(super) fn new(known: f64, dt: f64) -> Self {
         let known = known.clamp(0.0, MAX_GAIN);
         Self {
             value: known,
             scale: known.max(MIN_LEVELLED_GAIN),
             known,
+            high_pass_share: (dt / HIGH_PASS_TIME).min(1.0),
+            share: (dt / AVERAGING_TIME).min(1.0),
             means: None,
             product: 0.0,
             square: 0.0,
@@ -48,17 +53,16 @@ impl Gain {
         [fast, delayed]: [f64; 2],
         [noise, delayed_noise]: [f64; 2],
         moving: f64,
-        dt: f64,
     ) {
         let Some(means) = &mut self.means else {
             self.means = Some([fast, delayed]);
             return;
         };
-        let share = (dt / HIGH_PASS_TIME).min(1.0);
+        let share = self.high_pass_share;
         means[0] += share * (fast - means[0]);
         means[1] += share * (delayed - means[1]);
         let (x, y) = (fast - means[0], delayed - means[1]);
-        let share = moving * (dt / AVERAGING_TIME).min(1.0);
+        let share = moving * self.share;
         self.product += share * (x * y - self.product);
         self.square += share * (x * x - self.square);
         self.clean += share * (x * x - noise - self.clean);

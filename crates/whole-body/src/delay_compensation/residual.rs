@@ -33,9 +33,11 @@ pub(super) struct ResidualPredictor {
     /// With the gain, and with gain 0: without the fast source.
     pub(super) with: Prediction,
     pub(super) without: Prediction,
-    /// The filters' delay, samples.
-    delay: f64,
-    dt: f64,
+    /// Way by which a line is extrapolated over the filters' delay, over its length.
+    ahead: f64,
+    /// Share of a new sample in each average, and in the squared errors.
+    shares: [f64; 3],
+    error_share: f64,
     /// Rings of the last inputs and predictions.
     inputs: Vec<Pair>,
     newest: usize,
@@ -49,11 +51,13 @@ pub(super) struct ResidualPredictor {
 
 impl ResidualPredictor {
     pub(super) fn new(window: usize, dt: f64) -> Self {
+        let delay = 0.5 * (window.max(1) - 1) as f64;
         Self {
             with: Prediction::default(),
             without: Prediction::default(),
-            delay: 0.5 * (window.max(1) - 1) as f64,
-            dt,
+            ahead: delay / (window / 2).max(1) as f64,
+            shares: AVERAGING_TIMES.map(|time| (dt / time).min(1.0)),
+            error_share: dt / ERROR_AVERAGING_TIME,
             inputs: vec![[0.0; 2]; window / 2 + 1],
             newest: 0,
             predictions: vec![[[0.0; PREDICTORS]; 2]; (3 * window / 4).max(1)],
@@ -76,29 +80,24 @@ impl ResidualPredictor {
     pub(super) fn update(&mut self, pair: Pair, gain: f64) {
         if self.made >= self.predictions.len() {
             self.judged += 1.0;
-            let share = (self.dt / ERROR_AVERAGING_TIME)
-                .max(1.0 / self.judged)
-                .min(1.0);
+            let share = self.error_share.max(1.0 / self.judged).min(1.0);
             let predictions = &self.predictions[self.oldest];
             self.with.judge(predictions, pair, gain, share);
             self.without.judge(predictions, pair, 0.0, share);
         }
-        let before = self.inputs.len() - 1;
-        self.newest = (self.newest + 1) % self.inputs.len();
+        self.newest = next(self.newest, self.inputs.len());
         self.inputs[self.newest] = pair;
-        let first = self.inputs[(self.newest + 1) % self.inputs.len()];
-        let ahead = self.delay / before.max(1) as f64;
-        for (mean, time) in self.means.iter_mut().zip(AVERAGING_TIMES) {
-            let share = (self.dt / time).min(1.0);
+        let first = self.inputs[next(self.newest, self.inputs.len())];
+        for (mean, share) in self.means.iter_mut().zip(self.shares) {
             *mean = [0, 1].map(|k| mean[k] + share * (pair[k] - mean[k]));
         }
         let [a, b, c] = self.means;
         let predictions = [0, 1].map(|k| {
-            let line = |times: f64| pair[k] + times * ahead * (pair[k] - first[k]);
+            let line = |times: f64| pair[k] + times * self.ahead * (pair[k] - first[k]);
             [pair[k], a[k], b[k], c[k], line(0.5), line(1.0)]
         });
         self.predictions[self.oldest] = predictions;
-        self.oldest = (self.oldest + 1) % self.predictions.len();
+        self.oldest = next(self.oldest, self.predictions.len());
         self.made = self.made.saturating_add(1);
         self.with.combine(&predictions, gain);
         self.without.combine(&predictions, 0.0);
@@ -129,6 +128,14 @@ impl Prediction {
         self.value = weighted.map(|(w, residual)| w * residual).sum::<f64>() / sum;
         let errors = weights.iter().zip(&self.errors);
         self.variance = errors.map(|(w, error)| w * error).sum::<f64>() / sum;
+    }
+}
+
+/// The next place in a ring; a division would take longer.
+fn next(place: usize, length: usize) -> usize {
+    match place + 1 {
+        next if next < length => next,
+        _ => 0,
     }
 }
 
