@@ -10,9 +10,11 @@
 //!
 //! The torque from the current does not depend on the torsion: both groups are combined with minimum
 //! variance, sample by sample. An innovation test compares them: where they are further apart than their
-//! variances allow, the published sigma covers it. A feed-forward corrects the slow error of both
+//! variances allow, the published sigma covers it; where they agree better since a tare, it is smaller
+//! ([`crate::agreement`]). A feed-forward corrects the slow error of both
 //! ([`crate::feed_forward`]).
 
+use crate::agreement::Agreement;
 use crate::feed_forward::{Correction, CorrectionParameters};
 use crate::joint::JointSample;
 use crate::output::Output;
@@ -53,6 +55,8 @@ pub struct FusionParameters {
     pub sample_period: f64,
     /// Largest |tau| that is ever reported, N·m.
     pub torque_limit: f64,
+    /// Rated torque, N·m.
+    pub rated_torque: f64,
     /// The source whose error does not depend on the torsion: that from the current.
     pub independent: Option<usize>,
     /// The source whose sigma covers the parameters of the gear: it raises the variance of every source
@@ -90,6 +94,8 @@ pub struct Fusion {
     correction: Option<(usize, Correction)>,
     /// Whether there was a tare.
     tared: bool,
+    /// How well torsion and current agree since then.
+    agreement: Agreement,
     /// Standard deviation of each source's present estimate, N·m.
     sigmas: [f64; MAX_SOURCES],
 }
@@ -122,6 +128,7 @@ impl Fusion {
             disagrees: false,
             motion: 0.0,
             tared: false,
+            agreement: Agreement::default(),
             sigmas: [f64::INFINITY; MAX_SOURCES],
             parameters,
         }
@@ -208,6 +215,7 @@ impl Fusion {
     /// The sources have been zeroed to a torque that is known.
     pub fn tare(&mut self) {
         self.tared = true;
+        self.agreement = Agreement::default();
         if let Some((_, correction)) = &mut self.correction {
             correction.tare();
         }
@@ -273,9 +281,10 @@ impl Fusion {
         };
     }
 
-    /// Torque and variance of the sources from the torsion, and of the current, under their joint
-    /// covariance, with the innovation test: the published variance covers their disagreement.
-    fn combine(&mut self, group: (f64, f64), current: (f64, f64)) -> (f64, f64) {
+    /// Torque and variance of the sources from the torsion, and of the current, at motor angle `theta`, under their
+    /// joint covariance, with the innovation test: the published variance covers their disagreement, and follows
+    /// their agreement since a tare. The weights do not: agreement shows the sum of both variances, not which is less.
+    fn combine(&mut self, group: (f64, f64), current: (f64, f64), theta: f64) -> (f64, f64) {
         let ((a, var_a), (b, var_b)) = (group, current);
         let sum = var_a + var_b;
         //= F Innovation: chi² = (tau_a - tau_b)² / (var_a + var_b)
@@ -284,7 +293,15 @@ impl Fusion {
         let raised = (chi / AGREEMENT).max(self.disagreement).max(1.0);
         //= F Minimum variance: tau = (var_b tau_a + var_a tau_b) / (var_a + var_b)
         let tau = (var_b * a + var_a * b) / sum;
-        (tau, var_a * var_b / sum * raised)
+        let [var_a, var_b] = match self.tared {
+            true => {
+                let rated = self.parameters.rated_torque;
+                self.agreement.update(chi, [tau, theta], rated);
+                self.agreement.lowered(var_a, var_b)
+            }
+            false => [var_a, var_b],
+        };
+        (tau, var_a * var_b / (var_a + var_b) * raised)
     }
 
     /// The fused torque of the sources' estimates of one sample.
@@ -341,7 +358,9 @@ impl Fusion {
         }
         let group = (tau / sum, square / sum);
         let (tau, variance) = match current {
-            Some((current, variance)) if sum > 0.0 => self.combine(group, (current.tau, variance)),
+            Some((current, variance)) if sum > 0.0 => {
+                self.combine(group, (current.tau, variance), sample.theta)
+            }
             Some((current, variance)) => (current.tau, variance),
             None if sum > 0.0 => group,
             None => return self.output.held(),
@@ -360,6 +379,7 @@ impl Fusion {
         (self.apart_s, self.disagrees) = (0.0, false);
         self.motion = 0.0;
         self.tared = false;
+        self.agreement = Agreement::default();
         if let Some((_, correction)) = &mut self.correction {
             correction.reset();
         }

@@ -1,6 +1,7 @@
 //! Estimators of joint torque: pure, allocation-free after construction.
 #![deny(unsafe_code)]
 
+mod agreement;
 pub mod compliance;
 pub mod creep;
 pub mod current_based;

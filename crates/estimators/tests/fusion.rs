@@ -111,6 +111,7 @@ fn parameters(errors: Vec<SourceError>) -> FusionParameters {
         gear_ratio: 100.0,
         sample_period: 1e-3,
         torque_limit: 100.0,
+        rated_torque: 40.0,
         independent: Some(2),
         reference: Some(0),
         left_out: Vec::new(),
@@ -221,4 +222,36 @@ fn at_rest_the_current_loses_weight_once_the_zero_of_the_torsion_is_known() {
     unknown.reset();
     assert!((share(&mut unknown) - 0.5).abs() < 1e-9);
     assert!((share(&mut fusion(false)) - 0.2).abs() < 1e-9);
+}
+
+#[test]
+fn after_a_tare_agreement_lowers_the_sigma_not_the_torque_and_a_disagreement_raises_it() {
+    let at = JointSample::default();
+    let both = |tau: f64, apart: f64| {
+        let torsion = estimate(tau, 0.1);
+        [torsion, torsion, estimate(tau + apart, 0.3)]
+    };
+    let (mut tared, mut never) = (two_groups(), two_groups());
+    tared.tare();
+    let first = tared.update(&at, &both(0.0, 0.02));
+    assert!((first.sigma - never.update(&at, &both(0.0, 0.02)).sigma).abs() < 1e-9);
+    // At one torque nothing is shown; over many the current (of the larger variance) shows to be ten times better.
+    // sqrt((0.892 * 0.01 and 0.1 * 0.09 combined) / (0.01 and 0.09 combined)) = 0.706.
+    for (levels, least, most) in [(1, 0.999, 1.001), (60, 0.69, 0.72)] {
+        let mut last = [0.0; 2];
+        for i in 0..1000 * levels {
+            let tau = if i / 1000 % 2 == 0 { 0.0 } else { 10.0 };
+            let [a, b] = [&mut tared, &mut never].map(|f| f.update(&at, &both(tau, 0.02)));
+            assert!((a.tau - b.tau).abs() < 1e-9);
+            last = [a.sigma, b.sigma];
+        }
+        let ratio = last[0] / last[1];
+        assert!((least..most).contains(&ratio), "{levels}: {ratio}");
+    }
+    let fused = tared.update(&at, &both(0.0, 8.0));
+    assert!(
+        (fused.tau - 0.0).abs() < 2.0 * fused.sigma,
+        "{}",
+        fused.sigma
+    );
 }

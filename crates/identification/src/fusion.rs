@@ -112,6 +112,7 @@ pub fn fit(
         gear_ratio: record.gear_ratio,
         sample_period: record.sample_period,
         torque_limit,
+        rated_torque,
         independent: None,
         reference: None,
         rest_factor: 1.0,

@@ -283,6 +283,7 @@ impl JointFile {
                 gear_ratio: self.joint.gear_ratio,
                 sample_period: self.sample_period(),
                 torque_limit: self.torque_limit(),
+                rated_torque: self.joint.rated_torque,
                 independent: fused(CURRENT),
                 reference: fused(HYSTERESIS),
                 feed_forward: fused(FEED_FORWARD).zip(correction),

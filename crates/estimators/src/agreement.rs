@@ -1,0 +1,117 @@
+//! How much better two sources agree since a tare than their variances expect.
+//!
+//! In: innovations of torsion and current with their variances. Out: both variances, lowered where the innovations
+//! are smaller than expected: covariance matching (R. K. Mehra, On the identification of variances and adaptive
+//! Kalman filtering, IEEE Trans. Automatic Control 15(2), 1970), with a prior, and one innovation for each change of
+//! the state, as errors last while nothing changes. It never raises them: the innovation test does. Without a tare
+//! both sources follow the reference of one training, whose errors they share, so that agreement shows less there
+//! (family of joints, 2026-11: sigmas too small after long trainings).
+
+/// Change of the torque after which an innovation counts as another, of the rated torque.
+const TORQUE_STEP: f64 = 0.1;
+/// The same of the motor's angle, rad.
+const ANGLE_STEP: f64 = 1.0;
+/// Innovations that the prior is worth, whose mean square over their variance is 1.
+const PRIOR: f64 = 4.0;
+/// Innovations that count, at most: earlier ones fade.
+const MOST: f64 = 30.0;
+/// Largest square of an innovation over its variance that counts.
+const LARGEST: f64 = 9.0;
+/// Least factor of a variance.
+const LEAST: f64 = 0.1;
+
+/// Innovations since a tare.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Agreement {
+    /// Torque, N·m, and motor angle, rad, at the last innovation that counted.
+    last: Option<[f64; 2]>,
+    /// Innovations, and the sum of their squares over their variances.
+    count: f64,
+    sum: f64,
+}
+
+impl Agreement {
+    /// Takes an innovation, `chi`: its square over its variance, at torque `tau`, N·m, and motor angle `theta`, rad.
+    pub(crate) fn update(&mut self, chi: f64, [tau, theta]: [f64; 2], rated_torque: f64) {
+        if !(chi.is_finite() && tau.is_finite() && theta.is_finite()) {
+            return;
+        }
+        // What the tare itself shows is no agreement: it has made both equal.
+        let [last_tau, last_theta] = *self.last.get_or_insert([tau, theta]);
+        let changed = (tau - last_tau).abs() > TORQUE_STEP * rated_torque;
+        if !(changed || (theta - last_theta).abs() > ANGLE_STEP) {
+            return;
+        }
+        self.last = Some([tau, theta]);
+        self.count += 1.0;
+        self.sum += chi.min(LARGEST);
+        let kept = (MOST / self.count).min(1.0);
+        (self.count, self.sum) = (kept * self.count, kept * self.sum);
+    }
+
+    /// The variances `a` and `b` of two sources, (N·m)², lowered by what the innovations show of each.
+    pub(crate) fn lowered(&self, a: f64, b: f64) -> [f64; 2] {
+        //= F Agreement: s = (n_0 + sum_k chi_k²) / (n_0 + n)
+        let scale = ((PRIOR + self.sum) / (PRIOR + self.count)).min(1.0);
+        // Best linear estimate of both from that of their sum, which they share by the squares of their sizes.
+        //= F Share: var_a -> var_a (1 + (s - 1) var_a (var_a + var_b) / (var_a² + var_b²))
+        let share = (a + b) / (a * a + b * b).max(f64::MIN_POSITIVE);
+        [a, b].map(|v| v * (1.0 + (scale - 1.0) * v * share).max(LEAST))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use test_support::Random;
+
+    /// Errors of two sources, each its own at every level of the torque, `scale` times their standard deviations.
+    fn after(scale: f64, levels: u32, sigmas: [f64; 2], seed: u64) -> [f64; 2] {
+        let mut random = Random::new(seed);
+        let mut agreement = Agreement::default();
+        let variances = sigmas.map(|s| s * s);
+        for level in 0..=levels {
+            let error: f64 = sigmas.iter().map(|s| scale * s * random.normal()).sum();
+            let chi = error * error / variances.iter().sum::<f64>();
+            for _ in 0..1000 {
+                agreement.update(chi, [2.0 * f64::from(level % 2), 0.0], 10.0);
+            }
+        }
+        agreement.lowered(variances[0], variances[1])
+    }
+
+    fn mean(scale: f64, levels: u32, sigmas: [f64; 2]) -> [f64; 2] {
+        let of = |k: usize| {
+            let all = (0..300).map(|seed| after(scale, levels, sigmas, seed)[k]);
+            all.sum::<f64>() / 300.0
+        };
+        [of(0), of(1)]
+    }
+
+    #[test]
+    fn variances_follow_errors_that_are_smaller_and_not_those_that_are_as_expected() {
+        let [a, b] = mean(0.4, 60, [1.0, 1.0]);
+        assert!((0.2..0.35).contains(&a) && (a - b).abs() < 1e-9, "{a}, {b}");
+        // As expected: only what chance does, which never raises.
+        let [a, _] = mean(1.0, 60, [1.0, 1.0]);
+        assert!((0.8..=1.0).contains(&a), "{a}");
+        assert_eq!(after(3.0, 60, [1.0, 1.0], 1), [1.0, 1.0]);
+    }
+
+    #[test]
+    fn nothing_is_learned_while_nothing_changes_nor_about_the_source_that_hardly_counts() {
+        assert_eq!(after(0.1, 0, [1.0, 1.0], 1), [1.0, 1.0]);
+        let [a, b] = mean(0.3, 60, [1.0, 0.1]);
+        assert!(a < 0.3, "{a}");
+        assert!((0.0098..=0.01).contains(&b), "{b}");
+    }
+
+    #[test]
+    fn readings_that_are_not_numbers_change_nothing() {
+        let mut agreement = Agreement::default();
+        agreement.update(f64::NAN, [1.0, 1.0], 10.0);
+        agreement.update(0.0, [f64::NAN, 1.0], 10.0);
+        assert_eq!(agreement, Agreement::default());
+        assert!(agreement.lowered(0.0, 0.0).iter().all(|v| *v == 0.0));
+    }
+}
