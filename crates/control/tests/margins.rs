@@ -414,7 +414,7 @@ fn other_proportions() -> Vec<JointLoop> {
 #[test]
 fn design_is_quick_and_keeps_the_margins_with_another_damping() {
     for of_joint in JOINTS.map(joint) {
-        let design = choose_design(&of_joint, &NEEDED);
+        let design = choose_design(&of_joint, &NEEDED, true);
         let default = Design::default();
         let rest = Design {
             follow: default.follow,
@@ -422,6 +422,7 @@ fn design_is_quick_and_keeps_the_margins_with_another_damping() {
         };
         assert_eq!(rest, default);
         assert!(design.follow > default.follow);
+        assert_eq!(choose_design(&of_joint, &NEEDED, false), default);
         let mut with = of_joint;
         with.law.design = design;
         for share in [0.8, 1.0, 1.2] {
@@ -443,7 +444,7 @@ fn design_is_chosen_for_drives_and_gears_of_other_proportions() {
     let mut chosen = 0;
     for of_joint in &all {
         let mut with = *of_joint;
-        with.law.design = choose_design(of_joint, &NEEDED);
+        with.law.design = choose_design(of_joint, &NEEDED, true);
         chosen += usize::from(keeps(&with));
         assert!(keeps(&with) || !keeps(of_joint), "{of_joint:?}");
         let changed = with.law.design != Design::default();
@@ -474,8 +475,8 @@ fn design_that_nothing_helps_stays_the_own() {
         (*stiffness, *damping) = (40.0 * *stiffness, 0.1 * *damping);
     }
     of_joint.truth = of_joint.law;
-    assert_eq!(choose_design(&of_joint, &NEEDED), of_joint.law.design);
+    assert_eq!(choose_design(&of_joint, &NEEDED, true), of_joint.law.design);
     // Nor do numbers without an end keep the search from one.
     of_joint.truth.rotor_inertia = 1e-300;
-    assert_eq!(choose_design(&of_joint, &NEEDED), of_joint.law.design);
+    assert_eq!(choose_design(&of_joint, &NEEDED, true), of_joint.law.design);
 }

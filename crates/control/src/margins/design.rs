@@ -29,16 +29,18 @@ const DAMPING_KNOWN: [f64; 3] = [1.0, 0.8, 1.2];
 /// The quickest design with which the joint's loop keeps these margins: with every load, with K_s and K_d on every load
 /// that moves, and with another damping of the drive. Else its own, where that keeps them; else the nearest one that
 /// does, of several as near the one with the widest bandwidth where the rotor is stuck. Where no design keeps them with
-/// K_s and K_d, one that does without; the joint's own if there is none.
+/// K_s and K_d, one that does without; the joint's own if there is none. `quicker`: one that is quicker than its own is
+/// allowed.
 #[must_use]
-pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
+pub fn choose_design(joint: &JointLoop, needed: &Margins, quicker: bool) -> Design {
     let mut search = Search {
         joint: *joint,
         needed: *needed,
         worst: [Load::Free; 2],
     };
     let own = joint.law.design;
-    if let Some(design) = quickest(&mut search, own) {
+    let quick = quicker.then(|| quickest(&mut search, own)).flatten();
+    if let Some(design) = quick {
         return design;
     }
     // Gains that are too great for a loop that is in order are to be made smaller.
