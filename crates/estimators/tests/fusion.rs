@@ -94,11 +94,19 @@ proptest! {
 
 /// Torsion (two sources, sigma 0.1) and current (sigma 0.3), with the current as the independent source.
 fn two_groups() -> Fusion {
+    of_two_groups(false)
+}
+
+fn of_two_groups(zero_unknown: bool) -> Fusion {
     let errors = [0.1, 0.1, 0.3].map(|rms: f64| SourceError {
         variance: rms * rms,
         reported: rms,
     });
-    Fusion::new(3, parameters(errors.to_vec()))
+    let parameters = FusionParameters {
+        zero_unknown,
+        ..parameters(errors.to_vec())
+    };
+    Fusion::new(3, parameters)
 }
 
 /// Two sources from the torsion, the first of them the reference, and the current.
@@ -231,8 +239,9 @@ fn after_a_tare_agreement_lowers_the_sigma_not_the_torque_and_a_disagreement_rai
         let torsion = estimate(tau, 0.1);
         [torsion, torsion, estimate(tau + apart, 0.3)]
     };
-    let (mut tared, mut never) = (two_groups(), two_groups());
+    let [mut tared, mut never, mut turned] = [true, true, false].map(of_two_groups);
     tared.tare();
+    turned.tare();
     let first = tared.update(&at, &both(0.0, 0.02));
     assert!((first.sigma - never.update(&at, &both(0.0, 0.02)).sigma).abs() < 1e-9);
     // At one torque nothing is shown; over many the current (of the larger variance) shows to be ten times better.
@@ -241,8 +250,11 @@ fn after_a_tare_agreement_lowers_the_sigma_not_the_torque_and_a_disagreement_rai
         let mut last = [0.0; 2];
         for i in 0..1000 * levels {
             let tau = if i / 1000 % 2 == 0 { 0.0 } else { 10.0 };
-            let [a, b] = [&mut tared, &mut never].map(|f| f.update(&at, &both(tau, 0.02)));
+            let all = [&mut tared, &mut never, &mut turned];
+            let [a, b, c] = all.map(|f| f.update(&at, &both(tau, 0.02)));
             assert!((a.tau - b.tau).abs() < 1e-9);
+            // An unloaded turn has shown the zero: agreement after a tare lowers nothing.
+            assert!(c.sigma > 0.999 * b.sigma, "{} {}", c.sigma, b.sigma);
             last = [a.sigma, b.sigma];
         }
         let ratio = last[0] / last[1];
