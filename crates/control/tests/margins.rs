@@ -480,3 +480,22 @@ fn design_that_nothing_helps_stays_the_own() {
     of_joint.truth.rotor_inertia = 1e-300;
     assert_eq!(choose_design(&of_joint, &NEEDED, true), of_joint.law.design);
 }
+
+/// A screw in N and m, and as a joint that turns at some radius: units change neither margins nor design.
+#[test]
+fn units_do_not_matter() {
+    let at = |r: f64| joint([31.6, 1.06e6, 1.5e6, 12_945.0, 12.04].map(|x: f64| r * r * x));
+    for radius in [1e-3, 0.1, 1.0, 30.0] {
+        let both = [at(0.03), at(radius)];
+        for load in Load::ALL {
+            let [a, b] = both.map(|of_joint| of_joint.with(load).margins());
+            let differ = [a.phase - b.phase, a.gain / b.gain - 1.0];
+            assert!(
+                differ.iter().all(|d| d.abs() < 1e-3),
+                "{radius} m: {a:?} {b:?}"
+            );
+        }
+        let [a, b] = both.map(|of_joint| choose_design(&of_joint, &NEEDED, true));
+        assert_eq!(a, b, "{radius} m");
+    }
+}

@@ -10,8 +10,8 @@
 //!
 //! The torque from the current does not depend on the torsion: both groups are combined with minimum
 //! variance, sample by sample. An innovation test compares them: where they are further apart than their
-//! variances allow, the published sigma covers it; where they agree better since a tare, it is smaller
-//! ([`crate::agreement`]). A feed-forward corrects the slow error of both
+//! variances allow, the published sigma covers it; where they agree better since a tare of an unknown zero, it is
+//! smaller ([`crate::agreement`]). A feed-forward corrects the slow error of both
 //! ([`crate::feed_forward`]).
 
 use crate::agreement::Agreement;
@@ -283,7 +283,8 @@ impl Fusion {
 
     /// Torque and variance of the sources from the torsion, and of the current, at motor angle `theta`, under their
     /// joint covariance, with the innovation test: the published variance covers their disagreement, and follows
-    /// their agreement since a tare of an unknown zero. The weights do not: agreement shows the sum of both variances, not which is less.
+    /// their agreement since a tare of an unknown zero. The weights do not: agreement shows the sum of both variances,
+    /// not which is less.
     fn combine(&mut self, group: (f64, f64), current: (f64, f64), theta: f64) -> (f64, f64) {
         let ((a, var_a), (b, var_b)) = (group, current);
         let sum = var_a + var_b;
@@ -293,7 +294,7 @@ impl Fusion {
         let raised = (chi / AGREEMENT).max(self.disagreement).max(1.0);
         //= F Minimum variance: tau = (var_b tau_a + var_a tau_b) / (var_a + var_b)
         let tau = (var_b * a + var_a * b) / sum;
-        // After an unloaded turn agreement lowers too much: what it judges is an unknown zero that a tare has ended.
+        // Only so: after an unloaded turn, whose sigmas are right, agreement would make them too small.
         let [var_a, var_b] = match self.tared && self.parameters.zero_unknown {
             true => {
                 let rated = self.parameters.rated_torque;

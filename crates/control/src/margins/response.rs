@@ -2,7 +2,8 @@
 
 use super::Margins;
 use super::lifted::{Lifted, SUBSTEPS};
-use nalgebra::{Complex, DMatrix, Schur};
+use nalgebra::linalg::balancing::balance_parlett_reinsch;
+use nalgebra::{Complex, DMatrix, DVector, Schur};
 use std::f64::consts::{PI, TAU};
 
 /// Lowest frequency of interest, Hz.
@@ -61,8 +62,11 @@ impl ClosedLoop {
         if closed.iter().any(|value| !value.is_finite()) {
             return false;
         }
-        // Numbers of wide range may keep the iteration from an end.
-        let schur = Schur::try_new(closed.clone(), f64::EPSILON, MAX_ITERATIONS);
+        // Balanced, as rounding splits the double eigenvalue the further the wider the range of the numbers: in N and m
+        // forces are a million times as large as ways. Numbers of wide range may keep the iteration from an end.
+        let mut balanced = closed.clone();
+        balance_parlett_reinsch(&mut balanced);
+        let schur = Schur::try_new(balanced, f64::EPSILON, MAX_ITERATIONS);
         schur.is_some_and(|schur| {
             let eigenvalues = schur.complex_eigenvalues();
             eigenvalues.iter().all(|value| value.norm() <= STABLE)
@@ -174,8 +178,10 @@ pub(super) fn fallen_by_3_db(response: &[Point]) -> f64 {
     }
 }
 
-/// `(z 1 - A)^-1` for many z: A is made a Hessenberg matrix once.
+/// `(z 1 - A)^-1` for many z: A is balanced and made a Hessenberg matrix once.
 struct Resolvent {
+    /// States by those that are balanced.
+    scale: DVector<f64>,
     basis: DMatrix<f64>,
     /// Row by row.
     hessenberg: Vec<f64>,
@@ -185,9 +191,12 @@ struct Resolvent {
 
 impl Resolvent {
     fn new(a: &DMatrix<f64>) -> Self {
-        let (basis, hessenberg) = a.clone().hessenberg().unpack();
+        let mut balanced = a.clone();
+        let scale = balance_parlett_reinsch(&mut balanced);
+        let (basis, hessenberg) = balanced.hessenberg().unpack();
         let hessenberg = hessenberg.transpose().as_slice().to_vec();
         Self {
+            scale,
             basis,
             matrix: vec![Complex::default(); hessenberg.len()],
             hessenberg,
@@ -196,12 +205,20 @@ impl Resolvent {
 
     /// An input in the basis of the Hessenberg matrix.
     fn input(&self, input: &DMatrix<f64>) -> DMatrix<f64> {
-        self.basis.tr_mul(input)
+        let mut balanced = input.clone();
+        for (mut row, scale) in balanced.row_iter_mut().zip(&self.scale) {
+            row /= *scale;
+        }
+        self.basis.tr_mul(&balanced)
     }
 
     /// An output of that basis.
     fn output(&self, output: &DMatrix<f64>) -> DMatrix<f64> {
-        output * &self.basis
+        let mut balanced = output.clone();
+        for (mut column, scale) in balanced.column_iter_mut().zip(&self.scale) {
+            column *= *scale;
+        }
+        balanced * &self.basis
     }
 
     /// From an input to the state at `z = e^(i angle)`: elimination of the one diagonal below the main one, with

@@ -2,11 +2,28 @@
 
 use crate::files::{Files, LEG, LIFT_GRIPPER, refused};
 use control::MotorModel;
+use control::predictive::Design;
 use robot_config::slots;
 use robot_state::JointKind;
 use std::f64::consts::TAU;
 
 const DBC: &str = "robot-models/lift-gripper/drives.dbc";
+
+/// A joint that the drive's damping would speed up too much where both encoders err as one keeps the default; with a
+/// velocity limit that bears it, it does not.
+#[test]
+fn a_lift_with_a_low_velocity_limit_does_not_follow_quicker() {
+    let follows = |files: Files| {
+        let robot = files.load(LIFT_GRIPPER).unwrap();
+        let joints = robot.parameters.joints.into_iter();
+        let quicker = joints.map(|joint| joint.law.design.follow > Design::default().follow);
+        quicker.collect::<Vec<_>>()
+    };
+    assert_eq!(follows(Files::new()), [false, true, false]);
+    let limit = "max_velocity_m_per_s = 0.25";
+    let quick = Files::new().with(LIFT_GRIPPER, limit, "max_velocity_m_per_s = 0.4");
+    assert_eq!(follows(quick), [true, true, false]);
+}
 
 #[test]
 fn a_lifts_parameters_are_in_newton_and_metres() {
