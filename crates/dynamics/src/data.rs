@@ -54,8 +54,8 @@ impl Data {
             rnea: vec![RneaRow::default(); rows],
             crba: vec![CrbaRow::ROOT; rows],
             in_order: match model.schedule.in_order {
-                true => InOrder::new(&model.bodies),
-                false => InOrder::new(&[]),
+                true => InOrder::new(&model.bodies, &model.schedule),
+                false => InOrder::default(),
             },
             in_parent: vec![Se3::identity(); n],
             in_world: vec![Se3::identity(); n],

@@ -1,77 +1,259 @@
 //! Bodies in their order, four at a time: for robots with too few limbs to fill the lanes.
 //!
-//! Only placements, motions and sums of wrenches depend on neighbours. They go from body to body,
-//! the three components of a vector in the lanes of one register; everything else (sines, bodies' own
-//! wrenches and inertias, joint torques) is computed for four bodies side by side. Between the two,
-//! registers are transposed. (Closures and iterators over registers would leave the instruction set.) All vectors are in the root's axes: a limb's wrenches then add up.
+//! Placements and motions alone go from body to body, the three components of a vector in the lanes of
+//! one register. All else is computed for four bodies side by side, and wrenches or moments of mass add
+//! up inward across the lanes. Between the two, registers are transposed. (Closures and
+//! iterators over registers would leave the instruction set.) All vectors are in the root's axes, wrenches
+//! and moments about its origin: a limb's add up without being moved.
 
 use crate::body::Body;
-use crate::lane_schedule::Step;
-use simd::{Lanes, M3, Pack, V3, WIDTH, gather, sin_cos, store_all};
+use crate::lane_schedule::{LaneSchedule, Step};
+use crate::spatial::Force;
+use nalgebra::Vector3;
+use simd::{Lanes, M3, Pack, V3, WIDTH, gather, load_all, sin_cos, store_all};
 
-/// Four bodies, in their lane frames or in the root's axes.
-#[derive(Clone, Debug, Default)]
+/// Four bodies: their constants, their place in the tree, and what is computed of them.
+#[derive(Clone, Debug)]
 pub(crate) struct Group {
-    /// Rotation from the lane frame to the parent's, by rows.
-    pub(crate) rotation: [Pack; 9],
-    /// Origin in the parent's lane frame.
-    pub(crate) origin: [Pack; 3],
-    /// Joint motion: angular velocity and acceleration, linear velocity and acceleration.
+    /// Centre of mass in the lane frame.
+    pub(crate) center: [Pack; 3],
+    /// Rotational inertia about the centre, in the lane frame's axes: xx xy xz yy yz zz.
+    pub(crate) rotational: [Pack; 6],
+    /// One where a body carries the one that is one, two, three lanes further on.
+    down: [Pack; 3],
+    /// Bodies of later groups whose parents are in this one: groups further on, lane; and one where a
+    /// body carries them.
+    after: Vec<(usize, usize, Pack)>,
+    /// Of each body, in all lanes: third column of the rotation from its lane frame to the parent's, and
+    /// its origin there.
+    links: [[[Pack; 3]; 2]; WIDTH],
+    /// First and second columns of these rotations.
+    columns: [[Pack; 3]; 2],
+    /// Of prismatic joints, along `z`.
+    shift: Pack,
+    /// Joints' angular velocity and acceleration, and linear ones.
     pub(crate) rates: [Pack; 4],
-    /// Twist of the joint for unit speed, linear first, at the root's origin in its axes.
+    pub(crate) rows: [BodyRow; WIDTH],
+    /// Twist of the joint for unit speed, linear first.
     pub(crate) twist: [Pack; 6],
+    /// Of each body and all that it carries: wrench (force first), or moments of mass.
+    pub(crate) sums: [Pack; 10],
+    /// External wrench, force first, in the lane frame.
+    pub(crate) external: [Pack; 6],
+}
+
+fn ones(there: [bool; WIDTH]) -> Pack {
+    Pack(there.map(|t| if t { 1.0 } else { 0.0 }))
 }
 
 /// One body in the root's axes: vectors by component, the fourth lane zero.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BodyRow {
-    /// Columns of the rotation from the lane frame.
-    pub(crate) columns: [Pack; 3],
-    pub(crate) position: Pack,
+    /// First and third columns of the rotation from the lane frame.
+    x: Pack,
+    z: Pack,
+    position: Pack,
     pub(crate) omega: Pack,
     pub(crate) alpha: Pack,
     /// Of the origin, minus gravity.
     pub(crate) a: Pack,
-    /// Sums over the body's sub-tree: wrench about the root's origin, or moments of its mass.
-    pub(crate) sums: [Pack; 3],
 }
 
 /// Memory of the algorithms, and the tree.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct InOrder {
     /// Parent of each body.
     pub(crate) parents: Vec<usize>,
+    /// True if each body carries the next by a revolute joint of its own: then the algorithms' `ARM`.
+    pub(crate) arm: bool,
     /// For each body but the root, by groups: one where a body is the body itself or carries it.
     pub(crate) carriers: Vec<Pack>,
+    pub(crate) root: BodyRow,
     pub(crate) groups: Vec<Group>,
-    /// The root first; a multiple of four after it.
-    pub(crate) bodies: Vec<BodyRow>,
 }
 
+/// Most groups that there are.
+pub(crate) const MOST_GROUPS: usize = 3;
+
 impl InOrder {
-    /// For `bodies`, the root among them.
-    pub(crate) fn new(bodies: &[Body]) -> Self {
+    /// For `bodies`: the root, then each followed by all that it carries.
+    pub(crate) fn new(bodies: &[Body], schedule: &LaneSchedule) -> Self {
         let parents: Vec<usize> = bodies.iter().map(|b| b.parent).collect();
-        let moving = bodies.len().saturating_sub(1);
-        let groups = moving.div_ceil(WIDTH);
-        let mut carriers = vec![Pack::ZERO; moving * groups];
-        for (b, row) in carriers.chunks_mut(groups.max(1)).enumerate() {
-            let mut k = b + 1;
-            while k > 0 {
-                row[(k - 1) / WIDTH].0[(k - 1) % WIDTH] = 1.0;
-                k = parents[k];
+        let steps = &schedule.steps;
+        let tree = Tree { parents: &parents };
+        let group = |(index, step)| Group::new(&tree, index, step);
+        let of = |b: usize| {
+            (0..steps.len()).map(move |g| {
+                ones(
+                    tree.bodies(g)
+                        .map(|c| c.is_some_and(|c| tree.carries(c, b))),
+                )
+            })
+        };
+        let mut root = BodyRow::default();
+        (root.x.0[0], root.z.0[2]) = (1.0, 1.0);
+        let moving = || bodies.iter().enumerate().skip(1);
+        Self {
+            arm: moving().all(|(b, body)| {
+                let own = body.joint == b - 1 && body.ratio == 1.0;
+                body.parent == b - 1 && own && body.kind.is_revolute()
+            }),
+            carriers: (1..parents.len()).flat_map(of).collect(),
+            root,
+            groups: steps.iter().enumerate().map(group).collect(),
+            parents,
+        }
+    }
+
+    /// Wrench of the root's children, where `sums` are wrenches.
+    pub(crate) fn wrench_of_root(&self) -> Force {
+        let [fx, fy, fz, nx, ny, nz, ..] = self.of_root();
+        Force::new(Vector3::new(fx, fy, fz), Vector3::new(nx, ny, nz))
+    }
+
+    /// Sums of the root's children.
+    pub(crate) fn of_root(&self) -> [f64; 10] {
+        let children = (1..self.parents.len()).filter(|b| self.parents[*b] == 0);
+        let mut sums = [0.0; 10];
+        for b in children.map(|b| b - 1) {
+            for (sum, own) in sums.iter_mut().zip(&self.groups[b / WIDTH].sums) {
+                *sum += own.0[b % WIDTH];
             }
         }
-        let mut bodies = vec![BodyRow::default(); 1 + groups * WIDTH];
-        for (k, column) in bodies[0].columns.iter_mut().enumerate() {
-            column.0[k] = 1.0;
+        sums
+    }
+}
+
+/// Who carries whom. The root is body 0; group `g` begins with body `4 g + 1`.
+#[derive(Clone, Copy)]
+struct Tree<'a> {
+    parents: &'a [usize],
+}
+
+impl Tree<'_> {
+    fn bodies(&self, group: usize) -> [Option<usize>; WIDTH] {
+        let body = |lane| group * WIDTH + lane + 1;
+        std::array::from_fn(|lane| Some(body(lane)).filter(|b| *b < self.parents.len()))
+    }
+    /// Row (group + 1, the root's is 0) and lane.
+    fn place(&self, body: usize) -> (usize, usize) {
+        match body.checked_sub(1) {
+            Some(b) => (1 + b / WIDTH, b % WIDTH),
+            None => (0, 0),
         }
-        Self {
-            parents,
-            carriers,
-            groups: vec![Group::default(); groups],
-            bodies,
+    }
+    /// True if `carrier` is `body` or carries it.
+    fn carries(&self, carrier: usize, mut body: usize) -> bool {
+        while body > carrier {
+            body = self.parents[body];
         }
+        body == carrier
+    }
+}
+
+impl Group {
+    fn new(tree: &Tree, group: usize, step: &Step) -> Self {
+        let (bodies, row, parents) = (tree.bodies(group), group + 1, tree.parents);
+        let inside = |body: usize| tree.place(body).0 == row;
+        let further = |lanes: usize| {
+            let carried = |l: usize| Some((bodies[l]?, *bodies.get(l + lanes)?.as_ref()?));
+            let carries = |l| carried(l).is_some_and(|(c, b)| tree.carries(c, b));
+            ones(std::array::from_fn(carries))
+        };
+        let later = (row * WIDTH + 1..parents.len()).filter(|b| inside(parents[*b]));
+        let after = later.map(|b| {
+            let carry = bodies.map(|c| c.is_some_and(|c| tree.carries(c, b)));
+            let (row, lane) = tree.place(b);
+            (row - group - 2, lane, ones(carry))
+        });
+        let mut new = Self {
+            center: [Pack::ZERO; 3],
+            rotational: [Pack::ZERO; 6],
+            down: [1, 2, 3].map(further),
+            after: after.collect(),
+            links: [[[Pack::ZERO; 3]; 2]; WIDTH],
+            columns: [[Pack::ZERO; 3]; 2],
+            shift: Pack::ZERO,
+            rates: [Pack::ZERO; 4],
+            rows: [BodyRow::default(); WIDTH],
+            twist: [Pack::ZERO; 6],
+            sums: [Pack::ZERO; 10],
+            external: [Pack::ZERO; 6],
+        };
+        for lane in 0..WIDTH {
+            new.set_inertia(step, lane);
+            let all = |p: &Pack| Pack([p.0[lane]; WIDTH]);
+            let [_, _, xz, _, _, yz, _, _, zz] = &step.rotation;
+            new.links[lane] = [[xz, yz, zz].map(all), step.origin.each_ref().map(all)];
+        }
+        new
+    }
+
+    /// From moments about the origin; without mass, the centre is the origin.
+    fn set_inertia(&mut self, step: &Step, lane: usize) {
+        let [m, hx, hy, hz, second @ ..] = step.inertia.each_ref().map(|p| p.0[lane]);
+        let h = [hx, hy, hz];
+        let c = h.map(|h| if m == 0.0 { 0.0 } else { h / m });
+        let places = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+        let s: [f64; 6] = std::array::from_fn(|k| second[k] - h[places[k].0] * c[places[k].1]);
+        for (k, (i, j)) in places.into_iter().enumerate() {
+            let trace = if i == j { s[0] + s[3] + s[5] } else { 0.0 };
+            self.rotational[k].0[lane] = trace - s[k];
+        }
+        for (pack, c) in self.center.iter_mut().zip(c) {
+            pack.0[lane] = c;
+        }
+    }
+
+    /// Keeps the first `N` sums of the bodies by themselves.
+    #[inline(always)]
+    pub(crate) fn set_sums<L: Lanes, const N: usize>(&mut self, own: [L; N]) {
+        let mut k = 0;
+        while k < N {
+            own[k].store(&mut self.sums[k]);
+            k += 1;
+        }
+    }
+
+    /// Adds to the first `N` sums of each body those of all that it carries; `later`: the groups after
+    /// this one, which have done so.
+    #[inline(always)]
+    pub(crate) fn add_carried<L: Lanes, const N: usize, const ARM: bool>(
+        &mut self,
+        later: &[Group],
+    ) -> [L; N] {
+        let mut sum = [L::splat(0.0); N];
+        let mut k = 0;
+        if ARM {
+            while k < N {
+                let x = L::load(&self.sums[k]);
+                let two = x + x.down_one();
+                sum[k] = two + two.down_two();
+                if let Some(next) = later.first() {
+                    sum[k] = sum[k] + L::splat(next.sums[k].0[0]);
+                }
+                k += 1;
+            }
+        } else {
+            let [one, two, three] = load_all::<L, 3>(&self.down);
+            while k < N {
+                let x = L::load(&self.sums[k]);
+                let (by_one, by_two) = (x.down_one(), x.down_two());
+                let by_three = by_two.down_one();
+                sum[k] = by_three.mul_add(three, by_two.mul_add(two, by_one.mul_add(one, x)));
+                k += 1;
+            }
+            for (group, lane, carry) in &self.after {
+                let (carried, carry) = (&later[*group].sums, L::load(carry));
+                let mut k = 0;
+                while k < N {
+                    sum[k] = L::splat(carried[k].0[*lane % WIDTH]).mul_add(carry, sum[k]);
+                    k += 1;
+                }
+            }
+        }
+        self.set_sums(sum);
+        sum
     }
 }
 
@@ -79,45 +261,90 @@ impl InOrder {
 #[derive(Clone, Copy)]
 pub(crate) struct Placement<L> {
     pub(crate) columns: [L; 3],
-    pub(crate) position: L,
+    position: L,
 }
 
 impl<L: Lanes> Placement<L> {
     #[inline(always)]
     pub(crate) fn load(body: &BodyRow) -> Self {
-        let [x, y, z] = &body.columns;
+        let (x, z) = (L::load(&body.x), L::load(&body.z));
         Self {
-            columns: [L::load(x), L::load(y), L::load(z)],
+            columns: [x, z.cross_in_lanes(x), z],
             position: L::load(&body.position),
         }
     }
     #[inline(always)]
     pub(crate) fn store(&self, body: &mut BodyRow) {
-        store_all(self.columns, &mut body.columns);
+        let [x, _, z] = self.columns;
+        x.store(&mut body.x);
+        z.store(&mut body.z);
         self.position.store(&mut body.position);
+    }
+    /// `b` and a vector of this frame, its components in all lanes, in the root's axes.
+    #[inline(always)]
+    fn rotate_add(&self, v: &[Pack; 3], b: L) -> L {
+        let ([x, y, z], [vx, vy, vz]) = (self.columns, v);
+        let sum = y.mul_add(L::load(vy), x.mul_add(L::load(vx), b));
+        z.mul_add(L::load(vz), sum)
     }
     /// A vector of this frame, lane `lane` of `v`, in the root's axes.
     #[inline(always)]
-    fn rotate(&self, v: [&Pack; 3], lane: usize) -> L {
-        let ([x, y, z], lane) = (self.columns, lane % WIDTH);
+    fn rotate(&self, v: &[Pack; 3], lane: usize) -> L {
+        let [x, y, z] = self.columns;
         let sum = y.mul_add(L::splat(v[1].0[lane]), x * L::splat(v[0].0[lane]));
         z.mul_add(L::splat(v[2].0[lane]), sum)
     }
     /// The child in a lane of a group, and its origin from this one's.
     #[inline(always)]
-    pub(crate) fn child(&self, group: &Group, lane: usize) -> (Self, L) {
-        let [a, b, c, d, e, f, g, h, i] = &group.rotation;
-        let [x, y, z] = &group.origin;
-        let arm = self.rotate([x, y, z], lane);
+    pub(crate) fn child<const ARM: bool>(&self, group: &Group, lane: usize) -> (Self, L) {
+        let ([axis, origin], [x, y]) = (&group.links[lane], &group.columns);
+        let zero = L::splat(0.0);
+        let z = self.rotate_add(axis, zero);
+        let mut arm = self.rotate_add(origin, zero);
+        if !ARM {
+            arm = z.mul_add(L::splat(group.shift.0[lane]), arm);
+        }
         let child = Self {
-            columns: [
-                self.rotate([a, d, g], lane),
-                self.rotate([b, e, h], lane),
-                self.rotate([c, f, i], lane),
-            ],
+            columns: [self.rotate(x, lane), self.rotate(y, lane), z],
             position: self.position + arm,
         };
         (child, arm)
+    }
+}
+
+/// The row of a body, the root's included.
+#[inline(always)]
+pub(crate) fn row_of<'a>(root: &'a BodyRow, groups: &'a [Group], body: usize) -> &'a BodyRow {
+    match body.checked_sub(1) {
+        Some(b) => &groups[b / WIDTH].rows[b % WIDTH],
+        None => root,
+    }
+}
+
+/// Rotations and shifts of four bodies in their parents' frames.
+#[inline(always)]
+pub(crate) fn rotate_in_parents<L: Lanes, const ARM: bool>(
+    step: &Step,
+    group: &mut Group,
+    q: &[f64],
+) {
+    let q: L = of_joints(q, step);
+    let offset = L::load(&step.angle_offset);
+    let angle = if ARM {
+        q + offset
+    } else {
+        q.mul_add(L::load(&step.revolute_ratio), offset)
+    };
+    let (sin, cos) = sin_cos(angle);
+    let [a, b, _, c, d, _, e, f, _] = &step.rotation;
+    let x = V3::<L>::new(L::load(a), L::load(c), L::load(e));
+    let y = V3::new(L::load(b), L::load(d), L::load(f));
+    let [to_x, to_y] = &mut group.columns;
+    x.scale(cos).add_scaled(sin, y).store(to_x);
+    y.scale(cos).sub_scaled(sin, x).store(to_y);
+    if !ARM {
+        let shift = q.mul_add(L::load(&step.prismatic_ratio), L::load(&step.shift_offset));
+        shift.store(&mut group.shift);
     }
 }
 
@@ -143,81 +370,32 @@ pub(crate) fn add_to_joints<L: Lanes>(numbers: L, x: &mut [f64], step: &Step) {
     }
 }
 
-/// Rotations and origins of four bodies in their parents' frames.
+/// One vector of each of four bodies.
 #[inline(always)]
-pub(crate) fn place_in_parents<L: Lanes>(step: &Step, group: &mut Group, q: &[f64]) {
-    let q: L = gather(q, &step.joints);
-    let angle = q.mul_add(L::load(&step.revolute_ratio), L::load(&step.angle_offset));
-    let (sin, cos) = sin_cos(angle);
-    let rotation = M3::<L>::load(&step.rotation);
-    rotation
-        .times_rotation_z(cos, sin)
-        .store(&mut group.rotation);
-    let shift = q.mul_add(L::load(&step.prismatic_ratio), L::load(&step.shift_offset));
-    let origin = V3::load(&step.origin).add_scaled(shift, rotation.third_column());
-    origin.store(&mut group.origin);
-}
-
-/// One vector of four bodies, by component, and the fourth component.
-#[inline(always)]
-pub(crate) fn of_bodies<L: Lanes>(
-    bodies: &[BodyRow; WIDTH],
-    part: fn(&BodyRow) -> &Pack,
-) -> (V3<L>, L) {
+pub(crate) fn of_bodies<L: Lanes>(bodies: &[BodyRow; WIDTH], part: fn(&BodyRow) -> &Pack) -> V3<L> {
     let [a, b, c, d] = bodies;
-    let [x, y, z, w] = L::load_transposed([part(a), part(b), part(c), part(d)]);
-    (V3::new(x, y, z), w)
+    let [x, y, z, _] = L::load_transposed([part(a), part(b), part(c), part(d)]);
+    V3::new(x, y, z)
 }
 
-/// Rotations of four bodies, by rows, from the lane frames to the root's axes, transposed.
+/// Rotations from the lane frames and origins of four bodies, in the root's frame.
 #[inline(always)]
-pub(crate) fn rotations_back<L: Lanes>(bodies: &[BodyRow; WIDTH]) -> M3<L> {
-    let (x, _) = of_bodies::<L>(bodies, |b| &b.columns[0]);
-    let (z, _) = of_bodies::<L>(bodies, |b| &b.columns[2]);
-    M3(x, z.cross(x), z)
+pub(crate) fn placements<L: Lanes>(bodies: &[BodyRow; WIDTH]) -> (M3<L>, V3<L>) {
+    let x = of_bodies::<L>(bodies, |b| &b.x);
+    let z = of_bodies::<L>(bodies, |b| &b.z);
+    let rotation = M3(x, z.cross(x), z).transpose();
+    (rotation, of_bodies(bodies, |b| &b.position))
 }
 
-/// Stores four numbers of four bodies as one register of each.
+/// Two vectors, one after the other.
 #[inline(always)]
-pub(crate) fn to_bodies<L: Lanes>(
-    numbers: [L; WIDTH],
-    bodies: &mut [BodyRow; WIDTH],
-    part: fn(&mut BodyRow) -> &mut Pack,
-) {
-    let [a, b, c, d] = L::transpose(numbers);
-    let [to_a, to_b, to_c, to_d] = bodies;
-    a.store(part(to_a));
-    b.store(part(to_b));
-    c.store(part(to_c));
-    d.store(part(to_d));
+pub(crate) fn load_pair<L: Lanes>(p: &[Pack; 6]) -> (V3<L>, V3<L>) {
+    let [ax, ay, az, bx, by, bz] = load_all(p);
+    (V3::new(ax, ay, az), V3::new(bx, by, bz))
 }
 
-/// Adds the first `N` sums of every body to those of the bodies that carry it.
+/// Stores two vectors, one after the other.
 #[inline(always)]
-pub(crate) fn add_to_parents<L: Lanes, const N: usize>(parents: &[usize], bodies: &mut [BodyRow]) {
-    let mut sum = [L::splat(0.0); N];
-    for b in (1..parents.len()).rev() {
-        let mut k = 0;
-        while k < N {
-            sum[k] = sum[k] + L::load(&bodies[b].sums[k]);
-            sum[k].store(&mut bodies[b].sums[k]);
-            k += 1;
-        }
-        // A chain's sum stays in registers.
-        let parent = parents[b];
-        if parent + 1 != b {
-            add(&sum, &mut bodies[parent]);
-            sum = [L::splat(0.0); N];
-        }
-    }
-    add(&sum, &mut bodies[0]);
-}
-
-#[inline(always)]
-fn add<L: Lanes, const N: usize>(sum: &[L; N], to: &mut BodyRow) {
-    let mut k = 0;
-    while k < N {
-        (sum[k] + L::load(&to.sums[k])).store(&mut to.sums[k]);
-        k += 1;
-    }
+pub(crate) fn store_pair<L: Lanes>((a, b): (V3<L>, V3<L>), p: &mut [Pack; 6]) {
+    store_all([a.x, a.y, a.z, b.x, b.y, b.z], p);
 }

@@ -48,6 +48,8 @@ pub(crate) struct Step {
     /// Mass, first moment, and second moments about the origin (xx xy xz yy yz zz), in the
     /// lane frame.
     pub(crate) inertia: [Pack; 10],
+    /// Inertia that the motors of the lanes' own joints add (`Joint::armature`).
+    pub(crate) armature: Pack,
     /// Columns of the lanes' joints in `M`, or `NOWHERE`.
     pub(crate) columns: [usize; WIDTH],
     /// The bodies themselves, their parents and so on up to the root's children, where listed.
@@ -77,8 +79,6 @@ pub(crate) struct LaneSchedule {
     pub(crate) to_body: Vec<Matrix3<f64>>,
     /// True if rows are bodies in their order (see `in_order`); else limbs stand side by side.
     pub(crate) in_order: bool,
-    /// True if some joint is prismatic.
-    pub(crate) slides: bool,
     /// False where joints are mimicked or a limb is so long that lists of ancestors fill the memory.
     pub(crate) lists_ancestors: bool,
 }
@@ -88,6 +88,7 @@ pub(crate) struct LaneSchedule {
 /// rounding than the recursion where light bodies hang on heavy ones.
 const FILLED: f64 = 0.6;
 const MOST_IN_ORDER: usize = 10;
+const _: () = assert!(MOST_IN_ORDER <= crate::in_order::MOST_GROUPS * WIDTH);
 /// Lists of ancestors of all rows together.
 const MOST_ANCESTORS: usize = 20_000;
 
@@ -119,7 +120,6 @@ impl LaneSchedule {
         let ancestors: usize = rows.iter().filter_map(deepest).sum();
         let mut schedule = LaneSchedule {
             in_order,
-            slides: bodies.iter().any(|b| !b.kind.is_revolute()),
             lists_ancestors: bodies.len() == model.joint_count + 1
                 && (in_order || ancestors <= MOST_ANCESTORS),
             steps: Vec::new(),
@@ -138,6 +138,12 @@ impl LaneSchedule {
             schedule.steps.push(step);
         }
         schedule
+    }
+
+    /// `body`: the one that the joint moves itself.
+    pub(crate) fn set_armature(&mut self, body: usize, armature: f64) {
+        let (row, lane) = self.place[body];
+        self.steps[row - 1].armature.0[lane] = armature;
     }
 
     /// Passes on the external wrenches of all bodies but the root: row, lane, force and moment in
@@ -198,6 +204,7 @@ impl LaneSchedule {
             prismatic_ratio: Pack::ZERO,
             shift_offset: Pack::ZERO,
             inertia: [Pack::ZERO; 10],
+            armature: Pack::ZERO,
             columns: [NOWHERE; WIDTH],
             ancestors: Vec::new(),
         };

@@ -144,13 +144,15 @@ impl Model {
         debug_assert!(armature.is_finite() && armature >= 0.0);
         if let Some(j) = self.joints.get_mut(joint) {
             j.armature = armature;
+            self.schedule.set_armature(j.body, armature);
         }
     }
     /// Sets the armature of every joint of which the URDF gives gear ratio and rotor inertia.
     pub fn apply_rotor_inertias(&mut self) {
-        for joint in &mut self.joints {
-            if let (Some(ratio), Some(inertia)) = (joint.gear_ratio, joint.rotor_inertia) {
-                joint.armature = ratio * ratio * inertia;
+        for joint in 0..self.joints.len() {
+            let j = &self.joints[joint];
+            if let (Some(ratio), Some(inertia)) = (j.gear_ratio, j.rotor_inertia) {
+                self.set_armature(joint, ratio * ratio * inertia);
             }
         }
     }

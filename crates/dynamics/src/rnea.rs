@@ -10,6 +10,7 @@
 mod in_order;
 
 use crate::data::Data;
+use crate::in_order::BodyRow;
 use crate::kinematics::{base_placement, six};
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
@@ -30,41 +31,68 @@ pub fn rnea<'d>(
     a: &[f64],
     f_ext: Option<&[Force]>,
 ) -> &'d [f64] {
-    let (bv, bq) = model.base_size();
     debug_assert!(q.len() >= model.nq() && v.len() >= model.nv() && a.len() >= model.nv());
-    let root = RootMotion::new(model, q, v, a);
-    let tail = |x: &'_ [f64], n: usize| n.min(x.len())..x.len();
-    let (q, v, a) = (&q[tail(q, bq)], &v[tail(v, bv)], &a[tail(a, bv)]);
-    let tau = &mut data.tau[bv..];
+    match (model.base, model.schedule.in_order) {
+        (Base::Fixed, true) => in_order::torques(model, data, [q, v, a], f_ext),
+        (Base::Fixed, false) => {
+            side_by_side(model, data, &RootMotion::fixed(model), [q, v, a], f_ext);
+        }
+        (Base::Floating, in_order) => floating(model, data, in_order, [q, v, a], f_ext),
+    }
+    &data.tau[..model.nv()]
+}
+
+/// `rnea` of a floating base, too.
+fn floating(
+    model: &Model,
+    data: &mut Data,
+    in_order: bool,
+    [q, v, a]: [&[f64]; 3],
+    f_ext: Option<&[Force]>,
+) {
+    let (bv, bq) = model.base_size();
+    let joints = [(q, bq), (v, bv), (a, bv)].map(|(x, base)| &x[base.min(x.len())..]);
+    let root = RootMotion::floating(model, q, v, a);
+    let children = if in_order {
+        root.store_in_order(&mut data.in_order.root);
+        in_order::torques(model, data, joints, f_ext);
+        data.in_order.wrench_of_root()
+    } else {
+        side_by_side(model, data, &root, joints, f_ext);
+        let sum = |p: &[Pack; 3]| Vector3::from(p.each_ref().map(|p| p.0.iter().sum()));
+        Force::new(sum(&data.rnea[0].f), sum(&data.rnea[0].n))
+    };
+    let mut total = root.own_wrench(&model.bodies[0].inertia) + children;
+    if let Some(f) = f_ext.and_then(|f| f.first()) {
+        total -= *f;
+    }
+    data.tau[..6].copy_from_slice(&total.to_array());
+}
+
+/// `rnea` of the joints, limbs side by side.
+fn side_by_side(
+    model: &Model,
+    data: &mut Data,
+    root: &RootMotion,
+    [q, v, a]: [&[f64]; 3],
+    f_ext: Option<&[Force]>,
+) {
+    root.store(&mut data.rnea[0]);
+    let tau = &mut data.tau[model.base_size().0..];
     tau.fill(0.0);
     for ((t, joint), a) in tau.iter_mut().zip(&model.joints).zip(a) {
         *t = joint.armature * a;
     }
-    let children = if model.schedule.in_order {
-        in_order::run_in_order(model, data, &root, [q, v, a], f_ext)
-    } else {
-        root.store(&mut data.rnea[0]);
-        let kernel = Rnea {
-            schedule: &model.schedule,
-            rows: &mut data.rnea,
-            q,
-            v,
-            a,
-            f_ext,
-            tau,
-        };
-        run(data.instructions, kernel);
-        let sum = |p: &[Pack; 3]| Vector3::from(p.each_ref().map(|p| p.0.iter().sum()));
-        Force::new(sum(&data.rnea[0].f), sum(&data.rnea[0].n))
+    let kernel = Rnea {
+        schedule: &model.schedule,
+        rows: &mut data.rnea,
+        q,
+        v,
+        a,
+        f_ext,
+        tau,
     };
-    if model.base == Base::Floating {
-        let mut total = root.own_wrench(&model.bodies[0].inertia) + children;
-        if let Some(f) = f_ext.and_then(|f| f.first()) {
-            total -= *f;
-        }
-        data.tau[..6].copy_from_slice(&total.to_array());
-    }
-    &data.tau[..model.nv()]
+    run(data.instructions, kernel);
 }
 
 /// `nle(q, v)`: Coriolis, centrifugal and gravity torques (nv).
@@ -92,21 +120,27 @@ struct RootMotion {
 }
 
 impl RootMotion {
-    #[inline]
-    fn new(model: &Model, q: &[f64], v: &[f64], a: &[f64]) -> Self {
-        let mut root = Self {
+    fn fixed(model: &Model) -> Self {
+        Self {
             omega: Vector3::zeros(),
             alpha: Vector3::zeros(),
             a: -model.gravity,
-        };
-        if model.base == Base::Floating {
-            let (v, a) = (six(v), six(a));
-            (root.omega, root.alpha) = (v.angular, a.angular);
-            let up = base_placement(model, q).rotation.tr_mul(&root.a);
-            //= F Table 5.1: a_0 = -a_g, of a floating base a_0 = a - a_g
-            root.a = up + a.linear + root.omega.cross(&v.linear);
         }
-        root
+    }
+    fn floating(model: &Model, q: &[f64], v: &[f64], a: &[f64]) -> Self {
+        let (v, a) = (six(v), six(a));
+        let up = base_placement(model, q).rotation.tr_mul(&-model.gravity);
+        Self {
+            omega: v.angular,
+            alpha: a.angular,
+            //= F Table 5.1: a_0 = -a_g, of a floating base a_0 = a - a_g
+            a: up + a.linear + v.angular.cross(&v.linear),
+        }
+    }
+    /// To the root's row of bodies in their order.
+    fn store_in_order(&self, row: &mut BodyRow) {
+        let pack = |x: &Vector3<f64>| Pack([x.x, x.y, x.z, 0.0]);
+        (row.omega, row.alpha, row.a) = (pack(&self.omega), pack(&self.alpha), pack(&self.a));
     }
     /// To all lanes of the root's row.
     fn store(&self, row: &mut RneaRow) {

@@ -5,7 +5,7 @@ mod support;
 use dynamics::*;
 use nalgebra::{DVector, Matrix6xX, Vector3, Vector6};
 use proptest::prelude::*;
-use support::{Kind, error, random_model, random_state, textbook};
+use support::{Kind, error, random_model, random_state, random_urdf, textbook};
 
 fn kinds() -> impl Strategy<Value = (u64, Kind)> {
     let flags = any::<[bool; 4]>();
@@ -49,6 +49,33 @@ proptest! {
         let mut data = Data::new(&model);
         let tau = rnea(&model, &mut data, &q, &v, &a, Some(&f));
         prop_assert!(error(tau, &expected) < 1e-12, "{}", error(tau, &expected));
+    }
+
+    /// The same of serial arms, each joint revolute, which have a path of their own; and their mass matrix.
+    #[test]
+    fn serial_arms_agree_with_the_textbook((seed, kind) in kinds(), links in 2..13usize) {
+        let kind = Kind { links, chain: true, mimic: false, ..kind };
+        let text = random_urdf(seed, kind).replace("prismatic", "revolute");
+        let mut model = Model::from_urdf(&text, "arm.urdf", kind.base).unwrap();
+        for joint in 0..model.joint_count() {
+            model.set_armature(joint, 0.01 * (joint % 3) as f64);
+        }
+        let [q, v, a] = random_state(seed, &model);
+        let f = wrenches(seed, &model);
+        let mut data = Data::new(&model);
+        for instructions in [Instructions::detect(), Instructions::Portable] {
+            data.set_instructions(instructions);
+            let expected = textbook::inverse_dynamics(&model, [&q, &v, &a], &f);
+            let tau = rnea(&model, &mut data, &q, &v, &a, Some(&f));
+            prop_assert!(error(tau, &expected) < 1e-12, "{}", error(tau, &expected));
+            let none = vec![Force::zero(); model.bodies().len()];
+            let (zero, m) = (vec![0.0; model.nv()], crba(&model, &mut data, &q).clone());
+            let still = textbook::inverse_dynamics(&model, [&q, &zero, &zero], &none);
+            let moved = textbook::inverse_dynamics(&model, [&q, &zero, &a], &none);
+            let expected: Vec<f64> = moved.iter().zip(&still).map(|(m, s)| m - s).collect();
+            let product = &m * DVector::from_column_slice(&a);
+            prop_assert!(error(product.as_slice(), &expected) < 1e-11);
+        }
     }
 
     /// M a + nle = rnea; M is symmetric.

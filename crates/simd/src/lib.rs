@@ -14,7 +14,7 @@ mod vector;
 
 pub use matrix::M3;
 pub use sin_cos::sin_cos;
-pub use vector::{Places, V3, scatter_add, store_all};
+pub use vector::{Places, V3, load_all, scatter_add, store_all};
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -71,6 +71,10 @@ pub trait Lanes:
     fn max(self, o: Self) -> Self;
     /// 2 to the power of whole numbers within ±1022.
     fn exp2_of_integer(self) -> Self;
+    /// The second to fourth number, then zero.
+    fn down_one(self) -> Self;
+    /// The third and fourth number, then zeros.
+    fn down_two(self) -> Self;
     /// The second, third, first and fourth number.
     fn turn_three(self) -> Self;
     /// The transpose of four rows.
@@ -187,11 +191,11 @@ impl Instructions {
 #[inline]
 pub fn run<K: Kernel>(instructions: Instructions, kernel: K) -> K::Output {
     match instructions {
-        Instructions::Portable => kernel.run::<portable::Portable>(),
+        Instructions::Portable => portable::run(kernel),
         #[cfg(target_arch = "x86_64")]
         Instructions::Avx2 => avx2::run(kernel),
         #[cfg(not(target_arch = "x86_64"))]
-        Instructions::Avx2 => kernel.run::<portable::Portable>(),
+        Instructions::Avx2 => portable::run(kernel),
     }
 }
 

@@ -1,7 +1,15 @@
 //! Any processor: four numbers in an array, which the compiler vectorises where it can.
 
-use crate::{Lanes, Pack, ROUNDS, SINGLE_ROUNDS, SINGLE_WIDTH, SingleLanes, SinglePack, WIDTH};
+use crate::{
+    Kernel, Lanes, Pack, ROUNDS, SINGLE_ROUNDS, SINGLE_WIDTH, SingleLanes, SinglePack, WIDTH,
+};
 use std::ops::{Add, Mul, Neg, Sub};
+
+/// Runs a kernel. (Apart, so that callers stay small where another implementation runs.)
+#[inline(never)]
+pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<Portable>()
+}
 
 #[derive(Clone, Copy)]
 pub(super) struct Portable([f64; WIDTH]);
@@ -68,6 +76,16 @@ impl Lanes for Portable {
             self.0
                 .map(|k| f64::from_bits(((k + ROUNDS).to_bits() << 52).wrapping_add(one))),
         )
+    }
+    #[inline(always)]
+    fn down_one(self) -> Self {
+        let [_, y, z, w] = self.0;
+        Portable([y, z, w, 0.0])
+    }
+    #[inline(always)]
+    fn down_two(self) -> Self {
+        let [_, _, z, w] = self.0;
+        Portable([z, w, 0.0, 0.0])
     }
     #[inline(always)]
     fn turn_three(self) -> Self {

@@ -205,3 +205,15 @@ pub fn store_all<L: Lanes, const N: usize>(x: [L; N], p: &mut [Pack; N]) {
         k += 1;
     }
 }
+
+/// Several numbers from memory.
+#[inline(always)]
+pub fn load_all<L: Lanes, const N: usize>(p: &[Pack; N]) -> [L; N] {
+    let mut x = [L::splat(0.0); N];
+    let mut k = 0;
+    while k < N {
+        x[k] = L::load(&p[k]);
+        k += 1;
+    }
+    x
+}

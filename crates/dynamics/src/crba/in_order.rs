@@ -2,8 +2,7 @@
 
 use super::{axis_and_momentum, couple_with_base, own_moments};
 use crate::in_order::{
-    BodyRow, Group, InOrder, Placement, add_to_parents, of_bodies, place_in_parents,
-    rotations_back, to_bodies,
+    BodyRow, Group, InOrder, MOST_GROUPS, Placement, placements, rotate_in_parents, row_of,
 };
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::rows::CrbaRow;
@@ -28,48 +27,58 @@ impl Kernel for CrbaInOrder<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let InOrder {
-            parents,
-            carriers,
-            groups,
-            bodies,
-        } = self.memory;
-        let steps = &self.schedule.steps;
-        if !self.placed {
-            place::<L>(parents, steps, groups, bodies, self.q);
+        match (self.memory.groups.len(), self.memory.arm) {
+            (1, true) => self.run_sized::<L, 1, true>(),
+            (2, true) => self.run_sized::<L, 2, true>(),
+            (MOST_GROUPS, true) => self.run_sized::<L, MOST_GROUPS, true>(),
+            (1, false) => self.run_sized::<L, 1, false>(),
+            (2, false) => self.run_sized::<L, 2, false>(),
+            (MOST_GROUPS, false) => self.run_sized::<L, MOST_GROUPS, false>(),
+            _ => {}
         }
-        let (root, moving) = bodies.split_at_mut(1);
-        root[0].sums = [Pack::ZERO; 3];
-        let (fours, _) = moving.as_chunks_mut::<WIDTH>();
-        for ((step, row), four) in steps.iter().zip(&mut self.rows[1..]).zip(fours) {
-            let r = rotations_back::<L>(four).transpose();
-            let (p, _) = of_bodies::<L>(four, |b| &b.position);
+    }
+}
+
+impl CrbaInOrder<'_> {
+    #[inline(always)]
+    fn run_sized<L: Lanes, const GROUPS: usize, const ARM: bool>(self) {
+        let (Some(steps), Some(groups), Some(rows)) = (
+            self.schedule.steps.first_chunk::<GROUPS>(),
+            self.memory.groups.first_chunk_mut::<GROUPS>(),
+            self.rows[1..].first_chunk_mut::<GROUPS>(),
+        ) else {
+            return;
+        };
+        if !self.placed {
+            let (root, parents) = (&self.memory.root, &self.memory.parents);
+            place::<L, GROUPS, ARM>(steps, groups, root, parents, self.q);
+        }
+        for g in 0..GROUPS {
+            let (group, row) = (&mut groups[g], &mut rows[g]);
+            let (rotation, position) = placements::<L>(&group.rows);
             // The axes alone are used again.
             let [_, _, zx, _, _, zy, _, _, zz] = &mut row.rotation;
-            let z = r.third_column();
+            let z = rotation.third_column();
             z.x.store(zx);
             z.y.store(zy);
             z.z.store(zz);
-            p.store(&mut row.translation);
-            let (m, h, [xx, xy, xz, yy, yz, zz]) = own_moments(step, r, p);
-            let zero = L::splat(0.0);
-            to_bodies([h.x, h.y, h.z, m], four, |b| &mut b.sums[0]);
-            to_bodies([xx, xy, xz, yy], four, |b| &mut b.sums[1]);
-            to_bodies([yz, zz, zero, zero], four, |b| &mut b.sums[2]);
+            position.store(&mut row.translation);
+            let (m, h, [xx, xy, xz, yy, yz, zz]) = own_moments(&steps[g], rotation, position);
+            group.set_sums([m, h.x, h.y, h.z, xx, xy, xz, yy, yz, zz]);
         }
-        //= F Table 6.2: I_lambda^c = I_lambda^c + lambdaX*_i I_i^c iX_lambda (X = 1 in the root's axes)
-        add_to_parents::<L, 3>(parents, bodies);
-        let (fours, _) = bodies[1..].as_chunks::<WIDTH>();
-        for ((step, row), four) in steps.iter().zip(&mut self.rows[1..]).zip(fours) {
-            let (h, m) = of_bodies::<L>(four, |b| &b.sums[0]);
-            let (s, yy) = of_bodies::<L>(four, |b| &b.sums[1]);
-            let (rest, _) = of_bodies::<L>(four, |b| &b.sums[2]);
+        for g in (0..GROUPS).rev() {
+            let (before, later) = groups.split_at_mut(g + 1);
+            let row = &mut rows[g];
+            //= F Table 6.2: I_lambda^c = I_lambda^c + lambdaX*_i I_i^c iX_lambda (X = 1 in the root's axes)
+            let [m, hx, hy, hz, s @ ..] = before[g].add_carried::<L, 10, ARM>(later);
             m.store(&mut row.mass);
-            h.store(&mut row.h);
-            simd::store_all([s.x, s.y, s.z, yy, rest.x, rest.y], &mut row.s);
-            axis_and_momentum::<L>(step, row);
+            simd::store_all([hx, hy, hz], &mut row.h);
+            simd::store_all(s, &mut row.s);
+            axis_and_momentum::<L>(&steps[g], row);
         }
-        keep_root(&bodies[0].sums, &mut self.rows[0]);
+        if self.base_size > 0 {
+            keep_root(&self.memory.of_root(), &mut self.rows[0]);
+        }
         let Some(m) = self.m else { return };
         if self.base_size > 0 {
             for (step, row) in steps.iter().zip(&self.rows[1..]) {
@@ -77,7 +86,13 @@ impl Kernel for CrbaInOrder<'_> {
             }
         }
         let (base, nv) = (self.base_size, self.nv);
-        couple::<L>(carriers, &self.rows[1..], &mut m[base * nv..], base, nv);
+        couple::<L>(
+            &self.memory.carriers,
+            &self.rows[1..],
+            &mut m[base * nv..],
+            base,
+            nv,
+        );
         for column in base + 1..nv {
             for row in base..column {
                 m[row * nv + column] = m[column * nv + row];
@@ -86,36 +101,38 @@ impl Kernel for CrbaInOrder<'_> {
     }
 }
 
-/// Placements of all bodies in the root's frame.
+/// Places all bodies in the root's frame.
 #[inline(always)]
-fn place<L: Lanes>(
+fn place<L: Lanes, const GROUPS: usize, const ARM: bool>(
+    steps: &[Step; GROUPS],
+    groups: &mut [Group; GROUPS],
+    root: &BodyRow,
     parents: &[usize],
-    steps: &[Step],
-    groups: &mut [Group],
-    bodies: &mut [BodyRow],
     q: &[f64],
 ) {
     for (step, group) in steps.iter().zip(groups.iter_mut()) {
-        place_in_parents::<L>(step, group, q);
+        rotate_in_parents::<L, ARM>(step, group, q);
     }
-    let mut last = Placement::<L>::load(&bodies[0]);
-    for (b, &parent) in parents.iter().enumerate().skip(1) {
-        if parent + 1 != b {
-            last = Placement::load(&bodies[parent]);
+    let mut last = Placement::<L>::load(root);
+    for g in 0..GROUPS {
+        for lane in 0..WIDTH {
+            let b = g * WIDTH + lane + 1;
+            let Some(&parent) = parents.get(b) else {
+                return;
+            };
+            if !ARM && parent + 1 != b {
+                last = Placement::load(row_of(root, groups, parent));
+            }
+            last = last.child::<ARM>(&groups[g], lane).0;
+            last.store(&mut groups[g].rows[lane]);
         }
-        last = last.child(&groups[(b - 1) / WIDTH], (b - 1) % WIDTH).0;
-        last.store(&mut bodies[b]);
     }
 }
 
 /// The whole robot's moments, where the limbs side by side leave them.
-fn keep_root(sums: &[Pack; 3], root: &mut CrbaRow) {
-    let one = |x: f64| Pack([x, 0.0, 0.0, 0.0]);
-    let [h, s, rest] = sums;
-    root.mass = one(h.0[3]);
-    root.h = std::array::from_fn(|k| one(h.0[k]));
-    let [yz, zz, ..] = rest.0;
-    root.s = [s.0[0], s.0[1], s.0[2], s.0[3], yz, zz].map(one);
+fn keep_root(sums: &[f64; 10], root: &mut CrbaRow) {
+    let [m, hx, hy, hz, s @ ..] = sums.map(|x| Pack([x, 0.0, 0.0, 0.0]));
+    (root.mass, root.h, root.s) = (m, [hx, hy, hz], s);
 }
 
 /// Entries of every joint with itself and those that carry it: its momentum against the twists of

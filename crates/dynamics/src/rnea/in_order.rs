@@ -1,81 +1,135 @@
 //! Recursive Newton-Euler for bodies in their order (see `in_order`).
 
-use super::{RootMotion, own_wrench};
 use crate::data::Data;
 use crate::in_order::{
-    BodyRow, Group, InOrder, Placement, add_to_joints, add_to_parents, of_bodies, of_joints,
-    place_in_parents, rotations_back, to_bodies,
+    BodyRow, Group, InOrder, MOST_GROUPS, Placement, add_to_joints, load_pair, of_bodies,
+    of_joints, placements, rotate_in_parents, row_of, store_pair,
 };
 use crate::lane_schedule::{LaneSchedule, Step};
-use crate::model::Model;
+use crate::model::{Base, Model};
 use crate::spatial::Force;
-use nalgebra::Vector3;
-use simd::{Kernel, Lanes, Pack, V3, WIDTH, store_all};
+use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, store_all};
 
-/// `rnea` on bodies in their order, the root's motion among them; adds to `tau`.
-pub(super) struct RneaInOrder<'a> {
-    pub(super) schedule: &'a LaneSchedule,
-    pub(super) memory: &'a mut InOrder,
-    pub(super) q: &'a [f64],
-    pub(super) v: &'a [f64],
-    pub(super) a: &'a [f64],
-    pub(super) f_ext: Option<&'a [Force]>,
-    pub(super) tau: &'a mut [f64],
+/// `rnea` on bodies in their order.
+struct RneaInOrder<'a> {
+    schedule: &'a LaneSchedule,
+    memory: &'a mut InOrder,
+    q: &'a [f64],
+    v: &'a [f64],
+    a: &'a [f64],
+    f_ext: Option<&'a [Force]>,
+    tau: &'a mut [f64],
 }
 
 impl Kernel for RneaInOrder<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let InOrder {
-            parents,
-            groups,
-            bodies,
-            ..
-        } = self.memory;
-        let steps = &self.schedule.steps;
-        for (step, group) in steps.iter().zip(groups.iter_mut()) {
-            place_in_parents::<L>(step, group, self.q);
-            let (v, a): (L, L) = (of_joints(self.v, step), of_joints(self.a, step));
-            let (r, p) = (
-                L::load(&step.revolute_ratio),
-                L::load(&step.prismatic_ratio),
-            );
-            store_all([v * r, a * r, v * p, a * p], &mut group.rates);
-        }
-        let slides = self.schedule.slides;
-        let mut last = Moving::<L>::load(&bodies[0]);
-        for (b, &parent) in parents.iter().enumerate().skip(1) {
-            if parent + 1 != b {
-                last = Moving::load(&bodies[parent]);
-            }
-            let (group, lane) = ((b - 1) / WIDTH, (b - 1) % WIDTH);
-            last = last.child(&groups[group], lane, slides);
-            last.store(&mut bodies[b]);
-        }
-        let (root, moving) = bodies.split_at_mut(1);
-        root[0].sums = [Pack::ZERO; 3];
-        let (fours, _) = moving.as_chunks_mut::<WIDTH>();
-        for ((step, group), four) in steps.iter().zip(groups.iter_mut()).zip(&mut *fours) {
-            own_wrenches::<L>(step, group, four);
-        }
-        if let Some(f_ext) = self.f_ext {
-            self.schedule.for_each_wrench(f_ext, |row, lane, f, n| {
-                push(&mut fours[row - 1][lane], &f.into(), &n.into());
-            });
-        }
-        add_to_parents::<L, 2>(parents, bodies);
-        let (fours, _) = bodies[1..].as_chunks::<WIDTH>();
-        for ((step, group), four) in steps.iter().zip(&*groups).zip(fours) {
-            let (f, _) = of_bodies::<L>(four, |b| &b.sums[0]);
-            let (n, _) = of_bodies::<L>(four, |b| &b.sums[1]);
-            let [vx, vy, vz, wx, wy, wz] = &group.twist;
-            let v = V3::<L>::new(L::load(vx), L::load(vy), L::load(vz));
-            let w = V3::new(L::load(wx), L::load(wy), L::load(wz));
-            //= F Table 5.1: tau_i = S_i^T f_i
-            add_to_joints(v.dot(f) + w.dot(n), self.tau, step);
+        match (self.memory.groups.len(), self.memory.arm) {
+            (1, true) => self.run_sized::<L, 1, true>(),
+            (2, true) => self.run_sized::<L, 2, true>(),
+            (MOST_GROUPS, true) => self.run_sized::<L, MOST_GROUPS, true>(),
+            (1, false) => self.run_sized::<L, 1, false>(),
+            (2, false) => self.run_sized::<L, 2, false>(),
+            (MOST_GROUPS, false) => self.run_sized::<L, MOST_GROUPS, false>(),
+            _ => {}
         }
     }
+}
+
+impl RneaInOrder<'_> {
+    #[inline(always)]
+    fn run_sized<L: Lanes, const GROUPS: usize, const ARM: bool>(self) {
+        let InOrder {
+            parents,
+            root,
+            groups,
+            ..
+        } = self.memory;
+        let (Some(steps), Some(groups)) = (
+            self.schedule.steps.first_chunk::<GROUPS>(),
+            groups.first_chunk_mut::<GROUPS>(),
+        ) else {
+            return;
+        };
+        for (step, group) in steps.iter().zip(groups.iter_mut()) {
+            rotate_in_parents::<L, ARM>(step, group, self.q);
+            if !ARM {
+                set_rates::<L>(step, group, self.v, self.a);
+            }
+        }
+        if let Some(f_ext) = self.f_ext {
+            set_external(self.schedule, groups, f_ext);
+        }
+        let moving = parents.len() - 1;
+        let (v, a) = (
+            &self.v[..moving.min(self.v.len())],
+            &self.a[..moving.min(self.a.len())],
+        );
+        let mut last = Moving::<L>::load(root);
+        'all: for g in 0..GROUPS {
+            for lane in 0..WIDTH {
+                let b = g * WIDTH + lane;
+                let rates = if ARM {
+                    let (Some(v), Some(a)) = (v.get(b), a.get(b)) else {
+                        break 'all;
+                    };
+                    [L::splat(*v), L::splat(*a), L::splat(0.0), L::splat(0.0)]
+                } else {
+                    let Some(&parent) = parents.get(b + 1) else {
+                        break 'all;
+                    };
+                    if parent != b {
+                        last = Moving::load(row_of(root, groups, parent));
+                    }
+                    groups[g].rates.each_ref().map(|r| L::splat(r.0[lane]))
+                };
+                last = last.child::<ARM>(&groups[g], lane, rates);
+                last.store(&mut groups[g].rows[lane]);
+            }
+        }
+        for (step, group) in steps.iter().zip(groups.iter_mut()) {
+            own_wrenches::<L, ARM>(step, group, self.f_ext.is_some());
+        }
+        for g in (0..GROUPS).rev() {
+            let (before, later) = groups.split_at_mut(g + 1);
+            //= F Table 5.1: f_lambda = f_lambda + lambdaX*_i f_i (X = 1 in the root's axes)
+            let [fx, fy, fz, nx, ny, nz] = before[g].add_carried::<L, 6, ARM>(later);
+            let (v, w) = load_pair::<L>(&before[g].twist);
+            //= F Table 5.1: tau_i = S_i^T f_i
+            let torque = w.dot_add(V3::new(nx, ny, nz), v.dot(V3::new(fx, fy, fz)));
+            let torque =
+                of_joints::<L>(self.a, &steps[g]).mul_add(L::load(&steps[g].armature), torque);
+            if ARM {
+                torque.store_part(&mut self.tau[g * WIDTH..]);
+            } else {
+                add_to_joints(torque, self.tau, &steps[g]);
+            }
+        }
+    }
+}
+
+/// Velocities and accelerations of four bodies' joints, angular and linear.
+#[inline(always)]
+fn set_rates<L: Lanes>(step: &Step, group: &mut Group, v: &[f64], a: &[f64]) {
+    let (v, a): (L, L) = (of_joints(v, step), of_joints(a, step));
+    let (r, p) = (
+        L::load(&step.revolute_ratio),
+        L::load(&step.prismatic_ratio),
+    );
+    store_all([v * r, a * r, v * p, a * p], &mut group.rates);
+}
+
+/// Keeps the external wrenches of all bodies in their groups.
+fn set_external(schedule: &LaneSchedule, groups: &mut [Group], f_ext: &[Force]) {
+    for group in groups.iter_mut() {
+        group.external = [Pack::ZERO; 6];
+    }
+    schedule.for_each_wrench(f_ext, |row, lane, f, n| {
+        for (pack, x) in groups[row - 1].external.iter_mut().zip(f.iter().chain(&n)) {
+            pack.0[lane] = *x;
+        }
+    });
 }
 
 /// A body's placement and motion in registers.
@@ -104,97 +158,91 @@ impl<L: Lanes> Moving<L> {
         self.alpha.store(&mut body.alpha);
         self.a.store(&mut body.a);
     }
-    /// The child in a lane of a group; `slides` if any joint of the robot is prismatic.
+    /// The child in a lane of a group; `rates` as the group's.
     #[inline(always)]
-    fn child(&self, group: &Group, lane: usize, slides: bool) -> Self {
-        let (placement, arm) = self.placement.child(group, lane);
+    fn child<const ARM: bool>(&self, group: &Group, lane: usize, rates: [L; 4]) -> Self {
+        let (placement, arm) = self.placement.child::<ARM>(group, lane);
         let (w, al) = (self.omega, self.alpha);
-        let [rate, change, slide, slide_change] = &group.rates;
-        let lane = lane % WIDTH;
-        let rate = L::splat(rate.0[lane]);
+        let [rate, change, slide, slide_change] = rates;
         let z = placement.columns[2];
         let turned = w.cross_in_lanes(z);
         //= F Table 5.1: v_i = iX_lambda v_lambda + S_i dq_i
         //= F Table 5.1: a_i = iX_lambda a_lambda + S_i ddq_i + v_i x S_i dq_i
         let mut a = self.a + (al.cross_in_lanes(arm) + w.cross_in_lanes(w.cross_in_lanes(arm)));
-        if slides {
-            let twice = L::splat(2.0 * slide.0[lane]);
-            a = turned.mul_add(twice, z.mul_add(L::splat(slide_change.0[lane]), a));
+        if !ARM {
+            a = turned.mul_add(slide + slide, z.mul_add(slide_change, a));
         }
         Self {
             placement,
             omega: z.mul_add(rate, w),
-            alpha: turned.mul_add(rate, z.mul_add(L::splat(change.0[lane]), al)),
+            alpha: turned.mul_add(rate, z.mul_add(change, al)),
             a,
         }
     }
 }
 
-/// Wrenches of four bodies by themselves, about the root's origin.
+/// Twists of the joints, and the wrenches that give four bodies their motion.
 #[inline(always)]
-fn own_wrenches<L: Lanes>(step: &Step, group: &mut Group, four: &mut [BodyRow; WIDTH]) {
-    let back = rotations_back::<L>(four);
-    let (p, _) = of_bodies::<L>(four, |b| &b.position);
-    let angular = back.2.scale(L::load(&step.revolute_ratio));
-    let linear = p.cross_add(angular, back.2.scale(L::load(&step.prismatic_ratio)));
-    let (v, w) = (linear, angular);
-    store_all([v.x, v.y, v.z, w.x, w.y, w.z], &mut group.twist);
-    let (w, _) = of_bodies::<L>(four, |b| &b.omega);
-    let (al, _) = of_bodies::<L>(four, |b| &b.alpha);
-    let (a, _) = of_bodies::<L>(four, |b| &b.a);
-    let (w, al, a) = (
-        back.times_vector(w),
-        back.times_vector(al),
-        back.times_vector(a),
-    );
-    let (_, f, n) = own_wrench(step, w, al, a);
-    let f = back.tr_mul(f);
-    let n = p.cross_add(f, back.tr_mul(n));
-    let zero = L::splat(0.0);
-    to_bodies([f.x, f.y, f.z, zero], four, |b| &mut b.sums[0]);
-    to_bodies([n.x, n.y, n.z, zero], four, |b| &mut b.sums[1]);
-}
-
-/// Takes an external wrench, in the lane frame, from a body's.
-fn push(body: &mut BodyRow, f: &[f64; 3], n: &[f64; 3]) {
-    let rotate = |v: &[f64; 3], r: usize| -> f64 {
-        (body.columns.iter().zip(v)).map(|(c, v)| c.0[r] * v).sum()
+fn own_wrenches<L: Lanes, const ARM: bool>(step: &Step, group: &mut Group, external: bool) {
+    let (rotation, p) = placements::<L>(&group.rows);
+    let back = rotation.transpose();
+    let z = back.2;
+    let (linear, angular) = if ARM {
+        (p.cross(z), z)
+    } else {
+        let angular = z.scale(L::load(&step.revolute_ratio));
+        let shift = z.scale(L::load(&step.prismatic_ratio));
+        (p.cross_add(angular, shift), angular)
     };
-    let force: [f64; 3] = std::array::from_fn(|r| rotate(f, r));
-    let p = &body.position.0;
-    let moment: [f64; 3] = std::array::from_fn(|r| {
-        let (s, t) = ((r + 1) % 3, (r + 2) % 3);
-        rotate(n, r) + p[s] * force[t] - p[t] * force[s]
-    });
-    for r in 0..3 {
-        body.sums[0].0[r] -= force[r];
-        body.sums[1].0[r] -= moment[r];
+    store_pair((linear, angular), &mut group.twist);
+    let w = of_bodies::<L>(&group.rows, |b| &b.omega);
+    let al = of_bodies::<L>(&group.rows, |b| &b.alpha);
+    let a = of_bodies::<L>(&group.rows, |b| &b.a);
+    //= F Table 5.1: f_i = I_i a_i + v_i x* I_i v_i: force m a_c, moment I al + w x I w about the centre
+    let arm = rotation.times_vector(V3::load(&group.center));
+    let a = w.cross_add(w.cross(arm), al.cross_add(arm, a));
+    let f = a.scale(L::load(&step.inertia[0]));
+    let inertia = M3::load_symmetric(&group.rotational);
+    let (w, al) = (back.times_vector(w), back.times_vector(al));
+    let n = w.cross_add(inertia.times_vector(w), inertia.times_vector(al));
+    let n = p.plus(arm).cross_add(f, rotation.times_vector(n));
+    group.set_sums([f.x, f.y, f.z, n.x, n.y, n.z]);
+    if external {
+        let (force, moment) = load_pair(&group.external);
+        let force = rotation.times_vector(force);
+        let moment = p.cross_add(force, rotation.times_vector(moment));
+        let minus = L::splat(-1.0);
+        let (f, n) = (f.add_scaled(minus, force), n.add_scaled(minus, moment));
+        group.set_sums([f.x, f.y, f.z, n.x, n.y, n.z]);
     }
 }
 
-/// `rnea` of the joints, in `data.tau`; the wrench of the root's children, about its origin.
-pub(super) fn run_in_order(
+/// `rnea` of the joints, in `data.tau`; the motion of a floating root is in its row.
+#[inline]
+pub(super) fn torques(
     model: &Model,
     data: &mut Data,
-    root: &RootMotion,
     [q, v, a]: [&[f64]; 3],
     f_ext: Option<&[Force]>,
-) -> Force {
-    let base = model.base_size().0;
-    let pack = |x: &Vector3<f64>| Pack([x.x, x.y, x.z, 0.0]);
-    let body = &mut data.in_order.bodies[0];
-    (body.omega, body.alpha, body.a) = (pack(&root.omega), pack(&root.alpha), pack(&root.a));
+) {
+    let memory = &mut data.in_order;
+    let (bv, _) = model.base_size();
+    if model.base == Base::Fixed {
+        let g = &model.gravity;
+        memory.root.a = Pack([-g.x, -g.y, -g.z, 0.0]);
+    }
+    let tau = &mut data.tau[bv..];
+    if !memory.arm {
+        tau.fill(0.0);
+    }
     let kernel = RneaInOrder {
         schedule: &model.schedule,
-        memory: &mut data.in_order,
+        memory,
         q,
         v,
         a,
         f_ext,
-        tau: &mut data.tau[base..],
+        tau,
     };
     simd::run(data.instructions, kernel);
-    let [f, n, _] = &data.in_order.bodies[0].sums;
-    let vector = |p: &Pack| Vector3::new(p.0[0], p.0[1], p.0[2]);
-    Force::new(vector(f), vector(n))
 }
