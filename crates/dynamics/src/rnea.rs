@@ -16,6 +16,7 @@ use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
 use crate::rows::RneaRow;
 use crate::spatial::{Force, Inertia};
+use in_order::RneaInOrder;
 use nalgebra::Vector3;
 use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos};
 
@@ -33,29 +34,23 @@ pub fn rnea<'d>(
 ) -> &'d [f64] {
     debug_assert!(q.len() >= model.nq() && v.len() >= model.nv() && a.len() >= model.nv());
     match (model.base, model.schedule.in_order) {
-        (Base::Fixed, true) => in_order::torques(model, data, [q, v, a], f_ext),
+        (Base::Fixed, true) => in_order(model, data, &[q, v, a], f_ext),
         (Base::Fixed, false) => {
             side_by_side(model, data, &RootMotion::fixed(model), [q, v, a], f_ext);
         }
-        (Base::Floating, in_order) => floating(model, data, in_order, [q, v, a], f_ext),
+        (Base::Floating, _) => floating(model, data, [q, v, a], f_ext),
     }
     &data.tau[..model.nv()]
 }
 
 /// `rnea` of a floating base, too.
-fn floating(
-    model: &Model,
-    data: &mut Data,
-    in_order: bool,
-    [q, v, a]: [&[f64]; 3],
-    f_ext: Option<&[Force]>,
-) {
+fn floating(model: &Model, data: &mut Data, [q, v, a]: [&[f64]; 3], f_ext: Option<&[Force]>) {
     let (bv, bq) = model.base_size();
     let joints = [(q, bq), (v, bv), (a, bv)].map(|(x, base)| &x[base.min(x.len())..]);
     let root = RootMotion::floating(model, q, v, a);
-    let children = if in_order {
+    let children = if model.schedule.in_order {
         root.store_in_order(&mut data.in_order.root);
-        in_order::torques(model, data, joints, f_ext);
+        in_order(model, data, &joints, f_ext);
         data.in_order.wrench_of_root()
     } else {
         side_by_side(model, data, &root, joints, f_ext);
@@ -67,6 +62,18 @@ fn floating(
         total -= *f;
     }
     data.tau[..6].copy_from_slice(&total.to_array());
+}
+
+/// `rnea` of the joints, on bodies in their order.
+#[inline]
+fn in_order(model: &Model, data: &mut Data, joints: &[&[f64]; 3], f_ext: Option<&[Force]>) {
+    let kernel = RneaInOrder {
+        model,
+        joints,
+        f_ext,
+        data: &mut *data,
+    };
+    run(kernel.data.instructions, kernel);
 }
 
 /// `rnea` of the joints, limbs side by side.

@@ -10,24 +10,23 @@ use crate::model::{Base, Model};
 use crate::spatial::Force;
 use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, store_all};
 
-/// `rnea` on bodies in their order.
-struct RneaInOrder<'a> {
-    schedule: &'a LaneSchedule,
-    memory: &'a mut InOrder,
-    q: &'a [f64],
-    v: &'a [f64],
-    a: &'a [f64],
-    f_ext: Option<&'a [Force]>,
-    tau: &'a mut [f64],
+/// `rnea` of the joints, in `data.tau`, on bodies in their order; the motion of a floating root is in
+/// its row.
+pub(super) struct RneaInOrder<'a> {
+    pub(super) model: &'a Model,
+    pub(super) data: &'a mut Data,
+    /// q, v and a of the joints.
+    pub(super) joints: &'a [&'a [f64]; 3],
+    pub(super) f_ext: Option<&'a [Force]>,
 }
 
 impl Kernel for RneaInOrder<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        match (self.memory.groups.len(), self.memory.arm) {
-            (1, true) => self.run_sized::<L, 1, true>(),
+        match (self.data.in_order.groups.len(), self.data.in_order.arm) {
             (2, true) => self.run_sized::<L, 2, true>(),
+            (1, true) => self.run_sized::<L, 1, true>(),
             (MOST_GROUPS, true) => self.run_sized::<L, MOST_GROUPS, true>(),
             (1, false) => self.run_sized::<L, 1, false>(),
             (2, false) => self.run_sized::<L, 2, false>(),
@@ -40,45 +39,42 @@ impl Kernel for RneaInOrder<'_> {
 impl RneaInOrder<'_> {
     #[inline(always)]
     fn run_sized<L: Lanes, const GROUPS: usize, const ARM: bool>(self) {
+        let (model, [q, v, a]) = (self.model, *self.joints);
+        let tau = &mut self.data.tau[model.base_size().0..];
         let InOrder {
             parents,
             root,
             groups,
             ..
-        } = self.memory;
+        } = &mut self.data.in_order;
         let (Some(steps), Some(groups)) = (
-            self.schedule.steps.first_chunk::<GROUPS>(),
+            model.schedule.steps.first_chunk::<GROUPS>(),
             groups.first_chunk_mut::<GROUPS>(),
         ) else {
             return;
         };
         for (step, group) in steps.iter().zip(groups.iter_mut()) {
-            rotate_in_parents::<L, ARM>(step, group, self.q);
+            rotate_in_parents::<L, ARM>(step, group, q);
             if !ARM {
-                set_rates::<L>(step, group, self.v, self.a);
+                set_rates::<L>(step, group, v, a);
             }
         }
         if let Some(f_ext) = self.f_ext {
-            set_external(self.schedule, groups, f_ext);
+            set_external(&model.schedule, groups, f_ext);
         }
-        let moving = parents.len() - 1;
-        let (v, a) = (
-            &self.v[..moving.min(self.v.len())],
-            &self.a[..moving.min(self.a.len())],
-        );
+        if model.base == Base::Fixed {
+            (-L::load_part(model.gravity.as_slice())).store(&mut root.a);
+        }
         let mut last = Moving::<L>::load(root);
         'all: for g in 0..GROUPS {
             for lane in 0..WIDTH {
                 let b = g * WIDTH + lane;
+                let Some(&parent) = parents.get(b + 1) else {
+                    break 'all;
+                };
                 let rates = if ARM {
-                    let (Some(v), Some(a)) = (v.get(b), a.get(b)) else {
-                        break 'all;
-                    };
-                    [L::splat(*v), L::splat(*a), L::splat(0.0), L::splat(0.0)]
+                    [L::splat(v[b]), L::splat(a[b]), L::splat(0.0), L::splat(0.0)]
                 } else {
-                    let Some(&parent) = parents.get(b + 1) else {
-                        break 'all;
-                    };
                     if parent != b {
                         last = Moving::load(row_of(root, groups, parent));
                     }
@@ -91,6 +87,9 @@ impl RneaInOrder<'_> {
         for (step, group) in steps.iter().zip(groups.iter_mut()) {
             own_wrenches::<L, ARM>(step, group, self.f_ext.is_some());
         }
+        if !ARM {
+            tau.fill(0.0);
+        }
         for g in (0..GROUPS).rev() {
             let (before, later) = groups.split_at_mut(g + 1);
             //= F Table 5.1: f_lambda = f_lambda + lambdaX*_i f_i (X = 1 in the root's axes)
@@ -98,12 +97,11 @@ impl RneaInOrder<'_> {
             let (v, w) = load_pair::<L>(&before[g].twist);
             //= F Table 5.1: tau_i = S_i^T f_i
             let torque = w.dot_add(V3::new(nx, ny, nz), v.dot(V3::new(fx, fy, fz)));
-            let torque =
-                of_joints::<L>(self.a, &steps[g]).mul_add(L::load(&steps[g].armature), torque);
+            let torque = of_joints::<L>(a, &steps[g]).mul_add(L::load(&steps[g].armature), torque);
             if ARM {
-                torque.store_part(&mut self.tau[g * WIDTH..]);
+                torque.store_part(&mut tau[g * WIDTH..]);
             } else {
-                add_to_joints(torque, self.tau, &steps[g]);
+                add_to_joints(torque, tau, &steps[g]);
             }
         }
     }
@@ -215,34 +213,4 @@ fn own_wrenches<L: Lanes, const ARM: bool>(step: &Step, group: &mut Group, exter
         let (f, n) = (f.add_scaled(minus, force), n.add_scaled(minus, moment));
         group.set_sums([f.x, f.y, f.z, n.x, n.y, n.z]);
     }
-}
-
-/// `rnea` of the joints, in `data.tau`; the motion of a floating root is in its row.
-#[inline]
-pub(super) fn torques(
-    model: &Model,
-    data: &mut Data,
-    [q, v, a]: [&[f64]; 3],
-    f_ext: Option<&[Force]>,
-) {
-    let memory = &mut data.in_order;
-    let (bv, _) = model.base_size();
-    if model.base == Base::Fixed {
-        let g = &model.gravity;
-        memory.root.a = Pack([-g.x, -g.y, -g.z, 0.0]);
-    }
-    let tau = &mut data.tau[bv..];
-    if !memory.arm {
-        tau.fill(0.0);
-    }
-    let kernel = RneaInOrder {
-        schedule: &model.schedule,
-        memory,
-        q,
-        v,
-        a,
-        f_ext,
-        tau,
-    };
-    simd::run(data.instructions, kernel);
 }
