@@ -7,7 +7,7 @@
 //! and moments about its origin: a limb's add up without being moved.
 
 use crate::body::Body;
-use crate::lane_schedule::{LaneSchedule, Step};
+use crate::lane_schedule::{LaneSchedule, Step, split_rotations};
 use crate::spatial::Force;
 use nalgebra::Vector3;
 use simd::{Lanes, M3, Pack, V3, WIDTH, gather, load_all, sin_cos, store_all};
@@ -27,8 +27,11 @@ pub(crate) struct Group {
     /// Of each body, in all lanes: third column of the rotation from its lane frame to the parent's, and
     /// its origin there.
     links: [[[Pack; 3]; 2]; WIDTH],
-    /// First and second columns of these rotations.
+    /// First and second columns of these rotations; or, of an arm, cosine and sine of the angle about
+    /// `z`, which comes after the one about `x`.
     columns: [[Pack; 3]; 2],
+    /// Of the angle about `z` after that about `x`.
+    angle_offset: Pack,
     /// Of prismatic joints, along `z`.
     shift: Pack,
     /// Joints' angular velocity and acceleration, and linear ones.
@@ -64,7 +67,8 @@ pub(crate) struct BodyRow {
 pub(crate) struct InOrder {
     /// Parent of each body.
     pub(crate) parents: Vec<usize>,
-    /// True if each body carries the next by a revolute joint of its own: then the algorithms' `ARM`.
+    /// True if each body carries the next by a revolute joint of its own, and their frames are those of
+    /// Denavit and Hartenberg: then the algorithms' `ARM`.
     pub(crate) arm: bool,
     /// For each body but the root, by groups: one where a body is the body itself or carries it.
     pub(crate) carriers: Vec<Pack>,
@@ -93,16 +97,34 @@ impl InOrder {
         let mut root = BodyRow::default();
         (root.x.0[0], root.z.0[2]) = (1.0, 1.0);
         let moving = || bodies.iter().enumerate().skip(1);
-        Self {
-            arm: moving().all(|(b, body)| {
-                let own = body.joint == b - 1 && body.ratio == 1.0;
-                body.parent == b - 1 && own && body.kind.is_revolute()
-            }),
+        let serial = moving().all(|(b, body)| {
+            let own = body.joint == b - 1 && body.ratio == 1.0;
+            body.parent == b - 1 && own && body.kind.is_revolute()
+        });
+        let mut new = Self {
+            arm: serial
+                && (1..parents.len() - 1).all(|b| steps[b / WIDTH].turns_about_x(b % WIDTH)),
             carriers: (1..parents.len()).flat_map(of).collect(),
             root,
             groups: steps.iter().enumerate().map(group).collect(),
             parents,
+        };
+        if new.arm {
+            new.turn_root(&steps[0]);
         }
+        new
+    }
+
+    /// Turns the root's columns so that the first joint, too, turns about their `z` from there.
+    fn turn_root(&mut self, first: &Step) {
+        let rotation = first.rotation_of(0);
+        for (k, x) in rotation.column(0).iter().enumerate() {
+            (self.root.x.0[k], self.root.z.0[k]) = (*x, rotation[(k, 2)]);
+        }
+        let group = &mut self.groups[0];
+        let origin = rotation.tr_mul(&Vector3::from(first.origin.each_ref().map(|p| p.0[0])));
+        group.angle_offset.0[0] = first.angle_offset.0[0];
+        group.links[0] = [[0.0, 0.0, 1.0], origin.into()].map(|v| v.map(|x| Pack([x; WIDTH])));
     }
 
     /// Wrench of the root's children, where `sums` are wrenches.
@@ -173,6 +195,7 @@ impl Group {
             after: after.collect(),
             links: [[[Pack::ZERO; 3]; 2]; WIDTH],
             columns: [[Pack::ZERO; 3]; 2],
+            angle_offset: step.angle_offset,
             shift: Pack::ZERO,
             rates: [Pack::ZERO; 4],
             rows: [BodyRow::default(); WIDTH],
@@ -182,6 +205,8 @@ impl Group {
         };
         for lane in 0..WIDTH {
             new.set_inertia(step, lane);
+            let (_, about_z) = split_rotations(&step.rotation_of(lane));
+            new.angle_offset.0[lane] += about_z[(1, 0)].atan2(about_z[(0, 0)]);
             let all = |p: &Pack| Pack([p.0[lane]; WIDTH]);
             let [_, _, xz, _, _, yz, _, _, zz] = &step.rotation;
             new.links[lane] = [[xz, yz, zz].map(all), step.origin.each_ref().map(all)];
@@ -299,16 +324,22 @@ impl<L: Lanes> Placement<L> {
     pub(crate) fn child<const ARM: bool>(&self, group: &Group, lane: usize) -> (Self, L) {
         let ([axis, origin], [x, y]) = (&group.links[lane], &group.columns);
         let zero = L::splat(0.0);
-        let z = self.rotate_add(axis, zero);
         let mut arm = self.rotate_add(origin, zero);
-        if !ARM {
+        let columns = if ARM {
+            let [_, minus_sin, cos] = load_all::<L, 3>(axis);
+            let [_, own_y, own_z] = self.columns;
+            let turned = minus_sin.neg_mul_add(own_z, cos * own_y);
+            let z = minus_sin.mul_add(own_y, cos * own_z);
+            let (cos, sin) = (L::splat(x[0].0[lane]), L::splat(x[1].0[lane]));
+            let x = sin.mul_add(turned, cos * self.columns[0]);
+            [x, cos.mul_add(turned, -(sin * self.columns[0])), z]
+        } else {
+            let z = self.rotate_add(axis, zero);
             arm = z.mul_add(L::splat(group.shift.0[lane]), arm);
-        }
-        let child = Self {
-            columns: [self.rotate(x, lane), self.rotate(y, lane), z],
-            position: self.position + arm,
+            [self.rotate(x, lane), self.rotate(y, lane), z]
         };
-        (child, arm)
+        let position = self.position + arm;
+        (Self { columns, position }, arm)
     }
 }
 
@@ -329,23 +360,22 @@ pub(crate) fn rotate_in_parents<L: Lanes, const ARM: bool>(
     q: &[f64],
 ) {
     let q: L = of_joints(q, step);
-    let offset = L::load(&step.angle_offset);
-    let angle = if ARM {
-        q + offset
-    } else {
-        q.mul_add(L::load(&step.revolute_ratio), offset)
-    };
+    let [to_x, to_y] = &mut group.columns;
+    if ARM {
+        let (sin, cos) = sin_cos(q + L::load(&group.angle_offset));
+        cos.store(&mut to_x[0]);
+        sin.store(&mut to_x[1]);
+        return;
+    }
+    let angle = q.mul_add(L::load(&step.revolute_ratio), L::load(&step.angle_offset));
     let (sin, cos) = sin_cos(angle);
     let [a, b, _, c, d, _, e, f, _] = &step.rotation;
     let x = V3::<L>::new(L::load(a), L::load(c), L::load(e));
     let y = V3::new(L::load(b), L::load(d), L::load(f));
-    let [to_x, to_y] = &mut group.columns;
     x.scale(cos).add_scaled(sin, y).store(to_x);
     y.scale(cos).sub_scaled(sin, x).store(to_y);
-    if !ARM {
-        let shift = q.mul_add(L::load(&step.prismatic_ratio), L::load(&step.shift_offset));
-        shift.store(&mut group.shift);
-    }
+    let shift = q.mul_add(L::load(&step.prismatic_ratio), L::load(&step.shift_offset));
+    shift.store(&mut group.shift);
 }
 
 /// Numbers of four bodies' joints.

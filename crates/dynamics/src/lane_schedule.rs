@@ -56,6 +56,17 @@ pub(crate) struct Step {
     pub(crate) ancestors: Vec<Ancestors>,
 }
 
+impl Step {
+    /// From the lane frame, at angle zero, to the parent's.
+    pub(crate) fn rotation_of(&self, lane: usize) -> Matrix3<f64> {
+        Matrix3::from_fn(|row, column| self.rotation[3 * row + column].0[lane])
+    }
+    /// True if that is one rotation about x, then one about z.
+    pub(crate) fn turns_about_x(&self, lane: usize) -> bool {
+        turns_about_x(&self.rotation_of(lane))
+    }
+}
+
 /// Index of an absent entry: beyond the end of any matrix.
 pub(crate) const NOWHERE: usize = usize::MAX;
 
@@ -186,7 +197,7 @@ impl LaneSchedule {
             && real().all(|(_, b)| {
                 bodies[b].kind.is_revolute()
                     && first_child[bodies[b].parent] == Some(b)
-                    && split_rotation_x(&self.rotation(bodies, b)).1 < 1e-12
+                    && turns_about_x(&self.rotation(bodies, b))
             });
         let mut step = Step {
             straight,
@@ -264,8 +275,7 @@ impl LaneSchedule {
         let origin = self.to_body[body.parent].tr_mul(&body.placement.translation);
         let mut angle_offset = 0.0;
         if step.straight {
-            let (turn, _) = split_rotation_x(&rotation);
-            let about_z = turn.tr_mul(&rotation);
+            let (turn, about_z) = split_rotations(&rotation);
             angle_offset = about_z[(1, 0)].atan2(about_z[(0, 0)]);
             step.rotation_x[0].0[lane] = turn[(1, 1)];
             step.rotation_x[1].0[lane] = turn[(2, 1)];
@@ -310,14 +320,17 @@ impl LaneSchedule {
     }
 }
 
-/// The rotation about x in `Rx(alpha) Rz(delta)`, and how far the rotation is from that form.
-fn split_rotation_x(rotation: &Matrix3<f64>) -> (Matrix3<f64>, f64) {
-    let turn = *Rotation3::from_axis_angle(
-        &Vector3::x_axis(),
-        (-rotation[(1, 2)]).atan2(rotation[(2, 2)]),
-    )
-    .matrix();
-    (turn, rotation[(0, 2)].abs())
+/// The rotations in `Rx(alpha) Rz(delta)`; the second is of another kind where a rotation is not of this
+/// form.
+pub(crate) fn split_rotations(rotation: &Matrix3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
+    let alpha = (-rotation[(1, 2)]).atan2(rotation[(2, 2)]);
+    let about_x = *Rotation3::from_axis_angle(&Vector3::x_axis(), alpha).matrix();
+    (about_x, about_x.tr_mul(rotation))
+}
+
+/// True if it is of the form `Rx(alpha) Rz(delta)`.
+fn turns_about_x(rotation: &Matrix3<f64>) -> bool {
+    rotation[(0, 2)].abs() < 1e-12
 }
 
 /// The child of each body that starts the longest limb.
