@@ -10,7 +10,7 @@ use crate::body::Body;
 use crate::lane_schedule::{LaneSchedule, Step, split_rotations};
 use crate::spatial::Force;
 use nalgebra::Vector3;
-use simd::{Lanes, M3, Pack, V3, WIDTH, gather, load_all, sin_cos, store_all};
+use simd::{Lanes, M3, Pack, V3, WIDTH, gather, load_all, sin_cos};
 
 /// Four bodies: their constants, their place in the tree, and what is computed of them.
 #[derive(Clone, Debug)]
@@ -37,8 +37,6 @@ pub(crate) struct Group {
     /// Joints' angular velocity and acceleration, and linear ones.
     pub(crate) rates: [Pack; 4],
     pub(crate) rows: [BodyRow; WIDTH],
-    /// Twist of the joint for unit speed, linear first.
-    pub(crate) twist: [Pack; 6],
     /// Of each body and all that it carries: wrench (force first), or moments of mass.
     pub(crate) sums: [Pack; 10],
     /// External wrench, force first, in the lane frame.
@@ -199,7 +197,6 @@ impl Group {
             shift: Pack::ZERO,
             rates: [Pack::ZERO; 4],
             rows: [BodyRow::default(); WIDTH],
-            twist: [Pack::ZERO; 6],
             sums: [Pack::ZERO; 10],
             external: [Pack::ZERO; 6],
         };
@@ -230,29 +227,19 @@ impl Group {
         }
     }
 
-    /// Keeps the first `N` sums of the bodies by themselves.
-    #[inline(always)]
-    pub(crate) fn set_sums<L: Lanes, const N: usize>(&mut self, own: [L; N]) {
-        let mut k = 0;
-        while k < N {
-            own[k].store(&mut self.sums[k]);
-            k += 1;
-        }
-    }
-
-    /// Adds to the first `N` sums of each body those of all that it carries; `later`: the groups after
-    /// this one, which have done so.
+    /// Adds to `x` of each body that of all that it carries, and keeps it as the first `N` sums; `later`:
+    /// the groups after this one, which have done so.
     #[inline(always)]
     pub(crate) fn add_carried<L: Lanes, const N: usize, const ARM: bool>(
         &mut self,
+        x: [L; N],
         later: &[Group],
     ) -> [L; N] {
         let mut sum = [L::splat(0.0); N];
         let mut k = 0;
         if ARM {
             while k < N {
-                let x = L::load(&self.sums[k]);
-                let two = x + x.down_one();
+                let two = x[k] + x[k].down_one();
                 sum[k] = two + two.down_two();
                 if let Some(next) = later.first() {
                     sum[k] = sum[k] + L::splat(next.sums[k].0[0]);
@@ -262,10 +249,9 @@ impl Group {
         } else {
             let [one, two, three] = load_all::<L, 3>(&self.down);
             while k < N {
-                let x = L::load(&self.sums[k]);
-                let (by_one, by_two) = (x.down_one(), x.down_two());
+                let (by_one, by_two) = (x[k].down_one(), x[k].down_two());
                 let by_three = by_two.down_one();
-                sum[k] = by_three.mul_add(three, by_two.mul_add(two, by_one.mul_add(one, x)));
+                sum[k] = by_three.mul_add(three, by_two.mul_add(two, by_one.mul_add(one, x[k])));
                 k += 1;
             }
             for (group, lane, carry) in &self.after {
@@ -277,7 +263,11 @@ impl Group {
                 }
             }
         }
-        self.set_sums(sum);
+        let mut k = 0;
+        while k < N {
+            sum[k].store(&mut self.sums[k]);
+            k += 1;
+        }
         sum
     }
 }
@@ -415,17 +405,4 @@ pub(crate) fn placements<L: Lanes>(bodies: &[BodyRow; WIDTH]) -> (M3<L>, V3<L>) 
     let z = of_bodies::<L>(bodies, |b| &b.z);
     let rotation = M3(x, z.cross(x), z).transpose();
     (rotation, of_bodies(bodies, |b| &b.position))
-}
-
-/// Two vectors, one after the other.
-#[inline(always)]
-pub(crate) fn load_pair<L: Lanes>(p: &[Pack; 6]) -> (V3<L>, V3<L>) {
-    let [ax, ay, az, bx, by, bz] = load_all(p);
-    (V3::new(ax, ay, az), V3::new(bx, by, bz))
-}
-
-/// Stores two vectors, one after the other.
-#[inline(always)]
-pub(crate) fn store_pair<L: Lanes>((a, b): (V3<L>, V3<L>), p: &mut [Pack; 6]) {
-    store_all([a.x, a.y, a.z, b.x, b.y, b.z], p);
 }

@@ -53,8 +53,9 @@ impl CrbaInOrder<'_> {
             let (root, parents) = (&self.memory.root, &self.memory.parents);
             place::<L, GROUPS, ARM>(steps, groups, root, parents, self.q);
         }
-        for g in 0..GROUPS {
-            let (group, row) = (&mut groups[g], &mut rows[g]);
+        for g in (0..GROUPS).rev() {
+            let (before, later) = groups.split_at_mut(g + 1);
+            let (group, row) = (&mut before[g], &mut rows[g]);
             let (rotation, position) = placements::<L>(&group.rows);
             // The axes alone are used again.
             let [_, _, zx, _, _, zy, _, _, zz] = &mut row.rotation;
@@ -64,13 +65,9 @@ impl CrbaInOrder<'_> {
             z.z.store(zz);
             position.store(&mut row.translation);
             let (m, h, [xx, xy, xz, yy, yz, zz]) = own_moments(&steps[g], rotation, position);
-            group.set_sums([m, h.x, h.y, h.z, xx, xy, xz, yy, yz, zz]);
-        }
-        for g in (0..GROUPS).rev() {
-            let (before, later) = groups.split_at_mut(g + 1);
-            let row = &mut rows[g];
+            let own = [m, h.x, h.y, h.z, xx, xy, xz, yy, yz, zz];
             //= F Table 6.2: I_lambda^c = I_lambda^c + lambdaX*_i I_i^c iX_lambda (X = 1 in the root's axes)
-            let [m, hx, hy, hz, s @ ..] = before[g].add_carried::<L, 10, ARM>(later);
+            let [m, hx, hy, hz, s @ ..] = group.add_carried::<L, 10, ARM>(own, later);
             m.store(&mut row.mass);
             simd::store_all([hx, hy, hz], &mut row.h);
             simd::store_all(s, &mut row.s);

@@ -2,13 +2,13 @@
 
 use crate::data::Data;
 use crate::in_order::{
-    BodyRow, Group, InOrder, MOST_GROUPS, Placement, add_to_joints, load_pair, of_bodies,
-    of_joints, placements, rotate_in_parents, row_of, store_pair,
+    BodyRow, Group, InOrder, MOST_GROUPS, Placement, add_to_joints, of_bodies, of_joints,
+    placements, rotate_in_parents, row_of,
 };
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
 use crate::spatial::Force;
-use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, store_all};
+use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, load_all, store_all};
 
 /// `rnea` of the joints, in `data.tau`, on bodies in their order; the motion of a floating root is in
 /// its row.
@@ -84,24 +84,28 @@ impl RneaInOrder<'_> {
                 last.store(&mut groups[g].rows[lane]);
             }
         }
-        for (step, group) in steps.iter().zip(groups.iter_mut()) {
-            own_wrenches::<L, ARM>(step, group, self.f_ext.is_some());
-        }
         if !ARM {
             tau.fill(0.0);
         }
         for g in (0..GROUPS).rev() {
             let (before, later) = groups.split_at_mut(g + 1);
+            let (step, group) = (&steps[g], &mut before[g]);
+            let placed = placements::<L>(&group.rows);
+            let (mut f, mut n) = own_wrench(step, group, placed);
+            if self.f_ext.is_some() {
+                (f, n) = take_external((f, n), group, placed);
+            }
             //= F Table 5.1: f_lambda = f_lambda + lambdaX*_i f_i (X = 1 in the root's axes)
-            let [fx, fy, fz, nx, ny, nz] = before[g].add_carried::<L, 6, ARM>(later);
-            let (v, w) = load_pair::<L>(&before[g].twist);
+            let own = [f.x, f.y, f.z, n.x, n.y, n.z];
+            let [fx, fy, fz, nx, ny, nz] = group.add_carried::<L, 6, ARM>(own, later);
+            let (v, w) = twist::<L, ARM>(step, placed);
             //= F Table 5.1: tau_i = S_i^T f_i
             let torque = w.dot_add(V3::new(nx, ny, nz), v.dot(V3::new(fx, fy, fz)));
-            let torque = of_joints::<L>(a, &steps[g]).mul_add(L::load(&steps[g].armature), torque);
+            let torque = of_joints::<L>(a, step).mul_add(L::load(&step.armature), torque);
             if ARM {
                 torque.store_part(&mut tau[g * WIDTH..]);
             } else {
-                add_to_joints(torque, tau, &steps[g]);
+                add_to_joints(torque, tau, step);
             }
         }
     }
@@ -179,20 +183,26 @@ impl<L: Lanes> Moving<L> {
     }
 }
 
-/// Twists of the joints, and the wrenches that give four bodies their motion.
+/// Twists of four bodies' joints for unit speed: linear, angular.
 #[inline(always)]
-fn own_wrenches<L: Lanes, const ARM: bool>(step: &Step, group: &mut Group, external: bool) {
-    let (rotation, p) = placements::<L>(&group.rows);
+fn twist<L: Lanes, const ARM: bool>(step: &Step, (rotation, p): (M3<L>, V3<L>)) -> (V3<L>, V3<L>) {
+    let z = rotation.third_column();
+    if ARM {
+        return (p.cross(z), z);
+    }
+    let angular = z.scale(L::load(&step.revolute_ratio));
+    let shift = z.scale(L::load(&step.prismatic_ratio));
+    (p.cross_add(angular, shift), angular)
+}
+
+/// The wrenches that give four bodies their motion: force, moment about the root's origin.
+#[inline(always)]
+fn own_wrench<L: Lanes>(
+    step: &Step,
+    group: &Group,
+    (rotation, p): (M3<L>, V3<L>),
+) -> (V3<L>, V3<L>) {
     let back = rotation.transpose();
-    let z = back.2;
-    let (linear, angular) = if ARM {
-        (p.cross(z), z)
-    } else {
-        let angular = z.scale(L::load(&step.revolute_ratio));
-        let shift = z.scale(L::load(&step.prismatic_ratio));
-        (p.cross_add(angular, shift), angular)
-    };
-    store_pair((linear, angular), &mut group.twist);
     let w = of_bodies::<L>(&group.rows, |b| &b.omega);
     let al = of_bodies::<L>(&group.rows, |b| &b.alpha);
     let a = of_bodies::<L>(&group.rows, |b| &b.a);
@@ -203,14 +213,20 @@ fn own_wrenches<L: Lanes, const ARM: bool>(step: &Step, group: &mut Group, exter
     let inertia = M3::load_symmetric(&group.rotational);
     let (w, al) = (back.times_vector(w), back.times_vector(al));
     let n = w.cross_add(inertia.times_vector(w), inertia.times_vector(al));
-    let n = p.plus(arm).cross_add(f, rotation.times_vector(n));
-    group.set_sums([f.x, f.y, f.z, n.x, n.y, n.z]);
-    if external {
-        let (force, moment) = load_pair(&group.external);
-        let force = rotation.times_vector(force);
-        let moment = p.cross_add(force, rotation.times_vector(moment));
-        let minus = L::splat(-1.0);
-        let (f, n) = (f.add_scaled(minus, force), n.add_scaled(minus, moment));
-        group.set_sums([f.x, f.y, f.z, n.x, n.y, n.z]);
-    }
+    (f, p.plus(arm).cross_add(f, rotation.times_vector(n)))
+}
+
+/// Takes the external wrenches from those of four bodies.
+#[inline(always)]
+fn take_external<L: Lanes>(
+    (f, n): (V3<L>, V3<L>),
+    group: &Group,
+    (rotation, p): (M3<L>, V3<L>),
+) -> (V3<L>, V3<L>) {
+    let [fx, fy, fz, nx, ny, nz] = load_all::<L, 6>(&group.external);
+    let force = rotation.times_vector(V3::new(fx, fy, fz));
+    let moment = rotation.times_vector(V3::new(nx, ny, nz));
+    let minus = L::splat(-1.0);
+    let moment = p.cross_add(force, moment);
+    (f.add_scaled(minus, force), n.add_scaled(minus, moment))
 }
