@@ -34,7 +34,7 @@ pub fn rnea<'d>(
 ) -> &'d [f64] {
     debug_assert!(q.len() >= model.nq() && v.len() >= model.nv() && a.len() >= model.nv());
     match (model.base, model.schedule.in_order) {
-        (Base::Fixed, true) => in_order(model, data, &[q, v, a], f_ext),
+        (Base::Fixed, true) => in_order(model, data, [q, v, a], f_ext),
         (Base::Fixed, false) => {
             side_by_side(model, data, &RootMotion::fixed(model), [q, v, a], f_ext);
         }
@@ -50,7 +50,7 @@ fn floating(model: &Model, data: &mut Data, [q, v, a]: [&[f64]; 3], f_ext: Optio
     let root = RootMotion::floating(model, q, v, a);
     let children = if model.schedule.in_order {
         root.store_in_order(&mut data.in_order.root);
-        in_order(model, data, &joints, f_ext);
+        in_order(model, data, joints, f_ext);
         data.in_order.wrench_of_root()
     } else {
         side_by_side(model, data, &root, joints, f_ext);
@@ -66,7 +66,7 @@ fn floating(model: &Model, data: &mut Data, [q, v, a]: [&[f64]; 3], f_ext: Optio
 
 /// `rnea` of the joints, on bodies in their order.
 #[inline]
-fn in_order(model: &Model, data: &mut Data, joints: &[&[f64]; 3], f_ext: Option<&[Force]>) {
+fn in_order(model: &Model, data: &mut Data, joints: [&[f64]; 3], f_ext: Option<&[Force]>) {
     let kernel = RneaInOrder {
         model,
         joints,

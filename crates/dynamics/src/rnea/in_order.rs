@@ -16,7 +16,7 @@ pub(super) struct RneaInOrder<'a> {
     pub(super) model: &'a Model,
     pub(super) data: &'a mut Data,
     /// q, v and a of the joints.
-    pub(super) joints: &'a [&'a [f64]; 3],
+    pub(super) joints: [&'a [f64]; 3],
     pub(super) f_ext: Option<&'a [Force]>,
 }
 
@@ -39,7 +39,7 @@ impl Kernel for RneaInOrder<'_> {
 impl RneaInOrder<'_> {
     #[inline(always)]
     fn run_sized<L: Lanes, const GROUPS: usize, const ARM: bool>(self) {
-        let (model, [q, v, a]) = (self.model, *self.joints);
+        let (model, [q, mut v, mut a]) = (self.model, self.joints);
         let tau = &mut self.data.tau[model.base_size().0..];
         let InOrder {
             parents,
@@ -65,16 +65,21 @@ impl RneaInOrder<'_> {
         if model.base == Base::Fixed {
             (-L::load_part(model.gravity.as_slice())).store(&mut root.a);
         }
+        let moving = parents.len() - 1;
+        if ARM {
+            (v, a) = (&v[..moving], &a[..moving]);
+        }
         let mut last = Moving::<L>::load(root);
         'all: for g in 0..GROUPS {
             for lane in 0..WIDTH {
                 let b = g * WIDTH + lane;
-                let Some(&parent) = parents.get(b + 1) else {
+                if b >= moving {
                     break 'all;
-                };
+                }
                 let rates = if ARM {
                     [L::splat(v[b]), L::splat(a[b]), L::splat(0.0), L::splat(0.0)]
                 } else {
+                    let parent = parents[b + 1];
                     if parent != b {
                         last = Moving::load(row_of(root, groups, parent));
                     }
