@@ -7,6 +7,7 @@
 mod in_order;
 
 use crate::data::Data;
+use crate::in_order::sized;
 use crate::lane_schedule::{LaneSchedule, NOWHERE, Step};
 use crate::model::{Base, Model};
 use crate::rows::CrbaRow;
@@ -28,35 +29,22 @@ pub(crate) fn mass_matrix<'d>(
 ) -> &'d DMatrix<f64> {
     let (bv, bq) = model.base_size();
     debug_assert!(q.len() >= model.nq());
-    let m = &mut data.mass_matrix;
     let q = &q[bq.min(q.len())..];
-    // Joints that others mimic add up, and ancestors may be too many to list: by hand, below.
-    let by_hand = !model.schedule.lists_ancestors;
-    let entries = (!by_hand).then(|| m.as_mut_slice());
     if model.schedule.in_order {
-        let kernel = in_order::CrbaInOrder {
-            schedule: &model.schedule,
-            memory: &mut data.in_order,
-            rows: &mut data.crba,
-            q,
-            placed,
-            base_size: bv,
-            m: entries,
-            nv: model.nv(),
-        };
-        run(data.instructions, kernel);
+        sized!(data.in_order, run_in_order(model, data, q, placed));
     } else {
         let kernel = Crba {
             schedule: &model.schedule,
             rows: &mut data.crba,
             q,
             floating: model.base == Base::Floating,
-            m: entries,
+            m: entries(model, &mut data.mass_matrix),
             nv: model.nv(),
         };
         run(data.instructions, kernel);
     }
-    if by_hand {
+    let m = &mut data.mass_matrix;
+    if !model.schedule.lists_ancestors {
         fill_by_hand(model, &data.crba, m);
     }
     for (i, joint) in model.joints.iter().enumerate() {
@@ -72,6 +60,32 @@ pub(crate) fn mass_matrix<'d>(
         }
     }
     &data.mass_matrix
+}
+
+/// Entries that the kernels fill, by columns. Joints that others mimic add up, and ancestors may be too
+/// many to list: those are filled by hand.
+fn entries<'m>(model: &Model, m: &'m mut DMatrix<f64>) -> Option<&'m mut [f64]> {
+    (model.schedule.lists_ancestors).then(|| m.as_mut_slice())
+}
+
+/// `CrbaInOrder` with `GROUPS` groups.
+fn run_in_order<const GROUPS: usize, const ARM: bool>(
+    model: &Model,
+    data: &mut Data,
+    q: &[f64],
+    placed: bool,
+) {
+    let kernel = in_order::CrbaInOrder::<GROUPS, ARM> {
+        schedule: &model.schedule,
+        memory: &mut data.in_order,
+        rows: &mut data.crba,
+        q,
+        placed,
+        base_size: model.base_size().0,
+        m: entries(model, &mut data.mass_matrix),
+        nv: model.nv(),
+    };
+    run(data.instructions, kernel);
 }
 
 /// Composite inertia of the whole robot, at the root.

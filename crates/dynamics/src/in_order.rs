@@ -74,8 +74,23 @@ pub(crate) struct InOrder {
     pub(crate) groups: Vec<Group>,
 }
 
-/// Most groups that there are.
+/// Most groups that there are (see `sized`).
 pub(crate) const MOST_GROUPS: usize = 3;
+
+/// Calls a function that is generic over the number of groups and `ARM`, with those of a memory.
+macro_rules! sized {
+    ($memory:expr, $function:ident($($argument:expr),*)) => {
+        match ($memory.groups.len(), $memory.arm) {
+            (1, true) => $function::<1, true>($($argument),*),
+            (2, true) => $function::<2, true>($($argument),*),
+            (3, true) => $function::<3, true>($($argument),*),
+            (1, false) => $function::<1, false>($($argument),*),
+            (2, false) => $function::<2, false>($($argument),*),
+            _ => $function::<3, false>($($argument),*),
+        }
+    };
+}
+pub(crate) use sized;
 
 impl InOrder {
     /// For `bodies`: the root, then each followed by all that it carries.

@@ -10,13 +10,13 @@
 mod in_order;
 
 use crate::data::Data;
-use crate::in_order::BodyRow;
+use crate::in_order::{BodyRow, sized};
 use crate::kinematics::{base_placement, six};
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
 use crate::rows::RneaRow;
 use crate::spatial::{Force, Inertia};
-use in_order::RneaInOrder;
+use in_order::run as run_in_order;
 use nalgebra::Vector3;
 use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, gather, run, scatter_add, sin_cos};
 
@@ -34,7 +34,7 @@ pub fn rnea<'d>(
 ) -> &'d [f64] {
     debug_assert!(q.len() >= model.nq() && v.len() >= model.nv() && a.len() >= model.nv());
     match (model.base, model.schedule.in_order) {
-        (Base::Fixed, true) => in_order(model, data, [q, v, a], f_ext),
+        (Base::Fixed, true) => sized!(data.in_order, run_in_order(model, data, [q, v, a], f_ext)),
         (Base::Fixed, false) => {
             side_by_side(model, data, &RootMotion::fixed(model), [q, v, a], f_ext);
         }
@@ -50,7 +50,7 @@ fn floating(model: &Model, data: &mut Data, [q, v, a]: [&[f64]; 3], f_ext: Optio
     let root = RootMotion::floating(model, q, v, a);
     let children = if model.schedule.in_order {
         root.store_in_order(&mut data.in_order.root);
-        in_order(model, data, joints, f_ext);
+        sized!(data.in_order, run_in_order(model, data, joints, f_ext));
         data.in_order.wrench_of_root()
     } else {
         side_by_side(model, data, &root, joints, f_ext);
@@ -62,18 +62,6 @@ fn floating(model: &Model, data: &mut Data, [q, v, a]: [&[f64]; 3], f_ext: Optio
         total -= *f;
     }
     data.tau[..6].copy_from_slice(&total.to_array());
-}
-
-/// `rnea` of the joints, on bodies in their order.
-#[inline]
-fn in_order(model: &Model, data: &mut Data, joints: [&[f64]; 3], f_ext: Option<&[Force]>) {
-    let kernel = RneaInOrder {
-        model,
-        joints,
-        f_ext,
-        data: &mut *data,
-    };
-    run(kernel.data.instructions, kernel);
 }
 
 /// `rnea` of the joints, limbs side by side.

@@ -1,16 +1,14 @@
 //! Composite rigid bodies for bodies in their order (see `in_order`).
 
 use super::{axis_and_momentum, couple_with_base, own_moments};
-use crate::in_order::{
-    BodyRow, Group, InOrder, MOST_GROUPS, Placement, placements, rotate_in_parents, row_of,
-};
+use crate::in_order::{BodyRow, Group, InOrder, Placement, placements, rotate_in_parents, row_of};
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::rows::CrbaRow;
 use simd::{Kernel, Lanes, Pack, V3, WIDTH};
 
 /// `crba` on bodies in their order; leaves twists, momenta and the root's moments in `rows`, as the
 /// limbs side by side do.
-pub(super) struct CrbaInOrder<'a> {
+pub(super) struct CrbaInOrder<'a, const GROUPS: usize, const ARM: bool> {
     pub(super) schedule: &'a LaneSchedule,
     pub(super) memory: &'a mut InOrder,
     pub(super) rows: &'a mut [CrbaRow],
@@ -23,25 +21,10 @@ pub(super) struct CrbaInOrder<'a> {
     pub(super) nv: usize,
 }
 
-impl Kernel for CrbaInOrder<'_> {
+impl<const GROUPS: usize, const ARM: bool> Kernel for CrbaInOrder<'_, GROUPS, ARM> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        match (self.memory.groups.len(), self.memory.arm) {
-            (1, true) => self.run_sized::<L, 1, true>(),
-            (2, true) => self.run_sized::<L, 2, true>(),
-            (MOST_GROUPS, true) => self.run_sized::<L, MOST_GROUPS, true>(),
-            (1, false) => self.run_sized::<L, 1, false>(),
-            (2, false) => self.run_sized::<L, 2, false>(),
-            (MOST_GROUPS, false) => self.run_sized::<L, MOST_GROUPS, false>(),
-            _ => {}
-        }
-    }
-}
-
-impl CrbaInOrder<'_> {
-    #[inline(always)]
-    fn run_sized<L: Lanes, const GROUPS: usize, const ARM: bool>(self) {
         let (Some(steps), Some(groups), Some(rows)) = (
             self.schedule.steps.first_chunk::<GROUPS>(),
             self.memory.groups.first_chunk_mut::<GROUPS>(),

@@ -2,8 +2,8 @@
 
 use crate::data::Data;
 use crate::in_order::{
-    BodyRow, Group, InOrder, MOST_GROUPS, Placement, add_to_joints, of_bodies, of_joints,
-    placements, rotate_in_parents, row_of,
+    BodyRow, Group, InOrder, Placement, add_to_joints, of_bodies, of_joints, placements,
+    rotate_in_parents, row_of,
 };
 use crate::lane_schedule::{LaneSchedule, Step};
 use crate::model::{Base, Model};
@@ -12,33 +12,35 @@ use simd::{Kernel, Lanes, M3, Pack, V3, WIDTH, load_all, store_all};
 
 /// `rnea` of the joints, in `data.tau`, on bodies in their order; the motion of a floating root is in
 /// its row.
-pub(super) struct RneaInOrder<'a> {
-    pub(super) model: &'a Model,
-    pub(super) data: &'a mut Data,
+struct RneaInOrder<'a, const GROUPS: usize, const ARM: bool> {
+    model: &'a Model,
+    data: &'a mut Data,
     /// q, v and a of the joints.
-    pub(super) joints: [&'a [f64]; 3],
-    pub(super) f_ext: Option<&'a [Force]>,
+    joints: [&'a [f64]; 3],
+    f_ext: Option<&'a [Force]>,
 }
 
-impl Kernel for RneaInOrder<'_> {
+/// Runs it.
+#[inline]
+pub(super) fn run<const GROUPS: usize, const ARM: bool>(
+    model: &Model,
+    data: &mut Data,
+    joints: [&[f64]; 3],
+    f_ext: Option<&[Force]>,
+) {
+    let kernel = RneaInOrder::<GROUPS, ARM> {
+        model,
+        joints,
+        f_ext,
+        data: &mut *data,
+    };
+    simd::run(kernel.data.instructions, kernel);
+}
+
+impl<const GROUPS: usize, const ARM: bool> Kernel for RneaInOrder<'_, GROUPS, ARM> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        match (self.data.in_order.groups.len(), self.data.in_order.arm) {
-            (2, true) => self.run_sized::<L, 2, true>(),
-            (1, true) => self.run_sized::<L, 1, true>(),
-            (MOST_GROUPS, true) => self.run_sized::<L, MOST_GROUPS, true>(),
-            (1, false) => self.run_sized::<L, 1, false>(),
-            (2, false) => self.run_sized::<L, 2, false>(),
-            (MOST_GROUPS, false) => self.run_sized::<L, MOST_GROUPS, false>(),
-            _ => {}
-        }
-    }
-}
-
-impl RneaInOrder<'_> {
-    #[inline(always)]
-    fn run_sized<L: Lanes, const GROUPS: usize, const ARM: bool>(self) {
         let (model, [q, mut v, mut a]) = (self.model, self.joints);
         let tau = &mut self.data.tau[model.base_size().0..];
         let InOrder {
