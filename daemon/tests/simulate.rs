@@ -163,6 +163,24 @@ fn the_demo_runs_a_robot_by_its_path_and_moves_its_joints_without_a_motion_file(
         "{text}"
     );
 
+    // An operator has to enable it: the demo has nobody else, and moves it all the same.
+    let path = directory.path().join("config/leg/robot.toml");
+    let config = std::fs::read_to_string(&path).expect("read");
+    let by_operator = config.replace("enable = \"automatic\"", "enable = \"operator\"");
+    assert_ne!(by_operator, config);
+    std::fs::write(&path, by_operator).expect("written");
+    let largest = |text: &[u8]| {
+        let report: serde_json::Value = serde_json::from_slice(text).expect("JSON");
+        assert_eq!(report["fault"], 0, "{report}");
+        report["joints"][2]["largest_torque"].as_f64()
+    };
+    let at_once = largest(text.as_bytes()).expect("a number");
+    let enabled = largest(&demo("config/leg/robot.toml").stdout).expect("a number");
+    assert!(
+        (enabled - at_once).abs() < 0.05 * at_once,
+        "{enabled}, {at_once}"
+    );
+
     // Of a joint without a link-side encoder there is no torque from encoders, and nothing breaks.
     let out = demo("hrp2-like");
     let report: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");

@@ -1,7 +1,8 @@
 //! The demo's references, cycle by cycle, in place of a client's.
 
 use robot_config::Robot;
-use robot_state::{Mode, Reference, SharedRecord, measured_flags};
+use robot_state::{Mode, Reference, RobotState, SharedRecord, measured_flags};
+use supervisor::OperatorRequest;
 
 use super::motion::Motion;
 use super::stance::Stance;
@@ -18,6 +19,11 @@ pub struct DemoClient {
     cycle: Option<u64>,
     q_model: Vec<f64>,
     reference: Reference,
+    /// An operator has to enable the robot, and has not been asked to yet.
+    to_enable: bool,
+    /// The same, and the motion waits for it.
+    by_operator: bool,
+    request: Option<OperatorRequest>,
 }
 
 impl DemoClient {
@@ -50,7 +56,16 @@ impl DemoClient {
                 contact_wrench_given: 1,
                 ..Reference::default()
             },
+            to_enable: !parameters.safety.automatic,
+            by_operator: !parameters.safety.automatic,
+            request: None,
         }
+    }
+
+    /// The operator's request of the coming cycle: a simulated robot has nobody else to enable it.
+    #[must_use]
+    pub fn request(&self) -> Option<OperatorRequest> {
+        self.request
     }
 
     /// Input of the coming cycle.
@@ -64,7 +79,13 @@ impl DemoClient {
         let n = self.model_index.len();
         let joints = &record.cycle.measured.joints[..n];
         let unready = measured_flags::NEVER | measured_flags::SETTLING;
-        let ready = joints.iter().all(|j| j.flags & unready == 0);
+        let settled = joints.iter().all(|j| j.flags & unready == 0);
+        let state = RobotState::from_number(record.cycle.state);
+        let enable = self.to_enable && settled && state == Some(RobotState::Ready);
+        self.to_enable &= !enable;
+        self.request = enable.then_some(OperatorRequest::Enable);
+        let held = matches!(state, Some(RobotState::Holding | RobotState::Active));
+        let ready = settled && (held || !self.by_operator);
         let Some(cycle) = self.cycle else {
             if ready {
                 // The motion starts from the robot's present pose.

@@ -145,6 +145,7 @@ fn simulate(
         let wake = pace.wait();
         let input = ClientInput {
             reference: Some(client.reference()),
+            request: client.request(),
             ..ClientInput::default()
         };
         let record = control_loop.run_cycle(&wake, &input);

@@ -200,6 +200,9 @@ fn usable(estimate: &TorqueEstimate) -> Option<(f64, f64)> {
     (estimate.flags & torque_flags::VALID != 0).then_some((estimate.tau, estimate.sigma))
 }
 
+/// Largest torque that is shown as zero, N·m or N.
+const LEAST_SHOWN: f64 = 5e-4;
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
@@ -232,12 +235,12 @@ impl fmt::Display for Report {
             for error in [joint.encoder, joint.whole_body, joint.delay_compensated] {
                 match error {
                     Some(error) => {
-                        let percent = 100.0 * error.rms / joint.largest_torque;
-                        write!(
-                            f,
-                            "   {:>8.3} {:>7.3} {:>6.2}%",
-                            error.max, error.rms, percent
-                        )?;
+                        // Of a joint that carries nothing no share means anything.
+                        let percent = match joint.largest_torque > LEAST_SHOWN {
+                            true => format!("{:.2}%", 100.0 * error.rms / joint.largest_torque),
+                            false => "-".to_owned(),
+                        };
+                        write!(f, "   {:>8.3} {:>7.3} {percent:>7}", error.max, error.rms)?;
                     }
                     None => write!(f, "   {:>8} {:>7} {:>7}", "-", "-", "-")?,
                 }
