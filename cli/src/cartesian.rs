@@ -1,8 +1,9 @@
 //! `torquectl cartesian`: a frame of the robot led by springs and a desired force.
 
 use crate::motion::{bar, catch_signals};
-use crate::requests::{Failure, PATIENCE, connect, end};
+use crate::requests::{Failure, PATIENCE, beyond_limits, connect, end};
 use crate::units::rounded;
+use control::DAMPING_RATIOS;
 use problem::{Problem, listed};
 use serde_json::json;
 use std::process::ExitCode;
@@ -113,6 +114,12 @@ fn go(arguments: &CartesianArguments) -> Result<String, Failure> {
             return Err(Failure::Argument(problem));
         }
     }
+    if !DAMPING_RATIOS.contains(&arguments.damping_ratio) {
+        let what = format!("--damping-ratio {}", arguments.damping_ratio);
+        let (least, most) = (DAMPING_RATIOS.start(), DAMPING_RATIOS.end());
+        let problem = Problem::new(what, format!("{least} to {most}"));
+        return Err(Failure::Argument(problem));
+    }
     let stop = catch_signals().map_err(Failure::Argument)?;
     let mut client = connect(arguments.robot.as_ref())?;
     let frame = index(&client, &arguments.frame)?;
@@ -126,10 +133,11 @@ fn go(arguments: &CartesianArguments) -> Result<String, Failure> {
     let mut sum = Mean::default();
     while !stop.load(Ordering::Relaxed) && begin.elapsed().as_secs_f64() < arguments.seconds {
         let t = begin.elapsed().as_secs_f64();
-        commander.send(|reference| {
+        let sent = commander.send(|reference| {
             reference.mode = Mode::Cartesian.number();
             reference.frames[frame] = at(&start, arguments, t);
-        })?;
+        });
+        sent.map_err(|error| beyond_limits(error, || cannot_be_led(&arguments.frame, t)))?;
         sleep(INTERVAL);
         if let Some(record) = client.latest()? {
             let shown = record.cycle.commanded.frames[frame];
@@ -147,6 +155,14 @@ fn go(arguments: &CartesianArguments) -> Result<String, Failure> {
         return Err(Failure::Stopped("stopped; the robot holds".to_owned()));
     }
     Ok(sum.report(&start, arguments, client.robot()))
+}
+
+fn cannot_be_led(frame: &str, t: f64) -> Problem {
+    Problem::new(
+        format!("frame {frame:?} cannot be led so, refused after {t:.1} s"),
+        "--stiffness, --turning-stiffness, --force and the velocity of --shift up to those of its table [[frame]] \
+         (`torquectl check CONFIG`), and a --shift within the limb's reach",
+    )
 }
 
 /// What the frame is to do after `t` seconds.

@@ -1,6 +1,6 @@
 //! `torquectl move`: a robot to a pose, on the way that the loop plans; or a picture of that way.
 
-use crate::requests::{Failure, PATIENCE, connect, end};
+use crate::requests::{Failure, PATIENCE, beyond_limits, connect, end};
 use charts::{COLOURS, Figure, Line, Panel};
 use control::{MotionLimits, PlannedMotion, PointToPoint};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -142,6 +143,36 @@ pub(crate) fn by_joint(
     Ok(positions)
 }
 
+/// A target beyond its joint's position limits, rad or m, is refused.
+fn within(
+    (name, kind): (&str, JointKind),
+    to: f64,
+    range: RangeInclusive<f64>,
+) -> Result<(), Problem> {
+    let shown = |x: &f64| kind.shown(*x);
+    match range.contains(&to) {
+        true => Ok(()),
+        false => Err(Problem::new(
+            format!("{name}={} is beyond its limits", shown(&to)),
+            format!(
+                "{:.1} to {:.1} {}",
+                shown(range.start()),
+                shown(range.end()),
+                kind.units("deg")
+            ),
+        )),
+    }
+}
+
+/// What a speed may be, for one that was refused.
+fn too_fast(speed: f64) -> Problem {
+    Problem::new(
+        format!("--speed {speed}: the robot does not move so"),
+        "at most the velocity limit of every joint that is named (`torquectl check CONFIG` shows them), and no \
+         speed so low that the way takes minutes",
+    )
+}
+
 fn go(arguments: &MoveArguments) -> Result<String, Failure> {
     let stop = catch_signals().map_err(Failure::Argument)?;
     let mut client = connect(arguments.robot.as_ref())?;
@@ -150,9 +181,14 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
     let joints = joints.map(|(j, name)| (name.as_str(), description.joint_kind(j)));
     let joints: Vec<_> = joints.take(description.joint_count as usize).collect();
     let positions = by_joint(&joints, &arguments.targets).map_err(Failure::Argument)?;
-    let speeds: Vec<f64> = joints
-        .iter()
-        .map(|(_, kind)| arguments.speed(*kind))
+    let limits = (description.position_min.iter()).zip(&description.position_max);
+    for ((joint, to), (min, max)) in joints.iter().zip(&positions).zip(limits) {
+        to.map_or(Ok(()), |to| within(*joint, to, *min..=*max))
+            .map_err(Failure::Argument)?;
+    }
+    // That of a joint that stays need not be one that it could move at.
+    let speeds: Vec<f64> = (joints.iter().zip(&positions))
+        .map(|((_, kind), to)| to.map_or(0.0, |_| arguments.speed(*kind)))
         .collect();
     let mut commander = Commander::connect(&mut client)?;
     commander.hold_until_ready(PATIENCE)?;
@@ -173,7 +209,10 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
         !stop.load(Ordering::Relaxed)
     });
     bar.finish_and_clear();
-    let arrived = arrived?;
+    let arrived = arrived.map_err(|error| match arguments.speed {
+        Some(speed) => beyond_limits(error, || too_fast(speed)),
+        None => Failure::Daemon(error),
+    })?;
     commander.close()?;
     if !arrived {
         let why = "stopped on its way";
@@ -243,29 +282,15 @@ fn preview(config: &Path, arguments: &MoveArguments) -> Result<String, Problems>
             let range = joint.limits.position_min..=joint.limits.position_max;
             let from = from.unwrap_or_else(|| 0.0f64.clamp(*range.start(), *range.end()));
             let to = to.unwrap_or(from);
-            match range.contains(&to) {
-                true => Ok(Way {
-                    joint,
-                    from,
-                    to,
-                    limits,
-                }),
-                false => Err(Problem::new(
-                    format!(
-                        "{}={} is beyond its limits",
-                        joint.name,
-                        joint.kind.shown(to)
-                    ),
-                    format!(
-                        "{:.1} to {:.1} {}",
-                        joint.kind.shown(*range.start()),
-                        joint.kind.shown(*range.end()),
-                        joint.kind.units("deg")
-                    ),
-                )),
-            }
+            within((&joint.name, joint.kind), to, range)?;
+            Ok(Way {
+                joint,
+                from,
+                to,
+                limits,
+            })
         })
-        .collect::<Result<_, _>>()?;
+        .collect::<Result<_, Problem>>()?;
     let (duration, samples) = plan(&ways, parameters.timing.sample_period)?;
     if let Some(path) = &arguments.output {
         let text = csv(&ways, parameters.timing.sample_period, &samples);

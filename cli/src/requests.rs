@@ -8,7 +8,7 @@ use std::fmt::Display;
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 use std::time::Duration;
-use torqued_client::robot_state::Answer;
+use torqued_client::robot_state::{Answer, Event};
 use torqued_client::{Client, Error, Location};
 
 /// Longest wait for a daemon or a record.
@@ -27,6 +27,18 @@ pub(crate) enum Failure {
 impl From<Error> for Failure {
     fn from(e: Error) -> Self {
         Self::Daemon(e)
+    }
+}
+
+/// The failure of references that were not followed: `why`, where they asked for more than the robot's limits allow.
+pub(crate) fn beyond_limits(error: Error, why: impl FnOnce() -> Problem) -> Failure {
+    match &error {
+        Error::NotFollowed { status, .. }
+            if status.commander.cause == Event::ReferenceLimit.number() =>
+        {
+            Failure::Argument(why())
+        }
+        _ => Failure::Daemon(error),
     }
 }
 

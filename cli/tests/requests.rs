@@ -121,6 +121,18 @@ fn beside_robot(dir: &RunDir, arguments: &str, change: impl Fn(&mut SharedRecord
 }
 
 #[test]
+fn a_move_beyond_position_limits_is_refused_with_them_before_anything_is_asked_of_the_robot() {
+    let dir = RunDir::new();
+    let output = beside_daemon(&dir, "move hip=20 knee=90");
+    let error = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert_eq!(
+        error.trim(),
+        "knee=90 is beyond its limits; allowed: -28.6 to 57.3 deg"
+    );
+}
+
+#[test]
 fn a_tare_shows_offsets_before_and_after_and_what_is_unknown() {
     let dir = RunDir::new();
     let output = beside_daemon(&dir, "tare --contacts in_the_air");

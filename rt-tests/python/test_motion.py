@@ -9,6 +9,7 @@ import numpy
 import pytest
 import ruckig
 from pinocchio_robot import ROOT, TORQUECTL
+from processes import Process, daemon
 
 CONFIG = ROOT / "config/leg/robot.toml"
 PERIOD_S = 1e-3
@@ -62,3 +63,26 @@ def test_as_the_original(tmp_path, joints, seed):
         numpy.testing.assert_allclose(
             numpy.array(ours)[:, slowest], theirs[:, slowest], rtol=0, atol=1e-7
         )
+
+
+def test_a_running_robot_refuses_what_it_cannot_do_with_the_reason(tmp_path, monkeypatch):
+    monkeypatch.setenv("TORQUED_RUN_DIR", str(tmp_path))
+
+    def torquectl(*arguments):
+        answer = subprocess.run([TORQUECTL, *arguments], capture_output=True, text=True)
+        return answer.returncode, answer.stderr
+
+    with daemon(ROOT / "config/lift-gripper/robot.toml", "--simulate") as running:
+        running.wait_for("state: holding")
+        # The finger, which stays, reaches 100 mm/s.
+        assert torquectl("move", "boom=0", "--speed", "150") == (0, "")
+        code, error = torquectl("move", "finger=20", "--speed", "150")
+        assert code == 2 and "the velocity limit of every joint that is named" in error, error
+        code, error = torquectl("move", "lift=300")
+        assert code == 2 and "lift=300 is beyond its limits; allowed: -200.0 to 200.0 mm" in error, error
+    with daemon(CONFIG, "--simulate") as running:
+        running.wait_for("state: holding")
+        code, error = torquectl("cartesian", "foot", "--stiffness", "1e6")
+        assert code == 2 and "--stiffness" in error and "[[frame]]" in error, error
+        code, error = torquectl("cartesian", "foot", "--damping-ratio", "9")
+        assert code == 2 and "0.3 to 2" in error, error

@@ -210,6 +210,10 @@ pub(crate) fn next_record<R: Read, T>(
 ) -> Result<Result<T, Ending>, ReadError> {
     loop {
         match reader.next_event() {
+            None if read_some(source, &mut [0])? > 0 => {
+                let why = "more follows the end of its recording, as where files were joined";
+                return Ok(Err(Ending::Damaged(why.to_owned())));
+            }
             None => return Ok(Err(Ending::Complete)),
             Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
                 let wanted = wanted.min(MAX_RECORD);

@@ -237,6 +237,16 @@ fn damaged_files_are_named_and_never_read_wrong() {
 }
 
 #[test]
+fn a_recording_that_was_joined_to_another_is_not_left_out_in_silence() {
+    let (cycles, ending) = read(&[file(), file()].concat()).expect("read");
+    assert_eq!(cycles, CYCLES);
+    assert!(
+        matches!(&ending, Ending::Damaged(why) if why.contains("more follows")),
+        "{ending:?}"
+    );
+}
+
+#[test]
 fn other_files_are_refused_by_what_they_are() {
     let text = b"time,q1,q2\n0.0,1.0,2.0\n";
     assert!(matches!(read(text), Err(ReadError::NotMcap)));
