@@ -10,7 +10,7 @@ use problem::{Problem, Problems};
 use recording::{CycleMessage, Ending, Header};
 use robot_config::{FilterGains, Robot, Sampled, Sampling, whole_body_parameters};
 use robot_state::torque_flags::VALID;
-use robot_state::{CycleRecord, measured_flags};
+use robot_state::{CycleRecord, DriveState, measured_flags};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Read};
@@ -31,6 +31,8 @@ const NOT_USED: u32 = measured_flags::NEVER
     | measured_flags::STALE
     | measured_flags::JUMP
     | measured_flags::IMPLAUSIBLE;
+/// Time after enabling within which brakes let go, s.
+const BRAKES_S: f64 = 0.5;
 /// Readings with one of these interrupt what torques are computed from.
 const LOST: u32 = measured_flags::NEVER
     | measured_flags::STALE
@@ -70,7 +72,7 @@ pub(crate) struct Drive {
     pub(crate) theta: Vec<f64>,
     /// i, A.
     pub(crate) current: Vec<f64>,
-    /// The sample was measured, not bridged.
+    /// The sample was measured, not bridged, and the drive was on: of one that is off a brake may carry the torque.
     pub(crate) used: Vec<bool>,
     /// Torque from encoders and current as published, and its standard deviation, N·m; NaN where it was not
     /// valid.
@@ -233,6 +235,8 @@ struct Reader<'a> {
     /// Ages of the samples of joints, sensors, IMU in the present stretch, where they have some.
     ages: Vec<(Source, Sampling, Vec<f64>)>,
     interrupted: bool,
+    /// Cycles until each joint's current counts.
+    off: Vec<u32>,
 }
 
 /// What may have samples of an age.
@@ -264,6 +268,22 @@ impl<'a> Reader<'a> {
                 .map(|(source, sampling)| (source, sampling, Vec::new()))
                 .collect(),
             interrupted: true,
+            off: vec![0; p.joints.len()],
+        }
+    }
+
+    /// Follows whether the drives are on, and have been for as long as brakes take to let go.
+    fn follow_drives(&mut self, record: &CycleRecord) {
+        let powered = [DriveState::Enabled, DriveState::Stopping].map(DriveState::number);
+        let letting_go = (BRAKES_S / self.period).ceil() as u32;
+        let joints = self.robot.parameters.joints.iter();
+        let commanded = joints.zip(&record.commanded.joints);
+        for (left, (joint, commanded)) in self.off.iter_mut().zip(commanded) {
+            let on = joint.drive_profile.is_none() || powered.contains(&commanded.drive_state);
+            *left = match on {
+                true => left.saturating_sub(1),
+                false => letting_go,
+            };
         }
     }
 
@@ -273,6 +293,7 @@ impl<'a> Reader<'a> {
         let t = recorded::ms_between(begin_ns, message.at.sync.0) * 1e-3;
         let step = t - std::mem::replace(&mut self.last_t, t);
         self.cycles += 1;
+        self.follow_drives(record);
         if self.is_lost(record) {
             self.interrupted = true;
             return;
@@ -294,7 +315,7 @@ impl<'a> Reader<'a> {
         let Some(stretch) = self.stretches.last_mut() else {
             return;
         };
-        stretch.push(t, record);
+        stretch.push(t, record, &self.off);
         let since_sync = recorded::ms_between(message.at.sync.0, message.at.now.0) * 1e-3;
         for (source, sampling, ages) in &mut self.ages {
             let of_stamp = match source {
@@ -387,17 +408,17 @@ impl<'a> Reader<'a> {
 }
 
 impl Stretch {
-    fn push(&mut self, t: f64, record: &CycleRecord) {
+    fn push(&mut self, t: f64, record: &CycleRecord, off: &[u32]) {
         let signals = &mut self.signals;
         signals.t.push(t);
         let joints = record.measured.joints.iter();
-        let joints = joints.zip(&record.estimated.joints);
+        let joints = joints.zip(&record.estimated.joints).zip(off);
         let mut own = signals.angles.iter_mut().zip(&mut self.drives);
-        for ((angle, drive), (joint, estimated)) in own.by_ref().zip(joints) {
+        for ((angle, drive), ((joint, estimated), off)) in own.by_ref().zip(joints) {
             angle.push(joint.q);
             drive.theta.push(joint.theta);
             drive.current.push(joint.current);
-            drive.used.push(joint.flags & NOT_USED == 0);
+            drive.used.push(joint.flags & NOT_USED == 0 && *off == 0);
             let torque = &estimated.tau_encoder;
             drive.torque.push(match torque.flags & VALID != 0 {
                 true => [torque.tau, torque.sigma],
@@ -431,6 +452,40 @@ impl Stretch {
             cut(&mut drive.current);
             drive.used = drive.used[kept.clone()].to_vec();
             drive.torque = drive.torque[kept.clone()].to_vec();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_joint_is_not_fitted_to_while_its_drive_is_off_and_a_brake_may_carry_it() {
+        let read = test_support::read_project_file;
+        let robot = robot_config::load("config/leg/robot.toml", &read).unwrap();
+        let header = Header::new(&robot, Vec::new(), recording::Start::default());
+        let mut reader = Reader::new(&robot, &header);
+        let mut message = CycleMessage::default();
+        for cycle in 0..3000u64 {
+            message.at.sync.0 = cycle * 1_000_000;
+            let state = match cycle {
+                0..1000 => DriveState::SwitchedOn,
+                _ => DriveState::Enabled,
+            };
+            for joint in &mut message.record.cycle.commanded.joints {
+                joint.drive_state = state.number();
+            }
+            reader.take(&message);
+        }
+        let (_, stretches) = reader.end("");
+        let [stretch] = &stretches[..] else {
+            panic!("{} stretches", stretches.len())
+        };
+        for drive in &stretch.drives {
+            let first = drive.used.iter().position(|used| *used);
+            assert_eq!(first, Some(1499), "half a second after enabling");
+            assert!(drive.used[1499..].iter().all(|used| *used));
         }
     }
 }

@@ -80,7 +80,14 @@ impl Cycle {
 
         (self.measure).update(at, rx, client.settings, holds, measured, counts);
         let settings = client.settings;
-        (self.estimate).update(&self.measure, settings, !holds, measured, estimated, counts);
+        (self.estimate).update(
+            &self.measure,
+            (settings, !holds),
+            measured,
+            commanded,
+            estimated,
+            counts,
+        );
         (self.estimate).contradict(measured, estimated, commanded, counts);
         let measure = &mut self.measure;
         (self.estimate).explain_torsions(measured, estimated, |j, torsion| {

@@ -19,6 +19,7 @@ mod current;
 mod delay_compensation;
 mod external_torque;
 mod gear_torsion;
+mod power;
 mod torque_check;
 mod torsion_check;
 mod usable;
@@ -28,7 +29,7 @@ use core::fmt;
 
 use dynamics::Motion;
 use estimators::compliance::ComplianceEstimator;
-use estimators::joint::AnyEstimator;
+use estimators::joint::{AnyEstimator, DRIVE_OFF, JointSample};
 use estimators::radius::AtRadius;
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
@@ -45,6 +46,7 @@ use delay_compensation::DelayCompensation;
 pub(crate) use delay_compensation::{FastTorque, KINEMATIC_SLOPE};
 use external_torque::ExternalTorque;
 use gear_torsion::GearTorsion;
+use power::Power;
 use torque_check::TorqueCheck;
 use torsion_check::TorsionCheck;
 use whole_body::WholeBodyStage;
@@ -57,6 +59,7 @@ pub(crate) struct Estimate {
     /// [`estimators::joint::JointTorqueEstimator::undelayed`].
     undelayed: Vec<Option<f64>>,
     currents: CurrentTorques,
+    power: Power,
     gear_torsion: GearTorsion,
     /// Samples that are left of each joint's tare.
     taring: Vec<u32>,
@@ -115,6 +118,7 @@ impl Estimate {
                 .map(joint_estimator)
                 .collect::<Result<_, _>>()?,
             currents: CurrentTorques::new(robot),
+            power: Power::new(robot),
             gear_torsion: GearTorsion::new(robot),
             delay_compensation: DelayCompensation::new(robot)?,
             external_torque: (parameters.external_torque.as_ref())
@@ -181,16 +185,17 @@ impl Estimate {
         (self.gear_torsion).update(&measured.joints, &estimated.joints, explain);
     }
 
-    /// `follows`: a client's mode is active.
+    /// `follows`: a client's mode is active; `commanded`: of the last cycle.
     pub(crate) fn update(
         &mut self,
         measure: &Measure,
-        settings: Option<&Settings>,
-        follows: bool,
+        (settings, follows): (Option<&Settings>, bool),
         measured: &MeasuredRecord,
+        commanded: &CommandedRecord,
         estimated: &mut EstimatedRecord,
         counts: &mut Counts,
     ) {
+        self.power.update(commanded);
         if let Some(settings) = settings {
             self.apply(settings);
         }
@@ -221,7 +226,7 @@ impl Estimate {
             );
         }
         if let Some(cross_check) = &mut self.cross_check {
-            cross_check.update(whole_body, estimated, counts);
+            cross_check.update(whole_body, &self.power, estimated, counts);
         }
         self.show_pasts(&estimated.joints);
     }
@@ -283,7 +288,14 @@ impl Estimate {
             joint.tau_encoder = if sample.flags & measured_flags::NEVER != 0 {
                 TorqueEstimate::default()
             } else {
-                let torque = estimator.update(sample);
+                let off = match self.power.shows_torque(index) {
+                    true => 0,
+                    false => DRIVE_OFF,
+                };
+                let torque = estimator.update(&JointSample {
+                    flags: sample.flags | off,
+                    ..*sample
+                });
                 *undelayed = estimator.undelayed();
                 checked(torque, joint.tau_encoder, counts)
             };

@@ -7,7 +7,7 @@
 //! ```
 
 use crate::exponential::exp;
-use crate::joint::{JointSample, JointTorqueEstimator};
+use crate::joint::{DRIVE_OFF, JointSample, JointTorqueEstimator};
 use crate::kinematic_error::KinematicErrorParameters;
 use crate::low_pass::LowPass;
 use crate::series_spring::SeriesSpring;
@@ -291,7 +291,7 @@ impl JointTorqueEstimator for ComplianceEstimator {
         if saturated {
             out |= torque_flags::SATURATED;
         }
-        if flags != 0 {
+        if flags & !DRIVE_OFF != 0 {
             out |= torque_flags::DEGRADED;
         }
         self.last = TorqueEstimate {

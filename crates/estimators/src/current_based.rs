@@ -6,7 +6,7 @@
 //! Automatic Control 50(11), 2005, without its sliding dynamics).
 
 use crate::hysteresis::{Hysteresis, SlipElement};
-use crate::joint::{JointSample, JointTorqueEstimator};
+use crate::joint::{DRIVE_OFF, JointSample, JointTorqueEstimator};
 use crate::output::Output;
 use crate::uncertainty::Uncertainty;
 use crate::validity::Validity;
@@ -163,6 +163,11 @@ impl JointTorqueEstimator for CurrentEstimator {
     fn update(&mut self, sample: &JointSample) -> TorqueEstimate {
         if !Output::usable(sample) {
             self.last_dq = None;
+            return self.output.held();
+        }
+        if sample.flags & DRIVE_OFF != 0 {
+            (self.last_dq, self.last) = (None, None);
+            self.low_pass.reset();
             return self.output.held();
         }
         let direction = self.direction(sample);

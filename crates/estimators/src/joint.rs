@@ -17,9 +17,13 @@ pub struct JointSample {
     pub current: f64,
     /// Feed-forward: torque that a controller or a rigid-body model expects, N·m; none where there is none.
     pub feed_forward: Option<f64>,
-    /// Bits of `robot_state::measured_flags`.
+    /// Bits of `robot_state::measured_flags`, and [`DRIVE_OFF`].
     pub flags: u32,
 }
+
+/// Bit of a sample's flags beside those of `robot_state::measured_flags`: the drive is off, or has just been switched
+/// on. A brake may carry the torque, of which the current then shows nothing.
+pub const DRIVE_OFF: u32 = 1 << 31;
 
 /// A source of one joint's torque that is fed once a cycle.
 ///

@@ -1,6 +1,6 @@
 //! Bounds, flags and held values: common to all estimators.
 
-use crate::joint::JointSample;
+use crate::joint::{DRIVE_OFF, JointSample};
 use robot_state::{TorqueEstimate, measured_flags, torque_flags};
 
 /// Bounds an estimator's output, and keeps the last one for cycles without a usable sample.
@@ -58,7 +58,7 @@ impl Output {
         if tau.abs() >= self.limit {
             flags |= torque_flags::SATURATED;
         }
-        if sample.flags != 0 {
+        if sample.flags & !DRIVE_OFF != 0 {
             flags |= torque_flags::DEGRADED;
         }
         self.last = TorqueEstimate {

@@ -53,6 +53,14 @@ const START_SAMPLES: u32 = 50;
 /// Share of a step to the zero in one sample.
 const ZERO_STEP: f64 = 0.3;
 
+impl Zero {
+    /// Nothing has shown yet where an unknown zero is: so far the current has not been that of a drive that
+    /// is on.
+    fn is_open(&self) -> bool {
+        self.parameters.unknown && self.parameters.current.is_some() && self.started == 0
+    }
+}
+
 impl EstimatorSet {
     /// A set of named sources, at most [`MAX_SOURCES`]; `fusion` must be of the same sources in the same
     /// order.
@@ -117,9 +125,9 @@ impl EstimatorSet {
         if !p.unknown || self.zero.started >= START_SAMPLES {
             return;
         }
-        self.zero.started += 1;
         let current = p.current.and_then(|i| self.estimates.get(i)).copied();
         if let Some(current) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
+            self.zero.started += 1;
             self.shift(current.tau, current.sigma);
         }
     }
@@ -196,6 +204,9 @@ impl JointTorqueEstimator for EstimatorSet {
                     .unwrap_or(self.fused)
             }
         };
+        if self.zero.is_open() {
+            self.fused.flags &= !torque_flags::VALID;
+        }
         self.fused
     }
 

@@ -77,7 +77,7 @@ pub struct Sources {
     pub encoder: Option<f64>,
     /// From F/T sensors, delayed by their filters.
     pub whole_body: Option<f64>,
-    /// From motor current, undelayed.
+    /// From motor current, undelayed; none also while the drive is off, when a brake may carry the torque.
     pub current: Option<f64>,
     /// Standard deviation of `current`; not read where that has none.
     pub current_sigma: f64,
@@ -90,6 +90,8 @@ struct Joint {
     rings: [Vec<f64>; 2],
     sums: [f64; 2],
     filled: usize,
+    /// Samples of the current's torque since the last one without.
+    currents: usize,
     newest: usize,
     /// Encoder - F/T.
     difference: f64,
@@ -153,6 +155,7 @@ impl CrossCheck {
             rings: [vec![0.0; window], vec![0.0; window]],
             sums: [0.0; 2],
             filled: 0,
+            currents: 0,
             newest: 0,
             difference: 0.0,
             aside: 0.0,
@@ -324,12 +327,14 @@ impl Joint {
     }
 
     fn update(&mut self, s: &Sources, share: f64, load: f64) {
-        let (Some(e), Some(w), Some(c)) = (s.encoder, s.whole_body, s.current) else {
+        let (Some(e), Some(w)) = (s.encoder, s.whole_body) else {
             // Averages need every sample of a window; differences stay as they are.
             (self.filled, self.sums) = (0, [0.0; 2]);
             return;
         };
-        if ![e, w, c, s.current_sigma].iter().all(|x| x.is_finite()) {
+        self.currents = s.current.map_or(0, |_| self.currents.saturating_add(1));
+        let (c, sigma) = s.current.map_or((0.0, 0.0), |c| (c, s.current_sigma));
+        if ![e, w, c, sigma].iter().all(|x| x.is_finite()) {
             (self.filled, self.sums) = (0, [0.0; 2]);
             return;
         }
@@ -352,6 +357,11 @@ impl Joint {
         }
         let [e, c] = self.sums.map(|s| s / window as f64);
         self.difference += share * (e - w - self.difference);
+        if self.currents < window {
+            // Without the current's torque nothing is known of it, and it sides with nobody.
+            (self.aside, self.current) = (0.0, [Ratio::default(); 2]);
+            return;
+        }
         let nearer = (c - w).abs() - 0.5 * (c - e).abs();
         self.aside += share * (nearer - self.aside);
         self.current_sigma += share * (s.current_sigma - self.current_sigma);

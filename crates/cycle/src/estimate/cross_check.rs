@@ -8,6 +8,7 @@ use robot_config::{CrossCheckSettings, JointParameters, Robot};
 use robot_state::{EstimatedRecord, Event, TorqueEstimate};
 use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
 
+use super::power::Power;
 use super::usable::valid;
 use crate::events::{Counts, Subject};
 
@@ -60,19 +61,21 @@ impl CrossCheckStage {
     pub(crate) fn update(
         &mut self,
         whole_body: &WholeBody,
+        power: &Power,
         estimated: &mut EstimatedRecord,
         counts: &mut Counts,
     ) {
         let valid = |e: &TorqueEstimate| valid(e).map(|e| e.tau);
         let joints = estimated.joints.iter().zip(&self.by_current);
-        for (sources, (joint, by_current)) in self.sources.iter_mut().zip(joints) {
+        for (j, (sources, (joint, by_current))) in self.sources.iter_mut().zip(joints).enumerate() {
+            let current = valid(&joint.tau_current).filter(|_| power.shows_torque(j));
             *sources = Sources {
                 encoder: match by_current {
-                    true => valid(&joint.tau_current),
+                    true => current,
                     false => valid(&joint.tau_encoder),
                 },
                 whole_body: valid(&joint.tau_whole_body),
-                current: valid(&joint.tau_current),
+                current,
                 current_sigma: joint.tau_current.sigma,
             };
         }

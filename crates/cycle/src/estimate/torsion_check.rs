@@ -44,7 +44,7 @@ const SAMPLES: u32 = 5;
 /// Samples in a row that are bridged: as many as may be implausible before a joint is distrusted.
 const BRIDGED: u32 = 8;
 /// Time after enabling before which the current does not decide alone, nor from a smaller change on: brakes let go, s.
-const SETTLING_S: f64 = 0.5;
+pub(super) const SETTLING_S: f64 = 0.5;
 
 /// The change of a signal: what a fast low-pass shows beyond a slow one.
 #[derive(Debug, Clone, Copy)]
