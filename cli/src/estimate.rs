@@ -6,6 +6,7 @@ use crate::report::{self, Traces};
 use clap::Args;
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use identification::evaluate::{Figures, Score};
+use identification::inputs::check_rate;
 use identification::log::{LogReader, LogRow};
 use joint_file::JointFile;
 use problem::Problem;
@@ -106,8 +107,13 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     let mut page =
         (arguments.report.as_deref()).map(|path| (path, Vec::new(), Traces::new(&joint, &names)));
     let mut timed = Vec::new();
+    let mut steps = Vec::new();
     while let Some(row) = log.next_row()? {
-        front_end.bridge(last.replace(row.t), row.t);
+        let before = last.replace(row.t);
+        if steps.len() < TIMED {
+            steps.extend(before.map(|before| row.t - before));
+        }
+        front_end.bridge(before, row.t);
         let sample = row.sample(&mut front_end);
         if timed.len() < TIMED {
             timed.push(sample);
@@ -137,6 +143,8 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     if count == 0 {
         return Err(log.problem("the log has no rows", "at least one"));
     }
+    check_rate(&steps, joint.sample_period())
+        .map_err(|problem| problem.or_at(&arguments.log.display().to_string(), 0))?;
     if let Some(out) = out {
         out.finish()?;
     }
@@ -160,7 +168,7 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     })
 }
 
-/// Samples at the log's begin that each estimator is timed on, by itself.
+/// Samples at the log's begin that each estimator is timed on, by itself, and by whose stamps the rate is judged.
 const TIMED: usize = 20_000;
 
 fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) -> f64 {

@@ -160,6 +160,14 @@ fn the_smallest_joint_and_a_log_without_torque() {
     assert!(figures["current"]["rms"].is_null() && figures["current"]["time_ns"].is_number());
 }
 
+/// A row of a log with its stamp in ms.
+fn in_ms(row: &str) -> String {
+    match row.split_once(',') {
+        Some((t, rest)) if t != "t" => format!("{},{rest}\n", 1e3 * t.parse::<f64>().unwrap()),
+        _ => format!("{row}\n"),
+    }
+}
+
 #[test]
 fn bad_input_is_named_with_file_and_line() {
     let folder = folder("bad");
@@ -188,6 +196,7 @@ fn bad_input_is_named_with_file_and_line() {
             replaced(7, "0.002,1,1,1,1"),
             "run.csv:7: time 0.002 s follows 0.004 s",
         ),
+        (good.lines().map(in_ms).collect(), "run.csv: `t` is in ms"),
         (String::new(), "run.csv:1: the log is empty"),
         ("t,theta,q,i\n".to_owned(), "run.csv:2: the log has no rows"),
         (

@@ -11,6 +11,8 @@ mod reference;
 mod signals;
 mod stamps;
 
+pub use stamps::check_rate;
+
 use crate::excitation::Excitation;
 use crate::log::LogRow;
 use crate::record::Record;

@@ -77,7 +77,14 @@ impl Place {
                 file.map_err(|problem| io::Error::other(problem.reason))?,
             ));
         }
-        Ok(Self::New(BufWriter::new(File::create_new(path)?)))
+        let file = File::create_new(path).map_err(|e| match e.kind() {
+            io::ErrorKind::AlreadyExists => io::Error::new(
+                e.kind(),
+                "is there already; allowed: a new name, or `torquectl record --force`",
+            ),
+            _ => e,
+        });
+        Ok(Self::New(BufWriter::new(file?)))
     }
 }
 

@@ -19,12 +19,7 @@ const MAX_MISSING: f64 = 0.3;
 /// Checks the stamps against the sample period, s.
 pub(super) fn check(rows: &[LogRow], period: f64, notes: &mut Vec<String>) -> Result<(), Problems> {
     let steps: Vec<f64> = rows.windows(2).map(|w| w[1].t - w[0].t).collect();
-    let mut sorted = steps.clone();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted[sorted.len() / 2];
-    if (median / period - 1.0).abs() > MAX_RATE_ERROR {
-        return Err(wrong_rate(median, period).into());
-    }
+    check_rate(&steps, period)?;
     let away = |step: &&f64| {
         let periods = **step / period;
         (periods - periods.round().max(1.0)).abs() > IRREGULAR
@@ -57,6 +52,22 @@ pub(super) fn check(rows: &[LogRow], period: f64, notes: &mut Vec<String>) -> Re
         notes.push(format!("{gaps} gaps, {missing:.0} samples missing"));
     }
     Ok(())
+}
+
+/// Checks that steps from stamp to stamp, s, are those of the sample period, s, by their median: the unit and the
+/// rate. Without a step nothing is wrong.
+///
+/// # Errors
+/// Stamps in another unit, or another rate.
+pub fn check_rate(steps: &[f64], period: f64) -> Result<(), Problem> {
+    let mut sorted = steps.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    match sorted.get(sorted.len() / 2) {
+        Some(median) if (median / period - 1.0).abs() > MAX_RATE_ERROR => {
+            Err(wrong_rate(*median, period))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn wrong_rate(median: f64, period: f64) -> Problem {

@@ -121,15 +121,30 @@ impl Reader<'_, '_, '_> {
         }
         let drive = drive?;
         let torque = torque_limit.min(urdf.effort);
+        // Some programs write 0 for limits that nobody has entered: such a joint could not even be held.
+        let limits = [
+            ("torque_limit_Nm", "effort", urdf.effort),
+            ("velocity_limit_rad_per_s", "velocity", urdf.velocity),
+        ];
+        for (key, attribute, _) in limits.into_iter().filter(|(.., limit)| *limit <= 0.0) {
+            let what = format!("the URDF's {attribute} is 0");
+            let allowed = format!("a <limit> whose {attribute} is above 0");
+            section.problem(key, what, allowed);
+        }
+        let most = drive.max_velocity.min(urdf.velocity);
         let velocity = match velocity {
-            Some(limit) if limit > drive.max_velocity => {
+            Some(limit) if limit > most => {
                 let what = format!("{limit} is not allowed");
                 let unit = kind.units("rad/s");
-                let allowed = format!("at most the drive's {} {unit}", drive.max_velocity);
+                let whose = match most < drive.max_velocity {
+                    true => "URDF",
+                    false => "drive",
+                };
+                let allowed = format!("at most the {whose}'s {most} {unit}");
                 section.problem("velocity_limit_rad_per_s", what, allowed);
                 limit
             }
-            limit => limit.unwrap_or(drive.max_velocity),
+            limit => limit.unwrap_or(most),
         };
         Some(Limits {
             position_min: min,

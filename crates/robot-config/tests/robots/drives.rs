@@ -201,3 +201,28 @@ fn reactions_are_never_weaker_than_the_least_one() {
     assert_eq!(reactions.of(Event::FtDrift), Reaction::Degrade);
     assert_eq!(reactions.of(Event::EncoderSlip), Reaction::Warn);
 }
+
+#[test]
+fn a_joint_moves_no_faster_than_the_urdf_allows_and_needs_limits_there() {
+    let urdf = "robot-models/leg/robot.urdf";
+    let knee = "effort=\"233\" velocity=\"4\"/>\n  </joint>\n  <link name=\"knee_link\">";
+    let with = |limits: &str| {
+        let given = knee.replace("effort=\"233\" velocity=\"4\"", limits);
+        Files::new().with(urdf, knee, &given)
+    };
+    let slow = with("effort=\"233\" velocity=\"1.5\"");
+    let robot = slow.load(LEG).unwrap();
+    assert_eq!(robot.parameters.joints[3].limits.velocity, 1.5);
+    let faster = "drive = \"knee\"\nvelocity_limit_rad_per_s = 3.0";
+    let faster = slow.with(LEG, "drive = \"knee\"", faster);
+    let parts = ["joint.velocity_limit_rad_per_s (knee)", "URDF's 1.5 rad/s"];
+    refused(&faster, LEG, "velocity_limit_rad_per_s = 3.0", &parts);
+    // As some programs write them.
+    let text = with("effort=\"0\" velocity=\"0\"").errors(LEG);
+    for part in [
+        "joint.torque_limit_Nm (knee): the URDF's effort is 0; allowed: a <limit> whose effort is above 0",
+        "joint.velocity_limit_rad_per_s (knee): the URDF's velocity is 0",
+    ] {
+        assert!(text.contains(part), "{text}");
+    }
+}

@@ -7,6 +7,7 @@ use robot_config::slots;
 use robot_state::JointKind;
 use std::f64::consts::TAU;
 
+const URDF: &str = "robot-models/lift-gripper/robot.urdf";
 const DBC: &str = "robot-models/lift-gripper/drives.dbc";
 
 /// A joint that the drive's damping would speed up too much where both encoders err as one keeps the default; with a
@@ -21,7 +22,9 @@ fn a_lift_with_a_low_velocity_limit_does_not_follow_quicker() {
     };
     assert_eq!(follows(Files::new()), [false, true, false]);
     let limit = "max_velocity_m_per_s = 0.25";
-    let quick = Files::new().with(LIFT_GRIPPER, limit, "max_velocity_m_per_s = 0.4");
+    let quick = Files::new()
+        .with(LIFT_GRIPPER, limit, "max_velocity_m_per_s = 0.4")
+        .with(URDF, "velocity=\"0.25\"", "velocity=\"0.4\"");
     assert_eq!(follows(quick), [true, true, false]);
 }
 
