@@ -80,7 +80,7 @@ impl Place {
         let file = File::create_new(path).map_err(|e| match e.kind() {
             io::ErrorKind::AlreadyExists => io::Error::new(
                 e.kind(),
-                "is there already; allowed: a new name, or `torquectl record --force`",
+                "exists already; allowed: a new name, or `torquectl record --force`",
             ),
             _ => e,
         });
