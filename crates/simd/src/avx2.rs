@@ -42,6 +42,7 @@ unsafe fn first_lanes(count: usize) -> __m256i {
 
 impl Lanes for Avx2 {
     type Single = Avx2Single;
+    const FUSED: bool = true;
     #[inline(always)]
     fn load(p: &Pack) -> Self {
         // SAFETY: AVX is there (see `Avx2`); `Pack` is 32 readable bytes aligned to 32.

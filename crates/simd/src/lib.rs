@@ -41,6 +41,8 @@ pub trait Lanes:
 {
     /// Twice as many numbers in single precision.
     type Single: SingleLanes;
+    /// True if a multiply-add rounds once.
+    const FUSED: bool;
     /// From memory.
     fn load(p: &Pack) -> Self;
     /// To memory.

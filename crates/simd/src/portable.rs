@@ -23,6 +23,7 @@ impl Portable {
 
 impl Lanes for Portable {
     type Single = PortableSingle;
+    const FUSED: bool = false;
     #[inline(always)]
     fn load(p: &Pack) -> Self {
         Portable(p.0)

@@ -4,10 +4,12 @@
 #![allow(clippy::excessive_precision)]
 
 use crate::Lanes;
-use std::f64::consts::FRAC_2_PI;
+use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
 /// Largest angle for which the reduction below keeps full precision, rad.
 const LARGEST: f64 = 1e5;
+/// pi/2 less its double: with fused multiply-adds, which do not round products, two parts do.
+const PIO2_REST: f64 = 6.123_233_995_736_766_035_87e-17;
 // pi/2 in three parts; the first two have 33 bits, so that their products with small integers
 // are exact without a fused multiply-add (fdlibm, e_rem_pio2.c).
 const PIO2_1: f64 = 1.570_796_326_734_125_614_17;
@@ -40,9 +42,14 @@ pub fn sin_cos<L: Lanes>(x: L) -> (L, L) {
         return (L::set(pairs.map(|p| p.0)), L::set(pairs.map(|p| p.1)));
     }
     let turns = (x * L::splat(FRAC_2_PI)).round();
-    let r = turns.neg_mul_add(L::splat(PIO2_1), x);
-    let r = turns.neg_mul_add(L::splat(PIO2_2), r);
-    let r = turns.neg_mul_add(L::splat(PIO2_3), r);
+    let r = if L::FUSED {
+        let r = turns.neg_mul_add(L::splat(FRAC_PI_2), x);
+        turns.neg_mul_add(L::splat(PIO2_REST), r)
+    } else {
+        let r = turns.neg_mul_add(L::splat(PIO2_1), x);
+        let r = turns.neg_mul_add(L::splat(PIO2_2), r);
+        turns.neg_mul_add(L::splat(PIO2_3), r)
+    };
     let z = r * r;
     let sin = (r * z).mul_add(polynomial(&SIN, z), r);
     let half = L::splat(0.5);
