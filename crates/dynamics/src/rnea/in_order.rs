@@ -87,7 +87,11 @@ impl<const GROUPS: usize, const ARM: bool> Kernel for RneaInOrder<'_, GROUPS, AR
                     }
                     groups[g].rates.each_ref().map(|r| L::splat(r.0[lane]))
                 };
-                last = last.child::<ARM>(&groups[g], lane, rates);
+                last = if ARM && b == 0 && model.base == Base::Fixed {
+                    last.first_of_arm(&groups[g], rates)
+                } else {
+                    last.child::<ARM>(&groups[g], lane, rates)
+                };
                 last.store(&mut groups[g].rows[lane]);
             }
         }
@@ -166,6 +170,18 @@ impl<L: Lanes> Moving<L> {
         self.omega.store(&mut body.omega);
         self.alpha.store(&mut body.alpha);
         self.a.store(&mut body.a);
+    }
+    /// The first body of an arm, where this is a root that stands still.
+    #[inline(always)]
+    fn first_of_arm(&self, group: &Group, [rate, change, ..]: [L; 4]) -> Self {
+        let (placement, _) = self.placement.child::<true>(group, 0);
+        let z = placement.columns[2];
+        Self {
+            placement,
+            omega: z * rate,
+            alpha: z * change,
+            a: self.a,
+        }
     }
     /// The child in a lane of a group; `rates` as the group's.
     #[inline(always)]
