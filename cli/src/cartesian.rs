@@ -165,7 +165,7 @@ fn cannot_be_led(frame: &str, t: f64) -> Problem {
     )
 }
 
-/// What the frame is to do after `t` seconds.
+/// Reference of the frame after `t` seconds.
 fn at(start: &FrameReference, arguments: &CartesianArguments, t: f64) -> FrameReference {
     let s = (t / arguments.over).min(1.0);
     // Of least jerk.

@@ -164,7 +164,7 @@ fn torque_per_count(joint: &JointParameters) -> Option<f64> {
     (joint.has_link_encoder).then_some(e.compliance.k_fs0 * e.link_resolution)
 }
 
-/// What joints without a link-side encoder lack, in sentences; none where every joint has one.
+/// Limitations of joints without a link-side encoder, in sentences; none where every joint has one.
 fn lacking(robot: &Robot) -> Option<String> {
     let p = &robot.parameters;
     let alone = p.joints.iter().filter(|joint| !joint.has_link_encoder);

@@ -91,7 +91,7 @@ pub(crate) struct Prepared {
     pub(crate) pose: Vec<f64>,
     /// The motion.
     pub(crate) motion: Motion,
-    /// What it needs.
+    /// Its needs.
     pub(crate) needs: Needs,
 }
 

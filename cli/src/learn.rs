@@ -60,7 +60,7 @@ pub(crate) struct LearnArguments {
 /// Share of the model's error that must go, for a file to be written.
 const WORTHWHILE: f64 = 0.1;
 
-/// What became of a joint.
+/// Outcome for a joint.
 struct Learned {
     joint: String,
     result: Result<TrainedLocalGp, Problem>,

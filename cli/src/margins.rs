@@ -81,7 +81,7 @@ fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
     })
 }
 
-/// What the table cannot explain by its heads.
+/// Remarks that the table's heads leave out.
 pub(crate) const NOTE: &str = "\
 K_i: of joints without a link-side encoder, chosen by the margins where none is given; torque: bandwidth
 of the torque with a blocked link, without friction and stuck in it; phase and gain margins over the five loads; with K_s, K_d: over the three free links; K_s, K_d most: alone, at 30

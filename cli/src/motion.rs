@@ -164,7 +164,7 @@ fn within(
     }
 }
 
-/// What a speed may be, for one that was refused.
+/// Allowed speeds, for one that was refused.
 fn too_fast(speed: f64) -> Problem {
     Problem::new(
         format!("--speed {speed}: the robot does not move so"),

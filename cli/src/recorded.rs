@@ -87,7 +87,7 @@ fn read_ahead(
     }
 }
 
-/// What is said about a file that does not end as it should; empty if it does.
+/// Remark on a file that does not end as it should; empty if it does.
 pub(crate) fn describe_ending(ending: &Ending) -> String {
     match ending {
         Ending::Complete => String::new(),

@@ -12,7 +12,7 @@ use robot_state::TorqueEstimate;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// What a page says beside the figures: headings with their lines.
+/// Text of a page beside the figures: headings with their lines.
 pub(crate) type Section = (String, Vec<String>);
 
 /// One sample of a log.
@@ -131,7 +131,7 @@ impl Figures {
     }
 }
 
-/// What an inspection finds in a log, as lines of a page: nothing is refused here.
+/// Findings of an inspection of a log, as lines of a page: nothing is refused here.
 pub(crate) fn inspection(joint: &JointFile, rows: &[LogRow]) -> Vec<String> {
     match inspect(joint, rows, LogKind::Training) {
         Ok(inspection) => inspection.lines(),
@@ -181,7 +181,7 @@ pub(crate) fn lists(sections: &[Section]) -> String {
     html
 }
 
-/// What the sources make of a log: table and figures.
+/// The sources' torques over a log: table and figures.
 pub(crate) fn body(traces: &Traces) -> Result<String, Problem> {
     let mut html = table(traces);
     html += "<h2>Torque</h2>\n";

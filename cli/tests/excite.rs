@@ -75,7 +75,7 @@ fn plans_that_the_robot_must_not_follow_are_refused() {
         &[&["plan.toml:3", "dance"]],
     );
     refused("leg", "", &[], &[&["no parts"]]);
-    // What the robot cannot carry: the arm far out with its own weight is fine, with a fast swing not.
+    // Loads that the robot cannot carry: the arm far out with its own weight is fine, with a fast swing not.
     let joint = "[[part]]\nkind = \"growing_sine\"\njoints = [\"joint\"]\namplitude_deg = 60\nfrequency_hz = 1.2\nduration_s = 10\n";
     refused(
         "test-joint",

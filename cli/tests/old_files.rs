@@ -1,4 +1,4 @@
-//! What a command cannot write to its end (a full disk), and what it would make from itself: it is named, and the
+//! Files that a command cannot write to their end (a full disk), or would make from themselves: each is named, and the
 //! older file of that name stays whole.
 
 mod common;

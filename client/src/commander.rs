@@ -131,7 +131,7 @@ impl Commander {
         &self.newest
     }
 
-    /// What the daemon reports of this moment: who commands, the robot's state, and whether and why no
+    /// The daemon's report of this moment: who commands, the robot's state, and whether and why no
     /// mode is followed.
     ///
     /// # Errors
@@ -357,7 +357,7 @@ impl Commander {
         self.mode_from = None;
     }
 
-    /// What the newest status means for this session and its references.
+    /// Meaning of the newest status for this session and its references.
     fn judge(&mut self) -> Result<(), Error> {
         let lease = self.status()?.commander;
         let own = self.newest.session;

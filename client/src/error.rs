@@ -136,7 +136,7 @@ pub enum Error {
     NotFollowed {
         /// The robot.
         robot: String,
-        /// What the daemon reports.
+        /// The daemon's report.
         status: Box<CommanderStatus>,
     },
     /// A piece of a trajectory was refused.

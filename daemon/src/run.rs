@@ -36,7 +36,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Longest time in which the recorder writes nothing of what is left after the loop's end.
 const RECORDER_LIMIT: Duration = Duration::from_secs(10);
 
-/// What a run is started with, besides its robot.
+/// Options of a run, besides its robot.
 #[derive(Debug, Default)]
 pub struct RunOptions {
     /// Cycles after which it ends; none: it runs until it is stopped.
@@ -182,7 +182,7 @@ fn record_from_the_start(handle: &RecorderHandle, path: PathBuf) {
     });
 }
 
-/// What must be added to the bus's time for Unix time, ns.
+/// Difference of Unix time and the bus's time, ns.
 pub(crate) fn unix_offset_ns(bus_ns: u64) -> i64 {
     let unix = SystemTime::now().duration_since(UNIX_EPOCH);
     let unix_ns = unix.map_or(0, |unix| unix.as_nanos() as i64);

@@ -108,7 +108,7 @@ fn restrict(families: &[i32]) -> io::Result<()> {
     }
 }
 
-/// What the daemon writes when it runs this configuration with sockets of these families only.
+/// Output of the daemon when it runs this configuration with sockets of these families only.
 fn run_restricted(config: &str, directory: &TemporaryDirectory, families: Vec<i32>) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
     command

@@ -66,7 +66,7 @@ impl NewFile {
     /// Ends it before it is whole: what was written stays beside its place, at the path that is given; none where
     /// it was written directly.
     pub fn keep_partial(mut self) -> Option<PathBuf> {
-        // What is still in memory may not fit on the disk; it is worth a try.
+        // Data still in memory may not fit on the disk; it is worth a try.
         let _ = self.out.flush();
         self.partial.take()
     }

@@ -17,7 +17,7 @@ const IN_TIME: usize = 10;
 /// The leg is quick to simulate: its time without contact over that of the humanoid.
 const LEG_SHARE: f64 = 2.5;
 
-/// What is wrong with the loop's model, beside the usual.
+/// Errors of the loop's model, beside the usual ones.
 const WRONG: [(&str, f64, f64); 3] = [
     ("as configured", 0.0, 0.0),
     ("parameters ±20 %", 0.2, 0.0),
@@ -108,7 +108,7 @@ fn parallel<T: Sync, R: Send>(items: &[T], threads: usize, run: impl Fn(&T) -> R
     done.into_iter().map(|(_, result)| result).collect()
 }
 
-/// What a robot can do: one with current drives hangs, and is not in the demo's motion.
+/// Motions that a robot is capable of: one with current drives hangs, and is not in the demo's motion.
 fn doings((robot, drives): Robot, arguments: &Arguments) -> Vec<Doing> {
     let mut doings = vec![Doing::Hold, Doing::Stand, Doing::Quick];
     if drives == Drives::Position {
@@ -237,7 +237,7 @@ fn quiet_table(robots: &[Robot], arguments: &Arguments, threads: usize) -> Strin
         threads,
         |&(robot, doing, seed, wrong)| -> Result<Quiet, String> {
             let study = Study::new(robot.0, robot.1, &changes(doing, seed, wrong))?;
-            // What is no condition of the aim gets less time.
+            // Runs that are no condition of the aim get less time.
             let share = match (wrong.0 == WRONG[0].0, doing) {
                 (true, Doing::Demo | Doing::Step | Doing::Stand) => 1.0,
                 _ => 0.2,

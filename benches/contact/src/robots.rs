@@ -7,7 +7,7 @@ use safety_bench::{At, Drives, Fault, Prepared, Rig, Variant};
 use std::f64::consts::{PI, TAU};
 use torqued::demo::{DemoClient, Motion};
 
-/// What is changed of a robot.
+/// Changes made to a robot's files.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Changes {
     pub(crate) seed: u64,
@@ -46,7 +46,7 @@ pub(crate) struct Limb {
     /// Height of the joint's axis, and distance of the link's end from it, m.
     axis: f64,
     pub(crate) length: f64,
-    /// What the start says, and what it says instead.
+    /// Text in the files at the start, and its replacement.
     start: &'static [(&'static str, &'static str)],
 }
 
@@ -238,7 +238,7 @@ fn believe_wrongly(robot: &mut Robot, changes: &Changes) {
     }
 }
 
-/// What the client does.
+/// Motion that the client asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Doing {
     /// Nothing: the robot holds.

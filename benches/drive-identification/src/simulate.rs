@@ -12,7 +12,7 @@ use plant::{CanRobot, SimParameters};
 use robot_config::Robot;
 use robot_state::{Mode, Reference, measured_flags};
 
-/// What the plant's drive really is, link side.
+/// True parameters of the plant's drive, link side.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Truth {
     pub(crate) stiffness: f64,

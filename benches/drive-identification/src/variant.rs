@@ -1,4 +1,4 @@
-//! What differs from the shipped simulation: structures of drive that nothing was tuned on.
+//! Differences from the shipped simulation: structures of drive that nothing was tuned on.
 
 use plant::SimParameters;
 

@@ -14,7 +14,7 @@ pub(crate) const LEARNED_FILE: &str = "learned.toml";
 /// Inputs: position, velocity and acceleration of the joint and of its neighbours, and their standard deviation.
 const INPUTS: usize = 9;
 const SPREAD: f64 = 0.2;
-/// What was learned, share of the joint's torque limit.
+/// Learned torque, share of the joint's torque limit.
 const SHARE: f64 = 0.005;
 
 /// Names the file in the table of this joint, at `start` (rad), and returns its text; none: there is no such joint.

@@ -54,7 +54,7 @@ struct Job<'a> {
     place: Place,
 }
 
-/// What a run without a fault depends on.
+/// Inputs of a run without a fault.
 type Key = (Variant, Start, usize);
 
 fn main() -> ExitCode {

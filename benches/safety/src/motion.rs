@@ -32,7 +32,7 @@ pub struct Reference {
     pub(crate) range: Vec<(f64, f64, f64)>,
     /// True torques in each cycle, N·m, from the one before the first on.
     pub(crate) taus: Vec<Vec<f64>>,
-    /// What it does by itself.
+    /// Its motion without a client.
     pub moved: Moved,
 }
 

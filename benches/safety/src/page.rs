@@ -13,7 +13,7 @@ use crate::scenarios::{Bound, Start, all};
 pub struct Results {
     /// Outcomes of each robot, in the order of the scenarios.
     pub outcomes: Vec<(Variant, Outcome)>,
-    /// What each robot does without a fault.
+    /// Runs of each robot without a fault.
     pub references: Vec<(Variant, Start, Reference)>,
 }
 

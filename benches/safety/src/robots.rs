@@ -12,7 +12,7 @@ use toml::{Table, Value};
 
 use crate::learned::{LEARNED_FILE, learn};
 
-/// What the drives follow.
+/// Quantity that the drives follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Drives {
     /// Positions, by a position loop of the drive's own.
@@ -27,7 +27,7 @@ pub struct Variant {
     /// `leg`, `hrp2-like` (encoders on the motors alone), `lift-gripper` (prismatic joints, one of which
     /// another follows) or `humanoid`.
     pub robot: &'static str,
-    /// What its drives follow.
+    /// Quantity that its drives follow.
     pub drives: Drives,
     /// Its drives have states by CiA 402, and brakes; else they are always on.
     pub states: bool,

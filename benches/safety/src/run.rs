@@ -32,7 +32,7 @@ const RECOVERY: usize = 400;
 const DISPLACEMENT: f64 = PI / 180.0;
 const SPEED_SHARE: f64 = 0.1;
 const STEP_SHARE: f64 = 0.05;
-/// What set-points that stay as they are may be exceeded by before a reaction counts as making it worse.
+/// Excess over set-points that stay as they are before a reaction counts as making it worse.
 const PHYSICS_MARGIN: f64 = 1.1;
 
 /// How it ended.
@@ -48,7 +48,7 @@ pub enum Verdict {
     Fails,
 }
 
-/// What a scenario has shown.
+/// Result of a scenario.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
     /// The scenario.
@@ -329,7 +329,7 @@ fn new_event(now: &[u64; EVENT_COUNT], without: &[u64; EVENT_COUNT]) -> Option<E
         .copied()
 }
 
-/// What a run is compared with.
+/// Run that another is compared with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Beside {
     /// Motion by the fault alone: the loop does not compute, its last set-points are repeated, for so

@@ -13,7 +13,7 @@ use crate::rig::{At, Fault, Rig};
 use crate::robots::{Drives, Prepared, Variant};
 pub use start::Start;
 
-/// What must hold.
+/// Condition that must hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bound {
     /// At most 1 degree and 10 % of the velocity limit.
@@ -61,7 +61,7 @@ pub struct Scenario {
     pub name: &'static str,
     /// The states in which it begins.
     pub starts: &'static [Start],
-    /// What must hold.
+    /// Condition that must hold.
     pub bound: Bound,
     /// The same of drives that take currents, where it differs.
     pub bound_of_currents: Option<Bound>,
@@ -101,7 +101,7 @@ pub(crate) const ENABLED: &[Start] = &[
     LowGain,
     Cartesian,
 ];
-/// What may happen to a frame that presses, besides.
+/// Motion allowed besides to a frame that presses.
 pub(crate) const ENABLED_PRESSING: &[Start] = &[
     Hold,
     Torque,
@@ -240,7 +240,7 @@ impl Scenario {
         }
     }
 
-    /// What must hold of this robot.
+    /// Conditions that must hold of this robot.
     pub(crate) fn bound_at(&self, place: &Place) -> Bound {
         let currents = place.variant.drives == Drives::Current;
         let of_currents = (self.bound_of_currents).filter(|_| currents);

@@ -1,4 +1,4 @@
-//! What a current-commanded drive may have: the predictive law around a current, by its margins.
+//! Gains possible with a current-commanded drive: the predictive law around a current, by its margins.
 
 use crate::joint::JOINTS;
 use crate::robots::load;

@@ -46,7 +46,7 @@ const TIMING: RigTiming = RigTiming {
 /// Where a joint begins, rad.
 pub(crate) const START: f64 = 0.3;
 
-/// What is wished for in a cycle.
+/// Reference of a cycle.
 pub(crate) enum Wish {
     /// A torque, N·m.
     Torque(f64),
@@ -83,7 +83,7 @@ enum Controller {
     Predictive(Box<PredictiveLaw>),
 }
 
-/// What a client of the joint sees in a cycle.
+/// Signals that a client of the joint sees in a cycle.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Seen {
     /// q, rad.

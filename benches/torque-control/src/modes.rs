@@ -117,7 +117,7 @@ fn load(joint: &JointParameters, rated: f64) -> RigLoad {
     }
 }
 
-/// What was seen and asked for in a run.
+/// Measured and desired values of a run.
 #[derive(Default)]
 struct Run {
     errors: Vec<f64>,

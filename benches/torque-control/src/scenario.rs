@@ -1,4 +1,4 @@
-//! What is asked of a joint, and how it did.
+//! Tasks of a joint, and its errors in them.
 
 use crate::joint::{Bench, DT};
 use crate::robots::rms;

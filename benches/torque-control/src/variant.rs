@@ -42,11 +42,11 @@ pub(crate) struct Conditions {
     pub(crate) friction: f64,
     /// Share of lost commands.
     pub(crate) lost: f64,
-    /// What happens to it.
+    /// Disturbance of the joint.
     pub(crate) happens: Happens,
 }
 
-/// What happens to a robot in its motion.
+/// Disturbance of a robot in its motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Happens {
     /// Nothing.

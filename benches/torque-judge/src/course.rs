@@ -1,4 +1,4 @@
-//! What a joint of the family does in a run: motion of its set point, torque on its output.
+//! Course of a run of a joint of the family: motion of its set point, torque on its output.
 
 use crate::random::Draw;
 use std::f64::consts::{PI, TAU};

@@ -23,7 +23,7 @@ pub struct Offered {
     pub axis: String,
     /// The reference.
     pub reference: &'static str,
-    /// What is said.
+    /// The verdict.
     pub said: String,
     /// Whether the stiffness passes as determined: a defect.
     pub determined: bool,

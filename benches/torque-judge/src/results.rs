@@ -31,7 +31,7 @@ chosen while looking at these logs: they are design data, not held out. Error/si
 
 /// Where the family's part of the page begins.
 const FAMILY: &str = "\n## A family of joints\n";
-/// What its part says when it has been kept.
+/// Remark in its part of the page when it has been kept.
 const KEPT: &str = "\n**Older than the tables above**: this section and the next are of an earlier state of the estimators, see the \
 [conclusions](#conclusions).\n";
 
@@ -47,7 +47,7 @@ pub fn without_family(tared: &TaredCases, offered: &[Offered], old: &str) -> Opt
     ))
 }
 
-/// What stands before the family's part: the real arm, its other splits, joints without an unloaded turn.
+/// Parts before the family's: the real arm, its other splits, joints without an unloaded turn.
 pub struct TaredCases {
     /// The real arm.
     pub real: Vec<RealCase>,
@@ -127,7 +127,7 @@ pub fn results(
     )
 }
 
-/// What is said of each axis.
+/// The verdict on each axis.
 fn drives(offered: &[Offered]) -> String {
     let line = |o: &Offered| {
         let determined = if o.determined {

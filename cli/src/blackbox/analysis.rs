@@ -1,4 +1,4 @@
-//! What a black box, or any other recorded run, shows: the fault, its first cause, the time line, the joints at the
+//! Analysis of a black box, or of any other recorded run: the fault, its first cause, the time line, the joints at the
 //! fault.
 
 use crate::recorded;
@@ -46,7 +46,7 @@ pub(crate) struct BlackBox {
     /// Time zero, and its cycle: of the fault, of the run's begin where the fault is older or there is none.
     pub(crate) zero_ns: u64,
     pub(crate) cycle: u64,
-    /// What came first.
+    /// The first cause.
     pub(crate) cause: Option<Span>,
     pub(crate) spans: Vec<Span>,
     /// The record of the cycle that latched the fault; the last one where none did.
@@ -110,7 +110,7 @@ impl BlackBox {
     }
 }
 
-/// What is kept of the cycles up to the fault.
+/// Kept cycles up to the fault.
 struct Seen {
     record: Box<CycleRecord>,
     good_ns: Vec<Option<u64>>,

@@ -58,7 +58,7 @@ fn headline(black_box: &BlackBox) -> String {
     )
 }
 
-/// What came first, in a sentence.
+/// The first cause, in a sentence.
 fn first(black_box: &BlackBox) -> String {
     let Some(cause) = &black_box.cause else {
         return "nothing that came in before it; see the time line".to_owned();

@@ -39,7 +39,7 @@ pub(crate) struct Configuration {
 /// `joint.knee.calibration`, `ft_sensor.ankle.offset`, `drive.knee.motor.K_v_s`.
 pub(crate) type Values = BTreeMap<String, Option<String>>;
 
-/// What the keys were before a commit.
+/// Values of the keys before a commit.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Before {
@@ -252,7 +252,7 @@ pub(crate) fn commit(config: &Path, folder: &Path) -> Result<PathBuf, Problems> 
     let free = |kept: &PathBuf| !configuration.folder().join(kept).exists();
     let kept = folders.find(free).unwrap_or_default();
     let place = configuration.folder().join(&kept);
-    // What this calibration lacks stays as it is.
+    // Keys that this calibration lacks stay as they are.
     let manifest = &calibration.manifest;
     let mut values = Values::new();
     let mut set = |address: String, value: &toml::Value| {

@@ -203,7 +203,7 @@ const OF_DRIVE: [&str; 6] = [
     "motor.dead_zone_rad",
 ];
 
-/// What is compared of a joint, by name and unit.
+/// Compared values of a joint, by name and unit.
 fn parameters(joint: &JointFile) -> BTreeMap<&'static str, Known> {
     let mut all = BTreeMap::new();
     // The standard deviation of a parameter is the root of its directions' squares.

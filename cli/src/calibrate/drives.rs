@@ -21,7 +21,7 @@ const SWING: f64 = 0.005;
 /// A share of the configured value below which a difference is not adopted.
 const SHARE: f64 = 0.1;
 
-/// What became of a kind of drive.
+/// Outcome for a kind of drive.
 pub(super) struct DriveResult {
     /// Its name in robot.toml.
     pub(super) name: String,

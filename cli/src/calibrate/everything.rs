@@ -74,7 +74,7 @@ enum Part {
     Drives,
 }
 
-/// What recordings are calibrated from and to.
+/// Inputs and outputs of a calibration from recordings.
 #[derive(Args)]
 pub(crate) struct RunsArguments {
     /// The recorded runs

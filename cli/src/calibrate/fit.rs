@@ -41,12 +41,12 @@ struct JointLogs {
     gain: f64,
 }
 
-/// What became of a joint.
+/// Outcome for a joint.
 pub(crate) struct JointResult {
     pub(crate) name: String,
     pub(crate) kind: JointKind,
     pub(crate) outcome: Result<Calibrated, String>,
-    /// What its runs cover, leave undetermined, and what is odd.
+    /// Coverage of its runs: covered ranges, undetermined constants, oddities.
     pub(crate) inputs: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What makes a joint the one that a calibration is of: wiring and data sheet of its encoders and motor.
+//! Identity of a joint, by which a calibration belongs to it: wiring and data sheet of its encoders and motor.
 
 use problem::Problem;
 use robot_config::Robot;

@@ -17,7 +17,7 @@ const STEP_S: f64 = 0.02;
 /// Error of an F/T sensor's gain and of its cross-talk, share of the load: the class of usual sensors.
 const GAIN: f64 = 0.005;
 
-/// What passes a cut.
+/// Wrench that passes a cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Reading {
     /// The wrench at an F/T sensor, by its index.
@@ -33,7 +33,7 @@ pub(super) struct Samples {
     pub(super) seconds: f64,
 }
 
-/// What is beyond the cuts of a sample, and where the load is.
+/// Loads beyond the cuts of a sample, and the load's pose.
 pub(super) struct Cuts<'a> {
     pub(super) cuts: Vec<(Cut, Reading)>,
     /// The link whose inertia is in question.
@@ -155,7 +155,7 @@ impl Cuts<'_> {
             for ((cut, reading), values) in self.cuts.iter().zip(&readings) {
                 cut.predict(moving, carrier, &mut sample);
                 match *reading {
-                    // What is published is what the part beyond applies to the part before.
+                    // The published wrench is that which the part beyond applies to the part before.
                     Reading::Sensor(s) => {
                         let retared = |k: usize| stretch.offsets[s][k] - tare[s][k];
                         let axes = values.iter().enumerate();
@@ -183,7 +183,7 @@ impl Cuts<'_> {
     }
 }
 
-/// What is known of a robot's motion, and its contact sets.
+/// A robot's motion as far as it is known, and its contact sets.
 fn motion(robot: &Robot) -> Result<(Source, Vec<Hypothesis>), Problem> {
     let gains = FilterGains {
         sensor: [1.0; 2],

@@ -60,7 +60,7 @@ pub(super) struct PayloadArguments {
     /// Recordings of the robot without it; may be repeated
     #[arg(long, value_name = "RUN.mcap")]
     empty: Vec<PathBuf>,
-    /// What to identify it from [default: the F/T sensor, where there is one before the link]
+    /// Source to identify it from [default: the F/T sensor, where there is one before the link]
     #[arg(long, value_enum)]
     from: Option<From>,
     /// Nothing but the payload touched what is beyond, whatever the contact sets of the recordings say
@@ -184,7 +184,7 @@ fn carries(sample: &identification::load::Sample) -> bool {
         .any(|row| row.iter().any(|x| *x != 0.0))
 }
 
-/// What is before a link.
+/// Part of the robot before a link.
 struct Before {
     cuts: Vec<(Cut, Reading)>,
     channels: Vec<Channel>,

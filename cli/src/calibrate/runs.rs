@@ -239,7 +239,7 @@ struct Reader<'a> {
     off: Vec<u32>,
 }
 
-/// What may have samples of an age.
+/// A source whose samples have an age.
 #[derive(Clone, Copy)]
 enum Source {
     Joint(usize),

@@ -19,7 +19,7 @@ const FILTERED: f64 = 0.2;
 /// Names of the axes.
 pub(super) const AXES: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
 
-/// What became of a sensor.
+/// Outcome for a sensor.
 pub(super) struct SensorResult {
     pub(super) name: String,
     pub(super) outcome: Result<Sensor, Problem>,

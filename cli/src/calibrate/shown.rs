@@ -77,7 +77,7 @@ fn joints(manifest: &Manifest) -> Table {
     }
 }
 
-/// What an F/T sensor and the mass beyond it are.
+/// Values of an F/T sensor and of the mass beyond it.
 fn sensors(manifest: &Manifest) -> Table {
     let calibrated = manifest
         .sensors

@@ -64,7 +64,7 @@ struct State {
     made: String,
     /// Figures and remarks.
     held_out: Option<(f64, f64)>,
-    /// What the torques of a joint are.
+    /// Sources of a joint's torques.
     joint: JointKind,
     undetermined: Vec<String>,
 }

@@ -11,7 +11,7 @@ use torqued_client::robot_state::JointKind;
 /// The file that says what a folder holds.
 pub(crate) const MANIFEST: &str = "calibration.toml";
 
-/// What a calibration is of, and made from.
+/// Robot and recordings that a calibration is of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Manifest {
@@ -169,7 +169,7 @@ pub(crate) struct JointEntry {
 }
 
 impl JointEntry {
-    /// What its torques are.
+    /// Sources of its torques.
     pub(crate) fn kind(&self) -> JointKind {
         match self.prismatic {
             true => JointKind::Prismatic,

@@ -77,7 +77,7 @@ fn borne(robot: &Robot, frame: &FrameParameters) -> Option<[f64; 2]> {
     Some(wrench.shares)
 }
 
-/// What shows the force on the frame.
+/// Source of the force on the frame.
 fn source(robot: &Robot, frame: &FrameParameters) -> String {
     let sensor = frame
         .sensor

@@ -17,7 +17,7 @@ const MARGIN: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Most problems that are listed.
 const LISTED: usize = 12;
 
-/// What a joint is asked for at most, as shares of its limits, and where it goes, rad or m.
+/// Greatest demands on a joint, as shares of its limits, and its range, rad or m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Need {
     pub(crate) least: f64,
@@ -28,7 +28,7 @@ pub(crate) struct Need {
     pub(crate) lead: f64,
 }
 
-/// What a motion needs.
+/// Needs of a motion.
 #[derive(Debug, Clone)]
 pub(crate) struct Needs {
     pub(crate) joints: Vec<Need>,

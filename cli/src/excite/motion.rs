@@ -35,9 +35,9 @@ pub(crate) struct Motion {
     joints: usize,
     /// The points, one after the other, of all joints.
     points: Vec<PlannedMotion>,
-    /// What it consists of.
+    /// Its parts.
     pub(crate) spans: Vec<Span>,
-    /// What was chosen for multisines.
+    /// Choices made for multisines.
     pub(crate) choices: Vec<Choice>,
 }
 
@@ -63,7 +63,7 @@ impl Motion {
         self.point((t / SPACING_S).round().max(0.0) as usize)
     }
 
-    /// What happens at a point.
+    /// Action at a point.
     pub(crate) fn title(&self, index: usize) -> &str {
         let span = self.spans.iter().find(|span| span.points.contains(&index));
         span.map_or("", |span| &span.title)

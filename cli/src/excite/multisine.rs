@@ -28,7 +28,7 @@ const POSITION: f64 = 60.0;
 const VELOCITY: f64 = 60.0;
 const TORQUE: f64 = 70.0;
 
-/// What was chosen for a multisine.
+/// Parameters chosen for a multisine.
 #[derive(Debug, Clone)]
 pub(crate) struct Choice {
     pub(crate) title: String,
@@ -75,7 +75,7 @@ impl Signals {
     }
 }
 
-/// What [`choose`] has found.
+/// Result of [`choose`].
 pub(super) struct Found {
     pub(super) signals: Signals,
     pub(super) duration: f64,

@@ -63,7 +63,7 @@ pub(crate) enum Kind {
     Poses,
 }
 
-/// What stays the same as a chirp's frequency rises.
+/// Quantity that stays the same as a chirp's frequency rises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Constant {

@@ -1,4 +1,4 @@
-//! What a plan needs, as text, JSON and picture.
+//! Needs of a plan, as text, JSON and picture.
 
 use super::Prepared;
 use super::motion::SPACING_S;
@@ -13,7 +13,7 @@ use torqued_client::robot_state::JointKind;
 /// Points of a curve at most; a picture shows no more.
 const POINTS: usize = 1500;
 
-/// What the plan needs, and whether it was followed to its end.
+/// Needs of the plan, and whether it was followed to its end.
 pub(crate) fn text(
     prepared: &Prepared,
     no_self_distance: bool,

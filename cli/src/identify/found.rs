@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use terminal::TextTable;
 use torqued_client::robot_state::JointKind;
 
-/// What was identified.
+/// Result of an identification.
 pub(crate) struct Found<'a> {
     pub(crate) joint: &'a JointParameters,
     pub(crate) known: &'a DriveKnowledge,

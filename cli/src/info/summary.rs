@@ -1,4 +1,4 @@
-//! What is collected of a recorded run.
+//! Summary of a recorded run.
 
 use crate::recorded;
 use problem::Problem;
@@ -116,7 +116,7 @@ impl RunSummary {
             self.first_cycle = record.sequence;
             self.last_cycle = record.sequence.saturating_sub(1);
             self.begin_ns = record.stamp_ns;
-            // What the first cycle counted is not known but at the daemon's start.
+            // The counts of the first cycle are not known but at the daemon's start.
             let known = record.sequence == 1;
             let before = |count: u64| if known { 0 } else { count };
             self.first_events = record.events.iter().map(|&count| before(count)).collect();

@@ -28,7 +28,7 @@ pub(super) fn panel(
         let (t, inputs, torque) = (k as f64 * sample_period, &log.inputs[k], log.missing[k]);
         let known = torque.is_finite() && inputs.iter().all(|x| x.is_finite());
         let prediction = known.then(|| learned.predict(inputs).mean);
-        // What is not known leaves a gap.
+        // Unknown values leave a gap.
         missing.push((t, torque));
         found.push((t, prediction.unwrap_or(f64::NAN)));
         left.push((t, prediction.map_or(f64::NAN, |u| torque - u)));

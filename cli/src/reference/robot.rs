@@ -75,7 +75,7 @@ impl ReferenceRobot {
     /// Reads URDF and sensors' file, each a text with its name.
     ///
     /// # Errors
-    /// What either reader refuses; a payload on a link that is not there.
+    /// Refusals of both readers; a payload on a link that is not there.
     pub(super) fn new(
         (urdf, urdf_file): (&str, &str),
         sensors: Option<(&str, &str)>,

@@ -40,7 +40,7 @@ pub(crate) struct Signals {
     pub(crate) ft: Vec<[Vec<f64>; 6]>,
     /// Gyro and accelerometer, by axis.
     pub(crate) imu: Option<[Vec<f64>; 6]>,
-    /// What messages call them.
+    /// Their name in messages.
     pub(crate) file: String,
 }
 
@@ -191,7 +191,7 @@ impl Torques {
             half,
             REMOVED,
         );
-        // What a long window has removed altogether shows beside a short one.
+        // A signal that a long window has removed altogether shows beside a short one.
         let short = (0.5 * SHORT_S / log.period).round().max(2.0) as usize;
         if short < half {
             widen(&mut sigma, &tau, &pass(robot, log, short)?.tau, half, 1.0);

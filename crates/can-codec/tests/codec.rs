@@ -202,7 +202,7 @@ fn gather_waits_for_a_late_answer_too() {
     ));
     let (m, n) = (frame(1, &[0; 2]), frame(2, &[0; 2]));
     let mut gather = Gather::new(table.message_count());
-    // What has never come is not late.
+    // A signal that has never come is not late.
     gather.note(&table, &m);
     gather.begin();
     assert!(!gather.note(&table, &m) && gather.note(&table, &n));

@@ -75,7 +75,7 @@ pub struct CartesianLimits {
     pub k_f: f64,
 }
 
-/// What a client asks of the frame, in its base's axes.
+/// Reference of a client for the frame, in its base's axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CartesianTarget {
     /// x_d, R_d.
@@ -300,7 +300,7 @@ impl CartesianLaw {
         let force = -self.force_feedback(&to_axes, &damping, limb, dt);
         let active = position + wanted + feedforward + force;
         let shares = within(&active, self.limits.wrench);
-        // What only takes energy away is not limited.
+        // Forces that only take energy away are not limited.
         let out = |x: &Vector6<f64>| turned(&axes, &scaled(x, shares));
         CartesianWrench {
             feedforward: out(&feedforward),

@@ -18,7 +18,7 @@ pub use response::{ClosedLoop, Point};
 use crate::predictive::LawParameters;
 use lifted::Lifted;
 
-/// What a joint moves.
+/// Load of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Load {
     /// The link cannot move.
@@ -65,9 +65,9 @@ impl Load {
 /// A joint with its drive and its law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLoop {
-    /// What the law takes the joint for.
+    /// The joint's parameters as the law has them.
     pub law: LawParameters,
-    /// What the joint is. Its `design` is not used.
+    /// The joint's true parameters. Its `design` is not used.
     pub truth: LawParameters,
     /// Part of the truth's delay that is within the drive, s.
     pub drive_lag: f64,

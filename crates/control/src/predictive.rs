@@ -79,7 +79,7 @@ pub struct PredictiveLaw {
     desired_share: f64,
     /// Friction foreseen for the next command, N·m.
     friction: f64,
-    /// What the currents show of the drive; none for one that takes currents.
+    /// The drive's stiffness and damping by its currents; none for one that takes currents.
     drive_fit: Option<DriveFit>,
     /// Command per torque of the drive, rad/(N·m) or A/(N·m).
     per_torque: f64,
@@ -92,7 +92,7 @@ pub struct PredictiveLaw {
     started: bool,
 }
 
-/// What acts on the rotor for a period.
+/// Torques that act on the rotor for a period.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sent {
     /// rad or A.
@@ -235,7 +235,7 @@ impl PredictiveLaw {
         self
     }
 
-    /// What follows from the drive's stiffness and damping.
+    /// Quantities that follow from the drive's stiffness and damping.
     fn set_steps(&mut self) {
         let p = &self.parameters;
         let (dt, (_, lag)) = (p.sample_period, p.delay_in_cycles());
@@ -282,7 +282,7 @@ impl PredictiveLaw {
     /// After the first sample that follows such a gap: the law goes on from the torque and the rotor's velocity that
     /// the drive has led to. Returns that torque, N·m.
     pub fn go_on(&mut self) -> f64 {
-        // What the drive's damping goes along with: it is a filter of its own, and remembers the motion before.
+        // Motion that the drive's damping goes along with: a filter of its own, that remembers the motion before.
         self.slow_velocity = self.rotor.omega;
         self.hold_reference()
     }
@@ -412,7 +412,7 @@ impl PredictiveLaw {
         }
     }
 
-    /// What the rotor turns by in this period, by the change of the desired torsion and of the part of it that the
+    /// Way of the rotor in this period, by the change of the desired torsion and of the part of it that the
     /// feed-forward asks for, rad.
     fn turned(&self, torsion: f64, asked_torsion: f64) -> Turned {
         let dt = self.parameters.sample_period;
@@ -431,7 +431,7 @@ impl PredictiveLaw {
         self.reference.iter().map(|state| state.value).sum()
     }
 
-    /// What was sent after all limits, rad or A; after every cycle in which a command is sent.
+    /// The command sent after all limits, rad or A; after every cycle in which a command is sent.
     pub fn sent(&mut self, command: f64) {
         if !command.is_finite() {
             return;

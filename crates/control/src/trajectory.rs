@@ -86,7 +86,7 @@ pub fn interpolate(
 ) -> PlannedMotion {
     let h = duration;
     let (c1, c2) = (h * from.dq, 0.5 * h * h * from.ddq);
-    // What is left to be gone, at the end, in position, velocity and acceleration.
+    // The way left at the end, in position, velocity and acceleration.
     let d = to.q - from.q - c1 - c2;
     let e = h * to.dq - c1 - 2.0 * c2;
     let f = h * h * to.ddq - 2.0 * c2;

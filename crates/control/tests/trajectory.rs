@@ -147,7 +147,7 @@ fn points_that_end_in_motion_are_followed_by_a_stop() {
             .all(|joint| (joint.dq, joint.ddq) == (0.0, 0.0))
     );
     assert!((100..500).contains(&longest), "{longest} ms");
-    // What comes now is too late, and moves nothing.
+    // A piece that comes now is too late, and moves nothing.
     let late = trajectory.take(&piece(2, 95 * MS, 5 * MS, 20));
     assert_eq!(late, Err(piece_refusal::LATE));
     assert_eq!(trajectory.advance(MS), before);

@@ -18,7 +18,7 @@ const SEEDS: [u64; 5] = [1, 2, 3, 4, 5];
 /// D Table 3, K6 = 0.5: greatest tracking error on the stairs, mrad; hip yaw is not in it.
 const D_TABLE_3: [&str; JOINTS] = ["-", "2.95", "7.83", "41.55", "5.92", "3.69"];
 
-/// What is changed in a robot's files.
+/// Changes to a robot's files.
 #[derive(Clone, Copy)]
 struct Case {
     robot: &'static str,
@@ -228,7 +228,7 @@ const LIES: [(&str, Lie); 7] = [
     }),
 ];
 
-/// What came of an F/T sensor that errs.
+/// Outcome of an F/T sensor that errs.
 struct Lied {
     way: f64,
     speed: f64,

@@ -57,7 +57,7 @@ pub use decide::ClientInput;
 pub(crate) use decide::Supervisor;
 pub(crate) use emit::Emit;
 
-/// What commands depend on besides the goal.
+/// Inputs of commands besides the goal.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Input<'a> {
     pub(crate) measured: &'a MeasuredRecord,

@@ -5,7 +5,7 @@ use supervisor::Refusal;
 
 const _: () = assert!(EVENT_COUNT <= u64::BITS as usize, "a bit for each event");
 
-/// What an event is about.
+/// Subject of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Subject {
     Joint(usize),

@@ -293,7 +293,7 @@ fn a_tare_is_dropped_where_a_mode_is_followed() {
     assert!(error(&bench).abs() > 5.0, "{}", error(&bench));
 }
 
-/// What a gear went through before the start is not known from torsion; the rigid-body model shows it.
+/// A gear's past before the start is not known from torsion; the rigid-body model shows it.
 #[test]
 fn a_gear_s_past_is_shown_by_the_model() {
     const MEAN: u32 = 80;

@@ -308,7 +308,7 @@ fn modes_follow_each_other_without_a_step() {
 
 type Change = fn(&mut Reference);
 
-/// What a frame cannot do, or does not begin with, releases the robot and moves nothing.
+/// A reference that a frame cannot follow, or does not begin with, releases the robot and moves nothing.
 #[test]
 fn frames_that_cannot_be_led_move_nothing() {
     let changes: [(&str, Change, Event); 14] = [

@@ -30,7 +30,7 @@ fn braked() -> Bench {
     })
 }
 
-/// What a sensor shows, from its values at the beginning, its values now and the cycle.
+/// Reading of a sensor, from its values at the beginning, its values now and the cycle.
 type Lie = fn(&mut [f64], &[f64], usize);
 
 const LINK: usize = slots::link_angle(0);

@@ -7,7 +7,7 @@ use robot_state::{Event, FrameReference, Mode, Reference, Settings};
 
 const HAND: &str = "[[frame]]\nname = \"hand\"\nlink = \"left_hand\"\nforce_limit_N = 120.0\n\
     torque_limit_Nm = 15.0\nstiffness_N_per_m = 2000.0\nstiffness_Nm_per_rad = 50.0\n\n[[ft_sensor]]";
-/// What the hand is fixed to.
+/// Object that the hand is fixed to.
 const OBJECT: &str = "[harness]\nlink = \"left_hand\"\nstiffness_N_per_m = 100000\n\
     damping_Ns_per_m = 333\nstiffness_Nm_per_rad = 833\ndamping_Nms_per_rad = 2.5\n\
     slack_m = 0\nslack_deg = 0\n";

@@ -262,7 +262,7 @@ fn a_lift_in_mode_torque_stands_where_nobody_pushes_it() {
             bench.step(&client_input(&reference));
             for (j, (joint, from)) in bench.plant.truth().joints.iter().zip(&from).enumerate() {
                 let way = (joint.q - from).abs();
-                // What counts as no motion of a slide is a tenth, in m, of that of a hinge.
+                // The threshold of motion of a slide is a tenth, in m, of that of a hinge.
                 let most = [8.7e-4, 8.7e-3, 8.7e-4][j];
                 assert!(way < most, "seed {seed}, joint {j}, cycle {k}: {way}");
             }

@@ -45,7 +45,7 @@ fn with_further(text: &str) -> String {
     )
 }
 
-/// What becomes of the IMUs' samples on their way.
+/// Treatment of the IMUs' samples on their way.
 #[derive(Debug, Clone, Copy, Default)]
 struct Spoiled {
     silent: [bool; 3],

@@ -36,7 +36,7 @@ impl Agreement {
         if !(chi.is_finite() && tau.is_finite() && theta.is_finite()) {
             return;
         }
-        // What the tare itself shows is no agreement: it has made both equal.
+        // The tare itself is no agreement: it has made both equal.
         let [last_tau, last_theta] = *self.last.get_or_insert([tau, theta]);
         let changed = (tau - last_tau).abs() > TORQUE_STEP * rated_torque;
         if !(changed || (theta - last_theta).abs() > ANGLE_STEP) {

@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn a_step_is_carried_at_once_and_given_up_in_the_relaxation_times() {
         let mut creep = creep();
-        // What the gear has carried for long has relaxed.
+        // A load that the gear has carried for long has relaxed.
         assert_eq!(creep.update(1e-3), 0.0);
         assert!((creep.update(2e-3) - 0.15).abs() < 1e-3);
         for step in 1..4000 {

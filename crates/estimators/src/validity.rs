@@ -6,7 +6,7 @@ const PER_TORQUE: f64 = 0.15;
 /// and torque that the data could not show.
 const PER_LOADING: f64 = 3e-3;
 
-/// What the data covered; a range that is not known has no bounds.
+/// Ranges that the data covered; one that is not known has no bounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Validity {
     /// Least and largest torque, N·m.
@@ -47,7 +47,7 @@ impl Validity {
         (tau - high).max(low - tau).max(0.0)
     }
 
-    /// What a torque beyond the covered range adds to the error of a gear, N·m, for torques below it and above it:
+    /// Error that a torque beyond the covered range adds to that of a gear, N·m, for torques below it and above it:
     /// each the model's slope that is off by one standard deviation there, which a tare within knows in part. The law
     /// of a gear is odd, so that a torque covers its mirror image as well.
     #[must_use]

@@ -204,7 +204,7 @@ fn encoders_that_slip_as_one_jump_at_rest_and_in_motion() {
             let flags = flags_along(path);
             assert_eq!(flags[28], 0, "{velocity} rad/s, {slip} rad");
             assert_eq!(flags[29], JUMP, "{velocity} rad/s, {slip} rad");
-            // What it does beside its course is no motion, until the joint could have got there.
+            // A deviation from its course is no motion, until the joint could have got there.
             for (k, &flags) in (1..).zip(&flags[29..]) {
                 let way = velocity * k as f64 + 1e3 * slip;
                 match way.abs() > 6.0 * k as f64 {

@@ -103,7 +103,7 @@ fn a_torque_from_elsewhere_shows_the_past_and_what_stays_unknown_holds_the_error
                 ratios += error * error / (unknown * unknown + sigma * sigma);
             }
         }
-        // What is no past is not taken for one.
+        // A torque that is no past is not taken for one.
         let before = seen.unknown();
         assert_eq!(seen.learn(50.0, sigma, 1e-3), 0.0);
         assert_eq!(seen.learn(f64::NAN, sigma, 1e-3), 0.0);

@@ -152,7 +152,7 @@ pub fn fit_one(
     Ok(fitted)
 }
 
-/// What is known of a training log, and of the encoders, beside the log.
+/// Knowledge of a training log, and of the encoders, beside the log.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadedKnowledge {
     /// Errors of the reference as a whole.
@@ -266,7 +266,7 @@ impl Fitted {
         }
     }
 
-    /// What of the torque the feed-forward explains.
+    /// Part of the torque that the feed-forward explains.
     fn feed_forward(&mut self, record: &Record) -> Result<(), Problem> {
         let smoothing = self.joint.current_parameters().sign_smoothing;
         let rated = self.joint.joint.rated_torque;

@@ -355,7 +355,7 @@ mod tests {
             let fit = blocks(seed).fit(&priors).unwrap();
             let sigma = fit.covariance[(0, 0)].sqrt();
             covered += u32::from((fit.x[0] - 2.0).abs() < 1.96 * sigma);
-            // What no row shows stays at its prior.
+            // Parameters that no row shows stay at their prior.
             assert!((fit.x[1] - 0.7).abs() < 1e-9);
             assert!((fit.covariance[(1, 1)].sqrt() - 0.2).abs() < 1e-9);
         }

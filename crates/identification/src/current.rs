@@ -33,7 +33,7 @@ const TORQUE_CONSTANT: f64 = 0.05;
 /// acceleration passes for it.
 const INERTIA: f64 = 0.1;
 
-/// What the data sheet says about the motor, link side.
+/// The motor's data sheet, link side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorKnowledge {
     /// Torque per current, N·m/A.

@@ -1,4 +1,4 @@
-//! What a training log covers, and what it determines.
+//! Ranges that a training log covers, and constants that it determines.
 //!
 //! Two linear probes, one of the torsion and one of the current, hold every constant that the fits
 //! estimate, each with a prior: mean and width by catalogues of gears and drives. The log's

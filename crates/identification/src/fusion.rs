@@ -63,7 +63,7 @@ impl Usual {
     };
 }
 
-/// What the fits found out about the sources' errors, beside the log.
+/// Errors of the sources by the fits, beside the log.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SourceKnowledge {
     /// Whether the source takes part in the fused torque.

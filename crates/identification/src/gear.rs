@@ -58,7 +58,7 @@ pub struct GearFit {
     pub held_out: f64,
 }
 
-/// What is known about a gear before its logs.
+/// Knowledge of a gear before its logs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GearKnowledge {
     /// Rated torque, N·m.

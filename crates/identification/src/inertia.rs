@@ -87,7 +87,7 @@ pub struct Calibration {
     pub guessed_prior: bool,
     /// The URDF predicts held-out quarters better: its inertias are kept.
     pub urdf_kept: bool,
-    /// What the user should know.
+    /// Remarks for the user.
     pub notes: Vec<String>,
 }
 

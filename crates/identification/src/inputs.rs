@@ -20,7 +20,7 @@ use joint_file::JointFile;
 use problem::{Problem, Problems};
 use signals::Signals;
 
-/// What a log is used for.
+/// Use of a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LogKind {
     /// An unloaded output turn each way; torque and current are not used.
@@ -33,7 +33,7 @@ pub enum LogKind {
 }
 
 impl LogKind {
-    /// What a column is called towards the user.
+    /// Name of a column towards the user.
     fn name(self, column: &'static str) -> &'static str {
         match (self, column) {
             (Self::Recorded, "theta") => "the motor-side angle",
@@ -59,7 +59,7 @@ impl LogKind {
     }
 }
 
-/// What a log covers, and what may be odd about it without being wrong.
+/// Coverage of a log, and its oddities that are not wrong.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inspection {
     /// Use of the log.

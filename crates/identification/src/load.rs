@@ -42,7 +42,7 @@ pub struct Sample {
 /// One measured number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
-    /// What messages call it.
+    /// Name in messages.
     pub name: String,
     /// Its unit.
     pub unit: &'static str,
@@ -52,7 +52,7 @@ pub struct Channel {
     pub offset_sigma: f64,
 }
 
-/// What a fit starts from.
+/// Starting point of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Knowledge {
     /// The channels.
@@ -69,7 +69,7 @@ pub struct Knowledge {
     pub angle_sigma: f64,
 }
 
-/// What a log shows.
+/// Result of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Load {
     /// Offsets by channel: measured without any load.
@@ -84,7 +84,7 @@ pub struct Load {
     pub angle: [Value; ANGLES],
     /// The link's inertia with what was found.
     pub inertia: Inertia,
-    /// What stayed at its prior, by name.
+    /// Parameters that stayed at their prior, by name.
     pub undetermined: Vec<String>,
     /// Ratio of the largest to the smallest singular value of what was determined, in units of priors.
     pub condition: f64,

@@ -15,7 +15,7 @@ const T: f64 = 1e-3;
 /// The controller's model has a payload that is 10 % lighter.
 const MODEL: f64 = 0.9;
 
-/// What acts on the link: torque at a time, and a wall that appears at a time, elastic, N·m/rad.
+/// Load on the link: torque at a time, and a wall that appears at a time, elastic, N·m/rad.
 struct Contact {
     torque: fn(f64) -> f64,
     wall: Option<(f64, f64)>,

@@ -192,7 +192,7 @@ fn offset_mass_centre_and_misalignment_are_found_together() {
         );
     }
     assert!(load.helps() && load.turned > 1.5, "{load:?}");
-    // What is left held out is the noise; tared alone much more.
+    // The residual held out is the noise; tared alone much more.
     let (_, [before, tared, found]) = load.rms[0];
     assert!(
         found < 0.11 && tared > 3.0 * found && before > tared,

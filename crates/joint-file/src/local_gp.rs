@@ -17,7 +17,7 @@ pub struct TrainedLocalGp {
     pub held_out_rms: (f64, f64),
 }
 
-/// What a learned feed-forward of a robot's joint corrects.
+/// Torque that a learned feed-forward of a robot's joint corrects.
 #[must_use]
 pub fn feed_forward_base(joint: &str) -> String {
     format!("inverse dynamics of {joint}")

@@ -1,4 +1,4 @@
-//! What a recorded run is of: the robot, the program, the configuration's files.
+//! Header of a recorded run: the robot, the program, the configuration's files.
 
 use std::collections::BTreeMap;
 
@@ -41,11 +41,11 @@ impl AttachedFile {
 pub struct Start {
     /// The fault that was latched before the first cycle.
     pub fault: Option<Event>,
-    /// What must be added to the cycles' stamps for Unix time, ns.
+    /// Difference of Unix time and the cycles' stamps, ns.
     pub unix_offset_ns: i64,
 }
 
-/// What a recorded run is of.
+/// Origin of a recorded run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// The robot's name.
@@ -68,7 +68,7 @@ pub struct Header {
     pub buses: Vec<String>,
     /// How the run had started.
     pub start: Start,
-    /// What a black box was written for; none of any other recording.
+    /// Occasion of a black box; none of any other recording.
     pub black_box: Option<Event>,
     /// The files of the configuration; the first is the one that names the others.
     pub files: Vec<AttachedFile>,

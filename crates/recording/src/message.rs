@@ -43,7 +43,7 @@ pub struct CycleInput<'a> {
     pub at: Instants,
     /// The frames received.
     pub rx: &'a Frames,
-    /// What clients and operators want.
+    /// References of clients and requests of operators.
     pub client: ClientInput<'a>,
 }
 
@@ -191,7 +191,7 @@ pub struct CycleMessage {
     pub rx: Frames,
     /// The frames sent, without SYNC.
     pub tx: Frames,
-    /// What the cycle gave, and the loop around it.
+    /// The cycle's output, and the loop around it.
     pub record: Box<SharedRecord>,
     reference: Option<Reference>,
     settings: Option<Settings>,
@@ -215,7 +215,7 @@ impl Default for CycleMessage {
 }
 
 impl CycleMessage {
-    /// What clients and operators wanted of the cycle.
+    /// References and requests that reached the cycle.
     #[must_use]
     pub fn client(&self) -> ClientInput<'_> {
         ClientInput {
@@ -314,7 +314,7 @@ impl Decoder {
     }
 }
 
-/// What a glance at a message shows.
+/// Head of a message, read without decoding the rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Glance {
     /// Number of the cycle.

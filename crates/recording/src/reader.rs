@@ -79,7 +79,7 @@ pub struct Run<R> {
     ending: Option<Ending>,
 }
 
-/// What one step of reading has found.
+/// Result of one step of reading.
 enum Found {
     Metadata(Box<Header>, u64),
     OtherVersion(Option<String>),
@@ -142,7 +142,7 @@ impl<R: Read> Run<R> {
         }
     }
 
-    /// What the run is of.
+    /// Origin of the run.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -200,7 +200,7 @@ fn next<R: Read>(
     Ok(next_record(source, reader, started, found)?.unwrap_or_else(Found::End))
 }
 
-/// What `found` makes of the next record of the file, or how that has ended; `started`: it has begun
+/// Meaning of `found` for the next record of the file, or how that has ended; `started`: it has begun
 /// as an MCAP file does.
 pub(crate) fn next_record<R: Read, T>(
     source: &mut R,

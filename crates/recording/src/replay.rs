@@ -19,9 +19,9 @@ pub struct Difference {
     pub cycle: u64,
     /// The field, with joint or sensor by name; or the frame sent.
     pub field: String,
-    /// What was recorded.
+    /// The recorded value.
     pub recorded: String,
-    /// What was computed now.
+    /// The value computed now.
     pub replayed: String,
 }
 
@@ -165,7 +165,7 @@ impl Replay {
         self.cycle.record()
     }
 
-    /// What has been found so far.
+    /// Differences found so far.
     #[must_use]
     pub fn result(&self) -> &Replayed {
         &self.result

@@ -1,4 +1,4 @@
-//! What happened in a run, in the order of time: conditions that hold for a while, and changes.
+//! Time line of a run: conditions that hold for a while, and changes.
 
 mod cause;
 mod concerned;
@@ -17,7 +17,7 @@ const JOIN_NS: u64 = 50_000_000;
 /// Most happenings that are kept; a run of hours with a chattering limit has more.
 const MAX_SPANS: usize = 100_000;
 
-/// What happened, in the order of the pipeline: what came in stands before what followed from it.
+/// Events in the order of the pipeline: inputs stand before their consequences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Happening {
     /// So many cycles are missing in the recording.
@@ -88,7 +88,7 @@ pub struct Timeline {
     overflow: u64,
 }
 
-/// What the next cycle is compared with.
+/// Values that the next cycle is compared with.
 #[derive(Debug)]
 struct Before {
     record: CycleRecord,
@@ -125,7 +125,7 @@ impl Timeline {
         });
     }
 
-    /// What happened, in the order of time; the same at the same time to several joints is one.
+    /// Events in the order of time; the same at the same time to several joints is one.
     #[must_use]
     pub fn finish(mut self) -> Vec<Span> {
         self.spans.sort_by_key(|span| {

@@ -187,7 +187,7 @@ impl<W: Write + Seek> RunWriter<W> {
         Ok(())
     }
 
-    /// What was written to, whether the file is whole or not.
+    /// The destination, whether the file is whole or not.
     pub fn into_inner(self) -> W {
         self.file.into_inner()
     }

@@ -36,7 +36,7 @@ fn header() -> Header {
     }
 }
 
-/// What the cycle of that number is given and gives: noise, which does not compress away.
+/// Input and output of the cycle of that number: noise, which does not compress away.
 struct Given {
     at: Instants,
     rx: Frames,

@@ -180,7 +180,7 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
     buses
 }
 
-/// What carries the frames of the bus.
+/// Carrier of the bus's frames.
 fn carrier(section: &Section<'_, '_>) -> Carrier {
     if !section.choice_or(
         "kind",

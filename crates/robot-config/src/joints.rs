@@ -29,7 +29,7 @@ use signals::Signals;
 use std::collections::BTreeMap;
 use supervisor::DriveProfile;
 
-/// What joints depend on besides their own tables.
+/// Inputs of joints besides their own tables.
 pub(crate) struct Surroundings<'a, 'd> {
     pub(crate) drives: &'a BTreeMap<&'d str, Option<Drive>>,
     pub(crate) model: Option<&'a Model>,
@@ -139,7 +139,7 @@ impl Reader<'_, '_, '_> {
         let drive = self.drive(drives).filter(|drive| self.fits(drive));
         let has_link = self.has_link();
         let at_motor = drive.filter(|_| !has_link).map(Drive::at_motor);
-        // What control sees of the drive: without a link-side encoder it does not see the gear.
+        // Control's model of the drive: without a link-side encoder it does not see the gear.
         let seen = at_motor.as_ref().or(drive);
         let torque_limit = section.number("torque_limit_Nm", Allowed::Positive);
         let limits = self.limits(torque_limit, seen, model.zip(model_index));

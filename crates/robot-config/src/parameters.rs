@@ -180,7 +180,7 @@ pub enum RealTime {
 pub struct BusParameters {
     /// Name, as joints and sensors call it.
     pub name: String,
-    /// What carries its frames; the same kind for every bus of a robot.
+    /// Carrier of its frames; the same kind for every bus of a robot.
     pub carrier: Carrier,
     /// Place in the configuration that names the interface, as `file:line: key`.
     pub interface_place: String,
@@ -190,7 +190,7 @@ pub struct BusParameters {
     pub fd: bool,
 }
 
-/// What carries the frames of a bus.
+/// Carrier of a bus's frames.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Carrier {
     /// The CAN interface of this name.

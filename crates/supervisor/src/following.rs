@@ -45,7 +45,7 @@ pub struct FollowingParameters {
     pub doubt_counts: f64,
 }
 
-/// What a drive shows.
+/// Motion of a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shown {
     /// The set-points that motor-side and link-side encoder show, rad or A.
@@ -56,13 +56,13 @@ pub struct Shown {
     pub lead: f64,
     /// The lead that its velocity needs, rad.
     pub lag: f64,
-    /// What the encoders show moves the joint.
+    /// The joint is moved by the motion that its encoders show.
     pub followed: bool,
     /// The joint's samples cannot be used: the position shown stands.
     pub blind: bool,
 }
 
-/// What is wrong with a drive's motion.
+/// Error of a drive's motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Deviation {
     /// The drive does not follow its set-points.

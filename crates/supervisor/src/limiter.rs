@@ -390,7 +390,7 @@ impl Limiter {
         let resumes = self.resuming > 0 && held.is_none();
         self.resuming = self.resuming.saturating_sub(1);
         if resumes {
-            // What the drive makes of the last command may end.
+            // The drive's motion by the last command may end.
             let allowed = match self.controlled {
                 true => RESUMING_CONTROLLED * torque,
                 false => RESUMING_SHARE * change,

@@ -58,7 +58,7 @@ impl PlausibilityParameters {
     }
 }
 
-/// What a sample shows of the motor.
+/// The motor's state by a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorSample {
     /// theta, rad.

@@ -65,7 +65,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// What is known of a session from its references that were followed.
+/// State of a session by its references that were followed.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     began_ns: u64,
@@ -143,7 +143,7 @@ impl History {
         }
     }
 
-    /// What must be so if this bid is followed.
+    /// Conditions if this bid is followed.
     fn check_followed(&mut self, bid: &Bid, verdict: Verdict) {
         let sent_ns = bid.sent_ns.min(self.now_ns);
         assert!(self.now_ns - sent_ns <= TIMEOUT_NS, "too old: {bid:?}");
@@ -180,7 +180,7 @@ impl History {
         }
     }
 
-    /// What must be so if this bid is refused: a reason that is true.
+    /// Condition if this bid is refused: a reason that is true.
     fn check_refused(&self, bid: &Bid, reason: u32) {
         let sent_ns = bid.sent_ns.min(self.now_ns);
         let last = self.followed.get(&id(bid));

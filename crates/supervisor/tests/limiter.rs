@@ -266,7 +266,7 @@ fn a_torque_rate_that_trims_noise_is_marked_until_it_lasts_or_takes_much() {
         command_flags::TORQUE_RATE_LIMITED | command_flags::RATE_TRIMMED,
     );
     for (actuation, per_torque) in [(CURRENT, 0.1), (POSITION, 1.2e-4 - 1.0 / 27e3)] {
-        // What is left of a torque that is asked for, N·m, at 1 N·m a cycle.
+        // The rest of a torque that is asked for, N·m, at 1 N·m a cycle.
         let flags = |torques: &[f64]| -> Vec<u32> {
             let mut limiter = Limiter::new(limits, actuation, PERIOD);
             limiter.start(&still(0.0), 0.0);

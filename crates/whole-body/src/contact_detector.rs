@@ -53,7 +53,7 @@ pub struct ExternalTorque {
     pub sigma: [f64; 2],
 }
 
-/// What a joint's torques show.
+/// Contact state of a joint by its torques.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ContactState {
     /// The greatest torque over its lower threshold, 1.

@@ -17,7 +17,7 @@ use dynamics::{Force, ImuMotion, Model, Motion, Random};
 use nalgebra::{Matrix6, Vector3};
 use robot_state::Wrench;
 
-/// What one update computes.
+/// Extent of an update.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Extent {
     Whole,

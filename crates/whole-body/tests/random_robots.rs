@@ -110,7 +110,7 @@ proptest! {
         }
     }
 
-    /// What an IMU at one link shows, carried over by the joints, is what one at another link shows.
+    /// Readings of an IMU at one link, carried over by the joints, are those of an IMU at another link.
     #[test]
     fn an_imu_is_carried_over_to_any_link(seed in any::<u64>()) {
         let robot = Robot::random(seed);

@@ -140,7 +140,7 @@ fn sigma_is_that_of_the_inputs() {
     }
 }
 
-/// What is left out of `update_torques` changes none of its bits.
+/// Outputs left out of `update_torques` change none of its bits.
 #[test]
 fn torques_alone_are_those_of_the_whole_update() {
     for seed in 0..100 {

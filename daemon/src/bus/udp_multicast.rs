@@ -230,7 +230,7 @@ impl Sockets for UdpMulticast {
         }
         for _ in 0..BATCH {
             if !self.look() {
-                // What was read, if anything, was no frame: it counts as a batch.
+                // The bytes read, if any, were no frame: they count as a batch.
                 let drained = self.groups.iter().all(|group| group.drained);
                 if drained {
                     self.clock.seen_empty(before);

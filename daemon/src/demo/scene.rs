@@ -1,4 +1,4 @@
-//! What the demo shows: a robot, its simulation, its motion; and the recording of it.
+//! Scene of the demo: a robot, its simulation, its motion; and the recording of it.
 
 use std::cell::RefCell;
 use std::io;

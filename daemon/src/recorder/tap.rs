@@ -11,7 +11,7 @@ use rtrb::Producer;
 
 use super::output::{Output, RecordingStatus};
 
-/// What both ends and the requests know.
+/// State shared by both ends and the requests.
 #[derive(Debug, Default)]
 pub(super) struct Shared {
     dropped: AtomicU64,

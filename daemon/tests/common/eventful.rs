@@ -60,7 +60,7 @@ impl<B: Bus> Bus for Silencing<B> {
     }
 }
 
-/// What must have happened, for the run to be worth replaying.
+/// Events that must have happened, for the run to be worth replaying.
 #[derive(Debug, Default)]
 pub(crate) struct Happened {
     pub(crate) faults: u64,

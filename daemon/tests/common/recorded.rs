@@ -56,7 +56,7 @@ pub(crate) struct Recorded<'a> {
     pub(crate) stop_at: u64,
 }
 
-/// What a run's script may use before each cycle.
+/// Tools of a run's script before each cycle.
 pub(crate) struct Scene<'a> {
     pub(crate) cycle: u64,
     pub(crate) location: &'a Location,

@@ -192,7 +192,7 @@ pub(crate) fn is_virtual() -> bool {
     processor.contains("User Mode Linux")
 }
 
-/// What the records show from the instant of a kill on.
+/// State by the records from the instant of a kill on.
 pub(crate) struct Watch {
     start: Vec<f64>,
     /// Greatest distance of a joint from where it was, rad.

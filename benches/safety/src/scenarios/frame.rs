@@ -1,4 +1,4 @@
-//! What clients of mode Cartesian ask of frames.
+//! Faults in the requests of clients of mode Cartesian.
 
 use robot_state::{FrameReference, Mode};
 

@@ -10,7 +10,7 @@ use crate::rig::{Fault, Rig};
 
 const GROUP: &str = "Current, F/T sensors, IMU";
 
-/// What an F/T sensor's electronics show at most, over what it measures.
+/// Greatest reading of an F/T sensor's electronics, over the measured range.
 const BEYOND: f64 = 1.0667;
 
 /// Changes values of a source in each cycle.

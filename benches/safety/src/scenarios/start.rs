@@ -4,7 +4,7 @@ use robot_state::Mode;
 
 use crate::robots::{Drives, Prepared};
 
-/// What the robot does when the fault begins.
+/// State of the robot when the fault begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Start {
     /// It has just been switched on, and is enabled without an operator.

@@ -29,7 +29,7 @@ pub(super) struct Columns<'a> {
     notes: Vec<String>,
 }
 
-/// What a column's name says: signal and joint's number or name.
+/// Meaning of a column's name: signal and joint's number or name.
 fn meaning(column: &str) -> Option<(usize, &str)> {
     let all = SIGNALS
         .iter()
@@ -121,7 +121,7 @@ impl<'a> Columns<'a> {
         &self.measured
     }
 
-    /// What the user should know.
+    /// Remarks for the user.
     pub(super) fn notes(&self) -> &[String] {
         &self.notes
     }

@@ -1,4 +1,4 @@
-//! What was found, as text, as a table of friction and as JSON.
+//! Report of the identification, as text, as a table of friction and as JSON.
 
 use identification::inertia::base::{BaseParameter, unit, words};
 use identification::inertia::judge::{Judged, Model};

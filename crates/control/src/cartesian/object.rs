@@ -8,7 +8,7 @@ const CHANGES_S: [f64; 2] = [0.2, 2.0];
 const SEEN: f64 = 5e-6;
 const SOFTEST: f64 = 0.05;
 
-/// What a frame presses on: averages of place and force, of the way's square, and of its product with the force.
+/// The object that a frame presses on: averages of place and force, of the way's square, and of its product with the force.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Object {
     means: Option<[Vector6<f64>; 2]>,

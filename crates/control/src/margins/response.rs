@@ -185,7 +185,7 @@ struct Resolvent {
     basis: DMatrix<f64>,
     /// Row by row.
     hessenberg: Vec<f64>,
-    /// What is eliminated, row by row.
+    /// Rows and columns that are eliminated, row by row.
     matrix: Vec<Complex<f64>>,
 }
 

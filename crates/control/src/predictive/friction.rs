@@ -1,6 +1,6 @@
 //! Friction that is foreseen: a bristle that the desired motion of the rotor bends (Dahl).
 
-/// What is known of the friction on a rotor, link side.
+/// Parameters of the friction on a rotor, link side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrictionModel {
     /// Torque at which it slides, N·m; zero: none is foreseen.
@@ -9,7 +9,7 @@ pub struct FrictionModel {
     pub stiffness: f64,
 }
 
-/// What the rotor is to turn by in a period.
+/// Desired ways of the rotor in a period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turned {
     /// Asked for by the reference: its torque winds up the gear, and the joint goes with it, rad.

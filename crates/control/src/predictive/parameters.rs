@@ -3,7 +3,7 @@
 use super::friction::FrictionModel;
 use std::f64::consts::TAU;
 
-/// What is known of a joint and its drive. Angles, torques and inertias on the link side.
+/// Parameters of a joint and its drive. Angles, torques and inertias on the link side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LawParameters {
     /// T: time between samples, s.

@@ -82,7 +82,7 @@ fn a_drive_that_is_not_as_configured_is_found() {
         assert!((found[0] * shares[0] - 1.0).abs() < 0.03, "{figures}");
         assert!(over < 0.06 && rise < 25, "{figures}");
     }
-    // What it is good for: a drive that is weaker than thought leaves a step slow.
+    // Its use: a drive that is weaker than thought leaves a step slow.
     let (_, rise, _) = overshoot([1.2, 1.0], true);
     let (_, unknown, found) = overshoot([1.2, 1.0], false);
     assert!(

@@ -130,7 +130,7 @@ mod tests {
         for torque in [0.5, 5.0, 25.0] {
             assert!(fastest(torque, 0.0).0 < 0.31);
             let (fast, q) = fastest(torque, 500.0);
-            // What the last fifth of the torque adds.
+            // Way that the last fifth of the torque adds.
             assert!(fast < 0.33, "{fast}");
             assert!((500.0 * (q - 0.2) / torque - 1.0).abs() < 0.02, "{q}");
         }

@@ -10,7 +10,7 @@ use whole_body::LEVEL_CREEP_SHARE;
 const FOLLOWS_S: f64 = 1.5;
 const LAG_S: f64 = 0.1;
 
-/// What a joint bears.
+/// Torque that a joint bears.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Borne {
     /// Where it stands, rad.

@@ -40,7 +40,7 @@ const DOUBTED_SHARE: f64 = 0.15;
 /// Integral time in units of K_d / K_s: slow enough to leave spring and damping as they are.
 const INTEGRAL_TIMES: f64 = 10.0;
 
-/// What the joint is held with.
+/// Torque that the joint is held with.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CarryParameters {
     /// K_s: spring, N·m/rad.
@@ -82,13 +82,13 @@ pub(super) struct Carry {
     damped_s: f64,
     /// Torque of the command before this state, until it is led over, N·m.
     before: Option<f64>,
-    /// What is left to be led over, N·m.
+    /// Torque left to be led over, N·m.
     led_over: f64,
     /// Cycles for which velocities are not known after a gap in the samples.
     blind: u32,
     /// Where the joint moved to when its encoders were trusted last, 1 or -1; 0: it stood.
     direction: Option<f64>,
-    /// What its encoders show cannot be what braking has led to.
+    /// Its encoders show a motion that braking cannot have led to.
     misled: bool,
 }
 

@@ -50,7 +50,7 @@ pub(super) struct Frames {
     sample_period: f64,
 }
 
-/// What forces follow from.
+/// Quantities that forces follow from.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Known<'a> {
     pub(super) measured: &'a MeasuredRecord,
@@ -81,7 +81,7 @@ struct Frame {
     approach: Approaches,
     /// Inertia that each joint feels besides its links'.
     felt_inertia: Vec<f64>,
-    /// What each joint keeps its posture with.
+    /// Posture of each joint: its spring and its damper.
     posture: Vec<Impedance>,
     /// Lower triangle of the limb's mass matrix, then its Cholesky factor, by rows.
     factor: Vec<f64>,
@@ -229,7 +229,7 @@ impl Frames {
     }
 }
 
-/// What a client asks of a frame, at the instant of this cycle.
+/// Reference of a client for a frame, at the instant of this cycle.
 fn target(asked: &FrameReference, age_s: f64) -> CartesianTarget {
     let pose = pose(asked);
     let axes = match asked.own_axes {
@@ -253,7 +253,7 @@ fn target(asked: &FrameReference, age_s: f64) -> CartesianTarget {
     }
 }
 
-/// What the joint's torque law makes it feel.
+/// Inertia that the joint's torque law adds to the link's.
 fn felt_inertia(joint: &JointParameters, parameters: &Parameters) -> f64 {
     match (parameters.torque_law, joint.has_link_encoder) {
         (TorqueLaw::Predictive(_), true) => joint.law.felt_inertia(),
@@ -399,7 +399,7 @@ impl Frame {
         };
         let contact = &estimated.contact_wrench;
         let taken_off = self.at_frame(placements, at, contact);
-        // What the filters have not shown yet: the weight beyond the sensor hardly changes meanwhile.
+        // Not yet shown by the filters: the weight beyond the sensor hardly changes meanwhile.
         let [long, now, before] =
             [contact, &measured.wrench, &measured.wrench_hat].map(Wrench::to_array);
         let fast = Wrench::from_array(std::array::from_fn(|i| long[i] + now[i] - before[i]));

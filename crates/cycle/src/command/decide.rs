@@ -352,7 +352,7 @@ impl Supervisor {
             return Goal::Hold;
         }
         let mode = self.mode;
-        // What the mode has commanded may have followed from the sensor that failed.
+        // Commands of the mode may have followed from the sensor that failed.
         if !self.is_possible(mode) {
             self.release(self.degraded_by);
             return Goal::Stop;
@@ -365,7 +365,7 @@ impl Supervisor {
         let Some(goal) = asked else {
             return Goal::Hold;
         };
-        // What an earlier visit of the mode has followed does not count.
+        // References that an earlier visit of the mode has followed do not count.
         let first = goal.mode() != mode;
         match self.references.follows(&goal, first, measured) {
             Ok(()) => goal,
@@ -376,7 +376,7 @@ impl Supervisor {
         }
     }
 
-    /// What a robot in a fault does. A limb yields to a contact by its torque and by gravity: as soon as
+    /// Reaction of a robot in a fault. A limb yields to a contact by its torque and by gravity: as soon as
     /// a source of these is in doubt it is stopped instead, and stays so.
     fn safe_goal(&mut self, readiness: &Readiness<'_>) -> Goal<'static> {
         let (Some(Event::ExternalContact), Some(Subject::Joint(joint))) =

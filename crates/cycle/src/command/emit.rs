@@ -16,7 +16,7 @@ use crate::events::Counts;
 /// Control words are repeated after so many cycles, for a drive that lost one.
 const REPEAT: u32 = 100;
 
-/// What a joint's set-points need.
+/// Inputs of a joint's set-points.
 #[derive(Debug, Clone, Copy)]
 struct Addressed {
     takes_position: bool,

@@ -1,4 +1,4 @@
-//! What a client asks of frames: whether the robot can do it; placements of links.
+//! Check of a client's references for frames: whether the robot can follow them; placements of links.
 
 use control::{DAMPING_RATIOS, unit_quaternion};
 use dynamics::{Base, Data, Model, Se3, forward_kinematics, frame_placement};
@@ -61,7 +61,7 @@ impl Placements {
 pub(super) struct FrameCheck {
     frames: Vec<Allowed>,
     placements: Option<Placements>,
-    /// What the mode began with: used, own axes.
+    /// The frames that the mode began with: used, own axes.
     began: [(u32, u32); MAX_FRAMES],
 }
 

@@ -161,7 +161,7 @@ impl JointController {
         self.state.as_ref().map(|_| self.limiter.last())
     }
 
-    /// What set-points have led to is forgotten: they end, and begin anew where the joint then stands.
+    /// The effect of earlier set-points is forgotten: they end, and begin anew where the joint then stands.
     pub(crate) fn forget(&mut self) {
         self.state = None;
         self.following.restart();
@@ -259,7 +259,7 @@ impl JointController {
             predictive.sent(limited.applied);
         }
         if limited.flags & command_flags::NOT_FINITE != 0 {
-            // What made it so is no contribution to the command that stands.
+            // The cause of it is no contribution to the command that stands.
             *commanded = JointCommanded {
                 following_error: commanded.following_error,
                 ..JointCommanded::default()

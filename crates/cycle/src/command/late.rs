@@ -48,7 +48,7 @@ pub(super) struct LateTorque {
     /// Friction and dead zone, N·m.
     unexplained: f64,
     torque_limit: f64,
-    /// What the feedback may be while the joint stands; none before a mode's first cycle.
+    /// Allowed feedback while the joint stands; none before a mode's first cycle.
     stand: Option<Stand>,
     /// The feedback once and twice `BELIEVED_AFTER_S` ago, N·m, the time since the newer one, s, and whether the
     /// estimate was valid in the last cycle.
@@ -153,7 +153,7 @@ impl LateTorque {
         let stand = (self.stand).get_or_insert(Stand::at(angle, self.integral, tau_d, 0.0));
         let bound = stand.bound((angle, tau_d), asked, self.torque_limit, dt);
         let feedback = self.within(bound, tau_d);
-        // What lies beyond the limits is not gathered.
+        // Torque beyond the limits is not gathered.
         if feedback.is_finite() {
             self.integral = feedback - proportional;
         }

@@ -32,7 +32,7 @@ pub(crate) struct InverseDynamicsTorque {
 pub(crate) struct JointInput<'a> {
     /// At the instant of this cycle; zero in mode hold.
     pub(crate) reference: JointReference,
-    /// What the reference asks for; none: the configured one.
+    /// Stiffness and damping of the reference; none: the configured ones.
     pub(crate) impedance: Option<Impedance>,
     pub(crate) inverse_dynamics: InverseDynamicsTorque,
     pub(crate) measured: &'a JointMeasured,
@@ -121,7 +121,7 @@ impl Law {
         }
     }
 
-    /// What the drive shows: by each encoder the position plus the lead of torque and velocity, rad; of
+    /// The drive's own signal: by each encoder the position plus the lead of torque and velocity, rad; of
     /// a drive that takes currents its current, A.
     pub(super) fn shown(
         &self,

@@ -114,7 +114,7 @@ impl Modes {
         }
     }
 
-    /// What is asked of a joint. One that was just let go goes soft at the place at which it was held: nobody
+    /// Reference of a joint. One that was just let go goes soft at the place at which it was held: nobody
     /// has checked what its reference asks for now.
     pub(super) fn asked(
         &self,

@@ -46,7 +46,7 @@ const MEMORY_S: f64 = 0.1;
 const AHEAD_S: f64 = 0.0025;
 const AHEAD_SHARE: f64 = 0.1;
 
-/// What the limb of a joint in contact does.
+/// Reaction of the limb of a joint in contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Answer {
     /// It is braked at once.
@@ -119,7 +119,7 @@ impl<'a> Goal<'a> {
     }
 }
 
-/// What a joint can do, and what was last asked of it.
+/// Limits of a joint, and its last reference.
 #[derive(Debug, Clone)]
 struct Joint {
     limits: Limits,
@@ -132,7 +132,7 @@ struct Joint {
     dq_d: f64,
     /// Way that a desired position may make at once, rad.
     slack: f64,
-    /// What is left of it for `q_d`, rad.
+    /// The part of it left for `q_d`, rad.
     credit: f64,
     /// Way that `dq_d` made and `q_d` did not, rad.
     ahead: f64,

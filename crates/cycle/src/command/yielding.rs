@@ -348,7 +348,7 @@ impl Yielding {
         contact.offsets.get(joint).copied().flatten()
     }
 
-    /// What inverse dynamics is to follow while the limb is soft.
+    /// Reference of inverse dynamics while the limb is soft.
     pub(super) fn soft(&self) -> Option<&Reference> {
         self.reference(Way::Soft)
     }

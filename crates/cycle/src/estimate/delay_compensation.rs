@@ -50,7 +50,7 @@ struct Joint {
     /// Part of the torque from encoders that F/T sensors and rigid-body model have shown, N·m: no change of the
     /// torque, so that the compensator does not see it.
     shown: f64,
-    /// What they show of it now, by which it is wrong, N·m, and within which standard deviation.
+    /// Error of it that they show now, N·m, and its standard deviation.
     shows: Option<(f64, f64)>,
 }
 
@@ -102,7 +102,7 @@ impl DelayCompensation {
         &self.fast
     }
 
-    /// What the torque from F/T sensors and rigid-body model shows of a joint's torque from encoders: the error of
+    /// Error of a joint's torque from encoders by that from F/T sensors and rigid-body model: the error of
     /// the latter, N·m, and the former's standard deviation.
     pub(crate) fn shows(&self, joint: usize) -> Option<(f64, f64)> {
         self.joints.get(joint)?.shows

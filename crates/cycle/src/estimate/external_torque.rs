@@ -109,7 +109,7 @@ impl ExternalTorque {
             self.upper[j] = state.upper;
         }
         if let Some((worst, _)) = worst {
-            // What the reaction is about: the joint that shows it best.
+            // Subject of the reaction: the joint that shows it best.
             counts.lasting(Event::ExternalContact, Subject::Joint(worst), false);
         }
         self.publish_force(known, estimated);

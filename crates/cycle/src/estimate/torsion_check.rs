@@ -70,7 +70,7 @@ impl Change {
     }
 }
 
-/// What is followed of a joint from one sample to the next.
+/// State of a joint that is followed from one sample to the next.
 #[derive(Debug, Clone, Copy)]
 struct Changes {
     /// Of `e_1` without its inertia, of omega, and of `e_2` where it is known.
@@ -282,7 +282,7 @@ mod tests {
     fn a_change_that_stays_is_found_across_samples_that_were_not_used() {
         assert!(is_found(&mut after(1), |_| 30.0));
         assert!(is_found(&mut after(BRIDGED), |_| 30.0));
-        // What comes after a longer gap need not go on from what came before.
+        // Samples after a longer gap need not go on from those before it.
         assert!(!is_found(&mut after(BRIDGED + 1), |_| 30.0));
     }
 }

@@ -156,7 +156,7 @@ impl Filtered {
 pub(super) struct Course {
     /// Largest change in one period, rad.
     max_step: f64,
-    /// What the filter was given last, rad, and the reading behind it.
+    /// The filter's last input, rad, and the reading behind it.
     given: f64,
     reading: f64,
     /// Difference of the two, rad; only changes are used.

@@ -4,7 +4,7 @@
 //! the accelerometer. A base is not accelerated by more than [`ACCELERATION`] beside it for longer
 //! than an impact lasts, and its rate of turn does not step. A sample beyond that is not used; a
 //! sensor whose axes are exchanged, reversed or offset from one sample to the next goes stale so.
-//! What is wrong from the start is not found here.
+//! Errors that are there from the start are not found here.
 
 /// Acceleration of the base beside gravity, m/s²: more than that of a free fall, less than the
 /// difference of two axes of which one shows gravity.

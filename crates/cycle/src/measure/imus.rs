@@ -97,7 +97,7 @@ impl Agreement {
     }
 }
 
-/// What stands in for the first IMU.
+/// Substitute of the first IMU.
 #[derive(Debug)]
 struct StandIn {
     /// Its place among the further ones.

@@ -71,7 +71,7 @@ impl Measure {
             } else if !check.is_plausible(gyro, acceleration, dt, holds) {
                 reading = self.reception.reject(source, before, at, &reading);
             }
-            // What depends on the first one alone is an event of its own where another stands in for it.
+            // Signals that depend on the first one alone are an event of their own where another stands in for it.
             let counts_alone = i == 0 && alone;
             if counts_alone {
                 let before = if alone_before { imu.flags } else { 0 };

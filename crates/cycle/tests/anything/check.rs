@@ -1,4 +1,4 @@
-//! What may leave.
+//! Rules for frames that leave.
 
 use crate::common::Bench;
 use robot_config::slots;
@@ -9,7 +9,7 @@ use supervisor::Actuation;
 const RESOLUTION: f64 = 1.1e-3;
 const RESOLUTION_M: f64 = 1e-6;
 
-/// What was sent to a joint before.
+/// Frames sent to a joint before.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Before {
     /// The set-point, rad.
@@ -35,7 +35,7 @@ impl Before {
     }
 }
 
-/// What has left is what the record shows, finite, within limits, and only to engaged joints.
+/// Sent frames are those of the record, finite, within limits, and only to engaged joints.
 pub(crate) fn check(bench: &Bench, before: &mut [Before]) {
     let record = bench.cycle.record();
     let state = RobotState::from_number(record.state).expect("a state");

@@ -113,7 +113,7 @@ impl Ahead {
         }
     }
 
-    /// What the loop gets from the lease in this cycle.
+    /// Reference that the loop gets from the lease in this cycle.
     pub(crate) fn input(&self, now: u64) -> ClientInput<'_> {
         ClientInput {
             reference: self.commanders.reference(),

@@ -1,4 +1,4 @@
-//! What can be wrong with frames, drives and sensors.
+//! Faults of frames, drives and sensors.
 
 use crate::common::{self, Bench};
 use can_codec::{EXTENDED_ID, Frame, Frames};

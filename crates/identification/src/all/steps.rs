@@ -73,7 +73,7 @@ impl Fitted {
     }
 
     /// Skew, zero and harmonics under load, then Z's constants without them.
-    /// What the log does not determine stays at its prior.
+    /// Constants that the log does not determine stay at their prior.
     pub(super) fn compliance(&mut self, record: &Record, train: &[LogRow]) -> Result<(), Problem> {
         let excitation = Excitation::new(record, &self.joint);
         if let Some(constant) = excitation.undetermined(Quantity::Compliance) {
@@ -119,7 +119,7 @@ impl Fitted {
         Ok(())
     }
 
-    /// What the data sheet and earlier steps say about the gear.
+    /// Knowledge of the gear by data sheet and earlier steps.
     fn gear_knowledge(&self) -> GearKnowledge {
         let joint = &self.joint.joint;
         let error = self.joint.kinematic_error.clone().unwrap_or_default();

@@ -21,7 +21,7 @@ const GAP: f64 = 1.5;
 /// Shortest stretch that is used, s.
 const SHORTEST_S: f64 = 0.5;
 
-/// What the configuration states about a joint's drive.
+/// Configured parameters of a joint's drive.
 #[must_use]
 pub fn knowledge(joint: &JointParameters) -> DriveKnowledge {
     let n = joint.encoders.gear_ratio;

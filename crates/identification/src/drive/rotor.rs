@@ -118,7 +118,7 @@ pub(super) fn fit(known: &DriveKnowledge, log: &DriveLog, law: &Law) -> Option<R
     let found = fit(&fast, &priors)?;
     let mut inertia = value(&found, INERTIA, known.inertia, known.inertia);
     let mut later = value(&found, LATER, 0.0, 0.3);
-    // What the equation leaves is its model's error, not noise: half of it may go with a term.
+    // The equation's residual is its model's error, not noise: half of it may go with a term.
     let share = |column: usize| {
         let size = rms(fast.iter().map(|(_, row, _)| row[column]));
         0.5 * found.rms / size.max(1e-300)

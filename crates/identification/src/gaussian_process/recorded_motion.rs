@@ -18,7 +18,7 @@ const FOLLOWING: [Mode; 4] = [
     Mode::TorqueFeedbackMotion,
     Mode::LowGainTracking,
 ];
-/// What makes a sample useless.
+/// Reason why a sample is useless.
 const LOST: u32 = measured_flags::NEVER
     | measured_flags::STALE
     | measured_flags::SETTLING
@@ -96,7 +96,7 @@ impl GatherMotion {
         }
     }
 
-    /// What was gathered, by joint in config order.
+    /// Gathered samples, by joint in config order.
     #[must_use]
     pub fn logs(self) -> Vec<MotionLog> {
         self.joints.into_iter().map(|joint| joint.log).collect()

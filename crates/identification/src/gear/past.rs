@@ -1,4 +1,4 @@
-//! What a gear went through before its log begins.
+//! A gear's past before its log begins.
 
 use super::torsion;
 use crate::record::Record;

@@ -193,7 +193,7 @@ fn possible(given: &Inertia, least: f64, middle: Vector3<f64>) -> (Ten, bool) {
 
 /// Inertias of links, each about its own frame, that add up to those of their bodies.
 ///
-/// What fixed joints hold to a body's first link keeps its inertia where the first link's rest is
+/// The part that fixed joints hold to a body's first link keeps its inertia where the first link's rest is
 /// one that a body can have; otherwise all parts change alike: `J' = T J T^T` with
 /// `T = L L0^-1` of the factors of the body's pseudo-inertias keeps each part possible.
 #[must_use]

@@ -229,7 +229,7 @@ fn best_term(
         .map(|(term, _)| term)
 }
 
-/// What a training part teaches.
+/// Result of a training part.
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// Which smoothing the training part chose.

@@ -74,7 +74,7 @@ pub struct Recording {
     pub has_dq: bool,
     /// Joints' accelerations are in every log.
     pub has_ddq: bool,
-    /// What the user should know.
+    /// Remarks for the user.
     pub notes: Vec<String>,
 }
 

@@ -42,7 +42,7 @@ const MIN_SPAN_FOR_STIFFNESS: f64 = 0.1;
 /// Standard deviations by which an estimate must miss these bounds.
 const SIGNIFICANCE: f64 = 3.0;
 
-/// What a training log must have.
+/// Requirements of a training log.
 pub(super) fn check(
     s: &Signals,
     joint: &JointFile,

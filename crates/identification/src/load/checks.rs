@@ -1,4 +1,4 @@
-//! What is wrong with the wiring of an F/T sensor, as far as the weight beyond it shows.
+//! Errors in the wiring of an F/T sensor, as far as the weight beyond it shows.
 
 use super::Sample;
 use nalgebra::{Matrix3, Vector3};
@@ -36,7 +36,7 @@ const UNIT: f64 = 0.15;
 /// beyond, kg, as far as it is known; `sigma`: of a force sample, N.
 ///
 /// # Errors
-/// What the signals show instead.
+/// Wiring that the signals show instead.
 pub fn wiring(samples: &[Sample], mass: Option<f64>, sigma: f64) -> Result<(), Problem> {
     let weight = |s: &Sample| Vector3::from_fn(|k, _| s.columns[k][0]);
     let force = |s: &Sample| Vector3::from_fn(|k, _| s.measured[k]);
@@ -60,7 +60,7 @@ pub fn wiring(samples: &[Sample], mass: Option<f64>, sigma: f64) -> Result<(), P
         }
     }
     let per_sample = squares.map(|sum| sum / samples.len().max(1) as f64);
-    // What a mass that is known would vary by, and what is shown.
+    // Variation of a mass that is known, and the one shown.
     let expected = mass.unwrap_or(0.0) * per_sample[0].sqrt();
     if per_sample[0].sqrt() < 0.1
         || (expected < VISIBLE * sigma && per_sample[1].sqrt() < VISIBLE * sigma)

@@ -135,7 +135,7 @@ impl<'a> Fit<'a> {
         let mut solution = self.solve(&fixed, RELAXED, &all).ok_or_else(none)?;
         let second = 4..BODY;
         if second.clone().any(|i| !fixed[i]) && !possible(&self.inertia(&solution.x)) {
-            // What no body can have is not determined.
+            // Parameters that no body can have are not determined.
             second.for_each(|i| fixed[i] = true);
             solution = self.solve(&fixed, RELAXED, &all).ok_or_else(none)?;
         }
@@ -273,7 +273,7 @@ impl<'a> Fit<'a> {
     fn load(&self, solution: &Solution, fixed: &[bool]) -> Option<Load> {
         let posterior = solution.posterior.as_ref()?;
         let all: Vec<usize> = (0..self.samples.len()).collect();
-        // What errors of one sign in all samples would make of it.
+        // Effect of errors of one sign in all samples.
         let unit = vec![1.0; self.layout.channels];
         let sigma: Vec<f64> = (self.known.channels.iter().zip(&unit))
             .map(|(c, _)| c.sigma.max(1e-9))

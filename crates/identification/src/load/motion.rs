@@ -8,7 +8,7 @@ use dynamics::{
 };
 use nalgebra::{Matrix3, Vector3};
 
-/// What is known of the robot's motion in space.
+/// Knowledge of the robot's motion in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Source {
     /// A link stands still.
@@ -182,7 +182,7 @@ impl Cut {
         }
     }
 
-    /// What the model predicts, and its derivatives by the inertia of `carrier`, appended to a sample.
+    /// The model's prediction, and its derivatives by the inertia of `carrier`, appended to a sample.
     pub fn predict(&self, moving: &Moving<'_>, carrier: Option<usize>, into: &mut Sample) {
         let model = moving.model;
         match &self.at {

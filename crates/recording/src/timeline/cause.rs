@@ -1,4 +1,4 @@
-//! What led to a fault.
+//! Cause of a fault.
 
 use robot_state::{DriveState, Event, command_flags, measured_flags};
 

@@ -1,4 +1,4 @@
-//! What the predictive torque law knows of a joint.
+//! The predictive torque law's model of a joint.
 
 use super::Reader;
 use crate::drives::Drive;

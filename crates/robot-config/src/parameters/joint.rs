@@ -51,7 +51,7 @@ pub struct JointParameters {
     /// The learned feed-forward of mode low-gain tracking, with inputs
     /// [`motion_inputs`](crate::feed_forward::motion_inputs).
     pub feed_forward: Option<LocalGpParameters>,
-    /// What the predictive torque law knows of joint and drive.
+    /// The predictive torque law's model of joint and drive.
     pub law: LawParameters,
     /// Part of the law's delay that is within the drive's own loop, s.
     pub drive_lag: f64,

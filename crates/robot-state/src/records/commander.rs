@@ -106,7 +106,7 @@ record! {
 }
 
 record! {
-    /// What every commander gets to see in each cycle.
+    /// Report to every commander in each cycle.
     pub struct CommanderStatus {
         /// Cycle number since the daemon's start.
         pub cycle: u64,

@@ -1,4 +1,4 @@
-//! What the estimator takes and gives in one cycle.
+//! Input and output of the estimator in one cycle.
 
 use dynamics::ImuMotion;
 use robot_state::Wrench;
