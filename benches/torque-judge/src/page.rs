@@ -292,7 +292,7 @@ pub fn splits(cases: &[(&'static str, RealCase)]) -> String {
         });
         let relative = |c: &RealCase| c.ratio(FUSED);
         let all: Vec<f64> = of.iter().map(|c| relative(c)).collect();
-        let told: Vec<f64> = informative.iter().map(|c| relative(c)).collect();
+        let shares: Vec<f64> = informative.iter().map(|c| relative(c)).collect();
         let below = all.iter().filter(|x| *x < HONEST.start()).count();
         let (_, largest) = median_worst(all.clone());
         let of_informative = |text: String| match informative.is_empty() {
@@ -305,7 +305,7 @@ pub fn splits(cases: &[(&'static str, RealCase)]) -> String {
             of.len(),
             informative.len(),
             of_informative(format!("{mean:.2}")),
-            of_informative(format!("{:.0} %", share(&told))),
+            of_informative(format!("{:.0} %", share(&shares))),
             share(&all),
         );
     };

@@ -245,3 +245,33 @@ fn a_withdrawn_drive_keeps_no_current_though_its_status_was_wrong_once() {
         assert_eq!(left, 0.0, "{lost} cycles of commands lost");
     }
 }
+
+#[test]
+fn a_current_drive_under_a_constant_torque_stays_within_its_limits() {
+    for tau_d in [30.0, -30.0] {
+        let mut bench = current_drive();
+        bench.run(400);
+        assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+        let limits = bench.robot.parameters.joints[0].limits;
+        let mut reference = bench.reference(Mode::Torque.number(), 1);
+        reference.joints[0].tau_d = tau_d;
+        let mut fastest: f64 = 0.0;
+        for _ in 0..4000 {
+            reference.sequence += 1;
+            bench.step(&client_input(&reference));
+            let joint = &bench.plant.truth().joints[0];
+            fastest = fastest.max(joint.dq.abs());
+            let margin = 2f64.to_radians();
+            let inside =
+                joint.q < limits.position_max + margin && joint.q > limits.position_min - margin;
+            assert!(inside, "{tau_d} N·m: {} rad", joint.q);
+        }
+        assert!(
+            fastest < 1.2 * limits.velocity,
+            "{tau_d} N·m: {fastest} rad/s"
+        );
+        let rest = bench.plant.truth().joints[0].dq;
+        assert!(rest.abs() < 0.1, "{tau_d} N·m: {rest} rad/s at the end");
+        assert_eq!(bench.cycle.record().fault, 0);
+    }
+}

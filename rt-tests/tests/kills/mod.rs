@@ -1,5 +1,7 @@
 //! The leg on vcan as processes of its own, and what its records show.
 
+pub(crate) mod table;
+
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};

@@ -10,14 +10,16 @@
 //! those of an F/T sensor, what its filters have not shown yet is added. A robot that uses no frame pays for
 //! a branch; nothing here is computed before a client uses one.
 
-use control::{CartesianLaw, CartesianTarget, CartesianWrench, Limb, unit_quaternion};
+mod record;
+
+use control::{CartesianLaw, CartesianTarget, Limb};
 use dynamics::{Force, ReferenceFrame, Se3, crba, forward_kinematics};
 use dynamics::{frame_jacobian, frame_placement};
 use nalgebra::{Matrix3, Matrix6, Matrix6xX, UnitQuaternion, Vector6};
 use robot_config::{FrameParameters, FtParameters, JointParameters, Parameters, Robot, TorqueLaw};
 use robot_state::{
     CommandedRecord, EstimatedRecord, FrameCommanded, FrameReference, MeasuredRecord, Reference,
-    Wrench, frame_flags,
+    Wrench,
 };
 
 use super::approach::Approaches;
@@ -28,12 +30,6 @@ use super::law::InverseDynamicsTorque;
 /// Least share of a direction's lever in the limb's greatest one for which a force along it counts as known
 /// by external torques.
 const LEAST_LEVER: f64 = 0.05;
-
-/// w x y z.
-fn quaternion(rotation: &Matrix3<f64>) -> [f64; 4] {
-    let [x, y, z, w] = unit_quaternion(rotation).coords.into();
-    [w, x, y, z]
-}
 
 /// The frames of a robot.
 #[derive(Debug)]
@@ -469,37 +465,5 @@ impl Frame {
             approach.follow(column.dot(&asked), column.dot(&short));
         }
         self.record(&pose, &wrench, felt.force)
-    }
-
-    fn pose_record(&self, placements: &Placements) -> FrameCommanded {
-        let pose = placements.between(self.parameters.base, self.parameters.link);
-        FrameCommanded {
-            position: pose.translation.into(),
-            orientation: quaternion(&pose.rotation),
-            flags: frame_flags::VALID,
-            ..FrameCommanded::default()
-        }
-    }
-
-    fn record(
-        &self,
-        pose: &Se3,
-        wrench: &CartesianWrench,
-        force: Option<Vector6<f64>>,
-    ) -> FrameCommanded {
-        let flag = |on: bool, flag: u32| if on { flag } else { 0 };
-        FrameCommanded {
-            position: pose.translation.into(),
-            orientation: quaternion(&pose.rotation),
-            wrench: wrench.sum().into(),
-            force_estimated: force.unwrap_or_default().into(),
-            flags: frame_flags::VALID
-                | frame_flags::ACTIVE
-                | flag(wrench.limited, frame_flags::WRENCH_LIMITED)
-                | flag(wrench.shares != [1.0; 2], frame_flags::GAINS_LIMITED)
-                | flag(wrench.led, frame_flags::LED)
-                | flag(force.is_some(), frame_flags::FORCE_KNOWN),
-            reserved: 0,
-        }
     }
 }

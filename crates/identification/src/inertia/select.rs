@@ -16,7 +16,7 @@ const FOLDS: usize = 4;
 /// Weights of the prior that are tried.
 const LAMBDAS: [f64; 10] = [1e-4, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e7];
 /// A term must lower the mean square of its joint's residual by this share.
-const WORTH: f64 = 0.01;
+const LEAST_IMPROVEMENT: f64 = 0.01;
 /// Rounds of added terms.
 const ROUNDS: usize = 4;
 /// Groups of blocks that are held out in turn.
@@ -107,7 +107,7 @@ impl Inner {
         let least = all.iter().map(|(_, e)| *e).fold(f64::INFINITY, f64::min);
         all.into_iter()
             .rev()
-            .find(|(_, e)| *e <= least * (1.0 + 0.2 * WORTH))
+            .find(|(_, e)| *e <= least * (1.0 + 0.2 * LEAST_IMPROVEMENT))
     }
 }
 
@@ -221,7 +221,7 @@ fn best_term(
         }
         let better = gains.iter().filter(|g| **g > 0.0).count();
         let sum: f64 = gains.iter().sum();
-        (better + 1 >= FOLDS && sum > WORTH * own).then_some((term, sum))
+        (better + 1 >= FOLDS && sum > LEAST_IMPROVEMENT * own).then_some((term, sum))
     };
     let free = (ALWAYS..TERMS.len()).filter(|&term| !keep[rows.term(joint, term)]);
     free.filter_map(gain)

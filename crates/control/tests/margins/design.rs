@@ -1,0 +1,110 @@
+//! The design that margins choose.
+
+use control::margins::{JointLoop, NEEDED, choose_design, least_margins};
+
+use crate::joint;
+
+/// Drives and gears of other proportions than those for which the default design was found: a gear half as
+/// stiff, a drive three times as stiff, a rotor of twice the inertia.
+fn other_proportions() -> Vec<JointLoop> {
+    let factors = [[1.0, 0.5, 1.0], [1.0, 1.0, 3.0], [2.0, 1.0, 1.0]];
+    let scaled = |[rotor, gear, drive]: [f64; 3]| {
+        JOINTS.map(|[j, k, k_d, d_d, link]| {
+            // The drive's own damping ratio stays.
+            let damping = d_d * (drive * rotor).sqrt();
+            joint([j * rotor, k * gear, k_d * drive, damping, link])
+        })
+    };
+    factors.into_iter().flat_map(scaled).collect()
+}
+
+/// A hand that turns the joint round feels the drive's damping for as long as `follow` needs: it is made as quick as
+/// the margins allow, and they must not hang on a damping that no data sheet has.
+#[test]
+fn design_is_quick_and_keeps_the_margins_with_another_damping() {
+    for of_joint in JOINTS.map(joint) {
+        let design = choose_design(&of_joint, &NEEDED, true);
+        let default = Design::default();
+        let rest = Design {
+            follow: default.follow,
+            ..design
+        };
+        assert_eq!(rest, default);
+        assert!(design.follow > default.follow);
+        assert_eq!(choose_design(&of_joint, &NEEDED, false), default);
+        let mut with = of_joint;
+        with.law.design = design;
+        for share in [0.8, 1.0, 1.2] {
+            with.truth = with.law;
+            if let DriveModel::Position { damping, .. } = &mut with.truth.drive {
+                *damping *= share;
+            }
+            let least = least_margins(&with, &Load::ALL).0;
+            assert!(least.keeps(&NEEDED), "{share}: {design:?}, {least:?}");
+        }
+    }
+}
+
+#[test]
+fn design_is_chosen_for_drives_and_gears_of_other_proportions() {
+    let keeps = |of_joint: &JointLoop| least_margins(of_joint, &Load::ALL).0.keeps(&NEEDED);
+    let all = other_proportions();
+    let by_default = all.iter().filter(|of_joint| keeps(of_joint)).count();
+    let mut chosen = 0;
+    for of_joint in &all {
+        let mut with = *of_joint;
+        with.law.design = choose_design(of_joint, &NEEDED, true);
+        chosen += usize::from(keeps(&with));
+        assert!(keeps(&with) || !keeps(of_joint), "{of_joint:?}");
+        let changed = with.law.design != Design::default();
+        assert!(keeps(&with) || !changed, "{of_joint:?}");
+        if changed {
+            // A third of the default's bandwidth is left at least, with the rotor stuck.
+            let [before, after] = [of_joint, &with].map(|l| l.with(Load::Stuck).bandwidth());
+            assert!(
+                after > before / 3.0,
+                "{before} Hz, {after} Hz: {:?}",
+                with.law.design
+            );
+        }
+    }
+    // The test joint's drive, three times as stiff, has 75 Hz of its own beside a delay of 1.3 ms: no
+    // design helps, and `torquectl check` refuses it.
+    assert_eq!((by_default, chosen), (14, 20), "of {}", all.len());
+}
+
+#[test]
+fn design_that_nothing_helps_stays_the_own() {
+    // A drive whose own loop rings.
+    let mut of_joint = joint(JOINTS[1]);
+    if let DriveModel::Position {
+        stiffness, damping, ..
+    } = &mut of_joint.law.drive
+    {
+        (*stiffness, *damping) = (40.0 * *stiffness, 0.1 * *damping);
+    }
+    of_joint.truth = of_joint.law;
+    assert_eq!(choose_design(&of_joint, &NEEDED, true), of_joint.law.design);
+    // Nor do numbers without an end keep the search from one.
+    of_joint.truth.rotor_inertia = 1e-300;
+    assert_eq!(choose_design(&of_joint, &NEEDED, true), of_joint.law.design);
+}
+
+/// A screw in N and m, and as a joint that turns at some radius: units change neither margins nor design.
+#[test]
+fn units_do_not_matter() {
+    let at = |r: f64| joint([31.6, 1.06e6, 1.5e6, 12_945.0, 12.04].map(|x: f64| r * r * x));
+    for radius in [1e-3, 0.1, 1.0, 30.0] {
+        let both = [at(0.03), at(radius)];
+        for load in Load::ALL {
+            let [a, b] = both.map(|of_joint| of_joint.with(load).margins());
+            let differ = [a.phase - b.phase, a.gain / b.gain - 1.0];
+            assert!(
+                differ.iter().all(|d| d.abs() < 1e-3),
+                "{radius} m: {a:?} {b:?}"
+            );
+        }
+        let [a, b] = both.map(|of_joint| choose_design(&of_joint, &NEEDED, true));
+        assert_eq!(a, b, "{radius} m");
+    }
+}
