@@ -74,9 +74,6 @@ pub(crate) struct InOrder {
     pub(crate) groups: Vec<Group>,
 }
 
-/// Most groups that there are (see `sized`).
-pub(crate) const MOST_GROUPS: usize = 3;
-
 /// Calls a function that is generic over the number of groups and `ARM`, with those of a memory.
 macro_rules! sized {
     ($memory:expr, $function:ident($($argument:expr),*)) => {

@@ -99,7 +99,9 @@ pub(crate) struct LaneSchedule {
 /// rounding than the recursion where light bodies hang on heavy ones.
 const FILLED: f64 = 0.6;
 const MOST_IN_ORDER: usize = 10;
-const _: () = assert!(MOST_IN_ORDER <= crate::in_order::MOST_GROUPS * WIDTH);
+/// Most groups of four bodies in order (see `sized` in in_order.rs).
+const MOST_GROUPS: usize = 3;
+const _: () = assert!(MOST_IN_ORDER <= MOST_GROUPS * WIDTH);
 /// Lists of ancestors of all rows together.
 const MOST_ANCESTORS: usize = 20_000;
 

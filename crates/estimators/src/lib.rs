@@ -26,7 +26,6 @@ mod output;
 pub mod radius;
 pub mod regimes;
 pub mod savitzky_golay;
-mod series_spring;
 pub mod set;
 pub mod tracking;
 pub mod uncertainty;

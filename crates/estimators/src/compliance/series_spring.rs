@@ -10,7 +10,7 @@
 //! changes are compared with another's, must not step: here the wave generator always bears `tau/N`, as it does in
 //! balance. The inverse is tabulated at construction; between its points it is a straight line.
 
-use crate::compliance::ComplianceParameters;
+use super::law::ComplianceParameters;
 
 /// Intervals of the table. With 256 the lines of the shipped joints are within 0.01 % of the torque limit of the
 /// curve.
@@ -18,7 +18,7 @@ const INTERVALS: usize = 256;
 
 /// See the module.
 #[derive(Debug, Clone)]
-pub(crate) struct SeriesSpring {
+pub(super) struct SeriesSpring {
     /// tau at equally distant torsions from zero on, N·m; odd, so that half of it is enough.
     torques: Vec<f64>,
     /// Intervals per torsion, 1/rad.
@@ -27,7 +27,7 @@ pub(crate) struct SeriesSpring {
 
 impl SeriesSpring {
     /// `limit`: greatest torque, N·m.
-    pub(crate) fn new(compliance: &ComplianceParameters, gear_ratio: f64, limit: f64) -> Self {
+    pub(super) fn new(compliance: &ComplianceParameters, gear_ratio: f64, limit: f64) -> Self {
         let torsion = |tau: f64| {
             compliance.flexspline_torsion(tau)
                 + compliance.wave_generator_torsion(tau / gear_ratio) / gear_ratio
@@ -53,7 +53,7 @@ impl SeriesSpring {
     }
 
     /// tau at a torsion, N·m; none from the limit's on.
-    pub(crate) fn torque(&self, torsion: f64) -> Option<f64> {
+    pub(super) fn torque(&self, torsion: f64) -> Option<f64> {
         let place = torsion.abs() * self.per_torsion;
         // Not a number becomes 0, and fails the comparison of the line.
         let interval = place as usize;
