@@ -27,6 +27,7 @@ SOURCES = {
     "F": "R. Featherstone: Rigid Body Dynamics Algorithms, Springer 2008",
     "L": "A. De Luca, R. Mattone: Sensorless robot collision detection and hybrid force/motion control, "
     "ICRA 2005",
+    "T": "torqued's own: what a sigma covers, docs/joint-file.md",
     "H": "M. A. Krasnosel'skii, A. V. Pokrovskii: Systems with Hysteresis, Springer 1989",
 }
 MARK = re.compile(r"^\s*//= (?P<tag>[A-Z][A-Za-z]*?) ?(?P<number>[0-9][^:]*|[A-Z][a-z][^:]*)?: (?P<text>.+)$")

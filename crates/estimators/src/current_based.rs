@@ -126,7 +126,7 @@ impl CurrentEstimator {
             return (sample.dq / p.sign_smoothing.max(f64::MIN_POSITIVE)).tanh();
         };
         let place = sample.theta / p.gear_ratio;
-        //= F Presliding: sign(dq) -> sum_j w_j s_j / r_j,  s_j = min(max(s_j + x - x_last, -r_j), r_j),  x = theta/N
+        //= T Presliding: sign(dq) -> sum_j w_j s_j / r_j,  s_j = min(max(s_j + x - x_last, -r_j), r_j),  x = theta/N
         stops.update(place - *begin.get_or_insert(place))
     }
 

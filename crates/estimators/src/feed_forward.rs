@@ -180,7 +180,7 @@ impl Correction {
         let d = self.difference;
         // A difference beyond both sigmas is an error of the model, or a payload that it lacks.
         let model_variance = model_variance.max(d * d - variance);
-        //= F Feed-forward: tau = tau_ab - g d,  g = var_ab / (var_ab + var_ff)
+        //= T Feed-forward: tau = tau_ab - g d,  g = var_ab / (var_ab + var_ff)
         let kept = variance / (variance + model_variance).max(f64::MIN_POSITIVE);
         let share = kept * (1.0 - self.obsolete);
         let left = (1.0 - share) * variance + share * sigma * sigma;

@@ -10,8 +10,8 @@
 //!
 //! The torque from the current does not depend on the torsion: both groups are combined with minimum
 //! variance, sample by sample. An innovation test compares them: where they are further apart than their
-//! variances allow, the published sigma covers it; where they agree better since a tare of an unknown zero, it is
-//! smaller ([`crate::agreement`]). A feed-forward corrects the slow error of both
+//! variances allow, the published sigma covers it; where they agree better since a tare of an unknown zero, or have
+//! hardly changed, it is smaller ([`crate::agreement`]). A feed-forward corrects the slow error of both
 //! ([`crate::feed_forward`]).
 
 use crate::agreement::Agreement;
@@ -64,8 +64,8 @@ pub struct FusionParameters {
     pub reference: Option<usize>,
     /// Sources without a weight: their sigma is published as the fit found it, no more.
     pub left_out: Vec<usize>,
-    /// Factor of the current's variance while the joint has not moved for a while: friction then hides
-    /// part of the torque, also where a changing load moves the gear a little. It counts where the torsion's zero
+    /// Factor of the current's variance while the motor has not moved for a while: friction then hides
+    /// part of the torque, also where a changing load moves gear and link a little. It counts where the torsion's zero
     /// is known.
     pub rest_factor: f64,
     /// Whether the torsion's zero is unknown until a tare.
@@ -89,7 +89,8 @@ pub struct Fusion {
     /// Time for which it has been too large, s, and whether that counts as lasting.
     apart_s: f64,
     disagrees: bool,
-    /// Share of motion in the last while.
+    /// Angle of the motor behind a low-pass, rad, and the share of motion that its way from there shows.
+    rotor: Option<f64>,
     motion: f64,
     correction: Option<(usize, Correction)>,
     /// Whether there was a tare.
@@ -109,6 +110,9 @@ const APART: [f64; 2] = [9.0, 4.0];
 const LASTS_S: f64 = 2.0;
 /// Time over which motion must last to count, s.
 const MOTION_TIME_S: f64 = 0.3;
+/// Way of the motor one way within that time from which on it moves, rad: its friction is then that of motion. A
+/// shorter way is that of the gear's torsion and of the bristles of friction, whatever the link's velocity.
+const MOTION_WAY: f64 = 1.0;
 /// Square of an innovation over its variance up to which one sample agrees: two standard deviations.
 const AGREEMENT: f64 = 4.0;
 
@@ -126,6 +130,7 @@ impl Fusion {
             disagreement: 1.0,
             apart_s: 0.0,
             disagrees: false,
+            rotor: None,
             motion: 0.0,
             tared: false,
             agreement: Agreement::default(),
@@ -212,10 +217,11 @@ impl Fusion {
         self.correction.as_ref()?.1.change()
     }
 
-    /// The sources have been zeroed to a torque that is known.
-    pub fn tare(&mut self) {
+    /// The sources have been zeroed to a torque that is known with a standard deviation, N·m.
+    pub fn tare(&mut self, sigma: f64) {
         self.tared = true;
-        self.agreement = Agreement::default();
+        self.agreement = Agreement::since(sigma);
+        self.rotor = None;
         if let Some((_, correction)) = &mut self.correction {
             correction.tare();
         }
@@ -288,22 +294,32 @@ impl Fusion {
     fn combine(&mut self, group: (f64, f64), current: (f64, f64), theta: f64) -> (f64, f64) {
         let ((a, var_a), (b, var_b)) = (group, current);
         let sum = var_a + var_b;
-        //= F Innovation: chi² = (tau_a - tau_b)² / (var_a + var_b)
+        //= T Innovation: chi² = (tau_a - tau_b)² / (var_a + var_b)
         let chi = (a - b) * (a - b) / sum;
         self.compare(chi);
         let raised = (chi / AGREEMENT).max(self.disagreement).max(1.0);
-        //= F Minimum variance: tau = (var_b tau_a + var_a tau_b) / (var_a + var_b)
+        //= T Minimum variance: tau = (var_b tau_a + var_a tau_b) / (var_a + var_b)
         let tau = (var_b * a + var_a * b) / sum;
         // Only so: after an unloaded turn, whose sigmas are right, agreement would make them too small.
-        let [var_a, var_b] = match self.tared && self.parameters.zero_unknown {
-            true => {
-                let rated = self.parameters.rated_torque;
-                self.agreement.update(chi, [tau, theta], rated);
-                self.agreement.lowered(var_a, var_b)
-            }
-            false => [var_a, var_b],
-        };
-        (tau, var_a * var_b / (var_a + var_b) * raised)
+        if !(self.tared && self.parameters.zero_unknown) {
+            return (tau, var_a * var_b / sum * raised);
+        }
+        let rated = self.parameters.rated_torque;
+        self.agreement.update(chi, [tau, theta], rated);
+        let [var_a, var_b] = self.agreement.lowered(var_a, var_b);
+        let most = self.agreement.most([a, b], rated);
+        (tau, (var_a * var_b / (var_a + var_b) * raised).min(most))
+    }
+
+    /// Follows the motor: share of motion in the last while, 0 to 1.
+    fn follow(&mut self, theta: f64) {
+        if !theta.is_finite() {
+            return;
+        }
+        let period = self.parameters.sample_period;
+        let rotor = self.rotor.get_or_insert(theta);
+        *rotor += period / (MOTION_TIME_S + period) * (theta - *rotor);
+        self.motion = ((theta - *rotor).abs() / MOTION_WAY).min(1.0).powi(2);
     }
 
     /// The fused torque of the sources' estimates of one sample.
@@ -324,9 +340,7 @@ impl Fusion {
                 *variance = f64::INFINITY;
             }
         }
-        let moves = sample.dq.abs() > self.parameters.moving;
-        let step = self.parameters.sample_period / (MOTION_TIME_S + self.parameters.sample_period);
-        self.motion += step * (f64::from(u8::from(moves)) - self.motion);
+        self.follow(sample.theta);
         // An unknown zero of the torsion follows the current, and is known after a tare.
         let factor = match self.parameters.zero_unknown && !self.tared {
             true => 1.0,
@@ -379,7 +393,7 @@ impl Fusion {
         self.torsion = None;
         self.disagreement = 1.0;
         (self.apart_s, self.disagrees) = (0.0, false);
-        self.motion = 0.0;
+        (self.rotor, self.motion) = (None, 0.0);
         self.tared = false;
         self.agreement = Agreement::default();
         if let Some((_, correction)) = &mut self.correction {

@@ -229,7 +229,7 @@ impl JointTorqueEstimator for EstimatorSet {
             }
         }
         if let Some(fusion) = &mut self.fusion {
-            fusion.tare();
+            fusion.tare(sigma);
         }
         self.shift_feed_forward(tau, sigma, share);
     }

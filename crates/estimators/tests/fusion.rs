@@ -225,11 +225,66 @@ fn at_rest_the_current_loses_weight_once_the_zero_of_the_torsion_is_known() {
     let mut unknown = fusion(true);
     let share = |fusion: &mut Fusion| fusion.update(&at, &sources).tau - 1.0;
     assert!((share(&mut unknown) - 0.5).abs() < 1e-9);
-    unknown.tare();
+    unknown.tare(0.1);
     assert!((share(&mut unknown) - 0.2).abs() < 1e-9);
     unknown.reset();
     assert!((share(&mut unknown) - 0.5).abs() < 1e-9);
     assert!((share(&mut fusion(false)) - 0.2).abs() < 1e-9);
+}
+
+#[test]
+fn the_way_of_the_motor_tells_motion_from_rest_not_the_velocity_of_the_link() {
+    let errors = [0.1, 0.1, 0.1].map(|sigma: f64| SourceError {
+        variance: sigma * sigma,
+        reported: sigma,
+    });
+    let sources = [estimate(1.0, 0.1), estimate(1.0, 0.1), estimate(2.0, 0.1)];
+    // Share of the current after a second in which the motor turns at a rate (rad/s), or swings by an angle (rad).
+    let share = |rate: f64, swing: f64, dq: f64| {
+        let mut fusion = Fusion::new(
+            3,
+            FusionParameters {
+                rest_factor: 4.0,
+                ..parameters(errors.to_vec())
+            },
+        );
+        let mut tau = 0.0;
+        for i in 0..1000 {
+            let t = 1e-3 * f64::from(i);
+            let sample = JointSample {
+                theta: 7.0 + rate * t + swing * (10.0 * t).sin(),
+                dq,
+                ..JointSample::default()
+            };
+            tau = fusion.update(&sample, &sources).tau;
+        }
+        tau - 1.0
+    };
+    assert!((share(0.0, 0.0, 0.0) - 0.2).abs() < 1e-9);
+    // A link that swings on its gear: faster than the fit called motion, but the motor hardly turns.
+    assert!((share(0.0, 0.05, 0.5) - 0.2).abs() < 2e-3);
+    for rate in [5.0, -5.0] {
+        assert!((share(rate, 0.0, 0.5 * rate.signum()) - 0.5).abs() < 1e-6);
+    }
+    assert!((0.21..0.5).contains(&share(2.0, 0.0, 0.02)));
+}
+
+#[test]
+fn a_joint_that_has_hardly_changed_since_its_tare_is_hardly_wrong() {
+    let at = JointSample::default();
+    let mut fusion = of_two_groups(true);
+    let both = |tau: f64| [estimate(tau, 3.0), estimate(tau, 3.0), estimate(tau, 3.0)];
+    let before = fusion.update(&at, &both(10.0));
+    fusion.tare(0.1);
+    let after = fusion.update(&at, &both(10.0));
+    assert!(before.sigma > 2.0 && after.sigma < 0.15, "{}", after.sigma);
+    let further = fusion.update(&at, &both(11.0));
+    assert!((0.5..0.6).contains(&further.sigma), "{}", further.sigma);
+    // Far from there it is what both sources say, and after a reset nothing is known.
+    let far = fusion.update(&at, &both(30.0)).sigma;
+    assert!((0.8 * before.sigma..=before.sigma).contains(&far), "{far}");
+    fusion.reset();
+    assert!((fusion.update(&at, &both(10.0)).sigma - before.sigma).abs() < 1e-9);
 }
 
 #[test]
@@ -240,8 +295,9 @@ fn after_a_tare_agreement_lowers_the_sigma_not_the_torque_and_a_disagreement_rai
         [torsion, torsion, estimate(tau + apart, 0.3)]
     };
     let [mut tared, mut never, mut turned] = [true, true, false].map(of_two_groups);
-    tared.tare();
-    turned.tare();
+    // At a torque that is known so badly that only agreement shows anything.
+    tared.tare(1.0);
+    turned.tare(1.0);
     let first = tared.update(&at, &both(0.0, 0.02));
     assert!((first.sigma - never.update(&at, &both(0.0, 0.02)).sigma).abs() < 1e-9);
     // At one torque nothing is shown; over many the current (of the larger variance) shows to be ten times better.
