@@ -26,8 +26,9 @@ pub struct Score {
     pub torque: f64,
 }
 
-/// Standard deviation of the torque that is known in a tare, of the rated torque.
-pub const TARE_SIGMA: f64 = 0.003;
+/// Standard deviation of the torque that is known in a tare, of the rated torque: the mean of some samples of the very
+/// torque that judges.
+pub const TARE_SIGMA: f64 = 0.001;
 
 #[derive(Default, Clone)]
 struct Sums {
