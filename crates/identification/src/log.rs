@@ -1,4 +1,4 @@
-//! Recorded logs of one joint: CSV with a header, read line by line in constant memory.
+//! Recorded logs of one joint: CSV with a header (delimiter `,`, `;` or tab), read line by line in constant memory.
 
 use estimators::front_end::FrontEnd;
 use estimators::joint::JointSample;
@@ -44,6 +44,7 @@ pub struct LogReader<R> {
     file: String,
     line: usize,
     text: String,
+    delimiter: char,
     /// Place of each of `COLUMNS`; the last two may be missing.
     places: [Option<usize>; 6],
     last_t: f64,
@@ -60,6 +61,7 @@ impl<R: BufRead> LogReader<R> {
             file: file.to_owned(),
             line: 0,
             text: String::new(),
+            delimiter: ',',
             places: [None; 6],
             last_t: f64::NEG_INFINITY,
         };
@@ -68,12 +70,15 @@ impl<R: BufRead> LogReader<R> {
             let allowed = format!("a header `{}`", COLUMNS[..4].join(","));
             return Err(reader.problem("the log is empty", allowed));
         }
-        let names: Vec<&str> = reader
-            .text
-            .trim_start_matches('\u{feff}')
-            .split(',')
+        let header = reader.text.trim_start_matches('\u{feff}');
+        let count = |delimiter: &char| header.matches(*delimiter).count();
+        // Of equal counts the last: a header of one column has none, and is one with commas.
+        let delimiter = [';', '\t', ','].into_iter().max_by_key(count);
+        reader.delimiter = delimiter.unwrap_or(',');
+        let names: Vec<String> = header
+            .split(reader.delimiter)
+            .map(|name| name.trim().trim_matches('"').to_owned())
             .collect();
-        let names: Vec<String> = names.iter().map(|n| n.trim().to_owned()).collect();
         for (place, column) in COLUMNS.iter().enumerate() {
             let mut found = names
                 .iter()
@@ -118,7 +123,7 @@ impl<R: BufRead> LogReader<R> {
         let mut values = [f64::NAN; 6];
         for (value, (place, column)) in values.iter_mut().zip(self.places.iter().zip(COLUMNS)) {
             let Some(place) = place else { continue };
-            let Some(field) = self.text.split(',').nth(*place) else {
+            let Some(field) = self.text.split(self.delimiter).nth(*place) else {
                 let reason = format!("the field of column `{column}` is missing");
                 return Err(self.problem(reason, format!("at least {} fields", place + 1)));
             };

@@ -31,6 +31,27 @@ fn columns_may_stand_in_any_order_among_others() {
 }
 
 #[test]
+fn fields_may_be_separated_by_commas_semicolons_or_tabs() {
+    let text = "t,theta,q,i,note\n0,1,2,3,a;b\n0.001,2,3,4,c;d\n";
+    let read = |text: &str| {
+        let log = LogReader::new(text.as_bytes(), "run.csv").unwrap();
+        log.rows().unwrap()
+    };
+    let expected = read(text).iter().map(|r| r.theta).collect::<Vec<_>>();
+    for delimiter in ["; ", "\t"] {
+        let text = text.replace(';', "").replace(',', delimiter);
+        let rows = read(&text);
+        assert_eq!(rows.iter().map(|r| r.theta).collect::<Vec<_>>(), expected);
+        assert_eq!(rows[1].current, 4.0);
+    }
+    // What some spreadsheets write: names in quotes; decimal commas are named.
+    let quoted = read("\"t\";\"theta\";\"q\";\"i\"\n0;1;2;3\n");
+    assert_eq!(quoted[0].current, 3.0);
+    let decimal = message("t;theta;q;i\n0;1,5;2;3\n");
+    assert!(decimal.contains("run.csv:2: `theta` is `1,5`"), "{decimal}");
+}
+
+#[test]
 fn bad_logs_are_refused_with_their_line() {
     let cases = [
         ("", "run.csv:1: the log is empty"),
