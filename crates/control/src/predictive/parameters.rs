@@ -78,6 +78,10 @@ pub struct Design {
     pub stiffness: f64,
     /// zeta: damping ratio of the loop.
     pub damping: f64,
+    /// Bandwidth of the quicker estimates of the link's velocity, by which a hand is helped, rad/s.
+    pub hand: f64,
+    /// s_h: share of what they ask for and of the torque's error that helps a hand; 0: nothing does.
+    pub help: f64,
 }
 
 impl Default for Design {
@@ -89,6 +93,8 @@ impl Default for Design {
             reference: TAU * 60.0,
             stiffness: 1.0,
             damping: 1.0,
+            hand: TAU * 32.0,
+            help: 2.5,
         }
     }
 }
