@@ -12,7 +12,8 @@
 //! `theta`, `omega` and the disturbance `d` (the rest of friction, model errors) come from one observer, `q`,
 //! `dq` and `ddq` from another; both run ahead, with the commands that are on their way, to the
 //! instant at which this command acts. There `m` is chosen such that the torque follows a model of
-//! second order, and the drive's relation is inverted. What the limits make of the command returns
+//! second order, and the drive's relation is inverted; a hand that moves the link is helped as far as the torque
+//! shows it (`hand`). What the limits make of the command returns
 //! through [`PredictiveLaw::sent`]: the observer does not wind up against a limit, and a change of
 //! mode has no bump. `docs/control.md` derives the gains.
 

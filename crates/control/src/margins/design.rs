@@ -29,8 +29,8 @@ const HELPED: [Load; 4] = [Load::Free, Load::Light, Load::Spring, Load::Heavy];
 /// Frequency at which a delay has the phase that is needed, Hz: the highest at which loops with help have rung, those of
 /// light links. Slower ones bear more.
 const RINGS_AT: f64 = 83.0;
-/// Shares of its configured damping that a drive may have; data sheets have none.
-const DAMPING_KNOWN: [f64; 3] = [1.0, 0.8, 1.2];
+/// Shares of its configured damping between which a drive's may be; data sheets have none.
+const DAMPING_KNOWN: [f64; 2] = [0.8, 1.2];
 
 /// The joint's own design where its loop keeps these margins with every load; else the nearest one that keeps them, also
 /// with K_s and K_d on every load that moves, of several as near the one with the widest bandwidth where the rotor is
