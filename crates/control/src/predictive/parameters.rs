@@ -201,11 +201,14 @@ impl LawParameters {
     }
 
     /// Inertia that the link feels besides its own, kg·m²: the law lets the drive's damping go along with
-    /// slow velocities; from `follow` on it brakes, which is what an inertia does.
+    /// slow velocities; from `follow` on it brakes, which is what an inertia does. Of a torque that brings the motor up
+    /// to it, `K/k T`, the help for a hand takes `s_h T`.
     #[must_use]
     pub fn felt_inertia(&self) -> f64 {
+        let gear = self.gear.at(0.0);
+        let helped = 1.0 + self.design.help * gear / self.feedback(gear).0;
         match self.drive {
-            DriveModel::Position { damping, .. } => damping / self.design.follow,
+            DriveModel::Position { damping, .. } => damping / self.design.follow / helped,
             DriveModel::Current { .. } => 0.0,
         }
     }
