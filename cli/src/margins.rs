@@ -257,31 +257,35 @@ pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
 }
 
 /// A line for each joint whose drive and gear have needed another design than the default, and one for those whose
-/// `follow` is quicker.
+/// torque law does not help a hand.
 pub(crate) fn designs(judged: &[JudgedJoint]) -> String {
     let hz = |bandwidth: f64| bandwidth / TAU;
     let default = Design::default();
-    let quick = |design: &Design| design.follow > default.follow;
-    let quicker: Vec<String> = (judged.iter())
-        .filter_map(|joint| joint.design.filter(quick).map(|d| (joint, d)))
-        .map(|(joint, d)| format!("{} {:.0}", joint.name, hz(d.follow)))
+    let alone: Vec<&str> = (judged.iter())
+        .filter(|joint| joint.design.is_some_and(|design| design.help <= 0.0))
+        .map(|joint| joint.name.as_str())
         .collect();
-    let quicker = match quicker.is_empty() {
+    let alone = match alone.is_empty() {
         true => String::new(),
         false => format!(
-            "follow as quick as the margins allow, Hz, instead of 10: {}\n",
-            quicker.join(", ")
+            "no help for a hand that turns the joint round, as a loop with it would ring: {}\n",
+            alone.join(", ")
         ),
     };
     let other = judged.iter().filter_map(|joint| {
-        let d = (joint.design).filter(|design| *design != default && !quick(design))?;
-        Some(format!(
+        let d = joint.design?;
+        let linear = Design {
+            hand: default.hand,
+            help: default.help,
+            ..d
+        };
+        (linear != default).then(|| format!(
             "{}: s {:.2}, zeta {:.1}, observers {:.0} Hz (rotor) and {:.0} Hz (link), follow {:.0} Hz instead of \
              1, 1, 40, 25 and 10, with which drive and gear would have less than 30 degrees or 6 dB\n",
             joint.name, d.stiffness, d.damping, hz(d.rotor), hz(d.link), hz(d.follow),
         ))
     });
-    quicker + &other.collect::<String>()
+    alone + &other.collect::<String>()
 }
 
 /// The joints as a table.
@@ -357,6 +361,8 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
                 "rotor_observer_Hz": design.rotor / TAU,
                 "link_observer_Hz": design.link / TAU,
                 "follow_Hz": design.follow / TAU,
+                "hand_Hz": design.hand / TAU,
+                "help": design.help,
             })),
             "bandwidth_Hz": joint.bandwidth[0],
             "bandwidth_stuck_Hz": joint.bandwidth[1],

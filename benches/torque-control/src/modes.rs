@@ -437,7 +437,7 @@ Over all joints. Nothing was tuned with the other seeds, nor with the law's para
 ";
 
 const NOTES: &str = "
-Missed: in passive mode quicker hands, since the law lets the drive's damping go along with slow velocities only: in quicker ones it is felt as an inertia of `d_d / follow`; the rest is the gear's ripple.
+Missed: in passive mode quicker hands, since the law lets the drive's damping go along with slow velocities only, and helps a hand by a share of the torque that it has to bring up; the rest is the gear's ripple.
 ";
 
 const PASSIVE: &str = "

@@ -12,12 +12,14 @@
 //! `theta`, `omega` and the disturbance `d` (the rest of friction, model errors) come from one observer, `q`,
 //! `dq` and `ddq` from another; both run ahead, with the commands that are on their way, to the
 //! instant at which this command acts. There `m` is chosen such that the torque follows a model of
-//! second order, and the drive's relation is inverted. What the limits make of the command returns
+//! second order, and the drive's relation is inverted; a hand that moves the link is helped as far as the torque
+//! shows it (`hand`). What the limits make of the command returns
 //! through [`PredictiveLaw::sent`]: the observer does not wind up against a limit, and a change of
 //! mode has no bump. `docs/control.md` derives the gains.
 
 mod drive_fit;
 mod friction;
+mod hand;
 mod linear;
 mod observers;
 mod parameters;
@@ -31,6 +33,7 @@ pub use parameters::{
 pub(crate) use linear::{LinearLaw, TauD};
 
 use drive_fit::DriveFit;
+use hand::{Hand, least};
 use observers::{Link, Rotor, RotorStep, Uncertainty};
 use reference::{ReferenceModel, ReferenceState};
 
@@ -73,6 +76,8 @@ pub struct PredictiveLaw {
     /// Velocity of the link below `Design::follow`, rad/s.
     slow_velocity: f64,
     follow_share: f64,
+    /// Quicker estimates of both, by which a hand is helped; none where nothing helps.
+    hand: Option<Hand>,
     /// Desired position, rad, and velocity through a low-pass of the reference model's bandwidth, rad/s; none before a
     /// mode's first.
     desired: Option<[f64; 2]>,
@@ -133,6 +138,7 @@ impl PredictiveLaw {
             reference: [ReferenceState::default(); 4],
             slow_velocity: 0.0,
             follow_share: 1.0 - (-p.design.follow * dt).exp(),
+            hand: Hand::new(p),
             desired: None,
             desired_share: 1.0 - (-p.design.reference * dt).exp(),
             friction: 0.0,
@@ -199,10 +205,20 @@ impl PredictiveLaw {
             let [rotor, link] = &mut self.uncertainties;
             self.rotor.correct(sensed.theta, limit, rotor.gain());
             self.link.correct(sensed.q, link.gain());
+            if let Some(hand) = &mut self.hand {
+                hand.correct(sensed.q);
+            }
             self.measured_q = sensed.q;
         }
         // In every mode: the next one must not begin with the velocity at which the last one ended.
         self.slow_velocity += self.follow_share * (self.link.velocity() - self.slow_velocity);
+        let settles = self.uncertainties.iter().any(Uncertainty::is_settling);
+        match &mut self.hand {
+            // Its gains are those of a joint that has been observed all the time.
+            Some(hand) if settles => hand.join(&self.link, self.slow_velocity),
+            Some(hand) => hand.follow(),
+            None => {}
+        }
         self.fit_drive(sensed);
     }
 
@@ -284,6 +300,9 @@ impl PredictiveLaw {
     pub fn go_on(&mut self) -> f64 {
         // Motion that the drive's damping goes along with: a filter of its own, that remembers the motion before.
         self.slow_velocity = self.rotor.omega;
+        if let Some(hand) = &mut self.hand {
+            hand.join(&self.link, self.slow_velocity);
+        }
         self.hold_reference()
     }
 
@@ -305,6 +324,9 @@ impl PredictiveLaw {
             self.rotor.advance(step, force);
         }
         self.link.advance();
+        if let Some(hand) = &mut self.hand {
+            hand.advance();
+        }
         self.set_torque(torque);
     }
 
@@ -319,6 +341,9 @@ impl PredictiveLaw {
         }
         self.rotor.start(theta);
         self.link.start(q);
+        if let Some(hand) = &mut self.hand {
+            hand.start(q);
+        }
         self.measured_q = q;
         self.set_torque(torque);
         self.slow_velocity = 0.0;
@@ -358,6 +383,9 @@ impl PredictiveLaw {
         };
         let next = last + self.desired_share * (share * agreed - last);
         self.slow_velocity += next - last;
+        if let Some(hand) = &mut self.hand {
+            hand.lead(next - last);
+        }
         self.desired = Some([q_d, next]);
     }
 
@@ -391,7 +419,8 @@ impl PredictiveLaw {
         let asked = self.reference[0].value - last_feedforward;
         let turned = self.turned(wound * compliance, asked * compliance);
         self.friction = p.friction.after(self.friction, &turned);
-        let friction = follow + self.friction - self.rotor.disturbance;
+        let help = self.help(ahead.torque, damping);
+        let friction = follow + self.friction - self.rotor.disturbance + help;
         let wanted: f64 = shares.iter().sum();
         let lead = per_torque * (wanted + feedback + drive + friction);
         let zone = p.dead_zone_inverse(lead);
@@ -410,6 +439,20 @@ impl PredictiveLaw {
             feedback_torque: origin - from + per_torque * (feedback + drive),
             origin: from,
         }
+    }
+
+    /// Further torque of the motor for a hand that moves the link, N·m, as far as gear and rotor both show it. `torque`:
+    /// T+, `damping`: D.
+    fn help(&self, torque: f64, damping: f64) -> f64 {
+        let Some(hand) = &self.hand else {
+            return 0.0;
+        };
+        let p = &self.parameters;
+        let dampings = [damping, p.rotor_damping()];
+        let further = hand.further_torque(&self.link, self.slow_velocity, dampings);
+        let by_torsion = self.reference_torque() - torque;
+        let by_rotor = by_torsion + self.rotor.disturbance;
+        p.design.help * least([further, by_torsion, by_rotor])
     }
 
     /// Way of the rotor in this period, by the change of the desired torsion and of the part of it that the
@@ -490,6 +533,7 @@ impl PredictiveLaw {
             && self.torque.is_finite()
             && self.reference.iter().all(ReferenceState::is_finite)
             && self.slow_velocity.is_finite()
+            && self.hand.as_ref().is_none_or(Hand::is_finite)
             && self.friction.is_finite()
     }
 }

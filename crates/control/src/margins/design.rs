@@ -1,18 +1,18 @@
 //! The law's design by the margins: what one set of bandwidths cannot serve.
 //!
-//! A hand that turns a joint round feels the drive's damping until the law has noticed. So `follow` is made as quick as
-//! the margins allow, up to a bound: beyond it forces on soft objects swing more, and torques ripple more, than
-//! reversals gain. A quicker link observer would serve a hand as well, and a wrong torque too: a joint whose encoder
-//! drifts moved further before the drift was noticed.
-//!
 //! The default serves gears that are stiffer than the drive's position loop. A drive of two to six times
 //! the gear's stiffness takes most of the phase itself, and its damping is many times what a light link
 //! needs; a soft gear resonates where the rotor observer still believes it. Then the nearest design that keeps
 //! the margins is taken: in steps from the default, with less stiffness, another damping and slower
 //! observers.
+//!
+//! The help for a hand is not linear, and no margin is known of it. A joint has it where simulations in time come to
+//! rest with it: with as much more gain as the margins must be, and with the phase as a delay.
 
+use super::lifted::comes_to_rest;
 use super::{JointLoop, Load, Margins};
 use crate::predictive::{Design, DriveModel};
+use std::f64::consts::TAU;
 
 /// Shares of the default's stiffness, damping, `follow` and bandwidths of rotor and link observer, by steps away from
 /// it.
@@ -21,28 +21,67 @@ const DAMPING: [f64; 3] = [1.0, 1.5, 0.7];
 const FOLLOW: [f64; 3] = [1.0, 0.3, 0.1];
 const ROTOR: [f64; 3] = [1.0, 0.5, 0.25];
 const LINK: [f64; 2] = [1.0, 0.33];
-/// Shares of the default's `follow` of designs that are quicker, the quickest first.
-const QUICKER: [f64; 4] = [4.0, 3.0, 2.0, 1.5];
-/// Shares of its configured damping that a drive may have; data sheets have none.
-const DAMPING_KNOWN: [f64; 3] = [1.0, 0.8, 1.2];
+/// Shares of the default's bandwidth of the estimates by which a hand is helped, the quickest first: with the slowest
+/// there is nothing to help with that the law's own do not know.
+const HAND: [f64; 3] = [1.0, 0.9, 0.8];
+/// Loads with which a hand is helped.
+const HELPED: [Load; 4] = [Load::Free, Load::Light, Load::Spring, Load::Heavy];
+/// Frequency at which a delay has the phase that is needed, Hz: the highest at which loops with help have rung, those of
+/// light links. Slower ones bear more.
+const RINGS_AT: f64 = 83.0;
+/// Shares of its configured damping between which a drive's may be; data sheets have none.
+const DAMPING_KNOWN: [f64; 2] = [0.8, 1.2];
 
-/// The quickest design with which the joint's loop keeps these margins: with every load, with K_s and K_d on every load
-/// that moves, and with another damping of the drive. Else its own, where that keeps them; else the nearest one that
-/// does, of several as near the one with the widest bandwidth where the rotor is stuck. Where no design keeps them with
-/// K_s and K_d, one that does without; the joint's own if there is none. `quicker`: one that is quicker than its own is
-/// allowed.
+/// The joint's own design where its loop keeps these margins with every load; else the nearest one that keeps them, also
+/// with K_s and K_d on every load that moves, of several as near the one with the widest bandwidth where the rotor is
+/// stuck. Where no design keeps them with K_s and K_d, one that does without; the joint's own if there is none. With
+/// help for a hand where that rings with no load.
 #[must_use]
-pub fn choose_design(joint: &JointLoop, needed: &Margins, quicker: bool) -> Design {
+pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
+    let design = linear_design(joint, needed);
+    let mut quicker = HAND.iter().map(|share| Design {
+        hand: share * design.hand,
+        ..design
+    });
+    let helping = quicker.find(|&design| {
+        let mut with = *joint;
+        with.law.design = design;
+        design.help > 0.0 && helps(&with, needed)
+    });
+    helping.unwrap_or(Design {
+        help: 0.0,
+        ..design
+    })
+}
+
+/// Whether the loop with help for a hand comes to rest with every load, also with a drive whose damping is not as
+/// configured.
+fn helps(joint: &JointLoop, needed: &Margins) -> bool {
+    let DriveModel::Position { damping, .. } = joint.truth.drive else {
+        return false;
+    };
+    let rests = |load: Load, share: f64, gain: f64, late: f64| {
+        let mut with = *joint;
+        with.truth.delay += late;
+        if let DriveModel::Position { damping: truth, .. } = &mut with.truth.drive {
+            *truth = share * damping;
+        }
+        comes_to_rest(&with, load, gain)
+    };
+    let late = needed.phase / (TAU * RINGS_AT);
+    HELPED.iter().all(|&load| {
+        let mut shares = DAMPING_KNOWN.iter();
+        shares.all(|&share| rests(load, share, needed.gain, 0.0) && rests(load, share, 1.0, late))
+    })
+}
+
+fn linear_design(joint: &JointLoop, needed: &Margins) -> Design {
     let mut search = Search {
         joint: *joint,
         needed: *needed,
         worst: [Load::Free; 2],
     };
     let own = joint.law.design;
-    let quick = quicker.then(|| quickest(&mut search, own)).flatten();
-    if let Some(design) = quick {
-        return design;
-    }
     // Gains that are too great for a loop that is in order are to be made smaller.
     if search.keeps(&search.with(own), false) {
         return own;
@@ -65,26 +104,6 @@ pub fn choose_design(joint: &JointLoop, needed: &Margins, quicker: bool) -> Desi
     nearest(&mut search, true)
         .or_else(|| nearest(&mut search, false))
         .unwrap_or(own)
-}
-
-/// The quickest design that keeps the margins, also with a drive whose damping is not as configured: a hand that turns
-/// the joint round feels the drive's damping until `follow` has noticed.
-fn quickest(search: &mut Search, own: Design) -> Option<Design> {
-    let DriveModel::Position { damping, .. } = search.joint.truth.drive else {
-        return None;
-    };
-    let mut quicker = QUICKER.iter().map(|share| Design {
-        follow: share * own.follow,
-        ..own
-    });
-    let mut keeps = |design: &Design, share: f64| {
-        let mut joint = search.with(*design);
-        if let DriveModel::Position { damping: truth, .. } = &mut joint.truth.drive {
-            *truth = share * damping;
-        }
-        search.keeps(&joint, true)
-    };
-    quicker.find(|design| DAMPING_KNOWN.iter().all(|&share| keeps(design, share)))
 }
 
 /// All designs that are so many steps away.

@@ -39,6 +39,8 @@ struct Simulated {
     transport: usize,
     /// Time constant of the drive's velocity, s.
     velocity_filter: f64,
+    /// Torque that the drive makes over the one that it should.
+    gain: f64,
     h: f64,
 }
 
@@ -47,7 +49,10 @@ const MECHANICAL: usize = 5;
 
 impl Lifted {
     pub(super) fn new(joint: &JointLoop, load: Load) -> Self {
-        let mut simulated = Simulated::new(joint, load);
+        // What depends on evidence is not linear.
+        let mut linear = *joint;
+        linear.law.design.help = 0.0;
+        let mut simulated = Simulated::new(&linear, load);
         let n = simulated.size();
         let unit = |i: usize, size: usize| {
             let mut x = vec![0.0; size];
@@ -90,6 +95,33 @@ impl Lifted {
     }
 }
 
+/// Time that a loop is simulated for, s, and the share of its last part over an early one up to which it counts as one
+/// that comes to rest: a spring that nothing damps swings on.
+const SIMULATED: f64 = 2.0;
+const COMES_TO_REST: f64 = 1.05;
+
+/// Whether the joint comes to rest, by its torque in a simulation in time, where the drive makes `gain` times the
+/// torque that it should. The help for a hand makes no more of a loop that is linear otherwise than it is: it grows as
+/// the state does, so one size of the beginning stands for all.
+pub(super) fn comes_to_rest(joint: &JointLoop, load: Load, gain: f64) -> bool {
+    let mut simulated = Simulated::new(joint, load);
+    simulated.gain = gain;
+    let mut x = vec![0.0; simulated.size()];
+    // Both angles and both velocities, each in its own direction.
+    for (x, start) in x.iter_mut().zip([1e-3, -0.05, -5e-4, 0.1]) {
+        *x = start;
+    }
+    let fifth = (0.2 * SIMULATED / joint.law.sample_period) as usize;
+    let mut largest = [0.0_f64; 5];
+    for largest in &mut largest {
+        for _ in 0..fifth {
+            x = simulated.period(&x, None, 0.0).0;
+            *largest = largest.max((x[0] - x[2]).abs());
+        }
+    }
+    largest[4] <= COMES_TO_REST * largest[1]
+}
+
 impl Simulated {
     fn new(joint: &JointLoop, load: Load) -> Self {
         let h = joint.law.sample_period / SUBSTEPS as f64;
@@ -123,6 +155,7 @@ impl Simulated {
             transport: steps(joint.truth.delay - joint.drive_lag),
             // Differences over a period of the drive's loop, and their filter.
             velocity_filter: 2.0 * joint.drive_lag,
+            gain: 1.0,
             h,
         }
     }
@@ -165,7 +198,7 @@ impl Simulated {
             // The newest command that has arrived: sent[k] left k periods ago.
             let late = self.transport.saturating_sub(step).div_ceil(SUBSTEPS);
             filtered += (omega - filtered) * h / (h + self.velocity_filter);
-            lag.push(self.drive_torque(sent[late], theta, filtered));
+            lag.push(self.gain * self.drive_torque(sent[late], theta, filtered));
             *made = lag.remove(0);
             let motor = driven.map_or(*made, |driven| driven[step]);
             let [inverse_inertia, spring, damper] = self.link;

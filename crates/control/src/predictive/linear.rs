@@ -1,12 +1,14 @@
 //! The law as a linear system: its own code with states set and read, for margins.
 
 use super::friction::FrictionModel;
+use super::hand::Hand;
 use super::parameters::{DriveModel, GearStiffness, LawParameters, TorqueTerms};
 use super::{PredictiveLaw, Sensed};
 use crate::carried::CarriedTorque;
 
 /// The law around one torque: constant stiffness of the gear, no dead zone, no limits. It is the
-/// code of the law itself, so that the two cannot differ.
+/// code of the law itself, so that the two cannot differ. Linear but for the help for a hand, which
+/// grows as the state does: without it where the design has none.
 #[derive(Debug, Clone)]
 pub(crate) struct LinearLaw {
     law: PredictiveLaw,
@@ -44,12 +46,18 @@ impl LinearLaw {
 
     /// Numbers that make up the state.
     pub(crate) fn size(&self) -> usize {
-        FIXED + self.law.commands.len()
+        self.others() + self.law.commands.len()
+    }
+
+    /// States besides the commands on their way.
+    fn others(&self) -> usize {
+        FIXED + self.law.hand.map_or(0, |_| Hand::STATES)
     }
 
     /// Sets the state.
     pub(crate) fn set_state(&mut self, x: &[f64]) {
         let at = |i: usize| x.get(i).copied().unwrap_or(0.0);
+        let others = self.others();
         let law = &mut self.law;
         law.rotor.set_state([at(0), at(1), at(2)]);
         law.link.set_state([at(3), at(4), at(5)]);
@@ -57,7 +65,10 @@ impl LinearLaw {
         (law.slow_velocity, law.before.command) = (at(7), at(8));
         (law.reference[0].value, law.reference[0].rate) = (at(9), at(10));
         for (i, sent) in law.commands.iter_mut().enumerate() {
-            sent.command = at(FIXED + i);
+            sent.command = at(others + i);
+        }
+        if let Some(hand) = &mut law.hand {
+            hand.set_state([0, 1, 2, 3].map(|i| at(FIXED + i)));
         }
         self.carried = CarriedTorque::with_state([at(11), at(12)]);
     }
@@ -71,7 +82,8 @@ impl LinearLaw {
         let angles = law.rotor.state().into_iter().chain(law.link.state());
         let commands = law.commands.iter().map(|sent| sent.command);
         let carried = self.carried.state();
-        angles.chain(own).chain(carried).chain(commands)
+        let hand = law.hand.iter().flat_map(Hand::state);
+        angles.chain(own).chain(carried).chain(hand).chain(commands)
     }
 
     /// One cycle; the command is sent as it is.
@@ -115,5 +127,5 @@ pub(crate) struct TauD {
     pub(crate) load_follow: f64,
 }
 
-/// States besides the commands on their way.
+/// States besides the hand's and the commands on their way.
 const FIXED: usize = 13;

@@ -202,24 +202,28 @@ pub(super) struct Link {
 
 impl Link {
     pub(super) fn new(p: &LawParameters) -> Self {
-        let (step, walk) = Self::model(p);
+        Self::with_bandwidth(p.design.link, p.sample_period)
+    }
+
+    /// Bandwidth, rad/s, and time between samples, s.
+    pub(super) fn with_bandwidth(bandwidth: f64, dt: f64) -> Self {
+        let (step, walk) = Self::model(bandwidth, dt);
         Self {
             state: [0.0; 3],
             gain: kalman(&step, walk).0,
-            dt: p.sample_period,
+            dt,
         }
     }
 
     /// Its step over a period, and the variance by which the acceleration walks in it.
-    fn model(p: &LawParameters) -> (Matrix3<f64>, f64) {
-        let dt = p.sample_period;
-        let walk = p.design.link.powi(3) * dt;
+    fn model(bandwidth: f64, dt: f64) -> (Matrix3<f64>, f64) {
+        let walk = bandwidth.powi(3) * dt;
         let step = Matrix3::new(1.0, dt, 0.5 * dt * dt, 0.0, 1.0, dt, 0.0, 0.0, 1.0);
         (step, walk * walk)
     }
 
     pub(super) fn uncertainty(p: &LawParameters) -> Uncertainty {
-        let (step, walk) = Self::model(p);
+        let (step, walk) = Self::model(p.design.link, p.sample_period);
         Uncertainty::new(step, walk)
     }
 

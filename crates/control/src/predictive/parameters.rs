@@ -78,6 +78,10 @@ pub struct Design {
     pub stiffness: f64,
     /// zeta: damping ratio of the loop.
     pub damping: f64,
+    /// Bandwidth of the quicker estimates of the link's velocity, by which a hand is helped, rad/s.
+    pub hand: f64,
+    /// s_h: share of what they ask for and of the torque's error that helps a hand; 0: nothing does.
+    pub help: f64,
 }
 
 impl Default for Design {
@@ -89,6 +93,8 @@ impl Default for Design {
             reference: TAU * 60.0,
             stiffness: 1.0,
             damping: 1.0,
+            hand: TAU * 32.0,
+            help: 2.5,
         }
     }
 }
@@ -195,11 +201,14 @@ impl LawParameters {
     }
 
     /// Inertia that the link feels besides its own, kg·m²: the law lets the drive's damping go along with
-    /// slow velocities; from `follow` on it brakes, which is what an inertia does.
+    /// slow velocities; from `follow` on it brakes, which is what an inertia does. Of a torque that brings the motor up
+    /// to it, `K/k T`, the help for a hand takes `s_h T`.
     #[must_use]
     pub fn felt_inertia(&self) -> f64 {
+        let gear = self.gear.at(0.0);
+        let helped = 1.0 + self.design.help * gear / self.feedback(gear).0;
         match self.drive {
-            DriveModel::Position { damping, .. } => damping / self.design.follow,
+            DriveModel::Position { damping, .. } => damping / self.design.follow / helped,
             DriveModel::Current { .. } => 0.0,
         }
     }

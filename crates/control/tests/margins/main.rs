@@ -38,7 +38,11 @@ fn joint([rotor_inertia, gear, stiffness, damping, link_inertia]: [f64; 5]) -> J
         friction: FrictionModel::NONE,
         torque_limit: 1e9,
         disturbance_limit: 1e9,
-        design: Design::default(),
+        // Margins are those of the law without what depends on evidence.
+        design: Design {
+            help: 0.0,
+            ..Design::default()
+        },
     };
     JointLoop::nominal(law, LAG, link_inertia)
 }

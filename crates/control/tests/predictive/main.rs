@@ -3,7 +3,10 @@
 
 mod joint;
 
-use control::predictive::{DriveModel, FrictionModel, LawParameters, PredictiveLaw, TorqueTerms};
+use control::margins::{JointLoop, NEEDED, choose_design};
+use control::predictive::{
+    Design, DriveModel, FrictionModel, LawParameters, PredictiveLaw, TorqueTerms,
+};
 use joint::{BLOCKED, DT, Friction, Joint, feedforward, knee, run};
 
 /// A blocked joint whose law foresees `foreseen`: overshoot, share of a step of 30 N·m, time to 90 %,
@@ -184,10 +187,11 @@ fn a_mode_does_not_begin_with_the_velocity_of_the_last_one() {
 #[test]
 fn without_friction_there_is_no_disturbance_whatever_is_asked() {
     for delay_cycles in [0, 1, 2] {
-        let p = LawParameters {
+        let mut p = LawParameters {
             delay: delay_cycles as f64 * DT + 0.4e-3,
             ..knee()
         };
+        p.design = choose_design(&JointLoop::nominal(p, 0.4e-3, 0.4), &NEEDED);
         let mut law = PredictiveLaw::new(p);
         let mut joint = Joint::new(p, 0.4, delay_cycles);
         let mut worst: f64 = 0.0;
@@ -311,8 +315,8 @@ fn a_mode_begins_without_a_bump() {
 
 /// Samples that are missing, and torques that are: the observers run on.
 /// Root mean square of the torque, N·m, of which none is desired, while the knee's link swings by 0.4 rad at 1.4 Hz.
-fn swing_error(foreseen: bool) -> f64 {
-    let mut law = PredictiveLaw::new(knee());
+fn swing_error(foreseen: bool, help: f64) -> f64 {
+    let mut law = PredictiveLaw::new(helped_by(help));
     let mut joint = Joint::new(knee(), BLOCKED, 1);
     let (w, mut sum, mut angle) = (8.8, 0.0, 0.0);
     for k in 0..3000 {
@@ -337,8 +341,11 @@ fn swing_error(foreseen: bool) -> f64 {
 /// The drive's damping of 189 N·m·s/rad goes along with a velocity that is desired sooner than with a measured one.
 #[test]
 fn a_desired_velocity_is_not_braked() {
-    let (measured, foreseen) = (swing_error(false), swing_error(true));
+    let (measured, foreseen) = (swing_error(false, 0.0), swing_error(true, 0.0));
     assert!(foreseen < 0.6 * measured, "{measured} {foreseen} N·m");
+    // Nor by the help for a hand.
+    let helped = swing_error(true, Design::default().help);
+    assert!(helped < 1.01 * foreseen, "{helped} {foreseen} N·m");
 }
 
 /// The first desired velocity of a mode, and one that stays, change nothing; nor does one that no positions make.
@@ -358,6 +365,60 @@ fn a_desired_velocity_that_does_not_change_leaves_the_command() {
     assert_eq!(command([Some([0.0, 1.5]), Some([0.0016, 1.5])]), without);
     assert_ne!(command([Some([0.0, 1.5]), Some([0.0017, 1.6])]), without);
     assert_eq!(command([Some([0.0, 0.0]), Some([0.0, 1.6])]), without);
+}
+
+/// Of the knee, without and with help for a hand: largest torque, N·m, while a hand turns the link round from 0.5 to
+/// -0.5 rad/s within 50 ms.
+#[test]
+fn a_hand_that_turns_the_joint_round_is_helped() {
+    let [alone, helped] = [0.0, Design::default().help].map(|help| {
+        let mut law = PredictiveLaw::new(helped_by(help));
+        let mut joint = Joint::new(knee(), BLOCKED, 1);
+        let mut largest = 0.0_f64;
+        for k in 0..1000 {
+            let turned = f64::from((k - 800).clamp(0, 50)) / 50.0;
+            joint.dq = 0.5 - turned;
+            run(&mut law, &mut joint, |_| 0.0, 1);
+            if k >= 800 {
+                largest = largest.max(joint.torque().abs());
+            }
+        }
+        largest
+    });
+    assert!(helped < 0.6 * alone, "{alone} {helped} N·m");
+}
+
+/// Encoders that drift move a joint that nobody holds no further where the law helps hands: as one they show a joint
+/// that drives its link, and the link's alone shows nothing in the motion of the rotor.
+#[test]
+fn encoders_that_drift_are_not_helped() {
+    for (of_motor, rate) in [(1.0, 0.1), (0.0, 0.01), (0.0, -0.01)] {
+        let [alone, helped] = [0.0, Design::default().help].map(|help| {
+            let mut law = PredictiveLaw::new(helped_by(help));
+            let mut joint = Joint::new(knee(), 0.35, 1);
+            for k in 0..80 {
+                let error = rate * DT * f64::from(k);
+                let mut sensed = joint.sensed();
+                sensed.q += error;
+                sensed.theta += of_motor * error;
+                sensed.torque = Some(joint.p.gear.at(0.0) * (sensed.theta - sensed.q));
+                law.observe(&sensed);
+                let command = law.command(&feedforward(0.0)).command;
+                law.sent(command);
+                joint.advance(command);
+            }
+            joint.dq.abs()
+        });
+        assert!(helped < 1.1 * alone, "{of_motor}: {alone} {helped} rad/s");
+    }
+}
+
+fn helped_by(help: f64) -> LawParameters {
+    let design = Design {
+        help,
+        ..Design::default()
+    };
+    LawParameters { design, ..knee() }
 }
 
 #[test]
