@@ -7,7 +7,6 @@ use robot_config::slots;
 use robot_state::JointKind;
 use std::f64::consts::TAU;
 
-const URDF: &str = "robot-models/lift-gripper/robot.urdf";
 const DBC: &str = "robot-models/lift-gripper/drives.dbc";
 
 /// A joint that the drive's damping would speed up too much where both encoders err as one keeps the default; with a
