@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 const DBC: &str = "robot-models/lift-gripper/drives.dbc";
 
-/// The lift alone, whose drive is the stiffest, rings with help where a command acts 6 ms late.
+/// The lift rings with help where a command acts 6 ms late.
 #[test]
 fn prismatic_joints_have_the_design_of_others_and_no_help_for_a_hand_where_it_rings() {
     let designs = |files: Files| {
