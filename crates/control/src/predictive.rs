@@ -17,6 +17,7 @@
 //! through [`PredictiveLaw::sent`]: the observer does not wind up against a limit, and a change of
 //! mode has no bump. `docs/control.md` derives the gains.
 
+mod ahead;
 mod drive_fit;
 mod friction;
 mod hand;
@@ -104,16 +105,6 @@ struct Sent {
     command: f64,
     /// Friction foreseen for that time, N·m.
     friction: f64,
-}
-
-/// The state when a command acts.
-#[derive(Debug, Clone, Copy)]
-struct Ahead {
-    theta: f64,
-    /// omega - dq: velocity of the torsion, rad/s.
-    torsion_velocity: f64,
-    omega: f64,
-    torque: f64,
 }
 
 impl PredictiveLaw {
@@ -487,43 +478,6 @@ impl PredictiveLaw {
         self.commands.rotate_left(1);
         if let Some(last) = self.commands.last_mut() {
             *last = sent;
-        }
-    }
-
-    /// Runs the observers ahead to the middle of the time for which the next command acts.
-    fn ahead(&self) -> Ahead {
-        let (p, stiffness) = (&self.parameters, self.stiffness);
-        let (theta, velocity) = (self.rotor.theta, self.link.velocity());
-        let mut rotor = self.rotor;
-        let mut time = 0.0;
-        let torque_at = |rotor: &Rotor, time: f64| {
-            self.torque + stiffness * ((rotor.theta - theta) - velocity * time)
-        };
-        let mut run = |step: &RotorStep, sent: Sent| {
-            let force = p.motor_torque(sent.command, rotor.theta) - sent.friction;
-            rotor.advance(step, force - torque_at(&rotor, time));
-            time += step.time;
-        };
-        for pair in self.commands.windows(2) {
-            if let [now, next] = *pair {
-                run(&self.lag_step, now);
-                run(&self.rest_step, next);
-            }
-        }
-        let last = self.commands.last().copied().unwrap_or(self.before);
-        run(&self.lag_step, last);
-        // The command to come follows the link as the last one did.
-        let follows = p.measured_origin(velocity * p.sample_period);
-        let next = Sent {
-            command: last.command + follows,
-            ..last
-        };
-        run(&self.half_step, next);
-        Ahead {
-            theta: rotor.theta,
-            torsion_velocity: rotor.omega - velocity,
-            omega: rotor.omega,
-            torque: torque_at(&rotor, time),
         }
     }
 
