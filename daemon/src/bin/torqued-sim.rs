@@ -112,12 +112,13 @@ fn load(arguments: &Arguments) -> Result<(Robot, CanRobot), Failure> {
     Ok((robot, plant))
 }
 
-/// Answers late if others use the CPU, so it takes what real time it can get: one step below the
-/// loop, which must not wait for it. Drives are no part of the daemon's report: no warnings.
+/// Answers late if others use the CPU, so it takes what real time it can get: the loop's own priority.
+/// Where both have one CPU, the loop then reads all answers at once; one step below, it would
+/// interrupt the answers at each frame. Drives are no part of the daemon's report: no warnings.
 fn be_punctual(robot: &Robot) -> Option<RealTime> {
     let settings = Settings {
         require: false,
-        priority: robot.parameters.timing.priority.saturating_sub(1).max(1),
+        priority: robot.parameters.timing.priority,
         cpu: None,
     };
     real_time::enter(&settings).ok()
