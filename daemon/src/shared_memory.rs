@@ -50,6 +50,9 @@ const OPERATOR_RING: usize = 4;
 const OPERATOR_EXPIRY_NS: u64 = 200_000_000;
 /// Polling period of the publisher thread.
 const POLL: Duration = Duration::from_micros(500);
+/// Most records published in one round: each may wake a client that takes the CPU for longer than a
+/// cycle, and references, requests and the heartbeat do not wait for the end of a backlog.
+const RECORDS: usize = 8;
 /// Most requests begun in one round: a flood of requests takes no more of the thread's time.
 const REQUESTS: usize = 4;
 /// Longest time for the publisher thread to end.
@@ -310,8 +313,8 @@ impl Publisher {
             // Read before the ring is emptied, so that the last records are published too.
             let stop = self.shared.stop.load(Ordering::Acquire);
             self.shared.heartbeat.fetch_add(1, Ordering::Relaxed);
-            self.publish_records();
-            if stop {
+            let all_published = self.publish_records();
+            if stop && all_published {
                 return;
             }
             self.take_references();
@@ -320,15 +323,17 @@ impl Publisher {
                 self.ports.cleanup_dead_clients();
                 cleaned_up = Instant::now();
             }
-            thread::sleep(POLL);
+            if all_published {
+                thread::sleep(POLL);
+            }
         }
     }
 
-    /// At most as many as the ring holds: references are read even if records never end.
-    fn publish_records(&mut self) {
-        for _ in 0..RING {
+    /// Publishes waiting records, up to [`RECORDS`]; true if none is left.
+    fn publish_records(&mut self) -> bool {
+        for _ in 0..RECORDS {
             let Ok(slot) = self.records.read_chunk(1) else {
-                return;
+                return true;
             };
             let (records, _) = slot.as_slices();
             for record in records {
@@ -337,6 +342,7 @@ impl Publisher {
             }
             slot.commit_all();
         }
+        self.records.is_empty()
     }
 
     /// Requests and their answers; the loop gets new settings before a client gets the answer.

@@ -1,16 +1,18 @@
 //! The loop outlives its publisher thread. In a process of its own: the thread is found by name.
 
 use std::fs;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use problem::Problem;
+use robot_config::Robot;
 use robot_state::{CycleRecord, Description, Event, Name, SharedRecord};
 use test_support::{TemporaryDirectory, read_project_file};
 use torqued::bus::BusCounters;
 use torqued::loop_monitor::LoopMonitor;
 use torqued::real_time::WakeReport;
 use torqued::request_server::RequestServer;
-use torqued::shared_memory;
+use torqued::shared_memory::{self, LoopEnds};
 use torqued_client::Location;
 
 /// The number of this process's thread of that name.
@@ -22,24 +24,50 @@ fn thread(name: &str) -> Option<i32> {
     numbers.next()?.file_name().to_str()?.parse().ok()
 }
 
-#[test]
-fn a_bus_error_of_the_publisher_thread_does_not_end_the_loop_but_is_a_fault() {
-    let directory = TemporaryDirectory::new();
+/// The publisher thread of a leg, started in a run directory of its own.
+fn start(directory: &TemporaryDirectory, leg: &Robot) -> LoopEnds {
     let location = Location::at(directory.path()).expect("a run directory");
-    let leg = robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg");
-    let server = RequestServer::new(&leg, Err(Problem::new("none", ""))).expect("a server");
+    let server = RequestServer::new(leg, Err(Problem::new("none", ""))).expect("a server");
     let description = Description {
         robot: Name::new("leg"),
         joint_count: 6,
         ..Description::default()
     };
-    let mut ends = shared_memory::start_at(
-        &location,
-        &description,
-        server,
-        supervisor::Commanders::new(0.04),
-    )
-    .expect("started");
+    let commanders = supervisor::Commanders::new(0.04);
+    shared_memory::start_at(&location, &description, server, commanders).expect("started")
+}
+
+fn leg() -> Robot {
+    robot_config::load("config/leg/robot.toml", &read_project_file).expect("the leg")
+}
+
+/// A publisher thread is found by its name, so one at a time.
+static ALONE: Mutex<()> = Mutex::new(());
+
+#[test]
+fn a_backlog_of_records_delays_neither_the_heartbeat_nor_the_end() {
+    const SENT: u64 = 20_000;
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let directory = TemporaryDirectory::new();
+    let mut ends = start(&directory, &leg());
+    let before = ends.records.heartbeat();
+    for _ in 0..SENT {
+        while !ends.records.send(&SharedRecord::default()) {
+            std::thread::yield_now();
+        }
+    }
+    let rounds = ends.records.heartbeat() - before;
+    // All but what is left in the ring has been published by now.
+    assert!(rounds >= (SENT - 256) / 8, "{rounds} rounds");
+    drop(ends);
+}
+
+#[test]
+fn a_bus_error_of_the_publisher_thread_does_not_end_the_loop_but_is_a_fault() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let directory = TemporaryDirectory::new();
+    let leg = leg();
+    let mut ends = start(&directory, &leg);
     let mut monitor = LoopMonitor::new(&leg, BusCounters::default());
     let mut cycle = || {
         ends.records.send(&SharedRecord::default());
