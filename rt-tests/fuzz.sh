@@ -9,7 +9,7 @@ usage() {
     cat <<END
 usage: rt-tests/fuzz.sh [--keep] [SECONDS [TARGET...]]
 
-Fuzzes each target for SECONDS (60): $(echo "${targets[@]##*:}")
+Fuzzes each target for SECONDS (60), one on each CPU: $(echo "${targets[@]##*:}")
 Starts from the corpus in crates/*/fuzz/corpus: TARGET/ holds inputs with a name (seeds,
 regressions), TARGET.tar.gz those that the fuzzer found. Inputs that find new paths collect in
 target/fuzz/corpus. Exit code 0 if nothing crashed; else the input is in target/fuzz/crashes.
@@ -59,25 +59,27 @@ for target in "$@"; do
         --manifest-path "crates/$crate/fuzz/Cargo.toml" \
         --bin "$target" --target "$host" --target-dir target/fuzz
 done
-for target in "$@"; do
-    fuzz=crates/$(crate_of "$target")/fuzz
-    named=$fuzz/corpus/$target archive=$fuzz/corpus/$target.tar.gz
+# Fuzzes one target; prints what it found.
+fuzz() {
+    local target=$1 folder named archive found crashes program unpacked log
+    folder=crates/$(crate_of "$target")/fuzz
+    named=$folder/corpus/$target archive=$folder/corpus/$target.tar.gz
     found=target/fuzz/corpus/$target crashes=target/fuzz/crashes/$target
     program=target/fuzz/$host/release/$target
-    options=(-max_len=4096 -timeout=10 -rss_limit_mb=2048 -print_final_stats=1)
-    [ ! -e "$fuzz/$target.dict" ] || options+=(-dict="$fuzz/$target.dict")
+    local options=(-max_len=4096 -timeout=10 -rss_limit_mb=2048 -print_final_stats=1)
+    [ ! -e "$folder/$target.dict" ] || options+=(-dict="$folder/$target.dict")
     unpacked=target/fuzz/unpacked/$target
     rm -rf "$unpacked"
     mkdir -p "$found" "$crashes" "$unpacked"
     [ ! -e "$archive" ] || tar -xzf "$archive" -C "$unpacked"
-    echo "== fuzz $target, $seconds s"
     log=target/fuzz/$target.log
     if ! "$program" "${options[@]}" -max_total_time="$seconds" -artifact_prefix="$crashes/" \
         "$found" "$unpacked" "$named" >"$log" 2>&1; then
         tail -n 40 "$log"
         echo "fuzz: $target failed; input in $crashes, log in $log" >&2
-        exit 1
+        return 1
     fi
+    echo "== fuzz $target, $seconds s"
     grep -E '^(Done|stat::number_of_executed_units|stat::new_units_added)' "$log"
     [ $keep = no ] || {
         # One input for each new edge; how often an edge is taken would keep three times as many.
@@ -87,4 +89,15 @@ for target in "$@"; do
         tar -C "$unpacked" --sort=name --mtime=@0 --owner=0 --group=0 --numeric-owner -cf - . |
             gzip -9n >"$archive"
     }
+}
+
+# One on each CPU; all end, then the first that failed decides.
+running=0 failed=0
+next() { wait -n || failed=1; running=$((running - 1)); }
+for target in "$@"; do
+    [ $running -lt "$(nproc)" ] || next
+    fuzz "$target" &
+    running=$((running + 1))
 done
+while [ $running -gt 0 ]; do next; done
+exit $failed
