@@ -21,9 +21,20 @@ const DAMPING: [f64; 3] = [1.0, 1.5, 0.7];
 const FOLLOW: [f64; 3] = [1.0, 0.3, 0.1];
 const ROTOR: [f64; 3] = [1.0, 0.5, 0.25];
 const LINK: [f64; 2] = [1.0, 0.33];
-/// Shares of the default's bandwidth of the estimates by which a hand is helped, the quickest first: with the slowest
-/// there is nothing to help with that the law's own do not know.
-const HAND: [f64; 3] = [1.0, 0.9, 0.8];
+/// Shares of the default's help for a hand, and of the bandwidth of the estimates that it goes by, the most helpful
+/// first; with the slowest there is nothing to help with that the law's own do not know.
+const HAND: [[f64; 2]; 10] = [
+    [1.8, 1.0],
+    [1.6, 1.0],
+    [1.4, 1.0],
+    [1.2, 1.0],
+    [1.8, 0.9],
+    [1.6, 0.9],
+    [1.0, 1.0],
+    [1.2, 0.9],
+    [1.0, 0.9],
+    [1.0, 0.8],
+];
 /// Loads with which a hand is helped.
 const HELPED: [Load; 4] = [Load::Free, Load::Light, Load::Spring, Load::Heavy];
 /// Frequency at which a delay has the phase that is needed, Hz: the highest at which loops with help have rung, those of
@@ -39,14 +50,16 @@ const DAMPING_KNOWN: [f64; 2] = [0.8, 1.2];
 #[must_use]
 pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
     let design = linear_design(joint, needed);
-    let mut quicker = HAND.iter().map(|share| Design {
-        hand: share * design.hand,
+    let mut helping = HAND.iter().map(|[help, hand]| Design {
+        help: help * design.help,
+        hand: hand * design.hand,
         ..design
     });
-    let helping = quicker.find(|&design| {
+    let mut hardest = 0;
+    let helping = helping.find(|&design| {
         let mut with = *joint;
         with.law.design = design;
-        design.help > 0.0 && helps(&with, needed)
+        design.help > 0.0 && helps(&with, needed, &mut hardest)
     });
     helping.unwrap_or(Design {
         help: 0.0,
@@ -55,12 +68,18 @@ pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
 }
 
 /// Whether the loop with help for a hand comes to rest with every load, also with a drive whose damping is not as
-/// configured.
-fn helps(joint: &JointLoop, needed: &Margins) -> bool {
+/// configured. `hardest`: the case that has refused the last design, which is tried first.
+fn helps(joint: &JointLoop, needed: &Margins, hardest: &mut usize) -> bool {
     let DriveModel::Position { damping, .. } = joint.truth.drive else {
         return false;
     };
-    let rests = |load: Load, share: f64, gain: f64, late: f64| {
+    let late = needed.phase / (TAU * RINGS_AT);
+    let cases: Vec<(Load, f64, [f64; 2])> = HELPED
+        .iter()
+        .flat_map(|&load| DAMPING_KNOWN.map(|share| (load, share)))
+        .flat_map(|(load, share)| [[needed.gain, 0.0], [1.0, late]].map(|it| (load, share, it)))
+        .collect();
+    let rests = |&(load, share, [gain, late]): &(Load, f64, [f64; 2])| {
         let mut with = *joint;
         with.truth.delay += late;
         if let DriveModel::Position { damping: truth, .. } = &mut with.truth.drive {
@@ -68,11 +87,13 @@ fn helps(joint: &JointLoop, needed: &Margins) -> bool {
         }
         comes_to_rest(&with, load, gain)
     };
-    let late = needed.phase / (TAU * RINGS_AT);
-    HELPED.iter().all(|&load| {
-        let mut shares = DAMPING_KNOWN.iter();
-        shares.all(|&share| rests(load, share, needed.gain, 0.0) && rests(load, share, 1.0, late))
-    })
+    let (before, after) = cases.split_at(*hardest);
+    let mut order = after.iter().chain(before);
+    let refused = order.position(|case| !rests(case));
+    if let Some(at) = refused {
+        *hardest = (*hardest + at) % cases.len();
+    }
+    refused.is_none()
 }
 
 fn linear_design(joint: &JointLoop, needed: &Margins) -> Design {

@@ -1,5 +1,7 @@
 //! Margins against simulations in time that turn gain or phase until the loop rings.
 
+mod design;
+
 use control::JointGains;
 use control::margins::{JointLoop, LateLoop, Load, Margins, least_margins};
 use control::predictive::{
