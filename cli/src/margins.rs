@@ -24,8 +24,8 @@ Examples:
 
 The loop is opened at the motor's torque. Loads: blocked link; blocked link with the rotor stuck in its
 friction; free link; free link of a fifth of the inertia; link on a spring of a third of the gear's
-stiffness. With K_s and K_d: free links of once, a fifth and five times the inertia. docs/control.md
-explains the figures.
+stiffness. With K_s and K_d: free links of once, a fifth and five times the inertia. hand: help for a
+hand that turns the joint round. docs/control.md explains the figures.
 
 Exit codes:
   0  every joint has at least 30 degrees and 6 dB
@@ -305,6 +305,7 @@ pub(crate) fn table(judged: &[JudgedJoint]) -> String {
         "less gain",
         "K_s most",
         "K_d most",
+        "hand",
     ];
     let mut rows = vec![head.map(str::to_owned).to_vec()];
     for joint in judged {
@@ -330,6 +331,8 @@ pub(crate) fn table(judged: &[JudgedJoint]) -> String {
                 joint.most[1],
                 joint.joint_kind.units("N·m·s/rad")
             ),
+            (joint.design.filter(|design| design.help > 0.0))
+                .map_or_else(|| "-".to_owned(), |design| format!("{:.1}", design.help)),
         ]);
     }
     TextTable(rows).to_string()

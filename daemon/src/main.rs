@@ -142,6 +142,12 @@ fn run(
             )));
         }
     };
+    if let Some(path) = record.as_ref().filter(|path| path.exists()) {
+        return Err(Failure::bad_input(format!(
+            "--record {}: there is such a file; allowed: the name of a new one",
+            path.display()
+        )));
+    }
     let plant = sim.map(|(file, seed)| {
         let parameters = simulation::parameters(file, seed)?;
         simulation::robot(&robot, &parameters, file)

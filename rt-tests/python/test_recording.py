@@ -26,6 +26,16 @@ def run(tmp_path_factory):
     return path
 
 
+def test_a_recording_that_is_there_is_left_alone(run):
+    before = run.stat()
+    command = [BINARIES / "torqued", "run", LEG, "--simulate", "--seconds", "1", "--record", run]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert f"--record {run}: there is such a file" in done.stderr
+    after = run.stat()
+    assert (after.st_size, after.st_mtime_ns) == (before.st_size, before.st_mtime_ns)
+
+
 @pytest.fixture(scope="module")
 def exported(run):
     path = run.with_suffix(".csv")

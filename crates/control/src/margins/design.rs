@@ -6,8 +6,8 @@
 //! the margins is taken: in steps from the default, with less stiffness, another damping and slower
 //! observers.
 //!
-//! The help for a hand is not linear, and no margin is known of it. A joint has it where simulations in time come to
-//! rest with it: with as much more gain as the margins must be, and with the phase as a delay.
+//! The help for a hand is not linear, and no margin is known of it. A joint has as much of it as lets simulations in
+//! time come to rest: with as much more gain as the margins must be, and with the phase as a delay.
 
 use super::lifted::comes_to_rest;
 use super::{JointLoop, Load, Margins};
@@ -40,8 +40,9 @@ const HELPED: [Load; 4] = [Load::Free, Load::Light, Load::Spring, Load::Heavy];
 /// Frequency at which a delay has the phase that is needed, Hz: the highest at which loops with help have rung, those of
 /// light links. Slower ones bear more.
 const RINGS_AT: f64 = 83.0;
-/// Shares of its configured damping between which a drive's may be; data sheets have none.
-const DAMPING_KNOWN: [f64; 2] = [0.8, 1.2];
+/// Share of its configured damping that a drive may have; data sheets have none. With more than configured a joint comes
+/// to rest sooner.
+const DAMPING_KNOWN: f64 = 0.8;
 
 /// The joint's own design where its loop keeps these margins with every load; else the nearest one that keeps them, also
 /// with K_s and K_d on every load that moves, of several as near the one with the widest bandwidth where the rotor is
@@ -50,16 +51,19 @@ const DAMPING_KNOWN: [f64; 2] = [0.8, 1.2];
 #[must_use]
 pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
     let design = linear_design(joint, needed);
-    let mut helping = HAND.iter().map(|[help, hand]| Design {
+    let helping = HAND.iter().map(|[help, hand]| Design {
         help: help * design.help,
         hand: hand * design.hand,
         ..design
     });
     let mut hardest = 0;
-    let helping = helping.find(|&design| {
+    let may_help = |design: &Design| {
+        design.help > 0.0 && matches!(joint.truth.drive, DriveModel::Position { .. })
+    };
+    let helping = helping.filter(may_help).find(|&design| {
         let mut with = *joint;
         with.law.design = design;
-        design.help > 0.0 && helps(&with, needed, &mut hardest)
+        helps(&with, needed, &mut hardest)
     });
     helping.unwrap_or(Design {
         help: 0.0,
@@ -67,29 +71,31 @@ pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
     })
 }
 
-/// Whether the loop with help for a hand comes to rest with every load, also with a drive whose damping is not as
-/// configured. `hardest`: the case that has refused the last design, which is tried first.
+/// Whether the loop with help for a hand comes to rest with every load, with a drive that damps less than configured,
+/// with and without K_s and K_d. `hardest`: the case that has refused the last design, which is tried first.
 fn helps(joint: &JointLoop, needed: &Margins, hardest: &mut usize) -> bool {
-    let DriveModel::Position { damping, .. } = joint.truth.drive else {
-        return false;
+    let mut in_space = *joint;
+    if let DriveModel::Position { damping, .. } = &mut in_space.truth.drive {
+        *damping *= DAMPING_KNOWN;
+    }
+    let torque = JointLoop {
+        stiffness: 0.0,
+        damping: 0.0,
+        ..in_space
     };
     let late = needed.phase / (TAU * RINGS_AT);
-    let cases: Vec<(Load, f64, [f64; 2])> = HELPED
+    let cases: Vec<(JointLoop, Load, f64)> = [torque, in_space]
         .iter()
-        .flat_map(|&load| DAMPING_KNOWN.map(|share| (load, share)))
-        .flat_map(|(load, share)| [[needed.gain, 0.0], [1.0, late]].map(|it| (load, share, it)))
+        .flat_map(|with| HELPED.map(|load| (*with, load)))
+        .flat_map(|(with, load)| {
+            let mut later = with;
+            later.truth.delay += late;
+            [(with, load, needed.gain), (later, load, 1.0)]
+        })
         .collect();
-    let rests = |&(load, share, [gain, late]): &(Load, f64, [f64; 2])| {
-        let mut with = *joint;
-        with.truth.delay += late;
-        if let DriveModel::Position { damping: truth, .. } = &mut with.truth.drive {
-            *truth = share * damping;
-        }
-        comes_to_rest(&with, load, gain)
-    };
     let (before, after) = cases.split_at(*hardest);
     let mut order = after.iter().chain(before);
-    let refused = order.position(|case| !rests(case));
+    let refused = order.position(|(with, load, gain)| !comes_to_rest(with, *load, *gain));
     if let Some(at) = refused {
         *hardest = (*hardest + at) % cases.len();
     }

@@ -63,7 +63,8 @@ pub struct GearStiffness {
     pub c_wg: f64,
 }
 
-/// Bandwidths and damping of the law. The default is the same for every joint.
+/// Bandwidths and damping of the law. The default is the same for every joint; more help is chosen where the loop
+/// bears it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Design {
     /// Bandwidth of the rotor observer, rad/s.
