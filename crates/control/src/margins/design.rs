@@ -46,10 +46,10 @@ const DAMPING_KNOWN: f64 = 0.8;
 
 /// The joint's own design where its loop keeps these margins with every load; else the nearest one that keeps them, also
 /// with K_s and K_d on every load that moves, of several as near the one with the widest bandwidth where the rotor is
-/// stuck. Where no design keeps them with K_s and K_d, one that does without; the joint's own if there is none. With
-/// help for a hand where that rings with no load.
+/// stuck. Where no design keeps them with K_s and K_d, one that does without; the joint's own if there is none. With as
+/// much help for a hand as rings with no load, and at most `most_help`.
 #[must_use]
-pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
+pub fn choose_design(joint: &JointLoop, needed: &Margins, most_help: f64) -> Design {
     let design = linear_design(joint, needed);
     let helping = HAND.iter().map(|[help, hand]| Design {
         help: help * design.help,
@@ -58,7 +58,8 @@ pub fn choose_design(joint: &JointLoop, needed: &Margins) -> Design {
     });
     let mut hardest = 0;
     let may_help = |design: &Design| {
-        design.help > 0.0 && matches!(joint.truth.drive, DriveModel::Position { .. })
+        let helped = matches!(joint.truth.drive, DriveModel::Position { .. });
+        helped && design.help > 0.0 && design.help <= most_help
     };
     let helping = helping.filter(may_help).find(|&design| {
         let mut with = *joint;

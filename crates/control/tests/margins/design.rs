@@ -32,7 +32,7 @@ fn helping(numbers: [f64; 5]) -> JointLoop {
 fn design_helps_a_hand_and_keeps_the_margins_with_another_damping() {
     for mut of_joint in JOINTS.map(helping) {
         let default = Design::default();
-        let chosen = choose_design(&of_joint, &NEEDED);
+        let chosen = choose_design(&of_joint, &NEEDED, f64::INFINITY);
         let linear = Design {
             help: default.help,
             hand: default.hand,
@@ -89,7 +89,7 @@ fn design_that_rings_with_help_has_none() {
     let mut of_joint = helping(JOINTS[0]);
     of_joint.law.design.help = 1000.0;
     of_joint.law.design.hand = 1000.0;
-    let chosen = choose_design(&of_joint, &NEEDED);
+    let chosen = choose_design(&of_joint, &NEEDED, f64::INFINITY);
     assert_eq!(chosen.help, 0.0);
     let rest = Design {
         help: of_joint.law.design.help,
@@ -106,7 +106,7 @@ fn design_is_chosen_for_drives_and_gears_of_other_proportions() {
     let mut chosen = 0;
     for of_joint in &all {
         let mut with = *of_joint;
-        with.law.design = choose_design(of_joint, &NEEDED);
+        with.law.design = choose_design(of_joint, &NEEDED, f64::INFINITY);
         chosen += usize::from(keeps(&with));
         assert!(keeps(&with) || !keeps(of_joint), "{of_joint:?}");
         let changed = with.law.design != of_joint.law.design;
@@ -137,10 +137,16 @@ fn design_that_nothing_helps_stays_the_own() {
         (*stiffness, *damping) = (40.0 * *stiffness, 0.1 * *damping);
     }
     of_joint.truth = of_joint.law;
-    assert_eq!(choose_design(&of_joint, &NEEDED), of_joint.law.design);
+    assert_eq!(
+        choose_design(&of_joint, &NEEDED, f64::INFINITY),
+        of_joint.law.design
+    );
     // Nor do numbers without an end keep the search from one.
     of_joint.truth.rotor_inertia = 1e-300;
-    assert_eq!(choose_design(&of_joint, &NEEDED), of_joint.law.design);
+    assert_eq!(
+        choose_design(&of_joint, &NEEDED, f64::INFINITY),
+        of_joint.law.design
+    );
 }
 
 /// A screw in N and m, and as a joint that turns at some radius: units change neither margins nor design.
@@ -157,7 +163,7 @@ fn units_do_not_matter() {
                 "{radius} m: {a:?} {b:?}"
             );
         }
-        let [a, b] = both.map(|of_joint| choose_design(&of_joint, &NEEDED));
+        let [a, b] = both.map(|of_joint| choose_design(&of_joint, &NEEDED, f64::INFINITY));
         assert_eq!(a, b, "{radius} m");
     }
 }

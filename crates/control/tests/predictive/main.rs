@@ -191,7 +191,7 @@ fn without_friction_there_is_no_disturbance_whatever_is_asked() {
             delay: delay_cycles as f64 * DT + 0.4e-3,
             ..knee()
         };
-        p.design = choose_design(&JointLoop::nominal(p, 0.4e-3, 0.4), &NEEDED);
+        p.design = choose_design(&JointLoop::nominal(p, 0.4e-3, 0.4), &NEEDED, f64::INFINITY);
         let mut law = PredictiveLaw::new(p);
         let mut joint = Joint::new(p, 0.4, delay_cycles);
         let mut worst: f64 = 0.0;

@@ -3,6 +3,7 @@
 use crate::parameters::{JointParameters, Parameters, TorqueLaw};
 use control::margins::{JointLoop, NEEDED, choose_design};
 use control::predictive::Design;
+use robot_state::JointKind;
 
 /// The predictive law's loop of a joint as its margins are computed from it, with K_s and K_d.
 #[must_use]
@@ -24,20 +25,33 @@ fn is_alike(one: &JointLoop, other: &JointLoop) -> bool {
     *one == alike && (other.link_inertia - inertia).abs() <= 1e-9 * inertia
 }
 
+/// Most help for a hand. What a slide that nothing brings back may be set in motion by, where both its encoders drift as
+/// one, grows with the help faster than what a hinge may: the simulated lift comes to a tenth of its velocity limit before
+/// that is found with the default's, to a sixth with 1.4 times as much.
+fn most_help(joint: &JointParameters) -> f64 {
+    match joint.kind {
+        JointKind::Prismatic => Design::default().help,
+        JointKind::Revolute => f64::INFINITY,
+    }
+}
+
 /// Chooses the design of every joint that follows the predictive law; joints that are alike share one.
 pub(crate) fn choose_designs(parameters: &mut Parameters) {
     if !matches!(parameters.torque_law, TorqueLaw::Predictive(_)) {
         return;
     }
-    let mut chosen: Vec<(JointLoop, Design)> = Vec::new();
+    let mut chosen: Vec<(JointLoop, f64, Design)> = Vec::new();
     for joint in (parameters.joints.iter_mut()).filter(|joint| joint.has_link_encoder) {
         let of_joint = predictive_loop(joint);
-        let known = chosen.iter().find(|(other, _)| is_alike(&of_joint, other));
+        let most_help = most_help(joint);
+        let known = chosen
+            .iter()
+            .find(|(other, most, _)| *most == most_help && is_alike(&of_joint, other));
         let design = match known {
-            Some((_, design)) => *design,
+            Some((_, _, design)) => *design,
             None => {
-                let design = choose_design(&of_joint, &NEEDED);
-                chosen.push((of_joint, design));
+                let design = choose_design(&of_joint, &NEEDED, most_help);
+                chosen.push((of_joint, most_help, design));
                 design
             }
         };
