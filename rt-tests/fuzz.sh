@@ -59,6 +59,7 @@ for target in "$@"; do
         --manifest-path "crates/$crate/fuzz/Cargo.toml" \
         --bin "$target" --target "$host" --target-dir target/fuzz
 done
+
 # Fuzzes one target; prints what it found.
 fuzz() {
     local target=$1 folder named archive found crashes program unpacked log
@@ -91,7 +92,7 @@ fuzz() {
     }
 }
 
-# One on each CPU; all end, then the first that failed decides.
+# One on each CPU. All run to their end, also where one fails.
 running=0 failed=0
 next() { wait -n || failed=1; running=$((running - 1)); }
 for target in "$@"; do

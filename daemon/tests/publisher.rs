@@ -45,7 +45,7 @@ fn leg() -> Robot {
 static ALONE: Mutex<()> = Mutex::new(());
 
 #[test]
-fn a_backlog_of_records_delays_neither_the_heartbeat_nor_the_end() {
+fn a_backlog_of_records_does_not_delay_the_heartbeat() {
     const SENT: u64 = 20_000;
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let directory = TemporaryDirectory::new();
@@ -59,7 +59,6 @@ fn a_backlog_of_records_delays_neither_the_heartbeat_nor_the_end() {
     let rounds = ends.records.heartbeat() - before;
     // All but what is left in the ring has been published by now.
     assert!(rounds >= (SENT - 256) / 8, "{rounds} rounds");
-    drop(ends);
 }
 
 #[test]

@@ -360,7 +360,7 @@ fn collision_table(
 const HEAD: &str = "\
 # Contact detection: results
 
-Written by `cargo run --release -p contact-bench`; how it works: [control.md](../contact.md), keys: [configuration.md](../configuration.md#external_torque). The simulated robots have every disturbance of `sim.toml` on; seeds draw other masses, sensors and noise. All thresholds are the defaults: no robot has one of its own.
+Written by `cargo run --release -p contact-bench`; how it works: [contact.md](../contact.md), keys: [configuration.md](../configuration.md#external_torque). The simulated robots have every disturbance of `sim.toml` on; seeds draw other masses, sensors and noise. All thresholds are the defaults: no robot has one of its own.
 ";
 
 const STEPS: &str = "

@@ -426,7 +426,7 @@ fn of_hand(index: usize) -> String {
 const HEAD: &str = "\
 # Passive mode, and tracking by torque feedback and by learning: results
 
-Written by `cargo run --release -p torque-control-bench -- --modes-only`; the modes: [control.md](../modes.md#passive-mode). Experiments of Z (IV-B, IV-C) and G (V-B) with the predictive law, on the joints and under the disturbances of [torque-control.md](torque-control.md).
+Written by `cargo run --release -p torque-control-bench -- --modes-only`; the modes: [modes.md](../modes.md#passive-mode). Experiments of Z (IV-B, IV-C) and G (V-B) with the predictive law, on the joints and under the disturbances of [torque-control.md](torque-control.md).
 
 ## Aims
 

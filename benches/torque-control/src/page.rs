@@ -56,5 +56,5 @@ Of the predictive law, over all joints. Nothing was tuned with the other seeds o
 ";
 
 const NOTES: &str = "
-With right parameters nothing is missed, by any seed; with parameters a fifth off the reversal goes up to 3.3 % of rated torque beyond its aim. Stiffness and damping of the drive are corrected by its current, so that the errors of both count only until the joint has moved for a second. Not judged here: force control against a stiff object, the passive mode, contact reactions.
+The reversals that come nearest to the aim are those of hip roll and knee, whose drives are stiff and damp much ([control-law.md](../control-law.md#a-hand)). Stiffness and damping of the drive are corrected by its current, so that the errors of both count only until the joint has moved for a second. Not judged here: force control against a stiff object, the passive mode, contact reactions.
 ";

@@ -1,11 +1,11 @@
-//! Legs of other proportions than those that the law's numbers were found on: none of them was looked at as they were.
+//! Legs of other proportions than those on which the law's numbers were chosen.
 
 mod common;
 
 use common::{Bench, client_input, read};
 use robot_state::Mode;
 
-/// Factors of a robot's data sheet, which its simulation shares.
+/// Factors of the gears, drives, rotors and frictions, in the configuration and in the simulation.
 #[derive(Debug, Clone, Copy)]
 struct Proportions {
     gear: f64,
@@ -24,25 +24,36 @@ const AS_IT_IS: Proportions = Proportions {
     gains: 1.0,
 };
 
+/// The number of a line `key = number`, if it has this key.
+fn number(line: &str, key: &str) -> Option<f64> {
+    let rest = line.strip_prefix(key)?.trim_start().strip_prefix('=')?;
+    rest.split('#').next()?.trim().parse().ok()
+}
+
+/// The line with its number times the factor of its key, if it has one.
+fn scaled(line: &str, factors: &[(&str, f64)]) -> String {
+    let mut found = factors.iter().filter_map(|(key, factor)| {
+        number(line, key).map(|number| format!("{key} = {}", number * factor))
+    });
+    found.next().unwrap_or_else(|| line.to_owned())
+}
+
 impl Proportions {
     /// The configuration of such a robot.
-    fn of(self, text: &str) -> String {
+    fn configuration(self, text: &str) -> String {
+        let factors = [
+            ("K_fs0_Nm_per_rad", self.gear),
+            ("K_wg0_Nm_per_rad", self.gear),
+            // The drive's own damping ratio stays.
+            ("K_v_s", (self.rotor / self.drive).sqrt()),
+            ("rotor_inertia_kg_m2", self.rotor),
+            ("coulomb_Nm", self.friction),
+        ];
         let mut gear = 0.0;
-        let scaled = |line: &str, key: &str, factor: f64| -> Option<String> {
-            let rest = line.strip_prefix(key)?.trim_start().strip_prefix('=')?;
-            let number: f64 = rest.split('#').next()?.trim().parse().ok()?;
-            Some(format!("{key} = {}", number * factor))
-        };
-        let value = |line: &str| -> f64 {
-            let number = line.split('=').nth(1).and_then(|it| it.split('#').next());
-            number.and_then(|it| it.trim().parse().ok()).unwrap()
-        };
         let lines = text.lines().map(|line| {
-            if line.starts_with("K_fs0_Nm_per_rad") {
-                gear = value(line);
-            }
-            if line.starts_with("K_tau_rad_per_Nm") {
-                let drive = 1.0 / (value(line) - 1.0 / gear);
+            gear = number(line, "K_fs0_Nm_per_rad").unwrap_or(gear);
+            if let Some(k_tau) = number(line, "K_tau_rad_per_Nm") {
+                let drive = 1.0 / (k_tau - 1.0 / gear);
                 let both = 1.0 / (self.drive * drive) + 1.0 / (self.gear * gear);
                 return format!("K_tau_rad_per_Nm = {both}");
             }
@@ -52,18 +63,38 @@ impl Proportions {
                 let [k_s, k_d] = [k_s, k_d].map(|it| it.parse::<f64>().unwrap() * self.gains);
                 return format!("{before}K_s_Nm_per_rad = {k_s}, K_d_Nms_per_rad = {k_d} }}{end}");
             }
-            let factors = [
-                ("K_fs0_Nm_per_rad", self.gear),
-                ("K_wg0_Nm_per_rad", self.gear),
-                // The drive's own damping ratio stays.
-                ("K_v_s", (self.rotor / self.drive).sqrt()),
-                ("rotor_inertia_kg_m2", self.rotor),
-                ("coulomb_Nm", self.friction),
-            ];
-            let mut found = factors.iter();
-            found
-                .find_map(|(key, factor)| scaled(line, key, *factor))
-                .unwrap_or_else(|| line.to_owned())
+            scaled(line, &factors)
+        });
+        lines.map(|line| line + "\n").collect()
+    }
+
+    /// The simulation of such a robot; its rotors are those of the configuration.
+    fn simulation(self, text: &str) -> String {
+        // The same torques wind the gear up by another angle.
+        let transmission = [
+            ("stiffness_Nm_per_rad", self.gear),
+            ("stiffening_per_rad2", self.gear * self.gear),
+            ("windup_rad", 1.0 / self.gear),
+            ("damping_Nms_per_rad", (self.gear * self.rotor).sqrt()),
+            ("hysteresis_rad", 1.0 / self.gear),
+        ];
+        let controller = [
+            ("K_4_A_per_rad", self.drive),
+            ("K_5_As_per_rad", (self.drive * self.rotor).sqrt()),
+        ];
+        let friction = [("coulomb_Nm", self.friction)];
+        let mut factors: &[(&str, f64)] = &[];
+        let lines = text.lines().map(|line| {
+            if line.starts_with('[') {
+                let table = line.split(']').next().unwrap_or_default();
+                factors = match table.rsplit('.').next() {
+                    Some("transmission") => &transmission,
+                    Some("controller") => &controller,
+                    Some("friction") => &friction,
+                    _ => &[],
+                };
+            }
+            scaled(line, factors)
         });
         lines.map(|line| line + "\n").collect()
     }
@@ -73,9 +104,10 @@ impl Proportions {
 fn moves_and_stands(proportions: Proportions, mode: Mode) {
     let mut bench = Bench::reading("leg", &|path| {
         let text = read(path)?;
-        Ok(match path.ends_with("robot.toml") {
-            true => proportions.of(&text),
-            false => text,
+        Ok(match path.rsplit('/').next() {
+            Some("robot.toml") => proportions.configuration(&text),
+            Some("sim.toml") => proportions.simulation(&text),
+            _ => text,
         })
     });
     bench.follow();
@@ -133,6 +165,41 @@ const OTHERS: [Proportions; 3] = [
         ..AS_IT_IS
     },
 ];
+
+/// Every factor changes the robot's two descriptions alike: one alone would be a robot that is not as configured.
+#[test]
+fn proportions_reach_configuration_and_simulation() {
+    let other = Proportions {
+        gear: 2.0,
+        drive: 4.0,
+        rotor: 4.0,
+        friction: 3.0,
+        gains: 0.5,
+    };
+    let [configuration, simulation] =
+        ["robot", "sim"].map(|it| read(&format!("config/leg/{it}.toml")).unwrap());
+    let configuration = other.configuration(&configuration);
+    let simulation = other.simulation(&simulation);
+    for line in [
+        "K_fs0_Nm_per_rad = 26000",
+        "rotor_inertia_kg_m2 = 0.00008",
+        "K_v_s = 0.013",
+        "coulomb_Nm = 0.075",
+    ] {
+        assert!(configuration.contains(line), "{line}");
+    }
+    for line in [
+        "stiffness_Nm_per_rad = 24000",
+        "windup_rad = 0.0000525",
+        "K_4_A_per_rad = 4920",
+        "K_5_As_per_rad = 64",
+        "coulomb_Nm = 0.075",
+        // Of the output bearing.
+        "coulomb_Nm = 0.14\n",
+    ] {
+        assert!(simulation.contains(line), "{line}");
+    }
+}
 
 #[test]
 fn legs_of_other_proportions_follow_inverse_dynamics_and_stand() {

@@ -99,14 +99,13 @@ impl Lifted {
 /// which it counts as one that comes to rest: a spring that nothing damps swings on.
 const SIMULATED: f64 = 2.0;
 const COMES_TO_REST: f64 = 1.05;
-/// Beginnings, theta, omega, q, dq: both angles and both velocities, each in its own direction, and a blow to the rotor.
-/// The help is no sum of what it is for each motion: beside a slow one that goes on, a quick one may not have it.
+/// Beginnings (theta, omega, q, dq): both angles and both velocities, each in its own direction; and a blow to the rotor.
+/// The help for two motions at once is not the sum of the help for each: a slow one may keep a quick one from having it.
 const BEGINNINGS: [[f64; 4]; 2] = [[1e-3, -0.05, -5e-4, 0.1], [0.0, 0.05, 0.0, 0.0]];
 
-/// Whether the joint comes to rest, by the velocity of its torsion in simulations in time (the torsion itself hides a
-/// quick ringing that grows behind a slow motion that ends), where the drive makes `gain` times the torque that it
-/// should. The help for a hand makes no more of a loop that is linear otherwise than it is: it grows as the state does,
-/// so one size of the beginning stands for all.
+/// Whether the joint comes to rest in simulations in time, where the drive makes `gain` times the torque that it should.
+/// It is judged by the velocity of the torsion: in the torsion itself a slow motion hides a quick ringing that grows.
+/// The help for a hand is proportional to the state, as all else in the loop, so one size of each beginning will do.
 pub(super) fn comes_to_rest(joint: &JointLoop, load: Load, gain: f64) -> bool {
     let mut simulated = Simulated::new(joint, load);
     simulated.gain = gain;
@@ -204,8 +203,12 @@ impl Simulated {
             // The newest command that has arrived: sent[k] left k periods ago.
             let late = self.transport.saturating_sub(step).div_ceil(SUBSTEPS);
             filtered += (omega - filtered) * h / (h + self.velocity_filter);
-            lag.push(self.gain * self.drive_torque(sent[late], theta, filtered));
-            *made = lag.remove(0);
+            let drive = self.gain * self.drive_torque(sent[late], theta, filtered);
+            // The oldest of the lag leaves as the newest comes.
+            *made = match step.checked_rem(self.lag) {
+                Some(oldest) => std::mem::replace(&mut lag[oldest], drive),
+                None => drive,
+            };
             let motor = driven.map_or(*made, |driven| driven[step]);
             let [inverse_inertia, spring, damper] = self.link;
             // Semi-implicit: the gear at the step's end.
@@ -218,6 +221,7 @@ impl Simulated {
             dq += h * acceleration;
             q += h * dq;
         }
+        lag.rotate_left(SUBSTEPS.checked_rem(self.lag).unwrap_or(0));
         let mechanical = [theta, omega, q, dq, filtered];
         let next = mechanical.into_iter().chain(lag).chain(sent);
         (next.chain(self.law.state()).collect(), made)
