@@ -1,9 +1,10 @@
 #!/bin/bash
-# Tests of UDP buses in a network of their own, so that no frame leaves the machine and the group is
-# nobody else's. Where the system gives no network of one's own they are skipped, and counted as such.
+# Tests of UDP buses, rt-tests/udp and rt-tests/second-robot, in a network of their own, so that no frame
+# leaves the machine and the group is nobody else's. Where the system gives no network of one's own they
+# are skipped, and counted as such.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
-tests=(.venv/bin/pytest rt-tests/udp "$@")
+tests=(.venv/bin/pytest rt-tests/udp rt-tests/second-robot "$@")
 own='ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
 if [ "$(id -u)" = 0 ]; then network=(unshare -n); else network=(unshare -rn); fi
 if why=$("${network[@]}" sh -c "$own" sh true 2>&1); then
