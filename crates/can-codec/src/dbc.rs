@@ -53,6 +53,13 @@ pub struct Signal {
     pub max: f64,
     /// It is present only if the message's multiplexer has a certain value.
     pub multiplexed: bool,
+    /// Value of the message's multiplexer in whose frames the signal is; none: in all of them.
+    pub selector: Option<u64>,
+    /// It is the message's multiplexer.
+    pub multiplexer: bool,
+    /// What is sent where nothing else says it: the count, or a float's value, that the file gives
+    /// this signal by the attribute `GenSigStartValue`. The attribute's default counts for none.
+    pub start: Option<f64>,
     /// Line in the file, from 1.
     pub line: usize,
     pub(crate) packing: Packing,
@@ -81,24 +88,101 @@ impl Dbc {
 }
 
 impl Message {
+    /// A message that no file describes, of at most 8 bytes.
+    #[must_use]
+    pub fn new(name: String, id: u32, len: u8, signals: Vec<Signal>) -> Self {
+        Self {
+            name,
+            id,
+            len: len.min(8),
+            fd: false,
+            line: 0,
+            signals,
+        }
+    }
+
     /// The signal of that name.
     #[must_use]
     pub fn signal(&self, name: &str) -> Option<&Signal> {
         self.signals.iter().find(|signal| signal.name == name)
     }
 
-    /// The message on a bus, all of its bytes zero.
+    /// The message on a bus with every signal at its [start](Signal::start), or else at its
+    /// physical zero; of multiplexed signals those that the multiplexer's start selects.
     #[must_use]
-    pub fn zeroed(&self, bus: u8) -> Frame {
-        Frame::zeroed(bus, self.id, self.len, self.fd)
+    pub fn at_start(&self, bus: u8) -> Frame {
+        let mut frame = Frame::zeroed(bus, self.id, self.len, self.fd);
+        for signal in self.signals.iter().filter(|s| self.is_selected(s)) {
+            signal.packing.write(&mut frame.data, signal.start_raw());
+        }
+        frame
+    }
+
+    /// The signal is in the frames that [`at_start`](Self::at_start) makes.
+    #[must_use]
+    pub fn is_selected(&self, signal: &Signal) -> bool {
+        let multiplexer = self.signals.iter().find(|signal| signal.multiplexer);
+        match (signal.selector, multiplexer) {
+            (None, _) => !signal.multiplexed,
+            (Some(selector), Some(by)) => by.start_raw() == selector as f64,
+            (Some(_), None) => false,
+        }
     }
 }
 
 impl Signal {
+    /// A little endian signal that no file describes, from its least significant bit on; its range is
+    /// that of its bits.
+    ///
+    /// # Panics
+    /// A size beyond 1 to 64 bits, or a first bit beyond a frame's: in debug builds.
+    #[must_use]
+    pub fn new(
+        name: &str,
+        unit: &str,
+        coding: Coding,
+        first_bit: usize,
+        size: u8,
+        scale: f64,
+    ) -> Self {
+        let packing = Packing::new(first_bit, usize::from(size), false, coding);
+        let (low, high) = packing.range();
+        let ends = [low * scale, high * scale];
+        Self {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            coding,
+            size,
+            scale,
+            offset: 0.0,
+            min: ends[0].min(ends[1]),
+            max: ends[0].max(ends[1]),
+            multiplexed: false,
+            selector: None,
+            multiplexer: false,
+            start: None,
+            line: 0,
+            packing,
+        }
+    }
+
     /// Least and greatest number that the signal's bits can hold, before scaling.
     #[must_use]
     pub fn raw_range(&self) -> (f64, f64) {
         self.packing.range()
+    }
+
+    /// Bits that are all zero mean the value zero, and the signal may have it.
+    #[must_use]
+    pub fn zero_is_zero(&self) -> bool {
+        self.offset == 0.0 && self.min <= 0.0 && self.max >= 0.0
+    }
+
+    /// The count, or a float's value, that is sent where nothing else says it.
+    pub(crate) fn start_raw(&self) -> f64 {
+        let (least, greatest) = self.packing.range();
+        let zero = -self.offset / self.scale;
+        self.start.unwrap_or(zero).max(least).min(greatest)
     }
 }
 

@@ -106,6 +106,8 @@ pub struct Entry {
     pub fd: bool,
     /// Name.
     pub name: String,
+    /// What is sent with nothing mapped: see [`Message::at_start`].
+    start: Frame,
     signals: Range<usize>,
 }
 
@@ -239,7 +241,8 @@ impl Table {
     }
 
     /// Makes the frame of the message with that index from the slots: nearest count, within the
-    /// signal's range; signals that are not mapped are zero.
+    /// signal's range. Signals that are not mapped are as [`Message::at_start`] has them: no joint is
+    /// sent a torque because its message's count zero stands for one.
     ///
     /// False, with `frame` untouched, if a value is missing or not finite: no position follows
     /// from NaN.
@@ -248,7 +251,7 @@ impl Table {
         let Some(entry) = self.entries.get(index) else {
             return false;
         };
-        let mut made = Frame::zeroed(entry.bus, entry.id, entry.len, entry.fd);
+        let mut made = entry.start;
         for signal in self.signals_of(index) {
             let Some(value) = slots.get(signal.slot).filter(|value| value.is_finite()) else {
                 return false;

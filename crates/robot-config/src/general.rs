@@ -35,6 +35,16 @@ pub(crate) struct Bus {
     pub(crate) sync: String,
     pub(crate) sync_place: usize,
     pub(crate) dbc_places: Vec<usize>,
+    pub(crate) constants: Vec<Constant>,
+}
+
+/// A signal of a sent message that no key of a joint sets.
+pub(crate) struct Constant {
+    /// `MESSAGE.signal`.
+    pub(crate) signal: String,
+    /// In the DBC file's unit.
+    pub(crate) value: f64,
+    pub(crate) place: usize,
 }
 
 pub(crate) fn robot(root: &Section<'_, '_>, config: &str) -> Option<Named> {
@@ -174,10 +184,28 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
                 .map_or_else(String::new, |sync| sync.value.to_owned()),
             sync_place: sync.map_or_else(|| section.place(), |sync| sync.place),
             dbc_places: dbcs.iter().map(|dbc| dbc.place).collect(),
+            constants: section
+                .list("constants")
+                .into_iter()
+                .map(constant)
+                .collect(),
         });
         section.finish();
     }
     buses
+}
+
+fn constant(section: Section<'_, '_>) -> Constant {
+    let signal = section.text("signal", "MESSAGE.signal");
+    let constant = Constant {
+        value: section.number("value", Allowed::Finite),
+        place: signal
+            .as_ref()
+            .map_or_else(|| section.place(), |text| text.place),
+        signal: signal.map_or_else(String::new, |text| text.value.to_owned()),
+    };
+    section.finish();
+    constant
 }
 
 /// Carrier of the bus's frames.

@@ -1,5 +1,7 @@
 //! Signals of the buses and their uses.
 
+mod sent;
+
 use crate::general::Bus;
 use crate::reader::{At, Diagnostics, Section};
 use crate::units::Quantity;
@@ -76,10 +78,16 @@ impl<'n, 't> Wiring<'n, 't> {
             })
             .collect()
         };
+        let mut dbcs: Vec<Option<Vec<Dbc>>> = buses.iter().map(read_bus).collect();
+        for (bus, of_bus) in buses.iter().zip(&mut dbcs) {
+            if let Some(of_bus) = of_bus {
+                sent::set_constants(diagnostics, bus, of_bus);
+            }
+        }
         Self {
             diagnostics,
             buses,
-            dbcs: buses.iter().map(read_bus).collect(),
+            dbcs,
             receive: Vec::new(),
             send: Vec::new(),
             used: BTreeMap::new(),
@@ -187,7 +195,17 @@ impl<'n, 't> Wiring<'n, 't> {
             }));
             let found = of_bus.iter().find_map(|dbc| dbc.message(&bus.sync));
             match found {
-                Some(message) => sync.push(message.zeroed(i as u8)),
+                Some(message) => {
+                    let nobody = |_: &Signal| false;
+                    sent::check(
+                        self.diagnostics,
+                        message,
+                        bus.sync_place,
+                        "bus.sync",
+                        nobody,
+                    );
+                    sync.push(message.at_start(i as u8));
+                }
                 None if bus.sync.is_empty() => {}
                 None => {
                     let what = format!(
@@ -206,6 +224,7 @@ impl<'n, 't> Wiring<'n, 't> {
         let (receive, send) = (compile(&self.receive), compile(&self.send));
         let (receive, send) = (receive?, send?);
         self.separate(&send);
+        self.all_is_meant(&send);
         for (table, way) in [(&receive, "received"), (&send, "sent")] {
             // SYNC frames take room too.
             let count = table.message_count() + sync.len();
@@ -216,6 +235,39 @@ impl<'n, 't> Wiring<'n, 't> {
             }
         }
         Some((receive, send, sync))
+    }
+
+    /// Notes signals of sent messages for which nobody says what is sent, at the message's first key,
+    /// and constants of signals that a key sets.
+    fn all_is_meant(&self, send: &Table) {
+        for entry in (0..send.message_count()).filter_map(|index| send.message(index)) {
+            let of_message =
+                |map: &&(u8, SignalMap)| map.0 == entry.bus && map.1.message == entry.name;
+            let maps: Vec<_> = self.send.iter().filter(of_message).collect();
+            let (bus, dbcs) = (usize::from(entry.bus), &self.dbcs[usize::from(entry.bus)]);
+            let message = dbcs
+                .iter()
+                .flatten()
+                .find_map(|dbc| dbc.message(&entry.name));
+            let key = maps.iter().find_map(|(_, map)| {
+                let path = format!("{}.{}", map.message, map.signal);
+                self.used.get(&(bus, path))
+            });
+            if let (Some(message), Some((key, place))) = (message, key) {
+                let is_mapped = |s: &Signal| maps.iter().any(|(_, map)| map.signal == s.name);
+                sent::check(self.diagnostics, message, *place, key, is_mapped);
+            }
+        }
+        for (i, bus) in self.buses.iter().enumerate() {
+            for constant in &bus.constants {
+                let path = (i, constant.signal.clone());
+                if let Some((key, _)) = self.used.get(&path) {
+                    let what = format!("bus.constants: {} is set by {key}", constant.signal);
+                    let allowed = "signals of sent messages that no key of a joint names";
+                    self.diagnostics.at(constant.place, what, allowed);
+                }
+            }
+        }
     }
 
     /// Notes control words that share a message with set-points. Set-points leave only when their
@@ -267,7 +319,7 @@ fn ends(signal: &[f64; 2], how: &Use, factor: f64) -> [f64; 2] {
     [a.min(b), a.max(b)]
 }
 
-fn find<'d>(dbcs: &'d [Dbc], message: &str, name: &str) -> Result<&'d Signal, Problem> {
+pub(crate) fn find<'d>(dbcs: &'d [Dbc], message: &str, name: &str) -> Result<&'d Signal, Problem> {
     let Some(found) = dbcs.iter().find_map(|dbc| dbc.message(message)) else {
         let files = dbcs.iter().map(|dbc| dbc.file.as_str()).collect::<Vec<_>>();
         let what = format!("{} has no message {message}", files.join(", "));

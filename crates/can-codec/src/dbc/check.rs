@@ -152,7 +152,9 @@ impl Check<'_> {
                 && self.place(signal, len, &path, line)
             {
                 self.overlap(signal, &mut owners, &path, line);
-                signals.push(self.signal(signal, coding, &path, line));
+                let mut made = self.signal(signal, coding, &path, line);
+                made.start = self.start(dbc, message, &made, &path);
+                signals.push(made);
             }
         }
         signals
@@ -308,9 +310,46 @@ impl Check<'_> {
                 MultiplexIndicator::MultiplexedSignal(_)
                     | MultiplexIndicator::MultiplexorAndMultiplexedSignal(_)
             ),
+            selector: selector(signal),
+            multiplexer: matches!(
+                signal.multiplexer_indicator,
+                MultiplexIndicator::Multiplexor
+            ),
+            start: None,
             line,
             packing,
         }
+    }
+
+    /// The count that the attribute `GenSigStartValue` gives this signal; what the attribute has as
+    /// its default for all signals nobody has chosen for this one.
+    fn start(
+        &mut self,
+        dbc: &can_dbc::Dbc,
+        message: &can_dbc::Message,
+        signal: &Signal,
+        path: &str,
+    ) -> Option<f64> {
+        use can_dbc::AttributeValue::{Double, Int, String, Uint};
+        let written = dbc.signal_attribute(message.id, &signal.name, "GenSigStartValue")?;
+        let value = match written {
+            Uint(value) => Some(*value as f64),
+            Int(value) => Some(*value as f64),
+            Double(value) => Some(*value),
+            String(text) => text.trim().parse().ok(),
+        };
+        let (least, greatest) = signal.packing.range();
+        let whole = |value: f64| !signal.coding.is_integer() || value.fract() == 0.0;
+        let fits = |&value: &f64| value >= least && value <= greatest && whole(value);
+        let start = value.filter(fits);
+        if start.is_none() {
+            self.note(
+                signal.line,
+                format!("signal {path} has a GenSigStartValue that its bits cannot hold"),
+                format!("a count, before scaling, from {least} to {greatest}"),
+            );
+        }
+        start
     }
 
     fn unique(&mut self, messages: &[Message]) {

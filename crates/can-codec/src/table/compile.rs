@@ -176,6 +176,7 @@ impl<'a> Compiler<'a> {
                 len: described.len,
                 fd: described.fd,
                 name: described.name.clone(),
+                start: described.at_start(on_bus.bus),
                 signals: start..table.signals.len(),
             });
         }

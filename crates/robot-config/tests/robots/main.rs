@@ -4,6 +4,7 @@ mod accepted;
 mod buses;
 mod drives;
 mod files;
+mod meant;
 mod motor_alone;
 mod prismatic;
 mod refusals;
