@@ -1,0 +1,468 @@
+//! Drives of CiA 402 (IEC 61800-7-201): their process data and their set-up.
+
+pub mod simulated;
+
+use crate::canopen::bring_up::{Check, Plan, Step, Write};
+use crate::canopen::eds::ObjectDictionary;
+use crate::canopen::pdo::{self, Direction, Mapped, PDOS, Pdo};
+use crate::canopen::{NODES, Object};
+use can_codec::{Coding, Dbc, Message, Signal};
+use core::f64::consts::TAU;
+use problem::{Problem, Problems};
+
+/// Control word.
+pub const CONTROL_WORD: Object = Object::new(0x6040, 0);
+/// Status word.
+pub const STATUS_WORD: Object = Object::new(0x6041, 0);
+const MODE: Object = Object::new(0x6060, 0);
+const MODE_DISPLAY: Object = Object::new(0x6061, 0);
+const POSITION: Object = Object::new(0x6064, 0);
+const VELOCITY: Object = Object::new(0x606C, 0);
+const TARGET_TORQUE: Object = Object::new(0x6071, 0);
+const RATED_CURRENT: Object = Object::new(0x6075, 0);
+const CURRENT: Object = Object::new(0x6078, 0);
+const TARGET_POSITION: Object = Object::new(0x607A, 0);
+const MODES: Object = Object::new(0x6502, 0);
+
+/// Node identifier under which the daemon's own heartbeat is sent.
+pub const MASTER: u8 = 127;
+
+/// How a drive is commanded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// Cyclic synchronous position.
+    Position,
+    /// Cyclic synchronous torque.
+    Torque,
+}
+
+impl Mode {
+    /// The value of object 6060.
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Position => 8,
+            Self::Torque => 10,
+        }
+    }
+
+    /// Its bit in object 6502.
+    fn supported(self) -> u32 {
+        match self {
+            Self::Position => 1 << 7,
+            Self::Torque => 1 << 9,
+        }
+    }
+
+    fn target(self) -> Mapped {
+        match self {
+            Self::Position => long(TARGET_POSITION),
+            Self::Torque => word(TARGET_TORQUE),
+        }
+    }
+}
+
+/// The side of the gear on which object 6064 counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The motor's: the joint's angle is another object's.
+    Motor,
+    /// The joint's: the motor's angle is another object's.
+    Link,
+}
+
+/// A kind of drive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kind {
+    /// How it is commanded.
+    pub mode: Mode,
+    /// The side on which 6064 counts, and 607A.
+    pub side: Side,
+    /// The object of the other side's angle, 32 bits; none: there is no other encoder.
+    pub other_angle: Option<Object>,
+    /// The velocity (606C) is exchanged too, rpm of the motor per count; none: it is not.
+    pub velocity_unit: Option<f64>,
+    /// Rated current, A: object 6075, by which 6078 counts.
+    pub rated_current: f64,
+    /// Current that makes the rated torque, A: object 6076, by which 6071 counts.
+    pub current_per_torque: f64,
+    /// Time after which the drive counts the daemon as lost, ms.
+    pub heartbeat_ms: u16,
+    /// Number of the maker (1018:01), if it must be that.
+    pub vendor: Option<u32>,
+    /// Number of the product (1018:02), if it must be that.
+    pub product: Option<u32>,
+    /// Further objects to write: the maker's own, limits.
+    pub sdo: Vec<(Object, Vec<u8>)>,
+}
+
+/// A drive of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drive<'k> {
+    /// Its kind.
+    pub kind: &'k Kind,
+    /// What it moves: a prefix of its messages' names.
+    pub name: &'k str,
+    /// Index of its bus.
+    pub bus: u8,
+    /// Its node.
+    pub node: u8,
+    /// Interval of SYNC, s.
+    pub period: f64,
+    /// Unit of a position in 607A, and what one count is in it.
+    pub position_count: (&'k str, f64),
+}
+
+/// Names of a drive's signals in the messages that [`Drive::messages`] makes.
+pub mod signals {
+    /// Status word.
+    pub const STATUS: &str = "status";
+    /// Angle of the motor.
+    pub const MOTOR_ANGLE: &str = "motor_angle";
+    /// Angle of the joint.
+    pub const LINK_ANGLE: &str = "link_angle";
+    /// Current.
+    pub const CURRENT: &str = "current";
+    /// Velocity of the motor.
+    pub const VELOCITY: &str = "velocity";
+    /// Control word.
+    pub const CONTROL: &str = "control";
+    /// Position or current.
+    pub const SET_POINT: &str = "set_point";
+}
+
+const fn word(object: Object) -> Mapped {
+    Mapped { object, bits: 16 }
+}
+
+const fn long(object: Object) -> Mapped {
+    Mapped { object, bits: 32 }
+}
+
+impl Drive<'_> {
+    /// Its process data. The control word has a message of its own: it enables a drive before any
+    /// set-point leaves.
+    ///
+    /// # Errors
+    /// More than the messages hold.
+    pub fn process_data(&self) -> Result<Vec<Pdo>, Problem> {
+        let kind = self.kind;
+        let first = [word(STATUS_WORD), word(CURRENT), long(POSITION)];
+        let mut second = Vec::new();
+        second.extend(kind.other_angle.map(long));
+        second.extend(kind.velocity_unit.map(|_| long(VELOCITY)));
+        let mut groups: Vec<&[Mapped]> = vec![&first];
+        if !second.is_empty() {
+            groups.push(&second);
+        }
+        let mut pdos = pdo::plan(Direction::Transmit, 1, &groups)?;
+        // At once: a control word must not wait for the next SYNC, nor a set-point, which is
+        // computed from this cycle's samples.
+        let receive = |number, mapped| Pdo {
+            direction: Direction::Receive,
+            number,
+            transmission: 255,
+            mapped: vec![mapped],
+        };
+        pdos.push(receive(0, word(CONTROL_WORD)));
+        pdos.push(receive(1, kind.mode.target()));
+        Ok(pdos)
+    }
+
+    /// Messages of its process data, as a DBC file would describe them, named `NAME_TPDO1` and so on.
+    ///
+    /// # Errors
+    /// As [`process_data`](Self::process_data).
+    pub fn messages(&self) -> Result<Dbc, Problem> {
+        let pdos = self.process_data()?;
+        let messages = pdos.iter().map(|pdo| {
+            let kind = match pdo.direction {
+                Direction::Transmit => 'T',
+                Direction::Receive => 'R',
+            };
+            let name = format!("{}_{kind}PDO{}", self.name, pdo.number + 1);
+            let places = pdo.places();
+            let signals = places
+                .map(|(mapped, bit)| self.signal(mapped, bit))
+                .collect();
+            Message::new(name, pdo.id(self.node), pdo.len(), signals)
+        });
+        Ok(Dbc {
+            file: format!("process data of {} (node {})", self.name, self.node),
+            messages: messages.collect(),
+        })
+    }
+
+    /// `MESSAGE.signal` of a signal's name, if the drive has it.
+    #[must_use]
+    pub fn path(&self, signal: &str) -> Option<String> {
+        let dbc = self.messages().ok()?;
+        let found = dbc
+            .messages
+            .iter()
+            .find(|message| message.signal(signal).is_some())?;
+        Some(format!("{}.{signal}", found.name))
+    }
+
+    fn signal(&self, mapped: Mapped, bit: usize) -> Signal {
+        let kind = self.kind;
+        let per_mille = kind.rated_current / 1000.0;
+        let (own, other) = match kind.side {
+            Side::Motor => (signals::MOTOR_ANGLE, signals::LINK_ANGLE),
+            Side::Link => (signals::LINK_ANGLE, signals::MOTOR_ANGLE),
+        };
+        let (name, unit, scale, coding) = match mapped.object {
+            STATUS_WORD => (signals::STATUS, "", 1.0, Coding::Unsigned),
+            CONTROL_WORD => (signals::CONTROL, "", 1.0, Coding::Unsigned),
+            CURRENT => (signals::CURRENT, "A", per_mille, Coding::Signed),
+            TARGET_TORQUE => {
+                let scale = kind.current_per_torque / 1000.0;
+                (signals::SET_POINT, "A", scale, Coding::Signed)
+            }
+            TARGET_POSITION => {
+                let (unit, scale) = self.position_count;
+                (signals::SET_POINT, unit, scale, Coding::Signed)
+            }
+            POSITION => (own, "count", 1.0, Coding::Signed),
+            VELOCITY => {
+                let rpm = kind.velocity_unit.unwrap_or(1.0);
+                (signals::VELOCITY, "rad/s", rpm * TAU / 60.0, Coding::Signed)
+            }
+            _ => (other, "count", 1.0, Coding::Signed),
+        };
+        Signal::new(name, unit, coding, bit, mapped.bits, scale)
+    }
+
+    /// Checks the drive against its object dictionary.
+    ///
+    /// # Errors
+    /// Objects that it lacks or cannot exchange, and a mode that it does not have.
+    pub fn check(&self, dictionary: &ObjectDictionary) -> Result<(), Problems> {
+        let mut problems = match self.process_data() {
+            Ok(pdos) => pdo::check(&pdos, dictionary),
+            Err(problem) => vec![problem],
+        };
+        for (object, value) in &self.kind.sdo {
+            let entry = dictionary.entry(*object);
+            let bits = 8 * value.len();
+            let what = match entry {
+                None => format!("no object {object}"),
+                Some(entry) if !entry.writable => format!("{object} cannot be written"),
+                Some(entry) if entry.bits.is_some_and(|own| usize::from(own) != bits) => {
+                    format!("{object} does not have {bits} bits")
+                }
+                Some(_) => continue,
+            };
+            let line = entry.map_or(0, |entry| entry.line);
+            let problem = Problem::new(what, "objects of this drive, with their lengths");
+            problems.push(problem.at(&dictionary.file, line));
+        }
+        if let Some(modes) = dictionary.value(MODES, self.node)
+            && modes as u32 & self.kind.mode.supported() == 0
+            && modes != 0
+        {
+            let what = format!(
+                "object {MODES}: the drive has no mode {}",
+                self.kind.mode.number()
+            );
+            let line = dictionary.entry(MODES).map_or(0, |entry| entry.line);
+            problems.push(Problem::new(what, "the other command").at(&dictionary.file, line));
+        }
+        match problems.is_empty() {
+            true => Ok(()),
+            false => Err(Problems(problems)),
+        }
+    }
+
+    /// Its set-up, from whatever state it is in to operational.
+    ///
+    /// # Errors
+    /// As [`process_data`](Self::process_data), and a node that there cannot be.
+    pub fn plan(&self) -> Result<Plan, Problem> {
+        if !NODES.contains(&self.node) || self.node == MASTER {
+            let what = format!("node {} is not allowed", self.node);
+            return Err(Problem::new(what, "1 to 126; 127 is the daemon's"));
+        }
+        let mut steps = vec![Step::ResetCommunication];
+        self.identity(&mut steps);
+        self.supervision(&mut steps);
+        for (object, value) in &self.kind.sdo {
+            steps.push(write(*object, "as configured", value.clone()));
+        }
+        self.mapping(&mut steps)?;
+        self.mode(&mut steps);
+        Ok(Plan {
+            bus: self.bus,
+            node: self.node,
+            name: self.name.to_owned(),
+            steps,
+        })
+    }
+
+    fn identity(&self, steps: &mut Vec<Step>) {
+        let kind = self.kind;
+        let other = "another device has this node id, or the configuration names another drive";
+        let read = |sub, meaning, value: Option<u32>| {
+            Step::Read(Check {
+                object: Object::new(0x1018, sub),
+                meaning,
+                mask: value.map_or(0, |_| u32::MAX),
+                value: value.unwrap_or(0),
+                cure: other.to_owned(),
+                optional: value.is_none(),
+                awaited: false,
+            })
+        };
+        steps.push(Step::Read(Check {
+            object: Object::new(0x1000, 0),
+            meaning: "device type",
+            mask: 0xFFFF,
+            value: 402,
+            cure: format!("a drive of CiA 402 is expected: {other}"),
+            optional: false,
+            awaited: false,
+        }));
+        steps.push(read(1, "maker", kind.vendor));
+        steps.push(read(2, "product", kind.product));
+        steps.push(read(3, "revision", None));
+        steps.push(read(4, "serial number", None));
+        steps.push(Step::Read(Check {
+            object: MODES,
+            meaning: "modes of operation",
+            mask: kind.mode.supported(),
+            value: kind.mode.supported(),
+            cure: format!(
+                "the drive lacks mode {}: use the other command",
+                kind.mode.number()
+            ),
+            optional: true,
+            awaited: false,
+        }));
+        let rated = (kind.rated_current * 1000.0).round() as u32;
+        steps.push(Step::Read(Check {
+            object: RATED_CURRENT,
+            meaning: "rated current, mA",
+            mask: u32::MAX,
+            value: rated,
+            cure:
+                "set rated_current_A to what the drive has, or the drive to the motor's data sheet"
+                    .to_owned(),
+            optional: true,
+            awaited: false,
+        }));
+    }
+
+    /// Who watches whom: the drive the daemon, and what it does when that falls silent.
+    fn supervision(&self, steps: &mut Vec<Step>) {
+        let ms = self.kind.heartbeat_ms;
+        let consumer = u32::from(MASTER) << 16 | u32::from(ms);
+        let own = (ms / 2).max(10).to_le_bytes().to_vec();
+        let heard = Object::new(0x1016, 1);
+        steps.push(write(
+            heard,
+            "heartbeat of the daemon that it expects",
+            le(consumer),
+        ));
+        steps.push(write(Object::new(0x1017, 0), "its own heartbeat, ms", own));
+        // Quick stop; a drive without the object does what its maker chose.
+        let quick_stop = 3i16.to_le_bytes().to_vec();
+        let lost = Object::new(0x6007, 0);
+        steps.push(optional(
+            lost,
+            "reaction to a lost daemon: quick stop",
+            quick_stop,
+        ));
+    }
+
+    fn mapping(&self, steps: &mut Vec<Step>) -> Result<(), Problem> {
+        let pdos = self.process_data()?;
+        for direction in [0x1400, 0x1800] {
+            for number in 0..u16::from(PDOS) {
+                let parameter = direction + number;
+                if !pdos.iter().any(|pdo| pdo.communication() == parameter) {
+                    steps.push(Step::SwitchOff(parameter));
+                }
+            }
+        }
+        for pdo in &pdos {
+            for written in pdo.writes(self.node) {
+                steps.push(Step::Write(Write {
+                    object: written.object,
+                    meaning: "mapping of process data",
+                    value: written.value,
+                    mask: written.mask,
+                    optional: false,
+                }));
+            }
+        }
+        Ok(())
+    }
+
+    fn mode(&self, steps: &mut Vec<Step>) {
+        let mode = self.kind.mode;
+        let us = (self.period * 1e6).round().max(1.0) as u64;
+        // Of powers of ten the largest that leaves a whole mantissa of one byte.
+        let exact = (0..=6u32)
+            .rev()
+            .map(|p| (us / 10u64.pow(p), p, us % 10u64.pow(p)));
+        let fits =
+            |&(mantissa, _, rest): &(u64, u32, u64)| rest == 0 && (1..=255).contains(&mantissa);
+        if let Some((mantissa, power, _)) = exact.into_iter().find(fits) {
+            let exponent = power as i8 - 6;
+            let meaning = "interval of set-points";
+            steps.push(optional(
+                Object::new(0x60C2, 1),
+                meaning,
+                vec![mantissa as u8],
+            ));
+            steps.push(optional(
+                Object::new(0x60C2, 2),
+                meaning,
+                vec![exponent as u8],
+            ));
+        }
+        steps.push(write(MODE, "mode of operation", vec![mode.number()]));
+        match mode {
+            // No jump by a target of zero.
+            Mode::Position => steps.push(Step::Copy(POSITION, TARGET_POSITION)),
+            Mode::Torque => {
+                let zero = 0u16.to_le_bytes().to_vec();
+                steps.push(write(TARGET_TORQUE, "no torque", zero));
+            }
+        }
+        steps.push(Step::Start);
+        steps.push(Step::Read(Check {
+            object: MODE_DISPLAY,
+            meaning: "mode of operation that the drive is in",
+            mask: 0xFF,
+            value: u32::from(mode.number()),
+            cure: "the drive does not take this mode: see 6502 and its manual".to_owned(),
+            optional: false,
+            awaited: true,
+        }));
+    }
+}
+
+fn le(value: u32) -> Vec<u8> {
+    value.to_le_bytes().to_vec()
+}
+
+fn write(object: Object, meaning: &'static str, value: Vec<u8>) -> Step {
+    Step::Write(Write {
+        object,
+        meaning,
+        value,
+        mask: u32::MAX,
+        optional: false,
+    })
+}
+
+fn optional(object: Object, meaning: &'static str, value: Vec<u8>) -> Step {
+    match write(object, meaning, value) {
+        Step::Write(write) => Step::Write(Write {
+            optional: true,
+            ..write
+        }),
+        step => step,
+    }
+}
