@@ -8,13 +8,14 @@ cd "$root"
 
 usage() {
     cat <<END
-usage: rt-tests/install.sh [--python] [--vm] [--bench] [--fuzz]
+usage: rt-tests/install.sh [--python] [--vm] [--client] [--bench] [--fuzz]
 
-Installs what ./test needs; without options, --python and --vm.
+Installs what ./test needs; without options, --python, --vm and --client.
   --python   the Python environment .venv (rt-tests/python/requirements.txt)
   --vm       Debian packages for the virtual machines, the PREEMPT_RT kernel
              that the timing test boots (unpacked into target/vm, not installed), and what
              User-Mode Linux needs on processors with AMX (compiled into target/vm)
+  --client   Debian packages for the tests of the C and C++ client
   --bench    Debian packages for benches/dynamics/run.sh
   --fuzz     Debian packages for rt-tests/fuzz.sh
 END
@@ -80,6 +81,8 @@ install_vm() {
 
 install_bench() { packages clang clang-19 python3-venv; }
 
+install_client() { packages gcc g++ libc6-dev pkg-config binutils; }
+
 install_fuzz() { packages g++; }
 
 install_python() {
@@ -92,14 +95,15 @@ install_python() {
     cp "$wanted" .venv/requirements.txt # last: says that all of it is there
 }
 
-[ $# -gt 0 ] || set -- --vm --python
+[ $# -gt 0 ] || set -- --vm --python --client
 for option in "$@"; do
     case $option in
         --vm) install_vm ;;
         --python) install_python ;;
+        --client) install_client ;;
         --bench) install_bench ;;
         --fuzz) install_fuzz ;;
         -h | --help) usage; exit 0 ;;
-        *) echo "install: unknown option '$option'; allowed: --python --vm --bench --fuzz --help" >&2; exit 2 ;;
+        *) echo "install: unknown option '$option'; allowed: --python --vm --client --bench --fuzz --help" >&2; exit 2 ;;
     esac
 done

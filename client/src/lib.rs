@@ -17,11 +17,13 @@
 //! Every wait has a time limit, and every error names its remedy. Only processes of
 //! the daemon's own user can connect.
 
+mod c_layout;
 mod channel;
 mod client;
 mod commander;
 mod daemon_ports;
 mod discovery;
+mod enumerations;
 mod error;
 mod follow;
 mod location;
@@ -30,6 +32,7 @@ mod requests;
 mod room;
 mod state_directory;
 
+pub use c_layout::c_layout;
 pub use client::{Client, Record};
 pub use commander::Commander;
 pub use daemon_ports::DaemonPorts;
