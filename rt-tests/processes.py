@@ -100,6 +100,10 @@ class Process:
         self.send(signal.SIGTERM)
         return self.report(limit_s, code)
 
+    def runs(self):
+        """Whether it has not ended."""
+        return self._popen.poll() is None
+
     def kill(self):
         """Ends it, whatever its state."""
         self._popen.kill()

@@ -1,9 +1,11 @@
 """The second robot, the daemon in front of it, and clients: faults are set, the true motion is measured."""
 
+import gc
 import math
 import re
 import shutil
 import subprocess
+import sys
 import threading
 import time
 from dataclasses import dataclass, field
@@ -22,6 +24,8 @@ VELOCITY_LIMITS = np.array([4.0, 4.0, 5.0])
 RATE_HZ = 500.0
 #: Columns of the robot's log: stamp, time until it answered, mark, then those of each joint.
 COLUMNS = 3 + 7 * len(JOINTS)
+#: State of a drive in the log.
+ENABLED = 4
 #: Amplitude and frequency of the motion that clients ask for, rad and Hz.
 AMPLITUDE, FREQUENCY_HZ = 0.25, 0.5
 #: Pauses of daemon, robot or client from which on a run is not judged, ms: one that does not hold, and one that
@@ -183,6 +187,11 @@ class Result:
     events: dict = field(repr=False)
     told: str = ""  #: what the client was told
     paused_ms: float = 0.0  #: longest pause of daemon or robot
+    client_ms: float = 0.0  #: longest time between two references of the client
+
+    def is_judged(self, holds, paused_ms=(PAUSE_FAILED_MS, PAUSE_PASSED_MS)):
+        """Whether the machine has not disturbed the run."""
+        return self.paused_ms < paused_ms[holds] and (holds or self.client_ms < CLIENT_PAUSE_MS)
 
     def __str__(self):
         events = " ".join(f"{number}x{count}" for number, count in self.events.items() if number not in (501, 502))
@@ -210,17 +219,23 @@ class Leg:
             self.client = torqued.Client(NAME, timeout_s=10.0)
             self._for_mover = torqued.Client(NAME, timeout_s=10.0)
         except BaseException:
-            self.__exit__()
+            self.__exit__(*sys.exc_info())
             raise
 
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, kind=None, *_):
+        slow = kind is not None and issubclass(kind, torqued.NoDaemonError) and self.daemon.runs()
         if self.mover:
             self.mover.end()
         self.daemon.kill()
         self.robot.end()
+        # A service has room for so many subscribers, and the next daemon's has the same name.
+        self.client = self._for_mover = self.mover = None
+        gc.collect()
+        if slow:
+            raise DisturbedError("the daemon runs, but its records or answers did not come in time")
 
     def record(self):
         """The newest record."""
@@ -272,16 +287,17 @@ class Leg:
 
     def require(self, condition, what):
         """Fails unless the condition is met, or the machine has disturbed the run so far."""
-        if not condition and self._paused_ms(self.robot.truth()) > PAUSE_FAILED_MS:
-            raise DisturbedError(what)
+        if not condition:
+            paused = self._paused_ms(self.robot.truth()) > PAUSE_FAILED_MS
+            if paused or self.mover and self.mover.paused_ms > CLIENT_PAUSE_MS:
+                raise DisturbedError(what)
         assert condition, what
 
     def _paused_ms(self, rows):
-        """Longest pause within these periods; a client's counts where it can be felt."""
-        gaps = np.diff(np.unique(rows[:, 0])) - self.period_s
-        longest = 1e3 * max(gaps.max(initial=0.0), rows[:, 1].max(initial=0.0))
-        client = self.mover.paused_ms if self.mover else 0.0
-        return max(longest, client if client > CLIENT_PAUSE_MS else 0.0)
+        """Longest pause within these periods: those without a SYNC of their own have the stamp of the last one."""
+        stamps, periods = np.unique(rows[:, 0], return_counts=True)
+        gaps = [*(np.diff(stamps) - self.period_s), (periods.max(initial=1) - 1) * self.period_s]
+        return 1e3 * max(*gaps, rows[:, 1].max(initial=0.0))
 
     def mark(self, *faults):
         """Sets faults and marks the robot's log from that moment on."""
@@ -299,10 +315,12 @@ class Leg:
         dq = [np.abs(part[:, 4::7]) for part in (before, rows[first:])]
         way = np.maximum(q[0].min(0) - q[1].min(0), q[1].max(0) - q[0].max(0)).clip(0)
         speed = (dq[1].max(0) - dq[0].max(0)).clip(0) / VELOCITY_LIMITS
-        # A pause after the first motion beyond the narrowest bounds has not caused it.
+        # A pause after the first motion beyond the narrowest bounds, or after a drive is off, has not caused it.
         degree, slow = math.radians(1), dq[0].max(0) + 0.1 * VELOCITY_LIMITS
         beyond = (q[1] < q[0].min(0) - degree) | (q[1] > q[0].max(0) + degree) | (dq[1] > slow)
-        until = first + int(beyond.any(1).argmax()) + 1 if beyond.any() else len(rows)
+        off = (rows[first:, 8::7] != ENABLED) & (before[-1:, 8::7] == ENABLED)
+        decided = (beyond | off).any(1)
+        until = first + int(decided.argmax()) + 1 if decided.any() else len(rows)
         kind, index = cycle.fault_subject >> 16, cycle.fault_subject & 0xFFFF
         difference = np.array(cycle.events[:]) - events_before
         return Result(
@@ -316,6 +334,7 @@ class Leg:
             events={EVENT_NUMBERS[i]: int(n) for i, n in enumerate(difference) if n},
             told=self.mover.error if self.mover else "",
             paused_ms=self._paused_ms(rows[first - len(before) : until]),
+            client_ms=self.mover.paused_ms if self.mover else 0.0,
         )
 
     def inject(self, *faults, window_s=1.5, before_s=0.3):

@@ -1,70 +1,23 @@
 """Faults of drives, encoders and sensors of a robot that shares no code with the project: what it truly moves."""
 
 import functools
-import math
 import time
-from dataclasses import dataclass, field
 
 import pytest
-import torqued
-from second_robot import JOINTS, PAUSE_FAILED_MS, PAUSE_PASSED_MS, DisturbedError, Leg, configuration
+from cases import BOUND, CASES
+from processes import BINARIES, Process
+from second_robot import (
+    NAME,
+    PAUSE_FAILED_MS,
+    PAUSE_PASSED_MS,
+    DisturbedError,
+    Leg,
+    by_current,
+    configuration,
+)
 
-#: Bounds of the true motion: degrees, per cent of the velocity limit.
-BOUND = (1.0, 10.0)
-#: A drive that strays: nobody can see its first 5 ms.
-STRAYING = (1.0, 35.0)
 #: Attempts until the machine has not disturbed a run.
 ATTEMPTS = 6
-DEG = math.pi / 180
-
-
-@dataclass(frozen=True)
-class Case:
-    """Faults that are set while the robot is in a mode, or in mode "power-on" before it is enabled."""
-
-    name: str
-    mode: str
-    faults: tuple
-    bounds: tuple = BOUND
-    window_s: float = 1.5
-    #: Replaced words of the configuration.
-    changes: dict = field(default_factory=dict, hash=False)
-    #: No fault may be latched.
-    sound: bool = False
-
-    def __str__(self):
-        return f"{self.name}, {self.mode}".replace(" ", "_")
-
-
-def reversed_about(joint, q, ratio):
-    """The configuration's words for both encoders of a joint, configured the wrong way round, but right where
-    it stands."""
-    words = {}
-    for side, factor in (("link", 1), ("motor", ratio)):
-        sign = f'{side}_angle = {{ signal = "{joint.upper()}.{side}_angle"'
-        words[sign + " }"] = f"{sign}, direction = -1, offset_deg = {2 * factor * q / DEG:.6f} }}"
-    return words
-
-
-SET_POINT_REVERSED = {
-    'set_point = { signal = "POSITIONS.knee_position" }': (
-        'set_point = { signal = "POSITIONS.knee_position", direction = -1 }'
-    )
-}
-
-CASES = [
-    # A single drive that strays
-    *(Case(f"{joint} goes to 0", "hold", (f"target_zero {joint} 1",), STRAYING) for joint in JOINTS),
-    # A supply that all drives share
-    Case("supply dips", "hold", ("supply_ms - 5",)),
-    # What is wrong at the first power-on
-    Case("both encoders reversed", "power-on", (), STRAYING, 2.0, reversed_about("hip", -0.5, 100)),
-    Case("set-point reversed", "power-on", (), STRAYING, 2.0, SET_POINT_REVERSED),
-    Case("loop reversed", "power-on", ("loop_reversed knee 1",), STRAYING, 2.0),
-    # Set-points from before
-    Case("target never set", "power-on", ("memory all 1",), sound=True),
-    Case("target never set, window", "power-on", ("memory all 1", "window all 0.05"), sound=True),
-]
 
 
 def attempt(program, folder, case):
@@ -86,17 +39,17 @@ def attempt(program, folder, case):
         return result
 
 
-def undisturbed(run, holds, most_ms=(PAUSE_FAILED_MS, PAUSE_PASSED_MS)):
+def undisturbed(run, holds, paused_ms=(PAUSE_FAILED_MS, PAUSE_PASSED_MS)):
     """The first run that the machine did not disturb; skips where there is none."""
     for index in range(ATTEMPTS):
         try:
             result = run(index)
-        except (DisturbedError, torqued.NoDaemonError) as error:
+        except DisturbedError as error:
             result = error
             print(f"attempt {index + 1}: {error}")
             continue
         print(f"attempt {index + 1}: {result}")
-        if result.paused_ms < most_ms[bool(holds(result))]:
+        if result.is_judged(bool(holds(result)), paused_ms):
             return result
     pytest.skip(f"the machine stalled in each of {ATTEMPTS} runs: {result}")
 
@@ -132,3 +85,33 @@ def test_sound_robot_goes_on(robot_program, tmp_path, mode):
 
     result = undisturbed(run, sound)
     assert sound(result), result
+
+
+def torquectl_move(*arguments):
+    """`torquectl move`: exit code and text."""
+    with Process(BINARIES / "torquectl", "move", "--robot", NAME, *arguments) as process:
+        return process.wait(30.0), process.output()
+
+
+#: Stiffness of the joints whose drives take currents, Nm/rad.
+SOFT = (600.0, 400.0, 60.0)
+
+
+def test_a_hold_by_current_does_not_swing(robot_program, tmp_path):
+    """A joint is moved by 5 degrees and held, with drives that take currents at 250 Hz."""
+    configure = functools.partial(by_current, stiffness=SOFT)
+
+    def run(index):
+        with Leg(robot_program, tmp_path / str(index), configure, ["by_current - 1"], 250.0) as leg:
+            leg.start()
+            code, text = torquectl_move("knee=62.3")
+            result = leg.inject(window_s=3.0, before_s=0.2)
+            result.told = f"exit code {code}: {text}"
+            return result
+
+    def holds(result):
+        sound = not result.fault and "exit code 0" in result.told
+        return result.degrees < BOUND[0] and result.per_cent < BOUND[1] and sound
+
+    result = undisturbed(run, holds)
+    assert holds(result), result

@@ -9,7 +9,7 @@
 #define BRAKE_SHUTS 0.01
 #define BRISTLE 1e-4         /* way after which friction is full, rad */
 #define BRAKE_FACTOR 2.0     /* what the brake bears, in torque limits */
-#define WINDOW_TIME 0.01
+#define WINDOW_TIME 0.002
 
 struct drive drive[JOINTS];
 struct joint_faults fault[JOINTS];
