@@ -8,101 +8,15 @@
 //! it stands. A lost frame is sent again; anything else that is not as planned ends the set-up with
 //! node, object, step and cure.
 
+mod plan;
 mod report;
 
 use super::sdo::{Progress, Request, SdoError, Transfer};
 use super::{Nmt, NodeState, Object, abort, pdo};
 use can_codec::Frame;
 use core::fmt;
+pub use plan::{Check, Limits, Plan, Step, Write};
 pub use report::{Change, Done, Reading, Trouble};
-
-/// One step of a set-up.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Step {
-    /// Communication starts anew with the settings of power-on; ends with the node's boot-up.
-    ResetCommunication,
-    /// Reads an object, and what it must be.
-    Read(Check),
-    /// Writes an object and reads it back.
-    Write(Write),
-    /// Switches a PDO off if there is one: its communication parameter.
-    SwitchOff(u16),
-    /// Copies an object to another one of the same length.
-    Copy(Object, Object),
-    /// Process data are exchanged from here on; ends when the node's heartbeat says so.
-    Start,
-}
-
-/// What an object must be.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Check {
-    /// The object.
-    pub object: Object,
-    /// What it is.
-    pub meaning: &'static str,
-    /// Bits that matter; 0: it is only shown.
-    pub mask: u32,
-    /// Their values.
-    pub value: u32,
-    /// What to do where it is something else.
-    pub cure: String,
-    /// A node may lack it.
-    pub optional: bool,
-    /// It may take a while: read again until the time is over.
-    pub awaited: bool,
-}
-
-/// A write.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Write {
-    /// The object.
-    pub object: Object,
-    /// What it is for.
-    pub meaning: &'static str,
-    /// Little endian.
-    pub value: Vec<u8>,
-    /// Bits that must read back.
-    pub mask: u32,
-    /// A node may lack it.
-    pub optional: bool,
-}
-
-/// The set-up of a node.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Plan {
-    /// Index of the bus.
-    pub bus: u8,
-    /// Node, 1 to 127.
-    pub node: u8,
-    /// What it moves, for messages.
-    pub name: String,
-    /// The steps in order.
-    pub steps: Vec<Step>,
-}
-
-/// Time limits of a set-up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
-    /// Longest wait for a boot-up, ns: drives that get their supply with the PC take seconds.
-    pub boot_ns: u64,
-    /// Longest wait for an answer by SDO, ns.
-    pub answer_ns: u64,
-    /// Requests that are sent again, at most, before a node counts as silent.
-    pub repeats: u32,
-    /// Longest wait for an object that takes a while, and for the state operational, ns.
-    pub settle_ns: u64,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            boot_ns: 5_000_000_000,
-            answer_ns: 300_000_000,
-            repeats: 3,
-            settle_ns: 2_000_000_000,
-        }
-    }
-}
 
 /// Interval at which an awaited command is repeated, ns.
 const AGAIN_NS: u64 = 500_000_000;

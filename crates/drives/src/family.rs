@@ -1,0 +1,122 @@
+//! Actuators that are commanded by one frame of position, velocity, torque and gains, or less: a file
+//! for each family, a row of data for each of its models.
+//!
+//! To add a family, implement [`Family`] in a file of its own and add it to [`FAMILIES`]; the tests of
+//! all families then hold for it too. To add a model, add a row to its family's `MODELS`.
+
+mod damiao;
+mod odrive;
+mod packing;
+mod robstride;
+
+use can_codec::Frame;
+
+pub use damiao::Damiao;
+pub use odrive::Odrive;
+pub use robstride::Robstride;
+
+/// All families.
+pub const FAMILIES: [&dyn Family; 3] = [&Damiao, &Odrive, &Robstride];
+
+/// An actuator on its bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Address {
+    /// Index of the bus.
+    pub bus: u8,
+    /// Its identifier.
+    pub node: u8,
+    /// The identifier to which it answers, where its family has one.
+    pub master: u16,
+}
+
+/// A model, by the ranges of its frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Model {
+    /// Name.
+    pub name: &'static str,
+    /// Position at either end of its range, rad.
+    pub position: f64,
+    /// Velocity at either end of its range, rad/s.
+    pub velocity: f64,
+    /// Torque at either end of its range, N·m.
+    pub torque: f64,
+}
+
+/// A command, of the actuator's output.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SetPoint {
+    /// Position, rad.
+    pub position: f64,
+    /// Velocity, rad/s.
+    pub velocity: f64,
+    /// Torque besides that of the gains, N·m.
+    pub torque: f64,
+    /// Torque for an error of position, N·m/rad.
+    pub kp: f64,
+    /// Torque for an error of velocity, N·m·s/rad.
+    pub kd: f64,
+}
+
+/// What an actuator does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum State {
+    /// No torque.
+    #[default]
+    Off,
+    /// It follows commands.
+    Enabled,
+    /// An error of its own; no torque.
+    Fault,
+}
+
+/// What a frame of an actuator tells; none: the frame does not say.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Feedback {
+    /// Position, rad.
+    pub position: Option<f64>,
+    /// Velocity, rad/s.
+    pub velocity: Option<f64>,
+    /// Torque by its own estimate, N·m.
+    pub torque: Option<f64>,
+    /// Temperature of its winding or, where only one is sent, of the actuator, °C.
+    pub temperature: Option<f64>,
+    /// State.
+    pub state: Option<State>,
+    /// Its error's number; 0: none.
+    pub error: Option<u32>,
+}
+
+/// A family of actuators.
+pub trait Family: Sync {
+    /// Name, as a configuration has it.
+    fn name(&self) -> &'static str;
+
+    /// Its models.
+    fn models(&self) -> &'static [Model];
+
+    /// A frame that asks for an answer, and cannot move anything: none where the actuator sends by
+    /// itself.
+    fn poll(&self, at: Address) -> Option<Frame>;
+
+    /// The frame of a command; none if a number in it is not finite. What the family has no field for
+    /// is left out, what lies beyond a range is limited.
+    fn command(&self, at: Address, model: &Model, set_point: &SetPoint) -> Option<Frame>;
+
+    /// The frame after which it follows commands.
+    fn enable(&self, at: Address) -> Frame;
+
+    /// The frame after which it makes no torque.
+    fn disable(&self, at: Address) -> Frame;
+
+    /// The frame that clears its error.
+    fn clear(&self, at: Address) -> Frame;
+
+    /// What a frame of the bus tells of the actuator; none if it is not from it.
+    fn feedback(&self, at: Address, model: &Model, frame: &Frame) -> Option<Feedback>;
+
+    /// The frames that an actuator in that condition sends: what a simulated one is made of.
+    fn answer(&self, at: Address, model: &Model, feedback: &Feedback) -> Vec<Frame>;
+
+    /// An error's number in words.
+    fn error_text(&self, error: u32) -> &'static str;
+}
