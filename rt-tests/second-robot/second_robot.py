@@ -226,7 +226,8 @@ class Leg:
         return self
 
     def __exit__(self, kind=None, *_):
-        slow = kind is not None and issubclass(kind, torqued.NoDaemonError) and self.daemon.runs()
+        silent = kind is not None and issubclass(kind, torqued.NoDaemonError) and self.daemon.runs()
+        slow = silent and self._paused_ms(self.robot.truth()) > PAUSE_PASSED_MS
         if self.mover:
             self.mover.end()
         self.daemon.kill()
