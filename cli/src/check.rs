@@ -82,14 +82,14 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
 fn check_simulation(config: &str, robot: &Robot) -> Result<(), Problem> {
     let path = Path::new(config).with_file_name("sim.toml");
     let name = path.to_string_lossy();
-    let text = match std::fs::read_to_string(&path) {
+    let text = match terminal::read_text(&path) {
         Ok(text) => text,
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
         Err(e) => return Err(Problem::unreadable(&name, &e)),
     };
     let sim = SimParameters::parse(&text, &name)?;
     let urdf = sim.urdf_or(&robot.parameters.urdf_path);
-    let urdf = std::fs::read_to_string(urdf).map_err(|e| Problem::unreadable(urdf, &e))?;
+    let urdf = terminal::read_text(urdf).map_err(|e| Problem::unreadable(urdf, &e))?;
     CanRobot::new(robot, &urdf, &sim).map_err(|problem| problem.or_at(&name, 0))?;
     Ok(())
 }

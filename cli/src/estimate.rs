@@ -181,8 +181,8 @@ fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) ->
 
 pub(crate) fn read_joint(path: &Path) -> Result<JointFile, Problem> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|e| Problem::unreadable(&name, &e))?;
-    let joint = JointFile::parse(&text, &name, &|path| std::fs::read_to_string(path))?;
+    let text = terminal::read_text(path).map_err(|e| Problem::unreadable(&name, &e))?;
+    let joint = JointFile::parse(&text, &name, &|path| terminal::read_text(path))?;
     if joint.joint.radius.is_some() {
         let reason = "joint.radius_m: is for a prismatic joint";
         let allowed = "joints that turn; `torquectl calibrate` takes prismatic ones";

@@ -243,7 +243,7 @@ fn read(path: &Path) -> Result<(PlanFile, Robot), Problems> {
     let plan = PlanFile::parse(&text, &name)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let config = folder.join(&plan.config).display().to_string();
-    let robot = robot_config::load(&config, &|path: &str| std::fs::read_to_string(path))?;
+    let robot = robot_config::load(&config, &|path: &str| terminal::read_text(path))?;
     plan.check(&robot, &text, &name)?;
     Ok((plan, robot))
 }

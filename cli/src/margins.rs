@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &MarginsArguments) -> ExitCode {
 }
 
 fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
-    let read = |path: &str| std::fs::read_to_string(path);
+    let read = |path: &str| terminal::read_text(path);
     let robot = robot_config::load(&arguments.config, &read)?;
     let mut loops = loops(&robot);
     if let Some(name) = &arguments.joint {

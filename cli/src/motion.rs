@@ -265,7 +265,7 @@ struct Way<'a> {
 }
 
 fn preview(config: &Path, arguments: &MoveArguments) -> Result<String, Problems> {
-    let read = |path: &str| std::fs::read_to_string(path);
+    let read = |path: &str| terminal::read_text(path);
     let robot = robot_config::load(&config.display().to_string(), &read)?;
     let parameters = &robot.parameters;
     let names = parameters.joints.iter().map(|j| (j.name.as_str(), j.kind));

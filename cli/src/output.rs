@@ -1,7 +1,7 @@
 //! End of a command: its result or its problems are printed, and the exit code follows.
 
 use crate::BAD_INPUT;
-use problem::{Problem, Problems, utf8};
+use problem::{Problem, Problems};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -47,11 +47,11 @@ pub(crate) fn apart(output: &Path, inputs: &[PathBuf]) -> Result<(), Problem> {
 /// The text of a file that an argument names.
 ///
 /// # Errors
-/// The file cannot be read.
+/// The file cannot be read, or is no text ([`problem::text`]).
 pub(crate) fn read_input(path: &Path) -> Result<String, Problem> {
     let name = path.display().to_string();
     let bytes = std::fs::read(path).map_err(|error| {
         Problem::new(format!("cannot be read: {error}"), "a readable text file").at(&name, 0)
     })?;
-    utf8(bytes, &name)
+    problem::text(bytes, &name)
 }

@@ -152,9 +152,7 @@ fn progress_bar() -> ProgressBar {
 /// The robot of the recording, or that of another configuration.
 fn load(header: &Header, config: Option<&Path>) -> Result<Robot, Problems> {
     if let Some(config) = config {
-        return robot_config::load(&config.to_string_lossy(), &|path| {
-            std::fs::read_to_string(path)
-        });
+        return robot_config::load(&config.to_string_lossy(), &|path| terminal::read_text(path));
     }
     let missing = || {
         let problem = Problem::new("the recording has no configuration", "--config FILE");

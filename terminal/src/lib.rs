@@ -12,9 +12,9 @@ pub use text_table::TextTable;
 /// The text of a file.
 ///
 /// # Errors
-/// The file cannot be read, or is not UTF-8: with the line.
+/// The file cannot be read, or is no text ([`problem::text`]): with the line.
 pub fn read_text(path: impl AsRef<Path>) -> io::Result<String> {
-    problem::utf8(std::fs::read(path)?, "").map_err(|problem| {
+    problem::text(std::fs::read(path)?, "").map_err(|problem| {
         let message = format!("line {}: {}", problem.line, problem.reason);
         io::Error::new(ErrorKind::InvalidData, message)
     })

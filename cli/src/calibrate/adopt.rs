@@ -64,8 +64,8 @@ impl Configuration {
     /// Everything that is wrong with it.
     pub(crate) fn read(path: &Path) -> Result<Self, Problems> {
         let shown = path.to_string_lossy();
-        let robot = robot_config::load(&shown, &|path| std::fs::read_to_string(path))?;
-        let text = std::fs::read_to_string(path).map_err(|e| Problem::unreadable(&shown, &e))?;
+        let robot = robot_config::load(&shown, &|path| terminal::read_text(path))?;
+        let text = terminal::read_text(path).map_err(|e| Problem::unreadable(&shown, &e))?;
         Ok(Self {
             identity: Identity::new(&text, &shown)?,
             path: path.to_path_buf(),
@@ -116,7 +116,7 @@ impl Configuration {
     /// The calibrations that were committed to this configuration and not taken back, the newest last.
     pub(crate) fn committed(&self) -> Vec<PathBuf> {
         let own = |folder: &PathBuf| {
-            let text = std::fs::read_to_string(folder.join(BEFORE)).ok();
+            let text = terminal::read_text(folder.join(BEFORE)).ok();
             let before = text.and_then(|text| toml::from_str::<Before>(&text).ok());
             before.is_some_and(|before| before.config == self.file_name())
         };
@@ -177,7 +177,7 @@ impl Configuration {
         let own = self.path.to_string_lossy();
         robot_config::load(&own, &|path| match path == own {
             true => Ok(text.to_owned()),
-            false => std::fs::read_to_string(path),
+            false => terminal::read_text(path),
         })?;
         Ok(terminal::write_file(&self.path, text)?)
     }
@@ -296,7 +296,7 @@ pub(crate) fn rollback(config: &Path) -> Result<PathBuf, Problems> {
     };
     let path = folder.join(BEFORE);
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(&path).map_err(|e| Problem::unreadable(&shown, &e))?;
+    let text = terminal::read_text(&path).map_err(|e| Problem::unreadable(&shown, &e))?;
     let before: Before =
         toml::from_str(&text).map_err(|e| Problem::new(e.message(), "").at(&shown, 0))?;
     let mut values: Values = (before.was.into_iter())
@@ -352,7 +352,7 @@ fn check(configuration: &Configuration, calibration: &Calibration) -> Result<(),
     }
     if let Some(urdf) = &manifest.urdf {
         let path = &configuration.robot.parameters.urdf_path;
-        let now = std::fs::read_to_string(path).map_err(|e| Problem::unreadable(path, &e))?;
+        let now = terminal::read_text(path).map_err(|e| Problem::unreadable(path, &e))?;
         let own = calibration.files.get(&urdf.file);
         if text_hash(&now) != urdf.of_sha256 && own != Some(&now) {
             return refuse(format!("{path}: the URDF has changed since the recordings"));

@@ -120,7 +120,7 @@ fn parts(path: &Path) -> Result<BTreeMap<String, Parameters>, Problems> {
                 continue;
             };
             let shown = path.join(file).display().to_string();
-            let file = JointFile::parse(text, &shown, &|path| std::fs::read_to_string(path))?;
+            let file = JointFile::parse(text, &shown, &|path| terminal::read_text(path))?;
             all.insert(joint.name.clone(), named(parameters(&file)));
         }
         for sensor in manifest.sensors.iter().filter(|s| s.why.is_none()) {

@@ -300,7 +300,7 @@ pub(super) fn one_robot(
     let (mut first, mut problems): (Option<Identity>, Vec<Problem>) = (None, Vec::new());
     if let Some(config) = config {
         let shown = config.display().to_string();
-        let text = std::fs::read_to_string(config).map_err(|e| Problem::unreadable(&shown, &e))?;
+        let text = terminal::read_text(config).map_err(|e| Problem::unreadable(&shown, &e))?;
         first = Some(Identity::new(&text, &shown)?);
     }
     for run in runs {

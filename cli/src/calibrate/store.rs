@@ -1,6 +1,6 @@
 //! A calibration on the disk: a folder of joint files with what they were made from.
 
-use problem::{Problem, utf8};
+use problem::Problem;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -199,7 +199,7 @@ impl Calibration {
                 let allowed = "a folder that `torquectl calibrate` wrote";
                 Problem::new(format!("cannot be read: {e}"), allowed).at(&shown, 0)
             })?;
-            utf8(bytes, &shown)
+            problem::text(bytes, &shown)
         };
         let manifest: Manifest = toml::from_str(&text(MANIFEST)?).map_err(|e| {
             let shown = folder.join(MANIFEST).display().to_string();

@@ -73,7 +73,7 @@ pub(super) fn record(
 
 fn load(config: &Path) -> Result<Robot, Problems> {
     let config = config.display().to_string();
-    robot_config::load(&config, &|path: &str| std::fs::read_to_string(path))
+    robot_config::load(&config, &|path: &str| terminal::read_text(path))
 }
 
 fn names(robot: &Robot) -> Vec<(&str, JointKind)> {

@@ -19,7 +19,7 @@ pub(crate) fn sensors_text(path: &Path) -> Result<(String, String), Problems> {
     if !is_robot {
         return Ok((text, file));
     }
-    let robot = robot_config::load(&file, &|path| std::fs::read_to_string(path))?;
+    let robot = robot_config::load(&file, &|path| terminal::read_text(path))?;
     let text = sensors_of(&robot).map_err(|problem| problem.at(&file, 0))?;
     Ok((text, file))
 }

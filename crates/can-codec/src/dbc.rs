@@ -1,6 +1,7 @@
 //! A DBC file, read and validated.
 
 mod check;
+mod frame_format;
 
 use crate::frame::{EXTENDED_ID, Frame};
 use crate::packing::{Coding, Packing};

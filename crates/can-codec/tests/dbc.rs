@@ -103,7 +103,10 @@ fn text_that_is_no_dbc_file_is_refused_with_its_line() {
     refused(
         "BO_ 1 M: 8 A\n SG_ a : 0|8 (1,0) [0|0] \"\" B",
         1,
-        &["not a DBC file: expected"],
+        &[
+            "not a DBC file from column",
+            "of `SG_ a : 0|8 (1,0) [0|0] \"\" B` on",
+        ],
     );
     assert!(Dbc::parse("<html>", "x.dbc").is_err());
 }
@@ -182,6 +185,87 @@ fn fd_messages_need_an_fd_bus() {
         "BO_ 1 M: 8 A\n\nBA_DEF_ BO_ \"VFrameFormat\" ENUM \"StandardCAN\",\"ExtendedCAN\";\nBA_DEF_DEF_ \"VFrameFormat\" \"StandardCAN\";\nBA_ \"VFrameFormat\" BO_ 1 14;",
     );
     assert!(named.messages[0].fd);
+}
+
+/// A number counts in the file's own enumeration, as canmatrix, cantools and others write it.
+#[test]
+fn frame_formats_count_in_the_files_own_enumeration() {
+    const CANMATRIX: &str =
+        "\"StandardCAN\",\"ExtendedCAN\",\"StandardCAN_FD\",\"ExtendedCAN_FD\",\"J1939PG\"";
+    let with = |kind: &str, default: &str, value: &str| {
+        dbc_text(&format!(
+            "BO_ 1 M: 8 A\n\nBA_DEF_ BO_ \"VFrameFormat\" {kind};\nBA_DEF_DEF_ \"VFrameFormat\" {default};\n{value}"
+        ))
+    };
+    let value = |value: &str| format!("BA_ \"VFrameFormat\" BO_ 1 {value};");
+    let candb = format!(
+        "ENUM \"StandardCAN\",\"ExtendedCAN\",{}\"J1939PG\",{}\"StandardCAN_FD\",\"ExtendedCAN_FD\"",
+        "\"reserved\",",
+        "\"reserved\",".repeat(10)
+    );
+    let canmatrix = format!("ENUM {CANMATRIX}");
+    let standard = "\"StandardCAN\"";
+    let cases = [
+        (&*canmatrix, standard, value("2"), true),
+        (&canmatrix, standard, value("3"), true),
+        (&canmatrix, standard, value("4"), false),
+        (&canmatrix, standard, value("0"), false),
+        (&canmatrix, "\"StandardCAN_FD\"", String::new(), true),
+        (&canmatrix, "\"StandardCAN_FD\"", value("1"), false),
+        (&canmatrix, standard, value("\"ExtendedCAN_FD\""), true),
+        (&candb, standard, value("14"), true),
+        (&candb, standard, value("2"), false),
+        ("ENUM \"CAN FD\",\"CAN\"", "\"CAN\"", value("0"), true),
+        ("ENUM \"CAN\",\"CANFD\"", "\"CAN\"", value("1"), true),
+        ("INT 0 15", "0", value("15"), true),
+        ("INT 0 15", "0", value("2"), false),
+    ];
+    for (kind, default, value, fd) in cases {
+        let text = with(kind, default, &value);
+        let read = Dbc::parse(&text, "f.dbc").unwrap();
+        assert_eq!(read.messages[0].fd, fd, "{kind} {default} {value}");
+    }
+    for number in ["5", "-1", "\"7\""] {
+        let error = Dbc::parse(&with(&canmatrix, standard, &value(number)), "f.dbc").unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.starts_with("f.dbc:9: message M has VFrameFormat "),
+            "{text}"
+        );
+        assert!(
+            text.contains("2 (StandardCAN_FD), 3 (ExtendedCAN_FD)"),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn ranges_of_floats_need_their_type() {
+    let of = |size: u8, sign: char, scale: &str, range: &str| {
+        format!("BO_ 1 M: 8 A\n SG_ a : 0|{size}@1{sign} ({scale},0) [{range}] \"\" B")
+    };
+    for (size, sign, scale, range) in [
+        (32, '-', "1", "-3.4e38|3.4e38"),
+        (32, '+', "1", "-3.40282346638529E+38|3.40282346638529E+38"),
+        (32, '-', "1", "0|1e38"),
+        (32, '-', "0.001", "-1e20|1e20"),
+        (32, '+', "1", "-1E+37|0"),
+        (64, '-', "1", "-1.7e308|1.7e308"),
+    ] {
+        let text = of(size, sign, scale, range);
+        refused(
+            &text,
+            1,
+            &["M.a has range [", "its type is missing", "SIG_VALTYPE_"],
+        );
+        let number = if size == 32 { 1 } else { 2 };
+        dbc(&format!("{text}\n\nSIG_VALTYPE_ 1 a : {number};"));
+        dbc(&format!("{text}\n\nSIG_VALTYPE_ 1 a : 0;"));
+    }
+    // Too wide by a few powers of ten, as real files are, and sizes that no float has.
+    dbc(&of(32, '-', "1e-07", "-100000|100000"));
+    dbc(&of(16, '+', "1", "0|3.4e38"));
+    dbc(&of(32, '+', "1", "0|0"));
 }
 
 #[test]

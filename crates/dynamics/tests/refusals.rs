@@ -149,6 +149,12 @@ const BAD: &[(usize, &str, &str, &str)] = &[
     (11, r#"<limit effort="-1"/>"#, "r.urdf:11:", "numbers >= 0"),
     (11, r#"<mimic joint="j"/>"#, "r.urdf:11:", "mimics itself"),
     (
+        11,
+        r#"<mimic joint="nobody"/>"#,
+        "r.urdf:11:",
+        "joint \"j\" mimics \"nobody\": no such joint",
+    ),
+    (
         12,
         r#"</joint><joint name="k" type="fixed"><parent link="a"/><child link="b"/></joint></robot>"#,
         "r.urdf:12:",
@@ -216,7 +222,6 @@ fn odd_but_usable_input_is_a_warning() {
             "principal moments",
         ),
         (11, "", "no <limit>"),
-        (11, r#"<mimic joint="nobody"/>"#, "taken as independent"),
         (7, r#"<link name="b"/>"#, "moves no mass"),
     ];
     for (line, replacement, reason) in odd {
@@ -226,4 +231,114 @@ fn odd_but_usable_input_is_a_warning() {
         let warnings: String = model.warnings().iter().map(Problem::to_string).collect();
         assert!(warnings.contains(reason), "{replacement}: {warnings}");
     }
+}
+
+/// What nothing reads must not take a mass or a place with it in silence.
+#[test]
+fn what_would_be_lost_is_refused() {
+    const EXPAND: &str = "allowed: a file that xacro has expanded";
+    let lost = [
+        (6, r#"</link><xacro:payload parent="a" mass="5"/>"#, EXPAND),
+        (
+            6,
+            r#"</link><xacro:if value="true"><link name="c"/></xacro:if>"#,
+            EXPAND,
+        ),
+        (6, r#"</link><gazebo><xacro:camera/></gazebo>"#, EXPAND),
+        (6, r#"<xacro:insert_block name="x"/></link>"#, EXPAND),
+        (3, r#"<origin xyz="0 0 ${l}" rpy="0 0 0"/>"#, EXPAND),
+        (7, r#"<link name="${prefix}b"/>"#, EXPAND),
+        (7, r#"<link name="$(arg prefix)b"/>"#, EXPAND),
+        (
+            7,
+            r#"<link name="b"><Inertial><mass value="5"/></Inertial></link>"#,
+            "<Inertial> within <link> is not read",
+        ),
+        (
+            7,
+            r#"<link name="b"><intertial><mass value="5"/></intertial></link>"#,
+            "allowed: <inertial>",
+        ),
+        (
+            7,
+            r#"<link name="b"><body><mass value="5"/></body></link>"#,
+            "with the masses and links in it",
+        ),
+        (6, r#"</link><Link name="c"/>"#, "allowed: <link>"),
+        (
+            6,
+            r#"</link><assembly><link name="c"/></assembly>"#,
+            "<assembly> within <robot> is not read",
+        ),
+        (
+            3,
+            r#"<origin pos="0 0 0.1" rpy="0 0 0"/>"#,
+            "<origin pos=\"0 0 0.1\"> is not read; allowed: xyz, rpy",
+        ),
+        (3, r#"<Origin xyz="0 0 0.1"/>"#, "allowed: <origin>"),
+        (
+            10,
+            r#"<axis xyz="0 0 1" rpy="0 1 0"/>"#,
+            "<axis rpy=\"0 1 0\"> is not read",
+        ),
+        (
+            11,
+            r#"<limit lower="-1" upper="1" Effort="1" velocity="1"/>"#,
+            "<limit Effort=\"1\"> is not read",
+        ),
+        (
+            11,
+            r#"<limits lower="-1" upper="1" effort="1" velocity="1"/>"#,
+            "allowed: <limit>",
+        ),
+        (11, r#"<dynamic damping="1"/>"#, "allowed: <dynamics>"),
+    ];
+    for (line, replacement, reason) in lost {
+        let mut lines = LINES;
+        lines[0] = r#"<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">"#;
+        lines[line - 1] = replacement;
+        let message = read(&lines).expect_err(replacement);
+        assert!(
+            message.starts_with(&format!("r.urdf:{line}: ")),
+            "{replacement}: {message}"
+        );
+        assert!(message.contains(reason), "{replacement}: {message}");
+    }
+}
+
+/// What no dynamics follows from is read past, in silence where it is known.
+#[test]
+fn extensions_are_read_past() {
+    let sound = read(&LINES).unwrap();
+    for (line, replacement) in [
+        (
+            6,
+            r#"<visual><geometry><mesh filename="$(find r)/a.dae"/></geometry></visual></link>"#,
+        ),
+        (
+            6,
+            r#"</link><gazebo reference="a"><mass value="1"/></gazebo><ros2_control name="x" type="system"/>"#,
+        ),
+        (
+            6,
+            r#"</link><mujoco><compiler meshdir="x"/></mujoco><material name="m"/>"#,
+        ),
+        (
+            11,
+            r#"<limit lower="-1" upper="1" effort="1" velocity="1" acceleration="3"/><calibration rising="0"/><safety_controller k_velocity="1"/>"#,
+        ),
+        (
+            1,
+            r#"<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">"#,
+        ),
+    ] {
+        let mut lines = LINES;
+        lines[line - 1] = replacement;
+        assert_eq!(read(&lines).expect(replacement), sound, "{replacement}");
+    }
+    let mut lines = LINES;
+    lines[5] = r#"<weather/></link>"#;
+    let model = read(&lines).unwrap();
+    let warnings: Vec<String> = model.warnings().iter().map(Problem::to_string).collect();
+    assert_eq!(warnings[0], "r.urdf:6: <weather> within <link> is not read");
 }

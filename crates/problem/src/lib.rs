@@ -5,10 +5,12 @@
 //! that it passes on ([`Problem::or_at`]); no layer parses another's printed text.
 #![deny(unsafe_code)]
 
+mod encoding;
 mod range;
 
 use core::fmt;
 
+pub use encoding::{ENCODINGS, text};
 pub use range::Allowed;
 
 /// One thing that is wrong, and what is allowed instead.
@@ -73,23 +75,6 @@ impl Problem {
         self.reason = format!("{part}: {}", self.reason);
         self
     }
-}
-
-/// The text of a file that must be UTF-8.
-///
-/// # Errors
-/// Another encoding, with the line of the first byte that does not belong.
-pub fn utf8(bytes: Vec<u8>, file: &str) -> Result<String, Problem> {
-    let wide = bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]);
-    String::from_utf8(bytes).map_err(|error| {
-        let (place, bytes) = (error.utf8_error().valid_up_to(), error.as_bytes());
-        let reason = match bytes.get(place) {
-            _ if wide => "is UTF-16".to_owned(),
-            Some(byte) => format!("byte 0x{byte:02X} belongs to no UTF-8 character (Latin-1?)"),
-            None => "is not UTF-8".to_owned(),
-        };
-        Problem::new(reason, "text in UTF-8").at(file, line_in(bytes, place))
-    })
 }
 
 /// `file:line: reason; allowed: allowed`, without the parts that are empty.
@@ -163,14 +148,6 @@ fn line_in(bytes: &[u8], place: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn other_encodings_are_refused_with_their_line() {
-        let refusal = |bytes: &[u8]| utf8(bytes.to_vec(), "f").unwrap_err().to_string();
-        assert_eq!(utf8("é\n".into(), "f").unwrap(), "é\n");
-        assert!(refusal(b"a\nb\nM\xFCller").starts_with("f:3: byte 0xFC"));
-        assert!(refusal(b"\xFF\xFEa\0\n\0").starts_with("f:1: is UTF-16"));
-    }
 
     #[test]
     fn prints_the_parts_that_there_are() {

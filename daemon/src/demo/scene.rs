@@ -42,7 +42,7 @@ pub(super) fn load(options: &DemoOptions) -> Result<Scene, Failure> {
         return Err(Failure::bad_input(problem));
     }
     let (config, read): (String, fn(&str) -> io::Result<String>) = match own {
-        true => (name.to_owned(), |path| std::fs::read_to_string(path)),
+        true => (name.to_owned(), |path| terminal::read_text(path)),
         false => (
             robots::configuration(name, options.uncalibrated),
             robots::read,
@@ -85,7 +85,7 @@ pub(super) fn load(options: &DemoOptions) -> Result<Scene, Failure> {
         None => beside("motion.toml"),
     };
     let text = match &options.motion {
-        Some(path) => std::fs::read_to_string(path),
+        Some(path) => terminal::read_text(path),
         None => read(&path),
     };
     let motion = match text {

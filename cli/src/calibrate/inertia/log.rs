@@ -308,5 +308,5 @@ fn first_line(path: &Path) -> Result<String, Problem> {
     std::io::BufReader::new(file)
         .read_until(b'\n', &mut line)
         .map_err(unreadable)?;
-    problem::utf8(line, &path.display().to_string())
+    problem::text(line, &path.display().to_string())
 }

@@ -1,6 +1,6 @@
 //! From a DBC file's text to its messages, with every problem that is found on the way.
 
-use super::{Dbc, Message, Signal, show_id};
+use super::{Dbc, Message, Signal, frame_format, show_id};
 use crate::frame::{EXTENDED_ID, MAX_DATA};
 use crate::line_index::{MessageLines, message_lines};
 use crate::packing::{Coding, Packing, covered_bits};
@@ -14,6 +14,13 @@ const MAX_TEXT: usize = 16 << 20;
 /// Data lengths that CAN FD frames can have.
 const FD_LENGTHS: [u64; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
 
+/// Characters of a faulty line that a message shows.
+const MAX_SHOWN: usize = 60;
+
+/// Parts by which a range exceeds what an integer's bits can hold from which on it is a float's: real
+/// files have ranges that are some powers of ten too wide, a float's ends at 3.4e38.
+const FLOAT_RANGE: f64 = 1e6;
+
 /// Name that tools give to a collection of signals which belong to no message.
 const NO_MESSAGE: &str = "VECTOR__INDEPENDENT_SIG_MSG";
 
@@ -22,6 +29,7 @@ pub(super) fn read(text: &str, file: &str) -> Result<Dbc, Problems> {
     let mut check = Check {
         file,
         problems: Vec::new(),
+        untyped: false,
     };
     if text.len() > MAX_TEXT {
         check.note(0, "the file is too long", "at most 16 MiB");
@@ -30,7 +38,7 @@ pub(super) fn read(text: &str, file: &str) -> Result<Dbc, Problems> {
     let parsed = match can_dbc::Dbc::try_from(text) {
         Ok(parsed) => parsed,
         Err(error) => {
-            check.syntax(&error);
+            check.syntax(&error, text);
             return Err(check.into_problems());
         }
     };
@@ -61,6 +69,8 @@ pub(super) fn read(text: &str, file: &str) -> Result<Dbc, Problems> {
 struct Check<'a> {
     file: &'a str,
     problems: Vec<Problem>,
+    /// The signal at hand has no `SIG_VALTYPE_`.
+    untyped: bool,
 }
 
 impl Check<'_> {
@@ -74,19 +84,46 @@ impl Check<'_> {
         Problems(self.problems)
     }
 
-    fn syntax(&mut self, error: &DbcError) {
-        let (line, expected) = match error {
+    fn syntax(&mut self, error: &DbcError, text: &str) {
+        let (line, reason) = match error {
             DbcError::Pest(error) => {
-                let (LineColLocation::Pos((line, _)) | LineColLocation::Span((line, _), _)) =
-                    error.line_col;
-                (line, error.variant.message().into_owned())
+                let (LineColLocation::Pos((line, column))
+                | LineColLocation::Span((line, column), _)) = error.line_col;
+                let written = text
+                    .lines()
+                    .nth(line.saturating_sub(1))
+                    .unwrap_or("")
+                    .trim();
+                let shown: String = written.chars().take(MAX_SHOWN).collect();
+                let reason = if written.is_empty() {
+                    "not a DBC file: a line is empty, or the file ends, within a statement"
+                        .to_owned()
+                } else {
+                    format!("not a DBC file from column {column} of `{shown}` on")
+                };
+                (line, reason)
             }
             // The other kinds have no place.
-            error => (0, error.to_string()),
+            DbcError::MessageIdOutOfRange(id) => (0, format!("a message has id {id}")),
+            DbcError::MultipleMultiplexors => (
+                0,
+                "a message has two signals marked as multiplexers (`M`)".to_owned(),
+            ),
+            DbcError::SignalWithoutMessage => (0, "a signal stands before any message".to_owned()),
+            DbcError::UnknownMultiplexIndicator(mark) => {
+                (0, format!("`{mark}` marks a signal as multiplexed"))
+            }
+            DbcError::InvalidFloat(number)
+            | DbcError::InvalidInt(number)
+            | DbcError::InvalidUint(number)
+            | DbcError::InvalidNumericValue(number) => {
+                (line_of(text, number), format!("`{number}` is no number"))
+            }
+            _ => (0, "not a DBC file".to_owned()),
         };
         self.note(
             line,
-            format!("not a DBC file: {expected}"),
+            reason,
             "BO_ id name: length node, then SG_ name : start|size@order sign (scale,offset) [min|max] \"unit\" receivers",
         );
     }
@@ -118,11 +155,15 @@ impl Check<'_> {
         }
         let len = message.size.min(MAX_DATA as u64) as u8;
         let signals = self.signals(dbc, message, usize::from(len), lines);
+        let fd = frame_format::is_fd(dbc, message).unwrap_or_else(|problem| {
+            self.problems.push(problem.at(self.file, line));
+            false
+        });
         Message {
             name: name.clone(),
             id: message.id.raw(),
             len,
-            fd: len > 8 || is_fd(dbc, message),
+            fd: len > 8 || fd,
             line,
             signals,
         }
@@ -170,6 +211,7 @@ impl Check<'_> {
     ) -> Option<Coding> {
         use SignalExtendedValueType::{IEEEdouble64bit, IEEEfloat32Bit, SignedOrUnsignedInteger};
         let written = dbc.extended_value_type_for_signal(message.id, &signal.name);
+        self.untyped = written.is_none();
         let (coding, size) = match written {
             Some(IEEEfloat32Bit) => (Coding::Float32, Some(32)),
             Some(IEEEdouble64bit) => (Coding::Float64, Some(64)),
@@ -283,6 +325,7 @@ impl Check<'_> {
                 "a least value that does not exceed the greatest, or [0|0] for none",
             );
         }
+        self.float_range(signal, coding, written, held, path, line);
         // [0|0] means: not given.
         let (min, max) = if written == (0.0, 0.0) {
             held
@@ -352,6 +395,36 @@ impl Check<'_> {
         start
     }
 
+    /// A range that only a float can have, of bits that are an integer's for want of a type.
+    fn float_range(
+        &mut self,
+        signal: &can_dbc::Signal,
+        coding: Coding,
+        written: (f64, f64),
+        held: (f64, f64),
+        path: &str,
+        line: usize,
+    ) {
+        let integer = matches!(coding, Coding::Signed | Coding::Unsigned);
+        let reach = |(low, high): (f64, f64)| low.abs().max(high.abs());
+        if self.untyped
+            && integer
+            && matches!(signal.size, 32 | 64)
+            && reach(written) > FLOAT_RANGE * reach(held)
+        {
+            let reason = format!(
+                "signal {path} has range [{:e}|{:e}], but as an integer of {} bits it holds at most [{:e}|{:e}]: its type is missing",
+                written.0, written.1, signal.size, held.0, held.1
+            );
+            let number = if signal.size == 32 { 1 } else { 2 };
+            let (message, name) = path.split_once('.').unwrap_or((path, ""));
+            let allowed = format!(
+                "for a float, `SIG_VALTYPE_ ID {name} : {number};` with the id of {message}; for an integer, a range that it holds, or [0|0]"
+            );
+            self.note(line, reason, allowed);
+        }
+    }
+
     fn unique(&mut self, messages: &[Message]) {
         for (i, message) in messages.iter().enumerate() {
             let before = &messages[..i];
@@ -401,19 +474,16 @@ fn selector(signal: &can_dbc::Signal) -> Option<u64> {
     }
 }
 
+/// The first line that holds `part`; 0 if none does.
+fn line_of(text: &str, part: &str) -> usize {
+    let found = text.lines().position(|line| line.contains(part));
+    found.map_or(0, |line| line + 1)
+}
+
 fn number(value: can_dbc::NumericValue) -> f64 {
     match value {
         can_dbc::NumericValue::Uint(value) => value as f64,
         can_dbc::NumericValue::Int(value) => value as f64,
         can_dbc::NumericValue::Double(value) => value,
-    }
-}
-
-/// `VFrameFormat` is 14 or 15 for CAN FD, or the name of that value.
-fn is_fd(dbc: &can_dbc::Dbc, message: &can_dbc::Message) -> bool {
-    match dbc.resolved_message_attribute(message.id, "VFrameFormat") {
-        Some(can_dbc::AttributeValue::Uint(14 | 15)) => true,
-        Some(can_dbc::AttributeValue::String(name)) => name.ends_with("_FD"),
-        _ => false,
     }
 }

@@ -1,7 +1,7 @@
 //! URDF to [`Model`], strictly: physically unusable input is refused with file, line and reason.
 //!
 //! `namespaces` declares prefixes; `text` checks the XML and its numbers and hands `urdf-rs` a copy without visuals, collisions and
-//! extensions (it stumbles over some of them); `tree` checks the topology; `inertia` the physics;
+//! extensions (it stumbles over some of them); `unread` names what nothing reads; `tree` checks the topology; `inertia` the physics;
 //! `build` makes the model; `write` gives a text other inertias. Odd but usable input ends in [`Model::warnings`].
 
 mod build;
@@ -10,6 +10,7 @@ mod namespaces;
 mod text;
 mod transmission;
 mod tree;
+mod unread;
 mod write;
 
 pub use write::urdf_with_inertias;
@@ -60,7 +61,8 @@ impl Model {
         let source = text::read(text).map_err(in_file)?;
         let tree = tree::Tree::new(&source, &options.independent).map_err(in_file)?;
         let mut model = build::model(&source, &tree, options.base).map_err(in_file)?;
-        model.warnings = model.warnings.into_iter().map(in_file).collect();
+        let unread = source.unread.into_iter();
+        model.warnings = unread.chain(model.warnings).map(in_file).collect();
         Ok(model)
     }
 }

@@ -3,6 +3,7 @@
 use super::namespaces::{self, plain};
 use super::problem_at;
 use super::transmission::{self, Transmission};
+use super::unread;
 use problem::Problem;
 use roxmltree::{Document, Node};
 use std::fmt::Write;
@@ -15,6 +16,8 @@ pub(super) struct Source {
     pub(super) links: Vec<Lines>,
     pub(super) joints: Vec<Lines>,
     pub(super) transmissions: Vec<Transmission>,
+    /// Elements and attributes that nothing reads, each with its line.
+    pub(super) unread: Vec<Problem>,
 }
 
 /// Lines of a link or joint and of its child elements, by tag.
@@ -40,7 +43,7 @@ impl Lines {
 }
 
 /// Allowed value of an attribute.
-enum Kind {
+pub(super) enum Kind {
     Text,
     /// Reads `N` finite numbers.
     Numbers(usize),
@@ -54,11 +57,11 @@ use Kind::{Bound, JointType, Numbers, Text};
 const JOINT_TYPES: [&str; 4] = ["revolute", "continuous", "prismatic", "fixed"];
 
 /// An element that matters: tag, attributes (name, kind, value where omitted), child elements.
-struct Rule {
-    tag: &'static str,
-    attributes: &'static [(&'static str, Kind, Option<&'static str>)],
+pub(super) struct Rule {
+    pub(super) tag: &'static str,
+    pub(super) attributes: &'static [(&'static str, Kind, Option<&'static str>)],
     required: &'static [&'static str],
-    children: &'static [Rule],
+    pub(super) children: &'static [Rule],
 }
 
 const ORIGIN: Rule = Rule {
@@ -84,7 +87,7 @@ const fn leaf(
     }
 }
 
-const LINK: Rule = Rule {
+pub(super) const LINK: Rule = Rule {
     tag: "link",
     attributes: &[("name", Text, None)],
     required: &[],
@@ -110,7 +113,7 @@ const LINK: Rule = Rule {
     }],
 };
 
-const JOINT: Rule = Rule {
+pub(super) const JOINT: Rule = Rule {
     tag: "joint",
     attributes: &[("name", Text, None), ("type", JointType, None)],
     required: &["parent", "child"],
@@ -165,6 +168,7 @@ pub(super) fn read(text: &str) -> Result<Source, Problem> {
     let root = document.root_element();
     let line_ends = LineEnds::of(&text);
     let line = |n: Node| line_ends.line_at(n.range().start);
+    unread::refuse_xacro(&document, &line)?;
     if root.tag_name().name() != "robot" {
         let tag = root.tag_name().name();
         let reason = format!("the root element is <{tag}>");
@@ -178,6 +182,7 @@ pub(super) fn read(text: &str) -> Result<Source, Problem> {
     }
     copy.push('>');
     let (mut links, mut joints) = (Vec::new(), Vec::new());
+    let unread = unread::judge(root, &line)?;
     for node in root.children().filter(|n| plain(n)) {
         let (rule, lines) = match node.tag_name().name() {
             "link" => (&LINK, &mut links),
@@ -207,6 +212,7 @@ pub(super) fn read(text: &str) -> Result<Source, Problem> {
         links,
         joints,
         transmissions: transmission::read(root, &line)?,
+        unread,
     })
 }
 

@@ -161,6 +161,14 @@ fn drivers(
         while let Some(mimic) = mimic(&all[d.joint], independent) {
             let name = &all[start].name;
             let next = joints.get(mimic.joint.as_str()).copied();
+            if next.is_none() {
+                let reason = format!(
+                    "joint \"{}\" mimics \"{}\": no such joint",
+                    all[d.joint].name, mimic.joint
+                );
+                let line = source.joints[d.joint].of("mimic");
+                return Err(problem_at(line, reason, "a joint of this file"));
+            }
             let Some(next) = next.filter(|n| all[*n].joint_type != JointType::Fixed) else {
                 if steps == 0 {
                     let reason = format!(

@@ -1,0 +1,73 @@
+//! `VFrameFormat`: the attribute by which a message travels as a classic or as a CAN FD frame.
+
+use can_dbc::{AttributeDefinition, AttributeValue, AttributeValueType};
+use problem::{Problem, listed};
+
+const ATTRIBUTE: &str = "VFrameFormat";
+
+/// Whether a message is a CAN FD frame by its `VFrameFormat`: by name, or by number in the file's own
+/// enumeration. Without an enumeration, and for 14 and 15 beyond a shorter one, numbers count as in
+/// CANdb++'s, where these two are `StandardCAN_FD` and `ExtendedCAN_FD`.
+///
+/// # Errors
+/// A value that the enumeration does not have.
+pub(super) fn is_fd(dbc: &can_dbc::Dbc, message: &can_dbc::Message) -> Result<bool, Problem> {
+    let names = dbc
+        .attribute_definitions
+        .iter()
+        .find_map(|definition| match definition {
+            AttributeDefinition::Message(name, AttributeValueType::Enum(names))
+                if name == ATTRIBUTE =>
+            {
+                Some(names)
+            }
+            _ => None,
+        });
+    let number = match dbc.resolved_message_attribute(message.id, ATTRIBUTE) {
+        None => return Ok(false),
+        Some(AttributeValue::String(name)) => match name.trim().parse::<u64>() {
+            Ok(number) => Some(number),
+            Err(_) => return Ok(names_fd(name)),
+        },
+        Some(AttributeValue::Uint(number)) => Some(*number),
+        Some(AttributeValue::Int(number)) => u64::try_from(*number).ok(),
+        Some(AttributeValue::Double(number)) if number.fract() == 0.0 && *number >= 0.0 => {
+            Some(*number as u64)
+        }
+        Some(AttributeValue::Double(_)) => None,
+    };
+    let own = number.and_then(|number| names?.get(usize::try_from(number).ok()?));
+    match (own, number, names) {
+        (Some(name), ..) => Ok(names_fd(name)),
+        (None, Some(14 | 15), _) => Ok(true),
+        (None, Some(_), None) => Ok(false),
+        (None, ..) => Err(unknown(dbc, message, names)),
+    }
+}
+
+/// A value that the enumeration does not have.
+fn unknown(dbc: &can_dbc::Dbc, message: &can_dbc::Message, names: Option<&Vec<String>>) -> Problem {
+    let written = match dbc.resolved_message_attribute(message.id, ATTRIBUTE) {
+        Some(AttributeValue::Uint(number)) => number.to_string(),
+        Some(AttributeValue::Int(number)) => number.to_string(),
+        Some(AttributeValue::Double(number)) => number.to_string(),
+        Some(AttributeValue::String(text)) => text.clone(),
+        None => String::new(),
+    };
+    let reason = format!("message {} has {ATTRIBUTE} {written}", message.name);
+    let numbered: Vec<String> = (names.into_iter().flatten().enumerate())
+        .map(|(number, name)| format!("{number} ({name})"))
+        .collect();
+    let numbered = listed(numbered.iter().map(String::as_str));
+    let allowed = format!("a number of the file's enumeration: {numbered}");
+    Problem::new(reason, allowed)
+}
+
+/// `StandardCAN_FD`, `ExtendedCANFD`, `CAN FD`.
+fn names_fd(name: &str) -> bool {
+    let letters: String = (name.chars())
+        .filter(char::is_ascii_alphanumeric)
+        .map(|letter| letter.to_ascii_uppercase())
+        .collect();
+    letters.contains("FD")
+}

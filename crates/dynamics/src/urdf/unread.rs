@@ -1,0 +1,281 @@
+//! What a URDF holds and nothing reads: refused where a mass or a place would be lost without a word,
+//! a warning where it is merely unknown, silent where it is a known extension.
+
+use super::namespaces::plain;
+use super::problem_at;
+use super::text::{JOINT, LINK, Rule};
+use problem::{Problem, listed};
+use roxmltree::{Document, Node};
+
+/// Elements of `<robot>` that are no dynamics: of the URDF's own description, of Gazebo, ROS, `ros2_control`,
+/// MuJoCo, Drake, SRDF, Isaac and CAD exporters.
+const OF_ROBOT: &[&str] = &[
+    "link",
+    "joint",
+    "material",
+    "transmission",
+    "gazebo",
+    "ros2_control",
+    "sensor",
+    "mujoco",
+    "frame",
+    "loop_joint",
+    "linkage",
+    "bushing",
+    "collision_filter_group",
+    "group",
+    "group_state",
+    "gripper",
+    "disable_collisions",
+    "disable_default_collisions",
+    "enable_collisions",
+    "end_effector",
+    "virtual_joint",
+    "passive_joint",
+    "link_sphere_approximation",
+    "loop",
+    "camera",
+    "actuator",
+    "plugin",
+    "author",
+    "version",
+    "isaac_sim",
+    "joint_properties",
+    "self_collision_checking",
+];
+/// Elements of `<link>` beyond those that are read.
+const OF_LINK: &[&str] = &[
+    "visual",
+    "collision",
+    "sensor",
+    "material",
+    "contact",
+    "self_collision_checking",
+    "verbose",
+    "static",
+    "gravity",
+    "audio",
+    "projector",
+    "collision_checking",
+    "joint",
+    "plugin",
+    "gazebo",
+];
+/// Elements of `<joint>` beyond those that are read.
+const OF_JOINT: &[&str] = &[
+    "calibration",
+    "safety_controller",
+    "hardwareInterface",
+    "mechanicalReduction",
+    "physics",
+    "actuator",
+    "rotor_inertia",
+    "gear_ratio",
+    "controller",
+    "sensor",
+    "gazebo",
+    "default",
+    "screw_thread_pitch",
+    "joint_properties",
+    "limits_soft",
+];
+/// Attributes that some programs write and whose loss changes no dynamics that is read.
+const ATTRIBUTES: &[&str] = &[
+    "id",
+    "acceleration",
+    "jerk",
+    "armature",
+    "stiffness",
+    "springref",
+    "spring_stiffness",
+    "spring_reference",
+    "type",
+    "comment",
+    "description",
+    "rotor_inertia",
+    "gear_ratio",
+    "frictionloss",
+    "k_position",
+    "k_velocity",
+    "version",
+    "version_number",
+    "model",
+    "has_acceleration_limits",
+    "max_acceleration",
+    "has_jerk_limits",
+    "max_jerk",
+    "deceleration",
+];
+
+/// Elements whose attributes may hold `$(find package)`: of drawings and of other programs.
+const NOT_DYNAMICS: &[&str] = &[
+    "visual",
+    "collision",
+    "material",
+    "gazebo",
+    "ros2_control",
+    "sensor",
+    "plugin",
+    "mujoco",
+];
+
+/// Refuses elements of xacro: what they stand for is not in the text.
+///
+/// # Errors
+/// The first such element, or the first expression in an attribute of an element that is read.
+pub(super) fn refuse_xacro(
+    document: &Document,
+    line: &dyn Fn(Node) -> usize,
+) -> Result<(), Problem> {
+    const EXPAND: &str = "a file that xacro has expanded: `xacro robot.urdf.xacro > robot.urdf`";
+    for node in document.root().descendants().filter(Node::is_element) {
+        let namespace = node.tag_name().namespace().unwrap_or("");
+        if namespace.contains("xacro") {
+            let name = node.tag_name().name();
+            let reason =
+                format!("<xacro:{name}> is an element of xacro, whose contents are not read");
+            return Err(problem_at(line(node), reason, EXPAND));
+        }
+        let expressions = node.attributes().filter(|attribute| {
+            let value = attribute.value();
+            value.contains("${") || value.contains("$(")
+        });
+        let drawn = (node.ancestors()).any(|a| NOT_DYNAMICS.contains(&a.tag_name().name()));
+        let mut expressions = expressions.filter(|_| !drawn);
+        if let Some(attribute) = expressions.next() {
+            let (name, value) = (attribute.name(), attribute.value());
+            let reason = format!("{name}=\"{value}\" is an expression of xacro");
+            return Err(problem_at(line(node), reason, EXPAND));
+        }
+    }
+    Ok(())
+}
+
+/// Warnings of what nothing reads in links and joints, and beside them.
+///
+/// # Errors
+/// What looks like a misspelt element or attribute that would be read, an unknown element that holds a
+/// mass, and an unknown attribute of an element whose numbers are read.
+pub(super) fn judge(root: Node, line: &dyn Fn(Node) -> usize) -> Result<Vec<Problem>, Problem> {
+    let mut judge = Judge {
+        line,
+        warnings: Vec::new(),
+    };
+    for node in root.children().filter(plain) {
+        match node.tag_name().name() {
+            "link" => judge.element(&LINK, node, OF_LINK)?,
+            "joint" => judge.element(&JOINT, node, OF_JOINT)?,
+            _ => judge.unread(node, "robot", &["link", "joint"], OF_ROBOT)?,
+        }
+    }
+    Ok(judge.warnings)
+}
+
+struct Judge<'a> {
+    line: &'a dyn Fn(Node) -> usize,
+    warnings: Vec<Problem>,
+}
+
+impl Judge<'_> {
+    /// An element that is read: its attributes, and the elements in it.
+    fn element(&mut self, rule: &Rule, node: Node, others: &[&str]) -> Result<(), Problem> {
+        self.attributes(rule, node)?;
+        let read: Vec<&str> = rule.children.iter().map(|child| child.tag).collect();
+        for child in node.children().filter(plain) {
+            let tag = child.tag_name().name();
+            match rule.children.iter().find(|known| known.tag == tag) {
+                Some(known) => self.element(known, child, &[])?,
+                None => self.unread(child, rule.tag, &read, others)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn attributes(&mut self, rule: &Rule, node: Node) -> Result<(), Problem> {
+        let known: Vec<&str> = rule.attributes.iter().map(|(name, ..)| *name).collect();
+        for attribute in node.attributes().filter(|a| a.namespace().is_none()) {
+            let name = attribute.name();
+            if known.contains(&name) || ATTRIBUTES.contains(&name) {
+                continue;
+            }
+            let tag = rule.tag;
+            let reason = format!("<{tag} {name}=\"{}\"> is not read", attribute.value());
+            let near = known.iter().any(|known| alike(known, name));
+            // Without its own attribute such an element would silently have the value where omitted.
+            let numeric = matches!(tag, "origin" | "mass" | "inertia" | "axis" | "mimic");
+            let line = (self.line)(node);
+            if near || numeric {
+                return Err(problem_at(line, reason, listed(known.iter().copied())));
+            }
+            self.warnings.push(problem_at(line, reason, ""));
+        }
+        Ok(())
+    }
+
+    /// An element that is not read.
+    fn unread(
+        &mut self,
+        node: Node,
+        within: &str,
+        read: &[&str],
+        known: &[&str],
+    ) -> Result<(), Problem> {
+        let tag = node.tag_name().name();
+        if known.contains(&tag) && !read.contains(&tag) {
+            return Ok(());
+        }
+        let line = (self.line)(node);
+        if let Some(meant) = read.iter().find(|read| alike(read, tag)) {
+            let reason = format!("<{tag}> within <{within}> is not read: names are exact");
+            return Err(problem_at(line, reason, format!("<{meant}>")));
+        }
+        let reason = format!("<{tag}> within <{within}> is not read");
+        let mass = |n: Node| {
+            matches!(
+                n.tag_name().name().to_ascii_lowercase().as_str(),
+                "mass" | "inertial" | "link"
+            )
+        };
+        if node.descendants().any(mass) {
+            let reason = format!("{reason}, with the masses and links in it");
+            let read: Vec<String> = read.iter().map(|tag| format!("<{tag}>")).collect();
+            return Err(problem_at(
+                line,
+                reason,
+                listed(read.iter().map(String::as_str)),
+            ));
+        }
+        self.warnings.push(problem_at(line, reason, ""));
+        Ok(())
+    }
+}
+
+/// Whether `written` may be meant as `known`: but for upper case, an underscore, or one letter in five.
+fn alike(known: &str, written: &str) -> bool {
+    let plain = |name: &str| name.to_ascii_lowercase().replace(['_', '-'], "");
+    let (a, b) = (plain(known), plain(written));
+    let letters = a.chars().count();
+    a == b || (letters >= 4 && distance(&a, &b) <= letters.div_ceil(5))
+}
+
+/// Number of letters to add, drop, exchange with their neighbour or replace (restricted Damerau and
+/// Levenshtein).
+fn distance(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    let mut rows = vec![vec![0; b.len() + 1]; a.len() + 1];
+    for (i, row) in rows.iter_mut().enumerate() {
+        row[0] = i;
+    }
+    rows[0] = (0..=b.len()).collect();
+    for i in 1..=a.len() {
+        for j in 1..=b.len() {
+            let replaced = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            let mut best = replaced.min(rows[i - 1][j] + 1).min(rows[i][j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                best = best.min(rows[i - 2][j - 2] + 1);
+            }
+            rows[i][j] = best;
+        }
+    }
+    rows[a.len()][b.len()]
+}
