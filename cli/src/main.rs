@@ -31,6 +31,7 @@ mod tare;
 mod units;
 mod watch;
 mod whole_body;
+mod without_shared_memory;
 mod words;
 
 use clap::{Parser, Subcommand};

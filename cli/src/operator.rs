@@ -1,7 +1,7 @@
 //! `torquectl enable`, `disable`, `stop` and `acknowledge`: an operator's requests.
 
 use crate::requests::{Failure, PATIENCE, connect, end};
-use crate::words;
+use crate::{without_shared_memory, words};
 use problem::Problem;
 use serde_json::json;
 use std::process::ExitCode;
@@ -31,7 +31,8 @@ Examples:
 ";
 
 const STOP_HELP: &str = "\
-This is no emergency stop: it needs torqued, the buses and the drives.
+This is no emergency stop: it needs torqued, the buses and the drives. Where shared memory cannot be
+used, torqued is asked by a signal: kill -USR1 PID or `systemctl reload torqued@ROBOT` do so too.
 
 Examples:
   torquectl stop
@@ -101,7 +102,13 @@ pub(crate) fn disable(arguments: &DisableArguments) -> ExitCode {
 }
 
 pub(crate) fn stop(arguments: &StopArguments) -> ExitCode {
-    end(ask("stop", request::STOP, &arguments.common))
+    let common = &arguments.common;
+    end(match ask("stop", request::STOP, common) {
+        Err(Failure::Daemon(why)) => {
+            without_shared_memory::stop(why, common.robot.as_ref(), common.json)
+        }
+        other => other,
+    })
 }
 
 pub(crate) fn acknowledge(arguments: &AcknowledgeArguments) -> ExitCode {

@@ -1,7 +1,7 @@
 //! `torquectl state`: what the robot does, what keeps it from doing more, and the next step.
 
 use crate::requests::{Failure, PATIENCE, connect, end};
-use crate::words;
+use crate::{without_shared_memory, words};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::process::ExitCode;
@@ -39,7 +39,9 @@ pub(crate) fn run(arguments: &StateArguments) -> ExitCode {
 }
 
 fn state(arguments: &StateArguments) -> Result<String, Failure> {
-    let mut client = connect(arguments.robot.as_ref())?;
+    let robot = arguments.robot.as_ref();
+    let client = connect(robot).map_err(|why| without_shared_memory::state(why, robot));
+    let mut client = client?;
     client.latest()?;
     let record = client.next_record(PATIENCE)?;
     let (description, cycle) = (client.description(), &record.cycle);

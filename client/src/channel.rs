@@ -30,6 +30,7 @@ use robot_state::{
 
 use crate::error::Error;
 use crate::location::Location;
+use crate::node_counter;
 use crate::room;
 
 /// Time limit of retries with back-off: dead processes are being cleaned up, or another process is
@@ -214,23 +215,29 @@ pub(crate) fn service_name<M: Message>(robot: &str) -> String {
 pub(crate) fn create_node(location: &Location) -> Result<Node<Transport>, Error> {
     let config = location.config()?;
     room::check()?;
-    retry(RETRY_FOR, || {
+    let refuse = |reason: String| match room::foreign_file(location) {
+        Some((file, user)) => Error::ForeignFile {
+            file,
+            user,
+            run_dir: location.path().to_owned(),
+        },
+        None => Error::RunDirectory {
+            path: location.path().to_owned(),
+            reason,
+        },
+    };
+    node_counter::make_private(location)
+        .map_err(|e| refuse(format!("its object in /dev/shm cannot be made ({e})")))?;
+    let node = retry(RETRY_FOR, || {
         NodeBuilder::new()
             .config(&config)
             // Signals belong to the program, not to a library in it.
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Transport>()
     })
-    .map_err(|e| Error::RunDirectory {
-        path: location.path().to_owned(),
-        reason: match room::foreign_file(location) {
-            Some((file, user)) => format!(
-                "user {user} has made {}, a name that belongs to this directory",
-                file.display()
-            ),
-            None => format!("no node can be created in it ({e:?})"),
-        },
-    })
+    .map_err(|e| refuse(format!("no node can be created in it ({e:?})")))?;
+    node_counter::close_to_others(location);
+    Ok(node)
 }
 
 /// Opens the service that the daemon made; an error if there is none after `wait`.

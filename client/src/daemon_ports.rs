@@ -1,5 +1,7 @@
 //! The daemon's end of the services.
 
+use std::path::PathBuf;
+
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{Node, PortFactory};
 use robot_state::{
@@ -12,6 +14,8 @@ use crate::channel::{
 };
 use crate::error::Error;
 use crate::location::Location;
+use crate::node_counter;
+use crate::process_file;
 
 /// The daemon's end: publishes records, receives references. Not for a real-time thread: it
 /// allocates and maps files as clients come and go.
@@ -25,16 +29,32 @@ pub struct DaemonPorts {
     request: Receiver<RequestMessage>,
     answer: Sender<AnswerMessage>,
     node: Node<Transport>,
+    location: Location,
 }
 
 impl DaemonPorts {
     /// Makes the robot's services, or takes those over that a killed daemon left behind, and
     /// publishes the description. Clients that were connected to the killed daemon go on.
     ///
+    /// Where another user has taken a name in shared memory that is needed, and no other daemon runs
+    /// in the run directory, the directory's objects get other names.
+    ///
     /// # Errors
     /// [`Error::AlreadyRunning`], [`Error::OtherLayout`] if clients of another version are still
-    /// connected, [`Error::RunDirectory`], [`Error::Transport`].
+    /// connected, [`Error::RunDirectory`], [`Error::NoRoom`], [`Error::ForeignFile`],
+    /// [`Error::Transport`].
     pub fn create(location: &Location, description: &Description) -> Result<Self, Error> {
+        let first = Self::create_at(location, description);
+        let taken = matches!(&first, Err(Error::ForeignFile { .. }));
+        if !taken || process_file::others_run(location, description.robot.as_str()) {
+            return first;
+        }
+        let mut location = location.clone();
+        location.rename_objects()?;
+        Self::create_at(&location, description)
+    }
+
+    fn create_at(location: &Location, description: &Description) -> Result<Self, Error> {
         let node = channel::create_node(location)?;
         let robot = description.robot.as_str();
         let taken = || Error::AlreadyRunning {
@@ -68,6 +88,7 @@ impl DaemonPorts {
             request,
             answer,
             node,
+            location: location.clone(),
         })
     }
 
@@ -139,12 +160,14 @@ impl DaemonPorts {
     }
 
     /// Frees the resources of dead clients, and connects new ones even if nothing is published. To be
-    /// called a few times a second; takes milliseconds when a client has died.
-    pub fn cleanup_dead_clients(&self) {
+    /// called a few times a second; takes milliseconds when a client has died. Gives the files that
+    /// other users could have written into, and no longer can.
+    pub fn cleanup_dead_clients(&self) -> Vec<PathBuf> {
         self.node.try_cleanup_dead_nodes();
         let _ = self.description.update_connections();
         let _ = self.state.update_connections();
         let _ = self.status.update_connections();
         let _ = self.answer.update_connections();
+        node_counter::close_to_others(&self.location)
     }
 }

@@ -33,6 +33,32 @@ pub enum Error {
         /// Bytes that are needed.
         needed: u64,
     },
+    /// Shared memory has no place for further files.
+    #[error(
+        "shared memory has no place for further files: {needed} are needed in /dev/shm, {free} can be \
+             made; remove files in /dev/shm that no process uses, or allow more: \
+             `mount -o remount,nr_inodes=1000000 /dev/shm`"
+    )]
+    NoFiles {
+        /// Files that can be made.
+        free: u64,
+        /// Files that are needed.
+        needed: u64,
+    },
+    /// Another user has made a file with a name of the run directory.
+    #[error(
+        "user {user} has made {}, a name that belongs to run directory {}: end that user's programs and \
+             remove the file; a torqued that is started alone in this directory takes other names",
+        file.display(), run_dir.display()
+    )]
+    ForeignFile {
+        /// The file.
+        file: PathBuf,
+        /// The user's number.
+        user: u32,
+        /// The run directory.
+        run_dir: PathBuf,
+    },
     /// No daemon runs for that robot.
     #[error(
         "no torqued runs robot \"{robot}\": service {service} was not offered in {run_dir} for \

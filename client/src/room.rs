@@ -16,9 +16,12 @@ use nix::sys::statvfs::statvfs;
 use crate::error::Error;
 use crate::location::Location;
 
-const SHARED_MEMORY: &str = "/dev/shm";
+/// Where the system keeps shared memory objects.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// Room for the small files that a process makes while it connects, bytes.
 const CONNECTING: u64 = 1 << 20;
+/// Files that a process makes while it connects, at most.
+const FILES: u64 = 128;
 
 /// Refuses to connect where shared memory is full.
 pub(crate) fn check() -> Result<(), Error> {
@@ -28,13 +31,20 @@ pub(crate) fn check() -> Result<(), Error> {
     };
     // A tmpfs without a limit has no size.
     let free = status.blocks_available() * status.fragment_size();
-    match status.blocks() == 0 || free >= CONNECTING {
-        true => Ok(()),
-        false => Err(Error::NoRoom {
-            free,
-            needed: CONNECTING,
-        }),
+    let files = status.files_available();
+    if status.files() != 0 && files < FILES {
+        return Err(Error::NoFiles {
+            free: files,
+            needed: FILES,
+        });
     }
+    if status.blocks() == 0 || free >= CONNECTING {
+        return Ok(());
+    }
+    Err(Error::NoRoom {
+        free,
+        needed: CONNECTING,
+    })
 }
 
 /// Gives memory to all files of the node's run directory.
@@ -63,7 +73,7 @@ pub(crate) fn reserve<S: Service>(node: &Node<S>) -> Result<(), Error> {
 /// A file of another user among those of the run directory, with that user's number: such names
 /// are free to all users.
 pub(crate) fn foreign_file(location: &Location) -> Option<(PathBuf, u32)> {
-    let owner = std::fs::metadata(location.path()).ok()?.uid();
+    let owner = location.owner();
     let prefix = location.shared_memory_prefix();
     let mut files = std::fs::read_dir(SHARED_MEMORY).ok()?.flatten();
     files.find_map(|file| {

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
-use cycle::ClientInput;
+use cycle::{ClientInput, OperatorRequest};
 use nix::sys::resource::{UsageWho, getrusage};
 use robot_config::Robot;
 use robot_state::{JointMeasured, SharedRecord, measured_flags};
@@ -28,6 +28,8 @@ pub struct Status {
     pub fault: AtomicU32,
     /// Number of the robot's state.
     pub state: AtomicU32,
+    /// Stops that were asked for without shared memory, and begun.
+    pub signalled_stops: AtomicU32,
 }
 
 impl Status {
@@ -70,6 +72,7 @@ pub struct Looper<B> {
     ending: Ending,
     status: Arc<Status>,
     stop: Arc<AtomicBool>,
+    stop_and_hold: Arc<AtomicBool>,
     cycles: u64,
 }
 
@@ -96,8 +99,15 @@ impl<B: Bus> Looper<B> {
             ending: Ending::new(limit, period, rest.collect()),
             status: Arc::default(),
             stop: Arc::clone(stop),
+            stop_and_hold: Arc::default(),
             cycles: cycles.unwrap_or(u64::MAX),
         }
+    }
+
+    /// Brings the robot to rest and holds it whenever this flag is set; the loop takes it back. This
+    /// way needs neither shared memory nor another thread.
+    pub fn stop_and_hold_when(&mut self, asked: &Arc<AtomicBool>) {
+        self.stop_and_hold = Arc::clone(asked);
     }
 
     /// The loop's state, for another thread to read.
@@ -124,7 +134,8 @@ impl<B: Bus> Looper<B> {
             let faults = (self.monitor).faults(&wake, counters, heartbeat, &last.cycle);
             faults.for_each(|event| self.control_loop.note(event));
             let request = self.ending.advance(asked, begun, &last.cycle);
-            let operator = self.clients.operator.next_request();
+            let operator = self.signalled_stop();
+            let operator = operator.or_else(|| self.clients.operator.next_request());
             if self.ending.is_over() {
                 self.control_loop.end_as_asked();
                 break;
@@ -153,6 +164,15 @@ impl<B: Bus> Looper<B> {
             },
             dropped: self.clients.records.overflow(),
         }
+    }
+
+    /// The stop that was asked for by the flag of [`stop_and_hold_when`](Self::stop_and_hold_when).
+    fn signalled_stop(&self) -> Option<OperatorRequest> {
+        let asked = self.stop_and_hold.swap(false, Ordering::Relaxed);
+        asked.then(|| {
+            self.status.signalled_stops.fetch_add(1, Ordering::Relaxed);
+            OperatorRequest::Stop
+        })
     }
 
     /// The bus.

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::{Parser, Subcommand};
 use recording::AttachedFile;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use terminal::print;
 use torqued::demo::{self, DemoOptions};
 use torqued::failure::Failure;
@@ -58,7 +58,10 @@ A robot of your own needs a sim.toml beside its robot.toml, and may have a motio
 
 With --simulate no CAN interface is needed: a simulated robot answers in this process, in real time.
 Clients, torquectl, tares and faults work as on a robot. Where the computer is too slow, the simulated
-robot's time passes more slowly.")]
+robot's time passes more slowly.
+
+Signals: SIGINT and SIGTERM bring the robot to rest, switch its drives off and end the daemon; SIGUSR1 brings
+it to rest and holds it, as `torquectl stop` does.")]
     Run {
         /// The robot's configuration, e.g. config/leg/robot.toml.
         config: PathBuf,
@@ -157,10 +160,14 @@ fn run(
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::environment)?;
     }
+    let stop_and_hold = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(SIGUSR1, Arc::clone(&stop_and_hold))
+        .map_err(Failure::environment)?;
     let options = RunOptions {
         cycles,
         files: files.into_inner(),
         record,
+        stop_and_hold,
     };
     let summary = match plant {
         Some(plant) => torqued::run::simulate(&robot, plant, options, &stop)?,

@@ -9,6 +9,7 @@ use robot_state::{Event, RobotState};
 use crate::looper::Status;
 use crate::service_manager::ServiceManager;
 use crate::stored_fault::FaultStore;
+use torqued_client::ProcessFile;
 
 /// Interval between two messages about joints that have not answered.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -27,6 +28,9 @@ pub struct Reporter<'a> {
     /// Instants of the last message about missing joints, and of the request to end.
     named: Instant,
     end_asked: Option<Instant>,
+    signalled_stops: u32,
+    /// Where the state can be read without shared memory.
+    process: Option<ProcessFile>,
 }
 
 impl<'a> Reporter<'a> {
@@ -42,7 +46,16 @@ impl<'a> Reporter<'a> {
             fault: fault.map_or(0, Event::number),
             named: Instant::now(),
             end_asked: None,
+            signalled_stops: 0,
+            process: None,
         }
+    }
+
+    /// Shows the robot's state in this file too.
+    #[must_use]
+    pub fn show_in(mut self, process: ProcessFile) -> Self {
+        self.process = Some(process);
+        self
     }
 
     /// Looks at the loop's state; `false`: the loop does not reach the end that was requested.
@@ -51,9 +64,14 @@ impl<'a> Reporter<'a> {
         if cycles > 0 {
             let silent = status.silent.load(Ordering::Relaxed);
             self.report_joints(silent);
+            self.report_signalled_stops(status.signalled_stops.load(Ordering::Relaxed));
             // Before the disk, which may take its time.
             let text = self.status(status, silent);
             self.manager.update(cycles, &text, Instant::now());
+            if let Some(process) = &mut self.process {
+                // A full disk: clients with shared memory still see the state.
+                let _ = process.show(&text);
+            }
             self.report_fault(status.fault.load(Ordering::Relaxed));
             self.report_state(RobotState::from_number(
                 status.state.load(Ordering::Relaxed),
@@ -77,6 +95,13 @@ impl<'a> Reporter<'a> {
             Some(event) => format!("{state} {number} {}: {}", event.name(), event.cause()),
             None if silent != 0 => format!("{state}: waiting for {} joints", silent.count_ones()),
             None => state.to_owned(),
+        }
+    }
+
+    fn report_signalled_stops(&mut self, count: u32) {
+        if count != self.signalled_stops {
+            self.signalled_stops = count;
+            eprintln!("SIGUSR1: the robot is brought to rest and held");
         }
     }
 

@@ -27,7 +27,7 @@ use crate::request_server::RequestServer;
 use crate::shared_memory;
 use crate::stored_fault::FaultStore;
 use crate::summary::{Summary, Timing};
-use torqued_client::StateDirectory;
+use torqued_client::{Location, ProcessFile, StateDirectory};
 
 /// Behind a robot's name in the state directory: the simulated one's.
 const SIMULATED: &str = "-simulated";
@@ -45,6 +45,9 @@ pub struct RunOptions {
     pub files: Vec<AttachedFile>,
     /// A recording from the first cycle on.
     pub record: Option<PathBuf>,
+    /// Set from outside, e.g. by a signal: the robot is brought to rest and held. Taken back by the
+    /// loop.
+    pub stop_and_hold: Arc<AtomicBool>,
 }
 
 /// Runs the robot on its buses until `stop` is set or `options.cycles` have begun or been skipped,
@@ -90,6 +93,8 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     stop: &Arc<AtomicBool>,
 ) -> Result<Summary, Failure> {
     let parameters = &robot.parameters;
+    let location = Location::find().map_err(Failure::environment)?;
+    let process = ProcessFile::create(&location, &parameters.name).map_err(Failure::environment)?;
     if let Some(cpu) = parameters.timing.cpu
         && let Err(why) = real_time::keep_off_cpu(cpu)
     {
@@ -122,9 +127,10 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     let recorder = recorder.recorder.start().map_err(Failure::environment)?;
     let commanders = Commanders::new(parameters.timing.reference_timeout)
         .with_trajectories(parameters.trajectory_limits());
-    let clients =
-        shared_memory::start(&describe(robot), server, commanders).map_err(Failure::environment)?;
+    let clients = shared_memory::start_at(&location, &describe(robot), server, commanders)
+        .map_err(Failure::environment)?;
     let mut looper = Looper::new(robot, control_loop, clients, stop, options.cycles);
+    looper.stop_and_hold_when(&options.stop_and_hold);
     let status = looper.status();
     let settings = Settings {
         require: parameters.timing.real_time == RealTime::Require,
@@ -144,7 +150,7 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
             Ok::<_, Failure>((outcome, timing))
         });
     let loop_thread = loop_thread.map_err(Failure::environment)?;
-    let mut reporter = Reporter::new(robot, store, fault);
+    let mut reporter = Reporter::new(robot, store, fault).show_in(process);
     while !loop_thread.is_finished() {
         thread::sleep(LOOK);
         if !reporter.look(&status, stop) {

@@ -20,6 +20,7 @@
 //! an idle machine.
 
 mod bus_error;
+mod connection;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -35,6 +36,7 @@ use torqued_client::{DaemonPorts, Error, Location};
 
 use crate::real_time::{monotonic_ns, run_as_ordinary_thread};
 use crate::request_server::RequestServer;
+use connection::Connection;
 
 /// Largest backlog of the publisher thread, records: a quarter of a second at 1 kHz, 6 MB.
 const RING: usize = 256;
@@ -112,31 +114,20 @@ struct Shared {
     heartbeat: AtomicU64,
 }
 
-/// Publishes `description` and starts the publisher thread, at which `server` serves requests, in the
-/// usual run directory. The thread inherits the caller's CPUs: call it before the loop's thread is
-/// pinned to its own. `commanders` decide whose references the loop follows.
+/// Publishes `description` and starts the publisher thread, at which `server` serves requests, in that
+/// run directory. The thread inherits the caller's CPUs: call it before the loop's thread is pinned to
+/// its own. `commanders` decide whose references the loop follows.
 ///
 /// # Errors
-/// Obstacles to creating the robot's services: see [`DaemonPorts::create`].
-pub fn start(
-    description: &Description,
-    server: RequestServer,
-    commanders: Commanders,
-) -> Result<LoopEnds, Error> {
-    start_at(&Location::find()?, description, server, commanders)
-}
-
-/// [`start`] in another run directory.
-///
-/// # Errors
-/// As [`start`].
+/// Obstacles to creating the robot's services, but for a lack of room, which may pass: see
+/// [`DaemonPorts::create`].
 pub fn start_at(
     location: &Location,
     description: &Description,
     server: RequestServer,
     commanders: Commanders,
 ) -> Result<LoopEnds, Error> {
-    let ports = DaemonPorts::create(location, description)?;
+    let connection = Connection::make(location, description)?;
     let (mut producer, mut consumer) = RingBuffer::new(RING);
     // Every page is written once now, so that the loop's first round through the ring faults none.
     while producer.push(SharedRecord::default()).is_ok() {}
@@ -153,7 +144,7 @@ pub fn start_at(
     // For good: a thread that is parked is never left.
     let parked: &'static AtomicBool = Box::leak(Box::default());
     let publisher = Publisher {
-        ports,
+        connection,
         server,
         settings: input,
         operator,
@@ -294,7 +285,7 @@ impl OperatorReceiver {
 }
 
 struct Publisher {
-    ports: DaemonPorts,
+    connection: Connection,
     server: RequestServer,
     settings: triple_buffer::Input<Settings>,
     operator: Producer<(OperatorRequest, u64)>,
@@ -320,7 +311,7 @@ impl Publisher {
             self.take_references();
             self.serve();
             if cleaned_up.elapsed() > CLEANUP_INTERVAL {
-                self.ports.cleanup_dead_clients();
+                self.connection.look_after();
                 cleaned_up = Instant::now();
             }
             if all_published {
@@ -337,7 +328,9 @@ impl Publisher {
             };
             let (records, _) = slot.as_slices();
             for record in records {
-                count_failure(&self.shared, &self.ports.publish(record));
+                if let Some(ports) = self.connection.ports() {
+                    count_failure(&self.shared, &ports.publish(record));
+                }
                 self.server.observe(record, Instant::now());
             }
             slot.commit_all();
@@ -348,8 +341,11 @@ impl Publisher {
     /// Requests and their answers; the loop gets new settings before a client gets the answer.
     fn serve(&mut self) {
         let mut answers = Vec::new();
+        let ports = self.connection.ports();
         for _ in 0..REQUESTS {
-            let received = self.ports.next_request();
+            let Some(received) = ports.map(DaemonPorts::next_request) else {
+                break;
+            };
             count_failure(&self.shared, &received);
             let Ok(Some(asked)) = received else {
                 break;
@@ -362,8 +358,10 @@ impl Publisher {
         if let Some(settings) = self.server.changed_settings() {
             self.settings.write(settings);
         }
-        for answer in &answers {
-            count_failure(&self.shared, &self.ports.answer(answer));
+        if let Some(ports) = self.connection.ports() {
+            for answer in &answers {
+                count_failure(&self.shared, &ports.answer(answer));
+            }
         }
     }
 
@@ -379,8 +377,11 @@ impl Publisher {
     /// As many as the rings have room for; the rest waits in the clients' buffers. A piece is read
     /// after the references and handed over before them: what was sent first arrives first.
     fn take_references(&mut self) {
+        let Some(ports) = self.connection.ports() else {
+            return;
+        };
         for _ in 0..self.arrived.slots() {
-            let received = self.ports.next_reference();
+            let received = ports.next_reference();
             count_failure(&self.shared, &received);
             let Ok(Some(reference)) = received else {
                 break;
@@ -388,7 +389,7 @@ impl Publisher {
             self.just_read.push(reference);
         }
         for _ in 0..self.sent_ahead.slots() {
-            let received = self.ports.next_piece();
+            let received = ports.next_piece();
             count_failure(&self.shared, &received);
             let Ok(Some(piece)) = received else {
                 break;

@@ -57,8 +57,8 @@ pub enum Code {
 impl Code {
     fn of(error: &Error) -> Self {
         match error {
-            Error::RunDirectory { .. } => Self::RunDirectory,
-            Error::NoRoom { .. } => Self::NoRoom,
+            Error::RunDirectory { .. } | Error::ForeignFile { .. } => Self::RunDirectory,
+            Error::NoRoom { .. } | Error::NoFiles { .. } => Self::NoRoom,
             Error::NoDaemon { .. } => Self::NoDaemon,
             Error::NoFrame { .. } => Self::NoFrame,
             Error::NoRecord { .. } => Self::NoRecord,
