@@ -9,6 +9,7 @@
 mod learned;
 mod motion;
 mod page;
+mod pairs;
 mod rig;
 mod robots;
 mod run;
@@ -17,6 +18,7 @@ mod scenarios;
 pub use motion::Moved;
 pub use motion::Reference;
 pub use page::{Results, line, page};
+pub use pairs::{Pair, PairOutcome, draw, run_pair};
 pub use rig::{At, Client, Fault, Rig};
 pub use robots::{Drives, Prepared, Variant};
 pub use run::{Outcome, Verdict, reference, run};

@@ -3,8 +3,8 @@
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use safety_bench::{
-    Outcome, Place, Prepared, Reference, Results, Scenario, Start, Variant, Verdict, all, page,
-    places, reference, run,
+    Outcome, Pair, PairOutcome, Place, Prepared, Reference, Results, Scenario, Start, Variant,
+    Verdict, all, draw, page, places, reference, run, run_pair,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -34,6 +34,12 @@ struct Arguments {
     /// Every robot in every state, also those that the page leaves out
     #[arg(long)]
     all: bool,
+    /// So many runs with two faults at once, drawn by --seed; prints them and writes no page
+    #[arg(long)]
+    pairs: Option<usize>,
+    /// Seed of the pairs
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
     /// Threads; default: all cores
     #[arg(long)]
     threads: Option<usize>,
@@ -46,6 +52,7 @@ Examples:
   safety-bench                                     all faults, some 20 minutes on two cores
   safety-bench --json runs.jsonl                   and every single run
   safety-bench --robot leg --only \"link encoder\"   a minute
+  safety-bench --pairs 10000 --seed 7              two faults at once, some 40 minutes
 ";
 
 struct Job<'a> {
@@ -80,6 +87,12 @@ fn work(arguments: &Arguments) -> Result<usize, String> {
     let prepared = variants
         .map(|variant| Prepared::new(variant, &read).map_err(|e| e.to_string()))
         .collect::<Result<Vec<_>, _>>()?;
+    let threads = arguments
+        .threads
+        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |threads| threads.get()));
+    if let Some(count) = arguments.pairs {
+        return work_on_pairs(&prepared, count, arguments, threads);
+    }
     let mut jobs = Vec::new();
     for prepared in &prepared {
         let named = |s: &Scenario| (arguments.only.as_ref()).is_none_or(|n| s.name.contains(n));
@@ -96,9 +109,6 @@ fn work(arguments: &Arguments) -> Result<usize, String> {
             }));
         }
     }
-    let threads = arguments
-        .threads
-        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |threads| threads.get()));
     let (outcomes, references) = run_all(&jobs, threads)?;
     let failed = outcomes.iter().filter(|(_, o)| o.verdict == Verdict::Fails);
     let failed = failed.count();
@@ -118,6 +128,69 @@ fn work(arguments: &Arguments) -> Result<usize, String> {
     let last = std::fs::read_to_string(&arguments.out).unwrap_or_default();
     write(&arguments.out, &page(&results, &last))?;
     Ok(failed)
+}
+
+/// Runs pairs of faults; prints the counts and the runs nearest to an injury, or beyond.
+fn work_on_pairs(
+    prepared: &[Prepared],
+    count: usize,
+    arguments: &Arguments,
+    threads: usize,
+) -> Result<usize, String> {
+    const SHOWN: usize = 20;
+    let pairs = draw(prepared, count, arguments.seed);
+    let keys: BTreeMap<(usize, Start), &Pair> = pairs
+        .iter()
+        .map(|(robot, pair)| ((*robot, pair.places[0].start), pair))
+        .collect();
+    let keys: Vec<_> = keys.into_iter().collect();
+    let references = parallel(&keys, threads, |((robot, _), pair)| {
+        reference(&prepared[*robot], &pair.places[0], None)
+    });
+    let mut by_key = BTreeMap::new();
+    for ((key, _), reference) in keys.iter().zip(references) {
+        by_key.insert(*key, reference.map_err(|e| e.to_string())?);
+    }
+    let outcomes = parallel(&pairs, threads, |(robot, pair)| {
+        let reference = &by_key[&(*robot, pair.places[0].start)];
+        run_pair(&prepared[*robot], pair, reference).map_err(|e| e.to_string())
+    });
+    let mut outcomes = outcomes.into_iter().collect::<Result<Vec<_>, _>>()?;
+    if let Some(path) = &arguments.json {
+        let lines = outcomes
+            .iter()
+            .map(|o| serde_json::to_string(o).map(|line| line + "\n"));
+        let text = lines
+            .collect::<Result<String, _>>()
+            .map_err(|e| e.to_string())?;
+        write(path, &text)?;
+    }
+    let severity = |o: &PairOutcome| {
+        (o.moved.displacement / 5_f64.to_radians()).max(o.moved.speed_share / 0.5)
+    };
+    outcomes.sort_by(|a, b| severity(b).total_cmp(&severity(a)));
+    for o in outcomes.iter().take(SHOWN) {
+        println!(
+            "{:.2} deg {:.1} % fault {} | {}, {} | {} ({}) + {} ms {} ({})",
+            o.moved.displacement.to_degrees(),
+            100.0 * o.moved.speed_share,
+            o.fault,
+            o.robot,
+            o.start,
+            o.faults[0],
+            o.joints[0],
+            o.delay,
+            o.faults[1],
+            o.joints[1]
+        );
+    }
+    let beyond = outcomes.iter().filter(|o| o.is_beyond()).count();
+    let injures = outcomes.iter().filter(|o| o.injures()).count();
+    println!(
+        "{count} runs with two faults, seed {}: {beyond} beyond 1 degree, {injures} injure (5 degrees or 50 %)",
+        arguments.seed
+    );
+    Ok(injures)
 }
 
 type Done = (Vec<(Variant, Outcome)>, Vec<(Variant, Start, Reference)>);

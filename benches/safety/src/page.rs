@@ -22,7 +22,7 @@ fn badness(outcome: &Outcome, bound: Bound) -> f64 {
     let moved = &outcome.moved;
     let step = match bound {
         Bound::MotionAndStep | Bound::Gap(_) | Bound::Approach => moved.step_share / 0.05,
-        Bound::Motion | Bound::Physics | Bound::Torque | Bound::Shown(_) => 0.0,
+        Bound::Motion | Bound::Straying | Bound::Physics | Bound::Torque | Bound::Shown(_) => 0.0,
     };
     let verdict = match outcome.verdict {
         Verdict::Holds => 0.0,
@@ -213,7 +213,9 @@ fn tables(text: &mut String, results: &Results) {
         }
         let step = match scenario.bound {
             Bound::MotionAndStep | Bound::Gap(_) | Bound::Approach => " (step)",
-            Bound::Motion | Bound::Physics | Bound::Torque | Bound::Shown(_) => "",
+            Bound::Motion | Bound::Straying | Bound::Physics | Bound::Torque | Bound::Shown(_) => {
+                ""
+            }
         };
         let of = |verdict: Verdict| {
             let its = its().filter(|(_, o)| o.verdict == verdict);

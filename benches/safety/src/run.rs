@@ -12,7 +12,7 @@ use crate::robots::Prepared;
 use crate::scenarios::{Bound, Place, Scenario, Start};
 
 /// Cycles that are observed from the fault's first one on.
-const OBSERVED: usize = 1000;
+pub(crate) const OBSERVED: usize = 1000;
 /// Cycles until a robot that is switched on holds, with its filters full.
 const SETTLING: usize = 500;
 /// Further cycles until IMUs have agreed for the second that makes one stand in for another.
@@ -31,6 +31,8 @@ const RECOVERY: usize = 400;
 /// Greatest uncommanded displacement, rad, share of the velocity limit, share of the torque limit.
 const DISPLACEMENT: f64 = PI / 180.0;
 const SPEED_SHARE: f64 = 0.1;
+/// Share of the velocity limit that a drive which follows something else may reach before it is off.
+const STRAYING_SHARE: f64 = 0.45;
 const STEP_SHARE: f64 = 0.05;
 /// Excess over set-points that stay as they are before a reaction counts as making it worse.
 const PHYSICS_MARGIN: f64 = 1.1;
@@ -132,7 +134,7 @@ fn moving(rig: &Rig) -> Fault {
 }
 
 /// A robot in the state in which the fault begins, and the client's motion there.
-fn begin(
+pub(crate) fn begin(
     prepared: &Prepared,
     place: &Place,
     setup: Option<fn(&mut Rig, &Place)>,
@@ -307,7 +309,8 @@ pub fn run(
     };
     outcome.beside =
         (beside.map(|of| run_beside(of, prepared, scenario, place, reference))).transpose()?;
-    if !matches!(bound, Bound::Physics | Bound::Torque) {
+    // Of a drive that goes on to follow something else nothing is to be recovered.
+    if !matches!(bound, Bound::Physics | Bound::Torque | Bound::Straying) {
         outcome.recovered = Some(recovers(&mut rig));
     }
     outcome.verdict = judge(bound, &outcome.moved, outcome.beside.as_ref());
@@ -428,6 +431,9 @@ fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>) -> Verdict {
     };
     let as_shown = match bound {
         Bound::Torque => moved.torque_speed_share <= PHYSICS_MARGIN,
+        Bound::Straying => {
+            moved.displacement <= DISPLACEMENT && moved.speed_share <= STRAYING_SHARE
+        }
         Bound::Approach => moved.speed_share <= SPEED_SHARE && stepless,
         Bound::Shown(rate) => {
             let way = rate * OBSERVED as f64 * 1e-3;

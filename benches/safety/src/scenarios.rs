@@ -4,6 +4,7 @@ mod bus;
 mod client;
 mod drive;
 mod encoder;
+mod errant;
 mod frame;
 mod process;
 mod sensor;
@@ -32,6 +33,9 @@ pub enum Bound {
     /// Every sensor of the joint shows a motion at this rate, rad/s, that is none: the joint follows
     /// it, no further, at no more than the share of the velocity limit of [`Bound::Motion`].
     Shown(f64),
+    /// A drive follows something else than its set-points: 1 degree, and 45 % of the velocity limit, as the first
+    /// milliseconds of it cannot be seen.
+    Straying,
     /// No set-points come for so many cycles: the bounds of [`Bound::MotionAndStep`], or by no more
     /// beyond that torque step than a drive makes whose set-point stands for as long.
     Gap(usize),
@@ -247,6 +251,13 @@ impl Scenario {
         of_currents.unwrap_or(self.bound)
     }
 
+    pub(crate) const fn straying(self) -> Self {
+        Self {
+            bound: Bound::Straying,
+            ..self
+        }
+    }
+
     pub(crate) const fn torque(self) -> Self {
         Self {
             bound: Bound::Torque,
@@ -311,6 +322,14 @@ impl Scenario {
         }
     }
 
+    /// Of drives that take positions, can be switched off, and whose joints have two encoders.
+    pub(crate) const fn of_switched_positions(self) -> Self {
+        Self {
+            on: |v| v.drives == Drives::Position && v.states && v.robot != "hrp2-like",
+            ..self
+        }
+    }
+
     pub(crate) const fn of_current_drives(self) -> Self {
         Self {
             on: |variant| variant.drives == Drives::Current,
@@ -329,6 +348,7 @@ pub fn all() -> Vec<Scenario> {
         sensor::scenarios(),
         frame::scenarios(),
         drive::scenarios(),
+        errant::scenarios(),
         client::scenarios(),
     ]
     .concat()

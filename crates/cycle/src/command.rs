@@ -14,6 +14,7 @@ mod emit;
 mod felt_level;
 mod frame_check;
 mod impedance;
+mod inputs;
 mod joint;
 mod late;
 mod law;
@@ -24,6 +25,7 @@ mod reference;
 mod rejoin;
 mod rest;
 mod transition;
+mod unheld;
 mod weight;
 mod yielding;
 
@@ -41,7 +43,7 @@ use supervisor::Deviation;
 use crate::estimate::FastTorque;
 use crate::events::{Counts, Subject};
 use crate::measure::JointReadiness;
-use cartesian::{Frames, Known};
+use cartesian::Frames;
 use delay::CommandDelay;
 use felt_level::FeltLevels;
 use impedance::Impedance;
@@ -53,9 +55,10 @@ use reference::Goal;
 use weight::{Loads, Past};
 use yielding::Yielding;
 
-pub use decide::ClientInput;
 pub(crate) use decide::Supervisor;
 pub(crate) use emit::Emit;
+pub use inputs::ClientInput;
+pub(crate) use inputs::Known;
 
 /// Inputs of commands besides the goal.
 #[derive(Debug, Clone, Copy)]
@@ -220,7 +223,7 @@ impl Command {
             Goal::Cartesian(reference) => {
                 let dq = |j: usize| self.joints[j].velocity(&measured.joints[j]);
                 let torques = &mut self.torques;
-                let known = Known {
+                let known = cartesian::Known {
                     measured,
                     estimated,
                 };
@@ -292,6 +295,7 @@ impl Command {
                         (self.felt_levels).update(j, presses, torque, &torques.tau_hat)
                     }
                 },
+                in_doubt: (fast.get(j)).map_or(0.0, FastTorque::in_doubt),
                 yields,
                 led: self.frames.leads(j) || goal.lets_go(j),
                 yields_anew: yields && self.yielding.is_new(),
@@ -301,15 +305,17 @@ impl Command {
                 overslept,
                 resumes: false,
             };
-            match joint.update(goal, &input, &mut commanded.joints[j]) {
-                Some(Deviation::Following) => {
-                    counts.add_of(Event::FollowingError, Subject::Joint(j));
-                }
-                Some(Deviation::Overspeed) => counts.add_of(Event::Overspeed, Subject::Joint(j)),
-                Some(Deviation::Doubtful) => {
-                    counts.add_of(Event::FollowingDoubtful, Subject::Joint(j));
-                }
-                None => {}
+            if let Some((deviation, begins)) = joint.update(goal, &input, &mut commanded.joints[j])
+            {
+                let event = match deviation {
+                    Deviation::Following => Event::FollowingError,
+                    Deviation::Overspeed => Event::Overspeed,
+                    Deviation::Doubtful => Event::FollowingDoubtful,
+                };
+                counts.lasting(event, Subject::Joint(j), begins);
+            }
+            if let Some(begins) = joint.doubts_level() {
+                counts.lasting(Event::LevelDoubtful, Subject::Joint(j), begins);
             }
             if joint.finds_another_drive(goal.mode()) {
                 counts.add_of(Event::DriveUnlike, Subject::Joint(j));

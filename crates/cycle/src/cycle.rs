@@ -5,7 +5,7 @@ use problem::Problem;
 use robot_config::Robot;
 use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS, Mode};
 
-use crate::command::{ClientInput, Command, Emit, Input, Supervisor};
+use crate::command::{ClientInput, Command, Emit, Input, Known, Supervisor};
 use crate::estimate::Estimate;
 use crate::events::Counts;
 use crate::measure::Measure;
@@ -98,7 +98,13 @@ impl Cycle {
             measure.distrust(j);
         });
         let readiness = self.measure.readiness();
-        let goal = self.supervisor.decide(client, &readiness, measured, counts);
+        let known = Known {
+            readiness: &readiness,
+            measured,
+            commanded,
+            estimate: &self.estimate,
+        };
+        let goal = self.supervisor.decide(client, &known, counts);
         let input = Input {
             measured,
             readiness: readiness.joints,

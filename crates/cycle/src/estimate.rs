@@ -19,6 +19,7 @@ mod current;
 mod delay_compensation;
 mod external_torque;
 mod gear_torsion;
+mod level_check;
 mod power;
 mod torque_check;
 mod torsion_check;
@@ -46,6 +47,7 @@ use delay_compensation::DelayCompensation;
 pub(crate) use delay_compensation::{FastTorque, KINEMATIC_SLOPE};
 use external_torque::ExternalTorque;
 use gear_torsion::GearTorsion;
+use level_check::LevelCheck;
 use power::Power;
 use torque_check::TorqueCheck;
 use torsion_check::TorsionCheck;
@@ -70,6 +72,7 @@ pub(crate) struct Estimate {
     external_torque: Option<ExternalTorque>,
     cross_check: Option<CrossCheckStage>,
     torsion_check: TorsionCheck,
+    level_check: LevelCheck,
     torque_check: TorqueCheck,
     /// The settings in use.
     settings: Settings,
@@ -127,6 +130,7 @@ impl Estimate {
             cross_check: (parameters.cross_check.as_ref())
                 .map(|settings| CrossCheckStage::new(robot, whole_body.estimator(), settings)),
             torsion_check: TorsionCheck::new(robot),
+            level_check: LevelCheck::new(robot),
             torque_check: TorqueCheck::new(robot)?,
             whole_body,
             settings: Settings::default(),
@@ -151,14 +155,20 @@ impl Estimate {
         estimated: &EstimatedRecord,
         commanded: &CommandedRecord,
         overslept: bool,
-        found: impl FnMut(usize),
+        mut found: impl FnMut(usize),
     ) {
         if overslept {
             self.torsion_check.restart();
         }
         let fast = self.delay_compensation.fast();
         let joints = (&measured.joints[..], &estimated.joints[..]);
-        (self.torsion_check).update(joints, fast, commanded, found);
+        (self.torsion_check).update(joints, fast, commanded, &mut found);
+        (self.level_check).update(joints, fast, commanded, found);
+    }
+
+    /// The joint's torsion does not fit what it bears: it must not be enabled.
+    pub(crate) fn is_unfit(&self, joint: usize) -> bool {
+        self.level_check.forbids(joint)
     }
 
     /// Judges the torques from F/T sensors and IMU that are fed back, by motor current; `commanded`: of the

@@ -42,7 +42,7 @@ pub(crate) const NOT_USED: u32 = measured_flags::NEVER
 const MAX_BRIDGED: f64 = 100.0;
 
 /// Whether one joint's samples can be relied on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct JointReadiness {
     /// Its encoders agree, and have done so for long enough.
     pub(crate) plausible: bool,
@@ -52,10 +52,13 @@ pub(crate) struct JointReadiness {
     pub(crate) distrusted: bool,
     /// One of its encoders has slipped.
     pub(crate) slipped: bool,
+    /// Motor-side and link-side angle as they were read last, whether they are trusted or not, rad,
+    /// link side.
+    pub(crate) shown: [f64; 2],
 }
 
 /// Later steps that this cycle's measured values are good enough for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Readiness<'m> {
     pub(crate) joints: &'m [JointReadiness],
     /// Every joint has answered, and its filters are full.
@@ -307,6 +310,7 @@ impl Measure {
                 stale: measured.flags & measured_flags::STALE != 0,
                 distrusted: plausibility.trust() == Trust::Implausible,
                 slipped: plausibility.has_slipped(),
+                shown: readiness.shown,
             };
         }
     }
@@ -371,6 +375,7 @@ impl Measure {
                 slot(slots::current(j)),
             );
             let mut angles = *self.front_ends[j].angles();
+            self.joint_readiness[j].shown = [angles.theta * self.motors[j][0], angles.q];
             let flags = reading.flags | angles.flags | self.implausible(j, &angles);
             let used = flags & NOT_USED == 0;
             if used {

@@ -178,7 +178,8 @@ fn a_stale_joint_latches_a_fault_and_all_joints_hold_until_an_operator_acknowled
     for mode in [Mode::InverseDynamics, Mode::Hold] {
         reference.sequence += 1;
         reference.mode = mode.number();
-        for _ in 0..5 {
+        // Long enough for every drive to prove that it follows.
+        for _ in 0..20 {
             assert_eq!(
                 bench.step(&client_input(&reference)).mode,
                 Mode::Hold.number()

@@ -174,6 +174,10 @@ impl CanRobot {
                             }
                         }
                         Sent::Control(joint) => {
+                            let faults = self.robot.drive_faults(joint);
+                            if faults.is_some_and(|faults| faults.deaf) {
+                                continue;
+                            }
                             if let Some(states) = self.robot.drive_states(joint) {
                                 states.control(value as u32);
                             }

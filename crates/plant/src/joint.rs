@@ -10,6 +10,7 @@
 
 use crate::controller::Controller;
 use crate::drive::{DriveReading, DriveSheet};
+use crate::drive_faults::DriveFaults;
 use crate::drive_states::{self, DriveStates};
 use crate::friction::{Bristle, BristleConstants, stribeck};
 use crate::parameters::DriveParameters;
@@ -47,7 +48,9 @@ pub struct Joint {
     controller: Controller,
     /// None: always on.
     states: Option<DriveStates>,
-    /// Past theta and q, one pair a step.
+    /// What is wrong with the drive.
+    faults: DriveFaults,
+    /// Past theta and q as the encoders turned, one pair a step.
     past: Past<2>,
 
     step: Step,
@@ -107,6 +110,7 @@ impl Joint {
             bearing: Bristle::default(),
             controller: Controller::new(sheet, &p.controller),
             states: None,
+            faults: DriveFaults::default(),
             past: Past::new(PAST),
             step: Step::default(),
             gear_torque: 0.0,
@@ -130,6 +134,12 @@ impl Joint {
     pub fn with_states(mut self) -> Self {
         self.states = Some(DriveStates::new(&self.parameters.states));
         self
+    }
+
+    /// What is wrong with the drive, to change it.
+    #[must_use]
+    pub fn faults(&mut self) -> &mut DriveFaults {
+        &mut self.faults
     }
 
     /// The drive's states, if it has any.
@@ -166,7 +176,8 @@ impl Joint {
         self.current = if self.is_on() { current } else { 0.0 };
         (self.gear_torque, self.tau) = (tau, tau);
         self.past = Past::new(PAST);
-        self.past.push([self.theta, q]);
+        let DriveFaults { motor, link, .. } = &self.faults;
+        self.past.push([motor.shown(self.theta), link.shown(q)]);
         let measured = current * self.current_gain + self.current_offset;
         self.controller.settle(self.theta, measured);
     }
@@ -176,17 +187,19 @@ impl Joint {
         if let Some(states) = &mut self.states {
             states.note_set_point();
         }
-        if self.is_on() {
-            self.controller.set_point = set_point;
+        if self.is_on() || self.faults.keeps_target {
+            self.controller.set_point = self.faults.set_point.followed(set_point);
         }
     }
 
     /// One period of the drive's own control loop, `dt` after the last.
     pub fn control(&mut self, dt: f64) {
-        if self.states.as_mut().is_some_and(|states| states.tick(dt)) {
+        let enabled = self.states.as_mut().is_some_and(|states| states.tick(dt));
+        if enabled && !self.faults.keeps_target {
             self.controller.begin();
         }
-        self.controller.tick(self.theta, dt);
+        self.controller
+            .tick(self.faults.motor.shown(self.theta), dt);
     }
 
     fn kinematic_error(&self, q: f64, theta: f64) -> f64 {
@@ -266,7 +279,10 @@ impl Joint {
         (self.friction).advance(&self.motor_bristle, s.friction_level, self.omega, dt);
         let bearing_level = self.bearing_level();
         (self.bearing).advance(&self.bearing_bristle, bearing_level, dq_next, dt);
-        self.past.push([self.theta, q_next]);
+        self.faults.advance(dt);
+        let DriveFaults { motor, link, .. } = &self.faults;
+        self.past
+            .push([motor.shown(self.theta), link.shown(q_next)]);
     }
 
     fn run_current_loop(&mut self, dt: f64) {
@@ -329,9 +345,12 @@ impl Joint {
                 self.sheet.link_counts_per_turn,
                 s.link_noise_counts * random.normal(),
             ),
-            current: self.current * self.current_gain
-                + self.current_offset
-                + s.current_noise * random.normal(),
+            current: {
+                let sensed = self.current * self.current_gain
+                    + self.current_offset
+                    + s.current_noise * random.normal();
+                self.faults.current_reads.unwrap_or(sensed)
+            },
             omega: self.controller.velocity(),
             status: (self.states.as_ref()).map_or(drive_states::ALWAYS_ON, DriveStates::status),
         }

@@ -15,6 +15,7 @@ pub mod clock;
 pub mod contact;
 pub mod controller;
 pub mod drive;
+pub mod drive_faults;
 pub mod drive_states;
 pub mod friction;
 pub mod joint;
@@ -37,6 +38,7 @@ pub mod urdf;
 
 pub use can_robot::CanRobot;
 pub use drive::{Command, DriveReading, DriveSheet};
+pub use drive_faults::{DriveFaults, EncoderFault, SetPointFault};
 pub use drive_states::{DriveError, DriveStates};
 pub use joint::Joint;
 pub use kinematic_error::KinematicError;

@@ -6,6 +6,7 @@ mod start;
 use crate::articulated::Dynamics;
 use crate::clock::{Clock, Clocks, steps_kept};
 use crate::drive::DriveReading;
+use crate::drive_faults::DriveFaults;
 use crate::drive_states::DriveStates;
 use crate::joint::Joint;
 use crate::parameters::SimParameters;
@@ -156,6 +157,13 @@ impl SimRobot {
     pub fn drive_states(&mut self, joint: usize) -> Option<&mut DriveStates> {
         let dof = *self.order.get(joint)?;
         self.joints[dof].states()
+    }
+
+    /// What is wrong with a joint's drive, to change it. `joint` counts in the plan's order.
+    #[must_use]
+    pub fn drive_faults(&mut self, joint: usize) -> Option<&mut DriveFaults> {
+        let dof = *self.order.get(joint)?;
+        Some(self.joints[dof].faults())
     }
 
     /// Sets an external torque about a joint's axis between the links that it connects, N·m: a weight

@@ -49,6 +49,8 @@ pub mod refusal {
     pub const OTHER_FAULT: u32 = 4;
     /// A drive reports a fault of its own: its joint's index.
     pub const DRIVE: u32 = 5;
+    /// The gear of a joint shows a torsion that does not fit what it bears: its index.
+    pub const UNFIT: u32 = 6;
 }
 
 /// Progress of a request.

@@ -151,6 +151,8 @@ pub struct Drive {
     /// The drive has reached `Enabled` since the goal was set.
     reached: bool,
     trouble: Option<DriveTrouble>,
+    /// The last status word read that the drive, which is enabled, is so no longer: one word may be wrong.
+    contradicted: bool,
 }
 
 impl Drive {
@@ -170,6 +172,7 @@ impl Drive {
             waited: 0,
             reached: false,
             trouble: None,
+            contradicted: false,
         }
     }
 
@@ -220,7 +223,15 @@ impl Drive {
 
     fn check(&mut self, status: Option<u32>) -> Option<DriveTrouble> {
         let profile = self.profile.as_ref()?;
-        if let Some(status) = status {
+        let confirmed = status.filter(|&status| {
+            let leaves = self.goal == DriveGoal::Enabled
+                && self.state == DriveState::Enabled
+                && profile.state(status) != DriveState::Enabled;
+            let first = leaves && !self.contradicted;
+            self.contradicted = leaves;
+            !first
+        });
+        if let Some(status) = confirmed {
             let state = profile.state(status);
             if state != self.state {
                 self.waited = 0;
@@ -353,6 +364,7 @@ mod tests {
         lost.pursue(DriveGoal::Enabled);
         assert_eq!(lost.update(Some(0x27)), None);
         let off = DriveTrouble::Lost(DriveState::Off);
+        assert_eq!(lost.update(Some(0x40)), None, "one word may be wrong");
         assert_eq!(lost.update(Some(0x40)), Some(off));
         assert_eq!(lost.update(Some(0x08)), Some(DriveTrouble::Fault));
         lost.pursue(DriveGoal::Off);

@@ -19,9 +19,9 @@
 /// Cycles after which a drive has acted on a set-point.
 const ACTS_WITHIN: usize = 4;
 
-/// Cycles for which one counts at most: an error of twice the limit or more is found in a quarter of
-/// the time, as what a position drive does with it grows with its square.
-const MOST: f64 = 4.0;
+/// Share of the cycles for which one counts at most: an error that is a multiple of the limit is found the sooner by
+/// its square, as what a position drive does with it grows so, but never by one sample alone.
+const MOST: f64 = 0.5;
 
 /// Limits of a joint's following error and velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -133,8 +133,9 @@ impl Following {
         self.error
     }
 
-    /// Takes what the drive shows. A deviation is returned once, when it has lasted.
-    pub fn update(&mut self, shown: &Shown) -> Option<Deviation> {
+    /// Takes what the drive shows. A deviation is returned for as long as it lasts, with whether it begins:
+    /// a reaction that was missed once is not lost.
+    pub fn update(&mut self, shown: &Shown) -> Option<(Deviation, bool)> {
         if !shown.blind && std::mem::take(&mut self.blind) {
             // Where the drive went meanwhile is known again.
             self.restart();
@@ -161,14 +162,14 @@ impl Following {
             self.error.abs() / (p.limit + p.per_velocity * velocity.abs()),
             velocity.abs() / p.velocity,
         ];
-        let counted = [(ratios[0] * ratios[0]).min(MOST), 1.0];
+        let samples = f64::from(p.samples);
+        let counted = [(ratios[0] * ratios[0]).min((MOST * samples).max(1.0)), 1.0];
         let before = self.over;
         for (over, (ratio, counted)) in self.over.iter_mut().zip(ratios.iter().zip(counted)) {
             *over = if *ratio > 1.0 { *over + counted } else { 0.0 };
         }
-        let samples = f64::from(p.samples);
-        let lasted = |i: usize| before[i] < samples && self.over[i] >= samples;
-        let deviations = [lasted(0), lasted(1)];
+        let lasts = |i: usize| self.over[i] >= samples;
+        let begins = |i: usize| before[i] < samples;
         let explained =
             p.doubt + p.doubt_per_lead * shown.lead.abs() + p.per_velocity * velocity.abs();
         let doubt = self.error.abs() / explained;
@@ -178,12 +179,14 @@ impl Following {
             false => 0.0,
         };
         let doubt_samples = f64::from(p.doubt_samples);
-        let doubted = doubtful_before < doubt_samples && self.doubtful >= doubt_samples;
-        match deviations {
-            [true, _] => Some(Deviation::Following),
-            [_, true] => Some(Deviation::Overspeed),
-            _ if doubted => Some(Deviation::Doubtful),
-            _ => None,
+        if lasts(0) {
+            Some((Deviation::Following, begins(0)))
+        } else if lasts(1) {
+            Some((Deviation::Overspeed, begins(1)))
+        } else if self.doubtful >= doubt_samples {
+            Some((Deviation::Doubtful, doubtful_before < doubt_samples))
+        } else {
+            None
         }
     }
 }
@@ -222,7 +225,7 @@ mod tests {
             let sent = 1e-3 * k as f64;
             let found = following.update(&shown(drive(sent), velocity));
             following.note_sent(sent);
-            found.map(|deviation| (k, deviation))
+            found.map(|(deviation, _)| (k, deviation))
         })
     }
 
@@ -233,6 +236,25 @@ mod tests {
         assert_eq!(deviation, Deviation::Following);
         // 10 ms until the set-point has left by the limit, four cycles, and less than 20 ms.
         assert!((20..30).contains(&after), "{after}");
+    }
+
+    #[test]
+    fn a_deviation_is_reported_for_as_long_as_it_lasts_and_begins_once() {
+        let mut following = Following::new(PARAMETERS);
+        let found: Vec<_> = (0..100)
+            .map(|k| {
+                following.note_sent(0.2);
+                let deaf = if k < 60 { 0.5 } else { 0.2 };
+                following.update(&shown([deaf; 2], 0.0))
+            })
+            .collect();
+        let begins = (found.iter())
+            .filter(|x| matches!(x, Some((_, true))))
+            .count();
+        let first = found.iter().position(Option::is_some).unwrap();
+        assert_eq!(begins, 1);
+        assert!(found[first..60].iter().all(Option::is_some));
+        assert!(found[60..].iter().all(Option::is_none));
     }
 
     #[test]
@@ -257,7 +279,7 @@ mod tests {
                     ..shown([seen; 2], 1.0)
                 });
                 following.note_sent(sent);
-                found.map(|deviation| (k, deviation))
+                found.map(|(deviation, _)| (k, deviation))
             })
         };
         assert_eq!(found(0.0), None);
@@ -279,7 +301,7 @@ mod tests {
                         followed,
                         ..shown(set_points, 0.0)
                     })
-                    .map(|deviation| (k, deviation))
+                    .map(|(deviation, _)| (k, deviation))
             })
         };
         // Four cycles until a set-point must have acted, and five.
@@ -302,7 +324,11 @@ mod tests {
                     followed: true,
                     ..shown([0.2 + error; 2], 0.0)
                 });
-                found == Some(Deviation::Doubtful)
+                // A very great one is no longer doubtful.
+                matches!(
+                    found,
+                    Some((Deviation::Doubtful | Deviation::Following, true))
+                )
             })
         };
         // Four cycles until a set-point must have acted; never by a single sample.

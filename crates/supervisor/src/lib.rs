@@ -8,6 +8,7 @@
 mod commanders;
 mod drive;
 mod following;
+mod hold_watch;
 mod lease;
 mod limiter;
 mod plausibility;
@@ -19,6 +20,7 @@ pub use drive::{
     ControlWords, Drive, DriveGoal, DriveProfile, DriveTrouble, StatusBits, StatusPattern,
 };
 pub use following::{Deviation, Following, FollowingParameters, Shown};
+pub use hold_watch::{Held, HoldWatch, HoldWatchParameters};
 pub use lease::{Bid, Holder, Lease, Verdict};
 pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
 pub use plausibility::{MotorSample, Plausibility, PlausibilityParameters, Sample, Trust};

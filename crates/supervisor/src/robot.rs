@@ -16,7 +16,7 @@
 //! | --- | --- | --- |
 //! | boot | none: listens only | none |
 //! | ready | none, but for joints that a fault left holding | none |
-//! | enabling | to joints whose drive is enabled: where they stand | none |
+//! | enabling | to all joints: where they stand; left when every drive has followed for a while | none |
 //! | holding | to all joints, unchanging | may be entered |
 //! | active | to all joints | the one that is active |
 //! | stopping | to all joints: brought to rest | none |
@@ -52,6 +52,8 @@ pub enum Refusal {
     Outside(usize),
     /// A joint whose drive reports a fault of its own.
     Drive(usize),
+    /// A joint whose gear shows a torsion that does not fit what it bears.
+    Unfit(usize),
     /// Another fault is latched, or none: the number.
     OtherFault(u32),
 }
@@ -90,6 +92,8 @@ pub struct JointCondition {
     pub drive_fault: bool,
     /// It moves no faster than what counts as rest.
     pub at_rest: bool,
+    /// The torsion of its gear does not fit what it bears: an encoder's zero, or the gear, is another.
+    pub unfit: bool,
 }
 
 /// The machine.
@@ -106,7 +110,13 @@ pub struct RobotMachine {
     /// Longest time of enabling and of stopping, cycles.
     time_limit: u32,
     waited: u32,
+    /// Cycles in a row in which all joints have had set-points while enabling.
+    followed: u32,
 }
+
+/// Cycles in which every drive must be enabled and follow before the robot is said to hold: what a
+/// following error needs to be found.
+const FOLLOWED: u32 = 25;
 
 impl RobotMachine {
     /// A robot that has just been switched on. `automatic`: enabling needs no operator, as for
@@ -122,6 +132,7 @@ impl RobotMachine {
             usable: false,
             time_limit,
             waited: 0,
+            followed: 0,
         }
     }
 
@@ -288,9 +299,11 @@ impl RobotMachine {
                 for (engaged, joint) in self.engaged.iter_mut().zip(joints) {
                     *engaged |= joint.drive_enabled && joint.usable;
                 }
-                if self.engaged.iter().all(|&engaged| engaged) {
+                let all = self.engaged.iter().all(|&engaged| engaged);
+                self.followed = if all { self.followed + 1 } else { 0 };
+                if self.followed > FOLLOWED {
                     self.enter(S::Holding);
-                } else if self.waited > self.time_limit {
+                } else if !all && self.waited > self.time_limit {
                     let waiting = self.engaged.iter().position(|engaged| !engaged);
                     wrong = Some((Event::EnableTimeOut, waiting));
                 }
@@ -307,7 +320,7 @@ impl RobotMachine {
 
     fn enter(&mut self, state: RobotState) {
         self.state = state;
-        self.waited = 0;
+        (self.waited, self.followed) = (0, 0);
     }
 
     fn may_enable(&self, joints: &[JointCondition]) -> Result<(), Refusal> {
@@ -316,6 +329,9 @@ impl RobotMachine {
         }
         if let Some(joint) = joints.iter().position(|joint| joint.drive_fault) {
             return Err(Refusal::Drive(joint));
+        }
+        if let Some(joint) = joints.iter().position(|joint| joint.unfit) {
+            return Err(Refusal::Unfit(joint));
         }
         match joints.iter().position(|joint| !joint.inside) {
             Some(joint) => Err(Refusal::Outside(joint)),

@@ -15,6 +15,7 @@ const GOOD: JointCondition = JointCondition {
     drive_enabled: true,
     drive_fault: false,
     at_rest: true,
+    unfit: false,
 };
 
 fn engaged(machine: &RobotMachine) -> usize {
@@ -28,7 +29,10 @@ fn holding() -> RobotMachine {
     machine
         .request(OperatorRequest::Enable, &[GOOD; JOINTS])
         .unwrap();
+    // Every drive has to follow for a while.
     machine.update(&[GOOD; JOINTS]);
+    assert_eq!(machine.state(), RobotState::Enabling);
+    (0..30).for_each(|_| _ = machine.update(&[GOOD; JOINTS]));
     assert_eq!(machine.state(), RobotState::Holding);
     machine
 }
@@ -93,7 +97,7 @@ fn a_stale_joint_is_withdrawn_until_it_is_enabled_again() {
     machine
         .request(OperatorRequest::Enable, &[GOOD; JOINTS])
         .unwrap();
-    machine.update(&[GOOD; JOINTS]);
+    (0..30).for_each(|_| _ = machine.update(&[GOOD; JOINTS]));
     assert_eq!(
         (machine.state(), engaged(&machine)),
         (RobotState::Holding, JOINTS)
@@ -269,7 +273,7 @@ proptest! {
             machine.update(&[GOOD; JOINTS]);
         }
         prop_assert_eq!(machine.request(OperatorRequest::Enable, &[GOOD; JOINTS]), Ok(()));
-        for _ in 0..TIME_LIMIT {
+        for _ in 0..TIME_LIMIT + 30 {
             prop_assert_eq!(machine.update(&[GOOD; JOINTS]), None);
         }
         machine.set_active(false);

@@ -309,6 +309,16 @@ fn reason(
              cause, then `torquectl acknowledge`",
             measured.status
         ),
+        refusal::UNFIT => {
+            let joints = &record.estimated.joints;
+            let torques = joints.get(subject as usize).copied().unwrap_or_default();
+            format!(
+                "the gear of joint `{name}` shows {:.1}, F/T sensors and masses {:.1} N·m: an encoder has \
+                 lost its zero, `gear_ratio` is another, or the joint bears what no sensor measures; see \
+                 `torquectl watch`, set `offset_deg` of its encoders anew",
+                torques.tau_encoder.tau, torques.tau_whole_body.tau
+            )
+        }
         refusal::OTHER_FAULT if subject == 0 => "no fault is latched".to_owned(),
         refusal::OTHER_FAULT => match request {
             OperatorRequest::Acknowledge(number) => format!(

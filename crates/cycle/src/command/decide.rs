@@ -15,35 +15,18 @@ use core::ops::RangeInclusive;
 use robot_config::Robot;
 use robot_state::{
     CommandedRecord, CommanderRecord, CycleRecord, DriveState, Event, MeasuredRecord, Mode,
-    Reaction, Reactions, Reference, RobotState, Settings, measured_flags, not_followed, source,
+    Reaction, Reactions, Reference, RobotState, measured_flags, not_followed, source,
 };
 use supervisor::{
     Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, RobotMachine, Safety,
 };
 
-use super::emit::{has_brake, status};
+use super::emit::status;
+use super::inputs::{ClientInput, Known};
 use super::reference::{Answer, Goal, ReferenceCheck, needs};
+use super::unheld::{Unheld, UnheldJoints};
 use crate::events::{Counts, Subject, refusal_code};
 use crate::measure::Readiness;
-
-/// Clients' input to one cycle, as it arrived: unchecked.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct ClientInput<'a> {
-    /// The newest reference of the client that has the lease of the command, if one has it.
-    pub reference: Option<&'a Reference>,
-    /// Age of that reference, s.
-    pub age_s: f64,
-    /// The lease; the cycle fills in what it does with the reference.
-    pub commander: CommanderRecord,
-    /// The settings in use; none: those of the configuration.
-    pub settings: Option<&'a Settings>,
-    /// An operator's request, in the one cycle that is to carry it out.
-    pub request: Option<OperatorRequest>,
-}
-
-/// Time after which a joint that cannot be held by its encoders is left to its brake, s: by then it
-/// has been stopped.
-const LEFT_TO_BRAKE_S: f64 = 0.5;
 
 /// The state of the robot, and the memory that leads to it.
 #[derive(Debug)]
@@ -53,9 +36,7 @@ pub(crate) struct Supervisor {
     /// Positions at which a joint may be enabled, rad.
     ranges: Vec<RangeInclusive<f64>>,
     conditions: Vec<JointCondition>,
-    /// Cycles left until each joint that takes currents is left to its brake; none without one.
-    brakes: Vec<Option<u32>>,
-    to_brake: u32,
+    unheld: UnheldJoints,
     drives: Vec<Drive>,
     /// Joints whose current was implausible in the last cycle.
     implausible_currents: Vec<bool>,
@@ -92,7 +73,6 @@ impl Supervisor {
         let p = &robot.parameters;
         let joints = p.joints.len();
         let cycles = |time: f64| (time / p.timing.sample_period).ceil() as u32;
-        let to_brake = cycles(LEFT_TO_BRAKE_S);
         Self {
             machine: RobotMachine::new(joints, p.safety.automatic, cycles(p.safety.time_limit)),
             limits: p.joints.iter().map(|joint| joint.limits).collect(),
@@ -100,10 +80,7 @@ impl Supervisor {
                 .map(|joint| joint.desired_range())
                 .collect(),
             conditions: vec![JointCondition::default(); joints],
-            brakes: (p.joints.iter())
-                .map(|joint| has_brake(joint).then_some(to_brake))
-                .collect(),
-            to_brake,
+            unheld: UnheldJoints::new(robot),
             drives: (p.joints.iter())
                 .map(|joint| Drive::new(joint.drive_profile.clone()))
                 .collect(),
@@ -156,14 +133,25 @@ impl Supervisor {
         self.machine.is_engaged(joint)
     }
 
+    /// The joint's drive is being enabled, its samples are usable, and it has no set-points yet.
+    pub(crate) fn is_about_to_engage(&self, joint: usize) -> bool {
+        self.machine.state() == RobotState::Enabling
+            && !self.machine.is_engaged(joint)
+            && (self.conditions.get(joint)).is_some_and(|joint| joint.usable && joint.inside)
+    }
+
     /// Settles state and mode of this cycle, and the reference that it follows.
     pub(crate) fn decide<'a>(
         &mut self,
         client: &ClientInput<'a>,
-        readiness: &Readiness<'_>,
-        measured: &MeasuredRecord,
+        known: &Known<'_>,
         counts: &mut Counts,
     ) -> Goal<'a> {
+        let Known {
+            readiness,
+            measured,
+            ..
+        } = *known;
         self.unsound = match readiness.sensors_ready {
             true => 0,
             false => source::WHOLE_BODY,
@@ -172,7 +160,7 @@ impl Supervisor {
         (self.degraded_by, self.doubted) = (0, 0);
         self.react_to(counts);
         self.follow_drives(measured, counts);
-        self.judge(readiness, measured);
+        self.judge(known);
         self.follow_lease(&client.commander, counts);
         if let Some(request) = client.request {
             self.requests = self.requests.wrapping_add(1);
@@ -183,7 +171,7 @@ impl Supervisor {
         if let Some((event, joint)) = self.machine.update(&self.conditions) {
             self.report(event, joint.map(Subject::Joint), counts);
         }
-        self.leave_to_brakes();
+        self.leave_to_brakes(known, counts);
         self.lead_drives();
         let goal = self.goal(client, readiness, measured, counts);
         self.machine.set_active(goal.reference().is_some());
@@ -295,30 +283,30 @@ impl Supervisor {
         }
     }
 
-    /// In a fault a joint whose encoders contradict each other has been stopped without them; its
-    /// drive is then switched off, and its brake holds it.
-    fn leave_to_brakes(&mut self) {
+    /// In a fault a joint whose encoders contradict each other is not held for ever.
+    fn leave_to_brakes(&mut self, known: &Known<'_>, counts: &mut Counts) {
         let stopped = self.machine.fault().is_some();
-        for (j, (left, joint)) in self.brakes.iter_mut().zip(&self.conditions).enumerate() {
-            let Some(left) = left else {
-                continue;
-            };
-            match stopped && joint.distrusted {
-                true => *left = left.saturating_sub(1),
-                false => *left = self.to_brake,
-            }
-            if *left == 0 {
-                self.machine.withdraw(j);
+        for (j, readiness) in known.readiness.joints.iter().enumerate() {
+            let (measured, commanded) = (&known.measured.joints[j], &known.commanded.joints[j]);
+            let engaged = stopped && self.machine.is_engaged(j);
+            let judged = (&self.conditions[j], readiness);
+            match (self.unheld).update(j, judged, (measured, commanded), engaged) {
+                Unheld::No => {}
+                Unheld::ToBrake => self.machine.withdraw(j),
+                Unheld::Away => {
+                    self.report(Event::FollowingError, Some(Subject::Joint(j)), counts);
+                }
             }
         }
     }
 
-    fn judge(&mut self, readiness: &Readiness<'_>, measured: &MeasuredRecord) {
-        let joints = self.conditions.iter_mut().zip(readiness.joints);
+    fn judge(&mut self, known: &Known<'_>) {
+        let joints = self.conditions.iter_mut().zip(known.readiness.joints);
         let limits = self.limits.iter().zip(&self.ranges);
         let drives = self.drives.iter().zip(limits);
-        for ((condition, joint), ((drive, (limits, range)), measured)) in
-            joints.zip(drives.zip(&measured.joints))
+        let measured = &known.measured.joints;
+        for (j, ((condition, joint), ((drive, (limits, range)), measured))) in
+            joints.zip(drives.zip(measured)).enumerate()
         {
             *condition = JointCondition {
                 usable: joint.plausible && !joint.stale,
@@ -330,6 +318,7 @@ impl Supervisor {
                 drive_enabled: drive.is_enabled(),
                 drive_fault: drive.state() == DriveState::Fault,
                 at_rest: measured.dq.abs() < limits.rest,
+                unfit: known.estimate.is_unfit(j),
             };
         }
     }

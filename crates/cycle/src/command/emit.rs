@@ -3,7 +3,11 @@
 //! A joint whose set-points are withdrawn has none, with two exceptions. A drive that takes currents
 //! would go on with the last one: it is sent zero until it has been off for a while. And where several joints share a
 //! message, the others need it: the joint's slot then has zero current, or the position where it was
-//! measured last, if its drive is kept off by control words; else the message ends for all of them.
+//! measured last, if its drive is kept off by control words; else the message ends for all of them. So it does
+//! where the drive stays enabled all the same: only its own time-out can still stop it.
+//!
+//! A drive that takes positions is sent where its motor stands before it is enabled: one that keeps a target of
+//! its own would go there.
 
 use can_codec::{Frames, Table};
 use robot_config::{JointParameters, Robot, slots};
@@ -31,6 +35,9 @@ struct Addressed {
     limits: [f64; 2],
     /// It has been measured: encoders that contradict each other later leave its last position.
     measured: bool,
+    gear_ratio: f64,
+    /// Cycles in a row in which its drive has been enabled without a set-point for it.
+    deaf: u32,
 }
 
 /// The frames that carry set-points and control words.
@@ -46,6 +53,8 @@ pub(crate) struct Emit {
     words: Vec<Option<u32>>,
     /// Cycles since control words were sent.
     since: u32,
+    /// Cycles for which a drive may stay enabled that is to be off.
+    deaf_limit: u32,
 }
 
 impl Emit {
@@ -61,12 +70,18 @@ impl Emit {
                     off: 0,
                     limits: [joint.limits.position_min, joint.limits.position_max],
                     measured: false,
+                    gear_ratio: joint.encoders.gear_ratio,
+                    deaf: 0,
                 })
                 .collect(),
             shared: shared(&robot.send),
             table: robot.send.clone(),
             words: vec![None; robot.parameters.joints.len()],
             since: 0,
+            deaf_limit: {
+                let timing = &robot.parameters.timing;
+                (timing.stale_after / timing.sample_period).ceil() as u32
+            },
         }
     }
 
@@ -84,10 +99,11 @@ impl Emit {
             // Also not where the command itself was the fault.
             let last = last.filter(|_| supervisor.is_engaged(j));
             let state = supervisor.drives().get(j).map(Drive::state);
-            if last.is_some() {
-                self.note_driven(j);
-            }
-            let set_point = last.or_else(|| self.no_current(j, state.unwrap_or_default()));
+            let state = state.unwrap_or_default();
+            self.note(j, last.is_some(), state);
+            let set_point = last
+                .or_else(|| self.no_current(j, state))
+                .or_else(|| self.where_it_stands(j, supervisor, measured));
             self.set(slots::command(j), set_point);
         }
         self.complete_shared(measured);
@@ -143,9 +159,11 @@ impl Emit {
                 else {
                     continue;
                 };
+                let hears = joint.controlled && joint.deaf <= self.deaf_limit;
                 if slot.is_nan() && !joint.takes_position {
                     *slot = 0.0;
-                } else if slot.is_nan() && joint.controlled && joint.measured {
+                }
+                if slot.is_nan() && hears && joint.measured {
                     let [min, max] = joint.limits;
                     *slot = (measured.joints.get(j)).map_or(f64::NAN, |m| m.q.max(min).min(max));
                 }
@@ -167,11 +185,31 @@ impl Emit {
         due
     }
 
-    /// Notes a set-point.
-    fn note_driven(&mut self, joint: usize) {
+    /// Notes whether a joint has a set-point, and its drive's state.
+    fn note(&mut self, joint: usize, driven: bool, state: DriveState) {
         if let Some(joint) = self.joints.get_mut(joint) {
-            joint.driven = true;
+            joint.driven |= driven;
+            joint.deaf = if driven || state != DriveState::Enabled {
+                0
+            } else {
+                joint.deaf.saturating_add(1)
+            };
         }
+    }
+
+    /// Where the motor of a joint stands whose drive is about to be enabled, rad; none of others.
+    fn where_it_stands(
+        &self,
+        j: usize,
+        supervisor: &Supervisor,
+        measured: &MeasuredRecord,
+    ) -> Option<f64> {
+        let joint =
+            (self.joints.get(j)).filter(|joint| joint.takes_position && joint.controlled)?;
+        let now = measured.joints.get(j)?;
+        let [min, max] = joint.limits;
+        let angle = (now.theta / joint.gear_ratio).max(min).min(max);
+        (supervisor.is_about_to_engage(j) && angle.is_finite()).then_some(angle)
     }
 
     fn set(&mut self, slot: usize, value: Option<f64>) {

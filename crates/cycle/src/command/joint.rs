@@ -20,6 +20,8 @@
 //! A state owns its torque loop's integral and its transition, and is made anew at each change of
 //! mode: nothing of an earlier visit survives.
 
+mod enter;
+
 use control::predictive::{PredictiveLaw, TorqueTerms};
 use control::{MotorModel, TorqueLoop};
 use robot_state::{
@@ -105,6 +107,9 @@ pub(crate) struct JointController {
     late: Option<LateTorque>,
     /// Its only encoder is in doubt since the last mode: so is the velocity that it shows.
     doubted: bool,
+    /// Torque by which the level of the torque may be wrong, N·m: the greatest of the last second.
+    in_doubt: f64,
+    level_doubted: bool,
     /// None while no set-points are sent.
     state: Option<State>,
 }
@@ -137,6 +142,8 @@ impl JointController {
                 .then(|| LateTorque::new(joint, parameters))
                 .transpose()?,
             doubted: false,
+            in_doubt: 0.0,
+            level_doubted: false,
             state: None,
         })
     }
@@ -187,15 +194,35 @@ impl JointController {
         self.unlike && !before
     }
 
+    /// The level of the torque that holds this joint, and nothing else does, has come into doubt: none where its mode
+    /// needs no torque; else whether that begins.
+    pub(crate) fn doubts_level(&mut self) -> Option<bool> {
+        let before = self.level_doubted;
+        self.level_doubted =
+            self.is_held_by_torque() && self.in_doubt > rest::DOUBTFUL * self.law.limits.torque;
+        self.level_doubted.then_some(!before)
+    }
+
+    /// Nothing but a torque holds the joint, and no spring.
+    fn is_held_by_torque(&self) -> bool {
+        let mode = self.state.as_ref().map(State::mode);
+        matches!(mode, Some(Mode::Torque | Mode::Passive))
+    }
+
     /// The command of this cycle within all limits, with its contributions in `commanded`. Returns
-    /// how the drive deviates from those before.
+    /// how the drive deviates from those before, and whether that begins.
     pub(crate) fn update(
         &mut self,
         goal: &Goal<'_>,
         input: &JointInput<'_>,
         commanded: &mut JointCommanded,
-    ) -> Option<Deviation> {
+    ) -> Option<(Deviation, bool)> {
         let motion = self.law.motion(input);
+        self.in_doubt = if self.is_held_by_torque() {
+            rest::remembered(self.in_doubt, input.in_doubt, input.dt)
+        } else {
+            0.0
+        };
         let resumes = self.resumes(input);
         if let Some(predictive) = &mut self.predictive {
             match (input.overslept, resumes) {
@@ -218,7 +245,8 @@ impl JointController {
                 ..shown
             })
         });
-        self.doubted |= self.late.is_some() && deviation.flatten() == Some(Deviation::Doubtful);
+        let is_doubtful = matches!(deviation.flatten(), Some((Deviation::Doubtful, _)));
+        self.doubted |= self.late.is_some() && is_doubtful;
         let braked = JointInput {
             in_contact: input.in_contact || self.doubted,
             resumes,
@@ -351,7 +379,11 @@ impl JointController {
                 let at = (input.measured.q, dq);
                 let terms = TorqueTerms {
                     feedforward: reference.tau_d,
-                    position: rest.torque(at, &law.gains, law.rest_friction),
+                    position: rest.torque(
+                        at,
+                        &law.gains,
+                        law.friction(law.rest_friction, self.in_doubt),
+                    ),
                     ..TorqueTerms::default()
                 };
                 (terms, torque_loop, transition)
@@ -385,7 +417,8 @@ impl JointController {
                             input.measured.q,
                             link_velocity(self.predictive.as_ref(), input.measured),
                         );
-                        terms.position += rest.torque(at, &law.gains, law.let_go_friction);
+                        let friction = law.friction(law.let_go_friction, self.in_doubt);
+                        terms.position += rest.torque(at, &law.gains, friction);
                     }
                     false => *rest = Rest::at(input.measured.q),
                 }
@@ -410,70 +443,6 @@ impl JointController {
                 let command = law.torque_command(terms, (torque_loop, None), input, commanded);
                 transition.blend(command, input.dt)
             }
-        }
-    }
-}
-
-impl Law {
-    /// The state of a mode that begins now, after the command `last`; its transition begins at
-    /// `from`.
-    fn enter(
-        &self,
-        goal: &Goal<'_>,
-        (last, from): (f64, f64),
-        motion: &Motion,
-        input: &JointInput<'_>,
-    ) -> State {
-        let transition = match input.yields {
-            true => Transition::yielding(from),
-            false => Transition::from(from),
-        };
-        let torque_loop = TorqueLoop::default();
-        match (goal.mode(), self.motor) {
-            // Where the set-point would be at rest: one that came to rest slowly would press on.
-            (Mode::Hold, MotorModel::Position { k_v, .. }) if input.in_contact => {
-                State::HoldPosition {
-                    hold_q: last - k_v * motion.dq,
-                    stop: Stop::from(0.0, self.limits.deceleration),
-                }
-            }
-            (Mode::Hold, MotorModel::Position { .. }) => State::HoldPosition {
-                hold_q: last,
-                stop: match input.trusted {
-                    true => Stop::from(motion.dq, self.limits.deceleration),
-                    false => Stop::doubted(motion.dq, self.limits.deceleration),
-                },
-            },
-            (Mode::Hold, MotorModel::Current { .. }) => {
-                let weight = input.weight;
-                let deceleration = self.limits.deceleration;
-                let torque = last * self.carry_parameters().k_1;
-                State::Carry(match goal {
-                    Goal::Stop => Carry::stop(weight),
-                    _ => Carry::hold(motion, weight, torque, deceleration),
-                })
-            }
-            (Mode::Torque, _) => State::Torque {
-                torque_loop,
-                transition,
-                rest: Rest::at(input.measured.q),
-            },
-            (
-                mode @ (Mode::InverseDynamics
-                | Mode::Position
-                | Mode::Cartesian
-                | Mode::Passive
-                | Mode::TorqueFeedbackMotion
-                | Mode::LowGainTracking),
-                _,
-            ) => State::InverseDynamics {
-                torque_loop,
-                transition,
-                impedance: Impedance::asked(input.impedance, &self.gains),
-                rejoin: None,
-                rest: Rest::at(input.measured.q),
-                mode,
-            },
         }
     }
 }

@@ -83,7 +83,12 @@ pub(crate) fn check(bench: &Bench, before: &mut [Before]) {
                 true => sent == 0.0,
                 false => {
                     let q = measured.q.clamp(limits.position_min, limits.position_max);
+                    // A drive that is about to be enabled is sent where its motor stands.
+                    let theta = measured.theta / parameters.encoders.gear_ratio;
+                    let theta = theta.clamp(limits.position_min, limits.position_max);
+                    let begins = state == RobotState::Enabling && off;
                     needed && off && (sent - q).abs() < resolution
+                        || begins && (sent - theta).abs() < resolution
                 }
             };
             assert!(harmless, "{sent} to joint {j}, which is not engaged");

@@ -32,6 +32,16 @@ impl Motion {
         }
     }
 
+    /// Greatest way of a joint, degrees.
+    pub(crate) fn displacement_deg(&self) -> f64 {
+        self.displacement.to_degrees()
+    }
+
+    /// Greatest share of a velocity limit, 1.
+    pub(crate) fn speed_share(&self) -> f64 {
+        self.speed_share
+    }
+
     pub(crate) fn assert_small(&self, what: &str) {
         let (way, share) = (self.displacement, self.speed_share);
         assert!(way < DISPLACEMENT, "{what}: {:.2} deg", way.to_degrees());

@@ -1,0 +1,306 @@
+//! Drives that err themselves: the drive's own loop, its frames and the loop see the same, and several err in
+//! one cycle. True motion is judged.
+
+mod common;
+
+use common::motion::{Motion, state};
+use common::{Bench, client_input, read, spoil};
+use cycle::{ClientInput, OperatorRequest};
+use plant::DriveFaults;
+use robot_config::slots;
+use robot_state::{DriveState, Event, Mode, Reference, RobotState, refusal};
+
+/// The leg, in front of an operator.
+fn leg() -> Bench {
+    Bench::reading("leg", &|path| {
+        let text = read(path)?;
+        Ok(text.replace("enable = \"automatic\"", "enable = \"operator\""))
+    })
+}
+
+/// Changes the faults of some joints' drives.
+fn err(bench: &mut Bench, joints: &[usize], change: impl Fn(&mut DriveFaults)) {
+    for &joint in joints {
+        change(bench.plant.robot_mut().drive_faults(joint).unwrap());
+    }
+}
+
+/// A robot that holds, or that follows a client in a mode where it stands.
+fn in_mode(mode: Mode) -> (Bench, Option<Reference>) {
+    let mut bench = leg();
+    bench.run(300);
+    bench.ask(OperatorRequest::Enable);
+    bench.run(600);
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+    if mode == Mode::Hold {
+        return (bench, None);
+    }
+    let hold = bench.reference(Mode::Hold.number(), 1);
+    bench.step(&client_input(&hold));
+    let mut reference = bench.reference(mode.number(), 2);
+    let estimated = bench.cycle.record().estimated;
+    for (joint, estimated) in reference.joints.iter_mut().zip(&estimated.joints) {
+        joint.tau_d = estimated.tau_hat.tau;
+    }
+    for _ in 0..2000 {
+        reference.sequence += 1;
+        bench.step(&client_input(&reference));
+    }
+    assert_eq!(state(bench.cycle.record()), RobotState::Active);
+    (bench, Some(reference))
+}
+
+/// Goes on for so many cycles; the true motion since the beginning.
+fn go_on(bench: &mut Bench, mut reference: Option<Reference>, cycles: usize) -> Motion {
+    let mut motion = Motion::of(bench);
+    for _ in 0..cycles {
+        match &mut reference {
+            Some(reference) => {
+                reference.sequence += 1;
+                bench.step(&client_input(reference));
+            }
+            None => _ = bench.step(&ClientInput::default()),
+        }
+        motion.take(bench);
+    }
+    motion
+}
+
+/// Every pair of the leg's joints, and all of them.
+fn pairs_and_all() -> Vec<Vec<usize>> {
+    let mut sets = vec![(0..6).collect()];
+    for a in 0..6 {
+        for b in a + 1..6 {
+            sets.push(vec![a, b]);
+        }
+    }
+    sets
+}
+
+/// Goes wrong in one cycle.
+type Change = fn(&mut DriveFaults);
+
+/// What drives make of their set-points.
+const STRAYING: [(&str, Change); 3] = [
+    ("go to 0", |f| f.set_point.scale = 0.0),
+    ("mirror", |f| f.set_point.scale = -1.0),
+    ("are offset", |f| f.set_point.offset = 0.1),
+];
+
+/// Whatever joints stray in one cycle, each is switched off by its own condition. What they move until then is
+/// what one that strays alone does: a millisecond until it shows, two samples, the drive's step, its brake.
+fn each_is_switched_off((name, change): (&str, Change)) {
+    for joints in pairs_and_all() {
+        let (mut bench, reference) = in_mode(Mode::Hold);
+        let stand_at_0 = |j: &usize| bench.cycle.record().measured.joints[*j].q.abs() < 0.01;
+        // A joint that stands at 0 does not stray by going there.
+        let unmoved: Vec<bool> = joints.iter().map(stand_at_0).collect();
+        err(&mut bench, &joints, change);
+        let motion = go_on(&mut bench, reference, 400);
+        let what = format!("{joints:?} {name}");
+        assert!(
+            motion.displacement_deg() < 1.0,
+            "{what}: {:.2} deg",
+            motion.displacement_deg()
+        );
+        assert!(
+            motion.speed_share() < 0.45,
+            "{what}: {:.2}",
+            motion.speed_share()
+        );
+        let record = bench.cycle.record();
+        for (&j, unmoved) in joints.iter().zip(unmoved) {
+            let state = DriveState::from_number(record.commanded.joints[j].drive_state);
+            let off = state == Some(DriveState::Off);
+            assert!(
+                off || unmoved && name != "are offset",
+                "{what}: joint {j} is {state:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn of_drives_that_go_to_zero_in_one_cycle_each_is_switched_off() {
+    each_is_switched_off(STRAYING[0]);
+}
+
+#[test]
+fn of_drives_that_mirror_their_set_points_in_one_cycle_each_is_switched_off() {
+    each_is_switched_off(STRAYING[1]);
+}
+
+#[test]
+fn of_drives_whose_set_points_are_offset_in_one_cycle_each_is_switched_off() {
+    each_is_switched_off(STRAYING[2]);
+}
+
+/// Within 1 degree and 10 % of the velocity limit, and by a fault.
+fn assert_stopped(bench: &Bench, motion: &Motion, what: &str) {
+    motion.assert_small(what);
+    assert_eq!(state(bench.cycle.record()), RobotState::Fault, "{what}");
+}
+
+/// The drive's loop runs on the motor encoder that errs: a set-point that stands moves the joint.
+#[test]
+fn a_joint_whose_motor_encoder_drifts_in_its_own_drive_is_left_to_its_brake() {
+    for (mode, drifts) in [
+        (Mode::Hold, &[0.6, 2.0, 6.0][..]),
+        (Mode::Torque, &[0.6, 6.0]),
+        (Mode::Passive, &[2.0]),
+    ] {
+        for &drift in drifts {
+            for joint in [3, 5] {
+                let (mut bench, reference) = in_mode(mode);
+                let rate = 100.0 * f64::to_radians(drift);
+                err(&mut bench, &[joint], |f| f.motor.rate = rate);
+                let motion = go_on(&mut bench, reference, 1500);
+                let what = format!("{mode:?}, joint {joint} drifts at {drift} deg/s");
+                assert_stopped(&bench, &motion, &what);
+            }
+        }
+    }
+}
+
+#[test]
+fn joints_whose_motor_encoders_are_stuck_in_their_own_drives_do_not_run_away() {
+    for mode in [Mode::Torque, Mode::Passive] {
+        for joints in [vec![3], (0..6).collect()] {
+            let (mut bench, reference) = in_mode(mode);
+            for &joint in &joints {
+                let theta = bench.plant.truth().joints[joint].theta;
+                err(&mut bench, &[joint], |f| f.motor.stuck = Some(theta));
+            }
+            let motion = go_on(&mut bench, reference, 1500);
+            motion.assert_small(&format!("{mode:?}, {joints:?} stuck"));
+        }
+    }
+}
+
+/// Its own time-out ends a drive that hears no control words, as its frame ends. Until then it runs: 20 ms
+/// in which it may only be slow to switch off, and its time limit.
+#[test]
+fn a_drive_that_runs_away_and_hears_no_control_words_is_left_to_its_time_out() {
+    let (mut bench, _) = in_mode(Mode::Hold);
+    for joint in 0..6 {
+        let states = bench.plant.drive_states(joint).unwrap();
+        states.set_command_timeout(Some(0.02));
+    }
+    err(&mut bench, &[3], |f| {
+        (f.deaf, f.set_point.scale) = (true, 0.0)
+    });
+    let started = bench.plant.truth().joints[3].q;
+    let ended = (0..400).find(|_| {
+        bench.step(&ClientInput::default());
+        !bench.sent_set_points(|frame| frame.bus == 1)
+    });
+    assert!(
+        ended.is_some_and(|k| k < 35),
+        "its frame ends after {ended:?}"
+    );
+    bench.run(300);
+    let status = bench.plant.drive_states(3).unwrap().status();
+    assert_eq!(status & 0x4f, 0x08, "the drive has stopped by itself");
+    let way = (bench.plant.truth().joints[3].q - started).to_degrees();
+    assert!(way.abs() < 15.0, "{way:.1} deg of the 50 to where it goes");
+}
+
+#[test]
+fn drives_that_keep_a_target_of_their_own_are_sent_where_they_stand_before_they_are_enabled() {
+    let mut bench = leg();
+    err(&mut bench, &[0, 1, 2, 3, 4, 5], |f| f.keeps_target = true);
+    bench.run(300);
+    bench.ask(OperatorRequest::Enable);
+    let motion = go_on(&mut bench, None, 600);
+    motion.assert_small("targets kept");
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+}
+
+#[test]
+fn at_the_first_enabling_drives_that_follow_something_else_are_switched_off_and_none_is_said_to_hold()
+ {
+    for scale in [0.0, -1.0] {
+        let mut bench = leg();
+        let all = [0, 1, 2, 3, 4, 5];
+        err(&mut bench, &all, |f| f.set_point.scale = scale);
+        bench.run(300);
+        bench.ask(OperatorRequest::Enable);
+        let mut motion = Motion::of(&bench);
+        for _ in 0..600 {
+            bench.step(&ClientInput::default());
+            motion.take(&bench);
+            assert_ne!(state(bench.cycle.record()), RobotState::Holding, "{scale}");
+        }
+        assert_stopped(&bench, &motion, &format!("set-points times {scale}"));
+        let fault = bench.cycle.record().fault;
+        assert_eq!(fault, Event::FollowingError.number());
+    }
+}
+
+/// A zero that is lost within the gear's wind-up while the drive was silent: the torsion is one that the gear can
+/// have, but not under this weight.
+#[test]
+fn a_joint_whose_torsion_does_not_fit_its_weight_is_not_enabled() {
+    for error in [0.003, -0.003, 0.002] {
+        let (mut bench, _) = in_mode(Mode::Hold);
+        for k in 0..5 {
+            bench.gather();
+            if k == 1 {
+                bench.plant.drive_states(3).unwrap().set_power(false);
+                err(&mut bench, &[3], |f| f.motor.offset = 100.0 * error);
+            }
+            if k == 3 {
+                bench.plant.drive_states(3).unwrap().set_power(true);
+            }
+            bench.drop_answers(|frame| frame.bus == 1);
+            bench.compute(&ClientInput::default());
+        }
+        bench.run(300);
+        let fault = bench.cycle.record().fault;
+        assert_eq!(fault, Event::DriveLost.number());
+        bench.ask(OperatorRequest::Acknowledge(fault));
+        bench.run(300);
+        bench.ask(OperatorRequest::Enable);
+        let motion = go_on(&mut bench, None, 600);
+        motion.assert_small(&format!("zero lost by {error}"));
+        let record = bench.cycle.record();
+        assert_eq!(state(record), RobotState::Ready, "{error}");
+        assert_eq!(record.refusal, refusal::UNFIT << 16 | 3, "{error}");
+    }
+}
+
+/// An encoder that creeps changes the torque by torsion; while the joint stands, friction as great as the doubt holds
+/// it, and in the end its mode.
+#[test]
+fn an_encoder_that_creeps_moves_no_joint_that_stands() {
+    for mode in [Mode::Torque, Mode::Passive] {
+        for (joint, rate) in [(3, 0.001), (0, 0.003), (5, 0.01)] {
+            for of_motor in [true, false] {
+                let (mut bench, reference) = in_mode(mode);
+                err(&mut bench, &[joint], |f| {
+                    if of_motor {
+                        f.motor.rate = 100.0 * f64::to_radians(rate);
+                    } else {
+                        f.link.rate = f64::to_radians(rate);
+                    }
+                });
+                let motion = go_on(&mut bench, reference, 6000);
+                let what = format!("{mode:?}, joint {joint}, {rate} deg/s, motor {of_motor}");
+                motion.assert_small(&what);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_status_word_that_is_wrong_once_switches_nothing_off() {
+    let (mut bench, _) = in_mode(Mode::Hold);
+    for k in 0..200 {
+        bench.gather();
+        if k % 50 == 0 {
+            spoil(&mut bench, 3, |now| now[slots::status(3)] = 8.0);
+        }
+        bench.compute(&ClientInput::default());
+    }
+    assert_eq!(state(bench.cycle.record()), RobotState::Holding);
+}
