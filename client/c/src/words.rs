@@ -136,10 +136,8 @@ mod tests {
         let cut = unsafe { CStr::from_ptr(room.as_ptr()) };
         assert_eq!((cut.to_str(), length > 20), (Ok("404 ena"), true));
         // SAFETY: no room at all.
-        assert_eq!(
-            unsafe { torqued_event_words(1, std::ptr::null_mut(), 0) },
-            0
-        );
+        let unknown = unsafe { torqued_event_words(1, std::ptr::null_mut(), 0) };
+        assert_eq!(unknown, 0);
         assert_eq!(torqued_event_number(usize::MAX), 0);
     }
 }

@@ -153,6 +153,18 @@ impl Counts {
     }
 }
 
+/// A refusal as a number: the kind in the upper half, its subject in the lower.
+pub(crate) fn refusal_code(reason: Refusal) -> u32 {
+    match reason {
+        Refusal::State(state) => refusal::STATE << 16 | state.number(),
+        Refusal::Joint(joint) => refusal::JOINT << 16 | joint as u32,
+        Refusal::Outside(joint) => refusal::OUTSIDE << 16 | joint as u32,
+        Refusal::OtherFault(number) => refusal::OTHER_FAULT << 16 | number,
+        Refusal::Drive(joint) => refusal::DRIVE << 16 | joint as u32,
+        Refusal::Unfit(joint) => refusal::UNFIT << 16 | joint as u32,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -182,17 +194,5 @@ mod tests {
         assert_eq!(taken[0], Subject::Joint(5));
         assert_eq!(taken.len(), subjects.len());
         assert!(subjects.iter().all(|subject| taken.contains(subject)));
-    }
-}
-
-/// A refusal as a number: the kind in the upper half, its subject in the lower.
-pub(crate) fn refusal_code(reason: Refusal) -> u32 {
-    match reason {
-        Refusal::State(state) => refusal::STATE << 16 | state.number(),
-        Refusal::Joint(joint) => refusal::JOINT << 16 | joint as u32,
-        Refusal::Outside(joint) => refusal::OUTSIDE << 16 | joint as u32,
-        Refusal::OtherFault(number) => refusal::OTHER_FAULT << 16 | number,
-        Refusal::Drive(joint) => refusal::DRIVE << 16 | joint as u32,
-        Refusal::Unfit(joint) => refusal::UNFIT << 16 | joint as u32,
     }
 }
