@@ -8,6 +8,7 @@ use problem::{Problem, Problems, listed};
 use robot_config::JointParameters;
 use serde_json::{Value, json};
 use signal_hook::consts::{SIGINT, SIGTERM};
+use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal};
 use std::ops::RangeInclusive;
@@ -15,8 +16,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use torqued_client::Commander;
-use torqued_client::robot_state::JointKind;
+use std::time::{Duration, Instant};
+use torqued_client::robot_state::{CycleRecord, JointKind, measured_flags};
+use torqued_client::{Client, Commander};
 
 const HELP: &str = "\
 All joints arrive at once, within the limits of velocity, acceleration and jerk that [control] of the
@@ -32,8 +34,15 @@ Examples:
 
 Exit codes:
   0  the robot is there
-  1  it was stopped on its way, torqued could not be reached, or did not follow
+  1  it was stopped on its way, a joint is not where it should be in the end, torqued could not be reached, or
+     did not follow
   2  bad input: arguments, a joint that the robot does not have, or configuration";
+
+/// Distance from its target within which a joint is there, rad, of prismatic ones a tenth in m: twice what a hold may
+/// give way by under a load.
+const THERE: f64 = 1.0 * PI / 180.0;
+/// Time that a joint has for it after the plan's end.
+const SETTLES: Duration = Duration::from_millis(500);
 
 /// Move joints of an enabled robot to positions, and hold there.
 #[derive(clap::Args)]
@@ -176,7 +185,7 @@ fn too_fast(speed: f64) -> Problem {
 fn go(arguments: &MoveArguments) -> Result<String, Failure> {
     let stop = catch_signals().map_err(Failure::Argument)?;
     let mut client = connect(arguments.robot.as_ref())?;
-    let description = client.description();
+    let description = *client.description();
     let joints = description.joint_names.iter().enumerate();
     let joints = joints.map(|(j, name)| (name.as_str(), description.joint_kind(j)));
     let joints: Vec<_> = joints.take(description.joint_count as usize).collect();
@@ -190,12 +199,13 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
     let speeds: Vec<f64> = (joints.iter().zip(&positions))
         .map(|((_, kind), to)| to.map_or(0.0, |_| arguments.speed(*kind)))
         .collect();
+    let before = client.next_record(PATIENCE)?.cycle.measured;
     let mut commander = Commander::connect(&mut client)?;
     commander.hold_until_ready(PATIENCE)?;
     let bar = bar();
     let mut whole = 0.0f64;
     let change = |reference: &mut torqued_client::robot_state::Reference| {
-        let joints = reference.joints.iter_mut().zip(positions);
+        let joints = reference.joints.iter_mut().zip(&positions);
         for ((joint, position), speed) in joints.zip(speeds) {
             joint.q_d = position.unwrap_or(joint.q_d);
             joint.dq_d = speed;
@@ -218,6 +228,10 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
         let why = "stopped on its way";
         return Err(Failure::Stopped(why.to_owned()));
     }
+    let wanted: Vec<f64> = (positions.iter().zip(&before.joints))
+        .map(|(to, before)| to.unwrap_or(before.q))
+        .collect();
+    confirm(&mut client, &joints, &positions, &wanted)?;
     Ok(match arguments.json {
         true => format!(
             "{}\n",
@@ -225,6 +239,58 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
         ),
         false => format!("there after {whole:.2} s; the robot holds\n"),
     })
+}
+
+/// Waits until every joint stands where it should, by its own encoders.
+fn confirm(
+    client: &mut Client,
+    joints: &[(&str, JointKind)],
+    asked: &[Option<f64>],
+    wanted: &[f64],
+) -> Result<(), Failure> {
+    let settled = Instant::now() + SETTLES;
+    loop {
+        let record = client.next_record(PATIENCE)?;
+        let astray = astray(joints, asked, wanted, &record.cycle);
+        if astray.is_empty() {
+            return Ok(());
+        }
+        if Instant::now() >= settled {
+            return Err(Failure::Stopped(astray.join("; ")));
+        }
+    }
+}
+
+/// Joints that do not stand where they should, by their own encoders, in words: the end of a plan is not yet the end
+/// of a motion.
+fn astray(
+    joints: &[(&str, JointKind)],
+    asked: &[Option<f64>],
+    wanted: &[f64],
+    cycle: &CycleRecord,
+) -> Vec<String> {
+    let measured = cycle.measured.joints.iter().zip(wanted);
+    let joints = joints.iter().zip(asked).zip(measured);
+    let found = joints.filter_map(|(((name, kind), asked), (measured, wanted))| {
+        let usable = measured.flags & (measured_flags::NEVER | measured_flags::STALE) == 0;
+        let there = (measured.q - wanted).abs() <= kind.threshold(THERE);
+        if usable && there {
+            return None;
+        }
+        let unit = kind.units("deg");
+        let stands = format!("{:.1} {unit}", kind.shown(measured.q));
+        let whence = format!("{:.1}", kind.shown(*wanted));
+        Some(match (usable, asked) {
+            (false, _) => format!("joint `{name}` sends no samples: nobody knows where it stands"),
+            (true, Some(_)) => {
+                format!("joint `{name}` stands at {stands}, not at {whence}: it did not follow")
+            }
+            (true, None) => {
+                format!("joint `{name}` moved from {whence} to {stands} though it was not asked to")
+            }
+        })
+    });
+    found.collect()
 }
 
 /// Set once the user or the system wants an end.

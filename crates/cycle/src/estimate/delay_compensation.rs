@@ -64,15 +64,6 @@ pub(crate) struct FastTorque {
     pub(crate) levelled_freely: Option<f64>,
 }
 
-impl FastTorque {
-    /// Torque by which the level of a joint that stands differs from the one that F/T sensors and rigid-body
-    /// model have come to show since, N·m: one of the two errs, and nobody knows which.
-    pub(crate) fn in_doubt(&self) -> f64 {
-        let both = self.levelled.zip(self.levelled_freely);
-        both.map_or(0.0, |(kept, free)| (kept - free).abs())
-    }
-}
-
 impl DelayCompensation {
     pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let p = &robot.parameters;
