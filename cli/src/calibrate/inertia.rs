@@ -4,7 +4,7 @@ mod log;
 mod page;
 mod report;
 
-use crate::output::{finish_or_refuse, read_input};
+use crate::output::{finish, finish_or_refuse, read_input};
 use clap::Args;
 use dynamics::{Base, Model, urdf_with_inertias};
 use identification::inertia::{Calibration, Robot, calibrate, consistent};
@@ -44,6 +44,9 @@ pub(crate) struct InertiaArguments {
         default_value = "0,0,-9.81"
     )]
     gravity: Vec<f64>,
+    /// Take columns and write results that contradict the URDF (a payload that it lacks, a joint that was held)
+    #[arg(long)]
+    accept: bool,
     /// Folder for the corrected URDF, friction.csv and inertia.json; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -75,10 +78,18 @@ Examples:
       -o calibrated --report panda.html";
 
 pub(crate) fn run(arguments: &InertiaArguments) -> ExitCode {
-    finish_or_refuse(identify(arguments))
+    match identify(arguments) {
+        Ok((text, refused)) if refused.is_empty() => finish(&text),
+        Ok((text, refused)) => {
+            finish(&text);
+            finish_or_refuse(Err(Problems(refused)))
+        }
+        Err(problems) => finish_or_refuse(Err(problems)),
+    }
 }
 
-fn identify(arguments: &InertiaArguments) -> Result<String, Problems> {
+/// The report, and why nothing is written where the result contradicts the URDF.
+fn identify(arguments: &InertiaArguments) -> Result<(String, Vec<Problem>), Problems> {
     let file = arguments.urdf.display().to_string();
     let text = read_input(&arguments.urdf)?;
     let mut model = Model::from_urdf(&text, &file, Base::Fixed)?;
@@ -100,6 +111,7 @@ fn identify(arguments: &InertiaArguments) -> Result<String, Problems> {
     let (logs, others) = (read(&arguments.log)?, read(&arguments.judge)?);
     let mut robot = Robot::new(&model, columns.measured());
     robot.motor_torque = arguments.motor_torque;
+    robot.accept = arguments.accept;
     let bar = bar();
     let found = calibrate(&robot, &logs, &others, |part, what| {
         bar.set_position((1000.0 * part) as u64);
@@ -108,18 +120,33 @@ fn identify(arguments: &InertiaArguments) -> Result<String, Problems> {
     bar.finish_and_clear();
     let mut found = found?;
     found.notes.splice(0..0, columns.notes().iter().cloned());
+    let refused = contradictions(arguments, &found);
     let mut written = Vec::new();
-    if let Some(folder) = &arguments.out {
+    if let Some(folder) = arguments.out.as_ref().filter(|_| refused.is_empty()) {
         written = write(folder, arguments, &text, &robot, &found)?;
     }
     if let Some(path) = &arguments.report {
         page::write(path, &robot, &found)?;
         written.push(path.display().to_string());
     }
-    Ok(match arguments.json {
-        true => format!("{:#}\n", report::json(&robot, &found, &written)),
-        false => report::text(&robot, &found, &written),
-    })
+    let text = if arguments.json {
+        format!("{:#}\n", report::json(&robot, &found, &written))
+    } else {
+        report::text(&robot, &found, &written)
+    };
+    Ok((text, refused))
+}
+
+/// Results that contradict the URDF, unless the user takes them.
+fn contradictions(arguments: &InertiaArguments, found: &Calibration) -> Vec<Problem> {
+    if arguments.accept {
+        return Vec::new();
+    }
+    let allowed = "links like the URDF's; --accept where the robot differs so (a payload, another tool); nothing is written";
+    let file = arguments.urdf.display().to_string();
+    let each = found.contradictions.iter();
+    each.map(|reason| Problem::new(reason.clone(), allowed).at(&file, 0))
+        .collect()
 }
 
 /// Progress on stderr, if that is a terminal.

@@ -7,12 +7,15 @@
 //! found by a convex fit ([`consistent`]); base parameters say what the motion determines
 //! ([`base`]). Every figure reported is of quarters that the fit has not seen ([`judge`]).
 
+pub mod alternatives;
 pub mod base;
 pub mod checks;
 pub mod consistent;
+pub mod contradictions;
 pub mod equations;
 pub mod friction;
 pub mod judge;
+pub mod mend;
 pub mod robot;
 pub mod rows;
 pub mod select;
@@ -87,6 +90,10 @@ pub struct Calibration {
     pub guessed_prior: bool,
     /// The URDF predicts held-out quarters better: its inertias are kept.
     pub urdf_kept: bool,
+    /// Results that contradict the URDF: nothing is written from them unless the user accepts it.
+    pub contradictions: Vec<String>,
+    /// Joints whose torque is poorly explained.
+    pub verdicts: Vec<String>,
     /// Remarks for the user.
     pub notes: Vec<String>,
 }
@@ -104,6 +111,13 @@ pub fn calibrate(
 ) -> Result<Calibration, Problems> {
     progress(0.0, "stamps and units");
     logs.iter().chain(others).try_for_each(checks::columns)?;
+    let mended = mended(robot, logs)?;
+    let logs: Vec<RobotLog> = mended.iter().map(|m| m.log.clone()).collect();
+    let others: Vec<RobotLog> = self::mended(robot, others)?
+        .into_iter()
+        .map(|m| m.log)
+        .collect();
+    let (logs, others) = (&logs[..], &others[..]);
     let names: Vec<&str> = logs.iter().map(|log| log.name.as_str()).collect();
     let placed = |p: Problem| p.or_at(&names.join(", "), 0);
     let all_placed = |p: Problems| Problems(p.0.into_iter().map(placed).collect());
@@ -137,11 +151,23 @@ pub fn calibrate(
     let prior = Prior::new(robot);
     let base = Base::new(robot);
     enough(&candidates[middle], &base).map_err(placed)?;
-    let mut notes = recording.notes.clone();
-    notes.extend(
-        checks::torques(robot, &candidates[middle], &friction, !prior.guessed)
-            .map_err(all_placed)?,
-    );
+    let mut notes: Vec<String> = mended.iter().flat_map(|m| m.notes.clone()).collect();
+    notes.extend(recording.notes.clone());
+    let fitting = alternatives::fitting(robot, &candidates[middle], &prior, &friction);
+    let mut refused = contradictions::efforts(robot, &candidates[middle]);
+    refused.extend(contradiction(robot, &prior, &fitting, &mended));
+    if robot.accept {
+        let accepted = refused.drain(..);
+        notes.extend(accepted.map(|p| format!("accepted: {}", p.reason)));
+    }
+    let masses = !prior.guessed;
+    match checks::torques(robot, &candidates[middle], &friction, masses, &fitting) {
+        Ok(remarks) => notes.extend(remarks),
+        Err(problems) => refused.extend(problems.0),
+    }
+    if !refused.is_empty() {
+        return Err(all_placed(Problems(refused)));
+    }
     let unsolved = || {
         placed(Problem::new(
             "the equations have no finite solution",
@@ -200,10 +226,18 @@ pub fn calibrate(
         format!("link \"{link}\": no body can have the URDF's inertia: the prior is the nearest that one can")
     }));
     progress(1.0, "done");
+    let inertias: Vec<Inertia> = (0..robot.bodies)
+        .map(|b| consistent::inertia(&consistent::of_body(solution, b)))
+        .collect();
+    let contradictions = if urdf_kept || prior.guessed {
+        Vec::new()
+    } else {
+        contradictions::links(robot, &inertias)
+    };
     Ok(Calibration {
-        inertias: (0..robot.bodies)
-            .map(|b| consistent::inertia(&consistent::of_body(solution, b)))
-            .collect(),
+        verdicts: contradictions::joints(robot, &judged, &motion),
+        contradictions,
+        inertias,
         friction: (0..robot.measured.len()).map(terms).collect(),
         condition: base.condition(&normals[0], &fit.choice.keep),
         lambda: fit.choice.lambda,
@@ -220,6 +254,45 @@ pub fn calibrate(
         motion,
         urdf_kept,
         notes,
+    })
+}
+
+/// Logs after inspection.
+fn mended(robot: &Robot<'_>, logs: &[RobotLog]) -> Result<Vec<mend::Mended>, Problems> {
+    let each = logs.iter().map(|log| mend::mend(robot, log));
+    each.collect()
+}
+
+/// Columns that contradict the URDF, with the reading under which they do not.
+fn contradiction(
+    robot: &Robot<'_>,
+    prior: &Prior,
+    fitting: &alternatives::Fitting,
+    mended: &[mend::Mended],
+) -> Option<Problem> {
+    if prior.guessed || !fitting.contradicts() {
+        return None;
+    }
+    let constant = mended.iter().flat_map(|m| &m.constant);
+    let constant: Vec<&str> = constant.map(|k| robot.name(*k)).collect();
+    let left = 100.0 * fitting.left;
+    if let Some((_, rest, other)) = &fitting.other {
+        let reason = format!(
+            "the torques contradict the URDF: links like its own leave {left:.0} % of them unexplained, but {:.0} % if {}",
+            100.0 * rest,
+            other.join(", and ")
+        );
+        return Some(Problem::new(
+            reason,
+            "columns by the URDF's joints, zeros and directions, in rad and N·m; --accept takes them as they stand",
+        ));
+    }
+    (!constant.is_empty()).then(|| {
+        let reason = format!(
+            "the torques contradict the URDF (links like its own leave {left:.0} % unexplained), and q of `{}` is one number in every row: was it not recorded?",
+            constant.join("`, `")
+        );
+        Problem::new(reason, "the angle of every joint; --accept where the joint was held")
     })
 }
 

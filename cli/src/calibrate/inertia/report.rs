@@ -110,6 +110,13 @@ pub(super) fn remarks(robot: &Robot<'_>, found: &Calibration) -> Vec<String> {
     if found.urdf_kept {
         lines.push("The URDF's inertias predict held-out quarters better than identified ones: they are kept, friction alone is new.".to_owned());
     }
+    lines.extend(
+        found
+            .contradictions
+            .iter()
+            .map(|c| format!("contradicts the URDF: {c}")),
+    );
+    lines.extend(found.verdicts.iter().cloned());
     let (mut loss, mut joints) = (0.0, 0.0);
     for (k, judged) in found.judged.iter().enumerate() {
         let name = robot.name(k);
@@ -328,6 +335,7 @@ pub(super) fn json(robot: &Robot<'_>, found: &Calibration, written: &[String]) -
         "links": consistent::of_links(robot, &found.inertias).into_iter().map(link).collect::<Vec<_>>(),
         "base_parameters": found.base_parameters.iter().map(base).collect::<Vec<_>>(),
         "without_effect": found.base.without_effect.iter().map(|p| words(robot, *p)).collect::<Vec<_>>(),
+        "contradictions": found.contradictions, "verdicts": found.verdicts,
         "remarks": remarks(robot, found), "notes": found.notes, "written": written,
     })
 }

@@ -1,5 +1,6 @@
 //! Logs that cannot be of this robot, or not in SI units, are refused with the likely cause.
 
+use super::alternatives::Fitting;
 use super::friction::{Friction, TERMS};
 use super::robot::{Robot, RobotLog};
 use super::rows::Rows;
@@ -239,6 +240,7 @@ pub fn torques(
     rows: &Rows,
     friction: &[Friction],
     urdf_has_masses: bool,
+    fitting: &Fitting,
 ) -> Result<Vec<String>, Problems> {
     let (mut problems, mut notes, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
     let model = model_torques(robot, rows);
@@ -270,7 +272,8 @@ pub fn torques(
     }
     for &(joint, slope, explained) in &slopes {
         let name = robot.name(joint);
-        if slope < 0.0 {
+        // A small torque may have another sign by an error of a centimetre in a centre of mass.
+        if slope < 0.0 && fitting.contradicts() {
             let reason = format!(
                 "tau of `{name}` is {slope:.2} times the URDF's torque, which explains {:.0} % of it: its sign is opposite (positive torque moves towards positive q), or q's is",
                 100.0 * explained

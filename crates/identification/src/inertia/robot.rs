@@ -37,6 +37,8 @@ pub struct Robot<'a> {
     pub rest: Vec<f64>,
     /// Torques are those of the motors, as from their currents: rotors are a part of them.
     pub motor_torque: bool,
+    /// Columns that contradict the URDF are taken as they stand.
+    pub accept: bool,
     /// Bodies that move.
     pub bodies: usize,
     /// For each measured joint the bodies, from 0, that its torque moves.
@@ -71,6 +73,7 @@ impl<'a> Robot<'a> {
             rest: model.joints().iter().map(rest).collect(),
             measured: measured.to_vec(),
             motor_torque: false,
+            accept: false,
             bodies: bodies.len() - 1,
             carried: measured.iter().map(carried).collect(),
         }

@@ -1,0 +1,414 @@
+//! Other readings of a log's columns: another sign, zero, order or unit of a joint's columns, another
+//! direction of gravity, torques of another time. The reading under which the URDF explains the
+//! torques far better than as they stand is named.
+//!
+//! Every reading is judged by one number, the least of `chi² = sum w r² + (phi - phi0)' H
+//! (phi - phi0)` over all inertias phi and each joint's friction. The second term is the curvature of
+//! the divergence from the URDF's inertias: without it wrong columns are explained by impossible
+//! links. Both terms do not depend on the torques' unit, so that readings of other units compare.
+
+use super::consistent::Prior;
+use super::friction::Friction;
+use super::robot::Robot;
+use super::rows::Rows;
+use dynamics::{Data, PARAMETERS, joint_torque_regressor};
+use nalgebra::{DMatrix, DVector, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Samples that a reading is judged by.
+const SAMPLES: usize = 160;
+/// Samples that count as independent: motion goes through few poses in a log.
+const INDEPENDENT: f64 = 40.0;
+/// Deviation of a torque that no reading explains, as a share of the torque's own.
+const UNEXPLAINED: f64 = 0.05;
+/// Columns of friction beside the rigid bodies: offset, Coulomb, viscous.
+const FRICTION: usize = 3;
+/// chi² a joint up to which a log fits as it stands. Logs of robots whose masses are a third and
+/// whose centres are 3 cm off reach 15.
+const FITS: f64 = 25.0;
+/// Factor of chi² by which another reading must be better.
+const MUCH_BETTER: f64 = 0.3;
+/// Readings that are combined at most: a robot may have two joints with another direction.
+const COMBINED: usize = 4;
+/// Rows by which torques are shifted at most.
+const SHIFTS: i64 = 12;
+
+/// What the torques and angles of a log are taken for.
+#[derive(Debug, Clone, PartialEq)]
+enum Reading {
+    Angle(usize, f64, f64),
+    Torque(usize, f64),
+    Both(usize),
+    Exchanged(Columns, usize, usize),
+    Order(Columns, Vec<usize>, &'static str),
+    AllTorques(f64),
+    Gravity(Vector3<f64>),
+    Late(i64),
+}
+
+/// Columns that may be exchanged.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Columns {
+    Angles,
+    Torques,
+    All,
+}
+
+/// How well a log fits the URDF.
+#[derive(Debug, Clone, Default)]
+pub struct Fitting {
+    /// chi² a joint as the columns stand.
+    pub chi: f64,
+    /// Share of the torques' deviation that is left then, RMS over the joints.
+    pub left: f64,
+    /// chi² a joint under the other readings, if these are much better.
+    pub other: Option<(f64, f64, Vec<String>)>,
+}
+
+impl Fitting {
+    /// True if the log contradicts the URDF.
+    #[must_use]
+    pub fn contradicts(&self) -> bool {
+        self.chi > FITS
+    }
+}
+
+/// States and torques, `[joint][sample]`, and how they are weighted.
+#[derive(Clone)]
+struct Moments {
+    state: Vec<Vec<[f64; 3]>>,
+    tau: Vec<Vec<f64>>,
+    gravity: Vector3<f64>,
+}
+
+/// Judges a log as it stands, and under every other reading if it does not fit.
+#[must_use]
+pub fn fitting(robot: &Robot<'_>, rows: &Rows, prior: &Prior, friction: &[Friction]) -> Fitting {
+    let judge = Judge {
+        robot,
+        prior,
+        speed: friction.iter().map(|f| f.speed.max(1e-3)).collect(),
+        moves: friction.iter().map(|f| f.moves).collect(),
+    };
+    let places: Vec<usize> = places(rows);
+    let moments = Moments::new(robot, rows, &places, 0);
+    let Some((chi, left)) = judge.chi(&moments) else {
+        return Fitting::default();
+    };
+    let mut out = Fitting {
+        chi,
+        left,
+        other: None,
+    };
+    if prior.guessed || !out.contradicts() {
+        return out;
+    }
+    let all = readings(robot);
+    let (mut now, mut chosen) = (moments, Vec::new());
+    let (mut best, mut rest) = (chi, left);
+    while chosen.len() < COMBINED && best > FITS {
+        let tried = all.iter().filter_map(|reading| {
+            let other = now.read(robot, rows, &places, reading)?;
+            let (chi, left) = judge.chi(&other)?;
+            Some((chi, left, reading, other))
+        });
+        let Some((chi, left, reading, other)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            break;
+        };
+        if chi > MUCH_BETTER.max(if chosen.is_empty() { 0.0 } else { 0.6 }) * best {
+            break;
+        }
+        chosen.push(reading.words(robot, rows));
+        (best, rest, now) = (chi, left, other);
+    }
+    if !chosen.is_empty() && best < MUCH_BETTER * chi {
+        out.other = Some((best, rest, chosen));
+    }
+    out
+}
+
+/// Samples that are judged, evenly spread, with room for shifts.
+fn places(rows: &Rows) -> Vec<usize> {
+    let n = rows.len();
+    let margin = (SHIFTS as usize).min(n / 8);
+    let inner = n.saturating_sub(2 * margin);
+    let count = inner.min(SAMPLES);
+    (0..count)
+        .map(|k| margin + k * inner / count.max(1))
+        .collect()
+}
+
+impl Moments {
+    fn new(robot: &Robot<'_>, rows: &Rows, places: &[usize], shift: i64) -> Self {
+        let shifted = |k: usize| (k as i64 + shift).clamp(0, rows.len() as i64 - 1) as usize;
+        Self {
+            state: rows
+                .of
+                .iter()
+                .map(|own| places.iter().map(|&k| own.state[k]).collect())
+                .collect(),
+            tau: rows
+                .of
+                .iter()
+                .map(|own| places.iter().map(|&k| own.tau[shifted(k)]).collect())
+                .collect(),
+            gravity: robot.model.gravity(),
+        }
+    }
+
+    /// The moments under a reading; none where it makes no sense.
+    fn read(
+        &self,
+        robot: &Robot<'_>,
+        rows: &Rows,
+        places: &[usize],
+        reading: &Reading,
+    ) -> Option<Self> {
+        let mut out = self.clone();
+        let arrange = |columns: Columns, order: &[usize], out: &mut Self| {
+            if columns != Columns::Torques {
+                out.state = order.iter().map(|&k| self.state[k].clone()).collect();
+            }
+            if columns != Columns::Angles {
+                out.tau = order.iter().map(|&k| self.tau[k].clone()).collect();
+            }
+        };
+        match reading {
+            Reading::Angle(joint, sign, offset) => {
+                for [q, dq, ddq] in &mut out.state[*joint] {
+                    (*q, *dq, *ddq) = (sign * *q + offset, sign * *dq, sign * *ddq);
+                }
+            }
+            Reading::Torque(joint, factor) => out.tau[*joint].iter_mut().for_each(|x| *x *= factor),
+            Reading::Both(joint) => {
+                out = self.read(robot, rows, places, &Reading::Angle(*joint, -1.0, 0.0))?;
+                out = out.read(robot, rows, places, &Reading::Torque(*joint, -1.0))?;
+            }
+            Reading::Exchanged(columns, a, b) => {
+                let mut order: Vec<usize> = (0..out.tau.len()).collect();
+                order.swap(*a, *b);
+                arrange(*columns, &order, &mut out);
+            }
+            Reading::Order(columns, order, _) => arrange(*columns, order, &mut out),
+            Reading::AllTorques(factor) => {
+                out.tau.iter_mut().flatten().for_each(|x| *x *= factor);
+            }
+            Reading::Gravity(gravity) => out.gravity = *gravity,
+            Reading::Late(rows_late) => {
+                let shifted = Self::new(robot, rows, places, *rows_late);
+                // Shifts are of the log as it stands alone: they do not combine.
+                let untouched = Self::new(robot, rows, places, 0);
+                if untouched.tau != self.tau {
+                    return None;
+                }
+                out.tau = shifted.tau;
+            }
+        }
+        Some(out)
+    }
+}
+
+/// Every reading that is tried.
+fn readings(robot: &Robot<'_>) -> Vec<Reading> {
+    let n = robot.measured.len();
+    let kind = |k: usize| robot.model.joints()[robot.measured[k]].kind.is_revolute();
+    let mut all = Vec::new();
+    for k in 0..n {
+        all.push(Reading::Angle(k, -1.0, 0.0));
+        if kind(k) {
+            for turn in [FRAC_PI_2, -FRAC_PI_2, PI] {
+                all.push(Reading::Angle(k, 1.0, turn));
+                all.push(Reading::Angle(k, -1.0, turn));
+            }
+        }
+        all.extend([-1.0, 1e-3, 1e3].map(|factor| Reading::Torque(k, factor)));
+        all.push(Reading::Both(k));
+    }
+    for (a, b) in (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))) {
+        let both = [Columns::All, Columns::Angles, Columns::Torques];
+        all.extend(both.map(|columns| Reading::Exchanged(columns, a, b)));
+    }
+    let mut named: Vec<usize> = (0..n).collect();
+    named.sort_by_key(|&k| robot.name(k));
+    // Column c of the log is of joint named[c]: joint k takes the column at which it stands.
+    let place = |k: usize| named.iter().position(|j| *j == k).unwrap_or(k);
+    let alphabetical: Vec<usize> = (0..n).map(place).collect();
+    let backwards: Vec<usize> = (0..n).rev().collect();
+    for columns in [Columns::All, Columns::Angles, Columns::Torques] {
+        if n > 2 {
+            all.push(Reading::Order(
+                columns,
+                alphabetical.clone(),
+                "in alphabetical order",
+            ));
+            all.push(Reading::Order(
+                columns,
+                backwards.clone(),
+                "from the tip to the root",
+            ));
+        }
+    }
+    all.extend([-1.0, 1e-3, 1e3].map(Reading::AllTorques));
+    let size = robot.model.gravity().norm();
+    if size > 0.0 {
+        for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+            for sign in [-size, size] {
+                let gravity = axis * sign;
+                if (gravity - robot.model.gravity()).norm() > 0.1 * size {
+                    all.push(Reading::Gravity(gravity));
+                }
+            }
+        }
+    }
+    all.extend((-SHIFTS..=SHIFTS).filter(|k| *k != 0).map(Reading::Late));
+    all
+}
+
+impl Columns {
+    fn words(self) -> &'static str {
+        match self {
+            Self::Angles => "q",
+            Self::Torques => "tau",
+            Self::All => "q and tau",
+        }
+    }
+}
+
+impl Reading {
+    /// The reading in words that follow "if".
+    fn words(&self, robot: &Robot<'_>, rows: &Rows) -> String {
+        match self {
+            Self::Angle(k, sign, offset) => {
+                let name = robot.name(*k);
+                let way = if *sign < 0.0 {
+                    " counts the other way"
+                } else {
+                    ""
+                };
+                let turn = if *offset == 0.0 {
+                    String::new()
+                } else {
+                    let and = if way.is_empty() { "" } else { " and" };
+                    format!("{and} has its zero {:.0} degrees off", offset.to_degrees())
+                };
+                format!("q of `{name}`{way}{turn}")
+            }
+            Self::Torque(k, factor) => {
+                format!("tau of `{}` {}", robot.name(*k), scaled(*factor))
+            }
+            Self::Both(k) => format!("q and tau of `{}` count the other way", robot.name(*k)),
+            Self::Exchanged(columns, a, b) => format!(
+                "columns {} of `{}` and `{}` are exchanged",
+                columns.words(),
+                robot.name(*a),
+                robot.name(*b)
+            ),
+            Self::Order(columns, _, order) => format!("columns {} come {order}", columns.words()),
+            Self::AllTorques(factor) => format!("tau of all joints {}", scaled(*factor)),
+            Self::Gravity(g) => format!(
+                "gravity in the root link's axes is {:.2},{:.2},{:.2} (--gravity)",
+                g.x, g.y, g.z
+            ),
+            Self::Late(shift) => {
+                let steps = rows.stamps.windows(2).map(|w| w[1].1 - w[0].1);
+                let mut steps: Vec<f64> = steps.filter(|s| *s > 0.0).collect();
+                steps.sort_by(f64::total_cmp);
+                let step = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+                let (late, early) = if *shift > 0 {
+                    ("tau", "q")
+                } else {
+                    ("q", "tau")
+                };
+                format!(
+                    "{late} is late against {early} by some {:.0} ms",
+                    1e3 * step * shift.abs() as f64
+                )
+            }
+        }
+    }
+}
+
+fn scaled(factor: f64) -> &'static str {
+    if factor < 0.0 {
+        "has the opposite sign (--negate-torque where all have)"
+    } else if factor < 1.0 {
+        "is in mN·m"
+    } else {
+        "is in kN·m"
+    }
+}
+
+/// What every reading is judged by.
+struct Judge<'a> {
+    robot: &'a Robot<'a>,
+    prior: &'a Prior,
+    speed: Vec<f64>,
+    moves: Vec<bool>,
+}
+
+impl Judge<'_> {
+    /// chi² a joint, and the share of the torques' deviation that is left.
+    fn chi(&self, moments: &Moments) -> Option<(f64, f64)> {
+        let joints = moments.tau.len();
+        let samples = moments.tau.first().map_or(0, Vec::len);
+        let rigid = PARAMETERS * self.robot.bodies;
+        let unknowns = rigid + FRICTION * joints;
+        let weight: Vec<f64> = moments.tau.iter().map(|tau| weight(tau)).collect();
+        let mut model = self.robot.model.clone();
+        model.set_gravity(moments.gravity);
+        let (mut data, n) = (Data::new(&model), model.joint_count());
+        let mut state = [self.robot.rest.clone(), vec![0.0; n], vec![0.0; n]];
+        let mut regressor = DMatrix::zeros(n, rigid);
+        let mut x = DMatrix::zeros(unknowns, joints * samples);
+        let mut y = DVector::zeros(joints * samples);
+        for sample in 0..samples {
+            for (k, &joint) in self.robot.measured.iter().enumerate() {
+                (0..3).for_each(|d| state[d][joint] = moments.state[k][sample][d]);
+            }
+            let [q, dq, ddq] = &state;
+            joint_torque_regressor(&model, &mut data, q, dq, ddq, &mut regressor);
+            for (k, &joint) in self.robot.measured.iter().enumerate() {
+                let (row, w) = (joints * sample + k, weight[k]);
+                (0..rigid).for_each(|p| x[(p, row)] = w * regressor[(joint, p)]);
+                let v = dq[joint] / self.speed[k];
+                let own = [1.0, (v / 0.02).tanh(), v];
+                let terms = if self.moves[k] { FRICTION } else { 1 };
+                (0..terms).for_each(|t| x[(rigid + FRICTION * k + t, row)] = w * own[t]);
+                y[row] = w * moments.tau[k][sample];
+            }
+        }
+        let mut a = &x * x.transpose();
+        let mut b = &x * &y;
+        let mut square = y.norm_squared();
+        for (body, h) in self.prior.curvature.iter().enumerate() {
+            let place = PARAMETERS * body;
+            let own = self.prior.parameters.rows(place, PARAMETERS).into_owned();
+            let pull = h * &own;
+            let mut block = a.view_mut((place, place), (PARAMETERS, PARAMETERS));
+            block += h;
+            let mut moment = b.rows_mut(place, PARAMETERS);
+            moment += &pull;
+            square += own.dot(&pull);
+        }
+        // Friction of the size of the torque itself is likely.
+        for k in rigid..unknowns {
+            let size = weight[(k - rigid) / FRICTION] * (samples as f64).sqrt();
+            a[(k, k)] += (size * UNEXPLAINED).powi(2).max(1e-12) / INDEPENDENT;
+        }
+        let solution = a.cholesky()?.solve(&b);
+        let chi = square - b.dot(&solution);
+        let left = (x.tr_mul(&solution) - &y).norm_squared() / (joints as f64 * INDEPENDENT);
+        Some((
+            (chi / joints as f64).max(0.0),
+            (left * UNEXPLAINED * UNEXPLAINED).sqrt(),
+        ))
+    }
+}
+
+/// Weight of a torque's rows: one over the deviation that no reading explains.
+fn weight(tau: &[f64]) -> f64 {
+    let n = tau.len().max(1) as f64;
+    let mean = tau.iter().sum::<f64>() / n;
+    let deviation = (tau.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
+    (INDEPENDENT / n).sqrt() / (UNEXPLAINED * deviation.max(1e-9))
+}

@@ -1,0 +1,58 @@
+//! Stretches in which a channel repeats one value while what it measures goes on: a driver that
+//! kept its last reading.
+//!
+//! A joint at rest repeats its angle too. What tells both apart is the end: a reading that was
+//! kept catches up in one step that is far larger than the steps around the stretch.
+
+use crate::statistics::{span, steps};
+use core::ops::Range;
+
+/// Fewest repeated samples.
+const MIN_RUN: usize = 10;
+/// Multiple of the largest step shortly before and behind, and share of the range, of the step
+/// that ends a stretch.
+const MIN_STEP: f64 = 3.0;
+/// Steps before and behind a stretch that its end is compared with.
+const AROUND: usize = 10;
+const MIN_SHARE: f64 = 0.01;
+
+/// Stretches of rows that repeat a value the channel has left meanwhile.
+#[must_use]
+pub fn frozen(values: &[f64]) -> Vec<Range<usize>> {
+    let runs = runs(values);
+    let long: Vec<&Range<usize>> = runs.iter().filter(|r| r.len() >= MIN_RUN).collect();
+    if long.is_empty() {
+        return Vec::new();
+    }
+    let all = steps(values);
+    let smallest = all.iter().copied().filter(|s| *s > 0.0);
+    let smallest = smallest.fold(f64::INFINITY, f64::min);
+    let least = MIN_SHARE * span(values);
+    let leaps = |run: &Range<usize>| {
+        let Some(next) = values.get(run.end) else {
+            return false;
+        };
+        let before = run.start.saturating_sub(AROUND)..run.start;
+        let behind = run.end..(run.end + AROUND).min(all.len());
+        let most = before
+            .chain(behind)
+            .map(|k| all[k])
+            .fold(smallest, f64::max);
+        let leap = (next - values[run.start]).abs();
+        leap > least && leap > MIN_STEP * most
+    };
+    long.into_iter().filter(|run| leaps(run)).cloned().collect()
+}
+
+/// Runs of equal values, one sample long at least.
+fn runs(values: &[f64]) -> Vec<Range<usize>> {
+    let mut out = Vec::new();
+    let mut start = 0;
+    for k in 1..=values.len() {
+        if k == values.len() || values[k] != values[start] {
+            out.push(start..k);
+            start = k;
+        }
+    }
+    out
+}

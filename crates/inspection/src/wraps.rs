@@ -1,0 +1,78 @@
+//! Values that continue at the other end of their range: angles of drivers that report within a
+//! turn, currents and counts in a register that is too short.
+//!
+//! A step of a whole turn between two samples is a wrap, since nothing moves so far in a period;
+//! the turn is taken off. A range that nobody has named is found from the steps themselves: all
+//! are of one size, larger than half of what the values cover, and go against the motion.
+
+use crate::statistics::{quantile, steps};
+
+/// Distance from a whole turn up to which a step counts as a wrap, turns.
+const MAX_DISTANCE: f64 = 0.25;
+/// Fewest wraps from which an unknown range is concluded: two could be two spikes.
+const MIN_WRAPS: usize = 3;
+/// Relative spread of the steps of an unknown range.
+const MAX_SPREAD: f64 = 0.05;
+
+/// What was unwrapped.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Unwrapped {
+    /// Number of wraps.
+    pub count: usize,
+    /// First row behind a wrap.
+    pub row: usize,
+    /// Range, unit of the channel.
+    pub range: f64,
+}
+
+/// Takes whole turns out of the steps between neighbouring values; none where there are none.
+pub fn unwrap(values: &mut [f64], turn: f64) -> Option<Unwrapped> {
+    let mut found: Option<Unwrapped> = None;
+    let (mut shift, mut before) = (0.0, *values.first()?);
+    for (row, x) in values.iter_mut().enumerate() {
+        let turns = ((*x - before) / turn).round();
+        let rest = (*x - before) / turn - turns;
+        // More than one turn in a period is no wrap but a bad sample.
+        if turns.abs() == 1.0 && rest.abs() <= MAX_DISTANCE {
+            shift -= turns * turn;
+            let first = Unwrapped {
+                count: 0,
+                row,
+                range: turn,
+            };
+            found.get_or_insert(first).count += 1;
+        }
+        before = *x;
+        *x += shift;
+    }
+    found
+}
+
+/// The range of values that wrap at an unknown bound; none where nothing shows one.
+#[must_use]
+pub fn range_of_wraps(values: &[f64]) -> Option<f64> {
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let covered = high - low;
+    let ordinary = quantile(steps(values), 0.9);
+    let mut sizes = Vec::new();
+    let mut against = 0;
+    for k in 2..values.len().saturating_sub(1) {
+        let step = values[k] - values[k - 1];
+        if step.abs() > 0.6 * covered && step.abs() > 10.0 * ordinary {
+            sizes.push(step.abs());
+            // A wrap goes against the motion before and behind it; a spike comes back at once.
+            let around = (values[k - 1] - values[k - 2]) + (values[k + 1] - values[k]);
+            against += usize::from(around * step <= 0.0 && around.abs() < 0.5 * step.abs());
+        }
+    }
+    if sizes.len() < MIN_WRAPS || against * 10 < 9 * sizes.len() {
+        return None;
+    }
+    let middle = quantile(sizes.clone(), 0.5);
+    let spread = sizes.iter().map(|s| (s / middle - 1.0).abs());
+    (spread.fold(0.0, f64::max) < MAX_SPREAD + 2.0 * ordinary / middle).then(|| {
+        // The values end within one ordinary step of either bound.
+        middle.max(covered)
+    })
+}
