@@ -1,7 +1,7 @@
 //! One channel: mended where there is one mending, its rows without a measurement marked.
 
 use crate::finding::{Defect, Finding, Severity};
-use crate::statistics::{quantile, span, steps};
+use crate::statistics::{fill, quantile, span, steps};
 use crate::{frozen, spikes, wraps};
 
 /// Share of rows without a measurement above which a log is refused.
@@ -170,29 +170,6 @@ fn unwrapped(
         text,
         "unwrapped",
     ));
-}
-
-/// Straight lines across rows without a measurement.
-fn fill(values: &mut [f64], lost: &[usize]) {
-    let mut k = 0;
-    while k < lost.len() {
-        let start = lost[k];
-        let mut end = start + 1;
-        while k + 1 < lost.len() && lost[k + 1] == end {
-            k += 1;
-            end += 1;
-        }
-        k += 1;
-        let before = start.checked_sub(1).map(|i| values[i]);
-        let after = values.get(end).copied();
-        let (Some(a), Some(b)) = (before.or(after), after.or(before)) else {
-            continue;
-        };
-        let length = (end - start + 1) as f64;
-        for (i, x) in values[start..end].iter_mut().enumerate() {
-            *x = a + (b - a) * (i + 1) as f64 / length;
-        }
-    }
 }
 
 /// The largest step that nothing around it announces: row behind it, and size.

@@ -5,7 +5,8 @@
 //! the channel's own: what nine of ten samples stay below. A step stays, since the median
 //! follows it; so does a curve, whose median lies on it.
 
-use crate::statistics::{quantile, span, steps};
+use crate::statistics::{fill, quantile, span, steps};
+use core::ops::Range;
 
 /// Samples on either side of the window's middle.
 const HALF_WINDOW: usize = 6;
@@ -31,16 +32,7 @@ pub fn spikes(values: &[f64]) -> Vec<usize> {
     if n < 4 * HALF_WINDOW {
         return Vec::new();
     }
-    let mut window = Vec::with_capacity(2 * HALF_WINDOW + 1);
-    let mut median = |k: usize| {
-        // At the ends the window is shorter, and still about the sample.
-        let half = HALF_WINDOW.min(k.max(1)).min((n - 1 - k).max(1));
-        window.clear();
-        window.extend_from_slice(&values[k.saturating_sub(half)..(k + half + 1).min(n)]);
-        let middle = window.len() / 2;
-        *window.select_nth_unstable_by(middle, f64::total_cmp).1
-    };
-    let medians: Vec<f64> = (0..n).map(&mut median).collect();
+    let medians: Vec<f64> = (0..n).map(|k| median(values, k)).collect();
     let distance: Vec<f64> = values
         .iter()
         .zip(&medians)
@@ -50,7 +42,7 @@ pub fn spikes(values: &[f64]) -> Vec<usize> {
         (MIN_DISTANCE * quantile(distance.clone(), 0.9)).max(MIN_SHARE * span(&medians).abs());
     let bad = |k: usize| distance[k] > bound && distance[k] > 0.0;
     let ordinary = quantile(steps(values), 0.95);
-    let mut out = Vec::new();
+    let mut runs: Vec<(Range<usize>, f64)> = Vec::new();
     let mut from = 0;
     while from < n {
         if !bad(from) {
@@ -80,9 +72,44 @@ pub fn spikes(values: &[f64]) -> Vec<usize> {
             .filter(|_| into.is_none() || out_of.is_none());
         let at_end = only.is_none_or(|step| step > MIN_END_STEP * ordinary);
         if short && at_end && abrupt(into) && abrupt(out_of) {
-            out.extend(start..end);
+            runs.push((start..end, deepest));
         }
         from = next;
     }
-    out
+    let confirmed = runs
+        .iter()
+        .filter(|run| confirmed(values, run, &runs, bound));
+    confirmed.flat_map(|(rows, _)| rows.clone()).collect()
+}
+
+/// Median of the window about a sample.
+fn median(values: &[f64], k: usize) -> f64 {
+    let n = values.len();
+    // At the ends the window is shorter, and still about the sample.
+    let half = HALF_WINDOW.min(k.max(1)).min((n - 1 - k).max(1));
+    let window = values[k.saturating_sub(half)..(k + half + 1).min(n)].to_vec();
+    quantile(window, 0.5)
+}
+
+/// True if a run is bad also where the deeper ones near it are taken out: a bad sample moves the
+/// median of its neighbours, beside a step to the step's other side.
+fn confirmed(
+    values: &[f64],
+    (rows, depth): &(Range<usize>, f64),
+    runs: &[(Range<usize>, f64)],
+    bound: f64,
+) -> bool {
+    let reach = rows.start.saturating_sub(HALF_WINDOW)..rows.end + HALF_WINDOW;
+    let deeper: Vec<usize> = runs
+        .iter()
+        .filter(|(other, own)| own > depth && other.start < reach.end && other.end > reach.start)
+        .flat_map(|(other, _)| other.clone())
+        .collect();
+    if deeper.is_empty() {
+        return true;
+    }
+    let mut without = values.to_vec();
+    fill(&mut without, &deeper);
+    rows.clone()
+        .any(|k| (values[k] - median(&without, k)).abs() > bound)
 }

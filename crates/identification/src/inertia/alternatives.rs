@@ -23,10 +23,9 @@ const INDEPENDENT: f64 = 40.0;
 const UNEXPLAINED: f64 = 0.05;
 /// Columns of friction beside the rigid bodies: offset, Coulomb, viscous.
 const FRICTION: usize = 3;
-/// chi² a joint up to which a log fits as it stands. Logs of robots whose masses are a third and
-/// whose centres are 3 cm off reach 15.
+/// chi² a joint up to which a log fits as it stands, and no other reading is tried.
 const FITS: f64 = 25.0;
-/// Factor of chi² by which another reading must be better.
+/// Share of chi² that another reading may leave at most to be named.
 const MUCH_BETTER: f64 = 0.3;
 /// Readings that are combined at most: a robot may have two joints with another direction.
 const COMBINED: usize = 4;
