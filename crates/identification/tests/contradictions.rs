@@ -255,7 +255,6 @@ fn contradictions_are_refused_and_named() {
             }
         }
     }
-    eprintln!("{named} of {all}\n{unnamed}");
     assert!(10 * named >= 9 * all, "{named} of {all}:\n{unnamed}");
 }
 
