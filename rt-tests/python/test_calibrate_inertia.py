@@ -169,6 +169,6 @@ def test_the_urdf_that_was_read_is_never_replaced(tmp_path):
     write(tmp_path / "log.csv", t, *states[:2], -torques(model, states), 6)
     same = refused("--urdf", urdf, "--log", tmp_path / "log.csv", "-o", tmp_path)
     assert "its sign is opposite" in same
-    same = refused("--urdf", urdf, "--log", tmp_path / "log.csv", "-o", tmp_path, "--negate-torque")
+    same = refused("--urdf", urdf, "--log", tmp_path / "log.csv", "-o", tmp_path, "--negate-torque", "--accept")
     assert "would replace the URDF that was read" in same
     assert urdf.read_bytes() == UR5.read_bytes()

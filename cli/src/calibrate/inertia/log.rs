@@ -308,5 +308,11 @@ fn first_line(path: &Path) -> Result<String, Problem> {
     std::io::BufReader::new(file)
         .read_until(b'\n', &mut line)
         .map_err(unreadable)?;
+    // A table is read line by line, which halves a character of two bytes.
+    if line.starts_with(b"\xFF\xFE") || line.starts_with(b"\xFE\xFF") {
+        let what = format!("{} is UTF-16", path.display());
+        let allowed = "UTF-8 or Windows-1252: iconv -f UTF-16 -t UTF-8 LOG.csv > NEW.csv";
+        return Err(Problem::new(what, allowed));
+    }
     problem::text(line, &path.display().to_string())
 }

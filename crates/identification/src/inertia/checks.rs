@@ -270,10 +270,12 @@ pub fn torques(
             slopes.push((joint, slope, explained));
         }
     }
+    // One joint's may be of another sign by what the URDF lacks; all of them are so by the log's convention.
+    let all_opposite = slopes.len() > 1 && slopes.iter().all(|(_, slope, _)| *slope < 0.0);
     for &(joint, slope, explained) in &slopes {
         let name = robot.name(joint);
         // A small torque may have another sign by an error of a centimetre in a centre of mass.
-        if slope < 0.0 && fitting.contradicts() {
+        if slope < 0.0 && (all_opposite || fitting.contradicts()) {
             let reason = format!(
                 "tau of `{name}` is {slope:.2} times the URDF's torque, which explains {:.0} % of it: its sign is opposite (positive torque moves towards positive q), or q's is",
                 100.0 * explained
