@@ -34,7 +34,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use supervisor::Commanders;
 use torqued_client::{DaemonPorts, Error, Location};
 
-use crate::real_time::{monotonic_ns, run_as_ordinary_thread};
+use crate::real_time::{monotonic_ns, run_before_ordinary_threads};
 use crate::request_server::RequestServer;
 use connection::Connection;
 
@@ -158,7 +158,7 @@ pub fn start_at(
     let publisher = thread::Builder::new()
         .name("publisher".to_owned())
         .spawn(move || {
-            run_as_ordinary_thread();
+            run_before_ordinary_threads();
             bus_error::park_this_thread(parked);
             let _ = started.send(());
             publisher.run();

@@ -15,6 +15,7 @@ SLOW = {
     "gather_deadline_us = 750.0": "gather_deadline_us = 4500.0",
     "stale_after_ms = 20.0": "stale_after_ms = 200.0",
     "reference_timeout_ms = 40.0": "reference_timeout_ms = 500.0",
+    "[safety]": "[safety]\npublisher_timeout_ms = 10000.0",
 }
 
 

@@ -6,6 +6,7 @@
 //! motion of all joints for a second, and then lets an operator acknowledge and enable. The
 //! program writes `docs/results/safety.md` from all of them; the tests run some of them.
 
+mod digest;
 mod learned;
 mod motion;
 mod page;
@@ -15,6 +16,7 @@ mod robots;
 mod run;
 mod scenarios;
 
+pub use digest::Digest;
 pub use motion::Moved;
 pub use motion::Reference;
 pub use page::{Results, line, page};

@@ -10,6 +10,7 @@ use robot_state::{
     RobotState, Settings, frame_flags, torque_flags,
 };
 
+use crate::digest::Digest;
 use crate::robots::Prepared;
 
 /// Time between cycles, ns.
@@ -70,6 +71,8 @@ pub struct Rig {
     pub asleep: bool,
     /// The loop does not compute in this cycle: the last set-points are repeated.
     pub frozen: bool,
+    /// All records and commands so far.
+    pub digest: Digest,
     sync: Frames,
     received: Frames,
     computed: Frames,
@@ -117,6 +120,7 @@ impl Rig {
             late_ns: 0,
             asleep: false,
             frozen: false,
+            digest: Digest::default(),
             sync,
             received: Frames::new(MAX_FRAMES),
             computed: Frames::new(MAX_FRAMES),
@@ -175,8 +179,11 @@ impl Rig {
             settings: self.client.settings.as_ref(),
             request: self.client.request,
         };
-        self.cycle
+        let record = self
+            .cycle
             .step(at, &self.received, &client, &mut self.computed);
+        self.digest.take_record(record);
+        self.digest.take_frames(&self.computed);
         self.sent.clear();
         self.sent.extend(self.computed.iter());
     }

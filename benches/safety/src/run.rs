@@ -86,6 +86,8 @@ pub struct Outcome {
     pub recovered: Option<bool>,
     /// Within the bounds or not.
     pub verdict: Verdict,
+    /// Digest of all records and commands of the run: equal where two states of the code are equal bit for bit.
+    pub digest: String,
 }
 
 /// Of the humanoid the arms move, or are let go.
@@ -272,6 +274,7 @@ pub fn run(
         beside: None,
         recovered: None,
         verdict: Verdict::Holds,
+        digest: String::new(),
     };
     let mut act: Fault = Box::new(move |at, rig, k| {
         if let Some(client) = &mut client {
@@ -314,6 +317,7 @@ pub fn run(
         outcome.recovered = Some(recovers(&mut rig));
     }
     outcome.verdict = judge(bound, &outcome.moved, outcome.beside.as_ref());
+    outcome.digest = rig.digest.to_string();
     Ok(outcome)
 }
 

@@ -9,7 +9,7 @@ mod measures;
 
 pub(crate) use deadline::realtime_ns;
 pub use deadline::{Deadline, Pace, Schedule, WakeReport, monotonic_ns, sleep_until};
-pub(crate) use measures::{keep_off_cpu, run_as_ordinary_thread};
+pub(crate) use measures::{keep_off_cpu, run_as_ordinary_thread, run_before_ordinary_threads};
 
 use std::fmt;
 use std::fs::File;
