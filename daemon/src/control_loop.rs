@@ -2,6 +2,8 @@
 
 use can_codec::{Frames, Gather, MAX_FRAMES, Table};
 use cycle::{ClientInput, Cycle, Instants, Stamp};
+use drives::canopen::heartbeat;
+use drives::cia402::MASTER;
 use problem::Problem;
 use recording::CycleInput;
 use robot_config::Robot;
@@ -11,6 +13,41 @@ use crate::bus::{Bus, BusCounters};
 use crate::real_time::{WakeReport, monotonic_ns};
 use crate::recorder::Tap;
 
+/// The heartbeat that CANopen drives listen for. The loop itself sends it: where the loop ends or
+/// hangs, they stop.
+struct Heartbeat {
+    /// One for each bus that has such drives.
+    frames: Frames,
+    /// Cycles from one to the next: a third of the shortest time after which a drive stops.
+    interval: u32,
+    cycles: u32,
+}
+
+impl Heartbeat {
+    fn new(robot: &Robot) -> Self {
+        let mut buses: Vec<u8> = robot.nodes.plans.iter().map(|plan| plan.bus).collect();
+        buses.sort_unstable();
+        buses.dedup();
+        let mut frames = Frames::new(buses.len());
+        for bus in buses {
+            frames.push(heartbeat(bus, MASTER));
+        }
+        let cycles = robot.nodes.heartbeat / robot.parameters.timing.sample_period / 3.0;
+        Self {
+            frames,
+            interval: cycles.max(1.0) as u32,
+            cycles: 0,
+        }
+    }
+
+    /// It is due in this cycle.
+    fn is_due(&mut self) -> bool {
+        let due = self.cycles == 0 && !self.frames.is_empty();
+        self.cycles = (self.cycles + 1) % self.interval;
+        due
+    }
+}
+
 /// A robot's loop: the computation and the bus it lives on.
 pub struct ControlLoop<B> {
     bus: B,
@@ -19,6 +56,7 @@ pub struct ControlLoop<B> {
     gather: Gather,
     gather_deadline_ns: u64,
     sync: Frames,
+    heartbeat: Heartbeat,
     rx: Frames,
     tx: Frames,
     record: SharedRecord,
@@ -42,6 +80,7 @@ impl<B: Bus> ControlLoop<B> {
             receive_table: robot.receive.clone(),
             gather_deadline_ns: (robot.parameters.timing.gather_deadline * 1e9) as u64,
             sync,
+            heartbeat: Heartbeat::new(robot),
             rx: Frames::new(MAX_FRAMES),
             tx: Frames::new(MAX_FRAMES),
             record: SharedRecord::default(),
@@ -96,6 +135,10 @@ impl<B: Bus> ControlLoop<B> {
         self.record.cycle = *record;
         let computed = monotonic_ns();
 
+        if self.heartbeat.is_due() {
+            // A lost one is made good by the next; three in a row stop the drives.
+            self.bus.send(&self.heartbeat.frames);
+        }
         let accepted = self.bus.send(&self.tx);
         // Counted by the cycle, so it appears in the next record.
         let refused = self.tx.len().saturating_sub(accepted) as u64;

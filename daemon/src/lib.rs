@@ -1,9 +1,11 @@
 //! The daemon: the loop and everything about it that touches the world.
 
+pub mod bring_up;
 pub mod bus;
 pub mod bus_lock;
 pub mod control_loop;
 pub mod demo;
+pub mod drive_watch;
 pub mod ending;
 pub mod failure;
 pub mod loop_monitor;

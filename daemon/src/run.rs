@@ -13,10 +13,12 @@ use robot_config::{RealTime, Robot};
 use robot_state::{Description, Event, Name};
 use supervisor::Commanders;
 
+use crate::bring_up;
 use crate::bus::in_process::{SimulatedDeadline, VirtualClock};
 use crate::bus::{Bus, LockStep, Network};
 use crate::bus_lock::BusLocks;
 use crate::control_loop::ControlLoop;
+use crate::drive_watch::DriveWatch;
 use crate::failure::Failure;
 use crate::looper::Looper;
 use crate::offsets::Store;
@@ -57,9 +59,11 @@ pub struct RunOptions {
 /// Obstacles to the loop's start: nothing has been sent then. A loop that does not end.
 pub fn run(robot: &Robot, options: RunOptions, stop: &Arc<AtomicBool>) -> Result<Summary, Failure> {
     let buses = &robot.parameters.buses;
-    let bus = Network::open(buses)?;
+    let mut bus = Network::open(buses)?;
     let _locks =
         BusLocks::take(buses.iter().map(|bus| &bus.carrier)).map_err(Failure::environment)?;
+    bring_up::bring_up(robot, &mut bus, stop)?;
+    let _watch = DriveWatch::start(robot)?;
     let state = &robot.parameters.name;
     run_on(robot, bus, Deadline::new, state, options, stop)
 }

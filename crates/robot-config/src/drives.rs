@@ -1,10 +1,13 @@
 //! `[drive.NAME]`: kinds of drive.
 
+mod canopen;
 mod state;
 
+use crate::Files;
 use crate::liveness;
 use crate::reader::{Allowed, Section};
 use crate::sampling::{self, Sampling};
+pub(crate) use canopen::CanopenDrive;
 use control::MotorModel;
 use core::f64::consts::TAU;
 use estimators::compliance::ComplianceParameters;
@@ -45,6 +48,8 @@ pub(crate) struct Drive {
     pub(crate) lag: f64,
     /// None: the drive has no states.
     pub(crate) profile: Option<DriveProfile>,
+    /// Its frames and its set-up are those of CiA 402; none: DBC files describe them.
+    pub(crate) canopen: Option<CanopenDrive>,
 }
 
 impl Drive {
@@ -67,6 +72,7 @@ enum Command {
 pub(crate) fn read<'n>(
     root: &Section<'n, '_>,
     sample_period: f64,
+    files: &Files<'_>,
 ) -> BTreeMap<&'n str, Option<Drive>> {
     let Some(section) = root.section("drive") else {
         return BTreeMap::new();
@@ -74,11 +80,11 @@ pub(crate) fn read<'n>(
     let drives = section.named_sections();
     drives
         .into_iter()
-        .map(|(name, section)| (name, drive(section, sample_period)))
+        .map(|(name, section)| (name, drive(section, sample_period, files)))
         .collect()
 }
 
-fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
+fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Option<Drive> {
     let (kind, gear_ratio) = gear(&section);
     let section = section.of_kind(kind);
     let torque_constant = section.number("torque_constant_Nm_per_A", Allowed::Positive);
@@ -108,9 +114,14 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
             ),
         ),
     };
+    let canopen = canopen(&section, command, torque_constant, files);
     let profile = section
         .optional_section("state")
-        .map(|section| state::read(section, sample_period));
+        .map(|section| state::read(section, sample_period))
+        .or_else(|| {
+            let is_node = matches!(canopen, Some(Some(_)));
+            is_node.then(|| state::cia402(sample_period))
+        });
     let lag = 1e-6 * section.number_or("command_lag_us", 400.0, Allowed::Within(0.0, 5000.0));
     let compliance = section.section("compliance").map(compliance);
     let friction = section
@@ -143,7 +154,24 @@ fn drive(section: Section<'_, '_>, sample_period: f64) -> Option<Drive> {
         dead_zone,
         lag,
         profile,
+        canopen: canopen?,
     })
+}
+
+/// What `profile` and its table say; nothing if there is a problem with them.
+fn canopen(
+    section: &Section<'_, '_>,
+    command: Command,
+    torque_constant: f64,
+    files: &Files<'_>,
+) -> Option<Option<CanopenDrive>> {
+    const PROFILES: [(&str, bool); 2] = [("cia402", true), ("dbc", false)];
+    if section.choice_or("profile", false, &PROFILES) {
+        let section = section.section("canopen")?;
+        canopen::read(section, command, torque_constant, files).map(Some)
+    } else {
+        Some(None)
+    }
 }
 
 /// The kind of the drive's joints and N: the gear ratio, or of a prismatic joint `2 pi` over the lead.

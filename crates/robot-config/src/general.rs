@@ -29,8 +29,18 @@ pub(crate) struct Feedback {
     pub(crate) modes: ModeSettings,
 }
 
+/// What `bus.dbc` takes.
+pub(crate) const DBC: &str = "the path of a DBC file, relative to this file, or a list";
+
+/// What `bus.sync` takes.
+pub(crate) const SYNC: &str = "the name of the message that starts a cycle";
+
 /// `[[bus]]`.
 pub(crate) struct Bus {
+    pub(crate) place: usize,
+    /// Its key `dbc` is there; only a bus of nodes may lack it, and `sync`.
+    pub(crate) has_dbc: bool,
+    pub(crate) has_sync: bool,
     pub(crate) parameters: BusParameters,
     pub(crate) sync: String,
     pub(crate) sync_place: usize,
@@ -162,13 +172,18 @@ pub(crate) fn buses(root: &Section<'_, '_>, config: &str) -> Vec<Bus> {
             let allowed = format!("{allowed}; it may list several DBC files");
             section.problem(key, what, allowed);
         }
-        let dbcs = section.texts(
-            "dbc",
-            "the path of a DBC file, relative to this file, or a list",
-        );
-        let sync = section.text("sync", "the name of the message that starts a cycle");
+        let (has_dbc, has_sync) = (section.has("dbc"), section.has("sync"));
+        let dbcs = if has_dbc {
+            section.texts("dbc", DBC)
+        } else {
+            Vec::new()
+        };
+        let sync = section.optional_text("sync", SYNC);
         let fd = section.flag_or("fd", false);
         buses.push(Bus {
+            place: section.place(),
+            has_dbc,
+            has_sync,
             parameters: BusParameters {
                 name,
                 carrier,

@@ -6,6 +6,7 @@ mod gains;
 mod law;
 mod limits;
 mod motor_alone;
+mod node;
 mod signals;
 
 use crate::Files;
@@ -65,8 +66,10 @@ pub(crate) fn read(
             section.problem("name", "a second joint has this name", "each joint once");
         }
         section.kind = kind(&section, &name, surroundings);
+        let drive = of_section(&section, drives);
         let reader = Reader {
             section: &section,
+            has_link: section.has("link_angle") || has_two_angles(&section, drive),
             index,
             timing,
             feedback,
@@ -102,10 +105,30 @@ fn kind(section: &Section<'_, '_>, name: &str, surroundings: &Surroundings<'_, '
             false => JointKind::Prismatic,
         })
     });
-    let mut drives = surroundings.drives.iter();
-    let drive = drives.find(|(drive, _)| section.is("drive", drive));
-    let of_drive = drive.and_then(|(_, drive)| Some(drive.as_ref()?.kind));
+    let of_drive = of_section(section, surroundings.drives).map(|drive| drive.kind);
     in_urdf.or(of_drive).unwrap_or_default()
+}
+
+/// The drive that a joint's table names.
+fn of_section<'d>(
+    section: &Section<'_, '_>,
+    drives: &'d BTreeMap<&str, Option<Drive>>,
+) -> Option<&'d Drive> {
+    let mut drives = drives.iter();
+    let (_, drive) = drives.find(|(drive, _)| section.is("drive", drive))?;
+    drive.as_ref()
+}
+
+/// The joint's drive is a node with two encoders.
+fn has_two_angles(section: &Section<'_, '_>, drive: Option<&Drive>) -> bool {
+    match drive {
+        Some(drive) => {
+            let node = drive.canopen.as_ref();
+            node.is_some_and(|node| node.kind.other_angle.is_some())
+        }
+        // Its drive has a problem: no other follows from that.
+        None => section.has("node"),
+    }
 }
 
 /// Inertia at a joint with the robot stretched out and its other joints held, kg·m²; of a prismatic
@@ -119,6 +142,8 @@ fn inertia(model: &Model, joint: usize) -> f64 {
 /// One table `[[joint]]`.
 struct Reader<'r, 'n, 't> {
     section: &'r Section<'n, 't>,
+    /// The joint has a link-side encoder.
+    has_link: bool,
     index: usize,
     timing: &'r Timing,
     feedback: &'r Feedback,
@@ -137,7 +162,7 @@ impl Reader<'_, '_, '_> {
         let section = self.section;
         let model_index = model.and_then(|model| self.in_model(&name, model));
         let drive = self.drive(drives).filter(|drive| self.fits(drive));
-        let has_link = self.has_link();
+        let has_link = self.has_link;
         let at_motor = drive.filter(|_| !has_link).map(Drive::at_motor);
         // Control's model of the drive: without a link-side encoder it does not see the gear.
         let seen = at_motor.as_ref().or(drive);
@@ -150,10 +175,14 @@ impl Reader<'_, '_, '_> {
         let calibration = self.calibration(drive, torque_limit);
         let feed_forward = self.feed_forward(&name);
         let bus = wiring.bus(section);
+        if let Some(bus) = bus.filter(|_| section.has("node")) {
+            wiring.expect_nodes(bus);
+        }
         // Without a drive or a bus the signals cannot be checked, but their keys are known.
-        let signals = bus
-            .zip(drive)
-            .map(|(bus, drive)| self.signals(bus, drive, wiring));
+        let signals = bus.zip(drive).and_then(|(bus, drive)| {
+            let messages = self.add_node(&name, bus, drive, wiring)?;
+            Some(self.signals(bus, drive, messages.as_ref(), wiring))
+        });
         for key in [
             "following_error_deg",
             "following_error_A",
@@ -166,6 +195,7 @@ impl Reader<'_, '_, '_> {
             "status",
             "control",
             "set_point",
+            "node",
         ] {
             section.has(key);
         }

@@ -34,6 +34,7 @@ pub use sampling::{Sampled, Sampling};
 pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};
+use drives_of_makers::canopen::bring_up::Plan;
 use dynamics::{Base, Model};
 use reader::{Diagnostics, Section};
 use toml::de::DeTable;
@@ -52,6 +53,17 @@ pub struct Robot {
     pub send: Table,
     /// The frames that start a cycle, one for each bus.
     pub sync: Vec<Frame>,
+    /// CANopen drives, which are set up before the first cycle.
+    pub nodes: Nodes,
+}
+
+/// CANopen drives of a robot.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Nodes {
+    /// The set-up of each.
+    pub plans: Vec<Plan>,
+    /// Shortest time after which one of them counts the daemon as lost, s.
+    pub heartbeat: f64,
 }
 
 impl Robot {
@@ -122,14 +134,14 @@ fn robot(
     let feedback = general::feedback(&root, timing.sample_period);
     let cross_check = general::cross_check(&root);
     let safety = safety::safety(&root, timing.sample_period);
-    let drives = drives::read(&root, timing.sample_period);
+    let files = Files { config: path, read };
+    let drives = drives::read(&root, timing.sample_period, &files);
 
     let model = named.as_ref().and_then(|named| {
         general::read_file(diagnostics, &root, "robot", &named.urdf_path, read)
             .and_then(|urdf| model(diagnostics, &urdf, &named.urdf_path, named.base))
     });
     let mut wiring = Wiring::read(diagnostics, &root, &buses, read);
-    let files = Files { config: path, read };
     let surroundings = joints::Surroundings {
         drives: &drives,
         model: model.as_ref(),
@@ -146,6 +158,7 @@ fn robot(
     let external_torque = external_torque::external_torque(&root, timing.sample_period);
     let tare = tare::tare(&root, timing.sample_period);
     let tables = wiring.compile();
+    let nodes = wiring.take_nodes();
     let (readable, again) = (!diagnostics.any(), root.again());
     root.finish();
 
@@ -186,6 +199,7 @@ fn robot(
         receive,
         send,
         sync,
+        nodes,
     })
 }
 

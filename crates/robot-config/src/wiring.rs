@@ -2,13 +2,16 @@
 
 mod sent;
 
-use crate::general::Bus;
+use crate::general::{self, Bus};
 use crate::reader::{At, Diagnostics, Section};
 use crate::units::Quantity;
-use crate::{Read, paths, slots, unreadable};
+use crate::{Nodes, Read, paths, slots, unreadable};
 use can_codec::{
     BusDbc, Dbc, Frame, MAX_FRAMES, Signal, SignalMap, Table, TableError, TableProblem,
 };
+use drives_of_makers::canopen::SYNC_ID;
+use drives_of_makers::canopen::bring_up::Plan;
+use drives_of_makers::cia402;
 use problem::{Problem, listed};
 use std::collections::BTreeMap;
 
@@ -50,6 +53,9 @@ pub(crate) struct Wiring<'n, 't> {
     send: Vec<(u8, SignalMap)>,
     /// The key that uses each signal of a bus, and the place of that key.
     used: BTreeMap<(usize, String), (String, usize)>,
+    nodes: Nodes,
+    /// Buses with a drive that is a node.
+    of_nodes: Vec<bool>,
 }
 
 impl<'n, 't> Wiring<'n, 't> {
@@ -91,7 +97,35 @@ impl<'n, 't> Wiring<'n, 't> {
             receive: Vec::new(),
             send: Vec::new(),
             used: BTreeMap::new(),
+            nodes: Nodes::default(),
+            of_nodes: vec![false; buses.len()],
         }
+    }
+
+    /// Adds a CANopen drive: its messages, and its set-up.
+    pub(crate) fn add_node(&mut self, drive: &cia402::Drive<'_>) -> Result<(), Problem> {
+        let (plan, messages) = (drive.plan()?, drive.messages()?);
+        let same = |other: &&Plan| (other.bus, other.node) == (plan.bus, plan.node);
+        if let Some(other) = self.nodes.plans.iter().find(same) {
+            let what = format!("node {} is that of {} on this bus", plan.node, other.name);
+            return Err(Problem::new(what, "each node of a bus once"));
+        }
+        if let Some(Some(dbcs)) = self.dbcs.get_mut(usize::from(drive.bus)) {
+            dbcs.push(messages);
+        }
+        let limit = f64::from(drive.kind.heartbeat_ms) * 1e-3;
+        self.nodes.heartbeat = if self.nodes.plans.is_empty() {
+            limit
+        } else {
+            self.nodes.heartbeat.min(limit)
+        };
+        self.nodes.plans.push(plan);
+        Ok(())
+    }
+
+    /// The CANopen drives that were added.
+    pub(crate) fn take_nodes(&mut self) -> Nodes {
+        core::mem::take(&mut self.nodes)
     }
 
     /// The bus that the section names.
@@ -182,8 +216,31 @@ impl<'n, 't> Wiring<'n, 't> {
         reaches
     }
 
+    /// A drive of the bus is a node, or was meant to be one.
+    pub(crate) fn expect_nodes(&mut self, bus: usize) {
+        if let Some(of_nodes) = self.of_nodes.get_mut(bus) {
+            *of_nodes = true;
+        }
+    }
+
+    /// Notes keys that only a bus of nodes may lack.
+    fn need_keys(&self) {
+        let buses = self.buses.iter().zip(&self.of_nodes);
+        for (bus, _) in buses.filter(|(_, of_nodes)| !**of_nodes) {
+            let absent = [
+                ("dbc", !bus.has_dbc, general::DBC),
+                ("sync", !bus.has_sync, general::SYNC),
+            ];
+            for (key, _, allowed) in absent.into_iter().filter(|(_, absent, _)| *absent) {
+                let what = format!("bus.{key} ({}): the key is missing", bus.parameters.name);
+                self.diagnostics.at(bus.place, what, allowed);
+            }
+        }
+    }
+
     /// The tables of both ways and each bus's SYNC frame.
-    pub(crate) fn compile(self) -> Option<(Table, Table, Vec<Frame>)> {
+    pub(crate) fn compile(&self) -> Option<(Table, Table, Vec<Frame>)> {
+        self.need_keys();
         let mut dbcs = Vec::new();
         let mut sync = Vec::new();
         for (i, (bus, of_bus)) in self.buses.iter().zip(&self.dbcs).enumerate() {
@@ -206,7 +263,9 @@ impl<'n, 't> Wiring<'n, 't> {
                     );
                     sync.push(message.at_start(i as u8));
                 }
-                None if bus.sync.is_empty() => {}
+                None if !bus.has_sync => {
+                    sync.push(Frame::zeroed(i as u8, SYNC_ID, 0, false));
+                }
                 None => {
                     let what = format!(
                         "bus.sync ({}): no DBC file of the bus has a message {}",

@@ -59,6 +59,18 @@ impl Network {
         }
     }
 
+    /// Hears from now on only what CANopen nodes say besides process data: emergencies, answers by
+    /// SDO, heartbeats. On a multicast group everything is heard.
+    ///
+    /// # Errors
+    /// The system's refusal.
+    pub fn hear_only_nodes(&mut self) -> Result<(), OpenError> {
+        match self {
+            Self::SocketCan(bus) => bus.hear_only(&[0x080, 0x580, 0x700]),
+            Self::UdpMulticast(_) => Ok(()),
+        }
+    }
+
     /// Waits for a frame until `until_ns`; true if one is there.
     pub fn wait(&mut self, until_ns: u64) -> bool {
         match self {

@@ -7,10 +7,26 @@ use supervisor::{ControlWords, DriveProfile, StatusBits, StatusPattern};
 /// One more than the greatest word.
 const WORDS: u64 = 1 << 32;
 
+/// The preset CiA 402 with the default time limit.
+pub(super) fn cia402(sample_period: f64) -> DriveProfile {
+    DriveProfile::cia402(step_limit(STEP_LIMIT_MS, sample_period))
+}
+
+fn step_limit(limit_ms: f64, sample_period: f64) -> u32 {
+    (limit_ms * 1e-3 / sample_period).ceil().max(1.0) as u32
+}
+
+/// Default of the time limit of a step, ms.
+const STEP_LIMIT_MS: f64 = 500.0;
+
 /// The preset CiA 402, or the words of a table of its own.
 pub(super) fn read(section: Section<'_, '_>, sample_period: f64) -> DriveProfile {
-    let limit_ms = section.number_or("step_time_limit_ms", 500.0, Allowed::Within(1.0, 60_000.0));
-    let step_limit = (limit_ms * 1e-3 / sample_period).ceil().max(1.0) as u32;
+    let limit_ms = section.number_or(
+        "step_time_limit_ms",
+        STEP_LIMIT_MS,
+        Allowed::Within(1.0, 60_000.0),
+    );
+    let step_limit = step_limit(limit_ms, sample_period);
     let cia402 = section.choice_or("profile", false, &[("cia402", true), ("table", false)]);
     let brake = section.choice_or("brake", false, &[("while_off", true), ("none", false)]);
     let time_out_set = section.optional_section("time_out_set").map(|section| {

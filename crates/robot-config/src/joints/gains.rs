@@ -16,8 +16,8 @@ impl Reader<'_, '_, '_> {
         // The predictive law has no gain on the torque's error: its keys are unknown there. A joint without
         // a link-side encoder has the other law in any case.
         let (k_p, k_i) = match self.feedback.torque_law {
-            TorqueLaw::Predictive(_) if self.has_link() => (0.0, 0.0),
-            _ if self.has_link() => (
+            TorqueLaw::Predictive(_) if self.has_link => (0.0, 0.0),
+            _ if self.has_link => (
                 section.number("K_p", Allowed::NonNegative),
                 section.number_or("K_i_per_s", 0.0, Allowed::NonNegative),
             ),

@@ -164,7 +164,7 @@ impl Reader<'_, '_, '_> {
     pub(super) fn torque_velocity(&self, limits: &Limits) -> f64 {
         let key = "torque_velocity_limit_rad_per_s";
         let given = self.section.optional_number(key, Allowed::Positive);
-        let share = match self.has_link() {
+        let share = match self.has_link {
             true => TORQUE_VELOCITY_SHARE,
             false => TORQUE_VELOCITY_SHARE_ALONE,
         };
@@ -249,7 +249,7 @@ impl Reader<'_, '_, '_> {
             doubt,
             doubt_per_lead: DOUBT_PER_LEAD,
             doubt_samples: DOUBT_SAMPLES,
-            doubt_counts: match self.has_link() {
+            doubt_counts: match self.has_link {
                 true => 1.0,
                 false => DOUBT_COUNTS_ALONE,
             },

@@ -22,11 +22,6 @@ const CARRIED_SHARE: f64 = 0.15;
 const LARGEST_K_I: f64 = 8.0;
 
 impl Reader<'_, '_, '_> {
-    /// The joint has a link-side encoder.
-    pub(super) fn has_link(&self) -> bool {
-        self.section.has("link_angle")
-    }
-
     /// Notes what a joint without a link-side encoder cannot have.
     pub(super) fn check_motor_alone(&self, drive: &Drive) {
         let section = self.section;

@@ -1,8 +1,9 @@
 //! Signals of a joint on its bus, and whether its encoders' turns can be counted.
 
 use super::Reader;
+use super::node::Messages;
 use crate::drives::{Drive, link_counts_key};
-use crate::reader::Allowed;
+use crate::reader::{Allowed, At};
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Reach, Use, Way, Wiring};
@@ -26,6 +27,7 @@ impl Reader<'_, '_, '_> {
         &self,
         bus: usize,
         drive: &Drive,
+        messages: Option<&Messages>,
         wiring: &mut Wiring<'_, '_>,
     ) -> Signals {
         let joint = self.index;
@@ -33,7 +35,7 @@ impl Reader<'_, '_, '_> {
             counts_per_turn: drive.motor_counts_per_turn,
             key: "motor_counts_per_turn",
         };
-        let has_link = self.has_link();
+        let has_link = self.has_link;
         let kind = self.section.kind;
         let (counts, key) = (drive.link_counts, link_counts_key(kind));
         let link_counts = match kind {
@@ -51,35 +53,22 @@ impl Reader<'_, '_, '_> {
             MotorModel::Current { .. } => Quantity::Current,
         };
         let mut signal = |key, way, slot, quantity| {
-            // The motor's angle is an angle, whatever its joint is.
-            let section = self.section.section(key)?.of_kind(match quantity {
-                Quantity::Length { .. } => JointKind::Prismatic,
-                _ => JointKind::Revolute,
-            });
-            let sign = match quantity {
-                Quantity::Status => 1.0,
-                _ => section.sign_or("direction", 1.0),
-            };
-            let offset = match quantity.is_position() {
-                true => section.number_or("offset_deg", 0.0, Allowed::Finite),
-                false => 0.0,
-            };
             let how = Use {
                 way,
                 bus,
                 slot,
                 quantity,
-                sign,
-                offset: section.kind.si(offset),
+                sign: 1.0,
+                offset: 0.0,
             };
-            let path = section.text("signal", "MESSAGE.signal");
-            let reach = path.and_then(|path| wiring.connect(&section.path("signal"), &path, &how));
-            section.finish();
-            reach
+            self.signal(key, how, messages, wiring)
         };
         let receive = |key, slot, quantity| (key, Way::Receive, slot, quantity);
         let [has_velocity, has_status, has_control] =
-            ["velocity", "status", "control"].map(|key| self.section.has(key));
+            ["velocity", "status", "control"].map(|key| {
+                let made = messages.is_some_and(|messages| messages.signal(key).is_some());
+                self.section.has(key) || made
+            });
         let control = (
             "control",
             Way::Send,
@@ -126,6 +115,61 @@ impl Reader<'_, '_, '_> {
         }
     }
 
+    /// Maps one signal: from its table, or as its drive's profile has it.
+    fn signal(
+        &self,
+        key: &'static str,
+        how: Use,
+        messages: Option<&Messages>,
+        wiring: &mut Wiring<'_, '_>,
+    ) -> Option<Reach> {
+        let made = messages.and_then(|messages| messages.signal(key));
+        let (sign, offset) = made.map_or((1.0, 0.0), |made| (made.sign, made.offset));
+        let section = match made {
+            Some(_) if !self.section.has(key) => {
+                let how = Use {
+                    sign,
+                    offset,
+                    ..how
+                };
+                let place = self.section.place();
+                let value = made?.path.as_str();
+                return wiring.connect(&self.section.path(key), &At { value, place }, &how);
+            }
+            _ => self.section.section(key)?,
+        };
+        // The motor's angle is an angle, whatever its joint is.
+        let section = section.of_kind(match how.quantity {
+            Quantity::Length { .. } => JointKind::Prismatic,
+            _ => JointKind::Revolute,
+        });
+        let sign = match how.quantity {
+            Quantity::Status => 1.0,
+            _ => section.sign_or("direction", sign),
+        };
+        let offset = match how.quantity.is_position() && section.has("offset_deg") {
+            true => section
+                .kind
+                .si(section.number("offset_deg", Allowed::Finite)),
+            false => offset,
+        };
+        let how = Use {
+            sign,
+            offset,
+            ..how
+        };
+        let path = match made {
+            Some(made) if !section.has("signal") => Some(At {
+                value: made.path.as_str(),
+                place: section.place(),
+            }),
+            _ => section.text("signal", "MESSAGE.signal"),
+        };
+        let reach = path.and_then(|path| wiring.connect(&section.path("signal"), &path, &how));
+        section.finish();
+        reach
+    }
+
     /// Notes encoders whose turns cannot be counted.
     pub(super) fn wraps(&self, encoders: &EncoderParameters, limits: &Limits) {
         let travel = encoders.max_velocity * encoders.sample_period;
@@ -151,9 +195,10 @@ impl Reader<'_, '_, '_> {
         }
         let range = (limits.position_min, limits.position_max);
         // Without a link-side encoder nothing but its range shows the motor's turn.
-        let (key, wrap) = match self.has_link() {
-            true => ("link_angle", encoders.link_wrap),
-            false => ("motor_angle", encoders.motor_wrap / encoders.gear_ratio),
+        let (key, wrap) = if self.has_link {
+            ("link_angle", encoders.link_wrap)
+        } else {
+            ("motor_angle", encoders.motor_wrap / encoders.gear_ratio)
         };
         let half = 0.5 * wrap;
         if range.0.is_finite() && range.1.is_finite() && (range.0 < -half || range.1 > half) {

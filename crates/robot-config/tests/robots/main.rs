@@ -6,5 +6,6 @@ mod drives;
 mod files;
 mod meant;
 mod motor_alone;
+mod nodes;
 mod prismatic;
 mod refusals;

@@ -74,6 +74,33 @@ impl SocketCan {
         messages::wait(&mut [messages::readable(self.socket.as_fd())], until_ns)
     }
 
+    /// Receives from now on only frames of 11-bit identifiers that begin, bits 7 to 10, as one of
+    /// `first`.
+    pub(super) fn hear_only(&self, first: &[u32]) -> Result<(), OpenError> {
+        let mask = 0x780 | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG;
+        let filter = |&can_id| libc::can_filter {
+            can_id,
+            can_mask: mask,
+        };
+        let filters: Vec<_> = first.iter().map(filter).collect();
+        // SAFETY: the filters are alive during the call and their size is stated.
+        let answer = unsafe {
+            libc::setsockopt(
+                self.socket.as_raw_fd(),
+                libc::SOL_CAN_RAW,
+                libc::CAN_RAW_FILTER,
+                filters.as_ptr().cast(),
+                std::mem::size_of_val(&filters[..]) as libc::socklen_t,
+            )
+        };
+        if answer == 0 {
+            Ok(())
+        } else {
+            let error = io::Error::last_os_error();
+            Err(OpenError::Socket("CAN_RAW_FILTER", error))
+        }
+    }
+
     /// The newest failure to send a frame.
     #[must_use]
     pub fn send_failure(&self) -> Option<SendFailure> {

@@ -1,0 +1,191 @@
+"""From power-on to holding with drives of other people's: python-canopen's LocalNodes behind the daemon."""
+
+import re
+import signal
+import time
+
+import pytest
+import torqued
+from canopen_drive import Line
+from processes import BINARIES, ROOT, Process, daemon, forget_faults
+
+MODEL = ROOT / "config" / "test-joint" / "robot.toml"
+URDF = ROOT / "robot-models" / "test-joint" / "robot.urdf"
+BUS = """[[bus]]
+name = "a"
+kind = "udp_multicast"
+"""
+CANOPEN = """profile = "cia402"
+[drive.joint.canopen]
+position = "link"
+other_angle = "2240:00"
+rated_current_A = 5.0
+heartbeat_ms = 300
+vendor = 0x5A
+sdo = [{ object = "6065:00", bits = 32, value = 100000 }]
+"""
+SECOND = """
+[[joint]]
+name = "second"
+bus = "a"
+drive = "joint"
+torque_limit_Nm = 37.0
+node = 4
+gains = { K_s_Nm_per_rad = 2083.0, K_d_Nms_per_rad = 20.8 }
+"""
+CURRENT = """K_1_Nm_per_A = 5.0
+K_2_Nms_per_rad = 0.5
+K_3_Nm = 1.5
+"""
+NODES = [{"node": 3, "degrees": 30.0}, {"node": 4, "degrees": -20.0}]
+
+
+def two_arms():
+    """The test joint twice, on vertical axes."""
+    urdf = URDF.read_text().replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"')
+    base, arm = re.search(r'(.*</link>\s*)(<joint name="joint".*)</robot>', urdf, re.S).groups()
+    second = re.sub(r'"(joint|link|tip_load_mount|tip_load)"', r'"second_\1"', arm)
+    return base + arm + second.replace('"second_joint"', '"second"') + "</robot>\n"
+
+
+def configuration(folder, changes=(), joints=2):
+    """That many test joints with CANopen drives: no DBC file, one line for a joint."""
+    text = MODEL.read_text()
+    urdf = two_arms() if joints == 2 else URDF.read_text().replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"')
+    (folder / "robot.urdf").write_text(urdf)
+    signals = r"motor_angle = .*\nlink_angle = .*\ncurrent = .*\nstatus = .*\nset_point = .*\ncontrol = .*\n"
+    for pattern, new in (
+        (r'urdf = ".*"', 'urdf = "robot.urdf"'),
+        (r"\[\[bus\]\]\n(?:.+\n)+", BUS),
+        (r"rate_hz = .*", "rate_hz = 200.0"),
+        # Python's drives answer as the machine lets them.
+        (r"stale_after_ms = .*", "stale_after_ms = 250.0"),
+        (r"gather_deadline_us = .*", "gather_deadline_us = 4000.0"),
+        (r"window = 80", "window = 16"),
+        (r"motor_counts_per_turn = .*", "motor_counts_per_turn = 65536"),
+        (r"\[drive\.joint\.state\]\nprofile = \"cia402\"\n", CANOPEN),
+        (signals, "node = 3\n"),
+        (r"kinematic_error = .*\n", ""),
+        *changes,
+    ):
+        text, count = re.subn(pattern, new, text)
+        assert count, pattern
+    path = folder / "robot.toml"
+    path.write_text(text + (SECOND if joints == 2 else ""))
+    return path
+
+
+@pytest.fixture
+def line(request):
+    made = Line(getattr(request, "param", NODES))
+    yield made
+    made.end()
+
+
+def wait_for_state(client, state, limit_s=30.0):
+    until = time.monotonic() + limit_s
+    for record in client.records(10.0):
+        if record.cycle.state == state:
+            return record
+        assert time.monotonic() < until, f"state {record.cycle.state}, fault {record.cycle.fault}"
+
+
+def to_holding():
+    client = torqued.Client("test-joint", timeout_s=10.0)
+    wait_for_state(client, torqued.RobotState.HOLDING)
+    return client
+
+
+CST = [
+    (r'command = "position"\n', 'command = "current"\ncurrent_limit_A = 8.0\n'),
+    (r"K_tau_rad_per_Nm = .*\nK_v_s = .*\nK_c_rad = .*\ndead_zone_rad = .*\n", CURRENT),
+]
+
+
+@pytest.mark.parametrize("mode, changes", [(8, []), (10, CST)], ids=["csp", "cst"])
+def test_from_power_on_to_holding(tmp_path, line, mode, changes):
+    starts = [drive.degrees for drive in line.drives]
+    with daemon(configuration(tmp_path, changes)) as process:
+        to_holding()
+        time.sleep(1.0)
+        for drive in line.drives:
+            assert drive.enabled and drive.operational
+        report = process.terminate()
+    assert report["fault"] == 0
+    for drive, start in zip(line.drives, starts):
+        # Resets, then start: nothing else was told to the node.
+        assert set(drive.nmt[:-1]) == {0x82} and drive.nmt[-1] == 0x01
+        assert not drive.aborts
+        # No jump by a target of zero.
+        position, target = drive.enabled_at
+        assert abs(target - (position if mode == 8 else 0.0)) < 0.01
+        assert abs(drive.degrees - start) < 0.1
+        assert drive.worst_jump < 1e-3
+        assert (drive.number(0x6061), drive.number(0x6065)) == (mode, 100000)
+        assert drive.number(0x1016, 1) == 127 << 16 | 300
+        assert drive.heartbeats > 5
+        assert drive.number(0x1403, 1) >> 31, "what is not used is off"
+
+
+def test_the_drives_stop_when_the_daemon_is_killed(tmp_path, line):
+    with daemon(configuration(tmp_path, CST)) as process:
+        to_holding()
+        process.send(signal.SIGKILL)
+        killed = time.monotonic()
+        while any(drive.enabled for drive in line.drives):
+            assert time.monotonic() < killed + 2.0
+            time.sleep(0.005)
+        stopped = time.monotonic() - killed
+    print(f"off {1000 * stopped:.0f} ms after kill -9")
+    assert all(drive.stopped_after is not None for drive in line.drives)
+    # Three heartbeats within the time after which the drive counts the daemon as lost.
+    assert 0.15 < stopped < 0.45
+
+
+def test_a_drive_that_starts_anew_is_named_withdrawn_and_set_up_anew(tmp_path, line):
+    changes = [(r'enable = "automatic"', 'enable = "operator"')]
+    with daemon(configuration(tmp_path, changes)) as process:
+        client = torqued.Client("test-joint", timeout_s=10.0)
+        wait_for_state(client, torqued.RobotState.READY)
+        client.enable()
+        wait_for_state(client, torqued.RobotState.HOLDING)
+        drive, other = line.drives
+        drive.fail(0x4310)
+        process.wait_for(r"joint \(node 3\): emergency 4310, motor or heat sink too hot")
+        drive.power_on()
+        process.wait_for(r"joint \(node 3\) has started anew: its joint is withdrawn")
+        process.wait_for(r"joint \(node 3\) is set up anew, and off")
+        record = wait_for_state(client, torqued.RobotState.FAULT)
+        assert record.cycle.fault and not drive.enabled and other.enabled
+        assert drive.operational and drive.number(0x1016, 1) == 127 << 16 | 300
+        client.acknowledge(record.cycle.fault)
+        wait_for_state(client, torqued.RobotState.READY)
+        client.enable()
+        wait_for_state(client, torqued.RobotState.HOLDING)
+        assert drive.enabled and other.enabled
+        assert process.terminate()["fault"] == 0
+    assert max(drive.worst_jump for drive in line.drives) < 1e-3
+
+
+@pytest.mark.parametrize(
+    "line, said",
+    [
+        ([{"vendor": 0x77}], ["joint (node 3 on bus a)", "1018:01", "maker is 0x77 instead of 0x5a"]),
+        ([{"refuse": (0x6065, 0)}], ["object 6065:00", "outside the allowed range (06090030)"]),
+        ([{"refuse": (0x1A01, 1)}], ["mapping of process data", "object 1A01:01"]),
+        ([{"forget": (0x1A01, 1)}], ["mapping of process data", "1A01:01 reads back"]),
+        ([{"node": 4}], ["joint (node 3 on bus a)", "no boot-up"]),
+    ],
+    ids=["other maker", "abort", "mapping refused", "mapping not taken", "absent"],
+    indirect=["line"],
+)
+def test_what_is_not_as_planned_is_named_and_nothing_moves(tmp_path, line, said):
+    (drive,) = line.drives
+    start = drive.degrees
+    forget_faults()
+    with Process(BINARIES / "torqued", "run", configuration(tmp_path, joints=1), "--json") as process:
+        assert process.wait(60.0) == 1
+        output = process.output()
+    for part in said:
+        assert part in output, output
+    assert not drive.enabled and drive.degrees == start
