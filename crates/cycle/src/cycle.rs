@@ -2,13 +2,18 @@
 
 use can_codec::Frames;
 use problem::Problem;
-use robot_config::Robot;
-use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS, Mode};
+use robot_config::{Robot, TorqueLaw};
+use robot_state::{CycleRecord, Event, MAX_FT_SENSORS, MAX_JOINTS, Mode, Settings};
 
-use crate::command::{ClientInput, Command, Emit, Input, Known, Supervisor};
+use crate::decide::Supervisor;
+use crate::emit::Emit;
 use crate::estimate::Estimate;
 use crate::events::Counts;
+use crate::inputs::{ClientInput, Known, Seen};
+use crate::joint::{self, Joints};
+use crate::judge::{CommandDelay, Judge};
 use crate::measure::Measure;
+use crate::mode::{Goal, Modes};
 use crate::time::Instants;
 
 /// The computation of one robot, with everything that it remembers from cycle to cycle.
@@ -16,9 +21,14 @@ use crate::time::Instants;
 pub struct Cycle {
     measure: Measure,
     estimate: Estimate,
+    judge: Judge,
     supervisor: Supervisor,
-    command: Command,
+    modes: Modes,
+    joints: Joints,
+    command_delay: CommandDelay,
     emit: Emit,
+    torque_law: TorqueLaw,
+    sample_period: f64,
     counts: Counts,
     record: CycleRecord,
 }
@@ -42,12 +52,19 @@ impl Cycle {
             ft_count: sensors as u32,
             ..CycleRecord::default()
         };
+        let estimate = Estimate::new(robot)?;
+        let modes = Modes::new(robot)?;
         Ok(Self {
             measure: Measure::new(robot).map_err(|problem| problem.of("[filters]"))?,
-            estimate: Estimate::new(robot)?,
-            supervisor: Supervisor::new(robot),
-            command: Command::new(robot).map_err(|problem| problem.of("[filters]"))?,
+            judge: Judge::new(robot, &estimate)?,
+            estimate,
+            supervisor: Supervisor::new(robot, &modes),
+            modes,
+            joints: Joints::new(robot).map_err(|problem| problem.of("[filters]"))?,
+            command_delay: CommandDelay::new(robot),
             emit: Emit::new(robot),
+            torque_law: parameters.torque_law,
+            sample_period: parameters.timing.sample_period,
             counts: Counts::new(),
             record,
         })
@@ -59,9 +76,9 @@ impl Cycle {
         self.supervisor.start_with_fault(event);
     }
 
-    /// One cycle: measure, estimate, decide, command, limit, emit.
+    /// One cycle: measure, estimate, judge, decide, mode, law and limit, emit.
     ///
-    /// Each stage reads the groups of the record that stand before its own, and writes its own.
+    /// Each stage reads what stands before it, and writes its own part of the record.
     pub fn step(
         &mut self,
         at: Instants,
@@ -69,72 +86,116 @@ impl Cycle {
         client: &ClientInput<'_>,
         tx: &mut Frames,
     ) -> &CycleRecord {
-        let holds = self.record.mode == Mode::Hold.number();
-        let CycleRecord {
-            measured,
-            estimated,
-            commanded,
-            ..
-        } = &mut self.record;
-        let counts = &mut self.counts;
+        self.measure(at, rx, client.settings);
+        self.estimate(client.settings);
+        self.judge(client.settings);
+        let goal = self.decide(client);
+        self.set_tasks(&goal, client);
+        self.command();
+        self.emit(tx);
+        self.publish(at)
+    }
 
-        (self.measure).update(at, rx, client.settings, holds, measured, counts);
-        let settings = client.settings;
+    fn measure(&mut self, at: Instants, rx: &Frames, settings: Option<&Settings>) {
+        let holds = !self.follows();
+        let acknowledged = self.supervisor.take_acknowledgement();
+        let (record, counts) = (&mut self.record, &mut self.counts);
+        let (measured, estimated) = (&mut record.measured, &record.estimated);
+        let distrusted = self.judge.distrusted();
+        (self.measure).learn(distrusted, acknowledged, measured, estimated);
+        (self.measure).update(at, rx, settings, holds, measured, counts);
+    }
+
+    fn estimate(&mut self, settings: Option<&Settings>) {
+        let settings = (settings, self.follows());
+        let (record, counts) = (&mut self.record, &mut self.counts);
+        let (measured, commanded) = (&record.measured, &record.commanded);
+        let estimated = &mut record.estimated;
         (self.estimate).update(
             &self.measure,
-            (settings, !holds),
+            settings,
             measured,
             commanded,
             estimated,
             counts,
         );
-        (self.estimate).contradict(measured, estimated, commanded, counts);
-        let measure = &mut self.measure;
-        (self.estimate).explain_torsions(measured, estimated, |j, torsion| {
-            measure.explain_torsion(j, torsion);
-        });
-        let overslept = measure.readiness().overslept;
-        (self.estimate).drifting(measured, estimated, commanded, overslept, |j| {
-            measure.distrust(j);
-        });
-        let readiness = self.measure.readiness();
+    }
+
+    fn judge(&mut self, settings: Option<&Settings>) {
+        let (record, counts) = (&mut self.record, &mut self.counts);
+        let (measured, commanded) = (&record.measured, &record.commanded);
+        let estimated = &mut record.estimated;
+        let stages = (&self.measure, &self.estimate);
+        (self.judge).update(stages, settings, measured, commanded, estimated, counts);
+    }
+
+    fn decide<'a>(&mut self, client: &ClientInput<'a>) -> Goal<'a> {
         let known = Known {
-            readiness: &readiness,
-            measured,
-            commanded,
-            estimate: &self.estimate,
+            soundness: self.judge.soundness(),
+            measured: &self.record.measured,
+            commanded: &self.record.commanded,
         };
-        let goal = self.supervisor.decide(client, &known, counts);
-        let input = Input {
-            measured,
-            readiness: readiness.joints,
-            estimated,
+        (self.supervisor).decide(client, &known, &mut self.modes, &mut self.counts)
+    }
+
+    fn set_tasks(&mut self, goal: &Goal<'_>, client: &ClientInput<'_>) {
+        let (record, counts) = (&mut self.record, &mut self.counts);
+        let seen = Seen {
+            measured: &record.measured,
+            estimated: &record.estimated,
             fast: self.estimate.fast_torques(),
             base_motion: self.estimate.base_motion(),
+            loads: self.estimate.gravity_load().loads(),
+            observed: self.joints.observed(),
             client: client.reference,
             age_s: client.age_s,
-            skipped: self.measure.skipped(),
-            overslept: readiness.overslept,
+            torque_law: self.torque_law,
+            dt: self.sample_period,
         };
-        let engaged = |joint| self.supervisor.is_engaged(joint);
-        (self.command).update(&goal, engaged, &input, commanded, counts);
-        self.supervisor.react_to(counts);
-        self.supervisor.publish_drives(commanded);
-        let motion_left_s = self.command.motion_left_s();
-        (self.emit).update(&self.command, &self.supervisor, measured, tx, counts);
-        let driven = |j: usize| self.supervisor.is_engaged(j) && self.emit.reaches(j);
-        (self.command).withdraw(driven, commanded);
-        if self.supervisor.take_acknowledgement() {
-            self.measure.restart_distrusted();
-        }
+        (self.modes).set_tasks(goal, &seen, &mut record.commanded, counts);
+    }
 
+    fn command(&mut self) {
+        let (record, counts) = (&mut self.record, &mut self.counts);
+        let (measured, estimated) = (&record.measured, &record.estimated);
+        let commanded = &mut record.commanded;
+        let inputs = joint::Inputs {
+            measured,
+            estimated,
+            fast: self.estimate.fast_torques(),
+            gravity: self.estimate.gravity_load(),
+            soundness: self.judge.soundness(),
+        };
+        let supervisor = &mut self.supervisor;
+        let engaged = |joint| supervisor.is_engaged(joint);
+        (self.joints).update(self.modes.tasks(), engaged, &inputs, commanded, counts);
+        let (follows, gap) = (self.modes.follow(), self.judge.soundness().gap());
+        (self.command_delay).update(follows, gap, measured, commanded, counts);
+        supervisor.react_to(counts);
+        supervisor.publish_drives(commanded);
+    }
+
+    fn emit(&mut self, tx: &mut Frames) {
+        let (record, counts) = (&mut self.record, &mut self.counts);
+        let (measured, commanded) = (&record.measured, &mut record.commanded);
+        (self.emit).update(&self.joints, &self.supervisor, measured, tx, counts);
+        let driven = |j: usize| self.supervisor.is_engaged(j) && self.emit.reaches(j);
+        self.joints.withdraw(driven, commanded);
+    }
+
+    fn publish(&mut self, at: Instants) -> &CycleRecord {
         let record = &mut self.record;
         record.sequence += 1;
         record.stamp_ns = at.now.0;
         self.supervisor.publish(record);
-        record.commander.motion_left_s = motion_left_s;
-        record.events = counts.as_array();
+        record.commander.motion_left_s = self.modes.motion_left_s();
+        record.events = self.counts.as_array();
         record
+    }
+
+    /// A client's mode was followed in the last cycle.
+    fn follows(&self) -> bool {
+        self.record.mode != Mode::Hold.number()
     }
 
     /// Counts an event of the loop around the cycle, e.g. a late one, and reacts to it: before the

@@ -14,20 +14,17 @@
 //! encoder has no `tau_encoder`: there `tau_current` takes its place in `tau_hat` and external torque, and
 //! the second alone is fed back.
 
-mod cross_check;
 mod current;
 mod delay_compensation;
 mod external_torque;
-mod gear_torsion;
-mod level_check;
+mod gravity_load;
 mod power;
-mod torque_check;
-mod torsion_check;
 mod usable;
 mod whole_body;
 
 use core::fmt;
 
+use ::whole_body::WholeBody;
 use dynamics::Motion;
 use estimators::compliance::ComplianceEstimator;
 use estimators::joint::{AnyEstimator, DRIVE_OFF, JointSample};
@@ -41,17 +38,16 @@ use robot_state::{
 
 use crate::events::{Counts, Subject};
 use crate::measure::Measure;
-use cross_check::CrossCheckStage;
 use current::CurrentTorques;
 use delay_compensation::DelayCompensation;
 pub(crate) use delay_compensation::{FastTorque, KINEMATIC_SLOPE};
 use external_torque::ExternalTorque;
-use gear_torsion::GearTorsion;
-use level_check::LevelCheck;
-use power::Power;
-use torque_check::TorqueCheck;
-use torsion_check::TorsionCheck;
 use whole_body::WholeBodyStage;
+
+pub(crate) use current::sign_smoothing;
+pub(crate) use gravity_load::{GravityLoad, Loads};
+pub(crate) use power::{Power, SETTLING_S};
+pub(crate) use usable::{UNUSABLE, valid};
 
 /// The estimators of all joints.
 pub(crate) struct Estimate {
@@ -62,7 +58,7 @@ pub(crate) struct Estimate {
     undelayed: Vec<Option<f64>>,
     currents: CurrentTorques,
     power: Power,
-    gear_torsion: GearTorsion,
+    gravity_load: GravityLoad,
     /// Samples that are left of each joint's tare.
     taring: Vec<u32>,
     /// Whether the sources of each joint's torque disagreed in the cycle before.
@@ -70,10 +66,6 @@ pub(crate) struct Estimate {
     whole_body: WholeBodyStage,
     delay_compensation: DelayCompensation,
     external_torque: Option<ExternalTorque>,
-    cross_check: Option<CrossCheckStage>,
-    torsion_check: TorsionCheck,
-    level_check: LevelCheck,
-    torque_check: TorqueCheck,
     /// The settings in use.
     settings: Settings,
 }
@@ -122,16 +114,11 @@ impl Estimate {
                 .collect::<Result<_, _>>()?,
             currents: CurrentTorques::new(robot),
             power: Power::new(robot),
-            gear_torsion: GearTorsion::new(robot),
+            gravity_load: GravityLoad::new(robot),
             delay_compensation: DelayCompensation::new(robot)?,
             external_torque: (parameters.external_torque.as_ref())
                 .map(|settings| ExternalTorque::new(robot, settings))
                 .transpose()?,
-            cross_check: (parameters.cross_check.as_ref())
-                .map(|settings| CrossCheckStage::new(robot, whole_body.estimator(), settings)),
-            torsion_check: TorsionCheck::new(robot),
-            level_check: LevelCheck::new(robot),
-            torque_check: TorqueCheck::new(robot)?,
             whole_body,
             settings: Settings::default(),
         })
@@ -147,52 +134,19 @@ impl Estimate {
         self.delay_compensation.fast()
     }
 
-    /// The joints of which an encoder drifts; `commanded`: of the last cycle; `overslept`: the loop has
-    /// not run for so long that nothing goes on.
-    pub(crate) fn drifting(
-        &mut self,
-        measured: &MeasuredRecord,
-        estimated: &EstimatedRecord,
-        commanded: &CommandedRecord,
-        overslept: bool,
-        mut found: impl FnMut(usize),
-    ) {
-        if overslept {
-            self.torsion_check.restart();
-        }
-        let fast = self.delay_compensation.fast();
-        let joints = (&measured.joints[..], &estimated.joints[..]);
-        (self.torsion_check).update(joints, fast, commanded, &mut found);
-        (self.level_check).update(joints, fast, commanded, found);
+    /// What loads the robot, and the torques that carry its joints.
+    pub(crate) fn gravity_load(&self) -> &GravityLoad {
+        &self.gravity_load
     }
 
-    /// The joint's torsion does not fit what it bears: it must not be enabled.
-    pub(crate) fn is_unfit(&self, joint: usize) -> bool {
-        self.level_check.forbids(joint)
+    /// Whether motors' currents show their joints' torques.
+    pub(crate) fn power(&self) -> &Power {
+        &self.power
     }
 
-    /// Judges the torques from F/T sensors and IMU that are fed back, by motor current; `commanded`: of the
-    /// last cycle.
-    pub(crate) fn contradict(
-        &mut self,
-        measured: &MeasuredRecord,
-        estimated: &mut EstimatedRecord,
-        commanded: &CommandedRecord,
-        counts: &mut Counts,
-    ) {
-        let joints = (&measured.joints[..], &mut estimated.joints[..]);
-        (self.torque_check).update(joints, commanded, counts);
-    }
-
-    /// Calls `explain` with each joint that has no link-side encoder and its torsion, rad, by the
-    /// torques of this cycle.
-    pub(crate) fn explain_torsions(
-        &mut self,
-        measured: &MeasuredRecord,
-        estimated: &EstimatedRecord,
-        explain: impl FnMut(usize, f64),
-    ) {
-        (self.gear_torsion).update(&measured.joints, &estimated.joints, explain);
+    /// The estimator of torques from F/T sensors and IMU.
+    pub(crate) fn whole_body(&self) -> &WholeBody {
+        self.whole_body.estimator()
     }
 
     /// `follows`: a client's mode is active; `commanded`: of the last cycle.
@@ -235,25 +189,16 @@ impl Estimate {
                 counts,
             );
         }
-        if let Some(cross_check) = &mut self.cross_check {
-            cross_check.update(whole_body, &self.power, estimated, counts);
-        }
         self.show_pasts(&estimated.joints);
+        let (_, acceleration) = self.base_motion();
+        self.gravity_load.update(&acceleration, measured, estimated);
     }
 
     /// Applies clients' choice of a contact set and tares of joints; the F/T sensors' offsets are used
-    /// where samples are read.
+    /// where samples are read, and by checks.
     fn apply(&mut self, settings: &Settings) {
         if settings.contact_set != self.settings.contact_set {
             self.whole_body.choose_contact_set(settings.contact_set);
-        }
-        if settings.ft_offset != self.settings.ft_offset
-            && let Some(cross_check) = &mut self.cross_check
-        {
-            cross_check.reset();
-        }
-        if settings.ft_offset != self.settings.ft_offset {
-            self.torque_check.restart();
         }
         let before = self.settings.joint_tares.iter();
         let tares = settings.joint_tares.iter().zip(before);

@@ -7,6 +7,7 @@
 mod align;
 mod filtered;
 mod ft_offset;
+mod gear_torsion;
 mod imu_check;
 mod imus;
 mod publish;
@@ -20,7 +21,9 @@ use estimators::joint::JointSample;
 use joint_file::JointFile;
 use problem::Problem;
 use robot_config::{Robot, slots};
-use robot_state::{Event, JointMeasured, MeasuredRecord, Settings, measured_flags};
+use robot_state::{
+    EstimatedRecord, Event, JointMeasured, MeasuredRecord, Settings, measured_flags,
+};
 use supervisor::{MotorSample, Plausibility, Sample, Trust};
 
 use crate::events::{Counts, Subject};
@@ -28,6 +31,7 @@ use crate::time::{Instants, SECONDS_PER_NS, Stamp};
 use align::{AlignedBank, signals};
 use filtered::{AXES, Course, Filtered};
 use ft_offset::FtInput;
+use gear_torsion::GearTorsion;
 use imu_check::ImuCheck;
 use imus::Imus;
 use reception::{Reception, Source};
@@ -63,7 +67,7 @@ pub(crate) struct Readiness<'m> {
     pub(crate) joints: &'m [JointReadiness],
     /// Every joint has answered, and its filters are full.
     pub(crate) joints_ready: bool,
-    /// The same of F/T sensors and IMU.
+    /// Every F/T sensor and IMU has, and their filters are full.
     pub(crate) sensors_ready: bool,
     /// The loop has not run for longer than samples may be old: what was followed before is over.
     pub(crate) overslept: bool,
@@ -101,6 +105,7 @@ pub(crate) struct Measure {
     motors: Vec<[f64; 2]>,
     /// Torsion that the estimated torque explains, rad, of joints without a link-side encoder.
     torsions: Vec<Option<f64>>,
+    gear_torsion: GearTorsion,
     joint_readiness: Vec<JointReadiness>,
     last_sync: Option<Stamp>,
     /// Periods before this cycle in which the loop did not run.
@@ -187,6 +192,7 @@ impl Measure {
             torsions: (parameters.joints.iter())
                 .map(|joint| (!joint.has_link_encoder).then_some(0.0))
                 .collect(),
+            gear_torsion: GearTorsion::new(robot),
             joint_readiness: vec![JointReadiness::default(); n],
             last_sync: None,
             skipped: 0,
@@ -196,13 +202,33 @@ impl Measure {
         })
     }
 
-    /// The torsion of a joint without a link-side encoder from the next cycle on, rad: what the
-    /// estimated torque explains.
-    pub(crate) fn explain_torsion(&mut self, joint: usize, torsion: f64) {
-        if let Some(Some(known)) = self.torsions.get_mut(joint)
-            && torsion.is_finite()
-        {
-            *known = torsion;
+    /// Takes what was learned in the last cycle: the joints of which an encoder is wrong, a bit each; whether an operator
+    /// has acknowledged since, so that joints whose encoders contradicted each other are to prove themselves anew; and
+    /// the torques, which explain the torsion of joints without a link-side encoder.
+    pub(crate) fn learn(
+        &mut self,
+        distrusted: u64,
+        acknowledged: bool,
+        measured: &MeasuredRecord,
+        estimated: &EstimatedRecord,
+    ) {
+        for (j, plausibility) in self.plausibility.iter_mut().enumerate() {
+            if distrusted >> j & 1 == 1 {
+                plausibility.distrust();
+            }
+        }
+        if acknowledged {
+            self.restart_distrusted();
+        }
+        if self.last_sync.is_some() {
+            let torsions = &mut self.torsions;
+            (self.gear_torsion).update(&measured.joints, &estimated.joints, |j, torsion| {
+                if let Some(Some(known)) = torsions.get_mut(j)
+                    && torsion.is_finite()
+                {
+                    *known = torsion;
+                }
+            });
         }
     }
 
@@ -226,24 +252,13 @@ impl Measure {
         self.contact.as_ref()
     }
 
-    /// Joints whose encoders contradicted each other are to prove themselves anew.
-    pub(crate) fn restart_distrusted(&mut self) {
+    fn restart_distrusted(&mut self) {
         let joints = self.plausibility.iter_mut().zip(&mut self.front_ends);
         for (plausibility, front_end) in joints {
             if plausibility.trust() == Trust::Implausible {
                 plausibility.restart();
                 front_end.reset();
             }
-        }
-    }
-
-    /// An encoder of this joint drifts, as other stages have found: its samples are not used any more.
-    pub(crate) fn distrust(&mut self, joint: usize) {
-        if let Some(plausibility) = self.plausibility.get_mut(joint) {
-            plausibility.distrust();
-        }
-        if let Some(readiness) = self.joint_readiness.get_mut(joint) {
-            (readiness.plausible, readiness.distrusted, readiness.slipped) = (false, true, true);
         }
     }
 

@@ -15,7 +15,7 @@ const POLES: [f64; 2] = [0.9, 0.5];
 const SIGN_SMOOTHING: f64 = 0.02;
 
 /// |dq| over which the joint's friction changes sign, rad/s.
-pub(super) fn sign_smoothing(joint: &JointParameters) -> f64 {
+pub(crate) fn sign_smoothing(joint: &JointParameters) -> f64 {
     joint.kind.threshold(SIGN_SMOOTHING)
 }
 

@@ -7,7 +7,7 @@
 use estimators::compliance::JointEstimatorParameters;
 use estimators::filter_bank::FilterBank;
 use problem::Problem;
-use robot_config::{JointParameters, Robot};
+use robot_config::{FastTorqueFeedback, JointParameters, Robot, TorqueLaw};
 use robot_state::{Event, JointEstimated, JointMeasured, torque_flags};
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};
 
@@ -62,6 +62,25 @@ pub(crate) struct FastTorque {
     /// By torsion, on the level of F/T sensors and rigid-body model: for feedback, and to be judged.
     pub(crate) levelled: Option<f64>,
     pub(crate) levelled_freely: Option<f64>,
+}
+
+impl FastTorque {
+    /// The torque that the predictive law feeds back, N·m; none for other laws.
+    pub(crate) fn fed_back(&self, law: TorqueLaw, estimated: &JointEstimated) -> Option<f64> {
+        use FastTorqueFeedback::{DelayCompensated, Levelled, Torsion};
+        let TorqueLaw::Predictive(feedback) = law else {
+            return None;
+        };
+        match feedback {
+            Torsion => self.torsion,
+            // Until the level is known torsion alone.
+            Levelled => self.levelled.or(self.torsion),
+            DelayCompensated => {
+                let valid = estimated.tau_hat.flags & torque_flags::VALID != 0;
+                valid.then_some(estimated.tau_hat.tau).or(self.torsion)
+            }
+        }
+    }
 }
 
 impl DelayCompensation {

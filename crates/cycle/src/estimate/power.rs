@@ -7,7 +7,8 @@
 use robot_config::Robot;
 use robot_state::{CommandedRecord, DriveState};
 
-use super::torsion_check::SETTLING_S;
+/// Time after enabling in which brakes let go, s: before it the current does not show the joint's torque.
+pub(crate) const SETTLING_S: f64 = 0.5;
 
 /// The drives of a robot.
 #[derive(Debug)]

@@ -1,0 +1,399 @@
+//! Controller: one joint's state, its law and its limits.
+
+use control::MotorModel;
+use control::predictive::TorqueTerms;
+use problem::Problem;
+use robot_config::Parameters;
+use robot_state::{JointCommanded, Mode, command_flags, measured_flags};
+use supervisor::{Actuation, Deviation, Following, Limited, Limiter, Motion, Shown};
+
+use super::carry::Carry;
+use super::constants::Constants;
+use super::law::{Desired, Law};
+use super::rejoin::Rejoin;
+use super::rest::{self, Rest};
+use super::transition::{Stop, Transition};
+use super::{Gap, JointInput, Trust};
+use crate::measure::NOT_USED;
+use crate::mode::{Bristle, Entry, Follow, Impedance, JointGoal, Speed};
+
+/// What the joint is doing.
+#[derive(Debug, Clone)]
+pub(super) enum State {
+    /// The drive's own position loop holds at `hold_q`, which comes to rest as `stop` does.
+    HoldPosition { hold_q: f64, stop: Stop },
+    /// Hold and stop of a drive without a position loop.
+    Carry(Carry),
+    /// It follows a desired torque.
+    Follow(Followed),
+}
+
+/// State of a joint that follows a desired torque.
+#[derive(Debug, Clone)]
+pub(super) struct Followed {
+    pub(super) mode: Mode,
+    pub(super) transition: Transition,
+    pub(super) impedance: Impedance,
+    /// Back to the reference after a gap of the loop.
+    pub(super) rejoin: Option<Rejoin>,
+    /// Where the joint stands to which the loop adds friction.
+    pub(super) rest: Rest,
+}
+
+impl State {
+    /// It can go on with that goal.
+    fn goes_on(&self, goal: &JointGoal) -> bool {
+        match (self, goal) {
+            (Self::Follow(own), JointGoal::Follow(follow)) => {
+                own.mode == follow.mode && follow.entry != Entry::ContactAnew
+            }
+            (Self::Follow(_), _) | (_, JointGoal::Follow(_)) => false,
+            (Self::HoldPosition { .. } | Self::Carry(_), _) => true,
+        }
+    }
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub(super) struct Controller {
+    constants: Constants,
+    limiter: Limiter,
+    following: Following,
+    law: Law,
+    /// The drive is known to be unlike its model.
+    mismatches: bool,
+    /// Its only encoder is in doubt since the last mode: so is the velocity that it shows.
+    doubted: bool,
+    /// None while no set-points are sent.
+    state: Option<State>,
+}
+
+impl Controller {
+    pub(super) fn new(index: usize, parameters: &Parameters) -> Result<Self, Problem> {
+        let joint = &parameters.joints[index];
+        Ok(Self {
+            constants: Constants {
+                motor: joint.motor,
+                gains: joint.gains,
+                limits: joint.limits,
+                actuation: joint.actuation,
+                gear_ratio: joint.encoders.gear_ratio,
+                has_link_encoder: joint.has_link_encoder,
+                torque_per_current: joint.encoders.gear_ratio
+                    * joint.estimator.wave_generator.torque_constant,
+                torque_velocity: joint.torque_velocity,
+                rest_friction: rest::friction(joint, parameters),
+                let_go_friction: rest::friction_let_go(joint, parameters),
+            },
+            following: Following::new(joint.following),
+            limiter: Limiter::new(
+                joint.limits,
+                joint.actuation,
+                parameters.timing.sample_period,
+            ),
+            law: Law::new(index, parameters)?,
+            mismatches: false,
+            doubted: false,
+            state: None,
+        })
+    }
+
+    /// It feeds back the torque from F/T sensors and IMU, whatever the robot's law is.
+    pub(super) fn is_motor_side_only(&self) -> bool {
+        matches!(self.law, Law::MotorSide(_))
+    }
+
+    /// Velocity of the link by the law's observer, rad/s; none without one.
+    pub(super) fn observed_velocity(&self) -> Option<f64> {
+        self.law.link_velocity()
+    }
+
+    fn takes_current(&self) -> bool {
+        matches!(self.constants.actuation, Actuation::Current { .. })
+    }
+
+    /// The last command, rad or A; none while no set-points are sent.
+    pub(super) fn last(&self) -> Option<f64> {
+        self.state.as_ref().map(|_| self.limiter.last())
+    }
+
+    /// The effect of earlier set-points is forgotten: they end, and begin anew where the joint then stands.
+    pub(super) fn forget(&mut self) {
+        self.state = None;
+        self.following.restart();
+        self.law.reset();
+    }
+
+    /// No set-points from now on.
+    pub(super) fn release(&mut self, q: f64, commanded: &mut JointCommanded) {
+        self.forget();
+        *commanded = JointCommanded {
+            q_c: q,
+            ..JointCommanded::default()
+        };
+    }
+
+    /// The drive begins to behave unlike its model in this cycle, while a mode is followed.
+    pub(super) fn begins_to_mismatch_model(&mut self, goal: &JointGoal) -> bool {
+        let before = self.mismatches;
+        let follows = matches!(goal, JointGoal::Follow(_));
+        self.mismatches = self.law.mismatches_model() && (before || follows);
+        self.mismatches && !before
+    }
+
+    /// The command of this cycle within all limits, with its contributions in `commanded`. Returns
+    /// how the drive deviates from those before, and whether that begins.
+    pub(super) fn update(
+        &mut self,
+        goal: &JointGoal,
+        input: &JointInput<'_>,
+        commanded: &mut JointCommanded,
+    ) -> Option<(Deviation, bool)> {
+        let motion = self.constants.motion(input);
+        let input = &JointInput {
+            gap: self.resume(input.gap),
+            ..*input
+        };
+        self.law.observe(&self.constants, &motion, input);
+        let after_gap = self.law.velocities_after_gap();
+        let deviation = self.deviation(&motion, after_gap, input);
+        let is_doubtful = matches!(deviation, Some((Deviation::Doubtful, _)));
+        self.doubted |= self.is_motor_side_only() && is_doubtful;
+        let asked = self.command(goal, &motion, input, commanded);
+        self.limiter.judge_by(after_gap.map(|[_, rotor]| rotor));
+        let limited = self.limit(goal, asked, &motion, input);
+        self.following.note_sent(limited.applied);
+        commanded.following_error = self.following.error();
+        self.law.sent(limited.applied);
+        self.publish(&limited, &motion, commanded);
+        deviation
+    }
+
+    /// The loop returns after a gap: in a long one the drive has braked the joint, and a law goes on that controls its
+    /// torque. A joint that stood has not been braked: what the law knew of it still holds.
+    fn resume(&mut self, gap: Gap) -> Gap {
+        let rest = self.constants.limits.rest;
+        let moved = self.law.link_velocity().is_some_and(|dq| dq.abs() > rest);
+        let braked = moved && !matches!(gap, Gap::Overslept(_));
+        if self.limiter.resume(gap.periods(), braked) && braked {
+            Gap::Braked(gap.periods())
+        } else {
+            gap
+        }
+    }
+
+    /// How the drive deviates from its commands, and whether that begins; `after_gap`: velocities of link and rotor
+    /// that no filter knows yet, rad/s.
+    fn deviation(
+        &mut self,
+        motion: &Motion,
+        after_gap: Option<[f64; 2]>,
+        input: &JointInput<'_>,
+    ) -> Option<(Deviation, bool)> {
+        if input.measured.flags & measured_flags::MISSED != 0 {
+            return None;
+        }
+        let shown = self.constants.shown(input.measured, motion, after_gap);
+        self.following.update(&Shown {
+            followed: matches!(self.state, Some(State::Follow(_))),
+            // The position of a joint whose encoders contradict each other is the last one before.
+            blind: input.trust == Trust::Distrusted && !self.takes_current(),
+            ..shown
+        })
+    }
+
+    /// The command within all limits.
+    fn limit(
+        &mut self,
+        goal: &JointGoal,
+        asked: f64,
+        motion: &Motion,
+        input: &JointInput<'_>,
+    ) -> Limited {
+        let by_torque = self.constants.torque_velocity;
+        self.limiter.allow_velocity(match goal {
+            JointGoal::Follow(follow) => match follow.speed {
+                Speed::Motion => self.constants.limits.velocity,
+                Speed::Torque => by_torque,
+                Speed::TorqueBeside(dq_d) => by_torque + dq_d,
+            },
+            _ => self.constants.limits.velocity,
+        });
+        match &self.state {
+            Some(State::HoldPosition { .. }) => {
+                // Nor does it give way to what an encoder in doubt shows.
+                let usable = input.measured.flags & NOT_USED == 0 && !self.doubted;
+                self.limiter.hold(asked, motion, usable)
+            }
+            Some(State::Carry(carry)) => {
+                let weight = carry.weight();
+                let motion = Motion { weight, ..*motion };
+                if carry.is_damped() {
+                    self.limiter.stop(asked, &motion)
+                } else {
+                    self.limiter.limit(asked, &motion)
+                }
+            }
+            _ => self.limiter.limit(asked, motion),
+        }
+    }
+
+    fn publish(&self, limited: &Limited, motion: &Motion, commanded: &mut JointCommanded) {
+        if limited.flags & command_flags::NOT_FINITE != 0 {
+            // The cause of it is no contribution to the command that stands.
+            *commanded = JointCommanded {
+                following_error: commanded.following_error,
+                ..JointCommanded::default()
+            };
+        }
+        commanded.asked = limited.asked;
+        commanded.flags |= limited.flags | command_flags::ENGAGED;
+        match self.constants.motor {
+            MotorModel::Position { .. } => {
+                commanded.q_c = limited.applied;
+                commanded.delta_q = limited.applied - motion.q;
+            }
+            MotorModel::Current { .. } => commanded.current_c = limited.applied,
+        }
+    }
+
+    /// The command before limits.
+    fn command(
+        &mut self,
+        goal: &JointGoal,
+        motion: &Motion,
+        input: &JointInput<'_>,
+        commanded: &mut JointCommanded,
+    ) -> f64 {
+        self.begin(goal, motion, input);
+        let (constants, law) = (&self.constants, &mut self.law);
+        let resumed = match input.gap {
+            Gap::Braked(_) => law.go_on(),
+            _ => None,
+        };
+        match (self.state.as_mut(), goal) {
+            (Some(State::Follow(own)), JointGoal::Follow(follow)) => {
+                if let Some((torque, dq)) = resumed {
+                    own.resume(torque, follow, (input.measured.q, dq), constants);
+                }
+                let desired = own.desired(follow, law, constants, input);
+                law.command(&desired, &mut own.transition, constants, input, commanded)
+            }
+            (Some(State::HoldPosition { hold_q, stop }), _) => {
+                law.rest(input);
+                *hold_q += stop.way(input.dt);
+                constants.hold_position(*hold_q, motion, commanded)
+            }
+            (Some(State::Carry(carry)), _) => {
+                law.rest(input);
+                let measured = input.measured;
+                let velocities = [measured.dq, measured.omega / constants.gear_ratio];
+                carry.skip(input.gap.periods());
+                carry.update(
+                    &constants.carry_parameters(),
+                    (motion, velocities),
+                    input.trust == Trust::Sound,
+                    input.dt,
+                    commanded,
+                )
+            }
+            // Not reached: a goal to follow has begun to be followed.
+            (Some(State::Follow(_)) | None, _) => self.limiter.last(),
+        }
+    }
+
+    /// Makes the state anew where the goal is another one than before.
+    fn begin(&mut self, goal: &JointGoal, motion: &Motion, input: &JointInput<'_>) {
+        let last = match &self.state {
+            Some(_) => self.limiter.last(),
+            None => self.limiter.start(motion, self.constants.load(input)),
+        };
+        if self.state.as_ref().is_some_and(|state| state.goes_on(goal)) {
+            return;
+        }
+        let from = self.law.begin(last, &self.constants, motion, input);
+        // A drive that had the same set-point for so long stands.
+        let overslept = matches!(input.gap, Gap::Overslept(_));
+        let dq = if overslept { 0.0 } else { motion.dq };
+        self.doubted &= !matches!(goal, JointGoal::Follow(_));
+        let motion = Motion { dq, ..*motion };
+        let state = self
+            .constants
+            .enter(goal, (last, from), &motion, input, self.doubted);
+        self.state = Some(state);
+    }
+}
+
+impl Followed {
+    /// A mode goes on from the torque, and from where the joint is, to which its drive has led it on its own in a gap of
+    /// the loop.
+    fn resume(&mut self, torque: f64, follow: &Follow, (q, dq): (f64, f64), joint: &Constants) {
+        self.transition = Transition::resuming(torque);
+        if let Some(spring) = &follow.spring {
+            let behind = [spring.q_d - q, spring.dq_d - dq];
+            self.rejoin = Some(Rejoin::from(behind, joint.limits.velocity));
+        }
+    }
+
+    /// The desired torque of this cycle.
+    fn desired(
+        &mut self,
+        follow: &Follow,
+        law: &mut Law,
+        joint: &Constants,
+        input: &JointInput<'_>,
+    ) -> Desired {
+        let measured = input.measured;
+        let terms = match &follow.spring {
+            None => TorqueTerms {
+                feedforward: follow.torque.feedforward,
+                position: self.bristle(follow, law, joint, input).unwrap_or(0.0),
+                ..TorqueTerms::default()
+            },
+            Some(spring) => {
+                self.impedance
+                    .lead(spring.impedance, &joint.gains, input.dt);
+                let wanted = [spring.q_d, spring.dq_d];
+                let set_back = (self.rejoin.as_mut()).and_then(|r| r.set_back(wanted, input.dt));
+                if set_back.is_none() {
+                    self.rejoin = None;
+                }
+                let wanted = set_back.unwrap_or(wanted);
+                let share = joint.foreseen_share(spring.foresight, self.impedance);
+                law.desire_motion(wanted, share);
+                let dq = law.link_velocity().unwrap_or(measured.dq);
+                let now = (measured.q, dq);
+                let mut terms = joint.tracking_terms(follow, self.impedance, wanted, now);
+                if let Some(bristle) = self.bristle(follow, law, joint, input) {
+                    terms.position += bristle;
+                }
+                terms
+            }
+        };
+        Desired {
+            terms,
+            contact_error: follow.torque.contact_error,
+        }
+    }
+
+    /// Torque of the friction that the loop adds, N·m; none where it adds none.
+    fn bristle(
+        &mut self,
+        follow: &Follow,
+        law: &Law,
+        joint: &Constants,
+        input: &JointInput<'_>,
+    ) -> Option<f64> {
+        let q = input.measured.q;
+        let friction = match follow.bristle {
+            Bristle::None => {
+                self.rest = Rest::at(q);
+                return None;
+            }
+            Bristle::Torque => joint.rest_friction,
+            Bristle::LetGo => joint.let_go_friction,
+        };
+        let dq = law.link_velocity().unwrap_or(input.measured.dq);
+        Some(self.rest.torque((q, dq), &joint.gains, friction))
+    }
+}

@@ -1,0 +1,259 @@
+//! Judge: whether what was measured and estimated can be right.
+//!
+//! In: the records of a cycle, and the commands of the last one. Out: events, and the [`Soundness`] of every joint. A
+//! check is a file behind [`Check`]; what it finds it says in a [`Verdict`]. Single samples are judged before, where
+//! they are read ([`supervisor::Plausibility`]), as no filter may have them; how drives follow is judged where they
+//! are commanded.
+
+mod command_delay;
+mod cross_check;
+mod current_check;
+mod hold_check;
+mod level_check;
+mod torque_check;
+mod torsion_check;
+
+use core::fmt;
+
+use problem::Problem;
+use robot_config::Robot;
+use robot_state::{
+    CommandedRecord, EstimatedRecord, Event, MAX_JOINTS, MeasuredRecord, Settings, torque_flags,
+};
+use whole_body::WholeBody;
+
+use crate::estimate::{Estimate, FastTorque, Power};
+use crate::events::{Counts, Subject};
+use crate::joint::{Gap, Trust};
+use crate::measure::{JointReadiness, Measure};
+
+pub(crate) use command_delay::CommandDelay;
+pub(crate) use hold_check::{HoldCheck, Unheld};
+
+/// What checks look at.
+pub(crate) struct Evidence<'a> {
+    pub(crate) measured: &'a MeasuredRecord,
+    pub(crate) estimated: &'a EstimatedRecord,
+    /// Of the last cycle.
+    pub(crate) commanded: &'a CommandedRecord,
+    /// Torques without delay, one for each joint.
+    pub(crate) fast: &'a [FastTorque],
+    pub(crate) power: &'a Power,
+    pub(crate) whole_body: &'a WholeBody,
+    /// The loop has not run for so long that nothing goes on.
+    pub(crate) overslept: bool,
+}
+
+/// What a check has found in this cycle.
+#[derive(Debug)]
+pub(crate) struct Verdict<'a> {
+    counts: &'a mut Counts,
+    /// Joints of which an encoder is wrong, and whose torque from F/T sensors and IMU is: a bit each.
+    distrusted: u64,
+    contradicted: u64,
+    /// Joints that must not be enabled.
+    unfit: u64,
+    warning: Option<(Event, Subject)>,
+}
+
+impl Verdict<'_> {
+    /// An event lasts; `begins`: it did not in the last cycle.
+    pub(crate) fn lasts(&mut self, event: Event, subject: Subject, begins: bool) {
+        self.counts.lasting(event, subject, begins);
+    }
+
+    /// An encoder of the joint is wrong.
+    pub(crate) fn distrust(&mut self, joint: usize) {
+        self.distrusted |= bit(joint);
+    }
+
+    /// The joint's torque from F/T sensors and IMU is wrong.
+    pub(crate) fn contradict(&mut self, joint: usize) {
+        self.contradicted |= bit(joint);
+    }
+
+    /// The joint must not be enabled.
+    pub(crate) fn forbid(&mut self, joint: usize) {
+        self.unfit |= bit(joint);
+    }
+
+    /// What is probably wrong, for clients.
+    pub(crate) fn warn(&mut self, event: Event, subject: Subject) {
+        self.warning = Some((event, subject));
+    }
+}
+
+const _: () = assert!(MAX_JOINTS <= u64::BITS as usize, "a bit for each joint");
+
+fn bit(joint: usize) -> u64 {
+    1_u64.checked_shl(joint as u32).unwrap_or(0)
+}
+
+/// A check of records.
+pub(crate) trait Check: fmt::Debug + Send {
+    /// Judges a cycle.
+    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>);
+
+    /// The F/T sensors' zeros are others from this cycle on.
+    fn retare(&mut self) {}
+}
+
+/// What later stages may rely on in this cycle.
+#[derive(Debug, Clone)]
+pub(crate) struct Soundness {
+    /// Of each joint's samples.
+    pub(crate) joints: Vec<JointReadiness>,
+    /// Every joint has answered, and its filters are full.
+    pub(crate) joints_ready: bool,
+    /// Every F/T sensor and IMU has, and their filters are full.
+    pub(crate) sensors_ready: bool,
+    skipped: u32,
+    /// The loop has not run for longer than samples may be old: what was followed before is over.
+    pub(crate) overslept: bool,
+    unfit: u64,
+}
+
+impl Soundness {
+    /// Periods before this cycle in which the loop did not run.
+    pub(crate) fn gap(&self) -> Gap {
+        match (self.overslept, self.skipped) {
+            (true, skipped) => Gap::Overslept(skipped),
+            (false, 0) => Gap::None,
+            (false, skipped) => Gap::Bridged(skipped),
+        }
+    }
+
+    /// Whether a joint's encoders can be relied on.
+    pub(crate) fn trust(&self, joint: usize) -> Trust {
+        if self.joints.get(joint).is_some_and(|joint| joint.distrusted) {
+            Trust::Distrusted
+        } else {
+            Trust::Sound
+        }
+    }
+
+    /// The joint's torsion does not fit what it bears: it must not be enabled.
+    pub(crate) fn is_unfit(&self, joint: usize) -> bool {
+        self.unfit & bit(joint) != 0
+    }
+}
+
+/// All checks of a robot.
+#[derive(Debug)]
+pub(crate) struct Judge {
+    checks: Vec<Box<dyn Check>>,
+    soundness: Soundness,
+    /// Joints of which a check has found in this cycle that an encoder is wrong.
+    distrusted: u64,
+    settings: Settings,
+}
+
+impl Judge {
+    /// # Errors
+    /// A filter that cannot be used.
+    pub(crate) fn new(robot: &Robot, estimate: &Estimate) -> Result<Self, Problem> {
+        let whole_body = estimate.whole_body();
+        let checks = [
+            Some(current_check::make(robot)),
+            cross_check::make(robot, whole_body),
+            Some(torque_check::make(robot)?),
+            Some(torsion_check::make(robot)),
+            Some(level_check::make(robot)),
+        ];
+        Ok(Self {
+            checks: checks.into_iter().flatten().collect(),
+            soundness: Soundness {
+                joints: vec![JointReadiness::default(); robot.parameters.joints.len()],
+                joints_ready: false,
+                sensors_ready: false,
+                skipped: 0,
+                overslept: false,
+                unfit: 0,
+            },
+            distrusted: 0,
+            settings: Settings::default(),
+        })
+    }
+
+    /// What later stages may rely on in this cycle.
+    pub(crate) fn soundness(&self) -> &Soundness {
+        &self.soundness
+    }
+
+    /// Joints of which an encoder is wrong by the checks of this cycle, a bit each.
+    pub(crate) fn distrusted(&self) -> u64 {
+        self.distrusted
+    }
+
+    /// Judges a cycle. Torques that are contradicted are not valid any more in the record.
+    pub(crate) fn update(
+        &mut self,
+        (measure, estimate): (&Measure, &Estimate),
+        settings: Option<&Settings>,
+        measured: &MeasuredRecord,
+        commanded: &CommandedRecord,
+        estimated: &mut EstimatedRecord,
+        counts: &mut Counts,
+    ) {
+        self.note_tare(settings);
+        (estimated.warning, estimated.warning_subject) = (0, 0);
+        let readiness = measure.readiness();
+        let (mut distrusted, mut unfit) = (0, 0);
+        for check in &mut self.checks {
+            let mut verdict = Verdict {
+                counts: &mut *counts,
+                distrusted: 0,
+                contradicted: 0,
+                unfit: 0,
+                warning: None,
+            };
+            let evidence = Evidence {
+                measured,
+                estimated,
+                commanded,
+                fast: estimate.fast_torques(),
+                power: estimate.power(),
+                whole_body: estimate.whole_body(),
+                overslept: readiness.overslept,
+            };
+            check.judge(&evidence, &mut verdict);
+            (distrusted, unfit) = (distrusted | verdict.distrusted, unfit | verdict.unfit);
+            let (contradicted, warning) = (verdict.contradicted, verdict.warning);
+            publish(contradicted, warning, estimated);
+        }
+        self.distrusted = distrusted;
+        self.soundness.joints.copy_from_slice(readiness.joints);
+        for (j, joint) in self.soundness.joints.iter_mut().enumerate() {
+            if distrusted & bit(j) != 0 {
+                (joint.plausible, joint.distrusted, joint.slipped) = (false, true, true);
+            }
+        }
+        self.soundness.joints_ready = readiness.joints_ready;
+        self.soundness.sensors_ready = readiness.sensors_ready;
+        self.soundness.overslept = readiness.overslept;
+        self.soundness.skipped = measure.skipped();
+        self.soundness.unfit = unfit;
+    }
+
+    /// After a tare the F/T sensors read otherwise.
+    fn note_tare(&mut self, settings: Option<&Settings>) {
+        let Some(settings) = settings else {
+            return;
+        };
+        if settings.ft_offset != self.settings.ft_offset {
+            self.settings.ft_offset = settings.ft_offset;
+            self.checks.iter_mut().for_each(|check| check.retare());
+        }
+    }
+}
+
+/// Writes what a check has found into the record.
+fn publish(contradicted: u64, warning: Option<(Event, Subject)>, estimated: &mut EstimatedRecord) {
+    let joints = estimated.joints.iter_mut().enumerate();
+    for (_, joint) in joints.filter(|(j, _)| contradicted & bit(*j) != 0) {
+        joint.tau_whole_body.flags &= !torque_flags::VALID;
+    }
+    if let Some((event, subject)) = warning {
+        (estimated.warning, estimated.warning_subject) = (event.number(), subject.index());
+    }
+}

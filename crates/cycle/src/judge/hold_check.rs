@@ -1,0 +1,118 @@
+//! Joints whose encoders contradict each other, and that can therefore not be held for ever: their drives
+//! are switched off, and their brakes hold them.
+//!
+//! A drive that takes currents has stopped its joint after a while, without the encoders. One that takes
+//! positions holds its joint as long as both encoders show that it stands ([`supervisor::HoldWatch`]).
+
+use core::f64::consts::PI;
+
+use robot_config::{JointParameters, Robot};
+use robot_state::{JointCommanded, JointMeasured, measured_flags};
+use supervisor::{Held, HoldWatch, HoldWatchParameters, JointCondition};
+
+use crate::emit::has_brake;
+use crate::measure::JointReadiness;
+
+/// Time after which a joint that takes currents and cannot be held by its encoders is left to its brake, s:
+/// by then it has been stopped.
+const LEFT_TO_BRAKE_S: f64 = 0.5;
+/// Way, rad, by which either encoder may show a joint beside its set-point: less than half of the degree that a fault
+/// may move a joint, as brakes take their time.
+const WAY: f64 = 0.4 * PI / 180.0;
+/// Time from the decision to a joint that its brake holds, s: control word, the drive's step, the brake's closing.
+const AHEAD_S: f64 = 0.02;
+/// Time for which a motor that presses with all that it may is let go on, s.
+const PRESSED_S: f64 = 0.01;
+
+/// What becomes of a joint that cannot be held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Unheld {
+    /// It is held.
+    No,
+    /// It has been stopped, and is left to its brake.
+    ToBrake,
+    /// It is not where it is held.
+    Away,
+}
+
+/// One joint.
+#[derive(Debug, Clone)]
+enum Joint {
+    /// Cycles left until it is left to its brake; none without one.
+    Current(Option<u32>),
+    Position {
+        watch: HoldWatch,
+        torque_per_current: f64,
+    },
+}
+
+/// All joints of a robot.
+#[derive(Debug)]
+pub(crate) struct HoldCheck {
+    joints: Vec<Joint>,
+    to_brake: u32,
+}
+
+impl HoldCheck {
+    pub(crate) fn new(robot: &Robot) -> Self {
+        let p = &robot.parameters;
+        let cycles = |time: f64| (time / p.timing.sample_period).ceil() as u32;
+        let to_brake = cycles(LEFT_TO_BRAKE_S);
+        let joint = |joint: &JointParameters| match joint.takes_position() {
+            true => Joint::Position {
+                watch: HoldWatch::new(HoldWatchParameters {
+                    way: joint.kind.threshold(WAY),
+                    ahead: AHEAD_S / p.timing.sample_period,
+                    torque: joint.limits.torque,
+                    samples: cycles(PRESSED_S),
+                }),
+                torque_per_current: joint.encoders.gear_ratio
+                    * joint.estimator.wave_generator.torque_constant,
+            },
+            false => Joint::Current(has_brake(joint).then_some(to_brake)),
+        };
+        Self {
+            joints: p.joints.iter().map(joint).collect(),
+            to_brake,
+        }
+    }
+
+    /// Takes a cycle of joint `j`, which has set-points; `stopped`: a fault is latched.
+    pub(crate) fn update(
+        &mut self,
+        j: usize,
+        (condition, readiness): (&JointCondition, &JointReadiness),
+        (measured, commanded): (&JointMeasured, &JointCommanded),
+        stopped: bool,
+    ) -> Unheld {
+        let in_doubt = stopped && condition.distrusted;
+        match self.joints.get_mut(j) {
+            Some(Joint::Current(Some(left))) => {
+                *left = if in_doubt {
+                    left.saturating_sub(1)
+                } else {
+                    self.to_brake
+                };
+                if *left == 0 {
+                    return Unheld::ToBrake;
+                }
+            }
+            Some(Joint::Position { watch, .. }) if !in_doubt => watch.rest(),
+            Some(Joint::Position {
+                watch,
+                torque_per_current,
+            }) if measured.flags & measured_flags::MISSED == 0 => {
+                let held = Held {
+                    angles: readiness.shown,
+                    torque: *torque_per_current * measured.current,
+                    set_point: commanded.q_c,
+                };
+                if watch.update(&held) {
+                    return Unheld::Away;
+                }
+            }
+            _ => {}
+        }
+        Unheld::No
+    }
+}

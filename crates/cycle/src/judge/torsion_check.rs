@@ -1,0 +1,289 @@
+//! Torsion check: an encoder that drifts, found by the torques that do not depend on it.
+//!
+//! In: the torque by torsion, motor current and velocity, and `tau_hat`, whose level is that of F/T
+//! sensors and rigid-body model. Out: the joints of which one encoder drifts. A drifting encoder
+//! changes the torque by torsion alone; a load changes motor current and F/T sensors too, up to
+//! friction and errors of the models. Only changes within the last [`SLOW_S`] count: what a torque
+//! constant, friction or an inertia is wrong by all the time is the cross-check's affair.
+//!
+//! ```text
+//! e_1 = T - (k_1 i - k_2 omega - k_3 sign(omega) - J omega')     by motor current (D3)
+//! e_2 = T - tau_hat                                              by F/T sensors and model
+//! ```
+//!
+//! A change counts from before it began: samples that are not used, as one of a foot that is put down hard may
+//! look like an encoder's step, are bridged; to begin anew amid the impact would make its end a change.
+//!
+//! Both must change alike, as each alone has errors that look like a drift: friction that reverses,
+//! contacts that no F/T sensor measures. Without `tau_hat` the current alone decides, from a greater
+//! change on.
+
+use robot_config::{JointParameters, Robot};
+use robot_state::{command_flags, measured_flags};
+
+use super::{Check, Evidence, Verdict};
+use crate::estimate::{SETTLING_S, sign_smoothing, valid};
+use crate::measure::NOT_USED;
+
+/// Time constants between which a change counts, s. The longer one bounds what a slow drift can
+/// do before it is levelled out, the shorter one is the delay of the measured velocity.
+const FAST_S: f64 = 0.008;
+const SLOW_S: f64 = 0.5;
+/// Change that F/T sensors and rigid-body model show, share of the torque limit, and the one that the motor current
+/// does beyond friction: as much while brakes let go, then less, as half of it is more than a humanoid that steps has.
+const SHARE: f64 = 0.08;
+const SHARE_BY_CURRENT: f64 = 0.06;
+/// Change of Coulomb friction by which the motor current may differ besides, as a load that is let go
+/// reverses it: 2 from one full friction to the other, less where the load was carried at rest. With
+/// 1.5 the leg's ankle roll moves by more than a degree before a drift of 0.01 rad/s is found.
+const REVERSAL: f64 = 1.25;
+/// Change by the motor current alone, share of the torque limit.
+const SHARE_ALONE: f64 = 0.25;
+/// Samples in a row.
+const SAMPLES: u32 = 5;
+/// Samples in a row that are bridged: as many as may be implausible before a joint is distrusted.
+const BRIDGED: u32 = 8;
+/// The change of a signal: what a fast low-pass shows beyond a slow one.
+#[derive(Debug, Clone, Copy)]
+struct Change {
+    fast: f64,
+    slow: f64,
+}
+
+impl Change {
+    fn from(x: f64) -> Self {
+        Self { fast: x, slow: x }
+    }
+
+    fn update(&mut self, x: f64, dt: f64) -> f64 {
+        self.fast += dt / FAST_S * (x - self.fast);
+        self.slow += dt / SLOW_S * (x - self.slow);
+        self.fast - self.slow
+    }
+
+    /// The change of the signal of which `x` is the derivative: a low-pass of it is the signal's high-pass over the time.
+    fn of_derivative(&self, x: f64) -> f64 {
+        (x - self.fast) / FAST_S - (x - self.slow) / SLOW_S
+    }
+}
+
+/// State of a joint that is followed from one sample to the next.
+#[derive(Debug, Clone, Copy)]
+struct Changes {
+    /// Of `e_1` without its inertia, of omega, and of `e_2` where it is known.
+    by_current: Change,
+    omega: Change,
+    by_level: Option<Change>,
+    /// Time since the first sample, s.
+    time: f64,
+    /// Samples in a row that contradict.
+    over: u32,
+    /// Samples in a row that could not be used.
+    bridged: u32,
+}
+
+/// One joint.
+#[derive(Debug, Clone)]
+struct Joint {
+    /// Torque per current, N·m/A, viscous and Coulomb friction, N·m·s/rad and N·m, rotor's inertia,
+    /// kg·m²: link side.
+    k_1: f64,
+    k_2: f64,
+    k_3: f64,
+    inertia: f64,
+    gear_ratio: f64,
+    /// Velocity over which friction changes sign, rad/s.
+    smoothing: f64,
+    torque_limit: f64,
+    /// None before the first sample.
+    changes: Option<Changes>,
+}
+
+/// All joints of a robot.
+#[derive(Debug)]
+struct TorsionCheck {
+    joints: Vec<Joint>,
+    sample_period: f64,
+}
+
+pub(super) fn make(robot: &Robot) -> Box<dyn Check> {
+    Box::new(TorsionCheck::new(robot))
+}
+
+impl TorsionCheck {
+    fn new(robot: &Robot) -> Self {
+        let p = &robot.parameters;
+        Self {
+            joints: p.joints.iter().map(Joint::new).collect(),
+            sample_period: p.timing.sample_period,
+        }
+    }
+}
+
+impl Check for TorsionCheck {
+    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>) {
+        if evidence.overslept {
+            // What comes next does not go on from what came before.
+            (self.joints.iter_mut()).for_each(|joint| joint.changes = None);
+        }
+        let records = evidence
+            .measured
+            .joints
+            .iter()
+            .zip(&evidence.estimated.joints);
+        let inputs = records.zip(evidence.fast);
+        let joints = self
+            .joints
+            .iter_mut()
+            .zip(inputs)
+            .zip(&evidence.commanded.joints);
+        for (j, ((joint, ((measured, estimated), fast)), commanded)) in joints.enumerate() {
+            if commanded.flags & command_flags::ENGAGED == 0 {
+                // Off, brakes carry the torque and the current none of it.
+                joint.changes = None;
+                continue;
+            }
+            let unusable = NOT_USED | measured_flags::STALE | measured_flags::SETTLING;
+            let Some(torsion) = fast.torsion.filter(|_| measured.flags & unusable == 0) else {
+                joint.bridge();
+                continue;
+            };
+            let sound = measured_flags::FLAT | measured_flags::SATURATED;
+            let hat = valid(&estimated.tau_hat).map(|hat| hat.tau);
+            let current = (measured.flags & sound == 0).then_some(measured.current);
+            if joint.update(torsion, current, measured.omega, hat, self.sample_period) {
+                verdict.distrust(j);
+            }
+        }
+    }
+}
+
+impl Joint {
+    fn new(joint: &JointParameters) -> Self {
+        let (n, motor) = (joint.encoders.gear_ratio, &joint.estimator.wave_generator);
+        Self {
+            k_1: n * motor.torque_constant,
+            k_2: n * n * motor.viscous_friction,
+            k_3: n * motor.friction,
+            inertia: n * n * joint.rotor_inertia,
+            gear_ratio: n,
+            smoothing: sign_smoothing(joint),
+            torque_limit: joint.limits.torque,
+            changes: None,
+        }
+    }
+
+    /// A sample that cannot be used: what comes next goes on from what came before, unless there are too
+    /// many of them.
+    fn bridge(&mut self) {
+        self.changes = self.changes.take().and_then(|changes| {
+            let bridged = changes.bridged.saturating_add(1);
+            (bridged <= BRIDGED).then_some(Changes { bridged, ..changes })
+        });
+    }
+
+    /// Whether an encoder drifts.
+    fn update(
+        &mut self,
+        torsion: f64,
+        current: Option<f64>,
+        omega: f64,
+        hat: Option<f64>,
+        dt: f64,
+    ) -> bool {
+        let Some(current) = current else {
+            self.bridge();
+            return false;
+        };
+        let omega = omega / self.gear_ratio;
+        let direction = (omega / self.smoothing).tanh();
+        //= D3: tau = K1 i - K2 dq - K3 sign(dq)
+        let motor = self.k_1 * current - self.k_2 * omega - self.k_3 * direction;
+        let changes = self.changes.get_or_insert(Changes {
+            by_current: Change::from(torsion - motor),
+            omega: Change::from(omega),
+            by_level: None,
+            time: 0.0,
+            over: 0,
+            bridged: 0,
+        });
+        changes.bridged = 0;
+        changes.time += dt;
+        changes.omega.update(omega, dt);
+        let by_current = changes.by_current.update(torsion - motor, dt)
+            + self.inertia * changes.omega.of_derivative(omega);
+        let (limit, friction) = (self.torque_limit, REVERSAL * self.k_3);
+        let settled = changes.time > SETTLING_S;
+        let share = if settled { SHARE_BY_CURRENT } else { SHARE };
+        let drifts = match hat {
+            Some(hat) => {
+                let error = torsion - hat;
+                let level = changes.by_level.get_or_insert(Change::from(error));
+                let by_level = level.update(error, dt);
+                by_level * by_current > 0.0
+                    && by_level.abs() > SHARE * limit
+                    && by_current.abs() > share * limit + friction
+            }
+            None => {
+                changes.by_level = None;
+                settled && by_current.abs() > SHARE_ALONE * limit + friction
+            }
+        };
+        changes.over = if drifts {
+            changes.over.saturating_add(1)
+        } else {
+            0
+        };
+        changes.over >= SAMPLES
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Torque constant of 6 N·m/A, friction of 4 N·m, limit of 110 N·m.
+    fn joint() -> Joint {
+        Joint {
+            k_1: 6.0,
+            k_2: 0.0,
+            k_3: 4.0,
+            inertia: 0.0,
+            gear_ratio: 100.0,
+            smoothing: 0.01,
+            torque_limit: 110.0,
+            changes: None,
+        }
+    }
+
+    /// A joint that has carried 10 N·m for a while, and has then had so many unusable samples.
+    fn after(bridged: u32) -> Joint {
+        let mut joint = joint();
+        for _ in 0..200 {
+            assert!(!joint.update(10.0, Some(10.0 / 6.0), 0.0, Some(10.0), 1e-3));
+        }
+        (0..bridged).for_each(|_| joint.bridge());
+        joint
+    }
+
+    /// The first usable sample after an impact shows 20 N·m more than current and F/T sensors.
+    fn is_found(joint: &mut Joint, torsion: impl Fn(u32) -> f64) -> bool {
+        (0..30).any(|k| joint.update(torsion(k), Some(10.0 / 6.0), 0.0, Some(10.0), 1e-3))
+    }
+
+    #[test]
+    fn an_impact_that_ends_is_no_drift_though_a_sample_of_it_was_not_used() {
+        let ends = |k: u32| if k == 0 { 30.0 } else { 10.0 };
+        assert!(!is_found(&mut after(0), ends));
+        assert!(!is_found(&mut after(1), ends));
+        assert!(!is_found(&mut after(BRIDGED), ends));
+    }
+
+    #[test]
+    fn a_change_that_stays_is_found_across_samples_that_were_not_used() {
+        assert!(is_found(&mut after(1), |_| 30.0));
+        assert!(is_found(&mut after(BRIDGED), |_| 30.0));
+        // Samples after a longer gap need not go on from those before it.
+        assert!(!is_found(&mut after(BRIDGED + 1), |_| 30.0));
+    }
+}

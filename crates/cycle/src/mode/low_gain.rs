@@ -1,0 +1,166 @@
+//! Low-gain tracking: the joints follow `q_d dq_d ddq_d` by a low stiffness and a learned feed-forward (G V-B).
+//!
+//! The torque is that of inverse dynamics and what was learned to be missing; stiffness and damping are the shares
+//! `low_gain_*_per_cent` of the configured ones, unless the client gives others.
+
+mod contact_load;
+
+use dynamics::Model;
+use estimators::local_gp::LocalGp;
+use problem::Problem;
+use robot_config::feed_forward::{motion_inputs, neighbours};
+use robot_config::{JointParameters, Robot};
+use robot_state::{CommandedRecord, Mode, Reference};
+
+use super::inverse_dynamics::tracking;
+use super::{
+    Asked, Bounds, ClientMode, Follow, Foresight, Impedance, JointBits, JointGoal, Made, RigidBody,
+    RigidBodyTorque, Speed, Spring, Task,
+};
+use crate::inputs::Seen;
+use contact_load::ContactLoad;
+
+/// Largest learned torque, of the limit: beside a model more is an error of the file.
+const LEARNED_MOST: f64 = 0.5;
+
+#[derive(Debug)]
+struct Joint {
+    learned: Option<Learned>,
+    torque_limit: f64,
+    /// Way within which it counts as standing, rad, and what it bears.
+    stands_within: f64,
+    load: ContactLoad,
+    impedance: Impedance,
+}
+
+#[derive(Debug)]
+struct Learned {
+    torque: LocalGp,
+    neighbours: [Option<usize>; 2],
+}
+
+/// See the module.
+#[derive(Debug)]
+struct LowGain {
+    joints: Vec<Joint>,
+}
+
+pub(super) fn make(robot: &Robot) -> Made {
+    let p = &robot.parameters;
+    if p.joints.iter().all(|joint| joint.feed_forward.is_none()) {
+        return Ok(None);
+    }
+    let joints = p.joints.iter().enumerate().map(|(j, joint)| {
+        Ok(Joint {
+            learned: Learned::new(&robot.model, &p.joints, j)?,
+            torque_limit: joint.limits.torque,
+            stands_within: joint.limits.gives_way,
+            load: ContactLoad::at(0.0, 0.0),
+            impedance: Impedance {
+                stiffness: p.modes.low_stiffness * joint.gains.k_s,
+                damping: p.modes.low_damping * joint.gains.k_d,
+            },
+        })
+    });
+    Ok(Some(Box::new(LowGain {
+        joints: joints.collect::<Result<_, Problem>>()?,
+    })))
+}
+
+impl ClientMode for LowGain {
+    fn accepts(&self, bounds: &Bounds, reference: &Reference) -> bool {
+        bounds.softened(reference) && bounds.motions(reference) && bounds.wrenches(reference)
+    }
+
+    fn set_tasks(
+        &mut self,
+        asked: &Asked<'_>,
+        seen: &Seen<'_>,
+        body: &mut RigidBody,
+        _: &mut CommandedRecord,
+        tasks: &mut [Task],
+    ) -> Result<(), JointBits> {
+        body.follow(asked.reference, seen, &seen.contact_wrenches());
+        body.update_free();
+        for (j, (own, task)) in self.joints.iter_mut().zip(tasks).enumerate() {
+            let angle = seen.measured.joints.get(j).map_or(f64::NAN, |m| m.q);
+            let follow = tracking(asked, body, j);
+            let feedforward = own.feedforward(
+                asked,
+                j,
+                (follow.torque.feedforward, body.free(j)),
+                angle,
+                seen.dt,
+            );
+            let impedance = asked.impedance(j).unwrap_or(own.impedance);
+            *task = Task::of(JointGoal::Follow(Follow {
+                mode: Mode::LowGainTracking,
+                torque: RigidBodyTorque {
+                    feedforward,
+                    ..follow.torque
+                },
+                spring: follow.spring.map(|spring| Spring {
+                    impedance: Some(impedance),
+                    foresight: Foresight::All,
+                    ..spring
+                }),
+                speed: Speed::TorqueBeside(asked.of_joint(j).dq_d.abs()),
+                ..follow
+            }));
+        }
+        Ok(())
+    }
+}
+
+impl Joint {
+    /// The torque of the rigid bodies, `full` with the contacts and `free` without them, with what the joint bears
+    /// and what was learned, N·m.
+    fn feedforward(
+        &mut self,
+        asked: &Asked<'_>,
+        joint: usize,
+        (full, free): (f64, f64),
+        angle: f64,
+        dt: f64,
+    ) -> f64 {
+        let by_contacts = full - free;
+        if asked.begins {
+            self.load = ContactLoad::at(angle, by_contacts);
+        }
+        let stands = (self.stands_within, self.torque_limit);
+        let load = self.load.follow((angle, by_contacts), stands, dt);
+        let given = asked.reference.contact_wrench_given == 1;
+        let by_model = if given { full } else { free + load };
+        let most = LEARNED_MOST * self.torque_limit;
+        let learned = self.learned.as_ref();
+        by_model + learned.map_or(0.0, |l| l.torque(joint, asked.reference, asked.age_s, most))
+    }
+}
+
+impl Learned {
+    fn new(model: &Model, joints: &[JointParameters], j: usize) -> Result<Option<Self>, Problem> {
+        let learned = joints.get(j).and_then(|joint| joint.feed_forward.as_ref());
+        let torque = learned.map(LocalGp::new).transpose()?;
+        Ok(torque.map(|torque| Self {
+            torque,
+            neighbours: neighbours(model, joints, j),
+        }))
+    }
+
+    /// The learned torque at the desired motion, N·m: none beyond the motions that it was learned from.
+    //= G Section V-B: u_FF = f(q_d, dq_d, ddq_d), u_FB = K_p e + K_v e'
+    fn torque(&self, joint: usize, reference: &Reference, age_s: f64, most: f64) -> f64 {
+        let motion = |j: usize| {
+            let asked = reference.joints.get(j).copied().unwrap_or_default();
+            [asked.q_d + asked.dq_d * age_s, asked.dq_d, asked.ddq_d]
+        };
+        let inputs = motion_inputs(joint, self.neighbours, motion);
+        let mean = self.torque.predict(&inputs).mean;
+        // max and min, not clamp: they cannot panic.
+        if mean.is_finite() {
+            mean.max(-most).min(most)
+        } else {
+            0.0
+        }
+    }
+}
