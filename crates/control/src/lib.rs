@@ -15,6 +15,7 @@ mod point_to_point;
 pub mod predictive;
 mod torque_loop;
 mod trajectory;
+mod velocity_stream;
 
 pub use carried::{CarriedTorque, largest_follow};
 pub use cartesian::{
@@ -27,3 +28,4 @@ pub use motor::{MotorModel, smooth_sign};
 pub use point_to_point::{MotionLimits, PlannedMotion, PointToPoint};
 pub use torque_loop::TorqueLoop;
 pub use trajectory::{BufferedTrajectory, TrajectoryLimits, interpolate};
+pub use velocity_stream::{VelocityPlanner, VelocityStream};

@@ -235,12 +235,12 @@ impl PointToPoint {
     }
 }
 
-/// A joint's way: the state in which it begins, its target, rad, and its limits.
+/// A joint's way: the state in which it begins, its target, rad or rad/s, and its limits.
 #[derive(Debug, Clone, Copy)]
-struct Way {
-    from: PlannedMotion,
-    to: f64,
-    limits: MotionLimits,
+pub(crate) struct Way {
+    pub(crate) from: PlannedMotion,
+    pub(crate) to: f64,
+    pub(crate) limits: MotionLimits,
 }
 
 impl Way {
@@ -354,17 +354,31 @@ impl Plan {
 
 /// Plans one joint.
 #[derive(Debug)]
-struct Planner {
+pub(crate) struct Planner {
     library: Ruckig<1, Silent>,
     input: InputParameter<1>,
+    /// For a motion that is planned anew in each cycle.
+    once: Trajectory<1>,
 }
 
 impl Planner {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             library: Ruckig::new(None, 0.0),
             input: InputParameter::new(None),
+            once: Trajectory::new(None),
         }
+    }
+
+    /// The earliest motion; none where there is none.
+    pub(crate) fn plan_once(
+        &mut self,
+        interface: ControlInterface,
+        way: &Way,
+    ) -> Option<&Trajectory<1>> {
+        let (library, input, once) = (&mut self.library, &mut self.input, &mut self.once);
+        let found = way.is_finite() && calculate(library, input, (interface, way), None, once);
+        found.then_some(&*once)
     }
 
     /// The earliest motion that takes at least so long, s; false where there is none.
@@ -375,20 +389,34 @@ impl Planner {
         least_duration: Option<f64>,
         trajectory: &mut Trajectory<1>,
     ) -> bool {
-        let input = &mut self.input;
-        input.control_interface = interface;
-        input.current_position[0] = way.from.q;
-        input.current_velocity[0] = way.from.dq;
-        input.current_acceleration[0] = way.from.ddq;
-        input.target_position[0] = way.to;
-        input.max_velocity[0] = way.limits.velocity;
-        input.max_acceleration[0] = way.limits.acceleration;
-        input.max_jerk[0] = way.limits.jerk;
-        input.minimum_duration = least_duration;
-        let result = self.library.calculate(&self.input, trajectory);
-        matches!(result, Ok(RuckigResult::Working | RuckigResult::Finished))
-            && trajectory.duration.is_finite()
+        let (library, input) = (&mut self.library, &mut self.input);
+        calculate(library, input, (interface, way), least_duration, trajectory)
     }
+}
+
+/// Plans the earliest motion that takes at least so long, s; false where there is none.
+fn calculate(
+    library: &mut Ruckig<1, Silent>,
+    input: &mut InputParameter<1>,
+    (interface, way): (ControlInterface, &Way),
+    least_duration: Option<f64>,
+    trajectory: &mut Trajectory<1>,
+) -> bool {
+    match interface {
+        ControlInterface::Velocity => input.target_velocity[0] = way.to,
+        _ => (input.target_position[0], input.target_velocity[0]) = (way.to, 0.0),
+    }
+    input.control_interface = interface;
+    input.current_position[0] = way.from.q;
+    input.current_velocity[0] = way.from.dq;
+    input.current_acceleration[0] = way.from.ddq;
+    input.max_velocity[0] = way.limits.velocity;
+    input.max_acceleration[0] = way.limits.acceleration;
+    input.max_jerk[0] = way.limits.jerk;
+    input.minimum_duration = least_duration;
+    let result = library.calculate(input, trajectory);
+    matches!(result, Ok(RuckigResult::Working | RuckigResult::Finished))
+        && trajectory.duration.is_finite()
 }
 
 /// A joint at a time since its motion's begin, s; from its end on at its target, without the rounding
@@ -404,7 +432,7 @@ fn state_at(trajectory: &Trajectory<1>, target: f64, duration: f64, time: f64) -
 }
 
 /// A joint at a time since its motion's begin, s.
-fn at(trajectory: &Trajectory<1>, time: f64) -> PlannedMotion {
+pub(crate) fn at(trajectory: &Trajectory<1>, time: f64) -> PlannedMotion {
     let (mut section, mut state) = (0, PlannedMotion::default());
     trajectory.state_to_integrate_from(time, &mut section, |_, t, p, v, a, jerk| {
         let (q, dq, ddq) = rsruckig::util::integrate(t, p, v, a, jerk);

@@ -155,9 +155,11 @@ pub(crate) trait ClientMode: fmt::Debug + Send {
 }
 
 type Made = Result<Option<Box<dyn ClientMode>>, Problem>;
+/// A mode's number, and what makes it, or nothing for a robot that has no such mode.
+type Row = (Mode, fn(&Robot) -> Made);
 
-/// Every mode that clients may ask for: its number, and what makes it, or nothing for a robot that has no such mode.
-const MODES: [(Mode, fn(&Robot) -> Made); 7] = [
+/// Every mode that clients may ask for.
+const MODES: &[Row] = &[
     (Mode::Torque, torque::make),
     (Mode::InverseDynamics, inverse_dynamics::make),
     (Mode::Position, position::make),
@@ -186,7 +188,7 @@ impl Modes {
     /// A mode that the robot's parameters do not allow for, but for one that it does not have.
     pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let mut modes = [const { None }; Mode::ALL.len()];
-        for (mode, make) in MODES {
+        for &(mode, make) in MODES {
             if let Some(place) = modes.get_mut(mode.number() as usize) {
                 *place = make(robot)?;
             }
