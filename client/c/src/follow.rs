@@ -107,14 +107,12 @@ pub unsafe extern "C" fn torqued_follow(
 }
 
 fn trajectory_mode(number: u32) -> Result<Mode, Failure> {
-    let followed = [
-        Mode::InverseDynamics,
-        Mode::TorqueFeedbackMotion,
-        Mode::LowGainTracking,
-    ];
-    let mode = Mode::from_number(number).filter(|mode| followed.contains(mode));
+    let mode = Mode::from_number(number).filter(|mode| mode.follows_trajectories());
     mode.ok_or_else(|| {
-        let allowed = followed.map(Mode::name).join(", ");
+        let followed = Mode::ALL
+            .into_iter()
+            .filter(|mode| mode.follows_trajectories());
+        let allowed = followed.map(Mode::name).collect::<Vec<_>>().join(", ");
         Failure::argument(format!(
             "mode {number} follows no trajectory; allowed: {allowed}"
         ))

@@ -42,18 +42,8 @@ pub(crate) fn time(seconds: f64, name: &str) -> Result<Duration, Failure> {
 /// Name of a `TorquedMode`, e.g. `inverse_dynamics`; null for another number.
 #[unsafe(no_mangle)]
 pub extern "C" fn torqued_mode_name(mode: u32) -> *const c_char {
-    let name = match Mode::from_number(mode) {
-        None => return std::ptr::null(),
-        Some(Mode::Hold) => c"hold",
-        Some(Mode::Torque) => c"torque",
-        Some(Mode::InverseDynamics) => c"inverse_dynamics",
-        Some(Mode::Position) => c"position",
-        Some(Mode::Cartesian) => c"cartesian",
-        Some(Mode::Passive) => c"passive",
-        Some(Mode::TorqueFeedbackMotion) => c"torque_feedback_motion",
-        Some(Mode::LowGainTracking) => c"low_gain_tracking",
-    };
-    name.as_ptr()
+    let name = Mode::from_number(mode).map(Mode::c_name);
+    name.map_or(std::ptr::null(), CStr::as_ptr)
 }
 
 /// Name of a `TorquedRobotState`, e.g. `holding`; null for another number.

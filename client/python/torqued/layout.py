@@ -26,6 +26,7 @@ class Mode(IntEnum):
     PASSIVE = 5
     TORQUE_FEEDBACK_MOTION = 6
     LOW_GAIN_TRACKING = 7
+    VELOCITY = 8
 
 
 class JointKind(IntEnum):

@@ -17,6 +17,7 @@ mod rigid_body;
 mod task;
 mod torque;
 mod torque_feedback;
+mod velocity;
 
 use core::fmt;
 
@@ -167,6 +168,7 @@ const MODES: &[Row] = &[
     (Mode::Passive, passive::make),
     (Mode::TorqueFeedbackMotion, torque_feedback::make),
     (Mode::LowGainTracking, low_gain::make),
+    (Mode::Velocity, velocity::make),
 ];
 
 /// The modes of a robot, and the tasks that they set.

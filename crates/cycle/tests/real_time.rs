@@ -47,7 +47,8 @@ fn no_cycle_allocates_whatever_happens_in_it() {
                 Mode::Position.number(),
                 Mode::Passive.number(),
                 Mode::TorqueFeedbackMotion.number(),
-            ][cycle as usize / 20 % 6];
+                Mode::Velocity.number(),
+            ][cycle as usize / 20 % 7];
             reference.held_joints = cycle;
             if cycle % 90 == 89 {
                 reference.joints[1].dq_d = f64::NAN;

@@ -234,10 +234,6 @@ fn asks_hold(reference: &Reference) -> bool {
 
 /// It wants the desired values of its trajectory followed.
 fn names_trajectory(reference: &Reference) -> bool {
-    let follow = [
-        Mode::InverseDynamics,
-        Mode::TorqueFeedbackMotion,
-        Mode::LowGainTracking,
-    ];
-    reference.trajectory != 0 && follow.iter().any(|mode| mode.number() == reference.mode)
+    let mode = Mode::from_number(reference.mode);
+    reference.trajectory != 0 && mode.is_some_and(Mode::follows_trajectories)
 }

@@ -33,6 +33,7 @@ enum TorquedMode {
   TORQUED_MODE_PASSIVE = 5,
   TORQUED_MODE_TORQUE_FEEDBACK_MOTION = 6,
   TORQUED_MODE_LOW_GAIN_TRACKING = 7,
+  TORQUED_MODE_VELOCITY = 8,
 };
 
 /** Kind of a joint: of a prismatic one m stands for rad and N for N·m on the link side. */

@@ -1,51 +1,87 @@
 //! References: what a commanding client sends each cycle.
 
+use core::ffi::CStr;
+
 use super::{FrameReference, MAX_FRAMES, MAX_FT_SENSORS, MAX_JOINTS, Wrench};
 use crate::layout::record;
 
 /// Most points of a piece of a trajectory.
 pub const MAX_POINTS: usize = 32;
 
-/// A mode of the robot. Records carry its number.
-#[repr(u32)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Mode {
+/// Declares the modes: of each its meaning, name, number, the name in snake case, and whether it follows trajectories
+/// that clients send ahead.
+macro_rules! modes {
+    ($($(#[$meaning:meta])* $mode:ident = $number:literal, $name:literal, $ahead:literal;)*) => {
+        /// A mode of the robot. Records carry its number.
+        #[repr(u32)]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+        pub enum Mode {
+            $($(#[$meaning])* $mode = $number,)*
+        }
+
+        impl Mode {
+            /// Every mode, in the order of their numbers.
+            pub const ALL: [Self; [$($number),*].len()] = [$(Self::$mode),*];
+
+            /// The mode's name in snake case.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$mode => $name,)*
+                }
+            }
+
+            /// The mode's name in snake case, as C has it.
+            #[must_use]
+            pub const fn c_name(self) -> &'static CStr {
+                let with_end = match self {
+                    $(Self::$mode => concat!($name, "\0"),)*
+                };
+                match CStr::from_bytes_with_nul(with_end.as_bytes()) {
+                    Ok(name) => name,
+                    Err(_) => c"",
+                }
+            }
+
+            /// It follows trajectories that clients send ahead.
+            #[must_use]
+            pub const fn follows_trajectories(self) -> bool {
+                match self {
+                    $(Self::$mode => $ahead,)*
+                }
+            }
+        }
+    };
+}
+
+modes! {
     /// Hold the present position.
     #[default]
-    Hold = 0,
+    Hold = 0, "hold", false;
     /// Follow `tau_d` of the client.
-    Torque = 1,
+    Torque = 1, "torque", false;
     /// Follow `q_d dq_d ddq_d` and contact wrenches of the client by inverse dynamics.
-    InverseDynamics = 2,
+    InverseDynamics = 2, "inverse_dynamics", true;
     /// Go to `q_d` on a trajectory that the loop plans, by inverse dynamics: all joints arrive at
     /// once and stay there.
-    Position = 3,
+    Position = 3, "position", false;
     /// Lead frames by springs, dampers and desired forces, and the joints besides by inverse dynamics:
     /// joints that move a frame keep their posture with the configured share of their stiffness.
-    Cartesian = 4,
+    Cartesian = 4, "cartesian", false;
     /// Give way to any hand: the joints carry gravity and inertial forces of the model and nothing else,
     /// but those of `held_joints`, which follow `q_d dq_d` as in mode inverse dynamics.
-    Passive = 5,
+    Passive = 5, "passive", false;
     /// Follow `q_d dq_d` of the client without a model of the links: the torque that a joint carries,
     /// as estimated, is fed back to its motor.
-    TorqueFeedbackMotion = 6,
+    TorqueFeedbackMotion = 6, "torque_feedback_motion", true;
     /// Follow `q_d dq_d ddq_d` by a low stiffness and a learned feed-forward beside inverse dynamics.
-    LowGainTracking = 7,
+    LowGainTracking = 7, "low_gain_tracking", true;
+    /// Follow `dq_d` of the client, within limits of acceleration and jerk, by inverse dynamics; joints come to rest before
+    /// their position limits.
+    Velocity = 8, "velocity", false;
 }
 
 impl Mode {
-    /// Every mode.
-    pub const ALL: [Self; 8] = [
-        Self::Hold,
-        Self::Torque,
-        Self::InverseDynamics,
-        Self::Position,
-        Self::Cartesian,
-        Self::Passive,
-        Self::TorqueFeedbackMotion,
-        Self::LowGainTracking,
-    ];
-
     /// The mode's number in records.
     #[must_use]
     pub const fn number(self) -> u32 {
@@ -56,21 +92,6 @@ impl Mode {
     #[must_use]
     pub fn from_number(number: u32) -> Option<Self> {
         Self::ALL.into_iter().find(|mode| mode.number() == number)
-    }
-
-    /// The mode's name in snake case.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Hold => "hold",
-            Self::Torque => "torque",
-            Self::InverseDynamics => "inverse_dynamics",
-            Self::Position => "position",
-            Self::Cartesian => "cartesian",
-            Self::Passive => "passive",
-            Self::TorqueFeedbackMotion => "torque_feedback_motion",
-            Self::LowGainTracking => "low_gain_tracking",
-        }
     }
 }
 
