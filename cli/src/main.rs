@@ -29,6 +29,7 @@ mod rows;
 mod state;
 mod tare;
 mod units;
+mod view;
 mod watch;
 mod whole_body;
 mod without_shared_memory;
@@ -52,6 +53,7 @@ Examples:
   torquectl cartesian foot --stiffness 2000 --shift 0,0,-20
   torquectl passive knee --seconds 30
   torquectl watch --once
+  torquectl view --config config/leg/robot.toml
   torquectl tare --contacts in_the_air
   torquectl record -o run.mcap --seconds 10
   torquectl excite config/leg/excite.toml --record run.mcap
@@ -104,6 +106,7 @@ enum Command {
     Move(motion::MoveArguments),
     Passive(passive::PassiveArguments),
     Tare(tare::TareArguments),
+    View(view::ViewArguments),
     WholeBody(whole_body::WholeBodyArguments),
 }
 
@@ -136,6 +139,7 @@ fn main() -> ExitCode {
         Command::Move(arguments) => motion::run(&arguments),
         Command::Passive(arguments) => passive::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
+        Command::View(arguments) => view::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),
     }
 }

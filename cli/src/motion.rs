@@ -74,11 +74,9 @@ pub(crate) struct MoveArguments {
     json: bool,
 }
 
-impl MoveArguments {
-    /// Greatest speed of a joint, rad/s or m/s; 0 for that of the configuration.
-    fn speed(&self, kind: JointKind) -> f64 {
-        self.speed.map_or(0.0, |speed| kind.si(speed))
-    }
+/// Greatest speed of a joint, rad/s or m/s; 0 for that of the configuration.
+fn in_si(speed: Option<f64>, kind: JointKind) -> f64 {
+    speed.map_or(0.0, |speed| kind.si(speed))
 }
 
 /// A joint's position as the user writes it: in degrees or mm.
@@ -111,7 +109,11 @@ fn speed(text: &str) -> Result<f64, Problem> {
         .parse()
         .ok()
         .filter(|x: &f64| x.is_finite() && *x > 0.0);
-    speed.ok_or_else(|| Problem::new("not a speed", "above 0 degrees/s or mm/s"))
+    speed.ok_or_else(bad_speed)
+}
+
+pub(crate) fn bad_speed() -> Problem {
+    Problem::new("not a speed", "above 0 degrees/s or mm/s")
 }
 
 pub(crate) fn run(arguments: &MoveArguments) -> ExitCode {
@@ -182,14 +184,64 @@ fn too_fast(speed: f64) -> Problem {
     )
 }
 
+/// A motion that has ended.
+pub(crate) struct Moved {
+    /// It is at its target; else it was brought to rest on its way.
+    pub(crate) arrived: bool,
+    robot: String,
+    /// Time that the motion was to take, s.
+    duration: f64,
+}
+
+impl Moved {
+    /// A sentence.
+    pub(crate) fn words(&self) -> String {
+        format!("there after {:.2} s; the robot holds", self.duration)
+    }
+}
+
 fn go(arguments: &MoveArguments) -> Result<String, Failure> {
     let stop = catch_signals().map_err(Failure::Argument)?;
-    let mut client = connect(arguments.robot.as_ref())?;
+    let bar = bar();
+    let mut whole = 0.0f64;
+    let going = |left: Duration| {
+        whole = whole.max(left.as_secs_f64());
+        bar.set_length((1e3 * whole) as u64);
+        bar.set_position((1e3 * (whole - left.as_secs_f64())) as u64);
+        bar.set_message(format!("{:.1} s left", left.as_secs_f64()));
+        !stop.load(Ordering::Relaxed)
+    };
+    let robot = arguments.robot.as_ref();
+    let moved = move_to(robot, &arguments.targets, arguments.speed, going);
+    bar.finish_and_clear();
+    let moved = moved?;
+    if !moved.arrived {
+        let why = "stopped on its way";
+        return Err(Failure::Stopped(why.to_owned()));
+    }
+    Ok(match arguments.json {
+        true => format!(
+            "{}\n",
+            json!({ "robot": moved.robot, "duration_s": moved.duration })
+        ),
+        false => format!("{}\n", moved.words()),
+    })
+}
+
+/// Moves a running robot to the targets and waits; `speed`: the greatest of each joint, degrees/s or mm/s.
+/// `going` is shown the time that is left, and says whether the motion is to go on.
+pub(crate) fn move_to(
+    robot: Option<&String>,
+    targets: &[Target],
+    speed: Option<f64>,
+    mut going: impl FnMut(Duration) -> bool,
+) -> Result<Moved, Failure> {
+    let mut client = connect(robot)?;
     let description = *client.description();
     let joints = description.joint_names.iter().enumerate();
     let joints = joints.map(|(j, name)| (name.as_str(), description.joint_kind(j)));
     let joints: Vec<_> = joints.take(description.joint_count as usize).collect();
-    let positions = by_joint(&joints, &arguments.targets).map_err(Failure::Argument)?;
+    let positions = by_joint(&joints, targets).map_err(Failure::Argument)?;
     let limits = (description.position_min.iter()).zip(&description.position_max);
     for ((joint, to), (min, max)) in joints.iter().zip(&positions).zip(limits) {
         to.map_or(Ok(()), |to| within(*joint, to, *min..=*max))
@@ -197,13 +249,12 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
     }
     // That of a joint that stays need not be one that it could move at.
     let speeds: Vec<f64> = (joints.iter().zip(&positions))
-        .map(|((_, kind), to)| to.map_or(0.0, |_| arguments.speed(*kind)))
+        .map(|((_, kind), to)| to.map_or(0.0, |_| in_si(speed, *kind)))
         .collect();
     let before = client.next_record(PATIENCE)?.cycle.measured;
     let mut commander = Commander::connect(&mut client)?;
     commander.hold_until_ready(PATIENCE)?;
-    let bar = bar();
-    let mut whole = 0.0f64;
+    let mut duration = 0.0f64;
     let change = |reference: &mut torqued_client::robot_state::Reference| {
         let joints = reference.joints.iter_mut().zip(&positions);
         for ((joint, position), speed) in joints.zip(speeds) {
@@ -212,32 +263,24 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
         }
     };
     let arrived = commander.go_to(change, |left| {
-        whole = whole.max(left.as_secs_f64());
-        bar.set_length((1e3 * whole) as u64);
-        bar.set_position((1e3 * (whole - left.as_secs_f64())) as u64);
-        bar.set_message(format!("{:.1} s left", left.as_secs_f64()));
-        !stop.load(Ordering::Relaxed)
+        duration = duration.max(left.as_secs_f64());
+        going(left)
     });
-    bar.finish_and_clear();
-    let arrived = arrived.map_err(|error| match arguments.speed {
+    let arrived = arrived.map_err(|error| match speed {
         Some(speed) => beyond_limits(error, || too_fast(speed)),
         None => Failure::Daemon(error),
     })?;
     commander.close()?;
-    if !arrived {
-        let why = "stopped on its way";
-        return Err(Failure::Stopped(why.to_owned()));
+    if arrived {
+        let wanted: Vec<f64> = (positions.iter().zip(&before.joints))
+            .map(|(to, before)| to.unwrap_or(before.q))
+            .collect();
+        confirm(&mut client, &joints, &positions, &wanted)?;
     }
-    let wanted: Vec<f64> = (positions.iter().zip(&before.joints))
-        .map(|(to, before)| to.unwrap_or(before.q))
-        .collect();
-    confirm(&mut client, &joints, &positions, &wanted)?;
-    Ok(match arguments.json {
-        true => format!(
-            "{}\n",
-            json!({ "robot": client.robot(), "duration_s": whole })
-        ),
-        false => format!("there after {whole:.2} s; the robot holds\n"),
+    Ok(Moved {
+        arrived,
+        robot: client.robot().to_owned(),
+        duration,
     })
 }
 
@@ -344,7 +387,7 @@ fn preview(config: &Path, arguments: &MoveArguments) -> Result<String, Problems>
     let ways: Vec<Way> = joints
         .zip(from.into_iter().zip(to))
         .map(|((joint, limits), (from, to))| {
-            let limits = limits.no_faster(arguments.speed(joint.kind));
+            let limits = limits.no_faster(in_si(arguments.speed, joint.kind));
             let range = joint.limits.position_min..=joint.limits.position_max;
             let from = from.unwrap_or_else(|| 0.0f64.clamp(*range.start(), *range.end()));
             let to = to.unwrap_or(from);

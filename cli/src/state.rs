@@ -66,7 +66,8 @@ fn text(description: &Description, cycle: &CycleRecord) -> String {
     out
 }
 
-fn object(description: &Description, cycle: &CycleRecord) -> Value {
+/// The state for programs.
+pub(crate) fn object(description: &Description, cycle: &CycleRecord) -> Value {
     let joints = obstacles(description, cycle);
     let joints: Vec<Value> = joints
         .map(|(name, obstacle)| json!({ "name": name, "obstacle": obstacle }))

@@ -1,0 +1,120 @@
+//! `torquectl view`: a running robot or a recorded run as a page in the browser.
+//!
+//! A thread reads every record and keeps what the page shows of the last seconds ([`hub`]); the page's
+//! requests are served from there ([`server`]). The daemon sees one more client that reads.
+
+mod control;
+mod hub;
+mod live;
+mod played;
+mod row;
+mod scene;
+mod server;
+mod status;
+
+use crate::motion::catch_signals;
+use crate::output::finish_or_refuse;
+use crate::requests::{Failure, connect, end};
+use hub::Hub;
+use problem::Problem;
+use scene::Scene;
+use server::{Pages, Server};
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+const HELP: &str = "\
+The page is served on this machine alone, under an address that has a random word in it; it loads
+nothing from elsewhere. It shows state, next step, events, torques of all joints, one joint in full,
+the robot with its contact wrenches (with --config), and times of the loop. Keys: docs/view.md.
+
+With --control the page has buttons for stop, enable, acknowledge, disable and move, which are refused
+as on the command line. Stop on the page is no emergency stop.
+
+Examples:
+  torquectl view
+  torquectl view --robot leg --config config/leg/robot.toml
+  torquectl view --config config/leg/robot.toml --control
+  torquectl view run.mcap
+  torquectl view --listen 192.168.1.2:8731    for a tablet beside the robot, in a network that you trust
+
+Exit codes:
+  0  ended by Ctrl-C
+  1  no torqued answered within 2 s
+  2  bad input: arguments, configuration, recorded run";
+
+/// Show a running robot, or a recorded run, as a page in the browser.
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+pub(crate) struct ViewArguments {
+    /// A recorded run; without it, the running robot
+    #[arg(value_name = "RUN.mcap", conflicts_with_all = ["robot", "config", "control"])]
+    run: Option<PathBuf>,
+    /// The robot's name; optional if only one robot runs
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// The robot's configuration, to draw the robot from its URDF
+    #[arg(long, value_name = "CONFIG")]
+    config: Option<PathBuf>,
+    /// Let the page enable, stop, acknowledge, disable and move
+    #[arg(long)]
+    control: bool,
+    /// Address and port to serve on; port 0 is any that is free
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+}
+
+pub(crate) fn run(arguments: &ViewArguments) -> ExitCode {
+    match &arguments.run {
+        Some(run) => finish_or_refuse(played(run, arguments)),
+        None => end(live(arguments)),
+    }
+}
+
+fn played(run: &std::path::Path, arguments: &ViewArguments) -> Result<String, Problem> {
+    let hub = Arc::new(played::read(run)?);
+    serve(arguments, &hub, None)
+}
+
+fn live(arguments: &ViewArguments) -> Result<String, Failure> {
+    let drawn = arguments.config.as_deref().map(scene::drawn_from_files);
+    let drawn = drawn.transpose().map_err(Failure::Argument)?;
+    let client = connect(arguments.robot.as_ref())?;
+    let robot = client.robot().to_owned();
+    let scene = Scene::of_robot(client.description(), drawn, arguments.control);
+    let hub = Arc::new(Hub::live(scene));
+    let reading = Arc::clone(&hub);
+    let reader = std::thread::Builder::new()
+        .name("records".to_owned())
+        .spawn(move || live::read(client, &reading));
+    reader.map_err(|e| Failure::Argument(Problem::new(format!("no thread: {e}"), "")))?;
+    let control = arguments.control.then_some(robot);
+    serve(arguments, &hub, control).map_err(Failure::Argument)
+}
+
+/// Serves until the user ends it.
+fn serve(
+    arguments: &ViewArguments,
+    hub: &Arc<Hub>,
+    control: Option<String>,
+) -> Result<String, Problem> {
+    let stop = catch_signals()?;
+    // Two of the random keys of this process: nobody else's program guesses the address.
+    let word = || RandomState::new().build_hasher().finish();
+    let pages = Pages {
+        token: format!("{:016x}{:016x}", word(), word()),
+        hub: Arc::clone(hub),
+        control: control.map(control::Control::new),
+    };
+    let server = Server::bind(arguments.listen)?;
+    terminal::print(&format!(
+        "http://{}/{}/\nCtrl-C ends it\n",
+        server.address, pages.token
+    ))
+    .map_err(|e| Problem::new(format!("cannot print: {e}"), ""))?;
+    server.run(pages, &stop);
+    hub.close();
+    Ok(String::new())
+}
