@@ -2,9 +2,10 @@
 
 use crate::motion::{self, Target};
 use crate::requests::{Failure, connect};
+use crate::without_shared_memory;
 use problem::Problem;
 use serde::Deserialize;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use torqued_client::robot_state::{Request, request};
 
 /// A page's wish.
@@ -21,15 +22,15 @@ pub(super) enum Wish {
 /// Carries out wishes on one robot.
 pub(super) struct Control {
     robot: String,
-    /// Set to end the motion of a page.
-    halt: AtomicBool,
+    /// Stops so far: each ends the motions that were begun before it.
+    stops: AtomicU64,
 }
 
 impl Control {
     pub(super) fn new(robot: String) -> Self {
         Self {
             robot,
-            halt: AtomicBool::new(false),
+            stops: AtomicU64::new(0),
         }
     }
 
@@ -47,21 +48,29 @@ impl Control {
             _ => 0,
         };
         if kind == request::STOP || kind == request::DISABLE {
-            self.halt.store(true, Ordering::Relaxed);
+            self.stops.fetch_add(1, Ordering::Relaxed);
         }
         let asked = Request {
             kind,
             fault,
             ..Request::default()
         };
-        let client = connect(Some(&self.robot)).map_err(|e| e.to_string())?;
-        let answer = client.send_request(asked, |_| ());
-        answer
-            .map(|a| a.text.to_string())
-            .map_err(|e| e.to_string())
+        let client = connect(Some(&self.robot));
+        match client.and_then(|client| client.send_request(asked, |_| ())) {
+            Ok(answer) => Ok(answer.text.to_string()),
+            // As on the command line, a stop turns to a signal where shared memory fails.
+            Err(why) if kind == request::STOP => {
+                let stopped = without_shared_memory::stop(why, Some(&self.robot), false);
+                stopped
+                    .map(|text| text.trim_end().to_owned())
+                    .map_err(words)
+            }
+            Err(why) => Err(why.to_string()),
+        }
     }
 
     fn go(&self, targets: &str, speed: Option<f64>) -> Result<String, Failure> {
+        let before = self.stops.load(Ordering::Relaxed);
         let targets = targets.split_whitespace().map(motion::target);
         let targets: Vec<Target> = targets
             .collect::<Result<_, Problem>>()
@@ -73,8 +82,7 @@ impl Control {
         if speed.is_some_and(|speed| !(speed.is_finite() && speed > 0.0)) {
             return Err(Failure::Argument(motion::bad_speed()));
         }
-        self.halt.store(false, Ordering::Relaxed);
-        let going = |_| !self.halt.load(Ordering::Relaxed);
+        let going = |_| self.stops.load(Ordering::Relaxed) == before;
         let moved = motion::move_to(Some(&self.robot), &targets, speed, going)?;
         if moved.arrived {
             Ok(moved.words())

@@ -2,12 +2,15 @@
 
 use super::scene::Scene;
 use serde_json::Value;
+use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Rows of a running robot that are kept: a page that is opened shows so many at once, and one that is
 /// slower than this loses none.
 const LIVE_ROWS: usize = 10_000;
+/// Events that are kept, the newest: a robot may run for weeks.
+const EVENTS: usize = 10_000;
 
 /// Meeting place of the thread that reads records and those that serve pages.
 pub(super) struct Hub {
@@ -24,7 +27,9 @@ struct Kept {
     scene: Arc<str>,
     status: Arc<str>,
     status_version: u64,
-    events: Vec<Value>,
+    events: VecDeque<Value>,
+    /// Events ever told.
+    told: usize,
     /// Rows ever appended; the newest are kept, each at its count modulo the capacity.
     appended: u64,
     times: Vec<f64>,
@@ -106,7 +111,10 @@ impl Hub {
         let mut kept = self.lock();
         kept.status = status.to_string().into();
         kept.status_version += 1;
+        kept.told += events.len();
         kept.events.extend(events);
+        let too_many = kept.events.len().saturating_sub(EVENTS);
+        kept.events.drain(..too_many);
         drop(kept);
         self.changed.notify_all();
     }
@@ -140,8 +148,10 @@ impl Hub {
             cursor.status_version = kept.status_version;
             news.status = Some(Arc::clone(&kept.status));
         }
-        news.events.extend_from_slice(&kept.events[cursor.events..]);
-        cursor.events = kept.events.len();
+        let new = (kept.told - cursor.events).min(kept.events.len());
+        let known = kept.events.len() - new;
+        news.events.extend(kept.events.range(known..).cloned());
+        cursor.events = kept.told;
         let oldest = kept.appended.saturating_sub(kept.times.len() as u64);
         news.lost = oldest.saturating_sub(cursor.row);
         cursor.row = cursor.row.max(oldest);

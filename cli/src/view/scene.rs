@@ -94,7 +94,7 @@ impl Scene {
 
 /// The drawing of the robot that a configuration describes.
 pub(super) fn drawn_from_files(config: &Path) -> Result<Drawn, Problem> {
-    let read = |path: &str| std::fs::read_to_string(path);
+    let read = |path: &str| terminal::read_text(path);
     drawn(&config.display().to_string(), &read)
 }
 

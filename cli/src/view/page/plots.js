@@ -285,8 +285,9 @@ export class Charts {
     });
     const lines = [["t", ...columns.map((c) => c.title)].join(",")];
     const { store } = this;
-    for (let row = store.at(from), end = store.at(to); row < end; ++row) {
+    for (let row = store.at(from); row < store.end; ++row) {
       const place = row % store.t.length;
+      if (store.t[place] > to) break;
       lines.push([store.t[place].toFixed(6), ...columns.map((c) => {
         const x = c.column[place];
         return x === x ? x : "";
