@@ -19,19 +19,19 @@ use hub::Hub;
 use problem::Problem;
 use scene::Scene;
 use server::{Pages, Server};
-use std::hash::{BuildHasher, Hasher, RandomState};
+use std::io::Read;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
 const HELP: &str = "\
-The page is served on this machine alone, under an address that has a random word in it; it loads
-nothing from elsewhere. It shows state, next step, events, torques of all joints, one joint in full,
+The page is served on this machine alone (but with --listen), under an address that has a random word in
+it; it loads nothing from elsewhere. It shows state, next step, events, torques of all joints, one joint in full,
 the robot with its contact wrenches (with --config), and times of the loop. Keys: docs/view.md.
 
 With --control the page has buttons for stop, enable, acknowledge, disable and move, which are refused
-as on the command line. Stop on the page is no emergency stop.
+as on the command line; then it is served on this machine alone. Stop on the page is no emergency stop.
 
 Examples:
   torquectl view
@@ -79,6 +79,15 @@ fn played(run: &std::path::Path, arguments: &ViewArguments) -> Result<String, Pr
 }
 
 fn live(arguments: &ViewArguments) -> Result<String, Failure> {
+    if arguments.control && !arguments.listen.ip().is_loopback() {
+        let what = format!(
+            "--listen {}: the robot is not controlled through a network, which anyone on it could read",
+            arguments.listen
+        );
+        let allowed =
+            "--control with 127.0.0.1; from another machine through `ssh -L 8731:127.0.0.1:8731`";
+        return Err(Failure::Argument(Problem::new(what, allowed)));
+    }
     let drawn = arguments.config.as_deref().map(scene::drawn_from_files);
     let drawn = drawn.transpose().map_err(Failure::Argument)?;
     let client = connect(arguments.robot.as_ref())?;
@@ -94,6 +103,14 @@ fn live(arguments: &ViewArguments) -> Result<String, Failure> {
     serve(arguments, &hub, control).map_err(Failure::Argument)
 }
 
+/// A word that nobody else's program guesses.
+fn random_word() -> Result<String, Problem> {
+    let mut bytes = [0; 16];
+    let read = std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes));
+    read.map_err(|e| Problem::new(format!("no random numbers: {e}"), "").at("/dev/urandom", 0))?;
+    Ok(format!("{:032x}", u128::from_ne_bytes(bytes)))
+}
+
 /// Serves until the user ends it.
 fn serve(
     arguments: &ViewArguments,
@@ -101,14 +118,13 @@ fn serve(
     control: Option<String>,
 ) -> Result<String, Problem> {
     let stop = catch_signals()?;
-    // Two of the random keys of this process: nobody else's program guesses the address.
-    let word = || RandomState::new().build_hasher().finish();
+    let server = Server::bind(arguments.listen)?;
     let pages = Pages {
-        token: format!("{:016x}{:016x}", word(), word()),
+        token: random_word()?,
+        loopback: server.address.ip().is_loopback(),
         hub: Arc::clone(hub),
         control: control.map(control::Control::new),
     };
-    let server = Server::bind(arguments.listen)?;
     terminal::print(&format!(
         "http://{}/{}/\nCtrl-C ends it\n",
         server.address, pages.token

@@ -53,7 +53,7 @@ pub(super) fn read(mut client: Client, hub: &Hub) {
         let now = Instant::now();
         if now >= next_status {
             next_status = now + STATUS_INTERVAL;
-            let shown = shown.get_or_insert_with(|| Shown::from(&*record));
+            let shown = shown.get_or_insert_with(|| Shown::from(&record));
             let events = shown.new_events(&client, &record, newest, now);
             let status = status::of_record(client.description(), &record, (read, lost), newest);
             hub.tell(&status, events);

@@ -4,7 +4,7 @@ use super::control::{Control, Wish};
 use super::hub::{Cursor, Hub, News};
 use problem::Problem;
 use std::io::{self, Read, Write};
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -76,6 +76,8 @@ pub(super) struct Pages {
     pub(super) token: String,
     pub(super) hub: Arc<Hub>,
     pub(super) control: Option<Control>,
+    /// Served to this machine alone.
+    pub(super) loopback: bool,
 }
 
 /// A server on an address.
@@ -128,6 +130,9 @@ impl Pages {
             return request.respond(Response::from_string(text).with_status_code(404));
         };
         debug_assert_eq!(token, self.token);
+        if let Some(why) = self.refused(&request) {
+            return request.respond(Response::from_string(why).with_status_code(403));
+        }
         match (request.method(), name) {
             (Method::Get, "stream") => self.stream(request),
             (Method::Post, "ask") => self.ask(request),
@@ -148,6 +153,25 @@ impl Pages {
             },
             _ => request.respond(Response::from_string("GET or POST\n").with_status_code(405)),
         }
+    }
+
+    /// Why a request is not one of the page's own; none if it is. The host is an address, never a name, so that no
+    /// other site's name can be led here; and what another site's page asks for carries that site's origin.
+    fn refused(&self, request: &Request) -> Option<&'static str> {
+        let value = |name: &'static str| {
+            let found = request.headers().iter().find(|h| h.field.equiv(name));
+            found.map(|h| h.value.as_str())
+        };
+        let host = value("Host").unwrap_or_default();
+        if !is_own_host(host, self.loopback) {
+            return Some("not this host: open the address that torquectl view has printed\n");
+        }
+        let own = |origin: &str| origin.strip_prefix("http://") == Some(host);
+        let other_site = value("Sec-Fetch-Site").is_some_and(|site| !is_own_site(site));
+        if other_site || value("Origin").is_some_and(|origin| !own(origin)) {
+            return Some("asked for by another site's page\n");
+        }
+        None
     }
 
     /// News without end, each as its length, its kind and its bytes.
@@ -195,6 +219,25 @@ impl Pages {
         };
         request.respond(Response::from_string(words).with_status_code(code))
     }
+}
+
+/// Whether a request's host is this server: an address of this machine, where only that is served.
+fn is_own_host(host: &str, loopback: bool) -> bool {
+    let name = match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|b| b.is_ascii_digit()) => name,
+        _ => host,
+    };
+    if name == "localhost" {
+        return true;
+    }
+    let bare = name.strip_prefix('[').and_then(|n| n.strip_suffix(']'));
+    let address = bare.unwrap_or(name).parse::<IpAddr>();
+    address.is_ok_and(|address| !loopback || address.is_loopback())
+}
+
+/// Whether a browser says that the page itself, or the user, asks.
+fn is_own_site(site: &str) -> bool {
+    matches!(site, "same-origin" | "none")
 }
 
 /// Compares all bytes, whichever differ: the time shows nothing of the token.
@@ -256,4 +299,39 @@ fn piece(out: &mut Vec<u8>, kind: u32, content: impl FnOnce(&mut Vec<u8>)) {
     content(out);
     let length = (out.len() - begin - 8) as u32;
     out[begin..begin + 4].copy_from_slice(&length.to_le_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hosts_are_addresses_of_this_machine() {
+        for own in [
+            "127.0.0.1:8731",
+            "127.0.0.1",
+            "localhost:1",
+            "[::1]:8731",
+            "[::1]",
+        ] {
+            assert!(is_own_host(own, true), "{own}");
+        }
+        for other in [
+            "",
+            "robot.example:8731",
+            "localhost.example",
+            "192.168.1.2:8731",
+            "127.0.0.1.example:80",
+            "127.0.0.1:80:80",
+        ] {
+            assert!(!is_own_host(other, true), "{other}");
+        }
+        assert!(is_own_host("192.168.1.2:8731", false));
+        assert!(!is_own_host("robot.example:8731", false));
+    }
+
+    #[test]
+    fn tokens_are_compared_whole() {
+        assert!(same("ab", "ab") && !same("ab", "aa") && !same("a", "ab") && !same("", "ab"));
+    }
 }
