@@ -8,14 +8,16 @@ cd "$root"
 
 usage() {
     cat <<END
-usage: rt-tests/install.sh [--python] [--vm] [--client] [--bench] [--fuzz]
+usage: rt-tests/install.sh [--python] [--vm] [--client] [--browser] [--bench] [--fuzz]
 
-Installs what ./test needs; without options, --python, --vm and --client.
+Installs what ./test needs; without options, --python, --vm, --client
+and --browser.
   --python   the Python environment .venv (rt-tests/python/requirements.txt)
   --vm       Debian packages for the virtual machines, the PREEMPT_RT kernel
              that the timing test boots (unpacked into target/vm, not installed), and what
              User-Mode Linux needs on processors with AMX (compiled into target/vm)
   --client   Debian packages for the tests of the C and C++ client
+  --browser  Debian's headless Chromium, for the test of the page of torquectl view
   --bench    Debian packages for benches/dynamics/run.sh
   --fuzz     Debian packages for rt-tests/fuzz.sh
 END
@@ -83,6 +85,11 @@ install_bench() { packages clang clang-19 python3-venv; }
 
 install_client() { packages gcc g++ libc6-dev pkg-config binutils; }
 
+install_browser() {
+    command -v chromium-headless-shell >/dev/null || command -v chromium >/dev/null ||
+        packages chromium-headless-shell fonts-dejavu-core
+}
+
 install_fuzz() { packages g++; }
 
 install_python() {
@@ -95,15 +102,16 @@ install_python() {
     cp "$wanted" .venv/requirements.txt # last: says that all of it is there
 }
 
-[ $# -gt 0 ] || set -- --vm --python --client
+[ $# -gt 0 ] || set -- --vm --python --client --browser
 for option in "$@"; do
     case $option in
         --vm) install_vm ;;
         --python) install_python ;;
         --client) install_client ;;
+        --browser) install_browser ;;
         --bench) install_bench ;;
         --fuzz) install_fuzz ;;
         -h | --help) usage; exit 0 ;;
-        *) echo "install: unknown option '$option'; allowed: --python --vm --client --bench --fuzz --help" >&2; exit 2 ;;
+        *) echo "install: unknown option '$option'; allowed: --python --vm --client --browser --bench --fuzz --help" >&2; exit 2 ;;
     esac
 done

@@ -3,7 +3,7 @@
 use torqued_client::robot_state::{SharedRecord, TorqueEstimate, torque_flags};
 
 /// Signals of each joint, in the row's order; the page names and draws them.
-pub(super) const JOINT_SIGNALS: [&str; 15] = [
+pub(super) const JOINT_SIGNALS: [&str; 16] = [
     "q",
     "dq",
     "torsion",
@@ -16,6 +16,7 @@ pub(super) const JOINT_SIGNALS: [&str; 15] = [
     "tau_d",
     "tau_ext",
     "contact_ratio",
+    "tau_residual",
     "q_c",
     "current_c",
     "following_error",
@@ -74,6 +75,7 @@ pub(super) fn append(row: &mut Vec<f32>, record: &SharedRecord, (joints, sensors
             commanded.tau_d,
             estimated.tau_ext,
             estimated.contact_ratio,
+            valid(&estimated.tau_encoder) - valid(&estimated.tau_whole_body),
             commanded.q_c,
             commanded.current_c,
             commanded.following_error,
@@ -125,6 +127,7 @@ mod tests {
         // tau_hat is not valid: the torque shown is the next best.
         assert_eq!((of(1, "tau"), of(1, "sigma")), (2.5, 0.5));
         assert!(of(0, "tau").is_nan() && of(1, "tau_whole_body").is_nan());
+        assert!(of(1, "tau_residual").is_nan());
         assert_eq!(row[row.len() - 4], 9.0);
     }
 }

@@ -11,7 +11,7 @@ document.documentElement.dataset.theme = theme;
 
 const page = {
   scene: null, store: null, charts: null, drawing: null, status: { connected: false, why: "connecting" }, events: [],
-  span: 10, end: null, playing: null, fps: 0, seen: new WeakMap(), dirty: true, error: "",
+  span: 10, end: null, playing: null, fps: 0, rest: 0, seen: new WeakMap(), dirty: true, error: "",
 };
 globalThis.page = page; // for tests, and for the curious
 
@@ -81,12 +81,14 @@ function chooseQuantity(name) {
 }
 
 function open(joint) {
+  const before = page.charts.full;
   page.charts.open(joint);
   const full = joint !== null;
   $("back").hidden = !full;
   $("series").hidden = $("quantity").parentElement.hidden = full;
   $("title").textContent = full ? page.scene.joints[joint].name : "All joints";
-  (full ? $("back") : $("quantity")).focus();
+  // Who came by the keyboard goes on from there.
+  (full ? $("back") : page.charts.charts[before].card).focus();
   watchCharts();
   page.dirty = true;
 }
@@ -95,7 +97,9 @@ function open(joint) {
 function goTo(end) {
   const { store } = page;
   page.playing = null;
-  page.end = end === null ? null : Math.min(Math.max(end, store.oldest + Math.min(page.span, store.newest - store.oldest)), store.newest);
+  // Of a running robot the window stays in what is kept; a recorded run is played from its first moment on.
+  const least = store.oldest + (page.scene.live ? Math.min(page.span, store.newest - store.oldest) : 0);
+  page.end = end === null ? null : Math.min(Math.max(end, least), store.newest);
   page.dirty = true;
 }
 
@@ -121,7 +125,6 @@ function advance(now) {
 let [pictures, counted] = [0, performance.now()];
 function picture(now) {
   requestAnimationFrame(picture);
-  pictures += 1;
   if (now - counted > 1000) {
     [page.fps, pictures, counted] = [Math.round((1000 * pictures) / (now - counted)), 0, now];
     page.dirty = true;
@@ -133,16 +136,23 @@ function picture(now) {
   advance(now);
   const cursor = page.charts.cursorTime();
   if (!page.dirty && cursor === page.cursor) return;
+  // A slow machine draws less often, and still takes every record.
+  if (now < page.rest) return;
   [page.dirty, page.cursor] = [false, cursor];
+  const begun = performance.now();
   draw(now);
+  pictures += 1;
+  page.rest = now + 1.5 * (performance.now() - begun);
 }
 
 let slow = 0;
 function draw(now) {
   const { store, scene, status } = page;
+  // What is shown in a pause becomes the oldest that is kept, and moves on with it.
+  if (scene.live && page.end !== null) page.end = Math.max(page.end, store.oldest + Math.min(page.span, store.newest - store.oldest));
   const end = page.end ?? store.newest;
-  const from = scene.live ? Math.max(end - page.span, store.oldest) : Math.max(end - page.span, 0);
-  const window = [end - page.span < from && scene.live ? end - page.span : from, end];
+  const width = scene.live ? page.span : Math.min(page.span, store.newest - store.oldest || page.span);
+  const window = [end - width, end];
   const isPast = page.end !== null || !scene.live;
   const remarks = isPast ? null : status.remarks;
   page.charts.draw(...window, remarks, (card) => page.seen.get(card) !== false);
@@ -224,7 +234,7 @@ function listen() {
     wish({ do: "move", targets: $("targets").value, speed: speed ? Number(speed.replace(",", ".")) : null }, "moving …");
   });
   addEventListener("keydown", key);
-  addEventListener("resize", () => { page.dirty = true; });
+  addEventListener("resize", () => { page.charts?.resize(); page.dirty = true; });
 }
 
 function key(event) {

@@ -53,7 +53,7 @@ function showFault(status, scene) {
 
 export function showRecords(store, status, page) {
   const lost = (status.records_lost ?? 0) + store.lost;
-  $("records").textContent = `${store.end.toLocaleString("en")} records, ${lost} lost · ${page.fps} pictures/s`;
+  $("records").textContent = `${store.end.toLocaleString("en")} records, ${lost} lost · ${page.fps} frames/s`;
 }
 
 /** Adds events to the list, the newest first. */

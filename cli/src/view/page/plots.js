@@ -12,6 +12,7 @@ export const SIGNALS = {
   tau_whole_body: { label: "F/T and IMU", colour: "--whole" },
   tau_current: { label: "motor current", colour: "--current" },
   tau_ext: { label: "external", colour: "--ext" },
+  tau_residual: { label: "encoders − F/T and IMU", colour: "--encoder" },
   contact_ratio: { label: "over contact threshold", colour: "--warn" },
   q: { label: "position", colour: "--tau", unit: (j) => (j.prismatic ? "mm" : "°"), scale: angle },
   q_c: { label: "commanded", colour: "--desired", dash: [5, 3], scale: angle },
@@ -34,7 +35,7 @@ export const QUANTITIES = {
 /** Charts of one joint in full. */
 const FULL = [
   { title: "Torque and its sources", signals: ["tau", "tau_d", "tau_encoder", "tau_whole_body", "tau_current"], band: true, limits: "torque" },
-  { title: "External torque", signals: ["tau_ext", "contact_ratio"], unit: (j) => (j.prismatic ? "N" : "N·m") },
+  { title: "External torque and residual", signals: ["tau_ext", "tau_residual"], unit: (j) => (j.prismatic ? "N" : "N·m") },
   { title: "Position", signals: ["q", "q_c"], limits: "position" },
   { title: "Velocity", signals: ["dq"] },
   { title: "Torsion", signals: ["torsion"] },
@@ -44,10 +45,12 @@ const FULL = [
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const sync = uPlot.sync("time");
 
+/** A number in the page's words; `-0.00` reads as 0. */
 export const number = (x, digits = 3) => {
   if (!Number.isFinite(x)) return "–";
   const whole = Math.max(1, Math.ceil(Math.log10(Math.abs(x) + 1e-9)));
-  return x.toFixed(Math.max(0, Math.min(3, digits - whole)));
+  const text = x.toFixed(Math.max(0, Math.min(3, digits - whole)));
+  return Number(text) === 0 ? text.replace("-", "") : text;
 };
 
 /** One chart with its heading. */
@@ -79,7 +82,15 @@ class Chart {
   }
 
   size() {
-    return { width: Math.max(120, this.card.clientWidth - 16), height: this.small ? 100 : 190 };
+    return { width: Math.max(120, this.card.clientWidth - 16), height: this.small ? this.smallHeight() : 190 };
+  }
+
+  /** Few joints have taller charts, so that the page is used. */
+  smallHeight() {
+    const grid = this.card.parentElement;
+    const columns = Math.max(1, getComputedStyle(grid).gridTemplateColumns.split(" ").length);
+    const rows = Math.ceil(grid.children.length / columns);
+    return Math.round(Math.min(220, Math.max(90, (innerHeight - 240) / rows - 62)));
   }
 
   empty() {
@@ -108,7 +119,7 @@ class Chart {
       }))],
       bands: this.sigma ? [{ series: [2, 1], fill: css("--band") }] : [],
       hooks: { draw: [(plot) => this.drawLimits(plot)] },
-      padding: [4, 4, this.small ? 4 : 0, 0],
+      padding: [8, 4, this.small ? 6 : 0, 0],
     };
   }
 
@@ -181,9 +192,10 @@ class Chart {
       this.use.style.background = css(use > 0.9 ? "--limit" : use > 0.7 ? "--warn" : "--tau");
     }
     if (this.small) {
-      this.remark.textContent = remark ?? "";
-      this.remark.title = remark ?? "";
-      this.card.classList.toggle("warn", Boolean(remark));
+      // A joint that is driven is no news.
+      const notable = (remark ?? "").split(", ").filter((word) => word !== "engaged").join(", ");
+      this.remark.textContent = this.remark.title = notable;
+      this.card.classList.toggle("warn", Boolean(notable));
     } else {
       this.keys.replaceChildren(...this.signals.map((name, k) => {
         const key = document.createElement("span");
@@ -218,7 +230,7 @@ export class Charts {
   resize() {
     for (const chart of this.charts) {
       const size = chart.size();
-      if (size.width !== chart.plot.width) chart.plot.setSize(size);
+      if (size.width !== chart.plot.width || size.height !== chart.plot.height) chart.plot.setSize(size);
     }
   }
 

@@ -6,6 +6,9 @@ import {
 } from "./vendor/three.min.js";
 import { css } from "./plots.js";
 
+/** Least time between two pictures where the processor draws them, ms: it has the charts to draw, and the robot to run. */
+const SLOW_PICTURES = 250;
+
 /** Length of a force's arrow, m/N, and the least force that is drawn, N. */
 const PER_NEWTON = 0.0012;
 const LEAST_FORCE = 2;
@@ -57,12 +60,19 @@ function arrow(material) {
   return group;
 }
 
+function isDrawnByProcessor(gl) {
+  const names = gl.getExtension("WEBGL_debug_renderer_info");
+  return /swiftshader|llvmpipe|software/i.test(gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+}
+
 export class Drawing {
   /** Throws if there is no WebGL. */
   constructor(element, scene) {
     this.scene3 = new Scene();
     this.renderer = new WebGLRenderer({ antialias: true, alpha: true });
-    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    this.interval = isDrawnByProcessor(this.renderer.getContext()) ? SLOW_PICTURES : 0;
+    this.next = 0;
+    this.renderer.setPixelRatio(this.interval ? 1 : Math.min(2, devicePixelRatio));
     const canvas = this.renderer.domElement;
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `${scene.robot} in its present pose, with contact forces`);
@@ -148,6 +158,9 @@ export class Drawing {
 
   /** Shows the row at a place in the store's columns. */
   show(store, place) {
+    const now = performance.now();
+    if (now < this.next) return;
+    this.next = now + this.interval;
     const { clientWidth: width, clientHeight: height } = this.element;
     if (width && (this.width !== width || this.height !== height)) {
       [this.width, this.height] = [width, height];
