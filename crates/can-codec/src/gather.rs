@@ -49,9 +49,10 @@ impl Gather {
     pub fn begin(&mut self) {
         self.remaining = 0;
         for (m, to_come) in self.to_come.iter_mut().enumerate() {
-            let late = match self.known[m] && !self.arrived[m] {
-                true => (*to_come).min(MOST_LATE),
-                false => 0,
+            let late = if self.known[m] && !self.arrived[m] {
+                (*to_come).min(MOST_LATE)
+            } else {
+                0
             };
             *to_come = if self.awaited[m] { 1 + late } else { 0 };
             self.arrived[m] = false;

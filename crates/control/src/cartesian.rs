@@ -169,9 +169,10 @@ pub fn pose_error(desired: &Se3, present: &Se3) -> Vector6<f64> {
     let turn = unit_quaternion(&between).scaled_axis();
     let angle = turn.norm();
     let quarter = core::f64::consts::FRAC_PI_2;
-    let share = match angle > quarter {
-        true => (2.0 * quarter - angle).max(0.0) / angle,
-        false => 1.0,
+    let share = if angle > quarter {
+        (2.0 * quarter - angle).max(0.0) / angle
+    } else {
+        1.0
     };
     six(linear, turn * share)
 }
@@ -201,18 +202,22 @@ fn turned(rotation: &Matrix3<f64>, x: &Vector6<f64>) -> Vector6<f64> {
 /// Share by which each part has to be scaled so that its length is at most `most`.
 fn within(x: &Vector6<f64>, most: [f64; 2]) -> [f64; 2] {
     let norms = parts(x).map(|part| part.norm());
-    core::array::from_fn(|k| match norms[k] > most[k] {
-        true => most[k] / norms[k],
-        false => 1.0,
+    core::array::from_fn(|k| {
+        if norms[k] > most[k] {
+            most[k] / norms[k]
+        } else {
+            1.0
+        }
     })
 }
 
 /// The part of a motion that leads along a way, and no further.
 fn ahead(motion: &Vector3<f64>, way: &Vector3<f64>) -> Vector3<f64> {
     let square = motion.norm_squared();
-    match square > 0.0 {
-        true => motion * (motion.dot(way) / square).clamp(0.0, 1.0),
-        false => Vector3::zeros(),
+    if square > 0.0 {
+        motion * (motion.dot(way) / square).clamp(0.0, 1.0)
+    } else {
+        Vector3::zeros()
     }
 }
 

@@ -193,9 +193,10 @@ fn least(loads: &[Load], of: impl Fn(Load) -> Margins) -> (Margins, [Load; 2]) {
 #[must_use]
 pub fn largest_stiffness(joint: &JointLoop, ratio: f64, needed: Margins) -> f64 {
     let (drive, gear) = (joint.law.drive_stiffness(), joint.law.gear.at(joint.torque));
-    let scale = match drive > 0.0 {
-        true => drive * gear / (drive + gear),
-        false => gear,
+    let scale = if drive > 0.0 {
+        drive * gear / (drive + gear)
+    } else {
+        gear
     };
     let keeps = |stiffness: f64| {
         let tried = JointLoop {
@@ -236,9 +237,10 @@ fn largest(least: f64, most: f64, passes: impl Fn(f64) -> bool) -> f64 {
     let (mut low, mut high) = (least, most);
     for _ in 0..6 {
         let middle = (low * high).sqrt();
-        match passes(middle) {
-            true => low = middle,
-            false => high = middle,
+        if passes(middle) {
+            low = middle
+        } else {
+            high = middle
         }
     }
     low

@@ -20,9 +20,10 @@ impl MotionLimits {
     /// The same with a lower velocity, rad/s; 0: the same.
     #[must_use]
     pub fn no_faster(self, velocity: f64) -> Self {
-        let velocity = match velocity > 0.0 {
-            true => velocity.min(self.velocity),
-            false => self.velocity,
+        let velocity = if velocity > 0.0 {
+            velocity.min(self.velocity)
+        } else {
+            self.velocity
         };
         Self { velocity, ..self }
     }
@@ -306,9 +307,10 @@ impl Plan {
         (self.duration, self.longest) = (0.0, 0.0);
         let complete = self.ways.len() == self.trajectories.len();
         let possible = complete && self.ways.iter().all(Way::is_finite);
-        self.progress = match possible {
-            true => Progress::Going,
-            false => Progress::None,
+        self.progress = if possible {
+            Progress::Going
+        } else {
+            Progress::None
         };
         possible
     }
@@ -422,12 +424,13 @@ fn calculate(
 /// A joint at a time since its motion's begin, s; from its end on at its target, without the rounding
 /// that is left of velocity and acceleration.
 fn state_at(trajectory: &Trajectory<1>, target: f64, duration: f64, time: f64) -> PlannedMotion {
-    match time >= duration {
-        true => PlannedMotion {
+    if time >= duration {
+        PlannedMotion {
             q: target,
             ..PlannedMotion::default()
-        },
-        false => at(trajectory, time),
+        }
+    } else {
+        at(trajectory, time)
     }
 }
 

@@ -368,9 +368,10 @@ impl PredictiveLaw {
             Some(_) => (q_d - last_q) / self.parameters.sample_period,
             None => dq_d,
         };
-        let agreed = match made * dq_d > 0.0 {
-            true => made.abs().min(dq_d.abs()).copysign(dq_d),
-            false => 0.0,
+        let agreed = if made * dq_d > 0.0 {
+            made.abs().min(dq_d.abs()).copysign(dq_d)
+        } else {
+            0.0
         };
         let next = last + self.desired_share * (share * agreed - last);
         self.slow_velocity += next - last;

@@ -278,9 +278,10 @@ impl BufferedTrajectory {
         };
         let mut joints = self.limits.iter().zip(from.joints.iter().zip(&to.joints));
         let time = spacing as f64 * 1e-9;
-        match joints.all(|(limits, (a, b))| limits.can_connect(&planned(a), &planned(b), time)) {
-            true => Ok(()),
-            false => Err(piece_refusal::LIMIT),
+        if joints.all(|(limits, (a, b))| limits.can_connect(&planned(a), &planned(b), time)) {
+            Ok(())
+        } else {
+            Err(piece_refusal::LIMIT)
         }
     }
 
@@ -327,9 +328,10 @@ impl BufferedTrajectory {
         evaluate(times, points, kept - 1, begin, joined);
         let joints = self.joined.iter().zip(first.iter().flat_map(|p| &p.joints));
         let mut joints = joints.zip(&self.limits);
-        match joints.all(|((old, new), limits)| limits.join(old, &planned(new), time)) {
-            true => Ok(()),
-            false => Err(piece_refusal::APART),
+        if joints.all(|((old, new), limits)| limits.join(old, &planned(new), time)) {
+            Ok(())
+        } else {
+            Err(piece_refusal::APART)
         }
     }
 
@@ -371,13 +373,12 @@ impl BufferedTrajectory {
         }
         self.ended = self.ended.wrapping_add(1);
         self.stop.start(self.now.iter().copied());
-        match self.stop.stop(self.limits.iter().map(|limits| limits.stop)) {
-            true => {
-                self.progress = Progress::Stopping;
-                self.go_on_stopping(since);
-            }
+        if self.stop.stop(self.limits.iter().map(|limits| limits.stop)) {
+            self.progress = Progress::Stopping;
+            self.go_on_stopping(since);
+        } else {
             // Of finite numbers there always is such a motion.
-            false => self.rest(),
+            self.rest()
         }
     }
 
@@ -424,9 +425,10 @@ fn evaluate(
         *out = match (a, b, next) {
             (Some(a), Some(b), Some(to)) if instant > from => {
                 let (h, way) = ((to - from) as f64 * 1e-9, (instant - from) as f64 * 1e-9);
-                match instant < to {
-                    true => interpolate(a, b, h, way / h),
-                    false => *b,
+                if instant < to {
+                    interpolate(a, b, h, way / h)
+                } else {
+                    *b
                 }
             }
             (Some(a), ..) => *a,

@@ -243,9 +243,10 @@ impl Estimate {
             joint.tau_encoder = if sample.flags & measured_flags::NEVER != 0 {
                 TorqueEstimate::default()
             } else {
-                let off = match self.power.shows_torque(index) {
-                    true => 0,
-                    false => DRIVE_OFF,
+                let off = if self.power.shows_torque(index) {
+                    0
+                } else {
+                    DRIVE_OFF
                 };
                 let torque = estimator.update(&JointSample {
                     flags: sample.flags | off,

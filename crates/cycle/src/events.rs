@@ -123,9 +123,10 @@ impl Counts {
 
     /// A condition that lasts: counted in the cycle in which it begins, and reacted to in each.
     pub(crate) fn lasting(&mut self, event: Event, subject: Subject, begins: bool) {
-        match begins {
-            true => self.add_of(event, subject),
-            false => self.raise(event, Some(subject)),
+        if begins {
+            self.add_of(event, subject)
+        } else {
+            self.raise(event, Some(subject))
         }
     }
 

@@ -163,9 +163,10 @@ impl Measure {
             front_ends: (parameters.joints.iter())
                 .map(|joint| {
                     let window = joint.calibration.as_ref().map(JointFile::velocity_window);
-                    match joint.has_link_encoder {
-                        true => FrontEnd::new(joint.encoders, window),
-                        false => Ok(FrontEnd::of_motor(joint.encoders)),
+                    if joint.has_link_encoder {
+                        FrontEnd::new(joint.encoders, window)
+                    } else {
+                        Ok(FrontEnd::of_motor(joint.encoders))
                     }
                 })
                 .collect::<Result<_, _>>()?,
@@ -380,9 +381,12 @@ impl Measure {
         let n = self.joints.len();
         for (j, measured) in joints.iter_mut().enumerate().take(n) {
             let reading = (self.reception).reading(&mut self.joints[j], at, counts);
-            let slot = |slot: usize| match reading.usable {
-                true => self.reception.slot(slot),
-                false => f64::NAN,
+            let slot = |slot: usize| {
+                if reading.usable {
+                    self.reception.slot(slot)
+                } else {
+                    f64::NAN
+                }
             };
             let sample = self.front_ends[j].update(
                 slot(slots::motor_angle(j)),

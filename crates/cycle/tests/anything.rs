@@ -93,9 +93,10 @@ fn move_inside(bench: &mut Bench) {
     let parameters = &bench.robot.parameters.joints[joint];
     let (limits, inside_by) = (parameters.limits, parameters.kind.threshold(0.02));
     let q = |bench: &Bench| bench.plant.truth().joints[joint].q;
-    let inwards = match q(bench) < limits.position_min {
-        true => 1.0,
-        false => -1.0,
+    let inwards = if q(bench) < limits.position_min {
+        1.0
+    } else {
+        -1.0
     };
     let allowed = limits.position_min + inside_by..limits.position_max - inside_by;
     let by_position = matches!(parameters.actuation, Actuation::Position { .. });
@@ -103,9 +104,10 @@ fn move_inside(bench: &mut Bench) {
     let step = inwards * parameters.kind.threshold(0.002);
     for percent in 0..100 {
         let robot = bench.plant.robot_mut();
-        match holds_itself {
-            true => robot.command(joint, robot.set_point(joint) + step),
-            false => robot.set_load(joint, inwards * limits.torque * f64::from(percent) / 100.0),
+        if holds_itself {
+            robot.command(joint, robot.set_point(joint) + step)
+        } else {
+            robot.set_load(joint, inwards * limits.torque * f64::from(percent) / 100.0)
         }
         bench.run(20);
         if allowed.contains(&q(bench)) {
@@ -160,14 +162,16 @@ impl Life {
             if !path.ends_with("robot.toml") {
                 return Ok(text);
             }
-            let text = match automatic {
-                true => text,
-                false => text.replace("enable = \"automatic\"", "enable = \"operator\""),
+            let text = if automatic {
+                text
+            } else {
+                text.replace("enable = \"automatic\"", "enable = \"operator\"")
             };
             let lines = text.split_inclusive('\n');
-            Ok(match with_states {
-                true => text,
-                false => lines.filter(|l| !l.starts_with("control = {")).collect(),
+            Ok(if with_states {
+                text
+            } else {
+                lines.filter(|l| !l.starts_with("control = {")).collect()
             })
         };
         let mut bench = Bench::reading(robot, &read);

@@ -103,9 +103,10 @@ fn the_loop_estimates_as_an_evaluation_of_its_log_does() {
         for _ in 0..1200 {
             // While the drive is off, and half a second longer, the loop says so.
             let state = bench.cycle.record().commanded.joints[0].drive_state;
-            off = match state == DriveState::Enabled.number() {
-                true => off.saturating_sub(1),
-                false => 500,
+            off = if state == DriveState::Enabled.number() {
+                off.saturating_sub(1)
+            } else {
+                500
             };
             bench.run(1);
             let record = bench.cycle.record();

@@ -18,9 +18,10 @@ const KNEE: usize = 3;
 fn leg(more: &str) -> Bench {
     Bench::reading("leg", &|path| {
         let text = read(path)?;
-        Ok(match path.ends_with("leg/sim.toml") {
-            true => format!("{text}\n{more}"),
-            false => text,
+        Ok(if path.ends_with("leg/sim.toml") {
+            format!("{text}\n{more}")
+        } else {
+            text
         })
     })
 }

@@ -10,9 +10,10 @@ use test_support::Random;
 fn leg(delay: &str) -> Bench {
     Bench::reading("leg", &|path| {
         let text = read(path)?;
-        Ok(match path.ends_with("leg/sim.toml") {
-            true => format!("{text}\n[transport]\n{delay}\n"),
-            false => text,
+        Ok(if path.ends_with("leg/sim.toml") {
+            format!("{text}\n[transport]\n{delay}\n")
+        } else {
+            text
         })
     })
 }
@@ -124,15 +125,13 @@ fn family(seeds: std::ops::Range<u64>) -> (usize, usize) {
         let motion = (between(0.0, 0.05), between(0.5, 15.0));
         let robot = Bench::reading("leg", &|path| {
             let text = read(path)?;
-            Ok(match path.ends_with("leg/sim.toml") {
-                true => {
-                    let text = text.replace("seed = 1\n", &format!("seed = {seed}\n"));
-                    let scale =
-                        |text: String, (key, factor): &(&str, f64)| scaled(&text, key, *factor);
-                    let text = factors.iter().fold(text, scale);
-                    format!("{text}\n[transport]\ndelay_us = {}\n", 1e3 * delay)
-                }
-                false => text,
+            Ok(if path.ends_with("leg/sim.toml") {
+                let text = text.replace("seed = 1\n", &format!("seed = {seed}\n"));
+                let scale = |text: String, (key, factor): &(&str, f64)| scaled(&text, key, *factor);
+                let text = factors.iter().fold(text, scale);
+                format!("{text}\n[transport]\ndelay_us = {}\n", 1e3 * delay)
+            } else {
+                text
             })
         });
         let Some(bench) = moved(robot, motion, [12.0, 12.0]) else {

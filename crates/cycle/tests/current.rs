@@ -194,9 +194,10 @@ fn a_client_that_ends_in_motion_leaves_no_step_of_torque() {
     for k in 0..1500 {
         reference.sequence += 1;
         ramp(&mut reference);
-        match k < 1000 {
-            true => bench.step(&client_input(&reference)),
-            false => bench.step(&ClientInput::default()),
+        if k < 1000 {
+            bench.step(&client_input(&reference))
+        } else {
+            bench.step(&ClientInput::default())
         };
         let moves = bench.plant.truth().joints[0].dq > 0.25;
         assert!(k != 999 || moves, "it moves until the client ends");

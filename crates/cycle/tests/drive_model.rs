@@ -10,9 +10,10 @@ use robot_state::{Event, Mode};
 fn events(factor: f64) -> u64 {
     let mut bench = Bench::reading("leg", &|path| {
         let text = read(path)?;
-        Ok(match path.ends_with("leg/sim.toml") {
-            true => text.lines().map(|line| stiffer(line, factor)).collect(),
-            false => text,
+        Ok(if path.ends_with("leg/sim.toml") {
+            text.lines().map(|line| stiffer(line, factor)).collect()
+        } else {
+            text
         })
     });
     let mut reference = bench.follow();

@@ -17,14 +17,15 @@ fn bench(robot: &str, changes: &[(&str, &str)]) -> Bench {
     let of_robot = format!("config/{robot}/robot.toml");
     Bench::reading(robot, &|path| {
         let text = common::read(path)?;
-        Ok(match path.ends_with(&of_robot) {
-            true => (changes.iter())
+        Ok(if path.ends_with(&of_robot) {
+            (changes.iter())
                 .chain(&[("enable = \"automatic\"", "enable = \"operator\"")])
                 .fold(text, |text, (from, to)| {
                     assert!(text.contains(from), "{from}");
                     text.replace(from, to)
-                }),
-            false => text,
+                })
+        } else {
+            text
         })
     })
 }
@@ -228,9 +229,10 @@ fn a_drive_that_refuses_or_is_too_slow_switches_all_off_again() {
         let mut bench = bench("leg", &[]);
         let mut motion = Motion::of(&bench);
         run(&mut bench, &mut motion, 300);
-        match slow {
-            true => states(&mut bench, KNEE).set_step_time(0.7),
-            false => states(&mut bench, KNEE).set_refuses(true),
+        if slow {
+            states(&mut bench, KNEE).set_step_time(0.7)
+        } else {
+            states(&mut bench, KNEE).set_refuses(true)
         }
         bench.ask(OperatorRequest::Enable);
         run(&mut bench, &mut motion, 1000);
@@ -302,9 +304,10 @@ fn a_drive_that_hears_nothing_faults_by_itself() {
         let fault = Event::from_number(bench.cycle.record().fault).unwrap();
         assert_eq!(
             fault,
-            match cut_answers {
-                true => Event::JointStale,
-                false => Event::DriveFault,
+            if cut_answers {
+                Event::JointStale
+            } else {
+                Event::DriveFault
             }
         );
         run(&mut bench, &mut motion, 300);

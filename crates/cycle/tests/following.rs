@@ -175,9 +175,10 @@ fn a_current_drive_that_falls_silent_is_sent_no_current_until_it_is_off() {
         }
         assert_eq!(bench.cycle.record().fault, Event::JointStale.number());
         assert!(sent.len() > 50);
-        match zero {
-            true => assert!(sent.iter().all(|current| *current == 0.0), "{sent:?}"),
-            false => assert!(sent.iter().all(|current| current.is_nan()), "{sent:?}"),
+        if zero {
+            assert!(sent.iter().all(|current| *current == 0.0), "{sent:?}")
+        } else {
+            assert!(sent.iter().all(|current| current.is_nan()), "{sent:?}")
         }
         // Back again and off: nothing is sent any more.
         bench.run(300);

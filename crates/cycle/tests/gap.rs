@@ -30,9 +30,10 @@ impl Moving {
         let reseeded = |path: &str| {
             let text = read(path)?;
             let seed = format!("seed = {seed}");
-            Ok(match path.ends_with("sim.toml") {
-                true => text.replacen("seed = 1", &seed, 1),
-                false => text,
+            Ok(if path.ends_with("sim.toml") {
+                text.replacen("seed = 1", &seed, 1)
+            } else {
+                text
             })
         };
         let mut bench = Bench::reading(robot, &reseeded);

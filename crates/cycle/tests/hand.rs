@@ -19,9 +19,10 @@ fn humanoid(start: &str, more: &str) -> Bench {
         if path.ends_with("humanoid/robot.toml") {
             return Ok(text.replacen("[[ft_sensor]]", HAND, 1));
         }
-        Ok(match path.ends_with("humanoid/sim.toml") {
-            true => format!("{}\n{more}", text.replacen("on_ground = true", start, 1)),
-            false => text,
+        Ok(if path.ends_with("humanoid/sim.toml") {
+            format!("{}\n{more}", text.replacen("on_ground = true", start, 1))
+        } else {
+            text
         })
     })
 }

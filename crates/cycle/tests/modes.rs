@@ -219,9 +219,10 @@ fn a_joint_that_bears_is_not_let_go() {
     let pressed = "\n[[push]]\nlink = \"foot\"\nstart_s = 0.0\nduration_s = 3.0\nforce_N = [60.0, 0.0, 150.0]\n";
     let bench = Bench::reading("leg", &|path| {
         let text = read(path)?;
-        Ok(match path.ends_with("sim.toml") {
-            true => format!("{text}{pressed}"),
-            false => text,
+        Ok(if path.ends_with("sim.toml") {
+            format!("{text}{pressed}")
+        } else {
+            text
         })
     });
     let (mut bench, mut reference) = following(bench, Mode::InverseDynamics, 0);
@@ -329,12 +330,13 @@ fn learned(path: &str) -> std::io::Result<String> {
         return Ok(feed_forward("joint", 4.0));
     }
     let text = read(path)?;
-    Ok(match path.ends_with("test-joint/robot.toml") {
-        true => text.replace(
+    Ok(if path.ends_with("test-joint/robot.toml") {
+        text.replace(
             "torque_limit_Nm = 37.0",
             "torque_limit_Nm = 37.0\nfeed_forward = \"learned.toml\"",
-        ),
-        false => text,
+        )
+    } else {
+        text
     })
 }
 
@@ -417,13 +419,19 @@ fn feed_forwards_of_others_are_refused() {
             "{text}"
         );
     };
-    let of_another = |path: &str| match path.ends_with("learned.toml") {
-        true => Ok(feed_forward("knee", 1.0)),
-        false => learned(path),
+    let of_another = |path: &str| {
+        if path.ends_with("learned.toml") {
+            Ok(feed_forward("knee", 1.0))
+        } else {
+            learned(path)
+        }
     };
-    let missing = |path: &str| match path.ends_with("learned.toml") {
-        true => Err(std::io::ErrorKind::NotFound.into()),
-        false => learned(path),
+    let missing = |path: &str| {
+        if path.ends_with("learned.toml") {
+            Err(std::io::ErrorKind::NotFound.into())
+        } else {
+            learned(path)
+        }
     };
     refused(&of_another, "inverse dynamics of knee");
     refused(&missing, "learned.toml");

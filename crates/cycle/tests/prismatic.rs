@@ -37,14 +37,15 @@ fn scaled(text: &str, table: &str, key: &str, factor: f64) -> String {
 /// A screw of another lead with the motor that makes the same force of the same current: what acts on the
 /// joint stays as it is.
 fn with_lead(path: &str, text: &str, drive: &str, share: f64) -> String {
-    let of_motor: &[(&str, i32)] = match path.ends_with("sim.toml") {
-        true => &[
+    let of_motor: &[(&str, i32)] = if path.ends_with("sim.toml") {
+        &[
             ("coulomb_Nm", 1),
             ("viscous_Nms_per_rad", 2),
             ("presliding_rad", -1),
             ("stribeck_rad_per_s", -1),
-        ],
-        false => &[
+        ]
+    } else {
+        &[
             ("lead_mm_per_turn", 1),
             ("torque_constant_Nm_per_A", 1),
             ("rotor_inertia_kg_m2", 2),
@@ -53,7 +54,7 @@ fn with_lead(path: &str, text: &str, drive: &str, share: f64) -> String {
             ("coulomb_Nm", 1),
             ("viscous_Nms_per_rad", 2),
             ("epsilon_rad_per_s", -1),
-        ],
+        ]
     };
     let table = format!("drive.{drive}");
     of_motor.iter().fold(text.to_owned(), |text, (key, power)| {
@@ -114,9 +115,10 @@ fn random_robot_with(seed: u64, change: impl Fn(String) -> String) -> Bench {
         }
         let text = with_lead(path, &text, "lift", leads[0]);
         let text = with_lead(path, &text, "finger", leads[1]);
-        Ok(match path.ends_with("sim.toml") {
-            true => change(text),
-            false => text,
+        Ok(if path.ends_with("sim.toml") {
+            change(text)
+        } else {
+            text
         })
     };
     Bench::reading(ROBOT, &files)

@@ -20,9 +20,10 @@ fn misled(mut bench: Bench, mode: Mode, change: Change) -> (Bench, Motion) {
     let carried = bench.cycle.record().estimated.joints;
     let by_sensors = bench.robot.parameters.torque_law.uses_sensors();
     for (joint, torques) in reference.joints.iter_mut().zip(carried) {
-        joint.tau_d = match by_sensors {
-            true => torques.tau_whole_body.tau,
-            false => torques.tau_encoder.tau,
+        joint.tau_d = if by_sensors {
+            torques.tau_whole_body.tau
+        } else {
+            torques.tau_encoder.tau
         };
     }
     for k in 0..450 {
@@ -316,9 +317,10 @@ fn a_client_is_lost_in_the_first_cycle_in_which_its_reference_is_too_old() {
         let key = format!("reference_timeout_ms = {timeout_ms}");
         let read = |path: &str| {
             let text = common::read(path)?;
-            Ok(match path.ends_with("config/leg/robot.toml") {
-                true => text.replace("reference_timeout_ms = 40.0", &key),
-                false => text,
+            Ok(if path.ends_with("config/leg/robot.toml") {
+                text.replace("reference_timeout_ms = 40.0", &key)
+            } else {
+                text
             })
         };
         let mut bench = Bench::reading("leg", &read);

@@ -198,12 +198,13 @@ fn a_link_encoder_that_drifts_moves_nothing() {
 fn outside_its_limits_a_robot_is_not_enabled() {
     let read = |path: &str| {
         let text = common::read(path)?;
-        Ok(match path.ends_with("config/leg/robot.toml") {
-            true => text.replace(
+        Ok(if path.ends_with("config/leg/robot.toml") {
+            text.replace(
                 "name = \"knee\"\nbus",
                 "name = \"knee\"\nposition_min_deg = 80\nbus",
-            ),
-            false => text,
+            )
+        } else {
+            text
         })
     };
     let mut bench = Bench::reading("leg", &read);

@@ -16,9 +16,10 @@ fn bench(robot: &str, feedback: &str) -> Bench {
     Bench::reading(robot, &|path| {
         let text = read(path)?;
         let wanted = format!("torque_feedback = \"{feedback}\"");
-        Ok(match path == of_robot {
-            true => text.replace("torque_feedback = \"whole_body\"", &wanted),
-            false => text,
+        Ok(if path == of_robot {
+            text.replace("torque_feedback = \"whole_body\"", &wanted)
+        } else {
+            text
         })
     })
 }

@@ -53,9 +53,10 @@ impl Data {
             instructions: Instructions::detect(),
             rnea: vec![RneaRow::default(); rows],
             crba: vec![CrbaRow::ROOT; rows],
-            in_order: match model.schedule.in_order {
-                true => InOrder::new(&model.bodies, &model.schedule),
-                false => InOrder::default(),
+            in_order: if model.schedule.in_order {
+                InOrder::new(&model.bodies, &model.schedule)
+            } else {
+                InOrder::default()
             },
             in_parent: vec![Se3::identity(); n],
             in_world: vec![Se3::identity(); n],
@@ -68,9 +69,10 @@ impl Data {
             ddq: vec![0.0; nv + 1],
             mass_matrix: DMatrix::zeros(nv, nv),
             factor: DMatrix::zeros(nv, nv),
-            columns: match model.has_mimic() || model.schedule.in_order {
-                true => vec![Pack::ZERO; nv * packs(nv)],
-                false => Vec::new(),
+            columns: if model.has_mimic() || model.schedule.in_order {
+                vec![Pack::ZERO; nv * packs(nv)]
+            } else {
+                Vec::new()
             },
             inverse_pivots: vec![0.0; nv],
             zeros: vec![0.0; model.nq()],

@@ -206,9 +206,10 @@ impl Correction {
         let change = (difference - self.difference).abs();
         if !starting {
             self.apart |= change > jumped * sigma;
-            self.back = match change < back * sigma {
-                true => self.back + period,
-                false => 0.0,
+            self.back = if change < back * sigma {
+                self.back + period
+            } else {
+                0.0
             };
             self.apart &= self.back < BACK_S;
         }

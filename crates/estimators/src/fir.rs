@@ -29,11 +29,12 @@ pub(crate) fn check_shape(window: usize, least: usize, derivatives: usize) -> Re
 
 /// Refuses a time between samples that is not above zero.
 pub(crate) fn check_period(sample_period: f64) -> Result<(), Problem> {
-    match Allowed::Positive.admits(sample_period) {
-        true => Ok(()),
-        false => Err(Problem::new(
+    if Allowed::Positive.admits(sample_period) {
+        Ok(())
+    } else {
+        Err(Problem::new(
             format!("sample period {sample_period} s"),
             Allowed::Positive.to_string(),
-        )),
+        ))
     }
 }

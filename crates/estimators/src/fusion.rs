@@ -178,9 +178,10 @@ impl Fusion {
         // proportion to their errors.
         let p = &self.parameters;
         let known = [p.reference, p.independent, self.model()];
-        let share = match known.contains(&Some(source)) {
-            true => 1.0,
-            false => variance / reported.max(1e-18),
+        let share = if known.contains(&Some(source)) {
+            1.0
+        } else {
+            variance / reported.max(1e-18)
         };
         // Two sources without any error are as good as each other.
         variance.max(1e-18) + share * excess
@@ -277,13 +278,15 @@ impl Fusion {
         let step = period / (DISAGREEMENT_TIME_S + period);
         self.disagreement += step * (chi.min(100.0) - self.disagreement);
         let [begins, ends] = APART;
-        self.apart_s = match self.disagreement > begins {
-            true => self.apart_s + period,
-            false => 0.0,
+        self.apart_s = if self.disagreement > begins {
+            self.apart_s + period
+        } else {
+            0.0
         };
-        self.disagrees = match self.disagrees {
-            true => self.disagreement > ends,
-            false => self.apart_s > LASTS_S,
+        self.disagrees = if self.disagrees {
+            self.disagreement > ends
+        } else {
+            self.apart_s > LASTS_S
         };
     }
 
@@ -342,9 +345,10 @@ impl Fusion {
         }
         self.follow(sample.theta);
         // An unknown zero of the torsion follows the current, and is known after a tare.
-        let factor = match self.parameters.zero_unknown && !self.tared {
-            true => 1.0,
-            false => self.parameters.rest_factor,
+        let factor = if self.parameters.zero_unknown && !self.tared {
+            1.0
+        } else {
+            self.parameters.rest_factor
         };
         let hidden = 1.0 + (factor - 1.0) * (1.0 - self.motion);
         let independent = self.parameters.independent;

@@ -127,9 +127,10 @@ impl Gear {
         }
         let weight = period / (SHOWN_TIME_S + period);
         let gain = weight * (all / (weight * all + others)).min(1.0);
-        let left = match all > LEAST_SHOWN * LEAST_SHOWN * others {
-            true => 1.0 - gain,
-            false => 1.0,
+        let left = if all > LEAST_SHOWN * LEAST_SHOWN * others {
+            1.0 - gain
+        } else {
+            1.0
         };
         let parts = variances.map(|variance| gain * error * variance / all);
         self.slipping.learn(parts[0], left) - self.bearing.learn(-parts[1], left)

@@ -56,15 +56,14 @@ impl JointFile {
             .compliance
             .as_ref()
             .ok_or_else(|| needs("compliance"))?;
-        let (gear, tracking) = match table.hysteresis {
-            true => {
-                let table = self
-                    .hysteresis
-                    .as_ref()
-                    .ok_or_else(|| needs("hysteresis"))?;
-                (Some(table.clone().into()), table.tracking())
-            }
-            false => (None, TrackingParameters::default()),
+        let (gear, tracking) = if table.hysteresis {
+            let table = self
+                .hysteresis
+                .as_ref()
+                .ok_or_else(|| needs("hysteresis"))?;
+            (Some(table.clone().into()), table.tracking())
+        } else {
+            (None, TrackingParameters::default())
         };
         let joint = self.estimator_parameters(compliance);
         Ok(KalmanParameters {
@@ -87,11 +86,10 @@ impl JointFile {
         let kalman = |table: &Option<KalmanTable>, transform, added: bool| {
             let Some(table) = table else { return Ok(None) };
             let p = self.kalman_parameters(table)?;
-            Ok(Some(match added {
-                true => {
-                    Box::new(KalmanEstimator::<ADDED_STATES>::new(p, transform)) as AnyEstimator
-                }
-                false => Box::new(KalmanEstimator::<STATES>::new(p, transform)),
+            Ok(Some(if added {
+                Box::new(KalmanEstimator::<ADDED_STATES>::new(p, transform)) as AnyEstimator
+            } else {
+                Box::new(KalmanEstimator::<STATES>::new(p, transform))
             }))
         };
         Ok(match name {

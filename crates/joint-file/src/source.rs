@@ -51,9 +51,10 @@ impl Source<'_> {
 
     /// Refuses a number that is not allowed.
     pub(crate) fn require(self, key: &str, value: f64, allowed: Allowed) -> Result<(), Problem> {
-        match allowed.admits(value) {
-            true => Ok(()),
-            false => Err(self.refusal(key, format!("{key} = {value}"), allowed.to_string())),
+        if allowed.admits(value) {
+            Ok(())
+        } else {
+            Err(self.refusal(key, format!("{key} = {value}"), allowed.to_string()))
         }
     }
 

@@ -297,9 +297,10 @@ impl Electronics {
         Self {
             // The configuration was checked: the matrix is invertible.
             sheet: (calibration.try_inverse()).unwrap_or_else(Matrix6::identity),
-            unloaded: match ignores_offset {
-                true => Vector6::zeros(),
-                false => ft.conditioning.offset.into(),
+            unloaded: if ignores_offset {
+                Vector6::zeros()
+            } else {
+                ft.conditioning.offset.into()
             },
         }
     }

@@ -113,9 +113,10 @@ impl DriveStates {
             return closed;
         }
         p.brake
-            && match self.is_enabled() {
-                true => self.since_change < p.brake_release,
-                false => self.since_change >= p.brake_engage,
+            && if self.is_enabled() {
+                self.since_change < p.brake_release
+            } else {
+                self.since_change >= p.brake_engage
             }
     }
 

@@ -287,9 +287,10 @@ impl Joint {
 
     fn run_current_loop(&mut self, dt: f64) {
         // The drive regulates the reading of its sensor.
-        let desired = match self.is_on() {
-            true => (self.controller.current() - self.current_offset) / self.current_gain,
-            false => 0.0,
+        let desired = if self.is_on() {
+            (self.controller.current() - self.current_offset) / self.current_gain
+        } else {
+            0.0
         };
         let lag = self.parameters.controller.current_loop;
         self.current += (desired - self.current) * dt / (dt + lag);
@@ -304,9 +305,10 @@ impl Joint {
         let limit = 2.0 * self.sheet.torque_constant * self.parameters.controller.current_limit;
         let slope = limit / 1e-3;
         let needed = self.sheet.rotor_inertia * self.omega / dt + others;
-        match needed.abs() < limit {
-            true => (slope * self.omega, slope),
-            false => (limit.copysign(needed), 0.0),
+        if needed.abs() < limit {
+            (slope * self.omega, slope)
+        } else {
+            (limit.copysign(needed), 0.0)
         }
     }
 

@@ -339,14 +339,16 @@ fn build_joints(
             return Err(Problem::new(what, allowed));
         }
         let random = Random::new(sim.seed, 100 + i as u64);
-        let past = match sim.start.gear_past {
-            true => Random::new(sim.seed, PASTS + i as u64).symmetric(),
-            false => 0.0,
+        let past = if sim.start.gear_past {
+            Random::new(sim.seed, PASTS + i as u64).symmetric()
+        } else {
+            0.0
         };
         let made = Joint::new(&joint.sheet, drive, random).with_gear_past(past);
-        joints[dof] = Some(match joint.states {
-            true => made.with_states(),
-            false => made,
+        joints[dof] = Some(if joint.states {
+            made.with_states()
+        } else {
+            made
         });
         order.push(dof);
     }
@@ -400,9 +402,10 @@ fn place(state: &mut State, tree: &Tree, sim: &SimParameters) -> Result<(), Prob
             let dof = tree.driven_names().iter().position(|n| n == name);
             let dof = dof.ok_or_else(|| no_joint(&place))?;
             if tree.slides()[dof] != slides {
-                let (is, other) = match slides {
-                    true => ("revolute", "joints_deg"),
-                    false => ("prismatic", "joints_mm"),
+                let (is, other) = if slides {
+                    ("revolute", "joints_deg")
+                } else {
+                    ("prismatic", "joints_mm")
                 };
                 let what = format!("{place}: the joint is {is}");
                 return Err(Problem::new(what, format!("start.{other}.{name}")));

@@ -72,9 +72,10 @@ impl FtSensor {
         let warmer = self.temperature(time) - p.neutral_temperature;
         let mut reading = self.mixing * wrench + bias;
         for (i, x) in reading.iter_mut().enumerate() {
-            let (noise, warmth) = match i < 3 {
-                true => (p.noise_force, p.warmth_force),
-                false => (p.noise_torque, p.warmth_torque),
+            let (noise, warmth) = if i < 3 {
+                (p.noise_force, p.warmth_force)
+            } else {
+                (p.noise_torque, p.warmth_torque)
             };
             *x += warmth * warmer + noise * self.random.normal();
         }

@@ -174,9 +174,10 @@ impl Following {
             p.doubt + p.doubt_per_lead * shown.lead.abs() + p.per_velocity * velocity.abs();
         let doubt = self.error.abs() / explained;
         let doubtful_before = self.doubtful;
-        self.doubtful = match shown.followed && doubt > 1.0 {
-            true => self.doubtful + (doubt * doubt).min(p.doubt_counts),
-            false => 0.0,
+        self.doubtful = if shown.followed && doubt > 1.0 {
+            self.doubtful + (doubt * doubt).min(p.doubt_counts)
+        } else {
+            0.0
         };
         let doubt_samples = f64::from(p.doubt_samples);
         if lasts(0) {

@@ -180,9 +180,10 @@ impl Limiter {
     pub fn start(&mut self, motion: &Motion, torque: f64) -> f64 {
         self.yielded = 0.0;
         let limit = self.limits.torque;
-        let torque = match torque.is_finite() {
-            true => torque.clamp(-limit, limit),
-            false => 0.0,
+        let torque = if torque.is_finite() {
+            torque.clamp(-limit, limit)
+        } else {
+            0.0
         };
         (self.last, self.last_torque) = match self.actuation {
             Actuation::Position {
@@ -283,9 +284,10 @@ impl Limiter {
         let side = if self.kept_back > 0.0 { 1 } else { -1 };
         self.keeps_back = side * ((side * self.keeps_back).max(0) + 1).min(RATE_NOTABLE_CYCLES);
         let much = RATE_NOTABLE_SHARE * self.limits.torque;
-        match self.kept_back.abs() > much || self.keeps_back.abs() >= RATE_NOTABLE_CYCLES {
-            true => 0,
-            false => command_flags::RATE_TRIMMED,
+        if self.kept_back.abs() > much || self.keeps_back.abs() >= RATE_NOTABLE_CYCLES {
+            0
+        } else {
+            command_flags::RATE_TRIMMED
         }
     }
 
@@ -391,9 +393,10 @@ impl Limiter {
         self.resuming = self.resuming.saturating_sub(1);
         if resumes {
             // The drive's motion by the last command may end.
-            let allowed = match self.controlled {
-                true => RESUMING_CONTROLLED * torque,
-                false => RESUMING_SHARE * change,
+            let allowed = if self.controlled {
+                RESUMING_CONTROLLED * torque
+            } else {
+                RESUMING_SHARE * change
             };
             let (kept, change) = (made(self.last), allowed);
             (low, high) = (kept.min(0.0) - change, kept.max(0.0) + change);
@@ -483,9 +486,10 @@ impl Limiter {
         let within = tau.min(most).max(least);
         if within != tau {
             let bound = if within < tau { up } else { down };
-            flags |= match bound < velocity {
-                true => command_flags::POSITION_LIMITED,
-                false => command_flags::VELOCITY_LIMITED,
+            flags |= if bound < velocity {
+                command_flags::POSITION_LIMITED
+            } else {
+                command_flags::VELOCITY_LIMITED
             };
             tau = within;
         }

@@ -51,9 +51,10 @@ impl PlausibilityParameters {
     /// instants.
     #[must_use]
     pub fn velocity_change(&self, sample_period: f64) -> f64 {
-        match self.motor_step.is_finite() {
-            true => (self.motor_step + self.step) / sample_period,
-            false => 0.0,
+        if self.motor_step.is_finite() {
+            (self.motor_step + self.step) / sample_period
+        } else {
+            0.0
         }
     }
 }

@@ -119,9 +119,10 @@ impl Followed {
             resolution,
             flat_after,
         } = self.parameters;
-        self.same = match value == self.last {
-            true => self.same.saturating_add(1),
-            false => 0,
+        self.same = if value == self.last {
+            self.same.saturating_add(1)
+        } else {
+            0
         };
         self.last = value;
         let half = 0.5 * resolution;

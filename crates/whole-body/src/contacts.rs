@@ -299,9 +299,10 @@ fn contact_name(c: &ContactParameters) -> String {
         ContactKind::KnownDirection(_) => "the force of known direction",
         ContactKind::Nothing => "`none`",
     };
-    let at = match c.point == Vector3::zeros() {
-        true => String::new(),
-        false => format!(" at [{}, {}, {}] m", c.point.x, c.point.y, c.point.z),
+    let at = if c.point == Vector3::zeros() {
+        String::new()
+    } else {
+        format!(" at [{}, {}, {}] m", c.point.x, c.point.y, c.point.z)
     };
     format!("{kind} on link `{}`{at}", c.link)
 }

@@ -207,9 +207,10 @@ impl WholeBody {
         }
         if self.estimate.valid {
             self.publish_torques();
-            match refresh {
-                true => self.publish_sigmas(),
-                false => self.next.sigma.clone_from(&self.estimate.sigma),
+            if refresh {
+                self.publish_sigmas()
+            } else {
+                self.next.sigma.clone_from(&self.estimate.sigma)
             }
             if extent == Extent::Whole {
                 self.publish_contacts();

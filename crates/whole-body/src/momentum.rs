@@ -116,9 +116,10 @@ impl MomentumObserver {
         let mass = crba(&self.model, &mut self.data, full_q).as_slice();
         let rates = dq.iter().zip(&mut self.last_dq);
         for ((dq, last), mean) in rates.zip(&mut self.mean_dq) {
-            *mean = match self.started {
-                true => 0.5 * (dq + *last),
-                false => 0.0,
+            *mean = if self.started {
+                0.5 * (dq + *last)
+            } else {
+                0.0
             };
             *last = *dq;
         }

@@ -39,12 +39,11 @@ impl Moving {
     fn new(body: &dynamics::Body) -> Self {
         let (placement, axis) = (&body.placement, &body.axis);
         let r = placement.rotation;
-        let (constant, sine, cosine) = match body.kind.is_revolute() {
-            true => {
-                let along = r * axis * axis.transpose();
-                (along, r * axis.cross_matrix(), r - along)
-            }
-            false => (r, Matrix3::zeros(), Matrix3::zeros()),
+        let (constant, sine, cosine) = if body.kind.is_revolute() {
+            let along = r * axis * axis.transpose();
+            (along, r * axis.cross_matrix(), r - along)
+        } else {
+            (r, Matrix3::zeros(), Matrix3::zeros())
         };
         let columns = |m: Matrix3<f64>| {
             [0, 1, 2].map(|column| Pack([m[(0, column)], m[(1, column)], m[(2, column)], 0.0]))
@@ -159,9 +158,10 @@ impl Kernel for Place<'_> {
             let mut moment = Pack::ZERO;
             origin.cross_in_lanes(direction).store(&mut moment);
             let direction = Pack(direction.to_array());
-            *axis = match body.revolute {
-                true => Motion::new(three(&moment), three(&direction)),
-                false => Motion::new(three(&direction), Vector3::zeros()),
+            *axis = if body.revolute {
+                Motion::new(three(&moment), three(&direction))
+            } else {
+                Motion::new(three(&direction), Vector3::zeros())
             };
         }
     }

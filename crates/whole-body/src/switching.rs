@@ -113,9 +113,10 @@ impl ContactSwitch {
             for (s, load) in self.loads.iter_mut().enumerate() {
                 let f = whole_body.net_at_sensor(s).force;
                 let force = f.iter().map(|x| x * x).sum::<f64>().sqrt();
-                let contradicted = match load.loaded {
-                    true => force < rule.off,
-                    false => force > rule.on,
+                let contradicted = if load.loaded {
+                    force < rule.off
+                } else {
+                    force > rule.on
                 };
                 load.contradicted_for = if contradicted {
                     load.contradicted_for + dt
@@ -147,9 +148,10 @@ impl ContactSwitch {
 
     /// Moves the shares towards the target's; those of the others shrink alike.
     fn shift(&mut self, dt: f64) {
-        let step = match self.parameters.blend > dt {
-            true => dt / self.parameters.blend,
-            false => 1.0,
+        let step = if self.parameters.blend > dt {
+            dt / self.parameters.blend
+        } else {
+            1.0
         };
         let own = self.weights[self.target];
         let next = (own + step).min(1.0);

@@ -284,10 +284,12 @@ impl Tare {
     fn most_probable(&self, whole_body: &WholeBody) -> Vec<TareResult> {
         let size = 6 * self.sensors.len();
         let drift = |k: usize| self.parameters.drift[usize::from(k % 6 >= 3)].max(1e-9);
-        let mut information = DMatrix::from_fn(size, size, |i, j| match i == j {
-            true => drift(i).powi(-2),
-            false => 0.0,
-        });
+        let mut information =
+            DMatrix::from_fn(
+                size,
+                size,
+                |i, j| if i == j { drift(i).powi(-2) } else { 0.0 },
+            );
         let mut pull = DVector::zeros(size);
         for &part in &self.untouched {
             let equations = whole_body.tare_equations(part);

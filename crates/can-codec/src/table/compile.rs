@@ -126,9 +126,10 @@ impl<'a> Compiler<'a> {
             ));
         }
         let ends = [signal.min, signal.max].map(|value| (value - signal.offset) / signal.scale);
-        let ends = match signal.coding.is_integer() {
-            true => ends.map(f64::round_ties_even),
-            false => ends,
+        let ends = if signal.coding.is_integer() {
+            ends.map(f64::round_ties_even)
+        } else {
+            ends
         };
         let compiled = Compiled {
             slot: map.slot,

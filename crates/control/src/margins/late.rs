@@ -84,9 +84,10 @@ impl LateLoop {
     /// Gain and phase margin with a load.
     #[must_use]
     pub fn margins(&self, load: Load) -> Margins {
-        match self.is_stable(load) {
-            true => least_distances(&self.open_loop(load)),
-            false => Margins::NONE,
+        if self.is_stable(load) {
+            least_distances(&self.open_loop(load))
+        } else {
+            Margins::NONE
         }
     }
 

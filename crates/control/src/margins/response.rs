@@ -140,9 +140,10 @@ impl ClosedLoop {
     /// Gain and phase margin.
     #[must_use]
     pub fn margins(&self) -> Margins {
-        match self.is_stable() {
-            true => least_distances(&self.open_loop()),
-            false => Margins::NONE,
+        if self.is_stable() {
+            least_distances(&self.open_loop())
+        } else {
+            Margins::NONE
         }
     }
 
@@ -272,9 +273,10 @@ pub(super) fn least_distances(open: &[Point]) -> Margins {
             let crossing = between(a, b, -a.im / (b.im - a.im));
             if crossing.re < 0.0 {
                 let gain = -crossing.re;
-                match gain < 1.0 {
-                    true => least.gain = least.gain.min(1.0 / gain),
-                    false => least.reduction = least.reduction.min(gain),
+                if gain < 1.0 {
+                    least.gain = least.gain.min(1.0 / gain)
+                } else {
+                    least.reduction = least.reduction.min(gain)
                 }
             }
         }

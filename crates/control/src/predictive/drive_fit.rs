@@ -198,9 +198,10 @@ impl DriveFit {
         let most = RATE * f64::from(BLOCK) * self.sample_period;
         let mut changed = false;
         for (applied, found) in self.applied.iter_mut().zip(self.mean.iter()) {
-            let goal = match self.surprise < INCONSISTENT {
-                true => found.clamp(-MOST, MOST),
-                false => 0.0,
+            let goal = if self.surprise < INCONSISTENT {
+                found.clamp(-MOST, MOST)
+            } else {
+                0.0
             };
             let step = (goal - *applied).max(-most).min(most);
             if step.abs() > LEAST {

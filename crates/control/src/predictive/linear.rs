@@ -102,9 +102,10 @@ impl LinearLaw {
             load_follow,
         } = tau_d;
         let period = self.law.parameters.sample_period;
-        let carried = match load_follow > 0.0 {
-            true => self.carried.follow(torque, load_follow, period),
-            false => 0.0,
+        let carried = if load_follow > 0.0 {
+            self.carried.follow(torque, load_follow, period)
+        } else {
+            0.0
         };
         // The outer loop as the controller closes it: newest position, the observer's velocity.
         let feedforward = desired + carried - stiffness * q - damping * self.law.link_velocity();

@@ -124,9 +124,10 @@ impl TorqueTerms {
     /// the limit.
     pub(super) fn within(&self, limit: f64) -> [f64; 4] {
         let sum = self.sum();
-        let share = match sum.abs() > limit {
-            true => limit / sum.abs(),
-            false => 1.0,
+        let share = if sum.abs() > limit {
+            limit / sum.abs()
+        } else {
+            1.0
         };
         [self.feedforward, self.position, self.velocity, self.force].map(|term| share * term)
     }

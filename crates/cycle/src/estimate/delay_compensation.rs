@@ -96,9 +96,10 @@ impl DelayCompensation {
             compensator: DelayCompensator::new(DelayCompensatorParameters {
                 sample_period: p.timing.sample_period,
                 kernel: kernel.clone(),
-                fast_sigma: match joint.has_link_encoder {
-                    true => resolution(&joint.estimator),
-                    false => by_current(joint),
+                fast_sigma: if joint.has_link_encoder {
+                    resolution(&joint.estimator)
+                } else {
+                    by_current(joint)
                 },
                 torque_limit: joint.limits.torque,
                 stands_within: joint.limits.gives_way,
@@ -180,13 +181,14 @@ impl DelayCompensation {
                 Fast::Compliance | Fast::Current => None,
             };
             if let Some(torque) = self.fast.get_mut(j) {
-                *torque = match by_torsion {
-                    true => FastTorque {
+                *torque = if by_torsion {
+                    FastTorque {
                         torsion: fast,
                         levelled: own.compensator.levelled(held_back),
                         levelled_freely: own.compensator.levelled_freely(),
-                    },
-                    false => FastTorque::default(),
+                    }
+                } else {
+                    FastTorque::default()
                 };
             }
             if joint.tau_hat.flags & torque_flags::SATURATED != 0 {

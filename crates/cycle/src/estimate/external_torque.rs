@@ -198,9 +198,10 @@ impl Lasting {
     ) -> bool {
         let sources = estimated.joints.iter().zip(&self.by_current);
         for (newest, (joint, by_current)) in self.newest.iter_mut().zip(sources) {
-            *newest = match by_current {
-                true => joint.tau_current.tau,
-                false => joint.tau_encoder.tau,
+            *newest = if *by_current {
+                joint.tau_current.tau
+            } else {
+                joint.tau_encoder.tau
             };
         }
         self.filter.update(&self.newest);
@@ -277,21 +278,24 @@ impl Change {
         for ((newest, (missed, seen)), fast) in self.newest.iter_mut().zip(states).zip(fast) {
             // Without the level the error of a gear at rest would look like a change.
             *newest = fast.levelled_freely.unwrap_or(f64::NAN);
-            *missed = match newest.is_finite() {
-                true => 0,
-                false => missed.saturating_add(1),
+            *missed = if newest.is_finite() {
+                0
+            } else {
+                missed.saturating_add(1)
             };
-            *seen = match *missed > BRIDGED {
-                true => 0,
-                false => (*seen + 1).min(self.window),
+            *seen = if *missed > BRIDGED {
+                0
+            } else {
+                (*seen + 1).min(self.window)
             };
         }
         self.filter.update(&self.newest);
         let states = self.lately.iter_mut().zip(&self.seen);
         for ((lately, seen), torque) in states.zip(self.filter.values()) {
-            *lately = match *seen < self.window {
-                true => *torque,
-                false => *lately + self.forgetting * (torque - *lately),
+            *lately = if *seen < self.window {
+                *torque
+            } else {
+                *lately + self.forgetting * (torque - *lately)
             };
         }
         self.gaps.update(measure, measured, self.window);

@@ -43,9 +43,10 @@ impl Power {
     pub(crate) fn update(&mut self, commanded: &CommandedRecord) {
         let powered = [DriveState::Enabled, DriveState::Stopping].map(DriveState::number);
         for (joint, commanded) in self.joints.iter_mut().zip(&commanded.joints) {
-            joint.left = match joint.has_states && !powered.contains(&commanded.drive_state) {
-                true => self.settling,
-                false => joint.left.saturating_sub(1),
+            joint.left = if joint.has_states && !powered.contains(&commanded.drive_state) {
+                self.settling
+            } else {
+                joint.left.saturating_sub(1)
             };
         }
     }

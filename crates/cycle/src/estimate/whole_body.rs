@@ -108,9 +108,10 @@ impl WholeBodyStage {
         let joints = estimated.joints.iter_mut().zip(&self.torque_limits);
         for (j, (joint, &limit)) in joints.enumerate() {
             let tau = estimate.tau[j];
-            let saturated = match tau.abs() > limit {
-                true => torque_flags::SATURATED,
-                false => 0,
+            let saturated = if tau.abs() > limit {
+                torque_flags::SATURATED
+            } else {
+                0
             };
             let whole_body = TorqueEstimate {
                 tau: tau.max(-limit).min(limit),

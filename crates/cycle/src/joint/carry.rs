@@ -249,9 +249,10 @@ impl Anchor {
 
 /// The smaller of two signed values; zero where they have opposite signs or one is no number.
 pub(super) fn smaller(a: f64, b: f64) -> f64 {
-    match a * b > 0.0 {
-        true => a.abs().min(b.abs()).copysign(a),
-        false => 0.0,
+    if a * b > 0.0 {
+        a.abs().min(b.abs()).copysign(a)
+    } else {
+        0.0
     }
 }
 

@@ -33,9 +33,10 @@ impl FeltLevels {
     /// Of a robot whose feedback is not the levelled torque all stay zero.
     pub(super) fn new(parameters: &Parameters) -> Self {
         let levelled = TorqueLaw::Predictive(FastTorqueFeedback::Levelled);
-        let most = match parameters.torque_law == levelled {
-            true => MOST,
-            false => 0.0,
+        let most = if parameters.torque_law == levelled {
+            MOST
+        } else {
+            0.0
         };
         let limits = parameters.joints.iter().map(|joint| joint.limits.torque);
         Self::within(
@@ -66,9 +67,10 @@ impl FeltLevels {
         let known =
             hat.flags & (torque_flags::VALID | torque_flags::DEGRADED) == torque_flags::VALID;
         let most = *bound * share;
-        let goal = match known && hat.tau.is_finite() {
-            true => (hat.tau - levelled).max(-most).min(most),
-            false => 0.0,
+        let goal = if known && hat.tau.is_finite() {
+            (hat.tau - levelled).max(-most).min(most)
+        } else {
+            0.0
         };
         *correction += (goal - *correction) * self.share;
         Some(levelled + *correction)

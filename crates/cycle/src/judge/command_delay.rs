@@ -287,9 +287,10 @@ impl Joint {
         let configured = (self.configured + self.latency) / period;
         let slack = SLACK + SIGMAS * found.variance.sqrt();
         let range = configured - slack..=configured + 1.0 + slack;
-        self.off = match range.contains(&found.periods) {
-            true => 0,
-            false => self.off.saturating_add(1),
+        self.off = if range.contains(&found.periods) {
+            0
+        } else {
+            self.off.saturating_add(1)
         };
         let before = KEPT * self.weight;
         self.weight = before + 1.0;
@@ -336,9 +337,10 @@ impl Jackknife {
             *without = found;
         }
         self.done += 1;
-        match self.done < BLOCKS {
-            true => Progress::Goes,
-            false => Progress::Ends(self.found(&whole)),
+        if self.done < BLOCKS {
+            Progress::Goes
+        } else {
+            Progress::Ends(self.found(&whole))
         }
     }
 

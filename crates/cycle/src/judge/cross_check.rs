@@ -108,9 +108,10 @@ fn event(cause: Cause) -> (Event, Subject) {
 /// for the encoders', as it may point either way and exceed sliding friction at rest.
 fn friction(joint: &JointParameters) -> f64 {
     let coulomb = joint.encoders.gear_ratio * joint.estimator.wave_generator.friction;
-    match joint.has_link_encoder {
-        true => 0.0,
-        false => STICTION * coulomb,
+    if joint.has_link_encoder {
+        0.0
+    } else {
+        STICTION * coulomb
     }
 }
 

@@ -58,18 +58,21 @@ impl HoldCheck {
         let p = &robot.parameters;
         let cycles = |time: f64| (time / p.timing.sample_period).ceil() as u32;
         let to_brake = cycles(LEFT_TO_BRAKE_S);
-        let joint = |joint: &JointParameters| match joint.takes_position() {
-            true => Joint::Position {
-                watch: HoldWatch::new(HoldWatchParameters {
-                    way: joint.kind.threshold(WAY),
-                    ahead: AHEAD_S / p.timing.sample_period,
-                    torque: joint.limits.torque,
-                    samples: cycles(PRESSED_S),
-                }),
-                torque_per_current: joint.encoders.gear_ratio
-                    * joint.estimator.wave_generator.torque_constant,
-            },
-            false => Joint::Current(has_brake(joint).then_some(to_brake)),
+        let joint = |joint: &JointParameters| {
+            if joint.takes_position() {
+                Joint::Position {
+                    watch: HoldWatch::new(HoldWatchParameters {
+                        way: joint.kind.threshold(WAY),
+                        ahead: AHEAD_S / p.timing.sample_period,
+                        torque: joint.limits.torque,
+                        samples: cycles(PRESSED_S),
+                    }),
+                    torque_per_current: joint.encoders.gear_ratio
+                        * joint.estimator.wave_generator.torque_constant,
+                }
+            } else {
+                Joint::Current(has_brake(joint).then_some(to_brake))
+            }
         };
         Self {
             joints: p.joints.iter().map(joint).collect(),

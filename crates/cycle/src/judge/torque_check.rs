@@ -174,9 +174,10 @@ impl Joint {
             .min((by_current - means.difference - means.tau).abs());
         let tolerance = self.explained + MODEL_SHARE * change + SIGMAS * sigma;
         let way = (difference - means.difference).abs();
-        let turns = match means.contradicts {
-            true => way < AGREE_SHARE * tolerance,
-            false => way > tolerance,
+        let turns = if means.contradicts {
+            way < AGREE_SHARE * tolerance
+        } else {
+            way > tolerance
         };
         means.over = if turns {
             means.over.saturating_add(1)

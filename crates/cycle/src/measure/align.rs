@@ -285,9 +285,12 @@ pub(crate) fn signals(robot: &Robot) -> [Vec<Signal>; 3] {
     };
     let joints = || p.joints.iter().enumerate();
     let links = || {
-        joints().map(|(j, joint)| match joint.has_link_encoder {
-            true => signal(joint.sampling, slots::link_angle(j)),
-            false => signal(joint.sampling, slots::motor_angle(j)),
+        joints().map(|(j, joint)| {
+            if joint.has_link_encoder {
+                signal(joint.sampling, slots::link_angle(j))
+            } else {
+                signal(joint.sampling, slots::motor_angle(j))
+            }
         })
     };
     let motors = joints().map(|(j, joint)| {

@@ -50,9 +50,10 @@ impl FtInput {
         if tare != self.to && tare.iter().zip(&self.most).all(shown) {
             (self.from, self.to, self.share) = (self.tare(), tare, 0.0);
         }
-        self.share = match self.seen {
-            true => (self.share + period_s / RAMP_S).min(1.0),
-            false => 1.0,
+        self.share = if self.seen {
+            (self.share + period_s / RAMP_S).min(1.0)
+        } else {
+            1.0
         };
         let tare = self.tare();
         let offset = self.configured.iter().zip(tare);

@@ -178,9 +178,10 @@ impl Contact {
                 let far = moved.any(|((_, (joint, q)), comply)| (joint.q - q).abs() > *comply);
                 let mut joints = estimated.joints.iter().enumerate();
                 let touched = joints.any(|(j, joint)| own(j) && joint.contact_flag == 1);
-                contact.gone_s = match touched {
-                    true => 0.0,
-                    false => contact.gone_s + self.sample_period,
+                contact.gone_s = if touched {
+                    0.0
+                } else {
+                    contact.gone_s + self.sample_period
                 };
                 let gone = settings.comply_until_gone;
                 if far || gone.is_some_and(|gone| contact.gone_s > gone) {
@@ -217,10 +218,13 @@ impl Contact {
             Answer::Stop => Way::Ended,
             _ if self.bears(joint, loads) => Way::Ended,
             Answer::Comply => Way::Soft,
-            Answer::Retract => match self.lead_back(joint, measured, &mut reference) {
-                true => Way::Back,
-                false => Way::Ended,
-            },
+            Answer::Retract => {
+                if self.lead_back(joint, measured, &mut reference) {
+                    Way::Back
+                } else {
+                    Way::Ended
+                }
+            }
         };
         Touched {
             way,

@@ -79,17 +79,16 @@ pub(crate) fn check(bench: &Bench, before: &mut [Before]) {
             });
             let profile = parameters.drive_profile.as_ref();
             let off = profile.is_some_and(|profile| profile.control.is_some());
-            let harmless = match takes_current {
-                true => sent == 0.0,
-                false => {
-                    let q = measured.q.clamp(limits.position_min, limits.position_max);
-                    // A drive that is about to be enabled is sent where its motor stands.
-                    let theta = measured.theta / parameters.encoders.gear_ratio;
-                    let theta = theta.clamp(limits.position_min, limits.position_max);
-                    let begins = state == RobotState::Enabling && off;
-                    needed && off && (sent - q).abs() < resolution
-                        || begins && (sent - theta).abs() < resolution
-                }
+            let harmless = if takes_current {
+                sent == 0.0
+            } else {
+                let q = measured.q.clamp(limits.position_min, limits.position_max);
+                // A drive that is about to be enabled is sent where its motor stands.
+                let theta = measured.theta / parameters.encoders.gear_ratio;
+                let theta = theta.clamp(limits.position_min, limits.position_max);
+                let begins = state == RobotState::Enabling && off;
+                needed && off && (sent - q).abs() < resolution
+                    || begins && (sent - theta).abs() < resolution
             };
             assert!(harmless, "{sent} to joint {j}, which is not engaged");
             continue;

@@ -39,9 +39,10 @@ impl SeriesSpring {
             let (mut low, mut high) = (0.0, limit);
             for _ in 0..60 {
                 let middle = 0.5 * (low + high);
-                match torsion(middle) < wanted {
-                    true => low = middle,
-                    false => high = middle,
+                if torsion(middle) < wanted {
+                    low = middle
+                } else {
+                    high = middle
                 }
             }
             0.5 * (low + high)

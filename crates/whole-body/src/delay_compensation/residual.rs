@@ -117,9 +117,12 @@ impl Prediction {
     /// Mean of the predictors, weighted by the inverse cubes of their mean square errors.
     fn combine(&mut self, predictions: &Pairs, gain: f64) {
         // Bounded, as the quotient of two zeros is to be one; without a branch, to be taken side by side.
-        let errors = self.errors.map(|error| match error > f64::MIN_POSITIVE {
-            true => error,
-            false => f64::MIN_POSITIVE,
+        let errors = self.errors.map(|error| {
+            if error > f64::MIN_POSITIVE {
+                error
+            } else {
+                f64::MIN_POSITIVE
+            }
         });
         let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
         let weights = errors.map(|error| (best / error).powi(3));

@@ -72,9 +72,10 @@ impl WholeBody {
             let (columns, rows) = (&solution.columns[part], &solution.rows[part]);
             let sigma: Six = std::array::from_fn(|k| {
                 let axis = frame.rotation.column(k % 3).into_owned();
-                let axis = match k < 3 {
-                    true => Force::new(axis, Vector3::zeros()),
-                    false => Force::new(Vector3::zeros(), axis),
+                let axis = if k < 3 {
+                    Force::new(axis, Vector3::zeros())
+                } else {
+                    Force::new(Vector3::zeros(), axis)
                 };
                 // axis^T (1 - A A^+)
                 let mut row = axis.to_array();

@@ -53,10 +53,10 @@ impl PartEstimate {
             return None;
         }
         let (r, s) = (self.residual.to_array(), self.residual_sigma.to_array());
-        let ratios = r.iter().zip(&s).map(|(r, s)| match *s > 0.0 {
-            true => r.abs() / s,
-            false => 0.0,
-        });
+        let ratios = r
+            .iter()
+            .zip(&s)
+            .map(|(r, s)| if *s > 0.0 { r.abs() / s } else { 0.0 });
         Some(ratios.fold(0.0, f64::max))
     }
 }

@@ -52,9 +52,10 @@ pub(super) fn predictive_command(
         feedback_velocity: parts.feedback_velocity,
         feedback_force: parts.feedback_force,
         feedback_acceleration: parts.feedback_torque,
-        flags: match limited {
-            true => command_flags::TORQUE_LIMITED,
-            false => 0,
+        flags: if limited {
+            command_flags::TORQUE_LIMITED
+        } else {
+            0
         },
         ..JointCommanded::default()
     };

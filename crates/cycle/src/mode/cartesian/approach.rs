@@ -85,9 +85,10 @@ impl Approach {
 
     /// Its torque at this velocity, N·m.
     pub(super) fn torque(&self, dq: f64) -> f64 {
-        match dq * self.way > 0.0 {
-            true => -self.damping * dq,
-            false => 0.0,
+        if dq * self.way > 0.0 {
+            -self.damping * dq
+        } else {
+            0.0
         }
     }
 
@@ -95,14 +96,16 @@ impl Approach {
     pub(super) fn follow(&mut self, asked: f64, short: f64) {
         let (size, asked) = (short.abs(), asked.abs());
         let [made, none] = SHORT;
-        let share = match asked > 0.0 {
-            true => ((size / asked - made) / (none - made)).clamp(0.0, 1.0),
-            false => 0.0,
+        let share = if asked > 0.0 {
+            ((size / asked - made) / (none - made)).clamp(0.0, 1.0)
+        } else {
+            0.0
         };
         let damping = (share * size / self.slow).min(self.most);
-        (self.damping, self.way) = match damping.is_finite() {
-            true => (damping, short),
-            false => (self.most, short),
+        (self.damping, self.way) = if damping.is_finite() {
+            (damping, short)
+        } else {
+            (self.most, short)
         };
     }
 }

@@ -138,11 +138,12 @@ impl Allowed {
             && let Some(parent) = model.parent(body)
         {
             let own = &model.bodies()[body];
-            let way = match own.kind.is_revolute() {
-                true => 0.0,
-                false => (model.joint_limits(own.joint)).map_or(0.0, |limits| {
+            let way = if own.kind.is_revolute() {
+                0.0
+            } else {
+                (model.joint_limits(own.joint)).map_or(0.0, |limits| {
                     limits.lower.abs().max(limits.upper.abs()) * own.ratio.abs()
-                }),
+                })
             };
             reach += own.placement.translation.norm() + way;
             body = parent;

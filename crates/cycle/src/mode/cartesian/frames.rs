@@ -136,9 +136,10 @@ impl Frames {
         }
         for (i, (frame, shown_of)) in self.frames.iter().zip(&mut commanded.frames).enumerate() {
             let used = client.and_then(|r| r.frames.get(i));
-            *shown_of = match used.is_some_and(|used| used.used == 1) {
-                true => frame.pose_record(placements),
-                false => FrameCommanded::default(),
+            *shown_of = if used.is_some_and(|used| used.used == 1) {
+                frame.pose_record(placements)
+            } else {
+                FrameCommanded::default()
             };
         }
     }
@@ -325,9 +326,10 @@ impl Frame {
                 let known: f64 = (0..k).map(|m| f[own + m] * f[other + m]).sum();
                 let felt = if k == i { self.felt_inertia[i] } else { 0.0 };
                 let rest = entry.copied().unwrap_or(0.0) + felt - known;
-                self.factor[own + k] = match k < i {
-                    true => rest / f[other + k],
-                    false => rest.sqrt(),
+                self.factor[own + k] = if k < i {
+                    rest / f[other + k]
+                } else {
+                    rest.sqrt()
                 };
             }
         }
@@ -343,9 +345,10 @@ impl Frame {
             mobility += row * row.transpose();
             self.solved[i] = row;
         }
-        match mobility.iter().all(|x| x.is_finite()) {
-            true => mobility,
-            false => Matrix6::zeros(),
+        if mobility.iter().all(|x| x.is_finite()) {
+            mobility
+        } else {
+            Matrix6::zeros()
         }
     }
 

@@ -66,9 +66,10 @@ impl Stand {
         // max and min, not clamp: they cannot panic.
         let bound = asked.max(self.feedback - most).min(self.feedback + most);
         let same = SAME_SHARE * torque_limit;
-        self.stood = match (tau_d - self.standing).abs() > same {
-            true => 0.0,
-            false => self.stood + dt,
+        self.stood = if (tau_d - self.standing).abs() > same {
+            0.0
+        } else {
+            self.stood + dt
         };
         if self.stood <= 0.0 {
             self.standing = tau_d;
