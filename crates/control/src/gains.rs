@@ -13,7 +13,7 @@ pub struct JointGains {
     pub k_d: f64,
 }
 
-/// The same gains as factors of the errors in the commanded position (D13).
+/// Gains as factors of the errors in the commanded position (D13).
 ///
 /// K8 and K9 are K_tau K_p times the mass matrix and a product with the contact Jacobian: they
 /// depend on the configuration and follow from `k_p` alone.

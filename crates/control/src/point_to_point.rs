@@ -17,7 +17,7 @@ pub struct MotionLimits {
 }
 
 impl MotionLimits {
-    /// The same with a lower velocity, rad/s; 0: the same.
+    /// These limits with a lower velocity, rad/s; 0: with their own.
     #[must_use]
     pub fn no_faster(self, velocity: f64) -> Self {
         let velocity = if velocity > 0.0 {
@@ -118,7 +118,7 @@ impl PointToPoint {
         self.plan_at_once(ControlInterface::Position, target)
     }
 
-    /// The same, planned on the way where there are many joints: the motion before goes on for the
+    /// Plans a motion on the way where there are many joints: the motion before goes on for the
     /// next few calls of [`Self::advance`], each of which plans [`JOINTS_A_CYCLE`] joints, and then
     /// leads to this target, as the earliest motion from there. `period`: time between these calls, s.
     pub fn go_on_to(

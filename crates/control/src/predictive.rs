@@ -280,7 +280,7 @@ impl PredictiveLaw {
         self.sent(kept.command);
     }
 
-    /// The same of a gap that is so long that the drive has braked the joint: its velocity is not known any more.
+    /// A period of a gap that is so long that the drive has braked the joint: its velocity is not known any more.
     pub fn sleep(&mut self) {
         self.skip();
         self.uncertainties.iter_mut().for_each(Uncertainty::sleep);

@@ -294,7 +294,7 @@ impl BufferedTrajectory {
         }
     }
 
-    /// The same while it is followed.
+    /// How many points stay before a piece, while the trajectory is followed.
     fn kept_on_the_way(&self, begin: u64) -> Result<usize, u32> {
         if begin < self.now_ns.saturating_add(AHEAD_NS) {
             return Err(piece_refusal::LATE);

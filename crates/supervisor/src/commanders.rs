@@ -54,7 +54,7 @@ impl Commanders {
         }
     }
 
-    /// The same, with trajectories of joints that have these limits; without limits every piece is
+    /// Commanders with trajectories of joints that have these limits; without limits every piece is
     /// refused.
     #[must_use]
     pub fn with_trajectories(self, limits: impl IntoIterator<Item = TrajectoryLimits>) -> Self {

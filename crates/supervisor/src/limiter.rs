@@ -235,7 +235,7 @@ impl Limiter {
         self.limited(asked, motion, None)
     }
 
-    /// The same for a current that brakes in a fault, which the rate limit must not hold back.
+    /// What may be sent instead of a current that brakes in a fault, which the rate limit must not hold back.
     pub fn stop(&mut self, asked: f64, motion: &Motion) -> Limited {
         if let Actuation::Current { k_1, .. } = self.actuation
             && asked.is_finite()
@@ -246,7 +246,7 @@ impl Limiter {
         self.limit(asked, motion)
     }
 
-    /// The same for a set-point that holds: it gives way to a load by a small angle, and stays where
+    /// What may be sent instead of a set-point that holds: it gives way to a load by a small angle, and stays where
     /// the sample is not `usable`.
     pub fn hold(&mut self, asked: f64, motion: &Motion, usable: bool) -> Limited {
         self.limited(asked, motion, Some(usable))

@@ -26,7 +26,7 @@ pub struct PlausibilityParameters {
     /// A torsion that is beside its course by more than this, rad, is not used until the next sample shows that it
     /// goes on from there: one wrong sample is not to be felt. No more than `step`.
     pub beside: f64,
-    /// The same as `step` of the motor-side angle, rad, link side: what torque can make of the rotor's velocity
+    /// Step of the motor-side angle that is an encoder's, rad, link side: what torque can make of the rotor's velocity
     /// within a sample, and a count; infinite where samples are not taken at the cycle's instants.
     pub motor_step: f64,
     /// A motor-side angle that is off its course after readings that jumped, by more than this for each

@@ -35,7 +35,7 @@ pub struct SignalParameters {
 }
 
 impl SignalParameters {
-    /// The same of a sensor that measures up to `range` in either direction.
+    /// The parameters of a sensor that measures up to `range` in either direction.
     #[must_use]
     pub fn within(self, range: f64) -> Self {
         Self {

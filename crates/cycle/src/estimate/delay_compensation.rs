@@ -212,7 +212,7 @@ fn resolution(e: &JointEstimatorParameters) -> f64 {
     e.compliance.k_fs0 * counts / 12f64.sqrt()
 }
 
-/// The same of the torque by motor current: its noise, and its count.
+/// Standard deviation of the torque by motor current: its noise, and its count.
 fn by_current(joint: &JointParameters) -> f64 {
     let e = &joint.estimator;
     let count = joint.current_signal.resolution / 12f64.sqrt();

@@ -241,7 +241,7 @@ struct Change {
     /// Cycles for which each joint's torque has not been known, and those since, up to the window.
     missed: Vec<u32>,
     seen: Vec<u32>,
-    /// The same of every joint's and sensor's signals together.
+    /// Cycles without a sample of any joint or sensor, and those since.
     gaps: Gaps,
 }
 

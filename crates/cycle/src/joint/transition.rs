@@ -38,7 +38,7 @@ impl Transition {
         }
     }
 
-    /// The same in the shorter time that a contact demands.
+    /// From the last command of the mode before, in the shorter time that a contact demands.
     pub(crate) fn yielding(last: f64) -> Self {
         Self {
             duration_s: YIELDING_S,
@@ -83,7 +83,8 @@ impl Transition {
 /// robots' joints changes by less than 4 % of their limits in 5 ms.
 const SHORTEST_STOP_S: f64 = 0.1;
 
-/// The same of a joint whose encoders contradict each other: it was led by a wrong one, and must not go on as far.
+/// Shortest duration of a stop of a joint whose encoders contradict each other, s: it was led by a wrong one, and must
+/// not go on as far.
 const DOUBTED_STOP_S: f64 = 0.05;
 
 /// A set-point that goes on as the joint did, ever slower, and then stays:
@@ -101,7 +102,7 @@ impl Stop {
         Self::lasting(velocity, deceleration, SHORTEST_STOP_S)
     }
 
-    /// The same of a joint whose encoders contradict each other.
+    /// From a velocity, rad/s, of a joint whose encoders contradict each other.
     pub(crate) fn doubted(velocity: f64, deceleration: f64) -> Self {
         Self::lasting(velocity, deceleration, DOUBTED_STOP_S)
     }

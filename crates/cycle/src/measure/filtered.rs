@@ -139,12 +139,12 @@ impl Filtered {
         self.encoders.settling(joint)
     }
 
-    /// The same of an F/T sensor.
+    /// Whether an F/T sensor's window is not yet full of real samples.
     pub(crate) fn sensor_settling(&self, sensor: usize) -> bool {
         self.sensors.settling(AXES * sensor)
     }
 
-    /// The same of an IMU.
+    /// Whether an IMU's window is not yet full of real samples.
     pub(crate) fn imu_settling(&self, imu: usize) -> bool {
         self.sensors.settling(AXES * (self.ft.len() + imu))
     }

@@ -63,7 +63,7 @@ impl Steps {
         let beside = |from: &Course| (angle - from.angle - 2.0 * from.rate).abs();
         if let Some(left) = self.left.take() {
             let shift = beside(&left.course);
-            // The same course as before, shifted: a position has jumped.
+            // The course from before, shifted: a position has jumped.
             let stepped = left
                 .step
                 .is_some_and(|step| (rate - left.course.rate).abs() < 0.5 * step && shift > step);

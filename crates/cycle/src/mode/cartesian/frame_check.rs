@@ -122,7 +122,7 @@ impl FrameCheck {
         })
     }
 
-    /// The same frames, along the same axes, as at the mode's begin: one more or less would be a step.
+    /// The reference has the frames and the axes with which the mode began: one more or less would be a step.
     pub(super) fn goes_on(&self, reference: &Reference) -> bool {
         self.began == reference.frames.map(|frame| (frame.used, frame.own_axes))
     }

@@ -385,7 +385,7 @@ impl Frame {
         (taken_off, Felt { force, late: 0.0 })
     }
 
-    /// The same by external torques: least squares, in which directions without lever count as free of
+    /// Wrench of the environment on the frame by external torques: least squares, in which directions without lever count as free of
     /// force.
     fn external_force(&self, estimated: &EstimatedRecord) -> Option<Vector6<f64>> {
         if !self.external {
