@@ -166,7 +166,7 @@ impl Dynamics {
         self.solve_tree(tree, &torques, armature, ddq)
     }
 
-    /// A robot every joint of which moves by itself.
+    /// Accelerations of a tree every joint of which moves by itself.
     fn solve_tree(
         &mut self,
         tree: &Tree,
