@@ -64,6 +64,8 @@ pub fn run(robot: &Robot, options: RunOptions, stop: &Arc<AtomicBool>) -> Result
         BusLocks::take(buses.iter().map(|bus| &bus.carrier)).map_err(Failure::environment)?;
     bring_up::bring_up(robot, &mut bus, stop)?;
     let _watch = DriveWatch::start(robot)?;
+    bus.translate(&robot.nodes.actuators)
+        .map_err(Failure::bad_input)?;
     let state = &robot.parameters.name;
     run_on(robot, bus, Deadline::new, state, options, stop)
 }

@@ -50,7 +50,7 @@ def two_arms():
 
 def configuration(folder, changes=(), joints=2):
     """That many test joints with CANopen drives: no DBC file, one line for a joint."""
-    text = MODEL.read_text()
+    text = MODEL.read_text() + (SECOND if joints == 2 else "")
     urdf = two_arms() if joints == 2 else URDF.read_text().replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"')
     (folder / "robot.urdf").write_text(urdf)
     signals = r"motor_angle = .*\nlink_angle = .*\ncurrent = .*\nstatus = .*\nset_point = .*\ncontrol = .*\n"
@@ -71,7 +71,7 @@ def configuration(folder, changes=(), joints=2):
         text, count = re.subn(pattern, new, text)
         assert count, pattern
     path = folder / "robot.toml"
-    path.write_text(text + (SECOND if joints == 2 else ""))
+    path.write_text(text)
     return path
 
 

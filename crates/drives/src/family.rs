@@ -8,6 +8,7 @@ mod damiao;
 mod odrive;
 mod packing;
 mod robstride;
+pub mod translation;
 
 use can_codec::Frame;
 
@@ -94,9 +95,21 @@ pub trait Family: Sync {
     /// Its models.
     fn models(&self) -> &'static [Model];
 
+    /// The identifier to which an actuator answers as makers and users set it; 0 where its family has
+    /// none.
+    fn usual_reply(&self, _node: u8) -> u16 {
+        0
+    }
+
     /// A frame that asks for an answer, and cannot move anything: none where the actuator sends by
     /// itself.
     fn poll(&self, at: Address) -> Option<Frame>;
+
+    /// The frame that it is sent in each cycle while it is off, so that it answers with its state, and
+    /// that cannot make torque; none where the actuator sends by itself.
+    fn idle(&self, at: Address, _model: &Model) -> Option<Frame> {
+        self.poll(at)
+    }
 
     /// The frame of a command; none if a number in it is not finite. What the family has no field for
     /// is left out, what lies beyond a range is limited.

@@ -1,5 +1,6 @@
 //! `[drive.NAME]`: kinds of drive.
 
+mod actuator;
 mod canopen;
 mod state;
 
@@ -7,6 +8,7 @@ use crate::Files;
 use crate::liveness;
 use crate::reader::{Allowed, Section};
 use crate::sampling::{self, Sampling};
+pub(crate) use actuator::ActuatorKind;
 pub(crate) use canopen::CanopenDrive;
 use control::MotorModel;
 use core::f64::consts::TAU;
@@ -48,8 +50,26 @@ pub(crate) struct Drive {
     pub(crate) lag: f64,
     /// None: the drive has no states.
     pub(crate) profile: Option<DriveProfile>,
-    /// Its frames and its set-up are those of CiA 402; none: DBC files describe them.
-    pub(crate) canopen: Option<CanopenDrive>,
+    /// Torque at the output for each ampere, N·m/A.
+    pub(crate) torque_per_current: f64,
+    /// Who makes its frames; none: DBC files describe them.
+    pub(crate) node: Option<Node>,
+}
+
+/// A drive whose frames no DBC file describes.
+#[derive(Clone)]
+pub(crate) enum Node {
+    /// By CiA 402.
+    Canopen(CanopenDrive),
+    /// By its maker's own frames.
+    Actuator(ActuatorKind),
+}
+
+impl Node {
+    /// It has an encoder on either side of its gear.
+    pub(crate) fn has_two_angles(&self) -> bool {
+        matches!(self, Self::Canopen(drive) if drive.kind.other_angle.is_some())
+    }
 }
 
 impl Drive {
@@ -62,7 +82,7 @@ impl Drive {
     }
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Command {
     Position,
     Current,
@@ -114,13 +134,13 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
             ),
         ),
     };
-    let canopen = canopen(&section, command, torque_constant, files);
+    let node = node(&section, command, torque_constant, files);
     let profile = section
         .optional_section("state")
         .map(|section| state::read(section, sample_period))
-        .or_else(|| {
-            let is_node = matches!(canopen, Some(Some(_)));
-            is_node.then(|| state::cia402(sample_period))
+        .or_else(|| match node.as_ref()?.as_ref()? {
+            Node::Canopen(_) => Some(state::cia402(sample_period)),
+            Node::Actuator(_) => Some(state::actuator(sample_period)),
         });
     let lag = 1e-6 * section.number_or("command_lag_us", 400.0, Allowed::Within(0.0, 5000.0));
     let compliance = section.section("compliance").map(compliance);
@@ -154,24 +174,48 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
         dead_zone,
         lag,
         profile,
-        canopen: canopen?,
+        torque_per_current: gear_ratio * torque_constant,
+        node: node?,
     })
 }
 
 /// What `profile` and its table say; nothing if there is a problem with them.
-fn canopen(
+fn node(
     section: &Section<'_, '_>,
     command: Command,
     torque_constant: f64,
     files: &Files<'_>,
-) -> Option<Option<CanopenDrive>> {
-    const PROFILES: [(&str, bool); 2] = [("cia402", true), ("dbc", false)];
-    if section.choice_or("profile", false, &PROFILES) {
-        let section = section.section("canopen")?;
-        canopen::read(section, command, torque_constant, files).map(Some)
-    } else {
-        Some(None)
+) -> Option<Option<Node>> {
+    const PROFILES: [(&str, Profile); 4] = [
+        ("dbc", Profile::Dbc),
+        ("cia402", Profile::Cia402),
+        ("damiao", Profile::Family("damiao")),
+        ("robstride", Profile::Family("robstride")),
+    ];
+    match section.choice_or("profile", Profile::Dbc, &PROFILES) {
+        Profile::Dbc => Some(None),
+        Profile::Cia402 => {
+            let section = section.section("canopen")?;
+            let drive = canopen::read(section, command, torque_constant, files)?;
+            Some(Some(Node::Canopen(drive)))
+        }
+        Profile::Family(family) => {
+            if command == Command::Current {
+                let what = "\"current\" is not allowed: the joint has no link-side encoder";
+                section.problem("command", what, "\"position\"");
+            }
+            let kind = actuator::read(section.section("actuator")?, family)?;
+            Some(Some(Node::Actuator(kind)))
+        }
     }
+}
+
+/// `profile`.
+#[derive(Clone, Copy)]
+enum Profile {
+    Dbc,
+    Cia402,
+    Family(&'static str),
 }
 
 /// The kind of the drive's joints and N: the gear ratio, or of a prismatic joint `2 pi` over the lead.

@@ -10,7 +10,7 @@ mod node;
 mod signals;
 
 use crate::Files;
-use crate::drives::Drive;
+use crate::drives::{Drive, Node};
 use crate::general::{Feedback, name};
 use crate::liveness;
 use crate::parameters::{JointParameters, Timing};
@@ -122,10 +122,7 @@ fn of_section<'d>(
 /// The joint's drive is a node with two encoders.
 fn has_two_angles(section: &Section<'_, '_>, drive: Option<&Drive>) -> bool {
     match drive {
-        Some(drive) => {
-            let node = drive.canopen.as_ref();
-            node.is_some_and(|node| node.kind.other_angle.is_some())
-        }
+        Some(drive) => drive.node.as_ref().is_some_and(Node::has_two_angles),
         // Its drive has a problem: no other follows from that.
         None => section.has("node"),
     }
@@ -196,6 +193,7 @@ impl Reader<'_, '_, '_> {
             "control",
             "set_point",
             "node",
+            "reply_id",
         ] {
             section.has(key);
         }

@@ -35,6 +35,7 @@ pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};
 use drives_of_makers::canopen::bring_up::Plan;
+use drives_of_makers::family::translation::Actuator;
 use dynamics::{Base, Model};
 use reader::{Diagnostics, Section};
 use toml::de::DeTable;
@@ -53,16 +54,18 @@ pub struct Robot {
     pub send: Table,
     /// The frames that start a cycle, one for each bus.
     pub sync: Vec<Frame>,
-    /// CANopen drives, which are set up before the first cycle.
+    /// Drives whose frames no DBC file describes; CANopen drives are set up before the first cycle.
     pub nodes: Nodes,
 }
 
-/// CANopen drives of a robot.
+/// Drives of a robot whose frames no DBC file describes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Nodes {
-    /// The set-up of each.
+    /// The set-up of each CANopen drive.
     pub plans: Vec<Plan>,
-    /// Shortest time after which one of them counts the daemon as lost, s.
+    /// Actuators with frames of their makers' own.
+    pub actuators: Vec<Actuator>,
+    /// Shortest time after which a CANopen drive counts the daemon as lost, s.
     pub heartbeat: f64,
 }
 

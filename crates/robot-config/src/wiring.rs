@@ -12,6 +12,7 @@ use can_codec::{
 use drives_of_makers::canopen::SYNC_ID;
 use drives_of_makers::canopen::bring_up::Plan;
 use drives_of_makers::cia402;
+use drives_of_makers::family::translation::{self, Actuator};
 use problem::{Problem, listed};
 use std::collections::BTreeMap;
 
@@ -123,7 +124,22 @@ impl<'n, 't> Wiring<'n, 't> {
         Ok(())
     }
 
-    /// The CANopen drives that were added.
+    /// Adds an actuator: its messages, as the loop sees them.
+    pub(crate) fn add_actuator(&mut self, actuator: Actuator) -> Result<(), Problem> {
+        let at = (actuator.at.bus, actuator.at.node);
+        let same = |other: &&Actuator| (other.at.bus, other.at.node) == at;
+        if let Some(other) = self.nodes.actuators.iter().find(same) {
+            let what = format!("node {} is that of {} on this bus", at.1, other.name);
+            return Err(Problem::new(what, "each actuator of a bus once"));
+        }
+        if let Some(Some(dbcs)) = self.dbcs.get_mut(usize::from(at.0)) {
+            dbcs.push(actuator.messages());
+        }
+        self.nodes.actuators.push(actuator);
+        Ok(())
+    }
+
+    /// The drives that were added as nodes.
     pub(crate) fn take_nodes(&mut self) -> Nodes {
         core::mem::take(&mut self.nodes)
     }
@@ -247,7 +263,8 @@ impl<'n, 't> Wiring<'n, 't> {
             let of_bus = of_bus.as_ref()?;
             dbcs.extend(of_bus.iter().map(|dbc| BusDbc {
                 bus: i as u8,
-                fd: bus.parameters.fd,
+                // What no bus carries is as long as it needs to be.
+                fd: bus.parameters.fd || dbc.messages.iter().all(|m| translation::is_own(m.id)),
                 dbc,
             }));
             let found = of_bus.iter().find_map(|dbc| dbc.message(&bus.sync));
@@ -264,7 +281,10 @@ impl<'n, 't> Wiring<'n, 't> {
                     sync.push(message.at_start(i as u8));
                 }
                 None if !bus.has_sync => {
-                    sync.push(Frame::zeroed(i as u8, SYNC_ID, 0, false));
+                    let canopen = self.nodes.plans.iter().any(|p| usize::from(p.bus) == i);
+                    if canopen {
+                        sync.push(Frame::zeroed(i as u8, SYNC_ID, 0, false));
+                    }
                 }
                 None => {
                     let what = format!(
@@ -274,6 +294,14 @@ impl<'n, 't> Wiring<'n, 't> {
                     self.diagnostics
                         .at(bus.sync_place, what, message_names(of_bus));
                 }
+            }
+            if self
+                .nodes
+                .actuators
+                .iter()
+                .any(|a| usize::from(a.at.bus) == i)
+            {
+                sync.push(translation::ask(i as u8));
             }
         }
         let compile = |maps: &[(u8, SignalMap)]| {

@@ -11,6 +11,7 @@ mod messages;
 mod network;
 mod receive_clock;
 mod socketcan;
+mod translation;
 mod udp_multicast;
 
 pub use fault_injector::{FaultInjector, Faults, Injected};

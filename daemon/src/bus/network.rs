@@ -1,8 +1,10 @@
 //! The buses of a configuration, opened: on CAN interfaces or on multicast groups.
 
+use super::translation::Translation;
 use super::{Bus, BusCounters, Line, Member, SocketCan, UdpMulticast};
 use can_codec::{Frames, Gather, Table};
-use problem::Problems;
+use drives::family::translation::Actuator;
+use problem::{Problem, Problems};
 use robot_config::{BusParameters, Carrier};
 use std::io;
 
@@ -26,7 +28,8 @@ pub enum OpenError {
     Group(String, &'static str, io::Error),
 }
 
-/// The buses of a robot, all of one kind.
+/// The buses of a robot, all of one kind. Frames of actuators are turned into the loop's messages as
+/// they arrive, and back as they leave.
 pub enum Network {
     /// On CAN interfaces.
     SocketCan(SocketCan),
@@ -80,12 +83,40 @@ impl Network {
     }
 }
 
-impl Bus for Network {
-    fn send(&mut self, frames: &Frames) -> usize {
+impl Network {
+    /// Turns frames of these actuators into the loop's messages from now on, and back.
+    ///
+    /// # Errors
+    /// A family that there is not.
+    pub fn translate(&mut self, actuators: &[Actuator]) -> Result<(), Problem> {
+        *self.translation() = Translation::new(actuators)?;
+        Ok(())
+    }
+
+    fn translation(&mut self) -> &mut Option<Translation> {
+        match self {
+            Self::SocketCan(bus) => bus.translation(),
+            Self::UdpMulticast(bus) => bus.translation(),
+        }
+    }
+
+    fn send_as_is(&mut self, frames: &Frames) -> usize {
         match self {
             Self::SocketCan(bus) => bus.send(frames),
             Self::UdpMulticast(bus) => bus.send(frames),
         }
+    }
+}
+
+impl Bus for Network {
+    fn send(&mut self, frames: &Frames) -> usize {
+        let Some(mut translation) = self.translation().take() else {
+            return self.send_as_is(frames);
+        };
+        let leaving = translation.leaving(frames);
+        let refused = leaving.len().saturating_sub(self.send_as_is(leaving));
+        *self.translation() = Some(translation);
+        frames.len().saturating_sub(refused)
     }
 
     fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, until_ns: u64) {

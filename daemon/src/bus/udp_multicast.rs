@@ -13,6 +13,7 @@
 
 use super::messages::{self, BATCH, Messages};
 use super::receive_clock::ReceiveClock;
+use super::translation::Translation;
 use super::{Bus, BusCounters, OpenError, Sockets, deliver, receive_until};
 use crate::real_time::monotonic_ns;
 use can_codec::{DATAGRAM_BYTES, Frame, Frames, Gather, Table, from_datagram, to_datagram};
@@ -43,6 +44,8 @@ pub struct UdpMulticast {
     polled: Vec<libc::pollfd>,
     clock: ReceiveClock,
     counters: BusCounters,
+    /// Of actuators' frames, if there are any.
+    translation: Option<Translation>,
 }
 
 /// One bus.
@@ -90,6 +93,7 @@ impl UdpMulticast {
             groups,
             clock: ReceiveClock::new(monotonic_ns()),
             counters: BusCounters::default(),
+            translation: None,
         })
     }
 
@@ -97,6 +101,11 @@ impl UdpMulticast {
     pub fn wait(&mut self, until_ns: u64) -> bool {
         self.groups.iter().any(|group| group.head.is_some())
             || messages::wait(&mut self.polled, until_ns)
+    }
+
+    /// The translation of actuators' frames.
+    pub(super) fn translation(&mut self) -> &mut Option<Translation> {
+        &mut self.translation
     }
 
     /// Looks for the next frame of every bus; true if there is one.
@@ -241,6 +250,7 @@ impl Sockets for UdpMulticast {
             let first = heads.min_by_key(|group| group.head.map(|(_, real_ns)| real_ns));
             if let Some((mut frame, real_ns)) = first.and_then(|group| group.head.take()) {
                 frame.stamp_ns = self.clock.stamp(real_ns);
+                Translation::arrived(&mut self.translation, &mut frame);
                 deliver(frame, rx, gather, table, &mut self.counters);
             }
         }

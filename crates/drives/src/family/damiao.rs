@@ -52,6 +52,10 @@ impl Family for Damiao {
         MODELS
     }
 
+    fn usual_reply(&self, node: u8) -> u16 {
+        u16::from(node) + 0x10
+    }
+
     fn poll(&self, at: Address) -> Option<Frame> {
         let data = [at.node, 0, REFRESH, 0, 0, 0, 0, 0];
         Some(with_data(at.bus, REGISTERS, &data))

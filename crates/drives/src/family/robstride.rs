@@ -46,6 +46,10 @@ impl Family for Robstride {
         MODELS
     }
 
+    fn usual_reply(&self, _node: u8) -> u16 {
+        0xFD
+    }
+
     fn poll(&self, at: Address) -> Option<Frame> {
         let [low, high] = POSITION.to_le_bytes();
         Some(frame(
@@ -54,6 +58,11 @@ impl Family for Robstride {
             u32::from(at.master),
             [low, high, 0, 0, 0, 0, 0, 0],
         ))
+    }
+
+    fn idle(&self, at: Address, model: &Model) -> Option<Frame> {
+        // The answer to a question has one parameter and no state; that to a command has all.
+        self.command(at, model, &SetPoint::default())
     }
 
     fn command(&self, at: Address, m: &Model, s: &SetPoint) -> Option<Frame> {

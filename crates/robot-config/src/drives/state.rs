@@ -1,6 +1,7 @@
 //! `[drive.NAME.state]`: states of a drive by its status word, and the words that control it.
 
 use crate::reader::{Allowed, Section};
+use drives_of_makers::family::translation;
 use robot_state::DriveState;
 use supervisor::{ControlWords, DriveProfile, StatusBits, StatusPattern};
 
@@ -10,6 +11,32 @@ const WORDS: u64 = 1 << 32;
 /// The preset CiA 402 with the default time limit.
 pub(super) fn cia402(sample_period: f64) -> DriveProfile {
     DriveProfile::cia402(step_limit(STEP_LIMIT_MS, sample_period))
+}
+
+/// The states of an actuator's own message, with the default time limit.
+pub(super) fn actuator(sample_period: f64) -> DriveProfile {
+    let row = |value, state| StatusPattern {
+        mask: 0xFF,
+        value,
+        state,
+    };
+    DriveProfile {
+        status: vec![
+            row(0, DriveState::Off),
+            row(1, DriveState::Enabled),
+            row(2, DriveState::Fault),
+        ],
+        control: Some(ControlWords {
+            prepare: translation::ENABLE,
+            switch_on: translation::ENABLE,
+            enable: translation::ENABLE,
+            disable: translation::DISABLE,
+            reset: translation::RESET,
+        }),
+        step_limit: step_limit(STEP_LIMIT_MS, sample_period),
+        brake: false,
+        time_out_set: None,
+    }
 }
 
 fn step_limit(limit_ms: f64, sample_period: f64) -> u32 {

@@ -1,11 +1,13 @@
 //! A joint's drive as a node of its bus, whose messages no DBC file describes.
 
 use super::Reader;
-use crate::drives::{CanopenDrive, Drive};
+use crate::drives::{ActuatorKind, CanopenDrive, Drive, Node};
 use crate::reader::{Allowed, Section};
 use crate::wiring::Wiring;
 use core::f64::consts::TAU;
 use drives_of_makers::cia402::{self, Mode, Side, signals};
+use drives_of_makers::family::Address;
+use drives_of_makers::family::translation::{self, Actuator};
 use robot_state::JointKind;
 
 /// The signals of a node.
@@ -39,31 +41,50 @@ impl Reader<'_, '_, '_> {
         drive: &Drive,
         wiring: &mut Wiring<'_, '_>,
     ) -> Option<Option<Messages>> {
-        const ALLOWED: &str = "1 to 126, the drive's node id";
         let section = self.section;
-        let node = section.optional_integer("node", 1..127);
-        let Some(canopen) = &drive.canopen else {
-            if node.is_some() {
-                let what = "its drive is no node: DBC files describe its frames";
-                section.problem(
-                    "node",
-                    what,
-                    "no such key, or profile = \"cia402\" of the drive",
-                );
+        let (range, allowed) = match &drive.node {
+            None => {
+                if section.has("node") {
+                    let what = "its drive is no node: DBC files describe its frames";
+                    section.problem("node", what, "no such key, or a profile of the drive");
+                }
+                return Some(None);
             }
-            return Some(None);
+            Some(Node::Canopen(_)) => (1..127, "1 to 126, the drive's node id"),
+            Some(Node::Actuator(_)) => (1..128, "1 to 127, the actuator's id"),
         };
         wiring.expect_nodes(bus);
-        let Some(node) = node else {
-            let what = "the key is missing, and its drive has profile = \"cia402\"";
-            section.problem("node", what, ALLOWED);
-            return None;
-        };
+        let node = section.optional_integer("node", range);
+        if !section.has("node") {
+            let what = "the key is missing, and its drive has a profile";
+            section.problem("node", what, allowed);
+        }
+        let (bus, node) = (bus as u8, node? as u8);
+        match &drive.node {
+            Some(Node::Canopen(canopen)) => {
+                self.add_canopen(name, bus, node, canopen, drive, wiring)
+            }
+            Some(Node::Actuator(kind)) => self.add_actuator(name, bus, node, kind, drive, wiring),
+            None => None,
+        }
+        .map(Some)
+    }
+
+    fn add_canopen(
+        &self,
+        name: &str,
+        bus: u8,
+        node: u8,
+        canopen: &CanopenDrive,
+        drive: &Drive,
+        wiring: &mut Wiring<'_, '_>,
+    ) -> Option<Messages> {
+        let section = self.section;
         let made = cia402::Drive {
             kind: &canopen.kind,
             name,
-            bus: bus as u8,
-            node: node as u8,
+            bus,
+            node,
             period: self.timing.sample_period,
             position_count: self.position_count(canopen, drive)?,
         };
@@ -71,17 +92,60 @@ impl Reader<'_, '_, '_> {
             && let Err(problems) = made.check(dictionary)
         {
             let place = &canopen.eds_place;
-            problems
-                .0
-                .into_iter()
-                .for_each(|p| section.note(p.of(place)));
+            let problems = problems.0.into_iter();
+            problems.for_each(|p| section.note(p.of(place)));
             return None;
         }
         if let Err(problem) = wiring.add_node(&made) {
             section.problem("node", problem.reason, problem.allowed);
             return None;
         }
-        Some(Some(self.made(&made, canopen, drive)))
+        let set_point = match (canopen.kind.mode, canopen.kind.side) {
+            (Mode::Torque, _) => self.written("current", JointKind::Revolute),
+            (Mode::Position, Side::Link) => self.written("link_angle", self.section.kind),
+            (Mode::Position, Side::Motor) => self.set_point_at_motor(drive),
+        };
+        Some(self.made(|key| made.path(key), set_point))
+    }
+
+    fn add_actuator(
+        &self,
+        name: &str,
+        bus: u8,
+        node: u8,
+        kind: &ActuatorKind,
+        drive: &Drive,
+        wiring: &mut Wiring<'_, '_>,
+    ) -> Option<Messages> {
+        let section = self.section;
+        let reply = section.optional_integer("reply_id", 0..2048);
+        let usual = translation::named(kind.family)?.usual_reply(node);
+        let actuator = Actuator {
+            family: kind.family,
+            model: kind.model,
+            at: Address {
+                bus,
+                node,
+                master: reply.map_or(usual, |id| id as u16),
+            },
+            name: name.to_owned(),
+            kp: kind.kp,
+            kd: kind.kd,
+            gear_ratio: drive.gear_ratio,
+            torque_per_current: drive.torque_per_current,
+        };
+        let messages = self.made(|key| actuator.path(key), self.set_point_at_motor(drive));
+        if let Err(problem) = wiring.add_actuator(actuator) {
+            section.problem("node", problem.reason, problem.allowed);
+            return None;
+        }
+        Some(messages)
+    }
+
+    /// Direction and offset of a set-point of the motor's side, in the joint's angle.
+    fn set_point_at_motor(&self, drive: &Drive) -> (f64, f64) {
+        let (sign, offset) = self.written("motor_angle", JointKind::Revolute);
+        (sign, offset / drive.gear_ratio)
     }
 
     /// Unit of a set-point in 607A, and what one count is in it.
@@ -102,15 +166,7 @@ impl Reader<'_, '_, '_> {
         Some((unit, TAU / counts / drive.gear_ratio))
     }
 
-    fn made(&self, node: &cia402::Drive<'_>, canopen: &CanopenDrive, drive: &Drive) -> Messages {
-        let set_point = match (canopen.kind.mode, canopen.kind.side) {
-            (Mode::Torque, _) => self.written("current", JointKind::Revolute),
-            (Mode::Position, Side::Link) => self.written("link_angle", self.section.kind),
-            (Mode::Position, Side::Motor) => {
-                let (sign, offset) = self.written("motor_angle", JointKind::Revolute);
-                (sign, offset / drive.gear_ratio)
-            }
-        };
+    fn made(&self, path: impl Fn(&str) -> Option<String>, set_point: (f64, f64)) -> Messages {
         let keys = [
             signals::MOTOR_ANGLE,
             signals::LINK_ANGLE,
@@ -128,7 +184,7 @@ impl Reader<'_, '_, '_> {
             };
             Some(Made {
                 key,
-                path: node.path(key)?,
+                path: path(key)?,
                 sign,
                 offset,
             })

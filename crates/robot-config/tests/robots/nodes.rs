@@ -175,7 +175,7 @@ fn a_bus_without_nodes_needs_its_keys() {
     let dbc = Files::new().with(TEST_JOINT, SIGNALS, &format!("node = 3\n{SIGNALS}"));
     let parts = [
         "joint.node (joint): its drive is no node",
-        "no such key, or profile",
+        "no such key, or a profile",
     ];
     refused(&dbc, TEST_JOINT, "node = 3", &parts);
 }
@@ -196,5 +196,86 @@ fn an_object_dictionary_is_held_against_what_is_needed() {
         "no object 2240:00",
     ] {
         assert!(text.contains(part), "{part:?} is not in\n{text}");
+    }
+}
+
+/// The test joint on a Damiao actuator.
+fn actuator() -> Files {
+    let made = "profile = \"damiao\"\n[drive.joint.actuator]\nmodel = \"DM4310\"\nkp_Nm_per_rad = 80.0\nkd_Nms_per_rad = 2.0\n";
+    let feedback = "law = \"proportional_integral\"\ntorque_feedback = \"whole_body\"";
+    node()
+        .with(TEST_JOINT, CANOPEN, made)
+        .with(TEST_JOINT, "gear_ratio = 100.0", "gear_ratio = 10.0")
+        .with(
+            TEST_JOINT,
+            "law = \"predictive\"\ntorque_feedback = \"torsion\"",
+            feedback,
+        )
+        .with(
+            TEST_JOINT,
+            "gains = { ",
+            "gains = { K_p = 0.0, K_i_per_s = 0.0, ",
+        )
+        .with(
+            TEST_JOINT,
+            "K_tau_rad_per_Nm = 0.00024",
+            "K_tau_rad_per_Nm = 0.0125",
+        )
+}
+
+#[test]
+fn an_actuator_has_messages_that_no_bus_carries_and_is_asked_each_cycle() {
+    let robot = actuator()
+        .load(TEST_JOINT)
+        .unwrap_or_else(|e| panic!("{e}"));
+    let [made] = &robot.nodes.actuators[..] else {
+        panic!("{:?}", robot.nodes.actuators);
+    };
+    assert_eq!(
+        (made.family, made.at.node, made.at.master),
+        ("damiao", 3, 0x13)
+    );
+    assert_eq!((made.kp, made.gear_ratio), (80.0, 10.0));
+    assert!(robot.nodes.plans.is_empty());
+    assert_eq!(robot.sync.len(), 1);
+    let own = robot
+        .sync
+        .iter()
+        .all(|frame| drives_of_makers::family::translation::is_own(frame.id));
+    assert!(own, "no SYNC of CANopen, which may be a node's identifier");
+    let joint = &robot.parameters.joints[0];
+    assert!(!joint.has_link_encoder && joint.has_velocity && joint.has_status);
+    let counts = joint.estimator.motor_resolution * 65535.0 / (2.0 * 12.5 * 10.0);
+    assert!((counts - 1.0).abs() < 1e-12, "{counts}");
+}
+
+#[test]
+fn what_an_actuator_cannot_have_is_refused() {
+    for (from, to, at, parts) in [
+        (
+            "DM4310",
+            "DM1",
+            "model = ",
+            ["drive.actuator.model (joint): \"DM1\"", "DM4310, DM4310P"],
+        ),
+        (
+            "kp_Nm_per_rad = 80.0",
+            "kp_Nm_per_rad = 800.0",
+            "kp_Nm_per_rad",
+            ["drive.actuator.kp_Nm_per_rad (joint)", "500"],
+        ),
+        (
+            "node = 3",
+            "node = 3\nreply_id = 2048",
+            "reply_id",
+            ["joint.reply_id (joint)", "0 to 2047"],
+        ),
+    ] {
+        refused(
+            &actuator().with(TEST_JOINT, from, to),
+            TEST_JOINT,
+            at,
+            &parts,
+        );
     }
 }

@@ -10,6 +10,7 @@ mod interface;
 
 use super::messages::{self, BATCH, Messages, Received, errno, set_option};
 use super::receive_clock::ReceiveClock;
+use super::translation::Translation;
 use super::{Bus, BusCounters, OpenError, SendFailure, Sockets, deliver, receive_until};
 use crate::real_time::monotonic_ns;
 use can_codec::{Frame, Frames, Gather, Table};
@@ -43,6 +44,8 @@ pub struct SocketCan {
     sending: [u8; BATCH],
     clock: ReceiveClock,
     counters: BusCounters,
+    /// Of actuators' frames, if there are any.
+    translation: Option<Translation>,
     /// The kernel's count of drops when last seen.
     kernel_dropped: u32,
     send_failure: Option<SendFailure>,
@@ -64,6 +67,7 @@ impl SocketCan {
             sending: [0; BATCH],
             clock: ReceiveClock::new(monotonic_ns()),
             counters: BusCounters::default(),
+            translation: None,
             kernel_dropped: 0,
             send_failure: None,
         })
@@ -99,6 +103,11 @@ impl SocketCan {
             let error = io::Error::last_os_error();
             Err(OpenError::Socket("CAN_RAW_FILTER", error))
         }
+    }
+
+    /// The translation of actuators' frames.
+    pub(super) fn translation(&mut self) -> &mut Option<Translation> {
+        &mut self.translation
     }
 
     /// The newest failure to send a frame.
@@ -204,7 +213,8 @@ impl Sockets for SocketCan {
             self.clock.update();
         }
         for at in 0..count {
-            if let Some(frame) = self.frame(at) {
+            if let Some(mut frame) = self.frame(at) {
+                Translation::arrived(&mut self.translation, &mut frame);
                 deliver(frame, rx, gather, table, &mut self.counters);
             }
         }

@@ -1,0 +1,293 @@
+//! Actuators of a robot as the loop sees them: a message of state, one of set-points and one of control
+//! words for each, whatever its family; and these messages turned into the family's frames and back.
+
+use super::{Address, FAMILIES, Family, Model, SetPoint, State};
+use can_codec::{Coding, Dbc, EXTENDED_ID, Frame, Frames, Message, Signal};
+use problem::Problem;
+
+/// Identifiers of the loop's own messages: none of them is ever on a bus.
+const OWN_ID: u32 = EXTENDED_ID | 0x1F80_0000;
+const OWN_MASK: u32 = EXTENDED_ID | 0x1FFF_0000;
+/// The message that begins a cycle: every actuator of the bus is asked for its state.
+const ASK_ID: u32 = OWN_ID | 0xFFFF;
+/// Kinds of messages, in the two lowest bits of an identifier.
+const STATE: u32 = 0;
+const COMMAND: u32 = 1;
+const CONTROL: u32 = 2;
+
+/// Control word: no torque.
+pub const DISABLE: u32 = 0;
+/// Control word: it follows set-points.
+pub const ENABLE: u32 = 1;
+/// Control word: its error is cleared.
+pub const RESET: u32 = 2;
+/// Status word of an actuator of whose state nothing has been heard for [`SILENT_NS`].
+const UNKNOWN: u32 = 3;
+/// Time after which a state counts as unknown, ns: families that send it apart do so at 10 Hz.
+const SILENT_NS: u64 = 500_000_000;
+/// Count of positions where a family sends floats, rad.
+const FINE: f64 = 1e-5;
+
+/// An actuator of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Actuator {
+    /// Its family.
+    pub family: &'static str,
+    /// Its model.
+    pub model: Model,
+    /// Where it is.
+    pub at: Address,
+    /// What it moves: a prefix of its messages' names.
+    pub name: String,
+    /// Torque for an error of position, N·m/rad.
+    pub kp: f64,
+    /// Torque for an error of velocity, N·m·s/rad.
+    pub kd: f64,
+    /// Turns of the motor for one of the output.
+    pub gear_ratio: f64,
+    /// Torque of the output for each ampere of the motor, N·m/A.
+    pub torque_per_current: f64,
+}
+
+/// The family of that name.
+#[must_use]
+pub fn named(name: &str) -> Option<&'static dyn Family> {
+    FAMILIES.into_iter().find(|family| family.name() == name)
+}
+
+/// The frame that begins a cycle on a bus with actuators; never sent itself.
+#[must_use]
+pub fn ask(bus: u8) -> Frame {
+    Frame::zeroed(bus, ASK_ID, 0, false)
+}
+
+/// The identifier is that of a message between loop and translation.
+#[must_use]
+pub fn is_own(id: u32) -> bool {
+    id & OWN_MASK == OWN_ID & OWN_MASK
+}
+
+impl Actuator {
+    fn id(&self, kind: u32) -> u32 {
+        OWN_ID | u32::from(self.at.node) << 2 | kind
+    }
+
+    /// One count of its position, rad of the output.
+    fn count(&self) -> f64 {
+        // Families that count do so in 16 bits.
+        if self.model.position < 1e3 {
+            2.0 * self.model.position / 65535.0
+        } else {
+            FINE
+        }
+    }
+
+    /// Its messages as a DBC file would describe them, in the names of [`crate::cia402::signals`].
+    #[must_use]
+    pub fn messages(&self) -> Dbc {
+        use crate::cia402::signals;
+        let message = |name, kind, len, signals| {
+            let mut message =
+                Message::new(format!("{}_{name}", self.name), self.id(kind), 8, signals);
+            (message.len, message.fd) = (len, true);
+            message
+        };
+        let count = self.count() * self.gear_ratio;
+        let float = |name, unit, bit| Signal::new(name, unit, Coding::Float32, bit, 32, 1.0);
+        let state = vec![
+            Signal::new(signals::MOTOR_ANGLE, "rad", Coding::Signed, 0, 32, count),
+            float(signals::VELOCITY, "rad/s", 32),
+            float(signals::CURRENT, "A", 64),
+            Signal::new(signals::STATUS, "", Coding::Unsigned, 96, 32, 1.0),
+        ];
+        let position = Signal::new(signals::SET_POINT, "rad", Coding::Float64, 0, 64, 1.0);
+        let word = Signal::new(signals::CONTROL, "", Coding::Unsigned, 0, 32, 1.0);
+        Dbc {
+            file: format!("messages of {} (node {})", self.name, self.at.node),
+            messages: vec![
+                message("STATE", STATE, 16, state),
+                message("COMMAND", COMMAND, 8, vec![position]),
+                message("CONTROL", CONTROL, 4, vec![word]),
+            ],
+        }
+    }
+
+    /// `MESSAGE.signal` of a signal's name, if it has it.
+    #[must_use]
+    pub fn path(&self, signal: &str) -> Option<String> {
+        let dbc = self.messages();
+        let mut messages = dbc.messages.iter();
+        let found = messages.find(|message| message.signal(signal).is_some())?;
+        Some(format!("{}.{signal}", found.name))
+    }
+}
+
+/// What is known of an actuator.
+struct Live {
+    setting: Actuator,
+    family: &'static dyn Family,
+    state: State,
+    /// When the state was told, ns.
+    told_ns: u64,
+    error: u32,
+    velocity: f64,
+    torque: f64,
+    /// The last control word.
+    word: u32,
+    /// The set-point's frame of this cycle or the last one.
+    last: Option<Frame>,
+}
+
+/// Turns a robot's messages of actuators into their frames, and back. Allocates only when it is made.
+pub struct Translator(Vec<Live>);
+
+impl Translator {
+    /// For these actuators; none: there are none.
+    ///
+    /// # Errors
+    /// A family that there is not.
+    pub fn new(actuators: &[Actuator]) -> Result<Option<Self>, Problem> {
+        let live = |setting: &Actuator| {
+            let family = named(setting.family).ok_or_else(|| {
+                let what = format!("there is no family {:?}", setting.family);
+                Problem::new(what, "a family of FAMILIES")
+            })?;
+            Ok(Live {
+                setting: setting.clone(),
+                family,
+                state: State::Off,
+                told_ns: 0,
+                error: 0,
+                velocity: 0.0,
+                torque: 0.0,
+                word: DISABLE,
+                last: None,
+            })
+        };
+        let live = actuators.iter().map(live).collect::<Result<Vec<_>, _>>()?;
+        Ok((!live.is_empty()).then_some(Self(live)))
+    }
+
+    /// Frames that one frame of the loop can become, at most.
+    #[must_use]
+    pub fn most(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Turns a frame from the bus into an actuator's message of state, if it tells one's position.
+    /// What else comes stays as it is.
+    pub fn receive(&mut self, frame: &mut Frame) {
+        if is_own(frame.id) {
+            // Somebody else's: without data it is no message of ours.
+            frame.len = 0;
+            return;
+        }
+        for live in &mut self.0 {
+            if frame.bus == live.setting.at.bus && live.receive(frame) {
+                return;
+            }
+        }
+    }
+
+    /// Appends what leaves on the bus for a frame of the loop.
+    pub fn send(&mut self, frame: &Frame, out: &mut Frames) {
+        if !is_own(frame.id) {
+            out.push(*frame);
+            return;
+        }
+        let of_bus = self.0.iter_mut();
+        for live in of_bus.filter(|live| live.setting.at.bus == frame.bus) {
+            let made = if frame.id == ASK_ID {
+                live.ask()
+            } else if frame.id == live.setting.id(COMMAND) {
+                live.command(frame)
+            } else if frame.id == live.setting.id(CONTROL) {
+                live.control(frame)
+            } else {
+                continue;
+            };
+            if let Some(made) = made {
+                out.push(made);
+            }
+        }
+    }
+}
+
+impl Live {
+    fn receive(&mut self, frame: &mut Frame) -> bool {
+        let setting = &self.setting;
+        let told = (self.family).feedback(setting.at, &setting.model, frame);
+        let Some(told) = told else {
+            return false;
+        };
+        if let Some(state) = told.state {
+            (self.state, self.told_ns) = (state, frame.stamp_ns);
+        }
+        self.error = told.error.unwrap_or(self.error);
+        self.velocity = told.velocity.unwrap_or(self.velocity);
+        self.torque = told.torque.unwrap_or(self.torque);
+        let Some(position) = told.position else {
+            return true;
+        };
+        let count = (position / setting.count()).round_ties_even();
+        let velocity = (self.velocity * setting.gear_ratio) as f32;
+        let current = (self.torque / setting.torque_per_current) as f32;
+        let mut made = Frame::zeroed(frame.bus, setting.id(STATE), 16, true);
+        made.stamp_ns = frame.stamp_ns;
+        made.data[..4].copy_from_slice(&(count as i32).to_le_bytes());
+        made.data[4..8].copy_from_slice(&velocity.to_le_bytes());
+        made.data[8..12].copy_from_slice(&current.to_le_bytes());
+        made.data[12..16].copy_from_slice(&self.status(frame.stamp_ns).to_le_bytes());
+        *frame = made;
+        true
+    }
+
+    fn status(&self, now: u64) -> u32 {
+        let state = match self.state {
+            _ if now.saturating_sub(self.told_ns) > SILENT_NS => UNKNOWN,
+            State::Off => 0,
+            State::Enabled => 1,
+            State::Fault => 2,
+        };
+        state | self.error << 8
+    }
+
+    /// Once in a cycle: the last set-point again, if there was one since the last time, or else what
+    /// cannot move anything.
+    fn ask(&mut self) -> Option<Frame> {
+        let again = self.last.take();
+        again.or_else(|| self.family.idle(self.setting.at, &self.setting.model))
+    }
+
+    fn command(&mut self, frame: &Frame) -> Option<Frame> {
+        let setting = &self.setting;
+        let bytes = frame.data.first_chunk::<8>()?;
+        let set_point = SetPoint {
+            position: f64::from_le_bytes(*bytes),
+            kp: setting.kp,
+            kd: setting.kd,
+            ..SetPoint::default()
+        };
+        // Nothing but what is asked for while it is off.
+        if self.word != ENABLE {
+            return None;
+        }
+        self.last = (self.family).command(setting.at, &setting.model, &set_point);
+        self.last
+    }
+
+    fn control(&mut self, frame: &Frame) -> Option<Frame> {
+        let word = u32::from_le_bytes(*frame.data.first_chunk::<4>()?);
+        let at = self.setting.at;
+        self.word = word;
+        if word != ENABLE {
+            self.last = None;
+        }
+        match (word, self.state) {
+            (ENABLE, State::Enabled) | (DISABLE, State::Off) => None,
+            (ENABLE, _) => Some(self.family.enable(at)),
+            (RESET, _) => Some(self.family.clear(at)),
+            _ => Some(self.family.disable(at)),
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! Actuators as the loop sees them, and what leaves on the bus for its messages.
+
+use can_codec::{BusDbc, Frame, Frames, SignalMap, Table};
+use drives::family::translation::{
+    self, Actuator, DISABLE, ENABLE, RESET, Translator, ask, is_own,
+};
+use drives::family::{Address, FAMILIES, Family, Feedback, SetPoint, State};
+use proptest::prelude::*;
+
+fn actuator(family: &dyn Family) -> Actuator {
+    Actuator {
+        family: family.name(),
+        model: family.models()[0],
+        at: Address {
+            bus: 0,
+            node: 3,
+            master: 0x13,
+        },
+        name: "knee".to_owned(),
+        kp: 80.0,
+        kd: 2.0,
+        gear_ratio: 10.0,
+        torque_per_current: 2.0,
+    }
+}
+
+/// The loop's side: its tables, and the messages that it sends.
+struct Loop {
+    translator: Translator,
+    table: Table,
+    slots: Vec<f64>,
+}
+
+/// Slots, in the order of the messages' signals.
+const ANGLE: usize = 0;
+const VELOCITY: usize = 1;
+const CURRENT: usize = 2;
+const STATUS: usize = 3;
+const SET_POINT: usize = 4;
+const CONTROL: usize = 5;
+
+impl Loop {
+    fn new(actuator: &Actuator) -> Self {
+        let dbc = actuator.messages();
+        let dbcs = [BusDbc {
+            bus: 0,
+            fd: true,
+            dbc: &dbc,
+        }];
+        let table = Table::compile(&dbcs, &SignalMap::all(0, &dbc.messages)).expect("a table");
+        let translator = Translator::new(std::slice::from_ref(actuator));
+        Self {
+            translator: translator.expect("families").expect("an actuator"),
+            table,
+            slots: vec![0.0; 6],
+        }
+    }
+
+    /// What leaves for a frame of the loop.
+    fn send(&mut self, frame: &Frame) -> Vec<Frame> {
+        let mut out = Frames::new(8);
+        self.translator.send(frame, &mut out);
+        out.iter().copied().collect()
+    }
+
+    /// What leaves for the message with that signal.
+    fn encode(&mut self, slot: usize, value: f64) -> Vec<Frame> {
+        self.slots[slot] = value;
+        let index = (0..self.table.message_count())
+            .find(|&index| self.table.slots(index).any(|s| s == slot))
+            .expect("its message");
+        let mut frame = Frame::zeroed(0, 0, 0, false);
+        assert!(self.table.encode(index, &self.slots, &mut frame));
+        self.send(&frame)
+    }
+
+    fn receive(&mut self, frame: &Frame, stamp_ns: u64) -> bool {
+        let mut frame = Frame { stamp_ns, ..*frame };
+        self.translator.receive(&mut frame);
+        matches!(self.table.decode(&frame, &mut self.slots), Ok(Some(_)))
+    }
+}
+
+/// Tells the loop a state, as the family's actuator does.
+fn tell(l: &mut Loop, family: &dyn Family, told: &Feedback, stamp_ns: u64) -> bool {
+    let a = actuator(family);
+    // What is told apart is told before the position.
+    let mut frames = family.answer(a.at, &a.model, told);
+    frames.reverse();
+    let mut any = false;
+    for frame in &frames {
+        any |= l.receive(frame, stamp_ns);
+    }
+    any
+}
+
+#[test]
+fn a_state_reaches_the_loop_in_its_units() {
+    for family in FAMILIES {
+        let mut l = Loop::new(&actuator(family));
+        let told = Feedback {
+            position: Some(-1.25),
+            velocity: Some(2.0),
+            torque: Some(3.0),
+            state: Some(State::Enabled),
+            error: Some(0),
+            ..Feedback::default()
+        };
+        assert!(tell(&mut l, family, &told, 1_000), "{}", family.name());
+        assert!(
+            (l.slots[ANGLE] / 10.0 + 1.25).abs() < 4e-4,
+            "{}",
+            l.slots[ANGLE]
+        );
+        assert!(
+            (l.slots[VELOCITY] / 10.0 - 2.0).abs() < 8e-3,
+            "{}",
+            l.slots[VELOCITY]
+        );
+        // ODrive's estimates carry no torque.
+        let torque = if family.name() == "odrive" { 0.0 } else { 3.0 };
+        assert!(
+            (2.0 * l.slots[CURRENT] - torque).abs() < 3e-3,
+            "{}",
+            l.slots[CURRENT]
+        );
+        assert_eq!(l.slots[STATUS] as u32 & 0xFF, 1);
+    }
+}
+
+#[test]
+fn a_state_that_is_no_longer_told_is_unknown() {
+    // ODrive tells its state apart from its position.
+    let family = translation::named("odrive").expect("a family");
+    let mut l = Loop::new(&actuator(family));
+    let told = Feedback {
+        position: Some(0.0),
+        state: Some(State::Enabled),
+        ..Feedback::default()
+    };
+    assert!(tell(&mut l, family, &told, 1_000));
+    let a = actuator(family);
+    let position = family.answer(a.at, &a.model, &told)[0];
+    assert!(l.receive(&position, 400_000_000));
+    assert_eq!(l.slots[STATUS], 1.0);
+    assert!(l.receive(&position, 600_000_000));
+    assert_eq!(l.slots[STATUS], 3.0);
+}
+
+#[test]
+fn the_messages_between_loop_and_translation_are_on_no_bus() {
+    for family in FAMILIES {
+        let mut l = Loop::new(&actuator(family));
+        l.encode(CONTROL, f64::from(ENABLE));
+        let all = [
+            l.encode(SET_POINT, 0.5),
+            l.send(&ask(0)),
+            l.encode(CONTROL, f64::from(RESET)),
+        ];
+        assert!(all.iter().flatten().all(|frame| !is_own(frame.id)));
+        // Nor are they believed if somebody else sends them.
+        let mut state = Frame::zeroed(0, actuator(family).messages().messages[0].id, 16, true);
+        state.data[0] = 1;
+        assert!(!l.receive(&state, 1));
+    }
+}
+
+#[test]
+fn a_set_point_goes_out_once_enabled_and_again_when_the_next_cycle_asks() {
+    let family = translation::named("damiao").expect("a family");
+    let a = actuator(family);
+    let mut l = Loop::new(&a);
+    let question = family.poll(a.at).expect("a question");
+    assert_eq!(l.send(&ask(0)), [question]);
+    assert!(l.encode(SET_POINT, 0.5).is_empty());
+    assert_eq!(l.encode(CONTROL, f64::from(ENABLE)), [family.enable(a.at)]);
+    let set_point = SetPoint {
+        position: 0.5,
+        kp: 80.0,
+        kd: 2.0,
+        ..SetPoint::default()
+    };
+    let command = family.command(a.at, &a.model, &set_point).expect("a frame");
+    assert_eq!(l.encode(SET_POINT, 0.5), [command]);
+    assert_eq!(l.send(&ask(0)), [command]);
+    // Withdrawn: asked without gains.
+    assert_eq!(l.send(&ask(0)), [question]);
+}
+
+#[derive(Clone, Debug)]
+enum Act {
+    Ask,
+    Control(u32),
+    SetPoint(f64),
+    Told(State),
+}
+
+fn acts() -> impl Strategy<Value = Vec<Act>> {
+    let state = prop_oneof![Just(State::Off), Just(State::Enabled), Just(State::Fault)];
+    let act = prop_oneof![
+        Just(Act::Ask),
+        (0u32..4).prop_map(Act::Control),
+        (-3.0..3.0).prop_map(Act::SetPoint),
+        state.prop_map(Act::Told),
+    ];
+    proptest::collection::vec(act, 1..60)
+}
+
+proptest! {
+    /// No set-point by accident: whatever the loop does and the actuator tells, nothing with gains or an
+    /// enabling word leaves unless enabling was the last control word.
+    #[test]
+    fn nothing_moves_it_unless_it_is_to_be_enabled(acts in acts()) {
+        for family in FAMILIES {
+            let a = actuator(family);
+            let mut l = Loop::new(&a);
+            let mut word = DISABLE;
+            let harmless: Vec<Frame> = [
+                family.idle(a.at, &a.model),
+                Some(family.disable(a.at)),
+                Some(family.clear(a.at)),
+            ]
+            .into_iter()
+            .flatten()
+            .collect();
+            for act in &acts {
+                let out = match act {
+                    Act::Ask => l.send(&ask(0)),
+                    Act::Control(w) => {
+                        word = *w;
+                        l.encode(CONTROL, f64::from(*w))
+                    }
+                    Act::SetPoint(x) => l.encode(SET_POINT, *x),
+                    Act::Told(state) => {
+                        let told = Feedback { position: Some(0.0), state: Some(*state), ..Feedback::default() };
+                        tell(&mut l, family, &told, 1);
+                        Vec::new()
+                    }
+                };
+                for frame in out {
+                    prop_assert!(word == ENABLE || harmless.contains(&frame), "{act:?}: {frame:?}");
+                }
+            }
+        }
+    }
+}
