@@ -44,11 +44,11 @@ fn fields_may_be_separated_by_commas_semicolons_or_tabs() {
         assert_eq!(rows.iter().map(|r| r.theta).collect::<Vec<_>>(), expected);
         assert_eq!(rows[1].current, 4.0);
     }
-    // What some spreadsheets write: names in quotes; decimal commas are named.
-    let quoted = read("\"t\";\"theta\";\"q\";\"i\"\n0;1;2;3\n");
-    assert_eq!(quoted[0].current, 3.0);
-    let decimal = message("t;theta;q;i\n0;1,5;2;3\n");
-    assert!(decimal.contains("run.csv:2: `theta` is `1,5`"), "{decimal}");
+    // What some spreadsheets write: names in quotes, decimal commas.
+    let quoted = read("\"t\";\"theta\";\"q\";\"i\"\n0;1,5;2;3\n");
+    assert_eq!((quoted[0].theta, quoted[0].current), (1.5, 3.0));
+    let mixed = message("t;theta;q;i\n0;1,5;2.5;3\n");
+    assert!(mixed.contains("run.csv:2: `q` is `2.5`, but"), "{mixed}");
 }
 
 #[test]
