@@ -93,13 +93,17 @@ function open(joint) {
   page.dirty = true;
 }
 
+/** The earliest end of a window: once records are dropped, the window stays in what is kept. */
+function earliest() {
+  const { store, span } = page;
+  return store.oldest + (page.scene.live && store.begin > 0 ? Math.min(span, store.newest - store.oldest) : 0);
+}
+
 /** Shows the window that ends at a time; null: the present. */
 function goTo(end) {
   const { store } = page;
   page.playing = null;
-  // Of a running robot the window stays in what is kept; a recorded run is played from its first moment on.
-  const least = store.oldest + (page.scene.live ? Math.min(page.span, store.newest - store.oldest) : 0);
-  page.end = end === null ? null : Math.min(Math.max(end, least), store.newest);
+  page.end = end === null ? null : Math.min(Math.max(end, earliest()), store.newest);
   page.dirty = true;
 }
 
@@ -149,7 +153,7 @@ let slow = 0;
 function draw(now) {
   const { store, scene, status } = page;
   // What is shown in a pause becomes the oldest that is kept, and moves on with it.
-  if (scene.live && page.end !== null) page.end = Math.max(page.end, store.oldest + Math.min(page.span, store.newest - store.oldest));
+  if (page.end !== null) page.end = Math.max(page.end, earliest());
   const end = page.end ?? store.newest;
   const width = scene.live ? page.span : Math.min(page.span, store.newest - store.oldest || page.span);
   const window = [end - width, end];
