@@ -30,7 +30,7 @@ docs/configuration.md and docs/simulation.md describe every key.
 Exit codes:
   0  the configuration is complete
   2  the configuration, its URDF or one of its DBC files has a problem or cannot be read, or a
-     torque loop has less margin than 30 degrees or 6 dB";
+     torque loop, or the hold of a drive that takes currents, has less margin than 30 degrees or 6 dB";
 
 /// Check a robot's configuration with its URDF and DBC files, and print a summary.
 ///
@@ -68,7 +68,7 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
     let buses = bus_loads(&robot, rate);
     let warnings = warnings(&robot, &buses);
     let judged = margins::judge(&robot);
-    let refused = margins::refusals(&judged, &arguments.config);
+    let refused = margins::refusals(&robot, &judged, &arguments.config);
     if !refused.is_empty() {
         return Err(Problems(refused));
     }

@@ -2,11 +2,13 @@
 
 use crate::output::finish_or_refuse;
 use charts::{COLOURS, Figure, Line, Panel};
-use control::margins::{JointLoop, LateLoop, Load, Margins, NEEDED, Point};
-use control::margins::{largest_damping, largest_stiffness, least_margins};
+use control::margins::{Load, NEEDED, Point, largest_damping};
 use control::predictive::Design;
 use problem::{Problem, Problems};
-use robot_config::{JointParameters, Parameters, Robot, TorqueLaw};
+use robot_config::Robot;
+use robot_config::torque_loops::{
+    LeastMargins, LoopLaw, LoopMargins, TorqueLoop, refused_holds, torque_loops, without_space,
+};
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
 use std::path::PathBuf;
@@ -14,7 +16,6 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use terminal::TextTable;
-use torqued_client::robot_state::JointKind;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -57,7 +58,7 @@ pub(crate) fn run(arguments: &MarginsArguments) -> ExitCode {
 fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
     let read = |path: &str| terminal::read_text(path);
     let robot = robot_config::load(&arguments.config, &read)?;
-    let mut loops = loops(&robot);
+    let mut loops = torque_loops(&robot);
     if let Some(name) = &arguments.joint {
         let names: Vec<&str> = loops.iter().map(|l| l.name.as_str()).collect();
         let what = format!("--joint {name}: the robot has no such joint");
@@ -71,7 +72,7 @@ fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
     if let (Some(path), Some(of_joint)) = (&arguments.plot, loops.first()) {
         figure(of_joint).write(path).map_err(Problems::from)?;
     }
-    let refused = refusals(&judged, &arguments.config);
+    let refused = refusals(&robot, &judged, &arguments.config);
     if !refused.is_empty() {
         return Err(Problems(refused));
     }
@@ -89,65 +90,26 @@ degrees and 6 dB, K_s with the configured K_d / K_s\n";
 
 /// The loop of one joint, judged.
 pub(crate) struct JudgedJoint {
-    name: String,
-    /// The robot follows this law, so that too little margin is refused.
-    bound: bool,
+    /// The loop itself.
+    of_joint: TorqueLoop,
     /// K_i of the feedback of a late torque, 1/s.
     k_i: Option<f64>,
     /// Bandwidths and damping of the predictive law.
     design: Option<Design>,
-    joint_kind: JointKind,
     bandwidth: [f64; 2],
-    torque: (Margins, [Load; 2]),
-    /// With the configured stiffness and damping in space.
-    space: (Margins, [Load; 2]),
+    margins: LoopMargins,
     most: [f64; 2],
-}
-
-/// One joint's loop.
-struct Loop {
-    name: String,
-    bound: bool,
-    joint_kind: JointKind,
-    kind: Kind,
-}
-
-enum Kind {
-    /// By the predictive law, with K_s and K_d.
-    Predictive(JointLoop),
-    Late(LateLoop),
-}
-
-fn loops(robot: &Robot) -> Vec<Loop> {
-    let joints = robot.parameters.joints.iter();
-    joints
-        .map(|joint| joint_loop(joint, &robot.parameters))
-        .collect()
-}
-
-fn joint_loop(joint: &JointParameters, parameters: &Parameters) -> Loop {
-    let predictive = matches!(parameters.torque_law, TorqueLaw::Predictive(_));
-    let late = robot_config::late_loop(joint, parameters);
-    Loop {
-        name: joint.name.clone(),
-        bound: predictive || late.is_some(),
-        joint_kind: joint.kind,
-        kind: match late {
-            Some(late) => Kind::Late(late),
-            None => Kind::Predictive(robot_config::predictive_loop(joint)),
-        },
-    }
 }
 
 /// Judges the loops by which the robot's joints are controlled.
 pub(crate) fn judge(robot: &Robot) -> Vec<JudgedJoint> {
-    let mut loops = loops(robot);
+    let mut loops = torque_loops(robot);
     loops.retain(|of_joint| of_joint.bound);
     judge_loops(&loops)
 }
 
 /// Judges loops on all cores.
-fn judge_loops(joints: &[Loop]) -> Vec<JudgedJoint> {
+fn judge_loops(joints: &[TorqueLoop]) -> Vec<JudgedJoint> {
     let next = AtomicUsize::new(0);
     let done = Mutex::new(Vec::new());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -171,89 +133,45 @@ fn judge_loops(joints: &[Loop]) -> Vec<JudgedJoint> {
     done.into_iter().map(|(_, judged)| judged).collect()
 }
 
-/// The torque's own loop, without stiffness and damping in space.
-fn without_space(space: &JointLoop) -> JointLoop {
-    JointLoop {
-        stiffness: 0.0,
-        damping: 0.0,
-        ..*space
-    }
-}
-
-fn judge_joint(joint: &Loop) -> JudgedJoint {
-    let ratio = |k_s: f64, k_d: f64| if k_s > 0.0 { k_d / k_s } else { 0.01 };
-    let (name, bound) = (joint.name.clone(), joint.bound);
+fn judge_joint(joint: &TorqueLoop) -> JudgedJoint {
     let stuck = [Load::Blocked, Load::Stuck];
-    match &joint.kind {
-        Kind::Predictive(space) => {
+    let (k_i, design, bandwidth, most_damping) = match &joint.law {
+        LoopLaw::Predictive(space) => {
             let torque = without_space(space);
-            let ratio = ratio(space.stiffness, space.damping);
-            JudgedJoint {
-                name,
-                bound,
-                joint_kind: joint.joint_kind,
-                k_i: None,
-                design: Some(space.law.design),
-                bandwidth: stuck.map(|load| torque.with(load).bandwidth()),
-                torque: least_margins(&torque, &Load::ALL),
-                space: least_margins(space, &Load::MOVING),
-                most: [
-                    largest_stiffness(&torque, ratio, NEEDED),
-                    largest_damping(&torque, NEEDED),
-                ],
-            }
+            (
+                None,
+                Some(space.law.design),
+                stuck.map(|load| torque.with(load).bandwidth()),
+                largest_damping(&torque, NEEDED),
+            )
         }
-        Kind::Late(space) => {
+        LoopLaw::Late(space) => {
             let torque = space.of_torque();
-            let ratio = ratio(space.gains.k_s, space.gains.k_d);
-            JudgedJoint {
-                name,
-                bound,
-                joint_kind: joint.joint_kind,
-                k_i: Some(space.gains.k_i),
-                design: None,
-                bandwidth: stuck.map(|load| torque.bandwidth(load)),
-                torque: torque.least_margins(&Load::ALL),
-                space: space.least_margins(&Load::MOVING),
-                most: [
-                    torque.largest_stiffness(ratio, NEEDED),
-                    torque.largest_damping(NEEDED),
-                ],
-            }
+            (
+                Some(space.gains.k_i),
+                None,
+                stuck.map(|load| torque.bandwidth(load)),
+                torque.largest_damping(NEEDED),
+            )
         }
+    };
+    JudgedJoint {
+        of_joint: joint.clone(),
+        k_i,
+        design,
+        bandwidth,
+        margins: joint.margins(),
+        most: [joint.largest_stiffness(), most_damping],
     }
 }
 
-/// A problem for each joint that has too little margin by the law that it follows.
-pub(crate) fn refusals(judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    for joint in judged.iter().filter(|joint| joint.bound) {
-        for (what, (margins, at)) in [
-            ("torque loop", &joint.torque),
-            ("K_s and K_d", &joint.space),
-        ] {
-            if !margins.keeps(&NEEDED) {
-                let (degrees, db) = margins.in_degrees_and_db();
-                let reason = format!(
-                    "joint {}: {what}: margins of {degrees:.0} degrees (link {}) and {db:.1} dB (link {})",
-                    joint.name,
-                    at[0].name(),
-                    at[1].name(),
-                );
-                let less = match joint.k_i {
-                    Some(k_i) => format!("K_i_per_s below {k_i:.1} or none given, "),
-                    None => String::new(),
-                };
-                let allowed = format!(
-                    "at least 30 degrees and 6 dB: {less}less delay, or K_s up to {:.0} {}",
-                    joint.most[0],
-                    joint.joint_kind.units("N·m/rad")
-                );
-                problems.push(Problem::new(reason, allowed).at(file, 0));
-            }
-        }
-    }
-    problems
+/// A problem for each joint that has too little margin by the law that it follows, or in its hold.
+pub(crate) fn refusals(robot: &Robot, judged: &[JudgedJoint], file: &str) -> Vec<Problem> {
+    let bound = judged.iter().filter(|joint| joint.of_joint.bound);
+    bound
+        .flat_map(|joint| joint.of_joint.refusals(&joint.margins, file))
+        .chain(refused_holds(robot, file))
+        .collect()
 }
 
 /// A line for each joint whose drive and gear have needed another design than the default, and one for those whose
@@ -263,7 +181,7 @@ pub(crate) fn designs(judged: &[JudgedJoint]) -> String {
     let default = Design::default();
     let alone: Vec<&str> = (judged.iter())
         .filter(|joint| joint.design.is_some_and(|design| design.help <= 0.0))
-        .map(|joint| joint.name.as_str())
+        .map(|joint| joint.of_joint.name.as_str())
         .collect();
     let alone = match alone.is_empty() {
         true => String::new(),
@@ -282,7 +200,7 @@ pub(crate) fn designs(judged: &[JudgedJoint]) -> String {
         (linear != default).then(|| format!(
             "{}: s {:.2}, zeta {:.1}, observers {:.0} Hz (rotor) and {:.0} Hz (link), follow {:.0} Hz instead of \
              1, 1, 40, 25 and 10, with which drive and gear would have less than 30 degrees or 6 dB\n",
-            joint.name, d.stiffness, d.damping, hz(d.rotor), hz(d.link), hz(d.follow),
+            joint.of_joint.name, d.stiffness, d.damping, hz(d.rotor), hz(d.link), hz(d.follow),
         ))
     });
     alone + &other.collect::<String>()
@@ -309,11 +227,11 @@ pub(crate) fn table(judged: &[JudgedJoint]) -> String {
     ];
     let mut rows = vec![head.map(str::to_owned).to_vec()];
     for joint in judged {
-        let ((torque, at), (space, space_at)) = (&joint.torque, &joint.space);
+        let ((torque, at), (space, space_at)) = (&joint.margins.torque, &joint.margins.space);
         let (degrees, db) = torque.in_degrees_and_db();
         let (space_degrees, space_db) = space.in_degrees_and_db();
         rows.push(vec![
-            joint.name.clone(),
+            joint.of_joint.name.clone(),
             (joint.k_i).map_or_else(|| "-".to_owned(), |k_i| format!("{k_i:.1}")),
             format!("{:.0} Hz", joint.bandwidth[0]),
             format!("{:.0} Hz", joint.bandwidth[1]),
@@ -325,11 +243,15 @@ pub(crate) fn table(judged: &[JudgedJoint]) -> String {
             space_at[0].name().to_owned(),
             format!("{space_db:.0} dB"),
             format!("{:.0} dB", 20.0 * space.reduction.log10()),
-            format!("{:.0} {}", joint.most[0], joint.joint_kind.units("N·m/rad")),
+            format!(
+                "{:.0} {}",
+                joint.most[0],
+                joint.of_joint.joint_kind.units("N·m/rad")
+            ),
             format!(
                 "{:.1} {}",
                 joint.most[1],
-                joint.joint_kind.units("N·m·s/rad")
+                joint.of_joint.joint_kind.units("N·m·s/rad")
             ),
             (joint.design.filter(|design| design.help > 0.0))
                 .map_or_else(|| "-".to_owned(), |design| format!("{:.1}", design.help)),
@@ -340,7 +262,7 @@ pub(crate) fn table(judged: &[JudgedJoint]) -> String {
 
 /// The joints as JSON.
 pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
-    let margins = |(margins, at): &(Margins, [Load; 2])| {
+    let margins = |(margins, at): &LeastMargins| {
         let (degrees, db) = margins.in_degrees_and_db();
         // Infinite ones are left out: JSON has none.
         json!({
@@ -354,9 +276,9 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
     let object = |joint: &JudgedJoint| {
         // Only these keys have units of the joint: a phase is in degrees.
         let [stiffness, damping] = ["largest_K_s_Nm_per_rad", "largest_K_d_Nms_per_rad"]
-            .map(|key| joint.joint_kind.units(key));
+            .map(|key| joint.of_joint.joint_kind.units(key));
         json!({
-            "name": joint.name,
+            "name": joint.of_joint.name,
             "K_i_per_s": joint.k_i,
             "design": joint.design.map(|design| json!({
                 "s": design.stiffness,
@@ -369,8 +291,8 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
             })),
             "bandwidth_Hz": joint.bandwidth[0],
             "bandwidth_stuck_Hz": joint.bandwidth[1],
-            "torque": margins(&joint.torque),
-            "with_K_s_K_d": margins(&joint.space),
+            "torque": margins(&joint.margins.torque),
+            "with_K_s_K_d": margins(&joint.margins.space),
             (stiffness): joint.most[0],
             (damping): joint.most[1],
         })
@@ -382,14 +304,14 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
 type Curve = (Load, Vec<Point>, Vec<Point>);
 
 /// Bode and Nyquist curves of the open loop, and the torque's response, at every load.
-fn figure(joint: &Loop) -> Figure {
+fn figure(joint: &TorqueLoop) -> Figure {
     let curves: Vec<Curve> = (Load::ALL.iter())
-        .map(|&load| match &joint.kind {
-            Kind::Predictive(space) => {
+        .map(|&load| match &joint.law {
+            LoopLaw::Predictive(space) => {
                 let closed = without_space(space).with(load);
                 (load, closed.open_loop(), closed.torque_response())
             }
-            Kind::Late(space) => {
+            LoopLaw::Late(space) => {
                 let torque = space.of_torque();
                 (load, torque.open_loop(load), torque.torque_response(load))
             }

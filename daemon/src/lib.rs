@@ -10,6 +10,7 @@ pub mod ending;
 pub mod failure;
 pub mod loop_monitor;
 pub mod looper;
+pub mod margins;
 pub mod offsets;
 pub mod real_time;
 pub mod recorder;

@@ -8,10 +8,12 @@ use std::sync::atomic::AtomicBool;
 
 use clap::{Parser, Subcommand};
 use recording::AttachedFile;
+use robot_config::Robot;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use terminal::print;
 use torqued::demo::{self, DemoOptions};
 use torqued::failure::Failure;
+use torqued::margins;
 use torqued::run::RunOptions;
 use torqued::simulation::{self, default_file};
 
@@ -56,6 +58,9 @@ A robot of your own needs a sim.toml beside its robot.toml, and may have a motio
   torqued run config/leg/robot.toml --record run.mcap
   torqued run config/leg/robot.toml --seconds 10 --json
 
+What `torquectl check` refuses is not started: also a torque loop with less margin than 30 degrees or 6 dB, unless
+--accept-margins is given.
+
 With --simulate no CAN interface is needed: a simulated robot answers in this process, in real time.
 Clients, torquectl, tares and faults work as on a robot. Where the computer is too slow, the simulated
 robot's time passes more slowly.
@@ -82,6 +87,9 @@ it to rest and holds it, as `torquectl stop` does.")]
         /// replayed bit by bit.
         #[arg(long, value_name = "FILE")]
         record: Option<PathBuf>,
+        /// Run torque loops with less margin than 30 degrees or 6 dB: they may swing by themselves.
+        #[arg(long)]
+        accept_margins: bool,
         /// Print the summary as JSON.
         #[arg(long)]
         json: bool,
@@ -97,11 +105,16 @@ fn main() -> ExitCode {
             simulate,
             seed,
             record,
+            accept_margins,
             json,
         } => {
             let sim = simulate.map(|file| file.unwrap_or_else(|| default_file(&config)));
             let sim = sim.as_deref().map(|file| (file, seed));
-            run(&config, sim, seconds, record, json)
+            let files = RefCell::new(Vec::new());
+            read_robot(&config, &files).and_then(|robot| {
+                margins::check(&robot, &config, accept_margins)?;
+                run(&robot, files.into_inner(), sim, seconds, record, json)
+            })
         }
     };
     match result {
@@ -113,15 +126,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs the robot, or a simulated one with the parameters in the file `sim` and its seed.
-fn run(
-    config: &Path,
-    sim: Option<(&Path, Option<u64>)>,
-    seconds: Option<f64>,
-    record: Option<PathBuf>,
-    json: bool,
-) -> Result<ExitCode, Failure> {
-    let files = RefCell::new(Vec::new());
+/// Reads the configuration and the files that it names, and keeps their texts for recordings.
+fn read_robot(config: &Path, files: &RefCell<Vec<AttachedFile>>) -> Result<Robot, Failure> {
     let read = |path: &str| {
         let text = terminal::read_text(path)?;
         let mut files = files.borrow_mut();
@@ -134,7 +140,18 @@ fn run(
         }
         Ok(text)
     };
-    let robot = robot_config::load(&config.to_string_lossy(), &read).map_err(Failure::bad_input)?;
+    robot_config::load(&config.to_string_lossy(), &read).map_err(Failure::bad_input)
+}
+
+/// Runs the robot, or a simulated one with the parameters in the file `sim` and its seed.
+fn run(
+    robot: &Robot,
+    files: Vec<AttachedFile>,
+    sim: Option<(&Path, Option<u64>)>,
+    seconds: Option<f64>,
+    record: Option<PathBuf>,
+    json: bool,
+) -> Result<ExitCode, Failure> {
     let rate_hz = 1.0 / robot.parameters.timing.sample_period;
     let cycles = match seconds {
         None => None,
@@ -153,7 +170,7 @@ fn run(
     }
     let plant = sim.map(|(file, seed)| {
         let parameters = simulation::parameters(file, seed)?;
-        simulation::robot(&robot, &parameters, file)
+        simulation::robot(robot, &parameters, file)
     });
     let plant = plant.transpose()?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -165,13 +182,13 @@ fn run(
         .map_err(Failure::environment)?;
     let options = RunOptions {
         cycles,
-        files: files.into_inner(),
+        files,
         record,
         stop_and_hold,
     };
     let summary = match plant {
-        Some(plant) => torqued::run::simulate(&robot, plant, options, &stop)?,
-        None => torqued::run::run(&robot, options, &stop)?,
+        Some(plant) => torqued::run::simulate(robot, plant, options, &stop)?,
+        None => torqued::run::run(robot, options, &stop)?,
     };
     if json {
         let json = serde_json::to_string(&summary).map_err(Failure::environment)?;

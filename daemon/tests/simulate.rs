@@ -220,6 +220,47 @@ fn a_missing_or_wrong_simulation_file_is_named_and_nothing_starts() {
 }
 
 #[test]
+fn a_torque_loop_that_check_refuses_is_not_started_unless_its_margins_are_accepted() {
+    let directory = TemporaryDirectory::new();
+    let shipped = project_path("config/leg/robot.toml");
+    let text = std::fs::read_to_string(&shipped).expect("read");
+    // Damping far beyond what the loop bears.
+    let stiff = text.replace("K_d_Nms_per_rad = 98.0", "K_d_Nms_per_rad = 1960.0");
+    assert_ne!(stiff, text);
+    let models = project_path("robot-models");
+    let stiff = stiff.replace("../../robot-models", &models);
+    let config = directory.path().join("robot.toml");
+    std::fs::write(&config, stiff).expect("written");
+    let sim = project_path("config/leg/sim.toml");
+    let path = config.to_string_lossy();
+    let arguments = [&*path, "--simulate", &sim, "--seconds", "0.1"];
+
+    let out = refused(&arguments);
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{error}");
+    // Word for word what `torquectl check` refuses: every joint that it names, and nothing else.
+    let read = |path: &str| std::fs::read_to_string(path);
+    let robot = robot_config::load(&path, &read).expect("a configuration");
+    let expected = robot_config::torque_loops::refused_loops(&robot, &path);
+    assert!(!expected.is_empty());
+    for problem in &expected {
+        assert!(error.contains(&problem.to_string()), "{problem}: {error}");
+    }
+    assert_eq!(
+        error.matches("at least 30 degrees and 6 dB").count(),
+        expected.len()
+    );
+    assert!(error.contains("--accept-margins"), "{error}");
+
+    let accepted = refused(&[&arguments[..], &["--accept-margins"]].concat());
+    let error = String::from_utf8_lossy(&accepted.stderr);
+    // A loop that rings may have latched a fault, but it was started.
+    assert!(error.contains("accepted: "), "{error}");
+    assert!(matches!(accepted.status.code(), Some(0 | 1)), "{error}");
+    assert!(!accepted.stdout.is_empty(), "{error}");
+}
+
+#[test]
 fn the_demo_shows_the_calibration_that_a_robot_comes_with() {
     let errors = |more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));

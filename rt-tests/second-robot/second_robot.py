@@ -204,8 +204,8 @@ class Result:
 class Leg:
     """Robot and daemon, from power-on; used in a `with` block."""
 
-    def __init__(self, program, folder, configure=configuration, faults=(), rate_hz=RATE_HZ):
-        """`configure` writes the configuration into a folder; its path."""
+    def __init__(self, program, folder, configure=configuration, faults=(), rate_hz=RATE_HZ, options=()):
+        """`configure` writes the configuration into a folder; its path. `options`: of torqued run."""
         folder.mkdir()
         self.robot = Robot(program, folder, rate_hz)
         self.robot.set(*faults)
@@ -213,7 +213,7 @@ class Leg:
         self.mover = None
         self.period_s = 1 / rate_hz
         forget_faults()
-        self.daemon = Process(BINARIES / "torqued", "run", configure(folder), "--json")
+        self.daemon = Process(BINARIES / "torqued", "run", configure(folder), "--json", *options)
         try:
             self.daemon.wait_for("running")
             self.client = torqued.Client(NAME, timeout_s=10.0)

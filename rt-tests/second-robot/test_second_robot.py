@@ -97,12 +97,26 @@ def torquectl_move(*arguments):
 SOFT = (600.0, 400.0, 60.0)
 
 
+def test_a_hold_by_current_without_margins_is_not_started(tmp_path):
+    """The default windows of the filters, in samples, and gains ten times too high."""
+    config = by_current(tmp_path, [10 * stiffness for stiffness in SOFT])
+    for command in ([BINARIES / "torqued", "run"], [BINARIES / "torquectl", "check"]):
+        with Process(*command, config) as process:
+            code = process.wait(30.0)
+            text = "".join(process.lines)
+        assert code == 2, text
+        for joint in ("hip", "knee", "ankle"):
+            assert f"joint {joint}: hold by K_s and K_d: margins of 0 degrees" in text, text
+
+
 def test_a_hold_by_current_does_not_swing(robot_program, tmp_path):
-    """A joint is moved by 5 degrees and held, with drives that take currents at 250 Hz."""
+    """A joint is moved by 5 degrees and held, with drives that take currents at 250 Hz. Its friction damps what the
+    default windows of the filters, in samples, leave of the margins."""
     configure = functools.partial(by_current, stiffness=SOFT)
 
     def run(index):
-        with Leg(robot_program, tmp_path / str(index), configure, ["by_current - 1"], 250.0) as leg:
+        folder, options = tmp_path / str(index), ["--accept-margins"]
+        with Leg(robot_program, folder, configure, ["by_current - 1"], 250.0, options) as leg:
             leg.start()
             code, text = torquectl_move("knee=62.3")
             result = leg.inject(window_s=3.0, before_s=0.2)

@@ -12,7 +12,7 @@ MAX_FT_SENSORS = 8
 MAX_FURTHER_IMUS = 3
 MAX_POINTS = 32
 MAX_FRAMES = 4
-EVENT_COUNT = 59
+EVENT_COUNT = 60
 
 
 class Mode(IntEnum):
@@ -228,6 +228,7 @@ EVENTS = (
     Event(411, "drive_unguarded", "A drive's own time limit for set-points is off: if the bus broke it would go on with the last one. It is not enabled.", "drive.state.time_out_set", "off"),
     Event(412, "command_delay", "The delay from a command to its effect, as measured, is another one than configured: torque control may ring.", "control.command_delay_us", "warn"),
     Event(413, "drive_unlike", "While a client's torque was followed, a drive's current showed another stiffness or damping of its position loop than configured, by more than torque control corrects: it may ring, and its margins are not those that were computed.", "drive.motor.K_tau_rad_per_Nm / drive.motor.K_v_s", "warn"),
+    Event(414, "hold_swings", "A joint that is held swings, and its motor does the work: the hold's gains are too high for its inertia and the delay of its velocities. It is braked, no longer held by its gains, and left to its brake where it has one.", "joint.gains / filters.control", "hold"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
     Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
@@ -557,7 +558,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """28656 bytes."""
+    """28664 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -594,7 +595,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 59),
+        ("events", ctypes.c_uint64 * 60),
     ]
 
 
@@ -625,7 +626,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """28728 bytes."""
+    """28736 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -899,7 +900,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#af84238dd697f4b6")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#3f7c899efae2946f")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")

@@ -7,11 +7,13 @@
 //! response to a sine is that of the whole period, averaged over its steps.
 
 mod design;
+mod hold;
 mod late;
 mod lifted;
 mod response;
 
 pub use design::choose_design;
+pub use hold::{HoldLoop, INTEGRAL_TIMES};
 pub use late::LateLoop;
 pub use response::{ClosedLoop, Point};
 

@@ -430,8 +430,12 @@ impl Supervisor {
         if self.machine.fault().is_none() {
             self.fault_subject = subject;
         }
-        if let (Event::FollowingError, Some(Subject::Joint(joint))) = (event, subject) {
-            self.machine.withdraw(joint);
+        match (event, subject) {
+            (Event::FollowingError, Some(Subject::Joint(joint))) => self.machine.withdraw(joint),
+            (Event::HoldSwings, Some(Subject::Joint(joint))) if self.holds.brakes(joint) => {
+                self.machine.withdraw(joint);
+            }
+            _ => {}
         }
         self.machine.latch(event, safety);
         self.release(event.number());

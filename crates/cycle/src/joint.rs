@@ -21,6 +21,7 @@ mod constants;
 mod controller;
 mod enter;
 mod felt_level;
+mod hold_guard;
 mod law;
 mod rejoin;
 mod rest;
@@ -76,6 +77,8 @@ impl Gap {
 struct JointInput<'a> {
     measured: &'a JointMeasured,
     trust: Trust,
+    /// Motor-side and link-side angle as they were read, rad, link side, whether they are trusted or not.
+    shown: [f64; 2],
     gap: Gap,
     /// Torque that carries the joint's weight, by no sensor of the last 0.1 s but encoders, N·m.
     weight: f64,
@@ -190,6 +193,7 @@ impl Joints {
             let input = JointInput {
                 measured,
                 trust: inputs.soundness.trust(j),
+                shown: inputs.soundness.shown(j),
                 gap: inputs.soundness.gap(),
                 weight: inputs.gravity.torque(j),
                 tau_encoder: &torques.tau_encoder,
@@ -211,6 +215,9 @@ impl Joints {
             }
             if joint.begins_to_mismatch_model(&task.goal) {
                 counts.add_of(Event::DriveUnlike, Subject::Joint(j));
+            }
+            if joint.begins_to_swing() {
+                counts.add_of(Event::HoldSwings, Subject::Joint(j));
             }
             count_limits(j, commanded.flags, counts);
         }

@@ -123,6 +123,13 @@ impl Soundness {
         }
     }
 
+    /// Motor-side and link-side angle of a joint as they were read, rad, link side, whether they are trusted or not.
+    pub(crate) fn shown(&self, joint: usize) -> [f64; 2] {
+        self.joints
+            .get(joint)
+            .map_or([f64::NAN; 2], |joint| joint.shown)
+    }
+
     /// Whether a joint's encoders can be relied on.
     pub(crate) fn trust(&self, joint: usize) -> Trust {
         if self.joints.get(joint).is_some_and(|joint| joint.distrusted) {

@@ -3,6 +3,7 @@
 mod calibration;
 mod design;
 mod gains;
+mod hold;
 mod law;
 mod limits;
 mod motor_alone;
@@ -23,6 +24,7 @@ use dynamics::{Data, Model, crba, neutral};
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
+pub use hold::{hold_loop, refused_holds};
 pub use motor_alone::late_loop;
 pub(crate) use motor_alone::{check_torque_source, choose_feedback};
 use robot_state::{JointKind, MAX_JOINTS};

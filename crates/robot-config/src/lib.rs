@@ -22,12 +22,13 @@ mod sampling;
 mod sensors;
 pub mod slots;
 mod tare;
+pub mod torque_loops;
 mod units;
 mod well_posed;
 mod whole_body;
 mod wiring;
 
-pub use joints::{late_loop, predictive_loop};
+pub use joints::{hold_loop, late_loop, predictive_loop};
 pub use parameters::*;
 pub use problem::{Problem, Problems};
 pub use sampling::{Sampled, Sampling};

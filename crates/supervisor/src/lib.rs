@@ -14,6 +14,7 @@ mod limiter;
 mod plausibility;
 mod robot;
 mod signal;
+mod swing_watch;
 
 pub use commanders::Commanders;
 pub use drive::{
@@ -26,3 +27,4 @@ pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
 pub use plausibility::{MotorSample, Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};
 pub use signal::{Liveness, SignalMonitor, SignalParameters};
+pub use swing_watch::{SwingTorque, SwingWatch, SwingWatchParameters};

@@ -11,9 +11,10 @@
 //! set-point gives way to a load by a small angle and slowly, and not at all by samples that cannot be used: two
 //! encoders that fail alike, e.g. by frames of another joint, must not lead it away.
 //!
-//! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that
-//! the distance to the position limits allows by both encoders: the less of it is left the less
-//! torque, and beyond it braking.
+//! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that the distance to the
+//! position limits allows by both encoders: the less of it is left the less torque, and beyond it braking.
+
+mod no_current;
 
 use robot_state::command_flags;
 

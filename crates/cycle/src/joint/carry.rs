@@ -20,6 +20,7 @@
 //! of both may be what is wrong, and damping would drive the joint: it is braked against the direction that they showed
 //! before, and one that stood by no more than a share of its torque; else no longer.
 
+use control::margins::INTEGRAL_TIMES;
 use robot_state::JointCommanded;
 use supervisor::Motion;
 
@@ -37,8 +38,6 @@ const BRIDGED: u32 = 5;
 const WINDOW: u32 = 20;
 /// Share of the torque limit by which a joint is braked that stood when its encoders were trusted last.
 const DOUBTED_SHARE: f64 = 0.15;
-/// Integral time in units of K_d / K_s: slow enough to leave spring and damping as they are.
-const INTEGRAL_TIMES: f64 = 10.0;
 
 /// Torque that the joint is held with.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,6 +89,8 @@ pub(super) struct Carry {
     direction: Option<f64>,
     /// Its encoders show a motion that braking cannot have led to.
     misled: bool,
+    /// It is anchored no more: its spring has made it swing.
+    is_loose: bool,
 }
 
 impl Carry {
@@ -116,7 +117,20 @@ impl Carry {
             blind: 0,
             direction: None,
             misled: false,
+            is_loose: false,
         }
+    }
+
+    /// Torque of the integral, N·m.
+    pub(super) fn integral(&self) -> f64 {
+        self.share * self.integral
+    }
+
+    /// Its spring makes the joint swing: from now on it is damped alone, under its weight.
+    pub(super) fn let_loose(&mut self) {
+        self.is_loose = true;
+        self.integral = 0.0;
+        self.anchor = None;
     }
 
     /// Periods before this cycle have no sample: filters have bridged them by what was before.
@@ -209,7 +223,7 @@ impl Carry {
 
     /// Anchors a joint that has come to rest, and damps one whose encoders contradict each other.
     fn settle(&mut self, motion: &Motion, trusted: bool, rest: f64) {
-        if !trusted {
+        if !trusted || self.is_loose {
             self.anchor = None;
         } else if self.anchor.is_none() && motion.dq.abs() < SLOW * rest && self.damped_s > 0.0 {
             self.anchor = Some(Anchor::at(motion, 0.0, f64::INFINITY));

@@ -9,6 +9,7 @@ use supervisor::{Actuation, Deviation, Following, Limited, Limiter, Motion, Show
 
 use super::carry::Carry;
 use super::constants::Constants;
+use super::hold_guard::HoldGuard;
 use super::law::{Desired, Law};
 use super::rejoin::Rejoin;
 use super::rest::{self, Rest};
@@ -64,6 +65,8 @@ pub(super) struct Controller {
     mismatches: bool,
     /// Its only encoder is in doubt since the last mode: so is the velocity that it shows.
     doubted: bool,
+    /// Of drives that take currents.
+    hold_guard: Option<HoldGuard>,
     /// None while no set-points are sent.
     state: Option<State>,
 }
@@ -94,6 +97,7 @@ impl Controller {
             law: Law::new(index, parameters)?,
             mismatches: false,
             doubted: false,
+            hold_guard: (!joint.takes_position()).then(|| HoldGuard::new(joint)),
             state: None,
         })
     }
@@ -141,6 +145,11 @@ impl Controller {
         self.mismatches && !before
     }
 
+    /// The hold has begun to swing its joint, in this cycle.
+    pub(super) fn begins_to_swing(&mut self) -> bool {
+        (self.hold_guard.as_mut()).is_some_and(HoldGuard::take_news)
+    }
+
     /// The command of this cycle within all limits, with its contributions in `commanded`. Returns
     /// how the drive deviates from those before, and whether that begins.
     pub(super) fn update(
@@ -159,6 +168,7 @@ impl Controller {
         let deviation = self.deviation(&motion, after_gap, input);
         let is_doubtful = matches!(deviation, Some((Deviation::Doubtful, _)));
         self.doubted |= self.is_motor_side_only() && is_doubtful;
+        self.guard_hold(input);
         let asked = self.command(goal, &motion, input, commanded);
         self.limiter.judge_by(after_gap.map(|[_, rotor]| rotor));
         let limited = self.limit(goal, asked, &motion, input);
@@ -167,6 +177,22 @@ impl Controller {
         self.law.sent(limited.applied);
         self.publish(&limited, &motion, commanded);
         deviation
+    }
+
+    /// Watches the hold of a drive that takes currents. One that swings its joint ends.
+    fn guard_hold(&mut self, input: &JointInput<'_>) {
+        let Some(guard) = &mut self.hold_guard else {
+            return;
+        };
+        match &mut self.state {
+            Some(State::Carry(carry)) => {
+                guard.observe(input.measured, input.shown, carry.integral(), input.dt);
+                if guard.swings() {
+                    carry.let_loose();
+                }
+            }
+            _ => guard.rest(),
+        }
     }
 
     /// The loop returns after a gap: in a long one the drive has braked the joint, and a law goes on that controls its
@@ -228,10 +254,17 @@ impl Controller {
             Some(State::Carry(carry)) => {
                 let weight = carry.weight();
                 let motion = Motion { weight, ..*motion };
-                if carry.is_damped() {
+                let limited = if carry.is_damped() {
                     self.limiter.stop(asked, &motion)
                 } else {
                     self.limiter.limit(asked, &motion)
+                };
+                let stops = !matches!(goal, JointGoal::Hold);
+                let guard = self.hold_guard.as_ref();
+                if guard.is_some_and(|guard| guard.forbids(limited.applied, stops)) {
+                    self.limiter.no_current(asked)
+                } else {
+                    limited
                 }
             }
             _ => self.limiter.limit(asked, motion),

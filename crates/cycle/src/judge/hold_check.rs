@@ -80,6 +80,11 @@ impl HoldCheck {
         }
     }
 
+    /// Joint `j` takes currents, and has a brake.
+    pub(crate) fn brakes(&self, j: usize) -> bool {
+        matches!(self.joints.get(j), Some(Joint::Current(Some(_))))
+    }
+
     /// Takes a cycle of joint `j`, which has set-points; `stopped`: a fault is latched.
     pub(crate) fn update(
         &mut self,

@@ -99,7 +99,7 @@ pub fn late_loop(joint: &JointParameters, parameters: &Parameters) -> Option<Lat
 }
 
 /// Weights of the samples in a filter's value or derivative, oldest first: its response to an impulse, backwards.
-fn taps(filter: FilterDesign, derivative: usize) -> Vec<f64> {
+pub(super) fn taps(filter: FilterDesign, derivative: usize) -> Vec<f64> {
     let Ok(mut bank) = FilterBank::new(1, filter) else {
         // The configuration refuses it.
         return Vec::new();
