@@ -43,7 +43,7 @@ def robot(request, tmp_path):
 def test_from_power_on_to_holding(robot):
     config, actuators = robot
     starts = [actuator.q for actuator in actuators]
-    with daemon(config) as process:
+    with daemon(config, "--accept-margins") as process:
         to_holding()
         time.sleep(1.0)
         assert all(actuator.enabled for actuator in actuators)
@@ -63,7 +63,7 @@ def test_from_power_on_to_holding(robot):
 
 def test_they_stop_when_the_daemon_is_killed(robot):
     config, actuators = robot
-    with daemon(config) as process:
+    with daemon(config, "--accept-margins") as process:
         to_holding()
         process.send(signal.SIGKILL)
         time.sleep(1.0)

@@ -105,7 +105,7 @@ CST = [
 @pytest.mark.parametrize("mode, changes", [(8, []), (10, CST)], ids=["csp", "cst"])
 def test_from_power_on_to_holding(tmp_path, line, mode, changes):
     starts = [drive.degrees for drive in line.drives]
-    with daemon(configuration(tmp_path, changes)) as process:
+    with daemon(configuration(tmp_path, changes), "--accept-margins") as process:
         to_holding()
         time.sleep(1.0)
         for drive in line.drives:
@@ -128,7 +128,7 @@ def test_from_power_on_to_holding(tmp_path, line, mode, changes):
 
 
 def test_the_drives_stop_when_the_daemon_is_killed(tmp_path, line):
-    with daemon(configuration(tmp_path, CST)) as process:
+    with daemon(configuration(tmp_path, CST), "--accept-margins") as process:
         to_holding()
         process.send(signal.SIGKILL)
         killed = time.monotonic()
@@ -155,7 +155,7 @@ def enable_once_plausible(client, limit_s=10.0):
 
 def test_a_drive_that_starts_anew_is_named_withdrawn_and_set_up_anew(tmp_path, line):
     changes = [(r'enable = "automatic"', 'enable = "operator"')]
-    with daemon(configuration(tmp_path, changes)) as process:
+    with daemon(configuration(tmp_path, changes), "--accept-margins") as process:
         client = torqued.Client("test-joint", timeout_s=10.0)
         wait_for_state(client, torqued.RobotState.READY)
         client.enable()
@@ -193,7 +193,7 @@ def test_what_is_not_as_planned_is_named_and_nothing_moves(tmp_path, line, said)
     (drive,) = line.drives
     start = drive.degrees
     forget_faults()
-    with Process(BINARIES / "torqued", "run", configuration(tmp_path, joints=1), "--json") as process:
+    with Process(BINARIES / "torqued", "run", configuration(tmp_path, joints=1), "--json", "--accept-margins") as process:
         assert process.wait(60.0) == 1
         output = process.output()
     for part in said:
