@@ -193,7 +193,8 @@ def test_what_is_not_as_planned_is_named_and_nothing_moves(tmp_path, line, said)
     (drive,) = line.drives
     start = drive.degrees
     forget_faults()
-    with Process(BINARIES / "torqued", "run", configuration(tmp_path, joints=1), "--json", "--accept-margins") as process:
+    config = configuration(tmp_path, joints=1)
+    with Process(BINARIES / "torqued", "run", config, "--json", "--accept-margins") as process:
         assert process.wait(60.0) == 1
         output = process.output()
     for part in said:
