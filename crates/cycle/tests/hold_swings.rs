@@ -101,7 +101,6 @@ fn a_hold_that_swings_is_a_fault_in_its_first_swings_and_no_current_drives_its_j
         }
         let found = found.unwrap_or_else(|| panic!("{what}: swings unseen, {turns} turns"));
         let way = (reach[1] - reach[0]).to_degrees();
-        println!("{what}: after {found:.2} s and {turns} turns; then {way:.1} deg, {work:.3} J");
         assert!(found < 1.5, "{what}: {found} s, {turns} turns");
         // With 210 the encoders are not trusted, and nothing but the weight's torque and friction holds it.
         let most = if rate == 1000.0 {
