@@ -229,6 +229,7 @@ fn a_torque_loop_that_check_refuses_is_not_started_unless_its_margins_are_accept
     assert_ne!(stiff, text);
     let models = project_path("robot-models");
     let stiff = stiff.replace("../../robot-models", &models);
+    std::fs::create_dir_all(directory.path()).expect("made");
     let config = directory.path().join("robot.toml");
     std::fs::write(&config, stiff).expect("written");
     let sim = project_path("config/leg/sim.toml");
