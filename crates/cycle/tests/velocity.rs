@@ -170,3 +170,29 @@ fn a_velocity_beyond_the_limit_is_refused_and_a_client_that_falls_silent_leaves_
     assert_eq!(bench.cycle.record().mode, Mode::Hold.number());
     assert!((bench.plant.truth().joints[0].q - before).abs() < 1e-3);
 }
+
+#[test]
+fn a_joint_that_is_held_back_is_waited_for() {
+    let (mut bench, mut reference) = held(Bench::new("leg"));
+    let limits = bench.robot.parameters.joints[0].limits;
+    let start = bench.plant.truth().joints[0].q;
+    reference.joints[0].dq_d = 0.1 * limits.velocity;
+    // Something stands in its way: as stiff as a load that is set once a cycle may be.
+    let hold = |bench: &mut Bench, reference: &mut Reference, cycles: usize| {
+        for _ in 0..cycles {
+            let joint = &bench.plant.truth().joints[0];
+            let load = -3e3 * (joint.q - start).max(0.0) - 20.0 * joint.dq;
+            bench.plant.robot_mut().set_load(0, load);
+            run(bench, reference, 1);
+        }
+    };
+    hold(&mut bench, &mut reference, 3000);
+    reference.joints[0].dq_d = 0.0;
+    hold(&mut bench, &mut reference, 300);
+    assert_eq!(bench.cycle.record().mode, Mode::Velocity.number());
+    // Where it was led to meanwhile: in 3 s the desired position alone would have gone on by 0.3 s at the velocity limit.
+    bench.plant.robot_mut().set_load(0, 0.0);
+    run(&mut bench, &mut reference, 1000);
+    let way = bench.plant.truth().joints[0].q - start;
+    assert!(way < 0.02 * limits.velocity, "{way} rad");
+}

@@ -1,10 +1,13 @@
 //! Velocity: the joints follow `dq_d` of the client, by inverse dynamics.
 //!
 //! Velocities may come at any pace, as from a joystick or a servo node: the loop leads to them within the limits of
-//! acceleration and jerk, and brakes before position limits (K).
+//! acceleration and jerk, and brakes before position limits (K). A joint that something holds back is waited for: the
+//! desired position leads it by no more than what makes [`LEAD_SHARE`] of its torque limit, so that its spring is not
+//! stretched ever further. The contact wrenches that F/T sensors show are fed forward besides, as in mode inverse
+//! dynamics: what holds the joint back may so be pressed with all of its torque limit.
 
 use control::{PlannedMotion, VelocityPlanner, VelocityStream};
-use robot_config::Robot;
+use robot_config::{JointParameters, Robot};
 use robot_state::{CommandedRecord, Mode, Reference};
 
 use super::inverse_dynamics::tracking;
@@ -14,10 +17,17 @@ use crate::inputs::Seen;
 /// For rounding of velocities that are meant to be the limit.
 const ROUNDING: f64 = 1.001;
 
+/// Torque of the spring towards the desired position, of the limit, from which on a joint is waited for: an unknown payload
+/// of that much is still moved.
+const LEAD_SHARE: f64 = 0.3;
+
 /// See the module.
 #[derive(Debug)]
 struct Velocity {
     joints: Vec<VelocityStream>,
+    /// Desired position of each joint in the last cycle, rad, and by how much it may lead the joint.
+    desired: Vec<f64>,
+    lead: Vec<f64>,
     /// Greatest velocity of each joint, rad/s.
     most: Vec<f64>,
     planner: VelocityPlanner,
@@ -27,8 +37,11 @@ pub(super) fn make(robot: &Robot) -> Made {
     let p = &robot.parameters;
     let joints = p.joints.iter().zip(p.motion_limits());
     let joints = joints.map(|(joint, limits)| VelocityStream::new(limits, joint.desired_range()));
+    let lead = |joint: &JointParameters| LEAD_SHARE * joint.limits.torque / joint.gains.k_s;
     Ok(Some(Box::new(Velocity {
         joints: joints.collect(),
+        desired: vec![0.0; p.joints.len()],
+        lead: p.joints.iter().map(lead).collect(),
         most: p.joints.iter().map(|joint| joint.limits.velocity).collect(),
         planner: VelocityPlanner::new(),
     })))
@@ -54,19 +67,28 @@ impl ClientMode for Velocity {
         _: &mut CommandedRecord,
         tasks: &mut [Task],
     ) -> Result<(), JointBits> {
-        if asked.begins {
-            for (joint, measured) in self.joints.iter_mut().zip(&seen.measured.joints) {
+        let mut reference = *asked.reference;
+        let joints = self
+            .joints
+            .iter_mut()
+            .zip(&mut self.desired)
+            .zip(&self.lead);
+        let records = reference.joints.iter_mut().zip(&seen.measured.joints);
+        for (((joint, before), lead), (wanted, measured)) in joints.zip(records) {
+            if asked.begins {
                 joint.start(PlannedMotion {
                     q: measured.q,
                     dq: measured.dq,
                     ddq: 0.0,
                 });
+                *before = measured.q;
             }
-        }
-        let mut reference = *asked.reference;
-        for (joint, desired) in self.joints.iter_mut().zip(&mut reference.joints) {
-            let next = joint.advance(&mut self.planner, desired.dq_d, seen.dt);
-            (desired.q_d, desired.dq_d, desired.ddq_d) = (next.q, next.dq, next.ddq);
+            let ahead = *before - measured.q;
+            let is_held_back = ahead * wanted.dq_d > 0.0 && ahead.abs() > *lead;
+            let velocity = if is_held_back { 0.0 } else { wanted.dq_d };
+            let next = joint.advance(&mut self.planner, velocity, seen.dt);
+            (wanted.q_d, wanted.dq_d, wanted.ddq_d) = (next.q, next.dq, next.ddq);
+            *before = next.q;
         }
         reference.contact_wrench_given = 0;
         body.follow(&reference, seen, &seen.contact_wrenches());
