@@ -1,5 +1,6 @@
 //! The daemon: the loop and everything about it that touches the world.
 
+pub mod actuator_watch;
 pub mod bring_up;
 pub mod bus;
 pub mod bus_lock;

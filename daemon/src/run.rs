@@ -13,6 +13,7 @@ use robot_config::{RealTime, Robot};
 use robot_state::{Description, Event, Name};
 use supervisor::Commanders;
 
+use crate::actuator_watch::ActuatorWatch;
 use crate::bring_up;
 use crate::bus::in_process::{SimulatedDeadline, VirtualClock};
 use crate::bus::{Bus, LockStep, Network};
@@ -63,9 +64,10 @@ pub fn run(robot: &Robot, options: RunOptions, stop: &Arc<AtomicBool>) -> Result
     let _locks =
         BusLocks::take(buses.iter().map(|bus| &bus.carrier)).map_err(Failure::environment)?;
     bring_up::bring_up(robot, &mut bus, stop)?;
+    let reports = bus.translate(&robot.nodes.actuators);
+    let reports = reports.map_err(Failure::bad_input)?;
     let _watch = DriveWatch::start(robot)?;
-    bus.translate(&robot.nodes.actuators)
-        .map_err(Failure::bad_input)?;
+    let _actuators = ActuatorWatch::start(robot, reports)?;
     let state = &robot.parameters.name;
     run_on(robot, bus, Deadline::new, state, options, stop)
 }

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import can
 import cantools
+import moteus
 import odrive_can
 import pytest
 import robstride
@@ -64,6 +65,14 @@ def odrive():
         turns = {"Input_Pos": p / math.tau, "Vel_FF": v / math.tau, "Torque_FF": t}
         data = dbc.encode_message("Axis0_Set_Input_Pos", turns)
         yield line("odrive", "ODrive", "command", base | 0x0C, data, (p, v, t, kp, kd))
+    # Of a motor with 1 N·m/rad and 0.03 N·m·s/rad.
+    gains = {"Vel_Gain": 0.03 * math.tau, "Vel_Integrator_Gain": 0.0}
+    for what, command, name, values in (
+        ("mode", 0x0B, "Controller_Mode", {"Control_Mode": 3, "Input_Mode": 1}),
+        ("position_gain", 0x1A, "Pos_Gain", {"Pos_Gain": 1 / 0.03}),
+        ("velocity_gains", 0x1B, "Vel_Gains", gains),
+    ):
+        yield line("odrive", "ODrive", what, base | command, dbc.encode_message(f"Axis0_Set_{name}", values))
     for what, state in (("enable", 8), ("disable", 1)):
         data = dbc.encode_message("Axis0_Set_Axis_State", {"Axis_Requested_State": state})
         yield line("odrive", "ODrive", what, base | 0x07, data)
@@ -83,8 +92,43 @@ def robstride_lines():
         yield line("robstride", name, "poll", bus.sent[0].arbitration_id | 1 << 31, bus.sent[0].data)
 
 
+def moteus_controller():
+    """A controller of PyPI moteus that sends and asks for the registers that ours do, in floats."""
+    from moteus import multiplex
+
+    position, query = moteus.PositionResolution(), moteus.QueryResolution()
+    for name in ("position", "velocity", "feedforward_torque", "kp_scale", "kd_scale"):
+        setattr(position, name, multiplex.F32)
+    for name in ("position", "velocity", "torque", "q_current"):
+        setattr(query, name, multiplex.F32)
+    for name in ("mode", "voltage", "temperature", "fault"):
+        setattr(query, name, multiplex.INT8)
+    return moteus.Controller(NODE, transport=Bus(), position_resolution=position, query_resolution=query)
+
+
+def moteus_lines():
+    controller = moteus_controller()
+
+    def made(what, command, values=()):
+        sizes = [*range(9), 12, 16, 20, 24, 32, 48, 64]
+        size = next(size for size in sizes if size >= len(command.data))
+        # The transport sets who sends.
+        identifier = MASTER << 8 | 0x8000 * command.reply_required | command.destination
+        return line("moteus", "moteus", what, identifier | 1 << 31, command.data.ljust(size, b"\x50"), values)
+
+    for p, v, t, kp, kd in COMMANDS:
+        turns = {"position": p / math.tau, "velocity": v / math.tau, "feedforward_torque": t}
+        shares = {"kp_scale": float(kp != 0), "kd_scale": float(kd != 0)}
+        yield made("command", controller.make_position(**turns, **shares, query=True), (p, v, t, kp, kd))
+    still = {"velocity": 0.0, "feedforward_torque": 0.0, "kp_scale": 0.0, "kd_scale": 0.0}
+    yield made("enable", controller.make_position(position=math.nan, **still, query=True))
+    yield made("disable", controller.make_stop(query=True))
+    yield made("clear", controller.make_stop(query=True))
+    yield made("poll", controller.make_query())
+
+
 def lines():
-    return [*damiao(), *odrive(), *robstride_lines()]
+    return [*damiao(), *odrive(), *robstride_lines(), *moteus_lines()]
 
 
 def test_other_masters_still_make_the_recorded_frames():
@@ -92,17 +136,21 @@ def test_other_masters_still_make_the_recorded_frames():
 
 
 def answers():
-    """What our simulated drives send: family, model, identifier, data, position, velocity, torque, temperature,
-    state, error."""
+    """What our simulated drives send: family, model, identifier, data, position, velocity, torque, current,
+    temperature, voltage, state, error."""
     for text in (TESTS / "answers.txt").read_text().splitlines():
         family, model, identifier, data, *numbers, state, error = text.split()
         values = [float(number) for number in numbers]
         yield family, model, int(identifier, 16), bytes.fromhex(data), values, state, int(error)
 
 
-@pytest.mark.parametrize("answer", list(answers()), ids=lambda answer: "-".join(map(str, answer[:3])))
+OTHERS = ("damiao", "moteus", "odrive", "robstride")
+
+
+@pytest.mark.parametrize("answer", [a for a in answers() if a[0] in OTHERS], ids=lambda answer: "-".join(map(str, answer[:3])))
 def test_other_masters_understand_our_answers(answer):
-    family, model, identifier, data, (position, velocity, torque, temperature), state, error = answer
+    family, model, identifier, data, numbers, state, error = answer
+    position, velocity, torque, current, temperature, voltage = numbers
     if family == "damiao":
         name = next(name for name, ours in DAMIAO.items() if ours == model)
         limits = MOTOR_TYPE_PRESETS[name]
@@ -124,13 +172,29 @@ def test_other_masters_understand_our_answers(answer):
         assert read.torque == pytest.approx(torque, abs=HALF * t_max / 65535)
         assert read.temp == pytest.approx(temperature, abs=0.06)
         assert sum(flag.value for flag in read.errors) == error
-    else:
+    elif family == "moteus":
+        message = can.Message(arbitration_id=identifier & ~(1 << 31), data=data, is_extended_id=True, is_fd=True)
+        read = moteus_controller().make_query().parse(message)
+        assert (read.arbitration_id, read.id) == (NODE << 8 | MASTER, NODE)
+        values = read.values
+        register = moteus.Register
+        assert values[register.MODE] == {"off": 0, "enabled": 10, "fault": 1}[state]
+        assert values[register.POSITION] * math.tau == pytest.approx(position, abs=1e-5)
+        assert values[register.VELOCITY] * math.tau == pytest.approx(velocity, abs=1e-3)
+        assert values[register.TORQUE] == pytest.approx(torque)
+        assert values[register.Q_CURRENT] == pytest.approx(current)
+        assert (values[register.VOLTAGE], values[register.TEMPERATURE]) == (voltage, temperature)
+        assert values[register.FAULT] == error
+    elif family == "odrive":
         dbc = cantools.database.load_file(ODRIVE)
         assert identifier >> 5 == NODE
         read = dbc.decode_message(identifier & 0x1F, data, decode_choices=False)
-        if identifier & 0x1F == 0x09:
-            assert read["Pos_Estimate"] * math.tau == pytest.approx(position, abs=1e-5)
-            assert read["Vel_Estimate"] * math.tau == pytest.approx(velocity, abs=1e-5)
-        else:
-            assert read["Axis_Error"] == error
-            assert read["Axis_State"] == (8 if state == "enabled" else 1)
+        meant = {
+            0x09: {"Pos_Estimate": position / math.tau, "Vel_Estimate": velocity / math.tau},
+            0x14: {"Iq_Measured": current},
+            0x15: {"Motor_Temperature": temperature},
+            0x17: {"Bus_Voltage": voltage},
+            0x01: {"Axis_Error": error, "Axis_State": 8 if state == "enabled" else 1},
+        }
+        for name, value in meant[identifier & 0x1F].items():
+            assert read[name] == pytest.approx(value, rel=1e-6)

@@ -1,14 +1,19 @@
-"""Actuators that answer only when asked, on python-can: Damiao in MIT mode and RobStride by its private protocol.
-They follow commands only when enabled, and stop when none comes for a while."""
+"""Actuators on python-can: Damiao in MIT mode and RobStride by its private protocol, which answer only when asked,
+and ODrive. They follow commands only when enabled, and stop when none comes for a while."""
 
 import math
 import random
 import struct
 import threading
 import time
+from pathlib import Path
 
 import can
+import cantools
+import moteus
+import odrive_can
 from damiao_motor.core.motor import DaMiaoMotor
+from moteus import multiplex
 
 GROUP, PORT = "239.74.163.2", 43113
 #: kg·m² and N·m of an output without gravity
@@ -155,6 +160,223 @@ class Robstride(Actuator):
         self.send(2 << 24 | mode << 22 | fault | self.id << 8 | self.HOST, data, extended=True)
 
 
+class Odrive(Actuator):
+    """An axis of an ODrive whose motor turns ten times for the output's once. Its frames are those of the DBC file of
+    PyPI odrive-can. It wakes up in mode of velocities, and tells its state ten times a second."""
+
+    DBC = cantools.database.load_file(Path(odrive_can.__file__).parent / "dbc" / "odrive-cansimple-0.6.10.dbc")
+    RATIO, TORQUE_CONSTANT, HEARTBEAT_S, ESTIMATES_S = 10.0, 0.05, 0.1, 0.004
+    WATCHDOG = 0x1000000
+
+    def __init__(self, *arguments, **keywords):
+        super().__init__(*arguments, **keywords)
+        self.mode, self.gains, self.input = (2, 1), {}, 0.0
+        self.tells_current, self.due = True, {"Heartbeat": 0.0, "Get_Encoder_Estimates": 0.0}
+
+    def frame(self, message):
+        if message.arbitration_id >> 5 != self.id or message.is_extended_id:
+            return
+        command = self.DBC.get_message_by_frame_id(message.arbitration_id & 0x1F)
+        take = getattr(self, command.name.removeprefix("Axis0_").lower(), None)
+        # A group hears its own frames.
+        if take:
+            take(command.decode(bytes(message.data), decode_choices=False))
+
+    def set_controller_mode(self, values):
+        self.mode = values["Control_Mode"], values["Input_Mode"]
+
+    def set_pos_gain(self, values):
+        self.gains |= values
+
+    def set_vel_gains(self, values):
+        self.gains |= values
+
+    def clear_errors(self, _):
+        self.error = 0
+
+    def set_axis_state(self, values):
+        wanted = values["Axis_Requested_State"]
+        self.words.append({8: "enable", 1: "disable"}[wanted])
+        if wanted == 8 and not self.error:
+            assert self.mode == (3, 1), "in another mode it would run off"
+            self.enable()
+            # Its target is what it was told while it was off.
+            self.first = self.q, self.input * math.tau / self.RATIO
+            self.set_input_pos({"Input_Pos": self.input, "Vel_FF": 0.0, "Torque_FF": 0.0})
+        elif wanted == 1:
+            self.disable()
+
+    def set_input_pos(self, values):
+        self.input, self.commanded = values["Input_Pos"], time.monotonic()
+        if not self.enabled:
+            off = abs(self.input * math.tau / self.RATIO - self.q) > 2e-3
+            self.while_off += [values] if off else []
+            return
+        # Of the output, in its units.
+        velocity, position = self.gains["Vel_Gain"], self.gains["Pos_Gain"]
+        assert self.gains["Vel_Integrator_Gain"] == 0.0
+        kd = velocity / math.tau * self.RATIO**2
+        turn = math.tau / self.RATIO
+        t = values["Torque_FF"] * self.RATIO
+        self.command = self.input * turn, values["Vel_FF"] * turn, kd * position, kd, t
+
+    def move(self):
+        super().move()
+        if self.error == 0xD:
+            self.error = self.WATCHDOG
+        now = time.monotonic()
+        if now >= self.due["Heartbeat"]:
+            self.due["Heartbeat"] = now + self.HEARTBEAT_S
+            state = 8 if self.enabled else 1
+            flags = {"Procedure_Result": 0, "Trajectory_Done_Flag": 0}
+            self.tell("Heartbeat", {"Axis_Error": self.error, "Axis_State": state} | flags)
+        if now >= self.due["Get_Encoder_Estimates"]:
+            self.due["Get_Encoder_Estimates"] = now + self.ESTIMATES_S
+            current = self.torque / self.RATIO / self.TORQUE_CONSTANT + random.gauss(0.0, 0.02)
+            if self.tells_current:
+                self.tell("Get_Iq", {"Iq_Setpoint": current, "Iq_Measured": current})
+            turns = lambda x: x * self.RATIO / math.tau
+            position, velocity = turns(self.q + random.gauss(0.0, 2e-4)), turns(self.dq)
+            self.tell("Get_Encoder_Estimates", {"Pos_Estimate": position, "Vel_Estimate": velocity})
+
+    def tell(self, name, values):
+        message = self.DBC.get_message_by_name(f"Axis0_{name}")
+        self.send(self.id << 5 | message.frame_id, message.encode(values))
+
+
+class Cubemars(Actuator):
+    """An AK70-10 in MIT mode, by the maker's manual: it answers with eight bytes under 0, as its first firmware does,
+    and does not tell whether it is on."""
+
+    P, V, T = 12.5, 50.0, 25.0
+
+    def frame(self, message):
+        data = bytes(message.data)
+        if message.arbitration_id != self.id or message.is_extended_id:
+            return
+        if data[:7] == b"\xff" * 7:
+            what = {0xFC: self.enable, 0xFD: self.disable}[data[7]]
+            self.words.append(what.__name__)
+            self.error = 0 if data[7] == 0xFD else self.error
+            what()
+        else:
+            self.mit(data)
+        self.answer()
+
+    def mit(self, data):
+        """A command in MIT mode."""
+        bits = int.from_bytes(data, "big")
+        part = lambda first, size: bits >> (64 - first - size) & (2**size - 1)
+        p, v = number(part(0, 16), -self.P, self.P, 16), number(part(16, 12), -self.V, self.V, 12)
+        kp, kd = number(part(28, 12), 0.0, 500.0, 12), number(part(40, 12), 0.0, 5.0, 12)
+        t = number(part(52, 12), -self.T, self.T, 12)
+        self.follow(p, v, kp, kd, t, 0.51 * 2 * self.T / 4095)
+
+    def state(self):
+        """Identifier, position, velocity and torque: six bytes."""
+        noise = lambda sigma: random.gauss(0.0, sigma)
+        bits = self.id << 40 | count(self.q + noise(2e-4), -self.P, self.P, 16) << 24
+        bits |= count(self.dq + noise(1e-3 * self.V), -self.V, self.V, 12) << 12
+        bits |= count(self.torque + noise(1e-3 * self.T), -self.T, self.T, 12)
+        return bits.to_bytes(6, "big")
+
+    def answer(self):
+        # Of its own errors none is a time-out: it stops.
+        error = 7 if self.error else 0
+        self.send(0, self.state() + bytes([35, error]))
+
+
+class Myactuator(Cubemars):
+    """An RMD of 24 N·m in motion mode, by the maker's manual: a command switches it on, and another frame tells its
+    errors."""
+
+    P, V, T = 12.5, 45.0, 24.0
+
+    def frame(self, message):
+        data, identifier = bytes(message.data), message.arbitration_id
+        if message.is_extended_id or identifier not in (0x400 + self.id, 0x140 + self.id):
+            return
+        if identifier == 0x400 + self.id:
+            # Without gains it is on as well, and makes no torque.
+            moves = int.from_bytes(data, "big") >> 12 & 0xFFFFFF
+            if moves and not self.enabled and not self.error:
+                self.words.append("enable")
+                self.enable()
+            self.mit(data)
+            self.send(0x500 + self.id, self.state() + bytes(2))
+        elif data[0] == 0x80:
+            self.words.append("disable")
+            self.error = 0
+            self.disable()
+            self.send(0x240 + self.id, data)
+        elif data[0] == 0x9A:
+            error = 0x0002 if self.error else 0
+            self.send(0x240 + self.id, struct.pack("<BbBBHH", 0x9A, 35, 36, 1, 240, error))
+
+
+class Moteus(Actuator):
+    """A moteus that reads its frames with the parser of PyPI moteus, whose controller also reads its answers. Without
+    a command it falls into its mode of time-out."""
+
+    def __init__(self, *arguments, **keywords):
+        super().__init__(*arguments, **keywords)
+        self.registers, self.read, self.fault = {}, None, 0
+        self.controller = moteus.Controller(self.id, transport=object())
+
+    def frame(self, message):
+        source, destination = message.arbitration_id >> 8, message.arbitration_id & 0xFF
+        if not message.is_extended_id or destination != self.id or not source & 0x80:
+            return
+        assert message.is_fd
+        written, asked = {}, []
+        for part in multiplex.parse_frame(bytes(message.data)):
+            if part.type == multiplex.SubframeType.WRITE:
+                written[part.register] = part.value
+            elif part.type == multiplex.SubframeType.READ:
+                asked.append((part.register, part.resolution))
+        mode = written.get(moteus.Register.MODE)
+        if mode == 0:
+            self.words.append("disable")
+            self.error = self.fault = 0
+            self.disable()
+        elif mode == 10 and not self.error:
+            self.set_position(*(written[0x20 + i] for i in range(5)))
+        self.answer(asked, source & 0x7F)
+
+    def set_position(self, position, velocity, torque, kp, kd):
+        if not self.enabled:
+            self.words.append("enable")
+            self.enable()
+            assert (torque, kp, kd) == (0.0, 0.0, 0.0), "the first command makes no torque"
+        p = self.q if math.isnan(position) else position * math.tau
+        v = velocity * math.tau
+        # Its own gains are those of the configuration.
+        self.follow(p, v, 100.0 * kp, 3.0 * kd, torque, 0.0)
+
+    def answer(self, asked, host):
+        mode = 11 if self.error else 10 if self.enabled else 0
+        noise = lambda sigma: random.gauss(0.0, sigma)
+        values = {
+            0: mode,
+            1: (self.q + noise(2e-4)) / math.tau,
+            2: (self.dq + noise(1e-3)) / math.tau,
+            3: self.torque + noise(0.02),
+            4: (self.torque + noise(0.02)) / (10 * 0.05),
+            0xD: 48,
+            0xE: 35,
+            0xF: self.fault,
+        }
+        data = b""
+        for register, resolution in asked:
+            kind = 0x20 | resolution << 2 | 1
+            data += bytes([kind, register]) + multiplex.TYPES[resolution].pack(values[register])
+        size = next(size for size in (8, 12, 16, 20, 24, 32, 48, 64) if size >= len(data))
+        data = data.ljust(size, b"\x50")
+        sent = can.Message(arbitration_id=self.id << 8 | host, data=data, is_extended_id=True, is_fd=True)
+        self.read = self.controller.make_query().parse(sent)
+        self.bus.send(sent)
+
+
 class Line:
     """A bus with actuators, until `end`."""
 
@@ -167,7 +389,7 @@ class Line:
 
     def _run(self):
         while not self._ended.is_set():
-            message = self.bus.recv(0.01)
+            message = self.bus.recv(0.002)
             for actuator in self.actuators:
                 actuator.move()
                 if message is not None:

@@ -1,16 +1,23 @@
-"""From power-on to holding with actuators that answer only when asked, by frames of their makers' own."""
+"""From power-on to holding with actuators, by frames of their makers' own."""
 
 import signal
 import time
 
 import pytest
 import torqued
-from actuators import Damiao, Line, Robstride
-from processes import daemon
-from test_canopen import configuration, to_holding
+from actuators import Cubemars, Damiao, Line, Moteus, Myactuator, Odrive, Robstride
+from processes import BINARIES, Process, daemon, forget_faults
+from test_canopen import configuration, enable_once_plausible, to_holding, wait_for_state
 
 KP, KD = 100.0, 3.0
 NODES = {3: 0.5, 4: -0.3}
+
+
+#: ODrive sends by a clock of its own; the frames of moteus are those of CAN FD.
+OF_FAMILY = {
+    "moteus": [(r'kind = "udp_multicast"', 'kind = "udp_multicast"\nfd = true')],
+    "odrive": [(r"gear_ratio = 10.0", 'gear_ratio = 10.0\nsampled = "when_sent"\nperiod_us = 4000')],
+}
 
 
 def changes(family, model):
@@ -25,11 +32,19 @@ def changes(family, model):
         (r"K_tau_rad_per_Nm = .*", f"K_tau_rad_per_Nm = {1 / KP}"),
         (r"dead_zone_rad = .*", "dead_zone_rad = 0.002"),
         (r"torque_limit_Nm = .*", "torque_limit_Nm = 8.0"),
+        *OF_FAMILY.get(family, []),
         (r"gains = .*", "gains = { K_p = 0.0, K_i_per_s = 0.0, K_s_Nm_per_rad = 20.0, K_d_Nms_per_rad = 2.0 }"),
     ]
 
 
-FAMILIES = {"damiao": (Damiao, "DM4310"), "robstride": (Robstride, "RS02")}
+FAMILIES = {
+    "cubemars": (Cubemars, "AK70-10"),
+    "damiao": (Damiao, "DM4310"),
+    "moteus": (Moteus, "moteus"),
+    "myactuator": (Myactuator, "RMD-T24"),
+    "odrive": (Odrive, "ODrive"),
+    "robstride": (Robstride, "RS02"),
+}
 
 
 @pytest.fixture(params=FAMILIES)
@@ -59,6 +74,9 @@ def test_from_power_on_to_holding(robot):
         if isinstance(actuator, Damiao):
             # What PyPI damiao-motor reads in its answers.
             assert abs(actuator.read["pos"] - actuator.q) < 2e-3
+        if isinstance(actuator, Moteus):
+            # And PyPI moteus.
+            assert actuator.read.id == actuator.id and actuator.read.values
 
 
 def test_they_stop_when_the_daemon_is_killed(robot):
@@ -68,3 +86,40 @@ def test_they_stop_when_the_daemon_is_killed(robot):
         process.send(signal.SIGKILL)
         time.sleep(1.0)
         assert all(a.stopped_after is not None and not a.enabled for a in actuators)
+
+
+@pytest.fixture
+def odrives(tmp_path):
+    line = Line(Odrive, NODES)
+    yield configuration(tmp_path, changes("odrive", "ODrive")), line.actuators
+    line.end()
+
+
+def test_an_error_is_named_in_words_and_the_drive_comes_back(odrives):
+    config, actuators = odrives
+    with daemon(config, "--accept-margins") as process:
+        client = to_holding()
+        actuators[0].disable()
+        actuators[0].error = 0x2000
+        process.wait_for(r"joint \(node 3\): error 0x2000, motor too hot")
+        record = wait_for_state(client, torqued.RobotState.FAULT)
+        assert record.cycle.fault
+        assert actuators[1].enabled, "the other joints hold"
+        # An operator acknowledges: its error is cleared, and it is enabled where it stands.
+        client.acknowledge(record.cycle.fault)
+        process.wait_for(r"joint \(node 3\): no error any more")
+        enable_once_plausible(client)
+        wait_for_state(client, torqued.RobotState.HOLDING)
+        assert not actuators[0].error and actuators[0].enabled
+        assert process.terminate()["fault"] == 0
+
+
+def test_what_an_odrive_does_not_send_is_named(odrives):
+    config, actuators = odrives
+    actuators[1].tells_current = False
+    forget_faults()
+    with Process(BINARIES / "torqued", "run", config, "--accept-margins") as process:
+        process.wait_for(r"second \(node 4\): no current: set `axis0.config.can.iq_msg_rate_ms`")
+        client = torqued.Client("test-joint", timeout_s=10.0)
+        assert next(iter(client.records(10.0))).cycle.state == torqued.RobotState.BOOT
+        assert not any(actuator.enabled for actuator in actuators)

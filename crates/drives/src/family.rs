@@ -4,20 +4,34 @@
 //! To add a family, implement [`Family`] in a file of its own and add it to [`FAMILIES`]; the tests of
 //! all families then hold for it too. To add a model, add a row to its family's `MODELS`.
 
+mod cubemars;
 mod damiao;
+mod moteus;
+mod myactuator;
 mod odrive;
 mod packing;
 mod robstride;
 pub mod translation;
 
 use can_codec::Frame;
+use core::ops::RangeInclusive;
 
+pub use cubemars::Cubemars;
 pub use damiao::Damiao;
+pub use moteus::Moteus;
+pub use myactuator::Myactuator;
 pub use odrive::Odrive;
 pub use robstride::Robstride;
 
 /// All families.
-pub const FAMILIES: [&dyn Family; 3] = [&Damiao, &Odrive, &Robstride];
+pub const FAMILIES: [&dyn Family; 6] = [
+    &Cubemars,
+    &Damiao,
+    &Moteus,
+    &Myactuator,
+    &Odrive,
+    &Robstride,
+];
 
 /// An actuator on its bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,7 +82,32 @@ pub enum State {
     Enabled,
     /// An error of its own; no torque.
     Fault,
+    /// Something of its own that may move it: a calibration, a search for its index.
+    Busy,
 }
+
+/// Gains that a family's frames hold, where it counts its positions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GainRanges {
+    /// Least and greatest torque for an error of position, N·m/rad.
+    pub kp: [f64; 2],
+    /// Least and greatest torque for an error of velocity, N·m·s/rad.
+    pub kd: [f64; 2],
+}
+
+/// What an actuator has told so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Heard {
+    /// Its position.
+    pub position: bool,
+    /// Its current.
+    pub current: bool,
+    /// Its state.
+    pub state: bool,
+}
+
+/// Frames that are sent in a row; none: fewer are needed.
+pub type Sequence = [Option<Frame>; 4];
 
 /// What a frame of an actuator tells; none: the frame does not say.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,8 +118,12 @@ pub struct Feedback {
     pub velocity: Option<f64>,
     /// Torque by its own estimate, N·m.
     pub torque: Option<f64>,
+    /// Current of its motor that makes torque, A.
+    pub current: Option<f64>,
     /// Temperature of its winding or, where only one is sent, of the actuator, °C.
     pub temperature: Option<f64>,
+    /// Voltage of its supply, V.
+    pub voltage: Option<f64>,
     /// State.
     pub state: Option<State>,
     /// Its error's number; 0: none.
@@ -99,6 +142,56 @@ pub trait Family: Sync {
     /// none.
     fn usual_reply(&self, _node: u8) -> u16 {
         0
+    }
+
+    /// Identifiers that its actuators can have.
+    fn nodes(&self) -> RangeInclusive<u8> {
+        1..=127
+    }
+
+    /// Position, velocity, torque and gains are those of the motor before the gear, not of the output.
+    fn at_motor(&self) -> bool {
+        false
+    }
+
+    /// The gains that it can be given.
+    fn gains(&self) -> GainRanges {
+        GainRanges {
+            kp: [0.1, 500.0],
+            kd: [0.0, 5.0],
+        }
+    }
+
+    /// Its frames are those of CAN FD.
+    fn needs_fd(&self) -> bool {
+        false
+    }
+
+    /// It tells whether it is on; otherwise it counts as on once it has been enabled, answers and has
+    /// no error.
+    fn tells_whether_on(&self) -> bool {
+        true
+    }
+
+    /// What [`poll`](Self::poll) asks for is told by no other answer: it is asked now and then.
+    fn polls_apart(&self) -> bool {
+        false
+    }
+
+    /// It tells state and current in frames of their own, at rates of their own.
+    fn tells_apart(&self) -> bool {
+        false
+    }
+
+    /// What to do where it has not told all that is needed.
+    fn cure(&self, _heard: Heard) -> &'static str {
+        "no answer: supply, wiring, bit rate, `node` and `reply_id`"
+    }
+
+    /// Frames that are sent before the one that enables: mode, gains, the position where it stands as
+    /// its target. None of them can move an actuator that is off.
+    fn prepare(&self, _at: Address, _model: &Model, _hold: &SetPoint) -> Sequence {
+        [None; 4]
     }
 
     /// A frame that asks for an answer, and cannot move anything: none where the actuator sends by

@@ -60,6 +60,17 @@ fn ours_send_what_other_masters_send() {
             "disable" => family.disable(AT),
             "clear" => family.clear(AT),
             "poll" => family.poll(AT).expect("a question"),
+            "mode" | "position_gain" | "velocity_gains" => {
+                let hold = SetPoint {
+                    kp: 1.0,
+                    kd: 0.03,
+                    ..SetPoint::default()
+                };
+                let all = ["mode", "position_gain", "velocity_gains"];
+                let at = all.iter().position(|what| *what == words[2]);
+                let frames = family.prepare(AT, &model, &hold);
+                frames[at.expect("one of them")].expect("a frame")
+            }
             _ => {
                 let &[position, velocity, torque, kp, kd] = numbers.as_slice() else {
                     panic!("{line}");
@@ -98,7 +109,9 @@ fn conditions(model: &Model) -> [Feedback; 3] {
         position: Some(part * model.position.min(12.0)),
         velocity: Some(-part * model.velocity),
         torque: Some(part * model.torque),
+        current: Some(part * 6.0),
         temperature: Some(41.0),
+        voltage: Some(48.0),
         state: Some(State::Enabled),
         error: Some(0),
     };
@@ -123,7 +136,7 @@ fn our_answers_are_the_recorded_ones() {
                 for frame in family.answer(AT, model, &condition) {
                     let number = |x: Option<f64>| x.unwrap_or(f64::NAN);
                     lines.push(format!(
-                        "{} {} {:x} {} {} {} {} {} {} {}",
+                        "{} {} {:x} {} {} {} {} {} {} {} {} {}",
                         family.name(),
                         model.name,
                         frame.id,
@@ -131,7 +144,9 @@ fn our_answers_are_the_recorded_ones() {
                         number(condition.position),
                         number(condition.velocity),
                         number(condition.torque),
+                        number(condition.current),
                         number(condition.temperature),
+                        number(condition.voltage),
                         format!("{:?}", condition.state.unwrap_or_default()).to_lowercase(),
                         condition.error.unwrap_or(0),
                     ));
@@ -154,6 +169,10 @@ fn an_answer_is_read_as_it_was_meant() {
                     read.velocity = part.velocity.or(read.velocity);
                     read.state = part.state.or(read.state);
                     read.error = part.error.or(read.error);
+                    let whole = |read: Option<f64>, part: Option<f64>| part.or(read);
+                    read.current = whole(read.current, part.current);
+                    read.temperature = whole(read.temperature, part.temperature);
+                    read.voltage = whole(read.voltage, part.voltage);
                     // Neither another node nor another bus takes it for its own.
                     let others = [Address { node: 4, ..AT }, Address { bus: 0, ..AT }];
                     for other in others {
@@ -166,7 +185,15 @@ fn an_answer_is_read_as_it_was_meant() {
                 };
                 near(read.position, condition.position, model.position.min(12.5));
                 near(read.velocity, condition.velocity, model.velocity);
-                assert_eq!((read.state, read.error), (condition.state, condition.error));
+                let told = condition
+                    .state
+                    .filter(|&state| family.tells_whether_on() || state == State::Fault);
+                assert_eq!((read.state, read.error), (told, condition.error));
+                assert_eq!(read.temperature, condition.temperature);
+                // Not all tell these.
+                let or_none = |x: Option<f64>, meant| x.is_none() || x == meant;
+                assert!(or_none(read.current, condition.current));
+                assert!(or_none(read.voltage, condition.voltage));
                 assert!(!family.error_text(condition.error.unwrap_or(0)).is_empty());
             }
         }
@@ -176,16 +203,55 @@ fn an_answer_is_read_as_it_was_meant() {
 /// Torque of a command frame by the counts that the actuator reads; none where it has no such field.
 fn torque_of(family: &dyn Family, model: &Model, frame: &Frame) -> f64 {
     match family.name() {
-        "damiao" => {
+        "damiao" | "cubemars" | "myactuator" => {
             let [_, _, kp, kd, torque] = counts(&hex(frame));
             assert_eq!((kp, kd), (0, 0));
             (torque as f64 / 4095.0 * 2.0 - 1.0) * model.torque
+        }
+        "moteus" => {
+            // Five floats from the seventh byte on; the last two are shares of its own gains.
+            let float = |i: usize| {
+                let bytes = frame.data[6 + 4 * i..].first_chunk::<4>().expect("a float");
+                f64::from(f32::from_le_bytes(*bytes))
+            };
+            assert_eq!((float(3), float(4)), (0.0, 0.0));
+            float(2)
         }
         "robstride" => {
             assert_eq!(frame.data[4..8], [0; 4]);
             (f64::from(frame.id >> 8 & 0xFFFF) / 65535.0 * 2.0 - 1.0) * model.torque
         }
         _ => f64::from(i16::from_le_bytes([frame.data[6], frame.data[7]])) / 1000.0,
+    }
+}
+
+#[test]
+fn what_is_sent_before_enabling_ends_with_where_it_stands() {
+    for family in FAMILIES {
+        let model = &family.models()[0];
+        let hold = SetPoint {
+            position: 0.7,
+            kp: 1.0,
+            kd: 0.03,
+            ..SetPoint::default()
+        };
+        let frames: Vec<Frame> = family
+            .prepare(AT, model, &hold)
+            .into_iter()
+            .flatten()
+            .collect();
+        let words = [family.enable(AT), family.disable(AT), family.clear(AT)];
+        assert!(
+            frames
+                .iter()
+                .all(|frame| words.iter().all(|word| word.id != frame.id))
+        );
+        let target = family.command(AT, model, &hold);
+        assert!(
+            frames.is_empty() || frames.last().copied() == target,
+            "{}",
+            family.name()
+        );
     }
 }
 
@@ -223,10 +289,17 @@ proptest! {
             for model in family.models() {
                 let from = family.answer(AT, model, &Feedback::default());
                 let id = if own { from[0].id } else { id };
-                let mut frame = Frame::zeroed(AT.bus, id, bytes.len() as u8, false);
+                let mut frame = Frame::zeroed(AT.bus, id, bytes.len() as u8, from[0].fd);
                 frame.data[..bytes.len()].copy_from_slice(&bytes);
                 if let Some(read) = family.feedback(AT, model, &frame) {
-                    let numbers = [read.position, read.velocity, read.torque, read.temperature];
+                    let numbers = [
+                        read.position,
+                        read.velocity,
+                        read.torque,
+                        read.current,
+                        read.temperature,
+                        read.voltage,
+                    ];
                     prop_assert!(numbers.iter().flatten().all(|x| x.is_finite()), "{read:?}");
                 }
             }
@@ -251,7 +324,8 @@ proptest! {
                 let set_point = if at_end { SetPoint { torque, ..end } } else { all };
                 let frame = family.command(AT, model, &set_point).expect("finite");
                 // Elsewhere a word has an identifier of its own.
-                let shares = frame.id == family.enable(AT).id;
+                let enable = family.enable(AT);
+                let shares = frame.id == enable.id && enable.data[..7] == [0xFF; 7];
                 prop_assert!(!shares || frame.data[..7] != [0xFF; 7], "{}", family.name());
             }
         }
@@ -271,10 +345,12 @@ fn a_question_can_move_nothing() {
                 .iter()
                 .all(|word| (word.id, word.data) != (poll.id, poll.data))
         );
-        // It has another identifier, or another kind, than a command.
+        // It has another identifier, or another kind, than a command; of moteus it writes nothing.
         let command = family
             .command(AT, model, &SetPoint::default())
             .expect("finite");
-        assert_ne!(command.id, poll.id);
+        let reads = poll.fd && poll.data[..7] == [0x11, 0, 0x1C, 4, 1, 0x13, 0xD];
+        let nothing = poll.payload()[7..].iter().all(|byte| *byte == 0x50);
+        assert!(command.id != poll.id || reads && nothing);
     }
 }

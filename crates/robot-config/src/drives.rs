@@ -12,6 +12,7 @@ pub(crate) use actuator::ActuatorKind;
 pub(crate) use canopen::CanopenDrive;
 use control::MotorModel;
 use core::f64::consts::TAU;
+use drives_of_makers::family::FAMILIES;
 use estimators::compliance::ComplianceParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use robot_state::JointKind;
@@ -134,7 +135,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
             ),
         ),
     };
-    let node = node(&section, command, torque_constant, files);
+    let node = node(&section, command, (gear_ratio, torque_constant), files);
     let profile = section
         .optional_section("state")
         .map(|section| state::read(section, sample_period))
@@ -183,16 +184,13 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
 fn node(
     section: &Section<'_, '_>,
     command: Command,
-    torque_constant: f64,
+    (gear_ratio, torque_constant): (f64, f64),
     files: &Files<'_>,
 ) -> Option<Option<Node>> {
-    const PROFILES: [(&str, Profile); 4] = [
-        ("dbc", Profile::Dbc),
-        ("cia402", Profile::Cia402),
-        ("damiao", Profile::Family("damiao")),
-        ("robstride", Profile::Family("robstride")),
-    ];
-    match section.choice_or("profile", Profile::Dbc, &PROFILES) {
+    let families = FAMILIES.map(|family| (family.name(), Profile::Family(family.name())));
+    let mut profiles = vec![("dbc", Profile::Dbc), ("cia402", Profile::Cia402)];
+    profiles.extend(families);
+    match section.choice_or("profile", Profile::Dbc, &profiles) {
         Profile::Dbc => Some(None),
         Profile::Cia402 => {
             let section = section.section("canopen")?;
@@ -204,7 +202,7 @@ fn node(
                 let what = "\"current\" is not allowed: the joint has no link-side encoder";
                 section.problem("command", what, "\"position\"");
             }
-            let kind = actuator::read(section.section("actuator")?, family)?;
+            let kind = actuator::read(section.section("actuator")?, family, gear_ratio)?;
             Some(Some(Node::Actuator(kind)))
         }
     }

@@ -132,6 +132,15 @@ impl<'n, 't> Wiring<'n, 't> {
             let what = format!("node {} is that of {} on this bus", at.1, other.name);
             return Err(Problem::new(what, "each actuator of a bus once"));
         }
+        let needs_fd = translation::named(actuator.family).is_some_and(|family| family.needs_fd());
+        let bus = self.buses.get(usize::from(at.0));
+        if let Some(bus) = bus.filter(|bus| needs_fd && !bus.parameters.fd) {
+            let what = format!(
+                "its frames are those of CAN FD, bus {} has none",
+                bus.parameters.name
+            );
+            return Err(Problem::new(what, "a bus with fd = true"));
+        }
         if let Some(Some(dbcs)) = self.dbcs.get_mut(usize::from(at.0)) {
             dbcs.push(actuator.messages());
         }

@@ -3,7 +3,7 @@
 use super::translation::Translation;
 use super::{Bus, BusCounters, Line, Member, SocketCan, UdpMulticast};
 use can_codec::{Frames, Gather, Table};
-use drives::family::translation::Actuator;
+use drives::family::translation::{Actuator, Reports};
 use problem::{Problem, Problems};
 use robot_config::{BusParameters, Carrier};
 use std::io;
@@ -84,13 +84,14 @@ impl Network {
 }
 
 impl Network {
-    /// Turns frames of these actuators into the loop's messages from now on, and back.
+    /// Turns frames of these actuators into the loop's messages from now on, and back. Returns what
+    /// they tell besides; none: there are none.
     ///
     /// # Errors
     /// A family that there is not.
-    pub fn translate(&mut self, actuators: &[Actuator]) -> Result<(), Problem> {
+    pub fn translate(&mut self, actuators: &[Actuator]) -> Result<Option<Reports>, Problem> {
         *self.translation() = Translation::new(actuators)?;
-        Ok(())
+        Ok(self.translation().as_ref().map(Translation::reports))
     }
 
     fn translation(&mut self) -> &mut Option<Translation> {

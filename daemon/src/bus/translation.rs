@@ -1,7 +1,7 @@
 //! Frames of actuators, and the loop's messages for them.
 
 use can_codec::{Frame, Frames, MAX_FRAMES};
-use drives::family::translation::{Actuator, Translator};
+use drives::family::translation::{Actuator, Reports, Translator};
 use problem::Problem;
 
 /// Turns one into the other, in memory taken once.
@@ -18,6 +18,11 @@ impl Translation {
             leaving: Frames::new(MAX_FRAMES + translator.most()),
             translator,
         }))
+    }
+
+    /// What the actuators tell besides what the loop takes.
+    pub(super) fn reports(&self) -> Reports {
+        self.translator.reports()
     }
 
     /// Turns an actuator's frame into its message of state.

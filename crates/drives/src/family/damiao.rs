@@ -101,12 +101,13 @@ impl Family for Damiao {
                 _ => State::Fault,
             }),
             error: Some(if error < 2 { 0 } else { error }),
+            ..Feedback::default()
         })
     }
 
     fn answer(&self, at: Address, m: &Model, f: &Feedback) -> Vec<Frame> {
         let state = match f.state.unwrap_or_default() {
-            State::Off => 0,
+            State::Off | State::Busy => 0,
             State::Enabled => 1,
             State::Fault => f.error.unwrap_or(8) & 0xF,
         };

@@ -107,13 +107,14 @@ impl Family for Robstride {
                 _ => State::Fault,
             }),
             error: Some(error),
+            ..Feedback::default()
         })
     }
 
     fn answer(&self, at: Address, m: &Model, f: &Feedback) -> Vec<Frame> {
         let mode = match f.state.unwrap_or_default() {
             State::Enabled => 2,
-            State::Off | State::Fault => 0,
+            State::Off | State::Fault | State::Busy => 0,
         };
         let error = f.error.unwrap_or(0) & 0x3F;
         let temperature = (f.temperature.unwrap_or(0.0) * 10.0).round().max(0.0) as u32;

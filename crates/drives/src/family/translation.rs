@@ -1,9 +1,14 @@
 //! Actuators of a robot as the loop sees them: a message of state, one of set-points and one of control
 //! words for each, whatever its family; and these messages turned into the family's frames and back.
 
-use super::{Address, FAMILIES, Family, Model, SetPoint, State};
+mod live;
+mod reports;
+
+use super::{Address, FAMILIES, Family, Model};
 use can_codec::{Coding, Dbc, EXTENDED_ID, Frame, Frames, Message, Signal};
+use live::Live;
 use problem::Problem;
+pub use reports::{Report, Reports};
 
 /// Identifiers of the loop's own messages: none of them is ever on a bus.
 const OWN_ID: u32 = EXTENDED_ID | 0x1F80_0000;
@@ -72,6 +77,15 @@ impl Actuator {
         OWN_ID | u32::from(self.at.node) << 2 | kind
     }
 
+    /// What the family counts for the output's one: turns, and by their inverse torque.
+    fn ratio(&self, family: &dyn Family) -> f64 {
+        if family.at_motor() {
+            self.gear_ratio
+        } else {
+            1.0
+        }
+    }
+
     /// One count of its position, rad of the output.
     fn count(&self) -> f64 {
         // Families that count do so in 16 bits.
@@ -122,24 +136,11 @@ impl Actuator {
     }
 }
 
-/// What is known of an actuator.
-struct Live {
-    setting: Actuator,
-    family: &'static dyn Family,
-    state: State,
-    /// When the state was told, ns.
-    told_ns: u64,
-    error: u32,
-    velocity: f64,
-    torque: f64,
-    /// The last control word.
-    word: u32,
-    /// The set-point's frame of this cycle or the last one.
-    last: Option<Frame>,
-}
-
 /// Turns a robot's messages of actuators into their frames, and back. Allocates only when it is made.
-pub struct Translator(Vec<Live>);
+pub struct Translator {
+    actuators: Vec<Live>,
+    reports: Reports,
+}
 
 impl Translator {
     /// For these actuators; none: there are none.
@@ -152,26 +153,27 @@ impl Translator {
                 let what = format!("there is no family {:?}", setting.family);
                 Problem::new(what, "a family of FAMILIES")
             })?;
-            Ok(Live {
-                setting: setting.clone(),
-                family,
-                state: State::Off,
-                told_ns: 0,
-                error: 0,
-                velocity: 0.0,
-                torque: 0.0,
-                word: DISABLE,
-                last: None,
-            })
+            Ok(Live::new(setting, family))
         };
         let live = actuators.iter().map(live).collect::<Result<Vec<_>, _>>()?;
-        Ok((!live.is_empty()).then_some(Self(live)))
+        let reports = Reports::new(live.len());
+        Ok((!live.is_empty()).then_some(Self {
+            actuators: live,
+            reports,
+        }))
+    }
+
+    /// What the actuators tell besides what the loop takes, in their order; another thread may look at
+    /// it at any time.
+    #[must_use]
+    pub fn reports(&self) -> Reports {
+        self.reports.clone()
     }
 
     /// Frames that one frame of the loop can become, at most.
     #[must_use]
     pub fn most(&self) -> usize {
-        self.0.len()
+        live::MOST * self.actuators.len()
     }
 
     /// Turns a frame from the bus into an actuator's message of state, if it tells one's position.
@@ -182,8 +184,9 @@ impl Translator {
             frame.len = 0;
             return;
         }
-        for live in &mut self.0 {
-            if frame.bus == live.setting.at.bus && live.receive(frame) {
+        for (index, live) in self.actuators.iter_mut().enumerate() {
+            if live.receive(frame) {
+                self.reports.set(index, live.report());
                 return;
             }
         }
@@ -195,99 +198,8 @@ impl Translator {
             out.push(*frame);
             return;
         }
-        let of_bus = self.0.iter_mut();
-        for live in of_bus.filter(|live| live.setting.at.bus == frame.bus) {
-            let made = if frame.id == ASK_ID {
-                live.ask()
-            } else if frame.id == live.setting.id(COMMAND) {
-                live.command(frame)
-            } else if frame.id == live.setting.id(CONTROL) {
-                live.control(frame)
-            } else {
-                continue;
-            };
-            if let Some(made) = made {
-                out.push(made);
-            }
-        }
-    }
-}
-
-impl Live {
-    fn receive(&mut self, frame: &mut Frame) -> bool {
-        let setting = &self.setting;
-        let told = (self.family).feedback(setting.at, &setting.model, frame);
-        let Some(told) = told else {
-            return false;
-        };
-        if let Some(state) = told.state {
-            (self.state, self.told_ns) = (state, frame.stamp_ns);
-        }
-        self.error = told.error.unwrap_or(self.error);
-        self.velocity = told.velocity.unwrap_or(self.velocity);
-        self.torque = told.torque.unwrap_or(self.torque);
-        let Some(position) = told.position else {
-            return true;
-        };
-        let count = (position / setting.count()).round_ties_even();
-        let velocity = (self.velocity * setting.gear_ratio) as f32;
-        let current = (self.torque / setting.torque_per_current) as f32;
-        let mut made = Frame::zeroed(frame.bus, setting.id(STATE), 16, true);
-        made.stamp_ns = frame.stamp_ns;
-        made.data[..4].copy_from_slice(&(count as i32).to_le_bytes());
-        made.data[4..8].copy_from_slice(&velocity.to_le_bytes());
-        made.data[8..12].copy_from_slice(&current.to_le_bytes());
-        made.data[12..16].copy_from_slice(&self.status(frame.stamp_ns).to_le_bytes());
-        *frame = made;
-        true
-    }
-
-    fn status(&self, now: u64) -> u32 {
-        let state = match self.state {
-            _ if now.saturating_sub(self.told_ns) > SILENT_NS => UNKNOWN,
-            State::Off => 0,
-            State::Enabled => 1,
-            State::Fault => 2,
-        };
-        state | self.error << 8
-    }
-
-    /// Once in a cycle: the last set-point again, if there was one since the last time, or else what
-    /// cannot move anything.
-    fn ask(&mut self) -> Option<Frame> {
-        let again = self.last.take();
-        again.or_else(|| self.family.idle(self.setting.at, &self.setting.model))
-    }
-
-    fn command(&mut self, frame: &Frame) -> Option<Frame> {
-        let setting = &self.setting;
-        let bytes = frame.data.first_chunk::<8>()?;
-        let set_point = SetPoint {
-            position: f64::from_le_bytes(*bytes),
-            kp: setting.kp,
-            kd: setting.kd,
-            ..SetPoint::default()
-        };
-        // Nothing but what is asked for while it is off.
-        if self.word != ENABLE {
-            return None;
-        }
-        self.last = (self.family).command(setting.at, &setting.model, &set_point);
-        self.last
-    }
-
-    fn control(&mut self, frame: &Frame) -> Option<Frame> {
-        let word = u32::from_le_bytes(*frame.data.first_chunk::<4>()?);
-        let at = self.setting.at;
-        self.word = word;
-        if word != ENABLE {
-            self.last = None;
-        }
-        match (word, self.state) {
-            (ENABLE, State::Enabled) | (DISABLE, State::Off) => None,
-            (ENABLE, _) => Some(self.family.enable(at)),
-            (RESET, _) => Some(self.family.clear(at)),
-            _ => Some(self.family.disable(at)),
+        for live in &mut self.actuators {
+            live.send(frame, out);
         }
     }
 }

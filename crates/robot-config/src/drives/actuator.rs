@@ -14,12 +14,14 @@ pub(crate) struct ActuatorKind {
     pub(crate) kd: f64,
 }
 
-/// Greatest gains that the families' frames hold.
-const LARGEST: (f64, f64) = (500.0, 5.0);
-
 /// Reads the table; nothing if there is a problem with it.
-pub(super) fn read(section: Section<'_, '_>, family: &'static str) -> Option<ActuatorKind> {
-    let models = translation::named(family).map_or(&[][..], |family| family.models());
+pub(super) fn read(
+    section: Section<'_, '_>,
+    family: &'static str,
+    gear_ratio: f64,
+) -> Option<ActuatorKind> {
+    let made = translation::named(family)?;
+    let models = made.models();
     let choices: Vec<_> = models
         .iter()
         .map(|model| (model.name, Some(*model)))
@@ -37,8 +39,16 @@ pub(super) fn read(section: Section<'_, '_>, family: &'static str) -> Option<Act
         }
         found?.1
     });
-    let kp = section.number("kp_Nm_per_rad", Allowed::Within(0.1, LARGEST.0));
-    let kd = section.number("kd_Nms_per_rad", Allowed::Within(0.0, LARGEST.1));
+    // At the output, as all gains of a configuration are.
+    let stiffer = if made.at_motor() {
+        gear_ratio * gear_ratio
+    } else {
+        1.0
+    };
+    let within = |[least, most]: [f64; 2]| Allowed::Within(least * stiffer, most * stiffer);
+    let gains = made.gains();
+    let kp = section.number("kp_Nm_per_rad", within(gains.kp));
+    let kd = section.number("kd_Nms_per_rad", within(gains.kd));
     section.finish();
     let finite = kp.is_finite() && kd.is_finite();
     finite.then_some(ActuatorKind {

@@ -50,8 +50,13 @@ impl Reader<'_, '_, '_> {
                 }
                 return Some(None);
             }
-            Some(Node::Canopen(_)) => (1..127, "1 to 126, the drive's node id"),
-            Some(Node::Actuator(_)) => (1..128, "1 to 127, the actuator's id"),
+            Some(Node::Canopen(_)) => (1..127, "1 to 126, the drive's node id".to_owned()),
+            Some(Node::Actuator(kind)) => {
+                let nodes = translation::named(kind.family)?.nodes();
+                let (first, last) = (u64::from(*nodes.start()), u64::from(*nodes.end()));
+                let allowed = format!("{first} to {last}, the actuator's id");
+                (first..last + 1, allowed)
+            }
         };
         wiring.expect_nodes(bus);
         let node = section.optional_integer("node", range);

@@ -279,3 +279,41 @@ fn what_an_actuator_cannot_have_is_refused() {
         );
     }
 }
+
+/// The actuator of [`actuator`] of another family.
+fn of_family(profile: &str, model: &str) -> Files {
+    let table = "profile = \"damiao\"\n[drive.joint.actuator]\nmodel = \"DM4310\"";
+    let made = format!("profile = \"{profile}\"\n[drive.joint.actuator]\nmodel = \"{model}\"");
+    actuator().with(TEST_JOINT, table, &made)
+}
+
+#[test]
+fn every_family_is_a_profile() {
+    for family in drives_of_makers::family::FAMILIES {
+        let model = family.models()[0].name;
+        let mut files = of_family(family.name(), model);
+        if family.needs_fd() {
+            let parts = ["joint.node (joint)", "those of CAN FD", "fd = true"];
+            refused(&files, TEST_JOINT, "node = 3", &parts);
+            files = files.with(TEST_JOINT, "fd = false", "fd = true");
+        }
+        let robot = files.load(TEST_JOINT).unwrap_or_else(|e| panic!("{e}"));
+        let made = &robot.nodes.actuators[0];
+        assert_eq!((made.family, made.model.name), (family.name(), model));
+    }
+}
+
+#[test]
+fn a_family_has_identifiers_and_gains_of_its_own() {
+    let parts = ["joint.node (joint)", "1 to 32"];
+    let rmd = of_family("myactuator", "RMD-T24").with(TEST_JOINT, "node = 3", "node = 33");
+    refused(&rmd, TEST_JOINT, "node = 33", &parts);
+    // Of an ODrive's motor, which turns ten times for the output's once.
+    let soft = of_family("odrive", "ODrive").with(
+        TEST_JOINT,
+        "kd_Nms_per_rad = 2.0",
+        "kd_Nms_per_rad = 0.0",
+    );
+    let parts = ["drive.actuator.kd_Nms_per_rad (joint)", "0.001 to 100000"];
+    refused(&soft, TEST_JOINT, "kd_Nms_per_rad", &parts);
+}

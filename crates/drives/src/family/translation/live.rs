@@ -1,0 +1,249 @@
+//! What is known of an actuator, and what leaves for the loop's messages to it.
+
+use super::{
+    ASK_ID, Actuator, COMMAND, CONTROL, DISABLE, ENABLE, RESET, Report, SILENT_NS, STATE, UNKNOWN,
+};
+use crate::family::{Family, Feedback, Heard, SetPoint, State};
+use can_codec::{Frame, Frames};
+
+/// Frames that one message of the loop becomes, at most: those before enabling, and the enabling one.
+pub(super) const MOST: usize = 5;
+/// Cycles from one question for what no other answer tells to the next.
+const POLL_EVERY: u32 = 20;
+/// States that an actuator that tells its state apart has to tell before it is enabled once more: the
+/// first may have been on its way already.
+const TELLINGS: u8 = 2;
+
+/// An actuator.
+pub(super) struct Live {
+    setting: Actuator,
+    family: &'static dyn Family,
+    /// What it counts for the output's one.
+    ratio: f64,
+    state: State,
+    /// When state and current were told, ns.
+    told_ns: u64,
+    current_ns: u64,
+    heard: Heard,
+    error: u32,
+    /// Of the output, rad, rad/s and N·m.
+    position: f64,
+    velocity: f64,
+    torque: f64,
+    current: Option<f64>,
+    temperature: f64,
+    voltage: f64,
+    /// The last control word.
+    word: u32,
+    /// States to be told before it is enabled once more.
+    awaited: u8,
+    /// It was enabled since it was last disabled.
+    enabled: bool,
+    /// Cycles.
+    cycles: u32,
+    /// The set-point's frame of this cycle or the last one.
+    last: Option<Frame>,
+}
+
+impl Live {
+    pub(super) fn new(setting: &Actuator, family: &'static dyn Family) -> Self {
+        Self {
+            setting: setting.clone(),
+            family,
+            ratio: setting.ratio(family),
+            state: State::Off,
+            told_ns: 0,
+            current_ns: 0,
+            heard: Heard::default(),
+            error: 0,
+            position: 0.0,
+            velocity: 0.0,
+            torque: 0.0,
+            current: None,
+            temperature: f64::NAN,
+            voltage: f64::NAN,
+            word: DISABLE,
+            awaited: 0,
+            enabled: false,
+            cycles: 0,
+            last: None,
+        }
+    }
+
+    pub(super) fn report(&self) -> Report {
+        Report {
+            heard: self.heard,
+            error: self.error,
+            temperature: Some(self.temperature).filter(|x| x.is_finite()),
+            voltage: Some(self.voltage).filter(|x| x.is_finite()),
+        }
+    }
+
+    /// The frame was its own: it is its message of state now if it told a position.
+    pub(super) fn receive(&mut self, frame: &mut Frame) -> bool {
+        let setting = &self.setting;
+        if frame.bus != setting.at.bus {
+            return false;
+        }
+        let told = (self.family).feedback(setting.at, &setting.model, frame);
+        let Some(told) = told else {
+            return false;
+        };
+        self.note(&told, frame.stamp_ns);
+        let is_complete = !self.family.tells_apart()
+            || self.heard.current && frame.stamp_ns.saturating_sub(self.current_ns) <= SILENT_NS;
+        if told.position.is_none() || !is_complete {
+            return true;
+        }
+        let setting = &self.setting;
+        let count = (self.position / setting.count()).round_ties_even();
+        let velocity = (self.velocity * setting.gear_ratio) as f32;
+        let of_torque = self.torque / setting.torque_per_current;
+        let current = self.current.unwrap_or(of_torque) as f32;
+        let mut made = Frame::zeroed(frame.bus, setting.id(STATE), 16, true);
+        made.stamp_ns = frame.stamp_ns;
+        made.data[..4].copy_from_slice(&(count as i32).to_le_bytes());
+        made.data[4..8].copy_from_slice(&velocity.to_le_bytes());
+        made.data[8..12].copy_from_slice(&current.to_le_bytes());
+        made.data[12..16].copy_from_slice(&self.status(frame.stamp_ns).to_le_bytes());
+        *frame = made;
+        true
+    }
+
+    fn note(&mut self, told: &Feedback, now: u64) {
+        self.error = told.error.unwrap_or(self.error);
+        if let Some(state) = told.state.or_else(|| self.likely_state(told)) {
+            (self.state, self.told_ns, self.heard.state) = (state, now, true);
+            self.awaited = self.awaited.saturating_sub(1);
+        }
+        if let Some(position) = told.position {
+            (self.position, self.heard.position) = (position / self.ratio, true);
+        }
+        if let Some(current) = told.current {
+            (self.current, self.current_ns, self.heard.current) = (Some(current), now, true);
+        }
+        self.velocity = (told.velocity).map_or(self.velocity, |x| x / self.ratio);
+        self.torque = told.torque.map_or(self.torque, |x| x * self.ratio);
+        self.temperature = told.temperature.unwrap_or(self.temperature);
+        self.voltage = told.voltage.unwrap_or(self.voltage);
+    }
+
+    /// The state of an actuator that does not tell it, and answers.
+    fn likely_state(&self, told: &Feedback) -> Option<State> {
+        if self.family.tells_whether_on() || told.position.is_none() {
+            None
+        } else if self.error != 0 {
+            Some(State::Fault)
+        } else if self.enabled {
+            Some(State::Enabled)
+        } else {
+            Some(State::Off)
+        }
+    }
+
+    fn status(&self, now: u64) -> u32 {
+        let state = match self.state {
+            _ if now.saturating_sub(self.told_ns) > SILENT_NS => UNKNOWN,
+            State::Off => 0,
+            State::Enabled => 1,
+            State::Fault => 2,
+            State::Busy => UNKNOWN,
+        };
+        state | self.error << 8
+    }
+
+    /// Appends what leaves for a frame of the loop.
+    pub(super) fn send(&mut self, frame: &Frame, out: &mut Frames) {
+        if frame.bus != self.setting.at.bus {
+        } else if frame.id == ASK_ID {
+            push(out, self.ask());
+            self.cycles = self.cycles.wrapping_add(1);
+            if self.family.polls_apart() && self.cycles.is_multiple_of(POLL_EVERY) {
+                push(out, self.family.poll(self.setting.at));
+            }
+        } else if frame.id == self.setting.id(COMMAND) {
+            push(out, self.command(frame));
+        } else if frame.id == self.setting.id(CONTROL) {
+            self.control(frame, out);
+        }
+    }
+
+    /// Once in a cycle: the last set-point again, if there was one since the last time, or else what
+    /// cannot move anything.
+    fn ask(&mut self) -> Option<Frame> {
+        let again = self.last.take();
+        if self.family.tells_apart() {
+            // It sends by itself.
+            return None;
+        }
+        again.or_else(|| self.family.idle(self.setting.at, &self.setting.model))
+    }
+
+    /// Of the output's numbers, what the family counts.
+    fn set_point(&self, position: f64) -> SetPoint {
+        let softer = self.ratio * self.ratio;
+        SetPoint {
+            position: position * self.ratio,
+            kp: self.setting.kp / softer,
+            kd: self.setting.kd / softer,
+            ..SetPoint::default()
+        }
+    }
+
+    fn command(&mut self, frame: &Frame) -> Option<Frame> {
+        let bytes = frame.data.first_chunk::<8>()?;
+        // Nothing but what is asked for while it is off.
+        if self.word != ENABLE {
+            return None;
+        }
+        let set_point = self.set_point(f64::from_le_bytes(*bytes));
+        let setting = &self.setting;
+        self.last = (self.family).command(setting.at, &setting.model, &set_point);
+        self.last
+    }
+
+    fn control(&mut self, frame: &Frame, out: &mut Frames) {
+        let Some(bytes) = frame.data.first_chunk::<4>() else {
+            return;
+        };
+        let word = u32::from_le_bytes(*bytes);
+        let is_new = word != self.word;
+        self.word = word;
+        if is_new {
+            self.awaited = 0;
+        }
+        if word != ENABLE {
+            (self.last, self.enabled) = (None, false);
+        }
+        let at = self.setting.at;
+        match (word, self.state) {
+            // A state that is told seldom may be that before the last word.
+            (ENABLE, State::Enabled | State::Busy) => {}
+            (DISABLE, State::Off) if !is_new => {}
+            (ENABLE, _) => self.enable(out),
+            (RESET, _) => push(out, Some(self.family.clear(at))),
+            _ => push(out, Some(self.family.disable(at))),
+        }
+    }
+
+    fn enable(&mut self, out: &mut Frames) {
+        if self.awaited > 0 {
+            return;
+        }
+        if self.family.tells_apart() {
+            self.awaited = TELLINGS;
+        }
+        let setting = &self.setting;
+        let hold = self.set_point(self.position);
+        let before = self.family.prepare(setting.at, &setting.model, &hold);
+        before.into_iter().for_each(|frame| push(out, frame));
+        push(out, Some(self.family.enable(setting.at)));
+        self.enabled = true;
+    }
+}
+
+fn push(out: &mut Frames, frame: Option<Frame>) {
+    if let Some(frame) = frame {
+        out.push(frame);
+    }
+}
