@@ -1,18 +1,18 @@
 //! `torquectl import`: anyone's logs as the logs that fits, estimates and references take.
 
+mod columns;
 mod map;
 mod resample;
-mod table;
 
 use crate::output::{apart, finish_or_refuse, read_input};
 use clap::Args;
+use columns::Table;
 use map::{Channel, Map};
 use problem::{Problem, Problems};
 use resample::{Column, Grid};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use table::Table;
 
 /// Convert logs (CSV, MCAP) by a map of their columns, units, signs and ratios
 #[derive(Args)]
@@ -31,10 +31,11 @@ pub(crate) struct ImportArguments {
 const FORMAT: &str = r#"The map, where * marks required keys:
   sample_rate_hz* = 250            # the logs are resampled to it, without delay
   max_gap_ms = 20                  # rows in longer gaps are left out; by default five periods
-  delimiter = ","
+  delimiter = ","                  # by default as the log's header shows
   [time]*                          # of CSV alone: messages of MCAP have stamps
   column* = "t_s"
   unit* = "s" | "ms" | "us" | "ns"
+  plus = [{ column = "nanosec", unit = "ns" }]   # further columns that add to the stamp
   [[joint]]                        # any number
   name* = "knee"
   gear_ratio = 101                 # needed where theta is measured on the link side
@@ -56,7 +57,10 @@ const FORMAT: &str = r#"The map, where * marks required keys:
   accelerometer_unit = "m/s2" | "g"
 Keys of a channel: column*, unit* (theta, q: rad, deg, turns, counts; i: A, mA; torques: Nm, mNm, kNm;
 "1": as scale makes it), scale, sign (1 or -1), offset (SI, added last), counts_per_turn,
-wraps = true (single turn: is unwrapped), side = "link" (theta: times gear_ratio), plus = [channels].
+wraps = true (single turn: is unwrapped), side = "link" (theta: times gear_ratio), plus = [channels],
+time = { column = "t2", unit = "s" } (stamps other than those of [time]; of sensors and IMU too).
+In CSV a column has the stamps of the rows in which it is not empty or nan, so that topics may have rows
+of their own. Delimiters are comma, semicolon, tab, bar or spaces, numbers have decimal points or commas.
 
 Columns of an MCAP file: TOPIC:JOINT.position, TOPIC:JOINT.velocity and TOPIC:JOINT.effort of a
 JointState, TOPIC:fx to TOPIC:tz of a WrenchStamped, TOPIC:gx to gz and ax to az of an Imu (ROS 2, cdr);
@@ -126,9 +130,9 @@ fn convert(map: &Map, log: &Path) -> Result<Vec<(String, String)>, Problems> {
             take(format!("{}.{key}", joint.name), column);
         }
     }
-    for (name, source, factor) in map.sensor_columns() {
-        let column = table.column(&source, map);
-        take(name, column.map(|c| c.scaled(factor)));
+    for axis in map.sensor_columns() {
+        let column = table.column(axis.column, axis.time, map);
+        take(axis.name, column.map(|c| c.scaled(axis.factor)));
     }
     if !problems.is_empty() {
         return Err(Problems(problems));
@@ -170,7 +174,7 @@ fn column(
 ) -> Result<Column, Problem> {
     let of_map = |p: Problem| p.or_at(&map.file, channel.line(map));
     let factor = channel.factor(gear_ratio, key).map_err(of_map)?;
-    let mut source = table.column(&channel.column, map)?;
+    let mut source = table.column(&channel.column, channel.time.as_ref(), map)?;
     if channel.wraps {
         let unwrapped = source.unwrap(channel.turn().map_err(of_map)?, map.max_gap());
         unwrapped.map_err(|t| {

@@ -34,6 +34,9 @@ pub(crate) struct ReferenceArguments {
     /// Window of the centred filters, ms
     #[arg(long, default_value_t = 20.0)]
     window_ms: f64,
+    /// Write references though an F/T sensor contradicts the part beyond it that nothing touches
+    #[arg(long)]
+    accept: bool,
     /// Folder for the references; made if it is not there
     #[arg(short, long)]
     out: PathBuf,
@@ -52,6 +55,11 @@ the window: of windows from 10 to 80 ms, 20 ms left the least error on the simul
 position-controlled gears swing at 10 to 20 Hz. Ends of a log without a full window are left out. Sigma holds the sensors' noise and the
 model's masses, as the sensors' file states them (2 % without a file), the accelerations' noise, and
 what the filter may have removed.
+
+What an F/T sensor reads is compared with the weight and motion of the part beyond it that nothing
+touches. A residual beyond three standard deviations (of noise and masses, 2 % at least) is refused
+with the mistake that explains it: sign, axes of the base, order of the axes, offset, scale, turned axes,
+another reference point, delay; --accept takes the log as it stands.
 
 Writes OUT/LOG.JOINT.csv with t,theta,q,i,tau_sensor,sigma_sensor[,tau_feedforward] for joints with theta and i, and
 OUT/LOG.torques.csv with JOINT.tau and JOINT.sigma of all. A reference is no better than masses,
@@ -78,12 +86,20 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
         &arguments.payload,
     )?;
     let mut files = Vec::new();
-    let mut report = String::new();
+    let (mut report, mut problems) = (String::new(), Vec::new());
     for path in &arguments.logs {
         let log = RobotLog::read(path)?;
         let signals = log.signals(&robot.joints, &robot.sensors)?;
-        let torques = Torques::new(&robot, &signals, 1e-3 * arguments.window_ms)?;
+        let window = 1e-3 * arguments.window_ms;
+        let torques = Torques::new(&robot, &signals, window)?;
         let _ = writeln!(report, "{}: {} rows", path.display(), torques.rows().len());
+        for (sensor, verdict) in torques::untouched(&robot, &signals, window)? {
+            let name = robot.sensors.ft_sensors[sensor].name.get_ref();
+            if let Some(problem) = verdict.problem(name).filter(|_| !arguments.accept) {
+                problems.push(problem.at(path.display().to_string(), 0));
+            }
+            let _ = writeln!(report, "  F/T sensor {name}: {}", verdict.line());
+        }
         for (joint, name) in robot.joints.iter().enumerate() {
             let (low, high, sigma) = torques.range(joint);
             let _ = writeln!(
@@ -95,6 +111,9 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
             .file_stem()
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         files.extend(texts(&robot, &log, &torques, &stem));
+    }
+    if !problems.is_empty() {
+        return Err(Problems(problems));
     }
     let unwritable = |e, path: &Path| Problem::unwritable(path.display(), &e);
     std::fs::create_dir_all(&arguments.out).map_err(|e| unwritable(e, &arguments.out))?;

@@ -1,17 +1,31 @@
-//! Columns of numbers from CSV with a header and stamps.
+//! Columns of numbers with stamps, complete in every row.
 
-use problem::{Allowed, Problem, listed};
+use problem::{Problem, listed};
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
+use table::Table;
 
 /// Stamps and columns of a log.
 pub(crate) struct Rows {
     /// Stamps in the file's unit, increasing.
     pub(crate) t: Vec<f64>,
-    /// Line of each row.
-    pub(crate) lines: Vec<usize>,
     /// Columns by name.
     pub(crate) columns: BTreeMap<String, Vec<f64>>,
+}
+
+/// A log's table; without a `delimiter` its header shows it.
+///
+/// # Errors
+/// As [`Table::new`].
+pub(crate) fn open(
+    path: &Path,
+    delimiter: Option<char>,
+) -> Result<Table<BufReader<File>>, Problem> {
+    let log = path.display().to_string();
+    let file = File::open(path).map_err(|e| Problem::unreadable(&log, &e))?;
+    Table::new(BufReader::new(file), &log, delimiter)
 }
 
 impl Rows {
@@ -22,20 +36,16 @@ impl Rows {
     /// increase, each with its line.
     pub(crate) fn read(
         path: &Path,
-        delimiter: u8,
         time: &str,
         used: impl Fn(&str) -> bool,
     ) -> Result<Self, Problem> {
-        let rows = Self::read_in_order_of_rows(path, delimiter, &[time], used)?;
-        let backwards = rows.t.windows(2).position(|w| w[1] <= w[0]);
-        if let Some(row) = backwards {
-            let reason = format!("`{time}` is {} after {}", rows.t[row + 1], rows.t[row]);
-            let place = rows.lines.get(row + 1).copied().unwrap_or(0);
-            return Err(
-                Problem::new(reason, "stamps that increase").at(path.display().to_string(), place)
-            );
-        }
-        Ok(rows)
+        Self::read_each(path, &[time], used, |table, t, last| {
+            if t > last {
+                return Ok(());
+            }
+            let reason = format!("`{time}` is {t} after {last}");
+            Err(table.problem(reason, "stamps that increase"))
+        })
     }
 
     /// Reads the column of stamps, of one of these names and which need not increase, and those for
@@ -45,57 +55,50 @@ impl Rows {
     /// A file that cannot be read, fields that are not finite numbers, each with its line.
     pub(crate) fn read_in_order_of_rows(
         path: &Path,
-        delimiter: u8,
         times: &[&str],
         used: impl Fn(&str) -> bool,
     ) -> Result<Self, Problem> {
-        let log = path.display().to_string();
-        let of_csv = |e: csv::Error| {
-            let line = e.position().map_or(0, |p| p.line() as usize);
-            Problem::new(format!("cannot be read: {e}"), "").at(log.as_str(), line)
+        Self::read_each(path, times, used, |_, _, _| Ok(()))
+    }
+
+    fn read_each(
+        path: &Path,
+        times: &[&str],
+        used: impl Fn(&str) -> bool,
+        check: impl Fn(&Table<BufReader<File>>, f64, f64) -> Result<(), Problem>,
+    ) -> Result<Self, Problem> {
+        let mut table = open(path, None)?;
+        let names = table.names();
+        let Some(time) = names.iter().find(|name| times.contains(&name.as_str())) else {
+            let wanted = times.first().unwrap_or(&"");
+            let reason = format!("column `{wanted}` is missing among `{}`", names.join(","));
+            let allowed = format!("stamps in a column named {}", listed(times.iter().copied()));
+            return Err(table.problem(reason, allowed));
         };
-        let mut reader = csv::ReaderBuilder::new()
-            .delimiter(delimiter)
-            .trim(csv::Trim::All)
-            .from_path(path)
-            .map_err(of_csv)?;
-        let header = reader.headers().map_err(of_csv)?;
-        let names: Vec<String> = header
-            .iter()
-            .map(|n| n.trim_start_matches('\u{feff}').to_owned())
+        let mut places = vec![table.column(time)?.unwrap_or(0)];
+        let chosen: Vec<String> = (names.iter())
+            .filter(|name| *name != time && !name.is_empty() && used(name))
+            .cloned()
             .collect();
-        let time = |n: &String| times.contains(&n.as_str());
-        let at = names.iter().position(time).ok_or_else(|| {
-            let reason = format!("column `{}` is missing", times.first().unwrap_or(&""));
-            Problem::new(reason, listed(names.iter().map(String::as_str))).at(log.as_str(), 1)
-        })?;
-        let used: Vec<usize> = (0..names.len())
-            .filter(|&i| i != at && used(&names[i]))
-            .collect();
-        let (mut t, mut lines): (Vec<f64>, Vec<usize>) = (Vec::new(), Vec::new());
-        let mut values = vec![Vec::new(); used.len()];
-        let mut record = csv::StringRecord::new();
-        while reader.read_record(&mut record).map_err(of_csv)? {
-            let line = record.position().map_or(0, |p| p.line() as usize);
-            let number = |i: usize| {
-                let field = record.get(i).unwrap_or("");
-                let number = field.parse::<f64>().ok().filter(|x| x.is_finite());
-                number.ok_or_else(|| {
-                    let reason = format!("`{}` is `{field}`", names[i]);
-                    Problem::new(reason, Allowed::Finite.to_string()).at(log.as_str(), line)
-                })
-            };
-            t.push(number(at)?);
-            lines.push(line);
-            for (column, &i) in values.iter_mut().zip(&used) {
-                column.push(number(i)?);
+        for name in &chosen {
+            places.extend(table.column(name)?);
+        }
+        let mut values = vec![Vec::new(); places.len()];
+        while table.next_row()? {
+            for (column, place) in values.iter_mut().zip(&places) {
+                column.push(table.number(*place)?);
+            }
+            if let [.., last, t] = values[0][..] {
+                check(&table, t, last)?;
             }
         }
+        let t = values.remove(0);
         if t.len() < 2 {
             let reason = format!("the log has {} rows", t.len());
+            let log = path.display().to_string();
             return Err(Problem::new(reason, "at least two").at(log, 0));
         }
-        let columns = used.iter().map(|&i| names[i].clone()).zip(values).collect();
-        Ok(Self { t, lines, columns })
+        let columns = chosen.into_iter().zip(values).collect();
+        Ok(Self { t, columns })
     }
 }

@@ -141,7 +141,7 @@ fn bad_maps_and_logs_are_named_with_file_and_line() {
         (
             map("column = \"m\"", "column = \"motor\""),
             good.clone(),
-            "map.toml:10: run.csv has no column `motor`; allowed: ",
+            "map.toml:10: run.csv has no column `motor` among stamp, m, l, mA, fx, ty, ff, note; allowed: a column of the log",
         ),
         (
             map("unit = \"deg\", offset", "unit = \"mA\", offset"),

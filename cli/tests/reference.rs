@@ -196,8 +196,33 @@ fn a_leg_on_a_stand() {
         let pace = 0.25 + 0.03 * name.len() as f64;
         0.25 * (TAU * pace * t).sin() + 0.03 * (TAU * 2.0 * t).sin()
     };
-    let figures = Swing::new("leg", 10.0, contacts, swing).judge("leg");
-    assert_covered(&figures, 0.02);
+    let leg = Swing::new("leg", 10.0, contacts, swing);
+    assert_covered(&leg.judge("leg"), 0.02);
+
+    // Nothing touches the foot: its sensor cannot have the other sign.
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("reference-leg");
+    let reversed = leg
+        .sensors
+        .replace("[[ft_sensor]]\n", "[[ft_sensor]]\nsign = -1\n");
+    fs::write(folder.join("sensors.toml"), reversed).unwrap();
+    let mut arguments = vec![
+        "reference",
+        "--urdf",
+        &leg.urdf,
+        "--sensors",
+        "sensors.toml",
+    ];
+    arguments.extend(["--log", "swing.csv", "-o", "reversed"]);
+    let output = torquectl(&folder, &arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{errors}");
+    assert!(
+        errors.contains("explained if all six signs are reversed"),
+        "{errors}"
+    );
+    assert!(!folder.join("reversed").exists());
+    arguments.push("--accept");
+    assert!(torquectl(&folder, &arguments).status.success());
 }
 
 #[test]

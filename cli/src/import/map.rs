@@ -2,7 +2,7 @@
 
 use problem::{Allowed, Problem, line_at, listed};
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 use toml::Spanned;
 
@@ -18,9 +18,8 @@ pub(super) struct Map {
     pub(super) sample_rate: f64,
     #[serde(rename = "max_gap_ms")]
     max_gap: Option<f64>,
-    /// Between two fields of CSV.
-    #[serde(default = "comma")]
-    pub(super) delimiter: char,
+    /// Between two fields of CSV, where the header does not show it.
+    pub(super) delimiter: Option<char>,
     /// Stamps of CSV.
     pub(super) time: Option<Time>,
     /// Joints.
@@ -36,16 +35,15 @@ pub(super) struct Map {
     text: String,
 }
 
-fn comma() -> char {
-    ','
-}
-
 /// `[time]`
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Time {
     pub(super) column: ColumnName,
     unit: TimeUnit,
+    /// Further columns that add to the stamp, such as nanoseconds beside seconds.
+    #[serde(default)]
+    plus: Vec<Time>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -58,14 +56,16 @@ enum TimeUnit {
 }
 
 impl Time {
-    /// Seconds in one unit.
-    pub(super) fn seconds(&self) -> f64 {
-        match self.unit {
+    /// Columns whose sum is the stamp, with the seconds in one unit of each.
+    pub(super) fn parts(&self) -> Vec<(&ColumnName, f64)> {
+        let seconds = match self.unit {
             TimeUnit::S => 1.0,
             TimeUnit::Ms => 1e-3,
             TimeUnit::Us => 1e-6,
             TimeUnit::Ns => 1e-9,
-        }
+        };
+        let own = std::iter::once((&self.column, seconds));
+        own.chain(self.plus.iter().flat_map(Self::parts)).collect()
     }
 }
 
@@ -119,6 +119,8 @@ pub(super) struct Channel {
     side: Side,
     #[serde(default)]
     pub(super) plus: Vec<Channel>,
+    /// Stamps of this column, where they are not those of `[time]`.
+    pub(super) time: Option<Time>,
 }
 
 fn one() -> f64 {
@@ -257,6 +259,7 @@ struct FtSensor {
     columns: [ColumnName; 6],
     #[serde(default = "ones")]
     signs: [f64; 6],
+    time: Option<Time>,
 }
 
 fn ones() -> [f64; 6] {
@@ -273,6 +276,7 @@ struct Imu {
     gyro_unit: GyroUnit,
     #[serde(default)]
     accelerometer_unit: AccelerometerUnit,
+    time: Option<Time>,
 }
 
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
@@ -347,18 +351,32 @@ impl Map {
         line_at(&self.text, column.span().start)
     }
 
-    /// Whether any channel is a column of this name.
-    pub(super) fn names(&self, name: &str) -> bool {
-        fn of_channel(channel: &Channel, name: &str) -> bool {
-            channel.column.get_ref() == name || channel.plus.iter().any(|c| of_channel(c, name))
+    /// Names of the columns that a log is read for, stamps among them.
+    pub(super) fn names(&self) -> BTreeSet<&str> {
+        fn of_channel<'a>(channel: &'a Channel, names: &mut BTreeSet<&'a str>) {
+            names.insert(channel.column.get_ref());
+            of_time(channel.time.as_ref(), names);
+            channel.plus.iter().for_each(|c| of_channel(c, names));
         }
-        let channels = self.joints.iter().flat_map(|j| j.channels());
-        let mut channels = channels.map(|(_, channel)| channel);
-        channels.any(|c| of_channel(c, name))
-            || self
-                .sensor_columns()
-                .iter()
-                .any(|(_, column, _)| column.get_ref() == name)
+        fn of_time<'a>(time: Option<&'a Time>, names: &mut BTreeSet<&'a str>) {
+            let parts = time.into_iter().flat_map(Time::parts);
+            names.extend(parts.map(|(column, _)| column.get_ref().as_str()));
+        }
+        let mut names = BTreeSet::new();
+        of_time(self.time.as_ref(), &mut names);
+        for (_, channel) in self.joints.iter().flat_map(Joint::channels) {
+            of_channel(channel, &mut names);
+        }
+        for sensor in &self.ft_sensors {
+            names.extend(sensor.columns.iter().map(|c| c.get_ref().as_str()));
+            of_time(sensor.time.as_ref(), &mut names);
+        }
+        if let Some(imu) = &self.imu {
+            let axes = imu.gyro.iter().chain(&imu.accelerometer);
+            names.extend(axes.map(|c| c.get_ref().as_str()));
+            of_time(imu.time.as_ref(), &mut names);
+        }
+        names
     }
 
     /// A column that a log does not have.
@@ -368,17 +386,31 @@ impl Map {
         log: &str,
         names: impl IntoIterator<Item = &'a str>,
     ) -> Problem {
-        let reason = format!("{log} has no column `{}`", column.get_ref());
-        Problem::new(reason, listed(names)).at(self.file.as_str(), self.line(column))
+        let reason = format!(
+            "{log} has no column `{}` among {}",
+            column.get_ref(),
+            listed(names)
+        );
+        Problem::new(reason, "a column of the log, exactly as it writes it")
+            .at(self.file.as_str(), self.line(column))
     }
 
-    /// Columns of F/T sensors and IMU: names in the converted log, in the log, and factors.
-    pub(super) fn sensor_columns(&self) -> Vec<(String, ColumnName, f64)> {
+    /// Columns of F/T sensors and IMU.
+    pub(super) fn sensor_columns(&self) -> Vec<SensorColumn<'_>> {
         const AXES: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
         let mut all = Vec::new();
+        let mut add = |name: String, column, factor, time| {
+            all.push(SensorColumn {
+                name,
+                column,
+                factor,
+                time,
+            });
+        };
         for sensor in &self.ft_sensors {
+            let time = sensor.time.as_ref();
             for ((axis, column), sign) in AXES.iter().zip(&sensor.columns).zip(sensor.signs) {
-                all.push((format!("{}.{axis}", sensor.name), column.clone(), sign));
+                add(format!("{}.{axis}", sensor.name), column, sign, time);
             }
         }
         if let Some(imu) = &self.imu {
@@ -390,13 +422,26 @@ impl Map {
                 AccelerometerUnit::Metre => 1.0,
                 AccelerometerUnit::Gravity => STANDARD_GRAVITY,
             };
+            let time = imu.time.as_ref();
             for (axis, column) in ["gx", "gy", "gz"].iter().zip(&imu.gyro) {
-                all.push((format!("imu.{axis}"), column.clone(), gyro));
+                add(format!("imu.{axis}"), column, gyro, time);
             }
             for (axis, column) in ["ax", "ay", "az"].iter().zip(&imu.accelerometer) {
-                all.push((format!("imu.{axis}"), column.clone(), accelerometer));
+                add(format!("imu.{axis}"), column, accelerometer, time);
             }
         }
         all
     }
+}
+
+/// One axis of a sensor.
+pub(super) struct SensorColumn<'a> {
+    /// Name in the converted log.
+    pub(super) name: String,
+    /// Name in the log.
+    pub(super) column: &'a ColumnName,
+    /// SI units, in the converted axis' direction, in one of the column's.
+    pub(super) factor: f64,
+    /// Stamps, where they are not those of `[time]`.
+    pub(super) time: Option<&'a Time>,
 }

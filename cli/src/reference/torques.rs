@@ -3,6 +3,7 @@
 use crate::rows::Rows;
 use crate::whole_body::sensors_file::SensorsFile;
 use dynamics::{ImuMotion, Model};
+use identification::load::untouched::{Row, Verdict, judge};
 use identification::record::{noise, smooth};
 use nalgebra::Vector3;
 use problem::{Problem, listed};
@@ -11,7 +12,7 @@ use robot_state::Wrench;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
-use whole_body::{WholeBody, WholeBodyInput, WholeBodyParameters};
+use whole_body::{PartEstimate, WholeBody, WholeBodyInput, WholeBodyParameters};
 
 /// A robot of which torques are computed.
 pub(crate) trait Estimated {
@@ -66,7 +67,7 @@ impl RobotLog {
     /// As [`Rows::read`]; stamps that are not at a steady rate.
     pub(super) fn read(path: &Path) -> Result<Self, Problem> {
         let file = path.display().to_string();
-        let rows = Rows::read(path, b',', "t", |_| true)?;
+        let rows = Rows::read(path, "t", |_| true)?;
         let period = (rows.t[rows.t.len() - 1] - rows.t[0]) / (rows.t.len() - 1) as f64;
         let odd = |w: &[f64]| ((w[1] - w[0]) / period - 1.0).abs() > MAX_IRREGULARITY;
         if let Some(i) = rows.t.windows(2).position(odd) {
@@ -183,18 +184,24 @@ impl Torques {
             return Err(Problem::new(reason, allowed).at(log.file.as_str(), 0));
         }
         let half = half as usize;
-        let Pass { tau, mut sigma } = pass(robot, log, half)?;
+        let Pass { tau, mut sigma } = pass(robot, log, half, None)?;
         widen(
             &mut sigma,
             &tau,
-            &pass(robot, log, 2 * half)?.tau,
+            &pass(robot, log, 2 * half, None)?.tau,
             half,
             REMOVED,
         );
         // A signal that a long window has removed altogether shows beside a short one.
         let short = (0.5 * SHORT_S / log.period).round().max(2.0) as usize;
         if short < half {
-            widen(&mut sigma, &tau, &pass(robot, log, short)?.tau, half, 1.0);
+            widen(
+                &mut sigma,
+                &tau,
+                &pass(robot, log, short, None)?.tau,
+                half,
+                1.0,
+            );
         }
         Ok(Self {
             tau,
@@ -235,6 +242,63 @@ fn widen(sigma: &mut [Vec<f64>], tau: &[Vec<f64>], other: &[Vec<f64>], half: usi
     }
 }
 
+/// What looks at each row's estimate.
+type EachRow<'a> = &'a mut dyn FnMut(&WholeBody, &WholeBodyInput<'_>);
+
+/// F/T sensors beyond which nothing touches the robot, against the model: indices and verdicts.
+///
+/// # Errors
+/// As [`Torques::new`].
+pub(crate) fn untouched(
+    robot: &dyn Estimated,
+    log: &Signals,
+    window: f64,
+) -> Result<Vec<(usize, Verdict)>, Problem> {
+    let half = ((0.5 * window / log.period).round() as usize).max(2);
+    let inside = half..log.t.len().saturating_sub(half);
+    let mut rows = vec![Vec::new(); log.ft.len()];
+    let mut at = 0;
+    let mut take = |whole_body: &WholeBody, input: &WholeBodyInput<'_>| {
+        let whole_row = inside.contains(&at);
+        at += 1;
+        for (s, (rows, read)) in rows
+            .iter_mut()
+            .zip(input.ft)
+            .enumerate()
+            .filter(|_| whole_row)
+        {
+            let Some(part) = whole_body.estimate().parts.get(1 + s) else {
+                continue;
+            };
+            if part.unknowns == 0 {
+                rows.push(row(read, part, whole_body, s));
+            }
+        }
+    };
+    pass(robot, log, half, Some(&mut take))?;
+    let judged = rows.iter().enumerate().filter(|(_, rows)| !rows.is_empty());
+    Ok(judged
+        .map(|(s, rows)| (s, judge(rows, log.period)))
+        .collect())
+}
+
+/// Share of the expected wrench by which the model's masses may be off where nothing states it.
+const MODEL_SIGMA: f64 = 0.02;
+
+/// One sensor's row: what it reads, and what the part beyond makes.
+fn row(read: &Wrench, part: &PartEstimate, whole_body: &WholeBody, sensor: usize) -> Row {
+    let pair = |w: &Wrench| [Vector3::from(w.force), Vector3::from(w.torque)];
+    let (measured, net) = (pair(read), pair(&whole_body.net_at_sensor(sensor)));
+    let expected = [0, 1].map(|k| measured[k] - net[k]);
+    let sigma = pair(&part.residual_sigma);
+    Row {
+        measured,
+        expected,
+        sigma: [0, 1].map(|k| sigma[k].norm().hypot(MODEL_SIGMA * expected[k].norm())),
+        axes: whole_body.sensor_axes(sensor),
+    }
+}
+
 /// Torques and standard deviations by joint and row.
 struct Pass {
     tau: Vec<Vec<f64>>,
@@ -242,7 +306,14 @@ struct Pass {
 }
 
 /// Torques and sigmas by the estimator, all signals through windows of `2 half + 1` samples.
-fn pass(robot: &dyn Estimated, log: &Signals, half: usize) -> Result<Pass, Problem> {
+///
+/// `each_row` sees every row, residuals included.
+fn pass(
+    robot: &dyn Estimated,
+    log: &Signals,
+    half: usize,
+    mut each_row: Option<EachRow<'_>>,
+) -> Result<Pass, Problem> {
     let filtered = |signal: &[f64], derivative| smooth(signal, derivative, half, log.period);
     let gain = impulse(2, half, log.period);
     let mut motion = Vec::new();
@@ -293,7 +364,10 @@ fn pass(robot: &dyn Estimated, log: &Signals, half: usize) -> Result<Pass, Probl
             ft: &ft,
             imu,
         };
-        let estimate = whole_body.update_torques(&input);
+        let estimate = match each_row {
+            Some(_) => whole_body.update(&input),
+            None => whole_body.update_torques(&input),
+        };
         if !estimate.valid {
             let reason = format!("at t = {} s the contacts depend on one another", log.t[i]);
             return Err(Problem::new(reason, "other contacts").at(log.file.as_str(), i + 2));
@@ -301,6 +375,9 @@ fn pass(robot: &dyn Estimated, log: &Signals, half: usize) -> Result<Pass, Probl
         for k in 0..n {
             tau[k].push(estimate.tau[k]);
             sigma[k].push(estimate.sigma[k]);
+        }
+        if let Some(each_row) = &mut each_row {
+            each_row(&whole_body, &input);
         }
     }
     Ok(Pass { tau, sigma })

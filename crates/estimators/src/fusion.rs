@@ -11,13 +11,22 @@
 //! The torque from the current does not depend on the torsion: both groups are combined with minimum
 //! variance, sample by sample. An innovation test compares them: where they are further apart than their
 //! variances allow, the published sigma covers it; where they agree better since a tare of an unknown zero, or have
-//! hardly changed, it is smaller ([`crate::agreement`]). A feed-forward corrects the slow error of both
+//! hardly changed, it is smaller ([`crate::agreement`]).
+//!
+//! A torque at its clamp is a bound: the torque is at least that. Where the other group bears it out within two
+//! standard deviations it counts as ever; where the other has passed it, it says nothing more; where the other
+//! contradicts it, it takes no part, and the disagreement still counts. A torsion beyond the gear's range concerns
+//! every source from the torsion. Within a group, whose sources err alike, nothing independent contradicts a bound:
+//! there only a source whose reference is within its own range loses its weight. A feed-forward corrects the slow error of both
 //! ([`crate::feed_forward`]).
+
+mod group;
 
 use crate::agreement::Agreement;
 use crate::feed_forward::{Correction, CorrectionParameters};
 use crate::joint::JointSample;
 use crate::output::Output;
+use group::clamped;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
 
 /// Sources that can be fused, at most.
@@ -290,6 +299,27 @@ impl Fusion {
         };
     }
 
+    /// Torque and variance where one group stands at its clamp and the other does not bear it out: that of the other
+    /// alone.
+    fn one_sided(
+        &mut self,
+        group: (f64, f64, bool),
+        current: (f64, f64, bool),
+    ) -> Option<(f64, f64)> {
+        let (bound, other) = match (group.2, current.2) {
+            (true, false) => (group, current),
+            (false, true) => (current, group),
+            _ => return None,
+        };
+        let short = bound.0.signum() * (bound.0 - other.0);
+        let chi = short.max(0.0).powi(2) / (bound.1 + other.1);
+        if short > 0.0 && chi <= AGREEMENT {
+            return None;
+        }
+        self.compare(chi);
+        Some((other.0, other.1))
+    }
+
     /// Torque and variance of the sources from the torsion, and of the current, at motor angle `theta`, under their
     /// joint covariance, with the innovation test: the published variance covers their disagreement, and follows
     /// their agreement since a tare of an unknown zero. The weights do not: agreement shows the sum of both variances,
@@ -334,7 +364,6 @@ impl Fusion {
             *share += step * (f64::from(u8::from(r == regime)) - *share);
         }
         let mut variances = self.variances(sources);
-        let count = self.sources.min(sources.len());
         for (sigma, variance) in self.sigmas.iter_mut().zip(variances) {
             *sigma = variance.sqrt();
         }
@@ -343,6 +372,7 @@ impl Fusion {
                 *variance = f64::INFINITY;
             }
         }
+        self.exclude_clamped(&mut variances, sources);
         self.follow(sample.theta);
         // An unknown zero of the torsion follows the current, and is known after a tare.
         let factor = if self.parameters.zero_unknown && !self.tared {
@@ -359,36 +389,33 @@ impl Fusion {
         let current = independent
             .and_then(|i| Some((sources.get(i)?, *variances.get(i)?)))
             .filter(|(_, variance)| variance.is_finite())
-            .map(|(estimate, variance)| (estimate, hidden * variance));
-        let (mut sum, mut tau, mut delay, mut square) = (0.0, 0.0, 0.0, 0.0);
-        let mut saturated = 0;
-        for (i, (source, variance)) in sources.iter().zip(variances).take(count).enumerate() {
-            // Relative to the least: most for the best, down to 0 at the bound, without a step.
-            let weight = (least / variance - 1.0 / MAX_VARIANCE_RATIO).max(0.0);
-            let apart = Some(i) == independent || Some(i) == self.model();
-            if apart || weight.is_nan() || weight == 0.0 {
-                continue;
+            .map(|(e, variance)| (e.tau, hidden * variance, clamped(e)));
+        let group = self.group(sources, &variances, least);
+        let mut saturated = group.saturated;
+        let (tau, variance) = match (current, group.sum > 0.0) {
+            (Some(current), true) => {
+                let of_group = (group.tau, group.variance, group.clamped);
+                match self.one_sided(of_group, current) {
+                    Some(other) => {
+                        saturated = false;
+                        other
+                    }
+                    None => {
+                        let group = (group.tau, group.variance);
+                        self.combine(group, (current.0, current.1), sample.theta)
+                    }
+                }
             }
-            sum += weight;
-            tau += weight * source.tau;
-            delay += weight * source.delay_s;
-            // Errors count as fully correlated: averaging then reduces nothing.
-            square += weight * variance;
-            saturated |= source.flags & torque_flags::SATURATED;
-        }
-        let group = (tau / sum, square / sum);
-        let (tau, variance) = match current {
-            Some((current, variance)) if sum > 0.0 => {
-                self.combine(group, (current.tau, variance), sample.theta)
-            }
-            Some((current, variance)) => (current.tau, variance),
-            None if sum > 0.0 => group,
-            None => return self.output.held(),
+            (Some((tau, variance, _)), false) => (tau, variance),
+            (None, true) => (group.tau, group.variance),
+            (None, false) => return self.output.held(),
         };
         let (tau, variance) = self.corrected((tau, variance), sources, &variances);
         let mut estimate = self.output.give(sample, tau, variance.sqrt());
-        estimate.delay_s = if sum > 0.0 { delay / sum } else { 0.0 };
-        estimate.flags |= saturated;
+        estimate.delay_s = group.delay;
+        if saturated {
+            estimate.flags |= torque_flags::SATURATED;
+        }
         estimate
     }
 

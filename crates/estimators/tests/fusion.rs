@@ -70,6 +70,74 @@ fn without_a_valid_source_the_last_torque_is_held_and_marked() {
     assert!(held.tau == 3.0 && held.flags & torque_flags::VALID == 0);
 }
 
+fn clamped(tau: f64, sigma: f64) -> TorqueEstimate {
+    TorqueEstimate {
+        flags: torque_flags::VALID | torque_flags::SATURATED,
+        ..estimate(tau, sigma)
+    }
+}
+
+#[test]
+fn a_torque_at_its_clamp_that_the_other_group_contradicts_takes_no_part() {
+    let at = JointSample::default();
+    // A torsion at the torque limit where the current is far below, with a sigma that would give it a third of the
+    // weight.
+    for (limit, sigma) in [(100.0, 0.1), (100.0, 0.5), (-100.0, 0.4), (100.0, 10.0)] {
+        let mut fusion = two_groups();
+        let (torsion, current) = (clamped(limit, sigma), estimate(-0.6 * limit, 0.3));
+        for i in 0..3000 {
+            let fused = fusion.update(&at, &[torsion, torsion, current]);
+            assert!((fused.tau - current.tau).abs() < 1e-9, "{}", fused.tau);
+            assert!((fused.sigma - 0.3).abs() < 1e-9, "{i}: {}", fused.sigma);
+            assert_eq!(fused.flags & torque_flags::SATURATED, 0);
+        }
+        // It is seen nevertheless.
+        assert!(fusion.disagrees(), "{limit} {sigma}");
+    }
+    // Nor the other way round.
+    let torsion = estimate(3.0, 0.1);
+    let fused = two_groups().update(&at, &[torsion, torsion, clamped(-100.0, 0.3)]);
+    assert!((fused.tau - 3.0).abs() < 1e-12 && fused.flags & torque_flags::SATURATED == 0);
+}
+
+#[test]
+fn a_torque_at_its_clamp_that_is_borne_out_is_a_bound() {
+    let at = JointSample::default();
+    // The current is short of it by less than two standard deviations: the torque lies between both.
+    let bound = clamped(100.0, 0.1);
+    let fused = two_groups().update(&at, &[bound, bound, estimate(99.5, 0.3)]);
+    assert!((99.9..100.0).contains(&fused.tau), "{}", fused.tau);
+    assert!(fused.flags & torque_flags::SATURATED != 0);
+    // A current beyond the bound: it does not hold the torque back.
+    let mut beyond = parameters(vec![
+        SourceError {
+            variance: 0.01,
+            reported: 0.1
+        };
+        3
+    ]);
+    beyond.torque_limit = 200.0;
+    let fused = Fusion::new(3, beyond).update(&at, &[bound, bound, estimate(120.0, 0.1)]);
+    assert!((fused.tau - 120.0).abs() < 1e-9, "{}", fused.tau);
+    // Both stand at their clamp, or nothing else is there: the bound, marked.
+    for current in [clamped(100.0, 0.3), TorqueEstimate::default()] {
+        let fused = two_groups().update(&at, &[bound, bound, current]);
+        let marks = torque_flags::SATURATED | torque_flags::VALID;
+        assert!(fused.tau == 100.0 && fused.flags & marks == marks);
+    }
+}
+
+#[test]
+fn a_source_at_its_clamp_beside_a_gear_within_its_range_has_no_weight() {
+    let at = JointSample::default();
+    let current = estimate(4.0, 0.3);
+    let fused = two_groups().update(&at, &[estimate(5.0, 0.1), clamped(100.0, 0.1), current]);
+    assert!((fused.tau - 4.9).abs() < 1e-9, "{}", fused.tau);
+    // A gear at its clamp concerns every source from the torsion.
+    let fused = two_groups().update(&at, &[clamped(100.0, 0.1), estimate(90.0, 0.1), current]);
+    assert!((fused.tau - 4.0).abs() < 1e-9, "{}", fused.tau);
+}
+
 proptest! {
     /// Between the least and the largest of the close ones, whatever they report, and never surer
     /// than the best.

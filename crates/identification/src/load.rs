@@ -11,6 +11,7 @@
 pub mod checks;
 mod fit;
 pub mod motion;
+pub mod untouched;
 
 use crate::drive::Value;
 use dynamics::Inertia;

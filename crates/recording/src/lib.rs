@@ -27,6 +27,6 @@ pub use header::{AttachedFile, Header, Start};
 pub use message::{CycleInput, CycleMessage, Decoder, Encoder, Glance, Note};
 pub use reader::{Ending, ReadError, Run};
 pub use replay::{Difference, Replay, Replayed, TORQUES, TorqueDifference};
-pub use signals::{READ_SCHEMAS, Signal, Signals, read_signals};
+pub use signals::{READ_SCHEMAS, Signal, SignalCollector, Signals, read_signals};
 pub use timeline::{Happening, Span, Timeline, cause_of};
 pub use writer::{RunWriter, WriteError};

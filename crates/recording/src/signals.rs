@@ -1,4 +1,4 @@
-//! Signals of any program's MCAP file: JointState, WrenchStamped and Imu of ROS 2, as columns.
+//! Signals of any program's messages, in MCAP files or from elsewhere: JointState, WrenchStamped and Imu of ROS 2, as columns.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -11,7 +11,7 @@ use crate::reader::{Ending, ReadError, next_record, options};
 /// One signal.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Signal {
-    /// Time since the file's first message, s, increasing; by the message's own stamp, or by that of
+    /// Time since the file's earliest stamp, s, increasing; by the message's own stamp, or by that of
     /// its recording where it has none.
     pub t: Vec<f64>,
     /// Values, in the message's unit.
@@ -26,8 +26,14 @@ pub struct Signals {
     pub columns: BTreeMap<String, Signal>,
     /// Topics of other kinds of message, with their schema.
     pub others: BTreeMap<String, String>,
-    /// Messages that are not what their schema says, or older than the one before.
-    pub passed_over: u64,
+    /// Messages that are not what their schema says.
+    pub broken: u64,
+    /// Messages that came after a later one of their topic; they are put in order.
+    pub late: u64,
+    /// Values that are left out, because their signal has one of that very stamp.
+    pub repeated: u64,
+    /// Values that are left out, because they are not finite.
+    pub not_finite: u64,
 }
 
 /// Kinds of message that are read.
@@ -43,79 +49,127 @@ pub const READ_SCHEMAS: [&str; 3] = [
 /// The file is no MCAP file, or of the file system.
 pub fn read_signals<R: Read>(mut source: R) -> Result<(Signals, Ending), ReadError> {
     let mut reader = LinearReader::new_with_options(options());
-    let mut file = File::default();
+    let mut schemas = BTreeMap::new();
+    let mut collector = SignalCollector::default();
     let mut started = false;
     loop {
         let step = next_record(&mut source, &mut reader, started, |record| {
-            file.take(record)
+            take(record, &mut schemas, &mut collector);
         })?;
         if let Err(ending) = step {
-            return Ok((file.signals, ending));
+            return Ok((collector.finish(), ending));
         }
         started = true;
     }
 }
 
-#[derive(Default)]
-struct File {
-    schemas: BTreeMap<u16, String>,
-    /// Topic, kind and encoding of each channel.
-    channels: BTreeMap<u16, (String, Option<usize>)>,
+fn take(record: Record<'_>, schemas: &mut BTreeMap<u16, String>, to: &mut SignalCollector) {
+    match record {
+        Record::Schema { header, .. } => {
+            schemas.insert(header.id, header.name);
+        }
+        Record::Channel(channel) => {
+            let schema = schemas.get(&channel.schema_id).map_or("", String::as_str);
+            let id = i64::from(channel.id);
+            to.topic(id, &channel.topic, schema, &channel.message_encoding);
+        }
+        Record::Message { header, data } => {
+            to.message(i64::from(header.channel_id), header.log_time, &data);
+        }
+        _ => {}
+    }
+}
+
+/// Signals of messages that come one by one, in any order, from whatever file.
+#[derive(Debug, Default)]
+pub struct SignalCollector {
+    topics: BTreeMap<i64, Topic>,
     first_ns: Option<u64>,
     signals: Signals,
 }
 
-impl File {
-    fn take(&mut self, record: Record<'_>) {
-        match record {
-            Record::Schema { header, .. } => {
-                self.schemas.insert(header.id, header.name);
-            }
-            Record::Channel(channel) => {
-                let schema = self.schemas.get(&channel.schema_id).cloned();
-                let schema = schema.unwrap_or_default();
-                let kind = READ_SCHEMAS.iter().position(|known| *known == schema);
-                let kind = kind.filter(|_| channel.message_encoding == "cdr");
-                if kind.is_none() {
-                    let what = format!("{schema} as {}", channel.message_encoding);
-                    self.signals.others.insert(channel.topic.clone(), what);
-                }
-                self.channels.insert(channel.id, (channel.topic, kind));
-            }
-            Record::Message { header, data } => {
-                let Some((topic, Some(kind))) = self.channels.get(&header.channel_id) else {
-                    return;
-                };
-                let found = decode(*kind, &data);
-                let kept = found.is_some_and(|(stamp_ns, values)| {
-                    let at = if stamp_ns > 0 {
-                        stamp_ns
-                    } else {
-                        header.log_time
-                    };
-                    let first = *self.first_ns.get_or_insert(at);
-                    let t = (at as i128 - first as i128) as f64 * 1e-9;
-                    self.signals.add(topic, t, values)
-                });
-                self.signals.passed_over += u64::from(!kept);
-            }
-            _ => {}
+#[derive(Debug)]
+struct Topic {
+    name: String,
+    /// Index in `READ_SCHEMAS`, of those that are read.
+    kind: Option<usize>,
+    last_ns: u64,
+}
+
+impl SignalCollector {
+    /// Makes a topic known by the number that its messages carry, with its schema and encoding.
+    pub fn topic(&mut self, id: i64, topic: &str, schema: &str, encoding: &str) {
+        let kind = READ_SCHEMAS.iter().position(|known| *known == schema);
+        let kind = kind.filter(|_| encoding == "cdr");
+        if kind.is_none() {
+            let what = format!("{schema} as {encoding}");
+            self.signals.others.insert(topic.to_owned(), what);
         }
+        let name = topic.to_owned();
+        let topic = Topic {
+            name,
+            kind,
+            last_ns: 0,
+        };
+        self.topics.insert(id, topic);
+    }
+
+    /// Takes a message; those of topics that are not read are passed over.
+    pub fn message(&mut self, topic: i64, recorded_ns: u64, data: &[u8]) {
+        let Some(topic) = self.topics.get_mut(&topic) else {
+            return;
+        };
+        let Some(kind) = topic.kind else {
+            return;
+        };
+        let signals = &mut self.signals;
+        let Some((stamp_ns, values)) = decode(kind, data) else {
+            signals.broken += 1;
+            return;
+        };
+        let at = if stamp_ns > 0 { stamp_ns } else { recorded_ns };
+        signals.late += u64::from(at < topic.last_ns);
+        topic.last_ns = topic.last_ns.max(at);
+        let first = *self.first_ns.get_or_insert(at);
+        let t = (i128::from(at) - i128::from(first)) as f64 * 1e-9;
+        for (name, value) in values {
+            if value.is_finite() {
+                let name = format!("{}:{name}", topic.name);
+                let signal = signals.columns.entry(name).or_default();
+                signal.t.push(t);
+                signal.values.push(value);
+            } else {
+                signals.not_finite += 1;
+            }
+        }
+    }
+
+    /// The signals in the order of their stamps; of several values of one stamp the first.
+    #[must_use]
+    pub fn finish(self) -> Signals {
+        let mut signals = self.signals;
+        let starts = signals.columns.values().flat_map(|signal| &signal.t);
+        let start = starts.copied().fold(f64::INFINITY, f64::min);
+        for signal in signals.columns.values_mut() {
+            let before = signal.t.len();
+            signal.put_in_order(start);
+            signals.repeated += (before - signal.t.len()) as u64;
+        }
+        signals
     }
 }
 
-impl Signals {
-    /// False if time does not advance.
-    fn add(&mut self, topic: &str, t: f64, values: Vec<(String, f64)>) -> bool {
-        values.into_iter().fold(true, |all, (name, value)| {
-            let signal = self.columns.entry(format!("{topic}:{name}")).or_default();
-            let advances = signal.t.last().is_none_or(|last| t > *last);
-            if advances {
-                signal.t.push(t);
-                signal.values.push(value);
-            }
-            all && advances
-        })
+impl Signal {
+    fn put_in_order(&mut self, start: f64) {
+        // First, for it may round two stamps to one.
+        self.t.iter_mut().for_each(|t| *t -= start);
+        if !self.t.is_sorted_by(|a, b| a < b) {
+            let mut order: Vec<usize> = (0..self.t.len()).collect();
+            order.sort_by(|a, b| self.t[*a].total_cmp(&self.t[*b]));
+            order.dedup_by(|later, kept| self.t[*later] == self.t[*kept]);
+            self.values = order.iter().map(|k| self.values[*k]).collect();
+            self.t = order.iter().map(|k| self.t[*k]).collect();
+        }
     }
 }
 
@@ -163,8 +217,7 @@ fn decode(kind: usize, data: &[u8]) -> Option<(u64, Vec<(String, f64)>)> {
             values
         }
     };
-    let finite = values.iter().all(|(_, x)| x.is_finite());
-    finite.then_some((stamp_ns, values))
+    Some((stamp_ns, values))
 }
 
 /// A message in little-endian CDR, from front to back.

@@ -1,6 +1,7 @@
 //! The estimator: one update a cycle.
 
 mod publish;
+mod sensors;
 mod signals;
 
 pub use signals::{ContactEstimate, PartEstimate, WholeBodyEstimate, WholeBodyInput};
@@ -297,37 +298,6 @@ impl WholeBody {
     #[must_use]
     pub fn base_motion(&self) -> (Motion, Motion) {
         (self.mechanics.velocity[0], self.mechanics.acceleration[0])
-    }
-
-    /// `net` of the part beyond a sensor at that sensor's frame; in the order of the parameters.
-    #[must_use]
-    pub fn net_at_sensor(&self, sensor: usize) -> Wrench {
-        let find = |(_, s): &(usize, &crate::layout::Sensor)| s.input == sensor;
-        let sensor = self.layout.sensors.iter().enumerate().find(find);
-        sensor.map_or(Wrench::default(), |(s, _)| {
-            let frame = self.mechanics.sensor_frame[s];
-            wrench(frame.inverse_act_force(self.mechanics.net[s + 1]))
-        })
-    }
-
-    /// Per sensor: the joints of the part before it that carry it alone, neither another sensor
-    /// nor a contact of the chosen hypothesis, nearest first; both in the parameters' order.
-    #[must_use]
-    pub fn sensor_limbs(&self) -> Vec<Vec<usize>> {
-        let mut limbs = vec![Vec::new(); self.layout.sensors.len()];
-        let contacts = &self.sets[self.chosen].contacts;
-        for (s, sensor) in self.layout.sensors.iter().enumerate() {
-            let others = || (self.layout.sensors.iter().enumerate()).filter(|(i, _)| *i != s);
-            let alone = |b: &&usize| {
-                !others().any(|(_, o)| o.before == sensor.before && o.carriers.contains(b))
-                    && !contacts.iter().any(|c| c.path.contains(b))
-            };
-            let own = sensor.carriers.iter().filter(alone);
-            let joint = |b: &usize| self.model.bodies()[*b].joint;
-            let place = |j: usize| self.layout.joints.iter().position(|&own| own == j);
-            limbs[sensor.input] = own.map(joint).filter_map(place).collect();
-        }
-        limbs
     }
 
     /// How many contacts each hypothesis has.

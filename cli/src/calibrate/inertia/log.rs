@@ -1,6 +1,6 @@
 //! Which column of a log belongs to which joint.
 
-use crate::rows::Rows;
+use crate::rows::{Rows, open};
 use dynamics::{JointKind, Model};
 use identification::inertia::{JointColumns, RobotLog};
 use problem::{Problem, listed};
@@ -67,7 +67,7 @@ impl<'a> Columns<'a> {
             return Err(Problem::new("no log", "--log LOG.csv"));
         };
         let log = path.display().to_string();
-        let header = header(path)?;
+        let header = open(path, None)?.names().to_vec();
         let found: Vec<(usize, &str)> = header.iter().filter_map(|c| meaning(c)).collect();
         let is_joint = |name: &str| model.joint_index(name).is_some();
         let of = |signal: usize| -> Vec<&str> {
@@ -214,9 +214,7 @@ impl<'a> Columns<'a> {
     /// A file that cannot be read, with its line; columns that are missing.
     pub(super) fn read(&self, path: &Path, negate_torque: bool) -> Result<RobotLog, Problem> {
         let log = path.display().to_string();
-        let delimiter = delimiter(path)?;
-        let mut rows =
-            Rows::read_in_order_of_rows(path, delimiter, &TIMES, |c| meaning(c).is_some())?;
+        let mut rows = Rows::read_in_order_of_rows(path, &TIMES, |c| meaning(c).is_some())?;
         let mut by_meaning: BTreeMap<(usize, String), Vec<f64>> = BTreeMap::new();
         for (name, values) in std::mem::take(&mut rows.columns) {
             if let Some((signal, joint)) = meaning(&name) {
@@ -278,41 +276,4 @@ fn chain(model: &Model) -> Vec<usize> {
             _ => return joints,
         }
     }
-}
-
-fn delimiter(path: &Path) -> Result<u8, Problem> {
-    let line = first_line(path)?;
-    let most = [b',', b';', b'\t']
-        .into_iter()
-        .max_by_key(|d| line.bytes().filter(|b| b == d).count());
-    Ok(most.unwrap_or(b','))
-}
-
-fn header(path: &Path) -> Result<Vec<String>, Problem> {
-    let line = first_line(path)?;
-    let delimiter = char::from(delimiter(path)?);
-    let clean = |c: &str| {
-        c.trim()
-            .trim_matches('"')
-            .trim_start_matches('\u{feff}')
-            .to_owned()
-    };
-    Ok(line.split(delimiter).map(clean).collect())
-}
-
-fn first_line(path: &Path) -> Result<String, Problem> {
-    use std::io::BufRead as _;
-    let unreadable = |e: std::io::Error| Problem::unreadable(path.display(), &e);
-    let file = std::fs::File::open(path).map_err(unreadable)?;
-    let mut line = Vec::new();
-    std::io::BufReader::new(file)
-        .read_until(b'\n', &mut line)
-        .map_err(unreadable)?;
-    // A table is read line by line, which halves a character of two bytes.
-    if line.starts_with(b"\xFF\xFE") || line.starts_with(b"\xFE\xFF") {
-        let what = format!("{} is UTF-16", path.display());
-        let allowed = "UTF-8 or Windows-1252: iconv -f UTF-16 -t UTF-8 LOG.csv > NEW.csv";
-        return Err(Problem::new(what, allowed));
-    }
-    problem::text(line, &path.display().to_string())
 }

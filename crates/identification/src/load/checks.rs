@@ -145,7 +145,7 @@ fn lever(samples: &[Sample], [of_force, of_torque]: [Vector3<f64>; 2]) -> Result
 }
 
 /// All orders and signs of three axes but the right one, with the names of what is read.
-fn orders() -> impl Iterator<Item = (Matrix3<f64>, String)> {
+pub(super) fn orders() -> impl Iterator<Item = (Matrix3<f64>, String)> {
     const ORDERS: [[usize; 3]; 6] = [
         [0, 1, 2],
         [0, 2, 1],

@@ -1,0 +1,305 @@
+//! A log as columns: CSV with stamps in columns, or MCAP of ROS 2 with a stamp for each message.
+
+use super::map::{ColumnName, Map, Time};
+use super::resample::Column;
+use crate::rows::open;
+use problem::Problem;
+use recording::{Ending, READ_SCHEMAS, Signals};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+/// Columns of a log, by name.
+pub(super) struct Table {
+    log: String,
+    columns: Columns,
+}
+
+enum Columns {
+    /// With a stamp for each value.
+    Stamped(BTreeMap<String, Column>),
+    /// Of CSV: values where the cells are not empty, the line of each row, all names of the header.
+    Cells {
+        values: BTreeMap<String, Vec<Option<f64>>>,
+        lines: Vec<usize>,
+        names: Vec<String>,
+    },
+}
+
+impl Table {
+    /// Reads a log; what it is follows from how it begins.
+    ///
+    /// # Errors
+    /// A file that cannot be read, with its line; fields that are no numbers; a format that is not
+    /// read.
+    pub(super) fn read(path: &Path, map: &Map) -> Result<Self, Problem> {
+        let log = path.display().to_string();
+        let columns = match Format::of(path)? {
+            Format::Mcap => Self::read_mcap(path, &log)?,
+            Format::Text => Self::read_csv(path, map)?,
+        };
+        Ok(Self { log, columns })
+    }
+
+    fn read_mcap(path: &Path, log: &str) -> Result<Columns, Problem> {
+        let unreadable = |why: &dyn std::fmt::Display| {
+            Problem::new(why.to_string(), "a readable MCAP file").at(log, 0)
+        };
+        let file = File::open(path).map_err(|e| unreadable(&format!("cannot be read: {e}")))?;
+        let (signals, ending) =
+            recording::read_signals(BufReader::new(file)).map_err(|e| unreadable(&e))?;
+        match ending {
+            Ending::Complete => {}
+            Ending::Truncated => eprintln!("warning: {log}: the file ends too early"),
+            Ending::Damaged(why) => eprintln!("warning: {log}: damaged, read up to there: {why}"),
+        }
+        stamped(signals, log)
+    }
+
+    fn read_csv(path: &Path, map: &Map) -> Result<Columns, Problem> {
+        if map.time.is_none() {
+            let reason = "[time] is missing: CSV has no stamps of its own";
+            return Err(Problem::new(reason, "a table [time]").at(map.file.as_str(), 0));
+        }
+        let mut table = open(path, map.delimiter)?;
+        // Columns that the map does not name may hold anything.
+        let mut places = Vec::new();
+        for name in map.names() {
+            places.extend(table.column(name)?.map(|place| (name.to_owned(), place)));
+        }
+        let mut values = vec![Vec::new(); places.len()];
+        let mut lines = Vec::new();
+        while table.next_row()? {
+            lines.push(table.line());
+            for (column, (_, place)) in values.iter_mut().zip(&places) {
+                column.push(table.optional(*place)?);
+            }
+        }
+        if lines.len() < 2 {
+            let reason = format!("the log has {} rows", lines.len());
+            let log = path.display().to_string();
+            return Err(Problem::new(reason, "at least two").at(log, 0));
+        }
+        let names = places.into_iter().map(|(name, _)| name);
+        Ok(Columns::Cells {
+            values: names.zip(values).collect(),
+            lines,
+            names: table.names().to_vec(),
+        })
+    }
+
+    /// A column by the name that the map gives, in CSV with the stamps of `time` or else of `[time]`.
+    ///
+    /// # Errors
+    /// A name that the log does not have, fewer than two values, stamps that are missing or do not
+    /// increase.
+    pub(super) fn column(
+        &self,
+        name: &ColumnName,
+        time: Option<&Time>,
+        map: &Map,
+    ) -> Result<Column, Problem> {
+        match &self.columns {
+            Columns::Stamped(columns) => {
+                let found = columns.get(name.get_ref()).cloned();
+                let names = || columns.keys().map(String::as_str);
+                found.ok_or_else(|| map.missing(name, &self.log, names()))
+            }
+            Columns::Cells {
+                values,
+                lines,
+                names,
+            } => {
+                let cells = |name: &ColumnName| {
+                    let names = || names.iter().map(String::as_str);
+                    let found = values.get(name.get_ref());
+                    found.ok_or_else(|| map.missing(name, &self.log, names()))
+                };
+                let Some(time) = time.or(map.time.as_ref()) else {
+                    return Err(map.missing(name, &self.log, []));
+                };
+                let parts = time.parts().into_iter();
+                let stamps = parts
+                    .map(|(column, seconds)| Ok::<_, Problem>((column, cells(column)?, seconds)))
+                    .collect::<Result<Vec<_>, Problem>>()?;
+                self.joined(name, cells(name)?, &stamps, lines)
+            }
+        }
+    }
+
+    /// The values of a column's cells, with the stamps of their rows.
+    fn joined(
+        &self,
+        name: &ColumnName,
+        cells: &[Option<f64>],
+        stamps: &[(&ColumnName, &Vec<Option<f64>>, f64)],
+        lines: &[usize],
+    ) -> Result<Column, Problem> {
+        let refuse = |row: usize, reason: String, allowed: &str| {
+            Err(Problem::new(reason, allowed).at(self.log.as_str(), lines[row]))
+        };
+        let mut column = Column {
+            t: Vec::new(),
+            values: Vec::new(),
+        };
+        let mut before = 0;
+        for (row, value) in cells.iter().enumerate() {
+            let Some(value) = value else { continue };
+            let mut t = 0.0;
+            for (stamp, cells, seconds) in stamps {
+                let Some(part) = cells[row] else {
+                    let (stamp, name) = (stamp.get_ref(), name.get_ref());
+                    let reason = format!("`{stamp}` is empty where `{name}` is {value}");
+                    return refuse(row, reason, "a stamp in each row that has a value");
+                };
+                t += part * seconds;
+            }
+            if column.t.last().is_some_and(|last| t <= *last) {
+                let shown = |row: usize| {
+                    let parts = stamps.iter().filter_map(|(_, cells, _)| cells[row]);
+                    parts
+                        .map(|part| part.to_string())
+                        .collect::<Vec<_>>()
+                        .join(" and ")
+                };
+                let stamp = stamps.iter().map(|(stamp, ..)| stamp.get_ref().as_str());
+                let stamp = stamp.collect::<Vec<_>>().join("` and `");
+                let reason = format!("`{stamp}` is {} after {}", shown(row), shown(before));
+                return refuse(row, reason, "stamps that increase");
+            }
+            before = row;
+            column.t.push(t);
+            column.values.push(*value);
+        }
+        if column.t.len() < 2 {
+            let reason = format!("`{}` has {} values", name.get_ref(), column.t.len());
+            return Err(Problem::new(reason, "at least two").at(self.log.as_str(), 0));
+        }
+        Ok(column)
+    }
+}
+
+/// The columns of a recording; what is wrong with it is printed.
+///
+/// # Errors
+/// A recording without any signal that is read.
+fn stamped(signals: Signals, log: &str) -> Result<Columns, Problem> {
+    if signals.columns.is_empty() {
+        let others = signals.others.iter();
+        let mut others: Vec<String> = others
+            .map(|(topic, what)| format!("{topic} ({what})"))
+            .collect();
+        if signals.broken > 0 {
+            let count = signals.broken;
+            others.push(format!("{count} messages are not what their schema says"));
+        }
+        if others.is_empty() {
+            others.push("none".to_owned());
+        }
+        let reason = format!(
+            "has no signal that can be read; topics: {}",
+            others.join(", ")
+        );
+        let allowed = format!("{} as cdr", READ_SCHEMAS.join(", "));
+        return Err(Problem::new(reason, allowed).at(log, 0));
+    }
+    for (count, what) in [
+        (
+            signals.broken,
+            "messages are not what their schema says and are left out",
+        ),
+        (
+            signals.late,
+            "messages came after later ones and are put in order",
+        ),
+        (
+            signals.repeated,
+            "values repeat the stamp of another and are left out",
+        ),
+        (signals.not_finite, "values are not finite and are left out"),
+    ] {
+        if count > 0 {
+            eprintln!("warning: {log}: {count} {what}");
+        }
+    }
+    let columns = signals.columns.into_iter().map(|(name, signal)| {
+        let column = Column {
+            t: signal.t,
+            values: signal.values,
+        };
+        (name, column)
+    });
+    Ok(Columns::Stamped(columns.collect()))
+}
+
+/// What a log is.
+enum Format {
+    Mcap,
+    Text,
+}
+
+impl Format {
+    /// By the bytes that a file begins with.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or of a known format that is not: with what converts it.
+    fn of(path: &Path) -> Result<Self, Problem> {
+        let log = path.display().to_string();
+        if path.is_dir() {
+            let allowed = "a file; of a recording of rosbag2 the .mcap in its folder";
+            return Err(Problem::new("is a folder", allowed).at(log, 0));
+        }
+        let unreadable = |e: std::io::Error| Problem::unreadable(&log, &e);
+        let mut start = Vec::new();
+        let file = File::open(path).map_err(unreadable)?;
+        file.take(16).read_to_end(&mut start).map_err(unreadable)?;
+        let begins = |magic: &[u8]| start.starts_with(magic);
+        if begins(b"\x89MCAP0\r\n") || path.extension().is_some_and(|e| e == "mcap") {
+            return Ok(Self::Mcap);
+        }
+        let (what, allowed) = if begins(b"#ROSBAG V") {
+            ("is a bag of ROS 1", by_rosbags(path))
+        } else if begins(b"SQLite format 3\0") {
+            ("is a recording of rosbag2 in SQLite", by_rosbags(path))
+        } else if begins(&[0x28, 0xB5, 0x2F, 0xFD]) {
+            (
+                "is compressed with zstd",
+                format!("what `zstd -d {log}` writes"),
+            )
+        } else if begins(&[0x1F, 0x8B]) {
+            (
+                "is compressed with gzip",
+                format!("what `gunzip -k {log}` writes"),
+            )
+        } else if begins(b"PK\x03\x04") {
+            (
+                "is a ZIP archive or a spreadsheet",
+                "CSV, as spreadsheets export it".to_owned(),
+            )
+        } else if begins(b"PAR1") {
+            (
+                "is a Parquet file",
+                "CSV, as pandas' `to_csv` writes it".to_owned(),
+            )
+        } else if begins(b"\x89HDF") || begins(b"MATLAB 5.0") {
+            (
+                "is a file of HDF5 or MATLAB",
+                "CSV, as `writetable` writes it".to_owned(),
+            )
+        } else {
+            return Ok(Self::Text);
+        };
+        Err(Problem::new(what, allowed).at(log, 0))
+    }
+}
+
+/// The command that makes MCAP of a recording.
+fn by_rosbags(path: &Path) -> String {
+    let (log, to) = (path.display(), path.with_extension(""));
+    let to = to.display();
+    format!(
+        "the MCAP file that `pip install rosbags && rosbags-convert --src {log} --dst {to} \
+         --dst-storage mcap` writes in {to}"
+    )
+}
