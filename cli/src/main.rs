@@ -2,6 +2,7 @@
 
 mod blackbox;
 mod calibrate;
+mod can;
 mod cartesian;
 mod check;
 mod contacts;
@@ -46,6 +47,7 @@ const BAD_INPUT: u8 = 2;
 const AFTER_HELP: &str = "\
 Examples:
   torquectl check config/leg/robot.toml
+  torquectl can scan
   torquectl margins config/leg/robot.toml --joint knee --plot knee.svg
   torquectl state
   torquectl enable
@@ -81,6 +83,7 @@ struct Arguments {
 enum Command {
     Blackbox(blackbox::BlackboxArguments),
     Calibrate(calibrate::CalibrateArguments),
+    Can(can::CanArguments),
     Cartesian(cartesian::CartesianArguments),
     Check(check::CheckArguments),
     State(state::StateArguments),
@@ -114,6 +117,7 @@ fn main() -> ExitCode {
     match Arguments::parse().command {
         Command::Blackbox(arguments) => blackbox::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Can(arguments) => can::run(&arguments),
         Command::Cartesian(arguments) => cartesian::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::State(arguments) => state::run(&arguments),

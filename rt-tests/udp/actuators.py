@@ -90,6 +90,11 @@ class Damiao(Actuator):
         data = bytes(message.data)
         if message.arbitration_id == 0x7FF and data[:3] == bytes([self.id, 0, 0xCC]):
             return self.answer()
+        if message.arbitration_id == 0x7FF and data[:3] == bytes([self.id, 0, 0x33]):
+            registers = {7: 0x10 + self.id, 9: 4000, 10: 1, 14: 5013, 21: self.P, 22: self.V, 23: self.T}
+            value = registers[data[3]]
+            packed = struct.pack("<f" if isinstance(value, float) else "<I", value)
+            return self.send(0x10 + self.id, data[:4] + packed)
         if message.arbitration_id != self.id:
             return None
         for word, what in (
@@ -131,7 +136,12 @@ class Robstride(Actuator):
     def frame(self, message):
         identifier = message.arbitration_id
         kind, middle, to = identifier >> 24, identifier >> 8 & 0xFFFF, identifier & 0xFF
-        if not message.is_extended_id or to != self.id or kind not in (1, 3, 4):
+        if not message.is_extended_id or to != self.id or kind not in (1, 3, 4, 17):
+            return
+        if kind == 17:
+            host, parameter = middle & 0xFF, message.data[:4]
+            value = struct.pack("<f", self.q)
+            self.send(17 << 24 | self.id << 8 | host, bytes(parameter) + value, extended=True)
             return
         if kind == 1:
             p, v, kp, kd = struct.unpack(">4H", message.data)
@@ -325,7 +335,8 @@ class Moteus(Actuator):
 
     def frame(self, message):
         source, destination = message.arbitration_id >> 8, message.arbitration_id & 0xFF
-        if not message.is_extended_id or destination != self.id or not source & 0x80:
+        # Above 16 bits is a prefix, which is none of its own.
+        if not message.is_extended_id or destination != self.id or source & 0xFFF80 != 0x80:
             return
         assert message.is_fd
         written, asked = {}, []
@@ -381,19 +392,28 @@ class Line:
     """A bus with actuators, until `end`."""
 
     def __init__(self, kind, nodes):
+        """Of one kind, with positions by node, or of kinds by node."""
         self.bus = can.Bus(interface="udp_multicast", channel=GROUP, port=PORT, fd=True)
-        self.actuators = [kind(self.bus, node, position) for node, position in nodes.items()]
-        self._ended = threading.Event()
+        kinds = {node: kind for node in nodes} if kind else nodes
+        positions = nodes if kind else dict.fromkeys(nodes, 0.5)
+        self.actuators = [kinds[node](self.bus, node, positions[node]) for node in nodes]
+        self.pulled, self._ended = False, threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def _run(self):
         while not self._ended.is_set():
             message = self.bus.recv(0.002)
+            if self.pulled:
+                message = None
             for actuator in self.actuators:
                 actuator.move()
                 if message is not None:
                     actuator.frame(message)
+
+    def pull(self):
+        """The bus is pulled: nothing arrives, and nothing leaves."""
+        self.pulled, self.bus.send = True, lambda *_: None
 
     def end(self):
         self._ended.set()

@@ -83,6 +83,11 @@ class Line:
                 for drive in self.drives:
                     drive.watch()
 
+    def pull(self):
+        """The bus is pulled: nothing arrives, and nothing leaves."""
+        self.network.notifier.stop()
+        self.network.bus.send = lambda *_, **__: None
+
     def end(self):
         self._ended.set()
         self._watch.join()
@@ -90,15 +95,20 @@ class Line:
 
 
 class Drive:
-    """One drive. `refuse`: an object whose writing it aborts; `forget`: one of which it keeps nothing."""
+    """One drive. `refuse`: an object whose writing it aborts; `forget`: one of which it keeps nothing; `lose`:
+    numbers of SDO answers that are lost; `cut`: number of the SDO answer in whose place its power is cut."""
 
-    def __init__(self, line, period_s, node=3, degrees=30.0, vendor=0x5A, refuse=None, forget=None):
+    def __init__(
+        self, line, period_s, node=3, degrees=30.0, vendor=0x5A, refuse=None, forget=None, lose=(), cut=None
+    ):
         self.line, self.period_s, self.id, self.refuse, self.forget = line, period_s, node, refuse, forget
         self.vendor = vendor
         self.q, self.dq, self.ddq, self.amperes = degrees / 360 * COUNTS, 0.0, 0.0, 0.0
         self.enabled_at, self.worst_jump = None, 0.0
         self.nmt, self.aborts = [], []
         self.node = line.network.add_node(canopen.LocalNode(node, dictionary(node)))
+        self.answers, self.lose, self.cut, self._answer = 0, lose, cut, self.node.sdo.send_response
+        self.node.sdo.send_response = self._answered
         self.node.add_write_callback(self._written)
         self.node.add_read_callback(self._read)
         line.network.subscribe(0x000, self._network)
@@ -180,6 +190,13 @@ class Drive:
         self.aborts.append((code, index, sub))
         raise SdoAbortedError(code)
 
+    def _answered(self, response):
+        self.answers += 1
+        if self.answers == self.cut:
+            self.power_on()
+        elif self.answers not in self.lose:
+            self._answer(response)
+
     def _written(self, index, subindex, od, data):
         """What a drive insists on, whoever writes."""
         if self.refuse == (index, subindex):
@@ -194,6 +211,9 @@ class Drive:
                 self._abort(0x06040041, index, subindex)
         if index == 0x6060:
             self._set(0x6061, 0, data)
+        if index == 0x6040:
+            self._set(0x6040, 0, data)
+            self._control()
 
     def _read(self, index, subindex, od):
         return bytes(4) if self.forget == (index, subindex) else None

@@ -4,9 +4,15 @@ import os
 import sys
 
 import pytest
-from processes import CLIENT
+import results
+from processes import CLIENT, ROOT
 
 sys.path.insert(0, str(CLIENT))
+
+
+def pytest_sessionfinish():
+    if page := os.environ.get("TORQUED_RESULTS"):
+        results.write(ROOT / page)
 
 
 def pytest_collection_modifyitems(items):

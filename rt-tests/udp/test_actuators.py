@@ -4,8 +4,9 @@ import signal
 import time
 
 import pytest
+import results
 import torqued
-from actuators import Cubemars, Damiao, Line, Moteus, Myactuator, Odrive, Robstride
+from actuators import TIME_OUT_S, Cubemars, Damiao, Line, Moteus, Myactuator, Odrive, Robstride
 from processes import BINARIES, Process, daemon, forget_faults
 from test_canopen import configuration, enable_once_plausible, to_holding, wait_for_state
 
@@ -51,12 +52,12 @@ FAMILIES = {
 def robot(request, tmp_path):
     kind, model = FAMILIES[request.param]
     line = Line(kind, NODES)
-    yield configuration(tmp_path, changes(request.param, model)), line.actuators
+    yield configuration(tmp_path, changes(request.param, model)), line
     line.end()
 
 
 def test_from_power_on_to_holding(robot):
-    config, actuators = robot
+    config, actuators = robot[0], robot[1].actuators
     starts = [actuator.q for actuator in actuators]
     with daemon(config, "--accept-margins") as process:
         to_holding()
@@ -79,13 +80,18 @@ def test_from_power_on_to_holding(robot):
             assert actuator.read.id == actuator.id and actuator.read.values
 
 
-def test_they_stop_when_the_daemon_is_killed(robot):
-    config, actuators = robot
+@pytest.mark.parametrize("act", ["killed", "pulled"])
+def test_they_stop_when_the_daemon_is_killed_or_the_bus_pulled(robot, act, request):
+    config, line = robot
     with daemon(config, "--accept-margins") as process:
         to_holding()
-        process.send(signal.SIGKILL)
-        time.sleep(1.0)
-        assert all(a.stopped_after is not None and not a.enabled for a in actuators)
+        kill = lambda: process.send(signal.SIGKILL)
+        ms = results.stop_ms(kill if act == "killed" else line.pull, line.actuators)
+        assert all(a.stopped_after is not None for a in line.actuators)
+    # Its time-out, and what a busy machine may add.
+    assert 0.5 * TIME_OUT_S < ms / 1000 < TIME_OUT_S + 0.3
+    family = request.node.callspec.params["robot"]
+    results.TABLES["stops"].append((family, round(1000 * TIME_OUT_S), act, ms))
 
 
 @pytest.fixture

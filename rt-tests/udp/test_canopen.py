@@ -5,6 +5,7 @@ import signal
 import time
 
 import pytest
+import results
 import torqued
 from canopen_drive import Line
 from processes import BINARIES, ROOT, Process, daemon, forget_faults
@@ -127,19 +128,16 @@ def test_from_power_on_to_holding(tmp_path, line, mode, changes):
         assert drive.number(0x1403, 1) >> 31, "what is not used is off"
 
 
-def test_the_drives_stop_when_the_daemon_is_killed(tmp_path, line):
+@pytest.mark.parametrize("act", ["killed", "pulled"])
+def test_the_drives_stop_when_the_daemon_is_killed_or_the_bus_pulled(tmp_path, line, act):
     with daemon(configuration(tmp_path, CST), "--accept-margins") as process:
         to_holding()
-        process.send(signal.SIGKILL)
-        killed = time.monotonic()
-        while any(drive.enabled for drive in line.drives):
-            assert time.monotonic() < killed + 2.0
-            time.sleep(0.005)
-        stopped = time.monotonic() - killed
-    print(f"off {1000 * stopped:.0f} ms after kill -9")
+        kill = lambda: process.send(signal.SIGKILL)
+        ms = results.stop_ms(kill if act == "killed" else line.pull, line.drives)
     assert all(drive.stopped_after is not None for drive in line.drives)
     # Three heartbeats within the time after which the drive counts the daemon as lost.
-    assert 0.15 < stopped < 0.45
+    assert 0.15 < ms / 1000 < 0.45
+    results.TABLES["stops"].append(("cia402", 300, act, ms))
 
 
 def enable_once_plausible(client, limit_s=10.0):
@@ -185,12 +183,26 @@ def test_a_drive_that_starts_anew_is_named_withdrawn_and_set_up_anew(tmp_path, l
         ([{"refuse": (0x1A01, 1)}], ["mapping of process data", "object 1A01:01"]),
         ([{"forget": (0x1A01, 1)}], ["mapping of process data", "1A01:01 reads back"]),
         ([{"node": 4}], ["joint (node 3 on bus a)", "no boot-up"]),
+        ([{"lose": range(9, 999)}], ["joint (node 3 on bus a)", "no answer in time"]),
+        ([{"cut": 9}], ["joint (node 3 on bus a)", "the node has started anew while it was set up"]),
     ],
-    ids=["other maker", "abort", "mapping refused", "mapping not taken", "absent"],
+    ids=[
+        "other maker",
+        "SDO abort",
+        "mapping refused",
+        "mapping not taken",
+        "node absent",
+        "node falls silent",
+        "power cut or reset of the node",
+    ],
     indirect=["line"],
 )
-def test_what_is_not_as_planned_is_named_and_nothing_moves(tmp_path, line, said):
+def test_what_is_not_as_planned_is_named_and_nothing_moves(tmp_path, line, said, request):
     (drive,) = line.drives
+    not_as_planned(tmp_path, drive, said, request.node.callspec.id)
+
+
+def not_as_planned(tmp_path, drive, said, case):
     start = drive.degrees
     forget_faults()
     config = configuration(tmp_path, joints=1)
@@ -200,3 +212,23 @@ def test_what_is_not_as_planned_is_named_and_nothing_moves(tmp_path, line, said)
     for part in said:
         assert part in output, output
     assert not drive.enabled and drive.degrees == start
+    named = next(text for text in output.splitlines() if "joint (node 3 on bus a)" in text)
+    results.TABLES["set-up"].append((case, named.strip().removeprefix("torqued: ")))
+
+
+@pytest.mark.parametrize("line", [[{}]], indirect=True)
+def test_two_nodes_with_one_id_are_not_as_planned(tmp_path, line):
+    second = Line([{}])
+    try:
+        not_as_planned(tmp_path, line.drives[0], ["two nodes have this id"], "two nodes with one id")
+    finally:
+        second.end()
+
+
+@pytest.mark.parametrize("line", [[{"lose": (9, 20)}]], indirect=True)
+def test_a_lost_frame_is_made_good(tmp_path, line):
+    with daemon(configuration(tmp_path, joints=1), "--accept-margins") as process:
+        to_holding()
+        assert process.terminate()["fault"] == 0
+    assert line.drives[0].answers > 20
+    results.TABLES["set-up"].append(("two lost frames", "nothing: each is asked for again; holds"))

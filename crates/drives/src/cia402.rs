@@ -24,6 +24,22 @@ const CURRENT: Object = Object::new(0x6078, 0);
 const TARGET_POSITION: Object = Object::new(0x607A, 0);
 const MODES: Object = Object::new(0x6502, 0);
 
+/// State of a drive by its status word, in words.
+#[must_use]
+pub fn state_text(status: u16) -> &'static str {
+    match (status & 0x6F, status & 0x4F) {
+        (0x21, _) => "ready to switch on",
+        (0x23, _) => "switched on",
+        (0x27, _) => "operation enabled",
+        (0x07, _) => "quick stop active",
+        (_, 0x00) => "not ready to switch on",
+        (_, 0x40) => "switch on disabled",
+        (_, 0x0F) => "fault reaction active",
+        (_, 0x08) => "fault",
+        _ => "unknown",
+    }
+}
+
 /// Node identifier under which the daemon's own heartbeat is sent.
 pub const MASTER: u8 = 127;
 

@@ -130,6 +130,43 @@ pub struct Feedback {
     pub error: Option<u32>,
 }
 
+/// What an actuator says of itself when it is asked who it is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Identity {
+    /// Its identifier.
+    pub node: u8,
+    /// The identifier to which it answers, where it told it.
+    pub reply: Option<u16>,
+    /// State.
+    pub state: Option<State>,
+    /// Its error's number; 0: none.
+    pub error: Option<u32>,
+    /// What else it tells: names and values with units.
+    pub facts: Vec<(&'static str, String)>,
+}
+
+impl Identity {
+    /// State, error and numbers of a feedback.
+    fn of(node: u8, told: &Feedback) -> Self {
+        let all = [
+            ("position_rad", told.position),
+            ("velocity_rad_per_s", told.velocity),
+            ("torque_Nm", told.torque),
+            ("current_A", told.current),
+            ("temperature_C", told.temperature),
+            ("voltage_V", told.voltage),
+        ];
+        let known = all.into_iter().filter_map(|(name, x)| Some((name, x?)));
+        Self {
+            node,
+            reply: None,
+            state: told.state,
+            error: told.error,
+            facts: known.map(|(name, x)| (name, format!("{x:.4}"))).collect(),
+        }
+    }
+}
+
 /// A family of actuators.
 pub trait Family: Sync {
     /// Name, as a configuration has it.
@@ -197,6 +234,18 @@ pub trait Family: Sync {
     /// A frame that asks for an answer, and cannot move anything: none where the actuator sends by
     /// itself.
     fn poll(&self, at: Address) -> Option<Frame>;
+
+    /// Frames that ask an actuator who it is, the first whether it is there; none of them can move it,
+    /// whatever it does. None where there is no such question.
+    fn questions(&self, at: Address) -> Vec<Frame> {
+        self.poll(at).into_iter().collect()
+    }
+
+    /// What a frame of that bus tells of the actuator that sent it; none if the frame is no answer to
+    /// these questions.
+    fn identify(&self, _frame: &Frame) -> Option<Identity> {
+        None
+    }
 
     /// The frame that it is sent in each cycle while it is off, so that it answers with its state, and
     /// that cannot make torque; none where the actuator sends by itself.

@@ -1,7 +1,7 @@
 //! Damiao actuators in MIT mode: classic frames, big endian, silent unless asked.
 
 use super::packing::{Bits, count, is_finite, number, take};
-use super::{Address, Family, Feedback, Model, SetPoint, State};
+use super::{Address, Family, Feedback, Identity, Model, SetPoint, State};
 use crate::canopen::with_data;
 use can_codec::Frame;
 
@@ -12,6 +12,19 @@ pub struct Damiao;
 /// Identifier of questions and settings, of all actuators of a bus.
 const REGISTERS: u32 = 0x7FF;
 const REFRESH: u8 = 0xCC;
+const READ: u8 = 0x33;
+/// Register: the identifier to which it answers.
+const REPLY: u8 = 7;
+/// Registers that tell who it is: number, name, and whether it is a float.
+const TOLD: [(u8, &str, bool); 7] = [
+    (REPLY, "reply_id", false),
+    (9, "time_out_50us", false),
+    (10, "mode", false),
+    (14, "firmware", false),
+    (21, "position_range_rad", true),
+    (22, "velocity_range_rad_per_s", true),
+    (23, "torque_range_Nm", true),
+];
 /// Ends of the ranges of the gains.
 const KP: f64 = 500.0;
 const KD: f64 = 5.0;
@@ -59,6 +72,36 @@ impl Family for Damiao {
     fn poll(&self, at: Address) -> Option<Frame> {
         let data = [at.node, 0, REFRESH, 0, 0, 0, 0, 0];
         Some(with_data(at.bus, REGISTERS, &data))
+    }
+
+    fn questions(&self, at: Address) -> Vec<Frame> {
+        let read = |&(register, ..): &(u8, &str, bool)| {
+            let data = [at.node, 0, READ, register, 0, 0, 0, 0];
+            with_data(at.bus, REGISTERS, &data)
+        };
+        TOLD.iter().map(read).collect()
+    }
+
+    fn identify(&self, frame: &Frame) -> Option<Identity> {
+        let &[node, 0, READ, register, a, b, c, d] = frame.payload() else {
+            return None;
+        };
+        // A question has the identifier of all, an answer never.
+        let answers = frame.id < REGISTERS && !frame.error && (1..=127).contains(&node);
+        let told = TOLD.iter().find(|(number, ..)| *number == register);
+        let (_, name, is_float) = told.filter(|_| answers)?;
+        let value = [a, b, c, d];
+        let text = if *is_float {
+            f32::from_le_bytes(value).to_string()
+        } else {
+            u32::from_le_bytes(value).to_string()
+        };
+        Some(Identity {
+            node,
+            reply: Some(frame.id as u16),
+            facts: vec![(*name, text)],
+            ..Identity::default()
+        })
     }
 
     fn command(&self, at: Address, m: &Model, s: &SetPoint) -> Option<Frame> {

@@ -2,7 +2,7 @@
 //! output; silent unless asked.
 
 use super::packing::is_finite;
-use super::{Address, Family, Feedback, GainRanges, Model, SetPoint, State};
+use super::{Address, Family, Feedback, GainRanges, Identity, Model, SetPoint, State};
 use can_codec::{EXTENDED_ID, Frame};
 use core::f64::consts::TAU;
 
@@ -133,6 +133,20 @@ impl Family for Moteus {
 
     fn poll(&self, at: Address) -> Option<Frame> {
         Some(to(at, Subframes::new().push(&QUESTION)))
+    }
+
+    fn identify(&self, frame: &Frame) -> Option<Identity> {
+        let id = frame.id & !EXTENDED_ID;
+        let node = u8::try_from(id >> 8).ok()?;
+        let at = Address {
+            bus: frame.bus,
+            node,
+            master: (id & 0x7F) as u16,
+        };
+        let told = self.feedback(at, &MODELS[0], frame)?;
+        // Of all that has such an identifier only a moteus tells its mode like this.
+        told.state?;
+        Some(Identity::of(node, &told))
     }
 
     fn command(&self, at: Address, _: &Model, s: &SetPoint) -> Option<Frame> {

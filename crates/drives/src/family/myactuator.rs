@@ -2,7 +2,7 @@
 //! answers are big endian, the other frames little endian. They do not tell whether they are on.
 
 use super::packing::{Bits, count, is_finite, number, take};
-use super::{Address, Family, Feedback, Model, SetPoint, State};
+use super::{Address, Family, Feedback, Identity, Model, SetPoint, State};
 use crate::canopen::with_data;
 use can_codec::Frame;
 use core::ops::RangeInclusive;
@@ -59,6 +59,20 @@ impl Family for Myactuator {
     fn poll(&self, at: Address) -> Option<Frame> {
         // Temperature, voltage and errors.
         Some(other(at, STATUS))
+    }
+
+    fn identify(&self, frame: &Frame) -> Option<Identity> {
+        let node = u8::try_from(frame.id.checked_sub(OTHER_ANSWER)?).ok()?;
+        if !self.nodes().contains(&node) {
+            return None;
+        }
+        let at = Address {
+            bus: frame.bus,
+            node,
+            master: 0,
+        };
+        let told = self.feedback(at, &MODELS[0], frame)?;
+        Some(Identity::of(node, &told))
     }
 
     fn polls_apart(&self) -> bool {

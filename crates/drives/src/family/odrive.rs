@@ -2,7 +2,9 @@
 //! itself, each kind of frame at a rate of its own.
 
 use super::packing::is_finite;
-use super::{Address, Family, Feedback, GainRanges, Heard, Model, Sequence, SetPoint, State};
+use super::{
+    Address, Family, Feedback, GainRanges, Heard, Identity, Model, Sequence, SetPoint, State,
+};
 use crate::canopen::with_data;
 use can_codec::{EXTENDED_ID, Frame};
 use core::f64::consts::TAU;
@@ -27,6 +29,7 @@ const SET_VELOCITY_GAINS: u32 = 0x1B;
 const UNDEFINED: u32 = 0;
 const IDLE: u32 = 1;
 const CLOSED_LOOP: u32 = 8;
+const LAST_STATE: u8 = 14;
 /// Positions are controlled, and a target is taken as it is.
 const POSITION_CONTROL: u32 = 3;
 const PASS_THROUGH: u32 = 1;
@@ -131,6 +134,27 @@ impl Family for Odrive {
             Some(velocity_gains),
             self.command(at, model, hold),
         ]
+    }
+
+    fn identify(&self, frame: &Frame) -> Option<Identity> {
+        let node = u8::try_from(frame.id >> 5).ok()?;
+        let &[.., state, _, flag, _] = frame.payload() else {
+            return None;
+        };
+        let is_heartbeat = frame.id & 0x1F == HEARTBEAT && self.nodes().contains(&node);
+        if !is_heartbeat || state > LAST_STATE || flag > 1 {
+            return None;
+        }
+        let at = Address {
+            bus: frame.bus,
+            node,
+            master: 0,
+        };
+        let told = self.feedback(at, &MODELS[0], frame)?;
+        Some(Identity {
+            facts: vec![("axis_state", state.to_string())],
+            ..Identity::of(node, &told)
+        })
     }
 
     fn poll(&self, _: Address) -> Option<Frame> {

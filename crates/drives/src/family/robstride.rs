@@ -1,7 +1,7 @@
 //! RobStride and CyberGear actuators, private protocol: identifiers of 29 bits that carry values.
 
 use super::packing::{Bits, count, is_finite, number, take};
-use super::{Address, Family, Feedback, Model, SetPoint, State};
+use super::{Address, Family, Feedback, Identity, Model, SetPoint, State};
 use can_codec::{EXTENDED_ID, Frame};
 use core::f64::consts::PI;
 
@@ -58,6 +58,27 @@ impl Family for Robstride {
             u32::from(at.master),
             [low, high, 0, 0, 0, 0, 0, 0],
         ))
+    }
+
+    fn identify(&self, frame: &Frame) -> Option<Identity> {
+        let id = frame.id & !EXTENDED_ID;
+        let &[low, high, 0, 0, a, b, c, d] = frame.payload() else {
+            return None;
+        };
+        let is_answer = frame.id & EXTENDED_ID != 0 && !frame.error && id >> 24 == READ;
+        // Of a question the lowest byte is the actuator, of an answer the host.
+        let (node, host) = ((id >> 8) as u8, id & 0xFF);
+        let is_ours = host == u32::from(self.usual_reply(node)) && (1..=127).contains(&node);
+        if !is_answer || !is_ours || u16::from_le_bytes([low, high]) != POSITION {
+            return None;
+        }
+        let position = f32::from_le_bytes([a, b, c, d]);
+        Some(Identity {
+            node,
+            reply: Some(host as u16),
+            facts: vec![("position_rad", format!("{position:.4}"))],
+            ..Identity::default()
+        })
     }
 
     fn idle(&self, at: Address, model: &Model) -> Option<Frame> {

@@ -1,0 +1,61 @@
+"""Figures of the tests in this folder, as docs/results/drives.md shows them."""
+
+import platform
+import time
+from pathlib import Path
+
+#: Rows by table, in the order of the tests.
+TABLES = {"stops": [], "set-up": []}
+COMMAND = "TORQUED_RESULTS=docs/results/drives.md rt-tests/udp/run.sh -k 'killed or pulled or planned or lost_frame'"
+
+
+def stop_ms(act, drives, limit_s=2.0):
+    """Time from the act until no drive is enabled, ms."""
+    act()
+    begin = time.monotonic()
+    while any(drive.enabled for drive in drives):
+        assert time.monotonic() < begin + limit_s, "it goes on"
+        time.sleep(0.002)
+    return 1000 * (time.monotonic() - begin)
+
+
+def write(path):
+    """Writes the page if every table has rows."""
+    assert all(TABLES.values()), "run all that the page shows"
+    stops = {}
+    for family, limit_ms, act, ms in TABLES["stops"]:
+        stops.setdefault((family, limit_ms), {})[act] = f"{ms:.0f}"
+    lines = [
+        "# Drives: what happens when something breaks",
+        "",
+        "```sh",
+        COMMAND,
+        "```",
+        "",
+        "runs `torqued run` on a UDP bus against drives of other people's: PyPI `canopen`'s LocalNode as drives of CiA 402, and"
+        " the actuators of `rt-tests/udp/actuators.py`, whose frames are those of PyPI `damiao-motor`, `odrive-can` and"
+        " `moteus`, or follow the makers' manuals. It writes this page. The loop runs at 200 Hz.",
+        "",
+        f"{time.strftime('%d %B %Y')}, {platform.machine()}, two processors with other work beside.",
+        "",
+        "## Time until every drive is off",
+        "",
+        "From the event, with two drives that hold, ms. `limit`: the drive's own time without a heartbeat or a command.",
+        "",
+        "| family | limit | `kill -9` of the daemon | bus pulled |",
+        "| --- | --- | --- | --- |",
+    ]
+    for (family, limit_ms), times in stops.items():
+        lines.append(f"| {family} | {limit_ms} | {times['killed']} | {times['pulled']} |")
+    lines += [
+        "",
+        "## Set-up interrupted",
+        "",
+        "What the daemon says; nothing has moved in any of them. Where it ends, it does so with exit code 1, and the drive is"
+        " off. `cargo test -p drives` interrupts a set-up after each of its frames, and starts it anew.",
+        "",
+        "| interrupted by | what is said |",
+        "| --- | --- |",
+    ]
+    lines += [f"| {case} | {said} |" for case, said in TABLES["set-up"]]
+    Path(path).write_text("\n".join(lines) + "\n")
