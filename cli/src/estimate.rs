@@ -33,10 +33,17 @@ pub(crate) struct EstimateArguments {
     /// Write a page of figures: torque, hysteresis, residuals, calibration of sigma (HTML)
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    /// Tare on the log's first N samples, whose tau_sensor is the known torque: for a joint fitted without an
+    /// unloaded turn. They are not judged
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    tare: Option<u64>,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
 }
+
+/// Standard deviation of the torque that a tare knows, of the rated torque: the mean of some samples.
+const TARE_SIGMA: f64 = 0.001;
 
 const FORMAT: &str = "\
 The log has columns t (s), theta (rad, motor side, unwrapped), q (rad, link side), i (A) and may have
@@ -50,6 +57,7 @@ The file of --out has columns t, tau_sensor (empty if the log has none), and tau
 Examples:
   torquectl estimate --joint fitted.toml --log run.csv
   torquectl estimate --joint fitted.toml --log run.csv --json --out estimates.csv
+  torquectl estimate --joint fitted.toml --log run.csv --tare 50   # fitted without an unloaded turn
   torquectl estimate --joint fitted.toml --log run.csv --report run.html";
 
 /// One source, or the fused torque, as the table shows it.
@@ -95,6 +103,11 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     if set.fuses() {
         names.push("fused".to_owned());
     }
+    let tared = arguments.tare.unwrap_or(0);
+    if tared > 0 && !log.has_torque() {
+        let reason = "--tare, but the log has no column `tau_sensor`";
+        return Err(log.problem(reason, "a log whose first torques are known"));
+    }
     let score = Score::new(joint.sample_period());
     let mut rows: Vec<Row> = names.iter().map(|name| Row::new(name, &score)).collect();
     let mut out = arguments
@@ -120,6 +133,9 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
         }
         let fused = set.update(&sample);
         count += 1;
+        if count <= tared {
+            set.tare_to(row.tau_sensor, TARE_SIGMA * joint.joint.rated_torque);
+        }
         let estimates: Vec<_> = set
             .estimates()
             .iter()
@@ -127,7 +143,7 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
             .copied()
             .collect();
         for (shown, estimate) in rows.iter_mut().zip(&estimates) {
-            if row.tau_sensor.is_finite() {
+            if row.tau_sensor.is_finite() && count > tared {
                 shown.score.add(estimate.tau, row.tau_sensor);
             }
             shown.sigma_square += estimate.sigma * estimate.sigma;
@@ -142,6 +158,10 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     }
     if count == 0 {
         return Err(log.problem("the log has no rows", "at least one"));
+    }
+    if count <= tared {
+        let reason = format!("the log has {count} rows, and --tare is {tared}");
+        return Err(log.problem(reason, format!("less than {count}")));
     }
     check_rate(&steps, joint.sample_period())
         .map_err(|problem| problem.or_at(&arguments.log.display().to_string(), 0))?;

@@ -29,6 +29,7 @@ Logs are CSV with columns t,theta,q,i[,tau_sensor][,tau_feedforward] (see `torqu
 Examples:
   torquectl fit all --joint elbow.toml --no-load turn.csv --training train.csv -o fitted.toml
   torquectl fit all --joint elbow.toml --no-load turn.csv --training monday.csv friday.csv -o fitted.toml
+  torquectl fit all --joint elbow.toml --training monday.csv friday.csv -o fitted.toml  # no unloaded turn
   torquectl fit kinematic-error --joint elbow.toml --log turn.csv -o elbow.toml
   torquectl fit compliance --joint elbow.toml --log train.csv -o elbow.toml
 
@@ -65,9 +66,10 @@ struct AllArguments {
     /// The joint (TOML); only its table [joint] is needed
     #[arg(long)]
     joint: PathBuf,
-    /// Log of one unloaded output turn each way (CSV: t,theta,q,i)
+    /// Log of one unloaded output turn each way (CSV: t,theta,q,i), begun some 20 degrees before the angles that
+    /// matter; without one the torsion's zero is unknown until a tare
     #[arg(long)]
-    no_load: PathBuf,
+    no_load: Option<PathBuf>,
     /// Logs of loaded motion and rest (CSV: t,theta,q,i,tau_sensor); each may have encoder zeros of its own
     #[arg(long, required = true, num_args = 1..)]
     training: Vec<PathBuf>,
@@ -138,14 +140,19 @@ pub(crate) fn run(arguments: &FitArguments) -> ExitCode {
 fn fit_all(arguments: &AllArguments) -> Result<String, Problems> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
-    let turn = inspected(&joint, &arguments.no_load, LogKind::NoLoad);
+    let turn = match &arguments.no_load {
+        Some(turn) => {
+            inspected(&joint, turn, LogKind::NoLoad).map(|(rows, lines)| (Some(rows), lines))
+        }
+        None => Ok((None, Vec::new())),
+    };
     let train = training(&joint, &arguments.training);
     let ((turn, mut inputs), (train, of_train)) = both(turn, train)?;
     inputs.extend(of_train);
     let bar = bar();
-    let fitted = all::fit(&joint, &turn, &train, &mut progress(&bar));
+    let fitted = all::fit(&joint, turn.as_deref(), &train, &mut progress(&bar));
     bar.finish_and_clear();
-    let logs = names([&arguments.no_load].into_iter().chain(&arguments.training));
+    let logs = names(arguments.no_load.iter().chain(&arguments.training));
     let fitted = fitted.map_err(|p| p.or_at(&logs, 0))?;
     page(&fitted, &arguments.out, &inputs, &train)?;
     Ok(write(&fitted, &arguments.out, &stem, &inputs)?)

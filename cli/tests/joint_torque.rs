@@ -142,6 +142,58 @@ fn fit_all_then_estimate() {
 }
 
 #[test]
+fn without_an_unloaded_turn_a_tare_gives_the_zero() {
+    let folder = folder("unturned");
+    let q = |t: f64| 0.8 * (1.1 * t).sin() * ((t - 2.0) / 2.0).clamp(0.0, 1.0);
+    let tau = |t: f64| 7.0 * (2.1 * t).sin() + 3.0 * (0.7 * t).cos();
+    fs::write(folder.join("train.csv"), log(6.0, q, tau)).unwrap();
+    // Another zero of the motor-side encoder, as after a start.
+    let run = log(5.0, |t| q(t + 3.0), |t| 6.0 * (3.0 * t).cos());
+    let shifted = run.lines().map(|line| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if let Ok(theta) = cells[1].parse::<f64>() {
+            cells[1] = (theta + 0.3).to_string();
+        }
+        cells.join(",") + "\n"
+    });
+    fs::write(folder.join("run.csv"), shifted.collect::<String>()).unwrap();
+    let report = succeeds(
+        &folder,
+        "fit all --joint joint.toml --training train.csv -o fitted.toml",
+    );
+    assert!(
+        report.contains("kinematic-error: not fitted: without an unloaded turn")
+            && report.contains("torquectl estimate --tare"),
+        "{report}"
+    );
+    let fitted = fs::read_to_string(folder.join("fitted.toml")).unwrap();
+    assert!(fitted.contains("zero_unknown = true"), "{fitted}");
+    let percent = |arguments: &str| {
+        let json = succeeds(&folder, arguments);
+        let figures: Value = serde_json::from_str(&json).unwrap();
+        assert!(figures["fused"]["rms_percent"].is_number(), "{json}");
+        figures["hysteresis"]["rms_percent"].as_f64().unwrap()
+    };
+    let estimate = "estimate --joint fitted.toml --log run.csv --json";
+    let (tared, not) = (percent(&format!("{estimate} --tare 50")), percent(estimate));
+    assert!(tared < 3.0 && not > 2.0 * tared, "{tared} {not}");
+    for (count, expected) in [
+        (
+            "5000",
+            "the log has 5000 rows, and --tare is 5000; allowed: less than 5000",
+        ),
+        ("0", "--tare"),
+    ] {
+        let refused = torquectl(&folder, &format!("{estimate} --tare {count}"));
+        let errors = String::from_utf8_lossy(&refused.stderr);
+        assert!(
+            !refused.status.success() && errors.contains(expected),
+            "{errors}"
+        );
+    }
+}
+
+#[test]
 fn the_smallest_joint_and_a_log_without_torque() {
     let folder = folder("small");
     let text = log(1.0, |t| t.sin(), |_| 1.0);
@@ -158,6 +210,15 @@ fn the_smallest_joint_and_a_log_without_torque() {
     let json = succeeds(&folder, "estimate --joint joint.toml --log run.csv --json");
     let figures: Value = serde_json::from_str(&json).unwrap();
     assert!(figures["current"]["rms"].is_null() && figures["current"]["time_ns"].is_number());
+    let refused = torquectl(
+        &folder,
+        "estimate --joint joint.toml --log run.csv --tare 9",
+    );
+    let errors = String::from_utf8_lossy(&refused.stderr);
+    assert!(
+        errors.contains("--tare, but the log has no column `tau_sensor`"),
+        "{errors}"
+    );
 }
 
 /// A row of a log with its stamp in ms.

@@ -57,7 +57,7 @@ pub fn calibrate(joint: &BenchJoint) -> Result<Fitted, String> {
     let rows =
         |s: Scenario| -> Vec<LogRow> { run(joint, &s).into_iter().map(|(row, _)| row).collect() };
     let (turn, train) = (rows(scenario::turn(joint)), rows(scenario::train(joint)));
-    all::fit(&joint.file, &turn, &train, &mut |_, _| ()).map_err(|e| e.to_string())
+    all::fit(&joint.file, Some(&turn), &train, &mut |_, _| ()).map_err(|e| e.to_string())
 }
 
 /// Runs the scenarios and judges the estimators against the true torque.

@@ -133,7 +133,11 @@ fn one(number: u64, training: (Training, &'static str), judged: &Mutex<Judged>) 
                     name: constant,
                     ratio,
                 }));
-            let mut runs = course::scenarios(number);
+            let mut runs = if kind == Training::Outside {
+                course::outside(number)
+            } else {
+                course::scenarios(number)
+            };
             if unturned {
                 runs.extend(course::other_sign(number));
             }

@@ -72,7 +72,7 @@ pub fn times(number: u64) -> Result<[f64; 2], Problem> {
     run.seconds = TIMED as f64 / joint.sheet.sample_rate;
     let training = rows(run);
     let before = processor_time();
-    let file = all::fit(&joint.file(), &turn, &training, &mut |_, _| ())?.joint;
+    let file = all::fit(&joint.file(), Some(&turn), &training, &mut |_, _| ())?.joint;
     let fitted = processor_time();
     let (mut set, mut front_end) = (file.fused_estimators()?, file.front_end()?);
     let samples: Vec<_> = (training.iter())

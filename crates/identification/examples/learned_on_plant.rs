@@ -30,7 +30,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut out = stdout();
     let train = bench::training(seconds, 0.5);
     let start = std::time::Instant::now();
-    let fitted = all::fit(&bench::joint(), &bench::turn(), &train, &mut |_, _| ())?;
+    let fitted = all::fit(
+        &bench::joint(),
+        Some(&bench::turn()),
+        &train,
+        &mut |_, _| (),
+    )?;
     writeln!(
         out,
         "models fitted in {:.1} s",

@@ -7,6 +7,7 @@
 //!       -> fusion
 //! ```
 
+mod ranges;
 mod steps;
 
 use crate::excitation::{Excitation, Quantity};
@@ -15,7 +16,7 @@ use crate::learned::Progress;
 use crate::log::LogRow;
 use crate::record::{Record, ReferenceErrors};
 use crate::torsion_gain;
-use joint_file::{JointFile, TorsionGainTable, TrainedTable};
+use joint_file::{JointFile, KinematicErrorTable, TorsionGainTable, TrainedTable};
 use problem::Problem;
 
 /// One fit.
@@ -82,6 +83,8 @@ pub struct Fitted {
     pub report: Vec<String>,
     reference: ReferenceErrors,
     harmonics: Harmonics,
+    /// Kinematic error by an unloaded turn, before loaded logs have corrected it.
+    turn: Option<KinematicErrorTable>,
 }
 
 /// Harmonics of the kinematic error that loaded motion is fitted with.
@@ -93,21 +96,32 @@ enum Harmonics {
     Higher,
 }
 
-/// Fits everything and reports on its `progress`.
+/// What a fit without an unloaded turn leaves open.
+const WITHOUT_TURN: &str = "without an unloaded turn it is that of the joint file, with the harmonics that the loaded logs show at the angles they cover; \
+     whether the encoders' zeros stay is not determined: the torque is valid once the torsion's zero has followed the current for 50 samples, \
+     and right to that torque until a tare at a known torque (`torquectl estimate --tare`, `torquectl tare --torque`)";
+
+/// Fits everything and reports on its `progress`. Without an unloaded `turn` the kinematic error stays as the
+/// joint has it, but for the harmonics that loaded motion shows, and the torsion's zero is unknown until a
+/// tare.
 ///
 /// # Errors
-/// The first step that its data do not allow.
+/// The first step that its data do not allow; without a turn, of those that the fused torque needs.
 pub fn fit(
     joint: &JointFile,
-    turn: &[LogRow],
+    turn: Option<&[LogRow]>,
     train: &[LogRow],
     progress: Progress<'_>,
 ) -> Result<Fitted, Problem> {
     let mut fitted = Fitted::new(joint);
     let mut done = 0.0;
     for (step, name, share) in Step::ALL {
-        let rows = match step {
-            Step::KinematicError => turn,
+        let rows = match (step, turn) {
+            (Step::KinematicError, None) => {
+                fitted.note(format!("{name}: not fitted: {WITHOUT_TURN}"));
+                continue;
+            }
+            (Step::KinematicError, Some(turn)) => turn,
             _ => train,
         };
         if step == Step::FeedForward && !feeds_forward(rows) {
@@ -117,7 +131,11 @@ pub fn fit(
         inner(0.0, name);
         match (step, fitted.step(step, rows, &mut inner)) {
             // The other fits do not need the learned ones, nor a gear beyond its stiffness.
-            (step, Err(e)) if step.learned() || step.needs_stiffness() => {
+            (step, Err(e))
+                if step.learned()
+                    || step.needs_stiffness()
+                    || (turn.is_none() && step == Step::Compliance) =>
+            {
                 fitted.note(format!("{name}: not fitted: {e}"));
             }
             (_, done) => done?,
@@ -201,6 +219,7 @@ impl Fitted {
             report: Vec::new(),
             reference: ReferenceErrors::of_a_sensor(joint.joint.rated_torque),
             harmonics: Harmonics::OfTheGear,
+            turn: joint.kinematic_error.clone(),
         }
     }
 

@@ -128,7 +128,7 @@ fn test() -> Vec<LogRow> {
 #[test]
 fn all_fits_together_recover_the_joint() {
     let joint = JointFile::parse(JOINT, "joint.toml", &no_files).unwrap();
-    let fitted = all::fit(&joint, &turn(), &train(), &mut |_, _| ()).unwrap();
+    let fitted = all::fit(&joint, Some(&turn()), &train(), &mut |_, _| ()).unwrap();
     let report = fitted.report.join("\n");
     let files: BTreeMap<String, String> = fitted.files("fitted").unwrap().into_iter().collect();
     let read = |path: &str| {
@@ -286,7 +286,7 @@ fn a_gear_that_creeps_is_recognised() {
 fn data_that_do_not_suffice_are_refused_with_what_is_needed() {
     let joint = JointFile::parse(JOINT, "joint.toml", &no_files).unwrap();
     let message = |turn: &[LogRow], train: &[LogRow]| {
-        all::fit(&joint, turn, train, &mut |_, _| ())
+        all::fit(&joint, Some(turn), train, &mut |_, _| ())
             .unwrap_err()
             .to_string()
     };

@@ -1,5 +1,6 @@
 //! Each fit, and what the joint file takes over from it.
 
+use super::ranges::validity;
 use super::{Fitted, Harmonics};
 use crate::current::MotorKnowledge;
 use crate::excitation::{Determination, Excitation, Quantity};
@@ -18,7 +19,7 @@ use estimators::kinematic_error::KinematicErrorParameters;
 use estimators::set::EstimatorSet;
 use joint_file::{
     ComplianceTable, CurrentTable, DeformationTable, FrictionTable, FusionTable, HysteresisTable,
-    KalmanTable, SourceTable, ValidityTable,
+    KalmanTable, SourceTable,
 };
 use problem::Problem;
 
@@ -48,6 +49,7 @@ impl Fitted {
             1e6 * fit.rms
         ));
         self.joint.kinematic_error = Some(fit.parameters.into());
+        self.turn = self.joint.kinematic_error.clone();
         Ok(())
     }
 
@@ -93,6 +95,10 @@ impl Fitted {
         }
         let record = Record::new(&self.joint, train)?;
         let error = self.joint.kinematic_error_parameters();
+        if self.gear_knowledge().turned {
+            // The turn's error stays what priors are about until the gear's own fit takes over its correction.
+            self.joint.kinematic_error.clone_from(&self.turn);
+        }
         let motor = self.joint.wave_generator_parameters();
         let fit = gear::compliance(&record, &error, motor)?;
         let p = fit.parameters;
@@ -127,17 +133,22 @@ impl Fitted {
             && self.joint.kinematic_error.is_some();
         let mut found = [0.0; ENCODER_PARAMETERS];
         found[0] = self.joint.encoders.as_ref().map_or(0.0, |e| e.skew);
-        // After a turn the harmonics' priors are about what the turn has shown.
-        if !turned {
-            let wave = |list: &[(f64, f64)], order: u32| {
-                let pair = list.get(order as usize - 1).copied().unwrap_or_default();
-                [pair.0, pair.1]
-            };
-            let link = LINK_ORDERS.iter().flat_map(|n| wave(&error.link, *n));
-            let motor = MOTOR_ORDERS.iter().flat_map(|n| wave(&error.motor, *n));
-            for (found, amplitude) in found[2..].iter_mut().zip(link.chain(motor)) {
-                *found = amplitude;
-            }
+        // After a turn the priors are about what the turn has shown, however often the gear is fitted.
+        let none = joint.no_kinematic_error();
+        let known = self.turn.as_ref().filter(|_| turned).unwrap_or(&none);
+        if turned {
+            found[1] = error.a0 - known.a0;
+        }
+        let wave = |list: &[(f64, f64)], known: &[(f64, f64)], order: u32| {
+            let at =
+                |list: &[(f64, f64)]| list.get(order as usize - 1).copied().unwrap_or_default();
+            let (now, known) = (at(list), at(known));
+            [now.0 - known.0, now.1 - known.1]
+        };
+        let link = (LINK_ORDERS.iter()).flat_map(|n| wave(&error.link, &known.link, *n));
+        let motor = (MOTOR_ORDERS.iter()).flat_map(|n| wave(&error.motor, &known.motor, *n));
+        for (found, amplitude) in found[2..].iter_mut().zip(link.chain(motor)) {
+            *found = amplitude;
         }
         GearKnowledge {
             rated_torque: joint.rated_torque,
@@ -472,27 +483,5 @@ impl Fitted {
                 .collect(),
         });
         Ok(())
-    }
-}
-
-/// Ranges that a training log covered: all but the outermost thousandth at either end.
-fn validity(record: &Record, moved_s: f64) -> ValidityTable {
-    let tau = record.smooth(&record.tau, 0);
-    let rate = record.smooth(&record.tau, 1);
-    let range = |values: &mut dyn Iterator<Item = f64>| -> [f64; 2] {
-        let mut sorted: Vec<f64> = values.filter(|x| x.is_finite()).collect();
-        sorted.sort_by(f64::total_cmp);
-        let outer = sorted.len() / 1000;
-        let at = |i: usize| sorted.get(i).copied().unwrap_or(0.0);
-        [at(outer), at(sorted.len().saturating_sub(1 + outer))]
-    };
-    let usable: Vec<usize> = record.spread(usize::MAX).collect();
-    let of = |f: &dyn Fn(usize) -> f64| range(&mut usable.iter().map(|&i| f(i)));
-    ValidityTable {
-        torque: of(&|i| tau[i]),
-        angle: of(&|i| record.samples[i].q),
-        speed: of(&|i| record.motion[i][0].abs())[1],
-        loading: of(&|i| rate[i].abs())[1],
-        moved: moved_s,
     }
 }
