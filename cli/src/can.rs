@@ -57,7 +57,7 @@ enum Command {
 
 /// The buses that are meant.
 #[derive(clap::Args)]
-struct Where {
+pub(crate) struct Where {
     /// The robot's configuration: its buses, and its joints' names
     #[arg(value_name = "CONFIG")]
     config: Option<String>,
@@ -70,6 +70,18 @@ struct Where {
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
+}
+
+impl Where {
+    /// One bus that is no configuration's.
+    pub(crate) fn bus(bus: &str, fd: bool) -> Self {
+        Self {
+            config: None,
+            bus: Some(bus.to_owned()),
+            fd,
+            json: false,
+        }
+    }
 }
 
 #[derive(clap::Args)]
@@ -276,4 +288,15 @@ fn show(one: &OneNode) -> Done {
         page::show(&target, &found, &notes)
     };
     Ok((text, !found.is_empty()))
+}
+
+/// A bus, what a scan finds on it, and what it had to leave out.
+pub(crate) fn found_on(at: &Where) -> Result<(BusParameters, Vec<Found>, Vec<String>), Failure> {
+    let target = Target::of(at)?;
+    let mut line = Line::open(&target.buses)?;
+    let (mut found, notes) = scanned(&mut line, &target.buses, None);
+    found.sort_by_key(|device| (device.bus, device.node));
+    let bus = target.buses.into_iter().next();
+    let bus = bus.ok_or_else(|| Failure::environment("no bus"))?;
+    Ok((bus, found, notes))
 }

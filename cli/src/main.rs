@@ -17,6 +17,7 @@ mod info;
 mod learn;
 mod margins;
 mod motion;
+mod new;
 mod operator;
 mod output;
 mod passive;
@@ -48,6 +49,7 @@ const AFTER_HELP: &str = "\
 Examples:
   torquectl check config/leg/robot.toml
   torquectl can scan
+  torquectl new arm --urdf arm.urdf --scan can0
   torquectl margins config/leg/robot.toml --joint knee --plot knee.svg
   torquectl state
   torquectl enable
@@ -107,6 +109,7 @@ enum Command {
     Reference(reference::ReferenceArguments),
     Margins(margins::MarginsArguments),
     Move(motion::MoveArguments),
+    New(new::NewArguments),
     Passive(passive::PassiveArguments),
     Tare(tare::TareArguments),
     View(view::ViewArguments),
@@ -141,6 +144,7 @@ fn main() -> ExitCode {
         Command::Reference(arguments) => reference::run(&arguments),
         Command::Margins(arguments) => margins::run(&arguments),
         Command::Move(arguments) => motion::run(&arguments),
+        Command::New(arguments) => new::run(&arguments),
         Command::Passive(arguments) => passive::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
         Command::View(arguments) => view::run(&arguments),

@@ -8,7 +8,7 @@ import canopen_drive
 import pytest
 from actuators import GROUP, PORT, Cubemars, Damiao, Moteus, Myactuator, Odrive, Robstride
 from processes import BINARIES, ROOT
-from test_canopen import configuration
+from test_canopen import configuration, two_arms
 
 BUS = f"{GROUP}:{PORT}"
 KINDS = {3: Damiao, 5: Moteus, 7: Robstride, 9: Myactuator, 21: Cubemars}
@@ -128,3 +128,54 @@ def test_bad_arguments_and_silent_buses():
     assert "Nobody answered" in torquectl("scan", "--bus", BUS, code=1)
     assert "GROUP:PORT" in torquectl("scan", "--bus", "10.0.0.1:43113", code=2)
     assert "--dry-run" in torquectl("setup", "robot.toml", code=2)
+
+
+def new(folder, *arguments, code=0):
+    command = [BINARIES / "torquectl", "new", "arm", "--urdf", "arm.urdf", "--scan", BUS, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=60)
+    assert done.returncode == code, f"{done.returncode}\n{done.stdout}{done.stderr}"
+    return done.stdout + done.stderr
+
+
+def check(folder):
+    command = [BINARIES / "torquectl", "check", "--json", "arm/robot.toml"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return (folder / "arm" / "robot.toml").read_text()
+
+
+OF_TWO = [{3: Damiao, 4: Damiao}, {5: Moteus, 7: Moteus}, {3: Odrive, 9: Robstride}, {2: Myactuator, 3: Myactuator}]
+
+
+@pytest.mark.parametrize("line", OF_TWO, indirect=True)
+def test_a_new_configuration_passes_check(tmp_path, line):
+    (tmp_path / "arm.urdf").write_text(two_arms())
+    said = new(tmp_path, "--fd")
+    text = check(tmp_path)
+    guessed = [line for line in text.splitlines() if line.endswith("# guessed")]
+    assert len(guessed) >= 20 and f"{len(guessed)} lines end with `# guessed`" in said
+    for actuator, joint in zip(sorted(line.actuators, key=lambda a: a.id), ("joint", "second")):
+        table = text[text.index(f'[[joint]]\nname = "{joint}"') :]
+        assert f"node = {actuator.id} # guessed" in table
+        assert not actuator.words and not actuator.enabled
+    if isinstance(line.actuators[0], Damiao):
+        # Its registers tell its ranges.
+        assert 'model = "DM4310"\n' in text and "reply_id = 19\n" in text
+    assert "is there already" in new(tmp_path, code=2)
+
+
+def test_a_new_configuration_of_canopen_drives(tmp_path, drives):
+    (tmp_path / "arm.urdf").write_text(two_arms())
+    new(tmp_path)
+    text = check(tmp_path)
+    assert "rated_current_A = 5.0\n" in text and "vendor = 0x5a\n" in text
+    assert not any(drive.enabled or drive.operational for drive in drives.drives)
+
+
+@pytest.mark.parametrize("line", [{3: Damiao}], indirect=True)
+def test_a_joint_without_a_drive_is_refused(tmp_path, line):
+    (tmp_path / "arm.urdf").write_text(two_arms())
+    assert "1 drives answer, and the URDF has 2 joints" in new(tmp_path, code=1)
+    assert not (tmp_path / "arm").exists()
+    (tmp_path / "arm.urdf").write_text("<robot/>")
+    assert "no joint that a drive moves" in new(tmp_path, code=2)
