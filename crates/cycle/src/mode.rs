@@ -268,6 +268,7 @@ impl Modes {
     ) {
         let before = core::mem::replace(&mut self.last, goal.mode());
         self.contact.update(goal, seen);
+        self.body.observe(seen);
         for (mode, own) in Mode::ALL.iter().zip(&mut self.modes) {
             if let Some(own) = own.as_mut().filter(|_| *mode != goal.mode()) {
                 own.idle(seen, commanded);

@@ -5,8 +5,8 @@
 //! their posture with a small share of theirs, all others stay as in mode inverse dynamics. The law is
 //! [`control::CartesianLaw`].
 //!
-//! Inverse dynamics takes a contact's force off the joints: a limb in contact would show no stiffness. So for a
-//! led limb that share is put back, and the desired force takes its place. Where a frame's forces are
+//! Inverse dynamics takes the force by which the ground carries the robot off the joints: a limb on the ground would
+//! show no stiffness. So for a led limb that share is put back, and the desired force takes its place. Where a frame's forces are
 //! those of an F/T sensor, what its filters have not shown yet is added. A robot that uses no frame pays for
 //! a branch; nothing here is computed before a client uses one.
 
@@ -74,8 +74,8 @@ impl ClientMode for Cartesian {
         commanded: &mut CommandedRecord,
         tasks: &mut [Task],
     ) -> Result<(), JointBits> {
-        body.follow(asked.reference, seen, &seen.contact_wrenches());
-        (self.frames).lead(asked, seen, body.torques_mut(), commanded);
+        let carried = body.follow(asked.reference, seen);
+        (self.frames).lead(asked, (seen, &carried), body.torques_mut(), commanded);
         for (j, task) in tasks.iter_mut().enumerate() {
             let mut follow = Follow {
                 mode: Mode::Cartesian,

@@ -334,7 +334,7 @@ impl Contact {
         // The contact itself is to move the limb.
         let loads = self.contact.as_ref().map(|contact| contact.loads.contact);
         if let (Some(planned), Some(loads)) = (&planned, &loads) {
-            body.follow(planned, seen, loads);
+            body.follow_under(planned, seen, loads);
         }
         let entry = if is_new {
             Entry::ContactAnew

@@ -30,7 +30,7 @@ impl ClientMode for InverseDynamics {
         _: &mut CommandedRecord,
         tasks: &mut [Task],
     ) -> Result<(), JointBits> {
-        body.follow(asked.reference, seen, &seen.contact_wrenches());
+        body.follow(asked.reference, seen);
         for (j, task) in tasks.iter_mut().enumerate() {
             *task = Task::of(JointGoal::Follow(tracking(asked, body, j)));
         }

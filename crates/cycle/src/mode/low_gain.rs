@@ -3,8 +3,6 @@
 //! The torque is that of inverse dynamics and what was learned to be missing; stiffness and damping are the shares
 //! `low_gain_*_per_cent` of the configured ones, unless the client gives others.
 
-mod contact_load;
-
 use dynamics::Model;
 use estimators::local_gp::LocalGp;
 use problem::Problem;
@@ -18,7 +16,6 @@ use super::{
     RigidBodyTorque, Speed, Spring, Task,
 };
 use crate::inputs::Seen;
-use contact_load::ContactLoad;
 
 /// Largest learned torque, of the limit: beside a model more is an error of the file.
 const LEARNED_MOST: f64 = 0.5;
@@ -27,9 +24,6 @@ const LEARNED_MOST: f64 = 0.5;
 struct Joint {
     learned: Option<Learned>,
     torque_limit: f64,
-    /// Way within which it counts as standing, rad, and what it bears.
-    stands_within: f64,
-    load: ContactLoad,
     impedance: Impedance,
 }
 
@@ -54,8 +48,6 @@ pub(super) fn make(robot: &Robot) -> Made {
         Ok(Joint {
             learned: Learned::new(&robot.model, &p.joints, j)?,
             torque_limit: joint.limits.torque,
-            stands_within: joint.limits.gives_way,
-            load: ContactLoad::at(0.0, 0.0),
             impedance: Impedance {
                 stiffness: p.modes.low_stiffness * joint.gains.k_s,
                 damping: p.modes.low_damping * joint.gains.k_d,
@@ -80,18 +72,10 @@ impl ClientMode for LowGain {
         _: &mut CommandedRecord,
         tasks: &mut [Task],
     ) -> Result<(), JointBits> {
-        body.follow(asked.reference, seen, &seen.contact_wrenches());
-        body.update_free();
-        for (j, (own, task)) in self.joints.iter_mut().zip(tasks).enumerate() {
-            let angle = seen.measured.joints.get(j).map_or(f64::NAN, |m| m.q);
+        body.follow(asked.reference, seen);
+        for (j, (own, task)) in self.joints.iter().zip(tasks).enumerate() {
             let follow = tracking(asked, body, j);
-            let feedforward = own.feedforward(
-                asked,
-                j,
-                (follow.torque.feedforward, body.free(j)),
-                angle,
-                seen.dt,
-            );
+            let feedforward = follow.torque.feedforward + own.learned(asked, j);
             let impedance = asked.impedance(j).unwrap_or(own.impedance);
             *task = Task::of(JointGoal::Follow(Follow {
                 mode: Mode::LowGainTracking,
@@ -113,27 +97,11 @@ impl ClientMode for LowGain {
 }
 
 impl Joint {
-    /// The torque of the rigid bodies, `full` with the contacts and `free` without them, with what the joint bears
-    /// and what was learned, N·m.
-    fn feedforward(
-        &mut self,
-        asked: &Asked<'_>,
-        joint: usize,
-        (full, free): (f64, f64),
-        angle: f64,
-        dt: f64,
-    ) -> f64 {
-        let by_contacts = full - free;
-        if asked.begins {
-            self.load = ContactLoad::at(angle, by_contacts);
-        }
-        let stands = (self.stands_within, self.torque_limit);
-        let load = self.load.follow((angle, by_contacts), stands, dt);
-        let given = asked.reference.contact_wrench_given == 1;
-        let by_model = if given { full } else { free + load };
+    /// The torque that was learned to be missing, N·m.
+    fn learned(&self, asked: &Asked<'_>, joint: usize) -> f64 {
         let most = LEARNED_MOST * self.torque_limit;
         let learned = self.learned.as_ref();
-        by_model + learned.map_or(0.0, |l| l.torque(joint, asked.reference, asked.age_s, most))
+        learned.map_or(0.0, |l| l.torque(joint, asked.reference, asked.age_s, most))
     }
 }
 

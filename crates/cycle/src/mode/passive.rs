@@ -70,8 +70,8 @@ impl ClientMode for Passive {
         _: &mut CommandedRecord,
         tasks: &mut [Task],
     ) -> Result<(), JointBits> {
-        body.rest(seen, &seen.contact_wrenches());
-        body.update_free();
+        body.rest(seen);
+        body.update_contacts(seen);
         let mut bears = 0;
         for (j, (own, task)) in self.joints.iter_mut().zip(tasks).enumerate() {
             let was_free = core::mem::replace(&mut own.is_free, is_let_go(asked.reference, j));
@@ -81,7 +81,7 @@ impl ClientMode for Passive {
             };
             if own.is_free {
                 let free = body.free(j);
-                let contact = (follow.torque.feedforward - free).abs();
+                let contact = body.by_contacts(j).abs();
                 if contact > BEARS * own.torque_limit && !was_free {
                     bears |= 1 << j;
                 }

@@ -135,7 +135,7 @@ impl ClientMode for Position {
         tasks: &mut [Task],
     ) -> Result<(), JointBits> {
         let planned = (self.motions).follow(asked.reference, false, seen.measured, seen.dt);
-        body.follow(&planned, seen, &seen.contact_wrenches());
+        body.follow(&planned, seen);
         let planned = Asked {
             reference: &planned,
             age_s: 0.0,

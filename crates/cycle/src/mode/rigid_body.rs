@@ -1,6 +1,10 @@
 //! Rigid body: the joints' torques by inverse dynamics (D12).
+//!
+//! Contact wrenches that a client does not give are those by which the ground carries the robot in its desired motion
+//! ([`Support`]), and none on ends that bear nothing. Measured ones are late: fed forward they would ask of a joint what
+//! it bore some time before, which a robot on its feet does not survive, and what presses would press ever harder.
 
-use control::InverseDynamics;
+use control::{InverseDynamics, Support};
 use robot_config::Robot;
 use robot_state::{MAX_FT_SENSORS, Mode, Reference, Wrench};
 
@@ -35,13 +39,17 @@ impl RigidBodyTorque {
 #[derive(Debug)]
 pub(crate) struct RigidBody {
     inverse_dynamics: InverseDynamics,
+    support: Support,
     /// Place of each joint, in config order, in the model.
     model_index: Vec<usize>,
+    /// Newest angles, and those of the instant of all filtered signals, model order, rad.
+    q: Vec<f64>,
     q_hat: Vec<f64>,
     dq_hat: Vec<f64>,
     ddq_d: Vec<f64>,
     torques: Vec<RigidBodyTorque>,
     free: Vec<f64>,
+    loaded: Vec<f64>,
     k_f: f64,
 }
 
@@ -50,15 +58,21 @@ impl RigidBody {
         let parameters = &robot.parameters;
         let frames = parameters.ft_sensors.iter();
         let frames = frames.filter_map(|ft| robot.model.frame_index(&ft.sensor.frame));
+        let frames: Vec<usize> = frames.collect();
+        // A stand carries what a fixed base does.
+        let stands = parameters.whole_body.stand.is_some();
         let n = robot.model.joint_count();
         Self {
-            inverse_dynamics: InverseDynamics::new(&robot.model, &frames.collect::<Vec<_>>()),
+            inverse_dynamics: InverseDynamics::new(&robot.model, &frames),
+            support: Support::new(&robot.model, if stands { &[] } else { &frames }),
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
+            q: vec![0.0; n],
             q_hat: vec![0.0; n],
             dq_hat: vec![0.0; n],
             ddq_d: vec![0.0; n],
             torques: vec![RigidBodyTorque::default(); parameters.joints.len()],
             free: vec![0.0; parameters.joints.len()],
+            loaded: vec![0.0; parameters.joints.len()],
             k_f: parameters.k_f,
         }
     }
@@ -73,23 +87,38 @@ impl RigidBody {
         &mut self.torques
     }
 
-    /// `h_hat - J^T f_hat`: the torques of the present motion under the contact wrenches `f_hat`.
-    pub(crate) fn rest(&mut self, seen: &Seen<'_>, f_hat: &[Wrench; MAX_FT_SENSORS]) {
-        self.set(None, seen, f_hat);
+    /// Takes what is measured in this cycle, whatever the mode.
+    pub(crate) fn observe(&mut self, seen: &Seen<'_>) {
+        for (&place, joint) in self.model_index.iter().zip(&seen.measured.joints) {
+            self.q[place] = joint.q;
+            self.q_hat[place] = joint.q_hat;
+        }
+        let (_, proper) = seen.base_motion;
+        let contact = seen.contact_wrenches();
+        (self.support).observe(&proper.linear, &self.q_hat, &contact, seen.dt);
     }
 
-    /// `M ddq_d + h_hat - J^T f` for the desired contact wrenches, where the reference has any, and for the estimated
-    /// ones `f_hat`.
+    /// `h_hat - J^T f*`: the torques of the present motion, the ground carrying the robot.
+    pub(crate) fn rest(&mut self, seen: &Seen<'_>) {
+        self.set_motion(None, seen);
+        let carried = self.carried();
+        self.set_torques(&carried);
+    }
+
+    /// `M ddq_d + h_hat - J^T f*` for the desired contact wrenches, where the reference has any, else for those by which
+    /// the ground carries the robot; returns `f*`.
     pub(crate) fn follow(
         &mut self,
         reference: &Reference,
         seen: &Seen<'_>,
-        f_hat: &[Wrench; MAX_FT_SENSORS],
-    ) {
-        self.set(Some(reference), seen, f_hat);
+    ) -> [Wrench; MAX_FT_SENSORS] {
+        self.set_motion(Some(reference), seen);
         if reference.contact_wrench_given != 1 || reference.mode == Mode::Cartesian.number() {
-            return;
+            let carried = self.carried();
+            self.set_torques(&carried);
+            return carried;
         }
+        self.set_torques(&seen.contact_wrenches());
         let with_desired = self.inverse_dynamics.torque(&reference.contact_wrench);
         for (torque, &place) in self.torques.iter_mut().zip(&self.model_index) {
             // All other terms are equal: the difference is -J^T (f_d - f_hat).
@@ -102,38 +131,63 @@ impl RigidBody {
                 ..RigidBodyTorque::default()
             };
         }
+        reference.contact_wrench
     }
 
-    fn set(
+    /// `M ddq_d + h_hat - J^T f` for wrenches that do not change while they are followed.
+    pub(crate) fn follow_under(
         &mut self,
-        reference: Option<&Reference>,
+        reference: &Reference,
         seen: &Seen<'_>,
-        f_hat: &[Wrench; MAX_FT_SENSORS],
+        contact: &[Wrench; MAX_FT_SENSORS],
     ) {
+        self.set_motion(Some(reference), seen);
+        self.set_torques(contact);
+    }
+
+    /// The wrenches by which the ground carries the robot in the motion that was set last.
+    fn carried(&mut self) -> [Wrench; MAX_FT_SENSORS] {
+        *self.support.wrenches(&self.q, &self.ddq_d)
+    }
+
+    fn set_motion(&mut self, reference: Option<&Reference>, seen: &Seen<'_>) {
         let joints = self.model_index.iter().zip(&seen.measured.joints);
         for (j, (&place, joint)) in joints.enumerate() {
-            self.q_hat[place] = joint.q_hat;
             self.dq_hat[place] = joint.dq_hat;
             self.ddq_d[place] = reference.map_or(0.0, |r| r.joints[j].ddq_d);
         }
         let (q, dq, ddq) = (&self.q_hat, &self.dq_hat, &self.ddq_d);
         (self.inverse_dynamics).set_motion(seen.base_motion, q, dq, ddq);
-        let with_estimated = self.inverse_dynamics.torque(f_hat);
+    }
+
+    fn set_torques(&mut self, contact: &[Wrench; MAX_FT_SENSORS]) {
+        let torques = self.inverse_dynamics.torque(contact);
         for (torque, &place) in self.torques.iter_mut().zip(&self.model_index) {
-            *torque = RigidBodyTorque::feedforward(with_estimated[place]);
+            *torque = RigidBodyTorque::feedforward(torques[place]);
         }
     }
 
-    /// Computes the torques without any contact, at the motion that was set last.
-    pub(crate) fn update_free(&mut self) {
-        let free = (self.inverse_dynamics).torque(&[Wrench::default(); MAX_FT_SENSORS]);
-        for (own, &place) in self.free.iter_mut().zip(&self.model_index) {
-            *own = free.get(place).copied().unwrap_or(0.0);
+    /// Computes the torques without any contact, and under the measured ones, at the motion that was set last.
+    pub(crate) fn update_contacts(&mut self, seen: &Seen<'_>) {
+        let none = [Wrench::default(); MAX_FT_SENSORS];
+        for (own, contact) in [
+            (&mut self.free, none),
+            (&mut self.loaded, seen.contact_wrenches()),
+        ] {
+            let torques = self.inverse_dynamics.torque(&contact);
+            for (own, &place) in own.iter_mut().zip(&self.model_index) {
+                *own = torques.get(place).copied().unwrap_or(0.0);
+            }
         }
     }
 
     /// The torque of a joint without any contact, N·m.
     pub(crate) fn free(&self, joint: usize) -> f64 {
         self.free.get(joint).copied().unwrap_or(0.0)
+    }
+
+    /// What the measured contacts add to it, N·m.
+    pub(crate) fn by_contacts(&self, joint: usize) -> f64 {
+        self.loaded.get(joint).copied().unwrap_or(0.0) - self.free(joint)
     }
 }

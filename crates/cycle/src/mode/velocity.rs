@@ -91,7 +91,7 @@ impl ClientMode for Velocity {
             *before = next.q;
         }
         reference.contact_wrench_given = 0;
-        body.follow(&reference, seen, &seen.contact_wrenches());
+        body.follow(&reference, seen);
         let planned = Asked {
             reference: &reference,
             age_s: 0.0,

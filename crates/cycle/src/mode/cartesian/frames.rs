@@ -144,11 +144,11 @@ impl Frames {
         }
     }
 
-    /// Adds the torques of the frames to those of inverse dynamics.
+    /// Adds the torques of the frames to those of inverse dynamics, of which `carried` is taken off.
     pub(super) fn lead(
         &mut self,
         asked: &Asked<'_>,
-        seen: &Seen<'_>,
+        (seen, carried): (&Seen<'_>, &[Wrench]),
         torques: &mut [RigidBodyTorque],
         commanded: &mut CommandedRecord,
     ) {
@@ -198,7 +198,7 @@ impl Frames {
             *shown = frame.lead(
                 &target(asked, age_s),
                 placements,
-                seen,
+                (seen, carried),
                 self.sample_period,
                 torques,
             );
@@ -362,27 +362,34 @@ impl Frame {
         Vector6::new(f.x, f.y, f.z, n.x, n.y, n.z)
     }
 
-    /// Wrench of the environment on the frame, in the base's axes: as late as inverse dynamics knows it,
-    /// which is taken off the joints already; as it is felt, with that delay, s.
-    fn forces(&self, placements: &Placements, seen: &Seen<'_>) -> (Vector6<f64>, Felt) {
+    /// Wrench of the environment on the frame, in the base's axes: what `carried` takes off the joints already; as late
+    /// as the filters know it; as it is felt, with that delay, s.
+    fn forces(
+        &self,
+        placements: &Placements,
+        (seen, carried): (&Seen<'_>, &[Wrench]),
+    ) -> (Vector6<f64>, Vector6<f64>, Felt) {
         let Some((sensor, at)) = self.sensor else {
             let force = self.external_force(seen.estimated);
             let late = self.external_delay + seen.measured.filter_delay_s;
-            return (Vector6::zeros(), Felt { force, late });
+            return (Vector6::zeros(), Vector6::zeros(), Felt { force, late });
         };
         let (Some(estimated), Some(measured)) =
             (seen.estimated.ft.get(sensor), seen.measured.ft.get(sensor))
         else {
-            return (Vector6::zeros(), Felt::default());
+            return (Vector6::zeros(), Vector6::zeros(), Felt::default());
         };
         let contact = &estimated.contact_wrench;
-        let taken_off = self.at_frame(placements, at, contact);
+        let known = self.at_frame(placements, at, contact);
+        let taken_off = carried.get(sensor);
+        let taken_off =
+            taken_off.map_or(Vector6::zeros(), |own| self.at_frame(placements, at, own));
         // Not yet shown by the filters: the weight beyond the sensor hardly changes meanwhile.
         let [long, now, before] =
             [contact, &measured.wrench, &measured.wrench_hat].map(Wrench::to_array);
         let fast = Wrench::from_array(std::array::from_fn(|i| long[i] + now[i] - before[i]));
         let force = Some(self.at_frame(placements, at, &fast));
-        (taken_off, Felt { force, late: 0.0 })
+        (taken_off, known, Felt { force, late: 0.0 })
     }
 
     /// Wrench of the environment on the frame by external torques: least squares, in which directions without lever count as free of
@@ -407,15 +414,15 @@ impl Frame {
         &mut self,
         target: &CartesianTarget,
         placements: &Placements,
-        seen: &Seen<'_>,
+        (seen, carried): (&Seen<'_>, &[Wrench]),
         dt: f64,
         torques: &mut [RigidBodyTorque],
     ) -> FrameCommanded {
         let p = &self.parameters;
         let pose = placements.between(p.base, p.link);
-        let (taken_off, felt) = self.forces(placements, seen);
+        let (taken_off, known, felt) = self.forces(placements, (seen, carried));
         if !std::mem::replace(&mut self.started, true) {
-            let bears = self.sensor.map_or(felt.force, |_| Some(taken_off));
+            let bears = self.sensor.map_or(felt.force, |_| Some(known));
             self.law.start(&pose, bears, target);
             self.approach.restart();
         }

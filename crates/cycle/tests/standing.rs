@@ -1,0 +1,143 @@
+//! A humanoid that stands on both feet: references without contact wrenches, pushes at its chest.
+
+mod common;
+
+use common::{Bench, client_input, read};
+use robot_state::{Event, Mode};
+use test_support::Random;
+
+/// Numbers of the drives in the file of the simulation, and the range of the factor by which each is drawn to be another.
+const DRAWN: [(&str, [f64; 2]); 4] = [
+    ("coulomb_Nm = ", [0.5, 2.0]),
+    ("presliding_rad = ", [0.5, 2.0]),
+    ("K_4_A_per_rad = ", [0.9, 1.1]),
+    ("K_5_As_per_rad = ", [0.9, 1.1]),
+];
+
+/// A text of a simulation with other joints: every such number times a factor, of which each decade is as likely.
+fn drawn(text: &str, seed: u64) -> String {
+    let mut random = Random::new(seed);
+    let line = |line: &str| {
+        let number = DRAWN.iter().find_map(|(key, range)| {
+            let rest = line.strip_prefix(key)?;
+            let (number, comment) = rest.split_once(' ').unwrap_or((rest, ""));
+            Some((key, range, number.parse::<f64>().unwrap(), comment))
+        });
+        let Some((key, [least, most], number, comment)) = number else {
+            return format!("{line}\n");
+        };
+        let factor = least * (most / least).powf(0.5 + 0.5 * random.symmetric());
+        format!("{key}{:?} {comment}\n", number * factor)
+    };
+    text.lines().map(line).collect()
+}
+
+/// The standing humanoid with other joints whose chest is pushed by `force` (N, world axes) for 0.3 s at 1.5 s.
+fn standing(force: [f64; 2], seed: u64) -> Bench {
+    let [x, y] = force;
+    let push = format!(
+        "\n[[push]]\nlink = \"chest_pitch_link\"\nstart_s = 1.5\nduration_s = 0.3\n\
+         force_N = [{x:.1}, {y:.1}, 0.0]\n"
+    );
+    Bench::reading("humanoid", &|path| {
+        let text = read(path)?;
+        Ok(if path == "config/humanoid/sim.toml" {
+            drawn(&text, seed) + &push
+        } else {
+            text
+        })
+    })
+}
+
+/// What a push did.
+#[derive(Debug)]
+struct Swayed {
+    /// Greatest angular velocity of the base, rad/s.
+    fastest: f64,
+    /// Sway of the base's orientation over the last second, degrees.
+    left: f64,
+}
+
+/// Greatest angle between orientations, degrees.
+fn spread(orientations: &[[f64; 4]]) -> f64 {
+    let Some(first) = orientations.first() else {
+        return 0.0;
+    };
+    let angle = |q: &[f64; 4]| {
+        let dot: f64 = q.iter().zip(first).map(|(a, b)| a * b).sum();
+        2.0 * dot.abs().min(1.0).acos().to_degrees()
+    };
+    orientations.iter().map(angle).fold(0.0, f64::max)
+}
+
+/// Stands for `seconds` in a mode, with a reference of which nothing but the pose is set.
+fn stand(bench: &mut Bench, mode: Mode, seconds: f64) -> Swayed {
+    bench.run(1000);
+    let mut reference = bench.reference(mode.number(), 1);
+    reference.contact_wrench_given = 0;
+    if mode == Mode::Velocity {
+        reference
+            .joints
+            .iter_mut()
+            .for_each(|joint| joint.q_d = 0.0);
+    }
+    let mut swayed = Swayed {
+        fastest: 0.0,
+        left: 0.0,
+    };
+    let cycles = (1000.0 * seconds) as usize;
+    let mut last = Vec::new();
+    for cycle in 0..cycles {
+        reference.sequence += 1;
+        bench.step(&client_input(&reference));
+        let record = bench.cycle.record();
+        let fault = Event::from_number(record.fault);
+        assert_eq!(
+            record.fault,
+            0,
+            "{fault:?} {:.3} s in mode",
+            1e-3 * cycle as f64
+        );
+        assert_eq!(
+            record.mode,
+            mode.number(),
+            "{:.3} s in mode",
+            1e-3 * cycle as f64
+        );
+        let truth = bench.plant.truth();
+        let [_, _, _, x, y, z] = truth.base_velocity;
+        swayed.fastest = swayed.fastest.max((x * x + y * y + z * z).sqrt());
+        if cycle + 1000 >= cycles {
+            last.push(truth.base_orientation);
+        }
+    }
+    swayed.left = spread(&last);
+    swayed
+}
+
+/// Nobody falls: a wrench that was measured some time before, fed forward, swayed ever more and fell at 30 N.
+fn assert_stands(mode: Mode, force: [f64; 2], seed: u64) {
+    let swayed = stand(&mut standing(force, seed), mode, 6.8);
+    println!("{} {force:?} {seed}: {swayed:?}", mode.name());
+    assert!(swayed.fastest < 0.5 && swayed.left < 0.5, "{swayed:?}");
+}
+
+#[test]
+fn it_stands_through_a_push_from_behind() {
+    assert_stands(Mode::InverseDynamics, [60.0, 0.0], 1);
+}
+
+#[test]
+fn it_stands_through_a_push_from_the_front() {
+    assert_stands(Mode::Position, [-60.0, 0.0], 2);
+}
+
+#[test]
+fn it_stands_through_a_push_from_the_right() {
+    assert_stands(Mode::InverseDynamics, [0.0, 60.0], 3);
+}
+
+#[test]
+fn it_stands_through_a_push_from_the_left() {
+    assert_stands(Mode::Velocity, [0.0, -30.0], 4);
+}
