@@ -27,6 +27,8 @@ pub(super) struct Constants {
     pub(super) rest_friction: f64,
     /// Friction that the loop adds to a joint that is let go, N·m.
     pub(super) let_go_friction: f64,
+    /// Standard deviations of the torque that it adds to that, as nothing has measured the level of this torque.
+    pub(super) unknown_level: f64,
 }
 
 impl Constants {

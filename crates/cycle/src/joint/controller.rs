@@ -87,6 +87,7 @@ impl Controller {
                 torque_velocity: joint.torque_velocity,
                 rest_friction: rest::friction(joint, parameters),
                 let_go_friction: rest::friction_let_go(joint, parameters),
+                unknown_level: rest::unknown_level(joint, parameters),
             },
             following: Following::new(joint.following),
             limiter: Limiter::new(
@@ -424,7 +425,10 @@ impl Followed {
                 return None;
             }
             Bristle::Torque => joint.rest_friction,
-            Bristle::LetGo => joint.let_go_friction,
+            Bristle::LetGo => {
+                let sigma = input.tau_encoder.sigma.max(0.0);
+                (joint.let_go_friction).max(joint.unknown_level * sigma)
+            }
         };
         let dq = law.link_velocity().unwrap_or(input.measured.dq);
         Some(self.rest.torque((q, dq), &joint.gains, friction))

@@ -52,6 +52,20 @@ pub(super) fn friction_let_go(joint: &JointParameters, parameters: &Parameters) 
     friction(joint, parameters).max(least)
 }
 
+/// Standard deviations within which a torque is that nothing has levelled.
+const SIGMAS: f64 = 3.0;
+
+/// Standard deviations of the torque by encoders that a joint which was let go is held against: none where F/T sensors
+/// level that torque, or a calibration has shown what the gear is.
+pub(super) fn unknown_level(joint: &JointParameters, parameters: &Parameters) -> f64 {
+    let is_levelled = parameters.torque_law.uses_sensors() && !parameters.ft_sensors.is_empty();
+    if is_levelled || joint.calibration.is_some() || joint.torque_friction.is_some() {
+        0.0
+    } else {
+        SIGMAS
+    }
+}
+
 /// The bristle: where it is fixed, rad.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rest {

@@ -3,8 +3,7 @@
 //! Velocities may come at any pace, as from a joystick or a servo node: the loop leads to them within the limits of
 //! acceleration and jerk, and brakes before position limits (K). A joint that something holds back is waited for: the
 //! desired position leads it by no more than what makes [`LEAD_SHARE`] of its torque limit, so that its spring is not
-//! stretched ever further. The contact wrenches that F/T sensors show are fed forward besides, as in mode inverse
-//! dynamics: what holds the joint back may so be pressed with all of its torque limit.
+//! stretched ever further.
 
 use control::{PlannedMotion, VelocityPlanner, VelocityStream};
 use robot_config::{JointParameters, Robot};

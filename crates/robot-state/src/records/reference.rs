@@ -148,7 +148,8 @@ record! {
         pub pid: u32,
         /// 1: the last reference of its session, which gives the lease back; the robot holds.
         pub gives_back: u32,
-        /// 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
+        /// 1: `contact_wrench` is followed; 0: the wrenches by which the ground carries the robot in its desired
+        /// motion, none on ends that bear nothing.
         pub contact_wrench_given: u32,
         /// 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode.
         pub gains_given: u32,
