@@ -748,7 +748,7 @@ class Reference(ctypes.Structure):
         ("pid", ctypes.c_uint32),
         # 1: the last reference of its session, which gives the lease back; the robot holds.
         ("gives_back", ctypes.c_uint32),
-        # 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is.
+        # 1: `contact_wrench` is followed; 0: what the ground carries in the desired motion is.
         ("contact_wrench_given", ctypes.c_uint32),
         # 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode.
         ("gains_given", ctypes.c_uint32),

@@ -53,7 +53,6 @@ fn assert_stays(mut bench: Bench, is_held: impl Fn(&str) -> bool, seconds: f64) 
     }
     for (joint, most) in joints.iter().zip(&most) {
         let moved = joint.kind.threshold(1f64.to_radians());
-        println!("{name} {}: {:.3} of 1 degree", joint.name, most / moved);
         assert!(*most < moved, "{name} {}: {most} rad", joint.name);
     }
 }

@@ -588,7 +588,7 @@ typedef struct TorquedReference {
   uint32_t pid;
   /** 1: the last reference of its session, which gives the lease back; the robot holds. */
   uint32_t gives_back;
-  /** 1: `contact_wrench` is followed; 0: the estimated contact wrench is used as it is. */
+  /** 1: `contact_wrench` is followed; 0: what the ground carries in the desired motion is. */
   uint32_t contact_wrench_given;
   /** 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode. */
   uint32_t gains_given;

@@ -148,8 +148,7 @@ record! {
         pub pid: u32,
         /// 1: the last reference of its session, which gives the lease back; the robot holds.
         pub gives_back: u32,
-        /// 1: `contact_wrench` is followed; 0: the wrenches by which the ground carries the robot in its desired
-        /// motion, none on ends that bear nothing.
+        /// 1: `contact_wrench` is followed; 0: what the ground carries in the desired motion is.
         pub contact_wrench_given: u32,
         /// 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode.
         pub gains_given: u32,
