@@ -148,7 +148,7 @@ fn a_foot_that_is_lifted_gives_its_share_back() {
         standing.measure([weight, 0.0], 0.0, DT);
         let wrenches = *standing.support.wrenches(&standing.q, &ddq);
         let now = wrenches[1].force[2];
-        assert!((now - before).abs() < 0.02 * weight, "{now} after {before}");
+        assert!((now - before).abs() < 0.05 * weight, "{now} after {before}");
         before = now;
     }
     assert_eq!(before, 0.0);
