@@ -12,7 +12,7 @@ MAX_FT_SENSORS = 8
 MAX_FURTHER_IMUS = 3
 MAX_POINTS = 32
 MAX_FRAMES = 4
-EVENT_COUNT = 60
+EVENT_COUNT = 61
 
 
 class Mode(IntEnum):
@@ -206,6 +206,7 @@ EVENTS = (
     Event(211, "current_implausible", "The motor current of a joint whose drive is enabled has stayed the same for longer than its noise explains, or stands at an end of its range in the DBC file.", "drive.current_sigma_A / drive.flat_after_ms", "degrade"),
     Event(212, "sources_disagree", "For seconds the torques of a joint by torsion and by motor current have differed by more than their calibrations allow: a calibration no longer holds, or an encoder has slipped. The published sigma covers the difference.", "-", "warn"),
     Event(213, "ft_implausible", "The torque of a joint without a link-side encoder by F/T sensors and IMU has changed otherwise than its motor current, by more than friction explains: a sensor errs, or something touches the limb where no sensor measures it. The torque is not fed back until both agree again, or the sensor is tared.", "-", "warn"),
+    Event(214, "torque_drift", "Of a joint that stands, and that nothing but a torque holds, the torque by torsion and that from F/T sensors and IMU drift apart: an encoder or an F/T sensor drifts, or something presses slowly where no sensor measures it.", "-", "release"),
     Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
     Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints, or let a joint go that bears a contact.", "-", "release"),
@@ -558,7 +559,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """28664 bytes."""
+    """28672 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -595,7 +596,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 60),
+        ("events", ctypes.c_uint64 * 61),
     ]
 
 
@@ -626,7 +627,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """28736 bytes."""
+    """28744 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -900,7 +901,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#3f7c899efae2946f")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#2e878307716e1230")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")

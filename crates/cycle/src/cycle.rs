@@ -100,9 +100,9 @@ impl Cycle {
         let holds = !self.follows();
         let acknowledged = self.supervisor.take_acknowledgement();
         let (record, counts) = (&mut self.record, &mut self.counts);
-        let (measured, estimated) = (&mut record.measured, &record.estimated);
         let distrusted = self.judge.distrusted();
-        (self.measure).learn(distrusted, acknowledged, measured, estimated);
+        (self.measure).learn(distrusted, acknowledged, record);
+        let measured = &mut record.measured;
         (self.measure).update(at, rx, settings, holds, measured, counts);
     }
 
@@ -125,7 +125,8 @@ impl Cycle {
         let (record, counts) = (&mut self.record, &mut self.counts);
         let (measured, commanded) = (&record.measured, &record.commanded);
         let estimated = &mut record.estimated;
-        let stages = (&self.measure, &self.estimate);
+        let alone = self.modes.held_by_torque_alone();
+        let stages = (&self.measure, &self.estimate, alone);
         (self.judge).update(stages, settings, measured, commanded, estimated, counts);
     }
 

@@ -20,6 +20,10 @@ use crate::joint::Joints;
 
 /// Control words are repeated after so many cycles, for a drive that lost one.
 const REPEAT: u32 = 100;
+/// Time in which a drive switches off that hears its control word, s: two cycles there and back at 1 kHz, and its
+/// step. One whose joint goes on by this way until then, rad, runs away: what the others lose is less.
+const RUNS_S: f64 = 0.005;
+const RUNS_WAY: f64 = 0.2 * core::f64::consts::PI / 180.0;
 
 /// Inputs of a joint's set-points.
 #[derive(Debug, Clone, Copy)]
@@ -37,8 +41,10 @@ struct Addressed {
     /// It has been measured: encoders that contradict each other later leave its last position.
     measured: bool,
     gear_ratio: f64,
-    /// Cycles in a row in which its drive has been enabled without a set-point for it.
+    /// Cycles in a row in which its drive has been enabled without a set-point for it, and where it was before the
+    /// first of them, rad.
     deaf: u32,
+    left_at: f64,
 }
 
 /// The frames that carry set-points and control words.
@@ -54,12 +60,15 @@ pub(crate) struct Emit {
     words: Vec<Option<u32>>,
     /// Cycles since control words were sent.
     since: u32,
-    /// Cycles for which a drive may stay enabled that is to be off.
+    /// Cycles for which a drive may stay enabled that is to be off, and for which it may while its joint moves.
     deaf_limit: u32,
+    runs_limit: u32,
 }
 
 impl Emit {
     pub(crate) fn new(robot: &Robot) -> Self {
+        let period = robot.parameters.timing.sample_period;
+        let cycles = |time: f64| (time / period).ceil() as u32;
         Self {
             slots: vec![f64::NAN; slots::send_len(&robot.parameters)],
             joints: (robot.parameters.joints.iter())
@@ -73,16 +82,15 @@ impl Emit {
                     measured: false,
                     gear_ratio: joint.encoders.gear_ratio,
                     deaf: 0,
+                    left_at: f64::NAN,
                 })
                 .collect(),
             shared: shared(&robot.send),
             table: robot.send.clone(),
             words: vec![None; robot.parameters.joints.len()],
             since: 0,
-            deaf_limit: {
-                let timing = &robot.parameters.timing;
-                (timing.stale_after / timing.sample_period).ceil() as u32
-            },
+            deaf_limit: cycles(robot.parameters.timing.stale_after),
+            runs_limit: cycles(RUNS_S),
         }
     }
 
@@ -101,7 +109,8 @@ impl Emit {
             let last = last.filter(|_| supervisor.is_engaged(j));
             let state = supervisor.drives().get(j).map(Drive::state);
             let state = state.unwrap_or_default();
-            self.note(j, last.is_some(), state);
+            let angle = measured.joints.get(j).map_or(f64::NAN, |joint| joint.q);
+            self.note(j, last.is_some(), state, angle);
             let set_point = last
                 .or_else(|| self.no_current(j, state))
                 .or_else(|| self.where_it_stands(j, supervisor, measured));
@@ -187,14 +196,19 @@ impl Emit {
     }
 
     /// Notes whether a joint has a set-point, and its drive's state.
-    fn note(&mut self, joint: usize, driven: bool, state: DriveState) {
-        if let Some(joint) = self.joints.get_mut(joint) {
-            joint.driven |= driven;
-            joint.deaf = if driven || state != DriveState::Enabled {
-                0
-            } else {
-                joint.deaf.saturating_add(1)
-            };
+    fn note(&mut self, joint: usize, driven: bool, state: DriveState, angle: f64) {
+        let Some(joint) = self.joints.get_mut(joint) else {
+            return;
+        };
+        joint.driven |= driven;
+        if driven || state != DriveState::Enabled {
+            (joint.deaf, joint.left_at) = (0, angle);
+            return;
+        }
+        joint.deaf = joint.deaf.saturating_add(1);
+        let runs = (angle - joint.left_at).abs() > RUNS_WAY;
+        if runs && joint.deaf > self.runs_limit {
+            joint.deaf = joint.deaf.max(self.deaf_limit.saturating_add(1));
         }
     }
 

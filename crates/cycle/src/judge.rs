@@ -8,6 +8,7 @@
 mod command_delay;
 mod cross_check;
 mod current_check;
+mod drift_check;
 mod hold_check;
 mod level_check;
 mod torque_check;
@@ -26,6 +27,7 @@ use crate::estimate::{Estimate, FastTorque, Power};
 use crate::events::{Counts, Subject};
 use crate::joint::{Gap, Trust};
 use crate::measure::{JointReadiness, Measure};
+use crate::mode::JointBits;
 
 pub(crate) use command_delay::CommandDelay;
 pub(crate) use hold_check::{HoldCheck, Unheld};
@@ -42,6 +44,8 @@ pub(crate) struct Evidence<'a> {
     pub(crate) whole_body: &'a WholeBody,
     /// The loop has not run for so long that nothing goes on.
     pub(crate) overslept: bool,
+    /// Joints that nothing but a torque holds, since the last cycle.
+    pub(crate) alone: JointBits,
 }
 
 /// What a check has found in this cycle.
@@ -166,6 +170,7 @@ impl Judge {
             Some(torque_check::make(robot)?),
             Some(torsion_check::make(robot)),
             Some(level_check::make(robot)),
+            Some(drift_check::make(robot)),
         ];
         Ok(Self {
             checks: checks.into_iter().flatten().collect(),
@@ -195,7 +200,7 @@ impl Judge {
     /// Judges a cycle. Torques that are contradicted are not valid any more in the record.
     pub(crate) fn update(
         &mut self,
-        (measure, estimate): (&Measure, &Estimate),
+        (measure, estimate, alone): (&Measure, &Estimate, JointBits),
         settings: Option<&Settings>,
         measured: &MeasuredRecord,
         commanded: &CommandedRecord,
@@ -222,6 +227,7 @@ impl Judge {
                 power: estimate.power(),
                 whole_body: estimate.whole_body(),
                 overslept: readiness.overslept,
+                alone,
             };
             check.judge(&evidence, &mut verdict);
             (distrusted, unfit) = (distrusted | verdict.distrusted, unfit | verdict.unfit);

@@ -22,7 +22,7 @@ use joint_file::JointFile;
 use problem::Problem;
 use robot_config::{Robot, slots};
 use robot_state::{
-    EstimatedRecord, Event, JointMeasured, MeasuredRecord, Settings, measured_flags,
+    CycleRecord, Event, JointMeasured, MeasuredRecord, Settings, command_flags, measured_flags,
 };
 use supervisor::{MotorSample, Plausibility, Sample, Trust};
 
@@ -56,6 +56,8 @@ pub(crate) struct JointReadiness {
     pub(crate) distrusted: bool,
     /// One of its encoders has slipped.
     pub(crate) slipped: bool,
+    /// Neither of its encoders shows any more where it is.
+    pub(crate) blind: bool,
     /// Motor-side and link-side angle as they were read last, whether they are trusted or not, rad,
     /// link side.
     pub(crate) shown: [f64; 2],
@@ -103,6 +105,8 @@ pub(crate) struct Measure {
     plausibility: Vec<Plausibility>,
     /// 1/N, and torque per current, link side, N·m/A.
     motors: Vec<[f64; 2]>,
+    /// Whether each joint's drive has followed set-points since the last cycle.
+    driven: Vec<bool>,
     /// Torsion that the estimated torque explains, rad, of joints without a link-side encoder.
     torsions: Vec<Option<f64>>,
     gear_torsion: GearTorsion,
@@ -184,6 +188,7 @@ impl Measure {
             plausibility: (parameters.joints.iter())
                 .map(|joint| Plausibility::new(joint.plausibility))
                 .collect(),
+            driven: vec![false; parameters.joints.len()],
             motors: (parameters.joints.iter())
                 .map(|joint| {
                     let n = joint.encoders.gear_ratio;
@@ -206,13 +211,10 @@ impl Measure {
     /// Takes what was learned in the last cycle: the joints of which an encoder is wrong, a bit each; whether an operator
     /// has acknowledged since, so that joints whose encoders contradicted each other are to prove themselves anew; and
     /// the torques, which explain the torsion of joints without a link-side encoder.
-    pub(crate) fn learn(
-        &mut self,
-        distrusted: u64,
-        acknowledged: bool,
-        measured: &MeasuredRecord,
-        estimated: &EstimatedRecord,
-    ) {
+    pub(crate) fn learn(&mut self, distrusted: u64, acknowledged: bool, last: &CycleRecord) {
+        for (driven, commanded) in self.driven.iter_mut().zip(&last.commanded.joints) {
+            *driven = commanded.flags & command_flags::ENGAGED != 0;
+        }
         for (j, plausibility) in self.plausibility.iter_mut().enumerate() {
             if distrusted >> j & 1 == 1 {
                 plausibility.distrust();
@@ -223,7 +225,8 @@ impl Measure {
         }
         if self.last_sync.is_some() {
             let torsions = &mut self.torsions;
-            (self.gear_torsion).update(&measured.joints, &estimated.joints, |j, torsion| {
+            let (measured, estimated) = (&last.measured.joints, &last.estimated.joints);
+            (self.gear_torsion).update(measured, estimated, |j, torsion| {
                 if let Some(Some(known)) = torsions.get_mut(j)
                     && torsion.is_finite()
                 {
@@ -326,6 +329,7 @@ impl Measure {
                 stale: measured.flags & measured_flags::STALE != 0,
                 distrusted: plausibility.trust() == Trust::Implausible,
                 slipped: plausibility.has_slipped(),
+                blind: plausibility.is_blind(),
                 shown: readiness.shown,
             };
         }
@@ -399,11 +403,14 @@ impl Measure {
             let used = flags & NOT_USED == 0;
             if used {
                 self.samples[j] = sample;
+            }
+            if flags & NOT_USED & !measured_flags::IMPLAUSIBLE == 0 {
                 self.plausibility[j].watch_motor(MotorSample {
                     theta: angles.theta,
                     q: angles.q,
                     velocity: measured.omega * self.motors[j][0],
                     torque: self.reception.slot(slots::current(j)) * self.motors[j][1],
+                    driven: self.driven[j],
                 });
             }
             if let Some(torsion) = self.torsions[j] {

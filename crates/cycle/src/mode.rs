@@ -312,6 +312,17 @@ impl Modes {
         goals.any(|goal| matches!(goal, JointGoal::Follow(_)))
     }
 
+    /// Joints that nothing but a torque has held since the last cycle.
+    pub(crate) fn held_by_torque_alone(&self) -> JointBits {
+        let alone = |task: &Task| match task.goal {
+            JointGoal::Follow(follow) => follow.bristle != Bristle::None,
+            JointGoal::Hold | JointGoal::Stop | JointGoal::StopPressing => false,
+        };
+        let tasks = self.tasks.iter().enumerate();
+        let alone = tasks.filter(|(_, task)| alone(task));
+        alone.fold(0, |bits, (j, _)| bits | 1 << (j & 63))
+    }
+
     /// Time until the robot is at the target of a planned motion, s; 0 without one.
     pub(crate) fn motion_left_s(&self) -> f64 {
         let own = self.modes.iter().flatten().map(|mode| mode.motion_left_s());

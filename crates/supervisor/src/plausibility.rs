@@ -43,6 +43,11 @@ pub struct PlausibilityParameters {
     /// Greatest way of the motor within a sample, rad, at the end of which it can stand at once;
     /// infinite where a standstill is not judged.
     pub stop_way: f64,
+    /// A drive that takes positions holds its motor itself, whatever the torque: only a standstill that ends a motion
+    /// is judged by it.
+    pub holds_itself: bool,
+    /// Way by which the noise of an encoder that stands still moves its angle: motor and link side, rad.
+    pub still: [f64; 2],
 }
 
 impl PlausibilityParameters {
@@ -70,6 +75,18 @@ pub struct MotorSample {
     pub velocity: f64,
     /// Torque of the motor's current, N·m, link side.
     pub torque: f64,
+    /// Its drive follows set-points: no brake takes that torque over.
+    pub driven: bool,
+}
+
+impl MotorSample {
+    /// Both encoders show what they did before, but for their noise.
+    fn stands_at(&self, from: &Self, still: [f64; 2]) -> bool {
+        let ways = [self.theta - from.theta, self.q - from.q];
+        ways.iter()
+            .zip(still)
+            .all(|(way, still)| way.abs() <= still)
+    }
 }
 
 /// Velocity from which on friction is known to oppose the motion that ended, rad/s.
@@ -79,12 +96,17 @@ const SLIDES: f64 = 0.05;
 /// has held the motor back may have to be overcome in the other direction.
 const BREAKS_AWAY: [f64; 2] = [0.5, 2.5];
 
+/// Ways at the end of which a motor may stand at once, from which on half of the samples are enough.
+const CERTAIN: f64 = 3.0;
+
 /// Where a motor stands since its last motion.
 #[derive(Debug, Clone, Copy)]
 struct Standstill {
     from: MotorSample,
     /// It moved too fast before to stand all at once.
     halted: bool,
+    /// It moved so fast that no impact explains it.
+    certain: bool,
     /// Samples in a row with a torque that would move it, or since it halted.
     pressed: u32,
 }
@@ -136,6 +158,8 @@ pub struct Plausibility {
     /// An encoder has slipped, or trust was lost otherwise: what is measured from then on is wrong by
     /// an unknown angle.
     slipped: bool,
+    /// Not a count of either encoder changes though the motor moves.
+    blind: bool,
 }
 
 impl Plausibility {
@@ -153,6 +177,7 @@ impl Plausibility {
             in_a_row: false,
             jumped: None,
             slipped: false,
+            blind: false,
         }
     }
 
@@ -214,20 +239,22 @@ impl Plausibility {
         self.trust
     }
 
-    /// Judges whether a motor that does not move can stand still: not a count by either encoder, while
+    /// Judges whether a motor that does not move can stand still: no more than noise by either encoder, while
     /// its torque changes by more than friction holds, or after a motion that nothing could have ended
     /// within a sample. One or both encoders are then flat, or the rotor is blocked. Counts like a
     /// slip.
     pub fn watch_motor(&mut self, sample: MotorSample) {
         let p = &self.parameters;
         let standstill = match self.standstill {
-            Some(last) if (last.from.theta, last.from.q) == (sample.theta, sample.q) => {
+            Some(last) if sample.stands_at(&last.from, p.still) => {
                 let change = sample.torque - last.from.torque;
                 let onwards = change * last.from.velocity > 0.0;
                 let slid = onwards && last.from.velocity.abs() > SLIDES;
                 let share = BREAKS_AWAY[usize::from(!slid)];
                 let torque = share * p.friction + p.torque_margin;
-                let pressed = last.halted || change.abs() > torque;
+                let moved = last.from.velocity.abs() > SLIDES && sample.driven;
+                let judged = moved || !p.holds_itself;
+                let pressed = last.halted || judged && change.abs() > torque;
                 Standstill {
                     pressed: if pressed {
                         last.pressed.saturating_add(1)
@@ -237,20 +264,27 @@ impl Plausibility {
                     ..last
                 }
             }
-            last => Standstill {
-                from: sample,
-                halted: last.is_some_and(|last| {
-                    let way = (sample.theta - last.from.theta).abs();
-                    self.in_a_row && last.pressed == 0 && way > p.stop_way
-                }),
-                pressed: 0,
-            },
+            last => {
+                let moving = last.filter(|last| self.in_a_row && last.pressed == 0);
+                let way = moving.map_or(0.0, |last| (sample.theta - last.from.theta).abs());
+                Standstill {
+                    from: sample,
+                    halted: way > p.stop_way,
+                    certain: way > CERTAIN * p.stop_way,
+                    pressed: 0,
+                }
+            }
         };
+        let needed = p.samples_to_doubt / if standstill.certain { 2 } else { 1 };
         self.standstill = Some(standstill);
         self.in_a_row = true;
-        let trusted = matches!(self.trust, Trust::Plausible | Trust::Suspect);
-        if trusted && standstill.pressed >= p.samples_to_doubt {
-            self.slipped = true;
+        if standstill.pressed < needed {
+            return;
+        }
+        // Of a joint that has been distrusted for its step it says more.
+        self.blind |= self.slipped;
+        if matches!(self.trust, Trust::Plausible | Trust::Suspect) {
+            (self.slipped, self.blind) = (true, true);
             self.trust = Trust::Implausible;
         }
     }
@@ -325,6 +359,12 @@ impl Plausibility {
         self.slipped
     }
 
+    /// Not a count of either encoder has changed though the motor must have moved: nothing shows where the joint is.
+    #[must_use]
+    pub fn is_blind(&self) -> bool {
+        self.blind
+    }
+
     /// The trust after the last sample.
     #[must_use]
     pub fn trust(&self) -> Trust {
@@ -347,6 +387,8 @@ mod tests {
         friction: 10.0,
         torque_margin: 4.0,
         stop_way: 0.02,
+        holds_itself: false,
+        still: [0.0; 2],
     };
 
     /// A sample whose motor stands.
@@ -463,6 +505,7 @@ mod tests {
                     q: 0.5,
                     velocity,
                     torque: torque(f64::from(k)),
+                    driven: true,
                 });
                 joint.trust() == Trust::Implausible
             })

@@ -21,7 +21,7 @@
 #define TORQUED_MAX_POINTS 32
 #define TORQUED_MAX_FRAMES 4
 #define TORQUED_MAX_CONTACT_SETS 16
-#define TORQUED_EVENT_COUNT 60
+#define TORQUED_EVENT_COUNT 61
 
 /** Mode of the robot. */
 enum TorquedMode {
@@ -459,9 +459,9 @@ typedef struct TorquedCycleRecord {
   /** Commands to the drives. */
   TorquedCommandedRecord commanded;
   /** Count of each event since start, in the order of `Event::ALL`. */
-  uint64_t events[60];
+  uint64_t events[61];
 } TorquedCycleRecord;
-TORQUED_SIZE(TorquedCycleRecord, 28664);
+TORQUED_SIZE(TorquedCycleRecord, 28672);
 
 typedef struct TorquedLoopRecord {
   /** Cycles run. */
@@ -491,7 +491,7 @@ typedef struct TorquedSharedRecord {
   /** The loop around it. */
   TorquedLoopRecord timing;
 } TorquedSharedRecord;
-TORQUED_SIZE(TorquedSharedRecord, 28736);
+TORQUED_SIZE(TorquedSharedRecord, 28744);
 
 typedef struct TorquedDescription {
   /** The robot's name. */

@@ -106,6 +106,8 @@ impl HoldCheck {
                 }
             }
             Some(Joint::Position { watch, .. }) if !in_doubt => watch.rest(),
+            // The drive's own loop may run on the encoder that is flat.
+            Some(Joint::Position { .. }) if readiness.blind => return Unheld::Away,
             Some(Joint::Position {
                 watch,
                 torque_per_current,

@@ -74,6 +74,8 @@ const TORQUE_VELOCITY_SHARE_ALONE: f64 = 0.07;
 /// Torque that may brake a rotor without an impact: this share of the torque limit, and this many
 /// times its friction.
 const STOPS_BY: [f64; 2] = [0.5, 2.5];
+/// Counts by which the noise of an encoder that stands moves its angle, of which it has one or two.
+const STILL_COUNTS: f64 = 3.5;
 /// Good samples in a row that make a joint plausible, and bad ones that make it implausible.
 const SAMPLES: [u32; 2] = [100, 8];
 
@@ -313,6 +315,7 @@ pub(super) fn plausibility(
     };
     let step = (STEP_SHARE * (sample_period / STEP_PERIOD_S).max(1.0)).min(1.0) * wound_up;
     let counts = motor_resolution / drive.gear_ratio + link_resolution;
+    let friction = drive.gear_ratio * drive.wave_generator.friction;
     PlausibilityParameters {
         torsion: TORSION_MARGIN * (wound_up + wave_generator)
             + drive.kind.threshold(TORSION_OFFSET),
@@ -326,22 +329,18 @@ pub(super) fn plausibility(
             false => f64::INFINITY,
         },
         jump: JUMP_SHARE * drive.max_velocity * sample_period,
-        stop_way: match drive.motor {
-            MotorModel::Current { .. } if drive.sampling.is_at_sync() => {
-                let friction = drive.gear_ratio * drive.wave_generator.friction;
-                let torque = STOPS_BY[0] * limits.torque + STOPS_BY[1] * friction;
-                drive.gear_ratio * torque / rotor * sample_period * sample_period
-                    + STEP_COUNTS * motor_resolution
-            }
-            _ => f64::INFINITY,
+        stop_way: if drive.sampling.is_at_sync() {
+            let torque = STOPS_BY[0] * limits.torque + STOPS_BY[1] * friction;
+            drive.gear_ratio * torque / rotor * sample_period * sample_period
+                + STEP_COUNTS * motor_resolution
+        } else {
+            f64::INFINITY
         },
+        still: [motor_resolution, link_resolution].map(|count| STILL_COUNTS * count),
         samples_to_trust: SAMPLES[0],
         samples_to_doubt: SAMPLES[1],
-        friction: match drive.motor {
-            MotorModel::Current { .. } => drive.gear_ratio * drive.wave_generator.friction,
-            // The drive's own loop stops a motor whose messages are flat.
-            MotorModel::Position { .. } => f64::INFINITY,
-        },
+        friction,
+        holds_itself: matches!(drive.motor, MotorModel::Position { .. }),
         torque_margin: STANDSTILL_SHARE * limits.torque
             + NOISE_SIGMAS
                 * drive.current_sigma

@@ -1,0 +1,272 @@
+//! Drift check: of a joint that stands, held by nothing but a torque, a source of that torque drifts.
+//!
+//! In: the torque by torsion, that from F/T sensors and IMU, motor current and velocity, the desired torque and the
+//! link-side angle. Out: event 214, which by default ends the mode: the robot holds. An encoder that creeps by 0.02
+//! degrees/s changes the torque of a stiff gear by 14 N·m/s, and a joint that nothing brings back moves by that; so
+//! does an F/T sensor that drifts as soon as its level is followed.
+//!
+//! ```text
+//! e = T - tau_whole_body        |e - b| > SHARE tau_max + NOISE counts + what turning and load explain
+//! e_1 = T - (k_1 i - k_2 omega - k_3 sign(omega) - J omega')     by motor current (D3)
+//! ```
+//!
+//! `b` is what `e` was as the joint came to stand, and follows it slowly: creep of the gear and warming sensors are
+//! no news. While the joint stands friction hides from the current which source errs, and any of them does. When it
+//! has moved off, something that presses where no sensor measures it looks alike, but `e_1` is then that of friction;
+//! of an encoder that drifts it is `e - b`. The nearer of both is believed. A change that is faster than such a drift
+//! is a hand's or an impact, and begins the judgement anew; [`TorsionCheck`](super::torsion_check) judges what is
+//! that fast.
+
+use robot_config::{JointParameters, Robot};
+use robot_state::{Event, measured_flags};
+
+use super::{Check, Evidence, Verdict, bit};
+use crate::estimate::{KINEMATIC_SLOPE, sign_smoothing, valid};
+use crate::events::Subject;
+use crate::measure::NOT_USED;
+
+/// Time constants of `e` and `e_1`: the usual one, and those between which a change is a hand's, s.
+const FILTER_S: f64 = 0.03;
+const QUICK_S: [f64; 2] = [0.01, 0.06];
+/// Change between these that is no slow drift's, share of the torque limit: 20 % of it a second.
+const QUICK: f64 = 0.01;
+/// Way within which the joint stands, rad: friction and bristles give way by as much.
+const STANDS_WITHIN: f64 = 0.3 * core::f64::consts::PI / 180.0;
+/// Change of the desired torque that is none, share of the torque limit.
+const SAME_TORQUE: f64 = 0.005;
+/// Time in which `b` settles after the joint came to stand, s, and its time constants while it does and then.
+const SETTLES_S: f64 = 0.3;
+const SETTLING_TIME_S: f64 = 0.1;
+const CREEP_TIME_S: f64 = 3.0;
+/// Change that counts, share of the torque limit: a sound leg's is 0.1 %, and one of 1 % moves a knee.
+const SHARE: f64 = 0.007;
+/// The same in counts of the encoders: between two of them the torque stands.
+const NOISE_COUNTS: f64 = 1.5;
+/// Change per change of the torque itself, which a stiffness may make wrong.
+const SCALE: f64 = 0.3;
+/// Way over which a kinematic error of two periods per turn of the wave generator grows, motor side, rad.
+const KINEMATIC_WAY: f64 = 0.5;
+/// Velocity, in widths over which friction changes sign, from which on the motor turns.
+const TURNS: f64 = 3.0;
+/// Share of `e - b` from which on `e_1` is nearer to it than to none.
+const NEARER: f64 = 0.5;
+/// Time for which it must last, s.
+const LASTS_S: f64 = 0.03;
+
+/// What was known when the joint came to stand.
+#[derive(Debug, Clone, Copy)]
+struct Stand {
+    angle: f64,
+    desired: f64,
+    /// `b`, N·m.
+    level: f64,
+    /// Least and greatest torque by torsion and by F/T sensors and IMU since then, N·m.
+    ranges: [[f64; 2]; 2],
+    time: f64,
+    over_s: f64,
+}
+
+/// One joint.
+#[derive(Debug, Clone)]
+struct Joint {
+    torque_limit: f64,
+    /// Change that counts, N·m.
+    least: f64,
+    /// Error of the torque by torsion per angle, N·m/rad, and the way over which it grows, rad.
+    error_per_angle: f64,
+    kinematic_way: f64,
+    /// Torque per current, N·m/A, viscous and Coulomb friction, N·m·s/rad and N·m, rotor's inertia,
+    /// kg·m²: link side.
+    k_1: f64,
+    k_2: f64,
+    k_3: f64,
+    inertia: f64,
+    gear_ratio: f64,
+    /// Velocity over which friction changes sign, rad/s.
+    smoothing: f64,
+    errors: Option<Errors>,
+    stand: Option<Stand>,
+    before: bool,
+}
+
+/// Filtered errors, N·m, and velocity, rad/s.
+#[derive(Debug, Clone, Copy)]
+struct Errors {
+    by_body: f64,
+    quick: [f64; 2],
+    by_motor: f64,
+    omega: f64,
+}
+
+/// One cycle of one joint.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    /// By torsion, and from F/T sensors and IMU, N·m.
+    torques: [f64; 2],
+    /// A.
+    current: f64,
+    /// Motor side, rad/s.
+    omega: f64,
+    /// Link side, rad.
+    angle: f64,
+    /// N·m.
+    desired: f64,
+}
+
+/// All joints of a robot.
+#[derive(Debug)]
+struct DriftCheck {
+    joints: Vec<Joint>,
+    dt: f64,
+}
+
+pub(super) fn make(robot: &Robot) -> Box<dyn Check> {
+    Box::new(DriftCheck {
+        joints: robot.parameters.joints.iter().map(Joint::new).collect(),
+        dt: robot.parameters.timing.sample_period,
+    })
+}
+
+impl Check for DriftCheck {
+    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>) {
+        let records = (evidence.measured.joints.iter()).zip(&evidence.estimated.joints);
+        let inputs = records.zip(evidence.fast).zip(&evidence.commanded.joints);
+        for (j, (joint, (((measured, estimated), fast), commanded))) in
+            self.joints.iter_mut().zip(inputs).enumerate()
+        {
+            let unusable = NOT_USED | measured_flags::STALE | measured_flags::SETTLING;
+            let torsion = fast.torsion.filter(|_| measured.flags & unusable == 0);
+            let body = valid(&estimated.tau_whole_body).map(|torque| torque.tau);
+            let alone = evidence.alone & bit(j) != 0 && !evidence.overslept;
+            let drifts = match torsion.zip(body) {
+                Some((torsion, body)) => {
+                    let sample = Sample {
+                        torques: [torsion, body],
+                        current: measured.current,
+                        omega: measured.omega,
+                        angle: measured.q,
+                        desired: commanded.tau_d,
+                    };
+                    let errors = joint.filter(&sample, self.dt);
+                    alone && joint.drifts(&errors, &sample, self.dt)
+                }
+                // A sample that cannot be used is bridged.
+                None => joint.before && alone,
+            };
+            if !alone {
+                joint.stand = None;
+            }
+            if drifts {
+                verdict.lasts(Event::TorqueDrift, Subject::Joint(j), !joint.before);
+            }
+            joint.before = drifts;
+        }
+    }
+
+    fn retare(&mut self) {
+        for joint in &mut self.joints {
+            (joint.stand, joint.errors) = (None, None);
+        }
+    }
+}
+
+impl Joint {
+    fn new(joint: &JointParameters) -> Self {
+        let (e, limit) = (&joint.estimator, joint.limits.torque);
+        let (n, motor) = (joint.encoders.gear_ratio, &e.wave_generator);
+        let counts = (e.motor_resolution / e.gear_ratio).hypot(e.link_resolution);
+        Self {
+            torque_limit: limit,
+            least: SHARE * limit + NOISE_COUNTS * e.compliance.k_fs0 * counts,
+            error_per_angle: KINEMATIC_SLOPE * e.compliance.k_fs0,
+            kinematic_way: KINEMATIC_WAY / n,
+            k_1: n * motor.torque_constant,
+            k_2: n * n * motor.viscous_friction,
+            k_3: n * motor.friction,
+            inertia: n * n * joint.rotor_inertia,
+            gear_ratio: n,
+            smoothing: sign_smoothing(joint),
+            errors: None,
+            stand: None,
+            before: false,
+        }
+    }
+
+    /// Filters the errors of a sample.
+    fn filter(&mut self, sample: &Sample, dt: f64) -> Errors {
+        let [torsion, body] = sample.torques;
+        let omega = sample.omega / self.gear_ratio;
+        let direction = (omega / self.smoothing).tanh();
+        //= D3: tau = K1 i - K2 dq - K3 sign(dq)
+        let motor = self.k_1 * sample.current - self.k_2 * omega - self.k_3 * direction;
+        let (by_body, by_motor) = (torsion - body, torsion - motor);
+        let errors = self.errors.get_or_insert(Errors {
+            by_body,
+            quick: [by_body; 2],
+            by_motor,
+            omega,
+        });
+        let share = |time: f64| dt / (dt + time);
+        let usual = share(FILTER_S);
+        errors.by_body += usual * (by_body - errors.by_body);
+        for (quick, time) in errors.quick.iter_mut().zip(QUICK_S) {
+            *quick += share(time) * (by_body - *quick);
+        }
+        errors.by_motor += usual * (by_motor - errors.by_motor);
+        errors.omega += usual * (omega - errors.omega);
+        // What a low-pass leaves of a derivative is the signal's high-pass over the time.
+        let acceleration = (omega - errors.omega) / FILTER_S;
+        Errors {
+            by_motor: errors.by_motor + self.inertia * acceleration,
+            ..*errors
+        }
+    }
+
+    /// Whether one of the torques by torsion and by F/T sensors and IMU drifts.
+    fn drifts(&mut self, errors: &Errors, sample: &Sample, dt: f64) -> bool {
+        let begin = Stand {
+            angle: sample.angle,
+            desired: sample.desired,
+            level: errors.by_body,
+            ranges: sample.torques.map(|torque| [torque; 2]),
+            time: 0.0,
+            over_s: 0.0,
+        };
+        let limit = self.torque_limit;
+        let stand = self.stand.get_or_insert(begin);
+        let way = (sample.angle - stand.angle).abs();
+        let settles = stand.time < SETTLES_S;
+        let same = (sample.desired - stand.desired).abs() <= SAME_TORQUE * limit;
+        let slow = (errors.quick[0] - errors.quick[1]).abs() <= QUICK * limit;
+        if !same || !slow || settles && way > STANDS_WITHIN {
+            *stand = begin;
+            return false;
+        }
+        let time = if settles {
+            SETTLING_TIME_S
+        } else {
+            CREEP_TIME_S
+        };
+        stand.time += dt;
+        stand.level += dt / (dt + time) * (errors.by_body - stand.level);
+        for ([low, high], torque) in stand.ranges.iter_mut().zip(sample.torques) {
+            (*low, *high) = (low.min(torque), high.max(torque));
+        }
+        // A torque that changes does so by both; one that drifts does not.
+        let changes = stand.ranges.map(|[low, high]| high - low);
+        let change = changes[0].min(changes[1]);
+        let explained = self.error_per_angle * way.min(self.kinematic_way)
+            + SCALE * (change - self.least).max(0.0);
+        let drift = errors.by_body - stand.level;
+        let turns = errors.omega.abs() > TURNS * self.smoothing;
+        let shown = errors.by_motor * drift.signum();
+        let is_drift = if way > STANDS_WITHIN {
+            turns && shown > NEARER * drift.abs()
+        } else {
+            true
+        };
+        let is_over = !settles && is_drift && drift.abs() > self.least + explained;
+        stand.over_s = if is_over { stand.over_s + dt } else { 0.0 };
+        stand.over_s >= LASTS_S
+    }
+}
