@@ -243,10 +243,13 @@ fn offsets_that_cannot_be_kept_are_not_used() {
     assert!(answer.text.as_str().contains("no HOME"), "{}", answer.text);
 }
 
+/// Read once: its check of margins takes longer than a case.
+static LEG: std::sync::LazyLock<Robot> = std::sync::LazyLock::new(leg);
+
 proptest! {
     #[test]
     fn every_request_gets_an_answer(kinds in prop::collection::vec((any::<u32>(), 0_u32..12, ".{0,30}"), 1..40)) {
-        let mut server = RequestServer::new(&leg(), Err(Problem::new("nowhere", ""))).expect("a request server");
+        let mut server = RequestServer::new(&LEG, Err(Problem::new("nowhere", ""))).expect("a request server");
         let now = Instant::now();
         server.observe(&still(), now);
         for (wild, near, name) in kinds {
