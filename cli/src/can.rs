@@ -34,7 +34,7 @@ Exit codes:
 
 /// Find drives on a bus, show what they say of themselves, clear their errors, show what a set-up would write.
 ///
-/// What is asked cannot move anything. It is listened for 1.2 s first: nothing is asked under identifiers that an
+/// No question can move anything. The scan listens for 1.2 s first: nothing is asked under identifiers that an
 /// ODrive would take as commands. CubeMars actuators know no question but a command, and are not found.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -126,7 +126,7 @@ pub(crate) fn run(arguments: &CanArguments) -> ExitCode {
     }
 }
 
-/// What is printed, and whether it was done.
+/// Lines that a command prints, and whether it did what was asked.
 type Done = Result<(String, bool), Failure>;
 
 /// The buses that are meant, and the robot whose they are.
@@ -230,7 +230,7 @@ fn bus_parameters(bus: &str, fd: bool) -> Result<BusParameters, Failure> {
     })
 }
 
-/// What a scan of the buses finds, and what it had to leave out.
+/// Drives that a scan finds on the buses, and questions that it had to leave out.
 fn scanned(
     line: &mut Line,
     buses: &[BusParameters],

@@ -25,7 +25,7 @@ Examples:
   torquectl new arm --urdf arm.urdf --scan 239.74.163.2:43113 --fd
 
 NAME/robot.toml is written; `torquectl check` passes it. Drives are given to joints in the order of their identifiers
-and of the URDF. Numbers that nobody has told end with `# guessed`: measure or look up each before the robot is
+and of the URDF. Numbers that no drive has reported end with `# guessed`: measure or look up each before the robot is
 enabled. It is not enabled by itself.
 
 Exit codes:

@@ -1,5 +1,5 @@
 //! Watch over actuators while the loop runs: errors in words, and what is missing where one has not
-//! told all that the loop needs. A thread that only looks at what the loop's bus has noted.
+//! sent all that the loop needs. A thread that only looks at what the loop's bus has noted.
 
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::{self, JoinHandle};
@@ -12,7 +12,7 @@ use crate::failure::Failure;
 
 /// Time between two looks.
 const LOOK: Duration = Duration::from_millis(50);
-/// Time after which it is said what an actuator has not told.
+/// Time after which the values that an actuator has not sent are named.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The watch; ends when it is dropped.

@@ -1,6 +1,8 @@
 """From power-on to holding with actuators, by frames of their makers' own."""
 
+import re
 import signal
+import subprocess
 import time
 
 import pytest
@@ -129,3 +131,17 @@ def test_what_an_odrive_does_not_send_is_named(odrives):
         client = torqued.Client("test-joint", timeout_s=10.0)
         assert next(iter(client.records(10.0))).cycle.state == torqued.RobotState.BOOT
         assert not any(actuator.enabled for actuator in actuators)
+
+
+def test_damiao_and_odrive_share_no_bus(tmp_path):
+    """The question to a Damiao is an ODrive's order to enter its firmware loader."""
+    config = configuration(tmp_path, changes("damiao", "DM4310"))
+    text = config.read_text()
+    sections = [part for part in re.split(r"(?m)^(?=\[)", text) if part.startswith("[drive.joint")]
+    other = "".join(sections).replace("[drive.joint", "[drive.other")
+    other = other.replace('"damiao"', '"odrive"').replace('"DM4310"', '"ODrive"')
+    head, tail = text.rsplit('drive = "joint"', 1)
+    config.write_text(head + 'drive = "other"' + tail + "\n" + other)
+    done = subprocess.run([BINARIES / "torquectl", "check", config], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "is on this bus as well: questions to Damiao's actuators have the identifier 0x7FF" in done.stderr, done.stderr

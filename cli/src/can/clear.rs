@@ -58,7 +58,7 @@ pub(super) fn run(one: &OneNode) -> Done {
             .error
             .as_deref()
             .or(device.state)
-            .unwrap_or("not told");
+            .unwrap_or("not reported");
         let is = match (&left, fault) {
             _ if !is_there => "nobody answers any more".to_owned(),
             (Some(error), _) => format!("still there: {error}"),

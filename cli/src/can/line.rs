@@ -41,7 +41,7 @@ impl Line {
                 tx.push(frame);
             }
             if !tx.is_empty() {
-                // What the kernel does not take is asked for again, or missed.
+                // A question that the kernel does not take is sent again, or its drive is missed.
                 self.network.send(&tx);
             }
             if over {

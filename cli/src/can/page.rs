@@ -1,4 +1,4 @@
-//! What was found, as text.
+//! Drives that a scan has found, as text.
 
 use super::Target;
 use drives::scan::Found;
@@ -60,7 +60,7 @@ pub(super) fn show(target: &Target, found: &[Found], notes: &[String]) -> String
         );
         let mut rows = vec![vec!["what".to_owned(), "value".to_owned()]];
         let mut row = |name: &str, value: &str| rows.push(vec![name.to_owned(), value.to_owned()]);
-        row("state", device.state.unwrap_or("not told"));
+        row("state", device.state.unwrap_or("not reported"));
         row("error", device.error.as_deref().unwrap_or("none"));
         if let Some(reply) = device.reply {
             row("reply_id", &format!("{reply:#x}"));

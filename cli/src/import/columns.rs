@@ -19,7 +19,7 @@ pub(super) struct Table {
 enum Columns {
     /// With a stamp for each value.
     Stamped(BTreeMap<String, Column>),
-    /// Of CSV: values where the cells are not empty, the line of each row, all names of the header.
+    /// A table of text: values where cells are not empty, the line of each row, all names of the header.
     Cells {
         values: BTreeMap<String, Vec<Option<f64>>>,
         lines: Vec<usize>,
@@ -233,7 +233,7 @@ fn stamped(signals: Signals, log: &str) -> Result<Columns, Problem> {
     Ok(Columns::Stamped(columns.collect()))
 }
 
-/// What a log is.
+/// Formats of a log.
 enum Format {
     Mcap,
     Text,

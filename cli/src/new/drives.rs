@@ -8,15 +8,15 @@ use drives::scan::Found;
 pub(super) struct Kind {
     /// `profile`.
     pub(super) family: &'static str,
-    /// Its model, and whether the drive told it; none: CiA 402.
+    /// Its model, and whether the drive has reported it; none: CiA 402.
     pub(super) model: Option<(Model, bool)>,
     /// Turns of the motor for one of the output.
     pub(super) gear_ratio: f64,
     /// rad/s.
     pub(super) velocity: f64,
-    /// A; told by CiA 402.
+    /// Rated current, A; reported by CiA 402 drives.
     pub(super) rated_current: Option<f64>,
-    /// Maker and product of CiA 402, as told.
+    /// Maker and product of a CiA 402 drive, as it reports them.
     pub(super) identity: Option<(String, String)>,
 }
 
@@ -41,18 +41,18 @@ impl Kind {
             });
         }
         let family = translation::named(device.family)?;
-        let told = |model: &&Model| {
-            let near = |name, x: f64| number(name).is_some_and(|told| (told - x).abs() < 0.01 * x);
+        let reported = |model: &&Model| {
+            let near = |name, x: f64| number(name).is_some_and(|own| (own - x).abs() < 0.01 * x);
             near("velocity_range_rad_per_s", model.velocity)
                 && near("torque_range_Nm", model.torque)
         };
-        let model = family.models().iter().find(told);
-        let is_told = model.is_some() || family.models().len() == 1;
+        let model = family.models().iter().find(reported);
+        let is_reported = model.is_some() || family.models().len() == 1;
         let model = model.or_else(|| family.models().first())?;
         let counts = model.position < 1e3;
         Some(Self {
             family: family.name(),
-            model: Some((*model, is_told)),
+            model: Some((*model, is_reported)),
             gear_ratio: 10.0,
             velocity: if counts {
                 model.velocity

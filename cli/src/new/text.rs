@@ -138,8 +138,8 @@ impl Draft {
             Some(_) => sampled,
         };
         let own = match &kind.model {
-            Some((model, told)) => {
-                let mark = if *told { "" } else { GUESSED };
+            Some((model, reported)) => {
+                let mark = if *reported { "" } else { GUESSED };
                 format!(
                     "[drive.{name}.actuator]\nmodel = {:?}{mark}\nkp_Nm_per_rad = 100.0{GUESSED}\nkd_Nms_per_rad = 3.0{GUESSED}\n",
                     model.name

@@ -11,6 +11,7 @@ mod current_check;
 mod drift_check;
 mod hold_check;
 mod level_check;
+mod motor;
 mod torque_check;
 mod torsion_check;
 

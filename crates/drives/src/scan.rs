@@ -1,7 +1,7 @@
 //! Who is on a bus: by listening, then by questions that cannot move anything.
 //!
 //! Some questions of one family are commands of another: an ODrive takes CANopen's requests to some nodes as
-//! its own targets. So it is listened first, and no question leaves under an identifier of an ODrive
+//! its own targets. So the scan listens first, and no question leaves under an identifier of an ODrive
 //! that was heard. CubeMars actuators know no question but a command, and are not asked.
 
 mod dialogue;
@@ -300,7 +300,7 @@ fn family(name: &str) -> &'static dyn Family {
     found.unwrap_or(FAMILIES[0])
 }
 
-/// Adds what an actuator has told to what is known of it.
+/// Adds what an actuator has reported to what is known of it.
 fn note(found: &mut Found, family: &dyn Family, identity: &Identity) {
     found.reply = identity.reply.or(found.reply);
     if let Some(state) = identity.state {

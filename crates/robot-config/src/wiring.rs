@@ -132,6 +132,16 @@ impl<'n, 't> Wiring<'n, 't> {
             let what = format!("node {} is that of {} on this bus", at.1, other.name);
             return Err(Problem::new(what, "each actuator of a bus once"));
         }
+        let others = (self.nodes.actuators.iter()).filter(|other| other.at.bus == at.0);
+        for other in others {
+            if let Some(why) = translation::conflict(actuator.family, other.family) {
+                let what = format!("{} is on this bus as well: {why}", other.name);
+                return Err(Problem::new(
+                    what,
+                    "drives of these two makers on buses of their own",
+                ));
+            }
+        }
         let needs_fd = translation::named(actuator.family).is_some_and(|family| family.needs_fd());
         let bus = self.buses.get(usize::from(at.0));
         if let Some(bus) = bus.filter(|bus| needs_fd && !bus.parameters.fd) {

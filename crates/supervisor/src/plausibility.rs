@@ -10,8 +10,11 @@
 //! jumps alike and the torsion does not show it. An encoder that has slipped makes its joint
 //! implausible until an operator, who has looked after it, acknowledges the fault.
 
+mod standstill;
 mod steps;
 
+pub use standstill::MotorSample;
+use standstill::Standstill;
 use steps::{Course, JITTER, Least, Step, Steps};
 
 /// Limits of a plausible sample.
@@ -36,7 +39,7 @@ pub struct PlausibilityParameters {
     pub samples_to_trust: u32,
     /// Bad samples in a row after which it is no longer.
     pub samples_to_doubt: u32,
-    /// Torque of the motor's Coulomb friction, N·m; infinite where a standstill is not judged.
+    /// Torque of the motor's Coulomb friction, N·m.
     pub friction: f64,
     /// Further change of the motor's torque that is no sign of motion, N·m.
     pub torque_margin: f64,
@@ -62,53 +65,6 @@ impl PlausibilityParameters {
             0.0
         }
     }
-}
-
-/// The motor's state by a sample.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MotorSample {
-    /// theta, rad.
-    pub theta: f64,
-    /// q, rad.
-    pub q: f64,
-    /// Velocity some time ago, rad/s, link side.
-    pub velocity: f64,
-    /// Torque of the motor's current, N·m, link side.
-    pub torque: f64,
-    /// Its drive follows set-points: no brake takes that torque over.
-    pub driven: bool,
-}
-
-impl MotorSample {
-    /// Both encoders show what they did before, but for their noise.
-    fn stands_at(&self, from: &Self, still: [f64; 2]) -> bool {
-        let ways = [self.theta - from.theta, self.q - from.q];
-        ways.iter()
-            .zip(still)
-            .all(|(way, still)| way.abs() <= still)
-    }
-}
-
-/// Velocity from which on friction is known to oppose the motion that ended, rad/s.
-const SLIDES: f64 = 0.05;
-/// Shares of Coulomb friction by which a torque may rise in the direction in which the motor slid last,
-/// and otherwise, before the motor moves: static friction exceeds sliding friction, and friction that
-/// has held the motor back may have to be overcome in the other direction.
-const BREAKS_AWAY: [f64; 2] = [0.5, 2.5];
-
-/// Ways at the end of which a motor may stand at once, from which on half of the samples are enough.
-const CERTAIN: f64 = 3.0;
-
-/// Where a motor stands since its last motion.
-#[derive(Debug, Clone, Copy)]
-struct Standstill {
-    from: MotorSample,
-    /// It moved too fast before to stand all at once.
-    halted: bool,
-    /// It moved so fast that no impact explains it.
-    certain: bool,
-    /// Samples in a row with a torque that would move it, or since it halted.
-    pressed: u32,
 }
 
 /// One sample of a joint.
@@ -239,46 +195,13 @@ impl Plausibility {
         self.trust
     }
 
-    /// Judges whether a motor that does not move can stand still: no more than noise by either encoder, while
-    /// its torque changes by more than friction holds, or after a motion that nothing could have ended
-    /// within a sample. One or both encoders are then flat, or the rotor is blocked. Counts like a
-    /// slip.
+    /// Takes the motor's state by a sample: one that cannot stand still where it shows no motion counts like a slip
+    /// ([`Standstill`]).
     pub fn watch_motor(&mut self, sample: MotorSample) {
-        let p = &self.parameters;
-        let standstill = match self.standstill {
-            Some(last) if sample.stands_at(&last.from, p.still) => {
-                let change = sample.torque - last.from.torque;
-                let onwards = change * last.from.velocity > 0.0;
-                let slid = onwards && last.from.velocity.abs() > SLIDES;
-                let share = BREAKS_AWAY[usize::from(!slid)];
-                let torque = share * p.friction + p.torque_margin;
-                let moved = last.from.velocity.abs() > SLIDES && sample.driven;
-                let judged = moved || !p.holds_itself;
-                let pressed = last.halted || judged && change.abs() > torque;
-                Standstill {
-                    pressed: if pressed {
-                        last.pressed.saturating_add(1)
-                    } else {
-                        0
-                    },
-                    ..last
-                }
-            }
-            last => {
-                let moving = last.filter(|last| self.in_a_row && last.pressed == 0);
-                let way = moving.map_or(0.0, |last| (sample.theta - last.from.theta).abs());
-                Standstill {
-                    from: sample,
-                    halted: way > p.stop_way,
-                    certain: way > CERTAIN * p.stop_way,
-                    pressed: 0,
-                }
-            }
-        };
-        let needed = p.samples_to_doubt / if standstill.certain { 2 } else { 1 };
-        self.standstill = Some(standstill);
-        self.in_a_row = true;
-        if standstill.pressed < needed {
+        let (last, in_a_row) = (self.standstill, self.in_a_row);
+        let now = Standstill::after(last, in_a_row, sample, &self.parameters);
+        (self.standstill, self.in_a_row) = (Some(now), true);
+        if !now.is_impossible(self.parameters.samples_to_doubt) {
             return;
         }
         // Of a joint that has been distrusted for its step it says more.

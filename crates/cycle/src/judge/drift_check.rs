@@ -14,14 +14,15 @@
 //! no news. While the joint stands friction hides from the current which source errs, and any of them does. When it
 //! has moved off, something that presses where no sensor measures it looks alike, but `e_1` is then that of friction;
 //! of an encoder that drifts it is `e - b`. The nearer of both is believed. A change that is faster than such a drift
-//! is a hand's or an impact, and begins the judgement anew; [`TorsionCheck`](super::torsion_check) judges what is
+//! is a hand's or an impact, and begins the judgement anew, as does a joint that has come to stand elsewhere; [`TorsionCheck`](super::torsion_check) judges what is
 //! that fast.
 
 use robot_config::{JointParameters, Robot};
 use robot_state::{Event, measured_flags};
 
+use super::motor::Motor;
 use super::{Check, Evidence, Verdict, bit};
-use crate::estimate::{KINEMATIC_SLOPE, sign_smoothing, valid};
+use crate::estimate::{KINEMATIC_SLOPE, valid};
 use crate::events::Subject;
 use crate::measure::NOT_USED;
 
@@ -63,6 +64,8 @@ struct Stand {
     /// Least and greatest torque by torsion and by F/T sensors and IMU since then, N·m.
     ranges: [[f64; 2]; 2],
     time: f64,
+    /// Time for which the joint has stood where it has moved off to, s.
+    elsewhere_s: f64,
     over_s: f64,
 }
 
@@ -75,15 +78,7 @@ struct Joint {
     /// Error of the torque by torsion per angle, N·m/rad, and the way over which it grows, rad.
     error_per_angle: f64,
     kinematic_way: f64,
-    /// Torque per current, N·m/A, viscous and Coulomb friction, N·m·s/rad and N·m, rotor's inertia,
-    /// kg·m²: link side.
-    k_1: f64,
-    k_2: f64,
-    k_3: f64,
-    inertia: f64,
-    gear_ratio: f64,
-    /// Velocity over which friction changes sign, rad/s.
-    smoothing: f64,
+    motor: Motor,
     errors: Option<Errors>,
     stand: Option<Stand>,
     before: bool,
@@ -173,19 +168,13 @@ impl Check for DriftCheck {
 impl Joint {
     fn new(joint: &JointParameters) -> Self {
         let (e, limit) = (&joint.estimator, joint.limits.torque);
-        let (n, motor) = (joint.encoders.gear_ratio, &e.wave_generator);
         let counts = (e.motor_resolution / e.gear_ratio).hypot(e.link_resolution);
         Self {
             torque_limit: limit,
             least: SHARE * limit + NOISE_COUNTS * e.compliance.k_fs0 * counts,
             error_per_angle: KINEMATIC_SLOPE * e.compliance.k_fs0,
-            kinematic_way: KINEMATIC_WAY / n,
-            k_1: n * motor.torque_constant,
-            k_2: n * n * motor.viscous_friction,
-            k_3: n * motor.friction,
-            inertia: n * n * joint.rotor_inertia,
-            gear_ratio: n,
-            smoothing: sign_smoothing(joint),
+            kinematic_way: KINEMATIC_WAY / joint.encoders.gear_ratio,
+            motor: Motor::new(joint),
             errors: None,
             stand: None,
             before: false,
@@ -195,10 +184,8 @@ impl Joint {
     /// Filters the errors of a sample.
     fn filter(&mut self, sample: &Sample, dt: f64) -> Errors {
         let [torsion, body] = sample.torques;
-        let omega = sample.omega / self.gear_ratio;
-        let direction = (omega / self.smoothing).tanh();
-        //= D3: tau = K1 i - K2 dq - K3 sign(dq)
-        let motor = self.k_1 * sample.current - self.k_2 * omega - self.k_3 * direction;
+        let omega = sample.omega / self.motor.gear_ratio;
+        let motor = self.motor.torque(sample.current, omega);
         let (by_body, by_motor) = (torsion - body, torsion - motor);
         let errors = self.errors.get_or_insert(Errors {
             by_body,
@@ -217,7 +204,7 @@ impl Joint {
         // What a low-pass leaves of a derivative is the signal's high-pass over the time.
         let acceleration = (omega - errors.omega) / FILTER_S;
         Errors {
-            by_motor: errors.by_motor + self.inertia * acceleration,
+            by_motor: errors.by_motor + self.motor.inertia * acceleration,
             ..*errors
         }
     }
@@ -230,15 +217,24 @@ impl Joint {
             level: errors.by_body,
             ranges: sample.torques.map(|torque| [torque; 2]),
             time: 0.0,
+            elsewhere_s: 0.0,
             over_s: 0.0,
         };
         let limit = self.torque_limit;
+        let turns = self.motor.turns(errors.omega, TURNS);
         let stand = self.stand.get_or_insert(begin);
         let way = (sample.angle - stand.angle).abs();
+        let has_left = way > STANDS_WITHIN;
         let settles = stand.time < SETTLES_S;
+        stand.elsewhere_s = if has_left && !turns {
+            stand.elsewhere_s + dt
+        } else {
+            0.0
+        };
         let same = (sample.desired - stand.desired).abs() <= SAME_TORQUE * limit;
         let slow = (errors.quick[0] - errors.quick[1]).abs() <= QUICK * limit;
-        if !same || !slow || settles && way > STANDS_WITHIN {
+        let stands_elsewhere = stand.elsewhere_s >= SETTLES_S;
+        if !same || !slow || settles && has_left || stands_elsewhere {
             *stand = begin;
             return false;
         }
@@ -258,15 +254,122 @@ impl Joint {
         let explained = self.error_per_angle * way.min(self.kinematic_way)
             + SCALE * (change - self.least).max(0.0);
         let drift = errors.by_body - stand.level;
-        let turns = errors.omega.abs() > TURNS * self.smoothing;
         let shown = errors.by_motor * drift.signum();
-        let is_drift = if way > STANDS_WITHIN {
-            turns && shown > NEARER * drift.abs()
-        } else {
-            true
-        };
+        let is_drift = !has_left || turns && shown > NEARER * drift.abs();
         let is_over = !settles && is_drift && drift.abs() > self.least + explained;
         stand.over_s = if is_over { stand.over_s + dt } else { 0.0 };
         stand.over_s >= LASTS_S
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT: f64 = 1e-3;
+
+    /// Torque constant of 6 N·m/A, friction of 4 N·m, limit of 100 N·m.
+    fn joint() -> Joint {
+        Joint {
+            torque_limit: 100.0,
+            least: 0.7,
+            error_per_angle: 10.0,
+            kinematic_way: 0.005,
+            motor: Motor {
+                k_1: 6.0,
+                k_2: 0.0,
+                k_3: 4.0,
+                inertia: 0.0,
+                gear_ratio: 100.0,
+                smoothing: 0.01,
+            },
+            errors: None,
+            stand: None,
+            before: false,
+        }
+    }
+
+    /// A joint that has borne 10 N·m for a while.
+    fn standing() -> Joint {
+        let mut joint = joint();
+        assert_eq!(found(&mut joint, 400, |_| STANDS), None);
+        joint
+    }
+
+    const STANDS: Sample = Sample {
+        torques: [10.0; 2],
+        current: 10.0 / 6.0,
+        omega: 0.0,
+        angle: 0.0,
+        desired: 10.0,
+    };
+
+    /// The sample in which a drift is found.
+    fn found(joint: &mut Joint, samples: u32, sample: impl Fn(f64) -> Sample) -> Option<u32> {
+        (0..samples).find(|&k| {
+            let sample = sample(DT * f64::from(k));
+            let errors = joint.filter(&sample, DT);
+            joint.drifts(&errors, &sample, DT)
+        })
+    }
+
+    /// Moves off at 0.1 rad/s under a torque that grows by 5 N·m/s, which the model does not know.
+    fn moves(time: f64, motor: f64) -> Sample {
+        Sample {
+            torques: [10.0, 10.0 + 5.0 * time.min(0.6)],
+            current: motor / 6.0,
+            omega: 10.0,
+            angle: 0.1 * time,
+            ..STANDS
+        }
+    }
+
+    #[test]
+    fn where_it_stands_either_source_that_drifts_is_found() {
+        for (source, rate) in [(0, 3.0), (0, -10.0), (1, 3.0), (1, 10.0)] {
+            let drifting = |time: f64| {
+                let mut sample = STANDS;
+                sample.torques[source] += rate * time;
+                sample
+            };
+            let after = found(&mut standing(), 600, drifting);
+            assert!(after.is_some_and(|k| k < 500), "{source} {rate}: {after:?}");
+        }
+    }
+
+    #[test]
+    fn the_motor_tells_a_hand_from_a_drift() {
+        // Under a hand it bears what the torsion shows, and friction; if that drifts, what the model says.
+        let hand = |time| moves(time, 14.0);
+        assert_eq!(found(&mut standing(), 1000, hand), None);
+        let drift = |time: f64| moves(time, 14.0 + 5.0 * time.min(0.6));
+        assert!(found(&mut standing(), 1000, drift).is_some());
+    }
+
+    #[test]
+    fn a_joint_that_a_hand_has_moved_is_judged_where_it_stands_then() {
+        let mut joint = standing();
+        assert_eq!(found(&mut joint, 1000, |time| moves(time, 14.0)), None);
+        let there = |time: f64| Sample {
+            torques: [10.0, 13.0 + 5.0 * (time - 1.0).max(0.0)],
+            angle: 0.1,
+            ..STANDS
+        };
+        assert!(found(&mut joint, 2000, there).is_some_and(|k| k > 1000));
+    }
+
+    #[test]
+    fn another_desired_torque_and_a_quick_change_begin_anew() {
+        let asked = |time: f64| Sample {
+            torques: [10.0, 10.0 + 5.0 * time],
+            desired: 10.0 + 5.0 * time,
+            ..STANDS
+        };
+        assert_eq!(found(&mut standing(), 600, asked), None);
+        let pushed = |_: f64| Sample {
+            torques: [10.0, 20.0],
+            ..STANDS
+        };
+        assert_eq!(found(&mut standing(), 600, pushed), None);
     }
 }

@@ -29,7 +29,7 @@ const PRESSED_S: f64 = 0.01;
 pub(crate) enum Unheld {
     /// It is held.
     No,
-    /// It has been stopped, and is left to its brake.
+    /// It has been stopped, or nothing shows where it is: it is left to its brake.
     ToBrake,
     /// It is not where it is held.
     Away,
@@ -106,8 +106,8 @@ impl HoldCheck {
                 }
             }
             Some(Joint::Position { watch, .. }) if !in_doubt => watch.rest(),
-            // The drive's own loop may run on the encoder that is flat.
-            Some(Joint::Position { .. }) if readiness.blind => return Unheld::Away,
+            // The drive's own loop may run on the encoder that is flat, and nothing shows where the joint is.
+            Some(Joint::Position { .. }) if readiness.blind => return Unheld::ToBrake,
             Some(Joint::Position {
                 watch,
                 torque_per_current,

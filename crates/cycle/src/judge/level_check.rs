@@ -18,8 +18,9 @@
 use robot_config::{JointParameters, Robot};
 use robot_state::{command_flags, measured_flags, torque_flags};
 
+use super::motor::Motor;
 use super::{Check, Evidence, Verdict};
-use crate::estimate::{sign_smoothing, valid};
+use crate::estimate::valid;
 use crate::measure::NOT_USED;
 
 /// Shares of the torque limit beyond which both errors count: while the motor stands, and while it turns. The
@@ -45,15 +46,7 @@ const LASTS_S: f64 = 0.1;
 /// One joint.
 #[derive(Debug, Clone)]
 struct Joint {
-    /// Torque per current, N·m/A, viscous and Coulomb friction, N·m·s/rad and N·m, rotor's inertia,
-    /// kg·m²: link side.
-    k_1: f64,
-    k_2: f64,
-    k_3: f64,
-    inertia: f64,
-    gear_ratio: f64,
-    /// Velocity over which friction changes sign, rad/s.
-    smoothing: f64,
+    motor: Motor,
     torque_limit: f64,
     /// Filtered `e_1` and `e_2`, N·m; none before the first sample.
     errors: Option<[f64; 2]>,
@@ -142,14 +135,8 @@ impl Check for LevelCheck {
 
 impl Joint {
     fn new(joint: &JointParameters) -> Self {
-        let (n, motor) = (joint.encoders.gear_ratio, &joint.estimator.wave_generator);
         Self {
-            k_1: n * motor.torque_constant,
-            k_2: n * n * motor.viscous_friction,
-            k_3: n * motor.friction,
-            inertia: n * n * joint.rotor_inertia,
-            gear_ratio: n,
-            smoothing: sign_smoothing(joint),
+            motor: Motor::new(joint),
             torque_limit: joint.limits.torque,
             errors: None,
             omega: 0.0,
@@ -164,17 +151,15 @@ impl Joint {
             (self.errors, self.over_s) = (None, 0.0);
             return false;
         };
-        let omega = sample.omega / self.gear_ratio;
+        let omega = sample.omega / self.motor.gear_ratio;
         let acceleration = (omega - self.omega) / dt;
         self.omega = omega;
-        let direction = (omega / self.smoothing).tanh();
         let inertia = if self.errors.is_some() {
-            self.inertia * acceleration
+            self.motor.inertia * acceleration
         } else {
             0.0
         };
-        //= D3: tau = K1 i - K2 dq - K3 sign(dq)
-        let motor = self.k_1 * sample.current - self.k_2 * omega - self.k_3 * direction - inertia;
+        let motor = self.motor.torque(sample.current, omega) - inertia;
         let now = [sample.torsion - motor, sample.torsion - sample.whole_body];
         let errors = self.errors.get_or_insert(now);
         for (error, now) in errors.iter_mut().zip(now) {
@@ -187,13 +172,14 @@ impl Joint {
         } else {
             0.0
         };
-        let turns = omega.abs() > TURNS * self.smoothing;
+        let turns = self.motor.turns(omega, TURNS);
         let (share, friction) = if turns {
             (SHARE_TURNING, FRICTION_TURNING)
         } else {
             (SHARE, FRICTION)
         };
-        let of_current = friction * self.k_3 + TORQUE_CONSTANT * sample.torsion.abs().min(limit);
+        let of_current =
+            friction * self.motor.k_3 + TORQUE_CONSTANT * sample.torsion.abs().min(limit);
         let is_wrong = on
             && by_current * by_body > 0.0
             && by_body.abs() > share * limit
@@ -212,12 +198,14 @@ mod tests {
     /// Torque constant of 6 N·m/A, friction of 4 N·m, limit of 110 N·m.
     fn joint() -> Joint {
         Joint {
-            k_1: 6.0,
-            k_2: 0.0,
-            k_3: 4.0,
-            inertia: 0.0,
-            gear_ratio: 100.0,
-            smoothing: 0.01,
+            motor: Motor {
+                k_1: 6.0,
+                k_2: 0.0,
+                k_3: 4.0,
+                inertia: 0.0,
+                gear_ratio: 100.0,
+                smoothing: 0.01,
+            },
             torque_limit: 110.0,
             errors: None,
             omega: 0.0,

@@ -21,8 +21,9 @@
 use robot_config::{JointParameters, Robot};
 use robot_state::{command_flags, measured_flags};
 
+use super::motor::Motor;
 use super::{Check, Evidence, Verdict};
-use crate::estimate::{SETTLING_S, sign_smoothing, valid};
+use crate::estimate::{SETTLING_S, valid};
 use crate::measure::NOT_USED;
 
 /// Time constants between which a change counts, s. The longer one bounds what a slow drift can
@@ -85,15 +86,7 @@ struct Changes {
 /// One joint.
 #[derive(Debug, Clone)]
 struct Joint {
-    /// Torque per current, N·m/A, viscous and Coulomb friction, N·m·s/rad and N·m, rotor's inertia,
-    /// kg·m²: link side.
-    k_1: f64,
-    k_2: f64,
-    k_3: f64,
-    inertia: f64,
-    gear_ratio: f64,
-    /// Velocity over which friction changes sign, rad/s.
-    smoothing: f64,
+    motor: Motor,
     torque_limit: f64,
     /// None before the first sample.
     changes: Option<Changes>,
@@ -160,14 +153,8 @@ impl Check for TorsionCheck {
 
 impl Joint {
     fn new(joint: &JointParameters) -> Self {
-        let (n, motor) = (joint.encoders.gear_ratio, &joint.estimator.wave_generator);
         Self {
-            k_1: n * motor.torque_constant,
-            k_2: n * n * motor.viscous_friction,
-            k_3: n * motor.friction,
-            inertia: n * n * joint.rotor_inertia,
-            gear_ratio: n,
-            smoothing: sign_smoothing(joint),
+            motor: Motor::new(joint),
             torque_limit: joint.limits.torque,
             changes: None,
         }
@@ -195,10 +182,8 @@ impl Joint {
             self.bridge();
             return false;
         };
-        let omega = omega / self.gear_ratio;
-        let direction = (omega / self.smoothing).tanh();
-        //= D3: tau = K1 i - K2 dq - K3 sign(dq)
-        let motor = self.k_1 * current - self.k_2 * omega - self.k_3 * direction;
+        let omega = omega / self.motor.gear_ratio;
+        let motor = self.motor.torque(current, omega);
         let changes = self.changes.get_or_insert(Changes {
             by_current: Change::from(torsion - motor),
             omega: Change::from(omega),
@@ -211,8 +196,8 @@ impl Joint {
         changes.time += dt;
         changes.omega.update(omega, dt);
         let by_current = changes.by_current.update(torsion - motor, dt)
-            + self.inertia * changes.omega.of_derivative(omega);
-        let (limit, friction) = (self.torque_limit, REVERSAL * self.k_3);
+            + self.motor.inertia * changes.omega.of_derivative(omega);
+        let (limit, friction) = (self.torque_limit, REVERSAL * self.motor.k_3);
         let settled = changes.time > SETTLING_S;
         let share = if settled { SHARE_BY_CURRENT } else { SHARE };
         let drifts = match hat {
@@ -245,12 +230,14 @@ mod tests {
     /// Torque constant of 6 N·m/A, friction of 4 N·m, limit of 110 N·m.
     fn joint() -> Joint {
         Joint {
-            k_1: 6.0,
-            k_2: 0.0,
-            k_3: 4.0,
-            inertia: 0.0,
-            gear_ratio: 100.0,
-            smoothing: 0.01,
+            motor: Motor {
+                k_1: 6.0,
+                k_2: 0.0,
+                k_3: 4.0,
+                inertia: 0.0,
+                gear_ratio: 100.0,
+                smoothing: 0.01,
+            },
             torque_limit: 110.0,
             changes: None,
         }

@@ -60,6 +60,18 @@ pub fn named(name: &str) -> Option<&'static dyn Family> {
     FAMILIES.into_iter().find(|family| family.name() == name)
 }
 
+/// Why drives of these two families must not share a bus; none: they may.
+#[must_use]
+pub fn conflict(a: &str, b: &str) -> Option<&'static str> {
+    match (a, b) {
+        ("damiao", "odrive") | ("odrive", "damiao") => Some(
+            "questions to Damiao's actuators have the identifier 0x7FF, which tells every ODrive to \
+             enter its firmware loader",
+        ),
+        _ => None,
+    }
+}
+
 /// The frame that begins a cycle on a bus with actuators; never sent itself.
 #[must_use]
 pub fn ask(bus: u8) -> Frame {

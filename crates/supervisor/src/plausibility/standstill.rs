@@ -1,0 +1,100 @@
+//! Standstill: a motor that shows no motion though it must move.
+//!
+//! In: what both encoders show, the motor's velocity some time ago and its torque. Out: whether it can stand. It cannot
+//! while its torque changes by more than friction holds, nor right after a motion that nothing could have ended within
+//! a sample. Then one or both encoders are flat, or the rotor is blocked.
+
+use super::PlausibilityParameters;
+
+/// The motor's state by a sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorSample {
+    /// theta, rad.
+    pub theta: f64,
+    /// q, rad.
+    pub q: f64,
+    /// Velocity some time ago, rad/s, link side.
+    pub velocity: f64,
+    /// Torque of the motor's current, N·m, link side.
+    pub torque: f64,
+    /// Its drive follows set-points: no brake takes that torque over.
+    pub driven: bool,
+}
+
+impl MotorSample {
+    /// Both encoders show what they did before, but for their noise.
+    fn stands_at(&self, from: &Self, still: [f64; 2]) -> bool {
+        let ways = [self.theta - from.theta, self.q - from.q];
+        ways.iter()
+            .zip(still)
+            .all(|(way, still)| way.abs() <= still)
+    }
+}
+
+/// Velocity from which on friction is known to oppose the motion that ended, rad/s.
+const SLIDES: f64 = 0.05;
+/// Shares of Coulomb friction by which a torque may rise in the direction in which the motor slid last,
+/// and otherwise, before the motor moves: static friction exceeds sliding friction, and friction that
+/// has held the motor back may have to be overcome in the other direction.
+const BREAKS_AWAY: [f64; 2] = [0.5, 2.5];
+
+/// Ways at the end of which a motor may stand at once, from which on half of the samples are enough.
+const CERTAIN: f64 = 3.0;
+
+/// Where a motor stands since its last motion.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Standstill {
+    from: MotorSample,
+    /// It moved too fast before to stand all at once.
+    halted: bool,
+    /// It moved so fast that no impact explains it.
+    certain: bool,
+    /// Samples in a row with a torque that would move it, or since it halted.
+    pressed: u32,
+}
+
+impl Standstill {
+    /// After one more sample; `in_a_row`: the one before was that of the last cycle.
+    pub(super) fn after(
+        last: Option<Self>,
+        in_a_row: bool,
+        sample: MotorSample,
+        p: &PlausibilityParameters,
+    ) -> Self {
+        match last {
+            Some(last) if sample.stands_at(&last.from, p.still) => last.goes_on(&sample, p),
+            last => {
+                let moving = last.filter(|last| in_a_row && last.pressed == 0);
+                let way = moving.map_or(0.0, |last| (sample.theta - last.from.theta).abs());
+                Self {
+                    from: sample,
+                    halted: way > p.stop_way,
+                    certain: way > CERTAIN * p.stop_way,
+                    pressed: 0,
+                }
+            }
+        }
+    }
+
+    fn goes_on(self, sample: &MotorSample, p: &PlausibilityParameters) -> Self {
+        let change = sample.torque - self.from.torque;
+        let moved = self.from.velocity.abs() > SLIDES;
+        let onwards = change * self.from.velocity > 0.0;
+        let share = BREAKS_AWAY[usize::from(!(onwards && moved))];
+        let is_judged = moved && sample.driven || !p.holds_itself;
+        let is_greater = change.abs() > share * p.friction + p.torque_margin;
+        Self {
+            pressed: if self.halted || is_judged && is_greater {
+                self.pressed.saturating_add(1)
+            } else {
+                0
+            },
+            ..self
+        }
+    }
+
+    /// It cannot stand, and has done so for long enough: `samples`, or half of them where it is certain.
+    pub(super) fn is_impossible(&self, samples: u32) -> bool {
+        self.pressed >= samples / if self.certain { 2 } else { 1 }
+    }
+}
