@@ -175,8 +175,8 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
         report::write(path, &title, &sections, traces)?;
     }
     let sources = joint.sources().map_err(of_joint)?;
-    for (row, (_, mut source)) in rows.iter_mut().zip(sources) {
-        row.time_ns = time_ns(source.as_mut(), &timed);
+    for (row, mut source) in rows.iter_mut().zip(sources) {
+        row.time_ns = time_ns(source.estimator.as_mut(), &timed);
     }
     if let (true, Some(row)) = (set.fuses(), rows.last_mut()) {
         set.reset();

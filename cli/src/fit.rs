@@ -4,7 +4,7 @@ use crate::BAD_INPUT;
 use crate::estimate::{open_log, read_joint};
 use crate::output::finish;
 use crate::report::{self, Traces};
-use clap::{Args, Subcommand};
+use clap::{ArgMatches, Args, Command, FromArgMatches, Subcommand};
 use identification::all::{self, Fitted, Step};
 use identification::inputs::{self, Inspection, LogKind};
 use identification::joined::{Zeros, joined};
@@ -35,30 +35,53 @@ Examples:
 
 The network and the Gaussian processes are written beside OUT.toml, as OUT.network.toml and so on.";
 
-#[derive(Subcommand)]
 enum What {
-    /// Every step: the kinematic error from an unloaded turn, all others from loaded motion and rest
     All(AllArguments),
-    /// Kinematic error, from one unloaded output turn each way
-    KinematicError(StepArguments),
-    /// Motor friction and the constants of the current-based torque
-    Current(StepArguments),
-    /// Feed-forward (column tau_feedforward) as a further source
-    FeedForward(StepArguments),
-    /// Compliance of the harmonic drive (Zhang et al.), and the skew between the encoders
-    Compliance(StepArguments),
-    /// Gear model with slipping springs (hysteresis)
-    Hysteresis(StepArguments),
-    /// Piecewise deformation model (Song et al.)
-    Deformation(StepArguments),
-    /// Noise of the Kalman filters; needs the compliance and the hysteresis
-    Kalman(StepArguments),
-    /// Back-propagation network (Song et al.)
-    Network(StepArguments),
-    /// Local Gaussian processes; need the compliance and the hysteresis
-    LocalGp(StepArguments),
-    /// Error of every source, for the fusion; fit it last
-    Fusion(StepArguments),
+    One(&'static Step, StepArguments),
+}
+
+/// Every step, and all of them.
+static STEPS: [Step; Step::ALL.len()] = Step::ALL;
+const ALL: &str = "all";
+const ABOUT_ALL: &str =
+    "Every step: the kinematic error from an unloaded turn, all others from loaded motion and rest";
+
+impl Subcommand for What {
+    fn augment_subcommands(command: Command) -> Command {
+        let all = AllArguments::augment_args(Command::new(ALL).about(ABOUT_ALL));
+        let steps = STEPS
+            .iter()
+            .map(|step| StepArguments::augment_args(Command::new(step.name).about(step.about)));
+        command
+            .subcommand_required(true)
+            .arg_required_else_help(true)
+            .subcommand(all)
+            .subcommands(steps)
+    }
+
+    fn augment_subcommands_for_update(command: Command) -> Command {
+        Self::augment_subcommands(command)
+    }
+
+    fn has_subcommand(name: &str) -> bool {
+        name == ALL || STEPS.iter().any(|step| step.name == name)
+    }
+}
+
+impl FromArgMatches for What {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let missing = || clap::Error::new(clap::error::ErrorKind::MissingSubcommand);
+        let (name, matches) = matches.subcommand().ok_or_else(missing)?;
+        match STEPS.iter().find(|step| step.name == name) {
+            Some(step) => Ok(Self::One(step, StepArguments::from_arg_matches(matches)?)),
+            None => Ok(Self::All(AllArguments::from_arg_matches(matches)?)),
+        }
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
 }
 
 #[derive(Args)]
@@ -102,29 +125,10 @@ struct OutArguments {
     json: bool,
 }
 
-impl What {
-    fn step(&self) -> Option<(Step, &StepArguments)> {
-        Some(match self {
-            Self::All(_) => return None,
-            Self::KinematicError(a) => (Step::KinematicError, a),
-            Self::Current(a) => (Step::Current, a),
-            Self::FeedForward(a) => (Step::FeedForward, a),
-            Self::Compliance(a) => (Step::Compliance, a),
-            Self::Hysteresis(a) => (Step::Hysteresis, a),
-            Self::Deformation(a) => (Step::Deformation, a),
-            Self::Kalman(a) => (Step::Kalman, a),
-            Self::Network(a) => (Step::Network, a),
-            Self::LocalGp(a) => (Step::LocalGp, a),
-            Self::Fusion(a) => (Step::Fusion, a),
-        })
-    }
-}
-
 pub(crate) fn run(arguments: &FitArguments) -> ExitCode {
-    let done = match (&arguments.what, arguments.what.step()) {
-        (What::All(all), _) => fit_all(all),
-        (_, Some((step, arguments))) => fit_one(step, arguments),
-        (_, None) => Ok(String::new()),
+    let done = match &arguments.what {
+        What::All(arguments) => fit_all(arguments),
+        What::One(step, arguments) => fit_one(step, arguments),
     };
     match done {
         Ok(report) => finish(&report),
@@ -170,12 +174,12 @@ fn both<A, B>(a: Result<A, Problems>, b: Result<B, Problems>) -> Result<(A, B), 
     }
 }
 
-fn fit_one(step: Step, arguments: &StepArguments) -> Result<String, Problems> {
+fn fit_one(step: &Step, arguments: &StepArguments) -> Result<String, Problems> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
-    let (rows, inputs) = match (step, &arguments.log[..]) {
-        (Step::KinematicError, [turn]) => inspected(&joint, turn, LogKind::NoLoad)?,
-        (Step::KinematicError, logs) => {
+    let (rows, inputs) = match (step.log, &arguments.log[..]) {
+        (LogKind::NoLoad, [turn]) => inspected(&joint, turn, LogKind::NoLoad)?,
+        (LogKind::NoLoad, logs) => {
             let reason = format!("--log: {} logs", logs.len());
             return Err(Problem::new(reason, "one log of an unloaded turn each way").into());
         }

@@ -379,7 +379,8 @@ fn calibrated_leg() -> Robot {
         torsion_sigma_rad = 5e-5\n";
     let mut robot = leg();
     let file = joint_file::JointFile::parse(file, "knee.toml", &joint_file::no_files);
-    robot.parameters.joints[3].calibration = Some(file.expect("a joint file"));
+    robot.parameters.joints[3].calibration =
+        Some(JointCalibration::new(file.expect("a joint file")));
     robot
 }
 

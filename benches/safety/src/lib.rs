@@ -15,6 +15,7 @@ mod rig;
 mod robots;
 mod run;
 mod scenarios;
+mod sound;
 
 pub use digest::Digest;
 pub use motion::Moved;
@@ -25,3 +26,4 @@ pub use rig::{At, Client, Fault, Rig};
 pub use robots::{Drives, Prepared, Variant};
 pub use run::{Outcome, Verdict, reference, run};
 pub use scenarios::{Bound, Place, Scenario, Start, all, places};
+pub use sound::{SoundOutcome, run_sound};

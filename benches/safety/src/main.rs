@@ -4,7 +4,7 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use safety_bench::{
     Outcome, Pair, PairOutcome, Place, Prepared, Reference, Results, Scenario, Start, Variant,
-    Verdict, all, draw, page, places, reference, run, run_pair,
+    Verdict, all, draw, page, places, reference, run, run_pair, run_sound,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -37,7 +37,10 @@ struct Arguments {
     /// So many runs with two faults at once, drawn by --seed; prints them and writes no page
     #[arg(long)]
     pairs: Option<usize>,
-    /// Seed of the pairs
+    /// So many simulated hours without a fault, with pauses, late answers and lost frames; prints false stops
+    #[arg(long, conflicts_with = "pairs")]
+    sound: Option<f64>,
+    /// Seed of the pairs, or of sound motion
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Threads; default: all cores
@@ -53,6 +56,7 @@ Examples:
   safety-bench --json runs.jsonl                   and every single run
   safety-bench --robot leg --only \"link encoder\"   a minute
   safety-bench --pairs 10000 --seed 7              two faults at once, some 40 minutes
+  safety-bench --sound 10 --seed 7                 ten hours in which nothing is broken
 ";
 
 struct Job<'a> {
@@ -92,6 +96,9 @@ fn work(arguments: &Arguments) -> Result<usize, String> {
         .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |threads| threads.get()));
     if let Some(count) = arguments.pairs {
         return work_on_pairs(&prepared, count, arguments, threads);
+    }
+    if let Some(hours) = arguments.sound {
+        return work_on_sound(&prepared, hours, arguments, threads);
     }
     let mut jobs = Vec::new();
     for prepared in &prepared {
@@ -151,10 +158,14 @@ fn work_on_pairs(
     for ((key, _), reference) in keys.iter().zip(references) {
         by_key.insert(*key, reference.map_err(|e| e.to_string())?);
     }
+    let bar = progress(count);
     let outcomes = parallel(&pairs, threads, |(robot, pair)| {
         let reference = &by_key[&(*robot, pair.places[0].start)];
-        run_pair(&prepared[*robot], pair, reference).map_err(|e| e.to_string())
+        let outcome = run_pair(&prepared[*robot], pair, reference).map_err(|e| e.to_string());
+        bar.inc(1);
+        outcome
     });
+    bar.finish_and_clear();
     let mut outcomes = outcomes.into_iter().collect::<Result<Vec<_>, _>>()?;
     if let Some(path) = &arguments.json {
         let lines = outcomes
@@ -193,12 +204,61 @@ fn work_on_pairs(
     Ok(injures)
 }
 
+/// Runs sound motion; prints each run that a fault, or the end of its mode, has cut short.
+fn work_on_sound(
+    prepared: &[Prepared],
+    hours: f64,
+    arguments: &Arguments,
+    threads: usize,
+) -> Result<usize, String> {
+    let begins = |s: &Start| {
+        arguments
+            .start
+            .as_deref()
+            .is_none_or(|name| name == s.name())
+    };
+    let states: Vec<(&Prepared, Start)> = (prepared.iter())
+        .flat_map(|robot| Start::LASTING.into_iter().map(move |start| (robot, start)))
+        .filter(|(robot, start)| start.is_possible(robot) && begins(start))
+        .collect();
+    let count = (60.0 * hours).ceil() as usize;
+    let jobs: Vec<_> = states.iter().cycle().take(count).zip(0..).collect();
+    let bar = progress(count);
+    let outcomes = parallel(&jobs, threads, |((robot, start), i)| {
+        let outcome = run_sound(robot, *start, arguments.seed.wrapping_mul(100_003) + i);
+        bar.inc(1);
+        outcome.map_err(|e| e.to_string())
+    });
+    bar.finish_and_clear();
+    let outcomes = outcomes.into_iter().collect::<Result<Vec<_>, _>>()?;
+    for o in outcomes.iter().filter(|o| o.fault != 0 || o.ended_by != 0) {
+        println!(
+            "{}, {}, seed {}: after {:.1} s fault {}, event {}",
+            o.robot, o.start, o.seed, o.seconds, o.fault, o.ended_by
+        );
+    }
+    let seconds: f64 = outcomes.iter().map(|o| o.seconds).sum();
+    let stops = outcomes.iter().filter(|o| o.fault != 0).count();
+    let ends = outcomes.iter().filter(|o| o.fault == 0 && o.ended_by != 0);
+    println!(
+        "{:.2} hours of sound motion in {count} runs, seed {}: {stops} latched faults, {} ends of a mode",
+        seconds / 3600.0,
+        arguments.seed,
+        ends.count()
+    );
+    Ok(stops)
+}
+
+fn progress(count: usize) -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:30} {pos} of {len} runs, {elapsed}, {eta} left");
+    let bar = ProgressBar::new(count as u64);
+    style.map_or(bar.clone(), |style| bar.with_style(style))
+}
+
 type Done = (Vec<(Variant, Outcome)>, Vec<(Variant, Start, Reference)>);
 
 fn run_all(jobs: &[Job<'_>], threads: usize) -> Result<Done, String> {
-    let style = ProgressStyle::with_template("{bar:30} {pos} of {len} runs, {elapsed}, {eta} left");
-    let bar = ProgressBar::new(jobs.len() as u64);
-    let bar = style.map_or(bar.clone(), |style| bar.with_style(style));
+    let bar = progress(jobs.len());
     let keys: BTreeMap<Key, &Job<'_>> = jobs.iter().map(|job| (key(job), job)).collect();
     let keys: Vec<_> = keys.into_iter().collect();
     let references = parallel(&keys, threads, |(_, job)| {

@@ -12,13 +12,13 @@ use problem::Problem;
 /// The steps that are judged. The learned estimators take two thirds of the time of `fit all` and
 /// need more data than most trainings here have.
 const STEPS: [Step; 7] = [
-    Step::Current,
-    Step::FeedForward,
-    Step::Compliance,
-    Step::Hysteresis,
-    Step::Deformation,
-    Step::Kalman,
-    Step::Fusion,
+    Step::CURRENT,
+    Step::FEED_FORWARD,
+    Step::COMPLIANCE,
+    Step::HYSTERESIS,
+    Step::DEFORMATION,
+    Step::KALMAN,
+    Step::FUSION,
 ];
 
 /// A joint fitted step by step, as `torquectl fit STEP` does; steps that the data do not allow are
@@ -32,21 +32,19 @@ pub fn fit(
     training: &[LogRow],
 ) -> Result<(JointFile, Vec<String>), Problem> {
     let (mut file, mut notes) = (file.clone(), Vec::new());
-    let mut take = |step, rows: &[LogRow]| match all::fit_one(&file, step, rows, &mut |_, _| ()) {
-        Ok(fitted) => {
-            file = fitted.joint;
-            notes.extend(fitted.report);
-        }
-        Err(problem) => notes.push(format!("{step:?}: {problem}")),
-    };
+    let mut take =
+        |step: &Step, rows: &[LogRow]| match all::fit_one(&file, step, rows, &mut |_, _| ()) {
+            Ok(fitted) => {
+                file = fitted.joint;
+                notes.extend(fitted.report);
+            }
+            Err(problem) => notes.push(format!("{step:?}: {problem}")),
+        };
     if let Some(turn) = turn {
-        take(Step::KinematicError, turn);
+        take(&Step::KINEMATIC_ERROR, turn);
     }
-    let forward = training.iter().all(|row| row.feed_forward.is_finite());
-    let steps = STEPS.into_iter();
-    steps
-        .filter(|step| *step != Step::FeedForward || forward)
-        .for_each(|step| take(step, training));
+    let steps = STEPS.iter().filter(|step| step.applies_to(training));
+    steps.for_each(|step| take(step, training));
     match file.fusion.is_some() {
         true => Ok((file, notes)),
         false => Err(Problem::new(notes.join("; "), "")),

@@ -147,7 +147,12 @@ fn parts(path: &Path) -> Result<BTreeMap<String, Parameters>, Problems> {
     let robot = &configuration.robot;
     let joints = robot.parameters.joints.iter();
     let mut all: BTreeMap<String, Parameters> = joints
-        .filter_map(|j| Some((j.name.clone(), named(parameters(j.calibration.as_ref()?)))))
+        .filter_map(|j| {
+            Some((
+                j.name.clone(),
+                named(parameters(j.calibration.as_ref()?.file())),
+            ))
+        })
         .collect();
     let signs = configuration.identity.signs(robot);
     for (ft, sign) in robot.parameters.ft_sensors.iter().zip(signs) {

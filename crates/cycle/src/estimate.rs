@@ -26,9 +26,7 @@ use core::fmt;
 
 use ::whole_body::WholeBody;
 use dynamics::Motion;
-use estimators::compliance::ComplianceEstimator;
 use estimators::joint::{AnyEstimator, DRIVE_OFF, JointSample};
-use estimators::radius::AtRadius;
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{
@@ -82,23 +80,6 @@ impl fmt::Debug for Estimate {
     }
 }
 
-/// A calibrated joint's fused estimators; Z's compliance where there is no calibration; none where there
-/// is no second encoder.
-fn joint_estimator(joint: &JointParameters) -> Result<Option<AnyEstimator>, Problem> {
-    Ok(match &joint.calibration {
-        _ if !joint.has_link_encoder => None,
-        Some(file) => {
-            let fused = file.fused_estimators();
-            let fused = Box::new(fused.map_err(|problem| problem.of(&joint.name))?);
-            match file.joint.radius {
-                Some(radius) => Some(Box::new(AtRadius::new(fused, radius))),
-                None => Some(fused),
-            }
-        }
-        None => Some(Box::new(ComplianceEstimator::new(joint.estimator.clone()))),
-    })
-}
-
 impl Estimate {
     pub(crate) fn new(robot: &Robot) -> Result<Self, Problem> {
         let parameters = &robot.parameters;
@@ -110,7 +91,7 @@ impl Estimate {
             joints: parameters
                 .joints
                 .iter()
-                .map(joint_estimator)
+                .map(JointParameters::torque_estimator)
                 .collect::<Result<_, _>>()?,
             currents: CurrentTorques::new(robot),
             power: Power::new(robot),

@@ -18,9 +18,8 @@ use can_codec::Frames;
 use estimators::encoder::JointAngles;
 use estimators::front_end::FrontEnd;
 use estimators::joint::JointSample;
-use joint_file::JointFile;
 use problem::Problem;
-use robot_config::{Robot, slots};
+use robot_config::{JointCalibration, Robot, slots};
 use robot_state::{
     CycleRecord, Event, JointMeasured, MeasuredRecord, Settings, command_flags, measured_flags,
 };
@@ -166,7 +165,10 @@ impl Measure {
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
             front_ends: (parameters.joints.iter())
                 .map(|joint| {
-                    let window = joint.calibration.as_ref().map(JointFile::velocity_window);
+                    let window = joint
+                        .calibration
+                        .as_ref()
+                        .map(JointCalibration::velocity_window);
                     if joint.has_link_encoder {
                         FrontEnd::new(joint.encoders, window)
                     } else {

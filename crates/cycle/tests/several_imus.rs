@@ -240,6 +240,28 @@ fn a_silent_or_lying_further_imu_is_noticed_and_changes_no_torque() {
     }
 }
 
+/// Two that are left and part: it is not known which of them errs, and no motion of the base is.
+#[test]
+fn one_that_stands_in_and_that_the_third_contradicts_is_not_used() {
+    let lying = |by: f64| Spoiled {
+        silent: [true, false, false],
+        offset: [0.0, by, 0.0],
+    };
+    let mut robot = Moving::new();
+    robot.run(2500, SOUND);
+    robot.run(300, lying(0.0));
+    assert!(robot.stands_in());
+    assert_eq!(robot.record().mode, Mode::InverseDynamics.number());
+    robot.run(250, lying(1.75));
+    assert!(!robot.stands_in());
+    assert_eq!(robot.record().mode, Mode::Hold.number());
+    // Both at once: the one that has begun to lie does not stand in at all.
+    let mut robot = Moving::new();
+    robot.run(2500, SOUND);
+    robot.run(250, lying(1.75));
+    assert_eq!(robot.record().mode, Mode::Hold.number());
+}
+
 /// One that did not agree does not stand in: the next one does, and without any the modes end as with one IMU.
 #[test]
 fn an_imu_that_lies_does_not_stand_in() {

@@ -26,6 +26,7 @@ use crate::agreement::Agreement;
 use crate::feed_forward::{Correction, CorrectionParameters};
 use crate::joint::JointSample;
 use crate::output::Output;
+use crate::role::{Places, Role};
 use group::clamped;
 use robot_state::{TorqueEstimate, torque_flags, torque_source};
 
@@ -47,6 +48,17 @@ pub struct SourceError {
     pub reported: f64,
 }
 
+/// One source of a fusion.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FusedSource {
+    /// Its part in the joint's torque.
+    pub role: Role,
+    /// Its errors, regime by regime.
+    pub errors: [SourceError; REGIMES],
+    /// Whether it takes part in the fused torque; else its sigma is published as the fit found it, no more.
+    pub fused: bool,
+}
+
 /// Weights of the sources, regime by regime.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FusionParameters {
@@ -54,8 +66,8 @@ pub struct FusionParameters {
     pub moving: f64,
     /// |rate of the torsion| at which the load changes slowly, faster, suddenly, rad/s.
     pub loading: [f64; BOUNDS],
-    /// Per regime: the sources' errors, in the sources' order.
-    pub errors: [Vec<SourceError>; REGIMES],
+    /// The sources, in their order.
+    pub sources: Vec<FusedSource>,
     /// Time over which the variances change from one regime to another, s.
     pub blend: f64,
     /// N: gear ratio, 1.
@@ -66,21 +78,14 @@ pub struct FusionParameters {
     pub torque_limit: f64,
     /// Rated torque, N·m.
     pub rated_torque: f64,
-    /// The source whose error does not depend on the torsion: that from the current.
-    pub independent: Option<usize>,
-    /// The source whose sigma covers the parameters of the gear: it raises the variance of every source
-    /// from the torsion.
-    pub reference: Option<usize>,
-    /// Sources without a weight: their sigma is published as the fit found it, no more.
-    pub left_out: Vec<usize>,
     /// Factor of the current's variance while the motor has not moved for a while: friction then hides
     /// part of the torque, also where a changing load moves gear and link a little. It counts where the torsion's zero
     /// is known.
     pub rest_factor: f64,
     /// Whether the torsion's zero is unknown until a tare.
     pub zero_unknown: bool,
-    /// The source that is a feed-forward, and how the others differ from it.
-    pub feed_forward: Option<(usize, CorrectionParameters)>,
+    /// How the other sources differ from a feed-forward that takes part.
+    pub correction: Option<CorrectionParameters>,
 }
 
 /// Combines sources into one torque.
@@ -88,6 +93,8 @@ pub struct FusionParameters {
 pub struct Fusion {
     parameters: FusionParameters,
     sources: usize,
+    /// Those that take part.
+    places: Places,
     /// Share of each regime in the present variances.
     shares: [f64; REGIMES],
     /// Torsion and its smoothed rate.
@@ -101,7 +108,7 @@ pub struct Fusion {
     /// Angle of the motor behind a low-pass, rad, and the share of motion that its way from there shows.
     rotor: Option<f64>,
     motion: f64,
-    correction: Option<(usize, Correction)>,
+    correction: Option<Correction>,
     /// Whether there was a tare.
     tared: bool,
     /// How well torsion and current agree since then.
@@ -128,13 +135,17 @@ const AGREEMENT: f64 = 4.0;
 impl Fusion {
     /// A fusion of at most [`MAX_SOURCES`] sources.
     #[must_use]
-    pub fn new(sources: usize, parameters: FusionParameters) -> Self {
-        debug_assert!(sources <= MAX_SOURCES);
+    pub fn new(parameters: FusionParameters) -> Self {
+        let sources = &parameters.sources;
+        debug_assert!(sources.len() <= MAX_SOURCES);
+        let places = Places::of(sources.iter().map(|s| s.fused.then_some(s.role)));
+        let correction = parameters.correction.filter(|_| places.model.is_some());
         Self {
+            places,
             output: Output::new(torque_source::FUSED, parameters.torque_limit, 0.0),
             shares: FIRST,
-            correction: (parameters.feed_forward).map(|(i, p)| (i, Correction::new(p))),
-            sources: sources.min(MAX_SOURCES),
+            correction: correction.map(Correction::new),
+            sources: sources.len().min(MAX_SOURCES),
             torsion: None,
             disagreement: 1.0,
             apart_s: 0.0,
@@ -173,9 +184,10 @@ impl Fusion {
         if estimate.flags & torque_flags::VALID == 0 {
             return f64::INFINITY;
         }
+        let known = self.parameters.sources.get(source);
+        let errors = known.map(|known| known.errors).unwrap_or_default();
         let (mut variance, mut reported) = (0.0, 0.0);
-        for (share, errors) in self.shares.iter().zip(&self.parameters.errors) {
-            let known = errors.get(source).copied().unwrap_or_default();
+        for (share, known) in self.shares.iter().zip(errors) {
             if !known.variance.is_finite() {
                 return f64::INFINITY;
             }
@@ -185,20 +197,14 @@ impl Fusion {
         let excess = (estimate.sigma * estimate.sigma - reported).max(0.0);
         // The sigma of a model with a covariance grows by what its parameters add; that of others in
         // proportion to their errors.
-        let p = &self.parameters;
-        let known = [p.reference, p.independent, self.model()];
-        let share = if known.contains(&Some(source)) {
+        let has_covariance = self.places.gear == Some(source) || self.places.stand_apart(source);
+        let share = if has_covariance {
             1.0
         } else {
             variance / reported.max(1e-18)
         };
         // Two sources without any error are as good as each other.
         variance.max(1e-18) + share * excess
-    }
-
-    /// The source that is a feed-forward.
-    fn model(&self) -> Option<usize> {
-        self.correction.as_ref().map(|(i, _)| *i)
     }
 
     /// The torque of the other sources, corrected by the feed-forward where it is valid.
@@ -209,10 +215,10 @@ impl Fusion {
         variances: &[f64],
     ) -> (f64, f64) {
         let motion = self.motion;
-        let Some((i, correction)) = &mut self.correction else {
+        let (Some(correction), Some(i)) = (&mut self.correction, self.places.model) else {
             return others;
         };
-        match sources.get(*i).zip(variances.get(*i)) {
+        match sources.get(i).zip(variances.get(i)) {
             Some((model, variance)) if variance.is_finite() => {
                 correction.update(others, (model.tau, *variance), motion)
             }
@@ -224,7 +230,7 @@ impl Fusion {
     /// motion.
     #[must_use]
     pub fn change(&self) -> Option<(f64, f64)> {
-        self.correction.as_ref()?.1.change()
+        self.correction.as_ref()?.change()
     }
 
     /// The sources have been zeroed to a torque that is known with a standard deviation, N·m.
@@ -232,7 +238,7 @@ impl Fusion {
         self.tared = true;
         self.agreement = Agreement::since(sigma);
         self.rotor = None;
-        if let Some((_, correction)) = &mut self.correction {
+        if let Some(correction) = &mut self.correction {
             correction.tare();
         }
     }
@@ -244,17 +250,18 @@ impl Fusion {
         for (i, (variance, source)) in variances.iter_mut().zip(sources).take(count).enumerate() {
             *variance = self.variance(i, source);
         }
-        let p = &self.parameters;
-        let Some(reference) = p.reference else {
+        let gear = self.places.gear;
+        let Some((gear, known)) = gear.and_then(|i| Some((i, self.parameters.sources.get(i)?)))
+        else {
             return variances;
         };
-        let usual: f64 = (self.shares.iter().zip(&p.errors))
-            .map(|(share, errors)| share * errors.get(reference).map_or(0.0, |e| e.variance))
+        let usual: f64 = (self.shares.iter().zip(&known.errors))
+            .map(|(share, error)| share * error.variance)
             .sum();
-        let excess = variances.get(reference).map_or(0.0, |now| now - usual);
+        let excess = variances.get(gear).map_or(0.0, |now| now - usual);
         if excess.is_finite() && excess > 0.0 {
             for (i, variance) in variances.iter_mut().enumerate() {
-                if i != reference && Some(i) != p.independent && Some(i) != self.model() {
+                if i != gear && !self.places.stand_apart(i) {
                     *variance += excess;
                 }
             }
@@ -367,8 +374,8 @@ impl Fusion {
         for (sigma, variance) in self.sigmas.iter_mut().zip(variances) {
             *sigma = variance.sqrt();
         }
-        for i in &self.parameters.left_out {
-            if let Some(variance) = variances.get_mut(*i) {
+        for (source, variance) in self.parameters.sources.iter().zip(&mut variances) {
+            if !source.fused {
                 *variance = f64::INFINITY;
             }
         }
@@ -381,12 +388,11 @@ impl Fusion {
             self.parameters.rest_factor
         };
         let hidden = 1.0 + (factor - 1.0) * (1.0 - self.motion);
-        let independent = self.parameters.independent;
         let least = (variances.iter().enumerate())
-            .filter(|(i, _)| Some(*i) != independent && Some(*i) != self.model())
+            .filter(|(i, _)| !self.places.stand_apart(*i))
             .map(|(_, variance)| *variance)
             .fold(f64::INFINITY, f64::min);
-        let current = independent
+        let current = (self.places.current)
             .and_then(|i| Some((sources.get(i)?, *variances.get(i)?)))
             .filter(|(_, variance)| variance.is_finite())
             .map(|(e, variance)| (e.tau, hidden * variance, clamped(e)));
@@ -427,7 +433,7 @@ impl Fusion {
         (self.rotor, self.motion) = (None, 0.0);
         self.tared = false;
         self.agreement = Agreement::default();
-        if let Some((_, correction)) = &mut self.correction {
+        if let Some(correction) = &mut self.correction {
             correction.reset();
         }
         self.shares = FIRST;

@@ -25,6 +25,7 @@ pub mod network;
 mod output;
 pub mod radius;
 pub mod regimes;
+pub mod role;
 pub mod savitzky_golay;
 pub mod set;
 pub mod tracking;

@@ -2,11 +2,24 @@
 
 use crate::fusion::{Fusion, MAX_SOURCES};
 use crate::joint::{AnyEstimator, JointSample, JointTorqueEstimator};
+use crate::role::{Places, Role};
 use robot_state::{TorqueEstimate, torque_flags};
+
+/// One source of a joint's torque.
+pub struct Source {
+    /// Its name, once in a set.
+    pub name: String,
+    /// Its part in the joint's torque.
+    pub role: Role,
+    /// The estimator.
+    pub estimator: AnyEstimator,
+}
 
 /// Sources with their names, and their fusion if there is one.
 pub struct EstimatorSet {
     names: Vec<String>,
+    roles: Vec<Role>,
+    places: Places,
     sources: Vec<AnyEstimator>,
     estimates: Vec<TorqueEstimate>,
     fusion: Option<Fusion>,
@@ -24,12 +37,6 @@ pub struct ZeroParameters {
     pub gear_ratio: f64,
     /// Stiffness of the gear, N·m/rad.
     pub stiffness: f64,
-    /// The sources from the gear with slipping springs and from the current.
-    pub gear: Option<usize>,
-    /// That from the current.
-    pub current: Option<usize>,
-    /// That from the feed-forward.
-    pub feed_forward: Option<usize>,
 }
 
 /// The zero in use.
@@ -53,24 +60,21 @@ const START_SAMPLES: u32 = 50;
 /// Share of a step to the zero in one sample.
 const ZERO_STEP: f64 = 0.3;
 
-impl Zero {
-    /// Nothing has shown yet where an unknown zero is: so far the current has not been that of a drive that
-    /// is on.
-    fn is_open(&self) -> bool {
-        self.parameters.unknown && self.parameters.current.is_some() && self.started == 0
-    }
-}
-
 impl EstimatorSet {
     /// A set of named sources, at most [`MAX_SOURCES`]; `fusion` must be of the same sources in the same
     /// order.
     #[must_use]
-    pub fn new(sources: Vec<(String, AnyEstimator)>, fusion: Option<Fusion>) -> Self {
+    pub fn new(sources: Vec<Source>, fusion: Option<Fusion>) -> Self {
         debug_assert!(sources.len() <= MAX_SOURCES);
-        let (names, sources): (Vec<_>, Vec<_>) = sources.into_iter().unzip();
         let estimates = vec![TorqueEstimate::default(); sources.len()];
+        let roles: Vec<Role> = sources.iter().map(|source| source.role).collect();
+        let (names, sources) = (sources.into_iter())
+            .map(|source| (source.name, source.estimator))
+            .unzip();
         Self {
             names,
+            places: Places::of(roles.iter().copied().map(Some)),
+            roles,
             sources,
             estimates,
             fusion,
@@ -86,10 +90,17 @@ impl EstimatorSet {
         self
     }
 
+    /// Nothing has shown yet where an unknown zero is: so far the current has not been that of a drive that
+    /// is on.
+    fn zero_is_open(&self) -> bool {
+        let zero = &self.zero;
+        zero.parameters.unknown && self.places.current.is_some() && zero.started == 0
+    }
+
     /// Moves the torsion's zero towards the one at which the gear carries `tau`.
     fn shift(&mut self, tau: f64, sigma: f64) {
         let p = self.zero.parameters;
-        let gear = p.gear.and_then(|i| self.estimates.get(i));
+        let gear = self.places.gear.and_then(|i| self.estimates.get(i));
         let Some(gear) = gear.filter(|e| e.flags & torque_flags::VALID != 0 && tau.is_finite())
         else {
             return;
@@ -99,7 +110,7 @@ impl EstimatorSet {
         }
         for (i, source) in self.sources.iter_mut().enumerate() {
             // Current and feed-forward have zeros of their own.
-            if Some(i) != p.feed_forward && Some(i) != p.current {
+            if !self.places.stand_apart(i) {
                 source.tare(sigma);
             }
         }
@@ -107,7 +118,7 @@ impl EstimatorSet {
 
     /// Moves the zero of the feed-forward towards the one at which it is `tau`.
     fn shift_feed_forward(&mut self, tau: f64, sigma: f64, share: f64) {
-        let Some(i) = self.zero.parameters.feed_forward else {
+        let Some(i) = self.places.model else {
             return;
         };
         let valid = |e: &&TorqueEstimate| e.flags & torque_flags::VALID != 0;
@@ -121,11 +132,14 @@ impl EstimatorSet {
 
     /// Lets an unknown zero follow the current after the start.
     fn find_zero(&mut self) {
-        let p = self.zero.parameters;
-        if !p.unknown || self.zero.started >= START_SAMPLES {
+        if !self.zero.parameters.unknown || self.zero.started >= START_SAMPLES {
             return;
         }
-        let current = p.current.and_then(|i| self.estimates.get(i)).copied();
+        let current = self
+            .places
+            .current
+            .and_then(|i| self.estimates.get(i))
+            .copied();
         if let Some(current) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
             self.zero.started += 1;
             self.shift(current.tau, current.sigma);
@@ -136,6 +150,12 @@ impl EstimatorSet {
     #[must_use]
     pub fn names(&self) -> &[String] {
         &self.names
+    }
+
+    /// The sources' parts in the joint's torque, in order.
+    #[must_use]
+    pub fn roles(&self) -> &[Role] {
+        &self.roles
     }
 
     /// Each source's own estimate of the last sample.
@@ -168,7 +188,7 @@ impl JointTorqueEstimator for EstimatorSet {
             theta: sample.theta - zero.parameters.gear_ratio * zero.torsion,
             ..*sample
         };
-        let current = zero.parameters.current;
+        let current = self.places.current;
         let all = self.sources.iter_mut().zip(&mut self.estimates);
         for (i, (source, estimate)) in all.enumerate() {
             // The torsion's zero is no way of the rotor, along which friction builds up.
@@ -178,8 +198,7 @@ impl JointTorqueEstimator for EstimatorSet {
         if let Some(estimate) = current.and_then(|i| self.estimates.get_mut(i)) {
             estimate.tau -= zero.current;
         }
-        let feed_forward = zero.parameters.feed_forward;
-        if let Some(estimate) = feed_forward.and_then(|i| self.estimates.get_mut(i)) {
+        if let Some(estimate) = self.places.model.and_then(|i| self.estimates.get_mut(i)) {
             estimate.tau -= zero.feed_forward;
         }
         self.find_zero();
@@ -204,14 +223,14 @@ impl JointTorqueEstimator for EstimatorSet {
                     .unwrap_or(self.fused)
             }
         };
-        if self.zero.is_open() {
+        if self.zero_is_open() {
             self.fused.flags &= !torque_flags::VALID;
         }
         self.fused
     }
 
     fn tare_to(&mut self, tau: f64, sigma: f64) {
-        let p = self.zero.parameters;
+        let current = self.places.current;
         self.zero.started = START_SAMPLES;
         self.shift(tau, sigma);
         // After a sample without one it is another tare: the mean begins anew.
@@ -221,10 +240,10 @@ impl JointTorqueEstimator for EstimatorSet {
         };
         self.zero.since = 0;
         let share = 1.0 / f64::from(self.zero.tared.min(START_SAMPLES));
-        let current = p.current.and_then(|i| self.estimates.get(i));
-        if let Some(estimate) = current.filter(|e| e.flags & torque_flags::VALID != 0) {
+        let shown = current.and_then(|i| self.estimates.get(i));
+        if let Some(estimate) = shown.filter(|e| e.flags & torque_flags::VALID != 0) {
             self.zero.current += share * (estimate.tau - tau);
-            if let Some(source) = p.current.and_then(|i| self.sources.get_mut(i)) {
+            if let Some(source) = current.and_then(|i| self.sources.get_mut(i)) {
                 source.tare(sigma);
             }
         }
@@ -236,7 +255,7 @@ impl JointTorqueEstimator for EstimatorSet {
 
     /// The fused torque with what the filter of the gear's torsion holds back.
     fn undelayed(&self) -> Option<f64> {
-        let gear = self.zero.parameters.gear?;
+        let gear = self.places.gear?;
         let held_back = self.sources.get(gear)?.undelayed()? - self.estimates.get(gear)?.tau;
         let usable = torque_flags::VALID | torque_flags::SATURATED;
         let valid = self.fused.flags & usable == torque_flags::VALID;
@@ -244,7 +263,7 @@ impl JointTorqueEstimator for EstimatorSet {
     }
 
     fn show(&mut self, tau: f64, sigma: f64) -> f64 {
-        let gear = self.zero.parameters.gear;
+        let gear = self.places.gear;
         let source = gear.and_then(|i| self.sources.get_mut(i));
         source.map_or(0.0, |source| source.show(tau, sigma))
     }

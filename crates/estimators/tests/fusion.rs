@@ -1,9 +1,12 @@
 //! Fusion: sources of similar variance share the torque, others have no weight; reported sigma and
 //! gaps count.
 
-use estimators::fusion::{Fusion, FusionParameters, MAX_VARIANCE_RATIO, SourceError};
-use estimators::joint::{AnyEstimator, JointSample, JointTorqueEstimator};
-use estimators::set::{EstimatorSet, ZeroParameters};
+use estimators::fusion::{
+    FusedSource, Fusion, FusionParameters, MAX_VARIANCE_RATIO, REGIMES, SourceError,
+};
+use estimators::joint::{JointSample, JointTorqueEstimator};
+use estimators::role::Role;
+use estimators::set::{EstimatorSet, Source};
 use proptest::prelude::*;
 use robot_state::{TorqueEstimate, torque_flags};
 
@@ -15,14 +18,11 @@ fn fusion(errors: &[(f64, f64)]) -> Fusion {
             reported,
         })
         .collect();
-    Fusion::new(
-        errors.len(),
-        FusionParameters {
-            independent: None,
-            reference: None,
-            ..parameters(errors)
-        },
-    )
+    let mut parameters = parameters(errors);
+    for source in &mut parameters.sources {
+        source.role = Role::Torsion;
+    }
+    Fusion::new(parameters)
 }
 
 fn estimate(tau: f64, sigma: f64) -> TorqueEstimate {
@@ -117,7 +117,7 @@ fn a_torque_at_its_clamp_that_is_borne_out_is_a_bound() {
         3
     ]);
     beyond.torque_limit = 200.0;
-    let fused = Fusion::new(3, beyond).update(&at, &[bound, bound, estimate(120.0, 0.1)]);
+    let fused = Fusion::new(beyond).update(&at, &[bound, bound, estimate(120.0, 0.1)]);
     assert!((fused.tau - 120.0).abs() < 1e-9, "{}", fused.tau);
     // Both stand at their clamp, or nothing else is there: the bound, marked.
     for current in [clamped(100.0, 0.3), TorqueEstimate::default()] {
@@ -174,26 +174,33 @@ fn of_two_groups(zero_unknown: bool) -> Fusion {
         zero_unknown,
         ..parameters(errors.to_vec())
     };
-    Fusion::new(3, parameters)
+    Fusion::new(parameters)
 }
 
-/// Two sources from the torsion, the first of them the reference, and the current.
+/// Two sources from the torsion, the first of them the gear, and the current.
 fn parameters(errors: Vec<SourceError>) -> FusionParameters {
+    let roles = [Role::Gear, Role::Torsion, Role::Current];
+    let sources = errors
+        .iter()
+        .zip(roles.into_iter().chain(std::iter::repeat(Role::Torsion)));
     FusionParameters {
         moving: 0.01,
         loading: [1e-3, 1e-2, 1e-1],
-        errors: std::array::from_fn(|_| errors.clone()),
+        sources: sources
+            .map(|(error, role)| FusedSource {
+                role,
+                errors: [*error; REGIMES],
+                fused: true,
+            })
+            .collect(),
         blend: 0.03,
         gear_ratio: 100.0,
         sample_period: 1e-3,
         torque_limit: 100.0,
         rated_torque: 40.0,
-        independent: Some(2),
-        reference: Some(0),
-        left_out: Vec::new(),
         rest_factor: 1.0,
         zero_unknown: false,
-        feed_forward: None,
+        correction: None,
     }
 }
 
@@ -252,12 +259,12 @@ impl JointTorqueEstimator for FromCurrent {
 
 #[test]
 fn every_tare_zeroes_the_current_wholly() {
-    let zero = ZeroParameters {
-        current: Some(0),
-        ..ZeroParameters::default()
+    let current = Source {
+        name: "current".into(),
+        role: Role::Current,
+        estimator: Box::new(FromCurrent),
     };
-    let sources: Vec<(String, AnyEstimator)> = vec![("current".into(), Box::new(FromCurrent))];
-    let mut set = EstimatorSet::new(sources, None).with_zero(zero);
+    let mut set = EstimatorSet::new(vec![current], None);
     for current in [5.0, 9.0] {
         let sample = JointSample {
             current,
@@ -288,7 +295,7 @@ fn at_rest_the_current_loses_weight_once_the_zero_of_the_torsion_is_known() {
             zero_unknown,
             ..parameters(errors.to_vec())
         };
-        Fusion::new(3, parameters)
+        Fusion::new(parameters)
     };
     let mut unknown = fusion(true);
     let share = |fusion: &mut Fusion| fusion.update(&at, &sources).tau - 1.0;
@@ -309,13 +316,10 @@ fn the_way_of_the_motor_tells_motion_from_rest_not_the_velocity_of_the_link() {
     let sources = [estimate(1.0, 0.1), estimate(1.0, 0.1), estimate(2.0, 0.1)];
     // Share of the current after a second in which the motor turns at a rate (rad/s), or swings by an angle (rad).
     let share = |rate: f64, swing: f64, dq: f64| {
-        let mut fusion = Fusion::new(
-            3,
-            FusionParameters {
-                rest_factor: 4.0,
-                ..parameters(errors.to_vec())
-            },
-        );
+        let mut fusion = Fusion::new(FusionParameters {
+            rest_factor: 4.0,
+            ..parameters(errors.to_vec())
+        });
         let mut tau = 0.0;
         for i in 0..1000 {
             let t = 1e-3 * f64::from(i);

@@ -95,7 +95,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             estimators.push((format!("GP {features:?} on {base}"), Box::new(estimator)));
         }
     }
-    estimators.extend(joint.sources()?);
+    let sources = joint.sources()?.into_iter();
+    estimators.extend(sources.map(|source| (source.name, source.estimator)));
     let scenarios = bench::scenarios();
     write!(out, "{:<28}", "RMS, % of RMS torque")?;
     for (name, _) in &scenarios {

@@ -8,71 +8,20 @@
 //! ```
 
 mod ranges;
+mod registry;
 mod steps;
+
+pub use registry::Step;
 
 use crate::excitation::{Excitation, Quantity};
 use crate::feed_forward;
+use crate::inputs::LogKind;
 use crate::learned::Progress;
 use crate::log::LogRow;
 use crate::record::{Record, ReferenceErrors};
 use crate::torsion_gain;
 use joint_file::{JointFile, KinematicErrorTable, TorsionGainTable, TrainedTable};
 use problem::Problem;
-
-/// One fit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Step {
-    /// Kinematic error, from an unloaded turn each way; all others need loaded motion.
-    KinematicError,
-    /// Motor friction and the constants of the current-based torque (D3).
-    Current,
-    /// The feed-forward as a source, of logs that have it.
-    FeedForward,
-    /// Z's compliance, and the skew between the encoders.
-    Compliance,
-    /// Gear with slipping springs.
-    Hysteresis,
-    /// S's deformation model.
-    Deformation,
-    /// Noise of the Kalman filters (U).
-    Kalman,
-    /// S's network.
-    Network,
-    /// Local Gaussian processes (G) on the compliance model and on the gear with slipping springs.
-    LocalGp,
-    /// Errors of every source.
-    Fusion,
-}
-
-impl Step {
-    /// Every step in its order, its name, and its share of the time that all take.
-    pub const ALL: [(Self, &'static str, f64); 10] = [
-        (Self::KinematicError, "kinematic-error", 0.01),
-        (Self::Current, "current", 0.01),
-        (Self::FeedForward, "feed-forward", 0.0),
-        (Self::Compliance, "compliance", 0.05),
-        (Self::Hysteresis, "hysteresis", 0.1),
-        (Self::Deformation, "deformation", 0.01),
-        (Self::Kalman, "kalman", 0.15),
-        (Self::Network, "network", 0.45),
-        (Self::LocalGp, "local-gp", 0.2),
-        (Self::Fusion, "fusion", 0.02),
-    ];
-}
-
-impl Step {
-    /// Whether it makes more of the gear than its stiffness, without priors of its own.
-    fn needs_stiffness(self) -> bool {
-        matches!(
-            self,
-            Self::Deformation | Self::Kalman | Self::Network | Self::LocalGp
-        )
-    }
-
-    fn learned(self) -> bool {
-        matches!(self, Self::Network | Self::LocalGp)
-    }
-}
 
 /// A fitted joint, and a report of each step.
 #[derive(Debug, Clone, PartialEq)]
@@ -115,32 +64,27 @@ pub fn fit(
 ) -> Result<Fitted, Problem> {
     let mut fitted = Fitted::new(joint);
     let mut done = 0.0;
-    for (step, name, share) in Step::ALL {
-        let rows = match (step, turn) {
-            (Step::KinematicError, None) => {
-                fitted.note(format!("{name}: not fitted: {WITHOUT_TURN}"));
+    for step in &Step::ALL {
+        let rows = match (step.log, turn) {
+            (LogKind::NoLoad, None) => {
+                fitted.note(format!("{}: not fitted: {WITHOUT_TURN}", step.name));
                 continue;
             }
-            (Step::KinematicError, Some(turn)) => turn,
+            (LogKind::NoLoad, Some(turn)) => turn,
             _ => train,
         };
-        if step == Step::FeedForward && !feeds_forward(rows) {
+        if !step.applies_to(rows) {
             continue;
         }
-        let mut inner = |part: f64, what: &str| progress(done + share * part, what);
-        inner(0.0, name);
-        match (step, fitted.step(step, rows, &mut inner)) {
-            // The other fits do not need the learned ones, nor a gear beyond its stiffness.
-            (step, Err(e))
-                if step.learned()
-                    || step.needs_stiffness()
-                    || (turn.is_none() && step == Step::Compliance) =>
-            {
-                fitted.note(format!("{name}: not fitted: {e}"));
+        let mut inner = |part: f64, what: &str| progress(done + step.share * part, what);
+        inner(0.0, step.name);
+        match fitted.step(step, rows, &mut inner) {
+            Err(e) if step.may_fail(turn.is_some()) => {
+                fitted.note(format!("{}: not fitted: {e}", step.name));
             }
-            (_, done) => done?,
+            done => done?,
         }
-        done += share;
+        done += step.share;
     }
     progress(1.0, "done");
     Ok(fitted)
@@ -158,14 +102,14 @@ fn feeds_forward(rows: &[LogRow]) -> bool {
 /// Data that do not allow it, or a table that it needs.
 pub fn fit_one(
     joint: &JointFile,
-    step: Step,
+    step: &Step,
     rows: &[LogRow],
     progress: Progress<'_>,
 ) -> Result<Fitted, Problem> {
     let mut fitted = Fitted::new(joint);
     fitted.step(step, rows, progress)?;
     if fitted.joint.fusion.is_some() && rows.iter().all(|row| row.tau_sensor.is_finite()) {
-        fitted.step(Step::Fusion, rows, progress)?;
+        fitted.step(&Step::FUSION, rows, progress)?;
     }
     Ok(fitted)
 }
@@ -190,19 +134,20 @@ pub fn fit_loaded(
     known: LoadedKnowledge,
     progress: Progress<'_>,
 ) -> Result<Fitted, Problem> {
-    const STEPS: [(Step, &str, f64); 3] = [
-        (Step::Current, "current", 0.0),
-        (Step::Hysteresis, "hysteresis", 0.05),
-        (Step::Fusion, "fusion", 0.9),
+    // Each, and the share of the time that is over when it begins.
+    const STEPS: [(Step, f64); 3] = [
+        (Step::CURRENT, 0.0),
+        (Step::HYSTERESIS, 0.05),
+        (Step::FUSION, 0.9),
     ];
     let mut fitted = Fitted {
         reference: known.reference,
         harmonics: Harmonics::Higher,
         ..Fitted::new(joint)
     };
-    for (step, name, done) in STEPS {
-        progress(done, name);
-        if step == Step::Fusion {
+    for (step, done) in &STEPS {
+        progress(*done, step.name);
+        if step.name == Step::FUSION.name {
             let encoders = fitted.joint.encoders.get_or_insert_default();
             encoders.zero_unknown = !known.zeros_stay;
         }
@@ -245,15 +190,21 @@ impl Fitted {
         Ok(files)
     }
 
-    fn step(&mut self, step: Step, rows: &[LogRow], progress: Progress<'_>) -> Result<(), Problem> {
-        if step != Step::KinematicError && !rows.iter().all(|row| row.tau_sensor.is_finite()) {
+    fn step(
+        &mut self,
+        step: &Step,
+        rows: &[LogRow],
+        progress: Progress<'_>,
+    ) -> Result<(), Problem> {
+        let loaded = step.log != LogKind::NoLoad;
+        if loaded && !rows.iter().all(|row| row.tau_sensor.is_finite()) {
             return Err(Problem::new(
                 "training log: column `tau_sensor` is needed",
                 "",
             ));
         }
         let record = Record::new(&self.joint, rows)?;
-        if step.needs_stiffness() {
+        if step.needs_stiffness {
             let excitation = Excitation::new(&record, &self.joint);
             if let Some(constant) = excitation.undetermined(Quantity::Compliance) {
                 let reason = format!("training log: {}", constant.sentence());
@@ -263,26 +214,18 @@ impl Fitted {
                 ));
             }
         }
-        match step {
-            Step::KinematicError => self.kinematic_error(&record),
-            Step::Current => self.current(&record),
-            Step::FeedForward => self.feed_forward(&record),
-            Step::Compliance => self.compliance(&record, rows),
-            Step::Hysteresis => self.hysteresis(rows),
-            Step::Deformation => self.deformation(&record),
-            Step::Kalman => self.kalman(&record),
-            Step::Network => self.network(&record, progress),
-            Step::LocalGp => self.local_gp(&record, progress),
-            Step::Fusion => {
-                if self.joint.feed_forward.is_some() && !feeds_forward(rows) {
-                    self.joint.feed_forward = None;
-                    self.note("feed-forward: no longer a source, as the log has none".to_owned());
-                }
-                self.fusion(&record)?;
-                self.change_sigma(&record)?;
-                self.torsion_gain(&record)
-            }
+        (step.fit)(self, &record, rows, progress)
+    }
+
+    /// Errors of every source, and what the loop takes from their fused torque.
+    fn errors_of_sources(&mut self, record: &Record, rows: &[LogRow]) -> Result<(), Problem> {
+        if self.joint.feed_forward.is_some() && !feeds_forward(rows) {
+            self.joint.feed_forward = None;
+            self.note("feed-forward: no longer a source, as the log has none".to_owned());
         }
+        self.fusion(record)?;
+        self.change_sigma(record)?;
+        self.torsion_gain(record)
     }
 
     /// Part of the torque that the feed-forward explains.

@@ -1,7 +1,7 @@
 //! Variance of the sources' errors, regime by regime.
 
 use crate::record::Record;
-use estimators::fusion::{BOUNDS, Fusion, FusionParameters, REGIMES, SourceError};
+use estimators::fusion::{BOUNDS, FusedSource, Fusion, FusionParameters, REGIMES, SourceError};
 use estimators::joint::JointTorqueEstimator;
 use estimators::set::EstimatorSet;
 use robot_state::torque_flags;
@@ -107,22 +107,23 @@ pub fn fit(
     let mut parameters = FusionParameters {
         moving: (0.02 * fastest).max(1e-4),
         loading: std::array::from_fn(bound),
-        errors: std::array::from_fn(|_| vec![SourceError::default(); n]),
+        sources: (set.roles().iter().enumerate())
+            .map(|(i, role)| FusedSource {
+                role: *role,
+                fused: known.get(i).is_some_and(|k| k.fused),
+                ..FusedSource::default()
+            })
+            .collect(),
         blend: BLEND_S,
         gear_ratio: record.gear_ratio,
         sample_period: record.sample_period,
         torque_limit,
         rated_torque,
-        independent: None,
-        reference: None,
         rest_factor: 1.0,
         zero_unknown: false,
-        feed_forward: None,
-        left_out: (0..n)
-            .filter(|i| !known.get(*i).is_some_and(|k| k.fused))
-            .collect(),
+        correction: None,
     };
-    let mut regimes = Fusion::new(n, parameters.clone());
+    let mut regimes = Fusion::new(parameters.clone());
     let mut counts = [0.0; REGIMES];
     // Sums of squares first: of the error, of the sigma reported.
     let mut sums = vec![[(0.0, 0.0); REGIMES]; n];
@@ -166,14 +167,15 @@ pub fn fit(
             let seen = (here(sum.0, total.0) + worth * usual) / (count + PRIOR_SAMPLES + worth);
             let reported = here(sum.1, total.1) / (count + PRIOR_SAMPLES);
             let left = (seen - sensor_noise * sensor_noise).max(MIN_OWN_SHARE * seen);
-            parameters.errors[regime][source] = SourceError {
+            parameters.sources[source].errors[regime] = SourceError {
                 variance: left,
                 reported: reported.sqrt(),
             };
         }
     }
-    for errors in &mut parameters.errors {
-        on_others(errors, known);
+    for regime in 0..REGIMES {
+        let its = parameters.sources.iter_mut().map(|s| &mut s.errors[regime]);
+        on_others(its.collect(), known);
     }
     parameters
 }
@@ -181,7 +183,7 @@ pub fn fit(
 /// From the errors on the samples that were fitted to those on others: parameters that fit the former are further
 /// off on the latter, by their covariance, or by how much larger the error on held-out blocks is. Both are
 /// estimates of the same error, so that the larger one counts.
-fn on_others(errors: &mut [SourceError], known: &[SourceKnowledge]) {
+fn on_others(errors: Vec<&mut SourceError>, known: &[SourceKnowledge]) {
     let part = |error: &SourceError, known: &SourceKnowledge| {
         let own = known.own_sigma.unwrap_or(error.reported);
         (error.reported * error.reported - own * own).max(0.0)
@@ -189,7 +191,7 @@ fn on_others(errors: &mut [SourceError], known: &[SourceKnowledge]) {
     let parts: Vec<f64> = (errors.iter().zip(known))
         .map(|(error, known)| part(error, known))
         .collect();
-    for (error, known) in errors.iter_mut().zip(known) {
+    for (error, known) in errors.into_iter().zip(known) {
         let part = known.parameters_of.and_then(|i| parts.get(i));
         let held_out = known.held_out_ratio.max(1.0).powi(2) * error.variance;
         error.variance = held_out.max(error.variance + part.copied().unwrap_or(0.0));
@@ -220,7 +222,7 @@ mod tests {
         let sources = || [error(9.0, 5.0), error(4.0, 1.0), error(1.0, 1.0)];
         let of = |ratio| {
             let mut errors = sources();
-            on_others(&mut errors, &known(ratio));
+            on_others(errors.iter_mut().collect(), &known(ratio));
             errors.map(|error| error.variance)
         };
         assert_eq!(of(1.0), [25.0, 20.0, 1.0]);

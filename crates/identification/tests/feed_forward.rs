@@ -68,13 +68,13 @@ fn fitted() -> JointFile {
         &NONE,
     );
     let steps = [
-        Step::Current,
-        Step::FeedForward,
-        Step::Hysteresis,
-        Step::Fusion,
+        Step::CURRENT,
+        Step::FEED_FORWARD,
+        Step::HYSTERESIS,
+        Step::FUSION,
     ];
     steps.into_iter().fold(joint(), |file, step| {
-        fit_one(&file, step, &rows, &mut |_, _| ()).unwrap().joint
+        fit_one(&file, &step, &rows, &mut |_, _| ()).unwrap().joint
     })
 }
 

@@ -240,17 +240,17 @@ fn a_gear_that_creeps_is_recognised() {
     let fitted = |log: &dyn Fn(Vec<LogRow>) -> Vec<LogRow>| {
         let mut joint = JointFile::parse(JOINT, "joint.toml", &no_files).unwrap();
         for step in [
-            Step::KinematicError,
-            Step::Current,
-            Step::Compliance,
-            Step::Hysteresis,
+            Step::KINEMATIC_ERROR,
+            Step::CURRENT,
+            Step::COMPLIANCE,
+            Step::HYSTERESIS,
         ] {
-            let rows = if step == Step::KinematicError {
+            let rows = if step.name == Step::KINEMATIC_ERROR.name {
                 turn()
             } else {
                 log(train())
             };
-            joint = all::fit_one(&joint, step, &rows, &mut |_, _| ())
+            joint = all::fit_one(&joint, &step, &rows, &mut |_, _| ())
                 .unwrap()
                 .joint;
         }
@@ -329,7 +329,7 @@ fn logs_with_zeros_of_their_own_are_one_log() {
     );
     assert!((shifts[2] + 0.4).abs() < N * 0.5 / 9000.0, "{shifts:?}");
     let stiffness = |rows: &[LogRow]| {
-        let fitted = all::fit_one(&joint, Step::Compliance, rows, &mut |_, _| ()).unwrap();
+        let fitted = all::fit_one(&joint, &Step::COMPLIANCE, rows, &mut |_, _| ()).unwrap();
         fitted.joint.compliance.unwrap().k_fs0
     };
     let (alone, together) = (stiffness(&train()), stiffness(&rows));

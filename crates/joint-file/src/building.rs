@@ -1,29 +1,21 @@
 //! The estimators that a joint file switches on.
 
-use crate::{ComplianceTable, FeedForwardTable, HysteresisTable, JointFile, KalmanTable};
+use crate::registry::{FUSED, OF_TORSION, OTHERS, Row};
+use crate::{
+    ComplianceTable, FeedForwardTable, FusionTable, HysteresisTable, JointFile, KalmanTable,
+};
 use estimators::compliance::ComplianceEstimator;
 use estimators::current_based::CurrentEstimator;
-use estimators::deformation::DeformationEstimator;
 use estimators::feed_forward::{CorrectionParameters, FeedForwardEstimator, FeedForwardParameters};
-use estimators::fusion::{Fusion, FusionParameters, SourceError};
+use estimators::fusion::{FusedSource, Fusion, FusionParameters, SourceError};
 use estimators::hysteresis::{HysteresisEstimator, HysteresisParameters};
 use estimators::joint::AnyEstimator;
 use estimators::kalman::{ADDED_STATES, KalmanEstimator, KalmanParameters, STATES, Transform};
 use estimators::local_gp::{LocalGp, LocalGpEstimator};
-use estimators::network::NetworkEstimator;
-use estimators::set::{EstimatorSet, ZeroParameters};
+use estimators::role::Role;
+use estimators::set::{EstimatorSet, Source, ZeroParameters};
 use estimators::tracking::TrackingParameters;
 use problem::Problem;
-
-/// Models without trained files, in the order in which they are shown.
-const MODELS: [&str; 6] = [
-    "compliance",
-    "hysteresis",
-    "deformation",
-    "kalman",
-    "unscented",
-    "unscented_added",
-];
 
 impl JointFile {
     /// The gear with slipping springs as an estimator.
@@ -78,41 +70,19 @@ impl JointFile {
         })
     }
 
-    /// One of the models; none if its table is not there.
+    /// One of the models of the torsion; none if its table is not there.
     ///
     /// # Errors
     /// A name that no model has; tables that need others.
     pub fn model(&self, name: &str) -> Result<Option<AnyEstimator>, Problem> {
-        let kalman = |table: &Option<KalmanTable>, transform, added: bool| {
-            let Some(table) = table else { return Ok(None) };
-            let p = self.kalman_parameters(table)?;
-            Ok(Some(if added {
-                Box::new(KalmanEstimator::<ADDED_STATES>::new(p, transform)) as AnyEstimator
-            } else {
-                Box::new(KalmanEstimator::<STATES>::new(p, transform))
-            }))
-        };
-        Ok(match name {
-            "compliance" => self.compliance.as_ref().map(|table| -> AnyEstimator {
-                Box::new(ComplianceEstimator::new(self.estimator_parameters(table)))
-            }),
-            "hysteresis" => self
-                .hysteresis
-                .as_ref()
-                .map(|table| -> AnyEstimator { Box::new(self.hysteresis_estimator(table)) }),
-            "deformation" => self.deformation.as_ref().map(|table| -> AnyEstimator {
-                Box::new(DeformationEstimator::new(
-                    self.deformation_parameters(table),
-                ))
-            }),
-            "kalman" => kalman(&self.kalman, Transform::Linear, false)?,
-            "unscented" => kalman(&self.unscented, Transform::Unscented, false)?,
-            "unscented_added" => kalman(&self.unscented_added, Transform::Unscented, true)?,
-            other => {
-                let reason = format!("model {other:?} is unknown");
-                return Err(Problem::new(reason, MODELS.join(", ")));
+        match OF_TORSION.iter().find(|row| row.name == name) {
+            Some(row) => (row.build)(self),
+            None => {
+                let reason = format!("model {name:?} is unknown");
+                let names = OF_TORSION.map(|row| row.name);
+                Err(Problem::new(reason, names.join(", ")))
             }
-        })
+        }
     }
 
     /// A model as Gaussian processes correct it: Z's compliance with a short low-pass, as no residual
@@ -134,25 +104,30 @@ impl JointFile {
         }
     }
 
-    /// Every estimator that is switched on, by name, without their fusion.
+    /// Every source that is switched on, without their fusion.
     ///
     /// # Errors
-    /// Tables that need others.
-    pub fn sources(&self) -> Result<Vec<(String, AnyEstimator)>, Problem> {
+    /// Tables that need others; two sources of one name.
+    pub fn sources(&self) -> Result<Vec<Source>, Problem> {
         let mut sources = Vec::new();
-        for name in MODELS {
-            if let Some(model) = self.model(name)? {
-                sources.push((name.to_owned(), model));
+        let add = |rows: &[Row], sources: &mut Vec<Source>| {
+            for row in rows {
+                if let Some(estimator) = (row.build)(self)? {
+                    let (name, role) = (row.name.to_owned(), row.role);
+                    sources.push(Source {
+                        name,
+                        role,
+                        estimator,
+                    });
+                }
             }
-        }
-        if let Some(trained) = &self.trained.network {
-            let network = NetworkEstimator::new(trained.parameters.clone())?;
-            sources.push(("network".to_owned(), Box::new(network)));
-        }
+            Ok::<_, Problem>(())
+        };
+        add(&OF_TORSION, &mut sources)?;
         for (name, trained) in &self.trained.local_gp {
-            let reserved = [CURRENT, FEED_FORWARD, FUSED];
-            let taken = sources.iter().any(|(other, _)| other == name);
-            if taken || reserved.contains(&name.as_str()) {
+            let taken = sources.iter().any(|source| source.name == *name);
+            let others = OTHERS.iter().any(|row| row.name == name);
+            if taken || others || name == FUSED {
                 let reason = format!("local_gp.{name}: another source has that name");
                 return Err(Problem::new(reason, "each name once"));
             }
@@ -164,18 +139,22 @@ impl JointFile {
             let gp =
                 LocalGp::new(&trained.parameters).map_err(|p| p.of(format!("local_gp.{name}")))?;
             let estimator = LocalGpEstimator::new(base, gp, self.torque_limit());
-            sources.push((name.clone(), Box::new(estimator)));
+            sources.push(Source {
+                name: name.clone(),
+                role: Role::Torsion,
+                estimator: Box::new(estimator),
+            });
         }
-        let current = CurrentEstimator::new(self.current_parameters());
+        add(&OTHERS, &mut sources)?;
+        Ok(sources)
+    }
+
+    /// The torque from the motor's current.
+    pub(crate) fn current_estimator(&self) -> CurrentEstimator {
         let table = self.current.as_ref();
         let uncertainty = table.map_or(&[][..], |table| &table.uncertainty);
-        let current = current.with_uncertainty(uncertainty, self.validity());
-        sources.push((CURRENT.to_owned(), Box::new(current)));
-        if let Some(table) = &self.feed_forward {
-            let estimator = self.feed_forward_estimator(table);
-            sources.push((FEED_FORWARD.to_owned(), Box::new(estimator)));
-        }
-        Ok(sources)
+        CurrentEstimator::new(self.current_parameters())
+            .with_uncertainty(uncertainty, self.validity())
     }
 
     /// The feed-forward as an estimator.
@@ -210,17 +189,14 @@ impl JointFile {
     /// # Errors
     /// As [`Self::estimators`].
     pub fn fused_estimators(&self) -> Result<EstimatorSet, Problem> {
-        let mut joint = self.clone();
-        let Some(table) = &mut joint.fusion else {
+        let Some(table) = &self.fusion else {
             return self.estimators();
         };
-        table.sources.retain(|_, source| source.fused);
-        table.sources.remove(FEED_FORWARD);
-        joint.feed_forward = None;
-        let mut sources = joint.sources()?;
-        let kept = joint.fusion.as_ref().map(|table| &table.sources);
-        sources.retain(|(name, _)| kept.is_some_and(|kept| kept.contains_key(name)));
-        joint.set_of(sources)
+        let mut sources = self.sources()?;
+        table.check(&sources)?;
+        let fused = |name: &String| table.sources.get(name).is_some_and(|source| source.fused);
+        sources.retain(|source| source.role != Role::Model && fused(&source.name));
+        self.set_of(sources)
     }
 
     /// Every estimator that is switched on, fused if there is a fusion.
@@ -228,70 +204,89 @@ impl JointFile {
     /// # Errors
     /// Tables that need others; a fusion of other sources than are switched on.
     pub fn estimators(&self) -> Result<EstimatorSet, Problem> {
-        self.set_of(self.sources()?)
+        let sources = self.sources()?;
+        if let Some(table) = &self.fusion {
+            table.check(&sources)?;
+        }
+        self.set_of(sources)
     }
 
-    fn set_of(&self, sources: Vec<(String, AnyEstimator)>) -> Result<EstimatorSet, Problem> {
-        let place = |name: &str| sources.iter().position(|(n, _)| n == name);
+    fn set_of(&self, sources: Vec<Source>) -> Result<EstimatorSet, Problem> {
         let zero = ZeroParameters {
             unknown: self.encoders.as_ref().is_some_and(|e| e.zero_unknown),
             gear_ratio: self.joint.gear_ratio,
             stiffness: self.hysteresis.as_ref().map_or(0.0, |table| table.linear),
-            gear: place(HYSTERESIS),
-            current: place(CURRENT),
-            feed_forward: place(FEED_FORWARD),
         };
-        let Some(table) = &self.fusion else {
-            return Ok(EstimatorSet::new(sources, None).with_zero(zero));
-        };
-        let missing = |name: &&String| place(name).is_none();
-        if let Some(missing) = table.sources.keys().find(missing) {
-            return Err(Problem::new(
-                format!("fusion.sources.{missing}: {missing} is not switched on"),
-                "sources that are; fit the fusion again after switching estimators on or off",
-            ));
-        }
-        // A source without errors in the table takes no part.
-        let error = |regime: usize, name: &String| {
-            let of = table.sources.get(name);
-            SourceError {
-                variance: of.map_or(f64::INFINITY, |t| t.rms[regime].powi(2)),
-                reported: of.map_or(0.0, |t| t.sigma[regime]),
-            }
-        };
-        let takes_part = |name: &str| table.sources.get(name).is_some_and(|t| t.fused);
-        let fused = |name: &str| takes_part(name).then(|| place(name)).flatten();
-        let correction = (self.feed_forward.as_ref())
-            .map(|table| self.correction_parameters(table.change_sigma));
-        let left_out = (sources.iter().enumerate())
-            .filter(|(_, (name, _))| !takes_part(name))
-            .map(|(i, _)| i);
-        let fusion = Fusion::new(
-            sources.len(),
-            FusionParameters {
+        let fusion = self.fusion.as_ref().map(|table| {
+            let correction = (self.feed_forward.as_ref())
+                .map(|table| self.correction_parameters(table.change_sigma));
+            Fusion::new(FusionParameters {
                 moving: table.moving_rate,
                 loading: table.loading_rate,
-                errors: std::array::from_fn(|regime| {
-                    sources
-                        .iter()
-                        .map(|(name, _)| error(regime, name))
-                        .collect()
-                }),
+                sources: sources.iter().map(|source| table.source(source)).collect(),
                 blend: table.blend,
                 gear_ratio: self.joint.gear_ratio,
                 sample_period: self.sample_period(),
                 torque_limit: self.torque_limit(),
                 rated_torque: self.joint.rated_torque,
-                independent: fused(CURRENT),
-                reference: fused(HYSTERESIS),
-                feed_forward: fused(FEED_FORWARD).zip(correction),
-                left_out: left_out.collect(),
+                correction,
                 rest_factor: REST_FACTOR,
                 zero_unknown: zero.unknown,
-            },
-        );
-        Ok(EstimatorSet::new(sources, Some(fusion)).with_zero(zero))
+            })
+        });
+        Ok(EstimatorSet::new(sources, fusion).with_zero(zero))
     }
+}
+
+impl FusionTable {
+    /// Every source that it names is there.
+    fn check(&self, sources: &[Source]) -> Result<(), Problem> {
+        let is_there = |name: &&String| sources.iter().any(|source| source.name == **name);
+        match self.sources.keys().find(|name| !is_there(name)) {
+            None => Ok(()),
+            Some(missing) => Err(Problem::new(
+                format!("fusion.sources.{missing}: {missing} is not switched on"),
+                "sources that are; fit the fusion again after switching estimators on or off",
+            )),
+        }
+    }
+
+    /// A source as this table has it; one that is not in it takes no part.
+    fn source(&self, source: &Source) -> FusedSource {
+        let of = self.sources.get(&source.name);
+        let error = |regime: usize| SourceError {
+            variance: of.map_or(f64::INFINITY, |t| t.rms[regime].powi(2)),
+            reported: of.map_or(0.0, |t| t.sigma[regime]),
+        };
+        FusedSource {
+            role: source.role,
+            errors: std::array::from_fn(error),
+            fused: of.is_some_and(|t| t.fused),
+        }
+    }
+}
+
+pub(crate) fn kalman(file: &JointFile) -> Result<Option<AnyEstimator>, Problem> {
+    filter::<STATES>(file, file.kalman.as_ref(), Transform::Linear)
+}
+
+pub(crate) fn unscented(file: &JointFile) -> Result<Option<AnyEstimator>, Problem> {
+    filter::<STATES>(file, file.unscented.as_ref(), Transform::Unscented)
+}
+
+pub(crate) fn unscented_added(file: &JointFile) -> Result<Option<AnyEstimator>, Problem> {
+    filter::<ADDED_STATES>(file, file.unscented_added.as_ref(), Transform::Unscented)
+}
+
+fn filter<const N: usize>(
+    file: &JointFile,
+    table: Option<&KalmanTable>,
+    transform: Transform,
+) -> Result<Option<AnyEstimator>, Problem> {
+    let parameters = table
+        .map(|table| file.kalman_parameters(table))
+        .transpose()?;
+    Ok(parameters.map(|p| Box::new(KalmanEstimator::<N>::new(p, transform)) as AnyEstimator))
 }
 
 /// Factor of the current's variance at rest where the torsion's zero is known, by an unloaded turn or a tare. An
@@ -302,12 +297,5 @@ const REST_FACTOR: f64 = 4.0;
 /// Time constant of the low-pass on a compliance model that is corrected, s.
 const GP_TIME_CONSTANT_S: f64 = 0.002;
 
-/// Names of the source from current and of the fusion.
-const CURRENT: &str = "current";
-const FUSED: &str = "fused";
-/// Name of the feed-forward.
-const FEED_FORWARD: &str = "feed_forward";
 /// Rate of the feed-forward that counts as motion, of the rated torque per second.
 const LOADING: f64 = 0.1;
-/// Name of the gear with slipping springs, whose sigma knows its parameters.
-const HYSTERESIS: &str = "hysteresis";

@@ -9,6 +9,7 @@ mod building;
 mod learned;
 mod local_gp;
 mod network;
+mod registry;
 mod source;
 mod tables;
 

@@ -14,7 +14,7 @@ use crate::Files;
 use crate::drives::{Drive, Node};
 use crate::general::{Feedback, name};
 use crate::liveness;
-use crate::parameters::{JointParameters, Timing};
+use crate::parameters::{JointCalibration, JointParameters, Timing};
 use crate::reader::{Allowed, Section};
 use crate::sampling;
 use crate::wiring::{Reach, Wiring};
@@ -233,13 +233,9 @@ impl Reader<'_, '_, '_> {
             max_velocity_change: plausibility.velocity_change(self.timing.sample_period),
             motor_wrap: motor_angle.wrap,
             link_wrap: link_angle.wrap,
-            skew: match &calibration {
-                Some(file) => file
-                    .encoders
-                    .as_ref()
-                    .map_or(skew, |encoders| encoders.skew),
-                None => skew,
-            },
+            skew: (calibration.as_ref())
+                .and_then(JointCalibration::skew)
+                .unwrap_or(skew),
         };
         self.wraps(&encoders, &limits);
         Some(JointParameters {

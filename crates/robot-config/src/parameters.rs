@@ -1,9 +1,11 @@
 //! Parameters of a robot, validated, in SI units.
 
+mod calibration;
 mod joint;
 mod sensors;
 mod torques;
 
+pub use calibration::JointCalibration;
 pub use joint::JointParameters;
 pub use sensors::{FtParameters, FtSensor, ImuParameters};
 pub use torques::{

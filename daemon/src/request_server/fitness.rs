@@ -1,7 +1,7 @@
 //! Decides from its record whether a robot may be tared.
 
 use problem::Problem;
-use robot_config::Parameters;
+use robot_config::{JointCalibration, Parameters};
 use robot_state::{CycleRecord, Event, Mode, Request, SharedRecord, measured_flags};
 
 /// Flags of a source that exclude a tare, and their reasons.
@@ -65,7 +65,7 @@ pub(super) fn judge_joint(
         let allowed = format!("at most {limit} {unit}, and a standard deviation above 0");
         return Err(Problem::new(what, allowed));
     }
-    if (joint.calibration.as_ref()).is_none_or(|file| file.hysteresis.is_none()) {
+    if !(joint.calibration.as_ref()).is_some_and(JointCalibration::has_gear) {
         let what = format!(
             "joint {} has no calibrated gear whose zero could be moved",
             joint.name

@@ -30,6 +30,18 @@ pub enum Start {
 }
 
 impl Start {
+    /// The states in which a robot that is in order may be for hours.
+    pub const LASTING: [Self; 8] = [
+        Self::Hold,
+        Self::Torque,
+        Self::InverseDynamics,
+        Self::Motion,
+        Self::Passive,
+        Self::TorqueFeedback,
+        Self::LowGain,
+        Self::Cartesian,
+    ];
+
     /// Its name on the page.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -69,7 +81,8 @@ impl Start {
     }
 
     /// Whether a robot can be in that state.
-    pub(super) fn is_possible(self, prepared: &Prepared) -> bool {
+    #[must_use]
+    pub fn is_possible(self, prepared: &Prepared) -> bool {
         let variant = prepared.variant;
         match self {
             Self::Cartesian | Self::Pressing => prepared.clamped.is_some(),

@@ -7,7 +7,7 @@
 use estimators::compliance::JointEstimatorParameters;
 use estimators::filter_bank::FilterBank;
 use problem::Problem;
-use robot_config::{FastTorqueFeedback, JointParameters, Robot, TorqueLaw};
+use robot_config::{FastTorqueFeedback, JointCalibration, JointParameters, Robot, TorqueLaw};
 use robot_state::{Event, JointEstimated, JointMeasured, torque_flags};
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};
 
@@ -103,7 +103,7 @@ impl DelayCompensation {
                 },
                 torque_limit: joint.limits.torque,
                 stands_within: joint.limits.gives_way,
-                gain: stored_gain(joint),
+                gain: (joint.calibration.as_ref()).map_or(1.0, JointCalibration::torsion_gain),
                 error_per_angle: KINEMATIC_SLOPE * joint.estimator.compliance.k_fs0,
             }),
             torque_limit: joint.limits.torque,
@@ -196,13 +196,6 @@ impl DelayCompensation {
             }
         }
     }
-}
-
-/// g of the joint file; 1 without.
-fn stored_gain(joint: &JointParameters) -> f64 {
-    let file = joint.calibration.as_ref();
-    let gain = file.and_then(|file| file.torsion_gain.as_ref());
-    gain.map_or(1.0, |table| table.gain)
 }
 
 /// Standard deviation of the compliance's torque due to the encoders' counts: a count hides a uniform

@@ -5,6 +5,8 @@
 //! encoder between them does, is not known, so that nothing else follows from it. Where the first one is
 //! lost, the next one that was sound and agreed with it for the last second is carried over to its place.
 //! It stands in until the first one is sound and agrees with it for a second, and passes on without a step.
+//! Of several that agreed with the first one, those that are left must agree with each other: where none bears out
+//! the one that stands in, it is not known which of them errs, and no motion of the base is.
 
 use dynamics::ImuMotion;
 use nalgebra::Vector3;
@@ -18,6 +20,10 @@ use crate::events::{Counts, Subject};
 
 /// Time constant of the mean differences, s: impacts and steps of the joints are shorter.
 const MEAN_S: f64 = 0.5;
+/// The same of what is looked at before one stands in, s, and the factor of the limits there: an IMU that has begun to
+/// err at the same time as the first one is not in the longer mean yet.
+const QUICK_S: f64 = 0.05;
+const QUICK_FACTOR: f64 = 2.0;
 /// Part of the limits below which a disagreement ends.
 const AGREES: f64 = 0.7;
 /// Time of agreement before an IMU may stand in for another, s.
@@ -25,6 +31,12 @@ const TRUSTED_S: f64 = 1.0;
 /// Time over which one passes on to the other, s.
 const BLEND_S: f64 = 0.05;
 
+/// No motion was shown yet.
+const STILL: ImuMotion = ImuMotion {
+    angular_velocity: Vector3::new(0.0, 0.0, 0.0),
+    angular_acceleration: Vector3::new(0.0, 0.0, 0.0),
+    proper_acceleration: Vector3::new(0.0, 0.0, 0.0),
+};
 /// Samples with one of these are not compared.
 const UNSOUND: u32 = measured_flags::NEVER
     | measured_flags::MISSED
@@ -57,6 +69,9 @@ struct Agreement {
     means: [Vector3<f64>; 2],
     limits: [f64; 2],
     disagrees: bool,
+    /// The same over [`QUICK_S`], and whether they are beyond their limits.
+    quick: [Vector3<f64>; 2],
+    parts: bool,
     /// Time of agreement, s.
     agreed: f64,
 }
@@ -67,6 +82,8 @@ impl Agreement {
             means: [Vector3::zeros(); 2],
             limits,
             disagrees: false,
+            quick: [Vector3::zeros(); 2],
+            parts: false,
             agreed: 0.0,
         }
     }
@@ -78,23 +95,56 @@ impl Agreement {
             a.proper_acceleration - b.proper_acceleration,
         ];
         let part = if self.disagrees { AGREES } else { 1.0 };
-        let mut beyond = false;
-        for ((mean, difference), limit) in self.means.iter_mut().zip(differences).zip(self.limits) {
-            *mean += (difference - *mean) * (dt / MEAN_S).min(1.0);
-            // A mean that is not finite is beyond every limit.
-            let within = mean.norm() <= part * limit;
-            beyond |= !within;
-        }
-        if self.means.iter().any(|mean| !mean.norm().is_finite()) {
-            self.means = [Vector3::zeros(); 2];
-        }
-        self.disagrees = beyond;
-        self.agreed = if beyond { 0.0 } else { self.agreed + dt };
+        let limits = self.limits;
+        self.disagrees = average(
+            &mut self.means,
+            differences,
+            dt / MEAN_S,
+            limits.map(|l| part * l),
+        );
+        let limits = limits.map(|l| QUICK_FACTOR * l);
+        self.parts = average(&mut self.quick, differences, dt / QUICK_S, limits);
+        self.agreed = if self.disagrees {
+            0.0
+        } else {
+            self.agreed + dt
+        };
     }
 
     fn is_trusted(&self) -> bool {
-        !self.disagrees && self.agreed >= TRUSTED_S
+        self.agrees() && self.agreed >= TRUSTED_S
     }
+
+    fn agrees(&self) -> bool {
+        !(self.disagrees || self.parts)
+    }
+}
+
+/// Takes differences into their means; whether one of them is beyond its limit.
+fn average(
+    means: &mut [Vector3<f64>; 2],
+    differences: [Vector3<f64>; 2],
+    share: f64,
+    limits: [f64; 2],
+) -> bool {
+    let mut beyond = false;
+    for ((mean, difference), limit) in means.iter_mut().zip(differences).zip(limits) {
+        *mean += (difference - *mean) * share.min(1.0);
+        // A mean that is not finite is beyond every limit.
+        let within = mean.norm() <= limit;
+        beyond |= !within;
+    }
+    if means.iter().any(|mean| !mean.norm().is_finite()) {
+        *means = [Vector3::zeros(); 2];
+    }
+    beyond
+}
+
+/// Two IMUs beside the first one, by their places among those.
+#[derive(Debug)]
+struct Between {
+    places: [usize; 2],
+    agreement: Agreement,
 }
 
 /// Substitute of the first IMU.
@@ -114,6 +164,9 @@ struct StandIn {
 #[derive(Debug)]
 pub(super) struct Imus {
     further: Vec<Further>,
+    /// Motion of the first one's place by each of them, and every two of them beside each other.
+    shown: Vec<ImuMotion>,
+    between: Vec<Between>,
     stand_in: Option<StandIn>,
     stale_after: f64,
     /// Nothing stood in for the first one, or would have, in the last cycle.
@@ -144,8 +197,17 @@ impl Imus {
                 silent: 0.0,
             })
         });
+        let further: Vec<Further> = further.collect::<Result<_, Problem>>()?;
+        let n = further.len();
+        let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b]));
+        let between = pairs.map(|places| Between {
+            places,
+            agreement: Agreement::new(further[places[0]].agreement.limits),
+        });
         Ok(Self {
-            further: further.collect::<Result<_, Problem>>()?,
+            between: between.collect(),
+            shown: vec![STILL; n],
+            further,
             stand_in: None,
             stale_after: parameters.timing.stale_after,
             alone: true,
@@ -154,9 +216,8 @@ impl Imus {
 
     /// Whether no IMU stands in for the first one or would if that were lost: in this cycle, and in the last one.
     pub(super) fn is_alone(&mut self) -> [bool; 2] {
-        let candidate = |further: &Further| further.sound && further.agreement.is_trusted();
         let stands_in = self.stand_in.as_ref().is_some_and(|s| !s.ends);
-        let alone = !stands_in && !self.further.iter().any(candidate);
+        let alone = !stands_in && self.candidate().is_none();
         [alone, std::mem::replace(&mut self.alone, alone)]
     }
 
@@ -203,14 +264,67 @@ impl Imus {
                 counts.lasting(Event::ImuDisagrees, subject, !before);
             }
         }
+        self.compare_further(signals, dt, counts);
         self.choose(flags.first().copied().unwrap_or(0), dt, counts);
         self.pass_on(sound(0), &shown(0), &input.imu, dt, counts);
+    }
+
+    /// Compares the IMUs beside the first one with each other.
+    fn compare_further(&mut self, signals: &Filtered, dt: f64, counts: &mut Counts) {
+        if self.between.is_empty() {
+            return;
+        }
+        let input = signals.input();
+        for (shown, further) in self.shown.iter_mut().zip(&self.further) {
+            if let (true, Some(own)) = (further.sound, signals.imus().get(further.index)) {
+                *shown = carried(&further.back, &input, own);
+            }
+        }
+        for pair in &mut self.between {
+            let both = pair.places.map(|place| self.further.get(place));
+            let [Some(a), Some(b)] = both else { continue };
+            let shown = pair.places.map(|place| self.shown.get(place));
+            let ([Some(by_a), Some(by_b)], true) = (shown, a.sound && b.sound) else {
+                continue;
+            };
+            let before = pair.agreement.disagrees;
+            pair.agreement.compare(by_a, by_b, dt);
+            // Beside the first one each of them is compared with that.
+            if pair.agreement.disagrees && self.stand_in.is_some() {
+                counts.lasting(Event::ImuDisagrees, Subject::Imu(b.index), !before);
+            }
+        }
+    }
+
+    /// Whether the others that agreed with the first one bear out this one: one of them does, or there is none.
+    fn is_borne_out(&self, place: usize) -> bool {
+        let trusted = |place: &usize| {
+            (self.further.get(*place)).is_some_and(|f| f.sound && f.agreement.is_trusted())
+        };
+        let mut others = self.between.iter().filter(|pair| {
+            let other = pair.places.iter().find(|its| **its != place);
+            pair.places.contains(&place) && other.is_some_and(trusted)
+        });
+        match others.next() {
+            None => true,
+            Some(first) => first.agreement.agrees() || others.any(|pair| pair.agreement.agrees()),
+        }
+    }
+
+    /// The next IMU that may stand in for the first one.
+    fn candidate(&self) -> Option<usize> {
+        let fit = |f: &Further| f.sound && f.agreement.is_trusted();
+        let mut places = self.further.iter().enumerate();
+        let found = places.find(|(place, f)| fit(f) && self.is_borne_out(*place));
+        found.map(|(place, _)| place)
     }
 
     /// Lets another IMU stand in where the first one, or the one that does, is lost.
     fn choose(&mut self, first: u32, dt: f64, counts: &mut Counts) {
         let lost = first & LOST != 0;
-        let sound = |s: &StandIn| self.further.get(s.place).is_some_and(|f| f.sound);
+        let sound = |s: &StandIn| {
+            self.further.get(s.place).is_some_and(|f| f.sound) && self.is_borne_out(s.place)
+        };
         let gone = self.stand_in.as_ref().is_some_and(|s| !sound(s));
         if gone {
             self.stand_in = None;
@@ -222,8 +336,7 @@ impl Imus {
                 self.stand_in = None;
             }
         } else if lost {
-            let candidate = |f: &Further| f.sound && f.agreement.is_trusted();
-            let Some(place) = self.further.iter().position(candidate) else {
+            let Some(place) = self.candidate() else {
                 return;
             };
             let limits = (self.further.get(place)).map_or([0.0; 2], |f| f.agreement.limits);

@@ -31,14 +31,13 @@ impl Fusion {
         variances: &mut [f64; MAX_SOURCES],
         sources: &[TorqueEstimate],
     ) {
-        let p = &self.parameters;
         let valid = |i: usize| variances.get(i).is_some_and(|v| v.is_finite());
         let within = |i: &usize| valid(*i) && sources.get(*i).is_some_and(|e| !clamped(e));
-        let Some(reference) = p.reference.filter(within) else {
+        let Some(gear) = self.places.gear.filter(within) else {
             return;
         };
         for (i, (variance, source)) in variances.iter_mut().zip(sources).enumerate() {
-            let apart = [Some(reference), p.independent, self.model()].contains(&Some(i));
+            let apart = i == gear || self.places.stand_apart(i);
             if !apart && clamped(source) {
                 *variance = f64::INFINITY;
             }
@@ -47,14 +46,13 @@ impl Fusion {
 
     /// The sources from the torsion, each with the more weight the nearer its variance is to the least of them.
     pub(super) fn group(&self, sources: &[TorqueEstimate], variances: &[f64], least: f64) -> Group {
-        let p = &self.parameters;
         let mut group = Group::default();
         let mut bound = 0.0;
         for (i, (source, variance)) in sources.iter().zip(variances).take(self.sources).enumerate()
         {
             // Relative to the least: most for the best, down to 0 at the bound, without a step.
             let weight = (least / variance - 1.0 / MAX_VARIANCE_RATIO).max(0.0);
-            let apart = Some(i) == p.independent || Some(i) == self.model();
+            let apart = self.places.stand_apart(i);
             if apart || weight.is_nan() || weight == 0.0 {
                 continue;
             }
@@ -71,7 +69,7 @@ impl Fusion {
             }
         }
         // The gear's clamp is that of the torsion.
-        let gear = p.reference.and_then(|i| sources.get(i));
+        let gear = self.places.gear.and_then(|i| sources.get(i));
         group.saturated = bound > 0.0;
         group.clamped = gear.is_some_and(clamped) || bound > 0.5 * group.sum;
         group

@@ -9,11 +9,12 @@ use estimators::deformation::AngularFrequency;
 use estimators::encoder::{EncoderParameters, JointEncoders};
 use estimators::feed_forward::{CorrectionParameters, UNCERTAIN as OF_FEED_FORWARD};
 use estimators::filter_bank::FilterBank;
-use estimators::fusion::{Fusion, FusionParameters, SourceError};
+use estimators::fusion::{FusedSource, Fusion, FusionParameters, REGIMES, SourceError};
 use estimators::joint::{AnyEstimator, JointSample, JointTorqueEstimator};
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
+use estimators::role::Role;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
-use estimators::set::{EstimatorSet, ZeroParameters};
+use estimators::set::{EstimatorSet, Source, ZeroParameters};
 use estimators::validity::Validity;
 use estimators::wave_generator::FrictionRule;
 use subjects::*;
@@ -101,47 +102,54 @@ fn kalman_filters() {
     );
 }
 
+fn source(name: &str, role: Role, estimator: AnyEstimator) -> Source {
+    Source {
+        name: name.into(),
+        role,
+        estimator,
+    }
+}
+
+fn fused(role: Role, errors: [SourceError; REGIMES]) -> FusedSource {
+    FusedSource {
+        role,
+        errors,
+        fused: true,
+    }
+}
+
 #[test]
 fn fused_sources() {
     let new = || {
-        let sources: Vec<(String, Box<dyn JointTorqueEstimator + Send>)> = vec![
-            ("compliance".into(), Box::new(compliance())),
-            ("current".into(), Box::new(current_based())),
-            (
-                "kalman".into(),
-                Box::new(kalman::<STATES>(Transform::Unscented, None)),
-            ),
+        let kalman = Box::new(kalman::<STATES>(Transform::Unscented, None));
+        let sources = vec![
+            source("compliance", Role::Torsion, Box::new(compliance())),
+            source("current", Role::Torsion, Box::new(current_based())),
+            source("kalman", Role::Torsion, kalman),
         ];
         let error = |variance: f64| SourceError {
             variance,
             reported: 0.5,
         };
-        let regime = |r: usize| {
-            vec![
-                error(0.2),
-                error(if r.is_multiple_of(2) { 4.0 } else { 0.3 }),
-                error(0.2),
-            ]
-        };
-        let fusion = Fusion::new(
-            3,
-            FusionParameters {
-                moving: 0.01,
-                loading: [1e-3, 3e-3, 1e-2],
-                errors: std::array::from_fn(regime),
-                blend: 0.02,
-                gear_ratio: 100.0,
-                sample_period: 1e-3,
-                torque_limit: LIMIT,
-                rated_torque: LIMIT / 2.5,
-                independent: None,
-                reference: None,
-                left_out: Vec::new(),
-                rest_factor: 1.0,
-                zero_unknown: false,
-                feed_forward: None,
-            },
-        );
+        let of_current = |r: usize| error(if r.is_multiple_of(2) { 4.0 } else { 0.3 });
+        let errors = [
+            [error(0.2); REGIMES],
+            std::array::from_fn(of_current),
+            [error(0.2); REGIMES],
+        ];
+        let fusion = Fusion::new(FusionParameters {
+            moving: 0.01,
+            loading: [1e-3, 3e-3, 1e-2],
+            sources: errors.map(|errors| fused(Role::Torsion, errors)).to_vec(),
+            blend: 0.02,
+            gear_ratio: 100.0,
+            sample_period: 1e-3,
+            torque_limit: LIMIT,
+            rated_torque: LIMIT / 2.5,
+            rest_factor: 1.0,
+            zero_unknown: false,
+            correction: None,
+        });
         EstimatorSet::new(sources, Some(fusion))
     };
     // One of them never quite reaches the limit.
@@ -175,41 +183,33 @@ fn covariances_ranges_and_tares_neither_allocate_nor_break() {
         loading: 2.0,
         sample_period: 1e-3,
     };
-    let fusion = Fusion::new(
-        3,
-        FusionParameters {
-            moving: 0.01,
-            loading: [1e-3, 3e-3, 1e-2],
-            errors: std::array::from_fn(|_| vec![error; 3]),
-            blend: 0.02,
-            gear_ratio: 100.0,
-            sample_period: 1e-3,
-            torque_limit: LIMIT,
-            rated_torque: LIMIT / 2.5,
-            independent: Some(1),
-            reference: Some(0),
-            left_out: Vec::new(),
-            rest_factor: 4.0,
-            zero_unknown: false,
-            feed_forward: Some((2, correction)),
-        },
-    );
+    let roles = [Role::Gear, Role::Current, Role::Model];
+    let fusion = Fusion::new(FusionParameters {
+        moving: 0.01,
+        loading: [1e-3, 3e-3, 1e-2],
+        sources: roles.map(|role| fused(role, [error; REGIMES])).to_vec(),
+        blend: 0.02,
+        gear_ratio: 100.0,
+        sample_period: 1e-3,
+        torque_limit: LIMIT,
+        rated_torque: LIMIT / 2.5,
+        rest_factor: 4.0,
+        zero_unknown: false,
+        correction: Some(correction),
+    });
     let gear = hysteresis().with_uncertainty(&directions(gear().uncertain(), 80.0), validity);
     let current =
         current_with_presliding().with_uncertainty(&directions(UNCERTAIN, 0.06), validity);
     let model = feed_forward().with_uncertainty(&directions(OF_FEED_FORWARD, 0.06), validity);
-    let sources: Vec<(String, AnyEstimator)> = vec![
-        ("hysteresis".into(), Box::new(gear)),
-        ("current".into(), Box::new(current)),
-        ("feed_forward".into(), Box::new(model)),
+    let sources = vec![
+        source("hysteresis", Role::Gear, Box::new(gear)),
+        source("current", Role::Current, Box::new(current)),
+        source("feed_forward", Role::Model, Box::new(model)),
     ];
     let mut set = EstimatorSet::new(sources, Some(fusion)).with_zero(ZeroParameters {
         unknown: true,
         gear_ratio: 100.0,
         stiffness: 8000.0,
-        gear: Some(0),
-        current: Some(1),
-        feed_forward: Some(2),
     });
     let before = allocations();
     let mut disagreed = false;

@@ -16,6 +16,7 @@ use estimators::deformation::AngularFrequency;
 use estimators::hysteresis::{ENCODER_PARAMETERS, GearParameters, LINK_ORDERS, MOTOR_ORDERS};
 use estimators::kalman::{ADDED_STATES, STATES, Transform};
 use estimators::kinematic_error::KinematicErrorParameters;
+use estimators::role::Role;
 use estimators::set::EstimatorSet;
 use joint_file::{
     ComplianceTable, CurrentTable, DeformationTable, FrictionTable, FusionTable, HysteresisTable,
@@ -433,46 +434,41 @@ impl Fitted {
         let typical = of_gear.map(|of_gear| gear::typical_stiffness(record, &error, &of_gear));
         let turned = self.gear_knowledge().turned;
         let own = self.harmonics == Harmonics::Higher;
-        let reports = sources.names().iter().position(|name| name == "hysteresis");
-        let known: Vec<SourceKnowledge> = (sources.names().iter())
-            .map(|name| {
-                let gear_based = ["hysteresis", "unscented_added"].contains(&name.as_str());
-                let current = name == "current";
-                let model = name == "feed_forward";
-                SourceKnowledge {
-                    // Only models with priors know how wrong they may be away from their data.
-                    fused: gear_based || current || model || gear.is_none(),
-                    usual: match (current, turned) {
-                        _ if model => Usual::FEED_FORWARD,
-                        (true, true) if !own => Usual::CURRENT_TURNED,
-                        (true, _) => Usual::CURRENT,
-                        (false, _) if own => Usual::OWN_RECORDINGS,
-                        (false, true) => Usual::TURNED,
-                        (false, false) => Usual::NOT_TURNED,
-                    },
-                    own_sigma: match name.as_str() {
-                        "hysteresis" => {
-                            (gear.as_ref().zip(typical)).map(|(g, k)| g.torsion_sigma * k)
-                        }
-                        _ => None,
-                    },
-                    // The filter has the same gear.
-                    parameters_of: reports.filter(|_| gear_based),
-                    // Of a robot's own recordings every block moves all joints in another way: what a fit without it
-                    // gets wrong there is the parameters' part, which counts by itself.
-                    held_out_ratio: match (&gear, current || model || own) {
-                        (Some(gear), false) => gear.held_out_ratio,
-                        _ => 1.0,
-                    },
-                }
+        let place = |role: Role| sources.roles().iter().position(|its| *its == role);
+        let reports = place(Role::Gear);
+        let known: Vec<SourceKnowledge> = (sources.roles().iter())
+            .map(|role| SourceKnowledge {
+                // Only models with priors know how wrong they may be away from their data.
+                fused: *role != Role::Torsion || gear.is_none(),
+                usual: match (role, turned) {
+                    (Role::Model, _) => Usual::FEED_FORWARD,
+                    (Role::Current, true) if !own => Usual::CURRENT_TURNED,
+                    (Role::Current, _) => Usual::CURRENT,
+                    _ if own => Usual::OWN_RECORDINGS,
+                    (_, true) => Usual::TURNED,
+                    (_, false) => Usual::NOT_TURNED,
+                },
+                own_sigma: match (role, gear.as_ref().zip(typical)) {
+                    (Role::Gear, Some((gear, stiffness))) => Some(gear.torsion_sigma * stiffness),
+                    _ => None,
+                },
+                // The filter has the same gear.
+                parameters_of: reports.filter(|_| role.has_gear()),
+                // Of a robot's own recordings every block moves all joints in another way: what a fit without it
+                // gets wrong there is the parameters' part, which counts by itself.
+                held_out_ratio: match (&gear, role) {
+                    (_, Role::Current | Role::Model) | (None, _) => 1.0,
+                    _ if own => 1.0,
+                    (Some(gear), _) => gear.held_out_ratio,
+                },
             })
             .collect();
         let torques = [self.joint.joint.rated_torque, self.joint.torque_limit()];
         let p = fusion::fit(record, &mut sources, &used, &known, torques);
         let table = |i: usize| SourceTable {
-            rms: p.errors.each_ref().map(|errors| errors[i].variance.sqrt()),
-            sigma: p.errors.each_ref().map(|errors| errors[i].reported),
-            fused: !p.left_out.contains(&i),
+            rms: p.sources[i].errors.map(|error| error.variance.sqrt()),
+            sigma: p.sources[i].errors.map(|error| error.reported),
+            fused: p.sources[i].fused,
         };
         self.joint.fusion = Some(FusionTable {
             moving_rate: p.moving,

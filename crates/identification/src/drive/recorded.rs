@@ -79,7 +79,8 @@ impl Gather {
     #[must_use]
     pub fn new(index: usize, joint: &JointParameters, period: f64) -> Self {
         let known = joint.calibration.as_ref();
-        let kinematic_error = known.map(|file| {
+        let kinematic_error = known.map(|calibration| {
+            let file = calibration.file();
             let error = file.kinematic_error_parameters();
             file.joint
                 .radius

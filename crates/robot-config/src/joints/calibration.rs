@@ -2,6 +2,7 @@
 
 use super::Reader;
 use crate::drives::Drive;
+use crate::parameters::JointCalibration;
 use crate::paths;
 use estimators::features::FeatureSet;
 use estimators::local_gp::LocalGpParameters;
@@ -15,7 +16,7 @@ impl Reader<'_, '_, '_> {
         &self,
         drive: Option<&Drive>,
         torque_limit: f64,
-    ) -> Option<JointFile> {
+    ) -> Option<JointCalibration> {
         const ALLOWED: &str = "the path of a joint file that `torquectl fit` wrote";
         let section = self.section;
         let named = section.optional_text("calibration", ALLOWED)?;
@@ -40,7 +41,7 @@ impl Reader<'_, '_, '_> {
             }
         };
         self.matches(&file, &path, drive, torque_limit)
-            .then_some(file)
+            .then_some(JointCalibration::new(file))
     }
 
     /// The learned feed-forward that `feed_forward` names; it must be this joint's.

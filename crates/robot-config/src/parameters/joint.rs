@@ -1,5 +1,6 @@
 //! Parameters of a joint.
 
+use super::JointCalibration;
 use crate::sampling::Sampling;
 use crate::units::BEYOND_LIMIT;
 use control::predictive::LawParameters;
@@ -8,7 +9,6 @@ use core::ops::RangeInclusive;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::local_gp::LocalGpParameters;
-use joint_file::JointFile;
 use robot_state::JointKind;
 use supervisor::{
     Actuation, DriveProfile, FollowingParameters, Limits, PlausibilityParameters, SignalParameters,
@@ -46,8 +46,8 @@ pub struct JointParameters {
     pub encoders: EncoderParameters,
     /// From encoders and current to torque (Z), where there is no calibration.
     pub estimator: JointEstimatorParameters,
-    /// The joint file whose estimators give the torque from encoders and current.
-    pub calibration: Option<JointFile>,
+    /// What gives the torque from encoders and current; see [`Self::torque_estimator`].
+    pub calibration: Option<JointCalibration>,
     /// The learned feed-forward of mode low-gain tracking, with inputs
     /// [`motion_inputs`](crate::feed_forward::motion_inputs).
     pub feed_forward: Option<LocalGpParameters>,

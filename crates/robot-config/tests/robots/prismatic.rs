@@ -221,7 +221,7 @@ fn a_joint_file_is_of_a_joint_that_slides_or_of_one_that_turns() {
     };
     let robot = with("lift", LIFT).load(LIFT_GRIPPER).expect("a robot");
     let file = robot.parameters.joints[0].calibration.as_ref();
-    assert_eq!(file.expect("a joint file").joint.radius, Some(0.1));
+    assert_eq!(file.expect("a calibration").file().joint.radius, Some(0.1));
     for (joint, from, to, part) in [
         ("lift", "radius_m = 0.1\n", "", "this one is prismatic"),
         ("boom", "", "", "is for a prismatic joint"),
