@@ -57,6 +57,8 @@ struct Further {
     there: CarriedImu,
     back: CarriedImu,
     agreement: Agreement,
+    /// It was trusted when it was last compared with the first one itself.
+    trusted_by_first: bool,
     sound: bool,
     /// Time without a usable sample, s.
     silent: f64,
@@ -193,6 +195,7 @@ impl Imus {
                 there: carried(first, &imu.frame)?,
                 back: carried(&imu.frame, first)?,
                 agreement: Agreement::new(imu.disagreement),
+                trusted_by_first: false,
                 sound: false,
                 silent: 0.0,
             })
@@ -260,6 +263,9 @@ impl Imus {
             let expected = carried(&further.there, &input, &input.imu);
             let own = shown(further.index);
             further.agreement.compare(&own, &expected, dt);
+            if self.stand_in.is_none() {
+                further.trusted_by_first = further.agreement.is_trusted();
+            }
             if further.agreement.disagrees {
                 counts.lasting(Event::ImuDisagrees, subject, !before);
             }
@@ -299,7 +305,7 @@ impl Imus {
     /// Whether the others that agreed with the first one bear out this one: one of them does, or there is none.
     fn is_borne_out(&self, place: usize) -> bool {
         let trusted = |place: &usize| {
-            (self.further.get(*place)).is_some_and(|f| f.sound && f.agreement.is_trusted())
+            (self.further.get(*place)).is_some_and(|f| f.sound && f.trusted_by_first)
         };
         let mut others = self.between.iter().filter(|pair| {
             let other = pair.places.iter().find(|its| **its != place);
