@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.real_time
+
 ROOT = Path(__file__).resolve().parents[2]
 BINARIES = Path(os.environ.get("TORQUECTL", ROOT / "target/debug/torquectl")).resolve().parent
 # What the page lets run for minutes.

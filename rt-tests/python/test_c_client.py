@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from processes import BINARIES, ROOT, daemon, derived_config
 
+pytestmark = pytest.mark.real_time
+
 FOLDER = ROOT / "client" / "c"
 SECONDS = 5
 STRICT = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror"]

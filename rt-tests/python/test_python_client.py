@@ -23,6 +23,8 @@ sys.path.insert(0, str(PYTHON))
 
 import torqued  # noqa: E402
 
+pytestmark = pytest.mark.real_time
+
 PATIENCE_S = 10.0
 JOINTS = 6
 

@@ -11,6 +11,8 @@ from mcap.reader import make_reader
 from mcap_ros2.reader import read_ros2_messages
 from processes import BINARIES, LEG, ROOT
 
+pytestmark = pytest.mark.real_time
+
 SECONDS = 3
 CYCLES = 1000 * SECONDS
 TORQUECTL = os.environ.get("TORQUECTL", BINARIES / "torquectl")

@@ -12,6 +12,8 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect, sync_playwright
 from processes import BINARIES, LEG, ROOT, Process, daemon, example
 
+pytestmark = pytest.mark.real_time
+
 # A machine that runs other tests beside this one is slow.
 PATIENCE_MS = 60_000
 expect.set_options(timeout=PATIENCE_MS)
