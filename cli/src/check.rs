@@ -66,7 +66,15 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
         data: f64::from(arguments.data_bitrate),
     };
     let buses = bus_loads(&robot, rate);
-    let warnings = warnings(&robot, &buses);
+    let mut warnings = warnings(&robot, &buses);
+    let outdated = crate::prove::outdated(Path::new(&arguments.config), &robot)?;
+    if !outdated.is_empty() {
+        warnings.push(format!(
+            "joints {} are not proven since their tables have changed: torquectl prove {}",
+            outdated.join(", "),
+            arguments.config
+        ));
+    }
     let judged = margins::judge(&robot);
     let refused = margins::refusals(&robot, &judged, &arguments.config);
     if !refused.is_empty() {

@@ -21,6 +21,7 @@ mod new;
 mod operator;
 mod output;
 mod passive;
+mod prove;
 mod record;
 mod recorded;
 mod reference;
@@ -53,6 +54,7 @@ Examples:
   torquectl margins config/leg/robot.toml --joint knee --plot knee.svg
   torquectl state
   torquectl enable
+  torquectl prove config/leg/robot.toml
   torquectl move knee=60 --speed 20
   torquectl cartesian foot --stiffness 2000 --shift 0,0,-20
   torquectl passive knee --seconds 30
@@ -111,6 +113,7 @@ enum Command {
     Move(motion::MoveArguments),
     New(new::NewArguments),
     Passive(passive::PassiveArguments),
+    Prove(prove::ProveArguments),
     Tare(tare::TareArguments),
     View(view::ViewArguments),
     WholeBody(whole_body::WholeBodyArguments),
@@ -146,6 +149,7 @@ fn main() -> ExitCode {
         Command::Move(arguments) => motion::run(&arguments),
         Command::New(arguments) => new::run(&arguments),
         Command::Passive(arguments) => passive::run(&arguments),
+        Command::Prove(arguments) => prove::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),

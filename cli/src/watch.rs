@@ -1,6 +1,7 @@
 //! `torquectl watch`: measured, estimated and commanded torques of a running robot.
 
 mod json;
+mod screen;
 mod text;
 
 use crate::NO_DAEMON;
@@ -16,8 +17,12 @@ use torqued_client::{Client, Error, Record};
 const CLEAR: &str = "\x1b[2J\x1b[H";
 
 const EXAMPLES: &str = "\
+On a terminal it is a program: keys sort and filter the joints, choose the torque that is shown, hold the
+picture; ? lists them. Into a pipe, or with --plain, it prints tables.
+
 Examples:
   torquectl watch
+  torquectl watch --plain
   torquectl watch --robot leg --once
   torquectl watch --json --rate 100 | jq '.joints[0].tau_whole_body.tau_Nm'
 
@@ -40,6 +45,9 @@ pub(crate) struct WatchArguments {
     /// Show one record and end
     #[arg(long)]
     once: bool,
+    /// Print tables, also on a terminal
+    #[arg(long)]
+    plain: bool,
     /// Print JSON instead of text, one object per line
     #[arg(long)]
     json: bool,
@@ -82,6 +90,11 @@ impl From<io::Error> for Failure {
 }
 
 fn watch(arguments: &WatchArguments) -> Result<(), Failure> {
+    let prints = arguments.once || arguments.json || arguments.plain;
+    let dumb = std::env::var_os("TERM").is_none_or(|term| term == "dumb");
+    if !(prints || dumb) && io::stdout().is_terminal() && io::stdin().is_terminal() {
+        return screen::run(arguments);
+    }
     let mut client = connect(arguments.robot.as_ref())?;
     let mut out = io::stdout().lock();
     let redraw = !arguments.once && !arguments.json && out.is_terminal();

@@ -4,6 +4,7 @@ The client crate's example `stand_in_daemon` publishes joint torques `j + sin t`
 follows references.
 """
 
+import asyncio
 import math
 import os
 import signal
@@ -73,6 +74,35 @@ def wait_for(client, condition):
 def start_python(code):
     environment = os.environ | {"PYTHONPATH": str(PYTHON)}
     return subprocess.Popen([sys.executable, "-c", code], env=environment)
+
+
+def test_a_stream_lets_other_tasks_run_and_says_when_the_daemon_is_gone(daemons):
+    daemon = daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+
+    async def other(turns):
+        while True:
+            turns.append(1)
+            await asyncio.sleep(0.001)
+
+    async def both():
+        turns, sequences = [], []
+        task = asyncio.create_task(other(turns))
+        async for record in client.stream(PATIENCE_S):
+            sequences.append(record.cycle.sequence)
+            if len(sequences) == 300:
+                break
+        lost = client.lost
+        kill(daemon)
+        with pytest.raises(torqued.NoDaemonError, match="no record for 0.5 s"):
+            async for record in client.stream(0.5):
+                pass
+        task.cancel()
+        return len(turns), sequences, lost
+
+    turns, sequences, lost = asyncio.run(both())
+    assert sequences[-1] - sequences[0] == len(sequences) - 1 + lost
+    assert turns > 50
 
 
 def test_every_record_arrives_as_it_was_sent(daemons):

@@ -56,7 +56,7 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
 }
 
 /// Who commands, why its references are not followed, and why another client was refused last.
-fn commander(cycle: &CycleRecord) -> String {
+pub(super) fn commander(cycle: &CycleRecord) -> String {
     let lease = &cycle.commander;
     let mut out = match lease.session {
         0 => "commander: none".to_owned(),
@@ -133,7 +133,7 @@ fn estimate(estimate: &TorqueEstimate) -> String {
     format!("{:.2} ±{:5.2}", estimate.tau, estimate.sigma)
 }
 
-fn ft_sensors(description: &Description, cycle: &CycleRecord) -> TextTable {
+pub(super) fn ft_sensors(description: &Description, cycle: &CycleRecord) -> TextTable {
     let heading = [
         "F/T sensor",
         "contact force N",

@@ -1,10 +1,11 @@
 """Records and requests of a client."""
 
+import asyncio
 import ctypes
 import secrets
 import time
 from pathlib import Path
-from typing import Callable, Iterator, Optional
+from typing import AsyncIterator, Callable, Iterator, Optional
 
 import iceoryx2 as iox2
 
@@ -211,12 +212,25 @@ class Client:
         until = time.monotonic() + timeout_s
         while (record := self._receive()) is None:
             if time.monotonic() > until:
-                raise NoDaemonError(
-                    f'robot "{self.robot}": no record for {timeout_s} s; torqued has stopped or '
-                    "was killed: look at its log and start it again"
-                )
+                raise self._silent(timeout_s)
             time.sleep(POLL_S)
         return record
+
+    async def stream(self, timeout_s: float = 1.0) -> AsyncIterator[SharedRecord]:
+        """The records in order, without end, for `async for`: other tasks run while none is there.
+
+        Raises `NoDaemonError` if none comes within `timeout_s`. A task that keeps the event loop for longer than 128
+        cycles loses records, which `lost` counts.
+        """
+        until = time.monotonic() + timeout_s
+        while True:
+            if (record := self._receive()) is not None:
+                yield record
+                until = time.monotonic() + timeout_s
+            elif time.monotonic() > until:
+                raise self._silent(timeout_s)
+            else:
+                await asyncio.sleep(POLL_S)
 
     def latest(self) -> Optional[SharedRecord]:
         """The newest record, if one has come since the last call; those before it are skipped."""
@@ -229,6 +243,12 @@ class Client:
         """The records in order, without end; each waits at most `timeout_s`."""
         while True:
             yield self.next_record(timeout_s)
+
+    def _silent(self, waited_s: float) -> NoDaemonError:
+        return NoDaemonError(
+            f'robot "{self.robot}": no record for {waited_s} s; torqued has stopped or '
+            "was killed: look at its log and start it again"
+        )
 
     def _receive(self) -> Optional[SharedRecord]:
         sample = self._records.receive()
