@@ -83,6 +83,8 @@ pub(crate) struct Measure {
     ft_inputs: Vec<FtInput>,
     imu_sources: Vec<(Source, ImuCheck)>,
     imus: Imus,
+    /// The first IMU seems sound and is not, since the last cycle.
+    imu_doubted: bool,
     sample_period: f64,
     stale_after: f64,
     sends_velocity: Vec<bool>,
@@ -160,6 +162,7 @@ impl Measure {
                 })
                 .collect(),
             imus: Imus::new(robot)?,
+            imu_doubted: false,
             sample_period: period,
             stale_after: parameters.timing.stale_after,
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
@@ -312,7 +315,7 @@ impl Measure {
         }
         (self.control_filter).update(&self.both_angles, stamps, at.sync);
         if self.imu_sources.len() > 1 {
-            self.compare_imus(measured, counts);
+            self.compare_imus(holds, measured, counts);
         }
         self.publish_joints(measured);
         self.publish_sensors(measured);

@@ -262,6 +262,29 @@ fn one_that_stands_in_and_that_the_third_contradicts_is_not_used() {
     assert_eq!(robot.record().mode, Mode::Hold.number());
 }
 
+/// A first one that seems sound again, but was lost and has agreed with none since, is not used where what stood in
+/// for it is gone.
+#[test]
+fn a_first_imu_that_has_not_agreed_again_is_not_used() {
+    let first_back = |by: f64| Spoiled {
+        silent: [false; 3],
+        offset: [2.5, by, 0.0],
+    };
+    let silent = Spoiled {
+        silent: [true, false, false],
+        ..SOUND
+    };
+    let mut robot = Moving::new();
+    robot.run(2500, SOUND);
+    robot.run(300, silent);
+    robot.run(300, first_back(0.0));
+    assert!(robot.stands_in());
+    robot.run(250, first_back(1.75));
+    assert!(!robot.stands_in());
+    assert_eq!(robot.record().mode, Mode::Hold.number());
+    assert_eq!(robot.count(Event::SensorStale), 1);
+}
+
 /// One that did not agree does not stand in: the next one does, and without any the modes end as with one IMU.
 #[test]
 fn an_imu_that_lies_does_not_stand_in() {

@@ -173,6 +173,10 @@ pub(super) struct Imus {
     stale_after: f64,
     /// Nothing stood in for the first one, or would have, in the last cycle.
     alone: bool,
+    /// The first one was lost, and has not agreed with another since.
+    first_doubted: bool,
+    /// Time for which the robot has held meanwhile, s.
+    held: f64,
 }
 
 impl Imus {
@@ -214,6 +218,8 @@ impl Imus {
             stand_in: None,
             stale_after: parameters.timing.stale_after,
             alone: true,
+            first_doubted: false,
+            held: 0.0,
         })
     }
 
@@ -325,6 +331,22 @@ impl Imus {
         found.map(|(place, _)| place)
     }
 
+    /// Whether nothing shows the base's motion although the first one seems sound: it was lost, and what stood in for it
+    /// is gone before they agreed. That is over when another one has agreed with it, or nothing has depended on it,
+    /// for a second.
+    pub(super) fn is_doubted(&mut self, holds: bool, dt: f64) -> bool {
+        let doubted = self.first_doubted && self.stand_in.is_none();
+        self.held = if doubted && holds {
+            self.held + dt
+        } else {
+            0.0
+        };
+        if self.held > TRUSTED_S || doubted && self.candidate().is_some() {
+            self.first_doubted = false;
+        }
+        doubted && self.first_doubted
+    }
+
     /// Lets another IMU stand in where the first one, or the one that does, is lost.
     fn choose(&mut self, first: u32, dt: f64, counts: &mut Counts) {
         let lost = first & LOST != 0;
@@ -334,12 +356,17 @@ impl Imus {
         let gone = self.stand_in.as_ref().is_some_and(|s| !sound(s));
         if gone {
             self.stand_in = None;
+            if !lost || self.candidate().is_none() {
+                // What agreed with the first one before it was lost says nothing of it now.
+                (self.further.iter_mut()).for_each(|further| further.agreement.agreed = 0.0);
+            }
         }
         if let Some(stand_in) = &mut self.stand_in {
             stand_in.ends &= !lost;
             stand_in.share += if stand_in.ends { -dt } else { dt } / BLEND_S;
             if stand_in.share <= 0.0 {
                 self.stand_in = None;
+                self.first_doubted = false;
             }
         } else if lost {
             let Some(place) = self.candidate() else {
@@ -352,6 +379,7 @@ impl Imus {
                 ends: false,
                 agreement: Agreement::new(limits),
             });
+            self.first_doubted = true;
             counts.add_of(Event::ImuStandsIn, Subject::Imu(0));
         }
         if let Some(stand_in) = &mut self.stand_in {

@@ -91,7 +91,12 @@ impl Measure {
     }
 
     /// Compares the IMUs; where another one stands in for the first, the signals of the base are its.
-    pub(super) fn compare_imus(&mut self, measured: &mut MeasuredRecord, counts: &mut Counts) {
+    pub(super) fn compare_imus(
+        &mut self,
+        holds: bool,
+        measured: &mut MeasuredRecord,
+        counts: &mut Counts,
+    ) {
         let dt = self.sample_period * f64::from(self.skipped + 1);
         let mut flags = [measured.imu.flags; 1 + MAX_FURTHER_IMUS];
         for (flags, imu) in flags.iter_mut().skip(1).zip(&measured.further_imus) {
@@ -99,6 +104,16 @@ impl Measure {
         }
         self.imus.stand_in(&mut self.long);
         self.imus.update(flags, &self.long, dt, counts);
+        if self.imus.is_doubted(holds, dt) {
+            let before = std::mem::replace(&mut self.imu_doubted, true);
+            // One that is silent is reported as that.
+            if measured.imu.flags & measured_flags::STALE == 0 {
+                counts.lasting(Event::SensorStale, Subject::Imu(0), !before);
+            }
+            measured.imu.flags |= measured_flags::STALE;
+        } else {
+            self.imu_doubted = false;
+        }
         self.imus.stand_in(&mut self.short);
         if let Some(contact) = &mut self.contact {
             self.imus.stand_in(contact);
