@@ -29,6 +29,9 @@ const AMPLITUDE: f64 = 0.25;
 const SPEED_SHARE: f64 = 0.3;
 /// Amplitude of the desired torque in mode torque, share of the torque limit: joints stay within their range.
 const TORQUE_SHARE: f64 = 0.01;
+/// Stiffness and damping of the client's springs, torque limits per rad and per rad/s.
+const STIFFNESS: f64 = 0.5;
+const DAMPING: f64 = 0.05;
 
 /// A minute of one robot in one state.
 #[derive(Debug, Clone, Serialize)]
@@ -58,14 +61,19 @@ pub fn run_sound(prepared: &Prepared, start: Start, seed: u64) -> Result<SoundOu
         joint: 0,
         other: 0,
         bus: 0,
-        start,
+        // Its motion begins at rest.
+        start: if start == Start::Motion {
+            Start::InverseDynamics
+        } else {
+            start
+        },
     };
-    let (mut rig, mut moving) = begin(prepared, &place, None)?;
+    let (mut rig, _) = begin(prepared, &place, None)?;
     let mut act = both(
-        match &mut moving {
-            Some(_) => motion(&rig, seed),
-            None if start == Start::Torque => torques(&rig, seed),
-            None => Box::new(|_, _, _| {}),
+        match start {
+            Start::Motion => motion(&rig, seed),
+            Start::Torque => torques(&rig, seed),
+            _ => Box::new(|_, _, _| {}),
         },
         disturbances(seed),
     );
@@ -147,7 +155,8 @@ fn motion(rig: &Rig, seed: u64) -> Fault {
     })
 }
 
-/// The torque that each joint carries, and a small one beside it that swings.
+/// The torque that each joint carries, a small one beside it that swings, and the springs and dampers of a client that
+/// keeps the joint where it is: by torques alone it would go away in a minute.
 fn torques(rig: &Rig, seed: u64) -> Fault {
     let mut random = noise(seed ^ 0x70a9);
     let joints = &rig.robot.parameters.joints;
@@ -158,13 +167,24 @@ fn torques(rig: &Rig, seed: u64) -> Fault {
         })
         .collect();
     let carried = rig.client.reference.joints.map(|joint| joint.tau_d);
+    let limits: Vec<f64> = joints.iter().map(|joint| joint.limits.torque).collect();
+    let units: Vec<f64> = joints
+        .iter()
+        .map(|joint| joint.kind.threshold(1.0))
+        .collect();
+    let q_0: Vec<f64> = (rig.cycle.record().measured.joints.iter())
+        .map(|joint| joint.q)
+        .collect();
     Box::new(move |at, rig, k| {
         if at != At::Client {
             return;
         }
+        let measured = rig.cycle.record().measured.joints;
         let asked = rig.client.reference.joints.iter_mut();
-        for ((joint, tau), (w, amplitude)) in asked.zip(carried).zip(&swings) {
-            joint.tau_d = tau + amplitude * (w * 1e-3 * k as f64).sin();
+        for (j, ((joint, tau), (w, amplitude))) in asked.zip(carried).zip(&swings).enumerate() {
+            let way = (measured[j].q - q_0[j]) / units[j];
+            let held = limits[j] * (STIFFNESS * way + DAMPING * measured[j].dq / units[j]);
+            joint.tau_d = tau + amplitude * (w * 1e-3 * k as f64).sin() - held;
         }
     })
 }

@@ -351,6 +351,9 @@ impl Measure {
         if skipped == 0 {
             return;
         }
+        self.plausibility
+            .iter_mut()
+            .for_each(Plausibility::note_gap);
         self.angles.fill(f64::NAN);
         self.both_angles.fill(f64::NAN);
         self.axes.fill(f64::NAN);

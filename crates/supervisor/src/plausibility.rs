@@ -97,6 +97,10 @@ pub enum Trust {
     Implausible,
 }
 
+/// Samples after a gap for which a standstill is not judged: velocities come from windows of 16 samples, half of which
+/// they are late, and a drive has come to rest after as many.
+const GAP_SAMPLES: u32 = 32;
+
 /// Follows one joint.
 #[derive(Debug, Clone)]
 pub struct Plausibility {
@@ -109,6 +113,8 @@ pub struct Plausibility {
     standstill: Option<Standstill>,
     /// The last sample was that of the cycle before.
     in_a_row: bool,
+    /// Samples that a standstill is not judged by, as velocities are still those of before a gap.
+    unjudged: u32,
     /// The courses of torsion and motor-side angle before readings that jumped, and how many did.
     jumped: Option<([Course; 2], u32)>,
     /// An encoder has slipped, or trust was lost otherwise: what is measured from then on is wrong by
@@ -131,6 +137,7 @@ impl Plausibility {
             motor: Steps::default(),
             standstill: None,
             in_a_row: false,
+            unjudged: 0,
             jumped: None,
             slipped: false,
             blind: false,
@@ -198,6 +205,11 @@ impl Plausibility {
     /// Takes the motor's state by a sample: one that cannot stand still where it shows no motion counts like a slip
     /// ([`Standstill`]).
     pub fn watch_motor(&mut self, sample: MotorSample) {
+        if self.unjudged > 0 {
+            self.unjudged -= 1;
+            (self.standstill, self.in_a_row) = (None, true);
+            return;
+        }
         let (last, in_a_row) = (self.standstill, self.in_a_row);
         let now = Standstill::after(last, in_a_row, sample, &self.parameters);
         (self.standstill, self.in_a_row) = (Some(now), true);
@@ -266,6 +278,12 @@ impl Plausibility {
     /// Begins anew, as after a start.
     pub fn restart(&mut self) {
         *self = Self::new(self.parameters);
+    }
+
+    /// The loop has not run for some cycles: the drive has brought the motor to its last set-point meanwhile, and the
+    /// velocity of before says nothing of how it came to stand.
+    pub fn note_gap(&mut self) {
+        self.unjudged = GAP_SAMPLES;
     }
 
     /// The joint sends nothing. It may come back elsewhere: until it has proved itself again, filters
@@ -444,6 +462,28 @@ mod tests {
         let rest = |_| 0.0;
         assert_eq!(after(0.2, rest, |k| 0.03 * k.min(6.0)), Some(9));
         assert_eq!(after(0.2, rest, |k| 0.01 * k.min(6.0)), None);
+    }
+
+    /// While the loop paused, the drive has stopped the motor at its last set-point; the velocity is still that of before.
+    #[test]
+    fn a_motor_that_came_to_stand_in_a_pause_is_judged_once_that_is_over() {
+        let mut joint = trusted().0;
+        joint.note_gap();
+        let found = (0..100).position(|k| {
+            joint.watch_motor(MotorSample {
+                theta: 1.0,
+                q: 0.5,
+                velocity: 0.2,
+                torque: 10.0 * f64::from(k),
+                driven: true,
+            });
+            joint.trust() == Trust::Implausible
+        });
+        let after = GAP_SAMPLES as usize;
+        assert!(
+            found.is_some_and(|k| (after..after + 8).contains(&k)),
+            "{found:?}"
+        );
     }
 
     #[test]
