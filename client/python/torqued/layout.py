@@ -12,7 +12,7 @@ MAX_FT_SENSORS = 8
 MAX_FURTHER_IMUS = 3
 MAX_POINTS = 32
 MAX_FRAMES = 4
-EVENT_COUNT = 61
+EVENT_COUNT = 63
 
 
 class Mode(IntEnum):
@@ -230,6 +230,8 @@ EVENTS = (
     Event(412, "command_delay", "The delay from a command to its effect, as measured, is another one than configured: torque control may ring.", "control.command_delay_us", "warn"),
     Event(413, "drive_unlike", "While a client's torque was followed, a drive's current showed another stiffness or damping of its position loop than configured, by more than torque control corrects: it may ring, and its margins are not those that were computed.", "drive.motor.K_tau_rad_per_Nm / drive.motor.K_v_s", "warn"),
     Event(414, "hold_swings", "A joint that is held swings, and its motor does the work: the hold's gains are too high for its inertia and the delay of its velocities. It is braked, no longer held by its gains, and left to its brake where it has one.", "joint.gains / filters.control", "hold"),
+    Event(415, "drive_hot", "A drive is hot, or its current has been too high for too long: its joint's torque limit falls towards the torque of its continuous current.", "drive.thermal", "warn"),
+    Event(416, "drive_overheated", "A drive is as hot as it may be, or its current has stayed above the continuous one.", "drive.thermal", "stop"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
     Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
@@ -287,7 +289,7 @@ class CommanderRecord(ctypes.Structure):
 
 
 class JointMeasured(ctypes.Structure):
-    """88 bytes."""
+    """120 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -309,10 +311,20 @@ class JointMeasured(ctypes.Structure):
         ("ddq_hat", ctypes.c_double),
         # omega: motor-side velocity, rad/s: the drive's own, or from a short filter.
         ("omega", ctypes.c_double),
+        # Temperature that the drive tells, of its winding where it tells more than one, °C; as long as `told` has its bit, as the next three.
+        ("temperature", ctypes.c_double),
+        # Voltage of the drive's supply, V.
+        ("voltage", ctypes.c_double),
+        # The drive's own torque, N·m at the joint.
+        ("tau_drive", ctypes.c_double),
         # Age of the newest sample, s.
         ("age_s", ctypes.c_double),
         # Status word of the drive, as received.
         ("status", ctypes.c_uint32),
+        # Number of the drive's error; 0: none.
+        ("drive_error", ctypes.c_uint32),
+        # Bits of `told_flags`.
+        ("told", ctypes.c_uint32),
         # Bits of `measured_flags`.
         ("flags", ctypes.c_uint32),
     ]
@@ -377,7 +389,7 @@ class ImuMeasured(ctypes.Structure):
 
 
 class MeasuredRecord(ctypes.Structure):
-    """7528 bytes."""
+    """9576 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -413,7 +425,7 @@ class TorqueEstimate(ctypes.Structure):
 
 
 class JointEstimated(ctypes.Structure):
-    """160 bytes."""
+    """168 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -431,6 +443,8 @@ class JointEstimated(ctypes.Structure):
         ("tau_ext_change", ctypes.c_double),
         # The greater of |tau_ext| and |tau_ext_change|, each over its lower threshold, 1: 1 sets `contact_flag`, `external_torque.upper_ratio` raises event 209.
         ("contact_ratio", ctypes.c_double),
+        # Heat of the motor's winding by its current, as a share of what the continuous current makes in the end (I²t); zero without `[drive.NAME.thermal]`.
+        ("thermal_load", ctypes.c_double),
         # 1: contact detected.
         ("contact_flag", ctypes.c_uint32),
         # Fills the record to a multiple of eight bytes.
@@ -453,7 +467,7 @@ class FtEstimated(ctypes.Structure):
 
 
 class EstimatedRecord(ctypes.Structure):
-    """11648 bytes."""
+    """12160 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -477,7 +491,7 @@ class EstimatedRecord(ctypes.Structure):
         ("contact_set", ctypes.c_uint32),
         # 1: the automatic rule chooses the contact set; 0: a client or the configuration does.
         ("contact_set_automatic", ctypes.c_uint32),
-        # Number of the cross-check's first active event (204 to 208), or 0.
+        # Number of the first active event of the cross-check (204 to 208), or else of a hot drive (415), or 0.
         ("warning", ctypes.c_uint32),
         # The joint that `warning` is about, or the F/T sensor (events 205 and 208).
         ("warning_subject", ctypes.c_uint32),
@@ -485,7 +499,7 @@ class EstimatedRecord(ctypes.Structure):
 
 
 class JointCommanded(ctypes.Structure):
-    """128 bytes."""
+    """136 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -519,6 +533,8 @@ class JointCommanded(ctypes.Structure):
         ("command_delay_s", ctypes.c_double),
         # Standard deviation of `command_delay_s`, s.
         ("command_delay_sigma_s", ctypes.c_double),
+        # Torque that the command may ask for at present, N·m: the joint's limit, less while its drive is hot; zero while no set-points are sent.
+        ("torque_limit", ctypes.c_double),
         # Bits of `command_flags`.
         ("flags", ctypes.c_uint32),
         # Number of the drive's `DriveState`; a drive without states counts as enabled.
@@ -547,7 +563,7 @@ class FrameCommanded(ctypes.Structure):
 
 
 class CommandedRecord(ctypes.Structure):
-    """8832 bytes."""
+    """9344 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -559,7 +575,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """28672 bytes."""
+    """31760 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -596,7 +612,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 61),
+        ("events", ctypes.c_uint64 * 63),
     ]
 
 
@@ -627,7 +643,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """28744 bytes."""
+    """31832 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -901,7 +917,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#2e878307716e1230")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#1e5a81aebcfcb663")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")

@@ -82,6 +82,8 @@ struct JointInput<'a> {
     gap: Gap,
     /// Torque that carries the joint's weight, by no sensor of the last 0.1 s but encoders, N·m.
     weight: f64,
+    /// Torque that the command may ask for at present, N·m.
+    torque_limit: f64,
     tau_encoder: &'a TorqueEstimate,
     /// The torque that is fed back.
     tau_hat: &'a TorqueEstimate,
@@ -190,12 +192,14 @@ impl Joints {
                 continue;
             };
             let torques = &inputs.estimated.joints[j];
+            let weight = inputs.gravity.torque(j);
             let input = JointInput {
                 measured,
                 trust: inputs.soundness.trust(j),
                 shown: inputs.soundness.shown(j),
                 gap: inputs.soundness.gap(),
-                weight: inputs.gravity.torque(j),
+                weight,
+                torque_limit: joint.torque_limit(inputs.soundness.torque_share(j), weight),
                 tau_encoder: &torques.tau_encoder,
                 tau_hat: match self.torque_law {
                     _ if joint.is_motor_side_only() => &torques.tau_whole_body,

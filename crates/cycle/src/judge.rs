@@ -12,6 +12,7 @@ mod drift_check;
 mod hold_check;
 mod level_check;
 mod motor;
+mod thermal_check;
 mod torque_check;
 mod torsion_check;
 
@@ -58,6 +59,8 @@ pub(crate) struct Verdict<'a> {
     contradicted: u64,
     /// Joints that must not be enabled.
     unfit: u64,
+    /// Of each joint.
+    heat: &'a mut [Heat],
     warning: Option<(Event, Subject)>,
 }
 
@@ -82,6 +85,13 @@ impl Verdict<'_> {
         self.unfit |= bit(joint);
     }
 
+    /// How hot the joint's drive is.
+    pub(crate) fn heats(&mut self, joint: usize, heat: Heat) {
+        if let Some(own) = self.heat.get_mut(joint) {
+            *own = heat;
+        }
+    }
+
     /// What is probably wrong, for clients.
     pub(crate) fn warn(&mut self, event: Event, subject: Subject) {
         self.warning = Some((event, subject));
@@ -92,6 +102,23 @@ const _: () = assert!(MAX_JOINTS <= u64::BITS as usize, "a bit for each joint");
 
 fn bit(joint: usize) -> u64 {
     1_u64.checked_shl(joint as u32).unwrap_or(0)
+}
+
+/// How hot a joint's drive is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Heat {
+    /// By its current, as a share of what the continuous one makes in the end.
+    pub(crate) load: f64,
+    /// Torque that it may make, as a share of the joint's limit.
+    pub(crate) share: f64,
+}
+
+impl Heat {
+    /// A drive that is cold, or not watched.
+    const NONE: Self = Self {
+        load: 0.0,
+        share: 1.0,
+    };
 }
 
 /// A check of records.
@@ -116,6 +143,7 @@ pub(crate) struct Soundness {
     /// The loop has not run for longer than samples may be old: what was followed before is over.
     pub(crate) overslept: bool,
     unfit: u64,
+    heat: Vec<Heat>,
 }
 
 impl Soundness {
@@ -144,6 +172,11 @@ impl Soundness {
         }
     }
 
+    /// Torque that a joint's drive may make, as a share of the joint's limit.
+    pub(crate) fn torque_share(&self, joint: usize) -> f64 {
+        self.heat.get(joint).map_or(1.0, |heat| heat.share)
+    }
+
     /// The joint's torsion does not fit what it bears: it must not be enabled.
     pub(crate) fn is_unfit(&self, joint: usize) -> bool {
         self.unfit & bit(joint) != 0
@@ -166,6 +199,8 @@ impl Judge {
     pub(crate) fn new(robot: &Robot, estimate: &Estimate) -> Result<Self, Problem> {
         let whole_body = estimate.whole_body();
         let checks = [
+            // First: what other checks warn of is more urgent.
+            thermal_check::make(robot),
             Some(current_check::make(robot)),
             cross_check::make(robot, whole_body),
             Some(torque_check::make(robot)?),
@@ -182,6 +217,7 @@ impl Judge {
                 skipped: 0,
                 overslept: false,
                 unfit: 0,
+                heat: vec![Heat::NONE; robot.parameters.joints.len()],
             },
             distrusted: 0,
             settings: Settings::default(),
@@ -218,6 +254,7 @@ impl Judge {
                 distrusted: 0,
                 contradicted: 0,
                 unfit: 0,
+                heat: &mut self.soundness.heat,
                 warning: None,
             };
             let evidence = Evidence {
@@ -234,6 +271,9 @@ impl Judge {
             (distrusted, unfit) = (distrusted | verdict.distrusted, unfit | verdict.unfit);
             let (contradicted, warning) = (verdict.contradicted, verdict.warning);
             publish(contradicted, warning, estimated);
+        }
+        for (joint, heat) in estimated.joints.iter_mut().zip(&self.soundness.heat) {
+            joint.thermal_load = heat.load;
         }
         self.distrusted = distrusted;
         self.soundness.joints.copy_from_slice(readiness.joints);

@@ -13,6 +13,8 @@ mod imus;
 mod publish;
 mod reception;
 mod sensors;
+mod skipped;
+mod told;
 
 use can_codec::Frames;
 use estimators::encoder::JointAngles;
@@ -26,7 +28,7 @@ use robot_state::{
 use supervisor::{MotorSample, Plausibility, Sample, Trust};
 
 use crate::events::{Counts, Subject};
-use crate::time::{Instants, SECONDS_PER_NS, Stamp};
+use crate::time::{Instants, Stamp};
 use align::{AlignedBank, signals};
 use filtered::{AXES, Course, Filtered};
 use ft_offset::FtInput;
@@ -34,15 +36,13 @@ use gear_torsion::GearTorsion;
 use imu_check::ImuCheck;
 use imus::Imus;
 use reception::{Reception, Source};
+use told::Told;
 
 /// A joint's sample with one of these is bridged.
 pub(crate) const NOT_USED: u32 = measured_flags::NEVER
     | measured_flags::MISSED
     | measured_flags::JUMP
     | measured_flags::IMPLAUSIBLE;
-
-/// Most skipped cycles that are bridged; after a longer gap the filters hold no sample anyway.
-const MAX_BRIDGED: f64 = 100.0;
 
 /// Whether one joint's samples can be relied on.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -88,6 +88,7 @@ pub(crate) struct Measure {
     sample_period: f64,
     stale_after: f64,
     sends_velocity: Vec<bool>,
+    told: Vec<Told>,
     /// Builds each joint's sample for its estimators from its readings.
     front_ends: Vec<FrontEnd>,
     /// For the torque from F/T sensors and IMU, contacts and feedback.
@@ -165,6 +166,9 @@ impl Measure {
             imu_doubted: false,
             sample_period: period,
             stale_after: parameters.timing.stale_after,
+            told: (parameters.joints.iter().enumerate())
+                .map(|(j, joint)| Told::new(j, joint, &reception))
+                .collect(),
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
             front_ends: (parameters.joints.iter())
                 .map(|joint| {
@@ -340,55 +344,6 @@ impl Measure {
         }
     }
 
-    /// Cycles that were skipped enter encoders and filters as cycles without a sample: else motion
-    /// would look faster by as much as time is missing.
-    fn bridge_skipped(&mut self, sync: Stamp, joints: &mut [JointMeasured]) {
-        let period_ns = self.sample_period / SECONDS_PER_NS;
-        let last = self.last_sync.replace(sync);
-        let elapsed = last.map_or(0.0, |last| sync.0.saturating_sub(last.0) as f64 / period_ns);
-        let skipped = (elapsed.round() - 1.0).clamp(0.0, MAX_BRIDGED) as u32;
-        self.skipped = skipped;
-        if skipped == 0 {
-            return;
-        }
-        self.plausibility
-            .iter_mut()
-            .for_each(Plausibility::note_gap);
-        self.angles.fill(f64::NAN);
-        self.both_angles.fill(f64::NAN);
-        self.axes.fill(f64::NAN);
-        for k in (1..=skipped).rev() {
-            let instant = Stamp(sync.0.saturating_sub((f64::from(k) * period_ns) as u64));
-            for (front_end, joint) in self.front_ends.iter_mut().zip(&mut self.plausibility) {
-                front_end.update(f64::NAN, f64::NAN, f64::NAN);
-                joint.update(Sample::Missed);
-            }
-            let stamps = self.reception.stamps();
-            (self.long).update(&self.angles, &self.axes, stamps, instant);
-            (self.short).update(&self.angles, &self.axes, stamps, instant);
-            if let Some(contact) = &mut self.contact {
-                contact.update(&self.angles, &self.axes, stamps, instant);
-            }
-            (self.control_filter).update(&self.both_angles, stamps, instant);
-            for measured in joints.iter_mut().take(self.joints.len()) {
-                measured.q += measured.dq * self.sample_period;
-                measured.theta += measured.omega * self.sample_period;
-            }
-        }
-        if self.overslept() {
-            // The way since then would look like a velocity.
-            self.long.reset();
-            self.short.reset();
-            self.contact.iter_mut().for_each(Filtered::reset);
-            self.control_filter.reset();
-        }
-    }
-
-    /// The loop has not run for longer than samples may be old.
-    fn overslept(&self) -> bool {
-        f64::from(self.skipped) * self.sample_period > self.stale_after
-    }
-
     fn read_joints(&mut self, at: Instants, joints: &mut [JointMeasured], counts: &mut Counts) {
         let n = self.joints.len();
         for (j, measured) in joints.iter_mut().enumerate().take(n) {
@@ -450,6 +405,7 @@ impl Measure {
                     measured.omega = self.reception.slot(slots::velocity(j));
                 }
             }
+            self.told[j].read(&self.reception, at.now, measured);
             measured.age_s = reading.age_s;
             measured.flags = flags;
             let (q, theta) = match (used, self.is_lost(j, flags)) {

@@ -1,5 +1,6 @@
 //! Drives of CiA 402 (IEC 61800-7-201): their process data and their set-up.
 
+mod set_up;
 pub mod simulated;
 
 use crate::canopen::bring_up::{Check, Plan, Step, Write};
@@ -21,6 +22,9 @@ const VELOCITY: Object = Object::new(0x606C, 0);
 const TARGET_TORQUE: Object = Object::new(0x6071, 0);
 const RATED_CURRENT: Object = Object::new(0x6075, 0);
 const CURRENT: Object = Object::new(0x6078, 0);
+const ERROR: Object = Object::new(0x603F, 0);
+const TORQUE: Object = Object::new(0x6077, 0);
+const SUPPLY: Object = Object::new(0x6079, 0);
 const TARGET_POSITION: Object = Object::new(0x607A, 0);
 const MODES: Object = Object::new(0x6502, 0);
 
@@ -87,6 +91,19 @@ pub enum Side {
     Link,
 }
 
+/// What a drive tells of itself besides what the loop needs.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tells {
+    /// Number of its error (603F).
+    pub error: bool,
+    /// Its own torque (6077).
+    pub torque: bool,
+    /// Voltage of its supply (6079).
+    pub voltage: bool,
+    /// The object of a temperature and its length in bits, and one count of it, °C.
+    pub temperature: Option<(Mapped, f64)>,
+}
+
 /// A kind of drive.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kind {
@@ -102,6 +119,10 @@ pub struct Kind {
     pub rated_current: f64,
     /// Current that makes the rated torque, A: object 6076, by which 6071 counts.
     pub current_per_torque: f64,
+    /// Rated torque, N·m at the joint: object 6076, by which 6077 counts.
+    pub rated_torque: f64,
+    /// What it tells of itself besides, ten times a second.
+    pub tells: Tells,
     /// Time after which the drive counts the daemon as lost, ms.
     pub heartbeat_ms: u16,
     /// Number of the maker (1018:01), if it must be that.
@@ -145,7 +166,18 @@ pub mod signals {
     pub const CONTROL: &str = "control";
     /// Position or current.
     pub const SET_POINT: &str = "set_point";
+    /// Temperature.
+    pub const TEMPERATURE: &str = "temperature";
+    /// Voltage of the supply.
+    pub const VOLTAGE: &str = "voltage";
+    /// Its own torque, at the output.
+    pub const TORQUE: &str = "drive_torque";
+    /// Number of its error; 0: none.
+    pub const ERROR: &str = "drive_error";
 }
+
+/// Time between two tellings of what changes slowly, s.
+const TOLD_S: f64 = 0.1;
 
 const fn word(object: Object) -> Mapped {
     Mapped { object, bits: 16 }
@@ -172,6 +204,23 @@ impl Drive<'_> {
             groups.push(&second);
         }
         let mut pdos = pdo::plan(Direction::Transmit, 1, &groups)?;
+        let told = self.told();
+        if !told.is_empty() {
+            let groups: Vec<&[Mapped]> = told.chunks(1).collect();
+            // At every so many SYNCs.
+            let every = (TOLD_S / self.period).round().clamp(1.0, 240.0) as u8;
+            for mut pdo in pdo::plan(Direction::Transmit, every, &groups)? {
+                pdo.number = pdos.len() as u8;
+                pdos.push(pdo);
+            }
+            if pdos.len() > usize::from(PDOS) {
+                let what = format!("{} messages are sent by the drive", pdos.len());
+                return Err(Problem::new(
+                    what,
+                    "at most four PDOs of 8 bytes: less in `tells`",
+                ));
+            }
+        }
         // At once: a control word must not wait for the next SYNC, nor a set-point, which is
         // computed from this cycle's samples.
         let receive = |number, mapped| Pdo {
@@ -183,6 +232,18 @@ impl Drive<'_> {
         pdos.push(receive(0, word(CONTROL_WORD)));
         pdos.push(receive(1, kind.mode.target()));
         Ok(pdos)
+    }
+
+    /// What it tells of itself besides.
+    fn told(&self) -> Vec<Mapped> {
+        let tells = &self.kind.tells;
+        let all = [
+            tells.error.then_some(word(ERROR)),
+            tells.torque.then_some(word(TORQUE)),
+            tells.voltage.then_some(long(SUPPLY)),
+            tells.temperature.map(|(mapped, _)| mapped),
+        ];
+        all.into_iter().flatten().collect()
     }
 
     /// Messages of its process data, as a DBC file would describe them, named `NAME_TPDO1` and so on.
@@ -244,7 +305,18 @@ impl Drive<'_> {
                 let rpm = kind.velocity_unit.unwrap_or(1.0);
                 (signals::VELOCITY, "rad/s", rpm * TAU / 60.0, Coding::Signed)
             }
-            _ => (other, "count", 1.0, Coding::Signed),
+            ERROR => (signals::ERROR, "", 1.0, Coding::Unsigned),
+            TORQUE => {
+                let scale = kind.rated_torque / 1000.0;
+                (signals::TORQUE, "Nm", scale, Coding::Signed)
+            }
+            SUPPLY => (signals::VOLTAGE, "mV", 1.0, Coding::Unsigned),
+            object => match kind.tells.temperature {
+                Some((told, count)) if told.object == object => {
+                    (signals::TEMPERATURE, "degC", count, Coding::Signed)
+                }
+                _ => (other, "count", 1.0, Coding::Signed),
+            },
         };
         Signal::new(name, unit, coding, bit, mapped.bits, scale)
     }
@@ -288,197 +360,5 @@ impl Drive<'_> {
             true => Ok(()),
             false => Err(Problems(problems)),
         }
-    }
-
-    /// Its set-up, from whatever state it is in to operational.
-    ///
-    /// # Errors
-    /// As [`process_data`](Self::process_data), and a node that there cannot be.
-    pub fn plan(&self) -> Result<Plan, Problem> {
-        if !NODES.contains(&self.node) || self.node == MASTER {
-            let what = format!("node {} is not allowed", self.node);
-            return Err(Problem::new(what, "1 to 126; 127 is the daemon's"));
-        }
-        let mut steps = vec![Step::ResetCommunication];
-        self.identity(&mut steps);
-        self.supervision(&mut steps);
-        for (object, value) in &self.kind.sdo {
-            steps.push(write(*object, "as configured", value.clone()));
-        }
-        self.mapping(&mut steps)?;
-        self.mode(&mut steps);
-        Ok(Plan {
-            bus: self.bus,
-            node: self.node,
-            name: self.name.to_owned(),
-            steps,
-        })
-    }
-
-    fn identity(&self, steps: &mut Vec<Step>) {
-        let kind = self.kind;
-        let other = "another device has this node id, or the configuration names another drive";
-        let read = |sub, meaning, value: Option<u32>| {
-            Step::Read(Check {
-                object: Object::new(0x1018, sub),
-                meaning,
-                mask: value.map_or(0, |_| u32::MAX),
-                value: value.unwrap_or(0),
-                cure: other.to_owned(),
-                optional: value.is_none(),
-                awaited: false,
-            })
-        };
-        steps.push(Step::Read(Check {
-            object: Object::new(0x1000, 0),
-            meaning: "device type",
-            mask: 0xFFFF,
-            value: 402,
-            cure: format!("a drive of CiA 402 is expected: {other}"),
-            optional: false,
-            awaited: false,
-        }));
-        steps.push(read(1, "maker", kind.vendor));
-        steps.push(read(2, "product", kind.product));
-        steps.push(read(3, "revision", None));
-        steps.push(read(4, "serial number", None));
-        steps.push(Step::Read(Check {
-            object: MODES,
-            meaning: "modes of operation",
-            mask: kind.mode.supported(),
-            value: kind.mode.supported(),
-            cure: format!(
-                "the drive lacks mode {}: use the other command",
-                kind.mode.number()
-            ),
-            optional: true,
-            awaited: false,
-        }));
-        let rated = (kind.rated_current * 1000.0).round() as u32;
-        steps.push(Step::Read(Check {
-            object: RATED_CURRENT,
-            meaning: "rated current, mA",
-            mask: u32::MAX,
-            value: rated,
-            cure:
-                "set rated_current_A to what the drive has, or the drive to the motor's data sheet"
-                    .to_owned(),
-            optional: true,
-            awaited: false,
-        }));
-    }
-
-    /// Who watches whom: the drive the daemon, and what it does when that falls silent.
-    fn supervision(&self, steps: &mut Vec<Step>) {
-        let ms = self.kind.heartbeat_ms;
-        let consumer = u32::from(MASTER) << 16 | u32::from(ms);
-        let own = (ms / 2).max(10).to_le_bytes().to_vec();
-        let heard = Object::new(0x1016, 1);
-        steps.push(write(
-            heard,
-            "heartbeat of the daemon that it expects",
-            le(consumer),
-        ));
-        steps.push(write(Object::new(0x1017, 0), "its own heartbeat, ms", own));
-        // Quick stop; a drive without the object does what its maker chose.
-        let quick_stop = 3i16.to_le_bytes().to_vec();
-        let lost = Object::new(0x6007, 0);
-        steps.push(optional(
-            lost,
-            "reaction to a lost daemon: quick stop",
-            quick_stop,
-        ));
-    }
-
-    fn mapping(&self, steps: &mut Vec<Step>) -> Result<(), Problem> {
-        let pdos = self.process_data()?;
-        for direction in [0x1400, 0x1800] {
-            for number in 0..u16::from(PDOS) {
-                let parameter = direction + number;
-                if !pdos.iter().any(|pdo| pdo.communication() == parameter) {
-                    steps.push(Step::SwitchOff(parameter));
-                }
-            }
-        }
-        for pdo in &pdos {
-            for written in pdo.writes(self.node) {
-                steps.push(Step::Write(Write {
-                    object: written.object,
-                    meaning: "mapping of process data",
-                    value: written.value,
-                    mask: written.mask,
-                    optional: false,
-                }));
-            }
-        }
-        Ok(())
-    }
-
-    fn mode(&self, steps: &mut Vec<Step>) {
-        let mode = self.kind.mode;
-        let us = (self.period * 1e6).round().max(1.0) as u64;
-        // Of powers of ten the largest that leaves a whole mantissa of one byte.
-        let exact = (0..=6u32)
-            .rev()
-            .map(|p| (us / 10u64.pow(p), p, us % 10u64.pow(p)));
-        let fits =
-            |&(mantissa, _, rest): &(u64, u32, u64)| rest == 0 && (1..=255).contains(&mantissa);
-        if let Some((mantissa, power, _)) = exact.into_iter().find(fits) {
-            let exponent = power as i8 - 6;
-            let meaning = "interval of set-points";
-            steps.push(optional(
-                Object::new(0x60C2, 1),
-                meaning,
-                vec![mantissa as u8],
-            ));
-            steps.push(optional(
-                Object::new(0x60C2, 2),
-                meaning,
-                vec![exponent as u8],
-            ));
-        }
-        steps.push(write(MODE, "mode of operation", vec![mode.number()]));
-        match mode {
-            // No jump by a target of zero.
-            Mode::Position => steps.push(Step::Copy(POSITION, TARGET_POSITION)),
-            Mode::Torque => {
-                let zero = 0u16.to_le_bytes().to_vec();
-                steps.push(write(TARGET_TORQUE, "no torque", zero));
-            }
-        }
-        steps.push(Step::Start);
-        steps.push(Step::Read(Check {
-            object: MODE_DISPLAY,
-            meaning: "mode of operation that the drive is in",
-            mask: 0xFF,
-            value: u32::from(mode.number()),
-            cure: "the drive does not take this mode: see 6502 and its manual".to_owned(),
-            optional: false,
-            awaited: true,
-        }));
-    }
-}
-
-fn le(value: u32) -> Vec<u8> {
-    value.to_le_bytes().to_vec()
-}
-
-fn write(object: Object, meaning: &'static str, value: Vec<u8>) -> Step {
-    Step::Write(Write {
-        object,
-        meaning,
-        value,
-        mask: u32::MAX,
-        optional: false,
-    })
-}
-
-fn optional(object: Object, meaning: &'static str, value: Vec<u8>) -> Step {
-    match write(object, meaning, value) {
-        Step::Write(write) => Step::Write(Write {
-            optional: true,
-            ..write
-        }),
-        step => step,
     }
 }

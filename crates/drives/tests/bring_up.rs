@@ -4,7 +4,7 @@ use can_codec::Frame;
 use drives::canopen::bring_up::{BringUp, Limits, Outcome, Plan, Trouble};
 use drives::canopen::server::Server;
 use drives::canopen::{NodeState, Object, SDO_ANSWER_ID, SDO_REQUEST_ID};
-use drives::cia402::{Drive, Kind, MASTER, Mode, Side, simulated};
+use drives::cia402::{Drive, Kind, MASTER, Mode, Side, Tells, simulated};
 use proptest::prelude::*;
 
 const NODE: u8 = 3;
@@ -18,6 +18,8 @@ fn kind(mode: Mode) -> Kind {
         velocity_unit: None,
         rated_current: 5.0,
         current_per_torque: 5.0,
+        rated_torque: 100.0,
+        tells: Tells::default(),
         heartbeat_ms: 100,
         vendor: None,
         product: None,

@@ -2,7 +2,7 @@
 
 use drives::canopen::Object;
 use drives::canopen::eds::ObjectDictionary;
-use drives::cia402::{Drive, Kind, Mode, Side};
+use drives::cia402::{Drive, Kind, Mode, Side, Tells};
 
 /// In the manner of makers' files: CRLF, both kinds of numbers, sub-indices in hexadecimal, an array in
 /// short, and identifiers that depend on the node.
@@ -20,6 +20,8 @@ fn kind(mode: Mode) -> Kind {
         velocity_unit: None,
         rated_current: 5.0,
         current_per_torque: 5.0,
+        rated_torque: 100.0,
+        tells: Tells::default(),
         heartbeat_ms: 100,
         vendor: None,
         product: None,

@@ -36,8 +36,12 @@ const ANGLE: usize = 0;
 const VELOCITY: usize = 1;
 const CURRENT: usize = 2;
 const STATUS: usize = 3;
-const SET_POINT: usize = 4;
-const CONTROL: usize = 5;
+const TORQUE: usize = 4;
+const TEMPERATURE: usize = 5;
+const VOLTAGE: usize = 6;
+const ERROR: usize = 7;
+const SET_POINT: usize = 8;
+const CONTROL: usize = 9;
 
 impl Loop {
     fn new(actuator: &Actuator) -> Self {
@@ -52,7 +56,7 @@ impl Loop {
         Self {
             translator: translator.expect("families").expect("an actuator"),
             table,
-            slots: vec![0.0; 6],
+            slots: vec![0.0; 10],
         }
     }
 
@@ -313,5 +317,84 @@ proptest! {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn temperature_voltage_torque_and_error_reach_the_loop_until_they_are_old() {
+    let told = Feedback {
+        position: Some(0.5),
+        velocity: Some(0.0),
+        torque: Some(1.0),
+        current: Some(0.5),
+        temperature: Some(61.0),
+        voltage: Some(48.0),
+        state: Some(State::Fault),
+        error: Some(8),
+    };
+    for family in FAMILIES {
+        let mut l = Loop::new(&actuator(family));
+        assert!(tell(&mut l, family, &told, 1_000_000), "{}", family.name());
+        let name = family.name();
+        // Each as its frames tell it: as the family's own reading of them.
+        let a = actuator(family);
+        let mut read = Feedback::default();
+        for frame in family.answer(a.at, &a.model, &told) {
+            let one = family.feedback(a.at, &a.model, &frame).expect("an answer");
+            read.torque = one.torque.or(read.torque);
+            read.temperature = one.temperature.or(read.temperature);
+            read.voltage = one.voltage.or(read.voltage);
+            read.error = one.error.or(read.error);
+        }
+        let ratio = if family.at_motor() { 10.0 } else { 1.0 };
+        let wanted = [
+            (TORQUE, read.torque.map(|x| x * ratio)),
+            (TEMPERATURE, read.temperature),
+            (VOLTAGE, read.voltage),
+            (ERROR, read.error.map(f64::from)),
+        ];
+        for (slot, wanted) in wanted {
+            let known = l.slots[slot];
+            match wanted {
+                Some(wanted) => assert!((known - wanted).abs() < 1e-4, "{name} {slot} {known}"),
+                None => assert!(known.is_nan() || slot == ERROR, "{name} {slot} {known}"),
+            }
+        }
+        // Three seconds later a position comes alone.
+        let only = family
+            .answer(a.at, &a.model, &told)
+            .into_iter()
+            .find(|frame| {
+                let one = family.feedback(a.at, &a.model, frame);
+                one.is_some_and(|one| one.position.is_some() && one.temperature.is_none())
+            });
+        if let Some(frame) = only {
+            l.receive(&frame, 3_000_000_000);
+            let current = family.answer(a.at, &a.model, &told);
+            for frame in &current {
+                let one = family.feedback(a.at, &a.model, frame).expect("an answer");
+                if one.temperature.is_none() && one.voltage.is_none() {
+                    l.receive(frame, 3_000_000_000);
+                }
+            }
+            l.receive(&frame, 3_000_000_001);
+            assert!(l.slots[TEMPERATURE].is_nan(), "{name}");
+        }
+    }
+}
+
+#[test]
+fn a_bus_carries_what_is_counted() {
+    for family in FAMILIES {
+        let a = actuator(family);
+        let all = a.exchanged(1e-3);
+        let of = |received| {
+            let its = all.iter().filter(|one| one.received == received);
+            its.map(|one| one.per_cycle).sum::<f64>()
+        };
+        // Two commands and two answers, or one command and what comes by itself.
+        let polled = if family.tells_apart() { 1.0 } else { 2.0 };
+        assert!((of(false) - polled).abs() < 0.1, "{}", family.name());
+        assert!((of(true) - 2.0).abs() < 0.2, "{}", family.name());
     }
 }

@@ -21,6 +21,9 @@ use std::f64::consts::TAU;
 /// Periods that pass from one SYNC to the next at most: without a daemon time stands still.
 const MOST_PERIODS: f64 = 20.0;
 
+/// Periods between two messages that tell only what changes slowly.
+const TOLD_EVERY: u64 = 50;
+
 /// Answers SYNC as drives, F/T sensors and IMUs do, and follows commands.
 ///
 /// Time passes by one period each cycle, or by as many as the daemon left out: at the first SYNC of a bus
@@ -39,6 +42,8 @@ pub struct CanRobot {
     /// Instant of the SYNC with which it began, ns.
     synced: Option<u64>,
     period_ns: f64,
+    /// Periods since the start.
+    periods: u64,
     /// One per F/T sensor.
     electronics: Vec<Electronics>,
     values: Vec<f64>,
@@ -65,6 +70,7 @@ impl CanRobot {
             answered: vec![true; parameters.buses.len()],
             synced: None,
             period_ns: parameters.timing.sample_period * 1e9,
+            periods: 0,
             electronics: (parameters.ft_sensors.iter())
                 .map(|ft| Electronics::of(ft, sim.ft_sensor.ignores_offset))
                 .collect(),
@@ -103,6 +109,7 @@ impl CanRobot {
         if self.answered.get(usize::from(bus)).copied().unwrap_or(true) {
             for left_out in (0..self.periods_until(stamped)).rev() {
                 self.robot.advance();
+                self.periods = self.periods.wrapping_add(1);
                 self.fill_values();
                 let since_ns = (f64::from(left_out) * self.period_ns) as u64;
                 self.publish_sent(now_ns.saturating_sub(since_ns), out);
@@ -129,10 +136,14 @@ impl CanRobot {
         elapsed.round().clamp(1.0, MOST_PERIODS) as u32
     }
 
-    /// True for a message with a source that answers SYNC.
+    /// True for a message with a source that answers SYNC, or in this period for one that tells only what changes
+    /// slowly.
     fn answers(&self, message: usize) -> bool {
-        let mut slots = self.receive.slots(message);
-        slots.any(|slot| self.robot.answers(slots::source(slot)))
+        let slots = || self.receive.slots(message);
+        if slots().all(slots::is_told) {
+            return self.periods.is_multiple_of(TOLD_EVERY);
+        }
+        slots().any(|slot| !slots::is_told(slot) && self.robot.answers(slots::source(slot)))
     }
 
     /// Frames of sensors with clocks of their own, up to now.
@@ -147,7 +158,8 @@ impl CanRobot {
             self.set(sent.source, &sent.values);
             for index in 0..self.receive.message_count() {
                 let mut slots = self.receive.slots(index);
-                let its = slots.any(|slot| slots::source(slot) == sent.source);
+                let its =
+                    slots.any(|slot| !slots::is_told(slot) && slots::source(slot) == sent.source);
                 let sends = its && !self.answers(index);
                 if sends && self.receive.encode(index, &self.values, &mut frame) {
                     let before_ns = ((now - sent.stamp) * 1e9).round() as u64;
@@ -203,6 +215,17 @@ impl CanRobot {
                 0.0,
             ];
             self.set(Source::Joint(j), &values);
+            let told = joint.told;
+            for (slot, value) in [
+                (slots::temperature(j), told.temperature),
+                (slots::voltage(j), told.voltage),
+                (slots::drive_torque(j), told.torque),
+                (slots::drive_error(j), f64::from(told.error)),
+            ] {
+                if let Some(place) = self.values.get_mut(slot) {
+                    *place = value;
+                }
+            }
         }
         for s in 0..self.robot.readings().ft.len() {
             let Wrench { force, torque } = self.robot.readings().ft[s];

@@ -46,4 +46,19 @@ pub struct DriveReading {
     pub omega: f64,
     /// Status word; a drive without states reports that it is enabled.
     pub status: u32,
+    /// What it tells of itself besides.
+    pub told: DriveTold,
+}
+
+/// What a drive tells of itself besides its sample.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct DriveTold {
+    /// Temperature of its winding, °C, in whole degrees.
+    pub temperature: f64,
+    /// Voltage of its supply, V.
+    pub voltage: f64,
+    /// Its own torque: that of its current by its data sheet, N·m at the joint.
+    pub torque: f64,
+    /// Number of its error; 0: none.
+    pub error: u32,
 }

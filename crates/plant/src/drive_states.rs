@@ -99,6 +99,12 @@ impl DriveStates {
         self.state as u32 | voltage | endless | self.last_error << 8
     }
 
+    /// Number of the last error; 0: none since it was reset.
+    #[must_use]
+    pub fn error(&self) -> u32 {
+        self.last_error
+    }
+
     /// The motor makes torque.
     #[must_use]
     pub fn is_enabled(&self) -> bool {

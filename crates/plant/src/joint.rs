@@ -9,7 +9,7 @@
 //! An estimator from torsion determines `T`; one from external wrenches determines `tau`.
 
 use crate::controller::Controller;
-use crate::drive::{DriveReading, DriveSheet};
+use crate::drive::{DriveReading, DriveSheet, DriveTold};
 use crate::drive_faults::DriveFaults;
 use crate::drive_states::{self, DriveStates};
 use crate::friction::{Bristle, BristleConstants, stribeck};
@@ -48,6 +48,8 @@ pub struct Joint {
     controller: Controller,
     /// None: always on.
     states: Option<DriveStates>,
+    /// Temperature of the winding, °C.
+    winding: f64,
     /// What is wrong with the drive.
     faults: DriveFaults,
     /// Past theta and q as the encoders turned, one pair a step.
@@ -110,6 +112,7 @@ impl Joint {
             bearing: Bristle::default(),
             controller: Controller::new(sheet, &p.controller),
             states: None,
+            winding: p.winding.ambient,
             faults: DriveFaults::default(),
             past: Past::new(PAST),
             step: Step::default(),
@@ -294,6 +297,9 @@ impl Joint {
         };
         let lag = self.parameters.controller.current_loop;
         self.current += (desired - self.current) * dt / (dt + lag);
+        let p = &self.parameters.winding;
+        let warm = p.ambient + p.rise * self.current * self.current;
+        self.winding += (warm - self.winding) * dt / (dt + p.time_constant);
     }
 
     /// Torque of the brake against the rotor's motion, on which `others` acts, and its slope.
@@ -355,7 +361,24 @@ impl Joint {
             },
             omega: self.controller.velocity(),
             status: (self.states.as_ref()).map_or(drive_states::ALWAYS_ON, DriveStates::status),
+            told: self.told(),
         }
+    }
+
+    /// What the drive tells of itself besides.
+    fn told(&self) -> DriveTold {
+        let per_current = self.sheet.gear_ratio * self.sheet.torque_constant;
+        DriveTold {
+            temperature: self.winding.round(),
+            voltage: self.parameters.winding.supply,
+            torque: per_current * (self.current * self.current_gain + self.current_offset),
+            error: self.states.as_ref().map_or(0, DriveStates::error),
+        }
+    }
+
+    /// Sets the temperature of the winding, °C.
+    pub fn set_temperature(&mut self, temperature: f64) {
+        self.winding = temperature;
     }
 
     /// The true quantities over the last step, which the link began at `q`, `dq`.

@@ -5,7 +5,7 @@ mod start;
 
 use crate::articulated::Dynamics;
 use crate::clock::{Clock, Clocks, steps_kept};
-use crate::drive::DriveReading;
+use crate::drive::{DriveReading, DriveTold};
 use crate::drive_faults::DriveFaults;
 use crate::drive_states::DriveStates;
 use crate::joint::Joint;
@@ -95,7 +95,8 @@ impl SimRobot {
                         q: 0.0,
                         current: 0.0,
                         omega: 0.0,
-                        status: 0
+                        status: 0,
+                        told: DriveTold::default(),
                     };
                     n
                 ],
@@ -157,6 +158,13 @@ impl SimRobot {
     pub fn drive_states(&mut self, joint: usize) -> Option<&mut DriveStates> {
         let dof = *self.order.get(joint)?;
         self.joints[dof].states()
+    }
+
+    /// Sets the temperature of a drive's winding, °C. `joint` counts in the plan's order.
+    pub fn set_temperature(&mut self, joint: usize, temperature: f64) {
+        if let Some(&dof) = self.order.get(joint) {
+            self.joints[dof].set_temperature(temperature);
+        }
     }
 
     /// What is wrong with a joint's drive, to change it. `joint` counts in the plan's order.

@@ -184,7 +184,7 @@ fn collect(shape: &Shape, here: &Field, counts: Counts, fields: &mut Vec<Field>)
 }
 
 /// Units as documentation writes them, longer ones first.
-const UNITS: [&str; 12] = [
+const UNITS: [&str; 13] = [
     "N·m·s/rad",
     "N·m/rad",
     "rad/s²",
@@ -196,6 +196,7 @@ const UNITS: [&str; 12] = [
     "ns",
     "A",
     "N",
+    "V",
     "s",
 ];
 
@@ -239,6 +240,10 @@ mod tests {
         assert_eq!(
             unit_of(field("cycle.measured.joints[0].current").doc),
             Some("A")
+        );
+        assert_eq!(
+            unit_of(field("cycle.measured.joints[0].voltage").doc),
+            Some("V")
         );
         assert_eq!(unit_of(field("cycle.measured.joints[0].flags").doc), None);
         assert!(fields.iter().all(|f| !f.path.contains("joints[3]")));

@@ -3,9 +3,11 @@
 mod actuator;
 mod canopen;
 mod state;
+mod thermal;
 
 use crate::Files;
 use crate::liveness;
+use crate::parameters::Thermal;
 use crate::reader::{Allowed, Section};
 use crate::sampling::{self, Sampling};
 pub(crate) use actuator::ActuatorKind;
@@ -53,6 +55,8 @@ pub(crate) struct Drive {
     pub(crate) profile: Option<DriveProfile>,
     /// Torque at the output for each ampere, N·m/A.
     pub(crate) torque_per_current: f64,
+    /// How hot it may get; none: it is not watched.
+    pub(crate) thermal: Option<Thermal>,
     /// Who makes its frames; none: DBC files describe them.
     pub(crate) node: Option<Node>,
 }
@@ -151,6 +155,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
     let motor = section
         .section("motor")
         .map(|section| motor(section, command));
+    let thermal = section.optional_section("thermal").map(thermal::read);
     section.finish();
     let (compliance, low_pass_pole, torsion_sigma) = compliance?;
     let (motor, dead_zone) = motor?;
@@ -176,6 +181,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
         lag,
         profile,
         torque_per_current: gear_ratio * torque_constant,
+        thermal,
         node: node?,
     })
 }
@@ -194,7 +200,7 @@ fn node(
         Profile::Dbc => Some(None),
         Profile::Cia402 => {
             let section = section.section("canopen")?;
-            let drive = canopen::read(section, command, torque_constant, files)?;
+            let drive = canopen::read(section, command, (gear_ratio, torque_constant), files)?;
             Some(Some(Node::Canopen(drive)))
         }
         Profile::Family(family) => {

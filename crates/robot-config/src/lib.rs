@@ -82,7 +82,10 @@ impl Robot {
             slots::Source::Joint(j) => p.joints.get(j).is_none_or(|j| j.sampling.answers()),
         };
         (0..self.receive.message_count())
-            .map(|message| self.receive.slots(message).any(answered))
+            .map(|message| {
+                let mut slots = self.receive.slots(message);
+                slots.any(|slot| !slots::is_told(slot) && answered(slot))
+            })
             .collect()
     }
 }

@@ -6,7 +6,7 @@ mod sensors;
 mod torques;
 
 pub use calibration::JointCalibration;
-pub use joint::JointParameters;
+pub use joint::{JointParameters, Thermal};
 pub use sensors::{FtParameters, FtSensor, ImuParameters};
 pub use torques::{
     ContactReaction, ContactSet, ContactThreshold, CrossCheckSettings, ExternalTorqueSettings,

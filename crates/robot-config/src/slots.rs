@@ -11,7 +11,9 @@ const AXES: usize = 6;
 const PER_FT: usize = AXES + 1;
 const FTS: usize = AXES * (1 + MAX_FURTHER_IMUS);
 const JOINTS: usize = FTS + PER_FT * MAX_FT_SENSORS;
-const PER_JOINT: usize = 5;
+const PER_JOINT: usize = 9;
+/// Of these, the first that a drive tells of itself at a rate of its own.
+const FIRST_TOLD: usize = 5;
 
 /// The source of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,6 +36,12 @@ pub const fn source(slot: usize) -> Source {
     } else {
         Source::Joint((slot - JOINTS) / PER_JOINT)
     }
+}
+
+/// The slot is of what a drive tells of itself besides its sample, which nothing waits for.
+#[must_use]
+pub const fn is_told(slot: usize) -> bool {
+    slot >= JOINTS && (slot - JOINTS) % PER_JOINT >= FIRST_TOLD
 }
 
 /// Axis x y z of an IMU's angular velocity, rad/s.
@@ -89,6 +97,30 @@ pub const fn velocity(joint: usize) -> usize {
 #[must_use]
 pub const fn status(joint: usize) -> usize {
     motor_angle(joint) + 4
+}
+
+/// Temperature of the drive, °C.
+#[must_use]
+pub const fn temperature(joint: usize) -> usize {
+    motor_angle(joint) + FIRST_TOLD
+}
+
+/// Voltage of the drive's supply, V.
+#[must_use]
+pub const fn voltage(joint: usize) -> usize {
+    temperature(joint) + 1
+}
+
+/// The drive's own torque, N·m at the joint.
+#[must_use]
+pub const fn drive_torque(joint: usize) -> usize {
+    temperature(joint) + 2
+}
+
+/// Number of the drive's error; 0: none.
+#[must_use]
+pub const fn drive_error(joint: usize) -> usize {
+    temperature(joint) + 3
 }
 
 /// Number of values that the receive table fills at most.

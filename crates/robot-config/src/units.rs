@@ -22,6 +22,7 @@ pub(crate) enum Quantity {
     Torque,
     Acceleration,
     Temperature,
+    Voltage,
     /// A number whose unit does not matter.
     Status,
 }
@@ -66,6 +67,7 @@ impl Quantity {
             Self::Torque => &[("Nm", 1.0), ("N.m", 1.0), ("N*m", 1.0)],
             Self::Acceleration => &[("m/s2", 1.0), ("m/s^2", 1.0), ("g", STANDARD_GRAVITY)],
             Self::Temperature => &[("degC", 1.0), ("°C", 1.0)],
+            Self::Voltage => &[("V", 1.0), ("mV", 1e-3)],
             Self::Status => return Ok(1.0),
         };
         let found = table.iter().find(|(name, _)| *name == unit);

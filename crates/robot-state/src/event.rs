@@ -228,6 +228,8 @@ events! {
     CommandDelay = 412, "command_delay", Warn, "control.command_delay_us", "The delay from a command to its effect, as measured, is another one than configured: torque control may ring.";
     DriveUnlike = 413, "drive_unlike", Warn, "drive.motor.K_tau_rad_per_Nm / drive.motor.K_v_s", "While a client's torque was followed, a drive's current showed another stiffness or damping of its position loop than configured, by more than torque control corrects: it may ring, and its margins are not those that were computed.";
     HoldSwings = 414, "hold_swings", Hold, "joint.gains / filters.control", "A joint that is held swings, and its motor does the work: the hold's gains are too high for its inertia and the delay of its velocities. It is braked, no longer held by its gains, and left to its brake where it has one.";
+    DriveHot = 415, "drive_hot", Warn, "drive.thermal", "A drive is hot, or its current has been too high for too long: its joint's torque limit falls towards the torque of its continuous current.";
+    DriveOverheated = 416, "drive_overheated", Stop from Warn, "drive.thermal", "A drive is as hot as it may be, or its current has stayed above the continuous one.";
     LateCycle = 501, "late_cycle", Warn, "loop.rate_hz", "A cycle ended after the next one should have begun.";
     SkippedCycle = 502, "skipped_cycle", Warn, "loop.rate_hz", "A cycle was left out because the one before it ended too late.";
     LatenessLasts = 503, "lateness_lasts", Stop, "safety.late_per_cent", "Within a second, a greater share of cycles was late or left out than allowed.";

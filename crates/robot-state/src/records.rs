@@ -18,7 +18,9 @@ pub use estimated::{
     EstimatedRecord, FtEstimated, JointEstimated, TorqueEstimate, torque_flags, torque_source,
 };
 pub use frames::{FrameCommanded, FrameReference, MAX_FRAMES, frame_flags};
-pub use measured::{FtMeasured, ImuMeasured, JointMeasured, MeasuredRecord, measured_flags};
+pub use measured::{
+    FtMeasured, ImuMeasured, JointMeasured, MeasuredRecord, measured_flags, told_flags,
+};
 pub use reference::{
     JointPoint, JointReference, MAX_POINTS, Mode, Reference, TrajectoryPiece, TrajectoryPoint,
 };

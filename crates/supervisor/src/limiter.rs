@@ -68,8 +68,9 @@ pub struct Limiter {
     limits: Limits,
     actuation: Actuation,
     sample_period: f64,
-    /// Greatest |dq| for now, rad/s.
+    /// Greatest |dq| for now, rad/s, and torque, N·m.
     velocity: f64,
+    torque: f64,
     /// The command sent last, rad or A.
     last: f64,
     /// The angle by which it has given way while it is held, rad.
@@ -95,6 +96,7 @@ impl Limiter {
             actuation,
             sample_period,
             velocity: limits.velocity,
+            torque: limits.torque,
             last: 0.0,
             yielded: 0.0,
             last_torque: 0.0,
@@ -162,6 +164,17 @@ impl Limiter {
             Actuation::Current { damping, .. } => self.limits.torque / damping,
         };
         self.velocity = velocity.max(least).min(self.limits.velocity);
+    }
+
+    /// From now on the torque may be no greater than this, N·m, and than its limit; but for braking in a fault.
+    pub fn allow_torque(&mut self, torque: f64) {
+        self.torque = torque.clamp(0.0, self.limits.torque);
+    }
+
+    /// Torque that is allowed at present, N·m.
+    #[must_use]
+    pub fn torque(&self) -> f64 {
+        self.torque
     }
 
     /// Link-side velocity of the motor, rad/s, by an observer that has found it again after a gap; none: that of the
@@ -281,12 +294,12 @@ impl Limiter {
             return (asked, 0);
         };
         let Limits {
-            torque,
             torque_rate,
             power,
             lead,
             ..
         } = self.limits;
+        let torque = self.torque;
         let mut flags = 0;
 
         // Motion: how fast the set-point itself may move, and where to.
@@ -389,12 +402,9 @@ impl Limiter {
             return (asked, 0);
         };
         let Limits {
-            torque,
-            torque_rate,
-            power,
-            ..
+            torque_rate, power, ..
         } = self.limits;
-        let velocity = self.velocity;
+        let (velocity, torque) = (self.velocity, self.torque);
         let mut flags = 0;
         let share = match self.resuming {
             0 => 1.0,

@@ -21,7 +21,7 @@
 #define TORQUED_MAX_POINTS 32
 #define TORQUED_MAX_FRAMES 4
 #define TORQUED_MAX_CONTACT_SETS 16
-#define TORQUED_EVENT_COUNT 61
+#define TORQUED_EVENT_COUNT 63
 
 /** Mode of the robot. */
 enum TorquedMode {
@@ -220,14 +220,24 @@ typedef struct TorquedJointMeasured {
   double ddq_hat;
   /** omega: motor-side velocity, rad/s: the drive's own, or from a short filter. */
   double omega;
+  /** Temperature that the drive tells, of its winding where it tells more than one, °C; as long as `told` has its bit, as the next three. */
+  double temperature;
+  /** Voltage of the drive's supply, V. */
+  double voltage;
+  /** The drive's own torque, N·m at the joint. */
+  double tau_drive;
   /** Age of the newest sample, s. */
   double age_s;
   /** Status word of the drive, as received. */
   uint32_t status;
+  /** Number of the drive's error; 0: none. */
+  uint32_t drive_error;
+  /** Bits of `told_flags`. */
+  uint32_t told;
   /** Bits of `measured_flags`. */
   uint32_t flags;
 } TorquedJointMeasured;
-TORQUED_SIZE(TorquedJointMeasured, 88);
+TORQUED_SIZE(TorquedJointMeasured, 120);
 
 typedef struct TorquedWrench {
   /** f: force, N, x y z. */
@@ -287,7 +297,7 @@ typedef struct TorquedMeasuredRecord {
   /** The other IMUs, in config order. */
   TorquedImuMeasured further_imus[3];
 } TorquedMeasuredRecord;
-TORQUED_SIZE(TorquedMeasuredRecord, 7528);
+TORQUED_SIZE(TorquedMeasuredRecord, 9576);
 
 typedef struct TorquedTorqueEstimate {
   /** tau: torque that the transmission applies to the child link along +q, N·m. */
@@ -318,12 +328,14 @@ typedef struct TorquedJointEstimated {
   double tau_ext_change;
   /** The greater of |tau_ext| and |tau_ext_change|, each over its lower threshold, 1: 1 sets `contact_flag`, `external_torque.upper_ratio` raises event 209. */
   double contact_ratio;
+  /** Heat of the motor's winding by its current, as a share of what the continuous current makes in the end (I²t); zero without `[drive.NAME.thermal]`. */
+  double thermal_load;
   /** 1: contact detected. */
   uint32_t contact_flag;
   /** Fills the record to a multiple of eight bytes. */
   uint32_t reserved;
 } TorquedJointEstimated;
-TORQUED_SIZE(TorquedJointEstimated, 160);
+TORQUED_SIZE(TorquedJointEstimated, 168);
 
 typedef struct TorquedFtEstimated {
   /** f_hat: wrench that the environment applies to the end-effector, at the sensor's frame, inertia and weight of the end-effector removed (D 2.2). */
@@ -356,12 +368,12 @@ typedef struct TorquedEstimatedRecord {
   uint32_t contact_set;
   /** 1: the automatic rule chooses the contact set; 0: a client or the configuration does. */
   uint32_t contact_set_automatic;
-  /** Number of the cross-check's first active event (204 to 208), or 0. */
+  /** Number of the first active event of the cross-check (204 to 208), or else of a hot drive (415), or 0. */
   uint32_t warning;
   /** The joint that `warning` is about, or the F/T sensor (events 205 and 208). */
   uint32_t warning_subject;
 } TorquedEstimatedRecord;
-TORQUED_SIZE(TorquedEstimatedRecord, 11648);
+TORQUED_SIZE(TorquedEstimatedRecord, 12160);
 
 typedef struct TorquedJointCommanded {
   /** tau_d: desired torque, N·m (D12). */
@@ -394,12 +406,14 @@ typedef struct TorquedJointCommanded {
   double command_delay_s;
   /** Standard deviation of `command_delay_s`, s. */
   double command_delay_sigma_s;
+  /** Torque that the command may ask for at present, N·m: the joint's limit, less while its drive is hot; zero while no set-points are sent. */
+  double torque_limit;
   /** Bits of `command_flags`. */
   uint32_t flags;
   /** Number of the drive's `DriveState`; a drive without states counts as enabled. */
   uint32_t drive_state;
 } TorquedJointCommanded;
-TORQUED_SIZE(TorquedJointCommanded, 128);
+TORQUED_SIZE(TorquedJointCommanded, 136);
 
 typedef struct TorquedFrameCommanded {
   /** x: position of the frame's origin in its base, m. */
@@ -423,7 +437,7 @@ typedef struct TorquedCommandedRecord {
   /** The frames of mode Cartesian, in config order; all zeros while a client uses none. */
   TorquedFrameCommanded frames[4];
 } TorquedCommandedRecord;
-TORQUED_SIZE(TorquedCommandedRecord, 8832);
+TORQUED_SIZE(TorquedCommandedRecord, 9344);
 
 typedef struct TorquedCycleRecord {
   /** Cycle number since start. */
@@ -459,9 +473,9 @@ typedef struct TorquedCycleRecord {
   /** Commands to the drives. */
   TorquedCommandedRecord commanded;
   /** Count of each event since start, in the order of `Event::ALL`. */
-  uint64_t events[61];
+  uint64_t events[63];
 } TorquedCycleRecord;
-TORQUED_SIZE(TorquedCycleRecord, 28672);
+TORQUED_SIZE(TorquedCycleRecord, 31760);
 
 typedef struct TorquedLoopRecord {
   /** Cycles run. */
@@ -491,7 +505,7 @@ typedef struct TorquedSharedRecord {
   /** The loop around it. */
   TorquedLoopRecord timing;
 } TorquedSharedRecord;
-TORQUED_SIZE(TorquedSharedRecord, 28744);
+TORQUED_SIZE(TorquedSharedRecord, 31832);
 
 typedef struct TorquedDescription {
   /** The robot's name. */

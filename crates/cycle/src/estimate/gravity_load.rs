@@ -10,7 +10,7 @@
 
 use control::InverseDynamics;
 use dynamics::Motion;
-use robot_config::Robot;
+use robot_config::{JointParameters, Robot};
 use robot_state::{EstimatedRecord, MAX_FT_SENSORS, MeasuredRecord, Wrench, measured_flags};
 
 /// Length of a block, s: what counts is 0.1 to 0.3 s old.
@@ -104,7 +104,7 @@ impl Past {
 #[derive(Debug)]
 pub(crate) struct GravityLoad {
     past: Past,
-    /// None where every drive has a position loop: it carries its joint by itself.
+    /// None where every drive has a position loop, which carries its joint by itself, and none is watched for its heat.
     model: Option<Model>,
 }
 
@@ -123,10 +123,11 @@ struct Model {
 impl GravityLoad {
     pub(crate) fn new(robot: &Robot) -> Self {
         let p = &robot.parameters;
-        let by_current = p.joints.iter().any(|joint| !joint.takes_position());
+        // A joint whose drive is hot keeps what carries its weight.
+        let needed = |joint: &JointParameters| !joint.takes_position() || joint.thermal.is_some();
         Self {
             past: Past::new(p.timing.sample_period),
-            model: by_current.then(|| Model::new(robot)),
+            model: p.joints.iter().any(needed).then(|| Model::new(robot)),
         }
     }
 
@@ -135,7 +136,7 @@ impl GravityLoad {
         self.past.loads()
     }
 
-    /// The torque that carries a joint's weight, N·m; 0 where every drive has a position loop.
+    /// The torque that carries a joint's weight, N·m; 0 where nothing asks for it.
     pub(crate) fn torque(&self, joint: usize) -> f64 {
         self.model.as_ref().map_or(0.0, |model| model.torque(joint))
     }

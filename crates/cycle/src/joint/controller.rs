@@ -18,6 +18,10 @@ use super::{Gap, JointInput, Trust};
 use crate::measure::NOT_USED;
 use crate::mode::{Bristle, Entry, Follow, Impedance, JointGoal, Speed};
 
+/// Torque that a joint whose drive is hot may make at least, over that of its weight: a limit below it would let the
+/// joint fall. A payload of a fifth of the limb's mass may be unknown to the model.
+const WEIGHT_MARGIN: f64 = 1.2;
+
 /// What the joint is doing.
 #[derive(Debug, Clone)]
 pub(super) enum State {
@@ -111,6 +115,14 @@ impl Controller {
     /// Velocity of the link by the law's observer, rad/s; none without one.
     pub(super) fn observed_velocity(&self) -> Option<f64> {
         self.law.link_velocity()
+    }
+
+    /// Torque that the command may ask for, N·m, where its drive may make that share of the limit: never less than
+    /// what carries its weight, with a margin for what is not known of it.
+    pub(super) fn torque_limit(&self, share: f64, weight: f64) -> f64 {
+        let limit = self.constants.limits.torque;
+        let carries = (WEIGHT_MARGIN * weight.abs()).min(limit);
+        (share * limit).max(carries)
     }
 
     fn takes_current(&self) -> bool {
@@ -246,6 +258,11 @@ impl Controller {
             },
             _ => self.constants.limits.velocity,
         });
+        self.limiter.allow_torque(match &self.state {
+            // What brakes a joint in a fault is not held back.
+            Some(State::Carry(carry)) if carry.is_damped() => self.constants.limits.torque,
+            _ => input.torque_limit,
+        });
         match &self.state {
             Some(State::HoldPosition { .. }) => {
                 // Nor does it give way to what an encoder in doubt shows.
@@ -281,6 +298,7 @@ impl Controller {
             };
         }
         commanded.asked = limited.asked;
+        commanded.torque_limit = self.limiter.torque();
         commanded.flags |= limited.flags | command_flags::ENGAGED;
         match self.constants.motor {
             MotorModel::Position { .. } => {

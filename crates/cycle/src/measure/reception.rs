@@ -95,6 +95,12 @@ impl Reception {
         }
     }
 
+    /// The message that carries a slot's signal.
+    pub(crate) fn message_of(&self, slot: usize) -> Option<usize> {
+        let mut messages = 0..self.table.message_count();
+        messages.find(|&m| self.table.slots(m).any(|own| own == slot))
+    }
+
     /// Instant of each message's last frame, ns.
     pub(crate) fn stamps(&self) -> &[Option<u64>] {
         &self.stamps

@@ -62,12 +62,17 @@ pub fn drive(bus: u8, node: u8, kind: &Kind) -> Server {
     add(0x6075, 0, &rated.to_le_bytes(), true, false);
     add(0x6077, 0, &[0; 2], false, true);
     add(0x6078, 0, &[0; 2], false, true);
+    add(0x6079, 0, &48_000u32.to_le_bytes(), false, true);
     add(0x607A, 0, &[0; 4], true, true);
     add(0x60C2, 1, &[1], true, false);
     add(0x60C2, 2, &[(-3i8) as u8], true, false);
     add(0x6502, 0, &0x3ADu32.to_le_bytes(), false, false);
     if let Some(object) = kind.other_angle {
         add(object.index, object.sub, &[0; 4], false, true);
+    }
+    if let Some((told, _)) = kind.tells.temperature {
+        let bytes = vec![0; usize::from(told.bits) / 8];
+        add(told.object.index, told.object.sub, &bytes, false, true);
     }
     for (object, value) in &kind.sdo {
         objects.entry(*object).or_insert(Value {

@@ -2,11 +2,13 @@
 //! words for each, whatever its family; and these messages turned into the family's frames and back.
 
 mod live;
+mod load;
 mod reports;
 
 use super::{Address, FAMILIES, Family, Model};
 use can_codec::{Coding, Dbc, EXTENDED_ID, Frame, Frames, Message, Signal};
 use live::Live;
+pub use load::Exchanged;
 use problem::Problem;
 pub use reports::{Report, Reports};
 
@@ -15,6 +17,8 @@ const OWN_ID: u32 = EXTENDED_ID | 0x1F80_0000;
 const OWN_MASK: u32 = EXTENDED_ID | 0x1FFF_0000;
 /// The message that begins a cycle: every actuator of the bus is asked for its state.
 const ASK_ID: u32 = OWN_ID | 0xFFFF;
+/// Length of a message of state, bytes.
+const STATE_LEN: u8 = 32;
 /// Kinds of messages, in the two lowest bits of an identifier.
 const STATE: u32 = 0;
 const COMMAND: u32 = 1;
@@ -125,13 +129,17 @@ impl Actuator {
             float(signals::VELOCITY, "rad/s", 32),
             float(signals::CURRENT, "A", 64),
             Signal::new(signals::STATUS, "", Coding::Unsigned, 96, 32, 1.0),
+            float(signals::TORQUE, "Nm", 128),
+            float(signals::TEMPERATURE, "degC", 160),
+            float(signals::VOLTAGE, "V", 192),
+            Signal::new(signals::ERROR, "", Coding::Unsigned, 224, 32, 1.0),
         ];
         let position = Signal::new(signals::SET_POINT, "rad", Coding::Float64, 0, 64, 1.0);
         let word = Signal::new(signals::CONTROL, "", Coding::Unsigned, 0, 32, 1.0);
         Dbc {
             file: format!("messages of {} (node {})", self.name, self.at.node),
             messages: vec![
-                message("STATE", STATE, 16, state),
+                message("STATE", STATE, STATE_LEN, state),
                 message("COMMAND", COMMAND, 8, vec![position]),
                 message("CONTROL", CONTROL, 4, vec![word]),
             ],

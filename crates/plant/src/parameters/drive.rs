@@ -29,6 +29,9 @@ pub struct DriveParameters {
     pub sensors: DriveSensorParameters,
     /// The drive's own control loop.
     pub controller: ControllerParameters,
+    /// Heat of its winding.
+    #[serde(default)]
+    pub winding: WindingParameters,
     /// Its states, where `robot.toml` knows some.
     #[serde(default)]
     pub states: StateParameters,
@@ -44,6 +47,35 @@ impl DriveParameters {
         }
         // A way has no period of its own: that of an angle of as much.
         error.link_frequency = 1.0 / self.kind.threshold(1.0);
+    }
+}
+
+/// `[drive.NAME.winding]`: heat of the motor's winding, and its supply.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WindingParameters {
+    /// Temperature of the surroundings, and at the start, °C.
+    #[serde(rename = "ambient_C", deserialize_with = "finite")]
+    pub ambient: f64,
+    /// Rise of the temperature in the end for the square of the current, K/A².
+    #[serde(rename = "rise_K_per_A2", deserialize_with = "non_negative")]
+    pub rise: f64,
+    /// Time in which 63 % of a rise are reached, s.
+    #[serde(rename = "time_constant_s", deserialize_with = "positive")]
+    pub time_constant: f64,
+    /// Voltage of the supply, V.
+    #[serde(rename = "supply_V", deserialize_with = "non_negative")]
+    pub supply: f64,
+}
+
+impl Default for WindingParameters {
+    fn default() -> Self {
+        Self {
+            ambient: 25.0,
+            rise: 0.0,
+            time_constant: 60.0,
+            supply: 48.0,
+        }
     }
 }
 

@@ -5,7 +5,8 @@ use crate::reader::{Allowed, Section};
 use crate::{Files, paths, unreadable};
 use drives_of_makers::canopen::Object;
 use drives_of_makers::canopen::eds::ObjectDictionary;
-use drives_of_makers::cia402::{Kind, Mode, Side};
+use drives_of_makers::canopen::pdo::Mapped;
+use drives_of_makers::cia402::{Kind, Mode, Side, Tells};
 
 /// A kind of CANopen drive.
 #[derive(Clone)]
@@ -19,11 +20,11 @@ pub(crate) struct CanopenDrive {
 
 const OBJECT: &str = "an object as \"6065:00\", index and sub-index in hexadecimal";
 
-/// Reads the table; `torque_constant` in N·m/A.
+/// Reads the table; `gear_ratio` and `torque_constant`, N·m/A, of the drive.
 pub(super) fn read(
     section: Section<'_, '_>,
     command: Command,
-    torque_constant: f64,
+    (gear_ratio, torque_constant): (f64, f64),
     files: &Files<'_>,
 ) -> Option<CanopenDrive> {
     let sides = [("motor", Side::Motor), ("link", Side::Link)];
@@ -47,6 +48,8 @@ pub(super) fn read(
         velocity_unit: section.optional_number("velocity_rpm_per_count", Allowed::Positive),
         rated_current,
         current_per_torque: rated_torque / torque_constant,
+        rated_torque: rated_torque * gear_ratio,
+        tells: tells(&section),
         heartbeat_ms: section
             .optional_integer("heartbeat_ms", 20..2001)
             .unwrap_or(100) as u16,
@@ -67,6 +70,25 @@ pub(super) fn read(
         dictionary,
         eds_place,
     })
+}
+
+/// What it is to tell of itself.
+fn tells(section: &Section<'_, '_>) -> Tells {
+    let mut tells = Tells::default();
+    const ALLOWED: &str = "a list of \"error\", \"torque\" and \"voltage\"";
+    for text in section.optional_texts("tells", ALLOWED) {
+        match text.value {
+            "error" => tells.error = true,
+            "torque" => tells.torque = true,
+            "voltage" => tells.voltage = true,
+            other => section.problem("tells", format!("{other:?} is not allowed"), ALLOWED),
+        }
+    }
+    let object = object(section, "temperature");
+    let count = section.number_or("temperature_C_per_count", 1.0, Allowed::Positive);
+    let bits = section.choice_or("temperature_bits", 16, &[("8", 8), ("16", 16), ("32", 32)]);
+    tells.temperature = object.map(|object| (Mapped { object, bits }, count));
+    tells
 }
 
 fn object(section: &Section<'_, '_>, key: &'static str) -> Option<Object> {

@@ -180,11 +180,17 @@ impl Reader<'_, '_, '_> {
             signals::STATUS,
             signals::CONTROL,
             signals::SET_POINT,
+            signals::TEMPERATURE,
+            signals::VOLTAGE,
+            signals::TORQUE,
+            signals::ERROR,
         ];
         let made = keys.into_iter().filter_map(|key| {
             let (sign, offset) = match key {
                 signals::SET_POINT => set_point,
-                signals::VELOCITY => (self.written("motor_angle", JointKind::Revolute).0, 0.0),
+                signals::VELOCITY | signals::TORQUE => {
+                    (self.written("motor_angle", JointKind::Revolute).0, 0.0)
+                }
                 _ => (1.0, 0.0),
             };
             Some(Made {

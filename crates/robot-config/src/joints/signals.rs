@@ -9,7 +9,7 @@ use crate::units::Quantity;
 use crate::wiring::{Reach, Use, Way, Wiring};
 use control::MotorModel;
 use estimators::encoder::EncoderParameters;
-use robot_state::JointKind;
+use robot_state::{JointKind, told_flags};
 use supervisor::Limits;
 
 /// The ranges of a joint's encoders, and which optional signals it has.
@@ -20,6 +20,8 @@ pub(super) struct Signals {
     pub(super) has_velocity: bool,
     pub(super) has_status: bool,
     pub(super) has_control: bool,
+    /// What the drive tells of itself, bits of `told_flags`.
+    pub(super) tells: u32,
 }
 
 impl Reader<'_, '_, '_> {
@@ -69,6 +71,30 @@ impl Reader<'_, '_, '_> {
                 let made = messages.is_some_and(|messages| messages.signal(key).is_some());
                 self.section.has(key) || made
             });
+        let told = [
+            (
+                "temperature",
+                slots::temperature(joint),
+                Quantity::Temperature,
+            ),
+            ("voltage", slots::voltage(joint), Quantity::Voltage),
+            ("drive_torque", slots::drive_torque(joint), Quantity::Torque),
+            ("drive_error", slots::drive_error(joint), Quantity::Status),
+        ];
+        let flags = [
+            told_flags::TEMPERATURE,
+            told_flags::VOLTAGE,
+            told_flags::TORQUE,
+            told_flags::ERROR,
+        ];
+        let mut tells = 0;
+        for ((key, slot, quantity), flag) in told.into_iter().zip(flags) {
+            let made = messages.is_some_and(|messages| messages.signal(key).is_some());
+            if self.section.has(key) || made {
+                let _noted = signal(key, Way::Receive, slot, quantity);
+                tells |= flag;
+            }
+        }
         let control = (
             "control",
             Way::Send,
@@ -112,6 +138,7 @@ impl Reader<'_, '_, '_> {
             has_velocity,
             has_status,
             has_control,
+            tells,
         }
     }
 
@@ -144,7 +171,7 @@ impl Reader<'_, '_, '_> {
             _ => JointKind::Revolute,
         });
         let sign = match how.quantity {
-            Quantity::Status => 1.0,
+            Quantity::Status | Quantity::Temperature | Quantity::Voltage => 1.0,
             _ => section.sign_or("direction", sign),
         };
         let offset = match how.quantity.is_position() && section.has("offset_deg") {

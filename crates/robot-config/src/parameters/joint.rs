@@ -35,6 +35,10 @@ pub struct JointParameters {
     pub has_velocity: bool,
     /// True if the drive sends a status word.
     pub has_status: bool,
+    /// What its drive tells of itself besides, bits of [`told_flags`](robot_state::told_flags).
+    pub tells: u32,
+    /// How hot its drive may get; none: it is not watched.
+    pub thermal: Option<Thermal>,
     /// States of the drive, by its status word; without control words it is only watched. None: it
     /// has no states, and counts as enabled.
     pub drive_profile: Option<DriveProfile>,
@@ -81,7 +85,28 @@ pub struct JointParameters {
     pub current_signal: SignalParameters,
 }
 
+/// How hot a drive may get.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thermal {
+    /// Current that the motor bears for ever, A.
+    pub continuous_current: f64,
+    /// Time in which its winding reaches 63 % of a current's heat, s.
+    pub time_constant: f64,
+    /// Temperatures at which it is warned of, from which on the torque limit falls, and at which the robot
+    /// stops, °C; none: only by the current.
+    pub temperatures: Option<[f64; 3]>,
+}
+
 impl JointParameters {
+    /// Torque of the continuous current, as a share of the torque limit, if its drive is watched.
+    #[must_use]
+    pub fn continuous_share(&self) -> Option<f64> {
+        let wave_generator = &self.estimator.wave_generator;
+        let per_current = self.encoders.gear_ratio * wave_generator.torque_constant;
+        let torque = per_current * self.thermal?.continuous_current;
+        Some((torque / self.limits.torque).min(1.0))
+    }
+
     /// Greatest |ddq_d| of a reference, rad/s²: folded, a limb has less than half of that inertia.
     #[must_use]
     pub fn desired_acceleration(&self) -> f64 {

@@ -60,6 +60,9 @@ record! {
         pub command_delay_s: f64,
         /// Standard deviation of `command_delay_s`, s.
         pub command_delay_sigma_s: f64,
+        /// Torque that the command may ask for at present, N·m: the joint's limit, less while its drive is
+        /// hot; zero while no set-points are sent.
+        pub torque_limit: f64,
         /// Bits of `command_flags`.
         pub flags: u32,
         /// Number of the drive's `DriveState`; a drive without states counts as enabled.

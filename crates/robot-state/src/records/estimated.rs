@@ -69,6 +69,9 @@ record! {
         /// The greater of |tau_ext| and |tau_ext_change|, each over its lower threshold, 1: 1 sets
         /// `contact_flag`, `external_torque.upper_ratio` raises event 209.
         pub contact_ratio: f64,
+        /// Heat of the motor's winding by its current, as a share of what the continuous current makes in
+        /// the end (I²t); zero without `[drive.NAME.thermal]`.
+        pub thermal_load: f64,
         /// 1: contact detected.
         pub contact_flag: u32,
         /// Fills the record to a multiple of eight bytes.
@@ -116,7 +119,7 @@ record! {
         pub contact_set: u32,
         /// 1: the automatic rule chooses the contact set; 0: a client or the configuration does.
         pub contact_set_automatic: u32,
-        /// Number of the cross-check's first active event (204 to 208), or 0.
+        /// Number of the first active event of the cross-check (204 to 208), or else of a hot drive (415), or 0.
         pub warning: u32,
         /// The joint that `warning` is about, or the F/T sensor (events 205 and 208).
         pub warning_subject: u32,

@@ -26,6 +26,18 @@ pub mod measured_flags {
     pub const STANDS_IN: u32 = 256;
 }
 
+/// Flag bits of what a drive tells of itself, and has told lately.
+pub mod told_flags {
+    /// Its temperature.
+    pub const TEMPERATURE: u32 = 1;
+    /// The voltage of its supply.
+    pub const VOLTAGE: u32 = 2;
+    /// Its own torque.
+    pub const TORQUE: u32 = 4;
+    /// Its error.
+    pub const ERROR: u32 = 8;
+}
+
 record! {
     /// Measured values of one joint, on the link side of the gear unless stated.
     pub struct JointMeasured {
@@ -48,10 +60,21 @@ record! {
         pub ddq_hat: f64,
         /// omega: motor-side velocity, rad/s: the drive's own, or from a short filter.
         pub omega: f64,
+        /// Temperature that the drive tells, of its winding where it tells more than one, °C; as long
+        /// as `told` has its bit, as the next three.
+        pub temperature: f64,
+        /// Voltage of the drive's supply, V.
+        pub voltage: f64,
+        /// The drive's own torque, N·m at the joint.
+        pub tau_drive: f64,
         /// Age of the newest sample, s.
         pub age_s: f64,
         /// Status word of the drive, as received.
         pub status: u32,
+        /// Number of the drive's error; 0: none.
+        pub drive_error: u32,
+        /// Bits of `told_flags`.
+        pub told: u32,
         /// Bits of `measured_flags`.
         pub flags: u32,
     }

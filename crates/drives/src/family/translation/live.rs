@@ -1,7 +1,8 @@
 //! What is known of an actuator, and what leaves for the loop's messages to it.
 
 use super::{
-    ASK_ID, Actuator, COMMAND, CONTROL, DISABLE, ENABLE, RESET, Report, SILENT_NS, STATE, UNKNOWN,
+    ASK_ID, Actuator, COMMAND, CONTROL, DISABLE, ENABLE, RESET, Report, SILENT_NS, STATE,
+    STATE_LEN, UNKNOWN,
 };
 use crate::family::{Family, Feedback, Heard, SetPoint, State};
 use can_codec::{Frame, Frames};
@@ -9,10 +10,39 @@ use can_codec::{Frame, Frames};
 /// Frames that one message of the loop becomes, at most: those before enabling, and the enabling one.
 pub(super) const MOST: usize = 5;
 /// Cycles from one question for what no other answer tells to the next.
-const POLL_EVERY: u32 = 20;
+pub(super) const POLL_EVERY: u32 = 20;
+/// Time after which temperature and voltage count as not told any more, ns: a few of the slowest rates that
+/// makers preset.
+const OLD_NS: u64 = 2_000_000_000;
 /// States that an actuator that tells its state apart has to tell before it is enabled once more: the
 /// first may have been on its way already.
 const TELLINGS: u8 = 2;
+
+/// A value that is told now and then.
+#[derive(Clone, Copy)]
+struct Told {
+    value: f64,
+    at_ns: u64,
+}
+
+impl Told {
+    const NOT: Self = Self {
+        value: f64::NAN,
+        at_ns: 0,
+    };
+
+    fn note(&mut self, value: Option<f64>, now: u64) {
+        if let Some(value) = value {
+            *self = Self { value, at_ns: now };
+        }
+    }
+
+    /// The value; NaN: not told, or too long ago.
+    fn now(self, now: u64) -> f64 {
+        let is_old = now.saturating_sub(self.at_ns) > OLD_NS;
+        if is_old { f64::NAN } else { self.value }
+    }
+}
 
 /// An actuator.
 pub(super) struct Live {
@@ -29,10 +59,10 @@ pub(super) struct Live {
     /// Of the output, rad, rad/s and N·m.
     position: f64,
     velocity: f64,
-    torque: f64,
+    torque: Option<f64>,
     current: Option<f64>,
-    temperature: f64,
-    voltage: f64,
+    temperature: Told,
+    voltage: Told,
     /// The last control word.
     word: u32,
     /// States to be told before it is enabled once more.
@@ -58,10 +88,10 @@ impl Live {
             error: 0,
             position: 0.0,
             velocity: 0.0,
-            torque: 0.0,
+            torque: None,
             current: None,
-            temperature: f64::NAN,
-            voltage: f64::NAN,
+            temperature: Told::NOT,
+            voltage: Told::NOT,
             word: DISABLE,
             awaited: 0,
             enabled: false,
@@ -74,8 +104,8 @@ impl Live {
         Report {
             heard: self.heard,
             error: self.error,
-            temperature: Some(self.temperature).filter(|x| x.is_finite()),
-            voltage: Some(self.voltage).filter(|x| x.is_finite()),
+            temperature: Some(self.temperature.value).filter(|x| x.is_finite()),
+            voltage: Some(self.voltage.value).filter(|x| x.is_finite()),
         }
     }
 
@@ -95,19 +125,34 @@ impl Live {
         if told.position.is_none() || !is_complete {
             return true;
         }
+        *frame = self.message(frame.stamp_ns);
+        true
+    }
+
+    /// Its message of state, of a frame that came at `now`.
+    fn message(&self, now: u64) -> Frame {
         let setting = &self.setting;
         let count = (self.position / setting.count()).round_ties_even();
         let velocity = (self.velocity * setting.gear_ratio) as f32;
-        let of_torque = self.torque / setting.torque_per_current;
+        let of_torque = self.torque.unwrap_or(0.0) / setting.torque_per_current;
         let current = self.current.unwrap_or(of_torque) as f32;
-        let mut made = Frame::zeroed(frame.bus, setting.id(STATE), 16, true);
-        made.stamp_ns = frame.stamp_ns;
-        made.data[..4].copy_from_slice(&(count as i32).to_le_bytes());
-        made.data[4..8].copy_from_slice(&velocity.to_le_bytes());
-        made.data[8..12].copy_from_slice(&current.to_le_bytes());
-        made.data[12..16].copy_from_slice(&self.status(frame.stamp_ns).to_le_bytes());
-        *frame = made;
-        true
+        let torque = self.torque.unwrap_or(f64::NAN) as f32;
+        let mut made = Frame::zeroed(setting.at.bus, setting.id(STATE), STATE_LEN, true);
+        made.stamp_ns = now;
+        let words = [
+            (count as i32).to_le_bytes(),
+            velocity.to_le_bytes(),
+            current.to_le_bytes(),
+            self.status(now).to_le_bytes(),
+            torque.to_le_bytes(),
+            (self.temperature.now(now) as f32).to_le_bytes(),
+            (self.voltage.now(now) as f32).to_le_bytes(),
+            self.error.to_le_bytes(),
+        ];
+        for (place, word) in made.data.chunks_exact_mut(4).zip(words) {
+            place.copy_from_slice(&word);
+        }
+        made
     }
 
     fn note(&mut self, told: &Feedback, now: u64) {
@@ -123,9 +168,9 @@ impl Live {
             (self.current, self.current_ns, self.heard.current) = (Some(current), now, true);
         }
         self.velocity = (told.velocity).map_or(self.velocity, |x| x / self.ratio);
-        self.torque = told.torque.map_or(self.torque, |x| x * self.ratio);
-        self.temperature = told.temperature.unwrap_or(self.temperature);
-        self.voltage = told.voltage.unwrap_or(self.voltage);
+        self.torque = told.torque.map(|x| x * self.ratio).or(self.torque);
+        self.temperature.note(told.temperature, now);
+        self.voltage.note(told.voltage, now);
     }
 
     /// The state of an actuator that does not tell it, and answers.
