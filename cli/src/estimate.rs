@@ -1,15 +1,17 @@
 //! `torquectl estimate`: every configured estimator over a recorded log.
 
+mod parts;
+
 use crate::BAD_INPUT;
 use crate::output::{apart, finish};
 use crate::report::{self, Traces};
 use clap::Args;
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use identification::evaluate::{Figures, Score};
-use identification::inputs::check_rate;
 use identification::log::{LogReader, LogRow};
 use joint_file::JointFile;
-use problem::Problem;
+use parts::Parts;
+use problem::{Problem, Problems};
 use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -37,10 +39,16 @@ pub(crate) struct EstimateArguments {
     /// unloaded turn. They are not judged
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     tare: Option<u64>,
+    /// Estimate though the log is not what it claims to be; what is wrong with it is printed
+    #[arg(long)]
+    accept: bool,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
 }
+
+/// RMS of error over sigma beyond which estimates and reference contradict each other.
+const MAX_OVER_SIGMA: f64 = 3.0;
 
 /// Standard deviation of the torque that a tare knows, of the rated torque: the mean of some samples.
 const TARE_SIGMA: f64 = 0.001;
@@ -48,7 +56,10 @@ const TARE_SIGMA: f64 = 0.001;
 const FORMAT: &str = "\
 The log has columns t (s), theta (rad, motor side, unwrapped), q (rad, link side), i (A) and may have
 tau_sensor and tau_feedforward (N·m), in any order; other columns are ignored. theta/N - q > 0 for positive torque.
-The log is read line by line: its length does not matter.
+The log is read and inspected in parts: its length does not matter. Wraps and whole turns of theta are
+taken off, samples that no neighbour confirms bridged, rows with readings that were kept left out, each said.
+A log that contradicts itself or the joint is refused, as are estimates that differ from tau_sensor by more
+than three times their sigma (RMS); --accept takes both.
 Without tau_sensor there are no errors to compute: only sigma and time are printed.
 
 The file of --out has columns t, tau_sensor (empty if the log has none), and tau_NAME and sigma_NAME
@@ -65,6 +76,9 @@ struct Row {
     name: String,
     score: Score,
     sigma_square: f64,
+    /// Sum of the squares of error over sigma, and of how many samples.
+    ratio_square: f64,
+    compared: u64,
     /// Time per sample, ns; that of the fused torque includes its sources.
     time_ns: f64,
 }
@@ -75,22 +89,43 @@ impl Row {
             name: name.to_owned(),
             score: score.clone(),
             sigma_square: 0.0,
+            ratio_square: 0.0,
+            compared: 0,
             time_ns: 0.0,
         }
+    }
+
+    /// Refuses estimates that the log's reference contradicts.
+    fn contradiction(&self, log: &Path) -> Result<(), Problem> {
+        let ratio = (self.ratio_square / self.compared.max(1) as f64).sqrt();
+        if ratio <= MAX_OVER_SIGMA {
+            return Ok(());
+        }
+        let rms = self.score.figures().map_or(0.0, |f| f.rms);
+        let reason = format!(
+            "the {} torque differs from `tau_sensor` by {rms:.4} N·m RMS, {ratio:.1} times its own sigma",
+            self.name
+        );
+        let allowed = format!(
+            "at most {MAX_OVER_SIGMA}: a log of the joint that was fitted, with a sound reference; --accept prints the figures"
+        );
+        Err(Problem::new(reason, allowed).at(log.display().to_string(), 0))
     }
 }
 
 pub(crate) fn run(arguments: &EstimateArguments) -> ExitCode {
     match evaluate(arguments) {
         Ok(text) => finish(&text),
-        Err(problem) => {
-            eprintln!("torquectl estimate: {problem}");
+        Err(problems) => {
+            for problem in problems.0 {
+                eprintln!("torquectl estimate: {problem}");
+            }
             ExitCode::from(BAD_INPUT)
         }
     }
 }
 
-fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
+fn evaluate(arguments: &EstimateArguments) -> Result<String, Problems> {
     for output in arguments.out.iter().chain(&arguments.report) {
         apart(output, &[arguments.joint.clone(), arguments.log.clone()])?;
     }
@@ -106,7 +141,9 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     let tared = arguments.tare.unwrap_or(0);
     if tared > 0 && !log.has_torque() {
         let reason = "--tare, but the log has no column `tau_sensor`";
-        return Err(log.problem(reason, "a log whose first torques are known"));
+        return Err(log
+            .problem(reason, "a log whose first torques are known")
+            .into());
     }
     let score = Score::new(joint.sample_period());
     let mut rows: Vec<Row> = names.iter().map(|name| Row::new(name, &score)).collect();
@@ -120,12 +157,9 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     let mut page =
         (arguments.report.as_deref()).map(|path| (path, Vec::new(), Traces::new(&joint, &names)));
     let mut timed = Vec::new();
-    let mut steps = Vec::new();
-    while let Some(row) = log.next_row()? {
+    let mut parts = Parts::new(&joint, &arguments.log, arguments.accept);
+    while let Some(row) = parts.next_row(&mut log)? {
         let before = last.replace(row.t);
-        if steps.len() < TIMED {
-            steps.extend(before.map(|before| row.t - before));
-        }
         front_end.bridge(before, row.t);
         let sample = row.sample(&mut front_end);
         if timed.len() < TIMED {
@@ -145,6 +179,9 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
         for (shown, estimate) in rows.iter_mut().zip(&estimates) {
             if row.tau_sensor.is_finite() && count > tared {
                 shown.score.add(estimate.tau, row.tau_sensor);
+                shown.ratio_square +=
+                    ((estimate.tau - row.tau_sensor) / estimate.sigma.max(1e-12)).powi(2);
+                shown.compared += 1;
             }
             shown.sigma_square += estimate.sigma * estimate.sigma;
         }
@@ -157,14 +194,16 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
         }
     }
     if count == 0 {
-        return Err(log.problem("the log has no rows", "at least one"));
+        return Err(log.problem("the log has no rows", "at least one").into());
     }
     if count <= tared {
         let reason = format!("the log has {count} rows, and --tare is {tared}");
-        return Err(log.problem(reason, format!("less than {count}")));
+        return Err(log.problem(reason, format!("less than {count}")).into());
     }
-    check_rate(&steps, joint.sample_period())
-        .map_err(|problem| problem.or_at(&arguments.log.display().to_string(), 0))?;
+    parts.finish()?;
+    if let Some(row) = rows.last().filter(|_| set.fuses() && !arguments.accept) {
+        row.contradiction(&arguments.log)?;
+    }
     if let Some(out) = out {
         out.finish()?;
     }
@@ -188,7 +227,7 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problem> {
     })
 }
 
-/// Samples at the log's begin that each estimator is timed on, by itself, and by whose stamps the rate is judged.
+/// Samples at the log's begin that each estimator is timed on, by itself.
 const TIMED: usize = 20_000;
 
 fn time_ns(estimator: &mut dyn JointTorqueEstimator, samples: &[JointSample]) -> f64 {

@@ -120,6 +120,9 @@ struct OutArguments {
     /// Write a page of figures of the training log by the fitted joint (HTML)
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    /// Fit to logs that are not what they claim to be, as they stand; what is wrong with them is reported
+    #[arg(long)]
+    accept: bool,
     /// Print the results as JSON
     #[arg(long)]
     json: bool,
@@ -145,12 +148,16 @@ fn fit_all(arguments: &AllArguments) -> Result<String, Problems> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
     let turn = match &arguments.no_load {
-        Some(turn) => {
-            inspected(&joint, turn, LogKind::NoLoad).map(|(rows, lines)| (Some(rows), lines))
-        }
+        Some(turn) => inspected(&joint, turn, LogKind::NoLoad, arguments.out.accept)
+            .map(|(rows, lines)| (Some(rows), lines)),
         None => Ok((None, Vec::new())),
     };
-    let train = training(&joint, &arguments.training);
+    let train = training(
+        &joint,
+        &arguments.training,
+        LogKind::Training,
+        arguments.out.accept,
+    );
     let ((turn, mut inputs), (train, of_train)) = both(turn, train)?;
     inputs.extend(of_train);
     let bar = bar();
@@ -177,13 +184,14 @@ fn both<A, B>(a: Result<A, Problems>, b: Result<B, Problems>) -> Result<(A, B), 
 fn fit_one(step: &Step, arguments: &StepArguments) -> Result<String, Problems> {
     let joint = read_joint(&arguments.joint)?;
     let stem = stem(&arguments.out.out)?;
+    let accept = arguments.out.accept;
     let (rows, inputs) = match (step.log, &arguments.log[..]) {
-        (LogKind::NoLoad, [turn]) => inspected(&joint, turn, LogKind::NoLoad)?,
+        (LogKind::NoLoad, [turn]) => inspected(&joint, turn, LogKind::NoLoad, accept)?,
         (LogKind::NoLoad, logs) => {
             let reason = format!("--log: {} logs", logs.len());
             return Err(Problem::new(reason, "one log of an unloaded turn each way").into());
         }
-        (_, logs) => training(&joint, logs)?,
+        (kind, logs) => training(&joint, logs, kind, accept)?,
     };
     let bar = bar();
     let fitted = all::fit_one(&joint, step, &rows, &mut progress(&bar));
@@ -281,10 +289,15 @@ fn names<'a>(logs: impl IntoIterator<Item = &'a PathBuf>) -> String {
 }
 
 /// Training logs as one, with what is reported of them.
-fn training(joint: &JointFile, logs: &[PathBuf]) -> Result<(Vec<LogRow>, Vec<String>), Problems> {
+fn training(
+    joint: &JointFile,
+    logs: &[PathBuf],
+    kind: LogKind,
+    accept: bool,
+) -> Result<(Vec<LogRow>, Vec<String>), Problems> {
     let (mut rows, mut lines, mut problems) = (Vec::new(), Vec::new(), Vec::new());
     for path in logs {
-        match inspected(joint, path, LogKind::Training) {
+        match inspected(joint, path, kind, accept) {
             Ok((of_log, reported)) => {
                 rows.push(of_log);
                 lines.extend(reported);
@@ -310,11 +323,19 @@ fn inspected(
     joint: &JointFile,
     path: &Path,
     kind: LogKind,
+    accept: bool,
 ) -> Result<(Vec<LogRow>, Vec<String>), Problems> {
     let file = path.display().to_string();
     let rows = open_log(path)?.rows()?;
     let of_file = |p: Problems| Problems(p.0.into_iter().map(|p| p.or_at(&file, 0)).collect());
-    let inspection: Inspection = inputs::inspect(joint, &rows, kind).map_err(of_file)?;
-    let line = |line: String| format!("{file}: {line}");
-    Ok((rows, inspection.lines().into_iter().map(line).collect()))
+    let inspection: Inspection = match inputs::inspect(joint, &rows, kind) {
+        Err(problems) if accept => {
+            let lines = problems.0.iter().map(|p| format!("{file}: accepted: {p}"));
+            return Ok((rows, lines.collect()));
+        }
+        inspected => inspected.map_err(of_file)?,
+    };
+    let lines = inspection.lines().into_iter();
+    let lines = lines.map(|line| format!("{file}: {line}")).collect();
+    Ok((inspection.mended, lines))
 }

@@ -1,5 +1,6 @@
 //! `torquectl import`: anyone's logs as the logs that fits, estimates and references take.
 
+mod bag;
 mod columns;
 mod map;
 mod resample;
@@ -7,6 +8,7 @@ mod resample;
 use crate::output::{apart, finish_or_refuse, read_input};
 use clap::Args;
 use columns::Table;
+use inspection::Severity;
 use map::{Channel, Map};
 use problem::{Problem, Problems};
 use resample::{Column, Grid};
@@ -14,15 +16,18 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Convert logs (CSV, MCAP) by a map of their columns, units, signs and ratios
+/// Convert logs (CSV, MCAP, rosbag2's SQLite) by a map of their columns, units, signs and ratios
 #[derive(Args)]
 #[command(after_long_help = FORMAT)]
 pub(crate) struct ImportArguments {
     /// Which column is what, in which unit (TOML, see --help)
     map: PathBuf,
-    /// The logs (CSV with a header, or MCAP of ROS 2)
+    /// The logs (CSV with a header, or MCAP or .db3 of ROS 2)
     #[arg(required = true)]
     logs: Vec<PathBuf>,
+    /// Convert a log though a channel in it is not what it claims to be
+    #[arg(long)]
+    accept: bool,
     /// Folder for the converted logs; made if it is not there
     #[arg(short, long)]
     out: PathBuf,
@@ -57,14 +62,17 @@ const FORMAT: &str = r#"The map, where * marks required keys:
   accelerometer_unit = "m/s2" | "g"
 Keys of a channel: column*, unit* (theta, q: rad, deg, turns, counts; i: A, mA; torques: Nm, mNm, kNm;
 "1": as scale makes it), scale, sign (1 or -1), offset (SI, added last), counts_per_turn,
-wraps = true (single turn: is unwrapped), side = "link" (theta: times gear_ratio), plus = [channels],
+wraps = true (single turn: is unwrapped), delay_ms (late against its stamps), side = "link" (theta: times gear_ratio), plus = [channels],
 time = { column = "t2", unit = "s" } (stamps other than those of [time]; of sensors and IMU too).
 In CSV a column has the stamps of the rows in which it is not empty or nan, so that topics may have rows
 of their own. Delimiters are comma, semicolon, tab, bar or spaces, numbers have decimal points or commas.
 
-Columns of an MCAP file: TOPIC:JOINT.position, TOPIC:JOINT.velocity and TOPIC:JOINT.effort of a
+Columns of a recording (MCAP, .db3): TOPIC:JOINT.position, TOPIC:JOINT.velocity and TOPIC:JOINT.effort of a
 JointState, TOPIC:fx to TOPIC:tz of a WrenchStamped, TOPIC:gx to gz and ax to az of an Imu (ROS 2, cdr);
 each topic has stamps of its own.
+
+Every channel is inspected: wraps are taken out, samples that no neighbour confirms and readings that were
+kept are left out, each said with its row and time; an encoder that loses its zero is refused, unless --accept.
 
 Writes OUT/LOG.JOINT.csv with t,theta,q,i[,tau_sensor][,tau_feedforward][,extra] for each log and joint, and OUT/LOG.csv
 with JOINT.theta, JOINT.q, JOINT.i, SENSOR.fx to SENSOR.tz and imu.gx to imu.az for
@@ -85,7 +93,7 @@ fn import(arguments: &ImportArguments) -> Result<String, Problems> {
     // Everything is read before anything is written.
     let mut files = Vec::new();
     for log in &arguments.logs {
-        files.extend(convert(&map, log)?);
+        files.extend(convert(&map, log, arguments.accept)?);
     }
     let mut names: Vec<&String> = files.iter().map(|(name, _)| name).collect();
     names.sort();
@@ -112,16 +120,30 @@ fn import(arguments: &ImportArguments) -> Result<String, Problems> {
     Ok(report)
 }
 
+/// Median step of a column over the longest gap from which its stamps are in another unit than the map says.
+const SPARSE: f64 = 1.5;
+
 /// The converted files of one log: names and texts.
-fn convert(map: &Map, log: &Path) -> Result<Vec<(String, String)>, Problems> {
+fn convert(map: &Map, log: &Path, accept: bool) -> Result<Vec<(String, String)>, Problems> {
     let table = Table::read(log, map)?;
+    let file = log.display().to_string();
     let stem = log
         .file_stem()
         .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
     let mut problems = Vec::new();
     let mut columns: Vec<(String, Column)> = Vec::new();
     let mut take = |name: String, column: Result<Column, Problem>| match column {
-        Ok(column) => columns.push((name, column)),
+        Ok(mut column) => {
+            let count = column.t.len();
+            for finding in column.inspect(&name) {
+                if finding.severity == Severity::Refused && !accept {
+                    problems.push(finding.problem(&file, |row| table.line(row, count)));
+                } else {
+                    eprintln!("warning: {file}: {finding}");
+                }
+            }
+            columns.push((name, column));
+        }
         Err(problem) => problems.push(problem),
     };
     for joint in &map.joints {
@@ -137,11 +159,21 @@ fn convert(map: &Map, log: &Path) -> Result<Vec<(String, String)>, Problems> {
     if !problems.is_empty() {
         return Err(Problems(problems));
     }
-    let grid = Grid::new(
-        map,
-        columns.iter().map(|(_, c)| c),
-        &log.display().to_string(),
-    )?;
+    let grid = Grid::new(map, columns.iter().map(|(_, c)| c), &file)?;
+    for (name, column) in &columns {
+        let (step, most) = (column.step(), map.max_gap());
+        if step > SPARSE * most {
+            let reason = format!(
+                "{name} has a value each {step:.6} s, where `max_gap_ms` is {:.3}: unit of its stamps?",
+                1e3 * most
+            );
+            let allowed = format!(
+                "stamps in the map's unit, `sample_rate_hz` ({}) near the log's rate, or a longer `max_gap_ms`",
+                map.sample_rate
+            );
+            return Err(Problem::new(reason, allowed).at(file, 0).into());
+        }
+    }
     let resampled: Vec<(String, Vec<f64>)> = (columns.into_iter())
         .map(|(name, column)| (name, grid.resample(&column)))
         .collect();
@@ -187,6 +219,7 @@ fn column(
         })?;
     }
     let mut whole = source.scaled(factor);
+    whole.t.iter_mut().for_each(|t| *t -= channel.delay());
     whole.values.iter_mut().for_each(|x| *x += channel.offset);
     for part in &channel.plus {
         let part = column(table, map, part, gear_ratio, key)?;

@@ -34,7 +34,8 @@ pub(crate) struct ReferenceArguments {
     /// Window of the centred filters, ms
     #[arg(long, default_value_t = 20.0)]
     window_ms: f64,
-    /// Write references though an F/T sensor contradicts the part beyond it that nothing touches
+    /// Write references though a channel is not what it claims to be, or an F/T sensor contradicts the part beyond it
+    /// that nothing touches
     #[arg(long)]
     accept: bool,
     /// Folder for the references; made if it is not there
@@ -58,8 +59,9 @@ what the filter may have removed.
 
 What an F/T sensor reads is compared with the weight and motion of the part beyond it that nothing
 touches. A residual beyond three standard deviations (of noise and masses, 2 % at least) is refused
-with the mistake that explains it: sign, axes of the base, order of the axes, offset, scale, turned axes,
-another reference point, delay; --accept takes the log as it stands.
+with the mistake that explains it: signs, axes of the base, order of the axes, offset, scale, turned axes,
+another reference point, delay; --accept takes the log as it stands. Wraps of angles are taken out, samples
+that no neighbour confirms bridged, each said; a reading that was kept is refused, so is a zero that is lost.
 
 Writes OUT/LOG.JOINT.csv with t,theta,q,i,tau_sensor,sigma_sensor[,tau_feedforward] for joints with theta and i, and
 OUT/LOG.torques.csv with JOINT.tau and JOINT.sigma of all. A reference is no better than masses,
@@ -88,7 +90,7 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
     let mut files = Vec::new();
     let (mut report, mut problems) = (String::new(), Vec::new());
     for path in &arguments.logs {
-        let log = RobotLog::read(path)?;
+        let log = RobotLog::read(path, arguments.accept)?;
         let signals = log.signals(&robot.joints, &robot.sensors)?;
         let window = 1e-3 * arguments.window_ms;
         let torques = Torques::new(&robot, &signals, window)?;

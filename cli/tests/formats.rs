@@ -220,7 +220,7 @@ fn other_formats_are_named_with_what_converts_them() {
         (
             "log.db3",
             b"SQLite format 3\0 and no more",
-            "is a recording of rosbag2 in SQLite; allowed: the MCAP file that",
+            "is SQLite, but no recording that can be read: file is not a database; allowed: a recording of rosbag2",
         ),
         ("log.mcap", b"t,th,q,i\n0,1,2,3\n", "is not an MCAP file"),
     ];

@@ -2,6 +2,7 @@
 //! kind of bad log.
 
 use serde_json::Value;
+use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -128,6 +129,7 @@ fn fit_all_then_estimate() {
         &out[..80]
     );
 
+    estimate_inspects(&folder);
     // One step alone, on what is there; the fusion that depends on it is made anew.
     let report = succeeds(
         &folder,
@@ -139,6 +141,63 @@ fn fit_all_then_estimate() {
         table.contains("correlation") && table.contains("fused"),
         "{table}"
     );
+}
+
+/// `run.csv` of the folder with theta, q and tau_sensor of each row changed.
+fn varied(folder: &Path, change: impl Fn(&mut [f64; 3])) {
+    let run = fs::read_to_string(folder.join("run.csv")).unwrap();
+    let mut lines = run.lines();
+    let mut text = lines.next().unwrap().to_owned() + "\n";
+    for line in lines {
+        let cells: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
+        let mut changed = [cells[1], cells[2], cells[4]];
+        change(&mut changed);
+        let [theta, q, tau] = changed;
+        writeln!(text, "{},{theta},{q},{},{tau}", cells[0], cells[3]).unwrap();
+    }
+    fs::write(folder.join("varied.csv"), text).unwrap();
+}
+
+/// What is wrong with a log is named, or mended and said.
+fn estimate_inspects(folder: &Path) {
+    const ESTIMATE: &str = "estimate --joint fitted.toml --log varied.csv --json";
+    type Change = fn(&mut [f64; 3]);
+    let refused: [(Change, &str); 5] = [
+        (
+            |[theta, ..]| *theta = theta.to_degrees(),
+            "`theta` is in degrees",
+        ),
+        (|[theta, ..]| *theta = -*theta, "reversed"),
+        (|[theta, q, _]| (*theta, *q) = (-*theta, -*q), "reversed"),
+        (|[theta, q, _]| std::mem::swap(theta, q), "swapped"),
+        (|[_, _, tau]| *tau *= 1.7, "times its own sigma"),
+    ];
+    for (change, expected) in refused {
+        varied(folder, change);
+        let output = torquectl(folder, ESTIMATE);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{expected}: {errors}");
+        assert!(errors.contains(expected), "{expected}: {errors}");
+        succeeds(folder, &format!("{ESTIMATE} --accept"));
+    }
+    let mended: [(Change, &str); 2] = [
+        (|[theta, ..]| *theta -= 3.0 * TAU, "`theta` is -3 turns off"),
+        (
+            |[theta, ..]| *theta = theta.rem_euclid(TAU),
+            "`theta` wraps",
+        ),
+    ];
+    for (change, expected) in mended {
+        varied(folder, change);
+        let output = torquectl(folder, ESTIMATE);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            output.status.success() && errors.contains(expected),
+            "{errors}"
+        );
+        let figures: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert!(figures["fused"]["rms_percent"].as_f64().unwrap() < 1.0);
+    }
 }
 
 #[test]

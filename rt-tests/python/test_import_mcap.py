@@ -1,11 +1,13 @@
-"""`torquectl import` of MCAP files that other people's code has written: ROS 2 messages in CDR."""
+"""`torquectl import` of recordings that other people's code has written: ROS 2 messages in CDR, in MCAP and SQLite."""
 
 import csv
 import math
 import os
+import sqlite3
 import subprocess
 
 import pytest
+from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 from processes import BINARIES
 
@@ -108,6 +110,57 @@ def test_topics_of_several_rates_become_one_log(log, tmp_path):
         assert row["theta"] == pytest.approx(100 * angle(t), abs=1e-3)
         assert row["i"] == pytest.approx(t - 100, abs=1e-6)
         assert row["tau_sensor"] == pytest.approx(t - 100, abs=1e-6)
+
+
+# As rosbag2_storage_sqlite3 makes them (sqlite_storage.cpp, schema version 4).
+TABLES = """CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL,
+  offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL);
+CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+INSERT INTO schema VALUES (4, 'jazzy');"""
+
+
+def as_sqlite(log):
+    """The messages of an MCAP file as rosbag2 stores them in SQLite, the last ones first."""
+    path = log.with_name("bag_0.db3")
+    database = sqlite3.connect(path)
+    database.executescript(TABLES)
+    topics = {}
+    with log.open("rb") as file:
+        messages = list(make_reader(file).iter_messages())
+    for schema, channel, message in reversed(messages):
+        if channel.topic not in topics:
+            topics[channel.topic] = len(topics) + 1
+            row = (topics[channel.topic], channel.topic, schema.name, channel.message_encoding, "", "")
+            database.execute("INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)", row)
+        row = (topics[channel.topic], message.log_time, message.data)
+        database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", row)
+    database.commit()
+    database.close()
+    return path
+
+
+def test_a_recording_in_sqlite_is_read_like_one_in_mcap(log, tmp_path):
+    run = imported(as_sqlite(log), tmp_path)
+    assert run.returncode == 0 and run.stderr == "", run.stderr
+    assert imported(log, tmp_path).returncode == 0
+    out = tmp_path / "out"
+    assert (out / "bag_0.elbow.csv").read_bytes() == (out / "run.elbow.csv").read_bytes()
+
+
+def test_sqlite_that_is_no_recording_is_named(log, tmp_path):
+    other = tmp_path / "other.db3"
+    database = sqlite3.connect(other)
+    database.execute("CREATE TABLE notes(text TEXT)")
+    database.commit()
+    run = imported(other, tmp_path)
+    assert run.returncode == 2 and "no such table: topics" in run.stderr and "`messages`" in run.stderr
+    bag = as_sqlite(log)
+    bag.write_bytes(bag.read_bytes()[:9000])
+    run = imported(bag, tmp_path)
+    assert run.returncode == 2 and "is SQLite, but no recording" in run.stderr
 
 
 def test_gaps_that_leave_little_are_named(log, tmp_path):

@@ -267,7 +267,7 @@ fn calibrated(
                     None => open,
                     Some(before) => before.into_iter().filter(|c| open.contains(c)).collect(),
                 });
-                used.push(rows.clone());
+                used.push(inspection.mended);
             }
             Err(problems) => {
                 refused.extend(problems.0.iter().map(|p| format!("{name}: {p}")));

@@ -37,9 +37,20 @@ impl Table {
         let log = path.display().to_string();
         let columns = match Format::of(path)? {
             Format::Mcap => Self::read_mcap(path, &log)?,
+            Format::Sqlite => stamped(super::bag::read(path)?, &log)?,
             Format::Text => Self::read_csv(path, map)?,
         };
         Ok(Self { log, columns })
+    }
+
+    /// Line of a row of a column of `count` rows; 0 of a recording, and where columns have rows of their own.
+    pub(super) fn line(&self, row: usize, count: usize) -> usize {
+        match &self.columns {
+            Columns::Cells { lines, .. } if lines.len() == count => {
+                lines.get(row).copied().unwrap_or(0)
+            }
+            _ => 0,
+        }
     }
 
     fn read_mcap(path: &Path, log: &str) -> Result<Columns, Problem> {
@@ -143,7 +154,7 @@ impl Table {
             t: Vec::new(),
             values: Vec::new(),
         };
-        let mut before = 0;
+        let (mut before, mut repeated) = (0, 0);
         for (row, value) in cells.iter().enumerate() {
             let Some(value) = value else { continue };
             let mut t = 0.0;
@@ -154,6 +165,10 @@ impl Table {
                     return refuse(row, reason, "a stamp in each row that has a value");
                 };
                 t += part * seconds;
+            }
+            if column.t.last() == Some(&t) && column.values.last() == Some(value) {
+                repeated += 1;
+                continue;
             }
             if column.t.last().is_some_and(|last| t <= *last) {
                 let shown = |row: usize| {
@@ -166,11 +181,21 @@ impl Table {
                 let stamp = stamps.iter().map(|(stamp, ..)| stamp.get_ref().as_str());
                 let stamp = stamp.collect::<Vec<_>>().join("` and `");
                 let reason = format!("`{stamp}` is {} after {}", shown(row), shown(before));
-                return refuse(row, reason, "stamps that increase");
+                return refuse(
+                    row,
+                    reason,
+                    "stamps that increase; rows that are repeated whole are left out",
+                );
             }
             before = row;
             column.t.push(t);
             column.values.push(*value);
+        }
+        if repeated > 0 {
+            let (log, name) = (&self.log, name.get_ref());
+            eprintln!(
+                "warning: {log}: `{name}`: {repeated} values repeat stamp and value of the row before and are left out"
+            );
         }
         if column.t.len() < 2 {
             let reason = format!("`{}` has {} values", name.get_ref(), column.t.len());
@@ -236,6 +261,7 @@ fn stamped(signals: Signals, log: &str) -> Result<Columns, Problem> {
 /// Formats of a log.
 enum Format {
     Mcap,
+    Sqlite,
     Text,
 }
 
@@ -247,7 +273,7 @@ impl Format {
     fn of(path: &Path) -> Result<Self, Problem> {
         let log = path.display().to_string();
         if path.is_dir() {
-            let allowed = "a file; of a recording of rosbag2 the .mcap in its folder";
+            let allowed = "a file; of a recording of rosbag2 the .mcap or .db3 in its folder";
             return Err(Problem::new("is a folder", allowed).at(log, 0));
         }
         let unreadable = |e: std::io::Error| Problem::unreadable(&log, &e);
@@ -258,10 +284,11 @@ impl Format {
         if begins(b"\x89MCAP0\r\n") || path.extension().is_some_and(|e| e == "mcap") {
             return Ok(Self::Mcap);
         }
+        if begins(b"SQLite format 3\0") {
+            return Ok(Self::Sqlite);
+        }
         let (what, allowed) = if begins(b"#ROSBAG V") {
             ("is a bag of ROS 1", by_rosbags(path))
-        } else if begins(b"SQLite format 3\0") {
-            ("is a recording of rosbag2 in SQLite", by_rosbags(path))
         } else if begins(&[0x28, 0xB5, 0x2F, 0xFD]) {
             (
                 "is compressed with zstd",

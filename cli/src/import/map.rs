@@ -121,6 +121,9 @@ pub(super) struct Channel {
     pub(super) plus: Vec<Channel>,
     /// Stamps of this column, where they are not those of `[time]`.
     pub(super) time: Option<Time>,
+    /// Time by which the column is late against its stamps, ms.
+    #[serde(default)]
+    delay_ms: f64,
 }
 
 fn one() -> f64 {
@@ -201,6 +204,7 @@ impl Channel {
         };
         require("scale", self.scale, Allowed::Finite)?;
         require("offset", self.offset, Allowed::Finite)?;
+        require("delay_ms", self.delay_ms, Allowed::Finite)?;
         if self.sign.abs() != 1.0 {
             let reason = format!("{key}.sign is {}", self.sign);
             return Err(Problem::new(reason, "1 or -1; other factors are `scale`"));
@@ -243,6 +247,11 @@ impl Channel {
             )),
             _ => Err(Problem::new("wraps = true", "for angles only")),
         }
+    }
+
+    /// Time by which the column is late against its stamps, s.
+    pub(super) fn delay(&self) -> f64 {
+        1e-3 * self.delay_ms
     }
 
     /// The map's line of its column.

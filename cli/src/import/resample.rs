@@ -1,10 +1,14 @@
 //! Columns with stamps of their own on one even grid, without delay.
 
 use super::map::Map;
+use inspection::{Channel, Finding, Quantity};
 use problem::Problem;
 
 /// Part of a turn between two samples, from which its direction is not sure.
 const MAX_MOVED: f64 = 0.4;
+
+/// Part of a period by which the grid may reach beyond a column's last stamp.
+const BEYOND: f64 = 0.1;
 
 /// One signal with its stamps.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,8 +47,38 @@ impl Column {
         Ok(())
     }
 
+    /// Inspects the column, mends it and leaves out what is no measurement. Its name's end tells what it measures.
+    pub(super) fn inspect(&mut self, name: &str) -> Vec<Finding> {
+        let quantity = match name.rsplit('.').next() {
+            Some("q") => Quantity::Angle,
+            Some("theta") => Quantity::Way,
+            _ => Quantity::Effort,
+        };
+        let channel = Channel {
+            name,
+            quantity,
+            values: &self.values,
+        };
+        let found = inspection::inspect(&self.t, channel);
+        self.values = found.values;
+        let lost = found.lost;
+        let mut rows = 0..;
+        let mut kept = |_: &f64| {
+            rows.next()
+                .is_some_and(|row| lost.binary_search(&row).is_err())
+        };
+        self.t.retain(&mut kept);
+        rows = 0..;
+        let mut kept = |_: &f64| {
+            rows.next()
+                .is_some_and(|row| lost.binary_search(&row).is_err())
+        };
+        self.values.retain(&mut kept);
+        found.findings
+    }
+
     /// Step between stamps, median, s.
-    fn step(&self) -> f64 {
+    pub(super) fn step(&self) -> f64 {
         let mut steps: Vec<f64> = self.t.windows(2).map(|w| w[1] - w[0]).collect();
         steps.sort_by(f64::total_cmp);
         steps.get(steps.len() / 2).copied().unwrap_or(0.0)
@@ -74,7 +108,8 @@ impl Grid {
         let start = first.fold(f64::MIN, |m, t| m.max(*t));
         let end = last.fold(f64::MAX, |m, t| m.min(*t));
         let period = 1.0 / map.sample_rate;
-        let count = ((end - start) / period + 1e-6).floor() + 1.0;
+        // Stamps of topics that begin a little apart cost no row.
+        let count = ((end - start) / period + BEYOND).floor() + 1.0;
         const MAX_ROWS: f64 = 1e8;
         if !(2.0..MAX_ROWS).contains(&count) {
             let reason = format!(
@@ -113,8 +148,10 @@ impl Grid {
                 return line_about(t, x, at, now, 0.5 * self.period);
             }
             let Some(next) = t.get(at + 1) else {
+                let before = at.checked_sub(1).filter(|k| t[at] - t[*k] <= self.max_gap);
+                let slope = before.map_or(0.0, |k| (x[at] - x[k]) / (t[at] - t[k]));
                 return if now - t[at] < 0.5 * self.period {
-                    x[at]
+                    x[at] + slope * (now - t[at])
                 } else {
                     f64::NAN
                 };

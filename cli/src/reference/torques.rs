@@ -5,8 +5,9 @@ use crate::whole_body::sensors_file::SensorsFile;
 use dynamics::{ImuMotion, Model};
 use identification::load::untouched::{Row, Verdict, judge};
 use identification::record::{noise, smooth};
+use inspection::{Channel, Defect, Quantity, Severity};
 use nalgebra::Vector3;
-use problem::{Problem, listed};
+use problem::{Problem, Problems, listed};
 use robot_config::FilterGains;
 use robot_state::Wrench;
 use std::collections::BTreeMap;
@@ -65,7 +66,7 @@ impl RobotLog {
     ///
     /// # Errors
     /// As [`Rows::read`]; stamps that are not at a steady rate.
-    pub(super) fn read(path: &Path) -> Result<Self, Problem> {
+    pub(super) fn read(path: &Path, accept: bool) -> Result<Self, Problems> {
         let file = path.display().to_string();
         let rows = Rows::read(path, "t", |_| true)?;
         let period = (rows.t[rows.t.len() - 1] - rows.t[0]) / (rows.t.len() - 1) as f64;
@@ -76,14 +77,53 @@ impl RobotLog {
                 rows.t[i + 1]
             );
             let allowed = "stamps at a steady rate without gaps; `torquectl import` resamples";
-            return Err(Problem::new(reason, allowed).at(file, i + 3));
+            return Err(Problem::new(reason, allowed).at(file, i + 3).into());
         }
-        Ok(Self {
+        let mut log = Self {
             t: rows.t,
             columns: rows.columns,
             file,
             period,
-        })
+        };
+        log.inspect(accept)?;
+        Ok(log)
+    }
+
+    /// Takes out wraps and bridges bad samples, each said; a reading that was kept cannot be left out of a log at a
+    /// steady rate.
+    ///
+    /// # Errors
+    /// Channels that are not what they claim to be, unless that is accepted.
+    fn inspect(&mut self, accept: bool) -> Result<(), Problems> {
+        let mut problems = Vec::new();
+        for (name, values) in &mut self.columns {
+            let quantity = match name.rsplit('.').next() {
+                Some("q" | "angle") => Quantity::Angle,
+                Some("theta") => Quantity::Way,
+                Some("i" | "tau_feedforward") => Quantity::Effort,
+                Some(axis) if WRENCH.contains(&axis) || IMU.contains(&axis) => Quantity::Effort,
+                _ => continue,
+            };
+            let channel = Channel {
+                name,
+                quantity,
+                values,
+            };
+            let found = inspection::inspect(&self.t, channel);
+            for finding in &found.findings {
+                let held = finding.defect == Defect::Frozen;
+                if (held || finding.severity == Severity::Refused) && !accept {
+                    problems.push(finding.problem(&self.file, |row| row + 2));
+                } else {
+                    eprintln!("warning: {}: {finding}", self.file);
+                }
+            }
+            *values = found.values;
+        }
+        if problems.is_empty() {
+            return Ok(());
+        }
+        Err(Problems(problems))
     }
 
     /// The signals that the torques of a robot with these joints and sensors follow from.
@@ -141,9 +181,10 @@ impl RobotLog {
 
     fn column(&self, name: &str) -> Result<&[f64], Problem> {
         self.columns.get(name).map(Vec::as_slice).ok_or_else(|| {
-            let reason = format!("column `{name}` is missing");
             let names = listed(self.columns.keys().map(String::as_str));
-            Problem::new(reason, names).at(self.file.as_str(), 1)
+            let reason = format!("column `{name}` is missing among {names}");
+            let allowed = "a column for every moving joint and every sensor; `torquectl import` writes such logs";
+            Problem::new(reason, allowed).at(self.file.as_str(), 1)
         })
     }
 

@@ -447,7 +447,7 @@ impl Equations {
 
 /// Integrated autocorrelation: residuals that count as one independent sample (initial positive
 /// sequence, Geyer 1992).
-fn correlation(residuals: &[f64]) -> f64 {
+pub(crate) fn correlation(residuals: &[f64]) -> f64 {
     let step = residuals.len().div_ceil(MAX_LAG_SAMPLES).max(1);
     let r: Vec<f64> = residuals.iter().copied().step_by(step).collect();
     let at = |lag: usize| r.iter().zip(&r[lag..]).map(|(a, b)| a * b).sum::<f64>();

@@ -6,10 +6,15 @@
 //! half a radian, a compliance below zero, a friction of nothing), and these marks are looked for.
 //! Bounds are wide: they refuse what no harmonic, cycloidal or planetary gear does, not what is unusual.
 
+mod contradictions;
+mod copies;
 mod encoders;
+mod mend;
+mod probes;
 mod reference;
 mod signals;
 mod stamps;
+mod zero;
 
 pub use stamps::check_rate;
 
@@ -30,6 +35,10 @@ pub enum LogKind {
     /// The same from a robot's recorded runs, with a reference that F/T sensors, IMU and rigid-body model give: it has
     /// no columns that a user could name.
     Recorded,
+    /// Loaded motion beside a torque reference, for what needs no torsion: one encoder is enough.
+    Current,
+    /// A log that torques are estimated over, with or without a reference that they are compared with.
+    Run,
 }
 
 impl LogKind {
@@ -52,7 +61,7 @@ impl LogKind {
     fn references(self) -> &'static str {
         match self {
             Self::Recorded => "contacts and F/T sensors from which the joint's torque follows",
-            Self::NoLoad | Self::Training => {
+            Self::NoLoad | Self::Training | Self::Current | Self::Run => {
                 "a torque sensor's column, or a reference by `torquectl reference`"
             }
         }
@@ -72,6 +81,8 @@ pub struct Inspection {
     pub excitation: Option<Excitation>,
     /// Odd but usable.
     pub notes: Vec<String>,
+    /// The log's rows, mended where there is one mending, without those that hold no measurement.
+    pub mended: Vec<LogRow>,
 }
 
 /// Rows and time that any fit needs.
@@ -89,21 +100,57 @@ pub fn inspect(joint: &JointFile, rows: &[LogRow], kind: LogKind) -> Result<Insp
     let mut notes = Vec::new();
     // Without the right time no rate means anything.
     stamps::check(rows, joint.sample_period(), &mut notes)?;
-    let signals = Signals::new(joint, rows);
+    let mut mended = mend::mend(joint, rows, kind);
+    if kind == LogKind::Run {
+        mended
+            .findings
+            .extend(zero::whole_turns(joint, &mut mended.rows));
+    }
     let mut problems = Vec::new();
+    sort(
+        std::mem::take(&mut mended.findings),
+        &mut problems,
+        &mut notes,
+    );
+    let rows = &mended.rows[..];
+    if rows.len() < MIN_ROWS {
+        let reason = format!("{} rows hold measurements of every channel", rows.len());
+        problems.push(Problem::new(reason, format!("at least {MIN_ROWS}")));
+        return Err(Problems(problems));
+    }
+    let signals = Signals::new(joint, rows);
     encoders::check(&signals, joint, kind, &mut problems, &mut notes);
     match kind {
         LogKind::NoLoad => reference::check_unloaded(&signals, joint, &mut problems),
-        LogKind::Training | LogKind::Recorded => {
+        LogKind::Run => zero::check(&signals, joint, &mut problems),
+        LogKind::Training | LogKind::Recorded | LogKind::Current => {
             reference::check(&signals, joint, kind, &mut problems, &mut notes);
         }
     }
     let mut excitation = None;
-    if problems.is_empty() && kind != LogKind::NoLoad {
+    if problems.is_empty()
+        && matches!(
+            kind,
+            LogKind::Training | LogKind::Recorded | LogKind::Current
+        )
+    {
         let record = Record::new(joint, rows)?;
         let found = Excitation::new(&record, joint);
         problems.extend(reference::implausible(&found, joint, kind));
         excitation = Some(found);
+    }
+    // Last: channels in other units and directions contradict one another anyhow.
+    let compared = kind != LogKind::NoLoad && signals.tau.iter().all(|tau| tau.is_finite());
+    if problems.is_empty() && compared {
+        let mut found = contradictions::check(&signals, joint, kind);
+        if kind == LogKind::Run {
+            // What is wrong with a reference alone does not make an estimate wrong.
+            let most = |f: &mut inspection::Finding| {
+                f.severity = f.severity.min(inspection::Severity::Warning)
+            };
+            found.iter_mut().for_each(most);
+        }
+        sort(found, &mut problems, &mut notes);
     }
     if !problems.is_empty() {
         return Err(Problems(problems));
@@ -115,7 +162,23 @@ pub fn inspect(joint: &JointFile, rows: &[LogRow], kind: LogKind) -> Result<Insp
         duration: ends.map_or(0.0, |(first, last)| last.t - first.t),
         excitation,
         notes,
+        mended: mended.rows,
     })
+}
+
+/// Findings as refusals or notes. Rows of a table begin on its second line.
+fn sort(findings: Vec<inspection::Finding>, problems: &mut Vec<Problem>, notes: &mut Vec<String>) {
+    for finding in findings {
+        match finding.severity {
+            inspection::Severity::Refused => {
+                let text = finding
+                    .row
+                    .map_or(String::new(), |_| format!(" (t = {:.3} s)", finding.t));
+                problems.push(Problem::new(finding.text + &text, finding.cure));
+            }
+            _ => notes.push(finding.to_string()),
+        }
+    }
 }
 
 impl Inspection {

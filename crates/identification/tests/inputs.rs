@@ -138,7 +138,7 @@ fn units_and_signs() {
 fn channels() {
     let first = TRAIN[0];
     let held = |n: usize| placed(move |i, r| r.q = TRAIN[i / n * n].q);
-    let cases: [(&str, Vec<LogRow>, &str); 16] = [
+    let cases: [(&str, Vec<LogRow>, &str); 15] = [
         (
             "i constant",
             changed(|r| r.current = first.current),
@@ -164,11 +164,6 @@ fn channels() {
             "i and tau swapped",
             changed(|r| (r.current, r.tau_sensor) = (r.tau_sensor, r.current)),
             "columns swapped",
-        ),
-        (
-            "theta wraps",
-            changed(|r| r.theta = r.theta.rem_euclid(TAU)),
-            "not unwrapped",
         ),
         (
             "q of another joint",
@@ -219,6 +214,51 @@ fn channels() {
     for (name, rows, expected) in cases {
         refused(name, training(&rows), expected);
     }
+}
+
+/// What has one mending is mended, and said.
+#[test]
+fn wraps_and_bad_samples_are_mended() {
+    let wrapped = training(&changed(|r| r.theta = r.theta.rem_euclid(TAU))).unwrap();
+    let said = wrapped.notes.join("\n");
+    assert!(
+        said.contains("`theta` wraps") && said.contains("unwrapped"),
+        "{said}"
+    );
+    let shift = wrapped.mended[0].theta - TRAIN[0].theta;
+    assert!(
+        (shift / TAU - (shift / TAU).round()).abs() < 1e-9,
+        "{shift}"
+    );
+    for (a, b) in wrapped.mended.iter().zip(&*TRAIN) {
+        assert!((a.theta - shift - b.theta).abs() < 1e-9);
+    }
+    let zeros = training(&placed(|i, r| {
+        if i % 9001 == 4000 {
+            r.tau_sensor = 400.0;
+        }
+    }));
+    let zeros = zeros.unwrap();
+    assert_eq!(zeros.mended.len(), TRAIN.len());
+    let said = zeros.notes.join("\n");
+    assert!(
+        said.contains("`tau_sensor`: 4 samples that no neighbour confirms"),
+        "{said}"
+    );
+    assert!(
+        zeros
+            .mended
+            .iter()
+            .zip(&*TRAIN)
+            .all(|(a, b)| (a.tau_sensor - b.tau_sensor).abs() < 2.0)
+    );
+    let kept = training(&placed(|i, r| {
+        if (12_000..16_000).contains(&i) {
+            r.tau_sensor = TRAIN[12_000].tau_sensor;
+        }
+    }));
+    let kept = kept.unwrap();
+    assert_eq!(kept.mended.len(), TRAIN.len() - 4000, "{:?}", kept.notes);
 }
 
 #[test]

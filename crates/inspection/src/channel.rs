@@ -9,6 +9,8 @@ const MAX_LOST: f64 = 0.2;
 /// Step of a zero: multiple of the ordinary steps around it, and share of the range.
 const MIN_STEP: f64 = 8.0;
 const MIN_STEP_SHARE: f64 = 0.03;
+/// Multiple of the ordinary step of the stamps from which rows are missing.
+const GAP: f64 = 5.0;
 /// Samples on either side by which a step's ordinary neighbours are measured.
 const AROUND: usize = 25;
 
@@ -62,7 +64,7 @@ pub fn inspect(t: &[f64], channel: Channel<'_>) -> Inspected {
         text,
         cure: cure.to_owned(),
     };
-    unwrapped(&channel, &mut out, &finding);
+    unwrapped(t, &channel, &mut out, &finding);
     let bad = spikes(&out.values);
     if let Some(&row) = bad.first() {
         let text = format!(
@@ -145,6 +147,7 @@ pub fn inspect(t: &[f64], channel: Channel<'_>) -> Inspected {
 
 /// Takes wraps out of the channel.
 fn unwrapped(
+    t: &[f64],
     channel: &Channel<'_>,
     out: &mut Inspected,
     finding: &impl Fn(Defect, Severity, usize, usize, String, &str) -> Finding,
@@ -153,9 +156,30 @@ fn unwrapped(
         Quantity::Angle => Some(core::f64::consts::TAU),
         Quantity::Way | Quantity::Effort => wraps::range_of_wraps(&out.values),
     };
-    let Some(found) = range.and_then(|range| wraps::unwrap(&mut out.values, range)) else {
-        return;
-    };
+    let Some(range) = range else { return };
+    let (mut found, mut shift): (Option<wraps::Unwrapped>, f64) = (None, 0.0);
+    // A joint moves on while no row is recorded: turns are not counted over a gap.
+    let mut bounds = gaps(t);
+    bounds.insert(0, 0);
+    bounds.push(out.values.len());
+    for part in bounds.windows(2) {
+        let Some(values) = out.values.get_mut(part[0]..part[1]) else {
+            continue;
+        };
+        let last = values.last().copied();
+        if let Some(own) = wraps::unwrap(values, range) {
+            let all = found.get_or_insert(wraps::Unwrapped {
+                count: 0,
+                row: part[0] + own.row,
+                ..own
+            });
+            all.count += own.count;
+        }
+        let moved = values.last().zip(last).map_or(0.0, |(a, b)| a - b);
+        values.iter_mut().for_each(|x| *x += shift);
+        shift += moved;
+    }
+    let Some(found) = found else { return };
     let text = format!(
         "{} wraps: {} by {:.4}",
         channel.name,
@@ -172,13 +196,21 @@ fn unwrapped(
     ));
 }
 
+/// Rows behind steps of the stamps far beyond the ordinary one.
+fn gaps(t: &[f64]) -> Vec<usize> {
+    let ordinary = quantile(t.windows(2).map(|w| w[1] - w[0]).collect(), 0.5);
+    (1..t.len())
+        .filter(|&k| t[k] - t[k - 1] > GAP * ordinary)
+        .collect()
+}
+
 /// The largest step that nothing around it announces: row behind it, and size.
 fn zero_step(t: &[f64], values: &[f64]) -> Option<(usize, f64)> {
     let all = steps(values);
     let least = MIN_STEP_SHARE * span(values);
-    let ordinary = quantile(t.windows(2).map(|w| w[1] - w[0]).collect(), 0.5);
     // A joint moves on while no row is recorded.
-    let gap = |k: usize| t[k + 1] - t[k] > 5.0 * ordinary;
+    let gaps = gaps(t);
+    let gap = |k: usize| gaps.binary_search(&(k + 1)).is_ok();
     let sudden = (0..all.len()).filter(|&k| {
         let around =
             (k.saturating_sub(AROUND)..(k + AROUND + 1).min(all.len())).filter(|i| *i != k);

@@ -25,6 +25,18 @@ pub enum Defect {
     Frozen,
     /// The zero changes between two rows.
     Stepped,
+    /// A channel is late against others.
+    Late,
+    /// A channel's zero drifts.
+    Drifts,
+    /// Readings end at a bound, at once or softly.
+    Saturated,
+    /// A channel is computed from another one.
+    Computed,
+    /// The log runs backwards in time.
+    Reversed,
+    /// The sign of a channel changes, or is missing.
+    Sign,
 }
 
 /// A defect of a channel.

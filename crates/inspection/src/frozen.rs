@@ -56,3 +56,38 @@ fn runs(values: &[f64]) -> Vec<Range<usize>> {
     }
     out
 }
+
+/// Stretches of `shortest` rows or more that repeat a value while each of some companions, which follow
+/// the same motion, crosses more than `went_on` of its own range. A channel that repeats more than a share
+/// of `coarse` of its values outside of long stretches is held by its resolution, and shows none.
+#[must_use]
+pub fn held(
+    values: &[f64],
+    companions: &[&[f64]],
+    shortest: usize,
+    went_on: f64,
+    coarse: f64,
+) -> Vec<Range<usize>> {
+    let runs = runs(values);
+    let long: Vec<&Range<usize>> = runs.iter().filter(|r| r.len() >= shortest).collect();
+    if long.is_empty() {
+        return Vec::new();
+    }
+    let short = runs.iter().filter(|r| r.len() < shortest);
+    let (repeats, rows) = short.fold((0, 0), |(repeats, rows), r| {
+        (repeats + r.len() - 1, rows + r.len())
+    });
+    if repeats as f64 > coarse * rows as f64 || companions.is_empty() {
+        return Vec::new();
+    }
+    let ranges: Vec<f64> = companions.iter().map(|x| span(x)).collect();
+    let moved = |run: &Range<usize>| {
+        companions.iter().zip(&ranges).all(|(x, range)| {
+            let part = x.get(run.clone()).unwrap_or_default();
+            let low = part.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = part.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            high - low > went_on * range
+        })
+    };
+    long.into_iter().filter(|run| moved(run)).cloned().collect()
+}

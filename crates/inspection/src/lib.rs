@@ -17,6 +17,6 @@ mod wraps;
 
 pub use channel::{Channel, Inspected, Quantity, inspect};
 pub use finding::{Defect, Finding, Severity};
-pub use frozen::frozen;
+pub use frozen::{frozen, held};
 pub use spikes::spikes;
 pub use wraps::{Unwrapped, range_of_wraps, unwrap};

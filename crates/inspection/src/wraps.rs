@@ -3,7 +3,7 @@
 //!
 //! A step of a whole turn between two samples is a wrap, since nothing moves so far in a period;
 //! the turn is taken off. A range that nobody has named is found from the steps themselves: all
-//! are of one size, larger than half of what the values cover, and go against the motion.
+//! are of one size, larger than half of what the values cover, and lead from one bound to the other.
 
 use crate::statistics::{quantile, steps};
 
@@ -11,6 +11,8 @@ use crate::statistics::{quantile, steps};
 const MAX_DISTANCE: f64 = 0.25;
 /// Fewest wraps from which an unknown range is concluded: two could be two spikes.
 const MIN_WRAPS: usize = 3;
+/// Distance of values before and behind a wrap from the bounds, as a share of what is covered.
+const NEAR_BOUND: f64 = 0.15;
 /// Relative spread of the steps of an unknown range.
 const MAX_SPREAD: f64 = 0.05;
 
@@ -56,17 +58,18 @@ pub fn range_of_wraps(values: &[f64]) -> Option<f64> {
     let covered = high - low;
     let ordinary = quantile(steps(values), 0.9);
     let mut sizes = Vec::new();
-    let mut against = 0;
-    for k in 2..values.len().saturating_sub(1) {
-        let step = values[k] - values[k - 1];
-        if step.abs() > 0.6 * covered && step.abs() > 10.0 * ordinary {
-            sizes.push(step.abs());
-            // A wrap goes against the motion before and behind it; a spike comes back at once.
-            let around = (values[k - 1] - values[k - 2]) + (values[k + 1] - values[k]);
-            against += usize::from(around * step <= 0.0 && around.abs() < 0.5 * step.abs());
+    let mut at_bounds = 0;
+    for w in values.windows(2) {
+        let step = (w[1] - w[0]).abs();
+        if step > 0.6 * covered && step > 10.0 * ordinary {
+            sizes.push(step);
+            // A wrap leads from one bound to the other; a spike begins anywhere.
+            let (least, most) = (w[0].min(w[1]), w[0].max(w[1]));
+            let near = NEAR_BOUND * covered;
+            at_bounds += usize::from(least < low + near && most > high - near);
         }
     }
-    if sizes.len() < MIN_WRAPS || against * 10 < 9 * sizes.len() {
+    if sizes.len() < MIN_WRAPS || at_bounds * 10 < 9 * sizes.len() {
         return None;
     }
     let middle = quantile(sizes.clone(), 0.5);

@@ -80,10 +80,12 @@ impl<'a> Columns<'a> {
         let (angles, torques) = (of(0), of(3));
         for (signal, columns) in [("q", &angles), ("tau", &torques)] {
             if columns.is_empty() {
-                let reason = format!("no columns {signal}1, {signal}2, .. or {signal}_NAME");
-                return Err(
-                    Problem::new(reason, listed(header.iter().map(String::as_str))).at(log, 1),
-                );
+                let among = listed(header.iter().map(String::as_str));
+                let reason =
+                    format!("no columns {signal}1, {signal}2, .. or {signal}_NAME among {among}");
+                let allowed =
+                    "t, q1.. and tau1.., or q_NAME and tau_NAME with the URDF's names of joints";
+                return Err(Problem::new(reason, allowed).at(log, 1));
             }
         }
         let mut columns = Self {

@@ -58,14 +58,18 @@ impl Step {
         )
     };
     /// Motor friction and the constants of the current-based torque (D3).
-    pub const CURRENT: Self = Self::new(
-        "current",
-        "Motor friction and the constants of the current-based torque",
-        0.01,
-        |fitted, record, _, _| fitted.current(record),
-    );
+    pub const CURRENT: Self = Self {
+        log: LogKind::Current,
+        ..Self::new(
+            "current",
+            "Motor friction and the constants of the current-based torque",
+            0.01,
+            |fitted, record, _, _| fitted.current(record),
+        )
+    };
     /// The feed-forward as a source, of logs that have it.
     pub const FEED_FORWARD: Self = Self {
+        log: LogKind::Current,
         applies: feeds_forward,
         ..Self::new(
             "feed-forward",

@@ -27,6 +27,8 @@ const FRICTION: usize = 3;
 const FITS: f64 = 25.0;
 /// Share of chi² that another reading may leave at most to be named.
 const MUCH_BETTER: f64 = 0.3;
+/// The same of another order of all columns, of which there are many.
+const ANOTHER_ORDER: f64 = 0.1;
 /// Readings that are combined at most: a robot may have two joints with another direction.
 const COMBINED: usize = 4;
 /// Rows by which torques are shifted at most.
@@ -122,6 +124,8 @@ pub fn fitting(robot: &Robot<'_>, rows: &Rows, prior: &Prior, friction: &[Fricti
     }
     if !chosen.is_empty() && best < MUCH_BETTER * chi {
         out.other = Some((best, rest, chosen));
+    } else {
+        out.other = judge.order(rows, &places, chi);
     }
     out
 }
@@ -346,6 +350,43 @@ struct Judge<'a> {
 }
 
 impl Judge<'_> {
+    /// The order of all columns under which a log fits far better: exchanges one after another, the best first.
+    fn order(&self, rows: &Rows, places: &[usize], chi: f64) -> Option<(f64, f64, Vec<String>)> {
+        let n = self.robot.measured.len();
+        let mut order: Vec<usize> = (0..n).collect();
+        let (mut best, mut rest) = (chi, 0.0);
+        let first = Moments::new(self.robot, rows, places, 0);
+        for _ in 1..n {
+            let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+            let tried = pairs.filter_map(|(a, b)| {
+                let mut other = order.clone();
+                other.swap(a, b);
+                let reading = Reading::Order(Columns::All, other.clone(), "");
+                let moments = first.read(self.robot, rows, places, &reading)?;
+                let (chi, left) = self.chi(&moments)?;
+                Some((chi, left, other))
+            });
+            let (chi, left, other) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+            if chi >= best {
+                break;
+            }
+            (best, rest, order) = (chi, left, other);
+        }
+        let moved: Vec<usize> = (0..n).filter(|&k| order[k] != k).collect();
+        (moved.len() > 2 && best < ANOTHER_ORDER * chi).then(|| {
+            let each = moved.iter().map(|&k| {
+                let (own, of) = (self.robot.name(order[k]), self.robot.name(k));
+                format!("those of `{own}` are of `{of}`")
+            });
+            let words = each.collect::<Vec<_>>().join(", ");
+            (
+                best,
+                rest,
+                vec![format!("columns q and tau come in another order ({words})")],
+            )
+        })
+    }
+
     /// chi² a joint, and the share of the torques' deviation that is left.
     fn chi(&self, moments: &Moments) -> Option<(f64, f64)> {
         let joints = moments.tau.len();

@@ -13,6 +13,10 @@ use std::f64::consts::{PI, TAU};
 const MAX_TORSION: f64 = 0.05;
 /// The same of an unloaded turn, rad: kinematic error and drag.
 const MAX_UNLOADED_TORSION: f64 = 0.008;
+/// Longest delay between the encoders that is looked for, s.
+const MAX_LATE_S: f64 = 0.2;
+/// Span of theta/N - q over that of q below which both are one encoder: rounding.
+const ONE_ENCODER: f64 = 1e-7;
 /// Skew that may be taken out first, periods: what a joint file may hold.
 const MAX_SKEW: f64 = 16.0;
 /// Deviation of the slope of theta/N over q from one: parts, and rad over the angle covered. Two
@@ -42,6 +46,18 @@ pub(super) fn check(
         }
     }
     let torsion: Vec<f64> = s.u.iter().zip(&s.q).map(|(u, q)| u - q).collect();
+    if span(&torsion) < ONE_ENCODER * span(&s.q) {
+        if kind != LogKind::Current {
+            let (theta, q) = (kind.name("theta"), kind.name("q"));
+            let reason = format!(
+                "one encoder: {q} is {theta} over the gear ratio, so that no torsion is measured"
+            );
+            let allowed =
+                "encoders on both sides of the gear; `torquectl fit current` does with one";
+            problems.push(Problem::new(reason, allowed));
+        }
+        return;
+    }
     let fit = slope(s);
     let skew = fit.as_ref().map_or(0.0, |f| f.x[1]);
     let longest = MAX_SKEW * joint.sample_period();
@@ -53,9 +69,14 @@ pub(super) fn check(
         .collect();
     let most = match kind {
         LogKind::NoLoad => MAX_UNLOADED_TORSION,
-        LogKind::Training | LogKind::Recorded => MAX_TORSION,
+        _ => MAX_TORSION,
     };
     if steps(s, &torsion, problems) {
+        return;
+    }
+    let before = problems.len();
+    held(s, kind, problems);
+    if problems.len() > before {
         return;
     }
     let found = span(&aligned);
@@ -77,7 +98,6 @@ pub(super) fn check(
             ));
         }
     }
-    held(s, kind, problems);
     if kind == LogKind::NoLoad && span(&s.q) > MAX_TURNS {
         notes.push(format!(
             "`q` covers {:.0} rad: is it in degrees?",
@@ -163,7 +183,7 @@ fn diagnosis(
         s.u.windows(2)
             .filter(|w| ((w[1] - w[0]).abs() * n - TAU).abs() < 0.1 * TAU)
             .count();
-    let cause = match cause {
+    let cause = match cause.or_else(|| late(s, kind, most)) {
         Some(cause) => cause,
         None if wraps > 2 && (shown - 1.0).abs() > 0.05 => {
             format!("{theta} is not unwrapped: it steps by a turn of the motor")
@@ -182,6 +202,32 @@ fn diagnosis(
         reason,
         format!("at most {most} rad, by {theta} and {link} in rad of one joint, {theta} unwrapped"),
     )
+}
+
+/// The link side's delay that makes both one link, in words.
+fn late(s: &Signals, kind: LogKind, most: f64) -> Option<String> {
+    let n = s.q.len();
+    let period = (s.t[n - 1] - s.t[0]) / (n - 1) as f64;
+    let longest = ((MAX_LATE_S / period) as i64).min(n as i64 / 8);
+    let step = (longest / 64).max(1);
+    let spans = (-longest..=longest).step_by(step as usize).map(|shift| {
+        let first = longest as usize;
+        let torsion: Vec<f64> = (first..n - first)
+            .step_by(n.div_ceil(4000).max(1))
+            .map(|k| s.u[k] - s.q[(k as i64 + shift) as usize])
+            .collect();
+        (span(&torsion), shift)
+    });
+    let (least, shift) = spans.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let late = shift as f64 * period;
+    let way = if late > 0.0 { "late" } else { "early" };
+    (least < 0.6 * most && shift.abs() > step).then(|| {
+        let [q, theta] = ["q", "theta"].map(|c| kind.name(c));
+        format!(
+            "{q} is {way} by some {:.0} ms against {theta}",
+            1e3 * late.abs()
+        )
+    })
 }
 
 /// One encoder counts against the other.
@@ -241,7 +287,7 @@ fn held(s: &Signals, kind: LogKind, problems: &mut Vec<Problem>) {
                 100.0 * repeats as f64 / moving.len() as f64,
                 match kind {
                     LogKind::Recorded => "the loop runs",
-                    LogKind::NoLoad | LogKind::Training => "`sample_rate_hz`",
+                    _ => "`sample_rate_hz`",
                 }
             );
             problems.push(Problem::new(reason, "a new reading in every row"));

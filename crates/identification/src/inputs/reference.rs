@@ -72,7 +72,14 @@ pub(super) fn check(
     let largest = s.tau.iter().fold(0.0f64, |m, tau| m.max(tau.abs()));
     if largest > MAX_OVER_LIMIT * limit {
         refuse(
-            format!("{tau_name} reaches {largest:.1} N·m: another unit, or another joint"),
+            format!(
+                "{tau_name} reaches {largest:.1} N·m: another unit{}, or another joint",
+                if largest > 300.0 * rated {
+                    " (mN·m?)"
+                } else {
+                    ""
+                }
+            ),
             &format!("N·m on the link side; the joint's torque limit is {limit} N·m"),
         );
     }
@@ -203,7 +210,7 @@ fn copied(s: &Signals, from: &[f64], tau: &[f64]) -> Option<(f64, f64)> {
 }
 
 /// First-order low-pass with a time constant in samples.
-fn low_pass(values: &[f64], samples: f64) -> Vec<f64> {
+pub(super) fn low_pass(values: &[f64], samples: f64) -> Vec<f64> {
     let pole = if samples > 0.0 {
         (-1.0 / samples).exp()
     } else {
@@ -224,7 +231,8 @@ pub(super) fn implausible(found: &Excitation, joint: &JointFile, kind: LogKind) 
     let mut problems = Vec::new();
     let rated = joint.joint.rated_torque;
     let span = (found.torque[1] - found.torque[0]) / rated;
-    if let Some(compliance) = found.measured(Quantity::Compliance) {
+    let compliance = found.measured(Quantity::Compliance);
+    if let Some(compliance) = compliance.filter(|_| kind != LogKind::Current) {
         let (c, sigma) = (compliance.value, SIGNIFICANCE * compliance.sigma);
         let softest = 1.0 / (STIFFNESS[0] * rated);
         if c + sigma < 0.0 && span > MIN_SPAN_FOR_SIGN {

@@ -20,6 +20,19 @@ const MAX_MISSING: f64 = 0.3;
 pub(super) fn check(rows: &[LogRow], period: f64, notes: &mut Vec<String>) -> Result<(), Problems> {
     let steps: Vec<f64> = rows.windows(2).map(|w| w[1].t - w[0].t).collect();
     check_rate(&steps, period)?;
+    if let Some(row) = steps.iter().position(|s| *s <= 0.0) {
+        let (before, now) = (rows[row].t, rows[row + 1].t);
+        let count = steps.iter().filter(|s| **s <= 0.0).count();
+        let what = if now == before {
+            "stands twice"
+        } else {
+            "runs backwards"
+        };
+        let reason = format!("`t` {what}: {now} s follows {before} s, {count} times in all");
+        return Err(Problem::new(reason, "stamps that increase from row to row")
+            .at("", row + 3)
+            .into());
+    }
     let away = |step: &&f64| {
         let periods = **step / period;
         (periods - periods.round().max(1.0)).abs() > IRREGULAR

@@ -30,6 +30,8 @@ pub struct Verdict {
     pub sigma: [f64; 2],
     /// The mistake that explains most of a difference that is too large.
     pub cause: Option<String>,
+    /// The mistake has no free number and leaves so little that it is certain, however small the difference.
+    pub certain: bool,
 }
 
 /// Residual over its standard deviation that is no longer one of noise and masses.
@@ -38,6 +40,9 @@ const TOO_LARGE: f64 = 3.0;
 const EXPLAINED: f64 = 0.2;
 /// Mistakes that leave up to so many times the least are named together, at most so many.
 const ALIKE: f64 = 1.5;
+/// Share of the squares that a mistake without a free number (a sign, an order, a delay) may leave to be certain
+/// within [`TOO_LARGE`] deviations too: wrong masses and noise are not mended by any.
+const CERTAIN: f64 = 0.25;
 const NAMED: usize = 2;
 /// Rows that are looked at, at most.
 const MAX_ROWS: usize = 1500;
@@ -57,7 +62,7 @@ impl Verdict {
     /// Whether noise and masses do not explain the residual.
     #[must_use]
     pub fn is_contradiction(&self) -> bool {
-        self.ratio() > TOO_LARGE
+        self.certain || self.ratio() > TOO_LARGE
     }
 
     /// One line about the residual.
@@ -82,7 +87,7 @@ impl Verdict {
             |cause| format!("explained if {cause}"),
         );
         let reason = format!(
-            "F/T sensor {sensor}: {}, {:.0} times as much as noise and masses explain; {cause}",
+            "F/T sensor {sensor}: {}, {:.1} times as much as noise and masses explain; {cause}",
             self.line(),
             self.ratio()
         );
@@ -121,19 +126,20 @@ pub fn judge(all: &[Row], period: f64) -> Verdict {
         residual,
         sigma,
         cause: None,
+        certain: false,
     };
+    let as_read = rest(rows.iter().map(|r| (r.measured, *r)), sigma);
+    let tried = |(read, words): Mistake| {
+        let pairs = rows.iter().enumerate().map(|(i, r)| (read(i, r), *r));
+        (rest(pairs, sigma), words)
+    };
+    let mut found: Vec<(f64, String)> = fixed().into_iter().map(tried).collect();
+    found.extend(delayed(&rows, sigma, period * step as f64));
+    verdict.certain = found.iter().any(|(left, _)| *left < CERTAIN * as_read);
     if !verdict.is_contradiction() {
         return verdict;
     }
-    let as_read = rest(rows.iter().map(|r| (r.measured, *r)), sigma);
-    let mut found: Vec<(f64, String)> = mistakes(&rows, sigma)
-        .into_iter()
-        .map(|(read, words)| {
-            let pairs = rows.iter().enumerate().map(|(i, r)| (read(i, r), *r));
-            (rest(pairs, sigma), words)
-        })
-        .collect();
-    found.extend(delayed(&rows, sigma, period * step as f64));
+    found.extend(fitted(&rows, sigma).into_iter().map(tried));
     let least = found.iter().map(|(left, _)| *left).fold(f64::MAX, f64::min);
     // What leaves no more than noise and masses do is as good as any other.
     let bound = (EXPLAINED * as_read).min((ALIKE * least).max(2.0));
@@ -143,8 +149,8 @@ pub fn judge(all: &[Row], period: f64) -> Verdict {
     verdict
 }
 
-/// The mistakes, simple ones first.
-fn mistakes(rows: &[&Row], sigma: [f64; 2]) -> Vec<Mistake> {
+/// The mistakes without a free number, simple ones first.
+fn fixed() -> Vec<Mistake> {
     let mut all: Vec<Mistake> = vec![
         (
             Box::new(|_, r| r.measured.map(|x| -x)),
@@ -166,7 +172,33 @@ fn mistakes(rows: &[&Row], sigma: [f64; 2]) -> Vec<Mistake> {
             words,
         ));
     }
-    all.push(offset(rows));
+    for axis in 0..3 {
+        for (of, what) in [
+            ([true, false], "f"),
+            ([false, true], "t"),
+            ([true, true], ""),
+        ] {
+            let name = ["x", "y", "z"][axis];
+            let words = match what {
+                "" => format!("the signs of f{name} and t{name} are reversed"),
+                _ => format!("the sign of {what}{name} alone is reversed"),
+            };
+            let turned = move |k: usize, x: Vector3<f64>| {
+                let mut x = x;
+                x[axis] *= if of[k] { -1.0 } else { 1.0 };
+                x
+            };
+            let read =
+                move |_: usize, r: &Row| [turned(0, r.measured[0]), turned(1, r.measured[1])];
+            all.push((Box::new(read), words));
+        }
+    }
+    all
+}
+
+/// Mistakes with numbers that follow from the rows.
+fn fitted(rows: &[&Row], sigma: [f64; 2]) -> Vec<Mistake> {
+    let mut all = vec![offset(rows)];
     all.extend(scale(rows, sigma));
     all.extend(turned(rows, sigma));
     all.extend(lever(rows));
@@ -392,6 +424,28 @@ mod tests {
         }
         let text = judge(&late, 0.02).problem("wrist").unwrap().to_string();
         assert!(text.contains("400 ms after the angles"), "{text}");
+        // Within three deviations of masses that are hardly known, still certain.
+        for (seed, name) in [(4, "fy"), (5, "ty")] {
+            let mut small = sound(seed);
+            for row in &mut small {
+                row.sigma = [6.0, 0.5];
+                row.measured[usize::from(name == "ty")].y *= -1.0;
+            }
+            let text = judge(&small, 0.02).problem("wrist").unwrap().to_string();
+            assert!(
+                text.contains(&format!("the sign of {name} alone")),
+                "{text}"
+            );
+        }
+        let mut early = sound(6);
+        for i in 0..early.len() - 8 {
+            early[i].measured = early[i + 8].measured;
+        }
+        for row in &mut early {
+            row.sigma = [6.0, 0.5];
+        }
+        let text = judge(&early, 0.02).problem("wrist").unwrap().to_string();
+        assert!(text.contains("160 ms before the angles"), "{text}");
         // A hand that pushes now and then: no single mistake.
         let mut pushed = sound(3);
         for row in pushed.iter_mut().skip(100).take(80) {

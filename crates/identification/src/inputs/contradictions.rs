@@ -1,0 +1,327 @@
+//! Channels that contradict one another: a reference that is late, drifts, saturates, changes its sign or
+//! is computed from what it shall judge; a current without its sign; a log that runs backwards.
+//!
+//! Every claim needs two things: that the log cannot be explained without it (by samples that count as
+//! independent), and that it changes a torque by more than an ordinary joint's own effects do.
+
+use super::LogKind;
+use super::copies;
+use super::probes::{BENT, DRIFT, Lag, Probed, Probes, SIGN, Side, TORQUE, Terms};
+use super::signals::Signals;
+use inspection::{Defect, Finding, Severity};
+use joint_file::JointFile;
+
+/// Logarithm of likelihoods, and share of the torque's deviation, from which a lag is named and refused.
+const UNLIKELY: f64 = 8.0;
+const LATE_NAMED: f64 = 0.03;
+const LATE_REFUSED: f64 = 0.08;
+/// Difference of two lags, as a share, up to which they are one.
+const SAME_LAG: f64 = 0.3;
+/// Smallest lag, s.
+const MIN_LAG_S: f64 = 0.003;
+/// Standard deviations of coefficients.
+const SIGNIFICANT: f64 = 4.0;
+/// Drift of the reference over a log, as a share of its deviation.
+const DRIFT_NAMED: f64 = 0.1;
+/// Slope at the largest torque over that at none, less one, of a reference that saturates.
+const SATURATED: f64 = 0.6;
+/// Friction below zero, as a share of the rated torque, of a log that runs backwards.
+const BACKWARDS: f64 = 0.005;
+/// Parts of a log in which signs are looked at.
+const PARTS: usize = 10;
+
+/// Contradictions of a training log.
+pub(super) fn check(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Finding> {
+    let Some(probes) = Probes::new(s, joint) else {
+        return Vec::new();
+    };
+    let judge = Judge {
+        s,
+        probes,
+        joint,
+        kind,
+    };
+    let copied = copies::found(s, &judge.probes, joint, kind);
+    if !copied.is_empty() {
+        return copied;
+    }
+    let signs = judge.signs();
+    if !signs.is_empty() {
+        return signs;
+    }
+    let mut found: Vec<Finding> = judge.backwards().into_iter().collect();
+    found.extend(judge.lag());
+    found.extend(judge.bends());
+    found.extend(judge.drift());
+    found
+}
+
+struct Judge<'a> {
+    s: &'a Signals,
+    probes: Probes,
+    joint: &'a JointFile,
+    kind: LogKind,
+}
+
+/// A coefficient and its value over its standard deviation, by independent samples.
+fn coefficient(probed: &Probed, place: usize) -> (f64, f64) {
+    let independent = Probes::independent(&probed.residual).max(1.0);
+    let sigma = probed.fit.sigma[place] * (probed.residual.len() as f64 / independent).sqrt();
+    (probed.fit.x[place], probed.fit.x[place] / sigma.max(1e-300))
+}
+
+impl Judge<'_> {
+    fn finding(
+        &self,
+        defect: Defect,
+        severity: Severity,
+        channel: &str,
+        text: String,
+        cure: &str,
+    ) -> Finding {
+        Finding {
+            defect,
+            severity,
+            channel: channel.to_owned(),
+            row: None,
+            t: self.s.t[0],
+            rows: self.s.t.len(),
+            text,
+            cure: cure.to_owned(),
+        }
+    }
+
+    fn lag(&self) -> Option<Finding> {
+        let [torsion, current] = [Side::Torsion, Side::Current].map(|side| self.probes.lag(side));
+        let claims = |lag: &Lag| {
+            lag.unlikely_without > UNLIKELY
+                && lag.late.abs() > MIN_LAG_S
+                && self.probes.effect(lag.late) > LATE_NAMED
+        };
+        // The gear's hysteresis makes a small lag of its own: the current has to show one, too.
+        let by_current = current.filter(claims)?;
+        let agrees = |by_torsion: &Lag| {
+            let (low, high) = by_torsion.interval;
+            let margin = SAME_LAG * by_current.late.abs() + MIN_LAG_S;
+            let (least, most) = by_current.interval;
+            low - margin < most && least < high + margin && by_torsion.late * by_current.late > 0.0
+        };
+        let by_both = torsion.filter(|lag| agrees(lag));
+        let (name, against, late, (low, high)) = match by_both {
+            Some(lag) => (
+                "tau_sensor",
+                "both encoders and current",
+                lag.late,
+                lag.interval,
+            ),
+            None => {
+                let (low, high) = by_current.interval;
+                ("i", "torque and encoders", -by_current.late, (-high, -low))
+            }
+        };
+        let name = self.kind.name(name);
+        let way = if late > 0.0 { "late" } else { "early" };
+        let [late, low, high] = [late, low, high].map(|x| 1e3 * x);
+        let effect = self.probes.effect(1e-3 * late);
+        let text = format!(
+            "{name} is {way} by {:.0} ms ({:.0} to {:.0}) against {against}, or filtered: {:.0} % of the torque",
+            late.abs(),
+            low.abs().min(high.abs()),
+            low.abs().max(high.abs()),
+            100.0 * effect
+        );
+        // What the current alone shows may be a friction that no model here has.
+        let severity = if by_both.is_some() && effect > LATE_REFUSED {
+            Severity::Refused
+        } else {
+            Severity::Warning
+        };
+        let cure =
+            "channels of one instant; `delay_ms` in the map of `torquectl import` shifts one";
+        Some(self.finding(Defect::Late, severity, name, text, cure))
+    }
+
+    /// Friction that drives: only a log that runs backwards has it.
+    fn backwards(&self) -> Option<Finding> {
+        let probed = self.probes.probe(Side::Current, 0.0, Terms::default())?;
+        let (gain, significance) = coefficient(&probed, TORQUE);
+        let (friction, certain) = coefficient(&probed, SIGN);
+        let (compliance, _) = coefficient(
+            &self.probes.probe(Side::Torsion, 0.0, Terms::default())?,
+            TORQUE,
+        );
+        let drives = compliance > 0.0
+            && friction < -BACKWARDS * self.joint.joint.rated_torque
+            && certain < -SIGNIFICANT;
+        (gain > 0.0 && significance > SIGNIFICANT && drives).then(|| {
+            let text = format!(
+                "friction drives the joint ({friction:.3} N·m): the log runs backwards in time"
+            );
+            self.finding(
+                Defect::Reversed,
+                Severity::Refused,
+                "t",
+                text,
+                "rows in the order of time",
+            )
+        })
+    }
+
+    /// A reference that grows less than torsion and current where it is large.
+    fn bends(&self) -> Option<Finding> {
+        let terms = Terms {
+            bent: true,
+            drift: true,
+        };
+        let bend = |side| {
+            let probed = self.probes.probe(side, 0.0, terms)?;
+            let ((slope, _), (bent, certain)) =
+                (coefficient(&probed, TORQUE), coefficient(&probed, BENT));
+            Some((3.0 * bent / slope.abs().max(1e-12), certain))
+        };
+        let (torsion, current) = (bend(Side::Torsion)?, bend(Side::Current)?);
+        let both = [torsion, current];
+        if !both
+            .iter()
+            .all(|(bend, certain)| *bend > SATURATED && *certain > SIGNIFICANT)
+        {
+            return None;
+        }
+        let name = self.kind.name("tau_sensor");
+        let text = format!(
+            "{name} saturates: at {:.1} N·m torsion and current grow {:.1} and {:.1} times as fast with it as near zero",
+            self.probes.size(),
+            1.0 + torsion.0,
+            1.0 + current.0
+        );
+        Some(self.finding(
+            Defect::Saturated,
+            Severity::Refused,
+            name,
+            text,
+            "torques within the sensor's range",
+        ))
+    }
+
+    /// A zero that torsion and current see change alike.
+    fn drift(&self) -> Option<Finding> {
+        let terms = Terms {
+            bent: false,
+            drift: true,
+        };
+        let drift = |side| {
+            let probed = self.probes.probe(side, 0.0, terms)?;
+            let ((slope, _), (line, certain)) =
+                (coefficient(&probed, TORQUE), coefficient(&probed, DRIFT));
+            Some((-2.0 * line / slope, certain.abs()))
+        };
+        let (torsion, current) = (drift(Side::Torsion)?, drift(Side::Current)?);
+        let whole = self.probes.deviation();
+        let alike = torsion.0 * current.0 > 0.0 && (0.4..2.5).contains(&(torsion.0 / current.0));
+        let certain = torsion.1 > SIGNIFICANT && current.1 > SIGNIFICANT;
+        let size = 0.5 * (torsion.0 + current.0);
+        (alike && certain && size.abs() > DRIFT_NAMED * whole).then(|| {
+            let name = self.kind.name("tau_sensor");
+            let text = format!(
+                "{name} drifts by {size:.2} N·m over the log, by torsion and current alike: {:.0} % of its deviation",
+                100.0 * size.abs() / whole
+            );
+            self.finding(Defect::Drifts, Severity::Refused, name, text, "a reference whose zero stays, or shorter logs, each with a zero of its own")
+        })
+    }
+
+    /// Signs that change within a log, and a current that has none.
+    fn signs(&self) -> Vec<Finding> {
+        let [_, _, _, torsion, motor, tau, _] = self.probes.signals();
+        let rows = self.probes.rows();
+        let all: Vec<[f64; 3]> = rows
+            .iter()
+            .map(|&k| [torsion[k], motor[k], tau[k]])
+            .collect();
+        let mut out = Vec::new();
+        let (least, most) = all
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(a, b), r| (a.min(r[1]), b.max(r[1])));
+        let sizes: Vec<f64> = all.iter().map(|r| r[1].abs()).collect();
+        let plain = correlation(
+            &all.iter().map(|r| r[1]).collect::<Vec<_>>(),
+            &all.iter().map(|r| r[2]).collect::<Vec<_>>(),
+        );
+        let of_sizes = correlation(&sizes, &all.iter().map(|r| r[2].abs()).collect::<Vec<_>>());
+        let both_signs = {
+            let positive = all.iter().filter(|r| r[2] > 0.0).count();
+            (0.1..0.9).contains(&(positive as f64 / all.len() as f64))
+        };
+        if both_signs
+            && (least > -0.05 * most || most < -0.05 * least)
+            && of_sizes > 0.5
+            && of_sizes > plain.abs() + 0.1
+        {
+            let name = self.kind.name("i");
+            let text = format!(
+                "{name} has no sign: it follows the torque's size (correlation {of_sizes:.2}), not the torque ({plain:.2})"
+            );
+            out.push(self.finding(
+                Defect::Sign,
+                Severity::Refused,
+                name,
+                text,
+                "the motor's measured current with its sign",
+            ));
+            return out;
+        }
+        let size = all.len() / PARTS;
+        let parts: Vec<&[[f64; 3]]> = all
+            .chunks(size.max(1))
+            .filter(|p| p.len() == size)
+            .collect();
+        let of = |column: usize| -> Vec<f64> {
+            parts
+                .iter()
+                .map(|p| {
+                    let x: Vec<f64> = p.iter().map(|r| r[column]).collect();
+                    let tau: Vec<f64> = p.iter().map(|r| r[2]).collect();
+                    correlation(&x, &tau)
+                })
+                .collect()
+        };
+        let (t, c) = (of(0), of(1));
+        let flips = |x: &[f64]| {
+            let (up, down) = (
+                x.iter().filter(|r| **r > 0.6).count(),
+                x.iter().filter(|r| **r < -0.6).count(),
+            );
+            up >= 2 && down >= 2
+        };
+        let name = match (flips(&t), flips(&c)) {
+            (true, true) => "tau_sensor",
+            (false, true) => "i",
+            _ => return out,
+        };
+        let first = if name == "i" { &c } else { &t };
+        let start = first.iter().copied().find(|r| r.abs() > 0.6).unwrap_or(1.0);
+        let part = first.iter().position(|r| r * start < -0.36).unwrap_or(0);
+        let row = rows[(part * size).min(rows.len() - 1)];
+        let name = self.kind.name(name);
+        let text = format!("the sign of {name} changes within the log");
+        let mut finding = self.finding(
+            Defect::Sign,
+            Severity::Refused,
+            name,
+            text,
+            "one sign throughout",
+        );
+        (finding.row, finding.t) = (Some(row), self.s.t[row]);
+        out.push(finding);
+        out
+    }
+}
+
+fn correlation(x: &[f64], y: &[f64]) -> f64 {
+    let n = x.len().max(1) as f64;
+    let (a, b) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
+    let dot = |f: &dyn Fn(usize) -> f64| (0..x.len()).map(f).sum::<f64>();
+    let xy = dot(&|k| (x[k] - a) * (y[k] - b));
+    let (xx, yy) = (dot(&|k| (x[k] - a).powi(2)), dot(&|k| (y[k] - b).powi(2)));
+    xy / (xx * yy).sqrt().max(1e-300)
+}
