@@ -8,7 +8,7 @@ use common::leg_with_contacts;
 use cycle::OperatorRequest;
 use problem::Problem;
 use proptest::prelude::*;
-use robot_config::Robot;
+use robot_config::{JointCalibration, Robot};
 use robot_state::{
     Answer, Event, Mode, Name, Request, RobotState, SharedRecord, answer_status, command_flags,
     measured_flags, refusal, request,

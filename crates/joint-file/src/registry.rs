@@ -47,7 +47,7 @@ pub(crate) const OF_TORSION: [Row; 7] = [
     row("network", Role::Torsion, |file| {
         let build = |p: &crate::TrainedNetwork| NetworkEstimator::new(p.parameters.clone());
         let network = file.trained.network.as_ref().map(build).transpose()?;
-        Ok(network.map(|network| boxed(network)))
+        Ok(network.map(boxed))
     }),
 ];
 

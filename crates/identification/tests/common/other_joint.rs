@@ -8,17 +8,17 @@ use std::f64::consts::{PI, TAU};
 use test_support::Random;
 
 /// A joint, and how a log of it is made.
-pub struct OtherJoint {
+pub(crate) struct OtherJoint {
     /// N.
-    pub ratio: f64,
+    pub(crate) ratio: f64,
     /// Rated torque, N·m.
-    pub rated: f64,
+    pub(crate) rated: f64,
     /// K_t of the data sheet, N·m/A.
-    pub torque_constant: f64,
+    pub(crate) torque_constant: f64,
     /// Rotor inertia, kg·m².
-    pub rotor: f64,
+    pub(crate) rotor: f64,
     /// Samples a second.
-    pub rate: f64,
+    pub(crate) rate: f64,
     counts: [f64; 2],
     stiffness: f64,
     stiffening: f64,
@@ -81,7 +81,7 @@ fn wave(random: &mut Random, most: f64) -> [f64; 2] {
 
 impl OtherJoint {
     /// A joint by its seed.
-    pub fn new(random: &mut Random) -> Self {
+    pub(crate) fn new(random: &mut Random) -> Self {
         let ratio = [50.0, 80.0, 100.0, 121.0, 160.0][random.below(5)];
         let rated = 10f64.powf(between(random, 0.8, 2.3));
         let current = between(random, 2.0, 12.0);
@@ -136,7 +136,7 @@ impl OtherJoint {
     }
 
     /// The joint as its data sheet has it.
-    pub fn file(&self) -> JointFile {
+    pub(crate) fn file(&self) -> JointFile {
         let text = format!(
             "[joint]\nname = \"other\"\ngear_ratio = {}\ntorque_constant_Nm_per_A = {}\nrotor_inertia_kg_m2 = {}\n\
              rated_torque_Nm = {}\nlink_counts_per_turn = {}\nmotor_counts_per_turn = {}\nsample_rate_hz = {}\n",
@@ -152,7 +152,7 @@ impl OtherJoint {
     }
 
     /// A log of some seconds.
-    pub fn log(&self, seconds: f64, random: &mut Random) -> Vec<LogRow> {
+    pub(crate) fn log(&self, seconds: f64, random: &mut Random) -> Vec<LogRow> {
         let step = 1.0 / self.rate;
         let mut state = State::default();
         let mut rows = Vec::new();

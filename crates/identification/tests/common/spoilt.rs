@@ -5,45 +5,45 @@ use identification::log::LogRow;
 use test_support::Random;
 
 /// A log, its joint, and where and how much a defect is.
-pub struct Case<'a> {
+pub(crate) struct Case<'a> {
     /// The joint.
-    pub joint: &'a OtherJoint,
+    pub(crate) joint: &'a OtherJoint,
     /// Its log.
-    pub rows: Vec<LogRow>,
+    pub(crate) rows: Vec<LogRow>,
     /// Where and how much.
-    pub random: &'a mut Random,
+    pub(crate) random: &'a mut Random,
 }
 
 /// One column.
-pub type Get = fn(&mut LogRow) -> &mut f64;
-pub const THETA: Get = |r| &mut r.theta;
-pub const Q: Get = |r| &mut r.q;
-pub const I: Get = |r| &mut r.current;
-pub const TAU_SENSOR: Get = |r| &mut r.tau_sensor;
+pub(crate) type Get = fn(&mut LogRow) -> &mut f64;
+pub(crate) const THETA: Get = |r| &mut r.theta;
+pub(crate) const Q: Get = |r| &mut r.q;
+pub(crate) const I: Get = |r| &mut r.current;
+pub(crate) const TAU_SENSOR: Get = |r| &mut r.tau_sensor;
 
 impl Case<'_> {
-    pub fn each(&mut self, change: impl Fn(&mut LogRow)) {
+    pub(crate) fn each(&mut self, change: impl Fn(&mut LogRow)) {
         self.rows.iter_mut().for_each(change);
     }
 
-    pub fn column(&mut self, get: Get) -> Vec<f64> {
+    pub(crate) fn column(&mut self, get: Get) -> Vec<f64> {
         self.rows.iter_mut().map(|r| *get(r)).collect()
     }
 
-    pub fn set(&mut self, get: Get, values: impl IntoIterator<Item = f64>) {
+    pub(crate) fn set(&mut self, get: Get, values: impl IntoIterator<Item = f64>) {
         for (row, x) in self.rows.iter_mut().zip(values) {
             *get(row) = x;
         }
     }
 
-    pub fn span(&mut self, get: Get) -> f64 {
+    pub(crate) fn span(&mut self, get: Get) -> f64 {
         let x = self.column(get);
         let low = x.iter().copied().fold(f64::INFINITY, f64::min);
         x.iter().copied().fold(f64::NEG_INFINITY, f64::max) - low
     }
 
     /// RMS about the mean.
-    pub fn deviation(&mut self, get: Get) -> f64 {
+    pub(crate) fn deviation(&mut self, get: Get) -> f64 {
         let x = self.column(get);
         let n = x.len() as f64;
         let mean = x.iter().sum::<f64>() / n;
@@ -51,7 +51,7 @@ impl Case<'_> {
     }
 
     /// A column `late` seconds later.
-    pub fn delay(&mut self, get: Get, late: f64) {
+    pub(crate) fn delay(&mut self, get: Get, late: f64) {
         let shift = (late * self.joint.rate).round() as i64;
         let x = self.column(get);
         let last = x.len() as i64 - 1;
@@ -60,7 +60,7 @@ impl Case<'_> {
     }
 
     /// A low-pass of first order.
-    pub fn low_pass(&mut self, get: Get, time: f64) {
+    pub(crate) fn low_pass(&mut self, get: Get, time: f64) {
         let pole = (-1.0 / (time * self.joint.rate)).exp();
         let x = self.column(get);
         let mut state = x[0];
@@ -72,7 +72,7 @@ impl Case<'_> {
     }
 
     /// Some rows, apart from one another, set to what `value` gives.
-    pub fn spoil(&mut self, get: Get, count: usize, value: impl Fn(f64) -> f64) {
+    pub(crate) fn spoil(&mut self, get: Get, count: usize, value: impl Fn(f64) -> f64) {
         for _ in 0..count {
             let row = 10 + self.random.below(self.rows.len() - 20);
             let x = get(&mut self.rows[row]);
@@ -81,7 +81,7 @@ impl Case<'_> {
     }
 
     /// Keeps a reading for some seconds in which it would have moved by a fifth of its range.
-    pub fn freeze(&mut self, get: Get) {
+    pub(crate) fn freeze(&mut self, get: Get) {
         let (x, span) = (self.column(get), self.span(get));
         let length = ((1.0 + 3.0 * self.random.unit()) * self.joint.rate) as usize;
         for _ in 0..200 {
@@ -102,7 +102,7 @@ impl Case<'_> {
         }
     }
 
-    pub fn wrap(&mut self, get: Get, range: f64) {
+    pub(crate) fn wrap(&mut self, get: Get, range: f64) {
         let x = self.column(get);
         self.set(
             get,
