@@ -146,6 +146,7 @@ pub(crate) fn apply(conditions: &Conditions, robot: &mut Robot, sim: &mut SimPar
                     stiffness,
                     damping,
                     dead_zone,
+                    ..
                 } = &mut law.drive
                 {
                     *stiffness *= error();

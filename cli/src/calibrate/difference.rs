@@ -199,13 +199,14 @@ const OF_SENSOR: [&str; 10] = [
     "offset tz N·m",
 ];
 /// Keys of a drive that recordings show.
-const OF_DRIVE: [&str; 6] = [
+const OF_DRIVE: [&str; 7] = [
     "rotor_inertia_kg_m2",
     "friction.coulomb_Nm",
     "friction.viscous_Nms_per_rad",
     "motor.K_tau_rad_per_Nm",
     "motor.K_v_s",
     "motor.dead_zone_rad",
+    "motor.integral_time_ms",
 ];
 
 /// Compared values of a joint, by name and unit.

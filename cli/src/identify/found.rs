@@ -88,6 +88,12 @@ impl Found<'_> {
             d.dead_zone
                 .map(|v| row("dead zone", self.own("urad", "um"), v, 1e6)),
         );
+        // Compared as rates, as none is no time at all.
+        rows.extend(
+            (d.integral
+                .filter(|rate| rate.value.max(rate.configured) > 0.0))
+            .map(|v| row("velocity loop's integral 1/T_i", "1/s", v, 1.0)),
+        );
         rows.extend(
             d.gain
                 .map(|v| row("measured over commanded current", "1", v, 1.0)),
@@ -357,6 +363,10 @@ impl Found<'_> {
                 zone,
                 &plain,
             );
+        }
+        if let Some(rate) = d.integral.filter(|rate| rate.value > 0.0) {
+            let time = |rate: f64| 1e3 / rate;
+            key("motor", "integral_time_ms", &rate, &time);
         }
         if let Some(fit) = self.motor_fit() {
             let fitted = self.motor_keys().into_iter().zip(self.constants(fit));

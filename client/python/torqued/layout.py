@@ -12,7 +12,7 @@ MAX_FT_SENSORS = 8
 MAX_FURTHER_IMUS = 3
 MAX_POINTS = 32
 MAX_FRAMES = 4
-EVENT_COUNT = 63
+EVENT_COUNT = 64
 
 
 class Mode(IntEnum):
@@ -232,6 +232,7 @@ EVENTS = (
     Event(414, "hold_swings", "A joint that is held swings, and its motor does the work: the hold's gains are too high for its inertia and the delay of its velocities. It is braked, no longer held by its gains, and left to its brake where it has one.", "joint.gains / filters.control", "hold"),
     Event(415, "drive_hot", "A drive is hot, or its current has been too high for too long: its joint's torque limit falls towards the torque of its continuous current.", "drive.thermal", "warn"),
     Event(416, "drive_overheated", "A drive is as hot as it may be, or its current has stayed above the continuous one.", "drive.thermal", "stop"),
+    Event(417, "drive_integrates", "A drive makes torque without a lead of its set-point over its motor: its velocity loop has an integral, of which the configuration says nothing. Torque control would be wrong by as much.", "drive.motor.integral_time_ms", "hold"),
     Event(501, "late_cycle", "A cycle ended after the next one should have begun.", "loop.rate_hz", "warn"),
     Event(502, "skipped_cycle", "A cycle was left out because the one before it ended too late.", "loop.rate_hz", "warn"),
     Event(503, "lateness_lasts", "Within a second, a greater share of cycles was late or left out than allowed.", "safety.late_per_cent", "stop"),
@@ -575,7 +576,7 @@ class CommandedRecord(ctypes.Structure):
 
 
 class CycleRecord(ctypes.Structure):
-    """31760 bytes."""
+    """31768 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -612,7 +613,7 @@ class CycleRecord(ctypes.Structure):
         # Commands to the drives.
         ("commanded", CommandedRecord),
         # Count of each event since start, in the order of `Event::ALL`.
-        ("events", ctypes.c_uint64 * 63),
+        ("events", ctypes.c_uint64 * 64),
     ]
 
 
@@ -643,7 +644,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """31832 bytes."""
+    """31840 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -917,7 +918,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#1e5a81aebcfcb663")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#269b0468529d4b0e")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")

@@ -8,6 +8,10 @@
 //! T'       = k (omega - dq)
 //! ```
 //!
+//! A drive whose velocity loop integrates (P-PI) adds `z` to `m`, its integral. It shows in the motor's current alone:
+//! `z' = (m - z) / T_i`, as it integrates what the loop makes besides it. So no error of angles or delay winds the
+//! estimate up, an offset of the current acts as any other disturbance, and the inverse takes `z` off what it asks for.
+//!
 //! Friction that the desired motion of the rotor foresees is a known torque beside `m`.
 //! `theta`, `omega` and the disturbance `d` (the rest of friction, model errors) come from one observer, `q`,
 //! `dq` and `ddq` from another; both run ahead, with the commands that are on their way, to the
@@ -18,6 +22,7 @@
 //! mode has no bump. `docs/control.md` derives the gains.
 
 mod ahead;
+mod drive;
 mod drive_fit;
 mod friction;
 mod hand;
@@ -85,6 +90,9 @@ pub struct PredictiveLaw {
     desired_share: f64,
     /// Friction foreseen for the next command, N·m.
     friction: f64,
+    /// z: torque of the integral in the drive's velocity loop, N·m, and its share that is new in a period.
+    integral: f64,
+    integral_share: f64,
     /// The drive's stiffness and damping by its currents; none for one that takes currents.
     drive_fit: Option<DriveFit>,
     /// Command per torque of the drive, rad/(N·m) or A/(N·m).
@@ -133,6 +141,8 @@ impl PredictiveLaw {
             desired: None,
             desired_share: 1.0 - (-p.design.reference * dt).exp(),
             friction: 0.0,
+            integral: 0.0,
+            integral_share: 1.0 - (-p.drive_integral() * dt).exp(),
             drive_fit: DriveFit::new(p),
             per_torque: parameters.command_per_torque(),
             per_sliding_way: parameters.per_sliding_way(),
@@ -187,10 +197,21 @@ impl PredictiveLaw {
         if !self.started || !self.is_finite() {
             if measurable {
                 self.start(sensed.theta, sensed.q, torque.unwrap_or(0.0));
+                let made = sensed.motor_torque.filter(|m| m.is_finite());
+                if self.integral_share > 0.0 {
+                    self.integral = made.unwrap_or(self.torque);
+                }
             }
             return;
         }
+        let integral = self.integral;
         self.advance(torque);
+        if let Some(made) = sensed
+            .motor_torque
+            .filter(|m| sensed.fresh && m.is_finite())
+        {
+            self.integral = integral + self.integral_share * (made - integral);
+        }
         if sensed.fresh && measurable {
             let limit = self.parameters.disturbance_limit;
             let [rotor, link] = &mut self.uncertainties;
@@ -211,59 +232,6 @@ impl PredictiveLaw {
             None => {}
         }
         self.fit_drive(sensed);
-    }
-
-    /// The drive's stiffness and damping follow what its current shows of them.
-    fn fit_drive(&mut self, sensed: &Sensed) {
-        let Some(fit) = &mut self.drive_fit else {
-            return;
-        };
-        // `advance` leaves what acted until this sample in the place of the oldest command.
-        let acts = self.commands.first().copied().unwrap_or(self.before);
-        let drive = match sensed.motor_torque.filter(|_| sensed.fresh) {
-            Some(torque) => fit.update(sensed.theta, torque, acts.command),
-            None => {
-                fit.interrupt();
-                None
-            }
-        };
-        if let Some(drive) = drive {
-            self.parameters.drive = drive;
-            self.set_steps();
-        }
-    }
-
-    /// Of many joints, each with its index, not all correct their drives in the same cycle.
-    #[must_use]
-    pub fn staggered(mut self, index: usize) -> Self {
-        if let Some(fit) = &mut self.drive_fit {
-            fit.stagger(index);
-        }
-        self
-    }
-
-    /// Quantities that follow from the drive's stiffness and damping.
-    fn set_steps(&mut self) {
-        let p = &self.parameters;
-        let (dt, (_, lag)) = (p.sample_period, p.delay_in_cycles());
-        let step = |time: f64| RotorStep::new(p, time);
-        (self.lag_step, self.rest_step) = (step(lag), step(dt - lag));
-        self.half_step = step(0.5 * dt);
-        self.per_torque = p.command_per_torque();
-        self.per_sliding_way = p.per_sliding_way();
-    }
-
-    /// Shares by which the drive's stiffness and damping differ from the configured ones, as its currents
-    /// show.
-    #[must_use]
-    pub fn drive_correction(&self) -> [f64; 2] {
-        self.drive_fit.map_or([0.0; 2], |fit| fit.applied())
-    }
-
-    /// For some seconds the currents have shown a drive that these corrections do not make of the configured one.
-    #[must_use]
-    pub fn drive_is_unlike(&self) -> bool {
-        self.drive_fit.as_ref().is_some_and(DriveFit::is_unlike)
     }
 
     /// A period in which the loop did not run: no sample was taken, and the drive kept its command.
@@ -311,8 +279,10 @@ impl PredictiveLaw {
         let acted = self.commands.first().copied().unwrap_or(self.before);
         let p = &self.parameters;
         for (step, sent) in [(&self.lag_step, self.before), (&self.rest_step, acted)] {
-            let force = p.motor_torque(sent.command, self.rotor.theta) - sent.friction - mean;
-            self.rotor.advance(step, force);
+            let made = p.motor_torque(sent.command, self.rotor.theta) + self.integral;
+            self.rotor.advance(step, made - sent.friction - mean);
+            let acted = (sent.command, step.time);
+            self.integral = p.wound_up(self.integral, acted, [self.rotor.theta, self.rotor.omega]);
         }
         self.link.advance();
         if let Some(hand) = &mut self.hand {
@@ -339,7 +309,7 @@ impl PredictiveLaw {
         self.set_torque(torque);
         self.slow_velocity = 0.0;
         let command = self.parameters.command_for(torque, theta);
-        self.friction = 0.0;
+        (self.friction, self.integral) = (0.0, 0.0);
         self.before = Sent {
             command,
             friction: 0.0,
@@ -414,7 +384,7 @@ impl PredictiveLaw {
         let help = self.help(ahead.torque, damping);
         let friction = follow + self.friction - self.rotor.disturbance + help;
         let wanted: f64 = shares.iter().sum();
-        let lead = per_torque * (wanted + feedback + drive + friction);
+        let lead = per_torque * (wanted + feedback + drive + friction - ahead.integral);
         let zone = p.dead_zone_inverse(lead);
         let from = p.measured_origin(self.measured_q);
         let origin = p.measured_origin(ahead.theta);
@@ -424,7 +394,7 @@ impl PredictiveLaw {
             desired: desired.iter().sum(),
             motor_torque: wanted + feedback,
             feedforward_torque: feedforward,
-            feedforward_friction: per_torque * friction + zone,
+            feedforward_friction: per_torque * (friction - ahead.integral) + zone,
             feedback_position: position,
             feedback_velocity: velocity,
             feedback_force: force,
@@ -490,5 +460,6 @@ impl PredictiveLaw {
             && self.slow_velocity.is_finite()
             && self.hand.as_ref().is_none_or(Hand::is_finite)
             && self.friction.is_finite()
+            && self.integral.is_finite()
     }
 }

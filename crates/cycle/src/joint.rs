@@ -220,6 +220,9 @@ impl Joints {
             if joint.begins_to_mismatch_model(&task.goal) {
                 counts.add_of(Event::DriveUnlike, Subject::Joint(j));
             }
+            if joint.begins_to_integrate() {
+                counts.add_of(Event::DriveIntegrates, Subject::Joint(j));
+            }
             if joint.begins_to_swing() {
                 counts.add_of(Event::HoldSwings, Subject::Joint(j));
             }

@@ -9,6 +9,7 @@
 //! K_t N i = k_d zone(u(t - D) - x) - d_d x'           what the drive makes of its set-point
 //! K_t N i = J x'' + T + friction(x, x', T)            what the rotor makes of its current
 //! ```
+//! A velocity loop with an integral (P-PI) makes more of it, which its current alone shows.
 //! The first holds no friction and no load, so that k_d, d_d and the dead zone do not depend on a model
 //! of either (regressing the torque on the set-point's error, as D 3.1.3 does, mixes them). The second
 //! takes the measured current, so that J and friction do not depend on the drive's law.
@@ -18,6 +19,7 @@
 //! here is tuned to a kind of drive: scales follow from the encoder's count, the loop's period and the data.
 
 pub mod chirp;
+mod integral;
 mod position_loop;
 pub mod recorded;
 mod rotor;
@@ -67,6 +69,8 @@ pub struct DriveKnowledge {
     pub damping: f64,
     /// Errors below it make no torque, rad.
     pub dead_zone: f64,
+    /// 1/T_i: rate of the velocity loop's integral, 1/s; 0: it has none.
+    pub integral: f64,
     /// J: rotor inertia, kg·m².
     pub inertia: f64,
     /// k: stiffness of the gear at rest, N·m/rad.
@@ -141,6 +145,8 @@ pub struct Drive {
     pub damping: Option<Value>,
     /// Dead zone, rad.
     pub dead_zone: Option<Value>,
+    /// 1/T_i: rate of the integral in the velocity loop (P-PI), 1/s; zero where none shows.
+    pub integral: Option<Value>,
     /// Measured over commanded current, of a drive that takes currents.
     pub gain: Option<Value>,
     /// J, kg·m².
@@ -187,7 +193,7 @@ const BLOCK_S: f64 = 0.5;
 pub fn identify(known: &DriveKnowledge, log: &DriveLog) -> Result<Drive, Problems> {
     check(known, log)?;
     let lost = || Problem::new("no model of the drive fits", "a recording of it in motion");
-    let law = position_loop::fit(known, log).ok_or_else(lost)?;
+    let (law, rate) = integral::fit(known, log).ok_or_else(lost)?;
     let rotor = rotor::fit(known, log, &law).ok_or_else(lost)?;
     let mut notes = law.notes.clone();
     notes.extend(rotor.notes.iter().cloned());
@@ -204,6 +210,7 @@ pub fn identify(known: &DriveKnowledge, log: &DriveLog) -> Result<Drive, Problem
         stiffness: of_position(scaled(law.gain)),
         damping: of_position(scaled(law.damping)),
         dead_zone: of_position(law.dead_zone),
+        integral: of_position(rate),
         gain: (!known.takes_position).then_some(law.gain),
         inertia: rotor.inertia,
         coulomb: rotor.coulomb,

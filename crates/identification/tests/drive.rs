@@ -31,6 +31,7 @@ fn known() -> DriveKnowledge {
         stiffness: 6000.0,
         damping: 80.0,
         dead_zone: 3e-5,
+        integral: 0.0,
         inertia: 0.16,
         gear_stiffness: 8333.0,
         coulomb: 1.0,
@@ -145,6 +146,30 @@ fn another_gain_and_delay_are_found_too() {
     };
     let drive = identify(&known(), &rig(4, 3, sweeps, halve)).unwrap();
     judge(&drive, 4175.0, 3.2e-3);
+}
+
+/// A cascade whose velocity loop integrates, of which the configuration knows nothing; and one that it believes in where
+/// there is none.
+#[test]
+fn an_integral_of_the_velocity_loop_is_found() {
+    for time in [0.02, 0.06, 0.2] {
+        let integrates = |sim: &mut SimParameters| {
+            for drive in sim.drives.values_mut() {
+                drive.controller.integral_time = Some(time);
+            }
+        };
+        let drive = identify(&known(), &rig(7, 1, sweeps, integrates)).unwrap();
+        near(drive.integral.unwrap(), 1.0 / time, 0.15);
+        near(drive.stiffness.unwrap(), 8350.0, 0.15);
+        near(drive.damping.unwrap(), 58.0, 0.15);
+    }
+    let believed = DriveKnowledge {
+        integral: 20.0,
+        ..known()
+    };
+    let drive = identify(&believed, &rig(3, 1, sweeps, |_| ())).unwrap();
+    assert!(drive.integral.unwrap().disagrees(0.1), "{drive:?}");
+    assert_eq!(drive.integral.unwrap().value, 0.0);
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! The drive's own control loop: PD on the motor's angle with a dead zone (D5, D 3.2.1).
+//! The drive's own control loop: PD on the motor's angle with a dead zone (D5, D 3.2.1), or a cascade of P on the angle
+//! and PI on the velocity, as most drives of cyclic synchronous positions close it.
 
 use crate::drive::{Command, DriveSheet};
 use crate::parameters::ControllerParameters;
@@ -15,6 +16,8 @@ pub struct Controller {
     angle: f64,
     velocity: f64,
     current: f64,
+    /// Current of the velocity loop's integral, A.
+    integral: f64,
 }
 
 impl Controller {
@@ -29,6 +32,7 @@ impl Controller {
             angle: 0.0,
             velocity: 0.0,
             current: 0.0,
+            integral: 0.0,
         }
     }
 
@@ -41,6 +45,10 @@ impl Controller {
             Command::Current => current,
             Command::Position => {
                 let error = match self.parameters.k_4 {
+                    _ if self.parameters.integral_time.is_some() => {
+                        self.integral = current;
+                        0.0
+                    }
                     0.0 => 0.0,
                     k_4 => current / k_4,
                 };
@@ -51,6 +59,7 @@ impl Controller {
 
     /// From now on the set point is where the motor stands, or no current.
     pub fn begin(&mut self) {
+        self.integral = 0.0;
         self.set_point = match self.command {
             Command::Current => 0.0,
             Command::Position => self.angle / self.gear_ratio,
@@ -81,11 +90,31 @@ impl Controller {
             Command::Position => {
                 let error = self.set_point - angle / self.gear_ratio;
                 let outside = error - error.clamp(-p.dead_zone, p.dead_zone);
-                //= D5: i = K_4 (q_d - q) - K_5 dq
-                p.k_4 * outside - p.k_5 * self.velocity / self.gear_ratio
+                let velocity = self.velocity / self.gear_ratio;
+                match p.integral_time {
+                    //= D5: i = K_4 (q_d - q) - K_5 dq
+                    None => p.k_4 * outside - p.k_5 * velocity,
+                    Some(time) => self.cascade(outside, velocity, dt / time),
+                }
             }
         };
+        let p = &self.parameters;
         self.current = desired.clamp(-p.current_limit, p.current_limit);
+    }
+
+    /// P on the position's error, rad, and PI on the error of the velocity that it asks for, `share` of which its
+    /// integral takes up in a period, A. At the current's limit the integral stands.
+    fn cascade(&mut self, error: f64, velocity: f64, share: f64) -> f64 {
+        let p = &self.parameters;
+        let position_gain = p.k_4 / p.k_5;
+        let velocity_error = position_gain * error - velocity;
+        let proportional = p.k_5 * velocity_error;
+        let wound = self.integral + share * proportional;
+        let saturates = (proportional + wound).abs() > p.current_limit;
+        if !saturates || proportional * self.integral < 0.0 {
+            self.integral = wound;
+        }
+        proportional + self.integral
     }
 
     fn interpolated(&self, theta: f64) -> f64 {

@@ -49,6 +49,8 @@ pub(crate) struct Drive {
     pub(crate) gear_softness: f64,
     /// Errors below this make no torque, rad or m.
     pub(crate) dead_zone: f64,
+    /// 1/T_i: rate of the integral in its velocity loop, 1/s; 0: it has none.
+    pub(crate) integral: f64,
     /// Time in which the drive answers a command, s.
     pub(crate) lag: f64,
     /// None: the drive has no states.
@@ -86,6 +88,10 @@ impl Drive {
         }
     }
 }
+
+/// Integral times of velocity loops, ms. A quicker one is of the order of the bus's delay, where the law's model of it,
+/// which is constant within a period, ends; a slower one is a drift of seconds, which the disturbance observer takes up.
+const INTEGRAL_TIMES_MS: [f64; 2] = [5.0, 10_000.0];
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Command {
@@ -158,7 +164,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
     let thermal = section.optional_section("thermal").map(thermal::read);
     section.finish();
     let (compliance, low_pass_pole, torsion_sigma) = compliance?;
-    let (motor, dead_zone) = motor?;
+    let (motor, dead_zone, integral) = motor?;
     Some(Drive {
         kind,
         gear_ratio,
@@ -178,6 +184,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
         wave_generator: friction?,
         motor,
         dead_zone,
+        integral,
         lag,
         profile,
         torque_per_current: gear_ratio * torque_constant,
@@ -281,8 +288,9 @@ fn friction(section: Section<'_, '_>, torque_constant: f64) -> WaveGeneratorPara
     parameters
 }
 
-/// The model, and the errors below which a position-commanded drive makes no torque, rad.
-fn motor(section: Section<'_, '_>, command: Command) -> (MotorModel, f64) {
+/// The model, the errors below which a position-commanded drive makes no torque, rad, and the rate of its velocity
+/// loop's integral, 1/s.
+fn motor(section: Section<'_, '_>, command: Command) -> (MotorModel, f64, f64) {
     let sign_smoothing = section.number("sign_smoothing_rad_per_s", Allowed::Positive);
     let motor = match command {
         Command::Position => MotorModel::Position {
@@ -298,13 +306,16 @@ fn motor(section: Section<'_, '_>, command: Command) -> (MotorModel, f64) {
             sign_smoothing,
         },
     };
-    let dead_zone = match command {
+    let (dead_zone, integral) = match command {
         Command::Position => {
             let widest = section.kind.threshold(0.1);
-            section.number_or("dead_zone_rad", 0.0, Allowed::Below(0.0, widest))
+            let dead_zone = section.number_or("dead_zone_rad", 0.0, Allowed::Below(0.0, widest));
+            let times = Allowed::Within(INTEGRAL_TIMES_MS[0], INTEGRAL_TIMES_MS[1]);
+            let time = section.optional_number("integral_time_ms", times);
+            (dead_zone, time.map_or(0.0, |time| 1e3 / time))
         }
-        Command::Current => 0.0,
+        Command::Current => (0.0, 0.0),
     };
     section.finish();
-    (motor, dead_zone)
+    (motor, dead_zone, integral)
 }

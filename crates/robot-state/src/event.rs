@@ -230,6 +230,7 @@ events! {
     HoldSwings = 414, "hold_swings", Hold, "joint.gains / filters.control", "A joint that is held swings, and its motor does the work: the hold's gains are too high for its inertia and the delay of its velocities. It is braked, no longer held by its gains, and left to its brake where it has one.";
     DriveHot = 415, "drive_hot", Warn, "drive.thermal", "A drive is hot, or its current has been too high for too long: its joint's torque limit falls towards the torque of its continuous current.";
     DriveOverheated = 416, "drive_overheated", Stop from Warn, "drive.thermal", "A drive is as hot as it may be, or its current has stayed above the continuous one.";
+    DriveIntegrates = 417, "drive_integrates", Hold, "drive.motor.integral_time_ms", "A drive makes torque without a lead of its set-point over its motor: its velocity loop has an integral, of which the configuration says nothing. Torque control would be wrong by as much.";
     LateCycle = 501, "late_cycle", Warn, "loop.rate_hz", "A cycle ended after the next one should have begun.";
     SkippedCycle = 502, "skipped_cycle", Warn, "loop.rate_hz", "A cycle was left out because the one before it ended too late.";
     LatenessLasts = 503, "lateness_lasts", Stop, "safety.late_per_cent", "Within a second, a greater share of cycles was late or left out than allowed.";

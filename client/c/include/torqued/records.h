@@ -21,7 +21,7 @@
 #define TORQUED_MAX_POINTS 32
 #define TORQUED_MAX_FRAMES 4
 #define TORQUED_MAX_CONTACT_SETS 16
-#define TORQUED_EVENT_COUNT 63
+#define TORQUED_EVENT_COUNT 64
 
 /** Mode of the robot. */
 enum TorquedMode {
@@ -473,9 +473,9 @@ typedef struct TorquedCycleRecord {
   /** Commands to the drives. */
   TorquedCommandedRecord commanded;
   /** Count of each event since start, in the order of `Event::ALL`. */
-  uint64_t events[63];
+  uint64_t events[64];
 } TorquedCycleRecord;
-TORQUED_SIZE(TorquedCycleRecord, 31760);
+TORQUED_SIZE(TorquedCycleRecord, 31768);
 
 typedef struct TorquedLoopRecord {
   /** Cycles run. */
@@ -505,7 +505,7 @@ typedef struct TorquedSharedRecord {
   /** The loop around it. */
   TorquedLoopRecord timing;
 } TorquedSharedRecord;
-TORQUED_SIZE(TorquedSharedRecord, 31832);
+TORQUED_SIZE(TorquedSharedRecord, 31840);
 
 typedef struct TorquedDescription {
   /** The robot's name. */

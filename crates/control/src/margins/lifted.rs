@@ -46,6 +46,8 @@ struct Simulated {
 
 /// theta, omega, q, dq, and omega as the drive filters it.
 const MECHANICAL: usize = 5;
+/// Of a drive whose velocity loop integrates: the integral, and the torque made last.
+const OF_INTEGRAL: usize = 2;
 
 impl Lifted {
     pub(super) fn new(joint: &JointLoop, load: Load) -> Self {
@@ -170,14 +172,23 @@ impl Simulated {
         self.transport.div_ceil(SUBSTEPS) + 1
     }
 
+    /// States of the drive's integral.
+    fn integral_states(&self) -> usize {
+        match self.truth.drive_integral() > 0.0 || self.law.integrates() {
+            true => OF_INTEGRAL,
+            false => 0,
+        }
+    }
+
     fn size(&self) -> usize {
-        MECHANICAL + self.lag + self.commands() + self.law.size()
+        MECHANICAL + self.integral_states() + self.lag + self.commands() + self.law.size()
     }
 
     /// A period from the state `x`: the next state, and the drive's torque in each step. The rotor is
     /// driven by `driven`, or by the drive.
     fn period(&mut self, x: &[f64], driven: Option<&[f64]>, tau_d: f64) -> (Vec<f64>, Vec<f64>) {
         let (mechanical, rest) = x.split_at(MECHANICAL);
+        let (of_integral, rest) = rest.split_at(self.integral_states());
         let (on_the_way, rest) = rest.split_at(self.lag);
         let (sent, law) = rest.split_at(self.commands());
         let &[mut theta, mut omega, mut q, mut dq, mut filtered] = mechanical else {
@@ -189,13 +200,17 @@ impl Simulated {
         }
         let (mut lag, mut sent) = (on_the_way.to_vec(), sent.to_vec());
         self.law.set_state(law);
+        let [mut integral, mut made_last] = match *of_integral {
+            [integral, last] => [integral, last],
+            _ => [0.0; 2],
+        };
         let measured = self.torque_gain * self.gear * (theta - q);
         let desired = TauD {
             torque: tau_d,
             ..self.outer
         };
         sent.rotate_right(1);
-        sent[0] = self.law.step((theta, q), measured, desired);
+        sent[0] = self.law.step((theta, q), [measured, made_last], desired);
 
         let mut made = vec![0.0; SUBSTEPS];
         let h = self.h;
@@ -203,12 +218,15 @@ impl Simulated {
             // The newest command that has arrived: sent[k] left k periods ago.
             let late = self.transport.saturating_sub(step).div_ceil(SUBSTEPS);
             filtered += (omega - filtered) * h / (h + self.velocity_filter);
-            let drive = self.gain * self.drive_torque(sent[late], theta, filtered);
+            let loop_made = self.drive_torque(sent[late], theta, filtered);
+            integral += h * self.truth.drive_integral() * loop_made;
+            let drive = self.gain * (loop_made + integral);
             // The oldest of the lag leaves as the newest comes.
             *made = match step.checked_rem(self.lag) {
                 Some(oldest) => std::mem::replace(&mut lag[oldest], drive),
                 None => drive,
             };
+            made_last = *made;
             let motor = driven.map_or(*made, |driven| driven[step]);
             let [inverse_inertia, spring, damper] = self.link;
             // Semi-implicit: the gear at the step's end.
@@ -223,7 +241,10 @@ impl Simulated {
         }
         lag.rotate_left(SUBSTEPS.checked_rem(self.lag).unwrap_or(0));
         let mechanical = [theta, omega, q, dq, filtered];
-        let next = mechanical.into_iter().chain(lag).chain(sent);
+        let of_integral = [integral, made_last].into_iter().take(of_integral.len());
+        let next = (mechanical.into_iter().chain(of_integral))
+            .chain(lag)
+            .chain(sent);
         (next.chain(self.law.state()).collect(), made)
     }
 

@@ -11,6 +11,8 @@ pub(super) struct Ahead {
     pub(super) torsion_velocity: f64,
     pub(super) omega: f64,
     pub(super) torque: f64,
+    /// z: torque of the drive's integral, N·m.
+    pub(super) integral: f64,
 }
 
 impl PredictiveLaw {
@@ -19,14 +21,16 @@ impl PredictiveLaw {
         let (p, stiffness) = (&self.parameters, self.stiffness);
         let (theta, velocity) = (self.rotor.theta, self.link.velocity());
         let mut rotor = self.rotor;
-        let mut time = 0.0;
+        let (mut time, mut integral) = (0.0, self.integral);
         let torque_at = |rotor: &Rotor, time: f64| {
             self.torque + stiffness * ((rotor.theta - theta) - velocity * time)
         };
         let mut run = |step: &RotorStep, sent: Sent| {
-            let force = p.motor_torque(sent.command, rotor.theta) - sent.friction;
+            let force = p.motor_torque(sent.command, rotor.theta) + integral - sent.friction;
             rotor.advance(step, force - torque_at(&rotor, time));
             time += step.time;
+            let acted = (sent.command, step.time);
+            integral = p.wound_up(integral, acted, [rotor.theta, rotor.omega]);
         };
         for pair in self.commands.windows(2) {
             if let [now, next] = *pair {
@@ -48,6 +52,7 @@ impl PredictiveLaw {
             torsion_velocity: rotor.omega - velocity,
             omega: rotor.omega,
             torque: torque_at(&rotor, time),
+            integral,
         }
     }
 }

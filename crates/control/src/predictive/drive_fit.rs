@@ -10,6 +10,10 @@
 //! `a` and `b`, shares by which stiffness and damping are wrong, and the current's offset `o` walk
 //! around zero (Ornstein-Uhlenbeck): a Kalman filter finds what commands and motion show, and what they
 //! do not show any more fades to the configured values.
+//!
+//! Of a velocity loop with an integral that is configured, `m` is what its current shows besides that integral. One that
+//! is not configured shows itself by a torque that no lead makes: such a loop moves until there is none, whatever it
+//! bears.
 
 use super::parameters::{DriveModel, LawParameters};
 use nalgebra::{Matrix3, Vector3};
@@ -32,10 +36,19 @@ const LEAST: f64 = 0.003;
 /// Residuals beyond this many standard deviations are none of this model: a current at its limit, a
 /// drive that does not follow.
 const OUTLIER: f64 = 4.0;
+/// Time in which the offset's variance grows to that before anything was known, where blocks are outliers, s: a drive
+/// whose own encoder differs from the reported one has another offset in another pose, and is no other drive for that.
+const FORGETS_OFFSET_S: f64 = 1.0;
 /// Mean square of the residuals over their variance from which on the fit is not believed, and the time
 /// of that mean, s.
 const INCONSISTENT: f64 = 6.0;
 const CONSISTENCY_S: f64 = 2.0;
+/// Torque, share of the limit, that a drive makes without a lead: more than the offset of a current. The share of it that
+/// the lead may explain, as a drive of four times the configured stiffness would; and the time for which it must last,
+/// s: longer than a set-point that turns round takes.
+const WITHOUT_LEAD: f64 = 0.04;
+const BY_LEAD: f64 = 0.25;
+const WITHOUT_LEAD_S: f64 = 0.1;
 /// Time for which a drive must be unlike the configured one to be called so, s.
 const UNLIKE_S: f64 = 3.0;
 
@@ -45,6 +58,8 @@ pub(super) struct DriveFit {
     /// k_d and d_d of the configuration.
     nominal: [f64; 2],
     dead_zone: f64,
+    /// 1/T_i of the configuration, 1/s.
+    integral: f64,
     sample_period: f64,
     torque_limit: f64,
     /// a, b and o, N·m.
@@ -56,6 +71,8 @@ pub(super) struct DriveFit {
     applied: [f64; 2],
     /// Time for which the drive has been unlike the configured one, s.
     unlike_s: f64,
+    /// Time for which it has made a torque without a lead, s.
+    without_lead_s: f64,
     /// Samples that are left out before the first block.
     phase: u32,
     waits: u32,
@@ -81,6 +98,7 @@ impl DriveFit {
             stiffness,
             damping,
             dead_zone,
+            integral,
         } = p.drive
         else {
             return None;
@@ -88,6 +106,7 @@ impl DriveFit {
         Some(Self {
             nominal: [stiffness, damping],
             dead_zone,
+            integral,
             sample_period: p.sample_period,
             torque_limit: p.torque_limit,
             mean: Vector3::zeros(),
@@ -95,6 +114,7 @@ impl DriveFit {
             surprise: 1.0,
             applied: [0.0; 2],
             unlike_s: 0.0,
+            without_lead_s: 0.0,
             phase: 0,
             waits: 0,
             block: Block::default(),
@@ -162,6 +182,7 @@ impl DriveFit {
         self.covariance = self.covariance * (keep * keep) + prior * (1.0 - keep * keep);
         let spring = self.nominal[0] * block.error / n;
         let damper = self.nominal[1] * (block.to - block.from) / time;
+        self.seek_lead(block.torque / n, [spring, damper], time);
         let by = Vector3::new(spring, -damper, 1.0);
         let residual = block.torque / n - (spring - damper) - by.dot(&self.mean);
         let column = self.covariance * by;
@@ -171,6 +192,8 @@ impl DriveFit {
         self.surprise +=
             (time / CONSISTENCY_S).min(1.0) * (squared.min(2.0 * most) - self.surprise);
         if squared > most {
+            let (offset, grown) = (prior[(2, 2)], self.covariance[(2, 2)]);
+            self.covariance[(2, 2)] = (grown + offset * time / FORGETS_OFFSET_S).min(offset);
             return;
         }
         let gain = column / variance;
@@ -178,6 +201,24 @@ impl DriveFit {
         self.covariance -= gain * column.transpose();
         // Rounding must not make it lopsided.
         self.covariance = 0.5 * (self.covariance + self.covariance.transpose());
+    }
+
+    /// Whether a lead, or motion, makes the torque that the motor makes, N·m, in this time, s. In quick motion both are
+    /// far greater than that torque, and show nothing of it.
+    fn seek_lead(&mut self, made: f64, by_loop: [f64; 2], time: f64) {
+        let without = made.abs() > WITHOUT_LEAD * self.torque_limit
+            && by_loop.iter().all(|part| part.abs() < BY_LEAD * made.abs())
+            && self.integral == 0.0;
+        self.without_lead_s = if without {
+            self.without_lead_s + time
+        } else {
+            0.0
+        };
+    }
+
+    /// The drive makes torque without a lead: its velocity loop has an integral that is not configured.
+    pub(super) fn integrates(&self) -> bool {
+        self.without_lead_s > WITHOUT_LEAD_S
     }
 
     /// Whether the drive is one that no correction makes of the configured one.
@@ -213,6 +254,7 @@ impl DriveFit {
             stiffness: self.nominal[0] * (1.0 + self.applied[0]),
             damping: self.nominal[1] * (1.0 + self.applied[1]),
             dead_zone: self.dead_zone,
+            integral: self.integral,
         })
     }
 
@@ -243,6 +285,7 @@ mod tests {
                 stiffness: STIFFNESS,
                 damping: DAMPING,
                 dead_zone: 1e-4,
+                integral: 0.0,
             },
             rotor_inertia: 1.5,
             gear: GearStiffness::constant(57_000.0),
@@ -346,6 +389,30 @@ mod tests {
             assert_eq!(fit.update(0.4, 0.0, 0.4), None);
         }
         assert_eq!(fit.applied(), [0.0; 2]);
+    }
+
+    /// Three minutes of rest in poses of which each has another offset of 3 % of the limit, a step a quarter of a minute: a
+    /// drive that is as configured.
+    #[test]
+    fn another_offset_in_another_pose_is_no_other_drive() {
+        let mut fit = fit();
+        let mut unlike = false;
+        for pose in 0..12 {
+            let offset = [7.0, -7.0, 0.0][pose % 3];
+            for seconds in [0.5, 14.5] {
+                let moves = seconds < 1.0;
+                for k in 0..(1e3 * seconds) as usize {
+                    let swing = if moves { (0.02 * k as f64).sin() } else { 0.0 };
+                    let wanted = 30.0 + 11.0 * swing;
+                    let noise = 1.5 * (7.9 * k as f64).sin();
+                    let lead = wanted / STIFFNESS + 1e-4;
+                    let _ = fit.update(0.3, wanted + offset + noise, 0.3 + lead);
+                    unlike |= fit.is_unlike();
+                }
+            }
+        }
+        assert!(!unlike, "{fit:?}");
+        assert_near(&fit, [1.0, 1.0], 0.08);
     }
 
     /// The torque of a drive that is led changes by less than 1 % within a block.

@@ -21,11 +21,15 @@ impl LinearLaw {
     pub(crate) fn new(parameters: &LawParameters, stiffness: f64) -> Self {
         let drive = match parameters.drive {
             DriveModel::Position {
-                stiffness, damping, ..
+                stiffness,
+                damping,
+                integral,
+                ..
             } => DriveModel::Position {
                 stiffness,
                 damping,
                 dead_zone: 0.0,
+                integral,
             },
             current => current,
         };
@@ -38,6 +42,8 @@ impl LinearLaw {
             ..*parameters
         });
         law.started = true;
+        // What it learns of the drive is not linear.
+        law.drive_fit = None;
         Self {
             law,
             carried: CarriedTorque::default(),
@@ -51,13 +57,24 @@ impl LinearLaw {
 
     /// States besides the commands on their way.
     fn others(&self) -> usize {
+        self.integral_at() + usize::from(self.integrates())
+    }
+
+    /// The place of the drive's integral, of one that has one.
+    fn integral_at(&self) -> usize {
         FIXED + self.law.hand.map_or(0, |_| Hand::STATES)
+    }
+
+    /// The drive is known to integrate.
+    pub(crate) fn integrates(&self) -> bool {
+        self.law.integral_share > 0.0
     }
 
     /// Sets the state.
     pub(crate) fn set_state(&mut self, x: &[f64]) {
         let at = |i: usize| x.get(i).copied().unwrap_or(0.0);
-        let others = self.others();
+        let (others, integral_at) = (self.others(), self.integral_at());
+        let integrates = self.integrates();
         let law = &mut self.law;
         law.rotor.set_state([at(0), at(1), at(2)]);
         law.link.set_state([at(3), at(4), at(5)]);
@@ -70,6 +87,7 @@ impl LinearLaw {
         if let Some(hand) = &mut law.hand {
             hand.set_state([0, 1, 2, 3].map(|i| at(FIXED + i)));
         }
+        law.integral = if integrates { at(integral_at) } else { 0.0 };
         self.carried = CarriedTorque::with_state([at(11), at(12)]);
     }
 
@@ -83,16 +101,23 @@ impl LinearLaw {
         let commands = law.commands.iter().map(|sent| sent.command);
         let carried = self.carried.state();
         let hand = law.hand.iter().flat_map(Hand::state);
-        angles.chain(own).chain(carried).chain(hand).chain(commands)
+        let integral = self.integrates().then_some(law.integral);
+        let others = carried.into_iter().chain(hand).chain(integral);
+        angles.chain(own).chain(others).chain(commands)
     }
 
-    /// One cycle; the command is sent as it is.
-    pub(crate) fn step(&mut self, (theta, q): (f64, f64), torque: f64, tau_d: TauD) -> f64 {
+    /// One cycle; the command is sent as it is. `made`: torque of the motor by its current, N·m.
+    pub(crate) fn step(
+        &mut self,
+        (theta, q): (f64, f64),
+        [torque, made]: [f64; 2],
+        tau_d: TauD,
+    ) -> f64 {
         self.law.observe(&Sensed {
             theta,
             q,
             torque: Some(torque),
-            motor_torque: None,
+            motor_torque: Some(made),
             fresh: true,
         });
         let TauD {

@@ -302,6 +302,7 @@ mod tests {
                 stiffness: 8000.0,
                 damping: 58.0,
                 dead_zone: 0.0,
+                integral: 0.0,
             },
             rotor_inertia: 0.114,
             gear: GearStiffness::constant(9000.0),

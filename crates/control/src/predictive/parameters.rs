@@ -30,7 +30,8 @@ pub struct LawParameters {
 /// A drive's torque by its command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DriveModel {
-    /// Position-commanded: `m = k_d (u - theta) - d_d omega`, no torque within the dead zone.
+    /// Position-commanded: `m = k_d (u - theta) - d_d omega + z`, no torque within the dead zone. `z` is the integral
+    /// of a velocity loop that has one (P-PI): `z' = (m - z) / T_i`, since it integrates what the rest makes.
     Position {
         /// k_d: stiffness of the position loop, N·m/rad.
         stiffness: f64,
@@ -38,6 +39,8 @@ pub enum DriveModel {
         damping: f64,
         /// Errors below this make no torque, rad.
         dead_zone: f64,
+        /// 1/T_i: rate of the velocity loop's integral, 1/s; 0: it has none.
+        integral: f64,
     },
     /// Current-commanded: `m = K_t N i - d omega`.
     Current {
@@ -269,10 +272,35 @@ impl LawParameters {
         }
     }
 
-    /// The command that carries `torque` at rest.
+    /// 1/T_i: rate of the integral in the drive's velocity loop, 1/s; 0: it has none.
+    #[must_use]
+    pub fn drive_integral(&self) -> f64 {
+        match self.drive {
+            DriveModel::Position { integral, .. } => integral,
+            DriveModel::Current { .. } => 0.0,
+        }
+    }
+
+    /// z after `time`, s, at which `command` has acted on a rotor that is at `theta` and moves with `omega` by then.
+    pub(super) fn wound_up(
+        &self,
+        z: f64,
+        (command, time): (f64, f64),
+        [theta, omega]: [f64; 2],
+    ) -> f64 {
+        let rate = self.drive_integral();
+        if rate == 0.0 {
+            return 0.0;
+        }
+        let spring = self.motor_torque(command, theta) - self.drive_stiffness() * theta;
+        z + rate * time * (spring - self.rotor_damping() * omega)
+    }
+
+    /// The command that carries `torque` at rest: where the motor is, if the drive integrates.
     pub(super) fn command_for(&self, torque: f64, theta: f64) -> f64 {
         let lead = self.command_per_torque() * torque;
         match self.drive {
+            DriveModel::Position { integral, .. } if integral > 0.0 => theta,
             DriveModel::Position { dead_zone, .. } if torque != 0.0 => {
                 theta + lead + dead_zone.copysign(torque)
             }

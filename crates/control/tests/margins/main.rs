@@ -34,6 +34,7 @@ fn joint([rotor_inertia, gear, stiffness, damping, link_inertia]: [f64; 5]) -> J
             stiffness,
             damping,
             dead_zone: 0.0,
+            integral: 0.0,
         },
         rotor_inertia,
         gear: GearStiffness::constant(gear),

@@ -16,6 +16,7 @@ pub(crate) fn knee() -> LawParameters {
             stiffness: 28_900.0,
             damping: 189.0,
             dead_zone: 0.0,
+            integral: 0.0,
         },
         rotor_inertia: 1.5,
         gear: GearStiffness::constant(57_000.0),
@@ -49,6 +50,8 @@ pub(crate) struct Joint {
     pub(crate) dq: f64,
     pub(crate) command: f64,
     pub(crate) on_the_way: Vec<f64>,
+    /// Torque of the integral in the drive's velocity loop, N·m.
+    pub(crate) wound: f64,
     /// Torque of the motor's current, N·m, and whether the drive reports it.
     pub(crate) motor: f64,
     pub(crate) reports: bool,
@@ -67,6 +70,7 @@ impl Joint {
             dq: 0.0,
             command: 0.0,
             on_the_way: vec![0.0; delay_cycles],
+            wound: 0.0,
             motor: 0.0,
             reports: false,
         }
@@ -84,6 +88,13 @@ impl Joint {
             motor_torque: self.reports.then_some(self.motor),
             fresh: true,
         }
+    }
+
+    /// A cascade: P on the angle asks for a velocity, of whose error PI makes torque.
+    fn drive_loop(&mut self, [stiffness, damping, rate]: [f64; 3], error: f64, h: f64) -> f64 {
+        let velocity_error = stiffness / damping * error - self.omega;
+        self.wound += h * rate * damping * velocity_error;
+        damping * velocity_error + self.wound
     }
 
     pub(crate) fn rotor_friction(&mut self, h: f64) -> f64 {
@@ -112,9 +123,11 @@ impl Joint {
                     stiffness,
                     damping,
                     dead_zone,
+                    integral,
                 } => {
                     let error = self.command - self.theta;
-                    stiffness * (error - error.clamp(-dead_zone, dead_zone)) - damping * self.omega
+                    let outside = error - error.clamp(-dead_zone, dead_zone);
+                    self.drive_loop([stiffness, damping, integral], outside, h)
                 }
                 DriveModel::Current {
                     torque_constant,

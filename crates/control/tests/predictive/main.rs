@@ -1,6 +1,7 @@
 //! The predictive law on a joint of its own: continuous rotor, gear and drive, simulated at 20 us, which
 //! share no code with the law.
 
+mod integrating;
 mod joint;
 
 use control::margins::{JointLoop, NEEDED, choose_design};
@@ -218,6 +219,7 @@ fn the_contributions_add_up_to_the_command() {
             stiffness: 28_900.0,
             damping: 189.0,
             dead_zone: 1e-4,
+            integral: 0.0,
         },
         DriveModel::Current {
             torque_constant: 12.0,

@@ -60,6 +60,7 @@ impl Constants {
         measured: &JointMeasured,
         motion: &Motion,
         after_gap: Option<[f64; 2]>,
+        integral: f64,
     ) -> Shown {
         let (set_points, lead, lag) = match self.actuation {
             Actuation::Position {
@@ -67,7 +68,7 @@ impl Constants {
                 k_tau_motor,
                 k_v,
             } => {
-                let tau = self.torque_per_current * measured.current;
+                let tau = self.torque_per_current * measured.current - integral;
                 let filtered = [measured.dq, measured.omega / self.gear_ratio];
                 let [dq, omega] = after_gap.unwrap_or(filtered);
                 let lead = k_tau_motor * tau;

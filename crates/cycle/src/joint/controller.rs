@@ -67,6 +67,8 @@ pub(super) struct Controller {
     law: Law,
     /// The drive is known to be unlike its model.
     mismatches: bool,
+    /// The drive makes torque without a lead.
+    integrates: bool,
     /// Its only encoder is in doubt since the last mode: so is the velocity that it shows.
     doubted: bool,
     /// Of drives that take currents.
@@ -101,6 +103,7 @@ impl Controller {
             ),
             law: Law::new(index, parameters)?,
             mismatches: false,
+            integrates: false,
             doubted: false,
             hold_guard: (!joint.takes_position()).then(|| HoldGuard::new(joint)),
             state: None,
@@ -156,6 +159,12 @@ impl Controller {
         let follows = matches!(goal, JointGoal::Follow(_));
         self.mismatches = self.law.mismatches_model() && (before || follows);
         self.mismatches && !before
+    }
+
+    /// It shows in this cycle that its drive integrates, which is not known of it.
+    pub(super) fn begins_to_integrate(&mut self) -> bool {
+        let before = std::mem::replace(&mut self.integrates, self.law.drive_integrates());
+        self.integrates && !before
     }
 
     /// The hold has begun to swing its joint, in this cycle.
@@ -232,7 +241,8 @@ impl Controller {
         if input.measured.flags & measured_flags::MISSED != 0 {
             return None;
         }
-        let shown = self.constants.shown(input.measured, motion, after_gap);
+        let integral = self.law.drive_integral_torque();
+        let shown = (self.constants).shown(input.measured, motion, after_gap, integral);
         self.following.update(&Shown {
             followed: matches!(self.state, Some(State::Follow(_))),
             // The position of a joint whose encoders contradict each other is the last one before.

@@ -103,6 +103,22 @@ impl Law {
         }
     }
 
+    /// The drive integrates, and is not known to.
+    pub(super) fn drive_integrates(&self) -> bool {
+        match self {
+            Self::Predictive(law) => law.drive_integrates(),
+            _ => false,
+        }
+    }
+
+    /// Torque that the drive makes without a lead, by an integral that is known of, N·m.
+    pub(super) fn drive_integral_torque(&self) -> f64 {
+        match self {
+            Self::Predictive(law) => law.drive_integral_torque(),
+            _ => 0.0,
+        }
+    }
+
     /// A mode begins after the command `last`. Returns from where its transition leads: a command, or the torque
     /// from which the desired one goes on.
     pub(super) fn begin(

@@ -16,7 +16,8 @@
 //!
 //! Both must change alike, as each alone has errors that look like a drift: friction that reverses,
 //! contacts that no F/T sensor measures. Without `tau_hat` the current alone decides, from a greater
-//! change on.
+//! change on. So it does for joints beyond which no F/T sensor sits: their `tau_hat` is the model alone, to which every
+//! hand, wall and payload is such a change, and no witness.
 
 use robot_config::{JointParameters, Robot};
 use robot_state::{command_flags, measured_flags};
@@ -88,6 +89,8 @@ struct Changes {
 struct Joint {
     motor: Motor,
     torque_limit: f64,
+    /// An F/T sensor sits beyond it, so that what touches its limb is measured.
+    is_witnessed: bool,
     /// None before the first sample.
     changes: Option<Changes>,
 }
@@ -107,7 +110,9 @@ impl TorsionCheck {
     fn new(robot: &Robot) -> Self {
         let p = &robot.parameters;
         Self {
-            joints: p.joints.iter().map(Joint::new).collect(),
+            joints: (p.joints.iter())
+                .map(|joint| Joint::new(joint, bears_a_sensor(robot, joint)))
+                .collect(),
             sample_period: p.timing.sample_period,
         }
     }
@@ -142,7 +147,8 @@ impl Check for TorsionCheck {
                 continue;
             };
             let sound = measured_flags::FLAT | measured_flags::SATURATED;
-            let hat = valid(&estimated.tau_hat).map(|hat| hat.tau);
+            let hat = valid(&estimated.tau_hat).filter(|_| joint.is_witnessed);
+            let hat = hat.map(|hat| hat.tau);
             let current = (measured.flags & sound == 0).then_some(measured.current);
             if joint.update(torsion, current, measured.omega, hat, self.sample_period) {
                 verdict.distrust(j);
@@ -152,10 +158,11 @@ impl Check for TorsionCheck {
 }
 
 impl Joint {
-    fn new(joint: &JointParameters) -> Self {
+    fn new(joint: &JointParameters, is_witnessed: bool) -> Self {
         Self {
             motor: Motor::new(joint),
             torque_limit: joint.limits.torque,
+            is_witnessed,
             changes: None,
         }
     }
@@ -223,6 +230,19 @@ impl Joint {
     }
 }
 
+/// An F/T sensor sits beyond the joint.
+fn bears_a_sensor(robot: &Robot, joint: &JointParameters) -> bool {
+    let model = &robot.model;
+    let sensors = robot.parameters.ft_sensors.iter();
+    let frames = sensors.filter_map(|ft| model.frame_index(&ft.sensor.frame));
+    let on = frames.filter_map(|frame| model.frames().get(frame));
+    let beyond = |body: usize| {
+        let mut bodies = model.bodies().iter().enumerate().skip(1);
+        bodies.any(|(b, own)| own.joint == joint.model_index && model.supports(b, body))
+    };
+    on.map(|frame| frame.body).any(beyond)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -239,6 +259,7 @@ mod tests {
                 smoothing: 0.01,
             },
             torque_limit: 110.0,
+            is_witnessed: true,
             changes: None,
         }
     }

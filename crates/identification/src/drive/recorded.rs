@@ -31,6 +31,7 @@ pub fn knowledge(joint: &JointParameters) -> DriveKnowledge {
             stiffness,
             damping,
             dead_zone,
+            ..
         } => (true, stiffness, damping, dead_zone),
         DriveModel::Current { .. } => (false, 0.0, 0.0, 0.0),
     };
@@ -47,6 +48,7 @@ pub fn knowledge(joint: &JointParameters) -> DriveKnowledge {
         stiffness,
         damping,
         dead_zone,
+        integral: joint.law.drive_integral(),
         inertia: joint.rotor_inertia * n * n,
         gear_stiffness: joint.estimator.compliance.k_fs0,
         coulomb: motor.friction * n,

@@ -268,6 +268,13 @@ pub struct ControllerParameters {
     /// Errors smaller than this count as zero (D 3.2.1), rad link side.
     #[serde(default, rename = "dead_zone_rad", deserialize_with = "non_negative")]
     pub dead_zone: f64,
+    /// T_i: integral time of its velocity loop (P-PI), s; absent: it has no integral.
+    #[serde(
+        default,
+        rename = "integral_time_ms",
+        deserialize_with = "optional_milli"
+    )]
+    pub integral_time: Option<f64>,
     /// Resolution of the drive's own interpolated motor angle, counts per turn.
     #[serde(default = "sixteen_bits", deserialize_with = "positive")]
     pub interpolated_counts_per_turn: f64,

@@ -1,6 +1,7 @@
 //! The predictive torque law's model of a joint.
 
 use super::Reader;
+use crate::TorqueLaw;
 use crate::drives::Drive;
 use control::MotorModel;
 use control::predictive::{Design, DriveModel, FrictionModel, GearStiffness, LawParameters};
@@ -18,6 +19,7 @@ const BRISTLES: f64 = 1.2;
 
 impl Reader<'_, '_, '_> {
     pub(super) fn law(&self, drive: &Drive, limits: &Limits) -> LawParameters {
+        self.can_integrate(drive);
         let n = drive.gear_ratio;
         let c = &drive.compliance;
         LawParameters {
@@ -32,6 +34,7 @@ impl Reader<'_, '_, '_> {
                         stiffness: 1.0 / softness,
                         damping: k_v / softness,
                         dead_zone: drive.dead_zone,
+                        integral: drive.integral,
                     }
                 }
                 MotorModel::Current { k1, k2, .. } => DriveModel::Current {
@@ -54,5 +57,21 @@ impl Reader<'_, '_, '_> {
             disturbance_limit: DISTURBANCE_SHARE * limits.torque,
             design: Design::default(),
         }
+    }
+
+    /// Notes a drive whose integral no law of this joint knows: what a lead makes is then not its torque.
+    fn can_integrate(&self, drive: &Drive) {
+        let predictive = matches!(self.feedback.torque_law, TorqueLaw::Predictive(_));
+        if drive.integral == 0.0 || (predictive && self.has_link) {
+            return;
+        }
+        let what = "its drive's velocity loop has an integral (integral_time_ms), which this joint's torque law does not \
+                    know";
+        let allowed = if self.has_link {
+            "law = \"predictive\" in [control], or a velocity loop without an integral"
+        } else {
+            "a velocity loop without an integral, as the joint has no link-side encoder"
+        };
+        self.section.problem("drive", what, allowed);
     }
 }
