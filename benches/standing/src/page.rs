@@ -1,0 +1,148 @@
+//! The page of results.
+
+use crate::Arguments;
+use crate::mujoco::Mujoco;
+use crate::own::Own;
+use crate::stand::{BEFORE_S, Stood, TO_PUSH_S, World, humanoid, stand};
+use robot_config::Robot;
+use robot_state::Mode;
+use std::fmt::Write;
+
+const WORLDS: [&str; 2] = ["own", "mujoco"];
+const SIDES: [(&str, [f64; 2]); 4] = [
+    ("behind", [1.0, 0.0]),
+    ("front", [-1.0, 0.0]),
+    ("right", [0.0, 1.0]),
+    ("left", [0.0, -1.0]),
+];
+const FORCES: [f64; 2] = [30.0, 60.0];
+/// Time from the push to the end, s: the last second of it is judged, five seconds after the push.
+const AFTER_S: f64 = 6.3;
+
+fn world(name: &str, robot: &Robot, seed: u64, force: [f64; 2]) -> Result<Box<dyn World>, String> {
+    let start = BEFORE_S + TO_PUSH_S;
+    Ok(match name {
+        "own" => Box::new(Own::new(robot, seed, force, start)?),
+        "mujoco" => Box::new(Mujoco::new(robot, seed, force, start)?),
+        _ => return Err(format!("no world {name}: own or mujoco")),
+    })
+}
+
+/// Runs all and writes the page.
+///
+/// # Errors
+/// Files, or a world that ends.
+pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
+    let robot = humanoid()?;
+    let worlds: Vec<&str> = match &arguments.world {
+        Some(one) => vec![one.as_str()],
+        None => WORLDS.to_vec(),
+    };
+    let mut text = String::from(HEAD);
+    let mut seed = 0;
+    for force in FORCES {
+        for (side, [x, y]) in SIDES {
+            seed += 1;
+            for name in &worlds {
+                let mut world = world(name, &robot, seed, [force * x, force * y])?;
+                let stood = stand(
+                    &robot,
+                    &mut *world,
+                    Mode::InverseDynamics,
+                    TO_PUSH_S + AFTER_S,
+                )?;
+                let row = row(&format!("{force:.0} N from {side}"), name, &stood);
+                println!("{}", row.trim_end());
+                text += &row;
+            }
+        }
+    }
+    let _ = write!(
+        text,
+        "\n## Without a push\n\n{} draws of joints in each world, {} s each; sway over the last second, and the angle of \
+         the base from where it began.\n\n| world | stand | largest angular velocity, rad/s | sway, degrees: median, \
+         worst | drift, degrees: median, worst | events |\n| --- | --- | --- | --- | --- | --- |\n",
+        arguments.draws, arguments.seconds
+    );
+    for name in &worlds {
+        let mut all = Vec::new();
+        for seed in 1..=arguments.draws {
+            let mut world = world(name, &robot, seed, [0.0; 2])?;
+            let stood = stand(
+                &robot,
+                &mut *world,
+                Mode::InverseDynamics,
+                arguments.seconds,
+            )?;
+            println!("{name} {seed}: {stood:?}");
+            all.push(stood);
+        }
+        text += &quiet(name, &all);
+    }
+    let out = arguments.out.display();
+    std::fs::write(&arguments.out, text).map_err(|e| format!("{out}: {e}"))
+}
+
+fn verdict(stood: &Stood) -> String {
+    match (stood.fallen, stood.fault) {
+        (false, None) => "stands".to_owned(),
+        (true, None) => "**falls**".to_owned(),
+        (fallen, Some(event)) => {
+            let falls = if fallen { ", falls" } else { "" };
+            format!("**{}{falls}**", event.number())
+        }
+    }
+}
+
+fn row(push: &str, world: &str, stood: &Stood) -> String {
+    format!(
+        "| {push} | {world} | {} | {:.2} | {:.3} | {:.3} |\n",
+        verdict(stood),
+        stood.fastest,
+        stood.sway,
+        stood.drift
+    )
+}
+
+fn quiet(world: &str, all: &[Stood]) -> String {
+    let of = |value: &dyn Fn(&Stood) -> f64| {
+        let mut values: Vec<f64> = all.iter().map(value).collect();
+        values.sort_by(f64::total_cmp);
+        let at = |k: usize| values.get(k).copied().unwrap_or(f64::NAN);
+        (at(values.len() / 2), at(values.len().saturating_sub(1)))
+    };
+    let stand = all.iter().filter(|stood| stood.stands()).count();
+    let (_, fastest) = of(&|stood| stood.fastest);
+    let ((sway, most_sway), (drift, most_drift)) = (of(&|s| s.sway), of(&|s| s.drift));
+    let mut events: Vec<String> = Vec::new();
+    for number in all.iter().flat_map(|stood| &stood.events) {
+        let name = format!("{}", number.0.number());
+        if !events.contains(&name) {
+            events.push(name);
+        }
+    }
+    let events = if events.is_empty() {
+        "none".to_owned()
+    } else {
+        events.join(", ")
+    };
+    format!(
+        "| {world} | {stand} of {} | {fastest:.3} | {sway:.3}, {most_sway:.3} | {drift:.3}, {most_drift:.3} | {events} |\n",
+        all.len()
+    )
+}
+
+const HEAD: &str = "# A humanoid that stands
+
+Written by `cargo run --release -p standing-bench`. The shipped humanoid in mode inverse dynamics, with references of which nothing but the pose is set, as `move`, `go_to` and `follow` send them. Two worlds in front of the same loop, frame by frame:
+
+- **own**: `crates/plant`, each kind of drive with gains ±10 %, friction and presliding times 0.5 to 2.
+- **mujoco**: [rt-tests/second-world/world.py](../../rt-tests/second-world/world.py). Rigid bodies and contacts are MuJoCo's. Each joint has a linear gear ±7 % with Bouc-Wen hysteresis, rigid friction times 0.5 to 2 that grows with the load, a rotor ±10 %, a P-P cascade ±10 % at 4 kHz, a torque constant ±2 %, a current with an offset, and a tenth of the kinematic error that no calibration has found. It shares no code with the plant.
+
+## Pushes
+
+At the chest for 0.3 s; each push with other joints. The base's largest angular velocity; its sway within the sixth second after the push; its angle at the end from where it was.
+
+| push | world | | rad/s | sway, degrees | angle, degrees |
+| --- | --- | --- | --- | --- | --- |
+";
