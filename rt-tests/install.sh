@@ -8,16 +8,17 @@ cd "$root"
 
 usage() {
     cat <<END
-usage: rt-tests/install.sh [--python] [--vm] [--client] [--browser] [--bench] [--fuzz]
+usage: rt-tests/install.sh [--package] [--python] [--vm] [--client] [--browser] [--bench] [--fuzz]
 
-Installs what ./test needs; without options, --python, --vm, --client
-and --browser.
+Installs what ./test needs; without options, --python, --vm, --client,
+--browser and --package.
   --python   the Python environment .venv (rt-tests/python/requirements.txt)
   --vm       Debian packages for the virtual machines, the PREEMPT_RT kernel
              that the timing test boots (unpacked into target/vm, not installed), and what
              User-Mode Linux needs on processors with AMX (compiled into target/vm)
   --client   Debian packages for the tests of the C and C++ client
   --browser  Debian's headless Chromium, for the test of the page of torquectl view
+  --package  Debian packages for the packages and their test
   --bench    Debian packages for benches/dynamics/run.sh
   --fuzz     Debian packages for rt-tests/fuzz.sh
 END
@@ -90,6 +91,8 @@ install_browser() {
         packages chromium-headless-shell fonts-dejavu-core
 }
 
+install_package() { packages mmdebstrap binutils; }
+
 install_fuzz() { packages g++; }
 
 install_python() {
@@ -102,16 +105,17 @@ install_python() {
     cp "$wanted" .venv/requirements.txt # last: says that all of it is there
 }
 
-[ $# -gt 0 ] || set -- --vm --python --client --browser
+[ $# -gt 0 ] || set -- --vm --python --client --browser --package
 for option in "$@"; do
     case $option in
         --vm) install_vm ;;
         --python) install_python ;;
         --client) install_client ;;
         --browser) install_browser ;;
+        --package) install_package ;;
         --bench) install_bench ;;
         --fuzz) install_fuzz ;;
         -h | --help) usage; exit 0 ;;
-        *) echo "install: unknown option '$option'; allowed: --python --vm --client --browser --bench --fuzz --help" >&2; exit 2 ;;
+        *) echo "install: unknown option '$option'; allowed: --python --vm --client --browser --package --bench --fuzz --help" >&2; exit 2 ;;
     esac
 done

@@ -73,6 +73,16 @@ pub(crate) struct Where {
 }
 
 impl Where {
+    /// All buses of a configuration.
+    pub(crate) fn config(config: &str) -> Self {
+        Self {
+            config: Some(config.to_owned()),
+            bus: None,
+            fd: false,
+            json: false,
+        }
+    }
+
     /// One bus that is no configuration's.
     pub(crate) fn bus(bus: &str, fd: bool) -> Self {
         Self {
@@ -288,6 +298,14 @@ fn show(one: &OneNode) -> Done {
         page::show(&target, &found, &notes)
     };
     Ok((text, !found.is_empty()))
+}
+
+/// Buses and nodes of the devices that answer.
+pub(crate) fn answering(at: &Where) -> Result<Vec<(u8, u8)>, Failure> {
+    let target = Target::of(at)?;
+    let mut line = Line::open(&target.buses)?;
+    let (found, _) = scanned(&mut line, &target.buses, None);
+    Ok(found.iter().map(|found| (found.bus, found.node)).collect())
 }
 
 /// A bus, what a scan finds on it, and what it had to leave out.

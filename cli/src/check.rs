@@ -1,6 +1,6 @@
 //! `torquectl check`: a configuration and its files, checked without starting anything.
 
-mod bus_load;
+pub(crate) mod bus_load;
 mod frames;
 mod gains;
 mod json;

@@ -5,7 +5,9 @@ mod calibrate;
 mod can;
 mod cartesian;
 mod check;
+mod config;
 mod contacts;
+mod doctor;
 mod dynamics;
 mod estimate;
 mod excite;
@@ -16,6 +18,7 @@ mod import;
 mod info;
 mod learn;
 mod margins;
+mod metrics;
 mod motion;
 mod new;
 mod operator;
@@ -31,6 +34,7 @@ mod requests;
 mod rows;
 mod state;
 mod tare;
+mod timing;
 mod units;
 mod view;
 mod watch;
@@ -38,7 +42,7 @@ mod whole_body;
 mod without_shared_memory;
 mod words;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 /// Exit code where the daemon cannot be reached.
@@ -49,6 +53,7 @@ const BAD_INPUT: u8 = 2;
 const AFTER_HELP: &str = "\
 Examples:
   torquectl check config/leg/robot.toml
+  torquectl doctor config/leg/robot.toml
   torquectl can scan
   torquectl new arm --urdf arm.urdf --scan can0
   torquectl margins config/leg/robot.toml --joint knee --plot knee.svg
@@ -59,6 +64,7 @@ Examples:
   torquectl cartesian foot --stiffness 2000 --shift 0,0,-20
   torquectl passive knee --seconds 30
   torquectl watch --once
+  torquectl timing --watch
   torquectl view --config config/leg/robot.toml
   torquectl tare --contacts in_the_air
   torquectl record -o run.mcap --seconds 10
@@ -95,7 +101,9 @@ enum Command {
     Disable(operator::DisableArguments),
     Stop(operator::StopArguments),
     Acknowledge(operator::AcknowledgeArguments),
+    Config(config::ConfigArguments),
     Contacts(contacts::ContactsArguments),
+    Doctor(doctor::DoctorArguments),
     Watch(watch::WatchArguments),
     Dynamics(dynamics::DynamicsArguments),
     Estimate(estimate::EstimateArguments),
@@ -110,16 +118,21 @@ enum Command {
     Import(import::ImportArguments),
     Reference(reference::ReferenceArguments),
     Margins(margins::MarginsArguments),
+    Metrics(metrics::MetricsArguments),
     Move(motion::MoveArguments),
     New(new::NewArguments),
     Passive(passive::PassiveArguments),
     Prove(prove::ProveArguments),
     Tare(tare::TareArguments),
+    Timing(timing::TimingArguments),
     View(view::ViewArguments),
     WholeBody(whole_body::WholeBodyArguments),
 }
 
 fn main() -> ExitCode {
+    if let Some(code) = terminal::pages(Arguments::command) {
+        return code;
+    }
     match Arguments::parse().command {
         Command::Blackbox(arguments) => blackbox::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
@@ -135,7 +148,9 @@ fn main() -> ExitCode {
         Command::Dynamics(arguments) => dynamics::run(&arguments),
         Command::Estimate(arguments) => estimate::run(&arguments),
         Command::Excite(arguments) => excite::run(&arguments),
+        Command::Config(arguments) => config::run(&arguments),
         Command::Contacts(arguments) => contacts::run(&arguments),
+        Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
@@ -146,11 +161,13 @@ fn main() -> ExitCode {
         Command::Import(arguments) => import::run(&arguments),
         Command::Reference(arguments) => reference::run(&arguments),
         Command::Margins(arguments) => margins::run(&arguments),
+        Command::Metrics(arguments) => metrics::run(&arguments),
         Command::Move(arguments) => motion::run(&arguments),
         Command::New(arguments) => new::run(&arguments),
         Command::Passive(arguments) => passive::run(&arguments),
         Command::Prove(arguments) => prove::run(&arguments),
         Command::Tare(arguments) => tare::run(&arguments),
+        Command::Timing(arguments) => timing::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::WholeBody(arguments) => whole_body::run(&arguments),
     }

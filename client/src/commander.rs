@@ -1,5 +1,7 @@
 //! Commanding a robot: a client's references.
 
+pub(crate) mod keep;
+
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::thread::sleep;
 use std::time::{Duration, Instant};

@@ -34,10 +34,12 @@ mod python_layout;
 mod requests;
 mod room;
 mod state_directory;
+mod timing_file;
 
 pub use c_layout::c_layout;
 pub use client::{Client, Record};
 pub use commander::Commander;
+pub use commander::keep::{KeptCommander, LONGEST_BUSY, Meanwhile};
 pub use daemon_ports::DaemonPorts;
 pub use error::{Error, why_not_followed, why_piece_refused, why_refused};
 pub use follow::{Progress, Timing};
@@ -46,3 +48,4 @@ pub use process_file::{ProcessFile, RunningDaemon, running_daemons};
 pub use python_layout::python_layout;
 pub use robot_state;
 pub use state_directory::StateDirectory;
+pub use timing_file::TimingFile;

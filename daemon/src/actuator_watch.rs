@@ -42,7 +42,7 @@ impl ActuatorWatch {
                     let late = begin.elapsed() > PATIENCE;
                     for (index, actuator) in watched.iter_mut().enumerate() {
                         for line in actuator.look(&reports.get(index), late) {
-                            eprintln!("torqued: {line}");
+                            tracing::info!("{line}");
                         }
                     }
                 }

@@ -29,7 +29,7 @@ pub fn bring_up(robot: &Robot, bus: &mut Network, stop: &AtomicBool) -> Result<(
         return Ok(());
     }
     if std::io::stderr().is_terminal() {
-        eprintln!("torqued: setting {} drives up", plans.len());
+        tracing::info!("setting {} drives up", plans.len());
     }
     let limits = Limits::default();
     let nodes = plans.iter().map(|plan| BringUp::new(plan.clone(), limits));
@@ -71,9 +71,9 @@ fn tell(node: &BringUp) {
     let (name, id) = (&node.plan().name, node.plan().node);
     let shown = |reading: &Reading| format!("{} {:#x}", reading.meaning, reading.value);
     let identity: Vec<_> = node.done().readings.iter().map(shown).collect();
-    eprintln!("torqued: {name} (node {id}): {}", identity.join(", "));
+    tracing::info!("{name} (node {id}): {}", identity.join(", "));
     for change in node.done().changes.iter().filter(|change| change.missing) {
-        eprintln!("torqued: {name} (node {id}): {change}");
+        tracing::warn!("{name} (node {id}): {change}");
     }
 }
 
@@ -138,8 +138,5 @@ pub(crate) fn show<'p>(plans: impl Iterator<Item = &'p Plan>, bus: u8, emergency
         return;
     };
     let text = emcy::text(code);
-    eprintln!(
-        "torqued: {} (node {node}): emergency {code:04X}, {text}",
-        plan.name
-    );
+    tracing::info!("{} (node {node}): emergency {code:04X}, {text}", plan.name);
 }

@@ -10,6 +10,7 @@ use robot_config::Robot;
 use robot_state::{Event, SharedRecord};
 
 use crate::bus::{Bus, BusCounters};
+use crate::cycle_times::{CycleTimes, TimesSender};
 use crate::real_time::{WakeReport, monotonic_ns};
 use crate::recorder::Tap;
 
@@ -62,6 +63,7 @@ pub struct ControlLoop<B> {
     record: SharedRecord,
     last_counters: BusCounters,
     tap: Option<Tap>,
+    times: Option<TimesSender>,
 }
 
 impl<B: Bus> ControlLoop<B> {
@@ -86,6 +88,7 @@ impl<B: Bus> ControlLoop<B> {
             record: SharedRecord::default(),
             last_counters: bus.counters(),
             tap: None,
+            times: None,
             bus,
         })
     }
@@ -103,6 +106,11 @@ impl<B: Bus> ControlLoop<B> {
     /// Hands every cycle to the recorder: to be called before the first one.
     pub fn record_to(&mut self, tap: Tap) {
         self.tap = Some(tap);
+    }
+
+    /// Hands every cycle's times over: to be called before the first one.
+    pub fn time_by(&mut self, times: TimesSender) {
+        self.times = Some(times);
     }
 
     /// The loop ends because it was asked to.
@@ -131,7 +139,13 @@ impl<B: Bus> ControlLoop<B> {
             now: Stamp(self.bus.now_ns()),
         };
         self.note_events(wake, self.sync.len().saturating_sub(synced));
-        let record = self.cycle.step(at, &self.rx, input, &mut self.tx);
+        let mut times = CycleTimes::default();
+        let mut stage_began = monotonic_ns();
+        let record = (self.cycle).step_watched(at, &self.rx, input, &mut self.tx, |stage| {
+            let now = monotonic_ns();
+            times.stages_ns[stage] = now - stage_began;
+            stage_began = now;
+        });
         self.record.cycle = *record;
         let computed = monotonic_ns();
 
@@ -143,6 +157,7 @@ impl<B: Bus> ControlLoop<B> {
         // Counted by the cycle, so it appears in the next record.
         let refused = self.tx.len().saturating_sub(accepted) as u64;
         self.time(wake, [started, gathered, computed, monotonic_ns()]);
+        self.hand_over(wake, times);
         if let Some(tap) = &mut self.tap {
             let client = *input;
             let rx = &self.rx;
@@ -199,6 +214,23 @@ impl<B: Bus> ControlLoop<B> {
             tap.note(event, times);
         }
         self.cycle.note(event, times);
+    }
+
+    /// Hands this cycle's times to whoever keeps them.
+    fn hand_over(&mut self, wake: &WakeReport, mut times: CycleTimes) {
+        let Some(sender) = &mut self.times else {
+            return;
+        };
+        let timing = &self.record.timing;
+        times.cycle = timing.cycles;
+        times.wake_ns = timing.wake_late_ns;
+        times.gather_ns = timing.gather_ns;
+        times.send_ns = timing.send_ns;
+        (times.after_late, times.skipped) = (wake.late, wake.skipped);
+        let last = self.rx.as_slice().last();
+        let last = last.and_then(|frame| self.receive_table.classify(frame));
+        times.messages(last, self.gather.missing().next());
+        sender.send(times);
     }
 
     fn time(&mut self, wake: &WakeReport, [started, gathered, computed, sent]: [u64; 4]) {

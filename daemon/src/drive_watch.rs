@@ -116,7 +116,10 @@ impl Node {
         };
         self.lost = true;
         let name = self.name();
-        eprintln!("torqued: {name} {what}: its joint is withdrawn, and it is set up anew");
+        tracing::warn!(
+            joint = name,
+            "{name} {what}: its joint is withdrawn, and it is set up anew"
+        );
     }
 }
 
@@ -181,13 +184,13 @@ fn go_on(node: &mut Node, now: u64, buses: &[String], out: &mut Vec<Frame>) {
     set_up.poll(now, out);
     match set_up.outcome() {
         Outcome::Working(_) => return,
-        Outcome::Done => eprintln!(
-            "torqued: {} is set up anew, and off until the robot is enabled again",
+        Outcome::Done => tracing::info!(
+            "{} is set up anew, and off until the robot is enabled again",
             node.name()
         ),
         Outcome::Failed(trouble) => {
             let problem = bring_up::problem(trouble, buses);
-            eprintln!("torqued: {problem}; tried again when it is heard of");
+            tracing::warn!("{problem}; tried again when it is heard of");
         }
     }
     node.set_up = None;

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use recording::AttachedFile;
 use robot_config::Robot;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
@@ -97,7 +97,12 @@ it to rest and holds it, as `torquectl stop` does.")]
 }
 
 fn main() -> ExitCode {
-    let result = match Arguments::parse().command {
+    if let Some(code) = terminal::pages(Arguments::command) {
+        return code;
+    }
+    let arguments = Arguments::parse();
+    torqued::log::start();
+    let result = match arguments.command {
         Command::Demo(options) => demo::run(&options),
         Command::Run {
             config,

@@ -19,7 +19,7 @@ pub fn check(robot: &Robot, config: &Path, accepted: bool) -> Result<(), Failure
     }
     let refused = Problems(refused);
     if accepted {
-        eprintln!("torqued: accepted: {refused}");
+        tracing::warn!("accepted: {refused}");
         return Ok(());
     }
     Err(Failure::bad_input(format!(

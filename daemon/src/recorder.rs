@@ -294,7 +294,7 @@ impl Recorder {
             match boxes.begin(&self.header, pending.event, pending.from, pending.until_ns) {
                 Ok(output) => pending.output = Some(output),
                 Err(why) => {
-                    eprintln!("torqued: the black box cannot be written: {why}");
+                    tracing::warn!("the black box cannot be written: {why}");
                     self.pending = None;
                     return true;
                 }
@@ -306,7 +306,7 @@ impl Recorder {
         let done = match output.advance(&self.history, BATCH) {
             Ok(written) => written == 0 || output.is_at_end(),
             Err(why) => {
-                eprintln!("torqued: the black box cannot be written: {why}");
+                tracing::warn!("the black box cannot be written: {why}");
                 boxes.abandon(output);
                 self.pending = None;
                 return true;
@@ -314,8 +314,8 @@ impl Recorder {
         };
         if done && let Some(output) = pending.output.take() {
             match boxes.finish(output) {
-                Ok(path) => eprintln!("black box: {}", path.display()),
-                Err(why) => eprintln!("torqued: the black box cannot be written: {why}"),
+                Ok(path) => tracing::info!("black box: {}", path.display()),
+                Err(why) => tracing::warn!("the black box cannot be written: {why}"),
             }
             self.pending = None;
         }
@@ -352,10 +352,7 @@ impl Recorder {
                         }
                         Err(why) => {
                             if unattended {
-                                eprintln!(
-                                    "torqued: {}: nothing is recorded: {why}",
-                                    path.display()
-                                );
+                                tracing::info!("{}: nothing is recorded: {why}", path.display());
                             }
                             self.shared.refuse(slot, &path, &why, running);
                         }
@@ -413,7 +410,7 @@ impl Recorder {
                 Err(why) => {
                     let path = output.path().to_owned();
                     let why = output.give_up(why);
-                    eprintln!("torqued: {}: the recording ends: {why}", path.display());
+                    tracing::warn!("{}: the recording ends: {why}", path.display());
                     self.shared.fail(slot, &why.to_string());
                     continue;
                 }
@@ -421,7 +418,7 @@ impl Recorder {
             any |= count > 0;
             let abandoned = output.is_expired(now);
             if abandoned {
-                eprintln!("torqued: nobody asks for the recording any more: it ends");
+                tracing::warn!("nobody asks for the recording any more: it ends");
                 output.end_after(self.history.newest().map_or(0, |(_, stamp_ns)| stamp_ns));
             }
             let over = output.is_at_end() || (self.ended && count == 0);
@@ -430,7 +427,7 @@ impl Recorder {
                 true => match output.finish() {
                     Ok(_) => self.shared.finish(slot),
                     Err(why) => {
-                        eprintln!("torqued: the recording ends: {why}");
+                        tracing::warn!("the recording ends: {why}");
                         self.shared.fail(slot, &why.to_string());
                     }
                 },

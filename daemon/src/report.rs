@@ -78,7 +78,9 @@ impl<'a> Reporter<'a> {
             ));
         }
         if stop.load(Ordering::Relaxed) && self.end_asked.is_none() {
-            eprintln!("ending: the robot is brought to rest, then its drives are switched off");
+            tracing::info!(
+                "ending: the robot is brought to rest, then its drives are switched off"
+            );
             self.end_asked = Some(Instant::now());
             self.manager.stopping();
         }
@@ -101,18 +103,18 @@ impl<'a> Reporter<'a> {
     fn report_signalled_stops(&mut self, count: u32) {
         if count != self.signalled_stops {
             self.signalled_stops = count;
-            eprintln!("SIGUSR1: the robot is brought to rest and held");
+            tracing::info!("SIGUSR1: the robot is brought to rest and held");
         }
     }
 
     fn report_joints(&mut self, silent: u64) {
         if silent == 0 && !self.running {
             self.running = true;
-            eprintln!("running: every joint has answered");
+            tracing::info!("running: every joint has answered");
         }
         if silent != 0 && !self.running && self.named.elapsed() > PATIENCE {
             self.named = Instant::now();
-            eprintln!("waiting for {}", silent_joints(self.robot, silent));
+            tracing::warn!("waiting for {}", silent_joints(self.robot, silent));
         }
     }
 
@@ -124,18 +126,24 @@ impl<'a> Reporter<'a> {
         self.fault = number;
         let event = Event::from_number(number);
         match event {
-            Some(event) => eprintln!("FAULT {number} {}: {}", event.name(), event.cause()),
-            None => eprintln!("fault acknowledged"),
+            Some(event) => tracing::error!(
+                event = number,
+                "FAULT {number} {}: {}",
+                event.name(),
+                event.cause()
+            ),
+            None => tracing::info!("fault acknowledged"),
         }
         if let Some(Err(why)) = self.store.as_ref().map(|store| store.save(event)) {
-            eprintln!("torqued: the latched fault will not be known after a restart: {why}");
+            tracing::warn!("the latched fault will not be known after a restart: {why}");
         }
     }
 
     fn report_state(&mut self, state: Option<RobotState>) {
         if self.state != state {
             self.state = state;
-            eprintln!("state: {}", state.map_or("unknown", RobotState::name));
+            let state = state.map_or("unknown", RobotState::name);
+            tracing::info!(state, "state: {state}");
         }
     }
 }

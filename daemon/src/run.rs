@@ -18,7 +18,9 @@ use crate::bring_up;
 use crate::bus::in_process::{SimulatedDeadline, VirtualClock};
 use crate::bus::{Bus, LockStep, Network};
 use crate::bus_lock::BusLocks;
+use crate::changed_files::ChangedFiles;
 use crate::control_loop::ControlLoop;
+use crate::cycle_times::{self, Book, LoopThread};
 use crate::drive_watch::DriveWatch;
 use crate::failure::Failure;
 use crate::looper::Looper;
@@ -30,7 +32,7 @@ use crate::request_server::RequestServer;
 use crate::shared_memory;
 use crate::stored_fault::FaultStore;
 use crate::summary::{Summary, Timing};
-use torqued_client::{Location, ProcessFile, StateDirectory};
+use torqued_client::{Location, ProcessFile, StateDirectory, TimingFile};
 
 /// Behind a robot's name in the state directory: the simulated one's.
 const SIMULATED: &str = "-simulated";
@@ -106,7 +108,7 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     if let Some(cpu) = parameters.timing.cpu
         && let Err(why) = real_time::keep_off_cpu(cpu)
     {
-        eprintln!("torqued: publisher and recorder may run on the loop's CPU {cpu}: {why}");
+        tracing::warn!("publisher and recorder may run on the loop's CPU {cpu}: {why}");
     }
     let mut control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
     let (store, fault) = stored_fault(state)?;
@@ -115,18 +117,24 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     }
     let mut server = RequestServer::new(robot, Store::find(state)).map_err(Failure::bad_input)?;
     if !parameters.ft_sensors.is_empty() {
-        eprintln!("{}", server.describe_tare());
+        tracing::info!("{}", server.describe_tare());
     }
     let start = Start {
         fault,
         unix_offset_ns: unix_offset_ns(control_loop.bus().now_ns()),
     };
+    let mut files = ChangedFiles::new(&options.files);
     let header = Header::new(robot, options.files, start);
     let boxes = store
         .as_ref()
         .map(|store| BlackBoxes::new(store.directory()));
     let recorder = recorder::create(robot, header, boxes);
     control_loop.record_to(recorder.tap);
+    let (times, receiver) = cycle_times::channel();
+    control_loop.time_by(times);
+    let thread = LoopThread::default();
+    let file = TimingFile::of(location.path(), &parameters.name);
+    let mut book = Book::new(robot, receiver, thread.clone(), Some(file));
     let handle = recorder.handle;
     server.record_with(handle.clone());
     if let Some(path) = options.record {
@@ -151,8 +159,9 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
         .name("loop".to_owned())
         .spawn(move || {
             let real_time = real_time::enter(&settings).map_err(Failure::environment)?;
+            thread.is_this_one();
             for measure in real_time.report.denied() {
-                eprintln!("torqued: {measure}");
+                tracing::warn!("{measure}");
             }
             let outcome = looper.run(&mut pace(period_ns), &mut timing);
             Ok::<_, Failure>((outcome, timing))
@@ -161,6 +170,10 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     let mut reporter = Reporter::new(robot, store, fault).show_in(process);
     while !loop_thread.is_finished() {
         thread::sleep(LOOK);
+        book.look();
+        for change in files.look() {
+            tracing::warn!("{change}");
+        }
         if !reporter.look(&status, stop) {
             return Err(Failure::environment(
                 "the loop does not end: no longer waited for, drives may still be on",
@@ -211,9 +224,7 @@ fn wait_for(recorder: &JoinHandle<()>, handle: &RecorderHandle) {
             last = (handle.progress(), Instant::now());
         }
         if last.1.elapsed() > RECORDER_LIMIT {
-            eprintln!(
-                "torqued: what was being recorded is not on the disk yet: no longer waited for"
-            );
+            tracing::info!("what was being recorded is not on the disk yet: no longer waited for");
             return;
         }
         thread::sleep(LOOK);
@@ -222,8 +233,7 @@ fn wait_for(recorder: &JoinHandle<()>, handle: &RecorderHandle) {
 
 /// The store of the latched fault, if there can be one, and the fault that it holds.
 fn stored_fault(robot: &str) -> Result<(Option<FaultStore>, Option<Event>), Failure> {
-    let lasts =
-        |why: Problem| eprintln!("torqued: a latched fault will not outlast a restart: {why}");
+    let lasts = |why: Problem| tracing::warn!("a latched fault will not outlast a restart: {why}");
     let store = match StateDirectory::find(robot) {
         Ok(directory) => FaultStore::new(robot, directory),
         Err(why) => {
@@ -234,7 +244,7 @@ fn stored_fault(robot: &str) -> Result<(Option<FaultStore>, Option<Event>), Fail
     let fault = store.load().map_err(Failure::bad_input)?;
     if let Some(event) = fault {
         let (number, name) = (event.number(), event.name());
-        eprintln!(
+        tracing::error!(
             "FAULT {number} {name} was latched when torqued last ended, and still is: no set-point \
              is sent before an operator has acknowledged it. {}",
             event.cause()

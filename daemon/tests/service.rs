@@ -46,7 +46,7 @@ fn the_unit_gives_away_no_more_than_it_needs() {
     let security = [
         "security",
         "--offline=true",
-        "--threshold=35",
+        "--threshold=20",
         "--no-pager",
         &unit,
     ];

@@ -255,6 +255,45 @@ def test_joints_are_let_go(daemons):
             commander.let_go(["elbow"])
 
 
+@pytest.mark.parametrize("meanwhile", torqued.Meanwhile)
+def test_a_program_that_computes_keeps_the_command(daemons, meanwhile):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    with torqued.Commander(client) as commander:
+        commander.hold_until_ready(PATIENCE_S)
+        commander.keep(1.0, meanwhile)
+
+        def lead(reference):
+            reference.mode = torqued.Mode.INVERSE_DYNAMICS
+            reference.joints[0].q_d, reference.joints[0].dq_d = 0.0, 1.0
+
+        commander.send(lead)
+        session = commander.reference.session
+        # Ten times the time-out of references: one that the interpreter shares, one that gives its lock up.
+        until = time.monotonic() + 0.2
+        while time.monotonic() < until:
+            math.sqrt(2.0)
+        time.sleep(0.2)
+        assert commander.reference.joints[0].q_d == 0.0, "the program's own reference is not changed"
+        commander.send(lead)
+        assert commander.reference.session == session
+        assert commander.status.commander.session == session
+
+
+def test_a_program_that_hangs_loses_the_command_that_a_thread_keeps(daemons):
+    daemons()
+    client = torqued.Client("leg", PATIENCE_S)
+    commander = torqued.Commander(client)
+    commander.hold_until_ready(PATIENCE_S)
+    commander.keep(0.1)
+    commander.reference.mode = torqued.Mode.TORQUE
+    commander.send()
+    time.sleep(0.5)
+    with pytest.raises(torqued.CommandLostError):
+        commander.send()
+    commander.close()
+
+
 def test_a_commander_of_higher_priority_takes_over(daemons):
     daemons()
     client = torqued.Client("leg", PATIENCE_S)

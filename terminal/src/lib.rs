@@ -1,12 +1,14 @@
 //! Text on standard output, in columns where it is a table; text of files.
 
 mod new_file;
+mod pages;
 mod text_table;
 
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 
 pub use new_file::{NewFile, sync_folder, write_file, write_files};
+pub use pages::pages;
 pub use text_table::TextTable;
 
 /// The text of a file.

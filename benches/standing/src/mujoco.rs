@@ -102,9 +102,7 @@ impl Mujoco {
             slots::velocity,
             slots::status,
         ];
-        let of_joints = places
-            .iter()
-            .flat_map(|place| (0..joints).map(move |j| place(j)));
+        let of_joints = places.iter().flat_map(|place| (0..joints).map(place));
         let of_sensors = (0..sensors).flat_map(|s| (0..6).map(move |axis| slots::ft(s, axis)));
         let gyro = (0..3).map(|axis| slots::gyro(0, axis));
         let accelerometer = (0..3).map(|axis| slots::accelerometer(0, axis));

@@ -5,11 +5,11 @@ use robot_config::{Carrier, Robot};
 
 /// Bits a second of a bus.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bitrate {
+pub(crate) struct Bitrate {
     /// Classic frames, and the arbitration of CAN FD frames.
-    pub(super) nominal: f64,
+    pub(crate) nominal: f64,
     /// The data of CAN FD frames.
-    pub(super) data: f64,
+    pub(crate) data: f64,
 }
 
 /// A frame on the wire.
@@ -40,25 +40,25 @@ impl Shape {
 }
 
 /// Frames of a bus in one cycle.
-pub(super) struct BusLoad {
-    pub(super) received: usize,
-    pub(super) sent: usize,
+pub(crate) struct BusLoad {
+    pub(crate) received: usize,
+    pub(crate) sent: usize,
     /// None for a bus without a bit rate.
-    pub(super) time: Option<WireTime>,
+    pub(crate) time: Option<WireTime>,
 }
 
 /// Time that the frames of a cycle take on a CAN bus.
-pub(super) struct WireTime {
+pub(crate) struct WireTime {
     /// From SYNC to the last answer, s.
-    pub(super) answers_s: f64,
+    pub(crate) answers_s: f64,
     /// Commands, s.
-    pub(super) commands_s: f64,
+    pub(crate) commands_s: f64,
     /// Share of the period, 1.
-    pub(super) load: f64,
+    pub(crate) load: f64,
 }
 
 /// The load of every bus, in config order.
-pub(super) fn bus_loads(robot: &Robot, rate: Bitrate) -> Vec<BusLoad> {
+pub(crate) fn bus_loads(robot: &Robot, rate: Bitrate) -> Vec<BusLoad> {
     let messages = |table: &Table, bus: usize| -> Vec<Shape> {
         (0..table.message_count())
             .filter_map(|index| table.message(index))

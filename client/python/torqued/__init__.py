@@ -13,6 +13,7 @@ from .commander import (
     NotFollowedError,
     why_not_followed,
 )
+from .keep import Meanwhile
 from .layout import *  # noqa: F403  the records and their enumerations
 from .location import NoRoomError, RunDirectoryError, run_dir
 from .trajectory import Progress, TrajectoryError

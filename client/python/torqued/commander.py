@@ -3,12 +3,13 @@
 import enum
 import os
 import secrets
+import threading
 import time
 from typing import Callable, Dict, Iterable, Optional, Sequence, Tuple
 
 import iceoryx2 as iox2
 
-from . import location, trajectory
+from . import keep, location, trajectory
 from .client import POLL_S, RETRY_S, Client, NoDaemonError, newest_message
 from .layout import (
     EVENTS,
@@ -89,6 +90,9 @@ class Commander:
         service = client._open("trajectory", TrajectoryPiece, time.monotonic())
         self._pieces = service.publisher_builder().create()
         self._piece_count = 0
+        #: Held while the commander is used: a thread may keep the lease meanwhile.
+        self._lock = threading.RLock()
+        self._keeper: Optional[keep.Keeper] = None
         location.reserve(client._run_dir)
         #: The present reference; `send` sends it.
         self.reference = Reference(
@@ -126,6 +130,24 @@ class Commander:
         references: `NotFollowedError` if a mode is asked for that is not followed,
         `CommandLostError`, `AlreadyCommandedError`, `NoDaemonError`. A reference that asks for mode
         hold after the lease was lost begins a new session."""
+        with self._lock:
+            if self._keeper is not None:
+                self._keeper.sent()
+            self._send(change)
+
+    def keep(self, busy_s: float, meanwhile: keep.Meanwhile = keep.Meanwhile.HOLD) -> None:
+        """From now on a thread keeps the lease while this program sends nothing for up to `busy_s`, at
+        most 1 s, and says meanwhile what `meanwhile` says: hold, or the newest reference carried on.
+        `busy_s` of 0 ends it. References are changed in `send(change)` then, or between two calls. Python's
+        own lock must not be kept for longer than `loop.reference_timeout_ms`: NumPy gives it up, a loop in a
+        compiled module may not."""
+        if self._keeper is not None:
+            self._keeper.end()
+            self._keeper = None
+        if busy_s > 0.0:
+            self._keeper = keep.Keeper(self, busy_s, meanwhile)
+
+    def _send(self, change: Optional[Callable[[Reference], None]]) -> None:
         if change is not None:
             change(self.reference)
         asks_hold = self.reference.mode == Mode.HOLD
@@ -144,6 +166,7 @@ class Commander:
         if error is not None:
             raise error
 
+    @keep.alone
     def hold_until_ready(self, timeout_s: float) -> None:
         """Asks for mode hold until a mode would be followed: for a robot that an operator is about to
         enable, or after an error of `send`. Raises `NotFollowedError` with the reason if it is not
@@ -163,6 +186,7 @@ class Commander:
             if time.monotonic() > until:
                 raise self._not_followed()
 
+    @keep.alone
     def go_to(
         self,
         targets: Dict[str, float],
@@ -199,6 +223,7 @@ class Commander:
                 self.send()
                 return False
 
+    @keep.alone
     def lead_frames(self, client: Client, names: Sequence[str]) -> Dict[str, FrameReference]:
         """Prepares mode Cartesian with these frames: the robot holds until their poses are shown, and
         the reference asks for these poses and for the joints' angles, without stiffness or force, and
@@ -289,6 +314,7 @@ class Commander:
 
     def close(self) -> None:
         """Gives the lease back: the robot holds, and another client may command at once."""
+        self.keep(0.0)
         over, self._standing = self._standing == _Standing.OVER, _Standing.OVER
         try:
             if not over:
@@ -378,13 +404,33 @@ class Commander:
             return self._not_followed()
         return None
 
+    def _renew(self, change: Callable[[Reference], None]) -> None:
+        """Renews the lease by the newest reference, changed for this once; for the thread that keeps it."""
+        self._judge()
+        if self._standing != _Standing.COMMANDING or self._references is None:
+            return
+        kept = self.reference
+        self.reference = keep.copied(kept)
+        try:
+            change(self.reference)
+            if self.reference.mode != kept.mode:
+                self._mode_from = None  # the program's mode begins anew with its next reference
+            self._publish()
+        except NoDaemonError:
+            pass  # an error of the program's next call
+        finally:
+            kept.sequence, kept.sent_ns = self.reference.sequence, self.reference.sent_ns
+            self.reference = kept
+
     def _publish(self) -> None:
         if self._references is None:
             raise CommandLostError(f'robot "{self._robot}": this commander was closed')
-        self.reference.sequence += 1
-        self.reference.sent_ns = time.monotonic_ns()
-        sample = self._references.loan_uninit().write_payload(self.reference)
-        if sample.send() == 0:
+        with self._lock:
+            self.reference.sequence += 1
+            self.reference.sent_ns = time.monotonic_ns()
+            sample = self._references.loan_uninit().write_payload(self.reference)
+            listeners = sample.send()
+        if listeners == 0:
             raise NoDaemonError("references have no receiver; torqued has stopped or was killed")
 
     def _already_commanded(self) -> Exception:

@@ -2,6 +2,7 @@
 
 mod common;
 mod exchange;
+mod keep;
 mod layout_mismatch;
 mod processes;
 mod requests;

@@ -16,6 +16,17 @@ use crate::measure::Measure;
 use crate::mode::{Goal, Modes};
 use crate::time::Instants;
 
+/// The stages of a cycle, in their order (docs/architecture.md).
+pub const STAGES: [&str; 7] = [
+    "measure",
+    "estimate",
+    "judge",
+    "decide",
+    "mode",
+    "law and limit",
+    "emit",
+];
+
 /// The computation of one robot, with everything that it remembers from cycle to cycle.
 #[derive(Debug)]
 pub struct Cycle {
@@ -86,13 +97,33 @@ impl Cycle {
         client: &ClientInput<'_>,
         tx: &mut Frames,
     ) -> &CycleRecord {
+        self.step_watched(at, rx, client, tx, |_| ())
+    }
+
+    /// As [`step`](Self::step); `done` is called at the end of each stage with its number in [`STAGES`], for whoever
+    /// has a clock.
+    pub fn step_watched(
+        &mut self,
+        at: Instants,
+        rx: &Frames,
+        client: &ClientInput<'_>,
+        tx: &mut Frames,
+        mut done: impl FnMut(usize),
+    ) -> &CycleRecord {
         self.measure(at, rx, client.settings);
+        done(0);
         self.estimate(client.settings);
+        done(1);
         self.judge(client.settings);
+        done(2);
         let goal = self.decide(client);
+        done(3);
         self.set_tasks(&goal, client);
+        done(4);
         self.command();
+        done(5);
         self.emit(tx);
+        done(6);
         self.publish(at)
     }
 

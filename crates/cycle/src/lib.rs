@@ -17,7 +17,7 @@ mod measure;
 mod mode;
 mod time;
 
-pub use cycle::Cycle;
+pub use cycle::{Cycle, STAGES};
 pub use inputs::ClientInput;
 pub use supervisor::OperatorRequest;
 pub use time::{Instants, Stamp};

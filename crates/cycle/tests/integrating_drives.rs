@@ -6,6 +6,7 @@ mod common;
 use common::{Bench, client_input, read};
 use robot_config::torque_loops::refused_loops;
 use robot_state::{Event, Mode};
+use std::f64::consts::TAU;
 use test_support::Random;
 
 /// What is drawn of a kind of drive: integral time, s, and shares of stiffness and damping of the shipped position loop.
@@ -133,11 +134,11 @@ fn swing(bench: &mut Bench) -> (u32, f64, f64, f64) {
     let (mut torque, mut angle) = (0.0_f64, 0.0_f64);
     let mut stands = vec![[f64::INFINITY, f64::NEG_INFINITY]; limits.len()];
     for k in 0..7000 {
-        let t = (f64::from(k) * 1e-3).min(std::f64::consts::TAU);
+        let t = (f64::from(k) * 1e-3).min(TAU);
         for (joint, start) in reference.joints.iter_mut().zip(&start) {
             joint.q_d = start + 0.05 * (1.0 - (2.0 * t).cos());
-            joint.dq_d = if t < 6.28 { 0.1 * (2.0 * t).sin() } else { 0.0 };
-            joint.ddq_d = if t < 6.28 { 0.2 * (2.0 * t).cos() } else { 0.0 };
+            joint.dq_d = if t < TAU { 0.1 * (2.0 * t).sin() } else { 0.0 };
+            joint.ddq_d = if t < TAU { 0.2 * (2.0 * t).cos() } else { 0.0 };
         }
         reference.sequence += 1;
         bench.step(&client_input(&reference));

@@ -222,7 +222,7 @@ fn node(
 }
 
 /// `profile`.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 enum Profile {
     Dbc,
     Cia402,

@@ -20,6 +20,7 @@ mod reader;
 mod safety;
 mod sampling;
 mod sensors;
+mod settings;
 pub mod slots;
 mod tare;
 pub mod torque_loops;
@@ -32,6 +33,7 @@ pub use joints::{hold_loop, late_loop, predictive_loop};
 pub use parameters::*;
 pub use problem::{Problem, Problems};
 pub use sampling::{Sampled, Sampling};
+pub use settings::{Setting, Source};
 pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};
@@ -105,6 +107,14 @@ struct Files<'a> {
 /// Every problem that keeps the robot from being described completely, in the order of files and
 /// lines.
 pub fn load(path: &str, read: Read<'_>) -> Result<Robot, Problems> {
+    load_with_settings(path, read).map(|(robot, _)| robot)
+}
+
+/// As [`load`]; also every key that was asked for, with its value and where that comes from.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with_settings(path: &str, read: Read<'_>) -> Result<(Robot, Vec<Setting>), Problems> {
     let text = read(path).map_err(|error| unreadable(path, &error))?;
     let diagnostics = Diagnostics::new(path, &text);
     let (table, errors) = DeTable::parse_recoverable(&text);
@@ -123,8 +133,10 @@ pub fn load(path: &str, read: Read<'_>) -> Result<Robot, Problems> {
         None
     };
     let any = diagnostics.any();
+    let settings = diagnostics.take_settings();
     robot
         .filter(|_| !any)
+        .map(|robot| (robot, settings))
         .ok_or_else(|| Problems(diagnostics.into_problems()))
 }
 

@@ -17,6 +17,25 @@ pub(crate) struct At<T> {
     pub(crate) place: usize,
 }
 
+/// A value as the file has it, with what a list or a table has in it.
+fn whole(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::Array(items) => {
+            let items: Vec<String> = items.iter().map(|item| whole(item.get_ref())).collect();
+            format!("[{}]", items.join(", "))
+        }
+        DeValue::Table(table) => {
+            let pair = |(key, value): (&toml::Spanned<_>, &toml::Spanned<DeValue<'_>>)| {
+                let key: &std::borrow::Cow<'_, str> = key.get_ref();
+                format!("{key} = {}", whole(value.get_ref()))
+            };
+            let pairs: Vec<String> = table.iter().map(pair).collect();
+            format!("{{ {} }}", pairs.join(", "))
+        }
+        one => show(one),
+    }
+}
+
 /// A value as the file has it, for messages.
 fn show(value: &DeValue<'_>) -> String {
     match value {

@@ -1,7 +1,7 @@
 //! The command `torqued-sim`: the simulated robot as a process of its own on CAN.
 
 use can_codec::{DecodeError, Frames, Gather};
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use plant::CanRobot;
 use robot_config::Robot;
 use serde::Serialize;
@@ -30,6 +30,7 @@ const LOOK_NS: u64 = 50_000_000;
 /// Exit codes: 0 success; 1 the system denied a resource; 2 bad input, nothing was started.
 #[derive(Parser)]
 #[command(
+    name = "torqued-sim",
     version,
     after_help = "Examples:
   torqued-sim config/leg/robot.toml
@@ -56,6 +57,9 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
+    if let Some(code) = terminal::pages(Arguments::command) {
+        return code;
+    }
     match run(&Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

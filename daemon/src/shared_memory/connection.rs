@@ -53,8 +53,8 @@ impl Connection {
     pub(super) fn look_after(&mut self) {
         if let Some(ports) = &self.ports {
             for file in ports.cleanup_dead_clients() {
-                eprintln!(
-                    "torqued: other users could write into {}: no longer; a program with another \
+                tracing::info!(
+                    "other users could write into {}: no longer; a program with another \
                      version of iceoryx2 has made it",
                     file.display()
                 );
@@ -62,7 +62,7 @@ impl Connection {
         } else if self.maker.as_ref().is_some_and(JoinHandle::is_finished)
             && let Some(Ok(ports)) = self.maker.take().map(JoinHandle::join)
         {
-            eprintln!("torqued: there is room in shared memory: clients can connect");
+            tracing::info!("there is room in shared memory: clients can connect");
             self.ports = Some(ports);
         }
     }
@@ -74,8 +74,8 @@ fn keep_trying(location: &Location, description: &Description, first: &Error) ->
     let mut report = |why: &Error| {
         let text = why.to_string();
         if said != text {
-            eprintln!(
-                "torqued: no client can connect yet: {text}. Until then `torquectl stop` works by a \
+            tracing::warn!(
+                "no client can connect yet: {text}. Until then `torquectl stop` works by a \
                  signal, and `systemctl stop` ends the daemon"
             );
             said = text;

@@ -1,5 +1,6 @@
 //! The problems found so far.
 
+use crate::settings::{Setting, Source};
 use core::cell::RefCell;
 use problem::{Problem, line_at};
 
@@ -8,6 +9,7 @@ pub(crate) struct Diagnostics<'t> {
     pub(super) file: &'t str,
     text: &'t str,
     problems: RefCell<Vec<Problem>>,
+    settings: RefCell<Vec<Setting>>,
 }
 
 impl<'t> Diagnostics<'t> {
@@ -16,6 +18,7 @@ impl<'t> Diagnostics<'t> {
             file,
             text,
             problems: RefCell::new(Vec::new()),
+            settings: RefCell::new(Vec::new()),
         }
     }
 
@@ -31,6 +34,23 @@ impl<'t> Diagnostics<'t> {
 
     pub(super) fn line(&self, place: usize) -> usize {
         line_at(self.text, place)
+    }
+
+    /// Notes the value of a key, once; `place`: where the file has it, none for a default.
+    pub(super) fn set(&self, key: String, value: String, place: Option<usize>) {
+        let mut settings = self.settings.borrow_mut();
+        if settings.iter().any(|setting| setting.key == key) {
+            return;
+        }
+        let source = place.map_or(Source::Default, |place| Source::Line(self.line(place)));
+        settings.push(Setting { key, value, source });
+    }
+
+    /// The keys that were asked for, by their path.
+    pub(crate) fn take_settings(&self) -> Vec<Setting> {
+        let mut settings = self.settings.take();
+        settings.sort_by(|a, b| a.key.cmp(&b.key));
+        settings
     }
 
     /// Notes a problem of another file.

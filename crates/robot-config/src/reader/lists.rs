@@ -27,6 +27,7 @@ impl<'n, 't> Section<'n, 't> {
         allowed: Allowed,
     ) -> [f64; N] {
         if !self.has(key) {
+            self.default(key, default);
             return default;
         }
         let mut numbers = [f64::NAN; N];
@@ -119,6 +120,7 @@ impl<'n, 't> Section<'n, 't> {
         default: [[f64; N]; N],
     ) -> [[f64; N]; N] {
         if !self.has(key) {
+            self.default(key, default);
             return default;
         }
         let allowed = format!("a list of {N} rows, each a list of {N} finite numbers");

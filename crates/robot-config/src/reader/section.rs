@@ -1,6 +1,6 @@
 //! One table of a TOML file: its keys, its tables, and problems with either.
 
-use super::{Diagnostics, show};
+use super::{Diagnostics, show, whole};
 use core::cell::RefCell;
 use core::fmt;
 use problem::Problem;
@@ -128,8 +128,22 @@ impl<'n, 't> Section<'n, 't> {
     pub(super) fn find(&self, key: &'static str) -> Option<&'n Spanned<DeValue<'t>>> {
         let key = self.key(key);
         let value = self.table.get(&*key);
+        if let Some(value) = value
+            && !matches!(value.get_ref(), DeValue::Table(_))
+        {
+            let (text, place) = (whole(value.get_ref()), value.span().start);
+            self.diagnostics.set(self.in_table(&key), text, Some(place));
+        }
         self.known.borrow_mut().insert(key);
         value
+    }
+
+    /// The default of a key that the file may lack.
+    pub(super) fn default(&self, key: &'static str, value: impl fmt::Debug) {
+        if self.find(key).is_none() {
+            let text = format!("{value:?}");
+            self.diagnostics.set(self.path(key), text, None);
+        }
     }
 
     pub(crate) fn has(&self, key: &'static str) -> bool {

@@ -18,6 +18,7 @@ impl<'n, 't> Section<'n, 't> {
     }
 
     pub(crate) fn number_or(&self, key: &'static str, default: f64, allowed: Allowed) -> f64 {
+        self.default(key, default);
         self.find(key)
             .map_or(default, |value| self.as_number(key, value, allowed))
     }
@@ -80,6 +81,7 @@ impl<'n, 't> Section<'n, 't> {
     }
 
     pub(crate) fn flag_or(&self, key: &'static str, default: bool) -> bool {
+        self.default(key, default);
         match self.find(key).map(|value| (value, value.get_ref())) {
             None => default,
             Some((_, DeValue::Boolean(flag))) => *flag,
@@ -92,6 +94,7 @@ impl<'n, 't> Section<'n, 't> {
 
     /// +1 or -1.
     pub(crate) fn sign_or(&self, key: &'static str, default: f64) -> f64 {
+        self.default(key, default);
         match self.find(key) {
             None => default,
             Some(value) => match value.get_ref() {
@@ -154,12 +157,15 @@ impl<'n, 't> Section<'n, 't> {
         chosen.unwrap_or(&choices[0]).1
     }
 
-    pub(crate) fn choice_or<T: Copy>(
+    pub(crate) fn choice_or<T: Copy + PartialEq>(
         &self,
         key: &'static str,
         default: T,
         choices: &[(&str, T)],
     ) -> T {
+        if let Some((word, _)) = choices.iter().find(|(_, choice)| *choice == default) {
+            self.default(key, word);
+        }
         if self.has(key) {
             self.choice(key, choices)
         } else {
