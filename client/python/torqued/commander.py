@@ -9,8 +9,9 @@ from typing import Callable, Dict, Iterable, Optional, Sequence, Tuple
 
 import iceoryx2 as iox2
 
-from . import keep, location, trajectory
+from . import location, trajectory
 from .client import POLL_S, RETRY_S, Client, NoDaemonError, newest_message
+from .keep import Keeper, Meanwhile, alone, copied
 from .layout import (
     EVENTS,
     MAX_FRAMES,
@@ -92,7 +93,7 @@ class Commander:
         self._piece_count = 0
         #: Held while the commander is used: a thread may keep the lease meanwhile.
         self._lock = threading.RLock()
-        self._keeper: Optional[keep.Keeper] = None
+        self._keeper: Optional[Keeper] = None
         location.reserve(client._run_dir)
         #: The present reference; `send` sends it.
         self.reference = Reference(
@@ -135,7 +136,7 @@ class Commander:
                 self._keeper.sent()
             self._send(change)
 
-    def keep(self, busy_s: float, meanwhile: keep.Meanwhile = keep.Meanwhile.HOLD) -> None:
+    def keep(self, busy_s: float, meanwhile: Meanwhile = Meanwhile.HOLD) -> None:
         """From now on a thread keeps the lease while this program sends nothing for up to `busy_s`, at
         most 1 s, and says meanwhile what `meanwhile` says: hold, or the newest reference carried on.
         `busy_s` of 0 ends it. References are changed in `send(change)` then, or between two calls. Python's
@@ -145,7 +146,7 @@ class Commander:
             self._keeper.end()
             self._keeper = None
         if busy_s > 0.0:
-            self._keeper = keep.Keeper(self, busy_s, meanwhile)
+            self._keeper = Keeper(self, busy_s, meanwhile)
 
     def _send(self, change: Optional[Callable[[Reference], None]]) -> None:
         if change is not None:
@@ -166,7 +167,7 @@ class Commander:
         if error is not None:
             raise error
 
-    @keep.alone
+    @alone
     def hold_until_ready(self, timeout_s: float) -> None:
         """Asks for mode hold until a mode would be followed: for a robot that an operator is about to
         enable, or after an error of `send`. Raises `NotFollowedError` with the reason if it is not
@@ -186,7 +187,7 @@ class Commander:
             if time.monotonic() > until:
                 raise self._not_followed()
 
-    @keep.alone
+    @alone
     def go_to(
         self,
         targets: Dict[str, float],
@@ -223,7 +224,7 @@ class Commander:
                 self.send()
                 return False
 
-    @keep.alone
+    @alone
     def lead_frames(self, client: Client, names: Sequence[str]) -> Dict[str, FrameReference]:
         """Prepares mode Cartesian with these frames: the robot holds until their poses are shown, and
         the reference asks for these poses and for the joints' angles, without stiffness or force, and
@@ -410,7 +411,7 @@ class Commander:
         if self._standing != _Standing.COMMANDING or self._references is None:
             return
         kept = self.reference
-        self.reference = keep.copied(kept)
+        self.reference = copied(kept)
         try:
             change(self.reference)
             if self.reference.mode != kept.mode:

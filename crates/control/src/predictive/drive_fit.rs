@@ -36,9 +36,6 @@ const LEAST: f64 = 0.003;
 /// Residuals beyond this many standard deviations are none of this model: a current at its limit, a
 /// drive that does not follow.
 const OUTLIER: f64 = 4.0;
-/// Time in which the offset's variance grows to that before anything was known, where blocks are outliers, s: a drive
-/// whose own encoder differs from the reported one has another offset in another pose, and is no other drive for that.
-const FORGETS_OFFSET_S: f64 = 1.0;
 /// Mean square of the residuals over their variance from which on the fit is not believed, and the time
 /// of that mean, s.
 const INCONSISTENT: f64 = 6.0;
@@ -192,8 +189,6 @@ impl DriveFit {
         self.surprise +=
             (time / CONSISTENCY_S).min(1.0) * (squared.min(2.0 * most) - self.surprise);
         if squared > most {
-            let (offset, grown) = (prior[(2, 2)], self.covariance[(2, 2)]);
-            self.covariance[(2, 2)] = (grown + offset * time / FORGETS_OFFSET_S).min(offset);
             return;
         }
         let gain = column / variance;
@@ -389,30 +384,6 @@ mod tests {
             assert_eq!(fit.update(0.4, 0.0, 0.4), None);
         }
         assert_eq!(fit.applied(), [0.0; 2]);
-    }
-
-    /// Three minutes of rest in poses of which each has another offset of 3 % of the limit, a step a quarter of a minute: a
-    /// drive that is as configured.
-    #[test]
-    fn another_offset_in_another_pose_is_no_other_drive() {
-        let mut fit = fit();
-        let mut unlike = false;
-        for pose in 0..12 {
-            let offset = [7.0, -7.0, 0.0][pose % 3];
-            for seconds in [0.5, 14.5] {
-                let moves = seconds < 1.0;
-                for k in 0..(1e3 * seconds) as usize {
-                    let swing = if moves { (0.02 * k as f64).sin() } else { 0.0 };
-                    let wanted = 30.0 + 11.0 * swing;
-                    let noise = 1.5 * (7.9 * k as f64).sin();
-                    let lead = wanted / STIFFNESS + 1e-4;
-                    let _ = fit.update(0.3, wanted + offset + noise, 0.3 + lead);
-                    unlike |= fit.is_unlike();
-                }
-            }
-        }
-        assert!(!unlike, "{fit:?}");
-        assert_near(&fit, [1.0, 1.0], 0.08);
     }
 
     /// The torque of a drive that is led changes by less than 1 % within a block.
