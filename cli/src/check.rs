@@ -8,7 +8,7 @@ mod text;
 
 use crate::margins;
 use crate::output::finish_or_refuse;
-use bus_load::{Bitrate, BusLoad, bus_loads};
+use bus_load::{Bitrate, BusLoad, bus_loads, refusals};
 use dynamics::{Frame, Model};
 use plant::{CanRobot, SimParameters};
 use problem::Problem;
@@ -30,12 +30,14 @@ docs/configuration.md and docs/simulation.md describe every key.
 Exit codes:
   0  the configuration is complete
   2  the configuration, its URDF or one of its DBC files has a problem or cannot be read, or a
-     torque loop, or the hold of a drive that takes currents, has less margin than 30 degrees or 6 dB";
+     torque loop, or the hold of a drive that takes currents, has less margin than 30 degrees or 6 dB,
+     or a bus cannot carry its frames at this bit rate";
 
 /// Check a robot's configuration with its URDF and DBC files, and print a summary.
 ///
 /// Nothing is started: CAN interfaces need not exist. A torque loop with less margin than 30 degrees or 6 dB is
-/// refused, that of the predictive law and that of joints without a link-side encoder.
+/// refused, that of the predictive law and that of joints without a link-side encoder; so is a bus whose frames take
+/// longer than a cycle.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct CheckArguments {
@@ -76,7 +78,8 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
         ));
     }
     let judged = margins::judge(&robot);
-    let refused = margins::refusals(&robot, &judged, &arguments.config);
+    let mut refused = margins::refusals(&robot, &judged, &arguments.config);
+    refused.extend(refusals(&robot, &buses, &arguments.config));
     if !refused.is_empty() {
         return Err(Problems(refused));
     }
@@ -113,12 +116,6 @@ fn warnings(robot: &Robot, buses: &[BusLoad]) -> Vec<String> {
                 "bus {}: udp_multicast is for simulated robots: datagrams have no priority, and a \
                  lost one is noticed only by what is missing",
                 bus.name
-            )),
-            Some(time) if time.load > 1.0 => warnings.push(format!(
-                "bus {}: its frames take {:.0} us at worst, a cycle has {:.0} us",
-                bus.name,
-                (time.answers_s + time.commands_s) * 1e6,
-                timing.sample_period * 1e6
             )),
             Some(time) if time.answers_s > timing.gather_deadline => warnings.push(format!(
                 "bus {}: SYNC and answers take {:.0} us at worst, loop.gather_deadline_us is {:.0}",

@@ -1,7 +1,16 @@
 //! Time that frames occupy a bus in the worst case.
 
-use can_codec::{EXTENDED_ID, Frame, Table};
-use robot_config::{Carrier, Robot};
+use can_codec::{EXTENDED_ID, Table};
+use drives::family::translation;
+use problem::Problem;
+use robot_config::{BusParameters, Carrier, Robot, slots};
+
+/// Period in which what changes slowly is told, s.
+const SLOW_S: f64 = 0.1;
+/// Rates of loops that are named where a bus is too full, Hz.
+const RATES: [f64; 9] = [
+    1000.0, 800.0, 500.0, 400.0, 250.0, 200.0, 125.0, 100.0, 50.0,
+];
 
 /// Bits a second of a bus.
 #[derive(Clone, Copy, Debug)]
@@ -57,43 +66,113 @@ pub(crate) struct WireTime {
     pub(crate) load: f64,
 }
 
+/// A kind of frame, and how often it is sent in a cycle.
+type Sent = (Shape, f64);
+
+fn shape(id: u32, fd: bool, len: u8) -> Shape {
+    let extended = id & EXTENDED_ID != 0;
+    Shape { extended, fd, len }
+}
+
+/// Frames of a table on a bus; those of actuators are no frames of the bus.
+fn messages(table: &Table, bus: usize, period: f64) -> Vec<Sent> {
+    let of_bus = (0..table.message_count()).filter_map(|index| {
+        let message = table.message(index)?;
+        let ours = usize::from(message.bus) == bus && !translation::is_own(message.id);
+        // What changes slowly is told ten times a second.
+        let slow = table.slots(index).all(slots::is_told);
+        let per_cycle = if slow {
+            (period / SLOW_S).min(1.0)
+        } else {
+            1.0
+        };
+        ours.then(|| (shape(message.id, message.fd, message.len), per_cycle))
+    });
+    of_bus.collect()
+}
+
+/// SYNC of a bus, and heartbeats of the loop and of CANopen drives: sent and received.
+fn supervision(robot: &Robot, bus: usize, period: f64) -> (Vec<Sent>, Vec<Sent>) {
+    let own = robot
+        .sync
+        .iter()
+        .filter(|frame| usize::from(frame.bus) == bus && !translation::is_own(frame.id));
+    let mut sent: Vec<Sent> = own.map(|f| (shape(f.id, f.fd, f.len), 1.0)).collect();
+    let drives = (robot.nodes.plans.iter()).filter(|plan| usize::from(plan.bus) == bus);
+    let drives = drives.count();
+    // Three in the time after which the loop counts as lost; each drive's two in it.
+    let of_loop = period / robot.nodes.heartbeat.max(period);
+    if drives > 0 {
+        sent.push((shape(0, false, 1), 3.0 * of_loop));
+    }
+    let received = vec![(shape(0, false, 1), 2.0 * of_loop); drives];
+    (sent, received)
+}
+
 /// The load of every bus, in config order.
 pub(crate) fn bus_loads(robot: &Robot, rate: Bitrate) -> Vec<BusLoad> {
-    let messages = |table: &Table, bus: usize| -> Vec<Shape> {
-        (0..table.message_count())
-            .filter_map(|index| table.message(index))
-            .filter(|message| usize::from(message.bus) == bus)
-            .map(|message| Shape {
-                extended: message.id & EXTENDED_ID != 0,
-                fd: message.fd,
-                len: message.len,
-            })
-            .collect()
+    let period = robot.parameters.timing.sample_period;
+    let total = |all: &[Sent]| {
+        let times = all.iter().map(|(shape, n)| n * shape.worst_case_s(rate));
+        times.sum::<f64>()
     };
-    let sync_shape = |frame: &Frame| Shape {
-        extended: frame.id & EXTENDED_ID != 0,
-        fd: frame.fd,
-        len: frame.len,
-    };
-    let total = |shapes: &[Shape]| shapes.iter().map(|s| s.worst_case_s(rate)).sum::<f64>();
-    let of_bus = |(bus, sync): (usize, &Frame)| {
-        let received = messages(&robot.receive, bus);
-        let sent = messages(&robot.send, bus);
-        let answers_s = sync_shape(sync).worst_case_s(rate) + total(&received);
+    let of_bus = |bus: usize| {
+        let mut received = messages(&robot.receive, bus, period);
+        let mut sent = messages(&robot.send, bus, period);
+        let actuators = robot.nodes.actuators.iter();
+        for actuator in actuators.filter(|actuator| usize::from(actuator.at.bus) == bus) {
+            for one in actuator.exchanged(period) {
+                let frame = &one.frame;
+                let kind = (shape(frame.id, frame.fd, frame.len), one.per_cycle);
+                if one.received {
+                    &mut received
+                } else {
+                    &mut sent
+                }
+                .push(kind);
+            }
+        }
+        let (begin, heartbeats) = supervision(robot, bus, period);
+        let answers_s = total(&begin) + total(&received) + total(&heartbeats);
         let commands_s = total(&sent);
         let carrier = robot.parameters.buses.get(bus).map(|bus| &bus.carrier);
         let on_wire = matches!(carrier, Some(Carrier::SocketCan(_)));
+        let count = |all: &[Sent]| all.iter().map(|(_, n)| n).sum::<f64>().round() as usize;
         BusLoad {
-            received: received.len(),
-            sent: sent.len(),
+            received: count(&received),
+            sent: count(&sent),
             time: on_wire.then(|| WireTime {
                 answers_s,
                 commands_s,
-                load: (answers_s + commands_s) / robot.parameters.timing.sample_period,
+                load: (answers_s + commands_s) / period,
             }),
         }
     };
-    robot.sync.iter().enumerate().map(of_bus).collect()
+    (0..robot.parameters.buses.len()).map(of_bus).collect()
+}
+
+/// Buses that cannot carry their frames, with the rate of the loop at which they could.
+pub(crate) fn refusals(robot: &Robot, loads: &[BusLoad], config: &str) -> Vec<Problem> {
+    let period = robot.parameters.timing.sample_period;
+    let of_bus = |(bus, load): (&BusParameters, &BusLoad)| {
+        let time = load.time.as_ref().filter(|time| time.load > 1.0)?;
+        let takes = time.answers_s + time.commands_s;
+        let what = format!(
+            "bus {}: its frames take {:.0} us at worst, {:.0} % of a cycle of {:.0} us",
+            bus.name,
+            takes * 1e6,
+            time.load * 100.0,
+            period * 1e6
+        );
+        let fits = RATES.into_iter().find(|rate| takes * rate <= 1.0);
+        let allowed = match fits {
+            Some(rate) => format!("loop.rate_hz = {rate}, a higher bit rate, or more buses"),
+            None => "a higher bit rate, or more buses".to_owned(),
+        };
+        Some(Problem::new(what, allowed).at(config, 0))
+    };
+    let buses = robot.parameters.buses.iter().zip(loads);
+    buses.filter_map(of_bus).collect()
 }
 
 #[cfg(test)]

@@ -23,8 +23,11 @@ const GAINS: [(f64, f64); 14] = [
     (0.1, 0.04),
     (0.1, 0.02),
 ];
-/// Loop's rate, Hz.
-const RATE: f64 = 500.0;
+/// Rates of the loop, Hz, the highest first.
+const RATES: [f64; 5] = [500.0, 250.0, 200.0, 125.0, 100.0];
+/// Time that the frames of a drive take on a bus of 1 Mbit/s in a cycle, at worst, s: the longest of all families of
+/// actuators (RobStride's), and of CiA 402's.
+const ON_WIRE: [f64; 2] = [0.64e-3, 0.44e-3];
 const GUESSED: &str = " # guessed";
 
 /// A configuration to be written.
@@ -92,19 +95,31 @@ impl Draft {
                 group.group, group.port
             ),
         };
-        let window = (0.04 * RATE).round();
+        let rate = self.rate();
+        let window = (0.04 * rate).round();
         let fd = self.bus.fd;
         format!(
             "# {name}: made from its URDF and the drives that answered. Measure or look up what ends with\n\
              # `# guessed`, and remove these marks; docs/configuration.md describes every key.\n\n\
              [robot]\nname = {name:?}\nurdf = {urdf:?}\nbase = \"fixed\"{GUESSED}\n\n\
-             [loop]\nrate_hz = {RATE:?}{GUESSED}\ngather_deadline_us = 800.0\nstale_after_ms = 20.0\nreal_time = \"try\"\n\n\
+             [loop]\nrate_hz = {rate:?}{GUESSED}\ngather_deadline_us = 800.0\nstale_after_ms = 20.0\nreal_time = \"try\"\n\n\
              [safety]\nenable = \"operator\"\n\n\
              [[bus]]\nname = {bus:?}\n{carrier}\nfd = {fd}\n\n\
              [filters]\nencoder = {{ window = {window}, order = 2 }}\nsensor = {{ window = {window}, order = 1 }}\n\n\
              [whole_body]\nangular_acceleration = \"neglect\"\n\n\
              [control]\nlaw = \"proportional_integral\"\ntorque_feedback = \"whole_body\"\nK_f = 0.0\n"
         )
+    }
+
+    /// The highest rate at which the bus carries all drives; the lowest where none is.
+    fn rate(&self) -> f64 {
+        let of = |&(.., kind): &(Joint, Found, usize)| {
+            let by_cia402 = self.kinds[kind].model.is_none();
+            ON_WIRE[usize::from(by_cia402)]
+        };
+        let takes: f64 = self.joints.iter().map(of).sum();
+        let fits = RATES.into_iter().find(|rate| takes * rate <= 1.0);
+        fits.unwrap_or(RATES[RATES.len() - 1])
     }
 
     fn drive_name(&self, index: usize) -> String {
@@ -127,7 +142,7 @@ impl Draft {
         let sampled = if family == "odrive" {
             format!(
                 "sampled = \"when_sent\"\nperiod_us = {:?}{GUESSED}\n",
-                1e6 / RATE
+                1e6 / self.rate()
             )
         } else {
             String::new()

@@ -4,6 +4,7 @@ use crate::words;
 use serde_json::{Map, Value, json};
 use torqued_client::robot_state::{
     CycleRecord, Description, Event, ImuMeasured, LoopRecord, TorqueEstimate, Wrench, frame_flags,
+    told_flags,
 };
 use torqued_client::{Record, why_not_followed, why_refused};
 
@@ -96,6 +97,7 @@ fn joint(name: &str, cycle: &CycleRecord, joint: usize) -> Value {
     let measured = &cycle.measured.joints[joint];
     let estimated = &cycle.estimated.joints[joint];
     let commanded = &cycle.commanded.joints[joint];
+    let told = |bit| measured.told & bit != 0;
     let known = commanded.command_delay_sigma_s > 0.0;
     json!({
         "name": name,
@@ -110,6 +112,14 @@ fn joint(name: &str, cycle: &CycleRecord, joint: usize) -> Value {
         "omega_rad_per_s": measured.omega,
         "age_s": measured.age_s,
         "status": measured.status,
+        "drive": {
+            "temperature_C": told(told_flags::TEMPERATURE).then_some(measured.temperature),
+            "supply_V": told(told_flags::VOLTAGE).then_some(measured.voltage),
+            "tau_Nm": told(told_flags::TORQUE).then_some(measured.tau_drive),
+            "error": told(told_flags::ERROR).then_some(measured.drive_error),
+            "thermal_load": estimated.thermal_load,
+            "torque_limit_Nm": commanded.torque_limit,
+        },
         "flags": words::measured(measured.flags),
         "tau_encoder": estimate(&estimated.tau_encoder),
         "tau_whole_body": estimate(&estimated.tau_whole_body),

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use terminal::TextTable;
 use torqued_client::Record;
 use torqued_client::robot_state::{
-    CycleRecord, Description, LoopRecord, TorqueEstimate, frame_flags, torque_flags,
+    CycleRecord, Description, LoopRecord, TorqueEstimate, frame_flags, told_flags, torque_flags,
 };
 use torqued_client::{why_not_followed, why_refused};
 
@@ -40,6 +40,9 @@ pub(super) fn screen(description: &Description, record: &Record) -> String {
         );
     }
     let _ = writeln!(out, "{}", joints(description, cycle));
+    if let Some(drives) = drives(description, cycle) {
+        let _ = writeln!(out, "{drives}");
+    }
     if cycle.ft_count > 0 {
         let _ = writeln!(out, "{}", ft_sensors(description, cycle));
     }
@@ -123,6 +126,50 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
         ]);
     }
     TextTable(rows)
+}
+
+/// What drives tell of themselves, and what their heat leaves of the torque; none where none tells anything.
+fn drives(description: &Description, cycle: &CycleRecord) -> Option<TextTable> {
+    let heading = [
+        "drive of",
+        "temperature C",
+        "supply V",
+        "own torque N·m",
+        "error",
+        "load %",
+        "may make N·m",
+    ];
+    let mut rows = vec![heading.map(str::to_owned).to_vec()];
+    let names = description.joint_names.iter().enumerate();
+    for (j, name) in names.take(cycle.joint_count as usize) {
+        let (measured, estimated) = (&cycle.measured.joints[j], &cycle.estimated.joints[j]);
+        if measured.told == 0 && estimated.thermal_load == 0.0 {
+            continue;
+        }
+        let told = |bit, text: String| match measured.told & bit {
+            0 => "-".to_owned(),
+            _ => text,
+        };
+        let kind = description.joint_kind(j);
+        let torque = |text: String| cell(kind, text, "N·m");
+        let limit = cycle.commanded.joints[j].torque_limit;
+        rows.push(vec![
+            name.to_string(),
+            told(
+                told_flags::TEMPERATURE,
+                format!("{:.0}", measured.temperature),
+            ),
+            told(told_flags::VOLTAGE, format!("{:.1}", measured.voltage)),
+            torque(told(
+                told_flags::TORQUE,
+                format!("{:.2}", measured.tau_drive),
+            )),
+            told(told_flags::ERROR, format!("{:#x}", measured.drive_error)),
+            format!("{:.0}", 100.0 * estimated.thermal_load),
+            torque(format!("{limit:.1}")),
+        ]);
+    }
+    (rows.len() > 1).then_some(TextTable(rows))
 }
 
 /// Value and standard deviation, or `-` for one that may not be used.
