@@ -139,14 +139,13 @@ fn json_gives_loads_and_gains_in_both_forms() {
 }
 
 #[test]
-fn half_the_bitrate_doubles_the_load_and_warns() {
+fn half_the_bitrate_doubles_the_load_and_is_refused_with_the_rate_that_fits() {
     let output = Leg::new("bitrate").check(&["--bitrate", "500000"]);
-    assert!(output.status.success(), "{output:?}");
-    let text = String::from_utf8(output.stdout).unwrap();
-    assert!(
-        text.contains("136 %") && text.contains("warning: bus a"),
-        "{text}"
-    );
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    let text = String::from_utf8(output.stderr).unwrap();
+    for part in ["bus a: its frames take 1360 us", "136 %", "500 Hz"] {
+        assert!(text.contains(part), "{part:?} is not in\n{text}");
+    }
 }
 
 #[test]
