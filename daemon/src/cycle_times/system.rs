@@ -101,7 +101,7 @@ mod tests {
         let status = "Name:\tloop\nvoluntary_ctxt_switches:\t7\nnonvoluntary_ctxt_switches:\t3\n";
         let stat = format!(
             "78 (my loop) S 1 1 1 0 -1 64 21 0 5 0 {}1 80 1",
-            "9 ".repeat(26)
+            "9 ".repeat(25)
         );
         let counts = Counts::parse(
             status,
@@ -132,6 +132,8 @@ mod tests {
     fn this_thread_has_been_counted() {
         let thread = super::LoopThread::default();
         thread.is_this_one();
+        // Memory of its own, page by page.
+        std::hint::black_box(vec![1_u8; 1 << 20]);
         assert!(thread.counts().minor_faults > 0);
     }
 }
