@@ -143,7 +143,11 @@ fn half_the_bitrate_doubles_the_load_and_is_refused_with_the_rate_that_fits() {
     let output = Leg::new("bitrate").check(&["--bitrate", "500000"]);
     assert_eq!(output.status.code(), Some(2), "{output:?}");
     let text = String::from_utf8(output.stderr).unwrap();
-    for part in ["bus a: its frames take 1360 us", "136 %", "loop.rate_hz = 500"] {
+    for part in [
+        "bus a: its frames take 1360 us",
+        "136 %",
+        "loop.rate_hz = 500",
+    ] {
         assert!(text.contains(part), "{part:?} is not in\n{text}");
     }
 }

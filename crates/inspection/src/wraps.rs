@@ -59,9 +59,14 @@ pub fn range_of_wraps(values: &[f64]) -> Option<f64> {
     let ordinary = quantile(steps(values), 0.9);
     let mut sizes = Vec::new();
     let mut at_bounds = 0;
-    for w in values.windows(2) {
+    // Steps that the next sample takes back: spikes to one value look like wraps otherwise.
+    let (mut taken_back, mut last) = (0, None);
+    for (row, w) in values.windows(2).enumerate() {
         let step = (w[1] - w[0]).abs();
         if step > 0.6 * covered && step > 10.0 * ordinary {
+            let returns = last.is_some_and(|(at, up)| at + 1 == row && up != (w[1] > w[0]));
+            taken_back += usize::from(returns);
+            last = Some((row, w[1] > w[0]));
             sizes.push(step);
             // A wrap leads from one bound to the other; a spike begins anywhere.
             let (least, most) = (w[0].min(w[1]), w[0].max(w[1]));
@@ -69,7 +74,8 @@ pub fn range_of_wraps(values: &[f64]) -> Option<f64> {
             at_bounds += usize::from(least < low + near && most > high - near);
         }
     }
-    if sizes.len() < MIN_WRAPS || at_bounds * 10 < 9 * sizes.len() {
+    let spikes = 2 * taken_back >= sizes.len();
+    if sizes.len() < MIN_WRAPS || at_bounds * 10 < 9 * sizes.len() || spikes {
         return None;
     }
     let middle = quantile(sizes.clone(), 0.5);
