@@ -12,8 +12,8 @@ const OPPOSITE: f64 = 0.25;
 const OTHERS: f64 = 0.25;
 /// Counts by which a mean may be wrong.
 const COUNTS: f64 = 1.0;
-/// Standard deviations by which a torque must differ from zero before its sign counts.
-const CARRIES: f64 = 3.0;
+/// Standard deviations by which a torque must differ from zero before its sign counts: the other sign is three away then.
+const CARRIES: f64 = 1.5;
 /// Least share of the model's torque that the current must show, where it carries more.
 const SHOWN: f64 = 0.3;
 
@@ -280,7 +280,7 @@ mod tests {
         assert_eq!(why(judge(&asked, &carrying(17.0))), "proven");
         assert!(why(judge(&asked, &carrying(-17.0))).contains("the current's direction"));
         // Too little to tell.
-        let little = sound.clone().carrying(Some([-3.0, 4.0]), 2.0);
+        let little = sound.clone().carrying(Some([-2.0, 2.5]), 2.0);
         assert_eq!(why(judge(&asked, &little)), "proven");
     }
 }
