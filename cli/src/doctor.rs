@@ -73,7 +73,7 @@ pub(crate) fn run(arguments: &DoctorArguments) -> ExitCode {
     }
 }
 
-/// What is printed, and whether nothing was found.
+/// Text for the user, and whether no defect was found.
 fn diagnosis(arguments: &DoctorArguments) -> Result<(String, bool), Failure> {
     let (machine, config) = machine(arguments)?;
     let mut findings = examine(&machine);
@@ -93,9 +93,10 @@ fn diagnosis(arguments: &DoctorArguments) -> Result<(String, bool), Failure> {
         nodes::check(robot, config, &mut findings)?;
     }
     findings.found.sort_by_key(|finding| finding.level);
-    let text = match arguments.json {
-        true => format!("{:#}\n", findings.json(&done)),
-        false => findings.text(&done),
+    let text = if arguments.json {
+        format!("{:#}\n", findings.json(&done))
+    } else {
+        findings.text(&done)
     };
     Ok((text, findings.found.is_empty()))
 }

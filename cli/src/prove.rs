@@ -5,6 +5,7 @@ mod proof;
 
 use crate::motion::{bar, catch_signals};
 use crate::requests::{Failure, PATIENCE, connect, end};
+use crate::words;
 use judge::{Asked, Outcome, Seen, judge, runs_away};
 use problem::{Problem, Problems, listed};
 pub(crate) use proof::outdated;
@@ -15,16 +16,18 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use terminal::TextTable;
-use torqued_client::robot_state::{MAX_JOINTS, MeasuredRecord, measured_flags, torque_flags};
+use torqued_client::robot_state::{
+    MAX_JOINTS, MeasuredRecord, RobotState, measured_flags, torque_flags,
+};
 use torqued_client::{Client, Commander};
 
 const HELP: &str = "\
 One joint after the other goes 0.05 degrees (0.005 mm of a prismatic joint) away and back; where friction or a dead
 zone swallows that, 0.2. Both encoders must show it: its direction, its size, and no other joint's motion. Where the
 joint carries enough, the motor's current must show the model's torque. The first joint that shows something else
-stops it; the robot holds.
+ends it, and the robot is asked to hold.
 
 What was proven is kept in proven.toml beside CONFIG, with a hash of the joint's and its drive's tables:
 `torquectl check` names joints whose tables have changed since. The robot must be enabled, hands off, and nothing
@@ -98,45 +101,60 @@ fn go(arguments: &ProveArguments, robot: &Robot) -> Result<String, Failure> {
     let bar = bar();
     bar.set_length(chosen.len() as u64);
     let mut rows = Vec::new();
+    let mut ended = Ok(());
     for &j in &chosen {
         bar.set_message(joints[j].name.clone());
-        let proven = prove(j, joints, &mut client, &mut commander, &stop);
-        let (row, why) = match proven {
-            Ok(Ok(proven)) => (Ok(proven), None),
-            Ok(Err(why)) => (Err(why.clone()), Some(why)),
-            Err(e) => {
-                bar.finish_and_clear();
-                return Err(e);
+        match prove(j, joints, &mut client, &mut commander, &stop) {
+            Ok(Ok(proven)) => {
+                proof.take(robot, j, &proven);
+                rows.push((j, proven));
             }
-        };
-        if let Ok(proven) = &row {
-            proof.take(robot, j, proven).map_err(Failure::Argument)?;
+            Ok(Err(why)) => {
+                let reason = format!("joint `{}` {why}", joints[j].name);
+                ended = Err(Failure::Stopped(reason));
+            }
+            Err(e) => ended = Err(e),
         }
-        rows.push((j, row));
         bar.inc(1);
-        if let Some(why) = why {
-            bar.finish_and_clear();
-            commander.close()?;
-            proof.write().map_err(Failure::Argument)?;
-            let reason = format!("joint `{}` {why}", joints[j].name);
-            return Err(Failure::Stopped(reason));
+        if ended.is_err() {
+            break;
         }
     }
     bar.finish_and_clear();
-    commander.close()?;
+    // What was proven before stays so.
     proof.write().map_err(Failure::Argument)?;
-    let proven = rows
-        .iter()
-        .filter_map(|(j, row)| Some((*j, row.as_ref().ok()?)));
+    ended?;
+    commander.close()?;
+    holds(&mut client)?;
     Ok(if arguments.json {
-        let joints = proven.map(|(j, proven)| (joints[j].name.clone(), proven.json()));
+        let joints = rows
+            .iter()
+            .map(|(j, proven)| (joints[*j].name.clone(), proven.json()));
         format!(
             "{:#}\n",
             json!({ "joints": joints.collect::<serde_json::Map<_, _>>() })
         )
     } else {
-        table(joints, proven)
+        table(joints, &rows)
     })
+}
+
+/// Waits until the record shows that the robot holds.
+fn holds(client: &mut Client) -> Result<(), Failure> {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        let state = client.next_record(PATIENCE)?.cycle.state;
+        if state == RobotState::Holding.number() {
+            return Ok(());
+        }
+        if Instant::now() > until {
+            let reason = format!(
+                "proven, but the robot is {}, not holding",
+                words::state(state)
+            );
+            return Err(Failure::Stopped(reason));
+        }
+    }
 }
 
 /// Joints by their names, or all of them.
@@ -205,7 +223,7 @@ fn prove(
             return Ok(Err(words));
         }
         if !arrived {
-            return Err(Failure::Stopped("stopped; the robot holds".to_owned()));
+            return Err(Failure::Stopped("stopped on its way".to_owned()));
         }
         let after = standing(client, joints)?;
         let seen = Seen::new(j, joints, (&before.angles, &after.angles))
@@ -285,17 +303,14 @@ fn standing(client: &mut Client, joints: &[JointParameters]) -> Result<Standing,
     })
 }
 
-fn table<'a>(
-    joints: &[JointParameters],
-    proven: impl Iterator<Item = (usize, &'a Proven)>,
-) -> String {
+fn table(joints: &[JointParameters], proven: &[(usize, Proven)]) -> String {
     let heading = ["joint", "asked deg", "motor deg", "link deg", "current"];
     let mut rows = vec![heading.map(str::to_owned).to_vec()];
     for (j, proven) in proven {
-        let kind = joints[j].kind;
+        let kind = joints[*j].kind;
         let shown = |x: f64| crate::units::cell(kind, format!("{:.4}", kind.shown(x)), "deg");
         rows.push(vec![
-            joints[j].name.clone(),
+            joints[*j].name.clone(),
             shown(proven.asked),
             shown(proven.motor),
             proven.link.map_or_else(|| "-".to_owned(), shown),

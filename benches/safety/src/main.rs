@@ -80,7 +80,7 @@ fn main() -> ExitCode {
     match work(&arguments) {
         Ok(failed) => {
             println!("{failed} runs do not hold");
-            // Of two faults at once some are beyond what any reaction could hold: the page names them.
+            // Pairs of faults beyond what a reaction could hold are known: the page lists them.
             ExitCode::from(u8::from(failed > 0 && arguments.pairs.is_none()))
         }
         Err(message) => {

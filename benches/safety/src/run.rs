@@ -91,7 +91,7 @@ pub struct Outcome {
 }
 
 /// Of the humanoid the arms move, or are let go.
-fn is_of_arm(name: &str) -> bool {
+pub(crate) fn is_of_arm(name: &str) -> bool {
     ["shoulder", "elbow", "wrist"]
         .iter()
         .any(|arm| name.contains(arm))

@@ -9,8 +9,8 @@ use std::f64::consts::TAU;
 
 use crate::rig::{At, Fault, Rig};
 use crate::robots::Prepared;
-use crate::run::begin;
-use crate::scenarios::{Place, Start, noise};
+use crate::run::{begin, is_of_arm};
+use crate::scenarios::{Place, Start, both, noise};
 
 /// Simulated time of a run, cycles: a minute.
 const CYCLES: usize = 60_000;
@@ -46,8 +46,7 @@ pub struct SoundOutcome {
     pub seconds: f64,
     /// The latched fault's number, or 0.
     pub fault: u32,
-    /// What has ended the client's mode without a latched fault: the number of the newest event that can; 0: it went
-    /// on.
+    /// Number of the event that ended the client's mode without a latched fault; 0: the mode went on.
     pub ended_by: u32,
 }
 
@@ -108,21 +107,10 @@ fn newest(now: &[u64; EVENT_COUNT], before: &[u64; EVENT_COUNT]) -> u32 {
     new.map(|event| event.number()).max().unwrap_or(0)
 }
 
-fn both(mut one: Fault, mut other: Fault) -> Fault {
-    Box::new(move |at, rig, k| {
-        one(at, rig, k);
-        other(at, rig, k);
-    })
-}
-
-/// Joints of the humanoid that move: what it stands on does not.
+/// Joints that move: what the humanoid stands on does not.
 fn moves(rig: &Rig, joint: usize) -> bool {
     let p = &rig.robot.parameters;
-    let name = &p.joints[joint].name;
-    p.name != "humanoid"
-        || ["shoulder", "elbow", "wrist"]
-            .iter()
-            .any(|arm| name.contains(arm))
+    p.name != "humanoid" || is_of_arm(&p.joints[joint].name)
 }
 
 /// Each joint swings at a frequency of its own, led in without a step.

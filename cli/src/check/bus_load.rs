@@ -5,7 +5,7 @@ use drives::family::translation;
 use problem::Problem;
 use robot_config::{BusParameters, Carrier, Robot, slots};
 
-/// Period in which what changes slowly is told, s.
+/// Period in which what changes slowly is reported, s.
 const SLOW_S: f64 = 0.1;
 /// Rates of loops that are named where a bus is too full, Hz.
 const RATES: [f64; 9] = [
@@ -79,8 +79,8 @@ fn messages(table: &Table, bus: usize, period: f64) -> Vec<Sent> {
     let of_bus = (0..table.message_count()).filter_map(|index| {
         let message = table.message(index)?;
         let ours = usize::from(message.bus) == bus && !translation::is_own(message.id);
-        // What changes slowly is told ten times a second.
-        let slow = table.slots(index).all(slots::is_told);
+        // What changes slowly is reported ten times a second.
+        let slow = table.slots(index).all(slots::is_reported);
         let per_cycle = if slow {
             (period / SLOW_S).min(1.0)
         } else {

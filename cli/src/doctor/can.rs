@@ -30,13 +30,12 @@ pub(super) fn check(machine: &Machine, findings: &mut Findings) {
                 "can-missing",
                 format!("the CAN interface {name} does not exist; {here}"),
                 "the daemon does not start",
-                match name.starts_with("vcan") {
-                    true => {
-                        format!("ip link add dev {name} type vcan; ip link set {name} mtu 72 up")
-                    }
-                    false => "plug the adapter in, load its driver (dmesg | grep -i can); \
+                if name.starts_with("vcan") {
+                    format!("ip link add dev {name} type vcan; ip link set {name} mtu 72 up")
+                } else {
+                    "plug the adapter in, load its driver (dmesg | grep -i can); \
                               ip link set can0 name NAME renames"
-                        .to_owned(),
+                        .to_owned()
                 },
             );
         }
@@ -290,7 +289,7 @@ fn adapter(machine: &Machine, name: &str, findings: &mut Findings) {
             "an adapter with a driver of its own: PCI, SPI, or USB with gs_usb (candleLight firmware)",
         );
     }
-    // Of a USB adapter the device's folder is an interface of it.
+    // The sysfs folder of a USB adapter is its interface; the settings of power are one above.
     let power = [
         format!("{device}/power/control"),
         format!("{device}/../power/control"),

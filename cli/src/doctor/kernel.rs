@@ -13,7 +13,7 @@ const SLOW_CLOCKS: [&str; 6] = [
     "pit",
     "tsc-early",
 ];
-/// Share of each period that the kernel leaves to real-time threads unless told otherwise.
+/// Share of each period that the kernel leaves to real-time threads by default.
 const RT_SHARE: f64 = 0.95;
 /// Memory that should be free when the daemon locks its own, bytes: it holds 5 s of records of a humanoid.
 const FREE_MEMORY: f64 = 256e6;

@@ -47,7 +47,7 @@ impl Column {
         Ok(())
     }
 
-    /// Inspects the column, mends it and leaves out what is no measurement. Its name's end tells what it measures.
+    /// Inspects the column, mends it and leaves out what is no measurement. The end of its name says which quantity it is.
     pub(super) fn inspect(&mut self, name: &str) -> Vec<Finding> {
         let quantity = match name.rsplit('.').next() {
             Some("q") => Quantity::Angle,

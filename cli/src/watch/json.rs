@@ -4,7 +4,7 @@ use crate::words;
 use serde_json::{Map, Value, json};
 use torqued_client::robot_state::{
     CycleRecord, Description, Event, ImuMeasured, LoopRecord, TorqueEstimate, Wrench, frame_flags,
-    told_flags,
+    reported_flags,
 };
 use torqued_client::{Record, why_not_followed, why_refused};
 
@@ -97,7 +97,7 @@ fn joint(name: &str, cycle: &CycleRecord, joint: usize) -> Value {
     let measured = &cycle.measured.joints[joint];
     let estimated = &cycle.estimated.joints[joint];
     let commanded = &cycle.commanded.joints[joint];
-    let told = |bit| measured.told & bit != 0;
+    let reported = |bit| measured.reported & bit != 0;
     let known = commanded.command_delay_sigma_s > 0.0;
     json!({
         "name": name,
@@ -113,10 +113,10 @@ fn joint(name: &str, cycle: &CycleRecord, joint: usize) -> Value {
         "age_s": measured.age_s,
         "status": measured.status,
         "drive": {
-            "temperature_C": told(told_flags::TEMPERATURE).then_some(measured.temperature),
-            "supply_V": told(told_flags::VOLTAGE).then_some(measured.voltage),
-            "tau_Nm": told(told_flags::TORQUE).then_some(measured.tau_drive),
-            "error": told(told_flags::ERROR).then_some(measured.drive_error),
+            "temperature_C": reported(reported_flags::TEMPERATURE).then_some(measured.temperature),
+            "supply_V": reported(reported_flags::VOLTAGE).then_some(measured.voltage),
+            "tau_Nm": reported(reported_flags::TORQUE).then_some(measured.tau_drive),
+            "error": reported(reported_flags::ERROR).then_some(measured.drive_error),
             "thermal_load": estimated.thermal_load,
             "torque_limit_Nm": commanded.torque_limit,
         },

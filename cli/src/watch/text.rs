@@ -6,7 +6,7 @@ use std::fmt::Write;
 use terminal::TextTable;
 use torqued_client::Record;
 use torqued_client::robot_state::{
-    CycleRecord, Description, LoopRecord, TorqueEstimate, frame_flags, told_flags, torque_flags,
+    CycleRecord, Description, LoopRecord, TorqueEstimate, frame_flags, reported_flags, torque_flags,
 };
 use torqued_client::{why_not_followed, why_refused};
 
@@ -128,7 +128,7 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
     TextTable(rows)
 }
 
-/// What drives tell of themselves, and what their heat leaves of the torque; none where none tells anything.
+/// What drives report of themselves, and what their heat leaves of the torque; none where none reports anything.
 fn drives(description: &Description, cycle: &CycleRecord) -> Option<TextTable> {
     let heading = [
         "drive of",
@@ -143,10 +143,10 @@ fn drives(description: &Description, cycle: &CycleRecord) -> Option<TextTable> {
     let names = description.joint_names.iter().enumerate();
     for (j, name) in names.take(cycle.joint_count as usize) {
         let (measured, estimated) = (&cycle.measured.joints[j], &cycle.estimated.joints[j]);
-        if measured.told == 0 && estimated.thermal_load == 0.0 {
+        if measured.reported == 0 && estimated.thermal_load == 0.0 {
             continue;
         }
-        let told = |bit, text: String| match measured.told & bit {
+        let reported = |bit, text: String| match measured.reported & bit {
             0 => "-".to_owned(),
             _ => text,
         };
@@ -155,16 +155,19 @@ fn drives(description: &Description, cycle: &CycleRecord) -> Option<TextTable> {
         let limit = cycle.commanded.joints[j].torque_limit;
         rows.push(vec![
             name.to_string(),
-            told(
-                told_flags::TEMPERATURE,
+            reported(
+                reported_flags::TEMPERATURE,
                 format!("{:.0}", measured.temperature),
             ),
-            told(told_flags::VOLTAGE, format!("{:.1}", measured.voltage)),
-            torque(told(
-                told_flags::TORQUE,
+            reported(reported_flags::VOLTAGE, format!("{:.1}", measured.voltage)),
+            torque(reported(
+                reported_flags::TORQUE,
                 format!("{:.2}", measured.tau_drive),
             )),
-            told(told_flags::ERROR, format!("{:#x}", measured.drive_error)),
+            reported(
+                reported_flags::ERROR,
+                format!("{:#x}", measured.drive_error),
+            ),
             format!("{:.0}", 100.0 * estimated.thermal_load),
             torque(format!("{limit:.1}")),
         ]);

@@ -312,7 +312,7 @@ class JointMeasured(ctypes.Structure):
         ("ddq_hat", ctypes.c_double),
         # omega: motor-side velocity, rad/s: the drive's own, or from a short filter.
         ("omega", ctypes.c_double),
-        # Temperature that the drive tells, of its winding where it tells more than one, °C; as long as `told` has its bit, as the next three.
+        # Temperature that the drive reports, of its winding where it reports more than one, °C; as long as `reported` has its bit, as the next three.
         ("temperature", ctypes.c_double),
         # Voltage of the drive's supply, V.
         ("voltage", ctypes.c_double),
@@ -324,8 +324,8 @@ class JointMeasured(ctypes.Structure):
         ("status", ctypes.c_uint32),
         # Number of the drive's error; 0: none.
         ("drive_error", ctypes.c_uint32),
-        # Bits of `told_flags`.
-        ("told", ctypes.c_uint32),
+        # Bits of `reported_flags`.
+        ("reported", ctypes.c_uint32),
         # Bits of `measured_flags`.
         ("flags", ctypes.c_uint32),
     ]
@@ -918,7 +918,7 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#269b0468529d4b0e")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#0a12f238c00812ac")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
 Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")

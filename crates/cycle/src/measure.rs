@@ -12,9 +12,9 @@ mod imu_check;
 mod imus;
 mod publish;
 mod reception;
+mod reported;
 mod sensors;
 mod skipped;
-mod told;
 
 use can_codec::Frames;
 use estimators::encoder::JointAngles;
@@ -36,7 +36,7 @@ use gear_torsion::GearTorsion;
 use imu_check::ImuCheck;
 use imus::Imus;
 use reception::{Reception, Source};
-use told::Told;
+use reported::Reported;
 
 /// A joint's sample with one of these is bridged.
 pub(crate) const NOT_USED: u32 = measured_flags::NEVER
@@ -88,7 +88,7 @@ pub(crate) struct Measure {
     sample_period: f64,
     stale_after: f64,
     sends_velocity: Vec<bool>,
-    told: Vec<Told>,
+    reported: Vec<Reported>,
     /// Builds each joint's sample for its estimators from its readings.
     front_ends: Vec<FrontEnd>,
     /// For the torque from F/T sensors and IMU, contacts and feedback.
@@ -166,8 +166,8 @@ impl Measure {
             imu_doubted: false,
             sample_period: period,
             stale_after: parameters.timing.stale_after,
-            told: (parameters.joints.iter().enumerate())
-                .map(|(j, joint)| Told::new(j, joint, &reception))
+            reported: (parameters.joints.iter().enumerate())
+                .map(|(j, joint)| Reported::new(j, joint, &reception))
                 .collect(),
             sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
             front_ends: (parameters.joints.iter())
@@ -405,7 +405,7 @@ impl Measure {
                     measured.omega = self.reception.slot(slots::velocity(j));
                 }
             }
-            self.told[j].read(&self.reception, at.now, measured);
+            self.reported[j].read(&self.reception, at.now, measured);
             measured.age_s = reading.age_s;
             measured.flags = flags;
             let (q, theta) = match (used, self.is_lost(j, flags)) {

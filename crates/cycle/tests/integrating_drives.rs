@@ -51,9 +51,10 @@ fn with_drives(text: &str, change: impl Fn(usize, &str) -> String) -> String {
                 names.push(name);
             }
         }
-        lines.push(match of_drive {
-            true => change(names.len() - 1, line),
-            false => line.to_owned(),
+        lines.push(if of_drive {
+            change(names.len() - 1, line)
+        } else {
+            line.to_owned()
         });
     }
     lines.join("\n")
@@ -95,9 +96,10 @@ fn configured(text: &str, drawn: &[Drawn], known: bool) -> String {
         _ if line.starts_with("K_tau_rad") => changed(line, |_| k_tau(i)),
         _ if line.starts_with("K_v_s") => {
             let damped = changed(line, |k_v| k_v * drawn[i].damping / drawn[i].stiffness);
-            match known {
-                true => format!("{damped}\nintegral_time_ms = {}", 1e3 * drawn[i].time),
-                false => damped,
+            if known {
+                format!("{damped}\nintegral_time_ms = {}", 1e3 * drawn[i].time)
+            } else {
+                damped
             }
         }
         _ => line.to_owned(),

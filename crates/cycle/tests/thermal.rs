@@ -4,7 +4,7 @@ mod common;
 
 use common::{Bench, client_input, read};
 use cycle::ClientInput;
-use robot_state::{CycleRecord, Event, RobotState, told_flags};
+use robot_state::{CycleRecord, Event, RobotState, reported_flags};
 
 /// Torque limit of the test joint, torque of 3 A, and what carries its weight, N·m.
 const LIMIT: f64 = 37.0;
@@ -28,7 +28,7 @@ drive_error = { signal = \"TOLD.error\" }
 const TEMPERATURES: &str =
     "continuous_current_A = 3.0\ntime_constant_s = 60.0\nwarn_C = 60\nderate_C = 70\nstop_C = 90\n";
 
-/// The test joint, whose drive tells of itself and may get so hot.
+/// The test joint, whose drive reports of itself and may get so hot.
 fn bench(thermal: &str) -> Bench {
     Bench::reading("test-joint", &|path| {
         let text = read(path)?;
@@ -75,9 +75,11 @@ fn what_a_drive_tells_is_in_the_record_until_it_falls_silent() {
     bench.plant.robot_mut().set_temperature(0, 41.0);
     bench.run(300);
     let joint = bench.cycle.record().measured.joints[0];
-    let all =
-        told_flags::TEMPERATURE | told_flags::VOLTAGE | told_flags::TORQUE | told_flags::ERROR;
-    assert_eq!(joint.told, all);
+    let all = reported_flags::TEMPERATURE
+        | reported_flags::VOLTAGE
+        | reported_flags::TORQUE
+        | reported_flags::ERROR;
+    assert_eq!(joint.reported, all);
     assert_eq!(
         (joint.temperature, joint.voltage, joint.drive_error),
         (41.0, 48.0, 0)
@@ -95,7 +97,7 @@ fn what_a_drive_tells_is_in_the_record_until_it_falls_silent() {
         bench.compute(&ClientInput::default());
     }
     let record = bench.cycle.record();
-    assert_eq!(record.measured.joints[0].told, 0);
+    assert_eq!(record.measured.joints[0].reported, 0);
     assert_eq!(
         record.state,
         RobotState::Holding.number(),

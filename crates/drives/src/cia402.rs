@@ -91,9 +91,9 @@ pub enum Side {
     Link,
 }
 
-/// What a drive tells of itself besides what the loop needs.
+/// What a drive reports of itself besides what the loop needs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Tells {
+pub struct Reported {
     /// Number of its error (603F).
     pub error: bool,
     /// Its own torque (6077).
@@ -121,8 +121,8 @@ pub struct Kind {
     pub current_per_torque: f64,
     /// Rated torque, N·m at the joint: object 6076, by which 6077 counts.
     pub rated_torque: f64,
-    /// What it tells of itself besides, ten times a second.
-    pub tells: Tells,
+    /// What it reports of itself besides, ten times a second.
+    pub reported: Reported,
     /// Time after which the drive counts the daemon as lost, ms.
     pub heartbeat_ms: u16,
     /// Number of the maker (1018:01), if it must be that.
@@ -204,9 +204,9 @@ impl Drive<'_> {
             groups.push(&second);
         }
         let mut pdos = pdo::plan(Direction::Transmit, 1, &groups)?;
-        let told = self.told();
-        if !told.is_empty() {
-            let groups: Vec<&[Mapped]> = told.chunks(1).collect();
+        let objects = self.objects_reported();
+        if !objects.is_empty() {
+            let groups: Vec<&[Mapped]> = objects.chunks(1).collect();
             // At every so many SYNCs.
             let every = (TOLD_S / self.period).round().clamp(1.0, 240.0) as u8;
             for mut pdo in pdo::plan(Direction::Transmit, every, &groups)? {
@@ -217,7 +217,7 @@ impl Drive<'_> {
                 let what = format!("{} messages are sent by the drive", pdos.len());
                 return Err(Problem::new(
                     what,
-                    "at most four PDOs of 8 bytes: less in `tells`",
+                    "at most four PDOs of 8 bytes: less in `reports`",
                 ));
             }
         }
@@ -234,14 +234,14 @@ impl Drive<'_> {
         Ok(pdos)
     }
 
-    /// What it tells of itself besides.
-    fn told(&self) -> Vec<Mapped> {
-        let tells = &self.kind.tells;
+    /// What it reports of itself besides.
+    fn objects_reported(&self) -> Vec<Mapped> {
+        let reported = &self.kind.reported;
         let all = [
-            tells.error.then_some(word(ERROR)),
-            tells.torque.then_some(word(TORQUE)),
-            tells.voltage.then_some(long(SUPPLY)),
-            tells.temperature.map(|(mapped, _)| mapped),
+            reported.error.then_some(word(ERROR)),
+            reported.torque.then_some(word(TORQUE)),
+            reported.voltage.then_some(long(SUPPLY)),
+            reported.temperature.map(|(mapped, _)| mapped),
         ];
         all.into_iter().flatten().collect()
     }
@@ -311,8 +311,8 @@ impl Drive<'_> {
                 (signals::TORQUE, "Nm", scale, Coding::Signed)
             }
             SUPPLY => (signals::VOLTAGE, "mV", 1.0, Coding::Unsigned),
-            object => match kind.tells.temperature {
-                Some((told, count)) if told.object == object => {
+            object => match kind.reported.temperature {
+                Some((mapped, count)) if mapped.object == object => {
                     (signals::TEMPERATURE, "degC", count, Coding::Signed)
                 }
                 _ => (other, "count", 1.0, Coding::Signed),

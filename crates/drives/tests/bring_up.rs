@@ -4,7 +4,7 @@ use can_codec::Frame;
 use drives::canopen::bring_up::{BringUp, Limits, Outcome, Plan, Trouble};
 use drives::canopen::server::Server;
 use drives::canopen::{NodeState, Object, SDO_ANSWER_ID, SDO_REQUEST_ID};
-use drives::cia402::{Drive, Kind, MASTER, Mode, Side, Tells, simulated};
+use drives::cia402::{Drive, Kind, MASTER, Mode, Reported, Side, simulated};
 use proptest::prelude::*;
 
 const NODE: u8 = 3;
@@ -19,7 +19,7 @@ fn kind(mode: Mode) -> Kind {
         rated_current: 5.0,
         current_per_torque: 5.0,
         rated_torque: 100.0,
-        tells: Tells::default(),
+        reported: Reported::default(),
         heartbeat_ms: 100,
         vendor: None,
         product: None,

@@ -2,7 +2,7 @@
 
 use drives::canopen::Object;
 use drives::canopen::eds::ObjectDictionary;
-use drives::cia402::{Drive, Kind, Mode, Side, Tells};
+use drives::cia402::{Drive, Kind, Mode, Reported, Side};
 
 /// In the manner of makers' files: CRLF, both kinds of numbers, sub-indices in hexadecimal, an array in
 /// short, and identifiers that depend on the node.
@@ -21,7 +21,7 @@ fn kind(mode: Mode) -> Kind {
         rated_current: 5.0,
         current_per_torque: 5.0,
         rated_torque: 100.0,
-        tells: Tells::default(),
+        reported: Reported::default(),
         heartbeat_ms: 100,
         vendor: None,
         product: None,

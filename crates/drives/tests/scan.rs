@@ -3,7 +3,7 @@
 use can_codec::Frame;
 use drives::canopen::server::Server;
 use drives::canopen::{Object, SDO_REQUEST_ID};
-use drives::cia402::{Kind, Mode, Side, Tells, simulated};
+use drives::cia402::{Kind, Mode, Reported, Side, simulated};
 use drives::family::{Address, FAMILIES, Family, Feedback, State};
 use drives::scan::{BusToScan, Found, Scan};
 
@@ -23,7 +23,7 @@ fn node(id: u8) -> Server {
         rated_current: 5.0,
         current_per_torque: 5.0,
         rated_torque: 100.0,
-        tells: Tells::default(),
+        reported: Reported::default(),
         heartbeat_ms: 100,
         vendor: None,
         product: None,

@@ -136,14 +136,14 @@ impl CanRobot {
         elapsed.round().clamp(1.0, MOST_PERIODS) as u32
     }
 
-    /// True for a message with a source that answers SYNC, or in this period for one that tells only what changes
+    /// True for a message with a source that answers SYNC, or in this period for one that reports only what changes
     /// slowly.
     fn answers(&self, message: usize) -> bool {
         let slots = || self.receive.slots(message);
-        if slots().all(slots::is_told) {
+        if slots().all(slots::is_reported) {
             return self.periods.is_multiple_of(TOLD_EVERY);
         }
-        slots().any(|slot| !slots::is_told(slot) && self.robot.answers(slots::source(slot)))
+        slots().any(|slot| !slots::is_reported(slot) && self.robot.answers(slots::source(slot)))
     }
 
     /// Frames of sensors with clocks of their own, up to now.
@@ -158,8 +158,8 @@ impl CanRobot {
             self.set(sent.source, &sent.values);
             for index in 0..self.receive.message_count() {
                 let mut slots = self.receive.slots(index);
-                let its =
-                    slots.any(|slot| !slots::is_told(slot) && slots::source(slot) == sent.source);
+                let its = slots
+                    .any(|slot| !slots::is_reported(slot) && slots::source(slot) == sent.source);
                 let sends = its && !self.answers(index);
                 if sends && self.receive.encode(index, &self.values, &mut frame) {
                     let before_ns = ((now - sent.stamp) * 1e9).round() as u64;
@@ -215,12 +215,12 @@ impl CanRobot {
                 0.0,
             ];
             self.set(Source::Joint(j), &values);
-            let told = joint.told;
+            let report = joint.report;
             for (slot, value) in [
-                (slots::temperature(j), told.temperature),
-                (slots::voltage(j), told.voltage),
-                (slots::drive_torque(j), told.torque),
-                (slots::drive_error(j), f64::from(told.error)),
+                (slots::temperature(j), report.temperature),
+                (slots::voltage(j), report.voltage),
+                (slots::drive_torque(j), report.torque),
+                (slots::drive_error(j), f64::from(report.error)),
             ] {
                 if let Some(place) = self.values.get_mut(slot) {
                     *place = value;

@@ -46,13 +46,13 @@ pub struct DriveReading {
     pub omega: f64,
     /// Status word; a drive without states reports that it is enabled.
     pub status: u32,
-    /// What it tells of itself besides.
-    pub told: DriveTold,
+    /// What it reports of itself besides.
+    pub report: DriveReport,
 }
 
-/// What a drive tells of itself besides its sample.
+/// What a drive reports of itself besides its sample.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct DriveTold {
+pub struct DriveReport {
     /// Temperature of its winding, °C, in whole degrees.
     pub temperature: f64,
     /// Voltage of its supply, V.

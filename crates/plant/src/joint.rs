@@ -9,7 +9,7 @@
 //! An estimator from torsion determines `T`; one from external wrenches determines `tau`.
 
 use crate::controller::Controller;
-use crate::drive::{DriveReading, DriveSheet, DriveTold};
+use crate::drive::{DriveReading, DriveReport, DriveSheet};
 use crate::drive_faults::DriveFaults;
 use crate::drive_states::{self, DriveStates};
 use crate::friction::{Bristle, BristleConstants, stribeck};
@@ -361,14 +361,14 @@ impl Joint {
             },
             omega: self.controller.velocity(),
             status: (self.states.as_ref()).map_or(drive_states::ALWAYS_ON, DriveStates::status),
-            told: self.told(),
+            report: self.report(),
         }
     }
 
-    /// What the drive tells of itself besides.
-    fn told(&self) -> DriveTold {
+    /// What the drive reports of itself besides.
+    fn report(&self) -> DriveReport {
         let per_current = self.sheet.gear_ratio * self.sheet.torque_constant;
-        DriveTold {
+        DriveReport {
             temperature: self.winding.round(),
             voltage: self.parameters.winding.supply,
             torque: per_current * (self.current * self.current_gain + self.current_offset),

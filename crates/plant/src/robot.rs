@@ -5,7 +5,7 @@ mod start;
 
 use crate::articulated::Dynamics;
 use crate::clock::{Clock, Clocks, steps_kept};
-use crate::drive::{DriveReading, DriveTold};
+use crate::drive::{DriveReading, DriveReport};
 use crate::drive_faults::DriveFaults;
 use crate::drive_states::DriveStates;
 use crate::joint::Joint;
@@ -96,7 +96,7 @@ impl SimRobot {
                         current: 0.0,
                         omega: 0.0,
                         status: 0,
-                        told: DriveTold::default(),
+                        report: DriveReport::default(),
                     };
                     n
                 ],

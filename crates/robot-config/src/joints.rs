@@ -251,7 +251,7 @@ impl Reader<'_, '_, '_> {
             has_link_encoder: has_link,
             has_velocity: signals.has_velocity,
             has_status: signals.has_status,
-            tells: signals.tells,
+            reports: signals.reports,
             thermal: drive.thermal,
             drive_profile: self.profile(drive, &signals),
             rotor_inertia: drive.rotor_inertia,

@@ -86,7 +86,7 @@ impl Robot {
         (0..self.receive.message_count())
             .map(|message| {
                 let mut slots = self.receive.slots(message);
-                slots.any(|slot| !slots::is_told(slot) && answered(slot))
+                slots.any(|slot| !slots::is_reported(slot) && answered(slot))
             })
             .collect()
     }

@@ -12,7 +12,7 @@ const PER_FT: usize = AXES + 1;
 const FTS: usize = AXES * (1 + MAX_FURTHER_IMUS);
 const JOINTS: usize = FTS + PER_FT * MAX_FT_SENSORS;
 const PER_JOINT: usize = 9;
-/// Of these, the first that a drive tells of itself at a rate of its own.
+/// Of these, the first that a drive reports of itself at a rate of its own.
 const FIRST_TOLD: usize = 5;
 
 /// The source of a value.
@@ -38,9 +38,9 @@ pub const fn source(slot: usize) -> Source {
     }
 }
 
-/// The slot is of what a drive tells of itself besides its sample, which nothing waits for.
+/// The slot is of what a drive reports of itself besides its sample, which nothing waits for.
 #[must_use]
-pub const fn is_told(slot: usize) -> bool {
+pub const fn is_reported(slot: usize) -> bool {
     slot >= JOINTS && (slot - JOINTS) % PER_JOINT >= FIRST_TOLD
 }
 

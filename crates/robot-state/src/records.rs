@@ -19,7 +19,7 @@ pub use estimated::{
 };
 pub use frames::{FrameCommanded, FrameReference, MAX_FRAMES, frame_flags};
 pub use measured::{
-    FtMeasured, ImuMeasured, JointMeasured, MeasuredRecord, measured_flags, told_flags,
+    FtMeasured, ImuMeasured, JointMeasured, MeasuredRecord, measured_flags, reported_flags,
 };
 pub use reference::{
     JointPoint, JointReference, MAX_POINTS, Mode, Reference, TrajectoryPiece, TrajectoryPoint,

@@ -205,12 +205,9 @@ impl Plausibility {
     /// Takes the motor's state by a sample: one that cannot stand still where it shows no motion counts like a slip
     /// ([`Standstill`]).
     pub fn watch_motor(&mut self, sample: MotorSample) {
-        if self.unjudged > 0 {
-            self.unjudged -= 1;
-            (self.standstill, self.in_a_row) = (None, true);
-            return;
-        }
-        let (last, in_a_row) = (self.standstill, self.in_a_row);
+        let judged = self.unjudged == 0;
+        self.unjudged = self.unjudged.saturating_sub(1);
+        let (last, in_a_row) = (self.standstill.filter(|_| judged), self.in_a_row && judged);
         let now = Standstill::after(last, in_a_row, sample, &self.parameters);
         (self.standstill, self.in_a_row) = (Some(now), true);
         if !now.is_impossible(self.parameters.samples_to_doubt) {

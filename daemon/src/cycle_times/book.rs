@@ -154,7 +154,11 @@ impl Book {
     }
 
     fn cause(&self, phase: usize, times: &CycleTimes, happened: Option<&'static str>) -> String {
-        let system = |otherwise: &str| format!("system: {}", happened.unwrap_or(otherwise));
+        // What happened within the same look of the main thread is the likely cause, not a proven one.
+        let system = |otherwise: &str| match happened {
+            Some(happened) => format!("system, seen at that time: {happened}"),
+            None => format!("system, by exclusion: {otherwise}"),
+        };
         let who = |message: u16| self.senders.get(usize::from(message)).map(String::as_str);
         match phase {
             0 => system("woken late by interrupts, idle states or firmware"),
@@ -320,11 +324,17 @@ mod tests {
         };
         assert_eq!(
             causes(late, None),
-            ["system: woken late by interrupts, idle states or firmware"]
+            ["system, by exclusion: woken late by interrupts, idle states or firmware"]
         );
         let stolen = "the host of this virtual machine took the CPU away";
-        assert_eq!(causes(late, Some(stolen)), [format!("system: {stolen}")]);
-        assert_eq!(causes(slow, Some("page faults")), ["system: page faults"]);
+        assert_eq!(
+            causes(late, Some(stolen)),
+            [format!("system, seen at that time: {stolen}")]
+        );
+        assert_eq!(
+            causes(slow, Some("page faults")),
+            ["system, seen at that time: page faults"]
+        );
     }
 
     #[test]
@@ -350,7 +360,7 @@ mod tests {
             ..usual(1001)
         };
         let [cause] = causes(stood, None).try_into().expect("one cause");
-        assert!(cause.starts_with("system: "), "{cause}");
+        assert!(cause.starts_with("system, "), "{cause}");
     }
 
     #[test]

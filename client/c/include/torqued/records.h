@@ -220,7 +220,7 @@ typedef struct TorquedJointMeasured {
   double ddq_hat;
   /** omega: motor-side velocity, rad/s: the drive's own, or from a short filter. */
   double omega;
-  /** Temperature that the drive tells, of its winding where it tells more than one, °C; as long as `told` has its bit, as the next three. */
+  /** Temperature that the drive reports, of its winding where it reports more than one, °C; as long as `reported` has its bit, as the next three. */
   double temperature;
   /** Voltage of the drive's supply, V. */
   double voltage;
@@ -232,8 +232,8 @@ typedef struct TorquedJointMeasured {
   uint32_t status;
   /** Number of the drive's error; 0: none. */
   uint32_t drive_error;
-  /** Bits of `told_flags`. */
-  uint32_t told;
+  /** Bits of `reported_flags`. */
+  uint32_t reported;
   /** Bits of `measured_flags`. */
   uint32_t flags;
 } TorquedJointMeasured;

@@ -174,9 +174,10 @@ impl Simulated {
 
     /// States of the drive's integral.
     fn integral_states(&self) -> usize {
-        match self.truth.drive_integral() > 0.0 || self.law.integrates() {
-            true => OF_INTEGRAL,
-            false => 0,
+        if self.truth.drive_integral() > 0.0 || self.law.integrates() {
+            OF_INTEGRAL
+        } else {
+            0
         }
     }
 

@@ -1,12 +1,12 @@
 //! Thermal check: a drive that is hot is warned of, may make less torque, and stops the robot in the end.
 //!
-//! By the temperature that it tells, or, as long as it tells none, by its current: the winding's heat follows `i²`
+//! By the temperature that it reports, or, as long as it reports none, by its current: the winding's heat follows `i²`
 //! with one time constant (I²t), as a share of what the continuous current makes in the end. From a first level on
 //! the joint's torque limit falls linearly, down to the torque of the continuous current at a second one: a drive
 //! that is held there gets no hotter by its current.
 
 use robot_config::{JointParameters, Robot, Thermal};
-use robot_state::{Event, JointMeasured, measured_flags, told_flags};
+use robot_state::{Event, JointMeasured, measured_flags, reported_flags};
 
 use super::{Check, Evidence, Heat, Verdict};
 use crate::events::Subject;
@@ -95,8 +95,8 @@ impl Drive {
             let makes = (measured.current / self.thermal.continuous_current).powi(2);
             self.load += (makes - self.load) * dt / (dt + self.thermal.time_constant);
         }
-        let told = measured.told & told_flags::TEMPERATURE != 0;
-        let (levels, level) = match self.thermal.temperatures.filter(|_| told) {
+        let reported = measured.reported & reported_flags::TEMPERATURE != 0;
+        let (levels, level) = match self.thermal.temperatures.filter(|_| reported) {
             Some(limits) => (Levels::by_temperature(limits), measured.temperature),
             None => (Levels::BY_CURRENT, self.load),
         };

@@ -70,9 +70,9 @@ pub fn drive(bus: u8, node: u8, kind: &Kind) -> Server {
     if let Some(object) = kind.other_angle {
         add(object.index, object.sub, &[0; 4], false, true);
     }
-    if let Some((told, _)) = kind.tells.temperature {
-        let bytes = vec![0; usize::from(told.bits) / 8];
-        add(told.object.index, told.object.sub, &bytes, false, true);
+    if let Some((mapped, _)) = kind.reported.temperature {
+        let bytes = vec![0; usize::from(mapped.bits) / 8];
+        add(mapped.object.index, mapped.object.sub, &bytes, false, true);
     }
     for (object, value) in &kind.sdo {
         objects.entry(*object).or_insert(Value {

@@ -173,9 +173,10 @@ fn standing(t: &[f64], out: &mut Mended, kind: LogKind, lost: &mut [bool], ratio
         ("theta", &theta, vec![&q]),
     ] {
         let encoder = matches!(name, "q" | "theta");
-        let (went_on, coarse) = match encoder {
-            true => (WENT_ON.max(MAX_TWIST / span(&q).max(1e-9)), 1.0),
-            false => (WENT_ON, COARSE),
+        let (went_on, coarse) = if encoder {
+            (WENT_ON.max(MAX_TWIST / span(&q).max(1e-9)), 1.0)
+        } else {
+            (WENT_ON, COARSE)
         };
         let bounds = [f64::min, f64::max].map(|of| own.iter().copied().fold(own[0], of));
         if name == "tau_sensor" && !has_tau {

@@ -6,7 +6,7 @@ use crate::{Files, paths, unreadable};
 use drives_of_makers::canopen::Object;
 use drives_of_makers::canopen::eds::ObjectDictionary;
 use drives_of_makers::canopen::pdo::Mapped;
-use drives_of_makers::cia402::{Kind, Mode, Side, Tells};
+use drives_of_makers::cia402::{Kind, Mode, Reported, Side};
 
 /// A kind of CANopen drive.
 #[derive(Clone)]
@@ -49,7 +49,7 @@ pub(super) fn read(
         rated_current,
         current_per_torque: rated_torque / torque_constant,
         rated_torque: rated_torque * gear_ratio,
-        tells: tells(&section),
+        reported: reported(&section),
         heartbeat_ms: section
             .optional_integer("heartbeat_ms", 20..2001)
             .unwrap_or(100) as u16,
@@ -73,22 +73,22 @@ pub(super) fn read(
 }
 
 /// What it is to tell of itself.
-fn tells(section: &Section<'_, '_>) -> Tells {
-    let mut tells = Tells::default();
+fn reported(section: &Section<'_, '_>) -> Reported {
+    let mut reported = Reported::default();
     const ALLOWED: &str = "a list of \"error\", \"torque\" and \"voltage\"";
-    for text in section.optional_texts("tells", ALLOWED) {
+    for text in section.optional_texts("reports", ALLOWED) {
         match text.value {
-            "error" => tells.error = true,
-            "torque" => tells.torque = true,
-            "voltage" => tells.voltage = true,
-            other => section.problem("tells", format!("{other:?} is not allowed"), ALLOWED),
+            "error" => reported.error = true,
+            "torque" => reported.torque = true,
+            "voltage" => reported.voltage = true,
+            other => section.problem("reports", format!("{other:?} is not allowed"), ALLOWED),
         }
     }
     let object = object(section, "temperature");
     let count = section.number_or("temperature_C_per_count", 1.0, Allowed::Positive);
     let bits = section.choice_or("temperature_bits", 16, &[("8", 8), ("16", 16), ("32", 32)]);
-    tells.temperature = object.map(|object| (Mapped { object, bits }, count));
-    tells
+    reported.temperature = object.map(|object| (Mapped { object, bits }, count));
+    reported
 }
 
 fn object(section: &Section<'_, '_>, key: &'static str) -> Option<Object> {

@@ -9,7 +9,7 @@ use crate::units::Quantity;
 use crate::wiring::{Reach, Use, Way, Wiring};
 use control::MotorModel;
 use estimators::encoder::EncoderParameters;
-use robot_state::{JointKind, told_flags};
+use robot_state::{JointKind, reported_flags};
 use supervisor::Limits;
 
 /// The ranges of a joint's encoders, and which optional signals it has.
@@ -20,8 +20,8 @@ pub(super) struct Signals {
     pub(super) has_velocity: bool,
     pub(super) has_status: bool,
     pub(super) has_control: bool,
-    /// What the drive tells of itself, bits of `told_flags`.
-    pub(super) tells: u32,
+    /// What the drive reports of itself, bits of `reported_flags`.
+    pub(super) reports: u32,
 }
 
 impl Reader<'_, '_, '_> {
@@ -71,7 +71,7 @@ impl Reader<'_, '_, '_> {
                 let made = messages.is_some_and(|messages| messages.signal(key).is_some());
                 self.section.has(key) || made
             });
-        let told = [
+        let reported = [
             (
                 "temperature",
                 slots::temperature(joint),
@@ -82,17 +82,17 @@ impl Reader<'_, '_, '_> {
             ("drive_error", slots::drive_error(joint), Quantity::Status),
         ];
         let flags = [
-            told_flags::TEMPERATURE,
-            told_flags::VOLTAGE,
-            told_flags::TORQUE,
-            told_flags::ERROR,
+            reported_flags::TEMPERATURE,
+            reported_flags::VOLTAGE,
+            reported_flags::TORQUE,
+            reported_flags::ERROR,
         ];
-        let mut tells = 0;
-        for ((key, slot, quantity), flag) in told.into_iter().zip(flags) {
+        let mut reports = 0;
+        for ((key, slot, quantity), flag) in reported.into_iter().zip(flags) {
             let made = messages.is_some_and(|messages| messages.signal(key).is_some());
             if self.section.has(key) || made {
                 let _noted = signal(key, Way::Receive, slot, quantity);
-                tells |= flag;
+                reports |= flag;
             }
         }
         let control = (
@@ -138,7 +138,7 @@ impl Reader<'_, '_, '_> {
             has_velocity,
             has_status,
             has_control,
-            tells,
+            reports,
         }
     }
 

@@ -35,8 +35,8 @@ pub struct JointParameters {
     pub has_velocity: bool,
     /// True if the drive sends a status word.
     pub has_status: bool,
-    /// What its drive tells of itself besides, bits of [`told_flags`](robot_state::told_flags).
-    pub tells: u32,
+    /// What its drive reports of itself besides, bits of [`reported_flags`](robot_state::reported_flags).
+    pub reports: u32,
     /// How hot its drive may get; none: it is not watched.
     pub thermal: Option<Thermal>,
     /// States of the drive, by its status word; without control words it is only watched. None: it

@@ -26,8 +26,8 @@ pub mod measured_flags {
     pub const STANDS_IN: u32 = 256;
 }
 
-/// Flag bits of what a drive tells of itself, and has told lately.
-pub mod told_flags {
+/// Flag bits of what a drive reports of itself, and has reported lately.
+pub mod reported_flags {
     /// Its temperature.
     pub const TEMPERATURE: u32 = 1;
     /// The voltage of its supply.
@@ -60,8 +60,8 @@ record! {
         pub ddq_hat: f64,
         /// omega: motor-side velocity, rad/s: the drive's own, or from a short filter.
         pub omega: f64,
-        /// Temperature that the drive tells, of its winding where it tells more than one, °C; as long
-        /// as `told` has its bit, as the next three.
+        /// Temperature that the drive reports, of its winding where it reports more than one, °C; as long
+        /// as `reported` has its bit, as the next three.
         pub temperature: f64,
         /// Voltage of the drive's supply, V.
         pub voltage: f64,
@@ -73,8 +73,8 @@ record! {
         pub status: u32,
         /// Number of the drive's error; 0: none.
         pub drive_error: u32,
-        /// Bits of `told_flags`.
-        pub told: u32,
+        /// Bits of `reported_flags`.
+        pub reported: u32,
         /// Bits of `measured_flags`.
         pub flags: u32,
     }
