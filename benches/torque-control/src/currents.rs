@@ -3,7 +3,7 @@
 use crate::joint::JOINTS;
 use crate::robots::load;
 use control::margins::{JointLoop, Load, NEEDED, least_margins};
-use control::predictive::{Design, DriveModel, LawParameters};
+use control::predictive::{Design, DriveLoop, LawParameters};
 use std::f64::consts::TAU;
 
 /// Rate of the loop, Hz, cycles of transport delay, and where the loop runs.
@@ -46,7 +46,7 @@ pub(crate) fn best(&(rate, cycles, _): &(f64, f64, &str)) -> Result<Best, String
             let law = LawParameters {
                 sample_period: 1.0 / rate,
                 delay: cycles / rate + CURRENT_LOOP,
-                drive: DriveModel::Current {
+                drive: DriveLoop::Current {
                     torque_constant: generator.torque_constant * n,
                     viscous: generator.viscous_friction * n * n,
                 },

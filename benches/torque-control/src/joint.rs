@@ -3,7 +3,7 @@
 use crate::robots::load;
 use crate::variant::{Conditions, Draw, Law, apply};
 use control::predictive::{PredictiveLaw, Sensed, TorqueTerms};
-use control::{JointGains, MotorModel, TorqueLoop};
+use control::{DriveModel, JointGains, TorqueLoop};
 use estimators::compliance::{ComplianceEstimator, JointEstimatorParameters};
 use estimators::filter_bank::FilterBank;
 use estimators::joint::{JointSample, JointTorqueEstimator};
@@ -249,9 +249,9 @@ impl Bench {
         let _ = (self.compensator).update(Some(fast), filled.then_some(delayed));
         let torque = self.compensator.levelled(0.0).unwrap_or(fast);
         let limit = self.joint.limits;
-        let motor: &MotorModel = &self.joint.motor;
+        let drive: &DriveModel = &self.joint.drive_model;
         // As the limiter of the cycle: beyond the lead of a torque that of a velocity.
-        let lead = limit.lead + motor.friction_part(self.sample.truth.dq).abs();
+        let lead = limit.lead + drive.friction_part(self.sample.truth.dq).abs();
         let command = match &mut self.controller {
             Controller::Predictive(law) => {
                 law.observe(&Sensed {
@@ -300,7 +300,7 @@ impl Bench {
                 };
                 let tau_hat = self.late.iter().sum::<f64>() / WINDOW as f64;
                 let tau_star = torque_loop.update(tau_d, Some(tau_hat), gains, limit.torque, DT);
-                let delta = motor.torque_part(tau_star) + motor.friction_part(dq);
+                let delta = drive.torque_part(tau_star) + drive.friction_part(dq);
                 reading.q + delta.clamp(-lead, lead)
             }
         };

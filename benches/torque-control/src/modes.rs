@@ -68,7 +68,7 @@ pub(crate) fn passive(index: usize, conditions: &Conditions) -> Result<Passive, 
         let by = |fed_back: bool| -> Result<f64, String> {
             let mut bench = Bench::new(index, conditions)?;
             let damping = damping(&bench.joint);
-            let motor = bench.joint.motor;
+            let drive = bench.joint.drive_model;
             let mut torques = Vec::new();
             while bench.time() < end {
                 let t = bench.time();
@@ -76,7 +76,7 @@ pub(crate) fn passive(index: usize, conditions: &Conditions) -> Result<Passive, 
                 let torque = bench.step_by(|seen| match fed_back {
                     true => Wish::Torque(-damping * seen.dq),
                     // D10 with tau* = 0: the drive is led by its link, with friction fed forward.
-                    false => Wish::Position(seen.q + motor.friction_part(seen.dq)),
+                    false => Wish::Position(seen.q + drive.friction_part(seen.dq)),
                 });
                 if t > start {
                     torques.push(torque);

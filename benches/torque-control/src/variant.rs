@@ -1,7 +1,7 @@
 //! Laws and errors under which a robot is judged.
 
-use control::predictive::DriveModel;
-use control::{EquivalentGains, JointGains, MotorModel};
+use control::predictive::DriveLoop;
+use control::{DriveModel, EquivalentGains, JointGains};
 use plant::SimParameters;
 use plant::parameters::PushParameters;
 use robot_config::{FastTorqueFeedback, Robot, TorqueFeedback, TorqueLaw};
@@ -119,18 +119,18 @@ pub(crate) fn apply(conditions: &Conditions, robot: &mut Robot, sim: &mut SimPar
     for (j, joint) in p.joints.iter_mut().enumerate() {
         let mut random = Draw(conditions.draw * 1000 + j as u64 + 1);
         let mut error = || 1.0 + conditions.error * random.symmetric();
-        let MotorModel::Position { k_tau, k_v, .. } = &mut joint.motor else {
+        let DriveModel::Position(drive) = &mut joint.drive_model else {
             continue;
         };
         let equivalent = |k6: f64, k7: f64, k_p: f64| {
             let gains = EquivalentGains { k6, k7 };
-            JointGains::from_equivalent(gains, *k_tau, k_p, 0.0)
+            JointGains::from_equivalent(gains, drive.k_tau, k_p, 0.0)
         };
         match conditions.law {
             // Decision 0006: the standing humanoid was quiet with half of K_v and these gains.
             Law::D { k6: None } if humanoid => {
                 joint.gains = equivalent(0.5, 0.01, 1.0);
-                *k_v *= 0.5;
+                drive.k_v *= 0.5;
             }
             Law::D { k6 } => joint.gains = equivalent(k6.unwrap_or(1.0), 0.01, 2.0),
             Law::Predictive { k6, .. } => {
@@ -142,7 +142,7 @@ pub(crate) fn apply(conditions: &Conditions, robot: &mut Robot, sim: &mut SimPar
                 law.gear.k_wg0 *= error();
                 law.friction.level *= conditions.friction * error();
                 law.friction.stiffness *= error();
-                if let DriveModel::Position {
+                if let DriveLoop::Position {
                     stiffness,
                     damping,
                     dead_zone,

@@ -31,7 +31,7 @@ fn borne(robot: &Robot, frame: &FrameParameters) -> Option<[f64; 2]> {
         .map(|&place| jacobian.column(place).into_owned())
         .collect();
     let n = places.len();
-    let felt = |i: usize| joints[frame.joints[i]].law.felt_inertia();
+    let felt = |i: usize| joints[frame.joints[i]].law.effective_inertia();
     let mass = DMatrix::from_fn(n, n, |i, k| {
         mass[(places[i], places[k])] + if i == k { felt(i) } else { 0.0 }
     });

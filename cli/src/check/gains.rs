@@ -1,6 +1,6 @@
 //! Gains of position-commanded drives, as D's experiments state them.
 
-use control::MotorModel;
+use control::DriveModel;
 use robot_config::JointParameters;
 
 /// Gains and their equivalents in the commanded position (D13-14): K8 is this factor times the
@@ -13,10 +13,10 @@ pub(super) struct Gains {
 }
 
 pub(super) fn equivalent(joint: &JointParameters, k_f: f64) -> Option<Gains> {
-    let MotorModel::Position { k_tau, .. } = joint.motor else {
+    let DriveModel::Position(drive) = joint.drive_model else {
         return None;
     };
-    let k_p = joint.gains.k_p;
+    let (k_p, k_tau) = (joint.gains.k_p, drive.k_tau);
     let gains = joint.gains.equivalent(k_tau);
     Some(Gains {
         k6: gains.k6,

@@ -6,7 +6,7 @@ use super::gains::equivalent;
 use super::{command, lacking, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
 use crate::units::cell;
-use control::MotorModel;
+use control::{CurrentDrive, DriveModel, PositionDrive};
 use dynamics::Base;
 use robot_config::{JointParameters, Robot};
 use terminal::TextTable;
@@ -171,15 +171,15 @@ fn drive_table(robot: &Robot) -> TextTable {
     rows.extend(drives(robot).iter().map(|joint| {
         let estimator = &joint.estimator;
         let compliance = &estimator.compliance;
-        let motor = match joint.motor {
-            MotorModel::Position {
+        let motor = match joint.drive_model {
+            DriveModel::Position(PositionDrive {
                 k_tau, k_v, k_c, ..
-            } => {
+            }) => {
                 let text = format!("K_tau {k_tau} rad/Nm, K_v {k_v} s, K_c {k_c} rad");
                 joint.kind.units(&text).into_owned()
             }
-            MotorModel::Current { k1, k2, k3, .. } => {
-                let text = format!("K_1 {k1} Nm/A, K_2 {k2} Nms/rad, K_3 {k3} Nm");
+            DriveModel::Current(CurrentDrive { k_1, k_2, k_3, .. }) => {
+                let text = format!("K_1 {k_1} Nm/A, K_2 {k_2} Nms/rad, K_3 {k_3} Nm");
                 joint.kind.units(&text).into_owned()
             }
         };

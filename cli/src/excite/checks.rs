@@ -4,9 +4,10 @@
 use super::hulls::{Distance, Hulls};
 use super::motion::{Motion, SPACING_S};
 use super::rigid::Rigid;
+use control::DriveModel;
 use problem::{Problem, Problems};
 use robot_config::{JointParameters, Robot};
-use supervisor::{Actuation, Limits};
+use supervisor::Limits;
 use torqued_client::robot_state::JointKind;
 
 /// Greatest share of the limits of velocity, torque, power and lead that a plan may take: the rest is
@@ -165,9 +166,9 @@ impl Worst {
 
 /// Lead of the set-point over the joint for a torque, as a share of the greatest one.
 fn lead(joint: &JointParameters, torque: f64) -> f64 {
-    match joint.actuation {
-        Actuation::Position { k_tau, .. } => k_tau * torque.abs() / joint.limits.lead,
-        Actuation::Current { k_1, current, .. } => torque.abs() / (k_1 * current),
+    match joint.drive_model {
+        DriveModel::Position(drive) => drive.k_tau * torque.abs() / joint.limits.lead,
+        DriveModel::Current(drive) => torque.abs() / (drive.k_1 * drive.current_limit),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Control of joint torque: motor models, torque loop, inverse dynamics (D 3, D 4).
+//! Control of joint torque: drives, torque loop, inverse dynamics (D 3, D 4).
 //!
 //! In: measured and estimated values, references. Out: commands of position- or current-commanded
 //! drives. Everything is a pure function or a small state that the cycle owns; nothing allocates
@@ -7,10 +7,10 @@
 
 mod carried;
 mod cartesian;
+mod drive;
 mod gains;
 mod inverse_dynamics;
 pub mod margins;
-mod motor;
 mod point_to_point;
 pub mod predictive;
 mod support;
@@ -23,9 +23,9 @@ pub use cartesian::{
     CartesianLaw, CartesianLimits, CartesianTarget, CartesianWrench, DAMPING_RATIOS, Limb,
     pose_error, unit_quaternion,
 };
+pub use drive::{CurrentDrive, DriveModel, PositionDrive, smooth_sign};
 pub use gains::{EquivalentGains, JointGains};
 pub use inverse_dynamics::InverseDynamics;
-pub use motor::{MotorModel, smooth_sign};
 pub use point_to_point::{MotionLimits, PlannedMotion, PointToPoint};
 pub use support::Support;
 pub use torque_loop::TorqueLoop;

@@ -8,13 +8,13 @@
 
 mod design;
 mod hold;
-mod late;
 mod lifted;
+mod motor_side;
 mod response;
 
 pub use design::choose_design;
 pub use hold::{HoldLoop, INTEGRAL_TIMES};
-pub use late::LateLoop;
+pub use motor_side::MotorSideLoop;
 pub use response::{ClosedLoop, Point};
 
 use crate::predictive::LawParameters;

@@ -17,29 +17,27 @@
 //! `dq` and `ddq` from another; both run ahead, with the commands that are on their way, to the
 //! instant at which this command acts. There `m` is chosen such that the torque follows a model of
 //! second order, and the drive's relation is inverted; a hand that moves the link is helped as far as the torque
-//! shows it (`hand`). What the limits make of the command returns
+//! shows it (`back_drive_assist`). What the limits make of the command returns
 //! through [`PredictiveLaw::sent`]: the observer does not wind up against a limit, and a change of
 //! mode has no bump. `docs/control.md` derives the gains.
 
 mod ahead;
+mod back_drive_assist;
 mod drive;
 mod drive_fit;
 mod friction;
-mod hand;
 mod linear;
 mod observers;
 mod parameters;
 mod reference;
 
 pub use friction::{FrictionModel, Turned};
-pub use parameters::{
-    Contributions, Design, DriveModel, GearStiffness, LawParameters, TorqueTerms,
-};
+pub use parameters::{Contributions, Design, DriveLoop, GearStiffness, LawParameters, TorqueTerms};
 
 pub(crate) use linear::{LinearLaw, TauD};
 
+use back_drive_assist::{BackDriveAssist, least};
 use drive_fit::DriveFit;
-use hand::{Hand, least};
 use observers::{Link, Rotor, RotorStep, Uncertainty};
 use reference::{ReferenceModel, ReferenceState};
 
@@ -83,7 +81,7 @@ pub struct PredictiveLaw {
     slow_velocity: f64,
     follow_share: f64,
     /// Quicker estimates of both, by which a hand is helped; none where nothing helps.
-    hand: Option<Hand>,
+    back_drive_assist: Option<BackDriveAssist>,
     /// Desired position, rad, and velocity through a low-pass of the reference model's bandwidth, rad/s; none before a
     /// mode's first.
     desired: Option<[f64; 2]>,
@@ -137,7 +135,7 @@ impl PredictiveLaw {
             reference: [ReferenceState::default(); 4],
             slow_velocity: 0.0,
             follow_share: 1.0 - (-p.design.follow * dt).exp(),
-            hand: Hand::new(p),
+            back_drive_assist: BackDriveAssist::new(p),
             desired: None,
             desired_share: 1.0 - (-p.design.reference * dt).exp(),
             friction: 0.0,
@@ -217,18 +215,18 @@ impl PredictiveLaw {
             let [rotor, link] = &mut self.uncertainties;
             self.rotor.correct(sensed.theta, limit, rotor.gain());
             self.link.correct(sensed.q, link.gain());
-            if let Some(hand) = &mut self.hand {
-                hand.correct(sensed.q);
+            if let Some(assist) = &mut self.back_drive_assist {
+                assist.correct(sensed.q);
             }
             self.measured_q = sensed.q;
         }
         // In every mode: the next one must not begin with the velocity at which the last one ended.
         self.slow_velocity += self.follow_share * (self.link.velocity() - self.slow_velocity);
         let settles = self.uncertainties.iter().any(Uncertainty::is_settling);
-        match &mut self.hand {
+        match &mut self.back_drive_assist {
             // Its gains are those of a joint that has been observed all the time.
-            Some(hand) if settles => hand.join(&self.link, self.slow_velocity),
-            Some(hand) => hand.follow(),
+            Some(assist) if settles => assist.join(&self.link, self.slow_velocity),
+            Some(assist) => assist.follow(),
             None => {}
         }
         self.fit_drive(sensed);
@@ -259,8 +257,8 @@ impl PredictiveLaw {
     pub fn go_on(&mut self) -> f64 {
         // Motion that the drive's damping goes along with: a filter of its own, that remembers the motion before.
         self.slow_velocity = self.rotor.omega;
-        if let Some(hand) = &mut self.hand {
-            hand.join(&self.link, self.slow_velocity);
+        if let Some(assist) = &mut self.back_drive_assist {
+            assist.join(&self.link, self.slow_velocity);
         }
         self.hold_reference()
     }
@@ -285,8 +283,8 @@ impl PredictiveLaw {
             self.integral = p.wound_up(self.integral, acted, [self.rotor.theta, self.rotor.omega]);
         }
         self.link.advance();
-        if let Some(hand) = &mut self.hand {
-            hand.advance();
+        if let Some(assist) = &mut self.back_drive_assist {
+            assist.advance();
         }
         self.set_torque(torque);
     }
@@ -302,8 +300,8 @@ impl PredictiveLaw {
         }
         self.rotor.start(theta);
         self.link.start(q);
-        if let Some(hand) = &mut self.hand {
-            hand.start(q);
+        if let Some(assist) = &mut self.back_drive_assist {
+            assist.start(q);
         }
         self.measured_q = q;
         self.set_torque(torque);
@@ -345,8 +343,8 @@ impl PredictiveLaw {
         };
         let next = last + self.desired_share * (share * agreed - last);
         self.slow_velocity += next - last;
-        if let Some(hand) = &mut self.hand {
-            hand.lead(next - last);
+        if let Some(assist) = &mut self.back_drive_assist {
+            assist.lead(next - last);
         }
         self.desired = Some([q_d, next]);
     }
@@ -381,8 +379,8 @@ impl PredictiveLaw {
         let asked = self.reference[0].value - last_feedforward;
         let turned = self.turned(wound * compliance, asked * compliance);
         self.friction = p.friction.after(self.friction, &turned);
-        let help = self.help(ahead.torque, damping);
-        let friction = follow + self.friction - self.rotor.disturbance + help;
+        let assist = self.back_drive_torque(ahead.torque, damping);
+        let friction = follow + self.friction - self.rotor.disturbance + assist;
         let wanted: f64 = shares.iter().sum();
         let lead = per_torque * (wanted + feedback + drive + friction - ahead.integral);
         let zone = p.dead_zone_inverse(lead);
@@ -405,16 +403,16 @@ impl PredictiveLaw {
 
     /// Further torque of the motor for a hand that moves the link, N·m, as far as gear and rotor both show it. `torque`:
     /// T+, `damping`: D.
-    fn help(&self, torque: f64, damping: f64) -> f64 {
-        let Some(hand) = &self.hand else {
+    fn back_drive_torque(&self, torque: f64, damping: f64) -> f64 {
+        let Some(assist) = &self.back_drive_assist else {
             return 0.0;
         };
         let p = &self.parameters;
         let dampings = [damping, p.rotor_damping()];
-        let further = hand.further_torque(&self.link, self.slow_velocity, dampings);
+        let further = assist.further_torque(&self.link, self.slow_velocity, dampings);
         let by_torsion = self.reference_torque() - torque;
         let by_rotor = by_torsion + self.rotor.disturbance;
-        p.design.help * least([further, by_torsion, by_rotor])
+        p.design.assist * least([further, by_torsion, by_rotor])
     }
 
     /// Way of the rotor in this period, by the change of the desired torsion and of the part of it that the
@@ -458,7 +456,10 @@ impl PredictiveLaw {
             && self.torque.is_finite()
             && self.reference.iter().all(ReferenceState::is_finite)
             && self.slow_velocity.is_finite()
-            && self.hand.as_ref().is_none_or(Hand::is_finite)
+            && self
+                .back_drive_assist
+                .as_ref()
+                .is_none_or(BackDriveAssist::is_finite)
             && self.friction.is_finite()
             && self.integral.is_finite()
     }

@@ -288,11 +288,11 @@ fn margins(bench: &Bench) {
     );
     let parameters = &bench.robot.parameters;
     for joint in &parameters.joints {
-        let Some(space) = robot_config::late_loop(joint, parameters) else {
+        let Some(space) = robot_config::motor_side_loop(joint, parameters) else {
             continue;
         };
         let torque = space.of_torque();
-        let cell = |of: &control::margins::LateLoop, load: &Load| {
+        let cell = |of: &control::margins::MotorSideLoop, load: &Load| {
             let (degrees, db) = of.margins(*load).in_degrees_and_db();
             match db.is_finite() {
                 true => format!(" {degrees:.0}, {db:.0} |"),

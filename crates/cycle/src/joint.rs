@@ -20,11 +20,11 @@ mod carry;
 mod constants;
 mod controller;
 mod enter;
-mod felt_level;
 mod hold_guard;
 mod law;
-mod rejoin;
+mod level_correction;
 mod rest;
+mod resynchronisation;
 mod transition;
 
 use problem::Problem;
@@ -40,7 +40,7 @@ use crate::events::{Counts, Subject};
 use crate::judge::Soundness;
 use crate::mode::{Feedback, Task};
 use controller::Controller;
-use felt_level::FeltLevels;
+use level_correction::LevelCorrections;
 
 /// Whether a joint's encoders can be relied on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,7 +116,7 @@ pub(crate) struct Inputs<'a> {
 #[derive(Debug)]
 pub(crate) struct Joints {
     controllers: Vec<Controller>,
-    felt_levels: FeltLevels,
+    level_corrections: LevelCorrections,
     torque_law: TorqueLaw,
     observed: Vec<Option<f64>>,
     sample_period: f64,
@@ -133,7 +133,7 @@ impl Joints {
             controllers: joints
                 .map(|j| Controller::new(j, parameters))
                 .collect::<Result<_, _>>()?,
-            felt_levels: FeltLevels::new(parameters),
+            level_corrections: LevelCorrections::new(parameters),
             torque_law: parameters.torque_law,
             sample_period: parameters.timing.sample_period,
         })
@@ -237,7 +237,7 @@ impl Joints {
             Feedback::Torsion { offset } => fast.torsion.map(|torsion| torsion + offset),
             Feedback::Estimated { pressing } => {
                 let torque = fast.fed_back(self.torque_law, estimated);
-                (self.felt_levels).update(j, pressing, torque, &estimated.tau_hat)
+                (self.level_corrections).update(j, pressing, torque, &estimated.tau_hat)
             }
         }
     }

@@ -10,6 +10,7 @@ mod ft_offset;
 mod gear_torsion;
 mod imu_check;
 mod imus;
+mod joint;
 mod publish;
 mod reception;
 mod reported;
@@ -17,26 +18,23 @@ mod sensors;
 mod skipped;
 
 use can_codec::Frames;
-use estimators::encoder::JointAngles;
-use estimators::front_end::FrontEnd;
 use estimators::joint::JointSample;
 use problem::Problem;
-use robot_config::{JointCalibration, Robot, slots};
+use robot_config::Robot;
 use robot_state::{
-    CycleRecord, Event, JointMeasured, MeasuredRecord, Settings, command_flags, measured_flags,
+    CycleRecord, JointMeasured, MeasuredRecord, Settings, command_flags, measured_flags,
 };
-use supervisor::{MotorSample, Plausibility, Sample, Trust};
 
-use crate::events::{Counts, Subject};
+use crate::events::Counts;
 use crate::time::{Instants, Stamp};
 use align::{AlignedBank, signals};
-use filtered::{AXES, Course, Filtered};
+use filtered::{AXES, Filtered};
 use ft_offset::FtInput;
 use gear_torsion::GearTorsion;
 use imu_check::ImuCheck;
 use imus::Imus;
+use joint::JointReader;
 use reception::{Reception, Source};
-use reported::Reported;
 
 /// A joint's sample with one of these is bridged.
 pub(crate) const NOT_USED: u32 = measured_flags::NEVER
@@ -78,7 +76,7 @@ pub(crate) struct Readiness<'m> {
 #[derive(Debug)]
 pub(crate) struct Measure {
     reception: Reception,
-    joints: Vec<Source>,
+    joints: Vec<JointReader>,
     sensors: Vec<Source>,
     ft_inputs: Vec<FtInput>,
     imu_sources: Vec<(Source, ImuCheck)>,
@@ -87,10 +85,6 @@ pub(crate) struct Measure {
     imu_doubted: bool,
     sample_period: f64,
     stale_after: f64,
-    sends_velocity: Vec<bool>,
-    reported: Vec<Reported>,
-    /// Builds each joint's sample for its estimators from its readings.
-    front_ends: Vec<FrontEnd>,
     /// For the torque from F/T sensors and IMU, contacts and feedback.
     long: Filtered,
     /// For the delay-compensated torque.
@@ -101,16 +95,8 @@ pub(crate) struct Measure {
     control_filter: AlignedBank,
     angles: Vec<f64>,
     both_angles: Vec<f64>,
-    courses: Vec<[Course; 2]>,
     axes: Vec<f64>,
     samples: Vec<JointSample>,
-    plausibility: Vec<Plausibility>,
-    /// 1/N, and torque per current, link side, N·m/A.
-    motors: Vec<[f64; 2]>,
-    /// Whether each joint's drive has followed set-points since the last cycle.
-    driven: Vec<bool>,
-    /// Torsion that the estimated torque explains, rad, of joints without a link-side encoder.
-    torsions: Vec<Option<f64>>,
     gear_torsion: GearTorsion,
     joint_readiness: Vec<JointReadiness>,
     last_sync: Option<Stamp>,
@@ -129,60 +115,17 @@ impl Measure {
         let axes = AXES * (parameters.ft_sensors.len() + parameters.imus.len());
         let period = parameters.timing.sample_period;
         let [_, control, _] = signals(robot);
-        let joints = parameters.joints.iter().enumerate().map(|(j, joint)| {
-            // The current first: it is monitored.
-            let mut needed = vec![slots::current(j), slots::motor_angle(j)];
-            if joint.has_link_encoder {
-                needed.push(slots::link_angle(j));
-            }
-            if joint.has_velocity {
-                needed.push(slots::velocity(j));
-            }
-            if joint.has_status {
-                needed.push(slots::status(j));
-            }
-            let current = [joint.current_signal];
-            reception.source(needed, joint.sampling, &current, false)
-        });
-        let sensors = parameters.ft_sensors.iter().enumerate().map(|(s, ft)| {
-            let temperature = ft.has_temperature.then(|| slots::ft_temperature(s));
-            let axes = (0..AXES).map(|axis| slots::ft(s, axis));
-            let slots = axes.chain(temperature).collect();
-            reception.source(slots, ft.sampling, &ft.signals, true)
-        });
         Ok(Self {
-            joints: joints.collect(),
-            sensors: sensors.collect(),
+            joints: (parameters.joints.iter().enumerate())
+                .map(|(j, joint)| JointReader::new(j, joint, &reception, period))
+                .collect::<Result<_, _>>()?,
+            sensors: sensors::of_ft_sensors(parameters, &reception),
             ft_inputs: parameters.ft_sensors.iter().map(FtInput::new).collect(),
-            imu_sources: (parameters.imus.iter().enumerate())
-                .map(|(i, imu)| {
-                    let gyro = (0..3).map(|axis| slots::gyro(i, axis));
-                    let axes = gyro.chain((0..3).map(|axis| slots::accelerometer(i, axis)));
-                    let source = reception.source(axes.collect(), imu.sampling, &imu.signals, true);
-                    (source, ImuCheck::new(imu.sampling.longest_gap(period)))
-                })
-                .collect(),
+            imu_sources: sensors::of_imus(parameters, &reception),
             imus: Imus::new(robot)?,
             imu_doubted: false,
             sample_period: period,
             stale_after: parameters.timing.stale_after,
-            reported: (parameters.joints.iter().enumerate())
-                .map(|(j, joint)| Reported::new(j, joint, &reception))
-                .collect(),
-            sends_velocity: parameters.joints.iter().map(|j| j.has_velocity).collect(),
-            front_ends: (parameters.joints.iter())
-                .map(|joint| {
-                    let window = joint
-                        .calibration
-                        .as_ref()
-                        .map(JointCalibration::velocity_window);
-                    if joint.has_link_encoder {
-                        FrontEnd::new(joint.encoders, window)
-                    } else {
-                        Ok(FrontEnd::of_motor(joint.encoders))
-                    }
-                })
-                .collect::<Result<_, _>>()?,
             long: Filtered::new(robot, parameters.filters.long)?,
             short: Filtered::new(robot, parameters.filters.short)?,
             contact: (parameters.external_torque.as_ref())
@@ -191,22 +134,8 @@ impl Measure {
             control_filter: AlignedBank::new(&control, parameters.filters.control, period)?,
             angles: vec![f64::NAN; n],
             both_angles: vec![f64::NAN; 2 * n],
-            courses: filtered::courses(robot),
             axes: vec![f64::NAN; axes],
             samples: vec![JointSample::default(); n],
-            plausibility: (parameters.joints.iter())
-                .map(|joint| Plausibility::new(joint.plausibility))
-                .collect(),
-            driven: vec![false; parameters.joints.len()],
-            motors: (parameters.joints.iter())
-                .map(|joint| {
-                    let n = joint.encoders.gear_ratio;
-                    [1.0 / n, n * joint.estimator.wave_generator.torque_constant]
-                })
-                .collect(),
-            torsions: (parameters.joints.iter())
-                .map(|joint| (!joint.has_link_encoder).then_some(0.0))
-                .collect(),
             gear_torsion: GearTorsion::new(robot),
             joint_readiness: vec![JointReadiness::default(); n],
             last_sync: None,
@@ -221,25 +150,20 @@ impl Measure {
     /// has acknowledged since, so that joints whose encoders contradicted each other are to prove themselves anew; and
     /// the torques, which explain the torsion of joints without a link-side encoder.
     pub(crate) fn learn(&mut self, distrusted: u64, acknowledged: bool, last: &CycleRecord) {
-        for (driven, commanded) in self.driven.iter_mut().zip(&last.commanded.joints) {
-            *driven = commanded.flags & command_flags::ENGAGED != 0;
-        }
-        for (j, plausibility) in self.plausibility.iter_mut().enumerate() {
-            if distrusted >> j & 1 == 1 {
-                plausibility.distrust();
+        let commanded = &last.commanded.joints;
+        for (j, (joint, commanded)) in self.joints.iter_mut().zip(commanded).enumerate() {
+            let driven = commanded.flags & command_flags::ENGAGED != 0;
+            joint.learn(driven, distrusted >> j & 1 == 1);
+            if acknowledged {
+                joint.restart_if_distrusted();
             }
         }
-        if acknowledged {
-            self.restart_distrusted();
-        }
         if self.last_sync.is_some() {
-            let torsions = &mut self.torsions;
+            let joints = &mut self.joints;
             let (measured, estimated) = (&last.measured.joints, &last.estimated.joints);
             (self.gear_torsion).update(measured, estimated, |j, torsion| {
-                if let Some(Some(known)) = torsions.get_mut(j)
-                    && torsion.is_finite()
-                {
-                    *known = torsion;
+                if let Some(joint) = joints.get_mut(j) {
+                    joint.explain(torsion);
                 }
             });
         }
@@ -263,16 +187,6 @@ impl Measure {
     /// Those of contact detection.
     pub(crate) fn contact(&self) -> Option<&Filtered> {
         self.contact.as_ref()
-    }
-
-    fn restart_distrusted(&mut self) {
-        let joints = self.plausibility.iter_mut().zip(&mut self.front_ends);
-        for (plausibility, front_end) in joints {
-            if plausibility.trust() == Trust::Implausible {
-                plausibility.restart();
-                front_end.reset();
-            }
-        }
     }
 
     /// Later steps that this cycle's measured values are good enough for.
@@ -331,135 +245,19 @@ impl Measure {
         self.joint_flags = joints.fold(0, |all, joint| all | joint.flags);
         let sensors = measured.ft.iter().take(self.sensors.len());
         self.sensor_flags = sensors.fold(measured.imu.flags, |all, sensor| all | sensor.flags);
-        let joints = self.joint_readiness.iter_mut().zip(&self.plausibility);
-        for ((readiness, plausibility), measured) in joints.zip(&measured.joints) {
-            *readiness = JointReadiness {
-                plausible: matches!(plausibility.trust(), Trust::Plausible | Trust::Suspect),
-                stale: measured.flags & measured_flags::STALE != 0,
-                distrusted: plausibility.trust() == Trust::Implausible,
-                slipped: plausibility.has_slipped(),
-                blind: plausibility.is_blind(),
-                shown: readiness.shown,
-            };
+        let readers = self.joints.iter().zip(&measured.joints);
+        for (readiness, (reader, measured)) in self.joint_readiness.iter_mut().zip(readers) {
+            *readiness = reader.readiness(measured.flags);
         }
     }
 
     fn read_joints(&mut self, at: Instants, joints: &mut [JointMeasured], counts: &mut Counts) {
         let n = self.joints.len();
-        for (j, measured) in joints.iter_mut().enumerate().take(n) {
-            let reading = (self.reception).reading(&mut self.joints[j], at, counts);
-            let slot = |slot: usize| {
-                if reading.usable {
-                    self.reception.slot(slot)
-                } else {
-                    f64::NAN
-                }
-            };
-            let sample = self.front_ends[j].update(
-                slot(slots::motor_angle(j)),
-                slot(slots::link_angle(j)),
-                slot(slots::current(j)),
-            );
-            let mut angles = *self.front_ends[j].angles();
-            self.joint_readiness[j].shown = [angles.theta * self.motors[j][0], angles.q];
-            let flags = reading.flags | angles.flags | self.implausible(j, &angles);
-            let used = flags & NOT_USED == 0;
-            if used {
-                self.samples[j] = sample;
-            }
-            if flags & NOT_USED & !measured_flags::IMPLAUSIBLE == 0 {
-                self.plausibility[j].watch_motor(MotorSample {
-                    theta: angles.theta,
-                    q: angles.q,
-                    velocity: measured.omega * self.motors[j][0],
-                    torque: self.reception.slot(slots::current(j)) * self.motors[j][1],
-                    driven: self.driven[j],
-                });
-            }
-            if let Some(torsion) = self.torsions[j] {
-                (angles.q, angles.torsion) = (angles.q - torsion, torsion);
-            }
-            if flags & measured_flags::STALE != 0 {
-                self.plausibility[j].note_silence();
-            }
-            if flags & measured_flags::MISSED != 0 {
-                counts.add_of(Event::JointMissed, Subject::Joint(j));
-            }
-            if flags & measured_flags::JUMP != 0 {
-                counts.add_of(Event::EncoderJump, Subject::Joint(j));
-            }
-            if used {
-                measured.q = angles.q;
-                measured.theta = angles.theta;
-                measured.torsion = angles.torsion;
-            } else if !self.is_lost(j, flags) {
-                // Bridged at the last velocity: a lost reply must not step the torque.
-                measured.q += measured.dq * self.sample_period;
-                measured.theta += measured.omega * self.sample_period;
-            }
-            // A frame with an angle that cannot be right is not believed in anything else either.
-            if reading.usable && (used || self.is_lost(j, flags)) {
-                measured.current = self.reception.slot(slots::current(j));
-                measured.status = self.reception.slot(slots::status(j)) as u32;
-                if self.sends_velocity[j] {
-                    measured.omega = self.reception.slot(slots::velocity(j));
-                }
-            }
-            self.reported[j].read(&self.reception, at.now, measured);
-            measured.age_s = reading.age_s;
-            measured.flags = flags;
-            let (q, theta) = match (used, self.is_lost(j, flags)) {
-                (true, _) => (angles.q, angles.theta),
-                // Filters that bridge for ever would extrapolate the last velocity for ever.
-                (false, true) => (measured.q, measured.theta),
-                (false, false) => (f64::NAN, f64::NAN),
-            };
-            self.angles[j] = q;
-            // Encoders that contradict each other still show how fast they move.
-            let moves = self.is_lost(j, flags) && reading.usable;
-            let [link, motor] = &mut self.courses[j];
-            self.both_angles[j] = link.follow(q, moves.then_some(angles.q));
-            self.both_angles[n + j] = motor.follow(theta, moves.then_some(angles.theta));
-        }
-    }
-
-    /// No sample of the joint has been used for so long that bridging ends: its angles stay where
-    /// they are.
-    fn is_lost(&self, joint: usize, flags: u32) -> bool {
-        let distrusted = self.plausibility[joint].trust() == Trust::Implausible;
-        flags & measured_flags::NEVER == 0 && (flags & measured_flags::STALE != 0 || distrusted)
-    }
-
-    /// The flag of a sample that its joint's encoders cannot both have measured.
-    fn implausible(&mut self, joint: usize, angles: &JointAngles) -> u32 {
-        let sample = if angles.flags & measured_flags::JUMP != 0 {
-            Sample::Jump
-        } else if angles.flags != 0 {
-            Sample::Missed
-        } else {
-            Sample::Angles {
-                torsion: angles.torsion,
-                motor: angles.theta * self.motors[joint][0],
-            }
-        };
-        let plausibility = &mut self.plausibility[joint];
-        let good = match sample {
-            Sample::Angles { torsion, .. } => plausibility.explains(torsion),
-            Sample::Missed => true,
-            Sample::Jump => false,
-        };
-        match plausibility.update(sample) {
-            Trust::Plausible => 0,
-            // Nothing depends on it yet; the filters fill.
-            Trust::Settling if good => 0,
-            Trust::Settling | Trust::Implausible => {
-                if !good && !plausibility.has_slipped() {
-                    // Wrong first readings, few or many, must not stand in the way of the right ones.
-                    self.front_ends[joint].reset();
-                }
-                measured_flags::IMPLAUSIBLE
-            }
-            Trust::Suspect => measured_flags::IMPLAUSIBLE,
+        let joints = joints.iter_mut().zip(&mut self.samples);
+        for (j, (reader, (measured, sample))) in self.joints.iter_mut().zip(joints).enumerate() {
+            let angles = reader.read(&self.reception, at, measured, sample, counts);
+            self.angles[j] = angles.q;
+            [self.both_angles[j], self.both_angles[n + j]] = angles.control;
         }
     }
 }

@@ -30,7 +30,6 @@ use faults::{Lie, mend_drives, spoil, spoil_drive};
 use robot_state::{
     CommanderRecord, CycleRecord, Event, Mode, Reference, RobotState, Settings, refusal,
 };
-use supervisor::Actuation;
 use test_support::Random;
 
 fn any_request(random: &mut Random, record: &CycleRecord) -> Option<OperatorRequest> {
@@ -99,7 +98,7 @@ fn move_inside(bench: &mut Bench) {
         -1.0
     };
     let allowed = limits.position_min + inside_by..limits.position_max - inside_by;
-    let by_position = matches!(parameters.actuation, Actuation::Position { .. });
+    let by_position = parameters.takes_position();
     let holds_itself = by_position && bench.plant.drive_states(joint).is_none();
     let step = inwards * parameters.kind.threshold(0.002);
     for percent in 0..100 {

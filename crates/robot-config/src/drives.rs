@@ -12,7 +12,7 @@ use crate::reader::{Allowed, Section};
 use crate::sampling::{self, Sampling};
 pub(crate) use actuator::ActuatorKind;
 pub(crate) use canopen::CanopenDrive;
-use control::MotorModel;
+use control::{CurrentDrive, DriveModel, PositionDrive};
 use core::f64::consts::TAU;
 use drives_of_makers::family::FAMILIES;
 use estimators::compliance::ComplianceParameters;
@@ -33,7 +33,6 @@ pub(crate) struct Drive {
     pub(crate) motor_counts_per_turn: Option<f64>,
     /// Counts of the link-side encoder, of a revolute joint for a turn, of a prismatic one for a mm.
     pub(crate) link_counts: Option<f64>,
-    pub(crate) current_limit: f64,
     /// A drive whose set-points are withdrawn is sent no current until it is off.
     pub(crate) zero_current: bool,
     pub(crate) low_pass_pole: f64,
@@ -44,13 +43,7 @@ pub(crate) struct Drive {
     pub(crate) sampling: Sampling,
     pub(crate) compliance: ComplianceParameters,
     pub(crate) wave_generator: WaveGeneratorParameters,
-    pub(crate) motor: MotorModel,
-    /// The gear's part of K_tau, rad/(N·m) or m/N.
-    pub(crate) gear_softness: f64,
-    /// Errors below this make no torque, rad or m.
-    pub(crate) dead_zone: f64,
-    /// 1/T_i: rate of the integral in its velocity loop, 1/s; 0: it has none.
-    pub(crate) integral: f64,
+    pub(crate) model: DriveModel,
     /// Time in which the drive answers a command, s.
     pub(crate) lag: f64,
     /// None: the drive has no states.
@@ -82,10 +75,11 @@ impl Node {
 impl Drive {
     /// The drive of a joint whose only angle is the motor's: its K_tau contains no gear.
     pub(crate) fn at_motor(&self) -> Self {
-        Self {
-            gear_softness: 0.0,
-            ..self.clone()
+        let mut drive = self.clone();
+        if let DriveModel::Position(model) = &mut drive.model {
+            model.k_tau_motor = model.k_tau;
         }
+        drive
     }
 }
 
@@ -158,13 +152,14 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
     let friction = section
         .section("friction")
         .map(|section| friction(section, torque_constant));
-    let motor = section
-        .section("motor")
-        .map(|section| motor(section, command));
+    let motor = section.section("motor");
     let thermal = section.optional_section("thermal").map(thermal::read);
     section.finish();
     let (compliance, low_pass_pole, torsion_sigma) = compliance?;
-    let (motor, dead_zone, integral) = motor?;
+    let model = match command {
+        Command::Position => DriveModel::Position(takes_position(motor?, 1.0 / compliance.k_fs0)),
+        Command::Current => DriveModel::Current(takes_current(motor?, current_limit)),
+    };
     Some(Drive {
         kind,
         gear_ratio,
@@ -172,19 +167,15 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
         max_velocity,
         motor_counts_per_turn,
         link_counts,
-        current_limit,
         zero_current,
         low_pass_pole,
         torsion_sigma,
         current_sigma,
         flat_after,
         sampling,
-        gear_softness: 1.0 / compliance.k_fs0,
         compliance,
         wave_generator: friction?,
-        motor,
-        dead_zone,
-        integral,
+        model,
         lag,
         profile,
         torque_per_current: gear_ratio * torque_constant,
@@ -288,34 +279,37 @@ fn friction(section: Section<'_, '_>, torque_constant: f64) -> WaveGeneratorPara
     parameters
 }
 
-/// The model, the errors below which a position-commanded drive makes no torque, rad, and the rate of its velocity
-/// loop's integral, 1/s.
-fn motor(section: Section<'_, '_>, command: Command) -> (MotorModel, f64, f64) {
-    let sign_smoothing = section.number("sign_smoothing_rad_per_s", Allowed::Positive);
-    let motor = match command {
-        Command::Position => MotorModel::Position {
-            k_tau: section.number("K_tau_rad_per_Nm", Allowed::Positive),
-            k_v: section.number("K_v_s", Allowed::NonNegative),
-            k_c: section.number("K_c_rad", Allowed::NonNegative),
-            sign_smoothing,
-        },
-        Command::Current => MotorModel::Current {
-            k1: section.number("K_1_Nm_per_A", Allowed::Positive),
-            k2: section.number("K_2_Nms_per_rad", Allowed::NonNegative),
-            k3: section.number("K_3_Nm", Allowed::NonNegative),
-            sign_smoothing,
-        },
-    };
-    let (dead_zone, integral) = match command {
-        Command::Position => {
-            let widest = section.kind.threshold(0.1);
-            let dead_zone = section.number_or("dead_zone_rad", 0.0, Allowed::Below(0.0, widest));
-            let times = Allowed::Within(INTEGRAL_TIMES_MS[0], INTEGRAL_TIMES_MS[1]);
-            let time = section.optional_number("integral_time_ms", times);
-            (dead_zone, time.map_or(0.0, |time| 1e3 / time))
-        }
-        Command::Current => (0.0, 0.0),
+/// Least angle by torque that is left to the drive's own loop, rad/(N·m) or m/N: so stiff that a joint's gear is all.
+const LEAST_K_TAU: f64 = 1e-9;
+
+/// The model of a drive that takes positions; `gear_softness`: the gear's part of K_tau, rad/(N·m) or m/N.
+fn takes_position(section: Section<'_, '_>, gear_softness: f64) -> PositionDrive {
+    let k_tau = section.number("K_tau_rad_per_Nm", Allowed::Positive);
+    let widest = section.kind.threshold(0.1);
+    let times = Allowed::Within(INTEGRAL_TIMES_MS[0], INTEGRAL_TIMES_MS[1]);
+    let time = section.optional_number("integral_time_ms", times);
+    let drive = PositionDrive {
+        k_tau,
+        k_tau_motor: (k_tau - gear_softness).max(LEAST_K_TAU),
+        k_v: section.number("K_v_s", Allowed::NonNegative),
+        k_c: section.number("K_c_rad", Allowed::NonNegative),
+        sign_smoothing: section.number("sign_smoothing_rad_per_s", Allowed::Positive),
+        dead_zone: section.number_or("dead_zone_rad", 0.0, Allowed::Below(0.0, widest)),
+        integral: time.map_or(0.0, |time| 1e3 / time),
     };
     section.finish();
-    (motor, dead_zone, integral)
+    drive
+}
+
+/// The model of a drive that takes currents up to `current_limit`, A.
+fn takes_current(section: Section<'_, '_>, current_limit: f64) -> CurrentDrive {
+    let drive = CurrentDrive {
+        k_1: section.number("K_1_Nm_per_A", Allowed::Positive),
+        k_2: section.number("K_2_Nms_per_rad", Allowed::NonNegative),
+        k_3: section.number("K_3_Nm", Allowed::NonNegative),
+        sign_smoothing: section.number("sign_smoothing_rad_per_s", Allowed::Positive),
+        current_limit,
+    };
+    section.finish();
+    drive
 }

@@ -25,7 +25,7 @@ use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
 pub use hold::{hold_loop, refused_holds};
-pub use motor_alone::late_loop;
+pub use motor_alone::motor_side_loop;
 pub(crate) use motor_alone::{check_torque_source, choose_feedback};
 use robot_state::{JointKind, MAX_JOINTS};
 use signals::Signals;
@@ -221,6 +221,7 @@ impl Reader<'_, '_, '_> {
         if !has_link {
             self.check_motor_alone(drive);
         }
+        self.check_stiffness(drive);
         let limits = limits?;
         let plausibility = limits::plausibility(
             &limits,
@@ -275,9 +276,8 @@ impl Reader<'_, '_, '_> {
             law: self.law(seen, &limits),
             drive_lag: law::LAG_OF_THE_LOOP * drive.lag,
             link_inertia: inertia,
-            motor: seen.motor,
+            drive_model: seen.model,
             gains: gains?,
-            actuation: self.actuation(seen, inertia),
             torque_velocity: self.torque_velocity(&limits),
             torque_friction: section
                 .optional_number("torque_mode_friction_Nm", Allowed::NonNegative),

@@ -29,7 +29,7 @@ mod well_posed;
 mod whole_body;
 mod wiring;
 
-pub use joints::{hold_loop, late_loop, predictive_loop};
+pub use joints::{hold_loop, motor_side_loop, predictive_loop};
 pub use parameters::*;
 pub use problem::{Problem, Problems};
 pub use sampling::{Sampled, Sampling};

@@ -1,10 +1,10 @@
 //! The loops by which a robot's joints are controlled, and the margins below which none is run.
 
 pub use crate::joints::refused_holds;
-use crate::joints::{late_loop, predictive_loop};
+use crate::joints::{motor_side_loop, predictive_loop};
 use crate::parameters::{JointParameters, Parameters, TorqueLaw};
 use crate::{Problem, Robot};
-use control::margins::{JointLoop, LateLoop, Load, Margins, NEEDED};
+use control::margins::{JointLoop, Load, Margins, MotorSideLoop, NEEDED};
 use control::margins::{largest_stiffness, least_margins};
 use robot_state::JointKind;
 
@@ -27,7 +27,7 @@ pub enum LoopLaw {
     /// The predictive law.
     Predictive(JointLoop),
     /// The feedback of a late torque, of a joint without a link-side encoder.
-    Late(LateLoop),
+    Late(MotorSideLoop),
 }
 
 /// Least margins over several loads, and the loads at which phase and gain are least.
@@ -53,7 +53,7 @@ pub fn torque_loops(robot: &Robot) -> Vec<TorqueLoop> {
 
 fn torque_loop(joint: &JointParameters, parameters: &Parameters) -> TorqueLoop {
     let predictive = matches!(parameters.torque_law, TorqueLaw::Predictive(_));
-    let late = late_loop(joint, parameters);
+    let late = motor_side_loop(joint, parameters);
     TorqueLoop {
         name: joint.name.clone(),
         bound: predictive || late.is_some(),

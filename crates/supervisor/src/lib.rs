@@ -23,7 +23,7 @@ pub use drive::{
 pub use following::{Deviation, Following, FollowingParameters, Shown};
 pub use hold_watch::{Held, HoldWatch, HoldWatchParameters};
 pub use lease::{Bid, Holder, Lease, Verdict};
-pub use limiter::{Actuation, Limited, Limiter, Limits, Motion};
+pub use limiter::{Braking, Limited, Limiter, Limits, Motion};
 pub use plausibility::{MotorSample, Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};
 pub use signal::{Liveness, SignalMonitor, SignalParameters};

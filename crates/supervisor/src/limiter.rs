@@ -14,10 +14,13 @@
 //! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that the distance to the
 //! position limits allows by both encoders: the less of it is left the less torque, and beyond it braking.
 
+mod current;
 mod limits;
 mod no_current;
+mod position;
 
-pub use limits::{Actuation, Limits};
+use control::DriveModel;
+pub use limits::{Braking, Limits};
 use robot_state::command_flags;
 
 /// Where the joint is and how it moves.
@@ -66,7 +69,7 @@ const RESUMING_CONTROLLED: f64 = 0.3;
 #[derive(Debug, Clone)]
 pub struct Limiter {
     limits: Limits,
-    actuation: Actuation,
+    drive: DriveModel,
     sample_period: f64,
     /// Greatest |dq| for now, rad/s, and torque, N·m.
     velocity: f64,
@@ -88,12 +91,12 @@ pub struct Limiter {
 }
 
 impl Limiter {
-    /// A limiter for commands one `sample_period` (s) apart.
+    /// A limiter for commands to this `drive`, one `sample_period` (s) apart.
     #[must_use]
-    pub fn new(limits: Limits, actuation: Actuation, sample_period: f64) -> Self {
+    pub fn new(limits: Limits, drive: DriveModel, sample_period: f64) -> Self {
         Self {
             limits,
-            actuation,
+            drive,
             sample_period,
             velocity: limits.velocity,
             torque: limits.torque,
@@ -116,9 +119,9 @@ impl Limiter {
         let resumes = skipped >= RESUMED_FROM;
         if resumes {
             self.controlled = controlled;
-            self.resuming = match self.actuation {
-                Actuation::Position { .. } => RESUMING[0],
-                Actuation::Current { .. } => RESUMING[1],
+            self.resuming = match self.drive {
+                DriveModel::Position(_) => RESUMING[0],
+                DriveModel::Current(_) => RESUMING[1],
             };
         }
         resumes
@@ -134,17 +137,16 @@ impl Limiter {
         } else {
             0.0
         };
-        (self.last, self.last_torque) = match self.actuation {
-            Actuation::Position {
-                k_tau, k_tau_motor, ..
-            } => {
-                let lead = (k_tau * torque).clamp(-self.limits.lead, self.limits.lead);
+        (self.last, self.last_torque) = match &self.drive {
+            DriveModel::Position(drive) => {
+                let lead = (drive.k_tau * torque).clamp(-self.limits.lead, self.limits.lead);
                 let command = motion.q + lead;
                 // By the motor side, as every later torque: the two differ by the gear's model.
-                (command, (command - motion.theta) / k_tau_motor)
+                (command, (command - motion.theta) / drive.k_tau_motor)
             }
-            Actuation::Current { k_1, current, .. } => {
-                ((torque / k_1).clamp(-current, current), torque)
+            DriveModel::Current(drive) => {
+                let most = drive.current_limit;
+                ((torque / drive.k_1).clamp(-most, most), torque)
             }
         };
         self.last
@@ -159,10 +161,7 @@ impl Limiter {
     /// From now on the joint may move no faster than this, rad/s, and than its limit. The damping by which a
     /// current-commanded drive can be braked needs some way to it: at rest the whole torque is allowed.
     pub fn allow_velocity(&mut self, velocity: f64) {
-        let least = match self.actuation {
-            Actuation::Position { .. } => 0.0,
-            Actuation::Current { damping, .. } => self.limits.torque / damping,
-        };
+        let least = self.limits.torque / self.limits.braking.damping;
         self.velocity = velocity.max(least).min(self.limits.velocity);
     }
 
@@ -197,11 +196,11 @@ impl Limiter {
 
     /// What may be sent instead of a current that brakes in a fault, which the rate limit must not hold back.
     pub fn stop(&mut self, asked: f64, motion: &Motion) -> Limited {
-        if let Actuation::Current { k_1, .. } = self.actuation
+        if let DriveModel::Current(drive) = &self.drive
             && asked.is_finite()
         {
             let limit = self.limits.torque;
-            self.last_torque = (k_1 * asked).clamp(-limit, limit);
+            self.last_torque = (drive.k_1 * asked).clamp(-limit, limit);
         }
         self.limit(asked, motion)
     }
@@ -218,9 +217,9 @@ impl Limiter {
         let (applied, flags) = if !asked.is_finite() {
             (self.last, command_flags::NOT_FINITE)
         } else {
-            match self.actuation {
-                Actuation::Position { .. } => self.limit_position(asked, motion, held),
-                Actuation::Current { .. } => self.limit_current(asked, motion),
+            match self.drive {
+                DriveModel::Position(drive) => self.limit_position(&drive, asked, motion, held),
+                DriveModel::Current(drive) => self.limit_current(&drive, asked, motion),
             }
         };
         // The last resort, should a measurement be worse than thought: what was sent before.
@@ -259,202 +258,21 @@ impl Limiter {
             position_min,
             position_max,
             deceleration,
+            braking,
             ..
         } = self.limits;
         let velocity = self.velocity;
-        let (delay, return_time) = match self.actuation {
-            Actuation::Position { .. } => (0.0, f64::INFINITY),
-            Actuation::Current {
-                braking_time,
-                return_time,
-                ..
-            } => (braking_time, return_time),
-        };
         // s = v T + v² / (2 a); beyond the limit, back.
-        let lost = deceleration * delay;
-        let braking = |room: f64| {
+        let lost = deceleration * braking.time;
+        let towards = |room: f64| {
             if room < 0.0 {
-                return (room / return_time).max(-velocity);
+                return (room / braking.return_time).max(-velocity);
             }
             ((lost * lost + 2.0 * deceleration * room).sqrt() - lost).clamp(0.0, velocity)
         };
         (
-            braking(position - position_min),
-            braking(position_max - position),
+            towards(position - position_min),
+            towards(position_max - position),
         )
-    }
-
-    fn limit_position(&mut self, asked: f64, motion: &Motion, held: Option<bool>) -> (f64, u32) {
-        let Actuation::Position {
-            k_tau,
-            k_tau_motor,
-            k_v,
-        } = self.actuation
-        else {
-            return (asked, 0);
-        };
-        let Limits {
-            torque_rate,
-            power,
-            lead,
-            ..
-        } = self.limits;
-        let torque = self.torque;
-        let mut flags = 0;
-
-        // Motion: how fast the set-point itself may move, and where to.
-        let last = self.last - self.yielded;
-        let (down, up) = self.allowed_velocity(last);
-        let step = self.sample_period;
-        let x = asked.clamp(last - down * step, last + up * step);
-        let moved = x;
-        if x != asked {
-            let outward = if asked > last { up } else { down };
-            flags |= if outward < self.velocity {
-                command_flags::POSITION_LIMITED
-            } else {
-                command_flags::VELOCITY_LIMITED
-            };
-        }
-
-        // Torque by either encoder: the lead that makes it.
-        let within = |tau_max: f64, tau_min: f64| {
-            let ends = |tau: f64| {
-                let link = motion.q + (k_tau * tau).clamp(-lead, lead);
-                let motor = motion.theta + (k_tau_motor * tau).clamp(-lead, lead);
-                (link, motor)
-            };
-            let ((a, b), (c, d)) = (ends(tau_max), ends(tau_min));
-            (
-                c.min(d) + k_v * motion.dq.min(0.0),
-                a.max(b) + k_v * motion.dq.max(0.0),
-            )
-        };
-        let (low, high) = within(torque, -torque);
-        let range = (low.min(high), high.max(low));
-        let limited = x.clamp(range.0, range.1);
-        if limited != x {
-            let by_lead = lead < k_tau * torque;
-            flags |= if by_lead {
-                command_flags::LEAD_LIMITED
-            } else {
-                command_flags::TORQUE_LIMITED
-            };
-        }
-        let mut x = limited;
-
-        // Rate and power: of the torque that the lead over the motor makes.
-        let omega = self.motor_velocity.unwrap_or(motion.dq);
-        let made = |x: f64| (x - motion.theta - k_v * omega) / k_tau_motor;
-        let tau = made(x);
-        let change = torque_rate * step;
-        let (mut low, mut high) = (self.last_torque - change, self.last_torque + change);
-        let resumes = self.resuming > 0 && held.is_none();
-        self.resuming = self.resuming.saturating_sub(1);
-        if resumes {
-            // The drive's motion by the last command may end.
-            let allowed = if self.controlled {
-                RESUMING_CONTROLLED * torque
-            } else {
-                RESUMING_SHARE * change
-            };
-            let (kept, change) = (made(self.last), allowed);
-            (low, high) = (kept.min(0.0) - change, kept.max(0.0) + change);
-        }
-        let mut wanted = tau.max(low).min(high);
-        if wanted != tau && (resumes || wanted.abs() < tau.abs()) {
-            flags |= command_flags::TORQUE_RATE_LIMITED;
-            self.kept_back = tau - wanted;
-        } else {
-            // A torque that falls is never held up.
-            wanted = tau;
-        }
-        if wanted * motion.dq > power {
-            wanted = power / motion.dq;
-            flags |= command_flags::POWER_LIMITED;
-        }
-        if wanted != tau {
-            // By a wrong velocity of the motor it would lead further than the torque limit.
-            x = (motion.theta + k_v * omega + k_tau_motor * wanted).clamp(range.0, range.1);
-        }
-        self.last_torque = wanted;
-        if let Some(usable) = held {
-            if usable {
-                let change = YIELD_SPEED * self.limits.velocity * step;
-                let yielded = (x - moved).clamp(self.yielded - change, self.yielded + change);
-                let most = self.limits.gives_way;
-                self.yielded = yielded.clamp(-most, most);
-            }
-            x = moved + self.yielded;
-            self.last_torque = made(x).clamp(-torque, torque);
-        }
-        (x, flags)
-    }
-
-    fn limit_current(&mut self, asked: f64, motion: &Motion) -> (f64, u32) {
-        let Actuation::Current {
-            k_1,
-            current,
-            damping,
-            ..
-        } = self.actuation
-        else {
-            return (asked, 0);
-        };
-        let Limits {
-            torque_rate, power, ..
-        } = self.limits;
-        let (velocity, torque) = (self.velocity, self.torque);
-        let mut flags = 0;
-        let share = match self.resuming {
-            0 => 1.0,
-            _ => RESUMING_SHARE,
-        };
-        let change = share * torque_rate * self.sample_period;
-        self.resuming = self.resuming.saturating_sub(1);
-        let mut bounded = |x: f64, bound: f64, flag: u32| {
-            let y = x.clamp(-bound, bound);
-            if y != x {
-                flags |= flag;
-            }
-            y
-        };
-        let asked_torque = k_1 * asked;
-        let within_limit = bounded(asked_torque, torque, command_flags::TORQUE_LIMITED);
-        let mut tau = self.last_torque
-            + bounded(
-                within_limit - self.last_torque,
-                change,
-                command_flags::TORQUE_RATE_LIMITED,
-            );
-        self.kept_back = within_limit - tau;
-        if tau * motion.dq > power {
-            tau = power / motion.dq;
-            flags |= command_flags::POWER_LIMITED;
-        }
-        // The less velocity is left to what is allowed, the less torque; beyond it, braking, which
-        // the rate limit must not hold back.
-        // By both encoders: what one of them shows must not press the joint.
-        let ends = [motion.q, motion.theta].map(|x| self.allowed_velocity(x));
-        let [(down, up), (other_down, other_up)] = ends;
-        let (down, up) = (down.max(other_down), up.max(other_up));
-        let most = (motion.weight + damping * (up - motion.dq)).clamp(-torque, torque);
-        let least = (motion.weight - damping * (down + motion.dq)).clamp(-torque, torque);
-        let within = tau.min(most).max(least);
-        if within != tau {
-            let bound = if within < tau { up } else { down };
-            flags |= if bound < velocity {
-                command_flags::POSITION_LIMITED
-            } else {
-                command_flags::VELOCITY_LIMITED
-            };
-            tau = within;
-        }
-        self.last_torque = tau;
-        let applied = (tau / k_1).clamp(-current, current);
-        if applied != tau / k_1 {
-            flags |= command_flags::TORQUE_LIMITED;
-        }
-        (applied, flags)
     }
 }

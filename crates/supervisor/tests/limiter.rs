@@ -1,8 +1,9 @@
 //! Whatever is asked and wherever the joint is: what leaves is finite and within the limits.
 
+use control::{CurrentDrive, DriveModel, PositionDrive};
 use proptest::prelude::*;
 use robot_state::command_flags;
-use supervisor::{Actuation, Limiter, Limits, Motion};
+use supervisor::{Braking, Limiter, Limits, Motion};
 
 const PERIOD: f64 = 1e-3;
 const LIMITS: Limits = Limits {
@@ -16,26 +17,41 @@ const LIMITS: Limits = Limits {
     lead: 0.05,
     rest: 0.02,
     gives_way: 0.0087,
+    braking: Braking::BY_DRIVE,
 };
 /// D Table 1, hip pitch, on a gear of 27 kN·m/rad.
-const POSITION: Actuation = Actuation::Position {
+const POSITION_DRIVE: PositionDrive = PositionDrive {
     k_tau: 1.2e-4,
     k_tau_motor: 1.2e-4 - 1.0 / 27e3,
     k_v: 7e-3,
+    k_c: 0.0,
+    sign_smoothing: 0.02,
+    dead_zone: 0.0,
+    integral: 0.0,
 };
+const POSITION: DriveModel = DriveModel::Position(POSITION_DRIVE);
+const CURRENT: DriveModel = DriveModel::Current(CurrentDrive {
+    k_1: 10.0,
+    k_2: 0.0,
+    k_3: 0.0,
+    sign_smoothing: 0.02,
+    current_limit: 12.0,
+});
 /// A rotor of 0.2 kg·m² on the link side, braked within 8 ms, and a load up to `inertia`.
-const fn current_drive(inertia: f64) -> Actuation {
+const fn braked(inertia: f64) -> Limits {
     let damping = 0.2 / 8e-3;
-    Actuation::Current {
-        k_1: 10.0,
-        current: 12.0,
-        damping,
-        braking_time: 4.0 * inertia / damping,
-        return_time: 0.032,
+    Limits {
+        braking: Braking {
+            damping,
+            time: 4.0 * inertia / damping,
+            return_time: 0.032,
+        },
+        ..LIMITS
     }
 }
 
-const CURRENT: Actuation = current_drive(0.2);
+/// Limits of joints whose drives take currents.
+const BRAKED: Limits = braked(0.2);
 
 fn still(q: f64) -> Motion {
     Motion {
@@ -117,7 +133,7 @@ proptest! {
         q in -3.0..3.0f64,
         dq in -10.0..10.0f64,
     ) {
-        let mut limiter = Limiter::new(LIMITS, CURRENT, PERIOD);
+        let mut limiter = Limiter::new(BRAKED, CURRENT, PERIOD);
         limiter.start(&still(0.0), 0.0);
         for asked in asked {
             let limited = limiter.limit(asked, &Motion { q, theta: q, dq, weight: 0.0 });
@@ -171,9 +187,9 @@ fn a_current_drive_under_constant_torque_stays_inside_and_slow() {
     for inertia in [0.2f64, 0.5, 5.0] {
         let limits = Limits {
             deceleration: 0.5 * LIMITS.torque / inertia.max(1.0),
-            ..LIMITS
+            ..braked(inertia)
         };
-        let mut limiter = Limiter::new(limits, current_drive(inertia), PERIOD);
+        let mut limiter = Limiter::new(limits, CURRENT, PERIOD);
         limiter.start(&still(0.0), 0.0);
         let (mut q, mut dq, mut in_flight) = (0.0, 0.0, 0.0);
         let mut fastest: f64 = 0.0;
@@ -302,19 +318,13 @@ fn a_torque_rate_by_a_wrong_motor_velocity_leads_no_further_than_the_torque_limi
         torque_rate: 1e4,
         ..LIMITS
     };
-    let Actuation::Position {
-        k_tau, k_tau_motor, ..
-    } = POSITION
-    else {
-        unreachable!()
-    };
     for motor_velocity in [-1e3, -3.0, 3.0, 1e3] {
         let mut limiter = Limiter::new(limits, POSITION, PERIOD);
         limiter.start(&still(0.2), 0.0);
         limiter.judge_by(Some(motor_velocity));
         let sent = limiter.limit(0.2, &still(0.2));
         assert!(sent.flags & command_flags::TORQUE_RATE_LIMITED != 0);
-        let lead = k_tau.max(k_tau_motor) * limits.torque;
+        let lead = POSITION_DRIVE.k_tau * limits.torque;
         assert!((sent.applied - 0.2).abs() <= lead + 1e-12, "{sent:?}");
     }
 }

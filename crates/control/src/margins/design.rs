@@ -11,7 +11,7 @@
 
 use super::lifted::comes_to_rest;
 use super::{JointLoop, Load, Margins};
-use crate::predictive::{Design, DriveModel};
+use crate::predictive::{Design, DriveLoop};
 use std::f64::consts::TAU;
 
 /// Shares of the default's stiffness, damping, `follow` and bandwidths of rotor and link observer, by steps away from
@@ -52,14 +52,14 @@ const DAMPING_KNOWN: f64 = 0.8;
 pub fn choose_design(joint: &JointLoop, needed: &Margins, most_help: f64) -> Design {
     let design = linear_design(joint, needed);
     let helping = HAND.iter().map(|[help, hand]| Design {
-        help: help * design.help,
-        hand: hand * design.hand,
+        assist: help * design.assist,
+        assist_bandwidth: hand * design.assist_bandwidth,
         ..design
     });
     let mut hardest = 0;
     let may_help = |design: &Design| {
-        let helped = matches!(joint.truth.drive, DriveModel::Position { .. });
-        helped && design.help > 0.0 && design.help <= most_help
+        let helped = matches!(joint.truth.drive, DriveLoop::Position { .. });
+        helped && design.assist > 0.0 && design.assist <= most_help
     };
     let helping = helping.filter(may_help).find(|&design| {
         let mut with = *joint;
@@ -67,7 +67,7 @@ pub fn choose_design(joint: &JointLoop, needed: &Margins, most_help: f64) -> Des
         helps(&with, needed, &mut hardest)
     });
     helping.unwrap_or(Design {
-        help: 0.0,
+        assist: 0.0,
         ..design
     })
 }
@@ -76,7 +76,7 @@ pub fn choose_design(joint: &JointLoop, needed: &Margins, most_help: f64) -> Des
 /// with and without K_s and K_d. `hardest`: the case that has refused the last design, which is tried first.
 fn helps(joint: &JointLoop, needed: &Margins, hardest: &mut usize) -> bool {
     let mut in_space = *joint;
-    if let DriveModel::Position { damping, .. } = &mut in_space.truth.drive {
+    if let DriveLoop::Position { damping, .. } = &mut in_space.truth.drive {
         *damping *= DAMPING_KNOWN;
     }
     let torque = JointLoop {

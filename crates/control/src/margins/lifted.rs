@@ -1,7 +1,7 @@
 //! One period of the loop as matrices, by superposition of its simulated responses.
 
 use super::{JointLoop, Load};
-use crate::predictive::{DriveModel, LawParameters, LinearLaw, TauD};
+use crate::predictive::{DriveLoop, LawParameters, LinearLaw, TauD};
 use nalgebra::DMatrix;
 
 /// Steps of the plant in a period.
@@ -53,7 +53,7 @@ impl Lifted {
     pub(super) fn new(joint: &JointLoop, load: Load) -> Self {
         // What depends on evidence is not linear.
         let mut linear = *joint;
-        linear.law.design.help = 0.0;
+        linear.law.design.assist = 0.0;
         let mut simulated = Simulated::new(&linear, load);
         let n = simulated.size();
         let unit = |i: usize, size: usize| {
@@ -251,10 +251,10 @@ impl Simulated {
 
     fn drive_torque(&self, command: f64, theta: f64, omega: f64) -> f64 {
         match self.truth.drive {
-            DriveModel::Position {
+            DriveLoop::Position {
                 stiffness, damping, ..
             } => stiffness * (command - theta) - damping * omega,
-            DriveModel::Current {
+            DriveLoop::Current {
                 torque_constant,
                 viscous,
             } => torque_constant * command - viscous * omega,

@@ -15,7 +15,7 @@
 //! is not configured shows itself by a torque that no lead makes: such a loop moves until there is none, whatever it
 //! bears.
 
-use super::parameters::{DriveModel, LawParameters};
+use super::parameters::{DriveLoop, LawParameters};
 use nalgebra::{Matrix3, Vector3};
 
 /// Samples of a block.
@@ -91,7 +91,7 @@ struct Block {
 impl DriveFit {
     /// None for a drive that takes currents: its relation is that of its torque constant.
     pub(super) fn new(p: &LawParameters) -> Option<Self> {
-        let DriveModel::Position {
+        let DriveLoop::Position {
             stiffness,
             damping,
             dead_zone,
@@ -132,7 +132,7 @@ impl DriveFit {
 
     /// A sample: motor's angle and torque of its current (N·m), and the command that acts, rad.
     /// Returns the drive where it is another one from now on.
-    pub(super) fn update(&mut self, theta: f64, torque: f64, command: f64) -> Option<DriveModel> {
+    pub(super) fn update(&mut self, theta: f64, torque: f64, command: f64) -> Option<DriveLoop> {
         let error = command - theta;
         let usable = [theta, torque, command].iter().all(|x| x.is_finite());
         let asked = self.nominal[0] * error;
@@ -230,7 +230,7 @@ impl DriveFit {
     }
 
     /// Leads what acts to what was found, or back where it is not believed.
-    fn apply(&mut self) -> Option<DriveModel> {
+    fn apply(&mut self) -> Option<DriveLoop> {
         let most = RATE * f64::from(BLOCK) * self.sample_period;
         let mut changed = false;
         for (applied, found) in self.applied.iter_mut().zip(self.mean.iter()) {
@@ -245,7 +245,7 @@ impl DriveFit {
                 changed = true;
             }
         }
-        changed.then(|| DriveModel::Position {
+        changed.then(|| DriveLoop::Position {
             stiffness: self.nominal[0] * (1.0 + self.applied[0]),
             damping: self.nominal[1] * (1.0 + self.applied[1]),
             dead_zone: self.dead_zone,
@@ -276,7 +276,7 @@ mod tests {
         DriveFit::new(&LawParameters {
             sample_period: 1e-3,
             delay: 1.4e-3,
-            drive: DriveModel::Position {
+            drive: DriveLoop::Position {
                 stiffness: STIFFNESS,
                 damping: DAMPING,
                 dead_zone: 1e-4,
@@ -394,7 +394,7 @@ mod tests {
         for k in 0..4000 {
             let lead = 1e-3 + 5e-4 * (0.02 * f64::from(k)).sin();
             let torque = 0.7 * STIFFNESS * (lead - 1e-4);
-            if let Some(DriveModel::Position { stiffness, .. }) = fit.update(0.0, torque, lead) {
+            if let Some(DriveLoop::Position { stiffness, .. }) = fit.update(0.0, torque, lead) {
                 assert!((stiffness / last - 1.0).abs() < 0.01);
                 last = stiffness;
             }

@@ -1,8 +1,8 @@
 //! The law as a linear system: its own code with states set and read, for margins.
 
+use super::back_drive_assist::BackDriveAssist;
 use super::friction::FrictionModel;
-use super::hand::Hand;
-use super::parameters::{DriveModel, GearStiffness, LawParameters, TorqueTerms};
+use super::parameters::{DriveLoop, GearStiffness, LawParameters, TorqueTerms};
 use super::{PredictiveLaw, Sensed};
 use crate::carried::CarriedTorque;
 
@@ -20,12 +20,12 @@ impl LinearLaw {
     /// The law where the gear has this stiffness, N·m/rad.
     pub(crate) fn new(parameters: &LawParameters, stiffness: f64) -> Self {
         let drive = match parameters.drive {
-            DriveModel::Position {
+            DriveLoop::Position {
                 stiffness,
                 damping,
                 integral,
                 ..
-            } => DriveModel::Position {
+            } => DriveLoop::Position {
                 stiffness,
                 damping,
                 dead_zone: 0.0,
@@ -62,7 +62,11 @@ impl LinearLaw {
 
     /// The place of the drive's integral, of one that has one.
     fn integral_at(&self) -> usize {
-        FIXED + self.law.hand.map_or(0, |_| Hand::STATES)
+        FIXED
+            + self
+                .law
+                .back_drive_assist
+                .map_or(0, |_| BackDriveAssist::STATES)
     }
 
     /// The drive is known to integrate.
@@ -84,8 +88,8 @@ impl LinearLaw {
         for (i, sent) in law.commands.iter_mut().enumerate() {
             sent.command = at(others + i);
         }
-        if let Some(hand) = &mut law.hand {
-            hand.set_state([0, 1, 2, 3].map(|i| at(FIXED + i)));
+        if let Some(assist) = &mut law.back_drive_assist {
+            assist.set_state([0, 1, 2, 3].map(|i| at(FIXED + i)));
         }
         law.integral = if integrates { at(integral_at) } else { 0.0 };
         self.carried = CarriedTorque::with_state([at(11), at(12)]);
@@ -100,9 +104,12 @@ impl LinearLaw {
         let angles = law.rotor.state().into_iter().chain(law.link.state());
         let commands = law.commands.iter().map(|sent| sent.command);
         let carried = self.carried.state();
-        let hand = law.hand.iter().flat_map(Hand::state);
+        let assist = law
+            .back_drive_assist
+            .iter()
+            .flat_map(BackDriveAssist::state);
         let integral = self.integrates().then_some(law.integral);
-        let others = carried.into_iter().chain(hand).chain(integral);
+        let others = carried.into_iter().chain(assist).chain(integral);
         angles.chain(own).chain(others).chain(commands)
     }
 
@@ -153,5 +160,5 @@ pub(crate) struct TauD {
     pub(crate) load_follow: f64,
 }
 
-/// States besides the hand's and the commands on their way.
+/// States besides the assist's and the commands on their way.
 const FIXED: usize = 13;

@@ -292,13 +292,13 @@ fn kalman(step: &Matrix3<f64>, walk: f64) -> ([f64; 3], Matrix3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::predictive::{Design, DriveModel, FrictionModel, GearStiffness};
+    use crate::predictive::{Design, DriveLoop, FrictionModel, GearStiffness};
 
     fn parameters() -> LawParameters {
         LawParameters {
             sample_period: 1e-3,
             delay: 1.4e-3,
-            drive: DriveModel::Position {
+            drive: DriveLoop::Position {
                 stiffness: 8000.0,
                 damping: 58.0,
                 dead_zone: 0.0,

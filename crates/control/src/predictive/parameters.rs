@@ -1,6 +1,7 @@
 //! Parameters of the predictive torque law, link side.
 
 use super::friction::FrictionModel;
+use crate::DriveModel;
 use std::f64::consts::TAU;
 
 /// Parameters of a joint and its drive. Angles, torques and inertias on the link side.
@@ -12,7 +13,7 @@ pub struct LawParameters {
     /// drive's own lag.
     pub delay: f64,
     /// The drive.
-    pub drive: DriveModel,
+    pub drive: DriveLoop,
     /// J: inertia of the rotor, J_m N², kg·m².
     pub rotor_inertia: f64,
     /// The gear.
@@ -27,9 +28,9 @@ pub struct LawParameters {
     pub design: Design,
 }
 
-/// A drive's torque by its command.
+/// The loop that makes a drive's torque by its command, as the law computes with it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum DriveModel {
+pub enum DriveLoop {
     /// Position-commanded: `m = k_d (u - theta) - d_d omega + z`, no torque within the dead zone. `z` is the integral
     /// of a velocity loop that has one (P-PI): `z' = (m - z) / T_i`, since it integrates what the rest makes.
     Position {
@@ -49,6 +50,23 @@ pub enum DriveModel {
         /// d: viscous friction, N·m·s/rad.
         viscous: f64,
     },
+}
+
+impl From<&DriveModel> for DriveLoop {
+    fn from(drive: &DriveModel) -> Self {
+        match drive {
+            DriveModel::Position(drive) => Self::Position {
+                stiffness: 1.0 / drive.k_tau_motor,
+                damping: drive.k_v / drive.k_tau_motor,
+                dead_zone: drive.dead_zone,
+                integral: drive.integral,
+            },
+            DriveModel::Current(drive) => Self::Current {
+                torque_constant: drive.k_1,
+                viscous: drive.k_2,
+            },
+        }
+    }
 }
 
 /// Stiffness of a harmonic drive by its torque (Z 10, Z 13): flexspline and wave generator in
@@ -83,9 +101,9 @@ pub struct Design {
     /// zeta: damping ratio of the loop.
     pub damping: f64,
     /// Bandwidth of the quicker estimates of the link's velocity, by which a hand is helped, rad/s.
-    pub hand: f64,
+    pub assist_bandwidth: f64,
     /// s_h: share of what they ask for and of the torque's error that helps a hand; 0: nothing does.
-    pub help: f64,
+    pub assist: f64,
 }
 
 impl Default for Design {
@@ -97,8 +115,8 @@ impl Default for Design {
             reference: TAU * 60.0,
             stiffness: 1.0,
             damping: 1.0,
-            hand: TAU * 32.0,
-            help: 2.5,
+            assist_bandwidth: TAU * 32.0,
+            assist: 2.5,
         }
     }
 }
@@ -190,10 +208,10 @@ impl LawParameters {
     #[must_use]
     pub fn torque_lag(&self) -> f64 {
         let (stiffness, damping) = match self.drive {
-            DriveModel::Position {
+            DriveLoop::Position {
                 stiffness, damping, ..
             } => (stiffness, damping),
-            DriveModel::Current { viscous, .. } => (0.0, viscous),
+            DriveLoop::Current { viscous, .. } => (0.0, viscous),
         };
         let wound_up = (damping + stiffness * self.delay) / self.gear.k_fs0;
         0.5 * self.sample_period + self.delay + wound_up
@@ -209,12 +227,12 @@ impl LawParameters {
     /// slow velocities; from `follow` on it brakes, which is what an inertia does. Of a torque that brings the motor up
     /// to it, `K/k T`, the help for a hand takes `s_h T`.
     #[must_use]
-    pub fn felt_inertia(&self) -> f64 {
+    pub fn effective_inertia(&self) -> f64 {
         let gear = self.gear.at(0.0);
-        let helped = 1.0 + self.design.help * gear / self.feedback(gear).0;
+        let helped = 1.0 + self.design.assist * gear / self.feedback(gear).0;
         match self.drive {
-            DriveModel::Position { damping, .. } => damping / self.design.follow / helped,
-            DriveModel::Current { .. } => 0.0,
+            DriveLoop::Position { damping, .. } => damping / self.design.follow / helped,
+            DriveLoop::Current { .. } => 0.0,
         }
     }
 
@@ -230,16 +248,16 @@ impl LawParameters {
     #[must_use]
     pub fn drive_stiffness(&self) -> f64 {
         match self.drive {
-            DriveModel::Position { stiffness, .. } => stiffness,
-            DriveModel::Current { .. } => 0.0,
+            DriveLoop::Position { stiffness, .. } => stiffness,
+            DriveLoop::Current { .. } => 0.0,
         }
     }
 
     /// Damping of the rotor against the world, N·m·s/rad.
     pub(super) fn rotor_damping(&self) -> f64 {
         match self.drive {
-            DriveModel::Position { damping, .. } => damping,
-            DriveModel::Current { viscous, .. } => viscous,
+            DriveLoop::Position { damping, .. } => damping,
+            DriveLoop::Current { viscous, .. } => viscous,
         }
     }
 
@@ -257,7 +275,7 @@ impl LawParameters {
     /// its spring, whose own end moves with the rotor.
     pub(super) fn motor_torque(&self, command: f64, theta: f64) -> f64 {
         match self.drive {
-            DriveModel::Position {
+            DriveLoop::Position {
                 stiffness,
                 dead_zone,
                 ..
@@ -266,7 +284,7 @@ impl LawParameters {
                 // max and min, not clamp: they cannot panic.
                 stiffness * (command - error.max(-dead_zone).min(dead_zone))
             }
-            DriveModel::Current {
+            DriveLoop::Current {
                 torque_constant, ..
             } => torque_constant * command,
         }
@@ -276,8 +294,8 @@ impl LawParameters {
     #[must_use]
     pub fn drive_integral(&self) -> f64 {
         match self.drive {
-            DriveModel::Position { integral, .. } => integral,
-            DriveModel::Current { .. } => 0.0,
+            DriveLoop::Position { integral, .. } => integral,
+            DriveLoop::Current { .. } => 0.0,
         }
     }
 
@@ -300,19 +318,19 @@ impl LawParameters {
     pub(super) fn command_for(&self, torque: f64, theta: f64) -> f64 {
         let lead = self.command_per_torque() * torque;
         match self.drive {
-            DriveModel::Position { integral, .. } if integral > 0.0 => theta,
-            DriveModel::Position { dead_zone, .. } if torque != 0.0 => {
+            DriveLoop::Position { integral, .. } if integral > 0.0 => theta,
+            DriveLoop::Position { dead_zone, .. } if torque != 0.0 => {
                 theta + lead + dead_zone.copysign(torque)
             }
-            DriveModel::Position { .. } => theta,
-            DriveModel::Current { .. } => lead,
+            DriveLoop::Position { .. } => theta,
+            DriveLoop::Current { .. } => lead,
         }
     }
 
     pub(super) fn command_per_torque(&self) -> f64 {
         match self.drive {
-            DriveModel::Position { stiffness, .. } => 1.0 / stiffness,
-            DriveModel::Current {
+            DriveLoop::Position { stiffness, .. } => 1.0 / stiffness,
+            DriveLoop::Current {
                 torque_constant, ..
             } => 1.0 / torque_constant,
         }
@@ -321,8 +339,8 @@ impl LawParameters {
     /// The angle from which a position-commanded drive's lead counts; zero for a current.
     pub(super) fn measured_origin(&self, angle: f64) -> f64 {
         match self.drive {
-            DriveModel::Position { .. } => angle,
-            DriveModel::Current { .. } => 0.0,
+            DriveLoop::Position { .. } => angle,
+            DriveLoop::Current { .. } => 0.0,
         }
     }
 
@@ -331,8 +349,8 @@ impl LawParameters {
     /// push.
     pub(super) fn carried_damping(&self, slow_velocity: f64, omega: f64) -> f64 {
         match self.drive {
-            DriveModel::Position { damping, .. } => damping * slow_velocity,
-            DriveModel::Current { viscous, .. } => viscous * omega,
+            DriveLoop::Position { damping, .. } => damping * slow_velocity,
+            DriveLoop::Current { viscous, .. } => viscous * omega,
         }
     }
 
@@ -343,8 +361,8 @@ impl LawParameters {
     fn sliding_velocity(&self) -> f64 {
         const SHARE: f64 = 2.0 / 3.0;
         let damping = match self.drive {
-            DriveModel::Position { damping, .. } => damping,
-            DriveModel::Current { .. } => self.rotor_inertia * self.design.rotor,
+            DriveLoop::Position { damping, .. } => damping,
+            DriveLoop::Current { .. } => self.rotor_inertia * self.design.rotor,
         };
         (self.friction.level / (SHARE * damping)).max(1e-6)
     }
@@ -357,8 +375,8 @@ impl LawParameters {
     /// Torque against the drive's damping of the torsion, which `D` replaces.
     pub(super) fn own_damping(&self, torsion_velocity: f64) -> f64 {
         match self.drive {
-            DriveModel::Position { damping, .. } => damping * torsion_velocity,
-            DriveModel::Current { .. } => 0.0,
+            DriveLoop::Position { damping, .. } => damping * torsion_velocity,
+            DriveLoop::Current { .. } => 0.0,
         }
     }
 
@@ -366,7 +384,7 @@ impl LawParameters {
     #[must_use]
     pub fn dead_zone_inverse(&self, lead: f64) -> f64 {
         match self.drive {
-            DriveModel::Position { dead_zone, .. } if dead_zone > 0.0 => {
+            DriveLoop::Position { dead_zone, .. } if dead_zone > 0.0 => {
                 dead_zone * smooth_sign(lead / (0.25 * dead_zone))
             }
             _ => 0.0,

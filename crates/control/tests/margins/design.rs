@@ -1,7 +1,7 @@
 //! The design that margins choose.
 
 use control::margins::{JointLoop, Load, NEEDED, choose_design, least_margins};
-use control::predictive::{Design, DriveModel};
+use control::predictive::{Design, DriveLoop};
 
 use crate::{JOINTS, Law, growth, joint, predictive};
 
@@ -34,16 +34,16 @@ fn design_helps_a_hand_and_keeps_the_margins_with_another_damping() {
         let default = Design::default();
         let chosen = choose_design(&of_joint, &NEEDED, f64::INFINITY);
         let linear = Design {
-            help: default.help,
+            assist: default.assist,
             hand: default.hand,
             ..chosen
         };
         assert_eq!(linear, default, "{of_joint:?}");
-        assert!(chosen.help >= default.help, "{chosen:?}");
+        assert!(chosen.assist >= default.assist, "{chosen:?}");
         of_joint.law.design = chosen;
         for share in [0.8, 1.0, 1.2] {
             let mut with = of_joint;
-            if let DriveModel::Position { damping, .. } = &mut with.truth.drive {
+            if let DriveLoop::Position { damping, .. } = &mut with.truth.drive {
                 *damping *= share;
             }
             let least = least_margins(&with, &Load::ALL).0;
@@ -87,12 +87,12 @@ fn late_by_a_cycle(of_joint: &JointLoop, late: bool) -> Law<'_> {
 #[test]
 fn design_that_rings_with_help_has_none() {
     let mut of_joint = helping(JOINTS[0]);
-    of_joint.law.design.help = 1000.0;
-    of_joint.law.design.hand = 1000.0;
+    of_joint.law.design.assist = 1000.0;
+    of_joint.law.design.assist_bandwidth = 1000.0;
     let chosen = choose_design(&of_joint, &NEEDED, f64::INFINITY);
-    assert_eq!(chosen.help, 0.0);
+    assert_eq!(chosen.assist, 0.0);
     let rest = Design {
-        help: of_joint.law.design.help,
+        assist: of_joint.law.design.assist,
         ..chosen
     };
     assert_eq!(rest, of_joint.law.design);
@@ -130,7 +130,7 @@ fn design_is_chosen_for_drives_and_gears_of_other_proportions() {
 fn design_that_nothing_helps_stays_the_own() {
     // A drive whose own loop rings.
     let mut of_joint = joint(JOINTS[1]);
-    if let DriveModel::Position {
+    if let DriveLoop::Position {
         stiffness, damping, ..
     } = &mut of_joint.law.drive
     {

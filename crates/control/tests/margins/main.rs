@@ -3,9 +3,9 @@
 mod design;
 
 use control::JointGains;
-use control::margins::{JointLoop, LateLoop, Load, Margins, least_margins};
+use control::margins::{JointLoop, Load, Margins, MotorSideLoop, least_margins};
 use control::predictive::{
-    Design, DriveModel, FrictionModel, GearStiffness, LawParameters, PredictiveLaw, Sensed,
+    Design, DriveLoop, FrictionModel, GearStiffness, LawParameters, PredictiveLaw, Sensed,
     TorqueTerms,
 };
 use std::f64::consts::TAU;
@@ -30,7 +30,7 @@ fn joint([rotor_inertia, gear, stiffness, damping, link_inertia]: [f64; 5]) -> J
     let law = LawParameters {
         sample_period: DT,
         delay: DT + LAG,
-        drive: DriveModel::Position {
+        drive: DriveLoop::Position {
             stiffness,
             damping,
             dead_zone: 0.0,
@@ -43,7 +43,7 @@ fn joint([rotor_inertia, gear, stiffness, damping, link_inertia]: [f64; 5]) -> J
         disturbance_limit: 1e9,
         // Margins are those of the law without what depends on evidence.
         design: Design {
-            help: 0.0,
+            assist: 0.0,
             ..Design::default()
         },
     };
@@ -78,9 +78,9 @@ fn predictive(joint: &JointLoop) -> Law<'_> {
 }
 
 /// The feedback of a late torque, step by step.
-fn late(joint: &LateLoop) -> Law<'_> {
+fn late(joint: &MotorSideLoop) -> Law<'_> {
     let gear = joint.law.gear.at(0.0);
-    let DriveModel::Position {
+    let DriveLoop::Position {
         stiffness, damping, ..
     } = joint.law.drive
     else {
@@ -132,7 +132,7 @@ fn growth(
 ) -> f64 {
     let gear = p.gear.at(0.0);
     let gear_damping = 0.04 * (gear * p.rotor_inertia).sqrt();
-    let DriveModel::Position {
+    let DriveLoop::Position {
         stiffness, damping, ..
     } = p.drive
     else {
@@ -247,7 +247,7 @@ fn ends_at(load: Load, margins: &Margins, rings: impl Fn([f64; 2]) -> bool) -> u
 
 /// A joint without a link-side encoder: a bell of 80 samples smooths its torque, the slope of a line through 16
 /// is its velocity.
-fn late_joint(numbers: [f64; 5], k_i: f64, k_6: f64) -> LateLoop {
+fn late_joint(numbers: [f64; 5], k_i: f64, k_6: f64) -> MotorSideLoop {
     let JointLoop {
         law,
         drive_lag,
@@ -262,7 +262,7 @@ fn late_joint(numbers: [f64; 5], k_i: f64, k_6: f64) -> LateLoop {
     let sum: f64 = (0..80).map(bell).sum();
     let middle = |k: i32| f64::from(k) - 7.5;
     let squares: f64 = (0..16).map(|k| middle(k).powi(2)).sum();
-    LateLoop {
+    MotorSideLoop {
         law,
         drive_lag,
         link_inertia,

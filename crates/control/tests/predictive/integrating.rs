@@ -1,7 +1,7 @@
 //! Drives whose velocity loop integrates (P-PI), in front of the law alone.
 
 use control::margins::{JointLoop, NEEDED, choose_design};
-use control::predictive::{DriveModel, FrictionModel, LawParameters, PredictiveLaw};
+use control::predictive::{DriveLoop, FrictionModel, LawParameters, PredictiveLaw};
 
 use crate::joint::{BLOCKED, DT, Friction, Joint, knee, run};
 
@@ -15,7 +15,7 @@ fn a_drive_that_integrates_follows_a_torque() {
             stiffness: 68_400.0,
         };
         let mut truth = LawParameters { friction, ..knee() };
-        if let DriveModel::Position {
+        if let DriveLoop::Position {
             stiffness,
             damping,
             integral,
@@ -57,7 +57,7 @@ fn a_drive_that_integrates_follows_a_torque() {
         );
         // Of whose integral nobody knows: held at a set-point for half a second.
         let mut unknown = truth;
-        if let DriveModel::Position { integral, .. } = &mut unknown.drive {
+        if let DriveLoop::Position { integral, .. } = &mut unknown.drive {
             *integral = 0.0;
         }
         let mut law = PredictiveLaw::new(unknown);
@@ -108,7 +108,7 @@ fn drives_that_integrate_are_as_quick_as_others() {
         };
         let mut truth = LawParameters { friction, ..knee() };
         let (share, time, ratio) = (between(0.3, 3.0), between(0.02, 0.2), between(0.67, 1.5));
-        if let DriveModel::Position {
+        if let DriveLoop::Position {
             stiffness,
             damping,
             integral,

@@ -1,7 +1,7 @@
 //! A joint of its own in front of the law: continuous rotor, gear and drive, simulated at 20 us.
 
 use control::predictive::{
-    Design, DriveModel, FrictionModel, GearStiffness, LawParameters, PredictiveLaw, Sensed,
+    Design, DriveLoop, FrictionModel, GearStiffness, LawParameters, PredictiveLaw, Sensed,
     TorqueTerms,
 };
 
@@ -12,7 +12,7 @@ pub(crate) fn knee() -> LawParameters {
     LawParameters {
         sample_period: DT,
         delay: 1.4e-3,
-        drive: DriveModel::Position {
+        drive: DriveLoop::Position {
             stiffness: 28_900.0,
             damping: 189.0,
             dead_zone: 0.0,
@@ -119,7 +119,7 @@ impl Joint {
                 self.command = arriving;
             }
             let motor = match self.p.drive {
-                DriveModel::Position {
+                DriveLoop::Position {
                     stiffness,
                     damping,
                     dead_zone,
@@ -129,7 +129,7 @@ impl Joint {
                     let outside = error - error.clamp(-dead_zone, dead_zone);
                     self.drive_loop([stiffness, damping, integral], outside, h)
                 }
-                DriveModel::Current {
+                DriveLoop::Current {
                     torque_constant,
                     viscous,
                 } => torque_constant * self.command - viscous * self.omega,

@@ -6,7 +6,7 @@ mod joint;
 
 use control::margins::{JointLoop, NEEDED, choose_design};
 use control::predictive::{
-    Design, DriveModel, FrictionModel, LawParameters, PredictiveLaw, TorqueTerms,
+    Design, DriveLoop, FrictionModel, LawParameters, PredictiveLaw, TorqueTerms,
 };
 use joint::{BLOCKED, DT, Friction, Joint, feedforward, knee, run};
 
@@ -59,7 +59,7 @@ fn a_drive_that_is_not_as_configured_is_found() {
         };
         let truth = LawParameters { friction, ..knee() };
         let mut p = truth;
-        if let DriveModel::Position {
+        if let DriveLoop::Position {
             stiffness, damping, ..
         } = &mut p.drive
         {
@@ -215,13 +215,13 @@ fn without_friction_there_is_no_disturbance_whatever_is_asked() {
 #[test]
 fn the_contributions_add_up_to_the_command() {
     for drive in [
-        DriveModel::Position {
+        DriveLoop::Position {
             stiffness: 28_900.0,
             damping: 189.0,
             dead_zone: 1e-4,
             integral: 0.0,
         },
-        DriveModel::Current {
+        DriveLoop::Current {
             torque_constant: 12.0,
             viscous: 1.0,
         },
@@ -346,7 +346,7 @@ fn a_desired_velocity_is_not_braked() {
     let (measured, foreseen) = (swing_error(false, 0.0), swing_error(true, 0.0));
     assert!(foreseen < 0.6 * measured, "{measured} {foreseen} N·m");
     // Nor by the help for a hand.
-    let helped = swing_error(true, Design::default().help);
+    let helped = swing_error(true, Design::default().assist);
     assert!(helped < 1.01 * foreseen, "{helped} {foreseen} N·m");
 }
 
@@ -373,7 +373,7 @@ fn a_desired_velocity_that_does_not_change_leaves_the_command() {
 /// -0.5 rad/s within 50 ms.
 #[test]
 fn a_hand_that_turns_the_joint_round_is_helped() {
-    let [alone, helped] = [0.0, Design::default().help].map(|help| {
+    let [alone, helped] = [0.0, Design::default().assist].map(|help| {
         let mut law = PredictiveLaw::new(helped_by(help));
         let mut joint = Joint::new(knee(), BLOCKED, 1);
         let mut largest = 0.0_f64;
@@ -395,7 +395,7 @@ fn a_hand_that_turns_the_joint_round_is_helped() {
 #[test]
 fn encoders_that_drift_are_not_helped() {
     for (of_motor, rate) in [(1.0, 0.1), (0.0, 0.01), (0.0, -0.01)] {
-        let [alone, helped] = [0.0, Design::default().help].map(|help| {
+        let [alone, helped] = [0.0, Design::default().assist].map(|help| {
             let mut law = PredictiveLaw::new(helped_by(help));
             let mut joint = Joint::new(knee(), 0.35, 1);
             for k in 0..80 {
@@ -417,7 +417,7 @@ fn encoders_that_drift_are_not_helped() {
 
 fn helped_by(help: f64) -> LawParameters {
     let design = Design {
-        help,
+        assist: help,
         ..Design::default()
     };
     LawParameters { design, ..knee() }

@@ -1,9 +1,9 @@
 //! Constants of one joint, and what its drive makes of its measured values, whatever its mode and law.
 
 use control::predictive::TorqueTerms;
-use control::{JointGains, MotorModel};
+use control::{DriveModel, JointGains};
 use robot_state::{JointCommanded, JointMeasured, torque_flags};
-use supervisor::{Actuation, Limits, Motion, Shown};
+use supervisor::{Limits, Motion, Shown};
 
 use super::JointInput;
 use super::carry::{CarryParameters, smaller};
@@ -12,10 +12,9 @@ use crate::mode::{Follow, Foresight, Impedance};
 /// See the module.
 #[derive(Debug, Clone)]
 pub(super) struct Constants {
-    pub(super) motor: MotorModel,
+    pub(super) drive: DriveModel,
     pub(super) gains: JointGains,
     pub(super) limits: Limits,
-    pub(super) actuation: Actuation,
     pub(super) gear_ratio: f64,
     /// Without an encoder on its link a joint is where its motor is: commands lead the motor-side angle.
     pub(super) has_link_encoder: bool,
@@ -62,24 +61,20 @@ impl Constants {
         after_gap: Option<[f64; 2]>,
         integral: f64,
     ) -> Shown {
-        let (set_points, lead, lag) = match self.actuation {
-            Actuation::Position {
-                k_tau,
-                k_tau_motor,
-                k_v,
-            } => {
+        let (set_points, lead, lag) = match &self.drive {
+            DriveModel::Position(drive) => {
                 let tau = self.torque_per_current * measured.current - integral;
                 let filtered = [measured.dq, measured.omega / self.gear_ratio];
                 let [dq, omega] = after_gap.unwrap_or(filtered);
-                let lead = k_tau_motor * tau;
+                let lead = drive.k_tau_motor * tau;
                 //= D6: delta_q = K_tau tau + K_v dq + K_c sign(dq)
                 let set_points = [
-                    motion.theta + lead + k_v * omega,
-                    motion.q + k_tau * tau + k_v * self.velocity(dq, omega),
+                    motion.theta + lead + drive.k_v * omega,
+                    motion.q + drive.k_tau * tau + drive.k_v * self.velocity(dq, omega),
                 ];
-                (set_points, lead, k_v * omega)
+                (set_points, lead, drive.k_v * omega)
             }
-            Actuation::Current { .. } => ([measured.current; 2], 0.0, 0.0),
+            DriveModel::Current(_) => ([measured.current; 2], 0.0, 0.0),
         };
         Shown {
             set_points,
@@ -99,20 +94,20 @@ impl Constants {
     /// The torque that the joint carries where it stands, as far as it is known, N·m.
     pub(super) fn load(&self, input: &JointInput<'_>) -> f64 {
         let tau = input.tau_encoder;
-        match (self.motor, tau.flags & torque_flags::VALID != 0) {
+        match (&self.drive, tau.flags & torque_flags::VALID != 0) {
             // The lead that the drive holds already, whatever the torque is: none while it is off.
-            (MotorModel::Position { .. }, _) if !self.has_link_encoder => {
+            (DriveModel::Position(_), _) if !self.has_link_encoder => {
                 self.torque_per_current * input.measured.current
             }
-            (MotorModel::Position { .. }, true) => tau.tau,
+            (DriveModel::Position(_), true) => tau.tau,
             _ => 0.0,
         }
     }
 
     pub(super) fn carry_parameters(&self) -> CarryParameters {
-        let (k_1, damping) = match self.actuation {
-            Actuation::Current { k_1, damping, .. } => (k_1, damping),
-            Actuation::Position { .. } => (1.0, 0.0),
+        let (k_1, damping) = match &self.drive {
+            DriveModel::Current(drive) => (drive.k_1, self.limits.braking.damping),
+            DriveModel::Position(_) => (1.0, 0.0),
         };
         CarryParameters {
             k_s: self.gains.k_s,

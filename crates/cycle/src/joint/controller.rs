@@ -1,18 +1,18 @@
 //! Controller: one joint's state, its law and its limits.
 
-use control::MotorModel;
+use control::DriveModel;
 use control::predictive::TorqueTerms;
 use problem::Problem;
 use robot_config::Parameters;
 use robot_state::{JointCommanded, Mode, command_flags, measured_flags};
-use supervisor::{Actuation, Deviation, Following, Limited, Limiter, Motion, Shown};
+use supervisor::{Deviation, Following, Limited, Limiter, Motion, Shown};
 
 use super::carry::Carry;
 use super::constants::Constants;
 use super::hold_guard::HoldGuard;
 use super::law::{Desired, Law};
-use super::rejoin::Rejoin;
 use super::rest::{self, Rest};
+use super::resynchronisation::Resynchronisation;
 use super::transition::{Stop, Transition};
 use super::{Gap, JointInput, Trust};
 use crate::measure::NOT_USED;
@@ -40,7 +40,7 @@ pub(super) struct Followed {
     pub(super) transition: Transition,
     pub(super) impedance: Impedance,
     /// Back to the reference after a gap of the loop.
-    pub(super) rejoin: Option<Rejoin>,
+    pub(super) resynchronisation: Option<Resynchronisation>,
     /// Where the joint stands to which the loop adds friction.
     pub(super) rest: Rest,
 }
@@ -82,10 +82,9 @@ impl Controller {
         let joint = &parameters.joints[index];
         Ok(Self {
             constants: Constants {
-                motor: joint.motor,
+                drive: joint.drive_model,
                 gains: joint.gains,
                 limits: joint.limits,
-                actuation: joint.actuation,
                 gear_ratio: joint.encoders.gear_ratio,
                 has_link_encoder: joint.has_link_encoder,
                 torque_per_current: joint.encoders.gear_ratio
@@ -98,7 +97,7 @@ impl Controller {
             following: Following::new(joint.following),
             limiter: Limiter::new(
                 joint.limits,
-                joint.actuation,
+                joint.drive_model,
                 parameters.timing.sample_period,
             ),
             law: Law::new(index, parameters)?,
@@ -129,7 +128,7 @@ impl Controller {
     }
 
     fn takes_current(&self) -> bool {
-        matches!(self.constants.actuation, Actuation::Current { .. })
+        !self.constants.drive.takes_position()
     }
 
     /// The last command, rad or A; none while no set-points are sent.
@@ -310,12 +309,12 @@ impl Controller {
         commanded.asked = limited.asked;
         commanded.torque_limit = self.limiter.torque();
         commanded.flags |= limited.flags | command_flags::ENGAGED;
-        match self.constants.motor {
-            MotorModel::Position { .. } => {
+        match &self.constants.drive {
+            DriveModel::Position(_) => {
                 commanded.q_c = limited.applied;
                 commanded.delta_q = limited.applied - motion.q;
             }
-            MotorModel::Current { .. } => commanded.current_c = limited.applied,
+            DriveModel::Current(_) => commanded.current_c = limited.applied,
         }
     }
 
@@ -393,7 +392,7 @@ impl Followed {
         self.transition = Transition::resuming(torque);
         if let Some(spring) = &follow.spring {
             let behind = [spring.q_d - q, spring.dq_d - dq];
-            self.rejoin = Some(Rejoin::from(behind, joint.limits.velocity));
+            self.resynchronisation = Some(Resynchronisation::from(behind, joint.limits.velocity));
         }
     }
 
@@ -416,9 +415,10 @@ impl Followed {
                 self.impedance
                     .lead(spring.impedance, &joint.gains, input.dt);
                 let wanted = [spring.q_d, spring.dq_d];
-                let set_back = (self.rejoin.as_mut()).and_then(|r| r.set_back(wanted, input.dt));
+                let set_back =
+                    (self.resynchronisation.as_mut()).and_then(|r| r.set_back(wanted, input.dt));
                 if set_back.is_none() {
-                    self.rejoin = None;
+                    self.resynchronisation = None;
                 }
                 let wanted = set_back.unwrap_or(wanted);
                 let share = joint.foreseen_share(spring.foresight, self.impedance);

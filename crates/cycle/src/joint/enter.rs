@@ -1,6 +1,6 @@
 //! Enter: the state in which a joint begins.
 
-use control::MotorModel;
+use control::DriveModel;
 use supervisor::Motion;
 
 use super::carry::Carry;
@@ -22,7 +22,7 @@ impl Constants {
         doubted: bool,
     ) -> State {
         let deceleration = self.limits.deceleration;
-        match (goal, self.motor) {
+        match (goal, &self.drive) {
             (JointGoal::Follow(follow), _) => State::Follow(Followed {
                 mode: follow.mode,
                 transition: if follow.entry == Entry::Usual {
@@ -34,29 +34,29 @@ impl Constants {
                     follow.spring.and_then(|spring| spring.impedance),
                     &self.gains,
                 ),
-                rejoin: None,
+                resynchronisation: None,
                 rest: Rest::at(input.measured.q),
             }),
-            (_, MotorModel::Position { k_v, .. })
+            (_, DriveModel::Position(drive))
                 if doubted || matches!(goal, JointGoal::StopPressing) =>
             {
                 State::HoldPosition {
-                    hold_q: last - k_v * motion.dq,
+                    hold_q: last - drive.k_v * motion.dq,
                     stop: Stop::from(0.0, deceleration),
                 }
             }
-            (_, MotorModel::Position { .. }) => State::HoldPosition {
+            (_, DriveModel::Position(_)) => State::HoldPosition {
                 hold_q: last,
                 stop: match input.trust {
                     Trust::Sound => Stop::from(motion.dq, deceleration),
                     Trust::Distrusted => Stop::doubted(motion.dq, deceleration),
                 },
             },
-            (JointGoal::Hold, MotorModel::Current { .. }) => {
+            (JointGoal::Hold, DriveModel::Current(_)) => {
                 let torque = last * self.carry_parameters().k_1;
                 State::Carry(Carry::hold(motion, input.weight, torque, deceleration))
             }
-            (_, MotorModel::Current { .. }) => State::Carry(Carry::stop(input.weight)),
+            (_, DriveModel::Current(_)) => State::Carry(Carry::stop(input.weight)),
         }
     }
 }

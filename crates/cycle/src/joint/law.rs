@@ -8,7 +8,7 @@ mod predictive;
 mod proportional_integral;
 
 use control::predictive::{PredictiveLaw, TorqueTerms};
-use control::{MotorModel, TorqueLoop};
+use control::{DriveModel, TorqueLoop};
 use problem::Problem;
 use robot_config::Parameters;
 use robot_state::{JointCommanded, command_flags, torque_flags};
@@ -131,7 +131,7 @@ impl Law {
         match self {
             Self::Predictive(law) => law.hold_reference(),
             Self::MotorSide(law) => {
-                let lead = last - motion.theta - joint.motor.friction_part(motion.dq);
+                let lead = last - motion.theta - joint.drive.friction_part(motion.dq);
                 law.begin(lead, input.torque(), &joint.gains)
             }
             Self::ProportionalIntegral(torque_loop) => {
@@ -215,11 +215,11 @@ fn lead_motor(
     let measured = input.measured;
     let valid = input.tau_hat.flags & torque_flags::VALID != 0;
     //= D10: delta_q = K_tau tau* + K_v dq + K_c sign(dq)
-    let command = joint.motor.torque_part(limited) + friction;
+    let command = joint.drive.torque_part(limited) + friction;
 
     // None of them contains the part that the limit removes.
     //= D 5.5: delta_q = torque and friction feed-forward + feedback of q, dq, ddq and f
-    let part = |tau: f64| joint.motor.torque_part(tau);
+    let part = |tau: f64| joint.drive.torque_part(tau);
     let k_p = joint.gains.k_p;
     let feedback_force = force + k_p * (force + desired.contact_error);
     let torque_feedback = tau_star - tau_d;
@@ -248,10 +248,10 @@ fn lead_motor(
         },
         ..JointCommanded::default()
     };
-    match joint.motor {
-        MotorModel::Position { .. } if joint.has_link_encoder => measured.q + command,
-        MotorModel::Position { .. } => measured.theta / joint.gear_ratio + command,
-        MotorModel::Current { .. } => command,
+    match &joint.drive {
+        DriveModel::Position(_) if joint.has_link_encoder => measured.q + command,
+        DriveModel::Position(_) => measured.theta / joint.gear_ratio + command,
+        DriveModel::Current(_) => command,
     }
 }
 
@@ -263,5 +263,5 @@ fn sum(terms: &TorqueTerms) -> f64 {
 /// The lead against the friction of a joint that moves so, rad or A.
 fn against_friction(joint: &Constants, input: &JointInput<'_>) -> f64 {
     let omega = input.measured.omega / joint.gear_ratio;
-    (joint.motor).friction_part(joint.velocity(input.measured.dq, omega))
+    (joint.drive).friction_part(joint.velocity(input.measured.dq, omega))
 }

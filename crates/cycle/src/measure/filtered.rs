@@ -197,12 +197,3 @@ impl Course {
         self.given
     }
 }
-
-/// The courses of every joint's link-side and motor-side angle.
-pub(super) fn courses(robot: &Robot) -> Vec<[Course; 2]> {
-    let period = robot.parameters.timing.sample_period;
-    let joints = robot.parameters.joints.iter().map(|joint| &joint.encoders);
-    let step = joints.map(|e| (e.max_velocity * period, e.gear_ratio));
-    step.map(|(step, n)| [step, step * n].map(Course::new))
-        .collect()
-}

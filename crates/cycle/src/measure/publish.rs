@@ -7,20 +7,20 @@ use super::Measure;
 impl Measure {
     pub(super) fn publish_joints(&mut self, measured: &mut MeasuredRecord) {
         let n = self.joints.len();
+        let readers = self.joints.iter().zip(&mut self.samples);
         let (long, control) = (self.long.input(), &self.control_filter);
         measured.filter_delay_s = self.long.delay_s();
-        for (j, measured) in measured.joints.iter_mut().enumerate().take(n) {
+        for (j, ((reader, sample), measured)) in readers.zip(&mut measured.joints).enumerate() {
             (measured.q_hat, measured.dq_hat) = (long.q[j], long.dq[j]);
             measured.ddq_hat = long.ddq[j];
             measured.dq = control.outputs(j)[1];
-            if !self.sends_velocity[j] {
+            if !reader.sends_velocity() {
                 measured.omega = control.outputs(n + j)[1];
             }
             if self.long.joint_settling(j) {
                 measured.flags |= measured_flags::SETTLING;
             }
-            let sample = &mut self.samples[j];
-            if !self.front_ends[j].has_velocities() {
+            if !reader.has_velocities() {
                 (sample.dq, sample.omega) = (measured.dq, measured.omega);
             }
             sample.flags = measured.flags;

@@ -1,13 +1,14 @@
 //! Sensors: F/T sensors and IMUs, from their frames to the axes of the filters.
 
-use robot_config::slots;
+use robot_config::{Parameters, slots};
 use robot_state::{
     Event, FtMeasured, MAX_FURTHER_IMUS, MeasuredRecord, Settings, Wrench, measured_flags,
 };
 
 use super::Measure;
 use super::filtered::AXES;
-use super::reception::note_unsound;
+use super::imu_check::ImuCheck;
+use super::reception::{Reception, Source, note_unsound};
 use crate::events::{Counts, Subject};
 use crate::time::Instants;
 
@@ -144,4 +145,30 @@ impl Measure {
             (imu.age_s, imu.flags) = (age_s, flags | measured_flags::STANDS_IN);
         }
     }
+}
+
+/// The messages and signals of every F/T sensor.
+pub(super) fn of_ft_sensors(parameters: &Parameters, reception: &Reception) -> Vec<Source> {
+    let sensors = parameters.ft_sensors.iter().enumerate();
+    sensors
+        .map(|(s, ft)| {
+            let temperature = ft.has_temperature.then(|| slots::ft_temperature(s));
+            let axes = (0..AXES).map(|axis| slots::ft(s, axis));
+            let slots = axes.chain(temperature).collect();
+            reception.source(slots, ft.sampling, &ft.signals, true)
+        })
+        .collect()
+}
+
+/// Those of every IMU, and the check of its values.
+pub(super) fn of_imus(parameters: &Parameters, reception: &Reception) -> Vec<(Source, ImuCheck)> {
+    let period = parameters.timing.sample_period;
+    let imus = parameters.imus.iter().enumerate();
+    imus.map(|(i, imu)| {
+        let gyro = (0..3).map(|axis| slots::gyro(i, axis));
+        let axes = gyro.chain((0..3).map(|axis| slots::accelerometer(i, axis)));
+        let source = reception.source(axes.collect(), imu.sampling, &imu.signals, true);
+        (source, ImuCheck::new(imu.sampling.longest_gap(period)))
+    })
+    .collect()
 }

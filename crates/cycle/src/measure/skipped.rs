@@ -1,10 +1,10 @@
 //! Cycles that the loop left out.
 
 use robot_state::JointMeasured;
-use supervisor::{Plausibility, Sample};
 
 use super::Measure;
 use super::filtered::Filtered;
+use super::joint::JointReader;
 use crate::time::{SECONDS_PER_NS, Stamp};
 
 /// Most skipped cycles that are bridged; after a longer gap the filters hold no sample anyway.
@@ -22,18 +22,13 @@ impl Measure {
         if skipped == 0 {
             return;
         }
-        self.plausibility
-            .iter_mut()
-            .for_each(Plausibility::note_gap);
+        self.joints.iter_mut().for_each(JointReader::note_gap);
         self.angles.fill(f64::NAN);
         self.both_angles.fill(f64::NAN);
         self.axes.fill(f64::NAN);
         for k in (1..=skipped).rev() {
             let instant = Stamp(sync.0.saturating_sub((f64::from(k) * period_ns) as u64));
-            for (front_end, joint) in self.front_ends.iter_mut().zip(&mut self.plausibility) {
-                front_end.update(f64::NAN, f64::NAN, f64::NAN);
-                joint.update(Sample::Missed);
-            }
+            self.joints.iter_mut().for_each(JointReader::skip);
             let stamps = self.reception.stamps();
             (self.long).update(&self.angles, &self.axes, stamps, instant);
             (self.short).update(&self.angles, &self.axes, stamps, instant);

@@ -1,9 +1,9 @@
 //! Rules for frames that leave.
 
 use crate::common::Bench;
+use control::DriveModel;
 use robot_config::slots;
 use robot_state::{JointKind, Mode, RobotState, command_flags};
-use supervisor::Actuation;
 
 /// The signals' resolution and rounding, in the commands' units; of a prismatic joint m.
 const RESOLUTION: f64 = 1.1e-3;
@@ -56,7 +56,7 @@ pub(crate) fn check(bench: &Bench, before: &mut [Before]) {
         let sent = Some(values[slots::command(j)]).filter(|x| !x.is_nan());
         assert!(commanded.q_c.is_finite() && commanded.delta_q.is_finite());
         assert!(commanded.current_c.is_finite());
-        let takes_current = matches!(parameters.actuation, Actuation::Current { .. });
+        let takes_current = !parameters.takes_position();
         if matches!(state, RobotState::Boot) {
             // No current is no set-point.
             let none = sent.is_none() || takes_current && sent == Some(0.0);
@@ -93,12 +93,8 @@ pub(crate) fn check(bench: &Bench, before: &mut [Before]) {
             assert!(harmless, "{sent} to joint {j}, which is not engaged");
             continue;
         }
-        match parameters.actuation {
-            Actuation::Position {
-                k_tau,
-                k_tau_motor,
-                k_v,
-            } => {
+        match parameters.drive_model {
+            DriveModel::Position(drive) => {
                 assert!((sent - commanded.q_c).abs() < resolution, "{sent}");
                 let theta = measured.theta / parameters.encoders.gear_ratio;
                 // Inside, or pulled out by a joint that both encoders show outside.
@@ -108,9 +104,10 @@ pub(crate) fn check(bench: &Bench, before: &mut [Before]) {
                 assert!((low..=high).contains(&sent), "joint {j}: {sent}");
                 // By one encoder at least it asks for no more than the torque limit.
                 let dq = measured.dq.abs();
-                let lead = |k: f64| (k * limits.torque).min(limits.lead) + k_v * dq + resolution;
-                let within = (sent - measured.q).abs() <= lead(k_tau)
-                    || (sent - theta).abs() <= lead(k_tau_motor)
+                let lead =
+                    |k: f64| (k * limits.torque).min(limits.lead) + drive.k_v * dq + resolution;
+                let within = (sent - measured.q).abs() <= lead(drive.k_tau)
+                    || (sent - theta).abs() <= lead(drive.k_tau_motor)
                     || (sent - measured.q) * (sent - theta) < 0.0;
                 let holds = record.mode == Mode::Hold.number();
                 let kept = commanded.flags & command_flags::NOT_FINITE != 0
@@ -132,9 +129,9 @@ pub(crate) fn check(bench: &Bench, before: &mut [Before]) {
                     measured.flags
                 );
             }
-            Actuation::Current { k_1, current, .. } => {
+            DriveModel::Current(drive) => {
                 assert!((sent - commanded.current_c).abs() < RESOLUTION, "{sent}");
-                let most = current.min(limits.torque / k_1) + RESOLUTION;
+                let most = drive.current_limit.min(limits.torque / drive.k_1) + RESOLUTION;
                 assert!(sent.abs() <= most, "joint {j}: {sent} A");
             }
         }

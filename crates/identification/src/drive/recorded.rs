@@ -2,7 +2,7 @@
 
 use super::{DriveKnowledge, DriveLog, DriveStretch};
 use crate::motor::MotorRow;
-use control::predictive::DriveModel;
+use control::predictive::DriveLoop;
 use estimators::compliance::ComplianceParameters;
 use estimators::kinematic_error::KinematicErrorParameters;
 use robot_config::{JointParameters, Sampled};
@@ -27,13 +27,13 @@ pub fn knowledge(joint: &JointParameters) -> DriveKnowledge {
     let n = joint.encoders.gear_ratio;
     let motor = &joint.estimator.wave_generator;
     let (takes_position, stiffness, damping, dead_zone) = match joint.law.drive {
-        DriveModel::Position {
+        DriveLoop::Position {
             stiffness,
             damping,
             dead_zone,
             ..
         } => (true, stiffness, damping, dead_zone),
-        DriveModel::Current { .. } => (false, 0.0, 0.0, 0.0),
+        DriveLoop::Current { .. } => (false, 0.0, 0.0, 0.0),
     };
     // Samples that are late show every effect later by as much.
     let latency = match joint.sampling.sampled {

@@ -29,7 +29,7 @@ fn is_alike(one: &JointLoop, other: &JointLoop) -> bool {
 /// as one bring it to 9.6 % of its velocity limit with that, to 18 % with 1.4 times as much, where 10 % are allowed.
 fn most_help(joint: &JointParameters) -> f64 {
     match joint.kind {
-        JointKind::Prismatic => Design::default().help,
+        JointKind::Prismatic => Design::default().assist,
         JointKind::Revolute => f64::INFINITY,
     }
 }

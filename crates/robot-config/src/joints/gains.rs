@@ -4,7 +4,7 @@ use super::Reader;
 use crate::drives::Drive;
 use crate::parameters::TorqueLaw;
 use crate::reader::Allowed;
-use control::{EquivalentGains, JointGains, MotorModel};
+use control::{DriveModel, EquivalentGains, JointGains};
 
 /// K_i of a joint without a link-side encoder where none is given, until the margins have chosen it.
 pub(super) const AS_MARGINS_ALLOW: f64 = f64::INFINITY;
@@ -32,11 +32,11 @@ impl Reader<'_, '_, '_> {
                 k6: section.number("K6", Allowed::NonNegative),
                 k7: section.number("K7_s", Allowed::NonNegative),
             };
-            match drive.map(|drive| drive.motor) {
-                Some(MotorModel::Position { k_tau, .. }) => {
-                    Some(JointGains::from_equivalent(gains, k_tau, k_p, k_i))
+            match drive.map(|drive| drive.model) {
+                Some(DriveModel::Position(drive)) => {
+                    Some(JointGains::from_equivalent(gains, drive.k_tau, k_p, k_i))
                 }
-                Some(MotorModel::Current { .. }) => {
+                Some(DriveModel::Current(_)) => {
                     let what = "the drive takes currents, not positions";
                     let allowed = section.kind.units("K_s_Nm_per_rad and K_d_Nms_per_rad");
                     section.problem("K6", what, allowed);

@@ -3,8 +3,8 @@
 use super::Reader;
 use crate::TorqueLaw;
 use crate::drives::Drive;
-use control::MotorModel;
-use control::predictive::{Design, DriveModel, FrictionModel, GearStiffness, LawParameters};
+use control::DriveModel;
+use control::predictive::{Design, DriveLoop, FrictionModel, GearStiffness, LawParameters};
 use supervisor::Limits;
 
 /// Largest disturbance that is believed, as a share of the torque limit: friction is a tenth of it,
@@ -25,23 +25,7 @@ impl Reader<'_, '_, '_> {
         LawParameters {
             sample_period: self.timing.sample_period,
             delay: self.feedback.command_delay + drive.lag,
-            drive: match drive.motor {
-                MotorModel::Position { k_tau, k_v, .. } => {
-                    // K_tau is the softness of gear and drive in series. The actuation checks that
-                    // the gear leaves something to the drive.
-                    let softness = (k_tau - drive.gear_softness).max(1e-9);
-                    DriveModel::Position {
-                        stiffness: 1.0 / softness,
-                        damping: k_v / softness,
-                        dead_zone: drive.dead_zone,
-                        integral: drive.integral,
-                    }
-                }
-                MotorModel::Current { k1, k2, .. } => DriveModel::Current {
-                    torque_constant: k1,
-                    viscous: k2,
-                },
-            },
+            drive: DriveLoop::from(&drive.model),
             rotor_inertia: drive.rotor_inertia * n * n,
             gear: GearStiffness {
                 k_fs0: c.k_fs0,
@@ -62,7 +46,8 @@ impl Reader<'_, '_, '_> {
     /// Notes a drive whose integral no law of this joint knows: what a lead makes is then not its torque.
     fn can_integrate(&self, drive: &Drive) {
         let predictive = matches!(self.feedback.torque_law, TorqueLaw::Predictive(_));
-        if drive.integral == 0.0 || (predictive && self.has_link) {
+        let integrates = matches!(drive.model, DriveModel::Position(model) if model.integral > 0.0);
+        if !integrates || (predictive && self.has_link) {
             return;
         }
         let what = "its drive's velocity loop has an integral (integral_time_ms), which this joint's torque law does not \

@@ -4,9 +4,9 @@ use super::Reader;
 use crate::drives::Drive;
 use crate::reader::Allowed;
 use crate::wiring::Reach;
-use control::MotorModel;
+use control::DriveModel;
 use dynamics::Model;
-use supervisor::{Actuation, FollowingParameters, Limits, PlausibilityParameters};
+use supervisor::{Braking, FollowingParameters, Limits, PlausibilityParameters};
 
 /// |dq| below which a joint counts as at rest, rad/s of a revolute joint.
 const REST: f64 = 0.02;
@@ -159,6 +159,7 @@ impl Reader<'_, '_, '_> {
             lead: self.lead(lead, torque, drive),
             rest: kind.threshold(REST),
             gives_way: kind.threshold(GIVES_WAY),
+            braking: self.braking(drive, joint.map_or(0.0, |(model, j)| inertia(model, j))),
         })
     }
 
@@ -182,10 +183,10 @@ impl Reader<'_, '_, '_> {
 
     /// Greatest lead of a command: that of the torque limit, or less.
     fn lead(&self, given: Option<f64>, torque: f64, drive: &Drive) -> f64 {
-        let MotorModel::Position { k_tau, .. } = drive.motor else {
+        let DriveModel::Position(drive) = drive.model else {
             return f64::INFINITY;
         };
-        let greatest = k_tau * torque;
+        let greatest = drive.k_tau * torque;
         let kind = self.section.kind;
         let given = given.map_or(greatest, |given| kind.si(given));
         // A rounded degree or mm may lie a hair above.
@@ -193,7 +194,7 @@ impl Reader<'_, '_, '_> {
             let what = format!(
                 "{:.3} lets a command ask for {:.0} {}",
                 kind.shown(given),
-                given / k_tau,
+                given / drive.k_tau,
                 kind.units("N·m")
             );
             let allowed = format!(
@@ -214,20 +215,25 @@ impl Reader<'_, '_, '_> {
         current: Option<Reach>,
     ) -> FollowingParameters {
         let section = self.section;
-        let (used, other, limit, per_velocity, doubt) = match drive.motor {
-            MotorModel::Position { k_tau, k_v, .. } => {
-                let motor = k_tau - drive.gear_softness;
-                let lead = (motor * limits.torque).min(limits.lead);
+        let (used, other, limit, per_velocity, doubt) = match drive.model {
+            DriveModel::Position(model) => {
+                let lead = (model.k_tau_motor * limits.torque).min(limits.lead);
                 let given = section.optional_number("following_error_deg", Allowed::Positive);
                 let limit = given.map_or(FOLLOWING_SHARE * lead, |given| section.kind.si(given));
                 let names = ["following_error_deg", "following_error_A"];
                 let doubt = (DOUBT_SHARE * lead).min(limit);
-                (names[0], names[1], limit, FOLLOWING_SHARE * k_v, doubt)
+                (
+                    names[0],
+                    names[1],
+                    limit,
+                    FOLLOWING_SHARE * model.k_v,
+                    doubt,
+                )
             }
-            MotorModel::Current { .. } => {
+            DriveModel::Current(model) => {
                 let resolution = current.map_or(0.0, |reach| reach.resolution);
                 let noise = NOISE_SIGMAS * drive.current_sigma + resolution;
-                let default = CURRENT_SHARE * drive.current_limit + noise;
+                let default = CURRENT_SHARE * model.current_limit + noise;
                 let limit = section.number_or("following_error_A", default, Allowed::Positive);
                 let infinite = f64::INFINITY;
                 (
@@ -258,42 +264,35 @@ impl Reader<'_, '_, '_> {
         }
     }
 
-    /// How the drive turns commands into torque.
-    pub(super) fn actuation(&self, drive: &Drive, inertia: f64) -> Actuation {
-        match drive.motor {
-            MotorModel::Position { k_tau, k_v, .. } => {
-                let gear = drive.gear_softness;
-                if gear >= k_tau {
-                    let what = format!("{k_tau} leaves no stiffness to the drive's position loop");
-                    let allowed = format!("above 1/K_fs0, which is {gear:e}");
-                    self.section.problem(
-                        "drive",
-                        format!(
-                            "{} of its drive: {what}",
-                            self.section.kind.units("K_tau_rad_per_Nm")
-                        ),
-                        allowed,
-                    );
-                }
-                Actuation::Position {
-                    k_tau,
-                    k_tau_motor: (k_tau - gear).max(f64::MIN_POSITIVE),
-                    k_v,
-                }
-            }
-            MotorModel::Current { k1, .. } => {
-                let rotor = drive.rotor_inertia * drive.gear_ratio * drive.gear_ratio;
-                let delay = BRAKING_PERIODS * self.timing.sample_period;
-                let damping = rotor / delay;
-                Actuation::Current {
-                    k_1: k1,
-                    current: drive.current_limit,
-                    damping,
-                    braking_time: 8.0 * (rotor + inertia) / damping + delay,
-                    return_time: 2.0 * delay,
-                }
-            }
+    /// How the limiter brakes the joint; `inertia`: the greatest at the joint, without the rotor, kg·m².
+    fn braking(&self, drive: &Drive, inertia: f64) -> Braking {
+        if drive.model.takes_position() {
+            return Braking::BY_DRIVE;
         }
+        let rotor = drive.rotor_inertia * drive.gear_ratio * drive.gear_ratio;
+        let delay = BRAKING_PERIODS * self.timing.sample_period;
+        let damping = rotor / delay;
+        Braking {
+            damping,
+            time: 8.0 * (rotor + inertia) / damping + delay,
+            return_time: 2.0 * delay,
+        }
+    }
+
+    /// Notes a K_tau that is all the gear's: it leaves no stiffness to the drive's position loop.
+    pub(super) fn check_stiffness(&self, drive: &Drive) {
+        let DriveModel::Position(model) = drive.model else {
+            return;
+        };
+        let (k_tau, gear) = (model.k_tau, 1.0 / drive.compliance.k_fs0);
+        if !self.has_link || gear < k_tau {
+            return;
+        }
+        let key = self.section.kind.units("K_tau_rad_per_Nm");
+        let what =
+            format!("{key} of its drive: {k_tau} leaves no stiffness to the drive's position loop");
+        let allowed = format!("above 1/K_fs0, which is {gear:e}");
+        self.section.problem("drive", what, allowed);
     }
 }
 
@@ -340,7 +339,7 @@ pub(super) fn plausibility(
         samples_to_trust: SAMPLES[0],
         samples_to_doubt: SAMPLES[1],
         friction,
-        holds_itself: matches!(drive.motor, MotorModel::Position { .. }),
+        holds_itself: drive.model.takes_position(),
         torque_margin: STANDSTILL_SHARE * limits.torque
             + NOISE_SIGMAS
                 * drive.current_sigma

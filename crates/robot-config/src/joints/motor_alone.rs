@@ -12,8 +12,7 @@ use crate::parameters::{
     FastTorqueFeedback, JointParameters, Parameters, TorqueFeedback, TorqueLaw,
 };
 use crate::reader::Section;
-use control::MotorModel;
-use control::margins::{LateLoop, NEEDED};
+use control::margins::{MotorSideLoop, NEEDED};
 use estimators::filter_bank::{FilterBank, FilterDesign};
 
 /// Torque at which margins are judged, share of the limit, as those of the predictive law are.
@@ -25,7 +24,7 @@ impl Reader<'_, '_, '_> {
     /// Notes what a joint without a link-side encoder cannot have.
     pub(super) fn check_motor_alone(&self, drive: &Drive) {
         let section = self.section;
-        if matches!(drive.motor, MotorModel::Current { .. }) {
+        if !drive.model.takes_position() {
             let what = "the key is missing, and the joint's drive takes currents: an encoder that fails \
                         would move the joint, since nothing else holds it";
             let allowed = "a link-side encoder, or a drive with command = \"position\"";
@@ -84,9 +83,9 @@ pub(super) fn check_drives(root: &Section<'_, '_>, joints: &[JointParameters]) {
 
 /// The feedback of a late torque as its margins are computed from it; none of a joint with a link-side encoder.
 #[must_use]
-pub fn late_loop(joint: &JointParameters, parameters: &Parameters) -> Option<LateLoop> {
+pub fn motor_side_loop(joint: &JointParameters, parameters: &Parameters) -> Option<MotorSideLoop> {
     let filters = &parameters.filters;
-    (!joint.has_link_encoder).then(|| LateLoop {
+    (!joint.has_link_encoder).then(|| MotorSideLoop {
         law: joint.law,
         drive_lag: joint.drive_lag,
         link_inertia: joint.link_inertia,
@@ -128,7 +127,7 @@ pub(crate) fn choose_feedback(parameters: &mut Parameters) {
         if joint.gains.k_i != AS_MARGINS_ALLOW {
             continue;
         }
-        let largest = match late_loop(joint, parameters) {
+        let largest = match motor_side_loop(joint, parameters) {
             Some(feedback) if sensed => feedback.largest_k_i(LARGEST_K_I, NEEDED),
             _ => 0.0,
         };

@@ -7,7 +7,6 @@ use crate::reader::{Allowed, At};
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Reach, Use, Way, Wiring};
-use control::MotorModel;
 use estimators::encoder::EncoderParameters;
 use robot_state::{JointKind, reported_flags};
 use supervisor::Limits;
@@ -50,9 +49,10 @@ impl Reader<'_, '_, '_> {
                 key,
             },
         };
-        let set_point = match drive.motor {
-            MotorModel::Position { .. } => link_counts,
-            MotorModel::Current { .. } => Quantity::Current,
+        let set_point = if drive.model.takes_position() {
+            link_counts
+        } else {
+            Quantity::Current
         };
         let mut signal = |key, way, slot, quantity| {
             let how = Use {

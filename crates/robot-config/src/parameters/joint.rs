@@ -4,14 +4,14 @@ use super::JointCalibration;
 use crate::sampling::Sampling;
 use crate::units::BEYOND_LIMIT;
 use control::predictive::LawParameters;
-use control::{JointGains, MotorModel};
+use control::{DriveModel, JointGains};
 use core::ops::RangeInclusive;
 use estimators::compliance::JointEstimatorParameters;
 use estimators::encoder::EncoderParameters;
 use estimators::local_gp::LocalGpParameters;
 use robot_state::JointKind;
 use supervisor::{
-    Actuation, DriveProfile, FollowingParameters, Limits, PlausibilityParameters, SignalParameters,
+    DriveProfile, FollowingParameters, Limits, PlausibilityParameters, SignalParameters,
 };
 
 /// One joint. Its link-side quantities are in the units of its kind: m where rad is written, N where N·m
@@ -62,14 +62,12 @@ pub struct JointParameters {
     /// Inertia at the joint with the robot stretched out and its other joints held, without the
     /// rotor, kg·m².
     pub link_inertia: f64,
-    /// Its motor model, which also determines whether commands are positions or currents.
-    pub motor: MotorModel,
+    /// What its drive makes of commands, which are positions or currents.
+    pub drive_model: DriveModel,
     /// Feedback gains.
     pub gains: JointGains,
     /// Limits of what is commanded.
     pub limits: Limits,
-    /// How the drive turns commands into torque.
-    pub actuation: Actuation,
     /// Greatest |dq| in mode torque, rad/s.
     pub torque_velocity: f64,
     /// Friction that the loop adds in mode torque, N·m; none: by the torque's error.
@@ -124,7 +122,7 @@ impl JointParameters {
     /// The drive takes positions, not currents.
     #[must_use]
     pub fn takes_position(&self) -> bool {
-        matches!(self.motor, MotorModel::Position { .. })
+        self.drive_model.takes_position()
     }
 
     /// Acceleration that the torque limit gives the joint with the robot stretched out, rad/s².

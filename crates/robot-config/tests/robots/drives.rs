@@ -1,9 +1,8 @@
 //! Drives: what they are commanded by, their states, and the reactions to their faults.
 
 use crate::files::{Files, LEG, leg_with, refused};
-use control::MotorModel;
+use control::DriveModel;
 use robot_state::{Event, Reaction};
-use supervisor::Actuation;
 
 #[test]
 fn gains_may_be_given_in_the_commanded_position() {
@@ -55,13 +54,11 @@ fn current_drives_take_a_current() {
     let robot = with_current_drive("current_limit_A = 9.5\n").load(LEG);
     let joint = &robot.unwrap_or_else(|e| panic!("{e}")).parameters.joints[0];
     assert!(!joint.takes_position());
-    let Actuation::Current { k_1, current, .. } = joint.actuation else {
-        panic!("{:?}", joint.actuation);
+    let DriveModel::Current(drive) = joint.drive_model else {
+        panic!("{:?}", joint.drive_model);
     };
-    assert_eq!([k_1, current], [6.0, 9.5]);
-    assert!(
-        matches!(joint.motor, MotorModel::Current { k1, k2, k3, .. } if [k1, k2, k3] == [6.0, 12.0, 2.5])
-    );
+    let numbers = [drive.k_1, drive.k_2, drive.k_3, drive.current_limit];
+    assert_eq!(numbers, [6.0, 12.0, 2.5, 9.5]);
     let files = with_current_drive("");
     let text = files.errors(LEG);
     assert!(

@@ -1,9 +1,8 @@
 //! Joints without a link-side encoder.
 
 use crate::files::{Files, HRP2_LIKE, LEG, leg_with, refused};
-use control::MotorModel;
+use control::DriveModel;
 use robot_config::{Robot, slots};
-use supervisor::Actuation;
 
 const KNEE_LINK: &str =
     "link_angle = { signal = \"KNEE_STATE.link_angle\", direction = 1, offset_deg = -180.0 }\n";
@@ -39,18 +38,10 @@ fn hrp2_like_has_motor_encoders_alone() {
     // Over the motor's angle: no gear.
     let drive = 3.46069e-5;
     let knee = &robot.parameters.joints[3];
-    let MotorModel::Position { k_tau, .. } = knee.motor else {
-        panic!("{:?}", knee.motor)
+    let DriveModel::Position(model) = knee.drive_model else {
+        panic!("{:?}", knee.drive_model)
     };
-    let Actuation::Position {
-        k_tau: over_link,
-        k_tau_motor,
-        ..
-    } = knee.actuation
-    else {
-        panic!("{:?}", knee.actuation)
-    };
-    for lead in [k_tau, over_link, k_tau_motor, knee.limits.lead / 233.0] {
+    for lead in [model.k_tau, model.k_tau_motor, knee.limits.lead / 233.0] {
         assert!((lead / drive - 1.0).abs() < 1e-9, "{lead} {drive}");
     }
 }
@@ -177,7 +168,7 @@ fn the_margins_choose_the_feedback() {
         assert!((0.5..8.0).contains(&k_i), "{k_i}");
     }
     for (joint, _) in robot.parameters.joints.iter().zip(0..) {
-        let feedback = robot_config::late_loop(joint, &robot.parameters).unwrap();
+        let feedback = robot_config::motor_side_loop(joint, &robot.parameters).unwrap();
         assert!((feedback.smoothing.iter().sum::<f64>() - 1.0).abs() < 1e-9);
         // The velocity of a unit rate.
         let rate = |(k, weight): (usize, &f64)| k as f64 * 1e-3 * weight;

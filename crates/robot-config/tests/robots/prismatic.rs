@@ -1,8 +1,8 @@
 //! Prismatic joints: units of keys, signals and parameters; joints that follow others.
 
 use crate::files::{Files, LEG, LIFT_GRIPPER, refused};
-use control::MotorModel;
 use control::predictive::Design;
+use control::{DriveModel, PositionDrive};
 use robot_config::slots;
 use robot_state::JointKind;
 use std::f64::consts::TAU;
@@ -22,9 +22,9 @@ fn prismatic_joints_have_the_design_of_others_and_no_help_for_a_hand_where_it_ri
         panic!("three joints")
     };
     assert_eq!([lift, finger], [Design::default(); 2]);
-    assert!(boom.help > lift.help, "{boom:?}");
+    assert!(boom.assist > lift.assist, "{boom:?}");
     let linear = Design {
-        help: lift.help,
+        assist: lift.assist,
         ..boom
     };
     assert_eq!(linear, lift);
@@ -36,7 +36,7 @@ fn prismatic_joints_have_the_design_of_others_and_no_help_for_a_hand_where_it_ri
     let [lift, ..] = designs(late)[..] else {
         panic!("no lift")
     };
-    assert!(lift.help == 0.0, "{lift:?}");
+    assert!(lift.assist == 0.0, "{lift:?}");
 }
 
 #[test]
@@ -64,8 +64,8 @@ fn a_lifts_parameters_are_in_newton_and_metres() {
     near(lift.link_inertia, 12.04);
     // Its own finger, and the one that follows.
     near(joints[2].link_inertia, 0.24);
-    let MotorModel::Position { k_tau, .. } = lift.motor else {
-        panic!("{:?}", lift.motor)
+    let DriveModel::Position(PositionDrive { k_tau, .. }) = lift.drive_model else {
+        panic!("{:?}", lift.drive_model)
     };
     near(k_tau, 1.33333e-6);
     near(*lift.desired_range().end(), 0.2 + 0.1 * TAU / 360.0);

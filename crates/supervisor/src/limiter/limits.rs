@@ -24,34 +24,29 @@ pub struct Limits {
     pub rest: f64,
     /// Greatest way by which a held set-point gives way to a load, rad.
     pub gives_way: f64,
+    /// How the limiter brakes the joint itself.
+    pub braking: Braking,
 }
 
-/// How a drive turns commands into torque.
+/// How the limiter brakes a joint whose drive takes currents. One that takes positions brakes by its own loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Actuation {
-    /// Position-commanded (D6).
-    Position {
-        /// K_tau: link-side angle by which a command leads the joint for a torque, rad/(N·m).
-        k_tau: f64,
-        /// The share of `k_tau` that is the drive's: command to motor side, rad/(N·m).
-        k_tau_motor: f64,
-        /// K_v: lead for a velocity, s.
-        k_v: f64,
-    },
-    /// Current-commanded (D3).
-    Current {
-        /// K1: joint torque per current, N·m/A.
-        k_1: f64,
-        /// Greatest |current|, A.
-        current: f64,
-        /// Torque that brakes, per velocity, N·m·s/rad. The rotor's inertia (link side) over twice
-        /// the delay of the measured velocity brakes as hard as that delay allows.
-        damping: f64,
-        /// Time that braking takes to act, s: with eight times the greatest inertia at the joint
-        /// over `damping` a position limit is approached without overshoot.
-        braking_time: f64,
-        /// Time in which a joint beyond a position limit is to return, s: with `damping` it makes
-        /// the stiffness of the limit.
-        return_time: f64,
-    },
+pub struct Braking {
+    /// Torque that brakes, per velocity, N·m·s/rad. The rotor's inertia (link side) over twice
+    /// the delay of the measured velocity brakes as hard as that delay allows.
+    pub damping: f64,
+    /// Time that braking takes to act, s: with eight times the greatest inertia at the joint
+    /// over `damping` a position limit is approached without overshoot.
+    pub time: f64,
+    /// Time in which a joint beyond a position limit is to return, s: with `damping` it makes
+    /// the stiffness of the limit.
+    pub return_time: f64,
+}
+
+impl Braking {
+    /// That of a drive which takes positions: it acts at once, and no joint is made to return.
+    pub const BY_DRIVE: Self = Self {
+        damping: f64::INFINITY,
+        time: 0.0,
+        return_time: f64::INFINITY,
+    };
 }

@@ -19,7 +19,7 @@
 mod stand;
 
 use control::JointGains;
-use control::predictive::{DriveModel, LawParameters, TorqueTerms, Turned};
+use control::predictive::{DriveLoop, LawParameters, TorqueTerms, Turned};
 use estimators::filter_bank::FilterBank;
 use problem::Problem;
 use robot_config::{JointParameters, Parameters};
@@ -70,12 +70,12 @@ impl MotorSide {
     ) -> Result<Self, Problem> {
         let (dt, law) = (parameters.timing.sample_period, &joint.law);
         let dead_zone = match law.drive {
-            DriveModel::Position {
+            DriveLoop::Position {
                 stiffness,
                 dead_zone,
                 ..
             } => stiffness * dead_zone,
-            DriveModel::Current { .. } => 0.0,
+            DriveLoop::Current { .. } => 0.0,
         };
         Ok(Self {
             share: dt / (dt + law.torque_lag()),
@@ -116,12 +116,12 @@ impl MotorSide {
     /// of what the lead makes is friction, and what the feedback is for.
     pub(super) fn begin(&mut self, lead: f64, estimated: Option<f64>, gains: &JointGains) -> f64 {
         let made = match self.law.drive {
-            DriveModel::Position {
+            DriveLoop::Position {
                 stiffness,
                 dead_zone,
                 ..
             } => stiffness * (lead - lead.max(-dead_zone).min(dead_zone)),
-            DriveModel::Current {
+            DriveLoop::Current {
                 torque_constant, ..
             } => torque_constant * lead,
         };
@@ -192,7 +192,7 @@ impl MotorSide {
         let angle = input.measured.theta / joint.gear_ratio;
         let tau_star = self.update((tau_d, input.torque()), angle, &joint.gains, input.dt);
         let limit = joint.limits.torque;
-        let lead = joint.motor.torque_part(tau_star.clamp(-limit, limit));
+        let lead = joint.drive.torque_part(tau_star.clamp(-limit, limit));
         let friction = against_friction(joint, input)
             + self.against_friction(tau_d, lead, input.measured.dq, input.dt);
         lead_motor(&desired, (tau_star, friction), joint, input, commanded)
@@ -218,7 +218,7 @@ impl MotorSide {
         if friction.is_finite() && tau_d.is_finite() {
             (self.friction, self.last) = (friction, tau_d);
         }
-        let DriveModel::Position { stiffness, .. } = self.law.drive else {
+        let DriveLoop::Position { stiffness, .. } = self.law.drive else {
             return 0.0;
         };
         let bristle = self.friction / stiffness;

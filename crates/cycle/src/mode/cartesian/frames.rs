@@ -57,7 +57,7 @@ pub(super) struct Frame {
     /// How fast a force moves each joint, and how stiff and damped the frame makes it.
     approach: Approaches,
     /// Inertia that each joint feels besides its links'.
-    felt_inertia: Vec<f64>,
+    effective_inertia: Vec<f64>,
     /// Posture of each joint: its spring and its damper.
     posture: Vec<Impedance>,
     /// Lower triangle of the limb's mass matrix, then its Cholesky factor, by rows.
@@ -231,9 +231,9 @@ fn target(asked: &FrameReference, age_s: f64) -> CartesianTarget {
 }
 
 /// Inertia that the joint's torque law adds to the link's.
-fn felt_inertia(joint: &JointParameters, parameters: &Parameters) -> f64 {
+fn effective_inertia(joint: &JointParameters, parameters: &Parameters) -> f64 {
     match (parameters.torque_law, joint.has_link_encoder) {
-        (TorqueLaw::Predictive(_), true) => joint.law.felt_inertia(),
+        (TorqueLaw::Predictive(_), true) => joint.law.effective_inertia(),
         _ => 0.0,
     }
 }
@@ -267,8 +267,12 @@ impl Frame {
             columns: vec![Vector6::zeros(); n],
             dq: vec![0.0; n],
             approach: Approaches::new(bounds, parameters.joints.iter().map(slow)),
-            felt_inertia: (parameters.joints.iter())
-                .map(|&j| p.joints.get(j).map_or(0.0, |joint| felt_inertia(joint, p)))
+            effective_inertia: (parameters.joints.iter())
+                .map(|&j| {
+                    p.joints
+                        .get(j)
+                        .map_or(0.0, |joint| effective_inertia(joint, p))
+                })
                 .collect(),
             posture: (gains.iter())
                 .map(|own| Impedance {
@@ -324,7 +328,11 @@ impl Frame {
                 let (own, other) = (i * n, k * n);
                 let f = &self.factor;
                 let known: f64 = (0..k).map(|m| f[own + m] * f[other + m]).sum();
-                let felt = if k == i { self.felt_inertia[i] } else { 0.0 };
+                let felt = if k == i {
+                    self.effective_inertia[i]
+                } else {
+                    0.0
+                };
                 let rest = entry.copied().unwrap_or(0.0) + felt - known;
                 self.factor[own + k] = if k < i {
                     rest / f[other + k]

@@ -19,21 +19,21 @@ use super::parameters::LawParameters;
 
 /// The link's velocity by quicker estimates.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Hand {
+pub(super) struct BackDriveAssist {
     link: Link,
     /// Velocity that the drive's damping would go along with, rad/s.
     slow_velocity: f64,
     follow_share: f64,
 }
 
-impl Hand {
+impl BackDriveAssist {
     /// None for a design without help.
     pub(super) fn new(p: &LawParameters) -> Option<Self> {
-        let helps = p.design.help > 0.0 && p.drive_stiffness() > 0.0;
+        let helps = p.design.assist > 0.0 && p.drive_stiffness() > 0.0;
         helps.then(|| Self {
-            link: Link::with_bandwidth(p.design.hand, p.sample_period),
+            link: Link::with_bandwidth(p.design.assist_bandwidth, p.sample_period),
             slow_velocity: 0.0,
-            follow_share: 1.0 - (-p.design.hand * p.sample_period).exp(),
+            follow_share: 1.0 - (-p.design.assist_bandwidth * p.sample_period).exp(),
         })
     }
 

@@ -21,13 +21,13 @@ use super::response::{
 };
 use super::{Load, Margins};
 use crate::gains::JointGains;
-use crate::predictive::{DriveModel, LawParameters};
+use crate::predictive::{DriveLoop, LawParameters};
 use nalgebra::Complex;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// A joint whose torque is fed back late.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LateLoop {
+pub struct MotorSideLoop {
     /// Joint and drive.
     pub law: LawParameters,
     /// Part of the delay that is within the drive, s.
@@ -62,7 +62,7 @@ struct Signals {
     torque: Complex<f64>,
 }
 
-impl LateLoop {
+impl MotorSideLoop {
     /// The open loop's response with a load: -1 is the critical point.
     #[must_use]
     pub fn open_loop(&self, load: Load) -> Vec<Point> {
@@ -184,7 +184,7 @@ impl LateLoop {
         let (law, g, period) = (&self.law, &self.gains, self.law.sample_period);
         let delayed = |time: f64| Complex::from_polar(1.0, -w * time);
         let gear = law.gear.at(self.torque);
-        let DriveModel::Position {
+        let DriveLoop::Position {
             stiffness: k_d,
             damping: d_d,
             ..

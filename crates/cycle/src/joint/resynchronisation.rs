@@ -1,4 +1,4 @@
-//! Rejoin: how a joint that its drive has braked in a gap of the loop gets back to its reference.
+//! Resynchronisation: how a joint that its drive has braked in a gap of the loop gets back to its reference.
 //!
 //! In: by how much the joint is behind in position and velocity. Out: what the reference is set back by, which
 //! begins as that, so that nothing pulls the joint, and ends at zero with its first two derivatives:
@@ -15,14 +15,14 @@ const STEEPEST: f64 = 1.875;
 
 /// Back to the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Rejoin {
+pub(super) struct Resynchronisation {
     /// e, rad, and v, rad/s.
     behind: [f64; 2],
     duration_s: f64,
     gone_s: f64,
 }
 
-impl Rejoin {
+impl Resynchronisation {
     /// From how far the joint is behind, rad and rad/s, with its velocity limit, rad/s.
     pub(super) fn from(behind: [f64; 2], velocity: f64) -> Self {
         let needed = STEEPEST * behind[0].abs() / (CATCH_UP * velocity);
@@ -56,11 +56,11 @@ mod tests {
     fn it_begins_where_the_joint_is_and_ends_on_the_reference_without_a_step() {
         let (dt, v_max) = (1e-4, 4.0);
         for behind in [[0.003, 0.3], [-0.05, 0.2], [0.2, -0.4]] {
-            let mut rejoin = Rejoin::from(behind, v_max);
+            let mut resynchronisation = Resynchronisation::from(behind, v_max);
             let reference = [1.0, 0.5];
             let mut last: Option<[f64; 2]> = None;
             let mut fastest = 0.0_f64;
-            while let Some(r) = rejoin.set_back(reference, dt) {
+            while let Some(r) = resynchronisation.set_back(reference, dt) {
                 let off = [reference[0] - r[0], reference[1] - r[1]];
                 match last {
                     None => (0..2).for_each(|i| assert!((off[i] - behind[i]).abs() < 1e-12)),
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn what_is_no_number_sets_nothing_back() {
-        let mut rejoin = Rejoin::from([f64::NAN, 0.0], 1.0);
-        assert_eq!(rejoin.set_back([0.0; 2], 1e-3), None);
+        let mut resynchronisation = Resynchronisation::from([f64::NAN, 0.0], 1.0);
+        assert_eq!(resynchronisation.set_back([0.0; 2], 1e-3), None);
     }
 }

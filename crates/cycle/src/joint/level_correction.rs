@@ -1,4 +1,4 @@
-//! Felt level: joints of a frame whose force is fed back follow the torque that F/T sensors show, at once.
+//! Level correction: joints of a frame whose force is fed back follow the torque that F/T sensors show, at once.
 //!
 //! In: the levelled torque `g e + b` and `tau_hat`. Out: what is added to the former. Where the torque of a joint
 //! passes zero its gear winds up, and where it turns round hysteresis makes it look other than it is, by up to
@@ -23,13 +23,13 @@ const MOST: f64 = 0.05;
 
 /// Corrections of all joints, N·m.
 #[derive(Debug)]
-pub(super) struct FeltLevels {
+pub(super) struct LevelCorrections {
     /// B of each joint, N·m, and its correction.
     joints: Vec<(f64, f64)>,
     share: f64,
 }
 
-impl FeltLevels {
+impl LevelCorrections {
     /// Of a robot whose feedback is not the levelled torque all stay zero.
     pub(super) fn new(parameters: &Parameters) -> Self {
         let levelled = TorqueLaw::Predictive(FastTorqueFeedback::Levelled);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     /// Corrections of a second with this share.
-    fn run(levels: &mut FeltLevels, share: f64, tau: f64, flags: u32) -> Vec<f64> {
+    fn run(levels: &mut LevelCorrections, share: f64, tau: f64, flags: u32) -> Vec<f64> {
         let step = |_| {
             levels
                 .update(0, share, Some(10.0), &hat(tau, flags))
@@ -116,7 +116,7 @@ mod tests {
             (1.0, 13.0, 0, 0.0),
             (1.0, f64::NAN, torque_flags::VALID, 0.0),
         ] {
-            let mut levels = FeltLevels::within([MOST * LIMIT].into_iter(), 1e-3);
+            let mut levels = LevelCorrections::within([MOST * LIMIT].into_iter(), 1e-3);
             let corrections = run(&mut levels, share, tau, flags);
             let end = corrections[999];
             assert!((end - wanted).abs() < 1e-6, "{tau}, {flags}: {end}");
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn without_a_torque_there_is_none() {
-        let mut levels = FeltLevels::within([MOST * LIMIT].into_iter(), 1e-3);
+        let mut levels = LevelCorrections::within([MOST * LIMIT].into_iter(), 1e-3);
         assert_eq!(levels.update(0, 1.0, None, &hat(3.0, 1)), None);
         assert_eq!(levels.update(7, 1.0, Some(2.0), &hat(3.0, 1)), Some(2.0));
     }
