@@ -112,18 +112,20 @@ fn list(arguments: &BlackboxArguments) -> Result<String, Problems> {
 }
 
 fn show(file: &Path, arguments: &BlackboxArguments) -> Result<String, Problems> {
-    let path = match file.exists() {
-        true => file.to_owned(),
-        false => find(file, arguments.robot.as_ref())?,
+    let path = if file.exists() {
+        file.to_owned()
+    } else {
+        find(file, arguments.robot.as_ref())?
     };
     let black_box = BlackBox::read(&path)?;
     if let Some(csv) = &arguments.csv {
         apart(csv, std::slice::from_ref(&path))?;
         terminal::write_file(csv, &report::csv(&black_box))?;
     }
-    Ok(match arguments.json {
-        true => format!("{}\n", report::json(&black_box)),
-        false => report::text(&black_box),
+    Ok(if arguments.json {
+        format!("{}\n", report::json(&black_box))
+    } else {
+        report::text(&black_box)
     })
 }
 
@@ -131,11 +133,11 @@ fn show(file: &Path, arguments: &BlackboxArguments) -> Result<String, Problems> 
 fn find(name: &Path, robot: Option<&String>) -> Result<PathBuf, Problem> {
     let mut kept = kept(robot)?;
     let newest = name.as_os_str() == "newest";
-    let found = match newest {
-        true => kept.pop(),
-        false => kept
-            .into_iter()
-            .find(|kept| name.as_os_str() == kept.name().as_str()),
+    let found = if newest {
+        kept.pop()
+    } else {
+        kept.into_iter()
+            .find(|kept| name.as_os_str() == kept.name().as_str())
     };
     found.map(|kept| kept.path).ok_or_else(|| {
         let problem = Problem::new(

@@ -99,9 +99,10 @@ fn index(client: &Client, frame: &str) -> Result<usize, Failure> {
     let found = names.iter().position(|name| *name == frame);
     found.ok_or_else(|| {
         let what = format!("robot {:?} has no frame {frame:?}", client.robot());
-        let allowed = match names.is_empty() {
-            true => "a table [[frame]] in its configuration".to_owned(),
-            false => listed(names.iter().copied()),
+        let allowed = if names.is_empty() {
+            "a table [[frame]] in its configuration".to_owned()
+        } else {
+            listed(names.iter().copied())
         };
         Failure::Argument(Problem::new(what, allowed))
     })
@@ -242,13 +243,15 @@ impl Mean {
             let numbers: Vec<String> = x.iter().map(|x| format!("{:8.2}", rounded(*x))).collect();
             numbers.join(" ")
         };
-        let felt = match known {
-            true => row(&felt),
-            false => "not known: no F/T sensor, and no external torques".to_owned(),
+        let felt = if known {
+            row(&felt)
+        } else {
+            "not known: no F/T sensor, and no external torques".to_owned()
         };
-        let note = match limited {
-            true => "springs or forces were limited: by [[frame]], or by the joints' stiffness\n",
-            false => "",
+        let note = if limited {
+            "springs or forces were limited: by [[frame]], or by the joints' stiffness\n"
+        } else {
+            ""
         };
         format!(
             "moved, mm            {}\nwrench, N and N·m    {}\nfelt, N and N·m      {felt}\n{note}",

@@ -83,9 +83,10 @@ fn report(arguments: &CheckArguments) -> Result<String, Problems> {
     if !refused.is_empty() {
         return Err(Problems(refused));
     }
-    Ok(match arguments.json {
-        true => format!("{:#}\n", json::object(&robot, &buses, &judged, &warnings)),
-        false => text::page(&robot, &buses, &judged, &warnings),
+    Ok(if arguments.json {
+        format!("{:#}\n", json::object(&robot, &buses, &judged, &warnings))
+    } else {
+        text::page(&robot, &buses, &judged, &warnings)
     })
 }
 

@@ -88,9 +88,10 @@ fn show(client: &mut Client, arguments: &ContactsArguments) -> Result<String, Er
     }
     let mark = |name: &String| if Some(name) == chosen { "*" } else { " " };
     let lines = names.iter().map(|name| format!("{} {name}\n", mark(name)));
-    let chosen_by = match automatic {
-        true => "chosen by the automatic rule\n",
-        false => "chosen by a client or the configuration\n",
+    let chosen_by = if automatic {
+        "chosen by the automatic rule\n"
+    } else {
+        "chosen by a client or the configuration\n"
     };
     Ok(lines.collect::<String>() + chosen_by)
 }

@@ -60,9 +60,10 @@ fn report(arguments: &DynamicsArguments) -> Result<String, Problem> {
     let file = arguments.cases.display().to_string();
     let text = read_input(&arguments.cases)?;
     let cases = parse(&text).map_err(|problem| problem.or_at(&file, 0))?;
-    let base = match arguments.floating {
-        true => Base::Floating,
-        false => Base::Fixed,
+    let base = if arguments.floating {
+        Base::Floating
+    } else {
+        Base::Fixed
     };
     let urdf_file = arguments.urdf.display().to_string();
     let report = evaluate((&urdf, &urdf_file), base, (&cases, &file))?;

@@ -221,9 +221,10 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problems> {
         set.reset();
         row.time_ns = time_ns(&mut set, &timed);
     }
-    Ok(match arguments.json {
-        true => json(&rows),
-        false => table(&rows, count),
+    Ok(if arguments.json {
+        json(&rows)
+    } else {
+        table(&rows, count)
     })
 }
 

@@ -104,12 +104,13 @@ pub(crate) enum SelfCheck<'a> {
 }
 
 pub(crate) fn run(arguments: &ExciteArguments) -> ExitCode {
-    match arguments.dry_run {
-        true => finish_or_refuse(dry_run(arguments)),
-        false => match moved(arguments) {
+    if arguments.dry_run {
+        finish_or_refuse(dry_run(arguments))
+    } else {
+        match moved(arguments) {
             Ok(result) => end(result),
             Err(problems) => finish_or_refuse(Err(problems)),
-        },
+        }
     }
 }
 
@@ -259,9 +260,10 @@ fn start(plan: &PlanFile, robot: &Robot, here: &[f64]) -> Vec<f64> {
 }
 
 fn self_check<'a>(arguments: &ExciteArguments, plan: &'a PlanFile) -> SelfCheck<'a> {
-    match arguments.no_self_distance {
-        true => SelfCheck::LeftOut,
-        false => SelfCheck::Done(plan.self_distance.as_ref()),
+    if arguments.no_self_distance {
+        SelfCheck::LeftOut
+    } else {
+        SelfCheck::Done(plan.self_distance.as_ref())
     }
 }
 
@@ -366,11 +368,12 @@ fn moved(arguments: &ExciteArguments) -> Result<Result<String, Failure>, Problem
             arguments.json,
             Some((done, recording.as_deref())),
         );
-        match done {
-            true => Ok(text),
-            false => Err(Failure::Stopped(format!(
+        if done {
+            Ok(text)
+        } else {
+            Err(Failure::Stopped(format!(
                 "{text}stopped on its way; the robot holds"
-            ))),
+            )))
         }
     }))
 }

@@ -214,9 +214,10 @@ fn columns(header: &Header, arguments: &ExportArguments) -> Result<Vec<Column>, 
 
 /// By the beginning of its path, or by a whole part of it.
 fn is_named(column: &Column, name: &str) -> bool {
-    let path = match column.of_reference {
-        true => format!("reference.{}", column.field.path),
-        false => column.field.path.clone(),
+    let path = if column.of_reference {
+        format!("reference.{}", column.field.path)
+    } else {
+        column.field.path.clone()
     };
     let part = |part: &str| part == name || part.split('[').next() == Some(name);
     path.starts_with(name) || path.split('.').any(part)

@@ -266,19 +266,18 @@ fn write(
     terminal::write_files(&files)?;
     let written = files.iter().map(|(path, _)| path.display().to_string());
     let written: Vec<_> = written.collect();
-    Ok(match out.json {
-        true => {
-            let report = serde_json::json!({
-                "inputs": inputs, "report": fitted.report, "written": written
-            });
-            format!("{report}\n")
-        }
-        false => format!(
+    Ok(if out.json {
+        let report = serde_json::json!({
+            "inputs": inputs, "report": fitted.report, "written": written
+        });
+        format!("{report}\n")
+    } else {
+        format!(
             "{}\n{}\nwritten: {}\n",
             inputs.join("\n"),
             fitted.report.join("\n"),
             written.join(", ")
-        ),
+        )
     })
 }
 

@@ -191,9 +191,10 @@ fn drive(arguments: &DriveArguments, runs: &[PathBuf]) -> Result<String, Problem
     if let Some(path) = &arguments.report {
         terminal::write_file(path, &page::html(&found, &log)?)?;
     }
-    Ok(match arguments.json {
-        true => format!("{:#}\n", found.json()),
-        false => found.text(),
+    Ok(if arguments.json {
+        format!("{:#}\n", found.json())
+    } else {
+        found.text()
     })
 }
 

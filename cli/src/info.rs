@@ -44,9 +44,10 @@ pub(crate) fn run(arguments: &InfoArguments) -> ExitCode {
 
 fn info(arguments: &InfoArguments) -> Result<String, Problems> {
     let summary = RunSummary::read(&arguments.run)?;
-    Ok(match arguments.json {
-        true => format!("{}\n", object(&summary)),
-        false => text(&summary),
+    Ok(if arguments.json {
+        format!("{}\n", object(&summary))
+    } else {
+        text(&summary)
     })
 }
 

@@ -132,9 +132,10 @@ fn learn(arguments: &LearnArguments) -> Result<String, Problems> {
         let problem = first.unwrap_or_else(|| Problem::new("no joint", names()));
         return Err(problem.into());
     }
-    Ok(match arguments.json {
-        true => json(&robot, &all, &notes),
-        false => text(&all, &notes),
+    Ok(if arguments.json {
+        json(&robot, &all, &notes)
+    } else {
+        text(&all, &notes)
     })
 }
 

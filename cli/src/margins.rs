@@ -76,9 +76,10 @@ fn report(arguments: &MarginsArguments) -> Result<String, Problems> {
     if !refused.is_empty() {
         return Err(Problems(refused));
     }
-    Ok(match arguments.json {
-        true => format!("{:#}\n", Value::from(objects(&judged))),
-        false => format!("{}{NOTE}{}", table(&judged), designs(&judged)),
+    Ok(if arguments.json {
+        format!("{:#}\n", Value::from(objects(&judged)))
+    } else {
+        format!("{}{NOTE}{}", table(&judged), designs(&judged))
     })
 }
 
@@ -183,12 +184,13 @@ pub(crate) fn designs(judged: &[JudgedJoint]) -> String {
         .filter(|joint| joint.design.is_some_and(|design| design.help <= 0.0))
         .map(|joint| joint.of_joint.name.as_str())
         .collect();
-    let alone = match alone.is_empty() {
-        true => String::new(),
-        false => format!(
+    let alone = if alone.is_empty() {
+        String::new()
+    } else {
+        format!(
             "no help for a hand that turns the joint round, as a loop with it would ring: {}\n",
             alone.join(", ")
-        ),
+        )
     };
     let other = judged.iter().filter_map(|joint| {
         let d = joint.design?;

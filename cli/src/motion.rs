@@ -161,9 +161,10 @@ fn within(
     range: RangeInclusive<f64>,
 ) -> Result<(), Problem> {
     let shown = |x: &f64| kind.shown(*x);
-    match range.contains(&to) {
-        true => Ok(()),
-        false => Err(Problem::new(
+    if range.contains(&to) {
+        Ok(())
+    } else {
+        Err(Problem::new(
             format!("{name}={} is beyond its limits", shown(&to)),
             format!(
                 "{:.1} to {:.1} {}",
@@ -171,7 +172,7 @@ fn within(
                 shown(range.end()),
                 kind.units("deg")
             ),
-        )),
+        ))
     }
 }
 
@@ -219,12 +220,13 @@ fn go(arguments: &MoveArguments) -> Result<String, Failure> {
         let why = "stopped on its way";
         return Err(Failure::Stopped(why.to_owned()));
     }
-    Ok(match arguments.json {
-        true => format!(
+    Ok(if arguments.json {
+        format!(
             "{}\n",
             json!({ "robot": moved.robot, "duration_s": moved.duration })
-        ),
-        false => format!("{}\n", moved.words()),
+        )
+    } else {
+        format!("{}\n", moved.words())
     })
 }
 
@@ -348,16 +350,18 @@ pub(crate) fn catch_signals() -> Result<Arc<AtomicBool>, Problem> {
 
 /// For work whose end is not known.
 pub(crate) fn spinner() -> ProgressBar {
-    match io::stderr().is_terminal() {
-        true => ProgressBar::new_spinner(),
-        false => ProgressBar::hidden(),
+    if io::stderr().is_terminal() {
+        ProgressBar::new_spinner()
+    } else {
+        ProgressBar::hidden()
     }
 }
 
 pub(crate) fn bar() -> ProgressBar {
-    let bar = match io::stderr().is_terminal() {
-        true => ProgressBar::new(1),
-        false => ProgressBar::hidden(),
+    let bar = if io::stderr().is_terminal() {
+        ProgressBar::new(1)
+    } else {
+        ProgressBar::hidden()
     };
     if let Ok(style) = ProgressStyle::with_template("{bar:40} {msg}") {
         bar.set_style(style);

@@ -35,12 +35,11 @@ pub(crate) fn apart(output: &Path, inputs: &[PathBuf]) -> Result<(), Problem> {
     let Ok(place) = output.canonicalize() else {
         return Ok(());
     };
-    match (inputs.iter()).any(|input| input.canonicalize().is_ok_and(|input| input == place)) {
-        true => {
-            let problem = Problem::new("is what is read, and would be replaced", "another name");
-            Err(problem.at(output.display().to_string(), 0))
-        }
-        false => Ok(()),
+    if (inputs.iter()).any(|input| input.canonicalize().is_ok_and(|input| input == place)) {
+        let problem = Problem::new("is what is read, and would be replaced", "another name");
+        Err(problem.at(output.display().to_string(), 0))
+    } else {
+        Ok(())
     }
 }
 

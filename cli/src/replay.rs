@@ -65,14 +65,16 @@ pub(crate) fn run(arguments: &ReplayArguments) -> ExitCode {
             return ExitCode::from(BAD_INPUT);
         }
     };
-    let shown = match arguments.json {
-        true => format!("{}\n", object(&comparison)),
-        false => text(&comparison),
+    let shown = if arguments.json {
+        format!("{}\n", object(&comparison))
+    } else {
+        text(&comparison)
     };
     let code = crate::output::finish(&shown);
-    match comparison.is_failure() {
-        true => ExitCode::FAILURE,
-        false => code,
+    if comparison.is_failure() {
+        ExitCode::FAILURE
+    } else {
+        code
     }
 }
 
@@ -139,9 +141,10 @@ fn replay(arguments: &ReplayArguments) -> Result<Comparison, Problems> {
 }
 
 fn progress_bar() -> ProgressBar {
-    let bar = match io::stderr().is_terminal() {
-        true => ProgressBar::new_spinner(),
-        false => ProgressBar::hidden(),
+    let bar = if io::stderr().is_terminal() {
+        ProgressBar::new_spinner()
+    } else {
+        ProgressBar::hidden()
     };
     if let Ok(style) = ProgressStyle::with_template("{spinner} {pos} cycles, {per_sec}") {
         bar.set_style(style);

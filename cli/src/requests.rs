@@ -88,9 +88,10 @@ pub(crate) fn check_contacts(client: &Client, name: &str, more: &str) -> Result<
 
 /// Sends a request, with a progress bar on a terminal.
 pub(crate) fn ask(client: &Client, kind: u32, contacts: &str) -> Result<Answer, Error> {
-    let bar = match io::stderr().is_terminal() {
-        true => ProgressBar::new(100),
-        false => ProgressBar::hidden(),
+    let bar = if io::stderr().is_terminal() {
+        ProgressBar::new(100)
+    } else {
+        ProgressBar::hidden()
     };
     if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent} %, keep the robot still") {
         bar.set_style(style);

@@ -45,9 +45,10 @@ fn state(arguments: &StateArguments) -> Result<String, Failure> {
     client.latest()?;
     let record = client.next_record(PATIENCE)?;
     let (description, cycle) = (client.description(), &record.cycle);
-    Ok(match arguments.json {
-        true => format!("{}\n", object(description, cycle)),
-        false => text(description, cycle),
+    Ok(if arguments.json {
+        format!("{}\n", object(description, cycle))
+    } else {
+        text(description, cycle)
     })
 }
 

@@ -98,9 +98,10 @@ fn tare(arguments: &TareArguments) -> Result<String, Failure> {
         None if arguments.what.show => (client.last_tare()?, false),
         None => (client.forget_tare()?, true),
     };
-    Ok(match arguments.json {
-        true => format!("{}\n", as_json(&client, &answer)),
-        false => format!("{}\n{}", answer.text, table(&client, &answer, changed)),
+    Ok(if arguments.json {
+        format!("{}\n", as_json(&client, &answer))
+    } else {
+        format!("{}\n{}", answer.text, table(&client, &answer, changed))
     })
 }
 
@@ -119,15 +120,14 @@ fn tare_joint(
         return Err(Failure::Argument(Problem::new(what, names.join(", "))));
     };
     let answer = client.tare_joint(place, torque, sigma)?;
-    Ok(match json {
-        true => {
-            let object = json!({
-                "robot": client.robot(), "joint": joint, "torque_Nm": torque, "sigma_Nm": sigma,
-            });
-            let object = crate::units::keys(description.joint_kind(place), object);
-            format!("{object}\n")
-        }
-        false => format!("{}\n", answer.text),
+    Ok(if json {
+        let object = json!({
+            "robot": client.robot(), "joint": joint, "torque_Nm": torque, "sigma_Nm": sigma,
+        });
+        let object = crate::units::keys(description.joint_kind(place), object);
+        format!("{object}\n")
+    } else {
+        format!("{}\n", answer.text)
     })
 }
 
@@ -151,9 +151,12 @@ fn table(client: &Client, answer: &Answer, changed: bool) -> TextTable {
         let [offset, before, sigma] =
             [&sensor.offset, &sensor.before, &sensor.sigma].map(Wrench::to_array);
         for (k, axis) in AXES.iter().enumerate() {
-            let number = |x: f64| match k < 3 {
-                true => format!("{x:.2}"),
-                false => format!("{x:.3}"),
+            let number = |x: f64| {
+                if k < 3 {
+                    format!("{x:.2}")
+                } else {
+                    format!("{x:.3}")
+                }
             };
             let first = if k == 0 { name } else { "" };
             let mut row = vec![first.to_owned(), (*axis).to_owned(), number(offset[k])];

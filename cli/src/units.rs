@@ -18,9 +18,10 @@ pub(crate) fn keys(kind: JointKind, object: Value) -> Value {
     match (kind, object) {
         (JointKind::Prismatic, Value::Object(object)) => {
             let pairs = object.into_iter().map(|(key, value)| {
-                let own = match motor_side.contains(&key.as_str()) {
-                    true => key,
-                    false => kind.units(&key).into_owned(),
+                let own = if motor_side.contains(&key.as_str()) {
+                    key
+                } else {
+                    kind.units(&key).into_owned()
                 };
                 (own, keys(kind, value))
             });

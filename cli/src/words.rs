@@ -49,9 +49,10 @@ pub(crate) fn warning<'a>(
 ) -> Option<(Event, &'a str)> {
     let event = Event::from_number(cycle.estimated.warning)?;
     let of_sensor = matches!(event, Event::FtDrift | Event::MissingContact);
-    let names: &[_] = match of_sensor {
-        true => &description.ft_names,
-        false => &description.joint_names,
+    let names: &[_] = if of_sensor {
+        &description.ft_names
+    } else {
+        &description.joint_names
     };
     let name = names.get(cycle.estimated.warning_subject as usize);
     Some((event, name.map_or("?", |name| name.as_str())))

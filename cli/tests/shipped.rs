@@ -15,9 +15,10 @@ fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap().flatten() {
         let (path, copied) = (entry.path(), to.join(entry.file_name()));
-        match path.is_dir() {
-            true => copy(&path, &copied),
-            false => fs::copy(&path, &copied).map(|_| ()).unwrap(),
+        if path.is_dir() {
+            copy(&path, &copied)
+        } else {
+            fs::copy(&path, &copied).map(|_| ()).unwrap()
         }
     }
 }

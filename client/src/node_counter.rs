@@ -52,9 +52,10 @@ pub(crate) fn make_private(location: &Location) -> io::Result<()> {
         }
         Err(e) => return Err(e),
     }
-    match is_private(&fs::symlink_metadata(&path)?, location)? {
-        true => Ok(()),
-        false => Err(io::Error::from(ErrorKind::PermissionDenied)),
+    if is_private(&fs::symlink_metadata(&path)?, location)? {
+        Ok(())
+    } else {
+        Err(io::Error::from(ErrorKind::PermissionDenied))
     }
 }
 

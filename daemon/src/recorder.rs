@@ -338,9 +338,10 @@ impl Recorder {
                         Slot::Client
                     };
                     let running = self.find(slot).is_some();
-                    let begun = match running {
-                        true => Err("another recording is running".to_owned()),
-                        false => self.begin(&path, seconds, last_s, overwrite),
+                    let begun = if running {
+                        Err("another recording is running".to_owned())
+                    } else {
+                        self.begin(&path, seconds, last_s, overwrite)
                     };
                     match begun {
                         Ok(mut output) => {
@@ -422,15 +423,16 @@ impl Recorder {
                 output.end_after(self.history.newest().map_or(0, |(_, stamp_ns)| stamp_ns));
             }
             let over = output.is_at_end() || (self.ended && count == 0);
-            match over {
-                false => self.recordings.push((slot, output)),
-                true => match output.finish() {
+            if over {
+                match output.finish() {
                     Ok(_) => self.shared.finish(slot),
                     Err(why) => {
                         tracing::warn!("the recording ends: {why}");
                         self.shared.fail(slot, &why.to_string());
                     }
-                },
+                }
+            } else {
+                self.recordings.push((slot, output))
             }
         }
         any

@@ -32,9 +32,10 @@ const JOINTS: usize = 6;
 fn leg(change: impl Fn(String) -> String) -> Robot {
     let read = |path: &str| {
         let text = read_project_file(path)?;
-        Ok(match path.ends_with("robot.toml") {
-            true => change(text.replace("enable = \"automatic\"", "enable = \"operator\"")),
-            false => text,
+        Ok(if path.ends_with("robot.toml") {
+            change(text.replace("enable = \"automatic\"", "enable = \"operator\""))
+        } else {
+            text
         })
     };
     robot_config::load("config/leg/robot.toml", &read).expect("the leg")

@@ -83,13 +83,14 @@ fn a_run_is_computed_again_bit_by_bit_and_what_differs_is_named() {
     assert_ne!(first.recorded, first.replayed);
 
     // Another parameter of one joint's drive: its torques differ, and no other's.
-    let other = |path: &str, text: String| match path.ends_with("robot.toml") {
-        true => {
+    let other = |path: &str, text: String| {
+        if path.ends_with("robot.toml") {
             let key = "K_fs0_Nm_per_rad = ";
             let place = text.find(key).expect("the key") + key.len();
             format!("{}1{}", &text[..place], &text[place..])
+        } else {
+            text
         }
-        false => text,
     };
     let result = replay(&path, other, |_| {});
     assert!(!result.is_bit_exact());

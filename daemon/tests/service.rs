@@ -102,9 +102,10 @@ fn restrict(families: &[i32]) -> io::Result<()> {
         libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0
             && libc::prctl(libc::PR_SET_SECCOMP, libc::SECCOMP_MODE_FILTER, &filter) == 0
     };
-    match set {
-        true => Ok(()),
-        false => Err(io::Error::last_os_error()),
+    if set {
+        Ok(())
+    } else {
+        Err(io::Error::last_os_error())
     }
 }
 
@@ -128,15 +129,14 @@ fn leg_by_udp(directory: &TemporaryDirectory) -> String {
     let text = std::fs::read_to_string(project_path("config/leg/robot.toml")).expect("read");
     let models = project_path("robot-models");
     let mut port = 43_500;
-    let lines = text
-        .lines()
-        .map(|line| match line.starts_with("interface = ") {
-            true => {
-                port += 1;
-                format!("kind = \"udp_multicast\"\ninterface = \"lo\"\nport = {port}")
-            }
-            false => line.replace("../../robot-models", &models),
-        });
+    let lines = text.lines().map(|line| {
+        if line.starts_with("interface = ") {
+            port += 1;
+            format!("kind = \"udp_multicast\"\ninterface = \"lo\"\nport = {port}")
+        } else {
+            line.replace("../../robot-models", &models)
+        }
+    });
     let text: Vec<String> = lines
         .filter(|line| !line.starts_with("calibration"))
         .collect();

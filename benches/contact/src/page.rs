@@ -323,9 +323,10 @@ fn collision_table(
         let range = |f: &dyn Fn(&Collision) -> f64| {
             let least = of.iter().map(f).fold(f64::INFINITY, f64::min);
             let most = of.iter().map(f).fold(0.0, f64::max);
-            match least.round() == most.round() {
-                true => format!("{most:.0}"),
-                false => format!("{least:.0} to {most:.0}"),
+            if least.round() == most.round() {
+                format!("{most:.0}")
+            } else {
+                format!("{least:.0} to {most:.0}")
             }
         };
         let time = |f: &dyn Fn(&Collision) -> Option<usize>| {

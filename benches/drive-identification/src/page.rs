@@ -70,9 +70,10 @@ impl Parameter {
     }
 
     fn show(&self, error: f64) -> String {
-        match self.absolute {
-            true => format!("{error:+.2} ms"),
-            false => format!("{:+.0} %", 100.0 * error),
+        if self.absolute {
+            format!("{error:+.2} ms")
+        } else {
+            format!("{:+.0} %", 100.0 * error)
         }
     }
 

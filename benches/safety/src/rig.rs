@@ -235,9 +235,10 @@ impl Rig {
         let by_sensors = self.robot.parameters.torque_law.uses_sensors();
         for (j, desired) in reference.joints.iter_mut().enumerate() {
             let torques = &record.estimated.joints[j];
-            let tau = match by_sensors {
-                true => &torques.tau_whole_body,
-                false => &torques.tau_encoder,
+            let tau = if by_sensors {
+                &torques.tau_whole_body
+            } else {
+                &torques.tau_encoder
             };
             let valid = tau.flags & torque_flags::VALID != 0;
             *desired = JointReference {

@@ -74,9 +74,10 @@ impl Variant {
             Drives::Current => "current",
         };
         let states = if self.states { "" } else { ", always on" };
-        let imus = match self.further_imus {
-            true => " with three IMUs",
-            false => "",
+        let imus = if self.further_imus {
+            " with three IMUs"
+        } else {
+            ""
         };
         format!("{}{imus}, {drives}{states}", self.robot)
     }
@@ -127,9 +128,10 @@ impl Prepared {
         }
         let dbc_with_imus = |file: &str| {
             let dbc = read(file)?;
-            Ok(match variant.further_imus {
-                true => with_imu_frames(&dbc),
-                false => dbc,
+            Ok(if variant.further_imus {
+                with_imu_frames(&dbc)
+            } else {
+                dbc
             })
         };
         let joint = match variant.robot {

@@ -362,9 +362,12 @@ fn run_beside(
     let asked = rig.client.reference.joints.map(|joint| joint.tau_d);
     let unknown: Vec<f64> = made
         .zip(asked)
-        .map(|(made, asked)| match place.start.gives_way() {
-            true => made - asked,
-            false => 0.0,
+        .map(|(made, asked)| {
+            if place.start.gives_way() {
+                made - asked
+            } else {
+                0.0
+            }
         })
         .collect();
     rig.frozen = true;
@@ -445,8 +448,9 @@ fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>) -> Verdict {
         }
         _ => false,
     };
-    match as_shown || beside.is_some_and(no_worse) {
-        true => Verdict::Physics,
-        false => Verdict::Fails,
+    if as_shown || beside.is_some_and(no_worse) {
+        Verdict::Physics
+    } else {
+        Verdict::Fails
     }
 }

@@ -72,9 +72,10 @@ pub(crate) fn best(&(rate, cycles, _): &(f64, f64, &str)) -> Result<Best, String
             let kept = least.keeps(&NEEDED);
             let margins = least.in_degrees_and_db();
             // Of those that keep the margins the quickest; else that which is nearest to them.
-            let score = match kept {
-                true => 10.0 + rotor * stiffness,
-                false => (margins.0 / 30.0).min(margins.1 / 6.0),
+            let score = if kept {
+                10.0 + rotor * stiffness
+            } else {
+                (margins.0 / 30.0).min(margins.1 / 6.0)
             };
             if found.as_ref().is_none_or(|(best, _)| score > *best) {
                 let least = |load: Load| {

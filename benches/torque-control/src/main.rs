@@ -40,9 +40,12 @@ Examples:
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let (out, joints_only) = (&arguments.out, arguments.joints_only);
-    let written = modes::write(out, joints_only).and_then(|()| match arguments.modes_only {
-        true => Ok(()),
-        false => page::write(out, joints_only),
+    let written = modes::write(out, joints_only).and_then(|()| {
+        if arguments.modes_only {
+            Ok(())
+        } else {
+            page::write(out, joints_only)
+        }
     });
     match written {
         Ok(()) => ExitCode::SUCCESS,

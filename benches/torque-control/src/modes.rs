@@ -92,9 +92,10 @@ pub(crate) fn passive(index: usize, conditions: &Conditions) -> Result<Passive, 
 
 /// A desired motion: two swings, one in the other. `other`: one that nothing was learned from.
 fn desired(t: f64, other: bool) -> [f64; 3] {
-    let swings = match other {
-        false => [(0.5, 0.125), (0.1, 0.4)],
-        true => [(0.45, 0.14), (0.12, 0.35)],
+    let swings = if other {
+        [(0.45, 0.14), (0.12, 0.35)]
+    } else {
+        [(0.5, 0.125), (0.1, 0.4)]
     };
     let mut motion = [START, 0.0, 0.0];
     for (amplitude, frequency) in swings {

@@ -177,9 +177,10 @@ pub fn training(kind: Training, number: u64) -> Run {
     };
     let slow_only = kind == Training::Slow;
     // Parts: loops at rest, steps at rest, motion.
-    let (loops, steps) = match slow_only {
-        true => (0.5 * seconds, 0.5 * seconds),
-        false => (0.2 * seconds, 0.4 * seconds),
+    let (loops, steps) = if slow_only {
+        (0.5 * seconds, 0.5 * seconds)
+    } else {
+        (0.2 * seconds, 0.4 * seconds)
     };
     let period = loops / if seconds < 30.0 { 1.5 } else { 2.5 };
     let quick = (30.0 / seconds).clamp(1.0, 3.0);

@@ -179,9 +179,10 @@ pub fn plan(numbers: &[u64]) -> Vec<Fit> {
     let [full, others @ ..] = Training::ALL;
     let pass = |odd: usize| {
         numbers.iter().enumerate().map(move |(k, number)| {
-            let training = match k % 2 == odd {
-                true => full,
-                false => others[(k / 2) % others.len()],
+            let training = if k % 2 == odd {
+                full
+            } else {
+                others[(k / 2) % others.len()]
             };
             (*number, training)
         })

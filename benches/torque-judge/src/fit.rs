@@ -45,9 +45,10 @@ pub fn fit(
     }
     let steps = STEPS.iter().filter(|step| step.applies_to(training));
     steps.for_each(|step| take(step, training));
-    match file.fusion.is_some() {
-        true => Ok((file, notes)),
-        false => Err(Problem::new(notes.join("; "), "")),
+    if file.fusion.is_some() {
+        Ok((file, notes))
+    } else {
+        Err(Problem::new(notes.join("; "), ""))
     }
 }
 

@@ -201,9 +201,10 @@ impl Gear {
         }
         while high - low > 1e-9 {
             let middle = 0.5 * (low + high);
-            match error(middle) > 0.0 {
-                true => high = middle,
-                false => low = middle,
+            if error(middle) > 0.0 {
+                high = middle
+            } else {
+                low = middle
             }
         }
         let x = 0.5 * (low + high);

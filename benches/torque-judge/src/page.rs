@@ -244,9 +244,10 @@ pub fn real(cases: &[RealCase]) -> String {
         for name in names {
             let _ = write!(text, " {:.2}", c.rms(name));
             let ratio = c.ratio(name);
-            let _ = match ratio.is_finite() {
-                true => write!(text, " ({ratio:.2}) |"),
-                false => write!(text, " |"),
+            let _ = if ratio.is_finite() {
+                write!(text, " ({ratio:.2}) |")
+            } else {
+                write!(text, " |")
             };
         }
         let _ = writeln!(text, " {:.2} |", c.over_best());
@@ -295,9 +296,12 @@ pub fn splits(cases: &[(&'static str, RealCase)]) -> String {
         let shares: Vec<f64> = informative.iter().map(|c| relative(c)).collect();
         let below = all.iter().filter(|x| *x < HONEST.start()).count();
         let (_, largest) = median_worst(all.clone());
-        let of_informative = |text: String| match informative.is_empty() {
-            true => "none".to_owned(),
-            false => text,
+        let of_informative = |text: String| {
+            if informative.is_empty() {
+                "none".to_owned()
+            } else {
+                text
+            }
         };
         let _ = writeln!(
             text,

@@ -148,9 +148,10 @@ impl Specimen {
                 laws::hysteresis(structure[1], &mut draw),
             ),
             torsion: draw.within(1.2e-3, 2.4e-3),
-            creep: match draw.within(0.0, 1.0) < 0.5 {
-                true => [0.0, 1.0],
-                false => [draw.scale(0.01, 0.05), draw.scale(0.3, 5.0)],
+            creep: if draw.within(0.0, 1.0) < 0.5 {
+                [0.0, 1.0]
+            } else {
+                [draw.scale(0.01, 0.05), draw.scale(0.3, 5.0)]
             },
             loaded_error: draw.within(-0.5, 0.5),
             friction: laws::friction(structure[2], &mut draw),

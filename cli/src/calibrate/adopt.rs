@@ -175,9 +175,12 @@ impl Configuration {
     /// Writes the configuration, at once, if it is sound.
     fn write(&self, text: &str) -> Result<(), Problems> {
         let own = self.path.to_string_lossy();
-        robot_config::load(&own, &|path| match path == own {
-            true => Ok(text.to_owned()),
-            false => terminal::read_text(path),
+        robot_config::load(&own, &|path| {
+            if path == own {
+                Ok(text.to_owned())
+            } else {
+                terminal::read_text(path)
+            }
         })?;
         Ok(terminal::write_file(&self.path, text)?)
     }

@@ -91,9 +91,10 @@ fn difference(arguments: &DiffArguments) -> Result<String, Problems> {
         };
         all.insert(name.clone(), json!({"a": value(old), "b": value(new)}));
     }
-    Ok(match arguments.json {
-        true => format!("{}\n", serde_json::Value::Object(all)),
-        false => out,
+    Ok(if arguments.json {
+        format!("{}\n", serde_json::Value::Object(all))
+    } else {
+        out
     })
 }
 

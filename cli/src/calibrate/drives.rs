@@ -184,9 +184,10 @@ fn frequency(theta: &[f64], swing: f64) -> f64 {
             (up, last) = (Some(now), x);
         }
     }
-    match high - low < swing {
-        true => 0.0,
-        false => 0.5 * turns / WINDOW_S,
+    if high - low < swing {
+        0.0
+    } else {
+        0.5 * turns / WINDOW_S
     }
 }
 

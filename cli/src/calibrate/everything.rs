@@ -230,9 +230,10 @@ fn calibrate(arguments: &RunsArguments) -> Result<(String, bool), Problems> {
     }
     calibration.write(out)?;
     let manifest = &calibration.manifest;
-    let text = match arguments.json {
-        true => format!("{}\n", shown::object(manifest, &results.joints, out)),
-        false => shown::text(manifest, out),
+    let text = if arguments.json {
+        format!("{}\n", shown::object(manifest, &results.joints, out))
+    } else {
+        shown::text(manifest, out)
     };
     Ok((text, results.complete()))
 }

@@ -165,9 +165,10 @@ fn write(
     found: &Calibration,
 ) -> Result<Vec<String>, Problem> {
     let file = arguments.urdf.display().to_string();
-    let corrected = match found.urdf_kept {
-        true => text.to_owned(),
-        false => urdf_with_inertias(text, &file, &consistent::of_links(robot, &found.inertias))?,
+    let corrected = if found.urdf_kept {
+        text.to_owned()
+    } else {
+        urdf_with_inertias(text, &file, &consistent::of_links(robot, &found.inertias))?
     };
     let name = arguments.urdf.file_name().unwrap_or_default();
     let urdf = folder.join(name);

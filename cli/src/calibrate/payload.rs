@@ -170,9 +170,10 @@ fn payload(arguments: &PayloadArguments) -> Result<String, Problems> {
         Model::from_urdf(&text, &name, robot.model.base())?;
         terminal::write_file(path, &text)?;
     }
-    Ok(match arguments.json {
-        true => format!("{:#}\n", object(&load, &places, &option)),
-        false => shown(&load, &places, &option),
+    Ok(if arguments.json {
+        format!("{:#}\n", object(&load, &places, &option))
+    } else {
+        shown(&load, &places, &option)
     })
 }
 
@@ -232,16 +233,17 @@ fn before(robot: &Robot, carrier: usize, from: Option<From>) -> Result<Before, P
                     offset_sigma: JOINT_OFFSET * joint.limits.torque,
                 });
             }
-            match cuts.is_empty() {
-                true => Err(Problem::new(
+            if cuts.is_empty() {
+                Err(Problem::new(
                     "no F/T sensor and no joint with a link-side encoder is before this link",
                     "a link that a joint moves",
-                )),
-                false => Ok(Before {
+                ))
+            } else {
+                Ok(Before {
                     cuts,
                     channels,
                     sigma: None,
-                }),
+                })
             }
         }
     }

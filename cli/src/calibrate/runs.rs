@@ -200,12 +200,13 @@ pub(crate) fn robot(
         return Err(Problem::new(reason, "a link of the URDF").into());
     }
     let own = robot.parameters.urdf_path.clone();
-    robot_config::load(&first.path, &|path| match path == own {
-        true => {
+    robot_config::load(&first.path, &|path| {
+        if path == own {
             let text = urdf.map_or_else(|| read(path), |text| Ok(text.to_owned()))?;
             Ok(with_payloads(&text, payloads))
+        } else {
+            read(path)
         }
-        false => read(path),
     })
 }
 
@@ -280,9 +281,10 @@ impl<'a> Reader<'a> {
         let commanded = joints.zip(&record.commanded.joints);
         for (left, (joint, commanded)) in self.off.iter_mut().zip(commanded) {
             let on = joint.drive_profile.is_none() || powered.contains(&commanded.drive_state);
-            *left = match on {
-                true => left.saturating_sub(1),
-                false => letting_go,
+            *left = if on {
+                left.saturating_sub(1)
+            } else {
+                letting_go
             };
         }
     }
@@ -420,9 +422,10 @@ impl Stretch {
             drive.current.push(joint.current);
             drive.used.push(joint.flags & NOT_USED == 0 && *off == 0);
             let torque = &estimated.tau_encoder;
-            drive.torque.push(match torque.flags & VALID != 0 {
-                true => [torque.tau, torque.sigma],
-                false => [f64::NAN; 2],
+            drive.torque.push(if torque.flags & VALID != 0 {
+                [torque.tau, torque.sigma]
+            } else {
+                [f64::NAN; 2]
             });
         }
         for (axes, sensor) in signals.ft.iter_mut().zip(&record.measured.ft) {

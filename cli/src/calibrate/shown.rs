@@ -92,9 +92,10 @@ fn sensors(manifest: &Manifest) -> Table {
 fn sensor_rows(sensor: &SensorEntry) -> Vec<Vec<String>> {
     let mut rows = Vec::new();
     let mut row = |what: &str, found: String, unit: &str| {
-        let name = match rows.is_empty() {
-            true => sensor.name.clone(),
-            false => String::new(),
+        let name = if rows.is_empty() {
+            sensor.name.clone()
+        } else {
+            String::new()
         };
         rows.push(vec![name, what.to_owned(), found, unit.to_owned()]);
     };

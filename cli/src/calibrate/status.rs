@@ -77,9 +77,10 @@ pub(crate) fn run(arguments: &StatusArguments) -> ExitCode {
             return ExitCode::from(BAD_INPUT);
         }
     };
-    let text = match arguments.json {
-        true => format!("{}\n", Value::Array(states.iter().map(object).collect())),
-        false => table(&states),
+    let text = if arguments.json {
+        format!("{}\n", Value::Array(states.iter().map(object).collect()))
+    } else {
+        table(&states)
     };
     let good = states
         .iter()

@@ -171,9 +171,10 @@ pub(crate) struct JointEntry {
 impl JointEntry {
     /// Sources of its torques.
     pub(crate) fn kind(&self) -> JointKind {
-        match self.prismatic {
-            true => JointKind::Prismatic,
-            false => JointKind::Revolute,
+        if self.prismatic {
+            JointKind::Prismatic
+        } else {
+            JointKind::Revolute
         }
     }
 }

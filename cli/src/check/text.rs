@@ -134,9 +134,10 @@ fn joint_table(robot: &Robot) -> TextTable {
                 unit("deg")
             ),
             format!("±{} {}", limits.velocity, unit("rad/s")),
-            match limits.lead.is_finite() {
-                true => format!("±{:.3} {}", kind.shown(limits.lead), unit("deg")),
-                false => "-".to_owned(),
+            if limits.lead.is_finite() {
+                format!("±{:.3} {}", kind.shown(limits.lead), unit("deg"))
+            } else {
+                "-".to_owned()
             },
             torque_per_count(joint)
                 .map_or_else(|| "-".to_owned(), |tau| format!("{tau:.3} {}", unit("N·m"))),

@@ -34,9 +34,10 @@ pub(super) fn evaluate(
     Ok(Report {
         joints: evaluation.names(),
         warnings: model.warnings().to_vec(),
-        bodies: match request.more {
-            true => bodies.skip(usize::from(base == Base::Fixed)).collect(),
-            false => Vec::new(),
+        bodies: if request.more {
+            bodies.skip(usize::from(base == Base::Fixed)).collect()
+        } else {
+            Vec::new()
         },
         cases,
     })

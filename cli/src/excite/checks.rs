@@ -124,9 +124,10 @@ pub(crate) fn check(
         (found.distance, found.touching) = (distance, touching);
     }
     problems.truncate(LISTED);
-    match problems.is_empty() {
-        true => Ok(found),
-        false => Err(Problems(problems)),
+    if problems.is_empty() {
+        Ok(found)
+    } else {
+        Err(Problems(problems))
     }
 }
 

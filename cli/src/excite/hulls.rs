@@ -190,19 +190,18 @@ fn distance(first: &Line, second: &Line) -> f64 {
     let (a, e, f) = (d1.norm_squared(), d2.norm_squared(), d2.dot(&r));
     let (c, b) = (d1.dot(&r), d1.dot(&d2));
     let denominator = a * e - b * b;
-    let mut s = match denominator > 1e-12 {
-        true => ((b * f - c * e) / denominator).clamp(0.0, 1.0),
-        false => 0.0,
+    let mut s = if denominator > 1e-12 {
+        ((b * f - c * e) / denominator).clamp(0.0, 1.0)
+    } else {
+        0.0
     };
-    let mut t = match e > 1e-12 {
-        true => (b * s + f) / e,
-        false => 0.0,
-    };
+    let mut t = if e > 1e-12 { (b * s + f) / e } else { 0.0 };
     if !(0.0..=1.0).contains(&t) || e <= 1e-12 {
         t = t.clamp(0.0, 1.0);
-        s = match a > 1e-12 {
-            true => ((b * t - c) / a).clamp(0.0, 1.0),
-            false => 0.0,
+        s = if a > 1e-12 {
+            ((b * t - c) / a).clamp(0.0, 1.0)
+        } else {
+            0.0
         };
     }
     (first[0] + d1 * s - second[0] - d2 * t).norm()

@@ -254,9 +254,10 @@ impl<'a> Builder<'a> {
             }
             _ => {}
         }
-        let groups: Vec<Vec<usize>> = match part.together {
-            true => vec![joints],
-            false => joints.into_iter().map(|joint| vec![joint]).collect(),
+        let groups: Vec<Vec<usize>> = if part.together {
+            vec![joints]
+        } else {
+            joints.into_iter().map(|joint| vec![joint]).collect()
         };
         for group in groups {
             self.group(part, &group)?;
@@ -286,16 +287,18 @@ impl<'a> Builder<'a> {
         let constant = part.constant.unwrap_or_default();
         let chirps = part.kind == Kind::Chirp;
         let within = |time: f64| time.min(0.25 * duration);
-        let fades = match chirps {
-            true => (within(1.0 / from), within(3.0 / to)),
-            false => (within(1.0 / frequency), within(1.0 / frequency)),
+        let fades = if chirps {
+            (within(1.0 / from), within(3.0 / to))
+        } else {
+            (within(1.0 / frequency), within(1.0 / frequency))
         };
         self.signal(duration, &title, |t, jets| {
-            let signal = match chirps {
-                true => chirp(t, duration, fades, (from, to), constant),
-                false => Jet(TAU * frequency * t, TAU * frequency, 0.0)
+            let signal = if chirps {
+                chirp(t, duration, fades, (from, to), constant)
+            } else {
+                Jet(TAU * frequency * t, TAU * frequency, 0.0)
                     .sin()
-                    .times(Jet(t / duration, 1.0 / duration, 0.0)),
+                    .times(Jet(t / duration, 1.0 / duration, 0.0))
             };
             let jet = signal.times(window(t, duration, fades)).scaled(amplitude);
             for joint in joints {
@@ -344,12 +347,11 @@ fn chirp(
     let rate = (to / from).ln() / (duration - fades.0 - fades.1);
     let t = t - fades.0;
     let share = Jet(rate * t, rate, 0.0).exp();
-    let phase = match rate.abs() > 1e-9 {
-        true => {
-            let k = TAU * from / rate;
-            Jet(k * (share.0 - 1.0), k * share.1, k * share.2)
-        }
-        false => Jet(TAU * from * t, TAU * from, 0.0),
+    let phase = if rate.abs() > 1e-9 {
+        let k = TAU * from / rate;
+        Jet(k * (share.0 - 1.0), k * share.1, k * share.2)
+    } else {
+        Jet(TAU * from * t, TAU * from, 0.0)
     };
     let power = match constant {
         Constant::Position => 0.0,

@@ -347,9 +347,10 @@ impl<'a> Search<'a> {
         let gram = own.tr_mul(&own);
         let values = gram.symmetric_eigenvalues();
         let (least, most) = (values.min(), values.max());
-        match least > 1e-14 * most {
-            true => (most / least).sqrt(),
-            false => f64::INFINITY,
+        if least > 1e-14 * most {
+            (most / least).sqrt()
+        } else {
+            f64::INFINITY
         }
     }
 }

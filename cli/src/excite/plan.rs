@@ -301,12 +301,13 @@ impl Part {
         for (key, value) in &given {
             let all = || needed.iter().chain(&possible);
             if !all().any(|own| own == key) {
-                let what = match key.contains("_deg") || key.contains("_mm") {
-                    true => format!(
+                let what = if key.contains("_deg") || key.contains("_mm") {
+                    format!(
                         "{key} is not of a part of this kind of {} joints",
                         kind.name()
-                    ),
-                    false => format!("{key} is not of a part of this kind"),
+                    )
+                } else {
+                    format!("{key} is not of a part of this kind")
                 };
                 refuse(what, listed(all().map(|key| &**key)));
                 continue;
@@ -459,9 +460,10 @@ impl PlanFile {
                 problems.push(Problem::new(what, listed(names.iter().copied())).at(file, 0));
             }
         }
-        match problems.is_empty() {
-            true => Ok(()),
-            false => Err(Problems(problems)),
+        if problems.is_empty() {
+            Ok(())
+        } else {
+            Err(Problems(problems))
         }
     }
 }

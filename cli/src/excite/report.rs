@@ -20,9 +20,10 @@ pub(crate) fn text(
     as_json: bool,
     followed: Option<(bool, Option<&str>)>,
 ) -> String {
-    match as_json {
-        true => format!("{:#}\n", as_value(prepared, followed)),
-        false => as_text(prepared, no_self_distance, followed),
+    if as_json {
+        format!("{:#}\n", as_value(prepared, followed))
+    } else {
+        as_text(prepared, no_self_distance, followed)
     }
 }
 

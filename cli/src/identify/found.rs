@@ -74,9 +74,10 @@ impl Found<'_> {
         // The motor's side is in rad whatever the joint is.
         let row = |name: &'static str, unit: &'static str, value: Value, factor: f64| Row {
             name,
-            unit: match name.contains("motor side") || name.contains("direction") {
-                true => Cow::Borrowed(unit),
-                false => kind.units(unit),
+            unit: if name.contains("motor side") || name.contains("direction") {
+                Cow::Borrowed(unit)
+            } else {
+                kind.units(unit)
             },
             value: scaled(value, factor),
             share: SHARE,
@@ -227,9 +228,10 @@ impl Found<'_> {
                 for (side, name) in sides.iter().zip(["forwards", "backwards"]) {
                     let slopes: Vec<String> = side.lines.iter().map(|(s, _)| digits(*s)).collect();
                     let [a, b] = side.breaks;
-                    let rest = match side.converged {
-                        true => "",
-                        false => " (the breaks did not come to rest)",
+                    let rest = if side.converged {
+                        ""
+                    } else {
+                        " (the breaks did not come to rest)"
                     };
                     lines.push(format!(
                         "piecewise, {name}: slopes {}, breaks at {} and {} {}{rest}",
@@ -338,9 +340,10 @@ impl Found<'_> {
         if let (None, Some(k), Some(c)) = (self.motor_fit(), &d.stiffness, &d.damping) {
             // K_tau is the softness of drive and gear in series (control.md); the gear's stays. Over the
             // motor's angle there is no gear.
-            let gear = match self.joint.has_link_encoder {
-                true => 1.0 / self.joint.law.gear.k_fs0,
-                false => 0.0,
+            let gear = if self.joint.has_link_encoder {
+                1.0 / self.joint.law.gear.k_fs0
+            } else {
+                0.0
             };
             key(
                 "motor",
@@ -423,17 +426,18 @@ impl Found<'_> {
     }
 
     fn motor_keys(&self) -> [&'static str; 3] {
-        match self.known.takes_position {
-            true => [
+        if self.known.takes_position {
+            [
                 self.own("K_tau_rad_per_Nm", "K_tau_m_per_N"),
                 "K_v_s",
                 self.own("K_c_rad", "K_c_m"),
-            ],
-            false => [
+            ]
+        } else {
+            [
                 self.own("K_1_Nm_per_A", "K_1_N_per_A"),
                 self.own("K_2_Nms_per_rad", "K_2_Ns_per_m"),
                 self.own("K_3_Nm", "K_3_N"),
-            ],
+            ]
         }
     }
 }

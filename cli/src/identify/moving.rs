@@ -61,11 +61,12 @@ pub(super) fn record(
         follow(&mut client, &prepared, recording, &stop).and_then(|(done, recording)| {
             let followed = Some((done, recording.as_deref()));
             let text = text(&prepared, arguments.no_self_distance, false, followed);
-            match done {
-                true => Ok((path, text)),
-                false => Err(Failure::Stopped(format!(
+            if done {
+                Ok((path, text))
+            } else {
+                Err(Failure::Stopped(format!(
                     "{text}stopped on its way; the robot holds"
-                ))),
+                )))
             }
         }),
     )
@@ -121,9 +122,10 @@ fn attempt(
     if given[index].is_none() {
         pose[index] = inward(joint, pose[index], &parts)?;
     }
-    let self_check = match arguments.no_self_distance {
-        true => SelfCheck::LeftOut,
-        false => SelfCheck::Done(None),
+    let self_check = if arguments.no_self_distance {
+        SelfCheck::LeftOut
+    } else {
+        SelfCheck::Done(None)
     };
     let bar = spinner();
     let prepared = prepare(robot, &parts, here, pose, &self_check, &mut |text| {

@@ -195,12 +195,15 @@ impl Channel {
                 names,
             ));
         }
-        let require = |name: &str, x: f64, allowed: Allowed| match allowed.admits(x) {
-            true => Ok(x),
-            false => Err(Problem::new(
-                format!("{key}.{name} is {x}"),
-                allowed.to_string(),
-            )),
+        let require = |name: &str, x: f64, allowed: Allowed| {
+            if allowed.admits(x) {
+                Ok(x)
+            } else {
+                Err(Problem::new(
+                    format!("{key}.{name} is {x}"),
+                    allowed.to_string(),
+                ))
+            }
         };
         require("scale", self.scale, Allowed::Finite)?;
         require("offset", self.offset, Allowed::Finite)?;

@@ -114,13 +114,14 @@ fn joints(description: &Description, cycle: &CycleRecord) -> TextTable {
             torque(format!("{:.2}", commanded.tau_d)),
             torque(format!("{:.2}", commanded.tau_star)),
             format!("{:.1}", measured.age_s * 1e3),
-            match commanded.command_delay_sigma_s > 0.0 {
-                true => format!(
+            if commanded.command_delay_sigma_s > 0.0 {
+                format!(
                     "{:.1} ±{:.1}",
                     commanded.command_delay_s * 1e3,
                     commanded.command_delay_sigma_s * 1e3
-                ),
-                false => "-".to_owned(),
+                )
+            } else {
+                "-".to_owned()
             },
             words::remarks(description, cycle, j),
         ]);

@@ -124,9 +124,10 @@ impl Evaluation<'_> {
             let missing = || Problem::new(reason(), "three numbers, in the IMU's axes");
             x.map(Vector3::from).ok_or_else(missing)
         };
-        let angular_acceleration = match imu.neglects_angular_acceleration() {
-            true => Vector3::zeros(),
-            false => need(given[2])?,
+        let angular_acceleration = if imu.neglects_angular_acceleration() {
+            Vector3::zeros()
+        } else {
+            need(given[2])?
         };
         Ok(ImuMotion {
             angular_velocity: need(given[0])?,

@@ -262,9 +262,10 @@ fn entry(folder: &Path, calibration: &str, key: &str) -> Vec<[f64; 2]> {
     let table: toml::Table = toml::from_str(&text).unwrap();
     let value = &table["ft_sensor"][0][key];
     let pair = |v: &toml::Value| [0, 1].map(|k| v[k].as_float().unwrap());
-    match value[0].is_array() {
-        true => value.as_array().unwrap().iter().map(pair).collect(),
-        false => vec![pair(value)],
+    if value[0].is_array() {
+        value.as_array().unwrap().iter().map(pair).collect()
+    } else {
+        vec![pair(value)]
     }
 }
 

@@ -129,12 +129,11 @@ fn run(case: Case, frequency: f64, torques: bool) -> ([Errors; JOINTS], [u64; 2]
     for k in 0..4000_u32 {
         let t = f64::from(k) * 1e-3;
         reference.sequence += 1;
-        match torques {
-            true => {
-                let press = 6.35 * (1.0 - (TAU * frequency * t).cos());
-                reference.joints[3].tau_d = start.joints[3].tau_d - press;
-            }
-            false => swing(&mut reference, &start, frequency, t),
+        if torques {
+            let press = 6.35 * (1.0 - (TAU * frequency * t).cos());
+            reference.joints[3].tau_d = start.joints[3].tau_d - press;
+        } else {
+            swing(&mut reference, &start, frequency, t)
         }
         let record = *bench.step(&client_input(&reference));
         fault = fault.max(record.fault);
@@ -294,9 +293,10 @@ fn margins(bench: &Bench) {
         let torque = space.of_torque();
         let cell = |of: &control::margins::MotorSideLoop, load: &Load| {
             let (degrees, db) = of.margins(*load).in_degrees_and_db();
-            match db.is_finite() {
-                true => format!(" {degrees:.0}, {db:.0} |"),
-                false => format!(" {degrees:.0}, - |"),
+            if db.is_finite() {
+                format!(" {degrees:.0}, {db:.0} |")
+            } else {
+                format!(" {degrees:.0}, - |")
             }
         };
         let cells: String = (Load::ALL.iter().map(|load| cell(&torque, load)))

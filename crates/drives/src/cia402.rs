@@ -356,9 +356,10 @@ impl Drive<'_> {
             let line = dictionary.entry(MODES).map_or(0, |entry| entry.line);
             problems.push(Problem::new(what, "the other command").at(&dictionary.file, line));
         }
-        match problems.is_empty() {
-            true => Ok(()),
-            false => Err(Problems(problems)),
+        if problems.is_empty() {
+            Ok(())
+        } else {
+            Err(Problems(problems))
         }
     }
 }

@@ -207,9 +207,10 @@ fn encoders_that_slip_as_one_jump_at_rest_and_in_motion() {
             // A deviation from its course is no motion, until the joint could have got there.
             for (k, &flags) in (1..).zip(&flags[29..]) {
                 let way = velocity * k as f64 + 1e3 * slip;
-                match way.abs() > 6.0 * k as f64 {
-                    true => assert_eq!(flags, JUMP, "{velocity} rad/s, {slip} rad, {k}"),
-                    false => break,
+                if way.abs() > 6.0 * k as f64 {
+                    assert_eq!(flags, JUMP, "{velocity} rad/s, {slip} rad, {k}")
+                } else {
+                    break;
                 }
             }
         }

@@ -200,9 +200,10 @@ impl Blocks {
         Some(Posterior {
             rms: (all.rest(&x) / all.rows).sqrt(),
             // Rows that all lie in one block cannot be held out.
-            held_out: match best.0.is_finite() {
-                true => best.0.sqrt(),
-                false => (all.rest(&x) / all.rows).sqrt(),
+            held_out: if best.0.is_finite() {
+                best.0.sqrt()
+            } else {
+                (all.rest(&x) / all.rows).sqrt()
             },
             covariance,
             x,

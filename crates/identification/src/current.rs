@@ -166,10 +166,11 @@ fn without_data(priors: &[Prior]) -> Posterior {
     let n = priors.len();
     Posterior {
         x: DVector::from_fn(n, |i, _| priors[i].mean),
-        covariance: DMatrix::from_fn(n, n, |i, j| match i == j {
-            true => priors[i].sigma.powi(2),
-            false => 0.0,
-        }),
+        covariance: DMatrix::from_fn(
+            n,
+            n,
+            |i, j| if i == j { priors[i].sigma.powi(2) } else { 0.0 },
+        ),
         rms: 0.0,
         held_out: 0.0,
     }

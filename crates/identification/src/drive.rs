@@ -116,14 +116,15 @@ impl Value {
     /// of that, or where they are not `enough`.
     fn or_configured(self, prior_sigma: f64, enough: bool) -> Self {
         let determined = enough && self.sigma < NARROWER * prior_sigma.max(self.value.abs());
-        match determined {
-            true => Self { determined, ..self },
-            false => Self {
+        if determined {
+            Self { determined, ..self }
+        } else {
+            Self {
                 value: self.configured,
                 sigma: prior_sigma,
                 determined,
                 ..self
-            },
+            }
         }
     }
 
@@ -385,9 +386,10 @@ fn check(known: &DriveKnowledge, log: &DriveLog) -> Result<(), Problems> {
             problems.push(Problem::new(reason, allowed));
         }
     }
-    match problems.is_empty() {
-        true => Ok(()),
-        false => Err(Problems(problems)),
+    if problems.is_empty() {
+        Ok(())
+    } else {
+        Err(Problems(problems))
     }
 }
 

@@ -161,12 +161,11 @@ impl Excitation {
         let largest = |x: &[f64]| rows.iter().fold(0.0f64, |m, &i| m.max(x[i].abs()));
         let (angle, speed) = (range(&q), largest(&dq));
         let stands = angle[1] - angle[0] < STANDS;
-        let moving: Vec<usize> = match stands {
-            true => Vec::new(),
-            false => {
-                let moves = |i: &usize| dq[*i].abs() > MIN_RELATIVE_SPEED * speed;
-                rows.iter().copied().filter(moves).collect()
-            }
+        let moving: Vec<usize> = if stands {
+            Vec::new()
+        } else {
+            let moves = |i: &usize| dq[*i].abs() > MIN_RELATIVE_SPEED * speed;
+            rows.iter().copied().filter(moves).collect()
         };
         let signals = Motion {
             tau,
@@ -320,12 +319,7 @@ fn torsion_probe(record: &Record, joint: &JointFile, m: &Motion, rows: &[usize])
         let dq = if m.stands { 0.0 } else { m.dq[i] };
         let mut row = vec![m.tau[i], dq, (dq / m.smoothing).tanh(), 1.0];
         for (link, order, _) in HARMONICS {
-            let (sin, cos) = (order
-                * match link {
-                    true => error.w_link * s.q,
-                    false => s.theta,
-                })
-            .sin_cos();
+            let (sin, cos) = (order * if link { error.w_link * s.q } else { s.theta }).sin_cos();
             row.extend([cos, sin]);
         }
         data.push((row, torsion(i) - first));

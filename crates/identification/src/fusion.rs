@@ -151,9 +151,10 @@ pub fn fit(
     let alike = (ALIKE_S / record.sample_period).max(1.0);
     for (source, (sums, known)) in sums.iter().zip(known).enumerate() {
         let usual = (known.usual.error * rated_torque).powi(2);
-        let [worth, of_all] = match known.usual.each_regime {
-            true => [known.usual.samples, 0.0],
-            false => [0.0, known.usual.samples],
+        let [worth, of_all] = if known.usual.each_regime {
+            [known.usual.samples, 0.0]
+        } else {
+            [0.0, known.usual.samples]
         };
         let total = sums.iter().fold((0.0, 0.0), |t, s| (t.0 + s.0, t.1 + s.1));
         let seen_in_all = (total.0 / alike + of_all * usual) / (all / alike + of_all);

@@ -333,13 +333,15 @@ impl GearData {
         let [skew, zero, waves @ ..] = &all;
         priors.push(Prior::new(-skew, SKEW_WIDTH_S));
         let zero_width = if self.known.turned { 0.02 } else { 2.0 };
-        priors.push(match self.known.turned {
-            true => Prior::new(-zero, zero_width * torsion),
-            false => Prior::new(0.0, zero_width * torsion),
+        priors.push(if self.known.turned {
+            Prior::new(-zero, zero_width * torsion)
+        } else {
+            Prior::new(0.0, zero_width * torsion)
         });
-        let widths = match self.known.turned {
-            true => [2e-5, 1e-5, 1e-5, 1e-5, 5e-6],
-            false => [2e-4, 1e-4, 5e-5, 5e-5, 1e-5],
+        let widths = if self.known.turned {
+            [2e-5, 1e-5, 1e-5, 1e-5, 5e-6]
+        } else {
+            [2e-4, 1e-4, 5e-5, 5e-5, 1e-5]
         };
         let pairs = widths.into_iter().flat_map(|w| [w, w]);
         priors.extend(waves.iter().zip(pairs).map(|(a, w)| Prior::new(-a, w)));

@@ -171,9 +171,12 @@ fn weighted(
         moment += w * rest * a.transpose();
     }
     // In units of each column: they differ by orders of magnitude.
-    let scale = Vector3::from_fn(|i, _| match free[i] && gram[(i, i)] > 0.0 {
-        true => 1.0 / gram[(i, i)].sqrt(),
-        false => 0.0,
+    let scale = Vector3::from_fn(|i, _| {
+        if free[i] && gram[(i, i)] > 0.0 {
+            1.0 / gram[(i, i)].sqrt()
+        } else {
+            0.0
+        }
     });
     let mut scaled = Matrix3::from_fn(|i, j| scale[i] * scale[j] * gram[(i, j)]);
     for i in 0..3 {
@@ -286,11 +289,10 @@ fn barrier(data: &[(Vector3<f64>, f64)], x: &Vector3<f64>, y: &[[f64; 2]], sharp
     let of = |((a, b), [p, n]): (&(Vector3<f64>, f64), &[f64; 2])| {
         let z = a.dot(x) - b;
         let inside = [p - z, n + z, *p, *n];
-        match inside.iter().all(|s| *s > 0.0) {
-            true => {
-                sharpness * (PENALTY * p * p + n * n) - inside.iter().map(|s| s.ln()).sum::<f64>()
-            }
-            false => f64::INFINITY,
+        if inside.iter().all(|s| *s > 0.0) {
+            sharpness * (PENALTY * p * p + n * n) - inside.iter().map(|s| s.ln()).sum::<f64>()
+        } else {
+            f64::INFINITY
         }
     };
     data.iter().zip(y).map(of).sum()
@@ -391,9 +393,10 @@ fn alternating(rows: &[(f64, f64)]) -> Piecewise {
         let (slope, _) = line(within.iter()).unwrap_or(whole);
         let slope = slope.clamp(outer, STEEPEST * outer);
         let middle = within.iter().map(|(tau, b)| b - slope * tau).sum::<f64>();
-        lines[1] = match within.is_empty() {
-            true => whole,
-            false => (slope, middle / within.len() as f64),
+        lines[1] = if within.is_empty() {
+            whole
+        } else {
+            (slope, middle / within.len() as f64)
         };
         let meet = |a: (f64, f64), b: (f64, f64)| (b.1 - a.1) / (a.0 - b.0);
         let next = [meet(lines[0], lines[1]), meet(lines[1], lines[2])];

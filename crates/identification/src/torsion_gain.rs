@@ -31,9 +31,12 @@ pub fn fit(record: &Record, set: &mut EstimatorSet) -> Option<TorsionGainTable> 
     set.reset();
     let estimates = record.samples.iter().map(|sample| set.update(sample));
     let fused: Vec<f64> = estimates
-        .map(|e| match e.flags & torque_flags::VALID != 0 {
-            true => e.tau,
-            false => f64::NAN,
+        .map(|e| {
+            if e.flags & torque_flags::VALID != 0 {
+                e.tau
+            } else {
+                f64::NAN
+            }
         })
         .collect();
     let (fused, reference) = (changes(record, &fused), changes(record, &record.tau));

@@ -320,9 +320,10 @@ fn a_payload_is_found_from_joint_torques_with_offsets_by_an_empty_run() {
                 }
                 let torques = rnea(&truth, data, &q, &dq, &ddq, None).to_vec();
                 // The payload's part by its power: S^T of its wrench, by differences of placements.
-                let extra = match loaded {
-                    true => payload_torques(&truth, &payload, &q, &dq, &ddq),
-                    false => [0.0; 3],
+                let extra = if loaded {
+                    payload_torques(&truth, &payload, &q, &dq, &ddq)
+                } else {
+                    [0.0; 3]
                 };
                 sample.measured = (0..3)
                     .map(|j| torques[j] + extra[j] + offsets[j] + 0.02 * random.normal())

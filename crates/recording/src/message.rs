@@ -91,9 +91,10 @@ impl Encoder {
         if times == 0 {
             return;
         }
-        match self.notes.len() < MAX_NOTES {
-            true => self.notes.push((event, times)),
-            false => self.notes_lost = true,
+        if self.notes.len() < MAX_NOTES {
+            self.notes.push((event, times))
+        } else {
+            self.notes_lost = true
         }
     }
 

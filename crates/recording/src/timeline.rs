@@ -328,9 +328,10 @@ impl Span {
             _ => self.names("joint", &header.joints),
         };
         let what = self.what.words();
-        match names.is_empty() {
-            true => what,
-            false => format!("{names}: {what}"),
+        if names.is_empty() {
+            what
+        } else {
+            format!("{names}: {what}")
         }
     }
 

@@ -186,9 +186,10 @@ fn contact(section: Section<'_, '_>) -> ContactParameters {
     let direction = section.number_array_or::<3>("direction", [0.0; 3], Allowed::Finite);
     let directed = kind == Kind::KnownDirection;
     if directed == (direction == [0.0; 3]) {
-        let what = match directed {
-            true => "a force of known direction needs its direction",
-            false => "only a force of known direction has a direction",
+        let what = if directed {
+            "a force of known direction needs its direction"
+        } else {
+            "only a force of known direction has a direction"
         };
         let allowed = "type = \"known_direction\" with direction = [x, y, z], not all zero";
         section.problem("direction", what, allowed);

@@ -20,9 +20,10 @@ pub(crate) fn external_torque(
 ) -> Option<ExternalTorqueSettings> {
     let section = root.optional_section("external_torque")?;
     let share = |key, default| 0.01 * section.number_or(key, default, Allowed::Within(0.0, 100.0));
-    let least_ms = match sample_period.is_nan() {
-        true => 0.1,
-        false => sample_period * 1e3,
+    let least_ms = if sample_period.is_nan() {
+        0.1
+    } else {
+        sample_period * 1e3
     };
     let time = |key, default, most| {
         1e-3 * section.number_or(key, default, Allowed::Within(least_ms, most))

@@ -119,9 +119,10 @@ pub(crate) fn timing(root: &Section<'_, '_>) -> Timing {
     }
     timing.gather_deadline = us * 1e-6;
     // While the rate is unknown, the highest one counts.
-    let period_ms = match timing.sample_period.is_nan() {
-        true => 0.1,
-        false => period * 1e3,
+    let period_ms = if timing.sample_period.is_nan() {
+        0.1
+    } else {
+        period * 1e3
     };
     let limit_ms = |key, default_ms, periods, most_ms| {
         let allowed = Allowed::Within(periods * period_ms, most_ms);
@@ -317,19 +318,16 @@ pub(crate) fn feedback(root: &Section<'_, '_>, sample_period: f64) -> Feedback {
     };
     if let Some(section) = root.section("control") {
         let laws = [("proportional_integral", false), ("predictive", true)];
-        feedback.torque_law = match section.choice_or("law", false, &laws) {
-            false => {
-                let choices = [("encoder", Encoder), ("whole_body", WholeBody)];
-                TorqueLaw::ProportionalIntegral(section.choice("torque_feedback", &choices))
-            }
-            true => {
-                let choices = [
-                    ("torsion", Torsion),
-                    ("levelled", Levelled),
-                    ("tau_hat", DelayCompensated),
-                ];
-                TorqueLaw::Predictive(section.choice("torque_feedback", &choices))
-            }
+        feedback.torque_law = if section.choice_or("law", false, &laws) {
+            let choices = [
+                ("torsion", Torsion),
+                ("levelled", Levelled),
+                ("tau_hat", DelayCompensated),
+            ];
+            TorqueLaw::Predictive(section.choice("torque_feedback", &choices))
+        } else {
+            let choices = [("encoder", Encoder), ("whole_body", WholeBody)];
+            TorqueLaw::ProportionalIntegral(section.choice("torque_feedback", &choices))
         };
         let longest = 8e6 * sample_period;
         let us = section.number_or(

@@ -102,9 +102,10 @@ pub(crate) fn read(
 fn kind(section: &Section<'_, '_>, name: &str, surroundings: &Surroundings<'_, '_>) -> JointKind {
     let in_urdf = surroundings.model.and_then(|model| {
         let joint = model.joints().get(model.joint_index(name)?)?;
-        Some(match joint.kind.is_revolute() {
-            true => JointKind::Revolute,
-            false => JointKind::Prismatic,
+        Some(if joint.kind.is_revolute() {
+            JointKind::Revolute
+        } else {
+            JointKind::Prismatic
         })
     });
     let of_drive = of_section(section, surroundings.drives).map(|drive| drive.kind);

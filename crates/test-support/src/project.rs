@@ -24,9 +24,10 @@ pub fn read_project_file(file: &str) -> Result<String> {
 pub fn read_with_drives_always_on(file: &str) -> Result<String> {
     let text = read_project_file(file)?;
     let lines = text.split_inclusive('\n');
-    Ok(match file.ends_with("robot.toml") {
-        true => lines.filter(|l| !l.starts_with("control = {")).collect(),
-        false => text,
+    Ok(if file.ends_with("robot.toml") {
+        lines.filter(|l| !l.starts_with("control = {")).collect()
+    } else {
+        text
     })
 }
 

@@ -118,9 +118,10 @@ fn torques() {
     let beyond = |column: usize, limit: f64| {
         let rows = names.iter().zip(&worst).filter(|(_, w)| w[column] > limit);
         let listed: Vec<&str> = rows.map(|(name, _)| name.as_str()).collect();
-        match listed.is_empty() {
-            true => "none".to_owned(),
-            false => format!("{} ({})", listed.len(), listed.join(", ")),
+        if listed.is_empty() {
+            "none".to_owned()
+        } else {
+            format!("{} ({})", listed.len(), listed.join(", "))
         }
     };
     println!("\nOf {} joints beyond\n", names.len());

@@ -56,9 +56,10 @@ impl Network {
                 Carrier::UdpMulticast(group) => members.push(Member { place, group }),
             }
         }
-        match members.is_empty() {
-            true => SocketCan::open(&lines).map(Self::SocketCan),
-            false => UdpMulticast::open(&members).map(Self::UdpMulticast),
+        if members.is_empty() {
+            SocketCan::open(&lines).map(Self::SocketCan)
+        } else {
+            UdpMulticast::open(&members).map(Self::UdpMulticast)
         }
     }
 

@@ -123,9 +123,10 @@ fn simulate(
     let cycles = (options.seconds / period).ceil() as u64;
     let clock = VirtualClock::new();
     let period_ns = (period * 1e9) as u64;
-    let mut pace: Box<dyn Pace> = match options.fast {
-        true => Box::new(VirtualDeadline::new(&clock, period_ns)),
-        false => Box::new(SimulatedDeadline::new(&clock, period_ns)),
+    let mut pace: Box<dyn Pace> = if options.fast {
+        Box::new(VirtualDeadline::new(&clock, period_ns))
+    } else {
+        Box::new(SimulatedDeadline::new(&clock, period_ns))
     };
     let mut client = DemoClient::new(robot, motion);
     let mut report = Report::new(robot, cycles);

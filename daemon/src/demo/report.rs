@@ -236,9 +236,10 @@ impl fmt::Display for Report {
                 match error {
                     Some(error) => {
                         // Of a joint that carries nothing no share means anything.
-                        let percent = match joint.largest_torque > LEAST_SHOWN {
-                            true => format!("{:.2}%", 100.0 * error.rms / joint.largest_torque),
-                            false => "-".to_owned(),
+                        let percent = if joint.largest_torque > LEAST_SHOWN {
+                            format!("{:.2}%", 100.0 * error.rms / joint.largest_torque)
+                        } else {
+                            "-".to_owned()
                         };
                         write!(f, "   {:>8.3} {:>7.3} {percent:>7}", error.max, error.rms)?;
                     }

@@ -30,8 +30,9 @@ pub(super) fn read(path: &str) -> io::Result<String> {
 /// The configuration of one of the demo's robots: the calibrated one, where there is one.
 pub(super) fn configuration(name: &str, uncalibrated: bool) -> String {
     let calibrated = format!("config/{name}/calibrated.toml");
-    match !uncalibrated && read(&calibrated).is_ok() {
-        true => calibrated,
-        false => format!("config/{name}/robot.toml"),
+    if !uncalibrated && read(&calibrated).is_ok() {
+        calibrated
+    } else {
+        format!("config/{name}/robot.toml")
     }
 }

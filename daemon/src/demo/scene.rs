@@ -41,12 +41,13 @@ pub(super) fn load(options: &DemoOptions) -> Result<Scene, Failure> {
         let problem = Problem::new("--uncalibrated: with the path of a configuration", allowed);
         return Err(Failure::bad_input(problem));
     }
-    let (config, read): (String, fn(&str) -> io::Result<String>) = match own {
-        true => (name.to_owned(), |path| terminal::read_text(path)),
-        false => (
+    let (config, read): (String, fn(&str) -> io::Result<String>) = if own {
+        (name.to_owned(), |path| terminal::read_text(path))
+    } else {
+        (
             robots::configuration(name, options.uncalibrated),
             robots::read,
-        ),
+        )
     };
     let beside = |file: &str| {
         Path::new(&config)

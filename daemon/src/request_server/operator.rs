@@ -221,9 +221,10 @@ fn reached(parameters: &Parameters, request: OperatorRequest, record: &CycleReco
             Done("no set-points are sent: there is no motion to stop".to_owned())
         }
         (OperatorRequest::Stop, RobotState::Fault) => {
-            match moving_joints(parameters, record).is_empty() {
-                true => Done(format!("at rest; fault {} is latched", fault())),
-                false => Waiting(moving(parameters, record)),
+            if moving_joints(parameters, record).is_empty() {
+                Done(format!("at rest; fault {} is latched", fault()))
+            } else {
+                Waiting(moving(parameters, record))
             }
         }
         (OperatorRequest::Stop, RobotState::Stopping) => Waiting(moving(parameters, record)),
@@ -340,9 +341,10 @@ fn unready(parameters: &Parameters, record: &CycleRecord) -> String {
         Some(format!("joint `{}` {defect}", joint.name))
     });
     let defects: Vec<String> = defects.collect();
-    match defects.is_empty() {
-        true => "joints are to be plausible for some time; try again".to_owned(),
-        false => defects.join(", "),
+    if defects.is_empty() {
+        "joints are to be plausible for some time; try again".to_owned()
+    } else {
+        defects.join(", ")
     }
 }
 

@@ -206,9 +206,10 @@ impl Client {
         if holding && self.start.is_none() {
             let joints = last.measured.joints.iter().take(n);
             self.start = Some(joints.map(|joint| joint.q).collect());
-            self.amplitude = match (cycle / ROUND).is_multiple_of(2) {
-                true => 0.01,
-                false => -0.01,
+            self.amplitude = if (cycle / ROUND).is_multiple_of(2) {
+                0.01
+            } else {
+                -0.01
             };
         }
         self.reference.sequence += 1;

@@ -38,9 +38,10 @@ pub(crate) fn leg_with_contacts(contacts: &str) -> Robot {
     let read = |path: &str| {
         let text = read_project_file(path)?;
         let line = "unknown_wrench_link = \"base_link\"\n";
-        Ok(match path.ends_with("robot.toml") {
-            true => format!("{}{contacts}", text.replace(line, "")),
-            false => text,
+        Ok(if path.ends_with("robot.toml") {
+            format!("{}{contacts}", text.replace(line, ""))
+        } else {
+            text
         })
     };
     robot_config::load("config/leg/robot.toml", &read).expect("the leg")

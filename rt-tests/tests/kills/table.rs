@@ -88,9 +88,10 @@ pub(crate) fn span(values: &[f64], digits: usize) -> String {
 
 /// The page of the results.
 pub(crate) fn text(rows: &[Row], rate_hz: f64, lost: usize, counts: [usize; 4]) -> String {
-    let kernel = match is_virtual() {
-        true => "User-Mode Linux, where a process may wait for many milliseconds",
-        false => "PREEMPT_RT; in a virtual machine with counted time, or on a machine of its own",
+    let kernel = if is_virtual() {
+        "User-Mode Linux, where a process may wait for many milliseconds"
+    } else {
+        "PREEMPT_RT; in a virtual machine with counted time, or on a machine of its own"
     };
     let mut out = format!(
         "# Processes killed on a real CAN\n\n\

@@ -194,9 +194,10 @@ pub(super) fn scenarios() -> Vec<Scenario> {
         .physics(),
         new("storm of enable and disable", AT_REST, |_| {
             requests(|k, _| {
-                Some(match k % 50 < 25 {
-                    true => OperatorRequest::Disable,
-                    false => OperatorRequest::Enable,
+                Some(if k % 50 < 25 {
+                    OperatorRequest::Disable
+                } else {
+                    OperatorRequest::Enable
                 })
             })
         })

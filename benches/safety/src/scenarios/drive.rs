@@ -289,9 +289,12 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             "hand pushes with 30 % of the torque limit for 0.3 s",
             AT_REST,
             |p| {
-                load(p, |t| match t < 0.3 {
-                    true => 0.3 * (PI * t / 0.3).sin(),
-                    false => 0.0,
+                load(p, |t| {
+                    if t < 0.3 {
+                        0.3 * (PI * t / 0.3).sin()
+                    } else {
+                        0.0
+                    }
                 })
             },
         )

@@ -131,9 +131,10 @@ fn exchanged(place: Place) -> Fault {
 pub(super) fn scenarios() -> Vec<Scenario> {
     let new = |name: &'static str, starts, make| {
         let scenario = Scenario::new(GROUP, name, starts, make);
-        match name.starts_with("link encoder") {
-            true => scenario.of_two_encoders(),
-            false => scenario,
+        if name.starts_with("link encoder") {
+            scenario.of_two_encoders()
+        } else {
+            scenario
         }
     };
     vec![

@@ -185,13 +185,10 @@ impl<'a> Columns<'a> {
             joints.len(),
             names.join(", ")
         );
-        let allowed = match arm.len() == joints.len() || count < joints.len() {
-            true => {
-                "as many, or --joints NAME,NAME.. for the joints of the columns (others at rest), or columns q_NAME, tau_NAME"
-            }
-            false => {
-                "columns by name (q_NAME, tau_NAME) where the URDF branches, or --joints NAME,NAME.."
-            }
+        let allowed = if arm.len() == joints.len() || count < joints.len() {
+            "as many, or --joints NAME,NAME.. for the joints of the columns (others at rest), or columns q_NAME, tau_NAME"
+        } else {
+            "columns by name (q_NAME, tau_NAME) where the URDF branches, or --joints NAME,NAME.."
         };
         Err(Problem::new(reason, allowed).at(log, 1))
     }
@@ -225,9 +222,10 @@ impl<'a> Columns<'a> {
         }
         let mut joints = vec![None; self.model.joint_count()];
         for (k, &joint) in self.measured.iter().enumerate() {
-            let name = match self.named {
-                true => self.model.joints()[joint].name.clone(),
-                false => (self.first + k).to_string(),
+            let name = if self.named {
+                self.model.joints()[joint].name.clone()
+            } else {
+                (self.first + k).to_string()
             };
             let mut take = |signal: usize| by_meaning.remove(&(signal, name.clone()));
             let mut needed = |signal: usize| {

@@ -44,15 +44,25 @@ pub(super) fn summary(robot: &Robot<'_>, found: &Calibration) -> Vec<String> {
     let mut lines = vec![
         format!(
             "{}: {} joints; {:.1} s at {:.0} Hz, {} rows a joint",
-            robot.model.name(), robot.measured.len(), found.duration, found.rate, found.rows
+            robot.model.name(),
+            robot.measured.len(),
+            found.duration,
+            found.rate,
+            found.rows
         ),
         format!(
             "torques and regressor low-passed alike, zero-phase, half at {:.1} Hz; motion from {}, smoothed below {:.1} Hz",
-            found.sampling.cut_off, found.smoothing.source.words(), found.smoothing.cut_off
+            found.sampling.cut_off,
+            found.smoothing.source.words(),
+            found.smoothing.cut_off
         ),
-        match found.guessed_prior {
-            true => "the URDF has no masses: the prior is a guess (2 kg a link), so single links' values mean little; torques do".to_owned(),
-            false => format!("weight of the URDF's inertias, by inner held-out blocks: {:e}", found.lambda),
+        if found.guessed_prior {
+            "the URDF has no masses: the prior is a guess (2 kg a link), so single links' values mean little; torques do".to_owned()
+        } else {
+            format!(
+                "weight of the URDF's inertias, by inner held-out blocks: {:e}",
+                found.lambda
+            )
         },
     ];
     if !still.is_empty() {

@@ -75,9 +75,10 @@ fn late_by_a_cycle(of_joint: &JointLoop, late: bool) -> Law<'_> {
     let mut last = 0.0;
     Box::new(move |theta, q| {
         let command = law(theta, q);
-        match late {
-            true => std::mem::replace(&mut last, command),
-            false => command,
+        if late {
+            std::mem::replace(&mut last, command)
+        } else {
+            command
         }
     })
 }

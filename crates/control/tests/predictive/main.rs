@@ -171,9 +171,10 @@ fn a_mode_does_not_begin_with_the_velocity_of_the_last_one() {
             assert!(law.hold_reference().abs() < 0.1);
         }
         let wanted = if k < 300 { 10.0 } else { 0.0 };
-        let command = match holds {
-            true => joint.theta,
-            false => law.command(&feedforward(wanted)).command,
+        let command = if holds {
+            joint.theta
+        } else {
+            law.command(&feedforward(wanted)).command
         };
         law.sent(command);
         joint.advance(command);

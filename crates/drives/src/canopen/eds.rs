@@ -107,9 +107,10 @@ impl ObjectDictionary {
         if dictionary.entries.is_empty() && problems.is_empty() {
             problems.push(Problem::new("no object is described", allowed).at(file, 0));
         }
-        match problems.is_empty() {
-            true => Ok(dictionary),
-            false => Err(Problems(problems)),
+        if problems.is_empty() {
+            Ok(dictionary)
+        } else {
+            Err(Problems(problems))
         }
     }
 

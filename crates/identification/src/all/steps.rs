@@ -353,9 +353,10 @@ impl Fitted {
         };
         let run = |table: &KalmanTable, added: bool, transform| {
             let parameters = self.joint.kalman_parameters(table)?;
-            let tuned = match added {
-                true => noise::fit::<ADDED_STATES>(record, &parameters, transform),
-                false => noise::fit::<STATES>(record, &parameters, transform),
+            let tuned = if added {
+                noise::fit::<ADDED_STATES>(record, &parameters, transform)
+            } else {
+                noise::fit::<STATES>(record, &parameters, transform)
             };
             Ok::<_, Problem>(KalmanTable {
                 process: tuned.process,

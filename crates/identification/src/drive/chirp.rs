@@ -54,15 +54,14 @@ impl Part {
         let fade = (1.0 / first).min(0.25 * self.duration);
         let window = smooth_step(t / fade) * smooth_step((self.duration - t) / fade);
         let rate = (last / first).ln() / self.duration;
-        let (phase, share) = match rate > 1e-9 {
-            true => {
-                let growth = (rate * t).exp();
-                (
-                    TAU * first * (growth - 1.0) / rate,
-                    growth.powi(-self.power),
-                )
-            }
-            false => (TAU * first * t, t / self.duration),
+        let (phase, share) = if rate > 1e-9 {
+            let growth = (rate * t).exp();
+            (
+                TAU * first * (growth - 1.0) / rate,
+                growth.powi(-self.power),
+            )
+        } else {
+            (TAU * first * t, t / self.duration)
         };
         window * self.amplitude * share * phase.sin()
     }

@@ -130,9 +130,10 @@ pub(super) fn fit(known: &DriveKnowledge, log: &DriveLog) -> Option<Law> {
         }
         before += n;
     }
-    match known.takes_position {
-        true => of_position(known, log, &frame, &rows),
-        false => of_current(known, log, &frame, &rows),
+    if known.takes_position {
+        of_position(known, log, &frame, &rows)
+    } else {
+        of_current(known, log, &frame, &rows)
     }
 }
 

@@ -142,9 +142,10 @@ impl Gather {
             2.0 * self.torque_limit,
         );
         if let Some(stretch) = self.log.stretches.last_mut() {
-            stretch.sent.push(match self.takes_position {
-                true => commanded.q_c,
-                false => commanded.current_c,
+            stretch.sent.push(if self.takes_position {
+                commanded.q_c
+            } else {
+                commanded.current_c
             });
             stretch.theta.push(measured.theta);
             stretch.q.push(measured.q);
@@ -196,9 +197,10 @@ pub fn gear_torque(c: &ComplianceParameters, n: f64, torsion: f64, limit: f64) -
             tau = 0.5 * (low + high);
         }
         let (here, step) = (twist(tau), 1e-6 * limit);
-        match here < torsion {
-            true => low = tau,
-            false => high = tau,
+        if here < torsion {
+            low = tau
+        } else {
+            high = tau
         }
         let next = tau - (here - torsion) * step / (twist(tau + step) - here);
         if (next - tau).abs() < 1e-9 * limit {
@@ -238,9 +240,10 @@ pub fn motor_rows(log: &DriveLog, known: &DriveKnowledge, most: usize) -> Vec<Mo
             rows.push(MotorRow {
                 tau: window(&s.torque) / n,
                 dq: moment(&s.q) / (spread * log.period),
-                command: match known.takes_position {
-                    true => s.sent[k - delay] - s.q[k],
-                    false => s.current[k],
+                command: if known.takes_position {
+                    s.sent[k - delay] - s.q[k]
+                } else {
+                    s.current[k]
                 },
             });
         }

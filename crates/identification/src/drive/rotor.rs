@@ -314,9 +314,10 @@ impl Terms {
 
     /// Sample, columns, right side.
     fn rows(&self, fast: bool) -> impl Iterator<Item = (usize, Vec<f64>, f64)> {
-        let (all, end) = match fast {
-            true => (&self.fast, self.full.end.saturating_sub(self.reach)),
-            false => (&self.smooth, self.full.end),
+        let (all, end) = if fast {
+            (&self.fast, self.full.end.saturating_sub(self.reach))
+        } else {
+            (&self.smooth, self.full.end)
         };
         let start = if fast {
             self.full.start + self.reach
@@ -334,17 +335,21 @@ impl Terms {
 /// Change of the drive's error by the set-points that act between each sample and the next, rad or A.
 fn steps(known: &DriveKnowledge, s: &DriveStretch, law: &Law) -> Vec<f64> {
     let n = s.theta.len();
-    let acts = |error: f64| match known.takes_position {
-        true => zone(error, law),
-        false => error,
+    let acts = |error: f64| {
+        if known.takes_position {
+            zone(error, law)
+        } else {
+            error
+        }
     };
     let step_at = |k: usize| {
         if !(law.shares.len()..n.saturating_sub(1)).contains(&k) {
             return 0.0;
         }
-        let x = match known.takes_position {
-            true => 0.5 * (s.theta[k] + s.theta[k + 1]) / known.gear_ratio,
-            false => 0.0,
+        let x = if known.takes_position {
+            0.5 * (s.theta[k] + s.theta[k + 1]) / known.gear_ratio
+        } else {
+            0.0
         };
         let step = law
             .shares

@@ -64,9 +64,10 @@ impl GatherMotion {
 
     /// Takes one cycle.
     pub fn take(&mut self, record: &CycleRecord) {
-        self.since = match record.mode == self.mode {
-            true => self.since + 1,
-            false => 0,
+        self.since = if record.mode == self.mode {
+            self.since + 1
+        } else {
+            0
         };
         self.mode = record.mode;
         let follows = Mode::from_number(record.mode).is_some_and(|mode| FOLLOWING.contains(&mode));
@@ -105,9 +106,10 @@ impl GatherMotion {
 
 fn desired(commanded: &JointCommanded, follows: bool) -> f64 {
     let sent = commanded.flags & command_flags::ENGAGED != 0;
-    match follows && sent && commanded.flags & LIMITED == 0 {
-        true => commanded.tau_d,
-        false => f64::NAN,
+    if follows && sent && commanded.flags & LIMITED == 0 {
+        commanded.tau_d
+    } else {
+        f64::NAN
     }
 }
 

@@ -21,9 +21,10 @@ pub fn typical_stiffness(
     let torsion = record.smooth(&torsion(record, error), 0);
     let squares = (record.spread(usize::MAX)).map(|i| gear.stiffness(torsion[i]).powi(2));
     let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), x| (sum + x, count + 1.0));
-    match count > 0.0 {
-        true => f64::sqrt(sum / count),
-        false => gear.linear,
+    if count > 0.0 {
+        f64::sqrt(sum / count)
+    } else {
+        gear.linear
     }
 }
 
@@ -54,8 +55,9 @@ pub fn known(
         })
         .collect();
     let count = known.iter().filter(|known| **known).count() as f64;
-    match count < ENOUGH * known.len() as f64 {
-        true => vec![true; known.len()],
-        false => known,
+    if count < ENOUGH * known.len() as f64 {
+        vec![true; known.len()]
+    } else {
+        known
     }
 }

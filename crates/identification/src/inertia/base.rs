@@ -113,9 +113,12 @@ impl Base {
             .iter()
             .map(|h| h.try_inverse().unwrap_or_default())
             .collect();
-        let covariance = |a: usize, b: usize| match a / PARAMETERS == b / PARAMETERS {
-            true => inverse[a / PARAMETERS][(a % PARAMETERS, b % PARAMETERS)],
-            false => 0.0,
+        let covariance = |a: usize, b: usize| {
+            if a / PARAMETERS == b / PARAMETERS {
+                inverse[a / PARAMETERS][(a % PARAMETERS, b % PARAMETERS)]
+            } else {
+                0.0
+            }
         };
         let deviation = |row: usize| {
             let parts = self.parts(row);

@@ -154,9 +154,10 @@ pub fn motion(robot: &Robot<'_>, recording: &Recording) -> Result<Motion, Proble
             "motion of every joint that shall be identified",
         ));
     }
-    match problems.is_empty() {
-        true => Ok(motion),
-        false => Err(Problems(problems)),
+    if problems.is_empty() {
+        Ok(motion)
+    } else {
+        Err(Problems(problems))
     }
 }
 
@@ -209,18 +210,20 @@ fn angle(robot: &Robot<'_>, joint: usize, q: &[f64], speed: f64) -> Option<Probl
     if outside(1.0) <= OUTSIDE && !(revolute && far && fast) {
         return None;
     }
-    let (small, unit, whole) = match revolute {
-        true => (1f64.to_radians(), "degrees", "rad"),
-        false => (1e-3, "mm", "m"),
+    let (small, unit, whole) = if revolute {
+        (1f64.to_radians(), "degrees", "rad")
+    } else {
+        (1e-3, "mm", "m")
     };
     let low = q.iter().copied().fold(f64::INFINITY, f64::min);
     let high = q.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let likely =
         outside(small) <= OUTSIDE && (high - low) * small < 13.0 && high.abs().max(low.abs()) > 6.3;
     let name = robot.name(joint);
-    let cause = match likely {
-        true => format!("is it in {unit}?"),
-        false => "another joint's column, another zero, or another robot's URDF?".to_owned(),
+    let cause = if likely {
+        format!("is it in {unit}?")
+    } else {
+        "another joint's column, another zero, or another robot's URDF?".to_owned()
     };
     let reason = format!(
         "q of `{name}` goes from {low:.3} to {high:.3}, its limits in the URDF are {lower:.3} to {upper:.3}: {cause}"
@@ -296,9 +299,10 @@ pub fn torques(
     } else if !(0.2..5.0).contains(&middle) {
         notes.push(format!("tau is {middle:.2} times the URDF's torques: is it a motor current, or is the URDF's mass a guess?"));
     }
-    match problems.is_empty() {
-        true => Ok(notes),
-        false => Err(Problems(problems)),
+    if problems.is_empty() {
+        Ok(notes)
+    } else {
+        Err(Problems(problems))
     }
 }
 

@@ -96,9 +96,10 @@ impl<'a> Robot<'a> {
     /// Unit of a measured joint's torque.
     #[must_use]
     pub fn unit(&self, joint: usize) -> &'static str {
-        match self.model.joints()[self.measured[joint]].kind.is_revolute() {
-            true => "N·m",
-            false => "N",
+        if self.model.joints()[self.measured[joint]].kind.is_revolute() {
+            "N·m"
+        } else {
+            "N"
         }
     }
 }

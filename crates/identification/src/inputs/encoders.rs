@@ -162,9 +162,10 @@ fn diagnosis(
         (format!("{link} is in counts"), j.link_counts_per_turn / TAU),
         (format!("{link} is in turns"), 1.0 / TAU),
     ];
-    let reversed = match shown_reversed(fit) {
-        true => format!("one of {theta} and {link} is reversed"),
-        false => String::new(),
+    let reversed = if shown_reversed(fit) {
+        format!("one of {theta} and {link} is reversed")
+    } else {
+        String::new()
     };
     let shown = fit.as_ref().map_or(f64::NAN, |f| f.x[0]);
     let mut cause = None;

@@ -204,13 +204,7 @@ impl<'a> Fit<'a> {
         means[0] = 0.0;
         means[1..4].copy_from_slice(moment.as_slice());
         let mean = |i: usize| means.get(i).copied().unwrap_or(0.0);
-        let width = |i: usize| {
-            self.widths[i]
-                * match fixed[i] {
-                    true => FIXED,
-                    false => relaxed,
-                }
-        };
+        let width = |i: usize| self.widths[i] * if fixed[i] { FIXED } else { relaxed };
         (0..x.len())
             .map(|i| match i {
                 0 => Prior::at_least(0.0, width(0), 1e-6 - known.mass),
@@ -291,9 +285,10 @@ impl<'a> Fit<'a> {
         let deviation = |i: usize| covariance[(i, i)].max(0.0).sqrt();
         let value = |i: usize, value: f64, configured: f64| Value {
             value,
-            sigma: match fixed[i] {
-                true => self.widths[i],
-                false => deviation(i),
+            sigma: if fixed[i] {
+                self.widths[i]
+            } else {
+                deviation(i)
             },
             configured,
             determined: !fixed[i],
@@ -305,9 +300,10 @@ impl<'a> Fit<'a> {
             let variance =
                 (covariance[(h, h)] - 2.0 * c * covariance[(0, h)] + c * c * of_mass) / (m * m);
             Value {
-                sigma: match fixed[h] {
-                    true => self.known.centre_sigma,
-                    false => variance.max(0.0).sqrt(),
+                sigma: if fixed[h] {
+                    self.known.centre_sigma
+                } else {
+                    variance.max(0.0).sqrt()
                 },
                 ..value(h, c, before[k])
             }
@@ -340,9 +336,12 @@ impl<'a> Fit<'a> {
             mass: value(0, found.mass, known.mass),
             centre: std::array::from_fn(of_centre),
             central: std::array::from_fn(|k| value(4 + k, central[1][k], central[0][k])),
-            angle: std::array::from_fn(|k| match self.layout.sensor {
-                true => value(self.layout.angle(k), x[self.layout.angle(k)], 0.0),
-                false => zero,
+            angle: std::array::from_fn(|k| {
+                if self.layout.sensor {
+                    value(self.layout.angle(k), x[self.layout.angle(k)], 0.0)
+                } else {
+                    zero
+                }
             }),
             inertia: found,
             undetermined: undetermined.collect(),
@@ -425,9 +424,10 @@ fn carried(sample: &Sample, x: &[f64], channel: usize) -> f64 {
 fn spread(rests: &[f64]) -> f64 {
     let mut all: Vec<f64> = rests.iter().map(|x| x.abs()).collect();
     let middle = all.len() / 2;
-    match all.is_empty() {
-        true => 0.0,
-        false => MEDIAN_TO_SIGMA * *all.select_nth_unstable_by(middle, f64::total_cmp).1,
+    if all.is_empty() {
+        0.0
+    } else {
+        MEDIAN_TO_SIGMA * *all.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 }
 

@@ -15,9 +15,10 @@ pub fn cause_of<'s>(spans: &'s [Span], fault: &Span) -> Option<&'s Span> {
     let lasted = |span: &&Span| {
         span.begin_ns <= fault.begin_ns && fault.begin_ns.saturating_sub(span.end_ns) <= JOIN_NS
     };
-    let concerned = match fault.subjects.is_empty() {
-        true => subjects_of(spans, fault, event),
-        false => fault.subjects.clone(),
+    let concerned = if fault.subjects.is_empty() {
+        subjects_of(spans, fault, event)
+    } else {
+        fault.subjects.clone()
     };
     let leads = |span: &&Span| {
         let own = concerned.is_empty() || span.subjects.iter().any(|s| concerned.contains(s));

@@ -61,19 +61,20 @@ pub(super) fn read(section: Section<'_, '_>, sample_period: f64) -> DriveProfile
         section.finish();
         StatusBits { mask, value }
     });
-    let profile = match cia402 {
-        true => DriveProfile {
+    let profile = if cia402 {
+        DriveProfile {
             brake,
             time_out_set,
             ..DriveProfile::cia402(step_limit)
-        },
-        false => DriveProfile {
+        }
+    } else {
+        DriveProfile {
             status: status(&section),
             control: section.optional_section("control").map(control),
             step_limit,
             brake,
             time_out_set,
-        },
+        }
     };
     section.finish();
     profile

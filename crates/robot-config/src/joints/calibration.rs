@@ -86,23 +86,22 @@ impl Reader<'_, '_, '_> {
         let theirs = &file.joint;
         let prismatic = self.section.kind == JointKind::Prismatic;
         if prismatic != theirs.radius.is_some() {
-            let what = match prismatic {
-                true => format!("{path} is for a joint that turns, and this one is prismatic"),
-                false => format!("{path} is for a prismatic joint, and this one turns"),
+            let what = if prismatic {
+                format!("{path} is for a joint that turns, and this one is prismatic")
+            } else {
+                format!("{path} is for a prismatic joint, and this one turns")
             };
-            let allowed = match prismatic {
-                true => "a joint file with radius_m, as `torquectl calibrate` writes it",
-                false => "a joint file without radius_m",
+            let allowed = if prismatic {
+                "a joint file with radius_m, as `torquectl calibrate` writes it"
+            } else {
+                "a joint file without radius_m"
             };
             self.section.problem("calibration", what, allowed);
             return false;
         }
         let radius = theirs.radius.unwrap_or(1.0);
         // Counts of a prismatic joint's encoder are those of a mm.
-        let per_turn = match prismatic {
-            true => 1e3 * TAU * radius,
-            false => 1.0,
-        };
+        let per_turn = if prismatic { 1e3 * TAU * radius } else { 1.0 };
         let counts = |of: fn(&Drive) -> Option<f64>| drive.and_then(of);
         let mut matches = true;
         for (key, theirs, ours) in [

@@ -138,9 +138,10 @@ impl Reader<'_, '_, '_> {
             Some(limit) if limit > most => {
                 let what = format!("{limit} is not allowed");
                 let unit = kind.units("rad/s");
-                let whose = match most < drive.max_velocity {
-                    true => "URDF",
-                    false => "drive",
+                let whose = if most < drive.max_velocity {
+                    "URDF"
+                } else {
+                    "drive"
                 };
                 let allowed = format!("at most the {whose}'s {most} {unit}");
                 section.problem("velocity_limit_rad_per_s", what, allowed);
@@ -167,9 +168,10 @@ impl Reader<'_, '_, '_> {
     pub(super) fn torque_velocity(&self, limits: &Limits) -> f64 {
         let key = "torque_velocity_limit_rad_per_s";
         let given = self.section.optional_number(key, Allowed::Positive);
-        let share = match self.has_link {
-            true => TORQUE_VELOCITY_SHARE,
-            false => TORQUE_VELOCITY_SHARE_ALONE,
+        let share = if self.has_link {
+            TORQUE_VELOCITY_SHARE
+        } else {
+            TORQUE_VELOCITY_SHARE_ALONE
         };
         let velocity = given.unwrap_or(share * limits.velocity);
         if velocity > limits.velocity {
@@ -257,9 +259,10 @@ impl Reader<'_, '_, '_> {
             doubt,
             doubt_per_lead: DOUBT_PER_LEAD,
             doubt_samples: DOUBT_SAMPLES,
-            doubt_counts: match self.has_link {
-                true => 1.0,
-                false => DOUBT_COUNTS_ALONE,
+            doubt_counts: if self.has_link {
+                1.0
+            } else {
+                DOUBT_COUNTS_ALONE
             },
         }
     }
@@ -320,12 +323,11 @@ pub(super) fn plausibility(
             + drive.kind.threshold(TORSION_OFFSET),
         step,
         beside: (BESIDE_SHARE * step).max(STEP_COUNTS * counts).min(step),
-        motor_step: match drive.sampling.is_at_sync() {
-            true => {
-                IMPACT * limits.torque / rotor * sample_period * sample_period
-                    + STEP_COUNTS * motor_resolution / drive.gear_ratio
-            }
-            false => f64::INFINITY,
+        motor_step: if drive.sampling.is_at_sync() {
+            IMPACT * limits.torque / rotor * sample_period * sample_period
+                + STEP_COUNTS * motor_resolution / drive.gear_ratio
+        } else {
+            f64::INFINITY
         },
         jump: JUMP_SHARE * drive.max_velocity * sample_period,
         stop_way: if drive.sampling.is_at_sync() {

@@ -174,11 +174,12 @@ impl Reader<'_, '_, '_> {
             Quantity::Status | Quantity::Temperature | Quantity::Voltage => 1.0,
             _ => section.sign_or("direction", sign),
         };
-        let offset = match how.quantity.is_position() && section.has("offset_deg") {
-            true => section
+        let offset = if how.quantity.is_position() && section.has("offset_deg") {
+            section
                 .kind
-                .si(section.number("offset_deg", Allowed::Finite)),
-            false => offset,
+                .si(section.number("offset_deg", Allowed::Finite))
+        } else {
+            offset
         };
         let how = Use {
             sign,

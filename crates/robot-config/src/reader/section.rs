@@ -75,9 +75,10 @@ impl<'n, 't> Section<'n, 't> {
 
     /// The key as the file has it.
     fn key<'k>(&self, key: &'k str) -> Cow<'k, str> {
-        match MOTOR_SIDE.contains(&key) {
-            true => Cow::Borrowed(key),
-            false => self.kind.units(key),
+        if MOTOR_SIDE.contains(&key) {
+            Cow::Borrowed(key)
+        } else {
+            self.kind.units(key)
         }
     }
 
@@ -89,9 +90,10 @@ impl<'n, 't> Section<'n, 't> {
 
     /// The key's path in the schema, with the name of the section it belongs to.
     pub(crate) fn path(&self, key: &str) -> String {
-        match key.is_empty() {
-            true => format!("{}{}", self.path, self.which),
-            false => self.in_table(&self.key(key)),
+        if key.is_empty() {
+            format!("{}{}", self.path, self.which)
+        } else {
+            self.in_table(&self.key(key))
         }
     }
 

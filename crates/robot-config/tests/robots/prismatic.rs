@@ -141,9 +141,10 @@ fn keys_with_the_other_kinds_units_are_refused_with_the_right_one() {
         ),
     ] {
         let files = Files::new().with(LIFT_GRIPPER, from, to);
-        let at = match to.contains('\n') {
-            true => to.split('\n').nth(1).unwrap(),
-            false => to,
+        let at = if to.contains('\n') {
+            to.split('\n').nth(1).unwrap()
+        } else {
+            to
         };
         let key = format!(".{key}");
         refused(

@@ -61,12 +61,13 @@ impl Robot {
         let (joints, sensor_count) = (3 + random.below(7), 1 + random.below(4));
         // Every fourth joint but the first three follows one of those.
         let mut random_mimic = Random::new(seed ^ 0x6d69);
-        let mut mimic = |i: usize| match i > 3 && random_mimic.below(4) == 0 {
-            true => {
+        let mut mimic = |i: usize| {
+            if i > 3 && random_mimic.below(4) == 0 {
                 let (driver, ratio) = (1 + random_mimic.below(3), 2.0 * random_mimic.symmetric());
                 format!("<mimic joint='joint{driver}' multiplier='{ratio}' offset='0.2'/>")
+            } else {
+                String::new()
             }
-            false => String::new(),
         };
         for i in 1..=joints {
             let (parent, beyond) = carriers[random.below(carriers.len())].clone();

@@ -182,9 +182,10 @@ fn step(joint: &str, since: f64) -> f64 {
     };
     let swing = side * phase.sin();
     let own = (since + if side < 0.0 { 0.5 * CYCLE } else { 0.0 }) % CYCLE;
-    let drawn_up = match own < SWING && since >= CYCLE {
-        true => 0.5 * (1.0 - (TAU * own / SWING).cos()),
-        false => 0.0,
+    let drawn_up = if own < SWING && since >= CYCLE {
+        0.5 * (1.0 - (TAU * own / SWING).cos())
+    } else {
+        0.0
     };
     // Stretched by 7 degrees, drawn up by 19 more than at the start.
     let lift = -0.12 + 0.45 * drawn_up;

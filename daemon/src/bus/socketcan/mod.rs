@@ -138,9 +138,10 @@ impl SocketCan {
         let Some(&interface) = self.interfaces.get(usize::from(frame.bus)) else {
             return false;
         };
-        let (capacity, size) = match frame.fd {
-            true => (can_codec::MAX_DATA, libc::CANFD_MTU),
-            false => (CLASSIC_DATA, libc::CAN_MTU),
+        let (capacity, size) = if frame.fd {
+            (can_codec::MAX_DATA, libc::CANFD_MTU)
+        } else {
+            (CLASSIC_DATA, libc::CAN_MTU)
         };
         if frame.error || usize::from(frame.len) > capacity {
             return false;
