@@ -1,6 +1,6 @@
 //! `torquectl blackbox` of recorded runs that are none.
 
-mod common;
+use crate::common;
 
 use common::{expect, record_demo};
 use serde_json::Value;

@@ -1,6 +1,6 @@
 //! `torquectl doctor` on machines of files: a good one, and the same with one defect each.
 
-mod doctor_machine;
+use crate::doctor_machine;
 
 use doctor_machine::Machine;
 

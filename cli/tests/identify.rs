@@ -1,7 +1,7 @@
 //! `torquectl identify drive` as a whole process, on a recording that the daemon's loop made of the
 //! simulated test joint.
 
-mod common;
+use crate::common;
 
 use common::{expect, record_demo};
 use serde_json::Value;

@@ -1,7 +1,7 @@
 //! `torquectl learn` as a whole process, on a recording that the daemon's loop made of a simulated joint with
 //! a payload that its model does not have.
 
-mod common;
+use crate::common;
 
 use common::{expect, record_demo};
 use serde_json::Value;

@@ -1,7 +1,7 @@
 //! Files that a command cannot write to their end (a full disk), or would make from themselves: each is named, and the
 //! older file of that name stays whole.
 
-mod common;
+use crate::common;
 
 use common::{expect, record_demo};
 use std::fs;

@@ -1,7 +1,7 @@
 //! `torquectl tare`, `contacts` and an operator's commands as their own processes, beside a daemon's end of shared
 //! memory that answers like torqued.
 
-mod common;
+use crate::common;
 
 use common::{RunDir, text};
 use serde_json::Value;

@@ -1,7 +1,7 @@
 //! The calibrations that the shipped robots come with (`config/calibrate.sh`): each is its robot's, changes nothing else
 //! of it, and makes its torques better.
 
-mod common;
+use crate::common;
 
 use common::expect;
 use std::fs;

@@ -1,6 +1,6 @@
 //! `torquectl watch` as its own process, beside a daemon's end of shared memory.
 
-mod common;
+use crate::common;
 
 use common::{RunDir, text};
 use serde_json::Value;

@@ -1,6 +1,6 @@
 //! Faults in front of the daemon's loop: each leaves a black box that names what came first.
 
-mod common;
+use crate::common;
 
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! The loop's thread from its start to its controlled end, in front of a simulated robot.
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

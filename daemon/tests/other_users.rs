@@ -3,7 +3,7 @@
 //! Runs in a mount namespace with a `/dev/shm` of its own, which user nobody writes into, fills, and
 //! takes names in.
 
-mod common;
+use crate::common;
 
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;

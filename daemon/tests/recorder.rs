@@ -1,6 +1,6 @@
 //! The recorder's ends: the loop never allocates or waits for it; files end in an orderly way.
 
-mod common;
+use crate::common;
 
 use std::fs;
 use std::path::{Path, PathBuf};

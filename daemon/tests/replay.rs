@@ -1,6 +1,6 @@
 //! A recorded run is computed again bit by bit from its file alone; what differs is named.
 
-mod common;
+use crate::common;
 
 use std::fs::File;
 use std::io::{self, BufReader};

@@ -1,6 +1,6 @@
 //! The request server alone, with made-up records of the leg.
 
-mod common;
+use crate::common;
 
 use std::time::{Duration, Instant};
 

@@ -1,6 +1,6 @@
 //! The daemon's hand-over to clients, seen from both sides.
 
-mod common;
+use crate::common;
 
 use std::thread;
 use std::time::{Duration, Instant};

@@ -1,6 +1,6 @@
 //! `torqued run --simulate`: a process of its own without CAN, seen by a client through shared memory.
 
-mod common;
+use crate::common;
 
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};

@@ -1,6 +1,6 @@
 //! Simulated sensors with clocks of their own: in lock-step with the loop, and refused on CAN.
 
-mod common;
+use crate::common;
 
 use cycle::ClientInput;
 use robot_state::measured_flags;

@@ -1,7 +1,7 @@
 //! Requests of clients to a daemon that runs the simulated leg, in one process: shared memory, request server,
 //! loop and CAN frames are the real ones, time is as fast as it goes.
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

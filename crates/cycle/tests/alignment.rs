@@ -1,7 +1,7 @@
 //! Sensors with latency or a clock of their own, compared with the same robot with all sensors at
 //! SYNC.
 
-mod common;
+use crate::common;
 
 use can_codec::{Frame, Frames};
 use common::Bench;

@@ -17,7 +17,7 @@
 mod check;
 #[path = "anything/clients.rs"]
 mod clients;
-mod common;
+use crate::common;
 #[path = "anything/faults.rs"]
 mod faults;
 

@@ -1,6 +1,6 @@
 //! Invalid frames and references are counted, and the robot holds its position.
 
-mod common;
+use crate::common;
 
 use can_codec::{EXTENDED_ID, Frame};
 use common::{Bench, client_input};

@@ -1,6 +1,6 @@
 //! A joint with a joint file is estimated by all estimators of the file.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use cycle::ClientInput;

@@ -1,6 +1,6 @@
 //! Mode Cartesian: a frame led by springs and forces, in front of the simulated leg.
 
-mod common;
+use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, client_input, read};

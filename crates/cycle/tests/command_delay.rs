@@ -1,6 +1,6 @@
 //! The delay of commands, as the loop measures it.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, current_drive, read};
 use robot_state::{Event, Mode};

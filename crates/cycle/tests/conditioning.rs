@@ -1,6 +1,6 @@
 //! F/T sensors: from raw signals on the bus to wrenches, and offsets that change while running.
 
-mod common;
+use crate::common;
 
 use common::{Bench, read};
 use cycle::ClientInput;

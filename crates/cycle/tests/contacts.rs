@@ -1,7 +1,7 @@
 //! Contact sets in the cycle: chosen by the rule and by clients, changed without a step; and contact
 //! flags from external torques.
 
-mod common;
+use crate::common;
 
 use can_codec::Frames;
 use common::{Bench, read};

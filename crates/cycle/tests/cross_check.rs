@@ -1,6 +1,6 @@
 //! The cross-check in the cycle, on the standing humanoid.
 
-mod common;
+use crate::common;
 
 use common::Bench;
 use cycle::Cycle;

@@ -1,7 +1,7 @@
 //! Drives that take currents: whatever one sensor shows, a joint is held where it is, and one that
 //! moves is brought to rest and left to its brake.
 
-mod common;
+use crate::common;
 
 use common::motion::{Motion, state};
 use common::{Bench, client_input, current_drive, read_with_current_drive, spoil};

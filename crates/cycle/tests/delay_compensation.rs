@@ -1,6 +1,6 @@
 //! The delay-compensated torque in the cycle: better than either of its sources at the same instant.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input};
 use robot_state::torque_flags;

@@ -1,6 +1,6 @@
 //! A drive whose position loop is not the configured one, as the loop notices it.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use robot_state::{Event, Mode};

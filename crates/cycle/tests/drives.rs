@@ -1,7 +1,7 @@
 //! Drives that refuse, fail, lose their power or hear nothing, in front of the cycle: the fault is
 //! latched, the other joints are held, and nothing moves before an operator has enabled the robot.
 
-mod common;
+use crate::common;
 
 use common::motion::{Motion, engaged, state};
 use common::{Bench, client_input};

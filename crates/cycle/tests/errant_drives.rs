@@ -1,7 +1,7 @@
 //! Drives that err themselves: the drive's own loop, its frames and the loop see the same, and several err in
 //! one cycle. True motion is judged.
 
-mod common;
+use crate::common;
 
 use common::motion::{Motion, state};
 use common::{Bench, client_input, read, spoil};

@@ -1,7 +1,7 @@
 //! Drives that do not follow their set-points are found and switched off; drives that do, at work,
 //! stay far from the limits. Withdrawn joints do not silence others, and no drive keeps a current.
 
-mod common;
+use crate::common;
 
 use can_codec::{Frame, Frames};
 use common::motion::state;

@@ -1,7 +1,7 @@
 //! The loop leaves out ten cycles in motion: the drives brake at set-points that stand, and no joint's torque then
 //! changes faster than by that.
 
-mod common;
+use crate::common;
 
 use common::motion::state;
 use common::{Bench, client_input, read};

@@ -1,6 +1,6 @@
 //! A standing humanoid that presses with a hand on something fixed, in mode Cartesian.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use robot_state::{Event, FrameReference, Mode, Reference, Settings};

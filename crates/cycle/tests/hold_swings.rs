@@ -1,7 +1,7 @@
 //! A hold of a drive that takes currents, with gains that are far too high for its delay: it swings by itself, and
 //! is a fault within its first swings; in the fault no current drives the joint.
 
-mod common;
+use crate::common;
 
 use common::motion::state;
 use common::{Bench, client_input, current_drive, read_with_current_drive};

@@ -1,6 +1,6 @@
 //! Stiffness and damping that a client chooses while the robot runs.
 
-mod common;
+use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, client_input};

@@ -1,7 +1,7 @@
 //! Drives whose velocity loop integrates (P-PI), in front of the whole cycle: known of, they follow motions as others do,
 //! or are refused by name; unknown, they are named before anything moves.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use robot_config::torque_loops::refused_loops;

@@ -1,7 +1,7 @@
 //! Mode torque of joints without a link-side encoder, which follow the torque of F/T sensors and IMU: a sensor that
 //! errs moves no joint that stands, and is found by motor current; sound sensors are not.
 
-mod common;
+use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, FLOOR, client_input, read, spoil, spoil_ft};

@@ -1,7 +1,7 @@
 //! Passive mode, torque-feedback motion and low-gain tracking, in front of the simulated leg and test joint:
 //! how they begin, what they do, and how they end.
 
-mod common;
+use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, client_input, read};

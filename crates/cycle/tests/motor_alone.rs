@@ -1,7 +1,7 @@
 //! Joints without a link-side encoder: the angle by the explained torsion, the torque of F/T sensors and IMU,
 //! control by it, and what becomes of both when a sensor fails.
 
-mod common;
+use crate::common;
 
 use common::motion::{Motion, state};
 use common::{Bench, client_input, read, spoil};

@@ -1,6 +1,6 @@
 //! Legs of other proportions than those on which the law's numbers were chosen.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use robot_state::Mode;

@@ -1,6 +1,6 @@
 //! Mode passive where nobody touches the robot: no joint moves, whatever is known of its torque's level.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use robot_state::{Event, Mode};

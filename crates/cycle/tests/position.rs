@@ -1,6 +1,6 @@
 //! Mode position: the robot goes where it is sent, as planned, and comes to rest on the way there.
 
-mod common;
+use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, client_input, current_drive};

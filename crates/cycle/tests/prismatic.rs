@@ -1,7 +1,7 @@
 //! Prismatic joints and joints that follow others, on robots drawn at random around lift-gripper: torque and
 //! control by the plant's truth.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use robot_state::{JointReference, Mode, Reference, torque_flags};

@@ -1,7 +1,7 @@
 //! Configured reactions: an event ends the modes that need what failed, releases the robot, or
 //! stops it, as `[safety.reactions]` says.
 
-mod common;
+use crate::common;
 
 use common::motion::{Motion, state};
 use common::{Bench, client_input, read};

@@ -1,7 +1,7 @@
 //! References that ask for more than the robot can do or contradict themselves, and what the robot
 //! does when a reference ends in motion: whole loop, true motion of the joints.
 
-mod common;
+use crate::common;
 
 use common::motion::{Motion, state};
 use common::{Bench, client_input, current_drive};

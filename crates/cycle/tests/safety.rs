@@ -3,7 +3,7 @@
 //! Each test drives the cycle in front of the simulated robot, spoils one input and measures what
 //! the joints truly do.
 
-mod common;
+use crate::common;
 
 use can_codec::Frame;
 use common::motion::{Motion, engaged, state};

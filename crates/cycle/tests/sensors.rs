@@ -1,7 +1,7 @@
 //! Sensors whose values stay the same or stand at the ends of their ranges end the modes that need
 //! them; healthy ones, at rest and in motion, are never taken for such.
 
-mod common;
+use crate::common;
 
 use can_codec::Frame;
 use common::motion::{Motion, state};

@@ -1,6 +1,6 @@
 //! Several IMUs: the others check the first one and stand in for it; none of them makes it worse.
 
-mod common;
+use crate::common;
 
 use can_codec::Frame;
 use common::{Bench, client_input, read};

@@ -1,6 +1,6 @@
 //! Encoders and F/T sensors that drift slowly while nothing but a torque holds the joints, and hands, which are no drift.
 
-mod common;
+use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, client_input, spoil, spoil_ft};

@@ -1,6 +1,6 @@
 //! A humanoid that stands on both feet: references without contact wrenches, pushes at its chest.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use robot_state::{Event, Mode};

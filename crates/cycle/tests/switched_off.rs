@@ -1,7 +1,7 @@
 //! A robot that waits for its operator: its drives are off, brakes carry it, and no current flows. That is
 //! no disagreement of the sources, and no torque of zero.
 
-mod common;
+use crate::common;
 
 use common::{Bench, read};
 use cycle::OperatorRequest;

@@ -1,6 +1,6 @@
 //! Drives that are hot, in front of the cycle: what they tell is in the record, the torque limit falls, the robot stops.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use cycle::ClientInput;

@@ -1,7 +1,7 @@
 //! Mode torque, in which nothing but the torque that is believed holds a joint: faults that change what
 //! is believed, and loads that are let go.
 
-mod common;
+use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, client_input, spoil, spoil_ft};

@@ -1,7 +1,7 @@
 //! Trajectories that a client sends ahead: followed through its stutter, stopped where they end or
 //! their client dies, and checked in every cycle.
 
-mod common;
+use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, spoil_piece};

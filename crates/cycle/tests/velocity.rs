@@ -1,6 +1,6 @@
 //! Mode velocity: joints follow streamed velocities, and come to rest before their position limits.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input};
 use robot_state::{Event, Mode, Reference, RobotState};

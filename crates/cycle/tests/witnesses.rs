@@ -1,6 +1,6 @@
 //! A robot without F/T sensors that a hand, a wall or a block touches: none of them is an encoder that errs.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use robot_state::{Event, Mode, Reference};

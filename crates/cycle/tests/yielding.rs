@@ -1,6 +1,6 @@
 //! Contacts: detected within milliseconds, not found where there is none, and what follows from one.
 
-mod common;
+use crate::common;
 
 use common::{Bench, client_input, read};
 use cycle::{ClientInput, OperatorRequest};

@@ -1,10 +1,8 @@
 //! Logs of joints drawn at random, sound or with one of thirty-odd defects: defects are named, sound logs
 //! pass, and what is mended is what was there.
 
-#[path = "common/other_joint.rs"]
-mod other_joint;
-#[path = "common/spoilt.rs"]
-mod spoilt;
+use crate::other_joint;
+use crate::spoilt;
 
 use identification::inputs::{LogKind, inspect};
 use identification::log::LogRow;

@@ -1,9 +1,7 @@
 //! Feed-forward as a source, on the plant's joint: it corrects what gear and current are wrong by, and hides no
 //! contact.
 
-#[path = "common/bench.rs"]
-#[allow(dead_code)]
-mod bench;
+use crate::bench;
 
 use bench::{PENDULUM, SEED, joint, rig, smooth};
 use estimators::joint::JointTorqueEstimator;

@@ -1,9 +1,7 @@
 //! Wrong logs are refused with their cause, right ones pass: the plant's joint on its bench, and
 //! what users do to its logs.
 
-#[path = "common/bench.rs"]
-#[allow(dead_code)]
-mod bench;
+use crate::bench;
 
 use identification::excitation::Quantity;
 use identification::inputs::{Inspection, LogKind, inspect};

@@ -2,8 +2,7 @@
 //! not mislead them.
 
 #[allow(dead_code, reason = "shared with an example")]
-#[path = "common/bench.rs"]
-mod bench;
+use crate::bench;
 
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use estimators::local_gp::{LocalGp, LocalGpEstimator};

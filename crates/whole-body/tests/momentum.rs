@@ -1,8 +1,7 @@
 //! The momentum observer on random robots that fall freely or are pushed, integrated by forward
 //! dynamics.
 
-#[allow(dead_code)] // each test uses a part of it
-mod common;
+use crate::common;
 
 use common::Robot;
 use dynamics::{Data, Force, Motion, aba, forward_kinematics_acceleration, integrate};

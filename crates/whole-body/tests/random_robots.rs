@@ -1,7 +1,6 @@
 //! Torques and contact wrenches against the full inverse dynamics of random robots.
 
-#[allow(dead_code)] // each test uses a part of it
-mod common;
+use crate::common;
 
 use common::{Robot, Scene};
 use dynamics::Se3;

@@ -1,8 +1,7 @@
 //! Standard deviations of torques, contact wrenches and residuals of random robots: against the
 //! effect of each input by itself, and against random draws of all of them.
 
-#[allow(dead_code)] // each test uses a part of it
-mod common;
+use crate::common;
 
 use common::{Robot, Scene};
 use robot_state::Wrench;

@@ -1,7 +1,6 @@
 //! Tare of the humanoid plant standing on one foot: nothing else touches it.
 
-#[allow(dead_code)] // other tests use the rest
-mod walk;
+use crate::walk;
 
 use plant::SimParameters;
 use std::cell::Cell;

@@ -2,8 +2,7 @@
 //! harness, with contact changes, bias, noise, hysteresis and friction. docs/results/whole-body.md
 //! has the figures; here stand bounds that hold for other seeds too.
 
-#[allow(dead_code)] // the results page uses the rest
-mod walk;
+use crate::walk;
 
 use plant::SimParameters;
 use walk::station::{Fault, Station, deviation, error, first_cause, in_the_air, lag};

@@ -1,0 +1,16 @@
+//! All tests of `daemon` in one program, which is built and linked once.
+
+mod common;
+mod black_box;
+mod looper;
+mod offsets;
+mod operator;
+mod other_users;
+mod recorder;
+mod replay;
+mod request_server;
+mod service;
+mod shared_memory;
+mod simulate;
+mod simulator;
+mod tare;
