@@ -1,6 +1,6 @@
 //! Limits of a joint: position, velocity, torque, power, lead of the command.
 
-use super::Reader;
+use super::{Reader, inertia};
 use crate::drives::Drive;
 use crate::reader::Allowed;
 use crate::wiring::Reach;
