@@ -181,7 +181,7 @@ pub(crate) fn designs(judged: &[JudgedJoint]) -> String {
     let hz = |bandwidth: f64| bandwidth / TAU;
     let default = Design::default();
     let alone: Vec<&str> = (judged.iter())
-        .filter(|joint| joint.design.is_some_and(|design| design.help <= 0.0))
+        .filter(|joint| joint.design.is_some_and(|design| design.assist <= 0.0))
         .map(|joint| joint.of_joint.name.as_str())
         .collect();
     let alone = if alone.is_empty() {
@@ -195,8 +195,8 @@ pub(crate) fn designs(judged: &[JudgedJoint]) -> String {
     let other = judged.iter().filter_map(|joint| {
         let d = joint.design?;
         let linear = Design {
-            hand: default.hand,
-            help: default.help,
+            assist_bandwidth: default.assist_bandwidth,
+            assist: default.assist,
             ..d
         };
         (linear != default).then(|| format!(
@@ -255,8 +255,8 @@ pub(crate) fn table(judged: &[JudgedJoint]) -> String {
                 joint.most[1],
                 joint.of_joint.joint_kind.units("N·m·s/rad")
             ),
-            (joint.design.filter(|design| design.help > 0.0))
-                .map_or_else(|| "-".to_owned(), |design| format!("{:.1}", design.help)),
+            (joint.design.filter(|design| design.assist > 0.0))
+                .map_or_else(|| "-".to_owned(), |design| format!("{:.1}", design.assist)),
         ]);
     }
     TextTable(rows).to_string()
@@ -288,8 +288,8 @@ pub(crate) fn objects(judged: &[JudgedJoint]) -> Vec<Value> {
                 "rotor_observer_Hz": design.rotor / TAU,
                 "link_observer_Hz": design.link / TAU,
                 "follow_Hz": design.follow / TAU,
-                "hand_Hz": design.hand / TAU,
-                "help": design.help,
+                "hand_Hz": design.assist_bandwidth / TAU,
+                "help": design.assist,
             })),
             "bandwidth_Hz": joint.bandwidth[0],
             "bandwidth_stuck_Hz": joint.bandwidth[1],

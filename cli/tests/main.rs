@@ -1,11 +1,11 @@
 //! All tests of `cli` in one program, which is built and linked once.
 
-mod common;
-mod doctor_machine;
 mod blackbox;
 mod check;
+mod common;
 mod config;
 mod doctor;
+mod doctor_machine;
 mod dynamics;
 mod excite;
 mod formats;

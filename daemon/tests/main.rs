@@ -1,7 +1,7 @@
 //! All tests of `daemon` in one program, which is built and linked once.
 
-mod common;
 mod black_box;
+mod common;
 mod looper;
 mod offsets;
 mod operator;

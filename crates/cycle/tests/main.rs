@@ -1,12 +1,12 @@
 //! All tests of `cycle` in one program, which is built and linked once.
 
-mod common;
 mod alignment;
 mod anything;
 mod bad_input;
 mod calibration;
 mod cartesian;
 mod command_delay;
+mod common;
 mod conditioning;
 mod contacts;
 mod cross_check;

@@ -1,9 +1,5 @@
 //! All tests of `identification` in one program, which is built and linked once.
 
-#[path = "common/other_joint.rs"]
-mod other_joint;
-#[path = "common/spoilt.rs"]
-mod spoilt;
 #[path = "common/bench.rs"]
 mod bench;
 mod contradictions;
@@ -18,3 +14,7 @@ mod least_squares;
 mod load;
 mod log;
 mod motor;
+#[path = "common/other_joint.rs"]
+mod other_joint;
+#[path = "common/spoilt.rs"]
+mod spoilt;

@@ -35,7 +35,7 @@ fn design_helps_a_hand_and_keeps_the_margins_with_another_damping() {
         let chosen = choose_design(&of_joint, &NEEDED, f64::INFINITY);
         let linear = Design {
             assist: default.assist,
-            hand: default.hand,
+            assist_bandwidth: default.assist_bandwidth,
             ..chosen
         };
         assert_eq!(linear, default, "{of_joint:?}");

@@ -118,7 +118,6 @@ pub(crate) struct Walk {
     time: f64,
     pub(crate) stepping_since: Option<f64>,
     pub(crate) pose: fn(&str) -> f64,
-    posed: Vec<f64>,
 }
 
 impl Walk {
@@ -139,7 +138,6 @@ impl Walk {
             time: 0.0,
             stepping_since: None,
             pose: |_| 0.0,
-            posed: vec![0.0; config.parameters.joints.len()],
         }
     }
 
