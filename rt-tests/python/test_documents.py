@@ -1,4 +1,4 @@
-"""Links between the project's documents lead to files and headings that exist."""
+"""Links between documents lead to files and headings that exist; sentences of hand-written pages are short."""
 
 import subprocess
 from functools import cache
@@ -8,10 +8,50 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from markdown_it import MarkdownIt
 from mdit_py_plugins.anchors import anchors_plugin
+from sentences import too_long
 
 ROOT = Path(__file__).parents[2]
 LISTED = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.md"]
 DOCUMENTS = subprocess.check_output(LISTED, cwd=ROOT, text=True).split()
+MOST_WORDS = 40
+# Pages whose long sentences are still to be split.
+UNFINISHED = {
+    "README.md",
+    "docs/architecture.md",
+    "docs/bring-up.md",
+    "docs/calibration-inertia.md",
+    "docs/calibration.md",
+    "docs/cartesian.md",
+    "docs/configuration.md",
+    "docs/contact.md",
+    "docs/control.md",
+    "docs/decisions/0002-records-of-fixed-size.md",
+    "docs/decisions/0006-gains-of-the-standing-humanoid.md",
+    "docs/decisions/0007-lanes-of-our-own.md",
+    "docs/decisions/0008-predictive-torque-law.md",
+    "docs/drive-identification.md",
+    "docs/drives.md",
+    "docs/dynamics.md",
+    "docs/excitation.md",
+    "docs/importing.md",
+    "docs/joint-file.md",
+    "docs/modes.md",
+    "docs/operating.md",
+    "docs/recording.md",
+    "docs/safety-limits.md",
+    "docs/safety.md",
+    "docs/simulation.md",
+    "docs/testing.md",
+    "docs/view.md",
+    "docs/whole-body-use.md",
+    "docs/whole-body.md",
+    "robot-models/humanoid/SOURCES.md",
+}
+
+
+def by_hand(document):
+    """Whether a page is written by hand: pages of results and the table of equations are not."""
+    return not document.startswith("docs/results/") and document != "docs/equations.md"
 
 
 @cache
@@ -58,3 +98,15 @@ def test_wrong_links_are_found():
     assert fault(path, "modes.md#passive-mode") is None
     assert fault(path, "modes.md#no-such-mode") == "no such heading"
     assert fault(path, "no-such-file.md") == "no such file"
+
+
+@pytest.mark.parametrize("document", [it for it in DOCUMENTS if by_hand(it) and it not in UNFINISHED])
+def test_sentences_are_short(document):
+    assert not list(too_long((ROOT / document).read_text(), MOST_WORDS))
+
+
+def test_long_sentences_are_found():
+    long = " ".join(["word"] * 40)
+    assert not list(too_long(f"# Title\n\n{long}. {long}!\n\n```\n{long} {long}\n```\n", 40))
+    assert [line for line, *_ in too_long(f"Short.\n\n- {long} (a [link](x.md))\n", 40)] == [3]
+    assert [count for _, count, _ in too_long(f"| a | b |\n| --- | --- |\n| {long} | `x` {long} |\n", 40)] == [41]
