@@ -221,7 +221,7 @@ fn beside_user_nobody() {
 #[test]
 fn another_user_keeps_neither_a_stop_nor_a_restart_from_happening() {
     let script = "mount -t tmpfs -o size=80m,mode=1777 tmpfs /dev/shm || exit 77
-        exec \"$0\" --ignored --exact beside_user_nobody --nocapture";
+        exec \"$0\" --ignored --exact other_users::beside_user_nobody --nocapture";
     let out = Command::new("unshare")
         .args(["--mount", "sh", "-c", script])
         .arg(std::env::current_exe().expect("this test"))

@@ -255,7 +255,7 @@ fn the_newest_black_boxes_are_kept_and_parts_removed() {
     assert_eq!(sequences(newest), (1..=1201).collect::<Vec<_>>());
 }
 
-/// `cargo test --release -p torqued --test recorder -- --ignored --nocapture`
+/// `cargo test --release -p torqued --test all recorder:: -- --ignored --nocapture`
 #[test]
 #[ignore = "a measurement"]
 fn time_of_the_loop_for_a_cycle() {

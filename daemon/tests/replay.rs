@@ -112,7 +112,7 @@ fn own_time_s() -> f64 {
     time.tv_sec() as f64 + time.tv_nsec() as f64 * 1e-9
 }
 
-/// Ten minutes: `cargo test --release -p torqued --test replay -- --ignored --nocapture`.
+/// Ten minutes: `cargo test --release -p torqued --test all replay:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "takes minutes"]
 fn ten_minutes_are_computed_again_bit_by_bit() {

@@ -20,7 +20,7 @@ mod sound;
 pub use digest::Digest;
 pub use motion::Moved;
 pub use motion::Reference;
-pub use page::{Results, line, page};
+pub use page::{Results, csv, line, page};
 pub use pairs::{Pair, PairOutcome, draw, run_pair};
 pub use rig::{At, Client, Fault, Rig};
 pub use robots::{Drives, Prepared, Variant};

@@ -1,10 +1,10 @@
-//! Writes docs/results/safety.md.
+//! Writes docs/results/safety.md and docs/results/safety.csv.
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use safety_bench::{
     Outcome, Pair, PairOutcome, Place, Prepared, Reference, Results, Scenario, Start, Variant,
-    Verdict, all, draw, page, places, reference, run, run_pair, run_sound,
+    Verdict, all, csv, draw, page, places, reference, run, run_pair, run_sound,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -143,6 +143,7 @@ fn work(arguments: &Arguments) -> Result<usize, String> {
     };
     let last = std::fs::read_to_string(&arguments.out).unwrap_or_default();
     write(&arguments.out, &page(&results, &last))?;
+    write(&arguments.out.with_extension("csv"), &csv(&results))?;
     Ok(failed)
 }
 

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use crate::motion::Reference;
 use crate::robots::Variant;
 use crate::run::{Outcome, Verdict};
-use crate::scenarios::{Bound, Start, all};
+use crate::scenarios::{Bound, Scenario, Start, all};
 
 /// Everything that the page shows.
 #[derive(Debug, Default)]
@@ -45,8 +45,9 @@ pub fn page(results: &Results, last: &str) -> String {
     text += kept.unwrap_or(KEPT_DEFAULT);
     text += "\n\n";
     not_held(&mut text, results);
+    nearest(&mut text, results);
+    groups(&mut text, results);
     without_fault(&mut text, results);
-    tables(&mut text, results);
     text
 }
 
@@ -191,63 +192,125 @@ fn row(text: &mut String, o: &Outcome) {
     );
 }
 
-/// For each scenario how many runs hold, and of those that hold and of those that the fault itself
-/// moves the one that comes nearest to its bounds.
-fn tables(text: &mut String, results: &Results) {
-    let mut group = "";
+/// Runs that are listed as the nearest to their bounds.
+const LISTED: usize = 20;
+
+/// Of all runs that hold, those that come nearest to their bounds.
+fn nearest(text: &mut String, results: &Results) {
+    let mut held: Vec<(f64, &(Variant, Outcome))> = (results.outcomes.iter())
+        .filter(|(_, o)| o.verdict == Verdict::Holds)
+        .filter_map(|run| Some((badness(&run.1, scenario(&run.1)?.bound), run)))
+        .collect();
+    held.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    let _ = writeln!(
+        text,
+        "## The {LISTED} runs that come nearest to their bounds\n"
+    );
+    row_head(text, "fault | robot");
+    for (_, (variant, outcome)) in held.into_iter().take(LISTED) {
+        let _ = write!(text, "| {} | {} |", outcome.scenario, variant.name());
+        row(text, outcome);
+    }
+    text.push('\n');
+}
+
+fn scenario(outcome: &Outcome) -> Option<Scenario> {
+    all()
+        .into_iter()
+        .find(|scenario| scenario.name == outcome.scenario)
+}
+
+/// Counts, medians and worst of each group of faults.
+fn groups(text: &mut String, results: &Results) {
+    text.push_str(
+        "## By kind of fault\n\nDisplacement and speed of the runs that hold: median and worst. Speeds are shares of the \
+         velocity limit.\n\n| kind | faults | runs | hold | physics | displacement, ° | speed, % |\n\
+         | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+    );
+    let mut names: Vec<&str> = Vec::new();
     for scenario in all() {
-        let its = || {
-            results
-                .outcomes
-                .iter()
-                .filter(|(_, o)| o.scenario == scenario.name)
-        };
-        let runs = its().count();
-        if runs == 0 {
-            continue;
-        }
-        if scenario.group != group {
-            group = scenario.group;
-            let _ = writeln!(text, "\n## {group}\n");
-            row_head(text, "fault | hold | nearest to its bounds");
-        }
-        let step = match scenario.bound {
-            Bound::MotionAndStep | Bound::Gap(_) | Bound::Approach => " (step)",
-            Bound::Motion | Bound::Straying | Bound::Physics | Bound::Torque | Bound::Shown(_) => {
-                ""
-            }
-        };
-        let of = |verdict: Verdict| {
-            let its = its().filter(|(_, o)| o.verdict == verdict);
-            let nearness = |o: &Outcome| badness(o, scenario.bound);
-            let worst = its
-                .clone()
-                .max_by(|(_, a), (_, b)| nearness(a).total_cmp(&nearness(b)));
-            (its.count(), worst)
-        };
-        let (held, nearest) = of(Verdict::Holds);
-        let mut name = format!("{}{step} | {held} of {runs}", scenario.name);
-        for (variant, outcome) in [nearest, of(Verdict::Physics).1].into_iter().flatten() {
-            let _ = write!(text, "| {name} | {} |", variant.name());
-            row(text, outcome);
-            name = " | ".to_owned();
+        if !names.contains(&scenario.group) {
+            names.push(scenario.group);
         }
     }
+    for group in names {
+        let scenarios: Vec<_> = (all().into_iter())
+            .filter(|scenario| scenario.group == group)
+            .map(|scenario| scenario.name)
+            .collect();
+        let its: Vec<&Outcome> = (results.outcomes.iter())
+            .map(|(_, outcome)| outcome)
+            .filter(|outcome| scenarios.contains(&outcome.scenario))
+            .collect();
+        if its.is_empty() {
+            continue;
+        }
+        let of = |verdict: Verdict| its.iter().filter(move |o| o.verdict == verdict);
+        let both = |value: fn(&Outcome) -> f64| {
+            let mut values: Vec<f64> = of(Verdict::Holds).map(|o| value(o)).collect();
+            values.sort_by(f64::total_cmp);
+            let median = values.get(values.len() / 2).copied().unwrap_or(f64::NAN);
+            let worst = values.last().copied().unwrap_or(f64::NAN);
+            format!("{median:.3}, {worst:.3}")
+        };
+        let _ = writeln!(
+            text,
+            "| {group} | {} | {} | {} | {} | {} | {} |",
+            scenarios.len(),
+            its.len(),
+            of(Verdict::Holds).count(),
+            of(Verdict::Physics).count(),
+            both(|o| o.moved.displacement.to_degrees()),
+            both(|o| 100.0 * o.moved.speed_share)
+        );
+    }
+    text.push('\n');
+}
+
+/// A row for each fault and verdict: how many runs there are, and the one that comes nearest to its bounds.
+#[must_use]
+pub fn csv(results: &Results) -> String {
+    let mut text = "group,fault,runs,verdict,nearest_robot,begins_in,joint,first_event,after_ms,speed_rad_per_s,\
+                    speed_percent,torque_in_5ms_percent,displacement_deg\n"
+        .to_owned();
+    for scenario in all() {
+        for (verdict, name) in [
+            (Verdict::Holds, "holds"),
+            (Verdict::Physics, "physics"),
+            (Verdict::Fails, "no"),
+        ] {
+            let its = || {
+                (results.outcomes.iter())
+                    .filter(|(_, o)| o.scenario == scenario.name && o.verdict == verdict)
+            };
+            let nearness = |o: &Outcome| badness(o, scenario.bound);
+            let worst = its().max_by(|(_, a), (_, b)| nearness(a).total_cmp(&nearness(b)));
+            let Some((variant, o)) = worst else {
+                continue;
+            };
+            let event = Event::from_number(o.event).map_or("none", |event| event.name());
+            let after = o.detected_ms.map_or(String::new(), |ms| ms.to_string());
+            let _ = writeln!(
+                text,
+                "{},\"{}\",{},{name},\"{}\",{},{},{event},{after},{:.4},{:.2},{:.2},{:.4}",
+                scenario.group.replace(',', ";"),
+                scenario.name,
+                its().count(),
+                variant.name(),
+                o.start,
+                o.joint,
+                o.moved.speed,
+                100.0 * o.moved.speed_share,
+                100.0 * o.moved.step_share,
+                o.moved.displacement.to_degrees()
+            );
+        }
+    }
+    text
 }
 
 const KEPT_BEGIN: &str = "<!-- written by hand, kept -->";
 const KEPT_END: &str = "<!-- end -->";
 const KEPT_DEFAULT: &str = "<!-- written by hand, kept -->\n<!-- end -->";
 
-const HEAD: &str = "\
-# Safety: one fault at a time
-
-Made by `cargo run --release -p safety-bench`, but for the part that is marked as written by hand. Everything here is simulated: the daemon's own cycle in front of `crates/plant`, whose disturbances are on; what leaves or kills the process is in [safety-processes.md](safety-processes.md).
-
-One run: one fault, in one robot, from one cycle on. The robot is brought into a state (power-on; hold; mode torque with the torques that it carries; mode inverse dynamics at rest; the same in motion, 0.25 rad at 0.5 Hz, a prismatic joint at a tenth of its velocity limit; mode passive, all joints let go, of the humanoid those of the arms; mode torque-feedback motion at rest; mode low-gain tracking at rest, with a learned torque of 0.5 % of its limit at one joint; mode Cartesian at rest, its frame led by springs of 0.6 of their limits; *pressing*: the same without springs, the frame held by something of 600 kN/m on which it presses with 0.2 of its greatest force, fed back), the fault begins and lasts, and for one second the **true** motion of all joints is taken. In motion, what the robot does without the fault does not count: displacement is how far a joint leaves the range that it passes through without the fault, speed by how much it exceeds its greatest speed there. Then the fault ends, and an operator acknowledges and enables once.
-
-Robots: the leg hangs from its hip; hrp2-like is that leg below a torso in a harness, with encoders on its motors alone, for which a link encoder's faults do not exist and both encoders that err as one are the only one; lift-gripper has two prismatic joints, one of which a second finger follows; of these 0.1 m counts as much as a radian, in faults and in what the tables show; the humanoid with position drives stands on the floor. Mode Cartesian is judged on the leg, which has a frame; faults of IMUs besides on a humanoid with three of them. Modes torque-feedback motion and low-gain tracking need two encoders and position drives. The project has no robot with current drives: theirs are made in memory (`benches/safety/src/robots.rs`), torque law without torque feedback, position feedback of 3 Hz, half of the motors' friction compensated; that humanoid hangs in its harness, as it has no balance controller. Drives have states by CiA 402 and brakes; the same runs with drives that are always on are in the summary and, where they do not hold, in the table of those.
-
-**Bounds**: at most 1° and 10 % of the velocity limit; where *(step)* stands (missed replies, late cycles, clients that die, changes of mode), also at most 5 % of the torque limit within 5 ms. Where the fault itself moves the joint (gear, load, hand, power), the run is compared with one whose set-points stay as they were: *physics* means that the loop's reaction moves the robot by no more than 10 % beyond that. In mode torque a joint has to move when its load changes: the run is then compared with one of ideal sources of the commanded torques in the same plant, which have no velocity limit (nor has the plant end stops), and must move no further and no faster; a change to mode torque of a robot that stands without a balance controller likewise. Frames that are led, and joints that are let go or held softly, give way to loads as well, compared with ideal sources of the torques before; where what it presses on gives way it goes on, and its joints may move at the velocity limit of mode torque (25 % of theirs), 10 % beyond it at most. A client that asks for a force where nothing is to press on is given that motion: no displacement counts, but at most 10 % of the velocity limit and 5 % of the torque limit within 5 ms; counted as moved by the fault itself. Where the loop leaves out cycles, a position drive brakes at a set-point that stands: the torque step may then be at most 10 % beyond that of a run in which set-points stay for as long. What would spare it is a set-point with velocity, or interpolation in the drive. Drives that take currents go on with their last one where they hear nothing (bus cut, loop asleep): judged so as well. Where both encoders of a joint show the same motion that is none, nothing else knows better: a current drive may follow it, 10 % further at most and at 10 % of the velocity limit. The tables by groups of faults show of all runs that hold the one that comes nearest to its bounds, and the same of those of physics; every run that does not hold is in the first table.
-
-";
+const HEAD: &str = include_str!("page.md");

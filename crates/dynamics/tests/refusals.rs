@@ -223,6 +223,18 @@ fn odd_but_usable_input_is_a_warning() {
         ),
         (11, "", "no <limit>"),
         (7, r#"<link name="b"/>"#, "moves no mass"),
+        (
+            5,
+            r#"<inertia ixx="2000" iyy="2000" izz="2000"/></inertial>"#,
+            "radius of gyration",
+        ),
+        (3, r#"<origin xyz="78.3 0 0"/>"#, "78.3 m from its frame"),
+        (3, r#"<origin rpy="90 0 0"/>"#, "angles are in rad"),
+        (
+            11,
+            r#"<limit lower="-180" upper="180" effort="1" velocity="1"/>"#,
+            "a limit of 180 rad",
+        ),
     ];
     for (line, replacement, reason) in odd {
         let mut lines = LINES;

@@ -400,7 +400,7 @@ fn defects_are_named_and_sound_logs_pass() {
 }
 
 #[test]
-#[ignore = "takes many minutes: cargo test -p identification --test defects -- --ignored"]
+#[ignore = "takes many minutes: cargo test -p identification --test all defects:: -- --ignored"]
 fn defects_are_named_and_sound_logs_pass_many() {
     assert_judged(10_000..11_500);
 }

@@ -249,7 +249,7 @@ fn sigma_is_the_spread_of_random_draws() {
     assert!(monte_carlo(0..6, 5000) < 0.04);
 }
 
-/// The whole: `cargo test --release -p whole-body --test sigma -- --ignored --nocapture`.
+/// The whole: `cargo test --release -p whole-body --test all sigma:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "ten minutes"]
 fn sigma_is_the_spread_of_many_random_draws() {

@@ -2,7 +2,7 @@
 
 use super::text::Source;
 use super::tree::Tree;
-use super::{inertia, problem_at};
+use super::{inertia, problem_at, units};
 use crate::body::{Body, JointKind};
 use crate::model::{Base, Frame, GRAVITY, Joint, JointLimits, Model};
 use crate::spatial::{Inertia, Se3};
@@ -105,6 +105,7 @@ impl Build<'_> {
     fn joint(&mut self, index: usize, frame: usize) -> Result<(), Problem> {
         let joint = &self.source.robot.joints[index];
         let lines = &self.source.joints[index];
+        units::of_joint(joint, lines, &mut self.model.warnings);
         let on = &self.model.frames[frame];
         let origin = Se3::from_xyz_rpy(*joint.origin.xyz, *joint.origin.rpy);
         let (parent, placement) = (on.body, on.placement.compose(&origin));

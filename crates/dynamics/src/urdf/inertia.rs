@@ -2,6 +2,7 @@
 
 use super::problem_at;
 use super::text::Lines;
+use super::units;
 use crate::spatial::{Inertia, Se3};
 use nalgebra::{Matrix3, Vector3};
 use problem::Problem;
@@ -43,6 +44,7 @@ pub(super) fn of_link(
         );
         warnings.push(problem_at(lines.of("inertia"), reason, ""));
     }
+    units::of_link(link, lines, warnings);
     Ok(inertia)
 }
 

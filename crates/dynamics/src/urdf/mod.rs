@@ -10,6 +10,7 @@ mod namespaces;
 mod text;
 mod transmission;
 mod tree;
+mod units;
 mod unread;
 mod write;
 
