@@ -26,7 +26,7 @@ UNFINISHED = {
 
 
 def is_part(document):
-    """Whether a bench makes a page of results from this text: its links are those of that page, where they are tested."""
+    """Whether a bench makes a page of results from this text: its links are those of that page, and tested there."""
     return document.startswith("benches/") and "/src/" in document
 
 
