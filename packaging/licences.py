@@ -4,13 +4,12 @@ import hashlib
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
+ROOT = Path(__file__).parents[1]
 # Licences that let a program be passed on under MIT or Apache-2.0, with their texts.
-ALLOWED = {
-    "0BSD", "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD-2-Clause", "BSD-3-Clause", "BSL-1.0", "CC0-1.0",
-    "ISC", "MIT", "MPL-2.0", "Unicode-3.0", "Unlicense", "Zlib",
-}  # fmt: skip
+ALLOWED = set(tomllib.loads((ROOT / "deny.toml").read_text())["licenses"]["allow"])
 
 
 def metadata():
@@ -77,7 +76,7 @@ def main():
     refused = [package for package in packages if not is_allowed(package["license"] or "")]
     if refused:
         lines = [f"{package['name']} {package['version']}: {package['license']}" for package in refused]
-        sys.exit("licences that are not allowed (packaging/licences.py):\n" + "\n".join(lines))
+        sys.exit("licences that are not allowed (deny.toml):\n" + "\n".join(lines))
     print(f"{' and '.join(programs)}: MIT OR Apache-2.0, at your option (LICENSE-MIT, LICENSE-APACHE).\n")
     print("They contain these crates, each with the texts of its licence below:\n")
     texts = {}

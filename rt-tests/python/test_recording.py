@@ -3,6 +3,7 @@
 import csv
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -90,3 +91,15 @@ def test_wrenches_and_imu_are_decoded(run, exported):
     imu = [m.ros_msg for m in read_ros2_messages(run, topics=["/imu"])]
     assert all(m.orientation_covariance[0] == -1 for m in imu)
     assert len(imu) == len(exported["time [s]"])
+
+
+def test_the_example_plots_torque_against_reference(run, tmp_path):
+    example = ROOT / "client/python/examples/plot_recording.py"
+    picture = tmp_path / "knee.svg"
+    command = [sys.executable, example, run, "--joint", "knee", "-o", picture]
+    environment = os.environ | {"TORQUECTL": str(TORQUECTL)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("knee: ") and "N·m" in done.stdout
+    drawn = picture.read_text()
+    # Two curves and a band above, one curve below.
+    assert drawn.count("<path") > 3 and "torque against reference" in drawn
