@@ -13,7 +13,7 @@ use drives::canopen::emcy::{self, Emergency};
 use problem::{Problem, Problems};
 use robot_config::Robot;
 
-use crate::bus::{Bus, Network};
+use crate::bus::Waiting;
 use crate::failure::Failure;
 
 /// Longest time between two looks at the nodes' time limits, ns.
@@ -23,7 +23,7 @@ pub(crate) const LOOK_NS: u64 = 2_000_000;
 ///
 /// # Errors
 /// Every node that is not as planned, once the others have ended; `stop` was set meanwhile.
-pub fn bring_up(robot: &Robot, bus: &mut Network, stop: &AtomicBool) -> Result<(), Failure> {
+pub fn bring_up(robot: &Robot, bus: &mut impl Waiting, stop: &AtomicBool) -> Result<(), Failure> {
     let plans = &robot.nodes.plans;
     if plans.is_empty() {
         return Ok(());
@@ -72,6 +72,9 @@ fn tell(node: &BringUp) {
     let shown = |reading: &Reading| format!("{} {:#x}", reading.meaning, reading.value);
     let identity: Vec<_> = node.done().readings.iter().map(shown).collect();
     tracing::info!("{name} (node {id}): {}", identity.join(", "));
+    for remark in &node.done().remarks {
+        tracing::warn!("{name} (node {id}): {remark}");
+    }
     for change in node.done().changes.iter().filter(|change| change.missing) {
         tracing::warn!("{name} (node {id}): {change}");
     }
@@ -83,7 +86,7 @@ fn tell(node: &BringUp) {
 /// `stop` was set.
 pub fn run(
     mut nodes: Vec<BringUp>,
-    bus: &mut Network,
+    bus: &mut impl Waiting,
     table: &Table,
     stop: &AtomicBool,
 ) -> Result<Vec<BringUp>, Failure> {
@@ -119,7 +122,7 @@ pub fn run(
 }
 
 /// Sends what is in `out`, and empties it.
-pub(crate) fn send(bus: &mut Network, tx: &mut Frames, out: &mut Vec<Frame>) {
+pub(crate) fn send(bus: &mut impl Waiting, tx: &mut Frames, out: &mut Vec<Frame>) {
     tx.clear();
     for frame in out.drain(..) {
         tx.push(frame);

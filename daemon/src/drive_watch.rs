@@ -14,7 +14,7 @@ use drives::canopen::emcy::Emergency;
 use robot_config::Robot;
 
 use crate::bring_up::{self, LOOK_NS};
-use crate::bus::{Bus, Network};
+use crate::bus::Waiting;
 use crate::failure::Failure;
 
 /// Longest wait for a frame while no drive is being set up, ns.
@@ -29,16 +29,18 @@ pub struct DriveWatch {
 }
 
 impl DriveWatch {
-    /// Begins; none if the robot has no CANopen drives.
+    /// Begins on a bus of its own; none if the robot has no CANopen drives.
     ///
     /// # Errors
-    /// Its sockets or its thread cannot be made.
-    pub fn start(robot: &Robot) -> Result<Option<Self>, Failure> {
+    /// Its bus or its thread cannot be made.
+    pub fn start<B: Waiting + Send + 'static>(
+        robot: &Robot,
+        bus: impl FnOnce() -> Result<B, Failure>,
+    ) -> Result<Option<Self>, Failure> {
         if robot.nodes.plans.is_empty() {
             return Ok(None);
         }
-        let mut bus = Network::open(&robot.parameters.buses)?;
-        bus.hear_only_nodes()?;
+        let bus = bus()?;
         let mut watch = Watch {
             buses: bring_up::bus_names(robot),
             nodes: robot.nodes.plans.iter().map(Node::new).collect(),
@@ -123,14 +125,14 @@ impl Node {
     }
 }
 
-struct Watch {
-    bus: Network,
+struct Watch<B> {
+    bus: B,
     table: Table,
     buses: Vec<String>,
     nodes: Vec<Node>,
 }
 
-impl Watch {
+impl<B: Waiting> Watch<B> {
     fn run(&mut self, stop: &AtomicBool) {
         let (mut rx, mut tx) = (Frames::default(), Frames::default());
         let mut gather = Gather::only(&vec![false; self.table.message_count()]);

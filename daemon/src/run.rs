@@ -68,7 +68,11 @@ pub fn run(robot: &Robot, options: RunOptions, stop: &Arc<AtomicBool>) -> Result
     bring_up::bring_up(robot, &mut bus, stop)?;
     let reports = bus.translate(&robot.nodes.actuators);
     let reports = reports.map_err(Failure::bad_input)?;
-    let _watch = DriveWatch::start(robot)?;
+    let _watch = DriveWatch::start(robot, || {
+        let mut bus = Network::open(buses)?;
+        bus.hear_only_nodes()?;
+        Ok(bus)
+    })?;
     let _actuators = ActuatorWatch::start(robot, reports)?;
     let state = &robot.parameters.name;
     run_on(robot, bus, Deadline::new, state, options, stop)
@@ -86,7 +90,13 @@ pub fn simulate(
     stop: &Arc<AtomicBool>,
 ) -> Result<Summary, Failure> {
     let clock = VirtualClock::new();
-    let bus = LockStep::new(plant, &clock);
+    let mut bus = LockStep::new(plant, &clock);
+    bring_up::bring_up(robot, &mut bus, stop)?;
+    let reports = bus.translate(&robot.nodes.actuators);
+    let reports = reports.map_err(Failure::bad_input)?;
+    let listener = bus.listener();
+    let _watch = DriveWatch::start(robot, || Ok(listener))?;
+    let _actuators = ActuatorWatch::start(robot, reports)?;
     let pace = move |period_ns| SimulatedDeadline::new(&clock, period_ns);
     let state = format!("{}{SIMULATED}", robot.parameters.name);
     run_on(robot, bus, pace, &state, options, stop)

@@ -3,6 +3,7 @@
 mod black_box;
 mod common;
 mod looper;
+mod nodes;
 mod offsets;
 mod operator;
 mod other_users;

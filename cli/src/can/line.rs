@@ -2,7 +2,7 @@
 
 use can_codec::{Frame, Frames, Gather, MAX_FRAMES, Table};
 use robot_config::BusParameters;
-use torqued::bus::{Bus, Network};
+use torqued::bus::{Bus, Network, Waiting};
 use torqued::bus_lock::BusLocks;
 use torqued::failure::Failure;
 

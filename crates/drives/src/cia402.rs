@@ -3,7 +3,7 @@
 mod set_up;
 pub mod simulated;
 
-use crate::canopen::bring_up::{Check, Plan, Step, Write};
+use crate::canopen::bring_up::{Bound, Check, Plan, Step, Write};
 use crate::canopen::eds::ObjectDictionary;
 use crate::canopen::pdo::{self, Direction, Mapped, PDOS, Pdo};
 use crate::canopen::{NODES, Object};
@@ -148,6 +148,21 @@ pub struct Drive<'k> {
     pub period: f64,
     /// Unit of a position in 607A, and what one count is in it.
     pub position_count: (&'k str, f64),
+    /// What the configuration asks of it; none: its own limits are not looked at.
+    pub asked: Option<Asked>,
+}
+
+/// What a configuration asks of a drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Asked {
+    /// Torque limit of the joint, N·m; of a prismatic joint force, N.
+    pub torque: f64,
+    /// Current of that torque, A.
+    pub current: f64,
+    /// Least and greatest position, in counts of 6064; none: not limited.
+    pub positions: Option<[f64; 2]>,
+    /// By how much a position's set-point may lead the joint, in counts of 6064.
+    pub lead: f64,
 }
 
 /// Names of a drive's signals in the messages that [`Drive::messages`] makes.

@@ -35,6 +35,7 @@ fn plan(kind: &Kind) -> Plan {
         node: NODE,
         period: 1e-3,
         position_count: ("count", 1.0),
+        asked: None,
     };
     drive.plan().expect("a plan")
 }

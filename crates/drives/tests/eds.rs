@@ -37,6 +37,7 @@ fn problems(kind: &Kind) -> String {
         node: 3,
         period: 1e-3,
         position_count: ("count", 1.0),
+        asked: None,
     };
     match drive.check(&dictionary()) {
         Ok(()) => String::new(),

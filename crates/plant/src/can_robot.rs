@@ -3,6 +3,7 @@
 use crate::drive::{Command, DriveSheet};
 use crate::drive_states::DriveStates;
 use crate::kinematic_error::KinematicError;
+use crate::nodes::{Around, Nodes};
 use crate::parameters::SimParameters;
 use crate::plan::{JointPlan, Plan};
 use crate::random::Random;
@@ -10,7 +11,7 @@ use crate::readings::six;
 use crate::robot::SimRobot;
 use crate::transport::Transport;
 use crate::truth::Truth;
-use can_codec::{Frame, Frames, Table};
+use can_codec::{DecodeError, Frame, Frames, Table};
 use nalgebra::{Matrix6, Vector6};
 use problem::Problem;
 use robot_config::slots::{Sent, Source};
@@ -49,7 +50,11 @@ pub struct CanRobot {
     values: Vec<f64>,
     commands: Vec<f64>,
     transport: Transport,
+    /// Drives that are nodes of their buses, and for each message to the loop whether it is one of theirs.
+    nodes: Nodes,
+    of_nodes: Vec<bool>,
     unknown: u64,
+    undecoded: u64,
 }
 
 impl CanRobot {
@@ -62,7 +67,17 @@ impl CanRobot {
         let plan = Plan::of(robot)?;
         let mut simulated = SimRobot::new(&plan, urdf_text, &parameters.urdf_path, sim)?;
         simulated.advance();
+        let mut transport = Transport::new(
+            &sim.transport,
+            parameters.timing.sample_period,
+            Random::new(sim.seed, 60),
+        );
+        let nodes = Nodes::new(robot, sim, &mut simulated, &mut transport)?;
         let mut can = Self {
+            of_nodes: (0..robot.receive.message_count())
+                .map(|index| robot.receive.slots(index).any(|slot| nodes.has_slot(slot)))
+                .collect(),
+            nodes,
             robot: simulated,
             receive: robot.receive.clone(),
             send: robot.send.clone(),
@@ -76,12 +91,9 @@ impl CanRobot {
                 .collect(),
             values: vec![0.0; slots::receive_len(parameters)],
             commands: vec![0.0; slots::send_len(parameters)],
-            transport: Transport::new(
-                &sim.transport,
-                parameters.timing.sample_period,
-                Random::new(sim.seed, 60),
-            ),
+            transport,
             unknown: 0,
+            undecoded: 0,
         };
         can.fill_values();
         Ok(can)
@@ -89,6 +101,7 @@ impl CanRobot {
 
     /// Takes the daemon's frames in their order; appends the answers to `out`.
     pub fn exchange(&mut self, from_daemon: &Frames, now_ns: u64, out: &mut Frames) {
+        self.poll(now_ns, out);
         for frame in from_daemon.iter() {
             let is_sync = |s: &&Frame| s.bus == frame.bus && s.id == frame.id && !frame.error;
             if self.sync.iter().any(|s| is_sync(&s)) {
@@ -98,10 +111,75 @@ impl CanRobot {
                     frame.stamp_ns
                 };
                 self.answer(frame.bus, stamped, now_ns, out);
-            } else {
+            } else if !self.hear(frame, now_ns, out) {
                 self.follow_command(frame);
             }
         }
+    }
+
+    /// What drives that are nodes do by their own clocks. Time passes for them as for all: one that has lost its
+    /// master stops without any SYNC.
+    fn poll(&mut self, now_ns: u64, out: &mut Frames) {
+        if self.nodes.is_empty() {
+            return;
+        }
+        if self.nodes.send_by_themselves() {
+            let last = *self.synced.get_or_insert(now_ns);
+            let whole = now_ns.saturating_sub(last) as f64 / self.period_ns + 1e-6;
+            let periods = whole.floor().min(MOST_PERIODS);
+            if periods >= 1.0 {
+                self.advance(periods as u32);
+                let passed = (whole.floor() * self.period_ns) as u64;
+                self.synced = Some(last + passed);
+            }
+        } else if self.nodes.are_on(&mut self.robot)
+            && let Some(last) = self.synced
+        {
+            let periods = now_ns.saturating_sub(last) as f64 / self.period_ns;
+            if periods > MOST_PERIODS {
+                self.advance(MOST_PERIODS as u32);
+                self.synced = Some(now_ns);
+            }
+        }
+        let mut around = Around {
+            robot: &mut self.robot,
+            transport: &mut self.transport,
+            now: now_ns,
+            out,
+        };
+        self.nodes.poll(&mut around);
+    }
+
+    /// Time passes on a bus of actuators, on which no SYNC says so.
+    fn advance(&mut self, periods: u32) {
+        for _ in 0..periods {
+            self.robot.advance();
+            self.periods = self.periods.wrapping_add(1);
+        }
+        self.fill_values();
+        // A SYNC on another bus in this period is answered from the same instant.
+        self.answered.fill(false);
+    }
+
+    /// Hands a frame to the drives that are nodes; true if one of them listens for it.
+    fn hear(&mut self, frame: &Frame, now_ns: u64, out: &mut Frames) -> bool {
+        if self.nodes.answer_only(frame.bus) {
+            // The first question of a cycle.
+            let last = *self.synced.get_or_insert(now_ns);
+            let elapsed = now_ns.saturating_sub(last) as f64 / self.period_ns;
+            let periods = elapsed.round().min(MOST_PERIODS);
+            if periods >= 1.0 {
+                self.advance(periods as u32);
+                self.synced = Some(now_ns);
+            }
+        }
+        let mut around = Around {
+            robot: &mut self.robot,
+            transport: &mut self.transport,
+            now: now_ns,
+            out,
+        };
+        !frame.error && self.nodes.hear(frame, &mut around)
     }
 
     /// Answers a SYNC that arrived at `stamped`.
@@ -127,6 +205,13 @@ impl CanRobot {
                 out.push(frame);
             }
         }
+        let mut around = Around {
+            robot: &mut self.robot,
+            transport: &mut self.transport,
+            now: now_ns,
+            out,
+        };
+        self.nodes.sync(bus, &mut around);
     }
 
     /// Periods since the last SYNC that began one.
@@ -140,6 +225,9 @@ impl CanRobot {
     /// slowly.
     fn answers(&self, message: usize) -> bool {
         let slots = || self.receive.slots(message);
+        if self.of_nodes[message] {
+            return false;
+        }
         if slots().all(slots::is_reported) {
             return self.periods.is_multiple_of(TOLD_EVERY);
         }
@@ -160,7 +248,7 @@ impl CanRobot {
                 let mut slots = self.receive.slots(index);
                 let its = slots
                     .any(|slot| !slots::is_reported(slot) && slots::source(slot) == sent.source);
-                let sends = its && !self.answers(index);
+                let sends = its && !self.answers(index) && !self.of_nodes[index];
                 if sends && self.receive.encode(index, &self.values, &mut frame) {
                     let before_ns = ((now - sent.stamp) * 1e9).round() as u64;
                     frame.stamp_ns = now_ns.saturating_sub(before_ns);
@@ -198,7 +286,10 @@ impl CanRobot {
                 }
             }
             Ok(None) => {}
-            Err(_) => self.unknown += 1,
+            Err(error) => {
+                self.unknown += 1;
+                self.undecoded += u64::from(error == DecodeError::WrongLength);
+            }
         }
     }
 
@@ -303,6 +394,12 @@ impl CanRobot {
     pub fn unknown_frames(&self) -> u64 {
         self.unknown
     }
+
+    /// Number of frames of the wrong length among them.
+    #[must_use]
+    pub fn undecoded_frames(&self) -> u64 {
+        self.undecoded
+    }
 }
 
 /// Signals of an F/T sensor for a measured wrench: its calibration sheet, the configuration, turns
@@ -342,8 +439,11 @@ impl Plan {
         let parameters = &robot.parameters;
         Ok(Plan {
             floating: parameters.base == dynamics::Base::Floating,
-            joints: (parameters.joints.iter())
-                .map(joint_plan)
+            joints: (parameters.joints.iter().enumerate())
+                .map(|(j, joint)| {
+                    let nodes = &robot.nodes.mounted;
+                    joint_plan(joint, nodes.iter().any(|node| node.joint == j))
+                })
                 .collect::<Result<_, _>>()?,
             ft_sensors: (parameters.ft_sensors.iter())
                 .map(|ft| ft.sensor.frame.clone())
@@ -356,13 +456,13 @@ impl Plan {
     }
 }
 
-fn joint_plan(joint: &JointParameters) -> Result<JointPlan, Problem> {
+fn joint_plan(joint: &JointParameters, is_node: bool) -> Result<JointPlan, Problem> {
     let estimator = &joint.estimator;
     let known = &estimator.kinematic_error;
     let pairs = |list: &[(f64, f64)]| list.iter().map(|(a, b)| [*a, *b]).collect();
     // A drive that is only watched is switched by others: it is on.
     let controlled = joint.drive_profile.as_ref().filter(|p| p.control.is_some());
-    if controlled.is_some_and(|profile| !profile.is_cia402()) {
+    if !is_node && controlled.is_some_and(|profile| !profile.is_cia402()) {
         let what = format!("drive.{}.state: not CiA 402", joint.drive);
         let allowed = "profile = \"cia402\": other drives are not simulated";
         return Err(Problem::new(what, allowed));

@@ -5,6 +5,30 @@ use crate::drive::{Command, DriveSheet};
 use crate::parameters::ControllerParameters;
 use std::f64::consts::TAU;
 
+/// What a drive is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SetPoint {
+    /// Position, rad (link side), or current, A.
+    Value(f64),
+    /// A spring and a damper about a position, and a current besides.
+    Impedance(Impedance),
+}
+
+/// `current = stiffness (position - q) + damping (velocity - dq) + feed_forward`, link side.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Impedance {
+    /// Position, rad.
+    pub position: f64,
+    /// Velocity, rad/s.
+    pub velocity: f64,
+    /// A/rad.
+    pub stiffness: f64,
+    /// A·s/rad.
+    pub damping: f64,
+    /// A.
+    pub feed_forward: f64,
+}
+
 /// A drive's control loop.
 #[derive(Debug, Clone)]
 pub struct Controller {
@@ -18,6 +42,10 @@ pub struct Controller {
     current: f64,
     /// Current of the velocity loop's integral, A.
     integral: f64,
+    /// Of a drive that takes these instead.
+    impedance: Option<Impedance>,
+    /// Its limit of current, A, before anybody lowered it.
+    own_limit: f64,
 }
 
 impl Controller {
@@ -33,7 +61,19 @@ impl Controller {
             velocity: 0.0,
             current: 0.0,
             integral: 0.0,
+            impedance: None,
+            own_limit: parameters.current_limit,
         }
+    }
+
+    /// Follows a spring and a damper from now on.
+    pub fn follow(&mut self, impedance: Impedance) {
+        self.impedance = Some(impedance);
+    }
+
+    /// Its current stays below its own limit and this one, A.
+    pub fn limit(&mut self, current: f64) {
+        self.parameters.current_limit = self.own_limit.min(current);
     }
 
     /// Settles the loop at motor angle `theta`, with the set point that commands `current`, A.
@@ -57,9 +97,14 @@ impl Controller {
         };
     }
 
+    /// The drive is switched on: its integral begins anew.
+    pub fn wake(&mut self) {
+        self.integral = 0.0;
+    }
+
     /// From now on the set point is where the motor stands, or no current.
     pub fn begin(&mut self) {
-        self.integral = 0.0;
+        self.wake();
         self.set_point = match self.command {
             Command::Current => 0.0,
             Command::Position => self.angle / self.gear_ratio,
@@ -85,9 +130,13 @@ impl Controller {
         let raw = (angle - self.angle) / dt;
         self.velocity += (raw - self.velocity) * dt / (dt + p.velocity_filter);
         self.angle = angle;
-        let desired = match self.command {
-            Command::Current => self.set_point,
-            Command::Position => {
+        let desired = match (self.impedance, self.command) {
+            (Some(x), _) => {
+                let (q, dq) = (angle / self.gear_ratio, self.velocity / self.gear_ratio);
+                x.stiffness * (x.position - q) + x.damping * (x.velocity - dq) + x.feed_forward
+            }
+            (None, Command::Current) => self.set_point,
+            (None, Command::Position) => {
                 let error = self.set_point - angle / self.gear_ratio;
                 let outside = error - error.clamp(-p.dead_zone, p.dead_zone);
                 let velocity = self.velocity / self.gear_ratio;

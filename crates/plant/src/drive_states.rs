@@ -24,6 +24,8 @@ pub enum DriveError {
     OverTemperature = 2,
     /// An encoder failed.
     Encoder = 3,
+    /// It does not follow its target.
+    Following = 4,
     /// No set-point for longer than the drive's own time limit.
     SetPointTimeOut = 5,
 }
@@ -163,6 +165,30 @@ impl DriveStates {
         self.word = word;
     }
 
+    /// The drive is switched on or off at once: of one that knows no steps.
+    pub(crate) fn switch(&mut self, on: bool) {
+        let on = on && self.powered && self.state != State::Fault;
+        self.word = if on { 0x0F } else { 0x00 };
+        match self.state {
+            State::Fault => {}
+            _ if on => {
+                self.enter(State::Enabled);
+            }
+            _ => {
+                self.enter(State::SwitchOnDisabled);
+            }
+        }
+    }
+
+    /// Its error is cleared, if its cause is gone.
+    pub(crate) fn clear(&mut self) {
+        if self.cause.is_none() && self.state == State::Fault {
+            self.last_error = 0;
+            self.word = 0;
+            self.enter(State::SwitchOnDisabled);
+        }
+    }
+
     /// A set-point arrives.
     pub(crate) fn note_set_point(&mut self) {
         self.since_set_point = 0.0;
@@ -211,7 +237,8 @@ impl DriveStates {
         }
     }
 
-    fn fail(&mut self, error: DriveError) {
+    /// The drive switches itself off by an error.
+    pub(crate) fn fail(&mut self, error: DriveError) {
         self.last_error = error as u32;
         self.enter(State::Fault);
     }

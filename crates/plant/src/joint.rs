@@ -8,7 +8,7 @@
 //! `tau` is the true torque: only gear and bearing act between parent and child about the axis.
 //! An estimator from torsion determines `T`; one from external wrenches determines `tau`.
 
-use crate::controller::Controller;
+use crate::controller::{Controller, SetPoint};
 use crate::drive::{DriveReading, DriveReport, DriveSheet};
 use crate::drive_faults::DriveFaults;
 use crate::drive_states::{self, DriveStates};
@@ -162,6 +162,23 @@ impl Joint {
         self.ideal = Some(torque);
     }
 
+    /// The drive's data sheet.
+    #[must_use]
+    pub fn sheet(&self) -> &DriveSheet {
+        &self.sheet
+    }
+
+    /// The greatest current of the drive, A.
+    #[must_use]
+    pub fn current_limit(&self) -> f64 {
+        self.parameters.controller.current_limit
+    }
+
+    /// Lowers the greatest current that the drive asks for, A.
+    pub fn limit_current(&mut self, limit: f64) {
+        self.controller.limit(limit);
+    }
+
     fn is_on(&self) -> bool {
         self.states.as_ref().is_none_or(DriveStates::is_enabled)
     }
@@ -185,21 +202,30 @@ impl Joint {
         self.controller.settle(self.theta, measured);
     }
 
-    /// Sets the drive's set point: rad (link side) or A; ignored while the drive is off.
-    pub fn command(&mut self, set_point: f64) {
+    /// Sets the drive's set point; ignored while the drive is off.
+    pub fn command(&mut self, set_point: SetPoint) {
         if let Some(states) = &mut self.states {
             states.note_set_point();
         }
         if self.is_on() || self.faults.keeps_target {
-            self.controller.set_point = self.faults.set_point.followed(set_point);
+            let fault = &self.faults.set_point;
+            match set_point {
+                SetPoint::Value(x) => self.controller.set_point = fault.followed(x),
+                SetPoint::Impedance(mut x) => {
+                    x.position = fault.followed(x.position);
+                    self.controller.follow(x);
+                }
+            }
         }
     }
 
     /// One period of the drive's own control loop, `dt` after the last.
     pub fn control(&mut self, dt: f64) {
         let enabled = self.states.as_mut().is_some_and(|states| states.tick(dt));
-        if enabled && !self.faults.keeps_target {
-            self.controller.begin();
+        match enabled {
+            true if self.faults.keeps_target => self.controller.wake(),
+            true => self.controller.begin(),
+            false => {}
         }
         self.controller
             .tick(self.faults.motor.shown(self.theta), dt);

@@ -20,6 +20,7 @@ pub mod drive_states;
 pub mod friction;
 pub mod joint;
 pub mod kinematic_error;
+mod nodes;
 pub mod parameters;
 pub mod past;
 pub mod plan;

@@ -46,6 +46,9 @@ pub struct SimParameters {
     /// External pushes.
     #[serde(default, rename = "push")]
     pub pushes: Vec<PushParameters>,
+    /// Losses of single drives' supplies.
+    #[serde(default, rename = "power_loss")]
+    pub power_losses: Vec<PowerLossParameters>,
     /// The way of the set-points to the drives.
     #[serde(default)]
     pub transport: TransportParameters,
@@ -182,6 +185,20 @@ pub struct PushParameters {
     /// Peak torque, N·m.
     #[serde(default, rename = "torque_Nm", deserialize_with = "finite3")]
     pub torque: [f64; 3],
+}
+
+/// `[[power_loss]]`: a drive that is a node loses its supply for a while, and wakes up again.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PowerLossParameters {
+    /// The joint's name.
+    pub joint: String,
+    /// Begin, s since the first SYNC.
+    #[serde(rename = "start_s", deserialize_with = "non_negative")]
+    pub start: f64,
+    /// Duration, s.
+    #[serde(rename = "duration_s", deserialize_with = "positive")]
+    pub duration: f64,
 }
 
 /// `[ft_sensor]`: errors of the F/T sensors.

@@ -1,6 +1,7 @@
 //! A test bench for one joint: a pendulum on the gear's output, with an external torque on it.
 
 use crate::articulated::GRAVITY;
+use crate::controller::SetPoint;
 use crate::drive::{DriveReading, DriveSheet};
 use crate::joint::Joint;
 use crate::parameters::DriveParameters;
@@ -85,7 +86,7 @@ impl JointRig {
 
     /// Sets the drive's set point: rad (link side) or A.
     pub fn command(&mut self, set_point: f64) {
-        self.joint.command(set_point);
+        self.joint.command(SetPoint::Value(set_point));
     }
 
     /// The set point that the drive follows.

@@ -5,7 +5,8 @@ mod start;
 
 use crate::articulated::Dynamics;
 use crate::clock::{Clock, Clocks, steps_kept};
-use crate::drive::{DriveReading, DriveReport};
+use crate::controller::SetPoint;
+use crate::drive::{DriveReading, DriveReport, DriveSheet};
 use crate::drive_faults::DriveFaults;
 use crate::drive_states::DriveStates;
 use crate::joint::Joint;
@@ -47,7 +48,7 @@ pub struct SimRobot {
     control_every: Vec<u64>,
     steps_done: u64,
     /// In the tree's order.
-    on_the_way: Vec<OnTheWay>,
+    on_the_way: Vec<OnTheWay<SetPoint>>,
     tau: Vec<f64>,
     /// External torque about each joint's axis, between the links that it connects, N·m.
     load: Vec<f64>,
@@ -137,9 +138,14 @@ impl SimRobot {
     /// The same after a `delay`, s, and not before an earlier set point.
     pub fn command_after(&mut self, joint: usize, set_point: f64, delay: f64) {
         debug_assert!(set_point.is_finite());
-        if let Some(&dof) = self.order.get(joint)
-            && set_point.is_finite()
-        {
+        if set_point.is_finite() {
+            self.follow_after(joint, SetPoint::Value(set_point), delay);
+        }
+    }
+
+    /// The same of any set point.
+    pub(crate) fn follow_after(&mut self, joint: usize, set_point: SetPoint, delay: f64) {
+        if let Some(&dof) = self.order.get(joint) {
             let due = self.steps_done + (delay / self.dt).round() as u64;
             self.on_the_way[dof].send(due, set_point);
             self.receive(dof);
@@ -158,6 +164,21 @@ impl SimRobot {
     pub fn drive_states(&mut self, joint: usize) -> Option<&mut DriveStates> {
         let dof = *self.order.get(joint)?;
         self.joints[dof].states()
+    }
+
+    /// The data sheet of a joint's drive. `joint` counts in the plan's order.
+    pub(crate) fn sheet(&self, joint: usize) -> &DriveSheet {
+        self.joints[self.order[joint]].sheet()
+    }
+
+    /// The greatest current of a joint's drive, A. `joint` counts in the plan's order.
+    pub(crate) fn current_limit(&self, joint: usize) -> f64 {
+        self.joints[self.order[joint]].current_limit()
+    }
+
+    /// Lowers the greatest current of a joint's drive, A. `joint` counts in the plan's order.
+    pub(crate) fn limit_current(&mut self, joint: usize, limit: f64) {
+        self.joints[self.order[joint]].limit_current(limit);
     }
 
     /// Sets the temperature of a drive's winding, °C. `joint` counts in the plan's order.

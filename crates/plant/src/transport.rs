@@ -34,21 +34,29 @@ impl Transport {
 }
 
 /// The set-points that are on their way to one drive. They arrive in the order of their sending.
-#[derive(Debug, Clone, Default)]
-pub struct OnTheWay {
+#[derive(Debug, Clone)]
+pub struct OnTheWay<T> {
     /// Step in which each begins to act, and the set-point.
-    queue: VecDeque<(u64, f64)>,
+    queue: VecDeque<(u64, T)>,
 }
 
-impl OnTheWay {
+impl<T> Default for OnTheWay<T> {
+    fn default() -> Self {
+        Self {
+            queue: VecDeque::new(),
+        }
+    }
+}
+
+impl<T: Copy> OnTheWay<T> {
     /// A set-point that acts from step `due` on, or with the one before it if that is later.
-    pub fn send(&mut self, due: u64, set_point: f64) {
+    pub fn send(&mut self, due: u64, set_point: T) {
         let due = (self.queue.back()).map_or(due, |(before, _)| due.max(*before));
         self.queue.push_back((due, set_point));
     }
 
     /// The next set-point that acts in `step`; to be asked until there is none.
-    pub fn arrive(&mut self, step: u64) -> Option<f64> {
+    pub fn arrive(&mut self, step: u64) -> Option<T> {
         let (due, set_point) = *self.queue.front()?;
         (due <= step).then(|| {
             self.queue.pop_front();

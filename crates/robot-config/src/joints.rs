@@ -180,7 +180,7 @@ impl Reader<'_, '_, '_> {
         }
         // Without a drive or a bus the signals cannot be checked, but their keys are known.
         let signals = bus.zip(drive).and_then(|(bus, drive)| {
-            let messages = self.add_node(&name, bus, drive, wiring)?;
+            let messages = self.add_node(&name, bus, (drive, limits.as_ref()), wiring)?;
             Some(self.signals(bus, drive, messages.as_ref(), wiring))
         });
         for key in [

@@ -70,6 +70,8 @@ pub struct Nodes {
     pub actuators: Vec<Actuator>,
     /// Shortest time after which a CANopen drive counts the daemon as lost, s.
     pub heartbeat: f64,
+    /// All of them as bought and mounted.
+    pub mounted: Vec<MountedDrive>,
 }
 
 impl Robot {

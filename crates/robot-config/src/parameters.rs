@@ -2,11 +2,13 @@
 
 mod calibration;
 mod joint;
+mod mounted;
 mod sensors;
 mod torques;
 
 pub use calibration::JointCalibration;
 pub use joint::{JointParameters, Thermal};
+pub use mounted::{ActuatorSheet, CanopenSheet, Mount, MountedDrive, NodeSheet};
 pub use sensors::{FtParameters, FtSensor, ImuParameters};
 pub use torques::{
     ContactReaction, ContactSet, ContactThreshold, CrossCheckSettings, ExternalTorqueSettings,

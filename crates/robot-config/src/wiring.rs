@@ -5,7 +5,7 @@ mod sent;
 use crate::general::{self, Bus};
 use crate::reader::{At, Diagnostics, Section};
 use crate::units::Quantity;
-use crate::{Nodes, Read, paths, slots, unreadable};
+use crate::{Mount, MountedDrive, NodeSheet, Nodes, Read, paths, slots, unreadable};
 use can_codec::{
     BusDbc, Dbc, Frame, MAX_FRAMES, Signal, SignalMap, Table, TableError, TableProblem,
 };
@@ -57,6 +57,8 @@ pub(crate) struct Wiring<'n, 't> {
     nodes: Nodes,
     /// Buses with a drive that is a node.
     of_nodes: Vec<bool>,
+    /// How each received quantity counts.
+    mounts: BTreeMap<usize, Mount>,
 }
 
 impl<'n, 't> Wiring<'n, 't> {
@@ -100,6 +102,7 @@ impl<'n, 't> Wiring<'n, 't> {
             used: BTreeMap::new(),
             nodes: Nodes::default(),
             of_nodes: vec![false; buses.len()],
+            mounts: BTreeMap::new(),
         }
     }
 
@@ -158,9 +161,30 @@ impl<'n, 't> Wiring<'n, 't> {
         Ok(())
     }
 
+    /// Notes what a node of that joint is; how it is mounted is known when all signals are read.
+    pub(crate) fn note_sheet(&mut self, joint: usize, at: (u8, u8), sheet: NodeSheet) {
+        let [motor, link, current] = [Mount::default(); 3];
+        self.nodes.mounted.push(MountedDrive {
+            joint,
+            bus: at.0,
+            node: at.1,
+            sheet,
+            motor,
+            link,
+            current,
+        });
+    }
+
     /// The drives that were added as nodes.
     pub(crate) fn take_nodes(&mut self) -> Nodes {
-        core::mem::take(&mut self.nodes)
+        let mut nodes = core::mem::take(&mut self.nodes);
+        for drive in &mut nodes.mounted {
+            let mount = |slot| self.mounts.get(&slot).copied().unwrap_or_default();
+            drive.motor = mount(slots::motor_angle(drive.joint));
+            drive.link = mount(slots::link_angle(drive.joint));
+            drive.current = mount(slots::current(drive.joint));
+        }
+        nodes
     }
 
     /// The bus that the section names.
@@ -225,8 +249,15 @@ impl<'n, 't> Wiring<'n, 't> {
             },
             ends: ends(&signal_ends, how, factor),
         };
+        let mount = Mount {
+            direction: how.sign,
+            offset: how.offset,
+        };
         let maps = match how.way {
-            Way::Receive => &mut self.receive,
+            Way::Receive => {
+                self.mounts.insert(how.slot, mount);
+                &mut self.receive
+            }
             Way::Send => &mut self.send,
         };
         maps.push((how.bus as u8, map));

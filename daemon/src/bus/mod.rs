@@ -15,7 +15,7 @@ mod translation;
 mod udp_multicast;
 
 pub use fault_injector::{FaultInjector, Faults, Injected};
-pub use in_process::{InProcess, LockStep, Peer};
+pub use in_process::{InProcess, Listener, LockStep, Peer};
 pub use network::{Network, OpenError};
 pub use socketcan::{Line, SocketCan};
 pub use udp_multicast::{Member, UdpMulticast};
@@ -84,6 +84,12 @@ pub trait Bus {
 
     /// The time now, on the clock of the frames' stamps and of `until_ns`.
     fn now_ns(&self) -> u64;
+}
+
+/// A bus on which a thread waits that has nothing else to do.
+pub trait Waiting: Bus {
+    /// Waits for a frame until `until_ns`; true if one is there.
+    fn wait(&mut self, until_ns: u64) -> bool;
 }
 
 impl<B: Bus + ?Sized> Bus for Box<B> {

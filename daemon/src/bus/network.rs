@@ -1,7 +1,7 @@
 //! The buses of a configuration, opened: on CAN interfaces or on multicast groups.
 
 use super::translation::Translation;
-use super::{Bus, BusCounters, Line, Member, SocketCan, UdpMulticast};
+use super::{Bus, BusCounters, Line, Member, SocketCan, UdpMulticast, Waiting};
 use can_codec::{Frames, Gather, Table};
 use drives::family::translation::{Actuator, Reports};
 use problem::{Problem, Problems};
@@ -74,9 +74,10 @@ impl Network {
             Self::UdpMulticast(_) => Ok(()),
         }
     }
+}
 
-    /// Waits for a frame until `until_ns`; true if one is there.
-    pub fn wait(&mut self, until_ns: u64) -> bool {
+impl Waiting for Network {
+    fn wait(&mut self, until_ns: u64) -> bool {
         match self {
             Self::SocketCan(bus) => bus.wait(until_ns),
             Self::UdpMulticast(bus) => bus.wait(until_ns),

@@ -20,6 +20,7 @@ pub use motion::Motion;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use clap::Args;
@@ -29,6 +30,7 @@ use plant::CanRobot;
 use recording::AttachedFile;
 use robot_config::Robot;
 
+use crate::bring_up::bring_up;
 use crate::bus::LockStep;
 use crate::bus::in_process::{SimulatedDeadline, VirtualClock, VirtualDeadline};
 use crate::control_loop::ControlLoop;
@@ -130,7 +132,11 @@ fn simulate(
     };
     let mut client = DemoClient::new(robot, motion);
     let mut report = Report::new(robot, cycles);
-    let bus = LockStep::new(plant, &clock);
+    let mut bus = LockStep::new(plant, &clock);
+    bring_up(robot, &mut bus, &AtomicBool::new(false))?;
+    (bus.translate(&robot.nodes.actuators)).map_err(Failure::bad_input)?;
+    // Nobody watches over its drives.
+    drop(bus.listener());
     let mut control_loop = ControlLoop::new(robot, bus).map_err(Failure::bad_input)?;
     let mut recording = match &options.record {
         Some(path) => Some(scene::Recording::begin(

@@ -8,11 +8,14 @@
 //! it stands. A lost frame is sent again; anything else that is not as planned ends the set-up with
 //! node, object, step and cure.
 
+mod bound;
 mod plan;
 mod report;
 
 use super::sdo::{Progress, Request, SdoError, Transfer};
 use super::{Nmt, NodeState, Object, abort, pdo};
+pub use bound::Bound;
+use bound::Verdict;
 use can_codec::Frame;
 use core::fmt;
 pub use plan::{Check, Limits, Plan, Step, Write};
@@ -286,6 +289,7 @@ impl BringUp {
                 out.push(Nmt::Start.frame(bus, node));
             }
             Step::Read(check) => self.ask(Request::Read(check.object), Purpose::Read, now, out),
+            Step::Compare(bound) => self.ask(Request::Read(bound.object), Purpose::Read, now, out),
             Step::Write(write) if self.dry => {
                 self.ask(Request::Read(write.object), Purpose::Old, now, out);
             }
@@ -342,6 +346,7 @@ impl BringUp {
         };
         match (step, purpose) {
             (Step::Read(check), _) => self.check(&check, &value, now),
+            (Step::Compare(bound), _) => self.compare(&bound, &value),
             (Step::Write(write), Purpose::Old) => {
                 self.done.note_change(&write, Some(number(&value)));
                 self.next();
@@ -395,6 +400,23 @@ impl BringUp {
         self.fail(what, check.cure.clone());
     }
 
+    fn compare(&mut self, bound: &Bound, value: &[u8]) {
+        match bound.judge(value) {
+            // What is written before would change it: nothing is, in a set-up that only reads.
+            Verdict::Less(what) if !self.dry => {
+                let cure = format!(
+                    "a command would be cut short, or end in a fault of the drive: lower {}, or raise the \
+                     object with the maker's tool or `sdo`",
+                    bound.key
+                );
+                return self.fail(what, cure);
+            }
+            Verdict::Less(what) | Verdict::More(what) => self.done.note_remark(bound, what),
+            Verdict::Fits => {}
+        }
+        self.next();
+    }
+
     fn read_back(&mut self, object: Object, mask: u32, value: &[u8]) {
         let (written, read) = (number(&self.copied), number(value));
         let long = self.copied.len() > 4 && self.copied != value;
@@ -412,6 +434,7 @@ impl BringUp {
         let optional = match step {
             Step::Read(check) => check.optional,
             Step::Write(write) => write.optional || self.dry,
+            Step::Compare(_) => true,
             Step::SwitchOff(_) => purpose == Purpose::Used,
             _ => false,
         };
@@ -441,6 +464,7 @@ impl BringUp {
             Some(Step::ResetCommunication) => "reset of its communication",
             Some(Step::Read(check)) => check.meaning,
             Some(Step::Write(write)) => write.meaning,
+            Some(Step::Compare(_)) => "limits of its own",
             Some(Step::SwitchOff(_)) => "process data that are not used",
             Some(Step::Copy(..)) => "set-point at where it stands",
             Some(Step::Start) => "start",

@@ -18,6 +18,7 @@ impl Drive<'_> {
         for (object, value) in &self.kind.sdo {
             steps.push(write(*object, "as configured", value.clone()));
         }
+        self.limits(&mut steps);
         self.mapping(&mut steps)?;
         self.mode(&mut steps);
         Ok(Plan {
@@ -101,6 +102,70 @@ impl Drive<'_> {
             "reaction to a lost daemon: quick stop",
             quick_stop,
         ));
+    }
+
+    /// Limits of its own: torque, current, positions, following error.
+    fn limits(&self, steps: &mut Vec<Step>) {
+        let Some(asked) = self.asked else {
+            return;
+        };
+        let kind = self.kind;
+        let bound = |index, sub, meaning, asked, key| Bound {
+            object: Object::new(index, sub),
+            meaning,
+            signed: false,
+            lower: false,
+            count: 1.0,
+            unit: "counts",
+            asked,
+            key,
+            none: &[],
+        };
+        let limit = "torque_limit_Nm";
+        steps.push(Step::Compare(Bound {
+            count: kind.rated_torque / 1000.0,
+            unit: "N·m",
+            none: &[0xFFFF],
+            ..bound(0x6072, 0, "greatest torque", asked.torque, limit)
+        }));
+        steps.push(Step::Compare(Bound {
+            count: kind.rated_current / 1000.0,
+            unit: "A",
+            none: &[0xFFFF],
+            ..bound(
+                0x6073,
+                0,
+                "greatest current",
+                asked.current,
+                "the current of torque_limit_Nm",
+            )
+        }));
+        if kind.mode != Mode::Position {
+            return;
+        }
+        if let Some([least, most]) = asked.positions {
+            let key = "the joint's position limit";
+            let signed = |sub, meaning, asked| Bound {
+                signed: true,
+                none: &[0, -0x8000_0000, 0x7FFF_FFFF],
+                ..bound(0x607D, sub, meaning, asked, key)
+            };
+            steps.push(Step::Compare(Bound {
+                lower: true,
+                ..signed(1, "least position", least)
+            }));
+            steps.push(Step::Compare(signed(2, "greatest position", most)));
+        }
+        steps.push(Step::Compare(Bound {
+            none: &[0xFFFF_FFFF],
+            ..bound(
+                0x6065,
+                0,
+                "following error",
+                asked.lead,
+                "the lead of set-points at the torque limit",
+            )
+        }));
     }
 
     fn mapping(&self, steps: &mut Vec<Step>) -> Result<(), Problem> {

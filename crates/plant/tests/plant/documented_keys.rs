@@ -32,6 +32,7 @@ fn the_page_describes_every_key() {
         "[ground]",
         "[[foot]]",
         "[harness]",
+        "[[power_loss]]",
         "[[push]]",
         "[ft_sensor]",
         "[imu]",

@@ -3,12 +3,16 @@
 use super::Reader;
 use crate::drives::{ActuatorKind, CanopenDrive, Drive, Node};
 use crate::reader::{Allowed, Section};
+use crate::sampling::Sampled;
 use crate::wiring::Wiring;
+use crate::{ActuatorSheet, CanopenSheet, NodeSheet};
 use core::f64::consts::TAU;
-use drives_of_makers::cia402::{self, Mode, Side, signals};
+use drives_of_makers::canopen::Object;
+use drives_of_makers::cia402::{self, Asked, Kind, Mode, Side, signals};
 use drives_of_makers::family::Address;
 use drives_of_makers::family::translation::{self, Actuator};
 use robot_state::JointKind;
+use supervisor::Limits;
 
 /// The signals of a node.
 pub(super) struct Messages(Vec<Made>);
@@ -38,7 +42,7 @@ impl Reader<'_, '_, '_> {
         &self,
         name: &str,
         bus: usize,
-        drive: &Drive,
+        (drive, limits): (&Drive, Option<&Limits>),
         wiring: &mut Wiring<'_, '_>,
     ) -> Option<Option<Messages>> {
         let section = self.section;
@@ -67,7 +71,8 @@ impl Reader<'_, '_, '_> {
         let (bus, node) = (bus as u8, node? as u8);
         match &drive.node {
             Some(Node::Canopen(canopen)) => {
-                self.add_canopen(name, bus, node, canopen, drive, wiring)
+                let at = (bus, node);
+                self.add_canopen(name, at, canopen, (drive, limits), wiring)
             }
             Some(Node::Actuator(kind)) => self.add_actuator(name, bus, node, kind, drive, wiring),
             None => None,
@@ -78,10 +83,9 @@ impl Reader<'_, '_, '_> {
     fn add_canopen(
         &self,
         name: &str,
-        bus: u8,
-        node: u8,
+        (bus, node): (u8, u8),
         canopen: &CanopenDrive,
-        drive: &Drive,
+        (drive, limits): (&Drive, Option<&Limits>),
         wiring: &mut Wiring<'_, '_>,
     ) -> Option<Messages> {
         let section = self.section;
@@ -92,6 +96,7 @@ impl Reader<'_, '_, '_> {
             node,
             period: self.timing.sample_period,
             position_count: self.position_count(canopen, drive)?,
+            asked: limits.map(|limits| self.asked(limits, canopen, drive)),
         };
         if let Some(dictionary) = &canopen.dictionary
             && let Err(problems) = made.check(dictionary)
@@ -105,6 +110,8 @@ impl Reader<'_, '_, '_> {
             section.problem("node", problem.reason, problem.allowed);
             return None;
         }
+        let sheet = NodeSheet::Canopen(sheet(&canopen.kind));
+        wiring.note_sheet(self.index, (bus, node), sheet);
         let set_point = match (canopen.kind.mode, canopen.kind.side) {
             (Mode::Torque, _) => self.written("current", JointKind::Revolute),
             (Mode::Position, Side::Link) => self.written("link_angle", self.section.kind),
@@ -140,10 +147,22 @@ impl Reader<'_, '_, '_> {
             torque_per_current: drive.torque_per_current,
         };
         let messages = self.made(|key| actuator.path(key), self.set_point_at_motor(drive));
+        let model = kind.model;
+        let sheet = NodeSheet::Actuator(ActuatorSheet {
+            family: kind.family,
+            reply: actuator.at.master,
+            ranges: [model.position, model.velocity, model.torque],
+            gains: [kind.kp, kind.kd],
+            period: match drive.sampling.sampled {
+                Sampled::AtSync => self.timing.sample_period,
+                Sampled::WhenSent { period } => period,
+            },
+        });
         if let Err(problem) = wiring.add_actuator(actuator) {
             section.problem("node", problem.reason, problem.allowed);
             return None;
         }
+        wiring.note_sheet(self.index, (bus, node), sheet);
         Some(messages)
     }
 
@@ -151,6 +170,35 @@ impl Reader<'_, '_, '_> {
     fn set_point_at_motor(&self, drive: &Drive) -> (f64, f64) {
         let (sign, offset) = self.written("motor_angle", JointKind::Revolute);
         (sign, offset / drive.gear_ratio)
+    }
+
+    /// What the joint's limits ask of its drive, in the counts of 6064.
+    fn asked(&self, limits: &Limits, canopen: &CanopenDrive, drive: &Drive) -> Asked {
+        let at_link = canopen.kind.side == Side::Link;
+        // Of the joint's unit for one count.
+        let count = if at_link {
+            match self.section.kind {
+                JointKind::Revolute => drive.link_counts.map(|counts| TAU / counts),
+                JointKind::Prismatic => drive.link_counts.map(|counts| 1e-3 / counts),
+            }
+        } else {
+            (drive.motor_counts_per_turn).map(|counts| TAU / counts / drive.gear_ratio)
+        };
+        let count = count.unwrap_or(f64::NAN);
+        let (sign, offset) = if at_link {
+            self.written("link_angle", self.section.kind)
+        } else {
+            self.set_point_at_motor(drive)
+        };
+        let counts = |position: f64| sign * (position - offset) / count;
+        let ends = [limits.position_min, limits.position_max].map(counts);
+        let bounded = ends.iter().all(|end| end.is_finite());
+        Asked {
+            torque: limits.torque,
+            current: limits.torque / drive.torque_per_current.abs(),
+            positions: bounded.then(|| [ends[0].min(ends[1]), ends[0].max(ends[1])]),
+            lead: limits.lead / count,
+        }
     }
 
     /// Unit of a set-point in 607A, and what one count is in it.
@@ -215,5 +263,25 @@ impl Reader<'_, '_, '_> {
         let sign = section.sign_or("direction", 1.0);
         let offset = section.number_or("offset_deg", 0.0, Allowed::Finite);
         (sign, section.kind.si(offset))
+    }
+}
+
+/// The data sheet of a kind of CANopen drive.
+fn sheet(kind: &Kind) -> CanopenSheet {
+    let place = |object: Object| (object.index, object.sub);
+    let temperature = kind.reported.temperature;
+    CanopenSheet {
+        position_at_link: kind.side == Side::Link,
+        other_angle: kind.other_angle.map(place),
+        velocity_rpm_per_count: kind.velocity_unit,
+        rated_current: kind.rated_current,
+        current_per_torque: kind.current_per_torque,
+        rated_torque: kind.rated_torque,
+        temperature: temperature.map(|(mapped, count)| (place(mapped.object), mapped.bits, count)),
+        vendor: kind.vendor,
+        product: kind.product,
+        objects: (kind.sdo.iter())
+            .map(|(object, value)| (place(*object), value.len()))
+            .collect(),
     }
 }

@@ -1,10 +1,14 @@
 //! A peer in the same thread, called when frames are sent: the frames do not depend on the machine's
 //! speed, so the same start gives the same bytes.
 
-use super::super::{Bus, BusCounters, deliver};
-use crate::real_time::{Deadline, Pace, Schedule, WakeReport};
-use can_codec::{Frames, Gather, MAX_FRAMES, Table};
+use super::super::translation::Translation;
+use super::super::{Bus, BusCounters, Waiting, deliver};
+use crate::real_time::{Deadline, Pace, Schedule, WakeReport, monotonic_ns, sleep_until};
+use can_codec::{Frame, Frames, Gather, MAX_FRAMES, Table};
+use crossbeam::queue::ArrayQueue;
+use drives::family::translation::{Actuator, Reports};
 use plant::CanRobot;
+use problem::Problem;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -114,6 +118,27 @@ pub struct LockStep<P> {
     /// Frames that the peer has sent and that are not yet received.
     answers: Frames,
     counters: BusCounters,
+    /// Of another thread's end, if there is one.
+    listened: Option<Arc<Listened>>,
+    said: Frames,
+    /// Of actuators' frames, if there are any.
+    translation: Option<Translation>,
+}
+
+/// What goes between the bus and the end of another thread.
+struct Listened {
+    heard: ArrayQueue<Frame>,
+    said: ArrayQueue<Frame>,
+}
+
+/// Frames on their way to or from another thread's end, at most.
+const ON_THE_WAY: usize = 1024;
+
+/// Another thread's end of a [`LockStep`]: it hears what CANopen nodes say besides process data.
+pub struct Listener {
+    listened: Arc<Listened>,
+    clock: VirtualClock,
+    counters: BusCounters,
 }
 
 impl<P: Peer> LockStep<P> {
@@ -125,6 +150,51 @@ impl<P: Peer> LockStep<P> {
             clock: clock.clone(),
             answers: Frames::new(MAX_FRAMES),
             counters: BusCounters::default(),
+            listened: None,
+            said: Frames::new(MAX_FRAMES),
+            translation: None,
+        }
+    }
+
+    /// Turns frames of these actuators into the loop's messages from now on, and back. Returns what they tell
+    /// besides; none: there are none.
+    ///
+    /// # Errors
+    /// A family that there is not.
+    pub fn translate(&mut self, actuators: &[Actuator]) -> Result<Option<Reports>, Problem> {
+        self.translation = Translation::new(actuators)?;
+        Ok(self.translation.as_ref().map(Translation::reports))
+    }
+
+    /// The end of another thread, from now on.
+    #[must_use]
+    pub fn listener(&mut self) -> Listener {
+        let listened = Arc::new(Listened {
+            heard: ArrayQueue::new(ON_THE_WAY),
+            said: ArrayQueue::new(ON_THE_WAY),
+        });
+        self.listened = Some(Arc::clone(&listened));
+        Listener {
+            listened,
+            clock: self.clock.clone(),
+            counters: BusCounters::default(),
+        }
+    }
+
+    /// Hands over what the other thread has sent, and to it what it listens for.
+    fn pass_on(&mut self, first: usize) {
+        let Some(listened) = &self.listened else {
+            return;
+        };
+        for frame in self.answers.iter().skip(first) {
+            if is_of_a_node(frame) {
+                // A thread that does not listen loses the rest.
+                let _ = listened.heard.push(*frame);
+            }
+        }
+        self.said.clear();
+        while let Some(frame) = listened.said.pop() {
+            self.said.push(frame);
         }
     }
 
@@ -142,8 +212,19 @@ impl<P: Peer> LockStep<P> {
 
 impl<P: Peer> Bus for LockStep<P> {
     fn send(&mut self, frames: &Frames) -> usize {
-        self.peer
-            .exchange(frames, self.clock.now_ns(), &mut self.answers);
+        let now = self.clock.now_ns();
+        let first = self.answers.len();
+        if !self.said.is_empty() {
+            self.peer.exchange(&self.said, now, &mut self.answers);
+        }
+        let mut translation = self.translation.take();
+        let leaving = match &mut translation {
+            Some(translation) => translation.leaving(frames),
+            None => frames,
+        };
+        self.peer.exchange(leaving, now, &mut self.answers);
+        self.translation = translation;
+        self.pass_on(first);
         self.counters.sent += frames.len() as u64;
         frames.len()
     }
@@ -153,10 +234,15 @@ impl<P: Peer> Bus for LockStep<P> {
     fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, until_ns: u64) {
         let stamp_ns = self.clock.now_ns();
         for answer in &self.answers {
+            // What another thread listens for is none of the loop's.
+            if self.listened.is_some() && is_of_a_node(answer) {
+                continue;
+            }
             let mut frame = *answer;
             if frame.stamp_ns == 0 {
                 frame.stamp_ns = stamp_ns;
             }
+            Translation::arrived(&mut self.translation, &mut frame);
             deliver(frame, rx, gather, table, &mut self.counters);
         }
         self.counters.dropped += self.answers.overflow();
@@ -172,5 +258,63 @@ impl<P: Peer> Bus for LockStep<P> {
 
     fn now_ns(&self) -> u64 {
         self.clock.now_ns()
+    }
+}
+
+/// An emergency, an answer by SDO, a heartbeat or boot-up.
+fn is_of_a_node(frame: &Frame) -> bool {
+    matches!(frame.id, 0x081..=0x0FF | 0x581..=0x5FF | 0x701..=0x77F)
+}
+
+impl<P: Peer> Waiting for LockStep<P> {
+    /// The peer's time passes, and what it says by its own clock is received.
+    fn wait(&mut self, until_ns: u64) -> bool {
+        self.clock.advance_to(until_ns);
+        self.peer
+            .exchange(&Frames::new(0), until_ns, &mut self.answers);
+        !self.answers.is_empty()
+    }
+}
+
+/// Pause of another thread that finds no frame, ns.
+const NAP_NS: u64 = 1_000_000;
+
+impl Bus for Listener {
+    fn send(&mut self, frames: &Frames) -> usize {
+        let sent = frames
+            .iter()
+            .filter(|frame| self.listened.said.push(**frame).is_ok())
+            .count();
+        self.counters.sent += sent as u64;
+        sent
+    }
+
+    fn receive(&mut self, rx: &mut Frames, gather: &mut Gather, table: &Table, _until_ns: u64) {
+        for _ in 0..ON_THE_WAY {
+            let Some(frame) = self.listened.heard.pop() else {
+                return;
+            };
+            deliver(frame, rx, gather, table, &mut self.counters);
+        }
+    }
+
+    fn counters(&self) -> BusCounters {
+        self.counters
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.clock.now_ns()
+    }
+}
+
+impl Waiting for Listener {
+    /// In the time of the loop's thread, which is that of the bus.
+    fn wait(&mut self, until_ns: u64) -> bool {
+        let waited = until_ns.saturating_sub(self.clock.now_ns());
+        let end = monotonic_ns() + waited;
+        while self.listened.heard.is_empty() && monotonic_ns() < end {
+            sleep_until(monotonic_ns() + NAP_NS);
+        }
+        !self.listened.heard.is_empty()
     }
 }

@@ -3,5 +3,5 @@
 mod lock_step;
 mod threads;
 
-pub use lock_step::{LockStep, Peer, SimulatedDeadline, VirtualClock, VirtualDeadline};
+pub use lock_step::{Listener, LockStep, Peer, SimulatedDeadline, VirtualClock, VirtualDeadline};
 pub use threads::{InProcess, pair};

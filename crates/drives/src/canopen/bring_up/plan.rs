@@ -1,9 +1,9 @@
 //! The steps of a set-up, as data.
 
-use super::Object;
+use super::{Bound, Object};
 
 /// One step of a set-up.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     /// Communication starts anew with the settings of power-on; ends with the node's boot-up.
     ResetCommunication,
@@ -11,6 +11,8 @@ pub enum Step {
     Read(Check),
     /// Writes an object and reads it back.
     Write(Write),
+    /// Reads a limit of the node's own, if it has it: less than is asked ends the set-up, more is remarked.
+    Compare(Bound),
     /// Switches a PDO off if there is one: its communication parameter.
     SwitchOff(u16),
     /// Copies an object to another one of the same length.
@@ -54,7 +56,7 @@ pub struct Write {
 }
 
 /// The set-up of a node.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// Index of the bus.
     pub bus: u8,

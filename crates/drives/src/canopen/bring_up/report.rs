@@ -1,6 +1,6 @@
 //! What a set-up has read and written, and why it ended.
 
-use super::{Check, Object, Write, number};
+use super::{Bound, Check, Object, Write, number};
 use core::fmt;
 
 /// An object that was read.
@@ -48,6 +48,8 @@ pub struct Done {
     pub readings: Vec<Reading>,
     /// Objects that were written, in order.
     pub changes: Vec<Change>,
+    /// Limits of the node's own that are wider than what is asked, in words.
+    pub remarks: Vec<String>,
 }
 
 impl Done {
@@ -67,6 +69,10 @@ impl Done {
             meaning: check.meaning,
             value,
         });
+    }
+
+    pub(super) fn note_remark(&mut self, bound: &Bound, what: String) {
+        self.remarks.push(format!("{} {what}", bound.object));
     }
 
     pub(super) fn note_change(&mut self, write: &Write, old: Option<u32>) {

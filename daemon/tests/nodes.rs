@@ -1,0 +1,83 @@
+//! Robots whose drives are nodes, simulated: from power-on to holding, and what happens when a supply fails.
+
+use crate::common;
+use cycle::ClientInput;
+use plant::parameters::PowerLossParameters;
+use robot_state::{RobotState, SharedRecord};
+use std::sync::atomic::AtomicBool;
+use torqued::bring_up::bring_up;
+use torqued::bus::LockStep;
+use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
+use torqued::control_loop::ControlLoop;
+use torqued::real_time::Pace;
+
+/// The robot's loop in lock-step, its drives set up.
+struct Rig {
+    pace: VirtualDeadline,
+    control_loop: ControlLoop<LockStep<plant::CanRobot>>,
+}
+
+impl Rig {
+    fn new(name: &str, losses: Vec<PowerLossParameters>) -> Self {
+        let robot = common::robot(name);
+        let mut sim = common::sim(name);
+        sim.power_losses = losses;
+        let clock = VirtualClock::new();
+        clock.advance_to(1_000_000_000);
+        let mut bus = LockStep::new(common::plant(&robot, &sim), &clock);
+        bring_up(&robot, &mut bus, &AtomicBool::new(false)).expect("set up");
+        bus.translate(&robot.nodes.actuators).expect("families");
+        Self {
+            pace: VirtualDeadline::new(&clock, 1_000_000),
+            control_loop: ControlLoop::new(&robot, bus).expect("a loop"),
+        }
+    }
+
+    fn cycle(&mut self) -> &SharedRecord {
+        let wake = self.pace.wait();
+        self.control_loop.run_cycle(&wake, &ClientInput::default())
+    }
+
+    /// Cycles until the robot is in that state.
+    fn until(&mut self, state: RobotState, longest: usize) -> usize {
+        for cycle in 0..longest {
+            if self.cycle().cycle.state == state.number() {
+                return cycle;
+            }
+        }
+        let last = self.cycle().cycle;
+        panic!("state {}, fault {}", last.state, last.fault);
+    }
+}
+
+#[test]
+fn from_power_on_to_holding() {
+    for name in ["canopen-joint", "damiao-joint"] {
+        let mut rig = Rig::new(name, Vec::new());
+        let before = rig.cycle().cycle.measured.joints[0].q;
+        rig.until(RobotState::Holding, 5000);
+        for _ in 0..1000 {
+            rig.cycle();
+        }
+        let record = rig.cycle().cycle;
+        assert_eq!(record.fault, 0, "{name}");
+        let q = record.measured.joints[0].q;
+        assert!((q - before).abs() < 5e-3, "{name}: {before} {q}");
+        let robot = rig.control_loop.bus().peer();
+        assert_eq!(robot.unknown_frames(), 0, "{name}");
+    }
+}
+
+#[test]
+fn a_drive_whose_supply_fails_is_withdrawn() {
+    for name in ["canopen-joint", "damiao-joint"] {
+        let loss = PowerLossParameters {
+            joint: "joint".to_owned(),
+            start: 2.5,
+            duration: 0.3,
+        };
+        let mut rig = Rig::new(name, vec![loss]);
+        rig.until(RobotState::Holding, 2400);
+        rig.until(RobotState::Fault, 3000);
+    }
+}
