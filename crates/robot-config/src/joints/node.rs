@@ -112,12 +112,17 @@ impl Reader<'_, '_, '_> {
         }
         let sheet = NodeSheet::Canopen(sheet(&canopen.kind));
         wiring.note_sheet(self.index, (bus, node), sheet);
+        // A drive that counts its position at the motor counts its current the same way round.
+        let current = match canopen.kind.side {
+            Side::Motor => self.written("motor_angle", JointKind::Revolute).0,
+            Side::Link => 1.0,
+        };
         let set_point = match (canopen.kind.mode, canopen.kind.side) {
-            (Mode::Torque, _) => self.written("current", JointKind::Revolute),
+            (Mode::Torque, _) => self.written_or("current", JointKind::Revolute, current),
             (Mode::Position, Side::Link) => self.written("link_angle", self.section.kind),
             (Mode::Position, Side::Motor) => self.set_point_at_motor(drive),
         };
-        Some(self.made(|key| made.path(key), set_point))
+        Some(self.made(|key| made.path(key), set_point, current))
     }
 
     fn add_actuator(
@@ -146,7 +151,10 @@ impl Reader<'_, '_, '_> {
             gear_ratio: drive.gear_ratio,
             torque_per_current: drive.torque_per_current,
         };
-        let messages = self.made(|key| actuator.path(key), self.set_point_at_motor(drive));
+        // An actuator has one direction for all of its signals.
+        let (direction, _) = self.written("motor_angle", JointKind::Revolute);
+        let set_point = self.set_point_at_motor(drive);
+        let messages = self.made(|key| actuator.path(key), set_point, direction);
         let model = kind.model;
         let sheet = NodeSheet::Actuator(ActuatorSheet {
             family: kind.family,
@@ -219,7 +227,14 @@ impl Reader<'_, '_, '_> {
         Some((unit, TAU / counts / drive.gear_ratio))
     }
 
-    fn made(&self, path: impl Fn(&str) -> Option<String>, set_point: (f64, f64)) -> Messages {
+    /// The signals of a profile; `set_point`: direction and offset of the command, `current`: direction of the current
+    /// unless the joint's table has another.
+    fn made(
+        &self,
+        path: impl Fn(&str) -> Option<String>,
+        set_point: (f64, f64),
+        current: f64,
+    ) -> Messages {
         let keys = [
             signals::MOTOR_ANGLE,
             signals::LINK_ANGLE,
@@ -236,6 +251,7 @@ impl Reader<'_, '_, '_> {
         let made = keys.into_iter().filter_map(|key| {
             let (sign, offset) = match key {
                 signals::SET_POINT => set_point,
+                signals::CURRENT => (current, 0.0),
                 signals::VELOCITY | signals::TORQUE => {
                     (self.written("motor_angle", JointKind::Revolute).0, 0.0)
                 }
@@ -253,14 +269,19 @@ impl Reader<'_, '_, '_> {
 
     /// Direction and offset that a signal's table has; what is wrong with it shows where it is read.
     fn written(&self, key: &'static str, kind: JointKind) -> (f64, f64) {
+        self.written_or(key, kind, 1.0)
+    }
+
+    /// The same, with the direction that holds where none is written.
+    fn written_or(&self, key: &'static str, kind: JointKind, direction: f64) -> (f64, f64) {
         let Some(section) = self
             .section
             .optional_section(key)
             .map(|s: Section<'_, '_>| s.of_kind(kind))
         else {
-            return (1.0, 0.0);
+            return (direction, 0.0);
         };
-        let sign = section.sign_or("direction", 1.0);
+        let sign = section.sign_or("direction", direction);
         let offset = section.number_or("offset_deg", 0.0, Allowed::Finite);
         (sign, section.kind.si(offset))
     }

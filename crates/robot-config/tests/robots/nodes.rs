@@ -249,6 +249,30 @@ fn an_actuator_has_messages_that_no_bus_carries_and_is_asked_each_cycle() {
     assert!((counts - 1.0).abs() < 1e-12, "{counts}");
 }
 
+/// A joint that counts against its actuator takes position, velocity, torque and current of it the other way round.
+#[test]
+fn an_actuator_has_one_direction() {
+    let frames = |written: &str| {
+        let node = format!("node = 3\n{written}");
+        let robot = (actuator()
+            .with(TEST_JOINT, "node = 3", &node)
+            .load(TEST_JOINT))
+        .unwrap_or_else(|e| panic!("{e}"));
+        let values = vec![0.5; robot_config::slots::receive_len(&robot.parameters)];
+        let mut frames = can_codec::Frames::default();
+        robot.receive.encode_all(&values, &mut frames);
+        let data: Vec<_> = (&frames).into_iter().map(|frame| frame.data).collect();
+        data
+    };
+    let against = "motor_angle = { direction = -1 }\n";
+    let all = frames(&format!("{against}current = {{ direction = -1 }}\n"));
+    assert_eq!(frames(against), all);
+    assert_ne!(
+        frames(&format!("{against}current = {{ direction = 1 }}\n")),
+        all
+    );
+}
+
 #[test]
 fn what_an_actuator_cannot_have_is_refused() {
     for (from, to, at, parts) in [
