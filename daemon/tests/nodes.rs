@@ -69,7 +69,7 @@ fn from_power_on_to_holding() {
 }
 
 #[test]
-fn a_drive_whose_supply_fails_is_withdrawn() {
+fn a_drive_whose_supply_fails_stops_the_robot() {
     for name in ["canopen-joint", "damiao-joint"] {
         let loss = PowerLossParameters {
             joint: "joint".to_owned(),

@@ -195,7 +195,7 @@ fn row(text: &mut String, o: &Outcome) {
 /// Runs that are listed as the nearest to their bounds.
 const LISTED: usize = 20;
 
-/// Of all runs that hold, those that come nearest to their bounds.
+/// The runs that come nearest to their bounds, of those that hold.
 fn nearest(text: &mut String, results: &Results) {
     let mut held: Vec<(f64, &(Variant, Outcome))> = (results.outcomes.iter())
         .filter(|(_, o)| o.verdict == Verdict::Holds)

@@ -148,11 +148,11 @@ pub struct Drive<'k> {
     pub period: f64,
     /// Unit of a position in 607A, and what one count is in it.
     pub position_count: (&'k str, f64),
-    /// What the configuration asks of it; none: its own limits are not looked at.
+    /// Limits of the joint, with which the drive's own are compared; none: they are not read.
     pub asked: Option<Asked>,
 }
 
-/// What a configuration asks of a drive.
+/// Limits of a joint that its drive must allow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
     /// Torque limit of the joint, N·m; of a prismatic joint force, N.

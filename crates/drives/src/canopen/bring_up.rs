@@ -402,7 +402,7 @@ impl BringUp {
 
     fn compare(&mut self, bound: &Bound, value: &[u8]) {
         match bound.judge(value) {
-            // What is written before would change it: nothing is, in a set-up that only reads.
+            // A set-up that only reads has not written the objects that may raise the limit.
             Verdict::Less(what) if !self.dry => {
                 let cure = format!(
                     "a command would be cut short, or end in a fault of the drive: lower {}, or raise the \

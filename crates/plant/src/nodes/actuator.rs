@@ -1,7 +1,7 @@
 //! A simulated actuator with frames of its maker's own: what all families share. Each family is a file beside it, written
 //! from its maker's description or from other people's masters, apart from `crates/drives`.
 //!
-//! It makes torque only once it was enabled and then told to, and stops by itself when no command comes for a while, as
+//! It makes torque only once it was enabled and then commanded, and stops by itself when no command comes for a while, as
 //! set with the maker's tool.
 
 use super::motor::Motor;
@@ -154,7 +154,7 @@ impl Actuator {
         heard
     }
 
-    /// It makes torque when it is told to.
+    /// It is enabled: it makes the torque of the next command.
     pub(super) fn is_on(&self) -> bool {
         self.on
     }

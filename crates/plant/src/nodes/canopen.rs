@@ -153,7 +153,7 @@ impl CanopenDrive {
         self.heard = None;
         self.emergency(LOST_MASTER, COMMUNICATION, wire);
         self.lose_connection(motor);
-        // 1029:01: 0 is what a node does that has not been told otherwise.
+        // 1029:01: 0, the value after power-on, takes a node out of operation.
         if self.objects.unsigned(0x1029, 1) == 0 && self.state == State::Operational {
             self.state = State::PreOperational;
         }

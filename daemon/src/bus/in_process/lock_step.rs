@@ -156,8 +156,8 @@ impl<P: Peer> LockStep<P> {
         }
     }
 
-    /// Turns frames of these actuators into the loop's messages from now on, and back. Returns what they tell
-    /// besides; none: there are none.
+    /// Turns frames of these actuators into the loop's messages from now on, and back. Returns where they report
+    /// errors and what else they send; none without actuators.
     ///
     /// # Errors
     /// A family that there is not.

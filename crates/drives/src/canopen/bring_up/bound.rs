@@ -7,7 +7,7 @@ use super::{Object, number};
 pub struct Bound {
     /// The object.
     pub object: Object,
-    /// What it limits.
+    /// Quantity that is limited, for messages.
     pub meaning: &'static str,
     /// Counts in two's complement, of the object's length.
     pub signed: bool,
@@ -17,7 +17,7 @@ pub struct Bound {
     pub count: f64,
     /// Unit, for messages.
     pub unit: &'static str,
-    /// What the configuration needs, in `unit`.
+    /// Least reach of the limit that the joint needs, in `unit`.
     pub asked: f64,
     /// The key that asks it, for messages.
     pub key: &'static str,
@@ -40,7 +40,7 @@ pub(super) enum Verdict {
 const MORE: f64 = 0.1;
 
 impl Bound {
-    /// What the drive's value means.
+    /// Judges the value that the drive sent for the object.
     pub(super) fn judge(&self, bytes: &[u8]) -> Verdict {
         let bits = 8 * bytes.len().clamp(1, 4) as u32;
         let raw = number(bytes);
