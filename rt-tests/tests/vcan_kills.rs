@@ -42,7 +42,10 @@ struct Robot {
 
 impl Robot {
     fn start() -> Self {
-        let rig = Rig::new();
+        Self::start_on(Rig::new())
+    }
+
+    fn start_on(rig: Rig) -> Self {
         let (simulator, daemon) = (rig.simulator(), rig.daemon());
         let mut client = rig.client();
         Watch::begin(&mut client).until(&mut client, holds);
@@ -266,20 +269,22 @@ unsafe impl ZeroCopySend for RawReference {
     }
 }
 
-/// Sends a reference some times, each with the next sequence; gives the record after the last.
+/// Sends a reference ten times, each with the next sequence and when the daemon has seen the one before;
+/// gives the record after the last.
 fn send_raw(
     robot: &mut Robot,
     send: impl Fn(Reference),
     reference: &mut Reference,
 ) -> Box<SharedRecord> {
+    let mut record = None;
     for _ in 0..10 {
         reference.sequence += 1;
         reference.sent_ns = monotonic_ns();
         send(*reference);
-        sleep(Duration::from_millis(5));
+        robot.client.latest().expect("records");
+        record = Some(Watch::begin(&mut robot.client).cycles(&mut robot.client, 2));
     }
-    robot.client.latest().expect("records");
-    Watch::begin(&mut robot.client).cycles(&mut robot.client, 2)
+    record.expect("ten were sent")
 }
 
 /// Sends a reference beside a commander; gives the record before and after, and that commander.
@@ -304,7 +309,7 @@ fn send_beside_commander(
 #[test]
 fn the_daemon_itself_refuses_a_second_commander() {
     let _alone = alone();
-    let mut robot = Robot::start();
+    let mut robot = Robot::start_on(Rig::with_long_lease());
     let location = &robot.rig.location;
     let mut config = Config::default();
     let root = Path::new(location.path().to_str().expect("text").as_bytes()).expect("a path");

@@ -29,6 +29,8 @@ BUS_EVENTS = {
     "frame_unknown_id", "frame_wrong_length", "bus_error_frame", "send_failed", "receive_overflow",
     "signal_not_finite", "frame_out_of_order", "bus_down", "send_failing", "datagram_refused",
 }  # fmt: skip
+#: A count of the link encoders, rad.
+COUNT = 2 * math.pi / 524288
 #: Filters are full and the motion has begun, s.
 SETTLED_S = 3.0
 
@@ -100,21 +102,26 @@ def move():
     return records.seen, records.client
 
 
-#: Events of a machine that stalled: such a run is repeated, at most twice.
-STALLED = {"joint_missed", "late_cycle", "skipped_cycle"}
+#: Events of a machine that stalled. The robot's time stands still meanwhile, the daemon's does not: for so long
+#: after one the torques are not judged, s. It is eleven windows of the filters (12 samples at 250 Hz).
+STALLED = {"joint_missed", "sensor_missed", "late_cycle", "skipped_cycle"}
+STALL_PASSED_S = 0.5
+#: Part of the cycles that has to be left to judge; else the run is repeated, at most twice.
+JUDGED_PART = 0.6
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run during which the machine did not stall, if one of three is: after late answers torques are less
-    exact. A stall is no excuse for a fault or a lost frame."""
+    """A run during which the machine rarely stalled, if one of three is. A stall is no excuse for a fault or a lost
+    frame."""
     for attempt in range(3):
         result = one_run(tmp_path_factory)
         test_nothing_is_lost(result)
-        stalled = STALLED & result.torqued["events"].keys()
-        if not stalled:
+        part = judged(result).mean()
+        if part >= JUDGED_PART:
             break
-        print(f"run {attempt + 1}: the machine stalled: {', '.join(sorted(stalled))}")
+        stalled = ", ".join(sorted(STALLED & result.torqued["events"].keys()))
+        print(f"run {attempt + 1}: the machine stalled ({stalled}): {part:.0%} of the cycles can be judged")
     return result
 
 
@@ -176,13 +183,35 @@ def test_the_daemons_datagrams_are_python_cans(run):
         assert pack_message(unpack_message(datagram, check=True)) == datagram
 
 
-def errors(run, source):
-    """Errors of the torques of a source, and MuJoCo's torques, of all joints, N·m."""
+def has_angles_of_its_sync(run, cycle):
+    """Whether the measured joints are those of the cycle's own SYNC, not those of a late answer before."""
+    q = [joint.q for joint in cycle.measured.joints[: len(run.joints)]]
+    return np.allclose(q, run.q[cycle.sequence - 1], atol=3 * COUNT)
+
+
+def judged(run):
+    """Whether each record's torques are judged: settled, and no stall shortly before."""
     first = run.records[0].cycle.sequence + round(SETTLED_S * run.rate_hz)
-    errors, truths, sigmas = [], [], []
+    passed = round(STALL_PASSED_S * run.rate_hz)
+    counted = [i for i, event in enumerate(torqued.EVENTS) if event.name in STALLED]
+    result, stalled, before = [], first - passed, None
     for record in run.records:
         cycle = record.cycle
-        if cycle.sequence < first:
+        counts = cycle.sequence, [cycle.events[i] for i in counted]
+        quiet = before is None or counts == (before[0] + 1, before[1])
+        if not quiet or not has_angles_of_its_sync(run, cycle):
+            stalled = cycle.sequence
+        before = counts
+        result.append(cycle.sequence >= first and cycle.sequence - stalled >= passed)
+    return np.array(result)
+
+
+def errors(run, source):
+    """Errors of the torques of a source, and MuJoCo's torques, of all joints, N·m."""
+    errors, truths, sigmas = [], [], []
+    for record, counts in zip(run.records, judged(run)):
+        cycle = record.cycle
+        if not counts:
             continue
         estimates = [getattr(joint, source) for joint in cycle.estimated.joints[: len(run.joints)]]
         assert all(estimate.flags & torqued.TorqueFlags.VALID for estimate in estimates)
@@ -198,11 +227,7 @@ def errors(run, source):
 
 def test_every_record_has_the_angles_of_its_own_sync(run):
     """But for late answers: where none came in time, or those to the SYNC before."""
-    count = 2 * math.pi / 524288
-    own = 0
-    for record in run.records:
-        q = [joint.q for joint in record.cycle.measured.joints[: len(run.joints)]]
-        own += np.allclose(q, run.q[record.cycle.sequence - 1], atol=3 * count)
+    own = sum(has_angles_of_its_sync(run, record.cycle) for record in run.records)
     late = run.torqued["events"].get("joint_missed", 0)
     assert own >= 0.99 * len(run.records) - 2 * late, (own, len(run.records), late)
 
@@ -220,6 +245,7 @@ def test_torques_are_mujocos(run, source, capsys):
                 f" worst {np.abs(error[:, j]).max():6.3f}; mean {error[:, j].mean():6.3f};"
                 f" sigma {sigma[:, j].mean():6.3f}; largest torque {largest[j]:6.2f}"
             )
+    assert judged(run).mean() > 0.3, "the machine stalled too often for a judgement"
     assert (rms < 0.01 * run.limits).all()
 
 

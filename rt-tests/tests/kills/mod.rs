@@ -115,16 +115,28 @@ pub(crate) struct Rig {
 
 impl Rig {
     pub(crate) fn new() -> Self {
+        Self::with(&[])
+    }
+
+    /// Where no time-out is tested: a commander that this kernel leaves waiting keeps the command.
+    pub(crate) fn with_long_lease() -> Self {
+        Self::with(&[(
+            "reference_timeout_ms = 40.0",
+            "reference_timeout_ms = 1000.0",
+        )])
+    }
+
+    /// The leg, with other words in its configuration.
+    fn with(changes: &[(&str, &str)]) -> Self {
         let directory = TemporaryDirectory::new();
         let location = Location::at(directory.path().join("run")).expect("a run directory");
         let prefix = location.shared_memory_prefix();
         let folder = project_path("config/leg");
         let mut text = fs::read_to_string(format!("{folder}/robot.toml")).expect("the leg");
-        if is_virtual() {
-            for (old, new) in SLOW {
-                assert!(text.contains(old), "{old}");
-                text = text.replace(old, new);
-            }
+        let slow: &[_] = if is_virtual() { &SLOW } else { &[] };
+        for (old, new) in slow.iter().chain(changes) {
+            assert!(text.contains(old), "{old}");
+            text = text.replace(old, new);
         }
         // Relative paths refer to the folder of the original.
         let absolute = |text: &str| text.replace("\"../", &format!("\"{folder}/../"));
