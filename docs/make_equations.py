@@ -11,6 +11,7 @@ or with an unknown tag is an error (exit code 2): file, line, what is allowed.
 
 import re
 import sys
+from itertools import groupby
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -70,16 +71,17 @@ def page():
     text = [
         "# Equations",
         "",
-        "Where the code implements which equation of which source. Written by `docs/make_equations.py` from the marks "
-        "in the code (`//= Z20: ...`); `.ci/run` compares. Where a line departs from print, the reason stands beside it.",
+        "Which code implements which equation. Written by `docs/make_equations.py` from the marks in the code",
+        "(`//= Z20: ...`); `.ci/run` compares. Where a line departs from print, the reason stands beside it.",
     ]
     for tag, source in SOURCES.items():
         if not rows[tag]:
             continue
         text += ["", f"## {tag}", "", source, "", "| equation | | implemented in |", "| --- | --- | --- |"]
-        for _, number, equation, file, line in sorted(rows[tag]):
+        for (_, number, equation), places in groupby(sorted(rows[tag]), key=lambda row: row[:3]):
             shown = equation.replace("|", "\\|")
-            text.append(f"| {tag} {number} | `{shown}` | [{file}:{line}](../{file}#L{line}) |")
+            links = ", ".join(f"[{file}:{line}](../{file}#L{line})" for *_, file, line in places)
+            text.append(f"| {number} | `{shown}` | {links} |")
     return "\n".join(text) + "\n"
 
 
