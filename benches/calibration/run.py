@@ -58,16 +58,16 @@ LIMITS = """What limits the joints that miss:
 - The leg's error in parts (seeds 1 and 2, beside F/T sensor and model without their delay). A constant: -0.27 and -0.17
   N·m of ankle pitch, -0.12 and 0.09 of hip yaw, 0.05 and -0.07 of ankle roll, 0.05 and less of the others. What varies,
   mostly within half a second: 0.04 N·m of hip yaw, 0.11 and 0.12 of hip roll, 0.15 of hip pitch, 0.16 and 0.14 of the
-  knee, 0.06 and 0.07 of ankle pitch, 0.02 of ankle roll, a tenth to a half of a count (a count of the motor's encoder is
-  1.3 of the link's). The constant is the gear's past: in ankle pitch only a swing of some 9 N·m makes it forget, and
-  gravity gives half a newton metre. Gears without a past (the shipped calibration, seeds 1 and 4) leave 17 % of hip yaw,
+  knee. Of the ankles: 0.06 and 0.07 (pitch), 0.02 (roll). All are a tenth to a half of a count (a count of the motor's
+  encoder is 1.3 of the link's). The constant is the gear's past: in ankle pitch only a swing of some 9 N·m makes it
+  forget, and gravity gives half a newton metre. Gears without a past (the shipped calibration, seeds 1 and 4) leave 17 % of hip yaw,
   3 % of hip roll and knee, 8 and 9 % of the ankles. A loop that followed constants too would bring none of the five
   within the aim, and none of the humanoid's that miss it (seed 2); what it followed could be somebody's hand.
 - The torque from F/T sensor and model itself, in the loop, is off by 15.5 % of hip yaw's largest torque, 2.2 of hip
-  roll's and 3.9 of ankle roll's (0.9, 1.1 and 1.5 of hip pitch, knee, ankle pitch): 2 % of a torque of 0.2 N·m is below
+  roll's and 3.9 of ankle roll's (0.9, 1.1 and 1.5 of hip pitch, knee, ankle pitch). 2 % of a torque of 0.2 N·m is below
   everything that the leg measures.
 - Joints with a vertical axis (yaw) carry little: the head 0.19 N·m while it is calibrated (seed 1), 0.47 N·m where it is
-  judged, and the chest no more than 1.8 N·m one way, where it is judged by 4.1.
+  judged. The chest carries no more than 1.8 N·m one way, and is judged by 4.1.
 - The reference's own noise counts as an offset that lasts, besides being in the residuals: hip yaw, chest.
 """
 
