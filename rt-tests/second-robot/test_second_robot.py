@@ -1,6 +1,7 @@
 """Faults of drives, encoders and sensors of a robot that shares no code with the project: what it truly moves."""
 
 import functools
+import itertools
 import signal
 import time
 
@@ -8,6 +9,7 @@ import pytest
 from cases import BOUND, CASES
 from processes import BINARIES, Process
 from second_robot import (
+    JOINTS,
     NAME,
     PAUSE_FAILED_MS,
     PAUSE_PASSED_MS,
@@ -119,6 +121,32 @@ def test_there_is_the_joints_own(robot_program, tmp_path):
 
     result = undisturbed(run, lambda result: "exit code 0" not in result.told)
     assert "exit code 0" not in result.told and "there after" not in result.told, result
+
+
+def test_drives_stop_by_themselves_before_they_are_off(robot_program, tmp_path):
+    """Reaction `off` in motion: each drive's own quick stop brings its joint to rest, then its brake shuts."""
+    line = "late_per_cent = 100   # a simulated robot: late cycles do no harm"
+    configure = functools.partial(
+        configuration, changes={line: f'{line}\n[safety.reactions]\nsensor_stale = "off"\n'}
+    )
+
+    def run(index):
+        with Leg(robot_program, tmp_path / str(index), configure) as leg:
+            leg.start()
+            leg.begin("motion")
+            result = leg.inject("ft_fz - 1e7", window_s=1.0, before_s=2.0)
+            states = leg.robot.truth()[:, 8::7]
+            result.told = " ".join(
+                name + "".join(f" {int(state)}" for state, _ in itertools.groupby(states[-500:, j]))
+                for j, name in enumerate(JOINTS)
+            )
+            return result
+
+    def holds(result):
+        return all(f"{name} 4 5 1" in result.told for name in JOINTS) and result.degrees < 0.5
+
+    result = undisturbed(run, holds)
+    assert holds(result) and result.fault == 110, result
 
 
 def test_pauses_of_the_daemon_are_no_fault(robot_program, tmp_path):

@@ -10,6 +10,8 @@
 //! *Degrade* makes the sources that an event speaks against unsound for as long as it lasts: a mode
 //! that needs one of them ends, and cannot be entered.
 
+mod quick_stop;
+
 use core::ops::RangeInclusive;
 
 use robot_config::Robot;
@@ -26,6 +28,7 @@ use crate::events::{Counts, Subject, refusal_code};
 use crate::inputs::{ClientInput, Known};
 use crate::judge::{HoldCheck, Soundness, Unheld};
 use crate::mode::{Answer, Goal, Modes};
+use quick_stop::QuickStops;
 
 /// The state of the robot, and the memory that leads to it.
 #[derive(Debug)]
@@ -37,6 +40,7 @@ pub(crate) struct Supervisor {
     conditions: Vec<JointCondition>,
     holds: HoldCheck,
     drives: Vec<Drive>,
+    quick_stops: QuickStops,
     /// No control word is sent before the robot was ready or in a fault once.
     listening: bool,
     reference_timeout_s: f64,
@@ -80,6 +84,7 @@ impl Supervisor {
             drives: (p.joints.iter())
                 .map(|joint| Drive::new(joint.drive_profile.clone()))
                 .collect(),
+            quick_stops: QuickStops::new(robot),
             listening: true,
             reference_timeout_s: p.timing.reference_timeout,
             reactions: p.safety.reactions.clone(),
@@ -256,11 +261,19 @@ impl Supervisor {
 
     fn lead_drives(&mut self) {
         self.listening &= self.machine.state() == RobotState::Boot;
-        for (j, drive) in self.drives.iter_mut().enumerate() {
-            drive.pursue(match self.listening {
-                true => DriveGoal::Listen,
-                false if self.machine.wants_drive(j) => DriveGoal::Enabled,
-                false => DriveGoal::Off,
+        let all_off = self.machine.safety() == Some(Safety::Off);
+        let joints = self.drives.iter_mut().zip(&self.conditions);
+        for (j, (drive, condition)) in joints.enumerate() {
+            // The event may speak against this joint's drive.
+            let may_stop = all_off && self.fault_subject != Some(Subject::Joint(j));
+            drive.pursue(if self.listening {
+                DriveGoal::Listen
+            } else if self.machine.wants_drive(j) {
+                DriveGoal::Enabled
+            } else if self.quick_stops.update(j, may_stop, drive, condition) {
+                DriveGoal::Stopped
+            } else {
+                DriveGoal::Off
             });
         }
     }

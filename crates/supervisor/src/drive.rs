@@ -4,6 +4,7 @@
 //!  off ──► ready ──► on ──► enabled      goal enabled: one word a state, each with a time limit
 //!   ▲        │       │         │
 //!   └────────┴───────┴─────────┘         goal off: the disable word, from any state
+//!   └──── stopping ◄───────────┘         goal stopped: the quick-stop word, where there is one, then off
 //!  fault ──reset (rising edge)──► off    only when the operator has acknowledged
 //! ```
 //!
@@ -47,6 +48,8 @@ pub struct ControlWords {
     pub disable: u32,
     /// Clears the drive's fault; acts by its rising edge after `disable`.
     pub reset: u32,
+    /// The drive brakes its motor by itself, from enabled (CiA 402: quick stop); none: it has no such word.
+    pub quick_stop: Option<u32>,
 }
 
 /// A drive's words as data.
@@ -88,6 +91,7 @@ impl DriveProfile {
                 enable: 0x0f,
                 disable: 0x00,
                 reset: 0x80,
+                quick_stop: Some(0x02),
             }),
             step_limit,
             brake: false,
@@ -119,6 +123,8 @@ pub enum DriveGoal {
     Listen,
     /// No torque.
     Off,
+    /// Brought to rest by the drive's own quick stop; off at once where it has none.
+    Stopped,
     /// Following its set-points.
     Enabled,
 }
@@ -182,6 +188,12 @@ impl Drive {
         self.state
     }
 
+    /// The goal as it was set last.
+    #[must_use]
+    pub fn goal(&self) -> DriveGoal {
+        self.goal
+    }
+
     /// Sets the goal; time limits begin anew where it changes.
     pub fn pursue(&mut self, goal: DriveGoal) {
         if goal != self.goal {
@@ -209,6 +221,7 @@ impl Drive {
         match self.goal {
             DriveGoal::Listen => true,
             DriveGoal::Off => matches!(self.state, DriveState::Off | DriveState::Fault),
+            DriveGoal::Stopped => !self.is_enabled(),
             DriveGoal::Enabled => self.is_enabled(),
         }
     }
@@ -241,7 +254,7 @@ impl Drive {
             self.unguarded = set.is_some_and(|bits| status & bits.mask != bits.value);
         }
         // A drive that sends nothing cannot confirm that it is off; that it is silent is known.
-        let silent = status.is_none() && self.goal == DriveGoal::Off;
+        let silent = status.is_none() && matches!(self.goal, DriveGoal::Off | DriveGoal::Stopped);
         self.waited = self.waited.saturating_add(u32::from(!silent));
         let in_time = self.waited <= profile.step_limit;
         if self.state == DriveState::Fault {
@@ -255,7 +268,9 @@ impl Drive {
         let arrived = match self.goal {
             DriveGoal::Listen => true,
             // Without control words nothing switches the drive off.
-            DriveGoal::Off => self.state != DriveState::Enabled || profile.control.is_none(),
+            DriveGoal::Off | DriveGoal::Stopped => {
+                self.state != DriveState::Enabled || profile.control.is_none()
+            }
             DriveGoal::Enabled => self.state == DriveState::Enabled,
         };
         if arrived {
@@ -282,8 +297,18 @@ impl Drive {
             (DriveGoal::Enabled, S::Off | S::Unknown) => Some(words.prepare),
             (DriveGoal::Enabled, S::ReadyToSwitchOn) => Some(words.switch_on),
             (DriveGoal::Enabled, S::SwitchedOn | S::Enabled) => Some(words.enable),
-            (DriveGoal::Off | DriveGoal::Enabled, _) => Some(words.disable),
+            (DriveGoal::Stopped, S::Enabled | S::Stopping) => {
+                Some(words.quick_stop.unwrap_or(words.disable))
+            }
+            (DriveGoal::Off | DriveGoal::Stopped | DriveGoal::Enabled, _) => Some(words.disable),
         }
+    }
+
+    /// It follows set-points, and its own quick stop can bring it to rest.
+    #[must_use]
+    pub fn can_stop(&self) -> bool {
+        let words = (self.profile.as_ref()).and_then(|profile| profile.control.as_ref());
+        self.is_enabled() && words.is_some_and(|words| words.quick_stop.is_some())
     }
 }
 
@@ -314,6 +339,39 @@ mod tests {
                 "{word:#x} with a warning"
             );
         }
+    }
+
+    #[test]
+    fn a_drive_stops_by_itself_before_it_is_off() {
+        let enabled = |profile| {
+            let mut drive = Drive::new(Some(profile));
+            drive.pursue(DriveGoal::Enabled);
+            assert_eq!(drive.update(Some(0x27)), None);
+            drive
+        };
+        let mut drive = enabled(DriveProfile::cia402(3));
+        assert!(drive.can_stop());
+        drive.pursue(DriveGoal::Stopped);
+        assert_eq!(drive.control_word(), Some(0x02));
+        assert_eq!(drive.update(Some(0x07)), None);
+        assert_eq!(
+            (drive.state(), drive.control_word()),
+            (DriveState::Stopping, Some(0x02))
+        );
+        drive.pursue(DriveGoal::Off);
+        assert_eq!(drive.control_word(), Some(0x00));
+        // One that goes on is a trouble.
+        let mut deaf = enabled(DriveProfile::cia402(3));
+        deaf.pursue(DriveGoal::Stopped);
+        let troubles: Vec<_> = (0..5).filter_map(|_| deaf.update(Some(0x27))).collect();
+        assert_eq!(troubles, [DriveTrouble::TimeOut(DriveState::Enabled)]);
+        // One without the word is switched off.
+        let mut profile = DriveProfile::cia402(3);
+        profile.control.as_mut().expect("words").quick_stop = None;
+        let mut drive = enabled(profile);
+        assert!(!drive.can_stop());
+        drive.pursue(DriveGoal::Stopped);
+        assert_eq!(drive.control_word(), Some(0x00));
     }
 
     /// A drive that obeys each word one cycle later.

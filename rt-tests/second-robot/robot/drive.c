@@ -69,7 +69,7 @@ void drive_control(int j, int word) {
     }
     int quick_stop = !(word & 4) && (word & 2), voltage = word & 2;
     if (!voltage) enter(d, DISABLED, 0);
-    else if (quick_stop) { if (d->state == ENABLED) enter(d, QUICK_STOP, 0); else enter(d, DISABLED, 0); }
+    else if (quick_stop) { if (d->state == ENABLED) enter(d, QUICK_STOP, 0); else if (d->state != QUICK_STOP) enter(d, DISABLED, 0); }
     else if ((word & 0xf) == 6) { if (d->state != QUICK_STOP) enter(d, READY, 0); }
     else if ((word & 0xf) == 7) { if (d->state == READY || d->state == ENABLED) enter(d, SWITCHED_ON, 0); }
     else if ((word & 0xf) == 0xf) {

@@ -32,6 +32,7 @@ pub(super) fn actuator(sample_period: f64) -> DriveProfile {
             enable: translation::ENABLE,
             disable: translation::DISABLE,
             reset: translation::RESET,
+            quick_stop: None,
         }),
         step_limit: step_limit(STEP_LIMIT_MS, sample_period),
         brake: false,
@@ -125,6 +126,9 @@ fn control(section: Section<'_, '_>) -> ControlWords {
         enable: word("enable"),
         disable: word("disable"),
         reset: word("reset"),
+        quick_stop: section
+            .optional_integer("quick_stop", 0..WORDS)
+            .map(|word| word as u32),
     };
     section.finish();
     words

@@ -1,0 +1,62 @@
+//! Reaction `off` of a robot that moves: a drive that can brakes its motor by itself before it is off.
+//!
+//! A joint whose drive is switched off in motion runs on until friction or a brake stops it. A drive's own quick
+//! stop needs nothing of this program but one control word. It needs an encoder that is sound: a joint whose
+//! samples are missing or contradict each other is switched off at once. So is one whose drive takes currents, as
+//! such a drive need not have gains for a ramp.
+
+use robot_config::Robot;
+use supervisor::{Drive, DriveGoal, JointCondition};
+
+/// The quick stops of all joints.
+#[derive(Debug)]
+pub(super) struct QuickStops {
+    joints: Vec<QuickStop>,
+    /// Longest time of one, cycles.
+    limit: u32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct QuickStop {
+    takes_position: bool,
+    /// Cycles that are left; 0: none is going on.
+    left: u32,
+}
+
+impl QuickStops {
+    pub(super) fn new(robot: &Robot) -> Self {
+        let p = &robot.parameters;
+        let joints = p.joints.iter().map(|joint| QuickStop {
+            takes_position: joint.takes_position(),
+            left: 0,
+        });
+        Self {
+            joints: joints.collect(),
+            limit: (p.safety.time_limit / p.timing.sample_period).ceil() as u32,
+        }
+    }
+
+    /// The drive of a joint is no longer wanted: whether it is to stop by itself in this cycle. `may`: nothing
+    /// but the robot's reaction switches it off.
+    pub(super) fn update(
+        &mut self,
+        joint: usize,
+        may: bool,
+        drive: &Drive,
+        condition: &JointCondition,
+    ) -> bool {
+        let limit = self.limit;
+        let Some(joint) = self.joints.get_mut(joint) else {
+            return false;
+        };
+        let sound = condition.usable && !condition.distrusted && !condition.slipped;
+        let needed = may && sound && joint.takes_position && !condition.at_rest;
+        let begins = drive.goal() == DriveGoal::Enabled && drive.can_stop();
+        joint.left = match joint.left {
+            _ if !needed => 0,
+            0 if begins => limit,
+            left => left.saturating_sub(1),
+        };
+        joint.left > 0
+    }
+}
