@@ -22,7 +22,8 @@ struct Arguments {
     /// All runs as JSON, one line each, to this file
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Only scenarios with this text in their names; prints the runs and writes no page
+    /// Only scenarios with this text in their names, of pairs those with it in either; prints the runs and
+    /// writes no page
     #[arg(long)]
     only: Option<String>,
     /// Only this robot: leg, hrp2-like or humanoid; prints the runs and writes no page
@@ -155,7 +156,10 @@ fn work_on_pairs(
     threads: usize,
 ) -> Result<usize, String> {
     const SHOWN: usize = 20;
-    let pairs = draw(prepared, count, arguments.seed);
+    let mut pairs = draw(prepared, count, arguments.seed);
+    if let Some(text) = &arguments.only {
+        pairs.retain(|(_, pair)| pair.scenarios.iter().any(|s| s.name.contains(text)));
+    }
     let keys: BTreeMap<(usize, Start), &Pair> = pairs
         .iter()
         .map(|(robot, pair)| ((*robot, pair.places[0].start), pair))

@@ -1,6 +1,7 @@
 //! Two faults at once: in the same cycle, one after the other, one hidden before.
 
 use problem::Problem;
+use robot_state::Event;
 use serde::Serialize;
 
 use crate::motion::{Motion, Moved, Reference};
@@ -35,6 +36,8 @@ pub struct PairOutcome {
     pub delay: usize,
     /// The latched fault's number, or 0.
     pub fault: u32,
+    /// Numbers of the events that came.
+    pub events: Vec<u32>,
     /// True motion.
     #[serde(flatten)]
     pub moved: Moved,
@@ -138,6 +141,7 @@ pub fn run_pair(
             faults[1](at, rig, k - delay);
         }
     });
+    let before = rig.cycle.record().events;
     for k in 0..OBSERVED {
         rig.step(Some((&mut act, k)));
         motion.take(&rig);
@@ -150,6 +154,10 @@ pub fn run_pair(
         joints: [place, other].map(|place| joints[place.joint].name.clone()),
         delay,
         fault: rig.cycle.record().fault,
+        events: (Event::ALL.iter())
+            .filter(|event| rig.cycle.record().events[event.index()] > before[event.index()])
+            .map(|event| event.number())
+            .collect(),
         moved: motion.moved,
     })
 }
