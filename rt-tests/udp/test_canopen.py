@@ -4,6 +4,7 @@ import re
 import signal
 import time
 
+import durand_drive
 import pytest
 import results
 import torqued
@@ -126,6 +127,33 @@ def test_from_power_on_to_holding(tmp_path, line, mode, changes):
         assert drive.number(0x1016, 1) == 127 << 16 | 300
         assert drive.heartbeats > 5
         assert drive.number(0x1403, 1) >> 31, "what is not used is off"
+
+
+@pytest.fixture
+def second_stack():
+    made = durand_drive.Line(NODES)
+    yield made
+    made.end()
+
+
+@pytest.mark.parametrize("mode, changes", [(8, []), (10, CST)], ids=["csp", "cst"])
+def test_a_second_stack_from_power_on_to_holding_and_its_end(tmp_path, second_stack, mode, changes):
+    """Drives of `durand`: set up, held, and stopped by themselves when the daemon is killed."""
+    drives = second_stack.drives
+    starts = [drive.degrees for drive in drives]
+    with daemon(configuration(tmp_path, changes), "--accept-margins") as process:
+        to_holding()
+        time.sleep(1.0)
+        assert all(drive.enabled and drive.operational for drive in drives)
+        ms = results.stop_ms(lambda: process.send(signal.SIGKILL), drives)
+    assert 0.15 < ms / 1000 < 0.45
+    for drive, start in zip(drives, starts):
+        assert drive.nmt_states[-1] == "OPERATIONAL"
+        assert (drive.value(0x6061), drive.value(0x6065)) == (mode, 100000)
+        assert drive.value(0x1016, 1) == 127 << 16 | 300
+        position, target = drive.enabled_at
+        assert abs(target - (position if mode == 8 else 0.0)) < 0.01
+        assert drive.worst_jump < 1e-3 and abs(drive.degrees - start) < 0.1
 
 
 @pytest.mark.parametrize("act", ["killed", "pulled"])
