@@ -237,17 +237,54 @@ fn a_set_point_goes_out_once_enabled_and_again_when_the_next_cycle_asks() {
     assert_eq!(l.send(&ask(0)), [question]);
     assert!(l.encode(SET_POINT, 0.5).is_empty());
     assert_eq!(l.encode(CONTROL, f64::from(ENABLE)), [family.enable(a.at)]);
+    // A count of its position: no remainder is left for the torque.
+    let position = 2622.0 * 2.0 * a.model.position / 65535.0 - a.model.position;
     let set_point = SetPoint {
-        position: 0.5,
+        position,
         kp: 80.0,
         kd: 2.0,
         ..SetPoint::default()
     };
     let command = family.command(a.at, &a.model, &set_point).expect("a frame");
-    assert_eq!(l.encode(SET_POINT, 0.5), [command]);
+    assert_eq!(l.encode(SET_POINT, position), [command]);
     assert_eq!(l.send(&ask(0)), [command]);
     // Withdrawn: asked without gains.
     assert_eq!(l.send(&ask(0)), [question]);
+}
+
+/// Position, rad, and torque, N·m, of a Damiao command by the maker's manual: fields of 16, 12, 12, 12 and 12 bits.
+fn by_the_manual(frame: &Frame, range: f64, torque_range: f64) -> (f64, f64) {
+    let d = &frame.data;
+    let position = f64::from(u16::from_be_bytes([d[0], d[1]]));
+    let torque = f64::from(u16::from(d[6] & 0x0F) << 8 | u16::from(d[7]));
+    (
+        position * 2.0 * range / 65535.0 - range,
+        torque * 2.0 * torque_range / 4095.0 - torque_range,
+    )
+}
+
+#[test]
+fn what_counting_takes_from_a_position_goes_as_torque() {
+    let family = translation::named("damiao").expect("a family");
+    let a = actuator(family);
+    let mut l = Loop::new(&a);
+    l.encode(CONTROL, f64::from(ENABLE));
+    let half_a_count = a.model.torque / 4095.0;
+    let mut without: f64 = 0.0;
+    for k in 0..1000 {
+        let asked = -12.4 + 0.024_813 * f64::from(k);
+        let frame = l.encode(SET_POINT, asked)[0];
+        let (position, torque) = by_the_manual(&frame, a.model.position, a.model.torque);
+        let missing = a.kp * (asked - position);
+        assert!((torque - missing).abs() < 1.01 * half_a_count, "{asked}");
+        without = without.max(missing.abs());
+    }
+    assert!(without > 5.0 * half_a_count, "{without}");
+    // Beyond the range nothing makes it up.
+    let frame = l.encode(SET_POINT, 20.0)[0];
+    let (position, torque) = by_the_manual(&frame, a.model.position, a.model.torque);
+    assert_eq!(position, a.model.position);
+    assert!(torque.abs() < 1.01 * half_a_count, "{torque}");
 }
 
 #[derive(Clone, Debug)]

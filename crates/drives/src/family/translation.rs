@@ -102,10 +102,14 @@ impl Actuator {
         }
     }
 
+    /// Its frames have positions of 16 bits, not floats.
+    fn counts(&self) -> bool {
+        self.model.position < 1e3
+    }
+
     /// One count of its position, rad of the output.
     fn count(&self) -> f64 {
-        // Families that count do so in 16 bits.
-        if self.model.position < 1e3 {
+        if self.counts() {
             2.0 * self.model.position / 65535.0
         } else {
             FINE

@@ -4,6 +4,7 @@ use super::{
     ASK_ID, Actuator, COMMAND, CONTROL, DISABLE, ENABLE, RESET, Report, SILENT_NS, STATE,
     STATE_LEN, UNKNOWN,
 };
+use crate::family::packing::{count, number};
 use crate::family::{Family, Feedback, Heard, SetPoint, State};
 use can_codec::{Frame, Frames};
 
@@ -235,14 +236,26 @@ impl Live {
         }
     }
 
+    /// What counting takes from a position, rad of what the family counts. It goes as torque in the same frame, whose
+    /// counts are finer: 16 bits of ±12.5 rad are steps of 0.08 N·m at 200 N·m/rad, 12 bits of ±28 N·m of 0.014.
+    /// Beyond the range's ends nothing makes it up.
+    fn remainder(&self, position: f64) -> f64 {
+        let range = self.setting.model.position;
+        if !self.setting.counts() || position.abs() > range {
+            return 0.0;
+        }
+        position - number(count(position, -range, range, 16), -range, range, 16)
+    }
+
     fn command(&mut self, frame: &Frame) -> Option<Frame> {
         let bytes = frame.data.first_chunk::<8>()?;
         // Nothing but what is asked for while it is off.
         if self.word != ENABLE {
             return None;
         }
-        let set_point = self.set_point(f64::from_le_bytes(*bytes));
+        let mut set_point = self.set_point(f64::from_le_bytes(*bytes));
         let setting = &self.setting;
+        set_point.torque = set_point.kp * self.remainder(set_point.position);
         self.last = (self.family).command(setting.at, &setting.model, &set_point);
         self.last
     }
