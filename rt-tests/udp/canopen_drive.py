@@ -34,9 +34,10 @@ VARIABLES = [
 OFF, READY, ON, ENABLED = 0x0240, 0x0231, 0x0233, 0x0237
 
 
-def dictionary(node):
+def dictionary(node, own=()):
+    """Objects of a drive; `own`: variables that this one has besides."""
     result = od.ObjectDictionary()
-    for index, kind, access, value, _ in VARIABLES:
+    for index, kind, access, value, _ in (*VARIABLES, *own):
         result.add_object(variable(f"{index:04X}", index, 0, kind, access, value))
     records = {
         0x1016: [(1, U32, "rw", 0)],
@@ -96,17 +97,20 @@ class Line:
 
 class Drive:
     """One drive. `refuse`: an object whose writing it aborts; `forget`: one of which it keeps nothing; `lose`:
-    numbers of SDO answers that are lost; `cut`: number of the SDO answer in whose place its power is cut."""
+    numbers of SDO answers that are lost; `cut`: number of the SDO answer in whose place its power is cut; `torque`:
+    its greatest torque, thousandths of the rated one."""
 
     def __init__(
-        self, line, period_s, node=3, degrees=30.0, vendor=0x5A, refuse=None, forget=None, lose=(), cut=None
-    ):
+        self, line, period_s, node=3, degrees=30.0, vendor=0x5A, refuse=None, forget=None, lose=(), cut=None,
+        torque=None,
+    ):  # fmt: skip
         self.line, self.period_s, self.id, self.refuse, self.forget = line, period_s, node, refuse, forget
         self.vendor = vendor
         self.q, self.dq, self.ddq, self.amperes = degrees / 360 * COUNTS, 0.0, 0.0, 0.0
         self.enabled_at, self.worst_jump = None, 0.0
         self.nmt, self.aborts = [], []
-        self.node = line.network.add_node(canopen.LocalNode(node, dictionary(node)))
+        own = [(0x6072, U16, "rw", torque, False)] if torque else []
+        self.node = line.network.add_node(canopen.LocalNode(node, dictionary(node, own)))
         self.answers, self.lose, self.cut, self._answer = 0, lose, cut, self.node.sdo.send_response
         self.node.sdo.send_response = self._answered
         self.node.add_write_callback(self._written)

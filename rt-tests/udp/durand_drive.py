@@ -82,6 +82,11 @@ class Drive:
     def operational(self):
         return self.node.nmt.state.name == "OPERATIONAL"
 
+    def pull(self):
+        """Its bus is pulled: nothing arrives, and nothing leaves."""
+        self._network.stop()
+        self._network.send = lambda *_: None
+
     def end(self):
         self._ended.set()
         self._watch.join()
@@ -164,6 +169,10 @@ class Line:
         durand.set_scheduler(self._scheduler)
         threading.Thread(target=self._scheduler.run, daemon=True).start()
         self.drives = [Drive(**node) for node in nodes]
+
+    def pull(self):
+        for drive in self.drives:
+            drive.pull()
 
     def end(self):
         for drive in self.drives:

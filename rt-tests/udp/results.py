@@ -32,8 +32,8 @@ def write(path):
         COMMAND,
         "```",
         "",
-        "runs `torqued run` on a UDP bus against drives of other people's: PyPI `canopen`'s LocalNode as drives of CiA 402, and"
-        " the actuators of `rt-tests/udp/actuators.py`, whose frames are those of PyPI `damiao-motor`, `odrive-can` and"
+        "runs `torqued run` on a UDP bus against drives of other people's: PyPI `canopen`'s LocalNode and `durand` as drives of CiA 402,"
+        " and the actuators of `rt-tests/udp/actuators.py`, whose frames are those of PyPI `damiao-motor`, `odrive-can` and"
         " `moteus`, or follow the makers' manuals. It writes this page. The loop runs at 200 Hz.",
         "",
         f"{time.strftime('%d %B %Y')}, {platform.machine()}, two processors with other work beside.",
@@ -46,7 +46,7 @@ def write(path):
         "| --- | --- | --- | --- |",
     ]
     for (family, limit_ms), times in stops.items():
-        lines.append(f"| {family} | {limit_ms} | {times['killed']} | {times['pulled']} |")
+        lines.append(f"| {family} | {limit_ms} | {times.get('killed', '-')} | {times.get('pulled', '-')} |")
     lines += [
         "",
         "## Set-up interrupted",

@@ -1,7 +1,9 @@
 """From power-on to holding with drives of other people's: python-canopen's LocalNodes behind the daemon."""
 
+import json
 import re
 import signal
+import subprocess
 import time
 
 import durand_drive
@@ -136,17 +138,21 @@ def second_stack():
     made.end()
 
 
-@pytest.mark.parametrize("mode, changes", [(8, []), (10, CST)], ids=["csp", "cst"])
-def test_a_second_stack_from_power_on_to_holding_and_its_end(tmp_path, second_stack, mode, changes):
-    """Drives of `durand`: set up, held, and stopped by themselves when the daemon is killed."""
+@pytest.mark.parametrize(
+    "mode, changes, act", [(8, [], "killed"), (10, CST, "pulled")], ids=["csp-killed", "cst-pulled"]
+)
+def test_a_second_stack_from_power_on_to_holding_and_its_end(tmp_path, second_stack, mode, changes, act):
+    """Drives of `durand`: set up, held, and stopped by themselves when the daemon is killed or the bus pulled."""
     drives = second_stack.drives
     starts = [drive.degrees for drive in drives]
     with daemon(configuration(tmp_path, changes), "--accept-margins") as process:
         to_holding()
         time.sleep(1.0)
         assert all(drive.enabled and drive.operational for drive in drives)
-        ms = results.stop_ms(lambda: process.send(signal.SIGKILL), drives)
+        kill = lambda: process.send(signal.SIGKILL)
+        ms = results.stop_ms(kill if act == "killed" else second_stack.pull, drives)
     assert 0.15 < ms / 1000 < 0.45
+    results.TABLES["stops"].append(("cia402, durand", 300, act, ms))
     for drive, start in zip(drives, starts):
         assert drive.nmt_states[-1] == "OPERATIONAL"
         assert (drive.value(0x6061), drive.value(0x6065)) == (mode, 100000)
@@ -175,7 +181,7 @@ def enable_once_plausible(client, limit_s=10.0):
         try:
             return client.enable()
         except torqued.RefusedError as refused:
-            assert "plausible for long enough" in str(refused) and time.monotonic() < until
+            assert "plausible" in str(refused) and time.monotonic() < until
             time.sleep(0.1)
 
 
@@ -213,6 +219,8 @@ def test_a_drive_that_starts_anew_is_named_withdrawn_and_set_up_anew(tmp_path, l
         ([{"node": 4}], ["joint (node 3 on bus a)", "no boot-up"]),
         ([{"lose": range(9, 999)}], ["joint (node 3 on bus a)", "no answer in time"]),
         ([{"cut": 9}], ["joint (node 3 on bus a)", "the node has started anew while it was set up"]),
+        # Of 5 A and 5 N·m/A.
+        ([{"torque": 800}], ["object 6072:00", "the drive allows 20.0000 N·m, torque_limit_Nm is 37.0000 N·m"]),
     ],
     ids=[
         "other maker",
@@ -222,6 +230,7 @@ def test_a_drive_that_starts_anew_is_named_withdrawn_and_set_up_anew(tmp_path, l
         "node absent",
         "node falls silent",
         "power cut or reset of the node",
+        "a limit below the joint's",
     ],
     indirect=["line"],
 )
@@ -253,6 +262,19 @@ def test_two_nodes_with_one_id_are_not_as_planned(tmp_path, line):
         not_as_planned(tmp_path, line.drives[0], ["two nodes have this id"], "two nodes with one id")
     finally:
         second.end()
+
+
+@pytest.mark.parametrize("line", [[{"torque": 3000}]], indirect=True)
+def test_a_limit_far_above_the_joints_is_a_warning(tmp_path, line):
+    config = configuration(tmp_path, joints=1)
+    dry = [BINARIES / "torquectl", "can", "setup", "--dry-run", config, "--json"]
+    read = json.loads(subprocess.run(dry, capture_output=True, text=True, check=True, timeout=60).stdout)
+    (note,) = [note for note in read["nodes"][0]["notes"] if "6072" in note]
+    assert "the drive allows 75.0000 N·m, torque_limit_Nm is 37.0000 N·m" in note
+    with daemon(config, "--accept-margins") as process:
+        to_holding()
+        assert note in process.output()
+        assert process.terminate()["fault"] == 0
 
 
 @pytest.mark.parametrize("line", [[{"lose": (9, 20)}]], indirect=True)

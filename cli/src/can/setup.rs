@@ -48,6 +48,9 @@ fn page(robot: &Robot, nodes: &[BringUp]) -> String {
         for change in &node.done().changes {
             text += &format!("  {change}\n");
         }
+        for remark in &node.done().remarks {
+            text += &format!("  note: {remark}\n");
+        }
         if let Outcome::Failed(trouble) = node.outcome() {
             text += &format!("  not as planned: {trouble}\n");
         }
@@ -89,6 +92,7 @@ fn object(node: &BringUp) -> Value {
         "node": node.plan().node,
         "read": readings.collect::<Vec<_>>(),
         "written": changes.collect::<Vec<_>>(),
+        "notes": done.remarks,
         "not_as_planned": trouble,
     })
 }
