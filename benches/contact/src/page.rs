@@ -367,7 +367,8 @@ Written by `cargo run --release -p contact-bench`; how it works: [contact.md](..
 const STEPS: &str = "
 ## Steps of 20 % of rated torque
 
-An external torque of 20 % of the gear's rated torque (10 % of the joint's limit) is put at once between the links that a joint connects, on one joint after the other. Times count from its begin to the cycle whose record has the flag. `own`: the flag of that joint itself.
+An external torque of 20 % of the gear's rated torque (10 % of the joint's limit) is put at once between the links of
+one joint after the other. Times count to the cycle whose record has the flag. `own`: the flag of that joint itself.
 
 | robot, drives | state | flagged within 10 ms | own | median, ms | worst, ms |
 | --- | --- | --- | --- | --- | --- |
@@ -385,7 +386,9 @@ Motion without any contact but the declared ones. `worst ratio`: greatest extern
 const COLLISIONS: &str = "
 ## Collisions
 
-The leg's thigh, or the upper arm of the humanoid, which hangs in its harness, comes down on a surface of 75 N/mm at 0.25 m/s, by inverse dynamics; the client goes on pressing. Times from the first touch, the greatest of all seeds; forces least to greatest.
+The leg's thigh, or the upper arm of the humanoid in its harness, comes down on a surface of 75 N/mm at 0.25 m/s, by
+inverse dynamics; the client goes on pressing. Times from the first touch, the greatest of all seeds; forces least to
+greatest.
 
 | robot, drives | reaction | m/s | flag, ms | event 209, ms | peak, N | at, ms | after 1 s, N | depth, mm | state, fault |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -394,7 +397,12 @@ The leg's thigh, or the upper arm of the humanoid, which hangs in its harness, c
 const NOTES: &str = "
 ## Weak spots
 
-- Chest pitch of the humanoid: its contact sets have an unknown wrench on the link beyond that joint, so its torque follows from the feet upwards, and the noise of all legs' accelerations at levers of a metre enters: up to 30 % of its rated torque, and a threshold to match. A blow there is not found by `tau_ext_change`.
-- Feet that are put down change the torques of ankles and knees by half of what is rated within some milliseconds, where windup, hysteresis and stiffness of a gear are wrong by a tenth of it. The thresholds rise with the change of the torque, and come within a few per cent of a flag. Let 209 only warn on a robot that walks.
-- Contacts beyond an F/T sensor are declared ones, and are not found here. A contact that grows slowly is found by `tau_ext` alone, from its threshold of 8 % of the torque limit and four standard deviations on.
+- Chest pitch of the humanoid has an unknown wrench on the link beyond it, so its torque follows from the feet upwards.
+  The noise of all legs' accelerations at levers of a metre enters: up to 30 % of its rated torque, and a threshold to
+  match. A blow there is not found by `tau_ext_change`.
+- Feet that are put down change the torques of ankles and knees by half of what is rated within some milliseconds, where
+  windup, hysteresis and stiffness of a gear are wrong by a tenth of it. The thresholds rise with that change, and come
+  within a few per cent of a flag. Let 209 only warn on a robot that walks.
+- Contacts beyond an F/T sensor are declared ones, and are not found here. One that grows slowly is found by `tau_ext`
+  alone, from 8 % of the torque limit and four standard deviations on.
 ";

@@ -137,20 +137,35 @@ pub(crate) fn lines(outcomes: &[Outcome]) -> String {
 const HEAD: &str = "\
 # Identification of drives: results
 
-Written by `cargo run --release -p drive-identification-bench`; method: [drive-identification.md](../drive-identification.md). Simulated robots with every disturbance of `sim.toml` on move their joints by the planned motion of 12 s through the loop, its law and its CAN frames; the drive is identified from the records alone. Of the leg two joints move at a time, of the humanoid, which hangs in its harness, two of each limb: so that a recording serves several drives.
+Written by `cargo run --release -p drive-identification-bench`; method:
+[drive-identification.md](../drive-identification.md). Simulated robots with every disturbance of `sim.toml` on move
+their joints by the planned motion of 12 s through the loop; the drive is identified from the records alone. Of the leg
+two joints move at a time, of the humanoid in its harness two of each limb.
 
-True are the plant's parameters: k_d and d_d with the torque constant and the current sensor's gain as drawn (up to 2 and 1 % off, which no recording shows), the delay as the mean time from a sample to the current of its command: transport, wait for the next look of the drive's loop, current loop. *Covered*: the 95 % interval holds the truth. *Determined*: the identification itself says that the recording determines the value. A value that is not determined is the configuration's, which is the shipped robots' truth but for the delay (1.4 instead of 1.2 ms): such values flatter the shares within the aim by what *determined* lacks.
+True are the plant's k_d and d_d with the torque constant and the current sensor's gain as drawn (up to 2 and 1 % off,
+which no recording shows). The true delay is the mean time from a sample to the current of its command: transport, wait
+for the drive's loop, current loop. *Covered*: the 95 % interval holds the truth. *Determined*: the identification says
+that the recording determines the value. Else it is the configuration's, which is the truth but for the delay (1.4
+instead of 1.2 ms): such values flatter the shares within the aim.
 ";
 
 const LIMITS: &str = "
 ## What limits it
 
-- **Delay.** A sample shows only in which period a set-point's current rises. Where in the period follows from the rotor's motion between samples, and there friction, hysteresis and damping of the gear look alike for a part: hence errors of a tenth of a millisecond, and intervals to match.
-- **Viscous friction** cannot be distinguished from an angle that the drive uses a tenth of a millisecond later: k_d times that time is more than the friction's own coefficient. It is said to be not determined.
-- **A drive whose damping outweighs its stiffness** (hip yaw) makes its torque as the small difference of two large terms; encoder counts in the velocity then count most.
-- **Light joints and ones that can hardly be accelerated** (humanoid: wrists, chest pitch, which moves the hanging half of the robot): counts of the encoders are then a large part of the motion. A wrist's dead zone of four encoder counts is missed by up to 42 %; what is not determined is mostly of these.
-- **A drive's loop as slow as the robot's**, with a velocity as late as that, is another law than K_4, K_5 without lag: the identification finds a smaller damping, since a late velocity damps less.
-- **A loop whose model is wrong by a factor of two may not run**: where the shipped law faulted before the motion ended, nothing was recorded. Then lower K_s and K_d for the recording, or correct K_tau first from the data sheet.
+- **Delay.** A sample shows only in which period a set-point's current rises. Where in the period follows from the
+  rotor's motion between samples, where friction, hysteresis and damping of the gear look alike for a part: hence errors
+  of a tenth of a millisecond, and intervals to match.
+- **Viscous friction** cannot be distinguished from an angle that the drive uses a tenth of a millisecond later: k_d
+  times that time is more than the friction's own coefficient. It is reported as not determined.
+- **A drive whose damping outweighs its stiffness** (hip yaw) makes its torque as the small difference of two large
+  terms: encoder counts in the velocity count most.
+- **Light joints and ones that can hardly be accelerated** (humanoid: wrists, chest pitch, which moves the hanging half
+  of the robot): encoder counts are a large part of the motion. A wrist's dead zone of four counts is missed by up to 42
+  %; what is not determined is mostly of these.
+- **A drive's loop as slow as the robot's**, with a velocity as late, is another law than K_4, K_5 without lag: the
+  identification finds a smaller damping.
+- **A loop whose model is wrong by a factor of two may not run**: where the shipped law faulted before the motion ended,
+  nothing was recorded. Then lower K_s and K_d, or correct K_tau first from the data sheet.
 ";
 
 /// The page.

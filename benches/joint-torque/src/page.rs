@@ -320,9 +320,15 @@ fn real(text: &mut String, l: &Lara8) {
 const HEAD: &str = "\
 # Joint torque: every estimator side by side
 
-Made by `cargo run --release -p joint-torque-bench -- results`, but for the [conclusions](#conclusions), which are written by hand and kept when the figures are made anew. **All but the last section is simulated** (`crates/plant`, which shares no model with the estimators); the papers' figures come from their own hardware, a different rig.
+Made by `cargo run --release -p joint-torque-bench -- results`, but for the [conclusions](#conclusions), which are
+written by hand and kept. **All but the last section is simulated** (`crates/plant`, which shares no model with the
+estimators); the papers' figures come from their own hardware.
 
-Each joint is calibrated from two separate runs only, by `torquectl fit all`'s own code: one unloaded output turn each way, and 150 s of loaded motion and rest beside a torque sensor with noise. Hysteresis, wind-up, stiffening, position-dependent and load-dependent friction with stiction, friction of the output bearing, kinematic harmonics that Z does not have, gain and offset errors of the current, encoder noise and quantisation, and a skew of 0.25 ms between the encoders are always on. Estimates are causal; nothing is taken off for their delay.
+Each joint is calibrated from two separate runs only, by `torquectl fit all`: one unloaded output turn each way, and 150
+s of loaded motion and rest beside a torque sensor with noise. Always on are hysteresis, wind-up, stiffening,
+position-dependent and load-dependent friction with stiction, friction of the output bearing, kinematic harmonics that Z
+does not have. So are gain and offset errors of the current, encoder noise and quantisation, and a skew of 0.25 ms
+between the encoders. Estimates are causal; nothing is taken off for their delay.
 
 | name | source |
 | --- | --- |

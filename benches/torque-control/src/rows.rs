@@ -254,7 +254,9 @@ pub(crate) fn currents() -> Result<String, String> {
 const ROBOTS: &str = "
 ## Robots
 
-The demo's motion, 8 s of which the first 2 s are left out; K6 0.5, K_d = 5 ms / K_tau with the predictive law; the leg's D as in the paper (K_p 2, K6 1), the humanoid's D as it was quiet (K_p 1, K6 0.5, half of K_v). Errors are root mean squares over time, means over the joints. Of several runs the worst of each figure.
+The demo's motion, 8 s of which the first 2 s are left out; K6 0.5, K_d = 5 ms / K_tau with the predictive law. The
+leg's D is as in the paper (K_p 2, K6 1), the humanoid's as it was quiet (K_p 1, K6 0.5, half of K_v). Errors are root
+mean squares over time, means over the joints. Of several runs the worst of each figure.
 
 | robot | law | position error, degrees | torque error tau - tau_d, N·m | ripple beyond 5 Hz, N·m (worst joint) | largest change within 1 ms, % of limit | fault |
 | --- | --- | --- | --- | --- | --- | --- |";

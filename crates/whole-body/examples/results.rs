@@ -21,7 +21,7 @@ fn main() {
     println!(
         "Printed by `cargo run --release -p whole-body --example results`. The humanoid of \
          `config/humanoid` hangs in a springy harness at its chest and steps on the spot, 2.4 s a \
-         cycle; `crates/plant` simulates it with masses 1 % off, F/T bias up to 10 N and 1 N·m, \
+         cycle. `crates/plant` simulates it with masses 1 % off, F/T bias up to 10 N and 1 N·m, \
          cross-talk, noise and bias of every sensor, hysteresis and friction in every gear. F/T \
          sensors are tared in the air; then come {SECONDS} s of stepping. Seeds {SEEDS:?} draw \
          robots with other masses, sensors and gears; each figure is the **worst** of them.\n"
