@@ -1,4 +1,4 @@
-"""Links between documents lead to files and headings that exist; sentences of hand-written pages are short."""
+"""Links between documents lead to files and headings that exist; sentences are short."""
 
 import subprocess
 from functools import cache
@@ -19,11 +19,6 @@ MOST_WORDS = 40
 def is_part(document):
     """Whether a bench makes a page of results from this text: its links are those of that page, and tested there."""
     return document.startswith("benches/") and "/src/" in document
-
-
-def by_hand(document):
-    """Whether a page is written by hand: pages of results and the table of equations are not."""
-    return not document.startswith("docs/results/") and document != "docs/equations.md"
 
 
 @cache
@@ -72,7 +67,7 @@ def test_wrong_links_are_found():
     assert fault(path, "no-such-file.md") == "no such file"
 
 
-@pytest.mark.parametrize("document", [it for it in DOCUMENTS if by_hand(it)])
+@pytest.mark.parametrize("document", DOCUMENTS)
 def test_sentences_are_short(document):
     assert not list(too_long((ROOT / document).read_text(), MOST_WORDS))
 
