@@ -11,6 +11,7 @@ COMMAND = "TORQUED_RESULTS=docs/results/drives.md rt-tests/udp/run.sh -k 'killed
 
 def stop_ms(act, drives, limit_s=2.0):
     """Time from the act until no drive is enabled, ms."""
+    assert all(drive.enabled for drive in drives), "off before: the machine stalled for longer than their time-outs"
     act()
     begin = time.monotonic()
     while any(drive.enabled for drive in drives):

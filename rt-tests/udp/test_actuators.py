@@ -89,9 +89,9 @@ def test_they_stop_when_the_daemon_is_killed_or_the_bus_pulled(robot, act, reque
         to_holding()
         kill = lambda: process.send(signal.SIGKILL)
         ms = results.stop_ms(kill if act == "killed" else line.pull, line.actuators)
-        assert all(a.stopped_after is not None for a in line.actuators)
-    # Its time-out, and what a busy machine may add.
-    assert 0.5 * TIME_OUT_S < ms / 1000 < TIME_OUT_S + 0.3
+        # Its time-out, from the last command that it heard; and what a busy machine may add.
+        assert all(a.stopped_after is not None and a.stopped_after >= TIME_OUT_S for a in line.actuators)
+    assert ms / 1000 < TIME_OUT_S + 0.3
     family = request.node.callspec.params["robot"]
     results.TABLES["stops"].append((family, round(1000 * TIME_OUT_S), act, ms))
 

@@ -151,7 +151,7 @@ def test_a_second_stack_from_power_on_to_holding_and_its_end(tmp_path, second_st
         assert all(drive.enabled and drive.operational for drive in drives)
         kill = lambda: process.send(signal.SIGKILL)
         ms = results.stop_ms(kill if act == "killed" else second_stack.pull, drives)
-    assert 0.15 < ms / 1000 < 0.45
+    assert ms / 1000 < 0.45 and all(drive.stopped_after >= 0.3 for drive in drives)
     results.TABLES["stops"].append(("cia402, durand", 300, act, ms))
     for drive, start in zip(drives, starts):
         assert drive.nmt_states[-1] == "OPERATIONAL"
@@ -168,9 +168,9 @@ def test_the_drives_stop_when_the_daemon_is_killed_or_the_bus_pulled(tmp_path, l
         to_holding()
         kill = lambda: process.send(signal.SIGKILL)
         ms = results.stop_ms(kill if act == "killed" else line.pull, line.drives)
-    assert all(drive.stopped_after is not None for drive in line.drives)
-    # Three heartbeats within the time after which the drive counts the daemon as lost.
-    assert 0.15 < ms / 1000 < 0.45
+    # The time after which the drive counts the daemon as lost, from the last heartbeat that it heard.
+    assert all(drive.stopped_after is not None and drive.stopped_after >= 0.3 for drive in line.drives)
+    assert ms / 1000 < 0.45
     results.TABLES["stops"].append(("cia402", 300, act, ms))
 
 
