@@ -221,7 +221,12 @@ fn frame_formats_count_in_the_files_own_enumeration() {
         ("INT 0 15", "0", value("2"), false),
     ];
     for (kind, default, value, fd) in cases {
-        let text = with(kind, default, &value);
+        let mut text = with(kind, default, &value);
+        // Formats of extended identifiers need one.
+        let extended = ["BO_ 1 3;", "BO_ 1 1;", "Extended", "BO_ 1 15;"];
+        if kind.contains("Extended") && extended.iter().any(|word| value.contains(word)) {
+            text = text.replace("BO_ 1 ", "BO_ 2147483649 ");
+        }
         let read = Dbc::parse(&text, "f.dbc").unwrap();
         assert_eq!(read.messages[0].fd, fd, "{kind} {default} {value}");
     }
@@ -237,6 +242,41 @@ fn frame_formats_count_in_the_files_own_enumeration() {
             "{text}"
         );
     }
+}
+
+#[test]
+fn a_frame_format_for_identifiers_of_the_other_length_is_refused() {
+    let with = |id: u64, value: &str| {
+        dbc_text(&format!(
+            "BO_ {id} M: 8 A\n\nBA_DEF_ BO_ \"VFrameFormat\" ENUM \"StandardCAN\",\"ExtendedCAN\",\
+             \"StandardCAN_FD\",\"ExtendedCAN_FD\";\nBA_DEF_DEF_ \"VFrameFormat\" \"StandardCAN\";\n{value}"
+        ))
+    };
+    let of = |id: u64, value: &str| with(id, &format!("BA_ \"VFrameFormat\" BO_ {id} {value};"));
+    for (id, value, said) in [
+        (
+            513,
+            "1",
+            "an identifier of 11 bits and VFrameFormat ExtendedCAN",
+        ),
+        (
+            513,
+            "3",
+            "an identifier of 11 bits and VFrameFormat ExtendedCAN_FD",
+        ),
+        (513, "\"ExtendedCAN\"", "an identifier of 11 bits"),
+        (
+            2_147_484_161,
+            "2",
+            "an identifier of 29 bits and VFrameFormat StandardCAN_FD",
+        ),
+    ] {
+        let text = Dbc::parse(&of(id, value), "f.dbc").unwrap_err().to_string();
+        assert!(text.starts_with("f.dbc:") && text.contains(said), "{text}");
+    }
+    // A default stands in files with both kinds.
+    assert!(Dbc::parse(&with(2_147_484_161, ""), "f.dbc").is_ok());
+    assert!(Dbc::parse(&of(2_147_484_161, "3"), "f.dbc").is_ok());
 }
 
 #[test]

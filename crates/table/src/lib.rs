@@ -3,7 +3,7 @@
 //! In: text with a header, read line by line in constant memory. Out: fields and numbers by column, each
 //! refusal with its line. Read are the encodings of [`problem::text`]; the delimiters comma, semicolon,
 //! tab, bar and spaces; decimal points and commas; names, stamps and numbers in quotes; a first line
-//! `sep=;` as spreadsheets write it; `#` or `%` before the header.
+//! `sep=;` as spreadsheets write it; comments with `#` or `%`, of which one may be the header.
 #![deny(unsafe_code)]
 
 mod lines;
@@ -29,6 +29,13 @@ pub struct Table<R> {
     decimal: Option<char>,
     /// Line of the header.
     header: usize,
+    /// The first row and its line, where the header was found by it.
+    row: Option<(String, usize)>,
+}
+
+/// `#` or `%`, as numpy, gnuplot and Octave write them.
+fn is_comment(line: &str) -> bool {
+    line.starts_with(['#', '%'])
 }
 
 impl<R: BufRead> Table<R> {
@@ -48,25 +55,9 @@ impl<R: BufRead> Table<R> {
             line: 1,
             decimal: None,
             header: 1,
+            row: None,
         };
-        let mut delimiter = delimiter;
-        loop {
-            if !table.next_line()? {
-                return Err(table.problem("the log is empty", "a header with the columns' names"));
-            }
-            let text = table.text.trim();
-            if let Some(named) = text
-                .strip_prefix("sep=")
-                .and_then(|rest| rest.chars().next())
-            {
-                delimiter = delimiter.or(Some(named));
-            } else if !text.is_empty() {
-                break;
-            }
-        }
-        table.delimiter = delimiter.unwrap_or_else(|| split::delimiter(&table.text));
-        table.header = table.line;
-        table.split()?;
+        table.find_header(delimiter)?;
         table.names = (table.fields.iter())
             .map(|field| table.text[field.clone()].trim().replace("\"\"", "\""))
             .collect();
@@ -83,6 +74,55 @@ impl<R: BufRead> Table<R> {
             table.names.pop();
         }
         Ok(table)
+    }
+
+    /// Reads on to the header: the first line that is no comment, or the last comment, where as many fields with
+    /// numbers among them follow.
+    fn find_header(&mut self, mut delimiter: Option<char>) -> Result<(), Problem> {
+        let mut comment = None;
+        loop {
+            if !self.next_line()? {
+                let Some(header) = comment.take() else {
+                    return Err(
+                        self.problem("the log is empty", "a header with the columns' names")
+                    );
+                };
+                (self.text, self.line) = header;
+                break;
+            }
+            let text = self.text.trim();
+            if let Some(named) = text
+                .strip_prefix("sep=")
+                .and_then(|rest| rest.chars().next())
+            {
+                delimiter = delimiter.or(Some(named));
+            } else if is_comment(text) {
+                let bare = text.trim_start_matches(['#', '%']).trim_start();
+                comment = (!bare.is_empty())
+                    .then(|| (bare.to_owned(), self.line))
+                    .or(comment);
+            } else if !text.is_empty() {
+                break;
+            }
+        }
+        if let Some((header, line)) = comment {
+            let own = delimiter.unwrap_or_else(|| split::delimiter(&header));
+            let mut fields = Vec::new();
+            let names = split::fields(&header, own, &mut fields).then_some(fields.len());
+            fields.clear();
+            let values = split::fields(&self.text, own, &mut fields).then_some(fields.len());
+            let is_number = |field: &Range<usize>| {
+                let field = self.text[field.clone()].replace(',', ".");
+                field.parse::<f64>().is_ok()
+            };
+            if names.is_some() && names == values && fields.iter().any(is_number) {
+                self.row = Some((std::mem::replace(&mut self.text, header), self.line));
+                self.line = line;
+            }
+        }
+        self.delimiter = delimiter.unwrap_or_else(|| split::delimiter(&self.text));
+        self.header = self.line;
+        self.split()
     }
 
     /// Names of the columns.
@@ -113,7 +153,7 @@ impl<R: BufRead> Table<R> {
         }
     }
 
-    /// Reads the next row; false at the end. Empty lines are passed over.
+    /// Reads the next row; false at the end. Empty lines and comments are passed over.
     ///
     /// # Errors
     /// A row with fewer or more fields than the header, a line that is too long, text of no known
@@ -123,7 +163,8 @@ impl<R: BufRead> Table<R> {
             if !self.next_line()? {
                 return Ok(false);
             }
-            if !self.text.trim().is_empty() {
+            let text = self.text.trim();
+            if !text.is_empty() && !is_comment(text) {
                 break;
             }
         }
@@ -268,6 +309,10 @@ impl<R: BufRead> Table<R> {
     }
 
     fn next_line(&mut self) -> Result<bool, Problem> {
+        if let Some(row) = self.row.take() {
+            (self.text, self.line) = row;
+            return Ok(true);
+        }
         self.text.clear();
         let mut text = std::mem::take(&mut self.text);
         let read = self.lines.next(&mut text).map_err(|p| self.placed(p));

@@ -42,7 +42,7 @@ fn every_program_writes_these_numbers() {
         })
         .collect();
     let cp1252 = b"t;theta;q;\xB0C\n0;1.5;-0.25;\x80\n0.001;2500;1e-3;\xE9\n".to_vec();
-    let files: [(&str, Vec<u8>); 16] = [
+    let files: [(&str, Vec<u8>); 20] = [
         ("plain", PLAIN.into()),
         ("byte-order mark", format!("\u{feff}{PLAIN}").into()),
         ("UTF-16", utf_16(PLAIN)),
@@ -63,6 +63,22 @@ fn every_program_writes_these_numbers() {
         ("quoted decimal commas", quoted.replace('.', ",").into()),
         ("sep=", format!("sep=;\r\n{}", commas(PLAIN)).into()),
         ("numpy", format!("# {}", PLAIN.replace(',', " ")).into()),
+        (
+            "a comment first",
+            format!("# arm 2, 1 kHz\n\n{PLAIN}").into(),
+        ),
+        (
+            "a comment as long as the header",
+            format!("# a,b,c,d\n{PLAIN}").into(),
+        ),
+        (
+            "comments, one of them the header",
+            format!("% recorded by x\n% {PLAIN}").into(),
+        ),
+        (
+            "a comment at the end",
+            format!("{PLAIN}# two rows\n").into(),
+        ),
         ("delimiter at the end", PLAIN.replace('\n', ",\n").into()),
         (
             "a note over lines",

@@ -146,6 +146,9 @@ impl Check<'_> {
                 "0 to 2047, or an extended id of 29 bits plus 2147483648",
             );
         }
+        if let Err(problem) = frame_format::check_id(dbc, message, extended) {
+            self.problems.push(problem.at(self.file, line));
+        }
         if !FD_LENGTHS.contains(&message.size) {
             self.note(
                 line,

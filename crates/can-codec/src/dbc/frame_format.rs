@@ -12,17 +12,7 @@ const ATTRIBUTE: &str = "VFrameFormat";
 /// # Errors
 /// A value that the enumeration does not have.
 pub(super) fn is_fd(dbc: &can_dbc::Dbc, message: &can_dbc::Message) -> Result<bool, Problem> {
-    let names = dbc
-        .attribute_definitions
-        .iter()
-        .find_map(|definition| match definition {
-            AttributeDefinition::Message(name, AttributeValueType::Enum(names))
-                if name == ATTRIBUTE =>
-            {
-                Some(names)
-            }
-            _ => None,
-        });
+    let names = names(dbc);
     let number = match dbc.resolved_message_attribute(message.id, ATTRIBUTE) {
         None => return Ok(false),
         Some(AttributeValue::String(name)) => match name.trim().parse::<u64>() {
@@ -43,6 +33,62 @@ pub(super) fn is_fd(dbc: &can_dbc::Dbc, message: &can_dbc::Message) -> Result<bo
         (None, Some(_), None) => Ok(false),
         (None, ..) => Err(unknown(dbc, message, names)),
     }
+}
+
+/// Refuses a message whose own `VFrameFormat` is for identifiers of the other length.
+///
+/// # Errors
+/// An 11-bit identifier of `ExtendedCAN`, or a 29-bit one of `StandardCAN`. A default counts for no message: files
+/// have one for both kinds.
+pub(super) fn check_id(
+    dbc: &can_dbc::Dbc,
+    message: &can_dbc::Message,
+    extended: bool,
+) -> Result<(), Problem> {
+    let names = names(dbc);
+    let name = match dbc.message_attribute(message.id, ATTRIBUTE) {
+        Some(AttributeValue::String(name)) => match name.trim().parse::<usize>() {
+            Ok(number) => names.and_then(|names| names.get(number)),
+            Err(_) => Some(name),
+        },
+        Some(AttributeValue::Uint(number)) => usize::try_from(*number)
+            .ok()
+            .and_then(|number| names?.get(number)),
+        Some(AttributeValue::Int(number)) => usize::try_from(*number)
+            .ok()
+            .and_then(|number| names?.get(number)),
+        _ => None,
+    };
+    let Some(name) = name else { return Ok(()) };
+    let (bits, other) = if extended {
+        (29, "standard")
+    } else {
+        (11, "extended")
+    };
+    if name.to_ascii_lowercase().contains(other) {
+        let reason = format!(
+            "message {} has an identifier of {bits} bits and {ATTRIBUTE} {name}",
+            message.name
+        );
+        let allowed = "an extended identifier (29 bits) is its number plus 2147483648 in BO_; else \
+                       StandardCAN or StandardCAN_FD";
+        return Err(Problem::new(reason, allowed));
+    }
+    Ok(())
+}
+
+/// The file's own enumeration.
+fn names(dbc: &can_dbc::Dbc) -> Option<&Vec<String>> {
+    dbc.attribute_definitions
+        .iter()
+        .find_map(|definition| match definition {
+            AttributeDefinition::Message(name, AttributeValueType::Enum(names))
+                if name == ATTRIBUTE =>
+            {
+                Some(names)
+            }
+            _ => None,
+        })
 }
 
 /// A value that the enumeration does not have.
