@@ -7,6 +7,7 @@ mod everything;
 mod fit;
 mod identity;
 mod inertia;
+mod inspected;
 mod loads;
 mod payload;
 pub(crate) mod runs;

@@ -1,6 +1,7 @@
 //! Recorded runs as what fits take: raw samples of every joint, and the signals that its torque follows
 //! from.
 
+use super::inspected;
 use crate::recorded;
 use crate::reference::robot::{Payload, with_payloads};
 use crate::reference::torques::{Estimated, Signals};
@@ -101,7 +102,10 @@ impl RecordedRun {
             let why = recorded::describe_ending(&ending);
             notes.push(why.trim_end().to_owned());
         }
-        let (cycles, stretches) = reader.end(&file);
+        let (cycles, mut stretches) = reader.end(&file);
+        for stretch in &mut stretches {
+            inspected::mend(&robot, stretch, &mut notes)?;
+        }
         let seconds: f64 = stretches.iter().map(Stretch::seconds).sum();
         if stretches.is_empty() {
             let reason = format!(
