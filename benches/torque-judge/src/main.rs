@@ -34,6 +34,7 @@ Examples:
   torque-judge family --part design --joints 6 --training full --training two-thirds
   torque-judge family --part judging --json judged.json
   torque-judge results --logs lara8_arm --drives kuka_kr300 --out docs/results/torque-judge.md
+  torque-judge sides --seed $(date +%Y%m%d) --out docs/results/torque-judge.md
   torque-judge logs --joint joint.toml --turn turn.csv --training train.csv slow.csv fast.csv
 
 The real arm's logs (sweep.csv, jog_joints.csv) are columns of the repository allwinlucious/MasterThesis,
@@ -95,6 +96,21 @@ enum Command {
         /// Write all figures to this file
         #[arg(long)]
         json: Option<PathBuf>,
+    },
+    /// Design joints beside joints drawn by a seed that nobody chose: a section of the results page
+    Sides {
+        /// Today's date, as 20261126: it draws the joints
+        #[arg(long)]
+        seed: u64,
+        /// Joints of each part
+        #[arg(long, default_value_t = 12)]
+        joints: u64,
+        /// Fits at a time
+        #[arg(long, default_value_t = 1)]
+        threads: usize,
+        /// The page
+        #[arg(long, short)]
+        out: PathBuf,
     },
     /// Any logs of one joint, as joint-torque-bench writes them: errors against `tau_sensor`
     Logs {
@@ -229,6 +245,17 @@ fn main() -> ExitCode {
                 Err(problem) => failed(&problem.to_string()),
             };
         }
+        Command::Sides {
+            seed,
+            joints,
+            threads,
+            out,
+        } => {
+            return match write_sides(seed, joints, threads, &out) {
+                Ok(()) => ExitCode::SUCCESS,
+                Err(problem) => failed(&problem.to_string()),
+            };
+        }
         Command::Logs {
             joint,
             turn,
@@ -335,6 +362,30 @@ fn write_results(
         out,
         results::results(&tared, &offered, &judged, times, &old),
     )
+}
+
+/// Trainings of the parts side by side: the longest one, judged within its angles and outside.
+const SIDES: [&str; 2] = ["full", "outside"];
+
+/// Judges both parts and writes their section of the page.
+fn write_sides(seed: u64, joints: u64, threads: usize, out: &Path) -> Result<(), Problem> {
+    let old = std::fs::read_to_string(out).map_err(|e| Problem::unreadable(out.display(), &e))?;
+    let part = |first: u64| {
+        let trainings = Training::ALL.into_iter();
+        let trainings = trainings.filter(|(_, name)| SIDES.contains(name));
+        let fits: Vec<Fit> = trainings
+            .flat_map(|training| (first..first + joints).map(move |number| (number, training)))
+            .collect();
+        with_progress(&fits, threads, None)
+    };
+    // Far from the other parts' numbers, and no two dates share one.
+    let (design, unseen) = (part(0), part(seed * 1000));
+    let table = page::sides(&[("design", &design), ("unseen", &unseen)]);
+    let page = results::with_sides(&old, seed, joints, &table).ok_or_else(|| {
+        let reason = format!("{}: no section of times", out.display());
+        Problem::new(reason, "a page that `results` has made")
+    })?;
+    write(out, page)
 }
 
 fn failed(message: &str) -> ExitCode {

@@ -32,39 +32,61 @@ pub fn family(judged: &Judged) -> String {
          | --- | --- | --- | --- | --- | --- | --- | ---: | ---: |\n",
     );
     for (_, training) in Training::ALL.into_iter().chain(Training::UNTURNED) {
-        let of: Vec<_> = judged
-            .cases
-            .iter()
-            .filter(|c| c.training == training)
-            .collect();
-        if of.is_empty() {
-            continue;
-        }
-        let _ = write!(text, "| {training} |");
-        for scenario in SCENARIOS {
-            let percent = of.iter().filter(|c| c.scenario == scenario);
-            let percent =
-                percent.filter_map(|c| Some(100.0 * c.score.fused()?.rms / c.score.torque));
-            let (median, worst) = median_worst(percent.collect());
-            let _ = write!(text, " {median:.2} / {worst:.1} |");
-        }
-        let ratios = of
-            .iter()
-            .filter_map(|c| Some(c.score.fused()?.rms / c.score.best()?.rms));
-        let (median, worst) = median_worst(ratios.collect());
-        let relative: Vec<f64> = of
-            .iter()
-            .filter_map(|c| Some(c.score.fused()?.ratio))
-            .collect();
-        let (_, largest) = median_worst(relative.clone());
-        let _ = writeln!(
-            text,
-            " {median:.3} / {worst:.2} | {:.0} % | {largest:.2} |",
-            share(&relative)
-        );
+        text += &row(training, judged, training);
     }
     if !judged.refused.is_empty() {
         let _ = writeln!(text, "\nRefused: {}", judged.refused.join("; "));
+    }
+    text
+}
+
+/// A row of [`family`]: figures after a training; empty where no joint had it.
+fn row(label: &str, judged: &Judged, training: &str) -> String {
+    let cases = judged.cases.iter();
+    let of: Vec<_> = cases.filter(|c| c.training == training).collect();
+    if of.is_empty() {
+        return String::new();
+    }
+    let mut text = format!("| {label} |");
+    for scenario in SCENARIOS {
+        let percent = of.iter().filter(|c| c.scenario == scenario);
+        let percent = percent.filter_map(|c| Some(100.0 * c.score.fused()?.rms / c.score.torque));
+        let (median, worst) = median_worst(percent.collect());
+        let _ = write!(text, " {median:.2} / {worst:.1} |");
+    }
+    let ratios = of
+        .iter()
+        .filter_map(|c| Some(c.score.fused()?.rms / c.score.best()?.rms));
+    let (median, worst) = median_worst(ratios.collect());
+    let relative: Vec<f64> = of
+        .iter()
+        .filter_map(|c| Some(c.score.fused()?.ratio))
+        .collect();
+    let (_, largest) = median_worst(relative.clone());
+    let _ = writeln!(
+        text,
+        " {median:.3} / {worst:.2} | {:.0} % | {largest:.2} |",
+        share(&relative)
+    );
+    text
+}
+
+/// Parts of the family side by side: for each training a row of each part.
+#[must_use]
+pub fn sides(parts: &[(&str, &Judged)]) -> String {
+    let mut text = String::from(
+        "| training, joints | slow | fast | sudden | frequent | static | fused / best source | error/sigma in 0.5 to 2 | largest |\n\
+         | --- | --- | --- | --- | --- | --- | --- | ---: | ---: |\n",
+    );
+    for (_, training) in Training::ALL {
+        for (part, judged) in parts {
+            text += &row(&format!("{training}, {part}"), judged, training);
+        }
+    }
+    for (part, judged) in parts {
+        if !judged.refused.is_empty() {
+            let _ = writeln!(text, "\nRefused, {part}: {}", judged.refused.join("; "));
+        }
     }
     text
 }

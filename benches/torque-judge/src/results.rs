@@ -35,6 +35,31 @@ const FAMILY: &str = "\n## A family of joints\n";
 const KEPT: &str = "\n**Older than the tables above**: this section and the next are of an earlier state of the estimators, see the \
 [conclusions](#conclusions).\n";
 
+/// The section of design joints beside unseen ones, and the one behind it.
+const SIDES: &str = "\n## Design and unseen, side by side\n";
+const TIME: &str = "\n## Time\n";
+
+/// That section of a page; empty where it has none.
+fn sides_of(page: &str) -> &str {
+    let from = page.find(SIDES).unwrap_or(page.len());
+    let until = page.find(TIME).filter(|until| *until > from);
+    &page[from..until.unwrap_or(from)]
+}
+
+/// The page with another section of design joints beside those of a seed; none if it has no section of times.
+#[must_use]
+pub fn with_sides(old: &str, seed: u64, joints: u64, table: &str) -> Option<String> {
+    let without = old.replacen(sides_of(old), "", 1);
+    let (before, after) = without.split_once(TIME)?;
+    Some(format!(
+        "{before}{SIDES}\n\
+         Made by `cargo run --release -p torque-judge -- sides --seed $(date +%Y%m%d) --joints {joints} --out \
+         docs/results/torque-judge.md`: {joints} joints that were looked at while the estimators were made, and as many \
+         drawn by the date (seed {seed}), which nobody chose. \"Outside\" is judged at angles that the loaded training has \
+         not reached. Columns as above.\n\n{table}{TIME}{after}"
+    ))
+}
+
 /// The page's text with the part of family and times of the `old` page, which then says so; none if it has no
 /// such part.
 #[must_use]
@@ -111,8 +136,7 @@ pub fn results(
          tare.\n\n{}\n{}\n\
          ### Constants\n\n\
          Constants of these fits that the family's laws have in the same sense; stiffness and friction are \
-         curves there.\n\n{}\n\
-         ## Time\n\n\
+         curves there.\n\n{}{}{TIME}\n\
          Processor time: `fit all` on 150,000 samples {all:.0} s; the fused torque of a sample, as the loop \
          computes it, {:.2} us.\n{conclusions}\n",
         without_figures(tared, offered),
@@ -123,6 +147,7 @@ pub fn results(
         family(judged),
         sources(judged, "full"),
         constants(judged),
+        sides_of(old),
         1e6 * sample,
     )
 }
