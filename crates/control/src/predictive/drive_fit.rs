@@ -11,6 +11,11 @@
 //! around zero (Ornstein-Uhlenbeck): a Kalman filter finds what commands and motion show, and what they
 //! do not show any more fades to the configured values.
 //!
+//! Angles carry the noise of their encoder. Of a joint at rest `omega` is nothing else, and the current shows no damping
+//! of it: a fit that took it for motion would find none (errors in variables). So damping is sought where the motor moves
+//! beyond the noise, which second differences of its angles show, and a spring that changes by no more than its noise is
+//! taken to make what it made before.
+//!
 //! Of a velocity loop with an integral that is configured, `m` is what its current shows besides that integral. One that
 //! is not configured shows itself by a torque that no lead makes: such a loop moves until there is none, whatever it
 //! bears.
@@ -46,6 +51,11 @@ const CONSISTENCY_S: f64 = 2.0;
 const WITHOUT_LEAD: f64 = 0.04;
 const BY_LEAD: f64 = 0.25;
 const WITHOUT_LEAD_S: f64 = 0.1;
+/// Motion, and changes of the torque asked for, count beyond this many standard deviations of their noise: at rest one
+/// block in five minutes does. Less lets noise teach: at 3, 1 block in 400.
+const BEYOND_NOISE: f64 = 4.0;
+/// Time of the mean of the encoder's noise, s: some hundred samples.
+const NOISE_MEAN_S: f64 = 0.5;
 /// Time for which a drive must be unlike the configured one to be called so, s.
 const UNLIKE_S: f64 = 3.0;
 
@@ -70,6 +80,10 @@ pub(super) struct DriveFit {
     unlike_s: f64,
     /// Time for which it has made a torque without a lead, s.
     without_lead_s: f64,
+    /// Variance of the motor angle's noise, rad^2, from the first block on.
+    angle_noise: Option<f64>,
+    /// Torque that the spring has made since it last changed by more than noise, N·m.
+    held: f64,
     /// Samples that are left out before the first block.
     phase: u32,
     waits: u32,
@@ -83,6 +97,9 @@ struct Block {
     /// theta before the first and at the last, rad.
     from: f64,
     to: f64,
+    /// theta before the last, rad, and the sum of the squares of its second differences, rad^2.
+    before: f64,
+    bends: f64,
     /// e, rad, and m, N·m.
     error: f64,
     torque: f64,
@@ -112,6 +129,8 @@ impl DriveFit {
             applied: [0.0; 2],
             unlike_s: 0.0,
             without_lead_s: 0.0,
+            angle_noise: None,
+            held: 0.0,
             phase: 0,
             waits: 0,
             block: Block::default(),
@@ -151,6 +170,10 @@ impl DriveFit {
         } else {
             block.from = theta;
         }
+        if block.samples > 1 {
+            block.bends += (theta - 2.0 * block.to + block.before).powi(2);
+        }
+        block.before = block.to;
         block.to = theta;
         block.samples += 1;
         if block.samples <= BLOCK {
@@ -180,10 +203,21 @@ impl DriveFit {
         let spring = self.nominal[0] * block.error / n;
         let damper = self.nominal[1] * (block.to - block.from) / time;
         self.seek_lead(block.torque / n, [spring, damper], time);
-        let by = Vector3::new(spring, -damper, 1.0);
+        let [of_spring, of_damper] = self.noise(block);
+        let beyond = |change: f64, variance: f64| change * change > BEYOND_NOISE.powi(2) * variance;
+        if beyond(spring - self.held, 2.0 * of_spring) {
+            self.held = spring;
+        }
+        let shown = if beyond(damper, of_damper) {
+            damper
+        } else {
+            0.0
+        };
+        let by = Vector3::new(self.held, -shown, 1.0);
         let residual = block.torque / n - (spring - damper) - by.dot(&self.mean);
         let column = self.covariance * by;
-        let variance = by.dot(&column) + (NOISE * self.torque_limit).powi(2);
+        let variance =
+            by.dot(&column) + (NOISE * self.torque_limit).powi(2) + of_spring + of_damper;
         let squared = residual * residual / variance;
         let most = OUTLIER * OUTLIER;
         self.surprise +=
@@ -196,6 +230,22 @@ impl DriveFit {
         self.covariance -= gain * column.transpose();
         // Rounding must not make it lopsided.
         self.covariance = 0.5 * (self.covariance + self.covariance.transpose());
+    }
+
+    /// Variances, N^2·m^2, that the noise of the motor's angles gives the torques of spring and damper.
+    fn noise(&mut self, block: &Block) -> [f64; 2] {
+        let n = f64::from(BLOCK);
+        let time = n * self.sample_period;
+        // White noise of variance v: second differences of variance 6 v.
+        let seen = block.bends / (n - 1.0) / 6.0;
+        let known = self.angle_noise.unwrap_or(seen);
+        let angle = known + (time / NOISE_MEAN_S).min(1.0) * (seen - known);
+        self.angle_noise = Some(angle);
+        let [stiffness, damping] = self.nominal;
+        [
+            stiffness.powi(2) * angle / n,
+            (damping / time).powi(2) * 2.0 * angle,
+        ]
     }
 
     /// Whether a lead, or motion, makes the torque that the motor makes, N·m, in this time, s. In quick motion both are
@@ -268,6 +318,7 @@ fn prior(torque_limit: f64) -> Vector3<f64> {
 mod tests {
     use super::*;
     use crate::predictive::{Design, FrictionModel, GearStiffness};
+    use test_support::Random;
 
     const STIFFNESS: f64 = 28_900.0;
     const DAMPING: f64 = 189.0;
@@ -384,6 +435,46 @@ mod tests {
             assert_eq!(fit.update(0.4, 0.0, 0.4), None);
         }
         assert_eq!(fit.applied(), [0.0; 2]);
+    }
+
+    /// Five minutes at rest, an angle that flickers between counts of an encoder behind the gear's ratio, and a drive of
+    /// this share of the configured stiffness: time until it is called unlike, s.
+    fn at_rest(load: f64, count: f64, share: f64, seed: u64) -> (DriveFit, Option<f64>) {
+        let mut fit = fit();
+        let mut unlike = None;
+        let mut random = Random::new(seed);
+        for k in 0..300_000 {
+            let theta = (0.37 + 0.3 * random.normal()).round() * count;
+            let lead = load / STIFFNESS + 1e-4;
+            let made = share * load + 0.3 * random.normal();
+            // The drive's own encoder is a finer one: its angle is the mean of these.
+            let _ = fit.update(theta, made, 0.331 * count + lead);
+            if fit.is_unlike() && unlike.is_none() {
+                unlike = Some(f64::from(k) * 1e-3);
+            }
+        }
+        (fit, unlike)
+    }
+
+    /// Noise of an encoder is no motion without damping.
+    #[test]
+    fn a_drive_as_configured_is_not_unlike_at_rest() {
+        for (seed, (load, count)) in [(30.0, 1.5e-5), (-80.0, 4e-6), (0.0, 6e-5)]
+            .into_iter()
+            .enumerate()
+        {
+            let (fit, unlike) = at_rest(load, count, 1.0, seed as u64);
+            assert_eq!(unlike, None, "{load} N·m, {count} rad: {fit:?}");
+            assert_near(&fit, [1.0, 1.0], 0.1);
+        }
+    }
+
+    #[test]
+    fn a_drive_twice_as_stiff_is_unlike_at_rest() {
+        for load in [30.0, -30.0] {
+            let (fit, unlike) = at_rest(load, 1.5e-5, 2.0, 5);
+            assert!(unlike.is_some_and(|s| s < 5.0), "{unlike:?}: {fit:?}");
+        }
     }
 
     /// The torque of a drive that is led changes by less than 1 % within a block.
