@@ -26,6 +26,9 @@ struct Arguments {
     /// Only this world: own or mujoco
     #[arg(long)]
     world: Option<String>,
+    /// Only pushes whose name contains this, as "60 N from right"; their joints stay the same
+    #[arg(long)]
+    push: Option<String>,
 }
 
 const EXAMPLES: &str = "\

@@ -43,6 +43,10 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
     for force in FORCES {
         for (side, [x, y]) in SIDES {
             seed += 1;
+            let push = format!("{force:.0} N from {side}");
+            if (arguments.push.as_ref()).is_some_and(|only| !push.contains(only)) {
+                continue;
+            }
             for name in &worlds {
                 let mut world = world(name, &robot, seed, [force * x, force * y])?;
                 let stood = stand(
@@ -51,7 +55,7 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
                     Mode::InverseDynamics,
                     TO_PUSH_S + AFTER_S,
                 )?;
-                let row = row(&format!("{force:.0} N from {side}"), name, &stood);
+                let row = row(&push, name, &stood);
                 println!("{}", row.trim_end());
                 text += &row;
             }
@@ -84,12 +88,12 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
 }
 
 fn verdict(stood: &Stood) -> String {
-    match (stood.fallen, stood.fault) {
+    match (stood.fallen, &stood.fault) {
         (false, None) => "stands".to_owned(),
         (true, None) => "**falls**".to_owned(),
-        (fallen, Some(event)) => {
+        (fallen, Some((event, joint))) => {
             let falls = if fallen { ", falls" } else { "" };
-            format!("**{}{falls}**", event.number())
+            format!("**{} {joint}{falls}**", event.number())
         }
     }
 }

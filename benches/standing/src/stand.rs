@@ -40,8 +40,8 @@ pub(crate) trait World {
 /// Outcome of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Stood {
-    /// The event that latched a fault.
-    pub(crate) fault: Option<Event>,
+    /// The event that latched a fault, and the joint that it names.
+    pub(crate) fault: Option<(Event, String)>,
     /// It has fallen.
     pub(crate) fallen: bool,
     /// Greatest angular velocity of the base in the mode, rad/s.
@@ -138,7 +138,8 @@ pub(crate) fn stand(
         stood.fastest = stood.fastest.max(body.turns);
         stood.fallen |= body.height < begun.height - FALLEN_M;
         if stood.fault.is_none() && record.fault != 0 {
-            stood.fault = Event::from_number(record.fault);
+            let event = Event::from_number(record.fault);
+            stood.fault = event.map(|event| (event, joint_named(robot, record.fault_subject)));
         }
         if stood.fallen {
             break;
@@ -159,6 +160,13 @@ pub(crate) fn stand(
         .filter(|(_, count)| *count > 0)
         .collect();
     Ok(stood)
+}
+
+/// Name of the joint that a fault's subject is, or nothing.
+fn joint_named(robot: &Robot, subject: u32) -> String {
+    let joint = subject.checked_sub(1 << 16);
+    let joint = joint.and_then(|index| robot.parameters.joints.get(index as usize));
+    joint.map_or(String::new(), |joint| joint.name.clone())
 }
 
 /// A reference for the present pose: what `move`, `go_to` and `follow` send.
