@@ -45,12 +45,12 @@ impl CarriedTorque {
         self.value
     }
 
-    /// Its state: c and c'.
+    /// State of the low-pass: c and c'.
     pub(crate) fn state(&self) -> [f64; 2] {
         [self.value, self.rate]
     }
 
-    /// With this state.
+    /// A low-pass with this state: c and c'.
     pub(crate) fn with_state([value, rate]: [f64; 2]) -> Self {
         Self { value, rate }
     }

@@ -146,7 +146,7 @@ pub struct CartesianLaw {
     limits: CartesianLimits,
     place: Vector3<f64>,
     orientation: UnitQuaternion<f64>,
-    /// In the base's axes.
+    /// Force on the frame, in the base's axes.
     force: Vector6<f64>,
     stiffness: Vector6<f64>,
     feedback: Vector6<f64>,
@@ -193,7 +193,7 @@ fn parts(x: &Vector6<f64>) -> [Vector3<f64>; 2] {
     [0, 3].map(|k| x.fixed_rows::<3>(k).into_owned())
 }
 
-/// Both parts through the rotation.
+/// Force and torque of `x`, each turned by the rotation.
 fn turned(rotation: &Matrix3<f64>, x: &Vector6<f64>) -> Vector6<f64> {
     let [linear, angular] = parts(x);
     six(rotation * linear, rotation * angular)
@@ -349,8 +349,8 @@ impl CartesianLaw {
         let [dp, dr] = parts(&moves);
         let (dp, dr) = (ahead(&dp, &linear), ahead(&dr, &turn));
         let rest = turned(&target.axes.transpose(), &six(linear - dp, turn - dr));
-        // Also by the stiffness to come: a spring that is led far away while it is soft would pull when it
-        // becomes stiff.
+        // Damping counts with the stiffness to come, too: a spring that is moved far away while it is soft would pull
+        // when it becomes stiff.
         let stiffness = self.stiffness.sup(&target.stiffness);
         let rate = self
             .limits

@@ -3,9 +3,9 @@
 /// A drive: what its commands are, and the joint torque that they make.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DriveModel {
-    /// It takes positions.
+    /// A drive that takes positions.
     Position(PositionDrive),
-    /// It takes currents.
+    /// A drive that takes currents.
     Current(CurrentDrive),
 }
 
@@ -83,7 +83,7 @@ impl DriveModel {
         }
     }
 
-    /// It takes positions, not currents.
+    /// Whether the drive takes positions, not currents.
     #[must_use]
     pub fn takes_position(&self) -> bool {
         matches!(self, Self::Position(_))

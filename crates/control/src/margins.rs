@@ -50,7 +50,7 @@ impl Load {
     /// The loads by which stiffness and damping in space are judged.
     pub const MOVING: [Self; 3] = [Self::Free, Self::Light, Self::Heavy];
 
-    /// Its name.
+    /// Name of the load.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -127,7 +127,7 @@ pub struct Margins {
 }
 
 impl Margins {
-    /// Of an unstable loop.
+    /// Margins of an unstable loop: none.
     pub const NONE: Self = Self {
         phase: 0.0,
         gain: 1.0,

@@ -17,7 +17,7 @@ pub struct MotionLimits {
 }
 
 impl MotionLimits {
-    /// These limits with a lower velocity, rad/s; 0: with their own.
+    /// Copy of these limits with a lower velocity, rad/s; 0 leaves the velocity as it is.
     #[must_use]
     pub fn no_faster(self, velocity: f64) -> Self {
         let velocity = if velocity > 0.0 {
@@ -70,7 +70,7 @@ pub struct PointToPoint {
     followed: Vec<Trajectory<1>>,
     /// T of the followed motion, s.
     duration: f64,
-    /// Where it ends, rad.
+    /// Position of each joint at the motion's end, rad.
     targets: Vec<f64>,
     plan: Plan,
     /// The plan is being made on the way.
@@ -89,7 +89,7 @@ struct Pending {
 }
 
 impl PointToPoint {
-    /// For `joints` joints, which stay at zero.
+    /// Motions of `joints` joints, which stay at zero.
     #[must_use]
     pub fn new(joints: usize) -> Self {
         Self {
@@ -359,7 +359,7 @@ impl Plan {
 pub(crate) struct Planner {
     library: Ruckig<1, Silent>,
     input: InputParameter<1>,
-    /// For a motion that is planned anew in each cycle.
+    /// Memory for a motion that is planned anew in each cycle.
     once: Trajectory<1>,
 }
 

@@ -67,7 +67,7 @@ pub struct PredictiveLaw {
     half_step: RotorStep,
     rotor: Rotor,
     link: Link,
-    /// Of both observers after a gap.
+    /// Uncertainties of rotor and link observer after a gap.
     uncertainties: [Uncertainty; 2],
     /// T: torque of the newest sample, N·m.
     torque: f64,
@@ -220,11 +220,12 @@ impl PredictiveLaw {
             }
             self.measured_q = sensed.q;
         }
-        // In every mode: the next one must not begin with the velocity at which the last one ended.
+        // The slow velocity follows in every mode: the next one must not begin with the velocity at which the last one
+        // ended.
         self.slow_velocity += self.follow_share * (self.link.velocity() - self.slow_velocity);
         let settles = self.uncertainties.iter().any(Uncertainty::is_settling);
         match &mut self.back_drive_assist {
-            // Its gains are those of a joint that has been observed all the time.
+            // The assist's gains are those of a joint that has been observed all the time.
             Some(assist) if settles => assist.join(&self.link, self.slow_velocity),
             Some(assist) => assist.follow(),
             None => {}

@@ -34,7 +34,7 @@ const FRICTION: f64 = 0.5;
 struct Foot {
     body: usize,
     placement: Se3,
-    /// It stands on the ground, for so long, s.
+    /// Whether the end-effector stands on the ground, and for how long, s.
     bears: bool,
     stands_s: f64,
     /// Share that it takes, 0 to 1.

@@ -39,7 +39,7 @@ pub struct TrajectoryLimits {
     pub velocity: f64,
     /// Greatest |ddq_d|, rad/s².
     pub acceleration: f64,
-    /// Of the motion that brings the joint to rest where the points end in motion.
+    /// Limits of the motion that brings the joint to rest where the points end in motion.
     pub stop: MotionLimits,
 }
 
@@ -112,7 +112,7 @@ enum Progress {
     Going,
     /// Being brought to rest after points that ended in motion.
     Stopping,
-    /// At rest after its last point.
+    /// The trajectory is over: at rest after its last point.
     Over,
 }
 
@@ -173,13 +173,13 @@ impl BufferedTrajectory {
         self.times.is_empty()
     }
 
-    /// It has begun.
+    /// Whether the trajectory has begun.
     #[must_use]
     pub fn has_begun(&self) -> bool {
         self.progress != Progress::Waiting
     }
 
-    /// It moves, or will without another piece.
+    /// Whether the trajectory moves a joint, or will without another piece.
     #[must_use]
     pub fn is_moving(&self) -> bool {
         matches!(self.progress, Progress::Going | Progress::Stopping)
@@ -240,7 +240,7 @@ impl BufferedTrajectory {
         if kept > 0 {
             self.join(kept, begin, points.first())?;
         }
-        // One more for the place where they are joined.
+        // One more knot is the place where old and new points join.
         if kept + 1 + count > MOST_KNOTS {
             return Err(piece_refusal::TOO_FAR);
         }
@@ -377,7 +377,7 @@ impl BufferedTrajectory {
             self.progress = Progress::Stopping;
             self.go_on_stopping(since);
         } else {
-            // Of finite numbers there always is such a motion.
+            // A motion to rest exists for all finite numbers.
             self.rest()
         }
     }

@@ -226,7 +226,7 @@ impl Supervisor {
         self.refusal = outcome.map_or_else(refusal_code, |()| 0);
         if outcome.is_ok() && matches!(request, OperatorRequest::Acknowledge(_)) {
             self.drives.iter_mut().for_each(Drive::acknowledge);
-            // They prove themselves anew from the next cycle on.
+            // Joints prove themselves anew from the next cycle on.
             for condition in &mut self.conditions {
                 (condition.distrusted, condition.slipped) = (false, false);
             }

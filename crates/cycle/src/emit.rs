@@ -32,13 +32,13 @@ struct Addressed {
     /// Control words keep its drive off.
     controlled: bool,
     zero_current: bool,
-    /// It has had a set-point.
+    /// The joint has had a set-point.
     driven: bool,
     /// Cycles in a row in which its drive has indicated that it is off.
     off: u32,
     /// Position limits, rad.
     limits: [f64; 2],
-    /// It has been measured: encoders that contradict each other later leave its last position.
+    /// The joint has been measured: encoders that contradict each other later leave its last position.
     measured: bool,
     gear_ratio: f64,
     /// Cycles in a row in which its drive has been enabled without a set-point for it, and where it was before the
@@ -105,7 +105,7 @@ impl Emit {
         counts: &mut Counts,
     ) {
         for (j, last) in joints.last().enumerate() {
-            // Also not where the command itself was the fault.
+            // No set-point leaves in the cycle in which the command itself is the fault, either.
             let last = last.filter(|_| supervisor.is_engaged(j));
             let state = supervisor.drives().get(j).map(Drive::state);
             let state = state.unwrap_or_default();
@@ -128,7 +128,7 @@ impl Emit {
         counts.add_many(Event::SendFailed, tx.overflow());
     }
 
-    /// Its set-point can leave: no joint without one shares its message. To be asked after `update`.
+    /// Whether the joint's set-point can leave: no joint without one shares its message. To be called after `update`.
     pub(crate) fn reaches(&self, joint: usize) -> bool {
         let has = |j: &usize| {
             let slot = self.slots.get(slots::command(*j));

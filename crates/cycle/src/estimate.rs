@@ -49,7 +49,7 @@ pub(crate) use usable::{UNUSABLE, valid};
 
 /// The estimators of all joints.
 pub(crate) struct Estimate {
-    /// None for a joint without a link-side encoder.
+    /// Estimator of each joint; none for a joint without a link-side encoder.
     joints: Vec<Option<AnyEstimator>>,
     /// Torques of the joints' estimators without their filters' delay, N·m; see
     /// [`estimators::joint::JointTorqueEstimator::undelayed`].

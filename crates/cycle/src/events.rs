@@ -15,7 +15,7 @@ pub(crate) enum Subject {
 }
 
 impl Subject {
-    /// Its index among those of its kind.
+    /// Index of the subject among those of its kind.
     pub(crate) fn index(self) -> u32 {
         match self {
             Self::Joint(index) | Self::FtSensor(index) | Self::Imu(index) => index as u32,

@@ -49,7 +49,7 @@ pub(crate) struct Seen<'a> {
     pub(crate) observed: &'a [Option<f64>],
     /// The client's newest reference, unchecked: frames that it uses are shown in any mode.
     pub(crate) client: Option<&'a Reference>,
-    /// Its age, s.
+    /// Age of the reference, s.
     pub(crate) age_s: f64,
     pub(crate) torque_law: TorqueLaw,
     /// Sample period, s.

@@ -46,7 +46,7 @@ use level_correction::LevelCorrections;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Trust {
     Sound,
-    /// They contradict each other.
+    /// The joint's encoders contradict each other.
     Distrusted,
 }
 
@@ -54,11 +54,11 @@ pub(crate) enum Trust {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Gap {
     None,
-    /// So few that everything goes on.
+    /// A gap so short that everything goes on.
     Bridged(u32),
-    /// So many that the drive has braked the joint, and a mode goes on.
+    /// A gap in which the drive has braked the joint, and a mode goes on.
     Braked(u32),
-    /// So many that nothing goes on.
+    /// A gap so long that nothing goes on.
     Overslept(u32),
 }
 

@@ -38,7 +38,7 @@ pub(crate) use hold_check::{HoldCheck, Unheld};
 pub(crate) struct Evidence<'a> {
     pub(crate) measured: &'a MeasuredRecord,
     pub(crate) estimated: &'a EstimatedRecord,
-    /// Of the last cycle.
+    /// Commands of the last cycle.
     pub(crate) commanded: &'a CommandedRecord,
     /// Torques without delay, one for each joint.
     pub(crate) fast: &'a [FastTorque],
@@ -59,7 +59,7 @@ pub(crate) struct Verdict<'a> {
     contradicted: u64,
     /// Joints that must not be enabled.
     unfit: u64,
-    /// Of each joint.
+    /// Heat of each joint's drive.
     heat: &'a mut [Heat],
     warning: Option<(Event, Subject)>,
 }
@@ -107,7 +107,7 @@ fn bit(joint: usize) -> u64 {
 /// How hot a joint's drive is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Heat {
-    /// By its current, as a share of what the continuous one makes in the end.
+    /// Load by the drive's current, as a share of what the continuous one makes in the end.
     pub(crate) load: f64,
     /// Torque that it may make, as a share of the joint's limit.
     pub(crate) share: f64,
@@ -133,7 +133,7 @@ pub(crate) trait Check: fmt::Debug + Send {
 /// What later stages may rely on in this cycle.
 #[derive(Debug, Clone)]
 pub(crate) struct Soundness {
-    /// Of each joint's samples.
+    /// Soundness of each joint's samples.
     pub(crate) joints: Vec<JointReadiness>,
     /// Every joint has answered, and its filters are full.
     pub(crate) joints_ready: bool,

@@ -45,13 +45,13 @@ pub(crate) const NOT_USED: u32 = measured_flags::NEVER
 /// Whether one joint's samples can be relied on.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct JointReadiness {
-    /// Its encoders agree, and have done so for long enough.
+    /// The joint's encoders agree, and have done so for long enough.
     pub(crate) plausible: bool,
-    /// It has sent no usable sample for longer than allowed.
+    /// The joint has sent no usable sample for longer than allowed.
     pub(crate) stale: bool,
-    /// Its encoders contradict each other.
+    /// The joint's encoders contradict each other.
     pub(crate) distrusted: bool,
-    /// One of its encoders has slipped.
+    /// One of the joint's encoders has slipped.
     pub(crate) slipped: bool,
     /// Neither of its encoders shows any more where it is.
     pub(crate) blind: bool,
@@ -85,11 +85,11 @@ pub(crate) struct Measure {
     imu_doubted: bool,
     sample_period: f64,
     stale_after: f64,
-    /// For the torque from F/T sensors and IMU, contacts and feedback.
+    /// Long filters: for the torque from F/T sensors and IMU, contacts and feedback.
     long: Filtered,
-    /// For the delay-compensated torque.
+    /// Short filters: for the delay-compensated torque.
     short: Filtered,
-    /// For the detection of contacts, if there is one.
+    /// Filters for the detection of contacts, if there is one.
     contact: Option<Filtered>,
     /// q of every joint, then theta of every joint: first derivative.
     control_filter: AlignedBank,
@@ -184,7 +184,7 @@ impl Measure {
         &self.short
     }
 
-    /// Those of contact detection.
+    /// Filters of the contact detection.
     pub(crate) fn contact(&self) -> Option<&Filtered> {
         self.contact.as_ref()
     }

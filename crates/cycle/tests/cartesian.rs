@@ -70,7 +70,7 @@ fn shown(mut bench: Bench) -> (Bench, Reference) {
     (bench, reference)
 }
 
-/// The same in mode Cartesian.
+/// The bench in mode Cartesian, with these stiffnesses.
 fn led(bench: Bench, stiffness: [f64; 6]) -> (Bench, Reference) {
     let (mut bench, mut reference) = shown(bench);
     reference.frames[0].stiffness = stiffness;

@@ -161,7 +161,7 @@ fn intervals_cover_the_truth() {
     );
 }
 
-/// The same with more cases: minutes.
+/// More cases of the measured delay: minutes.
 #[test]
 #[ignore = "minutes"]
 fn intervals_cover_the_truth_of_many() {

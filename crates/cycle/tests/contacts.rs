@@ -16,7 +16,7 @@ fn humanoid(simulation: &str) -> Bench {
     blending("100.0", simulation)
 }
 
-/// The same with another blending time.
+/// The humanoid with the blending time `ms`.
 fn blending(ms: &str, simulation: &str) -> Bench {
     const BLEND: &str = "blend_ms = 100.0";
     Bench::reading("humanoid", &|path: &str| {

@@ -189,7 +189,7 @@ fn drives_that_integrate_follow_motions() {
     }
 }
 
-/// The same drives, of whose integral nothing is configured, held for a second: the leg is not let into a mode.
+/// Integrating drives of whose integral nothing is configured, held for a second: the leg is not let into a mode.
 #[test]
 fn drives_of_whose_integral_nobody_knows_are_named_before_anything_moves() {
     for drawn in draws(1..8) {

@@ -70,7 +70,7 @@ impl Proportions {
 
     /// The simulation of such a robot; its rotors are those of the configuration.
     fn simulation(self, text: &str) -> String {
-        // The same torques wind the gear up by another angle.
+        // A torque winds this gear up by another angle than the shipped one.
         let transmission = [
             ("stiffness_Nm_per_rad", self.gear),
             ("stiffening_per_rad2", self.gear * self.gear),

@@ -67,7 +67,7 @@ fn random_robot(seed: u64) -> Bench {
     random_robot_with(seed, |sim| sim)
 }
 
-/// The same that takes hold of nothing.
+/// A random robot whose gripper takes hold of nothing.
 fn random_robot_alone(seed: u64) -> Bench {
     random_robot_with(seed, |sim| {
         let (from, to) = (

@@ -37,7 +37,7 @@ pub struct Commanders {
 }
 
 impl Commanders {
-    /// No commander; `reference_timeout`: longest time without a reference, s.
+    /// Begins without a commander; `reference_timeout`: longest time without a reference, s.
     #[must_use]
     pub fn new(reference_timeout: f64) -> Self {
         Self {
@@ -219,7 +219,7 @@ impl Commanders {
         self.waiting = None;
     }
 
-    /// It asks for a mode before a cycle has seen that hold was asked for, or names a trajectory of
+    /// Whether the reference asks for a mode before a cycle has seen that hold was asked for, or names a trajectory of
     /// which no piece was taken.
     fn has_to_wait(&self, reference: &Reference) -> bool {
         let early = self.is_present && !self.is_seen && asks_hold(&self.present);
@@ -232,7 +232,7 @@ fn asks_hold(reference: &Reference) -> bool {
     reference.mode == Mode::Hold.number()
 }
 
-/// It wants the desired values of its trajectory followed.
+/// Whether the reference wants the desired values of its trajectory followed.
 fn names_trajectory(reference: &Reference) -> bool {
     let mode = Mode::from_number(reference.mode);
     reference.trajectory != 0 && mode.is_some_and(Mode::follows_trajectories)

@@ -93,7 +93,7 @@ pub struct Following {
 }
 
 impl Following {
-    /// Of a drive that has been sent nothing.
+    /// Watch of a drive that has been sent nothing.
     #[must_use]
     pub fn new(parameters: FollowingParameters) -> Self {
         Self {

@@ -33,7 +33,7 @@ pub struct Held {
 #[derive(Debug, Clone)]
 pub struct HoldWatch {
     parameters: HoldWatchParameters,
-    /// What it showed when the watch began.
+    /// Sample with which the watch began.
     from: Option<Held>,
     /// Ways in the last cycles, rad, the newest first.
     ways: [[f64; 2]; SPAN],
@@ -44,7 +44,7 @@ pub struct HoldWatch {
 const SPAN: usize = 5;
 
 impl HoldWatch {
-    /// Of a joint that is not watched yet.
+    /// Watch of a joint, not begun yet.
     #[must_use]
     pub fn new(parameters: HoldWatchParameters) -> Self {
         Self {

@@ -29,9 +29,9 @@ pub struct Bid {
     pub priority: u32,
     /// Process of the commander.
     pub pid: u32,
-    /// It asks for mode hold.
+    /// Whether the reference asks for mode hold.
     pub asks_hold: bool,
-    /// It gives the lease back.
+    /// Whether the reference gives the lease back.
     pub gives_back: bool,
 }
 

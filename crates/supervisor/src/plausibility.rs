@@ -77,7 +77,7 @@ pub enum Sample {
         /// theta/N: motor-side angle on the link side, rad.
         motor: f64,
     },
-    /// None came in time.
+    /// No sample came in time.
     Missed,
     /// An encoder moved further than its joint can.
     Jump,
@@ -125,7 +125,7 @@ pub struct Plausibility {
 }
 
 impl Plausibility {
-    /// Of a joint that has not sent anything.
+    /// Plausibility of a joint that has not sent anything.
     #[must_use]
     pub fn new(parameters: PlausibilityParameters) -> Self {
         Self {
@@ -213,7 +213,7 @@ impl Plausibility {
         if !now.is_impossible(self.parameters.samples_to_doubt) {
             return;
         }
-        // Of a joint that has been distrusted for its step it says more.
+        // For a joint distrusted for a step before, a standstill means more: no encoder is left to go by.
         self.blind |= self.slipped;
         if matches!(self.trust, Trust::Plausible | Trust::Suspect) {
             (self.slipped, self.blind) = (true, true);

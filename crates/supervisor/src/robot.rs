@@ -80,17 +80,17 @@ pub struct JointCondition {
     pub usable: bool,
     /// Silent for longer than allowed.
     pub stale: bool,
-    /// Its encoders contradict each other.
+    /// The joint's encoders contradict each other.
     pub distrusted: bool,
     /// One of its encoders has slipped: no later sample of it is right, in use or not.
     pub slipped: bool,
     /// Within its position limits.
     pub inside: bool,
-    /// Its drive follows set-points.
+    /// The joint's drive follows set-points.
     pub drive_enabled: bool,
-    /// Its drive reports a fault of its own.
+    /// The joint's drive reports a fault of its own.
     pub drive_fault: bool,
-    /// It moves no faster than what counts as rest.
+    /// The joint moves no faster than what counts as rest.
     pub at_rest: bool,
     /// The torsion of its gear does not fit what it bears: an encoder's zero, or the gear, is another.
     pub unfit: bool,

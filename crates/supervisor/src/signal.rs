@@ -64,7 +64,7 @@ impl SignalParameters {
 /// Whether a sensor's signals can be measured values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Liveness {
-    /// They can.
+    /// The signals can be measured values.
     Live,
     /// One of them stands at an end of its range.
     Saturated,
@@ -88,7 +88,7 @@ pub struct SignalMonitor {
 }
 
 impl SignalMonitor {
-    /// Of a sensor that has not sent anything.
+    /// Monitor of a sensor that has not sent anything.
     #[must_use]
     pub fn new(parameters: &[SignalParameters]) -> Self {
         let followed = |&parameters| Followed {

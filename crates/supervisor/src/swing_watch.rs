@@ -77,7 +77,7 @@ pub struct SwingWatch {
 }
 
 impl SwingWatch {
-    /// Of a joint that is not held yet.
+    /// Watch of a joint that is not held yet.
     #[must_use]
     pub fn new(parameters: SwingWatchParameters) -> Self {
         Self {
@@ -97,7 +97,7 @@ impl SwingWatch {
         *self = Self::new(self.parameters);
     }
 
-    /// It swings, or did so since it is watched.
+    /// Whether the joint swings, or has since the watch began.
     #[must_use]
     pub fn swings(&self) -> bool {
         self.swings
@@ -144,7 +144,7 @@ impl SwingWatch {
         let drives = works[0] && presses[0] || works[1] && presses[1] && now.way >= great;
         let is_half = now.way >= small && now.time_s < LONGEST_S;
         self.count = match is_half {
-            // Of the first half only the way is known.
+            // A first half has no half before it: only its way is known.
             true if self.count == 0 => 1,
             true if drives && now.way >= LASTS * same_side.way => self.count + 1,
             true => 1,
@@ -202,7 +202,7 @@ mod tests {
             let found = found(swing(size, 31.4), late);
             assert!(found.is_some_and(|t| t < within), "{size}: {found:?}");
         }
-        // It grows from nothing.
+        // A swing that grows from nothing.
         let growing = |t: f64| 0.001 * (2.0 * t).exp() * (31.4 * t).sin();
         let driving = |_: f64, _: f64, v: f64| motor(20.0 + 40.0 * v);
         assert!(found(growing, driving).is_some());

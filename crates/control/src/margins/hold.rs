@@ -33,7 +33,7 @@ pub struct HoldLoop {
     pub k_d: f64,
     /// Weights of the angles in the velocity that control uses, oldest first, 1/s.
     pub velocity: Vec<f64>,
-    /// From a sample to the torque that it leads to, s.
+    /// Time from a sample to the torque that it leads to, s.
     pub delay: f64,
     /// Sample period, s.
     pub sample_period: f64,

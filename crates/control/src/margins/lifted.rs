@@ -46,7 +46,7 @@ struct Simulated {
 
 /// theta, omega, q, dq, and omega as the drive filters it.
 const MECHANICAL: usize = 5;
-/// Of a drive whose velocity loop integrates: the integral, and the torque made last.
+/// Number of further states of a drive whose velocity loop integrates: the integral, and the torque made last.
 const OF_INTEGRAL: usize = 2;
 
 impl Lifted {

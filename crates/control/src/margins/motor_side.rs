@@ -117,7 +117,8 @@ impl MotorSideLoop {
         super::least(loads, |load| self.margins(load))
     }
 
-    /// These margins are kept, of the torque's loop with every load, and with K_s and K_d with all that move.
+    /// Whether these margins are kept: of the torque's loop with every load, and with K_s and K_d of every load that
+    /// moves.
     #[must_use]
     pub fn keeps(&self, needed: Margins) -> bool {
         let of_torque = self.of_torque();
@@ -207,7 +208,7 @@ impl MotorSideLoop {
         };
         let h = taps(&self.smoothing);
         let rate = taps(&self.velocity);
-        // As the law steps them, backwards.
+        // Transfer function of a first-order lag as the law steps it: backward Euler.
         let backwards = |time: f64| {
             let share = period / (period + time);
             one * share / (one - last * (1.0 - share))

@@ -31,13 +31,13 @@ pub struct Point {
 }
 
 impl Point {
-    /// Its absolute value.
+    /// Absolute value of the complex number.
     #[must_use]
     pub fn gain(&self) -> f64 {
         self.re.hypot(self.im)
     }
 
-    /// Its angle, rad, from -pi to pi.
+    /// Angle of the complex number, rad, from -pi to pi.
     #[must_use]
     pub fn phase(&self) -> f64 {
         self.im.atan2(self.re)
@@ -103,7 +103,7 @@ impl ClosedLoop {
         let mean = |k: usize| {
             let (re, im) = (made.column(k), made.column(count + k));
             let (cos, sin) = (sines.column(k), sines.column(count + k));
-            // Of the conjugate of the sine, times what is made.
+            // Mean of the output times the sine's conjugate: its complex amplitude.
             let sum = Complex::new(cos.dot(&re) + sin.dot(&im), cos.dot(&im) - sin.dot(&re));
             sum / SUBSTEPS as f64
         };
@@ -147,18 +147,18 @@ impl ClosedLoop {
         }
     }
 
-    /// From the lowest frequency to a share of the sample rate.
+    /// Frequencies from the lowest one to a share of the sample rate.
     fn frequencies(&self, share: f64) -> impl Iterator<Item = f64> {
         frequencies(share / self.lifted.sample_period)
     }
 }
 
-/// From the lowest frequency to this one, Hz, at equal ratios.
+/// Frequencies from the lowest one to `highest`, Hz, at equal ratios.
 pub(super) fn frequencies(highest: f64) -> impl Iterator<Item = f64> {
     frequencies_between(LOWEST, highest)
 }
 
-/// From one frequency to another, Hz, at equal ratios.
+/// Frequencies from `lowest` to `highest`, Hz, at equal ratios.
 pub(super) fn frequencies_between(lowest: f64, highest: f64) -> impl Iterator<Item = f64> {
     let ratio = (highest / lowest).powf(1.0 / (POINTS - 1) as f64);
     (0..POINTS).map(move |k| lowest * ratio.powi(k as i32))
@@ -222,8 +222,8 @@ impl Resolvent {
         balanced * &self.basis
     }
 
-    /// From an input to the state at `z = e^(i angle)`: elimination of the one diagonal below the main one, with
-    /// pivots. Returns whether it is finite.
+    /// Solves for the state from an input at `z = e^(i angle)`: elimination of the one diagonal below the main one,
+    /// with pivots. Returns whether the state is finite.
     fn solve(&mut self, angle: f64, x: &mut [Complex<f64>]) -> bool {
         let z = Complex::from_polar(1.0, angle);
         let n = x.len();

@@ -27,7 +27,7 @@ pub(super) struct BackDriveAssist {
 }
 
 impl BackDriveAssist {
-    /// None for a design without help.
+    /// Makes the assist; none for a design without help.
     pub(super) fn new(p: &LawParameters) -> Option<Self> {
         let helps = p.design.assist > 0.0 && p.drive_stiffness() > 0.0;
         helps.then(|| Self {
@@ -42,7 +42,7 @@ impl BackDriveAssist {
         self.slow_velocity = 0.0;
     }
 
-    /// It is no quicker than the law's own estimates: there is nothing to help with.
+    /// Takes over the law's own estimates: an assist that is no quicker than these has nothing to help with.
     pub(super) fn join(&mut self, link: &Link, slow_velocity: f64) {
         self.link.set_state(link.state());
         self.slow_velocity = slow_velocity;

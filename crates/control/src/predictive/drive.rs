@@ -25,7 +25,7 @@ impl PredictiveLaw {
         }
     }
 
-    /// Of many joints, each with its index, not all correct their drives in the same cycle.
+    /// Staggers the corrections: of many joints, each with its index, not all correct their drives in the same cycle.
     #[must_use]
     pub fn staggered(mut self, index: usize) -> Self {
         if let Some(fit) = &mut self.drive_fit {
@@ -64,7 +64,8 @@ impl PredictiveLaw {
         self.drive_fit.as_ref().is_some_and(DriveFit::integrates)
     }
 
-    /// For some seconds the currents have shown a drive that these corrections do not make of the configured one.
+    /// Model mismatch: for some seconds the currents have shown a drive that no correction of the configured one
+    /// explains.
     #[must_use]
     pub fn drive_is_unlike(&self) -> bool {
         self.drive_fit.as_ref().is_some_and(DriveFit::is_unlike)

@@ -33,7 +33,7 @@ impl Turned {
 }
 
 impl FrictionModel {
-    /// No friction is foreseen.
+    /// Friction state of a joint without foreseen friction.
     pub const NONE: Self = Self {
         level: 0.0,
         stiffness: 0.0,
@@ -69,7 +69,7 @@ mod tests {
         }
     }
 
-    /// It begins as a spring, ends at its level, and turns round within twice the level.
+    /// Friction begins as a spring, ends at its level, and turns round within twice the level.
     #[test]
     fn a_bristle_bends_slides_and_turns_round() {
         let little = 1e-7;
@@ -83,7 +83,7 @@ mod tests {
         assert_eq!(FrictionModel::NONE.after(0.0, &Turned::asked(0.01)), 0.0);
     }
 
-    /// One step or many: the same.
+    /// Friction after one long step is that after many short ones.
     #[test]
     fn the_step_is_exact() {
         let (mut h, n) = (3.0, 100);

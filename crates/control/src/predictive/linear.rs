@@ -42,7 +42,7 @@ impl LinearLaw {
             ..*parameters
         });
         law.started = true;
-        // What it learns of the drive is not linear.
+        // The fit of the drive is left out: it is not linear.
         law.drive_fit = None;
         Self {
             law,

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 /// Motion of the rotor over a time with a constant torque, solved exactly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RotorStep {
-    /// Its time, s.
+    /// Length of the step, s.
     pub(super) time: f64,
     angle: [f64; 3],
     velocity: [f64; 3],
@@ -36,7 +36,7 @@ impl RotorStep {
         }
     }
 
-    /// From angle, velocity and constant torque to the next state, as a matrix.
+    /// Step from angle, velocity and constant torque to the next state, as a matrix.
     fn matrix(&self) -> Matrix3<f64> {
         let ([a, b, c], [d, e, f]) = (self.angle, self.velocity);
         Matrix3::new(a, b, c, d, e, f, 0.0, 0.0, 1.0)
@@ -144,8 +144,8 @@ impl Rotor {
         }
     }
 
-    /// Its step over a period, and the variance by which the disturbance walks in it: the one that makes the filter
-    /// as fast as the design asks.
+    /// Rotor observer's step over a period, and the variance by which the disturbance walks in it: the one that makes
+    /// the filter as fast as the design asks.
     fn model(p: &LawParameters) -> (Matrix3<f64>, f64) {
         let dt = p.sample_period;
         let walk = p.design.rotor.powi(3) * p.rotor_inertia * dt;
@@ -215,7 +215,7 @@ impl Link {
         }
     }
 
-    /// Its step over a period, and the variance by which the acceleration walks in it.
+    /// Link observer's step over a period, and the variance by which the acceleration walks in it.
     fn model(bandwidth: f64, dt: f64) -> (Matrix3<f64>, f64) {
         let walk = bandwidth.powi(3) * dt;
         let step = Matrix3::new(1.0, dt, 0.5 * dt * dt, 0.0, 1.0, dt, 0.0, 0.0, 1.0);

@@ -124,18 +124,18 @@ impl Default for Design {
 /// Parts of a desired torque, N·m (D12).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TorqueTerms {
-    /// Of the desired motion and contact forces.
+    /// Term of the desired motion and contact forces.
     pub feedforward: f64,
-    /// Of the position error.
+    /// Term of the position error.
     pub position: f64,
-    /// Of the velocity error.
+    /// Term of the velocity error.
     pub velocity: f64,
-    /// Of the contact force's error.
+    /// Term of the contact force's error.
     pub force: f64,
 }
 
 impl TorqueTerms {
-    /// Their sum.
+    /// Sum of the four terms.
     #[must_use]
     pub fn sum(&self) -> f64 {
         self.feedforward + self.force + self.position + self.velocity
@@ -163,17 +163,17 @@ pub struct Contributions {
     pub desired: f64,
     /// Torque that the motor is to produce besides friction, N·m.
     pub motor_torque: f64,
-    /// Of the torque feed-forward, rad or A.
+    /// Share of the torque feed-forward in the command, rad or A.
     pub feedforward_torque: f64,
-    /// Of friction: drive's damping, disturbance, dead zone.
+    /// Share of friction in the command: drive's damping, disturbance, dead zone.
     pub feedforward_friction: f64,
-    /// Of the position error.
+    /// Share of the position error in the command.
     pub feedback_position: f64,
-    /// Of the velocity error.
+    /// Share of the velocity error in the command.
     pub feedback_velocity: f64,
-    /// Of the contact force's error.
+    /// Share of the contact force's error in the command.
     pub feedback_force: f64,
-    /// Of the torque's own error: zero where torque and model agree and the joint rests.
+    /// Share of the torque's own error in the command: zero where torque and model agree and the joint rests.
     pub feedback_torque: f64,
     /// q for a position-commanded drive, rad; else zero.
     pub origin: f64,
@@ -196,7 +196,7 @@ impl GearStiffness {
     pub fn at(&self, torque: f64) -> f64 {
         let fs = self.k_fs0 * (1.0 + (self.c_fs * torque).powi(2));
         let wg = self.k_wg0 * (self.c_wg * torque.abs()).min(20.0).exp();
-        // In series; a rigid wave generator leaves the flexspline.
+        // Flexspline and wave generator in series; a rigid wave generator leaves the flexspline.
         fs / (1.0 + fs / wg)
     }
 }

@@ -8,7 +8,7 @@ pub(super) const DAMPING: f64 = 0.8;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ReferenceModel {
     frequency: f64,
-    /// From distance to the desired torque and rate to both a period later.
+    /// Step of a period: from distance to the desired torque and rate to both a period later.
     step: [[f64; 2]; 2],
 }
 

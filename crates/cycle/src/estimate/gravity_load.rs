@@ -104,7 +104,8 @@ impl Past {
 #[derive(Debug)]
 pub(crate) struct GravityLoad {
     past: Past,
-    /// None where every drive has a position loop, which carries its joint by itself, and none is watched for its heat.
+    /// Model of the limbs' weight; none where every drive has a position loop, which carries its joint by itself, and
+    /// no drive is watched for its heat.
     model: Option<Model>,
 }
 

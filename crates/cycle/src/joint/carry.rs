@@ -69,7 +69,7 @@ struct Anchor {
 /// A joint that is held or stopped.
 #[derive(Debug, Clone)]
 pub(super) struct Carry {
-    /// None while it is damped.
+    /// Anchor of the spring; none while the joint is damped.
     anchor: Option<Anchor>,
     /// The weight when the state began, N·m.
     weight: f64,
@@ -87,9 +87,9 @@ pub(super) struct Carry {
     blind: u32,
     /// Where the joint moved to when its encoders were trusted last, 1 or -1; 0: it stood.
     direction: Option<f64>,
-    /// Its encoders show a motion that braking cannot have led to.
+    /// The encoders show a motion that braking cannot have led to.
     misled: bool,
-    /// It is anchored no more: its spring has made it swing.
+    /// The joint has no anchor any more: its spring has made it swing.
     is_loose: bool,
 }
 
@@ -126,7 +126,7 @@ impl Carry {
         self.share * self.integral
     }
 
-    /// Its spring makes the joint swing: from now on it is damped alone, under its weight.
+    /// Takes the spring away that makes the joint swing: from now on it is damped alone, under its weight.
     pub(super) fn let_loose(&mut self) {
         self.is_loose = true;
         self.integral = 0.0;

@@ -29,7 +29,7 @@ pub(super) enum State {
     HoldPosition { hold_q: f64, stop: Stop },
     /// Hold and stop of a drive without a position loop.
     Carry(Carry),
-    /// It follows a desired torque.
+    /// The joint follows a desired torque.
     Follow(Followed),
 }
 
@@ -46,7 +46,7 @@ pub(super) struct Followed {
 }
 
 impl State {
-    /// It can go on with that goal.
+    /// Whether this state goes on with that goal.
     fn goes_on(&self, goal: &JointGoal) -> bool {
         match (self, goal) {
             (Self::Follow(own), JointGoal::Follow(follow)) => {
@@ -69,11 +69,11 @@ pub(super) struct Controller {
     mismatches: bool,
     /// The drive makes torque without a lead.
     integrates: bool,
-    /// Its only encoder is in doubt since the last mode: so is the velocity that it shows.
+    /// The joint's only encoder is in doubt since the last mode, and so is the velocity that it shows.
     doubted: bool,
-    /// Of drives that take currents.
+    /// Guard against a swinging hold, of drives that take currents.
     hold_guard: Option<HoldGuard>,
-    /// None while no set-points are sent.
+    /// What the joint does; none while no set-points are sent.
     state: Option<State>,
 }
 
@@ -109,7 +109,8 @@ impl Controller {
         })
     }
 
-    /// It feeds back the torque from F/T sensors and IMU, whatever the robot's law is.
+    /// Whether the joint is motor-side only: it feeds back the torque from F/T sensors and IMU, whatever the robot's
+    /// law is.
     pub(super) fn is_motor_side_only(&self) -> bool {
         matches!(self.law, Law::MotorSide(_))
     }
@@ -160,7 +161,7 @@ impl Controller {
         self.mismatches && !before
     }
 
-    /// It shows in this cycle that its drive integrates, which is not known of it.
+    /// Whether the joint first shows in this cycle that its drive integrates without being configured so.
     pub(super) fn begins_to_integrate(&mut self) -> bool {
         let before = std::mem::replace(&mut self.integrates, self.law.drive_integrates());
         self.integrates && !before

@@ -25,11 +25,11 @@ pub(super) struct HoldGuard {
     watch: SwingWatch,
     /// Angles of the last cycles by motor and link, rad, the newest first.
     angles: [[f64; 2]; SPAN + 1],
-    /// Those of them that are known.
+    /// Number of `angles` that are known.
     known: usize,
     /// The joint's velocity by them, rad/s.
     velocity: f64,
-    /// It swings, and has not been reported.
+    /// The joint swings, and that has not been reported.
     is_news: bool,
     moves: f64,
     torque_per_current: f64,

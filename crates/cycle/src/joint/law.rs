@@ -217,7 +217,7 @@ fn lead_motor(
     //= D10: delta_q = K_tau tau* + K_v dq + K_c sign(dq)
     let command = joint.drive.torque_part(limited) + friction;
 
-    // None of them contains the part that the limit removes.
+    // No share of the command contains the part that the limit removes.
     //= D 5.5: delta_q = torque and friction feed-forward + feedback of q, dq, ddq and f
     let part = |tau: f64| joint.drive.torque_part(tau);
     let k_p = joint.gains.k_p;

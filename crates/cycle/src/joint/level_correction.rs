@@ -30,7 +30,7 @@ pub(super) struct LevelCorrections {
 }
 
 impl LevelCorrections {
-    /// Of a robot whose feedback is not the levelled torque all stay zero.
+    /// Makes the level corrections; of a robot whose feedback is not the levelled torque all stay zero.
     pub(super) fn new(parameters: &Parameters) -> Self {
         let levelled = TorqueLaw::Predictive(FastTorqueFeedback::Levelled);
         let most = if parameters.torque_law == levelled {
@@ -123,7 +123,7 @@ mod tests {
             // A step of the torque: 5 % of its limit within 5 ms.
             let steps = corrections.windows(6).map(|six| (six[5] - six[0]).abs());
             assert!(steps.fold(0.0, f64::max) < 0.05 * LIMIT, "{tau}");
-            // And given up again.
+            // The correction is led out again.
             let end = run(&mut levels, 0.0, tau, flags)[999];
             assert!(end.abs() < 1e-6, "{tau}: {end}");
         }

@@ -77,7 +77,7 @@ impl Rest {
         Self { anchor: q }
     }
 
-    /// Its torque, N·m.
+    /// Torque of the stand-still hold, N·m.
     pub(super) fn torque(&mut self, (q, dq): (f64, f64), gains: &JointGains, friction: f64) -> f64 {
         if !(friction > 0.0 && gains.k_s > 0.0) {
             return 0.0;

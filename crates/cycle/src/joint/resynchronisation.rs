@@ -37,7 +37,7 @@ impl Resynchronisation {
     pub(super) fn set_back(&mut self, [q_d, dq_d]: [f64; 2], dt: f64) -> Option<[f64; 2]> {
         let (t, s) = (self.duration_s, self.gone_s / self.duration_s);
         self.gone_s += dt;
-        // Also where a measured value was none.
+        // A distance that is not finite ends the re-synchronisation, too.
         let goes_on = s < 1.0 && self.behind.iter().all(|x| x.is_finite());
         let ([e, v], s2) = (self.behind, s * s);
         let position = e * (1.0 - s2 * s * (10.0 - s * (15.0 - 6.0 * s)))

@@ -23,7 +23,7 @@ struct CrossCheckStage {
     reported: Vec<Cause>,
 }
 
-/// None where it is not configured.
+/// Makes the check; none where it is not configured.
 pub(super) fn make(robot: &Robot, whole_body: &WholeBody) -> Option<Box<dyn Check>> {
     let settings = robot.parameters.cross_check.as_ref()?;
     Some(Box::new(CrossCheckStage::new(robot, whole_body, settings)))

@@ -27,11 +27,11 @@ const PRESSED_S: f64 = 0.01;
 /// What becomes of a joint that cannot be held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unheld {
-    /// It is held.
+    /// The joint is held.
     No,
-    /// It has been stopped, or nothing shows where it is: it is left to its brake.
+    /// The joint has been stopped, or nothing shows where it is: it is left to its brake.
     ToBrake,
-    /// It is not where it is held.
+    /// The joint is not where it is held.
     Away,
 }
 

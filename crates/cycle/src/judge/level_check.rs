@@ -67,12 +67,12 @@ struct LevelCheck {
 /// One cycle of one joint.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
-    /// By torsion, N·m.
+    /// Torque by torsion, N·m.
     torsion: f64,
     current: f64,
     /// Motor side, rad/s.
     omega: f64,
-    /// From F/T sensors and IMU, N·m.
+    /// Torque from F/T sensors and IMU, N·m.
     whole_body: f64,
 }
 
@@ -109,7 +109,7 @@ impl Check for LevelCheck {
                 | measured_flags::SETTLING
                 | measured_flags::FLAT
                 | measured_flags::SATURATED;
-            // Of a saturated torque the limit is known.
+            // A saturated torque stands for the torque limit.
             let shown = &estimated.tau_encoder;
             let saturated = shown.flags & torque_flags::SATURATED != 0;
             let torsion = (fast.torsion).or_else(|| saturated.then_some(shown.tau));

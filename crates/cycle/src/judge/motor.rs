@@ -47,7 +47,8 @@ impl Motor {
         self.k_1 * current - self.k_2 * omega - self.k_3 * direction
     }
 
-    /// Whether it turns by more than `widths` of those over which friction changes sign: its friction is then known.
+    /// Whether the motor turns by more than `widths` of those over which friction changes sign: its friction is then
+    /// known.
     pub(super) fn turns(&self, omega: f64, widths: f64) -> bool {
         omega.abs() > widths * self.smoothing
     }

@@ -38,12 +38,12 @@ struct Drive {
 /// All drives of a robot.
 #[derive(Debug)]
 struct ThermalCheck {
-    /// None: not watched.
+    /// Each joint's drive; none where it is not watched.
     drives: Vec<Option<Drive>>,
     sample_period: f64,
 }
 
-/// None where no drive is watched.
+/// Makes the check; none where no drive is watched.
 pub(super) fn make(robot: &Robot) -> Option<Box<dyn Check>> {
     let joints = &robot.parameters.joints;
     let drives: Vec<_> = joints.iter().map(Drive::of).collect();
@@ -69,7 +69,7 @@ impl Levels {
         1.0 - way * (1.0 - continuous)
     }
 
-    /// Whether it is hot and overheated now, if it was so `before`.
+    /// Whether the drive is hot and overheated now, if it was so `before`.
     fn reached(self, level: f64, before: [bool; 2]) -> [bool; 2] {
         let [warn, .., stop] = self.0;
         let back = HYSTERESIS * (stop - warn);

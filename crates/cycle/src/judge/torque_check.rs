@@ -54,7 +54,7 @@ struct Joint {
     index: usize,
     /// Difference that is always explained, N·m.
     explained: f64,
-    /// None before the first sample.
+    /// Means of both torques; none before the first sample.
     means: Option<Means>,
 }
 

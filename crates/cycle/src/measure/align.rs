@@ -40,7 +40,7 @@ pub(crate) struct Signal {
 /// Signals of one message and source, whose ages vary alike.
 #[derive(Debug, Clone, Copy)]
 struct Varying {
-    /// One of them.
+    /// Index of one of these signals.
     signal: usize,
     message: usize,
     latency: f64,

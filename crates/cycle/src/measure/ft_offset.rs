@@ -15,7 +15,7 @@ const RAMP_S: f64 = 0.25;
 pub(crate) struct FtInput {
     /// The configuration's offset.
     configured: [f64; 6],
-    /// With the offset of this cycle.
+    /// Conditioning with the offset of this cycle.
     conditioning: FtConditioning,
     has_temperature: bool,
     /// Greatest |tare| of each axis: what the sensor can show, N and N·m.

@@ -145,7 +145,7 @@ mod tests {
         assert!(still([0.0; 3], [0.0, 9.81, 0.0]));
         assert!(still([0.0; 3], [0.0, 0.0, -9.81]));
         assert!(still([0.0, 1.5, 0.0], UP));
-        // It begins anew while the robot holds.
+        // The check begins anew while the robot holds.
         let mut check = settled();
         let reversed = [0.0, 0.0, -9.81];
         let used = (0..1500).position(|_| check.is_plausible([0.0; 3], reversed, 1e-3, true));

@@ -51,13 +51,13 @@ pub(super) const LOST: u32 =
 /// One IMU beside the first one.
 #[derive(Debug)]
 struct Further {
-    /// Its place among all IMUs.
+    /// Index of the IMU among all.
     index: usize,
     /// The first IMU's motion at its place, and its motion at the first one's.
     there: CarriedImu,
     back: CarriedImu,
     agreement: Agreement,
-    /// It was trusted when it was last compared with the first one itself.
+    /// The IMU was trusted when it was last compared with the first one itself.
     trusted_by_first: bool,
     sound: bool,
     /// Time without a usable sample, s.
@@ -71,7 +71,7 @@ struct Agreement {
     means: [Vector3<f64>; 2],
     limits: [f64; 2],
     disagrees: bool,
-    /// The same over [`QUICK_S`], and whether they are beyond their limits.
+    /// Mean differences over [`QUICK_S`], and whether they are beyond their limits.
     quick: [Vector3<f64>; 2],
     parts: bool,
     /// Time of agreement, s.
@@ -152,13 +152,13 @@ struct Between {
 /// Substitute of the first IMU.
 #[derive(Debug)]
 struct StandIn {
-    /// Its place among the further ones.
+    /// Index of the IMU among the further ones.
     place: usize,
-    /// Its part in the motion, 0 to 1.
+    /// Share of the IMU in the motion, 0 to 1.
     share: f64,
     /// The first one is sound again and trusted: the part fades.
     ends: bool,
-    /// Of the first one with it.
+    /// Agreement of the first IMU with the one that stands in.
     agreement: Agreement,
 }
 

@@ -107,7 +107,7 @@ impl Measure {
         self.imus.update(flags, &self.long, dt, counts);
         if self.imus.is_doubted(holds, dt) {
             let before = std::mem::replace(&mut self.imu_doubted, true);
-            // One that is silent is reported as that.
+            // An IMU that is silent is reported as that.
             if measured.imu.flags & measured_flags::STALE == 0 {
                 counts.lasting(Event::SensorStale, Subject::Imu(0), !before);
             }
@@ -160,7 +160,7 @@ pub(super) fn of_ft_sensors(parameters: &Parameters, reception: &Reception) -> V
         .collect()
 }
 
-/// Those of every IMU, and the check of its values.
+/// Signals of every IMU, and the check of its values.
 pub(super) fn of_imus(parameters: &Parameters, reception: &Reception) -> Vec<(Source, ImuCheck)> {
     let period = parameters.timing.sample_period;
     let imus = parameters.imus.iter().enumerate();

@@ -45,7 +45,7 @@ impl Bench {
         Self::reading(name, &read)
     }
 
-    /// The same with files that `read` gives.
+    /// A robot of the project whose files are those that `read` gives.
     pub(crate) fn reading(name: &str, read: &dyn Fn(&str) -> std::io::Result<String>) -> Self {
         let path = format!("config/{name}/robot.toml");
         let robot = robot_config::load(&path, read).unwrap();
@@ -80,7 +80,7 @@ impl Bench {
         self.compute_deaf(client, |_| false)
     }
 
-    /// The same, but frames for which `lost` is true do not reach the robot.
+    /// Computes a cycle of which frames for which `lost` is true do not reach the robot.
     pub(crate) fn compute_deaf(
         &mut self,
         client: &ClientInput<'_>,

@@ -43,7 +43,7 @@ pub struct Braking {
 }
 
 impl Braking {
-    /// That of a drive which takes positions: it acts at once, and no joint is made to return.
+    /// Braking of a drive that takes positions: it acts at once, and no joint is made to return.
     pub const BY_DRIVE: Self = Self {
         damping: f64::INFINITY,
         time: 0.0,

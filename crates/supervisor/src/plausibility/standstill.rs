@@ -17,12 +17,12 @@ pub struct MotorSample {
     pub velocity: f64,
     /// Torque of the motor's current, N·m, link side.
     pub torque: f64,
-    /// Its drive follows set-points: no brake takes that torque over.
+    /// Whether the joint's drive follows set-points: then no brake takes that torque over.
     pub driven: bool,
 }
 
 impl MotorSample {
-    /// Both encoders show what they did before, but for their noise.
+    /// Whether both encoders show what they did before, but for their noise.
     fn stands_at(&self, from: &Self, still: [f64; 2]) -> bool {
         let ways = [self.theta - from.theta, self.q - from.q];
         ways.iter()
@@ -45,9 +45,9 @@ const CERTAIN: f64 = 3.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Standstill {
     from: MotorSample,
-    /// It moved too fast before to stand all at once.
+    /// Whether the motor moved too fast before to stand all at once.
     halted: bool,
-    /// It moved so fast that no impact explains it.
+    /// Whether the motor moved so fast that no impact explains its standstill.
     certain: bool,
     /// Samples in a row with a torque that would move it, or since it halted.
     pressed: u32,
@@ -93,7 +93,8 @@ impl Standstill {
         }
     }
 
-    /// It cannot stand, and has done so for long enough: `samples`, or half of them where it is certain.
+    /// Whether the motor stands although it cannot, and has for long enough: `samples`, or half of them where that is
+    /// certain.
     pub(super) fn is_impossible(&self, samples: u32) -> bool {
         self.pressed >= samples / if self.certain { 2 } else { 1 }
     }

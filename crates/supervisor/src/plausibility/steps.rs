@@ -7,7 +7,7 @@ pub(super) const JITTER: f64 = 0.25;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
     None,
-    /// It may be one: the next sample shows.
+    /// The sample may be a step: the next one shows.
     Pending,
     Confirmed,
 }
